@@ -38,7 +38,7 @@ const KEPT: &str = "kept";
 /// One reason for which a video or a segment of one was rejected.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Reject {
-    /// The video as given.
+    /// The video as `dataset.json` calls it.
     #[serde(serialize_with = "serialize_for_spreadsheet")]
     pub video: String,
     /// Id of the check.

@@ -40,6 +40,7 @@ mod staging;
 mod toml_file;
 pub mod tracks;
 pub mod video;
+mod video_names;
 pub mod worker;
 
 pub use dataset::{CuratedDataset, Place, curate_dataset, curate_dataset_in};
@@ -52,4 +53,5 @@ pub use poses::{
     SfmSettings, enter_masks, pose_sequence, pose_sequence_with,
 };
 pub use settings::{CurateSettings, LayoutChoice};
+pub use video_names::video_names;
 pub use worker::Worker;

@@ -46,9 +46,10 @@ pub(crate) fn describe(reader: &VideoReader) -> Result<Probe, CurateError> {
     let format = raw_fields::pixel_format(decoder);
     let matrix = display_matrix(&stream);
     if matrix.is_some_and(|matrix| mirrors(&matrix)) {
-        let reason = "its display matrix mirrors it, and frames are taken as they are stored or turned; have it \
-                      applied: ffmpeg -i IN OUT";
-        return Err(CurateError::video(path, reason));
+        let reason =
+            "its display matrix mirrors it, and frames are taken as they are stored or turned";
+        let advice = "have it applied: ffmpeg -i IN OUT";
+        return Err(CurateError::mendable_video(path, reason, advice));
     }
     let rotation_degrees = matrix.map_or(0.0, |matrix| rotation_degrees(&matrix));
     if rotation_degrees.rem_euclid(90.0) != 0.0 {
@@ -115,13 +116,13 @@ fn refuse_other_halves(
     let (Some([width, height]), 2..) = (size, alike) else {
         return Ok(());
     };
-    Err(CurateError::video(
+    Err(CurateError::mendable_video(
         reader.path(),
         format!(
             "has {alike} video streams of {width}x{height} pixels, as cameras store halves of the sphere (GoPro \
-             .360) or one lens each (Insta360 .insv), and one alone is half a sphere: make one equirectangular \
-             video of it with the program of the camera's maker"
+             .360) or one lens each (Insta360 .insv), and one alone is half a sphere"
         ),
+        "make one equirectangular video of it with the program of the camera's maker",
     ))
 }
 
