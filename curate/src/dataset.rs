@@ -9,7 +9,7 @@ use omnilife_schemas::{
     layout::{ANALYSIS_FILE, ATTRITION_FILE, DATASET_FILE, VIDEOS_FOLDER},
     lock::FolderLock,
     progress::Progress,
-    records::{Dataset, Origin, SourceVideo, VideoAnalysis, VideoEntry, VideoStatus},
+    records::{Dataset, InputFile, Origin, SourceVideo, VideoAnalysis, VideoEntry, VideoStatus},
     store,
 };
 
@@ -75,11 +75,12 @@ pub fn curate_dataset(
     settings: &CurateSettings,
     progress: &dyn Progress,
 ) -> Result<CuratedDataset, CurateError> {
-    curate_dataset_in(&Place::ThisProcess, videos, out, settings, progress)
+    curate_dataset_in(&Place::ThisProcess, videos, &[], out, settings, progress)
 }
 
 /// Curates videos into `out`: `dataset.json` and one folder per video in `videos/`, named after the
-/// video's file. The record calls videos by [`video_names()`].
+/// video's file. The record calls videos by [`video_names()`], and lists beside them the files of folders that are
+/// `not_taken`.
 ///
 /// # Errors
 /// When the settings make no sense, `out` holds something else or the dataset of other videos, or it
@@ -88,6 +89,7 @@ pub fn curate_dataset(
 pub fn curate_dataset_in(
     place: &Place,
     videos: &[PathBuf],
+    not_taken: &[InputFile],
     out: &Path,
     settings: &CurateSettings,
     progress: &dyn Progress,
@@ -106,6 +108,7 @@ pub fn curate_dataset_in(
             .zip(&sources)
             .map(|(name, source)| pending(name, source.as_ref().ok(), &origins))
             .collect(),
+        not_taken: not_taken.to_vec(),
     };
     claim(out, &record)?;
     let lock = FolderLock::take(out, progress)?;

@@ -45,7 +45,7 @@ pub mod worker;
 
 pub use dataset::{CuratedDataset, Place, curate_dataset, curate_dataset_in};
 pub use error::CurateError;
-pub use inputs::{expand_inputs, left_out_of_folders};
+pub use inputs::{InputsLeftOut, expand_inputs, left_out_of_folders};
 pub use libraries::libraries;
 pub use pipeline::curate_video;
 pub use poses::{

@@ -209,8 +209,9 @@ pub(crate) fn with_origins(
 /// Curates and publishes. Videos that are kept out or fail are reported when all is done.
 fn build(arguments: &BuildArguments, progress: &dyn Progress) -> anyhow::Result<()> {
     let videos = expand_inputs(&arguments.videos)?;
-    for line in left_out_of_folders(&arguments.videos)? {
-        progress.note(&line);
+    let left_out = left_out_of_folders(&arguments.videos, &videos)?;
+    for line in &left_out.lines {
+        progress.note(line);
     }
     let place = place(&arguments.limit)?;
     let settings = arguments.settings.settings();
@@ -222,7 +223,14 @@ fn build(arguments: &BuildArguments, progress: &dyn Progress) -> anyhow::Result<
     }
     let sources = arguments.sources.as_deref();
     let curated = with_origins(sources, &videos, &arguments.out, progress, || {
-        curate_dataset_in(&place, &videos, &arguments.out, &settings, progress)
+        curate_dataset_in(
+            &place,
+            &videos,
+            &left_out.files,
+            &arguments.out,
+            &settings,
+            progress,
+        )
     })?;
     publish::publish(&arguments.out, &PublishSettings::default(), progress)?;
     let printed = exit::print(&summary(&curated, &videos));

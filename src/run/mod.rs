@@ -71,8 +71,9 @@ const SUMMARY_FILES: [&str; 3] = [
 pub(crate) fn main_job(arguments: &RunArguments, progress: &dyn Progress) -> anyhow::Result<()> {
     termination::guard_training()?;
     let videos = expand_inputs(&arguments.videos)?;
-    for line in left_out_of_folders(&arguments.videos)? {
-        progress.note(&line);
+    let left_out = left_out_of_folders(&arguments.videos, &videos)?;
+    for line in &left_out.lines {
+        progress.note(line);
     }
     let job = Job {
         poses: arguments.poses.request(),
@@ -106,7 +107,14 @@ pub(crate) fn main_job(arguments: &RunArguments, progress: &dyn Progress) -> any
     let place = commands::curate::place(&arguments.limit)?;
     let curated =
         commands::curate::with_origins(sources, &videos, &arguments.out, progress, || {
-            curate_dataset_in(&place, &videos, &arguments.out, &settings, progress)
+            curate_dataset_in(
+                &place,
+                &videos,
+                &left_out.files,
+                &arguments.out,
+                &settings,
+                progress,
+            )
         })?;
     job.refuse_shared_masks(&curated.record)?;
     summary.claim(SUMMARY_FILES)?;

@@ -11,10 +11,22 @@ use crate::store::Record;
 pub struct Dataset {
     /// One entry per input video, in the order given.
     pub videos: Vec<VideoEntry>,
+    /// Videos in folders that were given, which were not taken from them.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub not_taken: Vec<InputFile>,
 }
 
 impl Record for Dataset {
     const SCHEMA: &'static str = "omnilife/dataset/1";
+}
+
+/// A file of a folder that was given.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+pub struct InputFile {
+    /// Its place in the folder, with `/` between names.
+    pub file: String,
+    /// Why it was not taken, in words.
+    pub reason: String,
 }
 
 /// What became of one video.

@@ -42,7 +42,7 @@ pub use asset::{
     AssetSource, AssetSplats, InvalidGaussians,
 };
 pub use boundaries::{Boundary, BoundaryKind, BoundaryLedger};
-pub use dataset::{Dataset, Origin, OriginKind, VideoEntry, VideoStatus};
+pub use dataset::{Dataset, InputFile, Origin, OriginKind, VideoEntry, VideoStatus};
 pub use dense::{DenseFrame, DenseStereo};
 pub use external_run::{ExternalRun, Phase, PhaseName};
 pub use ledger::{
