@@ -32,6 +32,7 @@ use omnilife_schemas::{
 pub use mp4::Projection;
 pub(crate) use mp4::Quality;
 pub use partition::{Shots, segments, shots};
+pub use spherical_boxes::Orientation;
 pub(crate) use stage::remove_slices;
 pub use stage::{SliceSettings, write_slices};
 pub use view_video::ViewVideoWriter;
@@ -57,8 +58,8 @@ pub struct SliceSource<'a> {
     pub video: &'a Path,
     /// Timestamps of all its frames in order, seconds.
     pub times: &'a [f64],
-    /// Clockwise quarter turns by which players turn its frames.
-    pub quarter_turns: u32,
+    /// Turns that players give its frames.
+    pub orientation: Orientation,
 }
 
 impl SliceSource<'_> {
@@ -178,7 +179,7 @@ pub fn slice_segment(
     let source = SliceSource {
         video,
         times: &times,
-        quarter_turns: (probe.rotation_degrees / 90.0).round() as u32,
+        orientation: Orientation::of(&probe),
     };
     let requests = std::slice::from_ref(&request);
     let file = slice_video(&source, requests, settings, progress)?.pop();

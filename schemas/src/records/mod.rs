@@ -70,7 +70,7 @@ pub use scene::{
 pub use scoring::ScoringRecord;
 pub use sequence::{
     Admission, CheckOutcome, DetectedProjection, Evidence, FrameEntry, FrameSet, Probe, Sampling,
-    Sequence, SourceVideo, SphericalMetadata, TimeRange, VideoProjection,
+    Sequence, SourceVideo, SphereTurn, SphericalMetadata, TimeRange, VideoProjection,
 };
 pub use sfm::{SfmAttempt, SfmReport};
 pub use slices::{Segment, SegmentOutcome, SliceFile, SliceMethod, Slices};
