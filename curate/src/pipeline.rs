@@ -285,6 +285,7 @@ fn analysed(
             probe.transfer
         ));
     }
+    projection::note_turns(video, &probe, progress);
     let projection = projection::judge(&probe, samples.images());
     let evident = || sphere_layouts::evident(&projection, &probe);
     let layout = asked.or_else(evident);

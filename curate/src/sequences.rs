@@ -27,7 +27,7 @@ use crate::{
     frames::{self, Selection},
     ledger::{self, labels},
     settings::CurateSettings,
-    slicing::{self, Shots, SliceSource},
+    slicing::{self, Orientation, Shots, SliceSource},
     staging::Staging,
 };
 
@@ -163,7 +163,7 @@ impl Sequencing<'_> {
         let source = SliceSource {
             video: self.video,
             times: &signals.times,
-            quarter_turns: (self.analysis.probe.rotation_degrees / 90.0).round() as u32,
+            orientation: Orientation::of(&self.analysis.probe),
         };
         let mut settings = self.settings.slices;
         let mut no_slices = None;

@@ -262,7 +262,11 @@ fn given_poses(
         poses: record.frames.iter().map(|frame| Some(frame.pose)).collect(),
         points,
         source: PoseSource::Given {
-            file: path.display().to_string(),
+            file: path
+                .file_name()
+                .unwrap_or_default()
+                .to_string_lossy()
+                .into_owned(),
         },
     })
 }

@@ -193,7 +193,7 @@ fn write(
         pose_source: (source.scene.pose_source)
             .clone()
             .unwrap_or_else(|| PoseSource::Given {
-                file: request.folder.display().to_string(),
+                file: file_name(request.folder),
             }),
         validation,
         published_split: source.split.as_ref().map(|split| split.record(times)),

@@ -171,6 +171,9 @@ fn every_format_gives_back_what_it_was_given() {
         let posed = &original.frames[..5];
         assert_eq!(imported.frames.len(), posed.len(), "{}", format.id);
         assert_eq!(imported.camera, CAMERA.into());
+        if let PoseSource::Given { file } = &imported.pose_source {
+            assert!(!file.contains('/'), "{}: {file}", format.id);
+        }
         for (frame, expected) in imported.frames.iter().zip(posed) {
             assert_eq!(frame.time_seconds, expected.time_seconds, "{}", format.id);
             let (pose, truth) = (frame.pose.unwrap(), expected.pose.unwrap());

@@ -43,7 +43,7 @@ pub use asset::{
 };
 pub use boundaries::{Boundary, BoundaryKind, BoundaryLedger};
 pub use capture::Capture;
-pub use dataset::{Dataset, Origin, OriginKind, VideoEntry, VideoStatus};
+pub use dataset::{Dataset, InputFile, Origin, OriginKind, VideoEntry, VideoStatus};
 pub use dense::{DenseFrame, DenseStereo};
 pub use external_run::{ExternalRun, Phase, PhaseName};
 pub use ledger::{
@@ -71,7 +71,7 @@ pub use scene::{
 pub use scoring::ScoringRecord;
 pub use sequence::{
     Admission, CheckOutcome, DetectedProjection, Evidence, FrameEntry, FrameSet, Probe, Sampling,
-    Sequence, SourceVideo, SphericalMetadata, TimeRange, VideoProjection,
+    Sequence, SourceVideo, SphereTurn, SphericalMetadata, TimeRange, VideoProjection,
 };
 pub use sfm::{SfmAttempt, SfmReport};
 pub use slices::{Segment, SegmentOutcome, SliceFile, SliceMethod, Slices};
