@@ -7,6 +7,7 @@
 
 pub mod colmap;
 mod cube_faces;
+pub mod datasets;
 mod distances;
 mod foreign;
 mod frame_images;
@@ -74,6 +75,10 @@ pub const FORMATS: &[Format] = &[
     nerfstudio::FORMAT,
     hm3d::FORMAT,
     frames::FORMAT,
+    datasets::omniblender::FORMAT,
+    datasets::ricoh360::FORMAT,
+    datasets::ob3d::FORMAT,
+    datasets::tartanair::FORMAT,
 ];
 
 /// Returns the formats that exports can have.
