@@ -60,7 +60,7 @@ pub(super) fn natural_paths(a: &Path, b: &Path) -> Ordering {
 }
 
 /// The number of a frame by its file.
-fn number(file: &Path) -> Option<u64> {
+pub(super) fn number(file: &Path) -> Option<u64> {
     let stem = file.file_stem()?.to_string_lossy();
     let last = pieces(&stem)
         .into_iter()

@@ -101,6 +101,13 @@ fn opengl(rotation: DMat3) -> DMat3 {
     rotation * DMat3::from_diagonal(DVec3::new(1.0, -1.0, -1.0))
 }
 
+/// The pose of a camera-to-world matrix, by rows; `None` for one that is no rigid transform.
+pub(super) fn pose_of(transform_matrix: &[[f64; 4]; 4]) -> Option<Pose> {
+    let matrix = DMat4::from_cols_array_2d(transform_matrix).transpose();
+    let rotation = opengl(DMat3::from_mat4(matrix));
+    Pose::from_matrix(rotation, matrix.w_axis.truncate()).filter(|_| matrix.row(3) == DVec4::W)
+}
+
 fn export(scene: &ExportScene, out: &Path) -> Result<(), CurateError> {
     super::copy_images(scene, out)?;
     super::masks::write_black_masks(scene, &out.join("masks"), mask_name)?;
@@ -181,10 +188,7 @@ fn import(folder: &Path) -> Result<ForeignScene, CurateError> {
             missing_images.push(frame.file_path.clone());
             continue;
         };
-        let matrix = DMat4::from_cols_array_2d(&frame.transform_matrix).transpose();
-        let rotation = opengl(DMat3::from_mat4(matrix));
-        let pose = Pose::from_matrix(rotation, matrix.w_axis.truncate())
-            .filter(|_| matrix.row(3) == DVec4::W)
+        let pose = pose_of(&frame.transform_matrix)
             .ok_or_else(|| malformed(format!("{} has no rigid transform", frame.file_path)))?;
         let mask = match &frame.mask_path {
             Some(mask) => Some(ForeignMask {

@@ -105,6 +105,7 @@ impl Still {
                  sphere it shows"
             )));
         }
+        drop(file);
         Ok(Self {
             size,
             capture,

@@ -2,6 +2,7 @@
 #![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
 
 mod cube_faces;
+mod datasets;
 mod far_points;
 mod foreign;
 mod lenses;

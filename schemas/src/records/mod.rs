@@ -8,6 +8,7 @@ pub mod analysis;
 pub mod annotation;
 pub mod asset;
 pub mod boundaries;
+mod capture;
 pub mod dataset;
 pub mod dense;
 pub mod external_run;

@@ -43,7 +43,7 @@ use omnilife_schemas::{
     store::{self, StoreError},
 };
 
-use super::{panoramas, text_file};
+use super::{panorama_camera, text_file};
 use crate::{
     error::CurateError,
     exchange::{ForeignFrame, ForeignScene, Format, file_of, image_of},
@@ -206,7 +206,7 @@ fn import(folder: &Path) -> Result<ForeignScene, CurateError> {
         None => PointCloud::default(),
     };
     Ok(ForeignScene {
-        camera: panoramas::camera(folder, &frames, &missing_images)?,
+        camera: panorama_camera(folder, &frames)?,
         frames,
         scale: Scale::Arbitrary,
         pose_source: None,
