@@ -154,7 +154,7 @@ fn in_words(files: &[InputFile]) -> String {
             None => {
                 *extensions
                     .entry(extension(Path::new(file)))
-                    .or_insert(0_usize) += 1
+                    .or_insert(0_usize) += 1;
             }
         }
     }

@@ -15,7 +15,7 @@ use super::{ForeignFrame, ForeignScene, Format};
 use crate::{error::CurateError, stills::Stills};
 
 /// The format.
-pub const FORMAT: Format = Format {
+pub(super) const FORMAT: Format = Format {
     id: "panoramas",
     about: "still panoramas without poses, with the times, places and crops of their EXIF and GPano metadata",
     holds_cube_faces: false,

@@ -10,7 +10,7 @@ use std::path::{Path, PathBuf};
 use omnilife_schemas::{image_file::ImageFile, plain_text, records::Capture, store};
 
 use crate::{error::CurateError, exchange::frame_order};
-pub use placement::Placement;
+pub(crate) use placement::Placement;
 pub(crate) use sequence::{are_panoramas, curate, identify};
 
 /// Seconds between two stills whose files do not say when they were taken.

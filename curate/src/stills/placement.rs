@@ -4,7 +4,7 @@ use omnilife_schemas::rgb::Mask;
 
 /// A part of an equirectangular image.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Placement {
+pub(crate) struct Placement {
     /// Width and height of the whole image, pixels.
     full: [u32; 2],
     /// Those of the part.

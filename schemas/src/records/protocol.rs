@@ -96,8 +96,7 @@ pub enum SplitRule {
     },
     /// Every posed frame is an input view; nothing is held out.
     AllGiven,
-    /// The frames are those of the scene's own published split
-    /// ([`PublishedSplit`](super::PublishedSplit)).
+    /// The frames are those that the scene's `published_split` lists.
     Published,
 }
 

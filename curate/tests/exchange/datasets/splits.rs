@@ -3,7 +3,7 @@
 use super::*;
 use crate::foreign::notes;
 
-/// A scene of OmniBlender's layout with frames of these names, all at one place.
+/// A scene in the layout of `OmniBlender` with frames of these names, all at one place.
 fn with_lists(train: Option<&str>, test: Option<&str>) -> Foreign {
     let images: Vec<(String, u8)> = (1..=4)
         .map(|n: u8| (format!("images/{n}.png"), n))
