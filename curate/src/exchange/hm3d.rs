@@ -39,6 +39,7 @@ pub const FORMAT: Format = Format {
     id: "hm3d",
     about: "panoramas with rotation.npy and translation.npy, as Splatter-360 keeps HM3D; no points",
     holds_cube_faces: false,
+    holds_padded_panoramas: false,
     export,
     import,
 };

@@ -7,6 +7,7 @@ mod foreign;
 mod lenses;
 mod masks;
 mod orders;
+mod padding;
 mod programs;
 mod pycolmap;
 mod refusals;
@@ -135,6 +136,7 @@ fn export_all(format: &str, scene_folder: &Path, out: &Path) -> Result<ExportSce
         split: None,
         given_only: false,
         cube_faces: None,
+        pad_to: None,
         out,
     };
     export(&request, &Silent)
