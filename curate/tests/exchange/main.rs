@@ -6,6 +6,7 @@ mod far_points;
 mod foreign;
 mod lenses;
 mod masks;
+mod moved;
 mod orders;
 mod padding;
 mod programs;
