@@ -5,15 +5,15 @@ use std::path::PathBuf;
 use omnilife_bench::{
     ADAPTERS, BenchError, DEFAULT_MEMORY_BYTES, Diagnosis, ExternalRequest, FailureRequest,
     METRICS, MetricChoice, PROTOCOLS, Predictions, ScoreRequest, Statement, curves, curves_table,
-    diagnose, frames_without_content, record_failure, run_external, score, split_scene,
-    tracking::compare_tracks, write_adapter,
+    diagnose, frames_without_content, protocols, record_failure, run_external, score,
+    split_scene_under, tracking::compare_tracks, write_adapter,
 };
 use omnilife_reconstruct::step_cost::{CostRequest, SceneKind};
 use omnilife_schemas::{
     ErrorKind,
     lock::FolderLock,
     progress::Progress,
-    records::{DIAGNOSIS_PREFIX, ExternalRun},
+    records::{DIAGNOSIS_PREFIX, ExternalRun, Padding},
     store,
 };
 
@@ -30,8 +30,13 @@ pub(crate) fn execute(command: &BenchCommand, progress: &dyn Progress) -> anyhow
             scene,
             out,
             protocol,
+            pad_to,
         } => {
-            let split = split_scene(scene, protocol, out)?;
+            let mut protocol = protocols::protocol(protocol)?;
+            if let Some([width, height]) = *pad_to {
+                protocol.padding = Padding::Frame { width, height };
+            }
+            let split = split_scene_under(scene, &protocol, out)?;
             note_far_frames(scene, progress)?;
             for line in frames_without_content(scene, &split)? {
                 progress.note(&format!("{}: {line}", split.scene));

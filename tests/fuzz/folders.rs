@@ -239,6 +239,7 @@ fn exported(folder: &Path, format: &str) -> Vec<String> {
         split: None,
         given_only: false,
         cube_faces: None,
+        pad_to: None,
         out: &out,
     };
     exchange::export(&request, &Silent).unwrap();

@@ -3,6 +3,8 @@
 
 mod diagnosis;
 mod masks_and_truth;
+mod moved_scene;
+mod padded_frames;
 mod regions;
 mod repeated;
 mod reports;

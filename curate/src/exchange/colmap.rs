@@ -45,6 +45,7 @@ pub const FORMAT: Format = Format {
     id: "colmap",
     about: "COLMAP text model with an EQUIRECTANGULAR (COLMAP 4.1 and later) or PINHOLE camera",
     holds_cube_faces: true,
+    holds_padded_panoramas: false,
     export: Some(export),
     import,
 };
@@ -54,6 +55,7 @@ pub const BINARY_FORMAT: Format = Format {
     id: "colmap-binary",
     about: "the same with a binary model: cameras.bin, images.bin, points3D.bin",
     holds_cube_faces: true,
+    holds_padded_panoramas: false,
     export: Some(export_binary),
     import,
 };

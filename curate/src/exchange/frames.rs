@@ -40,6 +40,7 @@ pub const FORMAT: Format = Format {
     about: "a perspective clip: rgb/ with mask/ (DAVIS) or objects/NAME/; without poses the camera is \
             registered as one that turns",
     holds_cube_faces: false,
+    holds_padded_panoramas: false,
     export: Some(export),
     import,
 };

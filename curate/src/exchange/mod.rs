@@ -5,6 +5,7 @@
 //! size. No format but ours knows when a frame was shown, so every export has a `times.csv` beside it, which
 //! others ignore.
 
+mod collect;
 pub mod colmap;
 mod cube_faces;
 pub mod datasets;
@@ -19,6 +20,7 @@ mod left_out;
 mod masks;
 pub mod nerfstudio;
 pub mod openmvg;
+mod padding;
 mod panoramas;
 mod published_split;
 mod scene_folder;
@@ -33,11 +35,9 @@ use std::{
 use omnilife_schemas::{
     Pose,
     camera::{Camera, cube::CUBE_FACES},
-    layout::SCENE_FILE,
-    ownership::is_inside,
+    padded_frame::PaddedFrame,
     points::PointCloud,
     progress::Progress,
-    records::{Scene, Split},
     store::{self, StoreError},
 };
 
@@ -62,6 +62,8 @@ pub struct Format {
     pub about: &'static str,
     /// Whether its readers know perspective rigs, so that it can hold the faces of cubes.
     pub holds_cube_faces: bool,
+    /// Whether it says where in an image a panorama lies, so that it can hold padded ones.
+    pub holds_padded_panoramas: bool,
     /// Writes a scene into an empty folder; `None` for layouts of data sets, which are read alone.
     pub export: Option<Writer>,
     /// Reads a folder.
@@ -107,6 +109,13 @@ pub fn format(id: &str, folder: &Path) -> Result<&'static Format, CurateError> {
         })
 }
 
+/// Names of the formats of a kind.
+fn formats_where(is_one: impl Fn(&Format) -> bool) -> String {
+    let formats = FORMATS.iter().filter(|format| is_one(format));
+    let names: Vec<&str> = formats.map(|format| format.id).collect();
+    names.join(", ")
+}
+
 /// A frame to be exported.
 #[derive(Debug, Clone)]
 pub struct ExportFrame {
@@ -129,8 +138,10 @@ pub struct ExportFrame {
 /// A scene to be exported: its frames with a pose, in order of time.
 #[derive(Debug, Clone)]
 pub struct ExportScene {
-    /// The camera of all frames.
+    /// The camera of all frames; of padded panoramas with the size of their frames.
     pub camera: Camera,
+    /// Where panoramas lie in padded frames.
+    pub panorama: Option<PaddedFrame>,
     /// The frames.
     pub frames: Vec<ExportFrame>,
     /// World points.
@@ -155,6 +166,9 @@ pub struct ExportRequest<'a> {
     pub given_only: bool,
     /// Writes the faces of cubes in place of panoramas.
     pub cube_faces: Option<CubeFaces>,
+    /// Resizes images to fit into frames of this width and height in pixels, and pads them; without it, as the
+    /// protocol of the split says.
+    pub pad_to: Option<[u32; 2]>,
     /// Folder to fill; it must not exist or be empty.
     pub out: &'a Path,
 }
@@ -163,7 +177,8 @@ pub struct ExportRequest<'a> {
 ///
 /// # Errors
 /// [`CurateError::Input`] for an unknown format or one that is only read, a scene without posed frames, cube faces of a
-/// perspective scene or in a format that has none, and an output folder that holds something;
+/// perspective scene or in a format that has none, padded panoramas in a format that takes them for whole spheres,
+/// and an output folder that holds something;
 /// [`CurateError::Store`] when a file cannot be read or written.
 pub fn export(
     request: &ExportRequest<'_>,
@@ -173,20 +188,16 @@ pub fn export(
     let format = format(request.format, out)?;
     let write = writer(format, out)?;
     if request.cube_faces.is_some() && !format.holds_cube_faces {
-        let can: Vec<&str> = FORMATS
-            .iter()
-            .filter(|format| format.holds_cube_faces)
-            .map(|format| format.id)
-            .collect();
         let reason = format!(
             "is to have cube faces, which {} does not hold; {} do",
             format.id,
-            can.join(", ")
+            formats_where(|format| format.holds_cube_faces)
         );
         return Err(CurateError::input(out, reason));
     }
     refuse_filled(out)?;
-    let mut scene = collect(request.scene_folder, request.split, progress)?;
+    let (mut scene, of_split) = collect::collect(request.scene_folder, request.split, progress)?;
+    let padded = padding::frame(request, format, (&scene.camera, of_split), progress)?;
     if request.given_only {
         scene.frames.retain(|frame| frame.is_input);
     }
@@ -194,7 +205,7 @@ pub fn export(
         progress.note(&note);
     }
     fill_folder(out, |folder| {
-        let scratch = folder.join("faces");
+        let scratch = folder.join("scratch");
         if let Some(faces) = request.cube_faces {
             let all = CUBE_FACES.len() * scene.frames.len();
             scene = cube_faces::as_faces(&scene, faces, &scratch)?;
@@ -205,9 +216,12 @@ pub fn export(
                 ));
             }
         }
+        if let Some(frame) = padded {
+            scene = padding::padded(&scene, frame, &scratch)?;
+        }
         write(&scene, folder)?;
+        store::remove(&scratch)?;
         if scene.is_rig {
-            store::remove(&scratch)?;
             cube_faces::write_rig(folder)?;
         }
         Ok(times::write(&scene.frames, folder)?)
@@ -276,105 +290,6 @@ fn refuse_filled(out: &Path) -> Result<(), CurateError> {
         ));
     }
     Ok(())
-}
-
-/// The posed frames of a scene with their files.
-fn collect(
-    folder: &Path,
-    split: Option<&Path>,
-    progress: &dyn Progress,
-) -> Result<ExportScene, CurateError> {
-    let path = folder.join(SCENE_FILE);
-    let scene: Scene = store::read_record(&path)?;
-    let split: Option<(&Path, Split)> = match split {
-        Some(file) => Some((file, store::read_record(file)?)),
-        None => None,
-    };
-    if let Some((file, split)) = &split
-        && split.scene != scene.id
-    {
-        return Err(CurateError::input(
-            file,
-            format!("is the split of {}, not of {}", split.scene, scene.id),
-        ));
-    }
-    let is_input = |index: usize| {
-        split
-            .as_ref()
-            .is_none_or(|(_, split)| split.input_views.contains(&(index as u32)))
-    };
-    refuse_unusable_names(&path, &scene)?;
-    let frames: Vec<ExportFrame> = scene
-        .frames
-        .iter()
-        .enumerate()
-        .filter_map(|(index, frame)| {
-            Some(ExportFrame {
-                name: file_name(&frame.image),
-                image: folder.join(&frame.image),
-                mask: frame.mask.as_ref().map(|mask| folder.join(mask)),
-                ignore_mask: frame.ignore_mask.as_ref().map(|mask| folder.join(mask)),
-                pose: frame.pose.filter(Pose::is_valid)?,
-                time_seconds: frame.time_seconds,
-                is_input: is_input(index),
-            })
-        })
-        .collect();
-    if frames.is_empty() {
-        return Err(CurateError::input(&path, "has no frame with a pose"));
-    }
-    if frames.len() < scene.frames.len() {
-        progress.note(&format!(
-            "{}: {} of {} frames have no pose and are left out",
-            scene.id,
-            scene.frames.len() - frames.len(),
-            scene.frames.len()
-        ));
-    }
-    let points = match &scene.points {
-        Some(file) => PointCloud::read_ply(&folder.join(file))?,
-        None => PointCloud::default(),
-    };
-    if split.is_none() {
-        progress.note(&format!(
-            "{}: no split is given: frames for testing are not marked, and all are for training",
-            scene.id
-        ));
-    }
-    Ok(ExportScene {
-        camera: scene.camera,
-        frames,
-        points,
-        has_split: split.is_some(),
-        is_rig: false,
-    })
-}
-
-/// Refuses files outside of the scene's folder, which are nobody's to hand on, and frames that would
-/// become one file: all images, and all masks, lie in one folder in an export.
-fn refuse_unusable_names(path: &Path, scene: &Scene) -> Result<(), CurateError> {
-    let mut stems = BTreeMap::new();
-    for (number, frame) in scene.frames.iter().enumerate() {
-        let masks = frame.mask.iter().chain(&frame.ignore_mask);
-        for file in [&frame.image].into_iter().chain(masks) {
-            if !is_inside(file) {
-                let reason = format!("{file:?} of frame {number} is no file in its folder");
-                return Err(CurateError::input(path, reason));
-            }
-        }
-        let name = file_name(&frame.image);
-        if let Some(other) = stems.insert(stem(&name).to_owned(), number) {
-            let reason = format!("frames {other} and {number} have one file name, {name}");
-            return Err(CurateError::input(path, reason));
-        }
-    }
-    match scene.points.iter().find(|file| !is_inside(file)) {
-        Some(file) => {
-            let reason = format!("{file:?} is no file in its folder");
-            Err(CurateError::input(path, reason))
-        }
-        None => Ok(()),
-    }
 }
 
 /// A file that another tool's record names, which must lie in the folder of the record.

@@ -10,7 +10,7 @@
 //!
 //! Axes: nerfstudio's cameras have x right, y up and z back (OpenGL); its equirectangular image has
 //! -z in the centre, which is our +z (`nerfstudio/cameras/cameras.py`, `EQUIRECTANGULAR`, with
-//! `fl_x = w / 2` and `fl_y = h`). So the y and z columns of camera-to-world change their signs. The world
+//! `fl_x = w / 2` and `fl_y = h`; of a padded panorama w and h are its own, and `cx` and `cy` its middle). So the y and z columns of camera-to-world change their signs. The world
 //! is not turned: nerfstudio levels it by itself unless told otherwise. A pinhole's principal point is
 //! taken as it stands; the centre of the first pixel is at (1/2, 1/2) there too. `ns-process-data` has turned
 //! its cameras by `applied_transform`, and the points of `ply_file_path` alike: their world is kept.
@@ -44,6 +44,7 @@ pub const FORMAT: Format = Format {
     id: "nerfstudio",
     about: "nerfstudio's transforms.json with an EQUIRECTANGULAR, PINHOLE or OPENCV camera",
     holds_cube_faces: true,
+    holds_padded_panoramas: true,
     export: Some(export),
     import,
 };
@@ -113,14 +114,17 @@ fn export(scene: &ExportScene, out: &Path) -> Result<(), CurateError> {
     super::masks::write_black_masks(scene, &out.join("masks"), mask_name)?;
     let intrinsics = match scene.camera {
         Camera::Erp(ErpCamera { width, height }) => {
-            let half = f64::from(width) / 2.0;
+            let whole = ([0, 0], [width, height]);
+            let padded = scene.panorama.map(|frame| (frame.offset(), frame.image()));
+            let ([left, top], size) = padded.unwrap_or(whole);
+            let [across, down] = size.map(f64::from);
             PinholeCamera {
                 width,
                 height,
-                fx: half,
-                fy: f64::from(height),
-                cx: half,
-                cy: f64::from(height) / 2.0,
+                fx: across / 2.0,
+                fy: down,
+                cx: f64::from(left) + across / 2.0,
+                cy: f64::from(top) + down / 2.0,
             }
         }
         Camera::Pinhole(camera) => camera,

@@ -42,6 +42,7 @@ pub const FORMAT: Format = Format {
     id: "openmvg",
     about: "OpenMVG views and extrinsics, as ODGS reads them; a pinhole has one focal length",
     holds_cube_faces: false,
+    holds_padded_panoramas: false,
     export: Some(export),
     import,
 };

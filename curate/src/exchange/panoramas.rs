@@ -19,6 +19,7 @@ pub(super) const FORMAT: Format = Format {
     id: "panoramas",
     about: "still panoramas without poses, with the times, places and crops of their EXIF and GPano metadata",
     holds_cube_faces: false,
+    holds_padded_panoramas: false,
     export: None,
     import,
 };

@@ -7,13 +7,16 @@ mod far_points;
 mod foreign;
 mod lenses;
 mod masks;
+mod moved;
 mod odgs;
 mod omniphotos;
 mod orders;
+mod padding;
 mod programs;
 mod pycolmap;
 mod refusals;
 mod roam360;
+mod stills;
 mod unusual_images;
 
 use std::{
@@ -143,6 +146,7 @@ fn export_all(format: &str, scene_folder: &Path, out: &Path) -> Result<ExportSce
         split: None,
         given_only: false,
         cube_faces: None,
+        pad_to: None,
         out,
     };
     export(&request, &Silent)

@@ -3,6 +3,7 @@
 #![expect(clippy::unwrap_used, reason = "a failed set-up step fails the test")]
 
 mod estimates;
+mod moved;
 #[cfg(unix)]
 mod programs;
 

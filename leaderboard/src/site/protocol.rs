@@ -11,7 +11,6 @@ pub(super) fn explained(protocol: Option<&Protocol>) -> Markup {
         };
     };
     let Resampling::Area = protocol.resampling;
-    let Padding::None = protocol.padding;
     let Colour::Srgb8 = protocol.colour;
     html! {
         details.protocol {
@@ -29,12 +28,18 @@ pub(super) fn explained(protocol: Option<&Protocol>) -> Markup {
                 }
                 dt { "Size" }
                 dd {
-                    @match protocol.largest_width {
-                        Some(width) => {
+                    @match (protocol.padding, protocol.largest_width) {
+                        (Padding::Frame { width, height }, _) => {
+                            "As large as fits into frames of " (width) "x" (height) " pixels in proportion; \
+                             larger ground truth is brought there by area averaging, nothing is enlarged. \
+                             Predictions may fill the frame, with the image in its middle: its padding is cut \
+                             off and not scored."
+                        },
+                        (Padding::None, Some(width)) => {
                             "At most " (width) " pixels wide; larger ground truth is brought there \
                              by area averaging, nothing is enlarged or padded."
                         },
-                        None => "The scene's own size, without padding.",
+                        (Padding::None, None) => "The scene's own size, without padding.",
                     }
                 }
                 dt { "Colour" }

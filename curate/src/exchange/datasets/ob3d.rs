@@ -42,6 +42,7 @@ pub const FORMAT: Format = Format {
     about: "a capture of OB3D (SCENE/Egocentric): cameras/, images/, sparse/, train.txt and test.txt; its EXR \
             distances are left out",
     holds_cube_faces: false,
+    holds_padded_panoramas: false,
     export: None,
     import,
 };

@@ -27,6 +27,7 @@ pub const FORMAT: Format = Format {
     id: "omniblender",
     about: "a scene of OmniBlender (EgoNeRF): transform.json, images/, train.txt and test.txt",
     holds_cube_faces: false,
+    holds_padded_panoramas: false,
     export: None,
     import,
 };

@@ -54,6 +54,7 @@ pub const FORMAT: Format = Format {
     id: "omniphotos",
     about: "scenes of OmniPhotos with the trajectory and map of OpenVSLAM",
     holds_cube_faces: false,
+    holds_padded_panoramas: false,
     export: None,
     import,
 };

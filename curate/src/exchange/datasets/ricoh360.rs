@@ -30,6 +30,7 @@ pub const FORMAT: Format = Format {
     id: "ricoh360",
     about: "a scene of Ricoh360 (EgoNeRF): imgs/, output_dir/colmap/images.txt, train.txt and test.txt",
     holds_cube_faces: false,
+    holds_padded_panoramas: false,
     export: None,
     import,
 };

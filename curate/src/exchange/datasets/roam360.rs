@@ -39,6 +39,7 @@ pub const FORMAT: Format = Format {
     id: "360roam",
     about: "scenes of 360Roam with pose_c2w.json and their published split",
     holds_cube_faces: false,
+    holds_padded_panoramas: false,
     export: None,
     import,
 };

@@ -40,6 +40,7 @@ pub const FORMAT: Format = Format {
     id: "tartanair",
     about: "a trajectory of TartanAir V2 (P000): image_lcam_equirect/, depth_lcam_equirect/, pose_lcam_front.txt",
     holds_cube_faces: false,
+    holds_padded_panoramas: false,
     export: None,
     import,
 };
