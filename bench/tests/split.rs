@@ -203,6 +203,31 @@ fn scenes_without_a_usable_published_split_are_refused() {
 }
 
 #[test]
+fn the_given_panoramas_can_be_named() {
+    let mut protocol = protocols::protocol("sparse-panoramas").unwrap();
+    let evenly = protocol.hash();
+    let five = scene(5, &[3]);
+    protocol.split = SplitRule::Given { frames: vec![0, 4] };
+    let named = split(&five, &protocol).unwrap();
+    assert_eq!(named.input_views, [0, 4]);
+    assert_eq!(named.novel_views, [1, 2]);
+    assert_eq!(named.unposed, [3]);
+    assert_ne!(named.protocol_hash, evenly);
+    assert!(split_rules::check(&named, &five).is_ok());
+    for (frames, what) in [
+        (vec![], "ascending"),
+        (vec![2, 1], "ascending"),
+        (vec![0, 3], "frame 3"),
+        (vec![0, 5], "frame 5"),
+        (vec![0, 1, 2, 4], "none is left"),
+    ] {
+        protocol.split = SplitRule::Given { frames };
+        let message = refusal(split(&five, &protocol));
+        assert!(message.contains(what), "{message}");
+    }
+}
+
+#[test]
 fn the_file_depends_on_scene_and_protocol_alone() {
     let folder = tempfile::tempdir().unwrap();
     let scene_file = folder.path().join("scene.json");

@@ -65,6 +65,10 @@ pub(crate) enum BenchCommand {
         /// image in them, with or without the padding, which no score counts.
         #[arg(long, value_name = "WIDTHxHEIGHT", value_parser = size)]
         pad_to: Option<[u32; 2]>,
+        /// Gives these frames, by their numbers in the scene, in place of those that the protocol spreads evenly
+        /// (sparse-panoramas); all others with a pose are predicted.
+        #[arg(long, value_name = "FRAMES", value_delimiter = ',')]
+        given: Vec<u32>,
     },
     /// Runs an external method by the commands of its method.toml, and gathers its views for scoring.
     External {

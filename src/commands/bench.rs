@@ -1,6 +1,6 @@
 //! `omnilife bench`.
 
-use std::path::PathBuf;
+use std::{collections::BTreeSet, path::PathBuf};
 
 use omnilife_bench::{
     ADAPTERS, BenchError, DEFAULT_MEMORY_BYTES, Diagnosis, ExternalRequest, FailureRequest,
@@ -13,7 +13,7 @@ use omnilife_schemas::{
     ErrorKind,
     lock::FolderLock,
     progress::Progress,
-    records::{DIAGNOSIS_PREFIX, ExternalRun, Padding},
+    records::{DIAGNOSIS_PREFIX, ExternalRun, Padding, Protocol, SplitRule},
     store,
 };
 
@@ -31,8 +31,10 @@ pub(crate) fn execute(command: &BenchCommand, progress: &dyn Progress) -> anyhow
             out,
             protocol,
             pad_to,
+            given,
         } => {
             let mut protocol = protocols::protocol(protocol)?;
+            give(&mut protocol, given)?;
             if let Some([width, height]) = *pad_to {
                 protocol.padding = Padding::Frame { width, height };
             }
@@ -260,6 +262,25 @@ pub(crate) fn execute(command: &BenchCommand, progress: &dyn Progress) -> anyhow
         } => ablate::execute(scene, out, protocol, (method, *iterations), progress),
         BenchCommand::List => exit::print(&list()),
     }
+}
+
+/// Has a protocol give the frames that are named, where any are.
+fn give(protocol: &mut Protocol, given: &[u32]) -> anyhow::Result<()> {
+    if given.is_empty() {
+        return Ok(());
+    }
+    if !matches!(protocol.split, SplitRule::EvenlyGiven { .. }) {
+        return Err(BadRequest(format!(
+            "--given names frames in place of those that a protocol spreads evenly, and {} spreads none",
+            protocol.id
+        ))
+        .into());
+    }
+    let frames: BTreeSet<u32> = given.iter().copied().collect();
+    protocol.split = SplitRule::Given {
+        frames: frames.into_iter().collect(),
+    };
+    Ok(())
 }
 
 /// Prints the number of views that were looked at, and every finding, mistakes first.

@@ -27,7 +27,6 @@ mod scene_folder;
 mod times;
 
 use std::{
-    collections::BTreeMap,
     fs,
     path::{Path, PathBuf},
 };

@@ -51,7 +51,7 @@ fn a_scene_far_from_the_origin_comes_back_from_every_format_as_near_it() {
         .iter()
         .map(|pose| pose.centre().distance(near[0].centre()));
     let size = distances.fold(0.0, f64::max);
-    for format in FORMATS {
+    for format in written_formats() {
         let export = exported(format.id, folder.path());
         let back = export.path().join("back");
         let imported = import(&ImportRequest {

@@ -4,7 +4,10 @@ use std::path::PathBuf;
 
 use image::{ExtendedColorType, codecs::jpeg::JpegEncoder};
 use omnilife_curate::{CurateSettings, curate_dataset};
-use omnilife_schemas::records::{Sequence, VideoStatus};
+use omnilife_schemas::{
+    camera::Camera,
+    records::{Sequence, VideoStatus},
+};
 
 use super::{
     foreign::{Foreign, notes},
@@ -15,9 +18,9 @@ const SIZE: [u32; 2] = [128, 64];
 
 /// A picture of a sphere: whole across the seam, of one colour at the poles, of its own for each number.
 fn colour([width, height]: [u32; 2], x: u32, y: u32, number: u8) -> [u8; 3] {
-    let longitude = (f64::from(x) + 0.5) / f64::from(width) * std::f64::consts::TAU;
-    let latitude = (0.5 - (f64::from(y) + 0.5) / f64::from(height)) * std::f64::consts::PI;
-    let wave = |turns: f64| (latitude.cos() * (turns * longitude + 0.4 * f64::from(number)).sin());
+    let longitude = (f64::from(x) + 0.5) / f64::from(width) * TAU;
+    let latitude = (0.5 - (f64::from(y) + 0.5) / f64::from(height)) * PI;
+    let wave = |turns: f64| latitude.cos() * (turns * longitude + 0.4 * f64::from(number)).sin();
     [
         (128.0 + 90.0 * wave(1.0)) as u8,
         (110.0 + 80.0 * wave(2.0) + 20.0 * latitude) as u8,
@@ -79,7 +82,7 @@ fn exif(time: &str, fraction: Option<&str>, place: Option<[f64; 2]>) -> Vec<u8> 
     };
     let directory = |entries: &[Entry], at: usize| -> Vec<u8> {
         let mut table = (entries.len() as u16).to_le_bytes().to_vec();
-        let mut rest = Vec::new();
+        let mut rest: Vec<u8> = Vec::new();
         let after = at + 2 + 12 * entries.len() + 4;
         for (tag, kind, count, value) in entries {
             table.extend(tag.to_le_bytes());
@@ -366,7 +369,7 @@ fn a_folder_of_stills_is_curated_into_a_sequence() {
     };
     assert_eq!(sequences, &["videos/in/seq-000"]);
     drop(curated);
-    let place = out.join(&"videos/in/seq-000");
+    let place = out.join("videos/in/seq-000");
     let read = || -> Sequence { store::read_record(&place.join("sequence.json")).unwrap() };
     let sequence = read();
     let times: Vec<f64> = (sequence.frames.entries.iter())

@@ -17,7 +17,7 @@ pub(super) fn explained(protocol: Option<&Protocol>) -> Markup {
             summary { "What is scored" }
             dl {
                 dt { "Split" }
-                dd { (split_in_words(protocol.split)) }
+                dd { (split_in_words(&protocol.split)) }
                 dt { "Scored" }
                 dd {
                     @match protocol.scored {
@@ -69,7 +69,7 @@ pub(super) fn explained(protocol: Option<&Protocol>) -> Markup {
     }
 }
 
-fn split_in_words(rule: SplitRule) -> String {
+fn split_in_words(rule: &SplitRule) -> String {
     match rule {
         SplitRule::EveryNth { period, offset } => format!(
             "Of every {period} posed frames in order of time, frame {} is a novel view that the \
@@ -86,6 +86,14 @@ fn split_in_words(rule: SplitRule) -> String {
             "{count} of the posed frames, spread evenly from the first on, are input views, which the \
              method is given; it predicts all others, the novel views."
         ),
+        SplitRule::Given { frames } => {
+            let frames: Vec<String> = frames.iter().map(u32::to_string).collect();
+            format!(
+                "Frames {} are input views, which the method is given; it predicts all others with a pose, the \
+                 novel views.",
+                frames.join(", ")
+            )
+        }
         SplitRule::AllGiven => "Every posed frame is an input view, which the method is given; \
                                 nothing is held out."
             .to_owned(),

@@ -93,7 +93,7 @@ impl Protocol {
 }
 
 /// Which frames are given (input views) and which are predicted (novel views).
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case", tag = "rule")]
 pub enum SplitRule {
     /// Of every `period` posed frames, the one at `offset` is a novel view.
@@ -114,6 +114,11 @@ pub enum SplitRule {
     EvenlyGiven {
         /// Frames that are given, at least 1.
         count: u32,
+    },
+    /// These posed frames are input views, all other posed ones novel views.
+    Given {
+        /// Frames of the scene, ascending, at least 1.
+        frames: Vec<u32>,
     },
     /// Every posed frame is an input view; nothing is held out.
     AllGiven,
