@@ -152,6 +152,9 @@ fn packages_that_the_project_is_built_on_are_used() {
         ("indicatif", BINARY),
         ("clap", BINARY),
     ] {
-        assert!(dependencies[user].contains(package), "{user} lost {package}");
+        assert!(
+            dependencies[user].contains(package),
+            "{user} lost {package}"
+        );
     }
 }

@@ -98,7 +98,7 @@ fn a_sequence_records_the_pose_and_a_line_tells_it() {
     let (level, told) = curated([0; 3], "level");
     assert_eq!((level.pose, level.turn_fault, told), (None, None, 0));
     // 200 degrees of yaw, 90.5 of pitch.
-    for (name, numbers) in [("yaw", [200 << 16, 0, 0]), ("pitch", [0, 181 << 15, 0])] {
+    for (name, numbers) in [("wide", [200 << 16, 0, 0]), ("steep", [0, 181 << 15, 0])] {
         let (beyond, told) = curated(numbers, name);
         assert_eq!((beyond.pose, told), (None, 1), "{name}");
         assert!(beyond.turn_fault.is_some(), "{name}");

@@ -23,6 +23,11 @@ fn run_without_poses(video: &Path, out: &Path, further: &[&str]) -> crate::suppo
 /// the summary says the same, and that what stands on disk is whole.
 #[track_caller]
 fn assert_refused(video: &Path, reason: &str) {
+    assert_refused_for(video, reason, reason);
+}
+
+/// The same, where the table of outcomes says `recorded` in place of the advice to the user.
+fn assert_refused_for(video: &Path, reason: &str, recorded: &str) {
     let folder = scratch();
     let out = folder.path().join("out");
     let mut arguments = SMALL.to_vec();
@@ -40,7 +45,7 @@ fn assert_refused(video: &Path, reason: &str) {
     );
     let outcomes = fs::read_to_string(out.join("outcomes.csv")).unwrap();
     assert!(outcomes.contains("failed"), "{outcomes}");
-    assert!(outcomes.contains(reason), "{outcomes}");
+    assert!(outcomes.contains(recorded), "{outcomes}");
     assert_all_whole(&out);
 }
 
@@ -127,8 +132,12 @@ fn a_rectilinear_video_with_the_way_out() {
     let Some(video) = footage("bikes.mp4") else {
         return;
     };
-    assert_refused(&video, "its image is rectilinear");
-    assert_refused(&video, "--accept erp");
+    assert_refused_for(
+        &video,
+        "its image is rectilinear",
+        "projection is rectilinear",
+    );
+    assert_refused_for(&video, "--accept erp", "asked for erp or erp-squeezed");
 }
 
 #[test]
@@ -146,18 +155,22 @@ fn a_video_of_two_fisheyes_with_the_way_out() {
         omnilife_schemas::testing::skip("FFmpeg with its filter v360 is missing");
         return;
     }
-    assert_refused(&video, "pass --projection dual-fisheye");
+    assert_refused_for(
+        &video,
+        "pass --projection dual-fisheye",
+        "projection is fisheye",
+    );
 }
 
 #[test]
 fn paths_that_lead_to_no_video() {
     let folder = scratch();
-    let empty = folder.path().join("photos");
+    let empty = folder.path().join("papers");
     fs::create_dir(&empty).unwrap();
-    file(&empty, "photo.jpg", b"");
+    file(&empty, "paper.pdf", b"");
     let missing = folder.path().join("missing.mp4");
     for (path, name, reason) in [
-        (&empty, "photos", "holds no videos"),
+        (&empty, "papers", "holds no videos"),
         (&missing, "missing.mp4", "does not exist"),
     ] {
         let out = folder.path().join("out");

@@ -49,6 +49,7 @@ const ELSEWHERE: &[(&str, &str)] = &[
         "curate dense",
         "takes scenes of pinholes: the tests of dense stereo",
     ),
+    ("leaderboard query", "writes one file, where it is told to"),
     ("reconstruct prepare", "is curate dense and curate tracks"),
     (
         "sweep plan commands",

@@ -4,7 +4,7 @@ use std::f64::consts::FRAC_PI_2;
 
 use glam::{DQuat, DVec3, dvec3};
 use omnilife_bench::PROTOCOLS;
-use omnilife_schemas::{Pose, frame_scores::FrameRow};
+use omnilife_schemas::{Pose, frame_scores::FrameRow, records::PublishedSplit};
 
 use super::*;
 
@@ -31,7 +31,15 @@ fn moved_scene((turn, offset): (f64, DVec3)) -> Scene {
 
 #[test]
 fn every_protocol_splits_it_alike() {
-    let (near, far) = (moved_scene(NEAR), moved_scene(FAR));
+    let published = |mut scene: Scene| {
+        scene.published_split = Some(PublishedSplit {
+            source: "lists".to_owned(),
+            input_views: vec![0, 2, 5],
+            novel_views: vec![1, 3],
+        });
+        scene
+    };
+    let [near, far] = [NEAR, FAR].map(|world| published(moved_scene(world)));
     for entry in PROTOCOLS {
         let [near, far] =
             [&near, &far].map(|scene| omnilife_bench::split(scene, &(entry.protocol)()).unwrap());

@@ -163,6 +163,7 @@ fn import(folder: &Path) -> Result<ForeignScene, CurateError> {
         frame_rate: None,
         scale: Scale::Arbitrary,
         stills: BTreeMap::new(),
+        stills_note: String::new(),
         notes: files.note.into_iter().collect(),
         points: model.cloud(),
     })

@@ -38,6 +38,8 @@ pub struct ForeignScene {
     pub frame_rate: Option<FrameRate>,
     /// Stills without poses by their image, with the seconds since the first.
     pub(crate) stills: BTreeMap<PathBuf, (Still, f64)>,
+    /// A line on where these seconds come from; empty without stills.
+    pub(crate) stills_note: String,
     /// Lines on what the reader decided and left out.
     pub notes: Vec<String>,
 }

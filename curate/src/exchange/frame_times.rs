@@ -49,8 +49,7 @@ pub(super) fn frame_times(
     if let (None, Some(seconds)) = (request.frames_per_second, of_stills(scene)) {
         return Ok(FrameTimes {
             seconds,
-            // The reader has said where they come from.
-            notes: Vec::new(),
+            notes: vec![scene.stills_note.clone()],
         });
     }
     let assumed = (scene.frame_rate).filter(|_| request.frames_per_second.is_none());

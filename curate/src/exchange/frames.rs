@@ -134,6 +134,7 @@ fn import(folder: &Path) -> Result<ForeignScene, CurateError> {
         frame_rate: None,
         scale: Scale::Arbitrary,
         stills: BTreeMap::new(),
+        stills_note: String::new(),
         notes: Vec::new(),
         points: posed.points,
         pose_source: Some(posed.source),

@@ -219,6 +219,7 @@ fn import(folder: &Path) -> Result<ForeignScene, CurateError> {
         frame_rate: None,
         scale: Scale::Arbitrary,
         stills: BTreeMap::new(),
+        stills_note: String::new(),
         notes: Vec::new(),
         points: PointCloud::default(),
     })

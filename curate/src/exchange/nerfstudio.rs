@@ -221,6 +221,7 @@ fn import(folder: &Path) -> Result<ForeignScene, CurateError> {
         frame_rate: None,
         scale: Scale::Arbitrary,
         stills: BTreeMap::new(),
+        stills_note: String::new(),
         notes: left_out::line(&unread, "entries of transforms.json that are not read")
             .into_iter()
             .collect(),

@@ -369,6 +369,7 @@ fn import(folder: &Path) -> Result<ForeignScene, CurateError> {
         scale: Scale::Arbitrary,
         points: read_points(folder, &mut notes)?,
         stills: BTreeMap::new(),
+        stills_note: String::new(),
         notes,
     })
 }

@@ -53,6 +53,7 @@ fn import(folder: &Path) -> Result<ForeignScene, CurateError> {
         stills: stills
             .map(|(still, time)| (still.path.clone(), (still, time)))
             .collect(),
+        stills_note: found.times_note,
         notes: found.notes,
     })
 }

@@ -37,7 +37,9 @@ pub(crate) struct Stills {
     pub(crate) stills: Vec<Still>,
     /// Seconds since the first, one for each.
     pub(crate) times: Vec<f64>,
-    /// Lines on what was decided.
+    /// A line on where the times come from.
+    pub(crate) times_note: String,
+    /// Lines on what else was decided.
     pub(crate) notes: Vec<String>,
 }
 
@@ -70,14 +72,13 @@ impl Stills {
             );
             return Err(CurateError::input(&other.path, reason));
         }
-        let (times, note) = times(&stills);
-        let mut notes = vec![note];
-        notes.extend(parts_note(&stills));
-        notes.extend(poses_note(&stills));
+        let (times, times_note) = times(&stills);
+        let notes = parts_note(&stills).into_iter().chain(poses_note(&stills));
         Ok(Self {
+            notes: notes.collect(),
             stills,
             times,
-            notes,
+            times_note,
         })
     }
 }

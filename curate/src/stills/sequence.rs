@@ -63,7 +63,7 @@ pub(crate) fn identify(folder: &Path) -> Result<SourceVideo, CurateError> {
 /// Curates a folder of stills into `folder` and returns the name of its one sequence.
 ///
 /// # Errors
-/// [`CurateError::Rejected`] for stills that the criteria (where enforced) or their projection keep out,
+/// [`CurateError::Rejected`] for stills that their projection keeps out,
 /// [`CurateError::Input`] for images that are no panoramas of one size and for parts of spheres,
 /// [`CurateError::Store`] when files cannot be read or written.
 pub(crate) fn curate(
@@ -79,22 +79,26 @@ pub(crate) fn curate(
                       takes it";
         return Err(CurateError::input(&part.path, reason));
     }
-    for note in &stills.notes {
+    for note in stills.notes.iter().chain([&stills.times_note]) {
         progress.note(&format!("{}: {note}", input.display()));
     }
     pipeline::claim(input, folder, source)?;
     let _lock = FolderLock::take(folder, progress)?;
     let analysis = analyse(&stills, source)?;
     let projection = admission::effective_projection(input, &analysis, None, settings, progress)?;
-    let criteria = criteria::criteria(&settings.profile, input)?;
-    let candidate = criteria::Candidate {
-        probe: &analysis.probe,
-        projection: Some(&projection),
-        damaged_frames: Some(0),
-        overlays: None,
+    if settings.enforce {
+        progress.note(&format!(
+            "{}: criteria {} are of videos, stills are not held against them",
+            input.display(),
+            settings.profile
+        ));
+    }
+    let admission = Admission {
+        profile: STILLS.to_owned(),
+        checks: Vec::new(),
+        admitted: true,
+        enforced: false,
     };
-    let admission = criteria::admit(&criteria, &candidate, settings.enforce);
-    admission::enforce(input, &admission)?;
     store::update_record(&folder.join(ANALYSIS_FILE), &analysis)?;
     store::update_record(&folder.join(BOUNDARIES_FILE), &no_boundaries(&analysis))?;
     let (width, _) = frames::frame_size(input, &analysis.probe, settings.width, None, None)?;

@@ -180,7 +180,7 @@ fn malformed_trajectories_are_refused_with_their_line() {
             "{refusal}"
         );
     }
-    let outside = scene_of(line(1, "a/../../Config/modelFiles.openvslam", 1));
+    let outside = scene_of(line(1, "a/../Config/modelFiles.openvslam", 1));
     assert!(
         outside
             .refusal("omniphotos")

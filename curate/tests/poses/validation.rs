@@ -168,7 +168,8 @@ fn a_model_far_from_the_origin_is_as_sound_as_near_it() {
     assert_eq!(far.measures.len(), near.measures.len());
     for (name, value) in &near.measures {
         let error = (far.measures[name] - value).abs();
-        assert!(error < 1e-6 * (1.0 + value.abs()), "{name}: {error}");
+        // Angles of nearly equal directions are by the square root of rounding.
+        assert!(error < 1e-5 * (1.0 + value.abs()), "{name}: {error}");
     }
 }
 

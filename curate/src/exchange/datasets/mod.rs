@@ -34,9 +34,21 @@ use crate::{error::CurateError, poses::frame_camera::FrameCamera};
 ///
 /// # Errors
 /// When there is none, or it is not twice as wide as high.
-fn panorama_camera(folder: &Path, frames: &[ForeignFrame]) -> Result<FrameCamera, CurateError> {
-    let first = (frames.first())
-        .ok_or_else(|| CurateError::input(folder, "has none of the images that its poses name"))?;
+fn panorama_camera(
+    folder: &Path,
+    frames: &[ForeignFrame],
+    missing_images: &[String],
+) -> Result<FrameCamera, CurateError> {
+    let first = frames.first().ok_or_else(|| {
+        let such = missing_images
+            .first()
+            .map(|name| format!(", such as {name}"));
+        let such = such.unwrap_or_default();
+        CurateError::input(
+            folder,
+            format!("has none of the images that its poses name{such}"),
+        )
+    })?;
     let [width, height] = ImageFile::open(&first.image)?.shown_size()?;
     if Some(width) != height.checked_mul(2) {
         let reason =

@@ -102,7 +102,7 @@ fn import(folder: &Path) -> Result<ForeignScene, CurateError> {
     }
     let points = folder.join(POINTS_FOLDER).join("sparse.ply");
     Ok(ForeignScene {
-        camera: panorama_camera(folder, &found.frames)?,
+        camera: panorama_camera(folder, &found.frames, &found.missing_images)?,
         frames: found.frames,
         scale: Scale::Arbitrary,
         points: if points.is_file() {
@@ -117,6 +117,7 @@ fn import(folder: &Path) -> Result<ForeignScene, CurateError> {
         published_split: split,
         frame_rate: Some(FrameRate::STATIC),
         stills: BTreeMap::new(),
+        stills_note: String::new(),
         notes,
     })
 }

@@ -67,7 +67,7 @@ fn import(folder: &Path) -> Result<ForeignScene, CurateError> {
     let lists: [&Path; 2] = [&folder.join("train.txt"), &folder.join("test.txt")];
     let published_split = ForeignSplit::from_lists("OmniBlender", lists, &mut notes)?;
     Ok(ForeignScene {
-        camera: panorama_camera(folder, &frames)?,
+        camera: panorama_camera(folder, &frames, &missing_images)?,
         frames,
         scale: Scale::Arbitrary,
         points: PointCloud::default(),
@@ -78,6 +78,7 @@ fn import(folder: &Path) -> Result<ForeignScene, CurateError> {
         published_split,
         frame_rate: Some(FrameRate::STATIC),
         stills: BTreeMap::new(),
+        stills_note: String::new(),
         notes,
     })
 }

@@ -207,7 +207,7 @@ fn import(folder: &Path) -> Result<ForeignScene, CurateError> {
         None => PointCloud::default(),
     };
     Ok(ForeignScene {
-        camera: panorama_camera(folder, &frames)?,
+        camera: panorama_camera(folder, &frames, &missing_images)?,
         frames,
         scale: Scale::Arbitrary,
         pose_source: None,
@@ -217,6 +217,7 @@ fn import(folder: &Path) -> Result<ForeignScene, CurateError> {
         published_split: None,
         frame_rate: None,
         stills: BTreeMap::new(),
+        stills_note: String::new(),
         notes: vec![if points.is_empty() {
             "there are no points: no map is named, or it has no landmarks".to_owned()
         } else {

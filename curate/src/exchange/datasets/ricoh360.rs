@@ -56,7 +56,7 @@ fn import(folder: &Path) -> Result<ForeignScene, CurateError> {
     let published_split = ForeignSplit::from_lists("Ricoh360", lists, &mut notes)?;
     let points = model.join("points3D.txt");
     Ok(ForeignScene {
-        camera: panorama_camera(folder, &frames)?,
+        camera: panorama_camera(folder, &frames, &missing_images)?,
         frames,
         scale: Scale::Arbitrary,
         points: if points.is_file() {
@@ -71,6 +71,7 @@ fn import(folder: &Path) -> Result<ForeignScene, CurateError> {
         published_split,
         frame_rate: Some(FrameRate::STATIC),
         stills: BTreeMap::new(),
+        stills_note: String::new(),
         notes,
     })
 }

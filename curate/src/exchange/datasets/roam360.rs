@@ -113,7 +113,7 @@ fn import(folder: &Path) -> Result<ForeignScene, CurateError> {
         format!("there are no points: {POINTS_FILE} is not there, and no file of the folder's name")
     });
     Ok(ForeignScene {
-        camera: panorama_camera(folder, &frames)?,
+        camera: panorama_camera(folder, &frames, &missing_images)?,
         frames,
         scale: Scale::Arbitrary,
         pose_source: None,
@@ -123,6 +123,7 @@ fn import(folder: &Path) -> Result<ForeignScene, CurateError> {
         published_split,
         frame_rate: Some(FrameRate::STATIC),
         stills: BTreeMap::new(),
+        stills_note: String::new(),
         notes: notes.into_iter().collect(),
         points: match points {
             Some(file) => PointCloud::read_ply(&file)?,

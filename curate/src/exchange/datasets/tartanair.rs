@@ -86,7 +86,7 @@ fn import(folder: &Path) -> Result<ForeignScene, CurateError> {
     let missing = (0_u64..).take(poses.len());
     let missing = missing.filter(|number| !seen.contains(number));
     Ok(ForeignScene {
-        camera: panorama_camera(folder, &frames)?,
+        camera: panorama_camera(folder, &frames, &[])?,
         frames,
         scale: Scale::Metres,
         points: PointCloud::default(),
@@ -99,6 +99,7 @@ fn import(folder: &Path) -> Result<ForeignScene, CurateError> {
         published_split: None,
         frame_rate: Some(FRAME_RATE),
         stills: BTreeMap::new(),
+        stills_note: String::new(),
         notes: (folders_not_read(folder, &[IMAGES_FOLDER, DEPTH_FOLDER])?)
             .into_iter()
             .collect(),
