@@ -2,7 +2,7 @@
 //!
 //! [`pipeline::curate_video`] runs the chain of one video: probe ([`video::probe()`]), one analysis
 //! pass ([`analysis`]), ERP [`projection`], admission [`criteria`], shot [`boundaries`], [`slicing`],
-//! sampled [`frames`]. [`poses::pose_sequence`] then turns a sequence into a scene, from given poses
+//! judgement of single [`shots`], sampled [`frames`]. [`poses::pose_sequence`] then turns a sequence into a scene, from given poses
 //! or by structure from motion. Every stage is skipped while its inputs have not changed.
 
 mod admission;
@@ -34,6 +34,7 @@ pub mod projection;
 pub mod publish;
 mod sequences;
 mod settings;
+pub mod shots;
 pub mod slicing;
 mod sphere_layouts;
 mod staging;

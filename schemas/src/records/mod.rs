@@ -41,7 +41,7 @@ pub use asset::{
     Asset, AssetChanges, AssetLevel, AssetMoment, AssetMoments, AssetPage, AssetPlacement,
     AssetSource, AssetSplats, InvalidGaussians,
 };
-pub use boundaries::{Boundary, BoundaryKind, BoundaryLedger};
+pub use boundaries::{Boundary, BoundaryKind, BoundaryLedger, RejectedShot};
 pub use dataset::{Dataset, Origin, OriginKind, VideoEntry, VideoStatus};
 pub use dense::{DenseFrame, DenseStereo};
 pub use external_run::{ExternalRun, Phase, PhaseName};
