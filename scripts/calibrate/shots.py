@@ -1,3 +1,4 @@
+#!/usr/bin/env python3
 """Counts how often the check of shots is right, on real footage, on what is made of it, and on made-up shots.
 
 Usage: shots.py WORK --footage DATA
@@ -108,8 +109,8 @@ def numbers(samples):
     return {
         "samples": len(samples),
         "spread": float(np.quantile(spread, 0.75, method="nearest")),
-        "background": float(np.median(background)),
-        "changed": float(median(changed[1:])) if len(samples) > 1 else np.nan,
+        "background": float(np.quantile(background, 0.25, method="nearest")),
+        "changed": float(np.median(changed[1:])) if len(samples) > 1 else np.nan,
         "seam": float(median(seams)),
         "pole": float(np.nanmax([median(tops), median(bottoms), -1])),
     }

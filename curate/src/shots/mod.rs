@@ -23,13 +23,14 @@ use crate::projection::{FLAT_SEAM, Proof, proof};
 
 /// Darkest and brightest part of a frame that differ by less show one colour, 8-bit levels.
 const LEAST_SPREAD_LEVELS: f64 = 8.0;
-/// A shot counts as its better frames do: a quarter of them has to be above the limit.
+/// A shot shows as much as its better quarter of frames does.
 const BETTER_SHARE: f64 = 0.75;
 /// Share of the blocks of a frame that a title card's background covers at least.
 const CARD_BACKGROUND_SHARE: f64 = 0.6;
 /// Letters stand out by this much, 8-bit levels; dark shots do not span it, and their blacks may be of one level.
 const CARD_SPREAD_LEVELS: f64 = 64.0;
-/// Share of the cells that may change from one sample to the next in a shot that is still.
+/// Share of the cells that may change from one sample to the next in a shot that is still for most of the time: cards
+/// fade in and out.
 const STILL_SHARE: f64 = 0.002;
 /// A projection is judged by this many frames at least.
 const LEAST_SAMPLES: usize = 2;
@@ -48,6 +49,8 @@ struct Numbers {
 pub struct ShotCheck {
     /// Unique id, recorded in `boundaries.json`, `slices.json` and `attrition.csv`.
     pub id: &'static str,
+    /// Which shots fail it, in one sentence.
+    pub summary: &'static str,
     /// What a shot that fails it shows, and what the value is.
     pub reading: &'static str,
     /// The limit that the value is beyond.
@@ -62,6 +65,8 @@ pub struct ShotCheck {
 pub static CHECKS: &[ShotCheck] = &[
     ShotCheck {
         id: "blank",
+        summary: "Shots of one colour: the darkest and the brightest cell of a frame hardly differ, in three of four \
+                  frames and more.",
         reading: "shows one colour, whose levels span",
         limit: LEAST_SPREAD_LEVELS,
         is_of_projection: false,
@@ -71,6 +76,8 @@ pub static CHECKS: &[ShotCheck] = &[
     },
     ShotCheck {
         id: "title-card",
+        summary: "Letters on one colour: most of the frame is of one level, something stands out from it, and hardly \
+                  anything changes.",
         reading: "is a still card, and its background covers a share of",
         limit: CARD_BACKGROUND_SHARE,
         is_of_projection: false,
@@ -85,6 +92,8 @@ pub static CHECKS: &[ShotCheck] = &[
     },
     ShotCheck {
         id: "shot-projection",
+        summary: "Images of an ordinary camera: the left and the right edge are no neighbours, and the top or the \
+                  bottom row is no pole. Not asked where the user states the projection.",
         reading: "is a flat image without poles, whose left and right edge differ by",
         limit: FLAT_SEAM,
         is_of_projection: true,
@@ -102,7 +111,10 @@ impl Samples {
         Some(Numbers {
             samples: inside.count(),
             spread_levels: statistics::quantile(&inside.spreads_levels(), BETTER_SHARE)?,
-            background_share: statistics::median(&inside.background_shares())?,
+            background_share: statistics::quantile(
+                &inside.background_shares(),
+                1.0 - BETTER_SHARE,
+            )?,
             changed_share: statistics::median(&inside.changed_shares()),
             proof: proof(inside.readings()),
         })
@@ -176,4 +188,101 @@ pub(crate) fn outcomes(rejected: &[RejectedShot]) -> Vec<CheckOutcome> {
         .collect();
     by_time.sort_by(|a, b| b.0.total_cmp(&a.0));
     by_time.into_iter().map(|(_, outcome)| outcome).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use omnilife_schemas::records::Probe;
+
+    use super::*;
+    use crate::video::Rgb8Image;
+
+    fn image(level: impl Fn(usize, usize) -> u8) -> Rgb8Image {
+        let (width, height) = (128, 64);
+        Rgb8Image {
+            width,
+            height,
+            data: (0..width * height)
+                .flat_map(|at| [level(at % width, at / width); 3])
+                .collect(),
+        }
+    }
+
+    fn samples(images: &[Rgb8Image]) -> Samples {
+        let probe = Probe {
+            container: "mp4".to_owned(),
+            codec: "h264".to_owned(),
+            width: 128,
+            height: 64,
+            pixel_format: "yuv420p".to_owned(),
+            bit_depth: 8,
+            frames_per_second: 2.0,
+            duration_seconds: 1.0,
+            decoded_frames: None,
+            variable_frame_rate: None,
+            longest_interval_seconds: None,
+            rotation_degrees: 0.0,
+            pixel_aspect_ratio: 1.0,
+            transfer: "bt709".to_owned(),
+            spherical: None,
+        };
+        let mut pass = SamplePass::default();
+        for (number, image) in images.iter().enumerate() {
+            pass.observe(&probe, number as f64 * 0.5, image);
+        }
+        pass.finish()
+    }
+
+    fn from_to(begin_seconds: f64, end_seconds: f64) -> TimeRange {
+        TimeRange {
+            begin_seconds,
+            end_seconds,
+        }
+    }
+
+    #[test]
+    fn what_changes_at_a_cut_is_no_change_of_the_shot() {
+        let busy = || image(|x, y| ((x * 37 + y * 91) % 251) as u8);
+        let card = || {
+            let is_letter = |x: usize, y: usize| (48..80).contains(&x) && (28..36).contains(&y);
+            image(|x, y| if is_letter(x, y) { 240 } else { 10 })
+        };
+        let found = samples(&[busy(), busy(), card(), card()]);
+        let rejected = found
+            .rejected(from_to(1.0, 2.0), true)
+            .map(|shot| shot.check);
+        assert_eq!(rejected.as_deref(), Some("title-card"));
+        // One sample does not tell whether it is still, and no sample tells anything.
+        assert_eq!(found.rejected(from_to(1.0, 1.4), true), None);
+        assert_eq!(found.rejected(from_to(1.1, 1.4), true), None);
+    }
+
+    #[test]
+    fn a_shot_that_comes_up_from_black_is_not_blank() {
+        let black = || image(|_, _| 2);
+        let busy = || image(|x, y| ((x * 37 + y * 91) % 251) as u8);
+        let found = samples(&[black(), black(), busy(), busy()]);
+        assert_eq!(found.rejected(from_to(0.0, 2.0), false), None);
+        let rejected = found.rejected(from_to(0.0, 1.0), false);
+        assert_eq!(rejected.map(|shot| shot.check).as_deref(), Some("blank"));
+    }
+
+    #[test]
+    fn what_takes_most_time_is_named_first() {
+        let shot = |check: &ShotCheck, begin: f64, end: f64| RejectedShot {
+            range: from_to(begin, end),
+            check: check.id.to_owned(),
+            value: 1.0,
+            limit: check.limit,
+            reading: check.reading.to_owned(),
+        };
+        let rejected = [
+            shot(&CHECKS[0], 0.0, 1.0),
+            shot(&CHECKS[1], 1.0, 4.0),
+            shot(&CHECKS[0], 4.0, 5.0),
+        ];
+        let failed = outcomes(&rejected);
+        let checks: Vec<&str> = failed.iter().map(|outcome| &*outcome.check).collect();
+        assert_eq!(checks, [CHECKS[1].id, CHECKS[0].id]);
+    }
 }
