@@ -38,8 +38,20 @@ fn row(job: &ScoringJob, outcome: &ViewOutcome) -> FrameRow {
         view: outcome.view.kind.to_string(),
         frame,
         time_seconds: job.scene.frames[frame as usize].time_seconds,
+        distance_to_given: distance_to_given(job, frame),
         scores: scores.collect(),
     }
+}
+
+/// Returns the distance in world units from a frame's camera to the nearest camera of a given view; `None`
+/// where one of them has no pose.
+fn distance_to_given(job: &ScoringJob, frame: u32) -> Option<f64> {
+    let position = |frame: u32| Some(job.scene.frames.get(frame as usize)?.pose?.centre());
+    let own = position(frame)?;
+    let given = job.split.input_views.iter().copied().filter_map(position);
+    given
+        .map(|other| own.distance(other))
+        .min_by(f64::total_cmp)
 }
 
 /// Reads every score that is there.

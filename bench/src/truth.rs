@@ -4,6 +4,7 @@ use std::path::Path;
 
 use omnilife_schemas::{
     RgbImage,
+    distances::DistanceImage,
     image_file::ImageFile,
     mask_file::MarkedGreys,
     mask_survey::MaskSurvey,
@@ -144,21 +145,18 @@ pub(crate) fn pair(
 /// the nearest one (a mean over an edge would be the distance of nothing); 0 where it is not known.
 ///
 /// # Errors
-/// As [`read`], and when the image is not 16-bit grey or its unit is not positive.
+/// As [`read`], and when the file is neither 16-bit grey nor an array of distances or its unit is not positive.
 pub(crate) fn read_depth(job: &ScoringJob, depth: &DepthImage) -> Result<Vec<f32>, BenchError> {
     let file = job.scene_file(&depth.file);
-    let malformed = |reason: String| StoreError::malformed(&file, reason);
-    let image = ImageFile::open(&file)?;
     if !(depth.unit.is_finite() && depth.unit > 0.0) {
-        return Err(malformed(format!("has the unit {}, not a positive one", depth.unit)).into());
+        let reason = format!("has the unit {}, not a positive one", depth.unit);
+        return Err(StoreError::malformed(&file, reason).into());
     }
-    let size = image.size();
+    let image = DistanceImage::read_if_any(&file, depth.unit, false)?;
+    let size = [image.width, image.height];
     check_size(job, &file, size)?;
-    let values = image.decode_grey16()?;
     let nearest = rgb::nearest_pixels(size, job.size.map(|side| side as usize));
-    Ok(nearest
-        .map(|index| (f64::from(values[index]) * depth.unit) as f32)
-        .collect())
+    Ok(nearest.map(|index| image.values[index]).collect())
 }
 
 /// Everything of a frame has the size of the scene's camera.

@@ -2,6 +2,7 @@
 
 use std::path::PathBuf;
 
+use omnilife_results::ResultsError;
 use omnilife_schemas::{Classified, ErrorKind, store::StoreError};
 
 /// An error of this crate. Messages are one line that names the file and the reason.
@@ -10,6 +11,9 @@ pub enum LeaderboardError {
     /// A file could not be read or written.
     #[error(transparent)]
     Store(#[from] StoreError),
+    /// A table of results could not be made, or a question not be answered.
+    #[error(transparent)]
+    Results(#[from] ResultsError),
     /// There is nothing to build a table from.
     #[error("{}: holds no result.json", folder.display())]
     NoResults {
@@ -122,6 +126,7 @@ impl Classified for LeaderboardError {
     fn error_kind(&self) -> ErrorKind {
         match self {
             Self::Store(error) => error.error_kind(),
+            Self::Results(error) => error.error_kind(),
             Self::NoResults { .. }
             | Self::Impossible { .. }
             | Self::Submission { .. }

@@ -15,7 +15,7 @@ use crate::{
     error::LeaderboardError,
     group, layouts,
     outputs::Outputs,
-    published, readme,
+    published, questions, readme,
     site::{self, SiteRequest, Surroundings},
     table::Table,
     tables::{self, CSV_FILE, MARKDOWN_FILE},
@@ -45,6 +45,8 @@ pub struct Leaderboard {
     pub markdown: String,
     /// The same tables with the few columns that fit a terminal.
     pub short: String,
+    /// Lines on what the tables of values lack.
+    pub notes: Vec<String>,
     /// The first page of the site, where one was made.
     pub site: Option<PathBuf>,
 }
@@ -78,6 +80,7 @@ pub fn build_leaderboard_of(
     Ok(Leaderboard {
         markdown: prepared.markdown,
         short: prepared.short,
+        notes: prepared.notes,
         site: request.site.then(|| request.out.join(site::FIRST_PAGE)),
     })
 }
@@ -105,6 +108,7 @@ struct Prepared<'a> {
     outputs: Outputs,
     markdown: String,
     short: String,
+    notes: Vec<String>,
 }
 
 fn prepare<'a>(
@@ -137,11 +141,14 @@ fn prepare<'a>(
     }
     outputs.add(CSV_FILE, all.csv);
     tables::add_assets(&mut outputs, &assets, &request.out)?;
+    let facts = questions::scene_facts(request.dataset.as_deref())?;
+    let notes = questions::add_tables(&mut outputs, results, &facts)?;
     Ok(Prepared {
         groups,
         outputs,
         markdown: all.markdown,
         short: all.short,
+        notes,
     })
 }
 

@@ -3,7 +3,7 @@
 //! [`build_leaderboard`] finds the `result.json` files of a folder and makes, for every protocol on
 //! its own, tables in the paper's layouts (Markdown, LaTeX, CSV) and a static site; published
 //! figures ([`published`]) stand beside measured ones and are never ranked with them. [`build`]
-//! makes the table of all results alone. Images are copied for the site; [`figure`] alone decodes them.
+//! makes the table of all results alone; [`query`] answers questions that no layout does. Images are copied for the site; [`figure`] alone decodes them.
 
 mod assets;
 mod class;
@@ -17,6 +17,7 @@ mod leaderboard;
 mod numbers;
 mod outputs;
 pub mod published;
+mod questions;
 mod readme;
 mod remarks;
 mod render;
@@ -32,4 +33,8 @@ pub use error::LeaderboardError;
 pub use leaderboard::{
     Leaderboard, LeaderboardRequest, build_leaderboard, build_leaderboard_of, check_leaderboard,
 };
+pub use omnilife_results::{
+    Answer, AnswerFormat, RESULTS, TABLES, Table, render, table as results_table,
+};
+pub use questions::{QueryRequest, query};
 pub use tables::{CSV_FILE, MARKDOWN_FILE, Tables, build};

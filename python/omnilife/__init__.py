@@ -7,7 +7,7 @@ from . import metrics
 from .camera import Camera, Pose
 from .errors import InputError, MachineError, OmnilifeError, UndefinedScore
 from .metrics import METRICS, Metric, compute
-from .results import Result, Table, read_result, read_results, read_trace
+from .results import Result, Table, query, read_result, read_results, read_trace
 from .scene import (
     Distances,
     Frame,
@@ -40,6 +40,7 @@ __all__ = [
     "load_split",
     "metrics",
     "protocols",
+    "query",
     "read_result",
     "read_results",
     "read_trace",

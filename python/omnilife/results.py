@@ -8,9 +8,10 @@ from __future__ import annotations
 
 import csv
 import json
+import warnings
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Optional, Union
+from typing import Any, Optional, Sequence, Union
 
 from . import _arrays, _native
 from .errors import InputError
@@ -35,7 +36,8 @@ class Result:
     failures: list[dict[str, Any]]
     #: What a reader of the scores should know.
     warnings: list[str]
-    #: One row per view: `view` (`input` or `novel`), `frame`, `time_seconds` and the metrics by id.
+    #: One row per view: `view` (`input` or `novel`), `frame`, `time_seconds`, `distance_to_given` and the
+    #: metrics by id.
     views: Table = field(repr=False)
     #: The whole result.json.
     record: dict[str, Any] = field(repr=False)
@@ -109,6 +111,40 @@ def read_results(folder: _arrays.Path) -> Table:
                 for name, column in table.items():
                     column.append(row[name] if name in row else record[name])
     return table
+
+
+def query(
+    folder: _arrays.Path,
+    table: str = "results",
+    *,
+    by: Sequence[str] = (),
+    metrics: Sequence[str] = ("psnr",),
+    where: Sequence[str] = (),
+    dataset: Optional[_arrays.Path] = None,
+) -> Table:
+    """Means of the results in a folder and below it, by any columns: `omnilife leaderboard query`.
+
+    `table` is `results`, `views` or `curves`; `where` are conditions such as `"view=novel"` and
+    `"third=2,3"`, all of which must hold. Lines on what was left out are warnings.
+    """
+    rows, notes = _native.query(
+        _arrays.path(folder),
+        table,
+        list(by),
+        list(metrics),
+        list(where),
+        None if dataset is None else _arrays.path(dataset),
+    )
+    for note in notes:
+        warnings.warn(note, stacklevel=2)
+    answer: Table = {}
+    numbers = {name for metric in metrics for name in (metric, f"{metric}_sd")}
+    for row in json.loads(rows):
+        for name, value in row.items():
+            # JSON has no infinite numbers.
+            is_number = name in numbers and isinstance(value, str)
+            answer.setdefault(name, []).append(float(value) if is_number else value)
+    return answer
 
 
 def read_trace(path: _arrays.Path) -> Table:

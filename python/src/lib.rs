@@ -30,7 +30,7 @@ mod _native {
         cameras::{project, rays, resized, rotation_matrix, unproject},
         images::{read_distances, read_image, read_mask, read_points},
         metrics::{compute, metrics, scored_bytes},
-        records::{protocols, read_record, results_below, scored_size},
+        records::{protocols, query, read_record, results_below, scored_size},
         scoring::{score, split_scene},
     };
 

@@ -3,6 +3,9 @@
 use std::path::PathBuf;
 
 use omnilife_bench::PROTOCOLS;
+use omnilife_leaderboard::{
+    AnswerFormat, LeaderboardError, QueryRequest, TABLES, render, results_table,
+};
 use omnilife_schemas::{
     camera::Camera,
     records::{ExternalRun, Protocol, ResultRecord, RunRecord, Scene, Split},
@@ -40,6 +43,36 @@ pub(crate) fn results_below(py: Python<'_>, folder: PathBuf) -> PyResult<Vec<(Pa
         results
             .map(|(path, record)| Ok((path, text(&record)?)))
             .collect()
+    })
+}
+
+/// Answers a question of the results in a folder: the rows as JSON, and lines on what was left out.
+#[pyfunction]
+pub(crate) fn query(
+    py: Python<'_>,
+    results: PathBuf,
+    table: &str,
+    by: Vec<String>,
+    metrics: Vec<String>,
+    conditions: Vec<String>,
+    dataset: Option<PathBuf>,
+) -> PyResult<(String, Vec<String>)> {
+    let Some(table) = results_table(table) else {
+        let names = TABLES.map(|table| table.name).join(", ");
+        let reason = format!("{table:?} is not a table; there are {names}");
+        return Err(Failure::of_input(reason).into());
+    };
+    background::run(py, move |_| {
+        let answer = omnilife_leaderboard::query(&QueryRequest {
+            results,
+            dataset,
+            table,
+            by,
+            metrics,
+            conditions,
+        })?;
+        let rows = render(&answer, AnswerFormat::Json).map_err(LeaderboardError::from)?;
+        Ok((String::from_utf8_lossy(&rows).into_owned(), answer.notes))
     })
 }
 

@@ -40,6 +40,18 @@ impl DistanceImage {
     /// When the file is missing or damaged, a value is negative or NaN, or no distance is known; names
     /// the file and the pixel.
     pub fn read(path: &Path, unit: f64, wraps: bool) -> Result<Self, StoreError> {
+        let image = Self::read_if_any(path, unit, wraps)?;
+        if image.known() == 0 {
+            return Err(StoreError::malformed(path, "no distance in it is known"));
+        }
+        Ok(image)
+    }
+
+    /// [`Self::read`] of a file in which no distance need be known.
+    ///
+    /// # Errors
+    /// Its others.
+    pub fn read_if_any(path: &Path, unit: f64, wraps: bool) -> Result<Self, StoreError> {
         let malformed = |reason: String| StoreError::malformed(path, reason);
         let is_array = path
             .extension()
@@ -71,16 +83,12 @@ impl DistanceImage {
             let distance = (value * unit) as f32;
             if distance.is_normal() { distance } else { 0.0 }
         };
-        let image = Self {
+        Ok(Self {
             width,
             height,
             wraps,
             values: raw.into_iter().map(known).collect(),
-        };
-        if image.known() == 0 {
-            return Err(malformed("no distance in it is known".to_owned()));
-        }
-        Ok(image)
+        })
     }
 
     /// How many distances are known.

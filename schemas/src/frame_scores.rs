@@ -1,12 +1,13 @@
 //! `frames.csv`: the scores of every view, beside a result.
 //!
 //! ```text
-//! view,frame,time_seconds,psnr,ssim
-//! input,0,0,31.25,0.91
-//! novel,5,0.5,,
+//! view,frame,time_seconds,distance_to_given,psnr,ssim
+//! input,0,0,0,31.25,0.91
+//! novel,5,0.5,0.12,,
 //! ```
 //!
-//! `view` is `input` or `novel`; an empty field is a score that there is none of. Results are handed
+//! `view` is `input` or `novel`, `distance_to_given` the distance from the camera to the nearest camera of a
+//! given view in world units, which tables of older versions do not have; an empty field has no value. Results are handed
 //! in by others, so that the table is text, of which every byte is looked at here.
 #![cfg_attr(
     not(test),
@@ -22,6 +23,8 @@ pub const FRAME_SCORES_FILE: &str = "frames.csv";
 
 /// Columns before those of the metrics.
 const LEADING: [&str; 3] = ["view", "frame", "time_seconds"];
+/// The column after them.
+const DISTANCE: &str = "distance_to_given";
 /// A file of more bytes than this is no table of views: a million of them with ten scores take less.
 const MOST_BYTES: u64 = 256 << 20;
 
@@ -43,6 +46,8 @@ pub struct FrameRow {
     pub frame: u32,
     /// Time of the frame, seconds.
     pub time_seconds: f64,
+    /// World units from the camera to the nearest camera of a given view, where both are known.
+    pub distance_to_given: Option<f64>,
     /// One for every metric, in their order; `None` where the view could not be scored, or the metric
     /// is not defined or not available.
     pub scores: Vec<Option<f64>>,
@@ -73,7 +78,9 @@ impl FrameScores {
         if header.iter().take(LEADING.len()).ne(LEADING) {
             return Err(format!("its first columns are not {}", LEADING.join(", ")));
         }
-        let metrics = header.iter().skip(LEADING.len()).map(str::to_owned);
+        let has_distance = header.get(LEADING.len()) == Some(DISTANCE);
+        let before = LEADING.len().saturating_add(usize::from(has_distance));
+        let metrics = header.iter().skip(before).map(str::to_owned);
         let mut table = Self {
             metrics: metrics.collect(),
             rows: Vec::new(),
@@ -81,7 +88,7 @@ impl FrameScores {
         for record in reader.records() {
             let record = record.map_err(|error| error.to_string())?;
             let line = record.position().map_or(0, csv::Position::line);
-            let row = row(&record)
+            let row = row(&record, has_distance)
                 .ok_or_else(|| format!("line {line} holds something else than numbers"))?;
             table.rows.push(row);
         }
@@ -96,7 +103,7 @@ impl FrameScores {
         store::write_with(path, |writer| {
             let mut table = csv::Writer::from_writer(writer);
             let metrics = self.metrics.iter().map(String::as_str);
-            table.write_record(LEADING.into_iter().chain(metrics))?;
+            table.write_record(LEADING.into_iter().chain([DISTANCE]).chain(metrics))?;
             for row in &self.rows {
                 let leading = [
                     row.view.clone(),
@@ -104,7 +111,8 @@ impl FrameScores {
                     row.time_seconds.to_string(),
                 ];
                 let text = |score: &Option<f64>| score.map_or_else(String::new, |s| s.to_string());
-                table.write_record(leading.into_iter().chain(row.scores.iter().map(text)))?;
+                let numbers = [&row.distance_to_given].into_iter().chain(&row.scores);
+                table.write_record(leading.into_iter().chain(numbers.map(text)))?;
             }
             table.flush()
         })
@@ -119,20 +127,22 @@ impl FrameScores {
     }
 }
 
-fn row(record: &csv::StringRecord) -> Option<FrameRow> {
-    let score = |field: &str| match field {
+fn row(record: &csv::StringRecord, has_distance: bool) -> Option<FrameRow> {
+    let number = |field: &str| match field {
         "" => Some(None),
         field => field.parse().ok().map(Some),
+    };
+    let mut numbers = record.iter().skip(LEADING.len());
+    let distance_to_given = match has_distance {
+        true => number(numbers.next()?)?,
+        false => None,
     };
     Some(FrameRow {
         view: record.get(0)?.to_owned(),
         frame: record.get(1)?.parse().ok()?,
         time_seconds: record.get(2)?.parse().ok()?,
-        scores: record
-            .iter()
-            .skip(LEADING.len())
-            .map(score)
-            .collect::<Option<_>>()?,
+        distance_to_given,
+        scores: numbers.map(number).collect::<Option<_>>()?,
     })
 }
 
@@ -148,6 +158,7 @@ mod tests {
             view: view.to_owned(),
             frame,
             time_seconds: 0.1 * f64::from(frame),
+            distance_to_given: (frame > 0).then_some(0.25),
             scores: scores.to_vec(),
         };
         let table = FrameScores {
@@ -165,6 +176,15 @@ mod tests {
         assert_eq!(ssim, [f64::MIN_POSITIVE]);
         assert_eq!(table.of("novel", "psnr").unwrap().count(), 0);
         assert!(table.of("novel", "lpips-vgg").is_none());
+    }
+
+    #[test]
+    fn tables_of_older_versions_have_no_distances() {
+        let text = "view,frame,time_seconds,psnr\ninput,0,0,31\n";
+        let table = FrameScores::from_bytes(text.as_bytes()).unwrap();
+        assert_eq!(table.metrics, ["psnr"]);
+        assert_eq!(table.rows[0].distance_to_given, None);
+        assert_eq!(table.rows[0].scores, [Some(31.0)]);
     }
 
     #[test]

@@ -30,11 +30,13 @@ pub enum SplitError {
 /// (zero quaternion, non-finite entries) or frames are not in order of time.
 pub fn split(scene: &Scene, protocol: &Protocol) -> Result<Split, SplitError> {
     check_frames(scene)?;
-    let shares = match protocol.split {
-        SplitRule::EveryNth { period, offset } => every_nth(scene, period, offset),
-        SplitRule::Groups { length } => groups(scene, length),
-        SplitRule::EvenlyGiven { count } => evenly_given(scene, count),
+    let shares = match &protocol.split {
+        SplitRule::EveryNth { period, offset } => every_nth(scene, *period, *offset),
+        SplitRule::Groups { length } => groups(scene, *length),
+        SplitRule::EvenlyGiven { count } => evenly_given(scene, *count),
+        SplitRule::Given { frames } => given(scene, frames),
         SplitRule::AllGiven => all_given(scene),
+        SplitRule::Published => published(scene),
     }
     .map_err(|reason| SplitError::Rule { reason })?;
     Ok(Split {
@@ -182,6 +184,35 @@ fn evenly_given(scene: &Scene, count: u32) -> Result<Shares, String> {
     Ok(shares)
 }
 
+/// The frames that are named, and all other posed ones.
+fn given(scene: &Scene, frames: &[u32]) -> Result<Shares, String> {
+    let (posed, _) = posed_and_unposed(scene);
+    if frames.is_empty() || !frames.is_sorted_by(|a, b| a < b) {
+        return Err(
+            "the frames that it gives must be named in ascending order, each once".to_owned(),
+        );
+    }
+    if let Some(missing) = frames.iter().find(|frame| !posed.contains(frame)) {
+        return Err(format!(
+            "frame {missing} is to be given, and is no frame with a pose of {}",
+            scene.frames.len()
+        ));
+    }
+    let (input_views, novel_views): (Vec<u32>, Vec<u32>) =
+        posed.iter().partition(|frame| frames.contains(frame));
+    if novel_views.is_empty() {
+        return Err(format!(
+            "all {} frames with a pose are to be given, and none is left to score",
+            posed.len()
+        ));
+    }
+    Ok(Shares {
+        input_views,
+        novel_views,
+        ..Shares::default()
+    })
+}
+
 fn all_given(scene: &Scene) -> Result<Shares, String> {
     let (input_views, _) = posed_and_unposed(scene);
     if input_views.is_empty() {
@@ -189,6 +220,40 @@ fn all_given(scene: &Scene) -> Result<Shares, String> {
     }
     Ok(Shares {
         input_views,
+        ..Shares::default()
+    })
+}
+
+/// Frames without a pose are left out of both lists, as everywhere.
+fn published(scene: &Scene) -> Result<Shares, String> {
+    let Some(split) = &scene.published_split else {
+        return Err("no split was published with the scene".to_owned());
+    };
+    let listed = |views: &[u32], use_of: &str| -> Result<Vec<u32>, String> {
+        if !views.is_sorted_by(|a, b| a < b) {
+            return Err(format!("its published {use_of} views do not rise"));
+        }
+        let mut posed = Vec::new();
+        for &view in views {
+            let frame = (scene.frames.get(view as usize))
+                .ok_or_else(|| format!("its published {use_of} view {view} is no frame"))?;
+            posed.extend(frame.pose.map(|_| view));
+        }
+        if posed.is_empty() {
+            return Err(format!("none of its published {use_of} views has a pose"));
+        }
+        Ok(posed)
+    };
+    let input_views = listed(&split.input_views, "input")?;
+    let novel_views = listed(&split.novel_views, "novel")?;
+    if let Some(both) = (novel_views.iter()).find(|view| input_views.contains(view)) {
+        return Err(format!(
+            "frame {both} is an input view and a novel view of its published split"
+        ));
+    }
+    Ok(Shares {
+        input_views,
+        novel_views,
         ..Shares::default()
     })
 }

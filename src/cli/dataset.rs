@@ -13,7 +13,7 @@ use omnilife_curate::{
     publish::{self, PublishSettings, SelectRequest},
 };
 
-use super::places;
+use super::{places, reconstruct::size};
 use crate::exit::BadRequest;
 
 /// Environment variable with the key of the endpoint that captions.
@@ -131,7 +131,7 @@ pub(crate) struct ExportArguments {
     #[arg(value_parser = places::scene_folder())]
     pub(crate) scene: PathBuf,
     /// What to write.
-    #[arg(long, value_parser = parse_format)]
+    #[arg(long, value_parser = parse_written_format)]
     pub(crate) format: String,
     /// Marks the novel views of this split.json as test frames, where the format can.
     #[arg(long, value_name = "FILE", value_parser = places::split_file())]
@@ -147,6 +147,11 @@ pub(crate) struct ExportArguments {
     /// Adds this many points on a far sphere to the points, in the colours seen there.
     #[arg(long, value_name = "N", requires = "cube_faces", default_value_t = 0)]
     sky_points: usize,
+    /// Resizes images to fit into frames of this size, never enlarging them, and puts them in the middle of black
+    /// padding, which the masks leave out [default: as the split says]. Panoramas with padding need a format
+    /// that says where they lie (nerfstudio), others would take the frame for the whole sphere.
+    #[arg(long, value_name = "WIDTHxHEIGHT", value_parser = size, conflicts_with = "cube_faces")]
+    pub(crate) pad_to: Option<[u32; 2]>,
     /// Folder to fill.
     #[arg(long)]
     pub(crate) out: PathBuf,
@@ -170,7 +175,8 @@ pub(crate) struct ImportArguments {
     /// Name of the scene [default: the folder's].
     #[arg(long)]
     pub(crate) id: Option<String>,
-    /// Frames per second, where the folder has no times.csv; numbers in the names of images count frames.
+    /// Frames per second, where the folder has no times.csv; numbers in the names of images count frames
+    /// [default for layouts of data sets: their own].
     #[arg(long)]
     pub(crate) fps: Option<f64>,
     /// What the masks mark: what moves, or what is no part of the scene (who holds the camera, a tripod),
@@ -198,14 +204,22 @@ impl From<MasksMark> for MaskMeaning {
 }
 
 fn parse_format(text: &str) -> Result<String, String> {
-    let known = exchange::FORMATS.iter().map(|format| format.id);
-    if known.clone().any(|id| id == text) {
+    one_of(text, exchange::FORMATS.iter())
+}
+
+fn parse_written_format(text: &str) -> Result<String, String> {
+    one_of(text, exchange::written_formats())
+}
+
+fn one_of<'a>(
+    text: &str,
+    known: impl Iterator<Item = &'a exchange::Format>,
+) -> Result<String, String> {
+    let known: Vec<&str> = known.map(|format| format.id).collect();
+    if known.contains(&text) {
         Ok(text.to_owned())
     } else {
-        Err(format!(
-            "known are {}",
-            known.collect::<Vec<_>>().join(", ")
-        ))
+        Err(format!("known are {}", known.join(", ")))
     }
 }
 

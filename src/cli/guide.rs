@@ -248,6 +248,14 @@ pub(crate) const EXAMPLES: &[Examples] = &[
         &["leaderboard build RESULTS --dataset DATASET/dataset.json --out BOARD"],
     ),
     (
+        "leaderboard query",
+        &[
+            "leaderboard query RESULTS --by video --metric psnr,ssim",
+            "leaderboard query RESULTS --table views --by third --where view=novel",
+            "leaderboard query RESULTS --by ego-motion --dataset DATASET/dataset.json --format csv",
+        ],
+    ),
+    (
         "leaderboard figure",
         &["leaderboard figure RESULTS --methods omni4dgs,odgs --out FIGURE"],
     ),
@@ -321,7 +329,7 @@ pub(crate) const VALUES: &[Values] = &[
     ("curate video", "detector", detector_names),
     ("curate boundaries", "detector", detector_names),
     ("sweep plan curate", "detector", detector_names),
-    ("curate export", "format", format_names),
+    ("curate export", "format", written_format_names),
     ("curate import", "format", format_names),
     ("curate masks", "method", mask_method_names),
     ("curate tracks", "detector", vehicle_detector_names),
@@ -340,6 +348,12 @@ fn protocol_names() -> Vec<&'static str> {
 
 fn detector_names() -> Vec<&'static str> {
     DETECTORS.iter().map(|detector| detector.id).collect()
+}
+
+fn written_format_names() -> Vec<&'static str> {
+    exchange::written_formats()
+        .map(|format| format.id)
+        .collect()
 }
 
 fn format_names() -> Vec<&'static str> {

@@ -2,7 +2,8 @@
 
 use std::path::PathBuf;
 
-use clap::{Args, Subcommand};
+use clap::{Args, Subcommand, ValueEnum, builder::PossibleValuesParser};
+use omnilife_leaderboard::{RESULTS, TABLES};
 
 #[derive(Debug, Subcommand)]
 pub(crate) enum LeaderboardCommand {
@@ -11,6 +12,11 @@ pub(crate) enum LeaderboardCommand {
     /// OUT/table.md and table.csv hold all results; OUT/tables/ the layouts of the paper (Markdown, LaTeX,
     /// CSV), one folder per protocol; OUT/site/index.html opens without a network.
     Build(LeaderboardBuildArguments),
+    /// Answers a question of all results in a folder: means by any columns.
+    ///
+    /// Scores of different protocols, methods, kinds of view, regions or metrics are never averaged. Views of
+    /// a result weigh the same, then repetitions on a scene, then scenes; incomplete results are left out.
+    Query(QueryArguments),
     /// Draws rendered views of several methods beside the ground truth, for a paper.
     ///
     /// Rows are scenes, columns the ground truth and the methods by rank; below each image a part of it
@@ -25,6 +31,50 @@ pub(crate) enum LeaderboardCommand {
     Submit(SubmitResultsArguments),
     /// Checks what was handed in, scores a sample of it again, and takes it in.
     Add(AddArguments),
+}
+
+#[derive(Debug, Args)]
+pub(crate) struct QueryArguments {
+    /// Folder that is searched for result.json files.
+    pub(crate) results: PathBuf,
+    /// Asks the means of results, the scores of every view, or the scores along trainings.
+    #[arg(long, default_value = RESULTS.name, value_name = "TABLE",
+        value_parser = PossibleValuesParser::new(TABLES.map(|table| table.name)))]
+    pub(crate) table: String,
+    /// Gives a row for every value of these columns, such as video, scene, category, ego-motion or third;
+    /// numbers in steps with distance-to-given:0.5. A wrong name lists all columns of the table.
+    #[arg(long, value_name = "COLUMN", value_delimiter = ',')]
+    pub(crate) by: Vec<String>,
+    /// Averages these metrics; the first one orders methods.
+    #[arg(
+        long = "metric",
+        value_name = "METRIC",
+        value_delimiter = ',',
+        default_value = "psnr"
+    )]
+    pub(crate) metrics: Vec<String>,
+    /// Takes only rows that meet a condition: COLUMN=VALUE or COLUMN!=VALUE (several values between commas),
+    /// COLUMN<NUMBER, also <=, > and >=; may be repeated, and all must hold.
+    #[arg(long = "where", value_name = "CONDITION")]
+    pub(crate) conditions: Vec<String>,
+    /// A dataset.json, whose annotations say what scenes are like.
+    #[arg(long, value_name = "FILE")]
+    pub(crate) dataset: Option<PathBuf>,
+    /// Prints a table to read, or the same in another format.
+    #[arg(long, value_enum, default_value_t = AnswerFormatArgument::Table)]
+    pub(crate) format: AnswerFormatArgument,
+    /// Writes the answer to this file instead of printing it.
+    #[arg(long, value_name = "FILE", required_if_eq("format", "parquet"))]
+    pub(crate) out: Option<PathBuf>,
+}
+
+/// The formats of answers.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub(crate) enum AnswerFormatArgument {
+    Table,
+    Csv,
+    Json,
+    Parquet,
 }
 
 #[derive(Debug, Args)]

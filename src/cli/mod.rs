@@ -30,8 +30,8 @@ pub(crate) use dataset::{
     SelectArguments, SliceArguments,
 };
 pub(crate) use leaderboard::{
-    AddArguments, FigureArguments, GalleryArguments, LeaderboardBuildArguments, LeaderboardCommand,
-    SubmitResultsArguments,
+    AddArguments, AnswerFormatArgument, FigureArguments, GalleryArguments,
+    LeaderboardBuildArguments, LeaderboardCommand, QueryArguments, SubmitResultsArguments,
 };
 pub(crate) use ledger::LedgerCommand;
 pub(crate) use reconstruct::{

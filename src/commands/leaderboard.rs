@@ -1,20 +1,25 @@
 //! `omnilife leaderboard`.
 
 use omnilife_leaderboard::{
-    LeaderboardRequest, build_leaderboard, check_leaderboard,
+    AnswerFormat, LeaderboardRequest, QueryRequest, RESULTS, build_leaderboard, check_leaderboard,
     figure::{FigureRequest, GalleryRequest, figure, gallery},
+    query, render, results_table,
 };
-use omnilife_schemas::{lock::FolderLock, progress::Progress};
+use omnilife_schemas::{lock::FolderLock, progress::Progress, store};
 
 use super::submission;
 use crate::{
-    cli::{FigureArguments, GalleryArguments, LeaderboardBuildArguments, LeaderboardCommand},
+    cli::{
+        AnswerFormatArgument, FigureArguments, GalleryArguments, LeaderboardBuildArguments,
+        LeaderboardCommand, QueryArguments,
+    },
     exit,
 };
 
 pub(crate) fn execute(command: &LeaderboardCommand, progress: &dyn Progress) -> anyhow::Result<()> {
     match command {
         LeaderboardCommand::Build(arguments) => build(arguments, progress),
+        LeaderboardCommand::Query(arguments) => answer(arguments, progress),
         LeaderboardCommand::Figure(arguments) => draw(arguments),
         LeaderboardCommand::Gallery(arguments) => draw_gallery(arguments),
         LeaderboardCommand::Submit(arguments) => submission::submit(arguments, progress),
@@ -37,11 +42,39 @@ fn build(arguments: &LeaderboardBuildArguments, progress: &dyn Progress) -> anyh
     }
     let _lock = FolderLock::take(&request.out, progress)?;
     let built = build_leaderboard(&request)?;
+    for note in &built.notes {
+        progress.note(note);
+    }
     let site = built
         .site
         .map_or_else(String::new, |page| format!("\nSite: {}\n", page.display()));
     let table = exit::for_reader(&built.short, &built.markdown);
     exit::print(&format!("{table}{site}"))
+}
+
+fn answer(arguments: &QueryArguments, progress: &dyn Progress) -> anyhow::Result<()> {
+    let answer = query(&QueryRequest {
+        results: arguments.results.clone(),
+        dataset: arguments.dataset.clone(),
+        table: results_table(&arguments.table).unwrap_or(&RESULTS),
+        by: arguments.by.clone(),
+        metrics: arguments.metrics.clone(),
+        conditions: arguments.conditions.clone(),
+    })?;
+    for note in &answer.notes {
+        progress.note(note);
+    }
+    let format = match arguments.format {
+        AnswerFormatArgument::Table => AnswerFormat::Table,
+        AnswerFormatArgument::Csv => AnswerFormat::Csv,
+        AnswerFormatArgument::Json => AnswerFormat::Json,
+        AnswerFormatArgument::Parquet => AnswerFormat::Parquet,
+    };
+    let bytes = render(&answer, format)?;
+    match &arguments.out {
+        Some(file) => Ok(store::write_bytes(file, &bytes)?),
+        None => exit::print(&String::from_utf8_lossy(&bytes)),
+    }
 }
 
 fn draw(arguments: &FigureArguments) -> anyhow::Result<()> {

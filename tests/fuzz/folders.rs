@@ -21,7 +21,8 @@ use omnilife_sweep::Sweep;
 use tempfile::TempDir;
 
 use crate::{
-    samples::write_scene,
+    datasets,
+    samples::{write_omniphotos, write_roam360, write_scene},
     targets::{Input, Reader::Folder, Seed, Target},
 };
 
@@ -71,6 +72,20 @@ pub(crate) const FOLDERS: &[Target] = &[
         reader: Folder(|input, _| import(input, "hm3d")),
     },
     Target {
+        id: "360roam",
+        words: &["null", "[]", "\"rgb_file\"", "\"test\"", "NaN", "../"],
+        cost: 10,
+        seeds: write_roam360,
+        reader: Folder(|input, _| import(input, "360roam")),
+    },
+    Target {
+        id: "omniphotos",
+        words: &["#", "-1 ", "nan", "../", "\r\n", "pos_w", "EQUIRECTANGULAR"],
+        cost: 10,
+        seeds: write_omniphotos,
+        reader: Folder(|input, _| import(input, "omniphotos")),
+    },
+    Target {
         id: "colmap-binary",
         words: &["frames/000000.png"],
         cost: 2,
@@ -85,6 +100,34 @@ pub(crate) const FOLDERS: &[Target] = &[
             with_rig(folder, "colmap-binary", "in/sparse/0/frames.bin", &frames)
         },
         reader: Folder(read_colmap),
+    },
+    Target {
+        id: "omniblender",
+        words: &["null", "[]", "\"transform_matrix\"", "NaN", "../"],
+        cost: 10,
+        seeds: datasets::write_omniblender,
+        reader: Folder(|input, _| import(input, "omniblender")),
+    },
+    Target {
+        id: "ricoh360",
+        words: &["#", "\n", "nan", "../", "1e999"],
+        cost: 10,
+        seeds: datasets::write_ricoh360,
+        reader: Folder(|input, _| import(input, "ricoh360")),
+    },
+    Target {
+        id: "ob3d",
+        words: &["null", "[]", "\"extrinsics\"", "NaN", "../", "4294967295"],
+        cost: 10,
+        seeds: datasets::write_ob3d,
+        reader: Folder(|input, _| import(input, "ob3d")),
+    },
+    Target {
+        id: "tartanair",
+        words: &["#", "\n", "nan", "1e999", "-0"],
+        cost: 10,
+        seeds: datasets::write_tartanair,
+        reader: Folder(|input, _| import(input, "tartanair")),
     },
     Target {
         id: "run",
@@ -196,6 +239,7 @@ fn exported(folder: &Path, format: &str) -> Vec<String> {
         split: None,
         given_only: false,
         cube_faces: None,
+        pad_to: None,
         out: &out,
     };
     exchange::export(&request, &Silent).unwrap();

@@ -66,6 +66,7 @@ pub(crate) fn write_scene(folder: &Path) {
         objects: [].into(),
         depth: None,
         depth_prior: None,
+        capture: None,
     };
     let scene = Scene {
         id: "a/seq-000".to_owned(),
@@ -87,6 +88,7 @@ pub(crate) fn write_scene(folder: &Path) {
             measures: [].into(),
             problems: Vec::new(),
         },
+        published_split: None,
     };
     fs::create_dir_all(folder.join("frames")).unwrap();
     for frame in &scene.frames {
@@ -95,6 +97,67 @@ pub(crate) fn write_scene(folder: &Path) {
     }
     cloud().write_ply(&folder.join("points.ply")).unwrap();
     store::write_record(&folder.join("scene.json"), &scene).unwrap();
+}
+
+/// Three small panoramas in a folder, under these names.
+fn write_panoramas(folder: &Path, names: [&str; 3]) {
+    fs::create_dir_all(folder).unwrap();
+    for name in names {
+        RgbImage::black(16, 8)
+            .write_png(&folder.join(name))
+            .unwrap();
+    }
+}
+
+/// A scene of 360Roam in the folder `in`; names the files that are changed.
+pub(crate) fn write_roam360(folder: &Path) -> Vec<String> {
+    write_panoramas(&folder.join("in/images"), ["0.png", "1.png", "2.png"]);
+    let entry = |number: u32| {
+        serde_json::json!({
+            "rgb_file": format!("{number}.png"),
+            "transform_matrix": [
+                [0.0, 0.0, 1.0, f64::from(number)], [0.0, 1.0, 0.0, 0.5], [-1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]],
+        })
+    };
+    let poses = serde_json::json!({"train": [entry(0), entry(2)], "test": [entry(1)]});
+    fs::write(folder.join("in/pose_c2w.json"), poses.to_string()).unwrap();
+    cloud().write_ply(&folder.join("in/scene.ply")).unwrap();
+    names(&["in/pose_c2w.json", "in/scene.ply"])
+}
+
+/// A scene of OmniPhotos in the folder `in`; names the files that are changed.
+pub(crate) fn write_omniphotos(folder: &Path) -> Vec<String> {
+    write_panoramas(&folder.join("in/Input"), ["p-7.png", "p-8.png", "p-9.png"]);
+    let files = [
+        (
+            "in/Config/modelFiles.openvslam",
+            b"../Capture/openvslam/cameras.txt\n../Capture/openvslam/trajectory.txt\n\
+              ../Capture/openvslam/map.msg"
+                .to_vec(),
+        ),
+        (
+            "in/Capture/openvslam/cameras.txt",
+            b"# 1\r\n1 EQUIRECTANGULAR 16 8 500 8.0 4.0\r\n".to_vec(),
+        ),
+        (
+            "in/Capture/openvslam/trajectory.txt",
+            b"#index filename\r\n7 p-7.png 0 0 0 0 0 0 1\r\n8 p-8.png 1 0.5 0 0 0.6 0 0.8\r\n\
+              -1 p-9.png 2 0 0 0 0 0 1\r\n"
+                .to_vec(),
+        ),
+        (
+            "in/Capture/openvslam/map.msg",
+            b"\x82\xa9keyframes\x81\xa10\x92\xcc\xc8\x91\xff\xa9landmarks\x81\xa15\x81\xa5pos_w\x93\xca\x3f\x80\
+              \x00\x00\xcb\x3f\xf0\x00\x00\x00\x00\x00\x00\x03"
+                .to_vec(),
+        ),
+    ];
+    for (name, bytes) in &files {
+        let path = folder.join(name);
+        fs::create_dir_all(path.parent().unwrap()).unwrap();
+        fs::write(path, bytes).unwrap();
+    }
+    names(&files.each_ref().map(|(name, _)| *name))
 }
 
 /// Tracks of that scene: one object that moves.

@@ -7,6 +7,7 @@ mod alternate_frames;
 mod input_view;
 mod metric_list;
 mod per_scene;
+mod published;
 mod sparse_interpolation;
 mod sparse_panoramas;
 
@@ -32,6 +33,7 @@ pub static PROTOCOLS: &[ProtocolEntry] = &[
     sparse_panoramas::ENTRY,
     input_view::ENTRY,
     alternate_frames::ENTRY,
+    published::ENTRY,
 ];
 
 /// The protocol of this id.
@@ -82,6 +84,11 @@ mod tests {
             1,
             "43f184b66736af9f99ea7b00038f97bdbc844c71e65d60c4e3e2b1ad4439d41b",
         ),
+        (
+            "published",
+            1,
+            "d0a8954233d96fd13f14c367db6061bd4cd36e960c4ad4c9e1a2c52fb26e6afb",
+        ),
     ];
 
     #[test]
@@ -127,7 +134,7 @@ mod tests {
             message.as_deref(),
             Some(
                 "there is no protocol \"per-sence\"; known: per-scene, sparse-interpolation, \
-                 sparse-panoramas, input-view, alternate-frames; did you mean \"per-scene\"?"
+                 sparse-panoramas, input-view, alternate-frames, published; did you mean \"per-scene\"?"
             )
         );
     }

@@ -33,6 +33,7 @@ pub(crate) fn scene(frames: usize, unposed: &[usize]) -> Scene {
                 objects: [].into(),
                 depth: None,
                 depth_prior: None,
+                capture: None,
             })
             .collect(),
         points: None,
@@ -46,5 +47,6 @@ pub(crate) fn scene(frames: usize, unposed: &[usize]) -> Scene {
             measures: [].into(),
             problems: Vec::new(),
         },
+        published_split: None,
     }
 }

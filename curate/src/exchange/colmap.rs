@@ -27,6 +27,7 @@ use std::{
 
 use omnilife_schemas::{
     camera::{Camera, ErpCamera, PinholeCamera},
+    records::Scale,
     store::{self, StoreError},
 };
 
@@ -44,7 +45,8 @@ pub const FORMAT: Format = Format {
     id: "colmap",
     about: "COLMAP text model with an EQUIRECTANGULAR (COLMAP 4.1 and later) or PINHOLE camera",
     holds_cube_faces: true,
-    export,
+    holds_padded_panoramas: false,
+    export: Some(export),
     import,
 };
 
@@ -53,7 +55,8 @@ pub const BINARY_FORMAT: Format = Format {
     id: "colmap-binary",
     about: "the same with a binary model: cameras.bin, images.bin, points3D.bin",
     holds_cube_faces: true,
-    export: export_binary,
+    holds_padded_panoramas: false,
+    export: Some(export_binary),
     import,
 };
 
@@ -146,6 +149,7 @@ fn import(folder: &Path) -> Result<ForeignScene, CurateError> {
             objects: BTreeMap::new(),
             pose: Some(image.pose()),
             moment: together.get(id).copied(),
+            distance: None,
         });
     }
     Ok(ForeignScene {
@@ -155,6 +159,10 @@ fn import(folder: &Path) -> Result<ForeignScene, CurateError> {
         image_folders: left_out::folders_below(&images)?,
         root,
         missing_images,
+        published_split: None,
+        frame_rate: None,
+        scale: Scale::Arbitrary,
+        stills: BTreeMap::new(),
         notes: files.note.into_iter().collect(),
         points: model.cloud(),
     })

@@ -17,7 +17,7 @@ const IMAGES: [&str; 11] = [
     "png", "jpg", "jpeg", "tif", "tiff", "bmp", "webp", "exr", "hdr", "avif", "heic",
 ];
 
-/// Images beside those of a scene's frames that are neither frames nor their masks, in natural order.
+/// Images beside those of a scene's frames that are neither frames nor their masks or distances, in natural order.
 ///
 /// # Errors
 /// When a folder cannot be listed.
@@ -32,7 +32,8 @@ pub(super) fn images_beside(scene: &ForeignScene) -> Result<Vec<PathBuf>, StoreE
         .iter()
         .flat_map(|frame| {
             let mask = frame.mask.iter().map(|mask| &mask.file);
-            let files = std::iter::once(&frame.image).chain(mask);
+            let distance = frame.distance.iter().map(|distance| &distance.file);
+            let files = std::iter::once(&frame.image).chain(mask).chain(distance);
             files.chain(frame.objects.values())
         })
         .map(|file| place(file))

@@ -1,25 +1,32 @@
 //! Scenes in other tools' formats: writing what they read, and reading the same back.
 //!
-//! To add a format: one file with a writer and a reader, whose head states the format's axes, and
-//! one line in [`FORMATS`]. Poses survive the round trip to 1e-6 of the scene's size. No format but
-//! ours knows when a frame was shown, so every export has a `times.csv` beside it, which others
-//! ignore.
+//! To add a format: one file with a reader and, unless it is the layout of a data set, a writer, whose head
+//! states the format's axes, and one line in [`FORMATS`]. Poses survive the round trip to 1e-6 of the scene's
+//! size. No format but ours knows when a frame was shown, so every export has a `times.csv` beside it, which
+//! others ignore.
 
+mod collect;
 pub mod colmap;
 mod cube_faces;
+pub mod datasets;
+mod distances;
+mod foreign;
 mod frame_images;
-mod frame_order;
+pub(crate) mod frame_order;
+mod frame_times;
 pub mod frames;
 pub mod hm3d;
 mod left_out;
 mod masks;
 pub mod nerfstudio;
 pub mod openmvg;
+mod padding;
+mod panoramas;
+mod published_split;
 mod scene_folder;
 mod times;
 
 use std::{
-    collections::BTreeMap,
     fs,
     path::{Path, PathBuf},
 };
@@ -27,20 +34,23 @@ use std::{
 use omnilife_schemas::{
     Pose,
     camera::{Camera, cube::CUBE_FACES},
-    layout::SCENE_FILE,
-    mask_file::MarkedGreys,
-    ownership::is_inside,
+    padded_frame::PaddedFrame,
     points::PointCloud,
     progress::Progress,
-    records::{PoseSource, Scene, Split},
     store::{self, StoreError},
 };
 
 pub use cube_faces::CubeFaces;
 pub(crate) use cube_faces::face_image;
+pub use distances::{DistanceEncoding, ForeignDistance};
+pub use foreign::{ForeignFrame, ForeignMask, ForeignScene, FrameRate};
+pub use published_split::ForeignSplit;
 pub use scene_folder::{ImportRequest, MaskMeaning, import};
 
-use crate::{error::CurateError, poses::frame_camera::FrameCamera};
+use crate::error::CurateError;
+
+/// Writes a scene into an empty folder.
+pub type Writer = fn(&ExportScene, &Path) -> Result<(), CurateError>;
 
 /// A scene format.
 #[derive(Debug, Clone, Copy)]
@@ -51,8 +61,10 @@ pub struct Format {
     pub about: &'static str,
     /// Whether its readers know perspective rigs, so that it can hold the faces of cubes.
     pub holds_cube_faces: bool,
-    /// Writes a scene into an empty folder.
-    pub export: fn(&ExportScene, &Path) -> Result<(), CurateError>,
+    /// Whether it says where in an image a panorama lies, so that it can hold padded ones.
+    pub holds_padded_panoramas: bool,
+    /// Writes a scene into an empty folder; `None` for layouts of data sets, which are read alone.
+    pub export: Option<Writer>,
     /// Reads a folder.
     pub import: fn(&Path) -> Result<ForeignScene, CurateError>,
 }
@@ -65,7 +77,19 @@ pub const FORMATS: &[Format] = &[
     nerfstudio::FORMAT,
     hm3d::FORMAT,
     frames::FORMAT,
+    datasets::omniblender::FORMAT,
+    datasets::ricoh360::FORMAT,
+    datasets::ob3d::FORMAT,
+    datasets::tartanair::FORMAT,
+    datasets::roam360::FORMAT,
+    datasets::omniphotos::FORMAT,
+    panoramas::FORMAT,
 ];
+
+/// Returns the formats that exports can have.
+pub fn written_formats() -> impl Iterator<Item = &'static Format> {
+    FORMATS.iter().filter(|format| format.export.is_some())
+}
 
 /// Looks a format up by its name.
 ///
@@ -82,6 +106,13 @@ pub fn format(id: &str, folder: &Path) -> Result<&'static Format, CurateError> {
                 format!("unknown format {id}; known are {}", known.join(", ")),
             )
         })
+}
+
+/// Names of the formats of a kind.
+fn formats_where(is_one: impl Fn(&Format) -> bool) -> String {
+    let formats = FORMATS.iter().filter(|format| is_one(format));
+    let names: Vec<&str> = formats.map(|format| format.id).collect();
+    names.join(", ")
 }
 
 /// A frame to be exported.
@@ -106,8 +137,10 @@ pub struct ExportFrame {
 /// A scene to be exported: its frames with a pose, in order of time.
 #[derive(Debug, Clone)]
 pub struct ExportScene {
-    /// The camera of all frames.
+    /// The camera of all frames; of padded panoramas with the size of their frames.
     pub camera: Camera,
+    /// Where panoramas lie in padded frames.
+    pub panorama: Option<PaddedFrame>,
     /// The frames.
     pub frames: Vec<ExportFrame>,
     /// World points.
@@ -132,72 +165,19 @@ pub struct ExportRequest<'a> {
     pub given_only: bool,
     /// Writes the faces of cubes in place of panoramas.
     pub cube_faces: Option<CubeFaces>,
+    /// Resizes images to fit into frames of this width and height in pixels, and pads them; without it, as the
+    /// protocol of the split says.
+    pub pad_to: Option<[u32; 2]>,
     /// Folder to fill; it must not exist or be empty.
     pub out: &'a Path,
-}
-
-/// What a reader found.
-#[derive(Debug, Clone)]
-pub struct ForeignScene {
-    /// The camera of all frames, with their lens.
-    pub camera: FrameCamera,
-    /// Frames whose images are there, in whatever order.
-    pub frames: Vec<ForeignFrame>,
-    /// World points; empty where the format has none.
-    pub points: PointCloud,
-    /// Where the poses come from, where it is not the format itself.
-    pub pose_source: Option<PoseSource>,
-    /// The folder that `times.csv` and `ignore/` lie in.
-    pub root: PathBuf,
-    /// Folders that may hold images which are no frames, beside those of the frames.
-    pub image_folders: Vec<PathBuf>,
-    /// Names of images that have a pose and are not there.
-    pub missing_images: Vec<String>,
-    /// Lines on what the reader decided and left out.
-    pub notes: Vec<String>,
-}
-
-/// A frame that a reader found.
-#[derive(Debug, Clone)]
-pub struct ForeignFrame {
-    /// The image.
-    pub image: PathBuf,
-    /// The mask, where there is one.
-    pub mask: Option<ForeignMask>,
-    /// Masks of single objects (white), by the object's name.
-    pub objects: BTreeMap<String, PathBuf>,
-    /// The camera, where it is known.
-    pub pose: Option<Pose>,
-    /// Frames with the same number here were taken at once.
-    pub moment: Option<u32>,
-}
-
-/// A mask in another tool's convention.
-#[derive(Debug, Clone)]
-pub struct ForeignMask {
-    /// The image.
-    pub file: PathBuf,
-    /// Whether black (instead of white) is what moves: a mask of what to look at, which has what is no part of
-    /// the scene in black, too.
-    pub black_is_dynamic: bool,
-}
-
-impl ForeignMask {
-    /// Greys that it marks, moving or not. Black is all that tools leave out by masks of what to look at.
-    fn marked_greys(&self) -> MarkedGreys {
-        if self.black_is_dynamic {
-            MarkedGreys::NotBlack
-        } else {
-            MarkedGreys::AboveHalf
-        }
-    }
 }
 
 /// Exports a scene. Frames without a pose are left out, with a note.
 ///
 /// # Errors
-/// [`CurateError::Input`] for an unknown format, a scene without posed frames, cube faces of a
-/// perspective scene or in a format that has none, and an output folder that holds something;
+/// [`CurateError::Input`] for an unknown format or one that is only read, a scene without posed frames, cube faces of a
+/// perspective scene or in a format that has none, padded panoramas in a format that takes them for whole spheres,
+/// and an output folder that holds something;
 /// [`CurateError::Store`] when a file cannot be read or written.
 pub fn export(
     request: &ExportRequest<'_>,
@@ -205,21 +185,18 @@ pub fn export(
 ) -> Result<ExportScene, CurateError> {
     let out = request.out;
     let format = format(request.format, out)?;
+    let write = writer(format, out)?;
     if request.cube_faces.is_some() && !format.holds_cube_faces {
-        let can: Vec<&str> = FORMATS
-            .iter()
-            .filter(|format| format.holds_cube_faces)
-            .map(|format| format.id)
-            .collect();
         let reason = format!(
             "is to have cube faces, which {} does not hold; {} do",
             format.id,
-            can.join(", ")
+            formats_where(|format| format.holds_cube_faces)
         );
         return Err(CurateError::input(out, reason));
     }
     refuse_filled(out)?;
-    let mut scene = collect(request.scene_folder, request.split, progress)?;
+    let (mut scene, of_split) = collect::collect(request.scene_folder, request.split, progress)?;
+    let padded = padding::frame(request, format, (&scene.camera, of_split), progress)?;
     if request.given_only {
         scene.frames.retain(|frame| frame.is_input);
     }
@@ -227,7 +204,7 @@ pub fn export(
         progress.note(&note);
     }
     fill_folder(out, |folder| {
-        let scratch = folder.join("faces");
+        let scratch = folder.join("scratch");
         if let Some(faces) = request.cube_faces {
             let all = CUBE_FACES.len() * scene.frames.len();
             scene = cube_faces::as_faces(&scene, faces, &scratch)?;
@@ -238,14 +215,30 @@ pub fn export(
                 ));
             }
         }
-        (format.export)(&scene, folder)?;
+        if let Some(frame) = padded {
+            scene = padding::padded(&scene, frame, &scratch)?;
+        }
+        write(&scene, folder)?;
+        store::remove(&scratch)?;
         if scene.is_rig {
-            store::remove(&scratch)?;
             cube_faces::write_rig(folder)?;
         }
         Ok(times::write(&scene.frames, folder)?)
     })?;
     Ok(scene)
+}
+
+/// The writer of a format.
+fn writer(format: &Format, out: &Path) -> Result<Writer, CurateError> {
+    format.export.ok_or_else(|| {
+        let can: Vec<&str> = written_formats().map(|format| format.id).collect();
+        let reason = format!(
+            "is to be in the layout of a data set, {}, which is only read; written are {}",
+            format.id,
+            can.join(", ")
+        );
+        CurateError::input(out, reason)
+    })
 }
 
 /// Fills a folder through `fill`, whole or not at all. `out` must not exist or be empty.
@@ -296,105 +289,6 @@ fn refuse_filled(out: &Path) -> Result<(), CurateError> {
         ));
     }
     Ok(())
-}
-
-/// The posed frames of a scene with their files.
-fn collect(
-    folder: &Path,
-    split: Option<&Path>,
-    progress: &dyn Progress,
-) -> Result<ExportScene, CurateError> {
-    let path = folder.join(SCENE_FILE);
-    let scene: Scene = store::read_record(&path)?;
-    let split: Option<(&Path, Split)> = match split {
-        Some(file) => Some((file, store::read_record(file)?)),
-        None => None,
-    };
-    if let Some((file, split)) = &split
-        && split.scene != scene.id
-    {
-        return Err(CurateError::input(
-            file,
-            format!("is the split of {}, not of {}", split.scene, scene.id),
-        ));
-    }
-    let is_input = |index: usize| {
-        split
-            .as_ref()
-            .is_none_or(|(_, split)| split.input_views.contains(&(index as u32)))
-    };
-    refuse_unusable_names(&path, &scene)?;
-    let frames: Vec<ExportFrame> = scene
-        .frames
-        .iter()
-        .enumerate()
-        .filter_map(|(index, frame)| {
-            Some(ExportFrame {
-                name: file_name(&frame.image),
-                image: folder.join(&frame.image),
-                mask: frame.mask.as_ref().map(|mask| folder.join(mask)),
-                ignore_mask: frame.ignore_mask.as_ref().map(|mask| folder.join(mask)),
-                pose: frame.pose.filter(Pose::is_valid)?,
-                time_seconds: frame.time_seconds,
-                is_input: is_input(index),
-            })
-        })
-        .collect();
-    if frames.is_empty() {
-        return Err(CurateError::input(&path, "has no frame with a pose"));
-    }
-    if frames.len() < scene.frames.len() {
-        progress.note(&format!(
-            "{}: {} of {} frames have no pose and are left out",
-            scene.id,
-            scene.frames.len() - frames.len(),
-            scene.frames.len()
-        ));
-    }
-    let points = match &scene.points {
-        Some(file) => PointCloud::read_ply(&folder.join(file))?,
-        None => PointCloud::default(),
-    };
-    if split.is_none() {
-        progress.note(&format!(
-            "{}: no split is given: frames for testing are not marked, and all are for training",
-            scene.id
-        ));
-    }
-    Ok(ExportScene {
-        camera: scene.camera,
-        frames,
-        points,
-        has_split: split.is_some(),
-        is_rig: false,
-    })
-}
-
-/// Refuses files outside of the scene's folder, which are nobody's to hand on, and frames that would
-/// become one file: all images, and all masks, lie in one folder in an export.
-fn refuse_unusable_names(path: &Path, scene: &Scene) -> Result<(), CurateError> {
-    let mut stems = BTreeMap::new();
-    for (number, frame) in scene.frames.iter().enumerate() {
-        let masks = frame.mask.iter().chain(&frame.ignore_mask);
-        for file in [&frame.image].into_iter().chain(masks) {
-            if !is_inside(file) {
-                let reason = format!("{file:?} of frame {number} is no file in its folder");
-                return Err(CurateError::input(path, reason));
-            }
-        }
-        let name = file_name(&frame.image);
-        if let Some(other) = stems.insert(stem(&name).to_owned(), number) {
-            let reason = format!("frames {other} and {number} have one file name, {name}");
-            return Err(CurateError::input(path, reason));
-        }
-    }
-    match scene.points.iter().find(|file| !is_inside(file)) {
-        Some(file) => {
-            let reason = format!("{file:?} is no file in its folder");
-            Err(CurateError::input(path, reason))
-        }
-        None => Ok(()),
-    }
 }
 
 /// A file that another tool's record names, which must lie in the folder of the record.

@@ -9,7 +9,8 @@
 //! pcd.ply                world points with (zero) normals, which their reader asks for
 //! ```
 //!
-//! A folder with OpenMVG's own `sfm_data.json`, which holds views and extrinsics, is read too.
+//! A folder with OpenMVG's own `sfm_data.json`, which holds views and extrinsics, is read too. Without `pcd.ply` the
+//! points are those of `colorized.ply`, as in ODGS (`scene_perspective/dataset_readers.py` of `esw0116/ODGS`).
 //!
 //! Axes: OpenMVG's spherical camera has x right, y down and z forward, and its image is ours
 //! (`src/openMVG/cameras/Camera_Spherical.hpp`): nothing is turned. `x_c = R (x_w - C)`.
@@ -18,6 +19,7 @@
     deny(clippy::indexing_slicing, clippy::arithmetic_side_effects)
 )]
 
+mod lists;
 mod records;
 
 use std::{collections::BTreeMap, io::Write, path::Path};
@@ -27,19 +29,21 @@ use omnilife_schemas::{
     Pose,
     camera::{Camera, ErpCamera},
     points::{Coordinates, PointCloud},
+    records::Scale,
     store::{self, StoreError},
 };
 use serde::{Deserialize, Serialize};
 
 use super::{ExportScene, ForeignFrame, ForeignScene, Format, masks::black_mask, stem};
-use crate::error::CurateError;
+use crate::{error::CurateError, poses::frame_camera::FrameCamera};
 
 /// The format.
 pub const FORMAT: Format = Format {
     id: "openmvg",
     about: "OpenMVG views and extrinsics, as ODGS reads them; a pinhole has one focal length",
     holds_cube_faces: false,
-    export,
+    holds_padded_panoramas: false,
+    export: Some(export),
     import,
 };
 
@@ -48,6 +52,8 @@ const EXTRINSICS_FILE: &str = "data_extrinsics.json";
 /// Views and extrinsics in one.
 const WHOLE_FILE: &str = "sfm_data.json";
 const POINTS_FILE: &str = "pcd.ply";
+/// OpenMVG's own points.
+const COLOURED_POINTS_FILE: &str = "colorized.ply";
 /// Names of intrinsics.
 const SPHERICAL: &str = "spherical";
 const PINHOLE: &str = "pinhole";
@@ -205,7 +211,7 @@ fn export(scene: &ExportScene, out: &Path) -> Result<(), CurateError> {
     });
     super::write_json(&out.join(VIEWS_FILE), &views)?;
     super::write_json(&out.join(EXTRINSICS_FILE), &extrinsics)?;
-    for (file, inputs) in [("train.txt", true), ("test.txt", false)] {
+    for (file, inputs) in lists::FILES.into_iter().zip([true, false]) {
         let names: String = scene
             .frames
             .iter()
@@ -272,9 +278,9 @@ fn write_points(path: &Path, cloud: &PointCloud) -> Result<(), StoreError> {
 ///
 /// # Errors
 /// When views differ in their size or camera, or theirs cannot be read; says why.
-fn common_camera(data: &records::SfmData) -> Result<Camera, String> {
+fn common_camera(data: &records::SfmData) -> Result<FrameCamera, String> {
     let cameras = records::cameras(data);
-    let mut common: Option<(Camera, &str)> = None;
+    let mut common: Option<(FrameCamera, &str)> = None;
     let views = data.views.iter().map(|view| view.value.data());
     for view in views.filter(|view| cameras.is_empty() || view.id_intrinsic != UNDEFINED) {
         let camera = if cameras.is_empty() {
@@ -283,6 +289,7 @@ fn common_camera(data: &records::SfmData) -> Result<Camera, String> {
                 width: view.width,
                 height: view.height,
             })
+            .into()
         } else {
             let camera = cameras.get(&view.id_intrinsic).ok_or_else(|| {
                 format!(
@@ -344,21 +351,38 @@ fn import(folder: &Path) -> Result<ForeignScene, CurateError> {
             objects: BTreeMap::new(),
             pose: poses.get(&view.id_pose).copied(),
             moment: None,
+            distance: None,
         });
     }
-    let points = folder.join(POINTS_FILE);
+    let mut notes = Vec::new();
+    let views = views.views.iter();
+    let images = views.map(|view| view.value.data().filename.as_str());
     Ok(ForeignScene {
-        camera: camera.into(),
+        camera,
         frames,
         pose_source: None,
         root: folder.to_owned(),
         image_folders: Vec::new(),
         missing_images,
-        notes: Vec::new(),
-        points: if points.is_file() {
-            PointCloud::read_ply(&points)?
-        } else {
-            PointCloud::default()
-        },
+        published_split: lists::published_split(folder, images, &mut notes)?,
+        frame_rate: None,
+        scale: Scale::Arbitrary,
+        points: read_points(folder, &mut notes)?,
+        stills: BTreeMap::new(),
+        notes,
     })
+}
+
+fn read_points(folder: &Path, notes: &mut Vec<String>) -> Result<PointCloud, StoreError> {
+    let [points, coloured] = [POINTS_FILE, COLOURED_POINTS_FILE].map(|name| folder.join(name));
+    if points.is_file() {
+        return PointCloud::read_ply(&points);
+    }
+    if !coloured.is_file() {
+        return Ok(PointCloud::default());
+    }
+    notes.push(format!(
+        "points are those of {COLOURED_POINTS_FILE}, among which OpenMVG puts a green one at every camera"
+    ));
+    PointCloud::read_ply(&coloured)
 }

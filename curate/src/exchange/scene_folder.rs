@@ -10,15 +10,18 @@ use omnilife_schemas::{
     layout::{FRAMES_FOLDER, IGNORE_MASKS_FOLDER, POINTS_FILE, SCENE_FILE, SCENE_MASKS_FOLDER},
     mask_file::{self, MarkedGreys},
     mask_survey::MaskSurvey,
-    records::{PoseSource, Scale, Scene, SceneFrame},
+    records::{PoseSource, Scene, SceneFrame},
     rgb::Mask,
     store::{self, StoreError},
 };
 
 use super::{
-    ForeignFrame, ForeignScene, format,
+    ForeignFrame, ForeignScene, distances, format,
     frame_images::{FrameImage, UnusualFrames},
-    frame_order, left_out, times,
+    frame_order,
+    frame_times::frame_times,
+    left_out,
+    published_split::{self, SplitFrames},
 };
 use crate::{
     error::CurateError,
@@ -51,9 +54,10 @@ pub enum MaskMeaning {
     Ignored,
 }
 
-/// Imports a scene: `scene.json`, `frames/`, `masks/` and `points.ply`.
+/// Imports a scene: `scene.json`, `frames/`, `masks/`, `depth/` and `points.ply`.
 ///
-/// Poses are taken as they are and marked unchecked, the scale as arbitrary. Images are copied, but for those with a
+/// Poses are taken as they are and marked unchecked. The scale is arbitrary where the format does not say what it
+/// is. Images are copied, but for those with a
 /// lens, which are straightened, those that are transparent in places, which becomes no part of the scene, and those
 /// that are to be turned. What was decided, assumed and left out is among the problems of the scene's validation, a
 /// line each.
@@ -80,6 +84,7 @@ pub fn import(request: &ImportRequest<'_>) -> Result<Scene, CurateError> {
     }
     let beside = left_out::images_beside(&foreign)?;
     let times = frame_times(request, &foreign, &beside)?;
+    let split = published_split::find(&foreign)?;
     let beside: Vec<String> = beside.iter().map(|path| below(&foreign, path)).collect();
     let notes: Vec<String> = (foreign.notes.iter().cloned())
         .chain(foreign.camera.remark())
@@ -91,11 +96,14 @@ pub fn import(request: &ImportRequest<'_>) -> Result<Scene, CurateError> {
             &beside,
             "images left out, which have no pose",
         ))
-        .chain(times.note)
+        .chain(distances::missing(&foreign))
+        .chain(split.note)
+        .chain(times.notes)
         .collect();
     let source = Source {
         straightening: foreign.camera.straightening(),
         scene: &foreign,
+        split: split.frames,
     };
     let names = image_names(request.folder, &source)?;
     super::fill_folder(request.out, |folder| {
@@ -107,6 +115,7 @@ pub fn import(request: &ImportRequest<'_>) -> Result<Scene, CurateError> {
 struct Source<'a> {
     scene: &'a ForeignScene,
     straightening: Option<Straightening>,
+    split: Option<SplitFrames>,
 }
 
 /// Writes the scene into an empty folder.
@@ -122,14 +131,21 @@ fn write(
     let (mut unusual, mut masks) = (UnusualFrames::default(), MaskSurvey::default());
     let camera = source.scene.camera.camera();
     for ((frame, name), time_seconds) in source.scene.frames.iter().zip(names).zip(times) {
-        let image = FrameImage::import(frame, name, source.straightening.as_ref(), out)?;
+        let still = source
+            .scene
+            .stills
+            .get(&frame.image)
+            .map(|(still, _)| still);
+        let placement = still.and_then(|still| still.placement.as_ref());
+        let lens = source.straightening.as_ref();
+        let image = FrameImage::import(frame, name, (lens, placement), out)?;
         unusual.add(name, &image);
         look_at_masks(source, frame, &mut masks)?;
         let ignored = ignored(source, frame, request)?;
         if let Some(mask) = &ignored {
             masks.add_ignored_share(mask.marked_share(&camera));
         }
-        let ignored = united(ignored, image.transparent);
+        let ignored = united(ignored, image.ignored);
         frames.push(SceneFrame {
             image: image.file,
             time_seconds: *time_seconds,
@@ -149,8 +165,11 @@ fn write(
                 MaskMeaning::Moving => import_objects(source, (frame, name), out)?,
                 MaskMeaning::Ignored => [].into(),
             },
-            depth: None,
+            depth: distances::import(source.scene, frame, name, out)?,
             depth_prior: None,
+            capture: still
+                .map(|still| still.capture.clone())
+                .filter(|capture| !capture.is_empty()),
         });
     }
     frames.sort_by(|a, b| a.time_seconds.total_cmp(&b.time_seconds));
@@ -168,15 +187,16 @@ fn write(
     let scene = Scene {
         id: request.id.to_owned(),
         camera: source.scene.camera.camera(),
-        scale: Scale::Arbitrary,
+        scale: source.scene.scale,
         frames,
         points,
         pose_source: (source.scene.pose_source)
             .clone()
             .unwrap_or_else(|| PoseSource::Given {
-                file: request.folder.display().to_string(),
+                file: file_name(request.folder),
             }),
         validation,
+        published_split: source.split.as_ref().map(|split| split.record(times)),
     };
     store::write_record(&out.join(SCENE_FILE), &scene)?;
     Ok(scene)
@@ -186,7 +206,7 @@ fn image_name(frame: &ForeignFrame) -> String {
     file_name(&frame.image)
 }
 
-fn file_name(file: &Path) -> String {
+pub(super) fn file_name(file: &Path) -> String {
     let name = file.file_name().unwrap_or_default();
     name.to_string_lossy().into_owned()
 }
@@ -224,7 +244,7 @@ fn image_names(folder: &Path, source: &Source<'_>) -> Result<Vec<String>, Curate
 }
 
 /// The file with the folder that it lies in, `front/000000.png`.
-fn name_with_folder(image: &Path) -> String {
+pub(super) fn name_with_folder(image: &Path) -> String {
     let folder = image.parent().and_then(Path::file_name);
     format!(
         "{}/{}",
@@ -239,88 +259,11 @@ fn below(scene: &ForeignScene, file: &Path) -> String {
     place.display().to_string()
 }
 
-/// When frames were shown, and a line where that is not plain.
-struct FrameTimes {
-    /// Seconds, one for each frame.
-    seconds: Vec<f64>,
-    note: Option<String>,
-}
-
-/// Times from `times.csv`, else from the frame rate given. `beside` are images that are no frames.
-fn frame_times(
-    request: &ImportRequest<'_>,
-    scene: &ForeignScene,
-    beside: &[PathBuf],
-) -> Result<FrameTimes, CurateError> {
-    if let Some(table) = times::TimeTable::read(&scene.root)? {
-        let both = |image: &Path| [file_name(image), name_with_folder(image)];
-        let frames: Vec<[String; 2]> = (scene.frames.iter())
-            .map(|frame| both(frame.image.as_path()))
-            .collect();
-        let missing = scene.missing_images.iter().map(Path::new);
-        let others: Vec<[String; 2]> = (beside.iter().map(PathBuf::as_path))
-            .chain(missing)
-            .map(both)
-            .collect();
-        let times = table.of(&frames, &others)?;
-        return Ok(FrameTimes {
-            seconds: times.seconds,
-            note: times.note,
-        });
-    }
-    let rate = request
-        .frames_per_second
-        .filter(|rate| rate.is_finite() && *rate > 0.0);
-    let rate = rate.ok_or_else(|| {
-        CurateError::input(
-            request.folder,
-            format!(
-                "has no {}, so nothing says when its frames were shown; give --fps",
-                times::TIMES_FILE
-            ),
-        )
-    })?;
-    let images: Vec<&Path> = (scene.frames.iter())
-        .map(|frame| frame.image.as_path())
-        .collect();
-    let times = frame_order::times_at(rate, &images, beside);
-    if times.seconds.iter().any(|seconds| !seconds.is_finite()) {
-        let reason = format!("--fps {rate} gives times beyond all numbers");
-        return Err(CurateError::input(request.folder, reason));
-    }
-    expect_shared_times(request.folder, &scene.frames, &times.seconds)?;
-    Ok(FrameTimes {
-        seconds: times.seconds,
-        note: times.note,
-    })
-}
-
-/// Refuses frames that were taken at once and have different times by their names.
-fn expect_shared_times(
-    folder: &Path,
-    frames: &[ForeignFrame],
-    times: &[f64],
-) -> Result<(), CurateError> {
-    let mut moments = BTreeMap::new();
-    for (frame, time) in frames.iter().zip(times) {
-        let Some(moment) = frame.moment else {
-            continue;
-        };
-        let (first, shown) = *moments.entry(moment).or_insert((frame, time));
-        if shown != time {
-            let reason = format!(
-                "has {} and {} in one frame of a rig, and their numbers differ; give {} with their times",
-                name_with_folder(&first.image),
-                name_with_folder(&frame.image),
-                times::TIMES_FILE
-            );
-            return Err(CurateError::input(folder, reason));
-        }
-    }
-    Ok(())
-}
-
 fn check_size(scene: &ForeignScene, frame: &ForeignFrame) -> Result<(), CurateError> {
+    if scene.stills.contains_key(&frame.image) {
+        // They have been looked at, and may show a part of their sphere.
+        return Ok(());
+    }
     let [width, height] = ImageFile::open(&frame.image)?.shown_size()?;
     let camera = scene.camera.camera();
     if [width, height] == camera.size() {

@@ -21,7 +21,7 @@ use omnilife_schemas::{
 use super::{
     colmap_binary, colmap_text,
     frame_camera::FrameCamera,
-    lens::{self, Lens},
+    lens::{Lens, LensModel},
 };
 
 /// A reconstruction with one camera.
@@ -48,18 +48,17 @@ impl ModelCamera {
         match (self, other) {
             (Self::Erp(a), Self::Erp(b)) => a == b,
             (Self::Perspective(a), Self::Perspective(b)) => {
-                let numbers = |lens: &Lens| {
+                let numbers = |lens: Lens| {
                     let camera = lens.camera;
                     [camera.fx, camera.fy, camera.cx, camera.cy]
                         .map(|pixels| 1e-3 * pixels / f64::from(camera.width))
                         .into_iter()
-                        .chain(lens.distortion.radial)
-                        .chain(lens.distortion.tangential)
+                        .chain(lens.distortion.numbers())
                 };
                 let size = |lens: &Lens| [lens.camera.width, lens.camera.height];
                 size(a) == size(b)
-                    && numbers(a)
-                        .zip(numbers(b))
+                    && numbers(*a)
+                        .zip(numbers(*b))
                         .all(|(a, b)| (a - b).abs() <= 1e-9)
             }
             _ => false,
@@ -235,6 +234,32 @@ fn image_count([_, images, _]: &[PathBuf; 3]) -> Result<usize, StoreError> {
     }
 }
 
+/// Reads the images of a text model whatever their cameras are, in order of id.
+///
+/// # Errors
+/// When the file is missing or malformed.
+pub(crate) fn text_images(path: &Path) -> Result<Vec<ColmapImage>, StoreError> {
+    let images = colmap_text::read_images(path)?.into_values();
+    Ok(images.map(|(_, image)| image).collect())
+}
+
+/// Reads the points of a text model.
+///
+/// # Errors
+/// When the file is missing or malformed.
+pub(crate) fn text_points(path: &Path) -> Result<PointCloud, StoreError> {
+    Ok(cloud_of(&colmap_text::read_points(path)?))
+}
+
+/// A coloured cloud, in order of id.
+fn cloud_of(points: &BTreeMap<u64, ColmapPoint>) -> PointCloud {
+    let positions = points.values().map(|point| point.position.to_array());
+    PointCloud {
+        positions: positions.collect(),
+        colours: points.values().map(|point| point.colour).collect(),
+    }
+}
+
 impl ColmapModel {
     /// Reads the model in a folder or below it, text or binary ([`files`]).
     ///
@@ -293,24 +318,21 @@ impl ColmapModel {
 
     /// The points as a coloured cloud, in order of id.
     pub fn cloud(&self) -> PointCloud {
-        PointCloud {
-            positions: self
-                .points
-                .values()
-                .map(|point| point.position.to_array())
-                .collect(),
-            colours: self.points.values().map(|point| point.colour).collect(),
-        }
+        cloud_of(&self.points)
     }
 }
 
-/// What is said of a camera model that is not known.
-pub(super) fn unknown_model(name: &str) -> String {
+/// Returns the reason to refuse parameters that no camera of a model has.
+pub(super) fn impossible_parameters(model: &str) -> String {
     format!(
-        "camera model {name}; known are EQUIRECTANGULAR, {} (COLMAP's image_undistorter takes other \
-         distortions out of images)",
-        lens::MODEL_NAMES
+        "the parameters of {model}: focal lengths must be positive, all finite, and in the model's range"
     )
+}
+
+/// Returns the reason to refuse a camera model that is not known.
+pub(super) fn unknown_model(name: &str) -> String {
+    let known = LensModel::names();
+    format!("camera model {name}; known are EQUIRECTANGULAR, {known}")
 }
 
 /// An image by its pose: quaternion (w, x, y, z) and translation, world to camera.

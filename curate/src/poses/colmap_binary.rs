@@ -30,9 +30,10 @@ use omnilife_schemas::{
 
 use super::{
     colmap::{
-        ColmapPoint, ImagesByCamera, ModelCamera, ModelParts, image_of, point_of, unknown_model,
+        ColmapPoint, ImagesByCamera, ModelCamera, ModelParts, image_of, impossible_parameters,
+        point_of, unknown_model,
     },
-    lens::{self, Lens},
+    lens::LensModel,
 };
 
 /// Names of the files.
@@ -218,19 +219,15 @@ fn read_camera(bytes: &mut Bytes<'_>, id: u32) -> Result<Result<ModelCamera, Str
             ))
         });
     }
-    let known = lens::parameters_of_number(number);
-    let (model, count) = known
-        .or_else(|| lens::parameters_of_other(number))
+    let model = LensModel::of_number(number)
         .ok_or_else(|| format!("camera {id}: {}", unknown_model(&number.to_string())))?;
-    let parameters: Vec<f64> = (0..count)
+    let parameters: Vec<f64> = (0..model.parameters)
         .map(|_| bytes.numbers::<1>().map(|[value]| value))
         .collect::<Result<_, _>>()?;
-    if known.is_none() {
-        return Ok(Err(unknown_model(model)));
-    }
-    Ok(Lens::of_model(model, [width, height], &parameters)
+    Ok(model
+        .lens([width, height], &parameters)
         .map(ModelCamera::Perspective)
-        .ok_or_else(|| "a focal length is not positive, or a parameter not finite".to_owned()))
+        .ok_or_else(|| impossible_parameters(model.name)))
 }
 
 fn read_images(bytes: &mut Bytes<'_>) -> Result<ImagesByCamera, String> {

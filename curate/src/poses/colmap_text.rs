@@ -19,9 +19,10 @@ use omnilife_schemas::{
 
 use super::{
     colmap::{
-        ColmapPoint, ImagesByCamera, ModelCamera, ModelParts, image_of, point_of, unknown_model,
+        ColmapPoint, ImagesByCamera, ModelCamera, ModelParts, image_of, impossible_parameters,
+        point_of, unknown_model,
     },
-    lens::{self, Lens},
+    lens::LensModel,
 };
 
 /// Names of the files.
@@ -139,13 +140,14 @@ fn camera_of(line: &Line<'_>) -> Result<Result<ModelCamera, String>, StoreError>
                     "the parameters of {name} are not those of a whole sphere of {width}x{height}"
                 )
             })
-    } else if let Some((model, count)) = lens::parameters_of_name(&name) {
-        let parameters: Vec<f64> = (4..count.saturating_add(4))
+    } else if let Some(model) = LensModel::of_name(&name) {
+        let parameters: Vec<f64> = (4..model.parameters.saturating_add(4))
             .map(|index| line.field(index, "camera parameters"))
             .collect::<Result<_, _>>()?;
-        Lens::of_model(model, size, &parameters)
+        model
+            .lens(size, &parameters)
             .map(ModelCamera::Perspective)
-            .ok_or_else(|| "a focal length is not positive, or a parameter not finite".to_owned())
+            .ok_or_else(|| impossible_parameters(&name))
     } else {
         Err(unknown_model(&name))
     };
@@ -169,7 +171,7 @@ pub(super) fn image_count(path: &Path) -> Result<usize, StoreError> {
     Ok(read_images(path)?.len())
 }
 
-fn read_images(path: &Path) -> Result<ImagesByCamera, StoreError> {
+pub(super) fn read_images(path: &Path) -> Result<ImagesByCamera, StoreError> {
     let text = store::read_text(path)?;
     let mut lines = lines(path, &text);
     let mut images = BTreeMap::new();
@@ -217,7 +219,7 @@ fn read_observations(line: &Line<'_>) -> Result<Vec<(DVec2, u64)>, StoreError> {
     Ok(observations)
 }
 
-fn read_points(path: &Path) -> Result<BTreeMap<u64, ColmapPoint>, StoreError> {
+pub(super) fn read_points(path: &Path) -> Result<BTreeMap<u64, ColmapPoint>, StoreError> {
     let text = store::read_text(path)?;
     let mut points = BTreeMap::new();
     for line in filled_lines(path, &text) {

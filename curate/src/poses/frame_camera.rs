@@ -9,7 +9,7 @@ use omnilife_schemas::{
     store::StoreError,
 };
 
-use super::lens::{Distortion, Lens, Straightening};
+use super::lens::{Distortion, Lens, Projection, Straightening};
 
 /// The camera of frames as files, which may have a lens that a scene does not know.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -96,10 +96,20 @@ impl FrameCamera {
                 "the lens moves no pixel by more than {:.2} and stays in the frames",
                 lens.largest_shift_pixels()
             )),
-            Self::Distorted { lens, .. } => Some(format!(
-                "the lens, which moves pixels by up to {:.1}, is taken out of the frames",
-                lens.largest_shift_pixels()
-            )),
+            Self::Distorted { lens, straight } => {
+                Some(if lens.distortion.projection == Projection::Perspective {
+                    format!(
+                        "the lens, which moves pixels by up to {:.1}, is taken out of the frames",
+                        lens.largest_shift_pixels()
+                    )
+                } else {
+                    format!(
+                        "the frames of a wide lens are made perspective: {:.0} degrees across, what is outside is \
+                         cut off",
+                        Lens::angle_across_degrees(straight)
+                    )
+                })
+            }
         }
     }
 

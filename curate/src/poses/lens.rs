@@ -1,101 +1,27 @@
-//! Lens distortion as COLMAP models it, and taking it out of frames.
-//!
-//! With `x = X/Z`, `y = Y/Z` and `r^2 = x^2 + y^2`, a lens shows a direction at `(x + dx, y + dy)`:
-//!
-//! ```text
-//! dx = x (k1 r^2 + k2 r^4) + 2 p1 x y + p2 (r^2 + 2 x^2)
-//! dy = y (k1 r^2 + k2 r^4) + 2 p2 x y + p1 (r^2 + 2 y^2)
-//! ```
-//!
-//! (COLMAP, `src/colmap/sensor/models.h`: `OPENCV`; `RADIAL` and `SIMPLE_RADIAL` have fewer terms).
+//! Lenses of cameras, and taking them out of frames.
+
+mod distortion;
+mod models;
 
 use glam::{DVec2, dvec2};
 use omnilife_schemas::{RgbImage, camera::PinholeCamera, interpolation::Edges, rgb::Mask};
 use rayon::prelude::*;
 
+pub use distortion::{Distortion, Projection};
+pub(super) use models::LensModel;
+
 /// A lens that moves no pixel by more than this is none, pixels.
 const LEAST_SHIFT_PIXELS: f64 = 0.25;
-/// The straight camera sees no wider, and no narrower than by this factor of the focal length.
+/// The straight camera's focal length is at most this factor of that of the frames, and at least one by it.
 const LARGEST_ZOOM: f64 = 4.0;
+/// The same factor at least where the lens does not project in perspective: the middle keeps its resolution,
+/// and what a wider image would spread over its border is cut off.
+const LEAST_ZOOM_OF_WIDE_LENSES: f64 = 1.0;
 /// Steps of a bisection of the zoom.
 const BISECTIONS: usize = 40;
-/// Steps that undo the distortion of a place.
-const INVERSIONS: usize = 60;
 
 /// Places along a side of a frame, at most.
 const MOST_PLACES: u32 = 4096;
-
-/// COLMAP's models of perspective cameras: name, number (`CameraModelId`), and how many parameters.
-const MODELS: [(&str, i32, usize); 5] = [
-    ("SIMPLE_PINHOLE", 0, 3),
-    ("PINHOLE", 1, 4),
-    ("SIMPLE_RADIAL", 2, 4),
-    ("RADIAL", 3, 5),
-    ("OPENCV", 4, 8),
-];
-/// Its models whose lenses are not straightened; a model may hold one that no image uses.
-const OTHER_MODELS: [(&str, i32, usize); 7] = [
-    ("OPENCV_FISHEYE", 5, 8),
-    ("FULL_OPENCV", 6, 12),
-    ("FOV", 7, 5),
-    ("SIMPLE_RADIAL_FISHEYE", 8, 4),
-    ("RADIAL_FISHEYE", 9, 5),
-    ("THIN_PRISM_FISHEYE", 10, 12),
-    ("RAD_TAN_THIN_PRISM_FISHEYE", 11, 16),
-];
-/// The names of the models that are read, for messages.
-pub(super) const MODEL_NAMES: &str = "SIMPLE_PINHOLE, PINHOLE, SIMPLE_RADIAL, RADIAL and OPENCV";
-
-/// Number of parameters of a model by its name.
-pub(super) fn parameters_of_name(name: &str) -> Option<(&'static str, usize)> {
-    let model = MODELS.iter().find(|model| model.0 == name)?;
-    Some((model.0, model.2))
-}
-
-/// Name of a model and number of its parameters by its own number.
-pub(super) fn parameters_of_number(number: i32) -> Option<(&'static str, usize)> {
-    let model = MODELS.iter().find(|model| model.1 == number)?;
-    Some((model.0, model.2))
-}
-
-/// Name of a model whose lens is not straightened and number of its parameters, by its own number.
-pub(super) fn parameters_of_other(number: i32) -> Option<(&'static str, usize)> {
-    let model = OTHER_MODELS.iter().find(|model| model.1 == number)?;
-    Some((model.0, model.2))
-}
-
-/// The terms of the distortion; 0 where a model does not have one.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub struct Distortion {
-    /// Radial, second and fourth order.
-    pub radial: [f64; 2],
-    /// Tangential.
-    pub tangential: [f64; 2],
-}
-
-impl Distortion {
-    /// How far a place at depth 1 is moved.
-    fn shift(&self, p: DVec2) -> DVec2 {
-        let ([k1, k2], [p1, p2]) = (self.radial, self.tangential);
-        let square = p.length_squared();
-        let radial = (k1 + k2 * square) * square;
-        p * radial
-            + dvec2(
-                2.0 * p1 * p.x * p.y + p2 * (square + 2.0 * p.x * p.x),
-                2.0 * p2 * p.x * p.y + p1 * (square + 2.0 * p.y * p.y),
-            )
-    }
-
-    /// Whether places between the middle and this one stay in their order; beyond where they do not, the
-    /// terms say nothing of a lens.
-    fn keeps_order(&self, p: DVec2) -> bool {
-        let [k1, k2] = self.radial;
-        (1..=8).all(|step| {
-            let square = p.length_squared() * (f64::from(step) / 8.0).powi(2);
-            1.0 + (3.0 * k1 + 5.0 * k2 * square) * square > 0.0
-        })
-    }
-}
 
 /// A pinhole camera behind a lens.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -107,45 +33,19 @@ pub struct Lens {
 }
 
 impl Lens {
-    /// The lens of a camera of COLMAP; `None` for parameters that are not of the model, are not finite, or
-    /// have a focal length that is not positive.
-    pub(super) fn of_model(
-        model: &str,
-        [width, height]: [u32; 2],
-        parameters: &[f64],
-    ) -> Option<Self> {
-        let (f, rest) = match (model, parameters) {
-            ("SIMPLE_PINHOLE" | "SIMPLE_RADIAL" | "RADIAL", [f, rest @ ..]) => ([*f, *f], rest),
-            (_, [fx, fy, rest @ ..]) => ([*fx, *fy], rest),
-            _ => return None,
-        };
-        let [cx, cy, terms @ ..] = rest else {
-            return None;
-        };
-        let term = |number: usize| terms.get(number).copied().unwrap_or(0.0);
-        let is_sound =
-            parameters.iter().all(|value| value.is_finite()) && f.iter().all(|&f| f > 0.0);
-        is_sound.then(|| Self {
-            camera: PinholeCamera {
-                width,
-                height,
-                fx: f[0],
-                fy: f[1],
-                cx: *cx,
-                cy: *cy,
-            },
-            distortion: Distortion {
-                radial: [term(0), term(1)],
-                tangential: [term(2), term(3)],
-            },
-        })
-    }
-
     /// The largest distance by which it moves a pixel of the frame's border.
     pub fn largest_shift_pixels(&self) -> f64 {
         border(&self.camera)
             .map(|pixel| self.source(&self.camera, pixel).distance(pixel))
+            // A direction that the lens does not show is moved without end.
+            .map(|shift| if shift.is_nan() { f64::INFINITY } else { shift })
             .fold(0.0, f64::max)
+    }
+
+    /// Returns the angle across the middle row of a straight camera, degrees.
+    pub(super) fn angle_across_degrees(straight: &PinholeCamera) -> f64 {
+        let angle = |pixels: f64| (pixels / straight.fx).atan();
+        (angle(straight.cx) + angle(f64::from(straight.width) - straight.cx)).to_degrees()
     }
 
     /// Whether frames look the same without it.
@@ -153,8 +53,9 @@ impl Lens {
         self.largest_shift_pixels() < LEAST_SHIFT_PIXELS
     }
 
-    /// The camera of the frames without the distortion: of the same size and principal point, with the
-    /// shortest focal length at which every pixel is one that the lens shows; `None` where there is none.
+    /// Returns the camera of the frames without the distortion: of the same size and principal point, with
+    /// the shortest focal length at which every pixel is one that the lens shows, and not below that of the
+    /// lens where this is no perspective one; `None` where there is no such camera.
     pub fn straight(&self) -> Option<PinholeCamera> {
         let zoomed = |zoom: f64| PinholeCamera {
             fx: zoom * self.camera.fx,
@@ -173,7 +74,11 @@ impl Lens {
                         .keeps_order(at_depth_one(&zoomed(zoom), pixel))
             })
         };
-        let (mut least, mut most) = (1.0 / LARGEST_ZOOM, LARGEST_ZOOM);
+        let mut most = LARGEST_ZOOM;
+        let mut least = match self.distortion.projection {
+            Projection::Perspective => 1.0 / LARGEST_ZOOM,
+            _ => LEAST_ZOOM_OF_WIDE_LENSES,
+        };
         if !is_whole(most) {
             return None;
         }
@@ -190,21 +95,18 @@ impl Lens {
 
     /// Where a frame shows what is at a pixel of a straight camera.
     pub fn source(&self, straight: &PinholeCamera, pixel: DVec2) -> DVec2 {
-        let place = at_depth_one(straight, pixel);
-        let seen = place + self.distortion.shift(place);
+        let seen = self.distortion.distorted(at_depth_one(straight, pixel));
         dvec2(
             self.camera.fx * seen.x + self.camera.cx,
             self.camera.fy * seen.y + self.camera.cy,
         )
     }
 
-    /// Where a straight camera shows what is at a pixel of a frame.
+    /// Where a straight camera shows what is at a pixel of a frame; not a number where it cannot.
     pub fn straightened(&self, straight: &PinholeCamera, pixel: DVec2) -> DVec2 {
-        let seen = at_depth_one(&self.camera, pixel);
-        let mut place = seen;
-        for _ in 0..INVERSIONS {
-            place = seen - self.distortion.shift(place);
-        }
+        let place = self
+            .distortion
+            .straightened(at_depth_one(&self.camera, pixel));
         dvec2(
             straight.fx * place.x + straight.cx,
             straight.fy * place.y + straight.cy,

@@ -330,6 +330,7 @@ fn stage_scene(
             objects: [].into(),
             depth: None,
             depth_prior: None,
+            capture: entry.capture.clone(),
         })
         .collect();
     truth.stage(staging, folder, &mut frames, size, progress)?;
@@ -343,5 +344,6 @@ fn stage_scene(
         points,
         pose_source: posed.source,
         validation: posed.validation,
+        published_split: None,
     })
 }

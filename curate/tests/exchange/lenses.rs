@@ -1,6 +1,6 @@
 //! Lenses of other programs: every straightened pixel shows what lies on its ray.
 
-use glam::{DVec2, dvec2};
+use glam::dvec2;
 use omnilife_schemas::{RgbImage, camera::Camera};
 use serde_json::json;
 
@@ -29,22 +29,40 @@ fn paint(foreign: &Foreign) {
     });
 }
 
-/// Returns the pixel of a direction in a camera with `k1 k2 p1 p2`, by the formula of OpenCV.
-fn seen([k1, k2, p1, p2]: [f64; 4], [fx, fy]: [f64; 2], x: f64, y: f64) -> DVec2 {
-    let r2 = x * x + y * y;
-    let radial = 1.0 + k1 * r2 + k2 * r2 * r2;
-    dvec2(
-        fx * (x * radial + 2.0 * p1 * x * y + p2 * (r2 + 2.0 * x * x)) + INTRINSICS[2],
-        fy * (y * radial + p1 * (r2 + 2.0 * y * y) + 2.0 * p2 * x * y) + INTRINSICS[3],
-    )
+/// Returns the place of a direction behind a lens with `k1 k2 k3 p1 p2`, by the formula of OpenCV.
+fn opencv([k1, k2, k3, p1, p2]: [f64; 5]) -> impl Fn(f64, f64) -> [f64; 2] {
+    move |x, y| {
+        let r2 = x * x + y * y;
+        let radial = 1.0 + r2 * (k1 + r2 * (k2 + r2 * k3));
+        [
+            x * radial + 2.0 * p1 * x * y + p2 * (r2 + 2.0 * x * x),
+            y * radial + p1 * (r2 + 2.0 * y * y) + 2.0 * p2 * x * y,
+        ]
+    }
+}
+
+/// The same behind a fisheye with `k1 k2 k3 k4`, by the angle to the axis.
+fn fisheye([k1, k2, k3, k4]: [f64; 4]) -> impl Fn(f64, f64) -> [f64; 2] {
+    move |x, y| {
+        let angle = x.hypot(y).atan();
+        let square = angle * angle;
+        let series = 1.0 + square * (k1 + square * (k2 + square * (k3 + square * k4)));
+        let (sine, cosine) = y.atan2(x).sin_cos();
+        [cosine, sine].map(|of_axis| of_axis * angle * series)
+    }
 }
 
 /// Every pixel of the imported frame shows what the lens shows on its ray, to 0.05 pixels.
-fn assert_straight(foreign: &Foreign, scene: &Scene, terms: [f64; 4], focal: [f64; 2]) {
+fn assert_straight(
+    foreign: &Foreign,
+    scene: &Scene,
+    lens: impl Fn(f64, f64) -> [f64; 2],
+    [fx, fy]: [f64; 2],
+) {
     let Camera::Pinhole(camera) = scene.camera else {
         panic!("{:?}", scene.camera);
     };
-    assert!(notes(scene, "is taken out of the frames"));
+    assert!(notes(scene, "is taken out of the frames") || notes(scene, "made perspective"));
     let out = foreign.path().join("out");
     let image = RgbImage::read(&out.join(&scene.frames[0].image)).unwrap();
     let mask = scene.frames[0].mask.as_ref();
@@ -55,12 +73,13 @@ fn assert_straight(foreign: &Foreign, scene: &Scene, terms: [f64; 4], focal: [f6
     for (pixel, colour) in image.data.as_chunks::<3>().0.iter().enumerate() {
         let x = ((pixel % width) as f64 + 0.5 - camera.cx) / camera.fx;
         let y = ((pixel / width) as f64 + 0.5 - camera.cy) / camera.fy;
-        let source = seen(terms, focal, x, y);
+        let [u, v] = lens(x, y);
+        let source = dvec2(fx * u + INTRINSICS[2], fy * v + INTRINSICS[3]);
         for (place, value) in source.to_array().into_iter().zip(colour) {
             // Not where the ramp turns, or beyond the centres of the outermost pixels.
             if (1.0..7.0).contains(&(place % 8.0)) {
                 let error = 8.0 * (f64::from(*value) - ramp(place)).abs();
-                assert!(error < 0.05, "{terms:?}, pixel {pixel}: {error}");
+                assert!(error < 0.05, "pixel {pixel}: {error}");
                 compared += 1;
             }
         }
@@ -78,23 +97,23 @@ fn frames_of_colmap_models_are_straightened() {
     let [fx, fy, cx, cy] = INTRINSICS;
     let simple = [fx, cx, cy, -0.13];
     let radial = [fx, cx, cy, 0.07, 0.02];
-    let opencv = [fx, fy, cx, cy, -0.09, 0.015, 0.003, -0.002];
+    let full = [fx, fy, cx, cy, -0.09, 0.015, 0.003, -0.002];
     /// Name, number, parameters as COLMAP writes them; terms of the lens, focal lengths.
-    type LensModel<'a> = (&'a str, i32, &'a [f64], [f64; 4], [f64; 2]);
+    type LensModel<'a> = (&'a str, i32, &'a [f64], [f64; 5], [f64; 2]);
     let models: [LensModel<'_>; 3] = [
         (
             "SIMPLE_RADIAL",
             2,
             &simple,
-            [-0.13, 0.0, 0.0, 0.0],
+            [-0.13, 0.0, 0.0, 0.0, 0.0],
             [fx, fx],
         ),
-        ("RADIAL", 3, &radial, [0.07, 0.02, 0.0, 0.0], [fx, fx]),
+        ("RADIAL", 3, &radial, [0.07, 0.02, 0.0, 0.0, 0.0], [fx, fx]),
         (
             "OPENCV",
             4,
-            &opencv,
-            [-0.09, 0.015, 0.003, -0.002],
+            &full,
+            [-0.09, 0.015, 0.0, 0.003, -0.002],
             [fx, fy],
         ),
     ];
@@ -107,13 +126,13 @@ fn frames_of_colmap_models_are_straightened() {
         let rows = [(5, 3, "7.png", 7)];
         write_colmap_text(&foreign, "sparse/0", &camera, &rows);
         let scene = foreign.import("colmap").unwrap();
-        assert_straight(&foreign, &scene, terms, focal);
+        assert_straight(&foreign, &scene, opencv(terms), focal);
         assert!(scene.frames[0].mask.is_some());
         // The binary model beside it is read in its place.
         let cameras = [(3, number, SIZE.map(u64::from), parameters)];
         write_colmap_binary(&foreign, "sparse/0", &cameras, &rows);
         let binary = foreign.import("colmap-binary").unwrap();
-        assert_straight(&foreign, &binary, terms, focal);
+        assert_straight(&foreign, &binary, opencv(terms), focal);
         assert_eq!(scene.camera, binary.camera);
     }
 }
@@ -134,35 +153,67 @@ fn transforms(camera: &Value, of_frame: bool) -> String {
 fn frames_of_nerfstudio_are_straightened() {
     let [fx, fy, cx, cy] = INTRINSICS;
     let [w, h] = SIZE;
-    let opencv = json!({
+    let entries = json!({
         "camera_model": "OPENCV", "w": w, "h": h, "fl_x": fx, "fl_y": fy, "cx": cx, "cy": cy,
         "k1": -0.11, "k2": 0.01, "k3": 0.0, "k4": 0.0, "p1": -0.002, "p2": 0.001,
     });
     for of_frame in [false, true] {
         let foreign = Foreign::new(SIZE, &[]);
         paint(&foreign);
-        foreign.write("transforms.json", transforms(&opencv, of_frame));
+        foreign.write("transforms.json", transforms(&entries, of_frame));
         let scene = foreign.import("nerfstudio").unwrap();
-        assert_straight(&foreign, &scene, [-0.11, 0.01, -0.002, 0.001], [fx, fy]);
+        assert_straight(
+            &foreign,
+            &scene,
+            opencv([-0.11, 0.01, 0.0, -0.002, 0.001]),
+            [fx, fy],
+        );
     }
     let foreign = Foreign::new(SIZE, &[]);
     paint(&foreign);
+    let with = |changes: Value| {
+        let mut other = entries.clone();
+        for (name, value) in changes.as_object().unwrap() {
+            other[name] = value.clone();
+        }
+        foreign.write("transforms.json", transforms(&other, true));
+        foreign.import("nerfstudio").unwrap()
+    };
+    let third = with(json!({"k3": 0.004}));
+    assert_straight(
+        &foreign,
+        &third,
+        opencv([-0.11, 0.01, 0.004, -0.002, 0.001]),
+        [fx, fy],
+    );
+    // As the two programs mark a fisheye.
+    for mark in [
+        json!({"camera_model": "OPENCV_FISHEYE", "k1": 0.02, "k3": 0.003, "p1": 0.0, "p2": 0.0}),
+        json!({"is_fisheye": true, "k1": 0.02, "k3": 0.003, "p1": 0.0, "p2": 0.0}),
+    ] {
+        let scene = with(mark);
+        assert_straight(
+            &foreign,
+            &scene,
+            fisheye([0.02, 0.01, 0.003, 0.0]),
+            [fx, fy],
+        );
+    }
     for (entry, value) in [
-        ("camera_model", json!("OPENCV_FISHEYE")),
-        ("k3", json!(0.02)),
+        ("camera_model", json!("ORTHOPHOTO")),
         ("k5", json!(0.0)),
-        ("is_fisheye", json!(true)),
+        ("is_fisheye", json!(3)),
         ("lens_model", json!("x")),
         ("fl_x", json!("86")),
         ("fl_x", json!(0.0)),
         ("w", json!(112.5)),
     ] {
-        let mut other = opencv.clone();
+        let mut other = entries.clone();
         other[entry] = value;
         foreign.write("transforms.json", transforms(&other, false));
         let line = foreign.refusal("nerfstudio");
         let named = if entry == "fl_x" || entry == "camera_model" {
-            line.contains("focal length") || line.contains(entry) || line.contains("FISHEYE")
+            line.contains("focal length") || line.contains(entry) || line.contains("ORTHOPHOTO")
         } else {
             line.contains(entry)
         };
@@ -174,7 +225,7 @@ fn frames_of_nerfstudio_are_straightened() {
 fn a_scene_has_one_camera_and_that_is_said_by_name() {
     let foreign = Foreign::new(SIZE, &[("images/1.png", 1), ("images/2.png", 2)]);
     let rows = [(1, 4, "1.png", 1), (2, 6, "2.png", 2)];
-    let same = "1 OPENCV_FISHEYE 112 80 80 80 56 40 0 0 0 0\n4 PINHOLE 112 80 80 80 56 40\n6 PINHOLE 112 80 80 80 56 ";
+    let same = "1 SPHERE 112 80 80 30 40\n4 PINHOLE 112 80 80 80 56 40\n6 PINHOLE 112 80 80 80 56 ";
     // Two cameras that are one, and one of another model that no image has.
     write_colmap_text(&foreign, "sparse", &format!("{same}40.00000001\n"), &rows);
     let scene = foreign.import("colmap").unwrap();
@@ -189,14 +240,12 @@ fn a_scene_has_one_camera_and_that_is_said_by_name() {
         &[(1, 1, "1.png", 1)],
     );
     let line = foreign.refusal("colmap");
-    assert!(
-        line.contains("OPENCV_FISHEYE") && line.contains("line 2"),
-        "{line}"
-    );
-    let fisheye = [80.0, 80.0, 56.0, 40.0, 0.0, 0.0, 0.0, 0.0];
+    assert!(line.contains("SPHERE") && line.contains("line 2"), "{line}");
+    // A focal length that is none.
+    let impossible = [-80.0, 80.0, 56.0, 40.0, 0.0, 0.0, 0.0, 0.0];
     let pinhole = [80.0, 80.0, 56.0, 40.0];
     let cameras: [(u32, i32, [u64; 2], &[f64]); 2] =
-        [(1, 5, [112, 80], &fisheye), (4, 1, [112, 80], &pinhole)];
+        [(1, 5, [112, 80], &impossible), (4, 1, [112, 80], &pinhole)];
     write_colmap_binary(&foreign, "sparse", &cameras, &rows[..1]);
     assert_eq!(foreign.import("colmap").unwrap().frames.len(), 1);
     write_colmap_binary(&foreign, "sparse", &cameras, &[(1, 1, "1.png", 1)]);

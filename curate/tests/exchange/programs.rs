@@ -221,14 +221,40 @@ fn data_of_openmvg_is_read_as_cereal_writes_it() {
         cy: 8.25,
     };
     assert_eq!(foreign.import("openmvg").unwrap().camera, camera.into());
-    let mut with_lens = pinhole.clone();
-    with_lens.1["disto_k1"] = json!([0.1]);
-    let mut radial = with_lens.clone();
-    radial.0 = "pinhole_radial_k1";
+    let with = |name: &'static str, entry: &str, terms: &[f64]| {
+        let mut intrinsic = (name, pinhole.1.clone());
+        intrinsic.1[entry] = json!(terms);
+        intrinsic
+    };
+    for (name, entry, terms) in [
+        ("pinhole_radial_k1", "disto_k1", vec![-0.1]),
+        ("pinhole_radial_k3", "disto_k3", vec![-0.1, 0.02, 0.001]),
+        (
+            "pinhole_brown_t2",
+            "disto_t2",
+            vec![-0.1, 0.02, 0.001, 0.002, -0.001],
+        ),
+        ("fisheye", "fisheye", vec![-0.02, 0.001, 0.0, 0.0]),
+    ] {
+        write(sfm_data(&[with(name, entry, &terms)], |_| 0, "0.3"));
+        let scene = foreign.import("openmvg").unwrap();
+        assert!(
+            notes(&scene, "the lens") || notes(&scene, "wide lens"),
+            "{name}"
+        );
+        assert_ne!(scene.camera, camera.into());
+    }
     for (intrinsics, named) in [
         (vec![sphere(32, 15)], "32x15"),
-        (vec![radial], "pinhole_radial_k1"),
-        (vec![with_lens], "disto_k1"),
+        (
+            vec![with("pinhole_radial_k7", "disto_k7", &[0.1])],
+            "pinhole_radial_k7",
+        ),
+        (
+            vec![with("pinhole_radial_k1", "disto_k1", &[0.1, 0.2])],
+            "disto_k1",
+        ),
+        (vec![with("pinhole", "disto_k1", &[0.1])], "disto_k1"),
         (vec![sphere(32, 16), pinhole], "frame_00002.png"),
     ] {
         write(sfm_data(

@@ -93,12 +93,12 @@ fn colmap_models_are_read_by_their_format() {
     fs::write(folder.join("points3D.txt"), "").unwrap();
     fs::write(
         folder.join("cameras.txt"),
-        "1 OPENCV_FISHEYE 256 128 9 9 9 9 0 0 0 0\n",
+        "1 ORTHOPHOTO 256 128 9 9 9 9 0 0 0 0\n",
     )
     .unwrap();
     let message = ColmapModel::read(&folder).unwrap_err().to_string();
     assert!(
-        message.contains("OPENCV_FISHEYE; known are EQUIRECTANGULAR, SIMPLE_PINHOLE"),
+        message.contains("ORTHOPHOTO; known are EQUIRECTANGULAR, SIMPLE_PINHOLE"),
         "{message}"
     );
 }

@@ -3,6 +3,7 @@
 #![expect(clippy::unwrap_used, reason = "a failed set-up step fails the test")]
 
 mod estimates;
+mod moved;
 #[cfg(unix)]
 mod programs;
 
@@ -61,6 +62,7 @@ fn write_scene(folder: &Path) -> Scene {
             depth: None,
             depth_prior: None,
             objects: [].into(),
+            capture: None,
         }
     });
     let scene = Scene {
@@ -79,6 +81,7 @@ fn write_scene(folder: &Path) -> Scene {
             measures: [].into(),
             problems: Vec::new(),
         },
+        published_split: None,
     };
     write_points(folder, 60, 1.0);
     store::write_record(&folder.join("scene.json"), &scene).unwrap();

@@ -2,9 +2,8 @@
 
 use std::path::{Component, Path, PathBuf};
 
+use omnilife_results::CURVE_FILE;
 use omnilife_schemas::{layout::RESULT_FILE, records::ResultRecord};
-
-use super::curves;
 
 /// Files in the folder of a run, which lies beside that of its scores.
 const RUN_FILES: [(&str, &str); 2] = [
@@ -52,7 +51,7 @@ impl Links {
         let of_scores = [
             ("result", RESULT_FILE),
             ("frames", result.frames_table.as_str()),
-            ("curve", curves::FILE),
+            ("curve", CURVE_FILE),
         ];
         (of_scores.into_iter().chain(RUN_FILES))
             .filter_map(|(text, file)| Some((text, self.to(&folder.join(file))?)))

@@ -2,12 +2,12 @@
 
 mod chart;
 pub(crate) mod comparisons;
-mod curves;
 mod dataset_page;
 mod html_table;
 mod index_page;
 mod layout;
 mod links;
+mod mean_curve;
 mod method_cards;
 mod method_page;
 mod panorama;
@@ -15,7 +15,6 @@ mod protocol;
 mod published_page;
 mod run_time;
 mod scene_cards;
-mod scene_facts;
 mod scene_page;
 mod standings;
 
@@ -27,6 +26,7 @@ use std::{
 
 use rayon::prelude::*;
 
+use omnilife_results::{CurvePoint, SceneFacts};
 use omnilife_schemas::{
     layout::SCORING_FILE,
     records::{Dataset, MethodCard, Protocol, ResultRecord, ScoringRecord, Verification},
@@ -34,9 +34,7 @@ use omnilife_schemas::{
 };
 
 use comparisons::Comparisons;
-use curves::CurvePoint;
 use links::Links;
-use scene_facts::SceneFacts;
 
 use crate::{
     error::LeaderboardError,
@@ -91,7 +89,7 @@ impl Surroundings {
             .map(|(path, result)| {
                 let folder = path.parent().unwrap_or(Path::new("")).to_owned();
                 Ok(BesideResult {
-                    curve: curves::read(&folder)?,
+                    curve: omnilife_results::read_curve(&folder)?,
                     links: links.of_result(&folder, result),
                     scored_at: scored_at(&folder)?,
                     folder,
@@ -112,7 +110,7 @@ impl Surroundings {
             newest,
             facts: dataset.map_or_else(
                 || Ok(BTreeMap::new()),
-                |(file, dataset)| scene_facts::read(file, dataset),
+                |(file, dataset)| omnilife_results::read_scene_facts(file, dataset),
             )?,
         })
     }

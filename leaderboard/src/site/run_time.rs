@@ -3,12 +3,13 @@
 
 use maud::{Markup, html};
 
+use omnilife_results::CurvePoint;
 use omnilife_schemas::records::{Direction, ResultRecord};
 
 use super::{
     SiteRequest, chart,
     chart::{Mark, Series},
-    curves::{self, CurvePoint},
+    mean_curve,
 };
 use crate::{
     class::MethodClass,
@@ -100,7 +101,7 @@ fn of_method(
     let of_results: Vec<&[CurvePoint]> = (results.iter())
         .map(|result| request.curve(result))
         .collect();
-    let curve = curves::mean(&of_results);
+    let curve = mean_curve::mean(&of_results);
     let marks: Vec<Mark> = match seconds.filter(|&seconds| seconds > 0.0) {
         Some(seconds) if curve.len() < 2 => vec![Mark {
             x: seconds,

@@ -3,10 +3,9 @@
 use std::collections::BTreeSet;
 
 use maud::{Markup, html};
+use omnilife_results::SceneFacts;
 
-use super::{
-    SceneViews, SiteRequest, comparisons::ComparisonImage, scene_facts::SceneFacts, scene_file,
-};
+use super::{SceneViews, SiteRequest, comparisons::ComparisonImage, scene_file};
 use crate::{
     format,
     group::{SceneRow, ViewKind},

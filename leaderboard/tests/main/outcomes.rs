@@ -2,7 +2,7 @@
 use std::fs;
 
 use crate::{
-    leaderboard::{Place, files, study},
+    leaderboard::{Place, files, study, texts},
     support::result,
 };
 use omnilife_leaderboard::{LeaderboardRequest, build_leaderboard};
@@ -39,8 +39,7 @@ fn a_failed_run_has_no_score_rank_or_mean_in_any_output() {
         }
         let place = Place::with(&results);
         place.build();
-        for (path, bytes) in files(&place.request.out) {
-            let text = String::from_utf8(bytes).unwrap();
+        for (path, text) in texts(&place.request.out) {
             let path = path.display();
             let numbers = ["91.375", "94.375", "0.98765", "7777.7", "8888.8", "987,654"];
             for number in numbers {
@@ -101,8 +100,7 @@ fn classes_share_no_contest_in_any_output() {
     let marks = ["**2", "**3", "\\textbf", "title=\"best\"", ",best,"];
     let place = Place::with(&results);
     place.build();
-    for (path, bytes) in files(&place.request.out) {
-        let text = String::from_utf8(bytes).unwrap();
+    for (path, text) in texts(&place.request.out) {
         for mark in marks {
             assert!(!text.contains(mark), "{}: {mark}", path.display());
         }

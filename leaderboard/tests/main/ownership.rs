@@ -63,7 +63,7 @@ fn check_finds_what_is_out_of_date() {
         .novel_views
         .insert("psnr".to_owned(), summary(20.001, 12));
     write(&request.results, &better);
-    assert!(message(&request).contains("table.csv: is not what the results give"));
+    assert!(message(&request).contains("results.parquet: is not what the results give"));
     build_leaderboard(&request).unwrap();
     check_leaderboard(&request).unwrap();
     for scene in ["market", "lake", "urban-street"] {

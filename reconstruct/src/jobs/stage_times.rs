@@ -135,6 +135,7 @@ mod tests {
                 measures: [].into(),
                 problems: Vec::new(),
             },
+            published_split: None,
         }
     }
 

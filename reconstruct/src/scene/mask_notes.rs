@@ -66,6 +66,7 @@ mod tests {
             objects: [].into(),
             depth: None,
             depth_prior: None,
+            capture: None,
         }
     }
 
@@ -91,6 +92,7 @@ mod tests {
                 measures: [].into(),
                 problems: Vec::new(),
             },
+            published_split: None,
         }
     }
 

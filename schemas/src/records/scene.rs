@@ -8,6 +8,7 @@ use std::{
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use super::capture::Capture;
 use crate::{
     camera::Camera,
     pose::{self, Pose},
@@ -31,6 +32,9 @@ pub struct Scene {
     pub pose_source: PoseSource,
     /// Whether the poses can be trusted.
     pub validation: PoseValidation,
+    /// The split that the publisher of its data set asks for, where there is one.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub published_split: Option<PublishedSplit>,
 }
 
 impl Scene {
@@ -75,6 +79,18 @@ impl Record for Scene {
     const OLDER: &'static [&'static str] = &["omnilife/scene/1"];
 }
 
+/// The split of a data set's publisher. Frame numbers count the scene's frames from 0, and rise; frames that
+/// are in neither list have no part in it.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+pub struct PublishedSplit {
+    /// Who publishes it, and where it stands.
+    pub source: String,
+    /// Frames a method may use.
+    pub input_views: Vec<u32>,
+    /// Frames a method must predict.
+    pub novel_views: Vec<u32>,
+}
+
 /// One frame of a scene.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct SceneFrame {
@@ -82,6 +98,9 @@ pub struct SceneFrame {
     pub image: String,
     /// Presentation timestamp in the source, seconds.
     pub time_seconds: f64,
+    /// Facts that the file of a still states.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub capture: Option<Capture>,
     /// The camera, where it is known. Frames without one are neither trained on nor scored.
     pub pose: Option<Pose>,
     /// Mask image of dynamic objects (white).
@@ -148,9 +167,10 @@ pub enum DistanceGrid {
 /// Distances from the camera along the rays of the pixels.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct DepthImage {
-    /// 16-bit grey PNG of the camera's size; 0 where the distance is not known.
+    /// 16-bit grey PNG of the camera's size, or a `.npy` of f32 (rows, columns); 0 where the distance is not
+    /// known.
     pub file: String,
-    /// What a step of 1 in the image means, in units of the world frame.
+    /// What a step of 1 in the file means, in units of the world frame.
     pub unit: f64,
 }
 

@@ -16,7 +16,7 @@ use serde_json::{Map, Value};
 use super::Frame;
 use crate::poses::{
     frame_camera::FrameCamera,
-    lens::{Distortion, Lens},
+    lens::{Distortion, Lens, Projection},
 };
 
 /// Entries of a file or a frame that have no field of their own.
@@ -97,6 +97,7 @@ const CAMERA_PARTS: [&str; 14] = [
 enum Model {
     Sphere,
     Perspective,
+    Fisheye,
 }
 
 /// Entries of a frame that speak of its camera.
@@ -192,28 +193,33 @@ impl<'a> Stated<'a> {
             None => Model::Perspective,
             Some(value) => match value.as_str() {
                 Some("EQUIRECTANGULAR") => Model::Sphere,
+                Some("OPENCV_FISHEYE") => Model::Fisheye,
                 Some(
                     "PINHOLE" | "SIMPLE_PINHOLE" | "PERSPECTIVE" | "SIMPLE_RADIAL" | "RADIAL"
                     | "OPENCV",
                 ) => Model::Perspective,
                 _ => {
                     return Err(format!(
-                        "camera model {value} of {file}; known are EQUIRECTANGULAR, PINHOLE and OPENCV with \
-                         k1, k2, p1 and p2"
+                        "camera model {value} of {file}; known are EQUIRECTANGULAR, PINHOLE, OPENCV and \
+                         OPENCV_FISHEYE"
                     ));
                 }
             },
         };
-        match entry(FISHEYE_ENTRY)? {
-            None | Some(Value::Bool(false)) => Ok(Self {
-                file,
-                model,
-                numbers,
-            }),
-            Some(value) => Err(format!(
-                "{FISHEYE_ENTRY} of {file} is {value}; fisheye lenses are not straightened"
-            )),
-        }
+        let model = match (entry(FISHEYE_ENTRY)?, model) {
+            (None | Some(Value::Bool(false)), model) => model,
+            (Some(Value::Bool(true)), Model::Perspective | Model::Fisheye) => Model::Fisheye,
+            (Some(value), _) => {
+                return Err(format!(
+                    "{FISHEYE_ENTRY} of {file} is {value} for a camera that cannot be one"
+                ));
+            }
+        };
+        Ok(Self {
+            file,
+            model,
+            numbers,
+        })
     }
 
     /// # Errors
@@ -285,17 +291,17 @@ impl<'a> Stated<'a> {
             ));
         }
         let [k1, k2, k3, k4, p1, p2] = terms;
-        if k3 != 0.0 || k4 != 0.0 {
-            return Err(format!(
-                "k3 and k4 of its lens are {k3} and {k4}; k1, k2, p1 and p2 are straightened: undistort the \
-                 images first"
-            ));
-        }
         FrameCamera::behind(Lens {
             camera,
+            // The same terms before and behind a fisheye: nerfstudio, nerfstudio/cameras/camera_utils.py.
             distortion: Distortion {
-                radial: [k1, k2],
+                projection: match self.model {
+                    Model::Fisheye => Projection::Equidistant,
+                    Model::Perspective | Model::Sphere => Projection::Perspective,
+                },
+                radial: [k1, k2, k3, k4, 0.0, 0.0],
                 tangential: [p1, p2],
+                ..Distortion::default()
             },
         })
     }

@@ -14,6 +14,11 @@ use omnilife_schemas::camera::{Camera, ErpCamera, PinholeCamera};
 use serde::Deserialize;
 use serde_json::Value;
 
+use crate::poses::{
+    frame_camera::FrameCamera,
+    lens::{Distortion, Lens, Projection},
+};
+
 use super::{Extrinsic, FIRST_OF_ITS_KIND, Keyed, PINHOLE, SPHERICAL, View};
 
 #[derive(Deserialize)]
@@ -71,8 +76,69 @@ pub(super) struct Intrinsic {
     others: BTreeMap<String, Value>,
 }
 
+/// A type of intrinsic with a lens.
+struct LensType {
+    /// Name of the type, and the entry that has its terms.
+    name: &'static str,
+    entry: &'static str,
+    terms: usize,
+    distortion: fn(&[f64]) -> Distortion,
+}
+
+/// All types with a lens (OpenMVG, `src/openMVG/cameras/Camera_Pinhole_*.hpp`).
+const LENSES: [LensType; 4] = [
+    LensType {
+        name: "pinhole_radial_k1",
+        entry: "disto_k1",
+        terms: 1,
+        distortion: radial,
+    },
+    LensType {
+        name: "pinhole_radial_k3",
+        entry: "disto_k3",
+        terms: 3,
+        distortion: radial,
+    },
+    LensType {
+        name: "pinhole_brown_t2",
+        entry: "disto_t2",
+        terms: 5,
+        distortion: brown,
+    },
+    LensType {
+        name: "fisheye",
+        entry: "fisheye",
+        terms: 4,
+        distortion: fisheye,
+    },
+];
+
+fn radial(terms: &[f64]) -> Distortion {
+    let mut distortion = Distortion::default();
+    for (own, term) in distortion.radial.iter_mut().zip(terms) {
+        *own = *term;
+    }
+    distortion
+}
+
+fn brown(terms: &[f64]) -> Distortion {
+    let (k, t) = terms.split_at(terms.len().min(3));
+    let mut distortion = radial(k);
+    for (own, term) in distortion.tangential.iter_mut().zip(t) {
+        *own = *term;
+    }
+    distortion
+}
+
+fn fisheye(terms: &[f64]) -> Distortion {
+    Distortion {
+        projection: Projection::Equidistant,
+        ..radial(terms)
+    }
+}
+
 /// The cameras of intrinsics by their key, or what keeps one from being read where a view uses it.
-pub(super) fn cameras(data: &SfmData) -> BTreeMap<u32, Result<Camera, String>> {
+pub(super) fn cameras(data: &SfmData) -> BTreeMap<u32, Result<FrameCamera, String>> {
     let views = data.views.iter().map(|view| &view.value);
     let mut names: BTreeMap<u32, &str> = views
         .filter_map(|view| Some((view.polymorphic_id, view.polymorphic_name.as_deref()?)))
@@ -98,16 +164,21 @@ pub(super) fn cameras(data: &SfmData) -> BTreeMap<u32, Result<Camera, String>> {
 
 impl Intrinsic {
     /// # Errors
-    /// For other kinds than `spherical` and `pinhole`, and where something is missing or not known.
-    fn camera(&self, name: &str) -> Result<Camera, String> {
+    /// For unknown kinds, and where something is missing or not known.
+    fn camera(&self, name: &str) -> Result<FrameCamera, String> {
         let (width, height) = match &self.value0 {
             Some(size) => (size.width, size.height),
             None => (self.width, self.height),
         };
-        if ![SPHERICAL, PINHOLE].contains(&name) {
-            return Err(format!("is {name}, expected {SPHERICAL} or {PINHOLE}"));
+        let lens = LENSES.iter().find(|lens| lens.name == name);
+        if ![SPHERICAL, PINHOLE].contains(&name) && lens.is_none() {
+            let lenses = LENSES.map(|lens| lens.name).join(", ");
+            return Err(format!(
+                "is {name}; known are {SPHERICAL}, {PINHOLE}, {lenses}"
+            ));
         }
-        if let Some(entry) = self.others.keys().next() {
+        let is_known = |entry: &str| lens.is_some_and(|lens| lens.entry == entry);
+        if let Some(entry) = self.others.keys().find(|entry| !is_known(entry)) {
             return Err(format!("{entry} of its {name} camera is not known"));
         }
         if width == 0 || height == 0 {
@@ -121,17 +192,44 @@ impl Intrinsic {
                  than half a turn in height"
                 ))
             }
-            (SPHERICAL, ..) => Ok(ErpCamera { width, height }.into()),
-            (_, Some(focal), Some([cx, cy])) if focal > 0.0 => Ok(PinholeCamera {
-                width,
-                height,
-                fx: focal,
-                fy: focal,
-                cx,
-                cy,
+            (SPHERICAL, ..) => {
+                let camera: Camera = ErpCamera { width, height }.into();
+                Ok(camera.into())
             }
-            .into()),
+            (_, Some(focal), Some([cx, cy])) if focal > 0.0 => FrameCamera::behind(Lens {
+                camera: PinholeCamera {
+                    width,
+                    height,
+                    fx: focal,
+                    fy: focal,
+                    cx,
+                    cy,
+                },
+                distortion: self.distortion(name)?,
+            }),
             _ => Err("its pinhole lacks a focal length or a principal point".to_owned()),
+        }
+    }
+
+    /// Returns the lens of a type.
+    ///
+    /// # Errors
+    /// Where its terms are missing, or are not as many finite numbers as the type has.
+    fn distortion(&self, name: &str) -> Result<Distortion, String> {
+        let Some(lens) = LENSES.iter().find(|lens| lens.name == name) else {
+            return Ok(Distortion::default());
+        };
+        let terms: Option<Vec<f64>> = self
+            .others
+            .get(lens.entry)
+            .and_then(Value::as_array)
+            .and_then(|terms| terms.iter().map(Value::as_f64).collect());
+        match terms {
+            Some(terms) if terms.len() == lens.terms => Ok((lens.distortion)(&terms)),
+            _ => Err(format!(
+                "{} of its {name} camera must be {} numbers",
+                lens.entry, lens.terms
+            )),
         }
     }
 }

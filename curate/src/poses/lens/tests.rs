@@ -14,7 +14,15 @@ fn lens(radial: [f64; 2], tangential: [f64; 2]) -> Lens {
             cx: 158.0,
             cy: 93.0,
         },
-        distortion: Distortion { radial, tangential },
+        distortion: opencv(radial, tangential),
+    }
+}
+
+fn opencv([k1, k2]: [f64; 2], tangential: [f64; 2]) -> Distortion {
+    Distortion {
+        radial: [k1, k2, 0.0, 0.0, 0.0, 0.0],
+        tangential,
+        ..Distortion::default()
     }
 }
 
@@ -154,10 +162,7 @@ fn places_and_frames_are_those_of_opencv() {
         let [k1, k2, p1, p2] = one.terms;
         let lens = Lens {
             camera,
-            distortion: Distortion {
-                radial: [k1, k2],
-                tangential: [p1, p2],
-            },
+            distortion: opencv([k1, k2], [p1, p2]),
         };
         for ((&pixel, distorted), straightened) in golden
             .pixels
@@ -190,4 +195,85 @@ fn places_and_frames_are_those_of_opencv() {
             );
         }
     }
+}
+
+/// What `scripts/golden/lens_models.py` has from COLMAP.
+#[derive(Deserialize)]
+struct GoldenModel {
+    model: String,
+    number: i32,
+    size: [u32; 2],
+    parameters: Vec<f64>,
+    /// Places at depth 1, and the pixels that show them.
+    places: Vec<DVec2>,
+    pixels: Vec<DVec2>,
+}
+
+#[test]
+fn all_models_are_those_of_colmap() {
+    let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/golden/lens_models.json");
+    let golden = std::fs::read(file).expect("the golden file");
+    let golden: Vec<GoldenModel> = serde_json::from_slice(&golden).expect("sound JSON");
+    assert_eq!(golden.len(), 17);
+    for one in golden {
+        let model = LensModel::of_name(&one.model).expect("a model");
+        let of_number = LensModel::of_number(one.number).expect("a model");
+        assert_eq!(of_number.name, one.model);
+        let lens = model
+            .lens(one.size, &one.parameters)
+            .expect("sound numbers");
+        let depth_one = PinholeCamera {
+            fx: 1.0,
+            fy: 1.0,
+            cx: 0.0,
+            cy: 0.0,
+            ..lens.camera
+        };
+        for (&place, &pixel) in one.places.iter().zip(&one.pixels) {
+            let shown = lens.source(&depth_one, place);
+            assert!(
+                shown.distance(pixel) < 1e-9,
+                "{}: {shown} {pixel}",
+                one.model
+            );
+            let back = lens.straightened(&depth_one, pixel);
+            assert!(back.distance(place) < 1e-8, "{}: {back} {place}", one.model);
+        }
+        let straight = lens.straight().expect("a straight camera");
+        for pixel in border(&straight) {
+            let source = lens.source(&straight, pixel);
+            let back = lens.straightened(&straight, source);
+            assert!(back.distance(pixel) < 1e-6, "{}: {pixel} {back}", one.model);
+        }
+        for wrong in 0..one.parameters.len() {
+            let mut parameters = one.parameters.clone();
+            parameters[wrong] = f64::NAN;
+            assert_eq!(model.lens(one.size, &parameters), None);
+        }
+        assert_eq!(model.lens(one.size, &one.parameters[1..]), None);
+    }
+}
+
+/// A wide lens keeps the resolution of its middle and loses its border.
+#[test]
+fn a_fisheye_is_cut_to_the_resolution_of_its_middle() {
+    let fisheye = Lens {
+        camera: PinholeCamera {
+            width: 400,
+            height: 400,
+            fx: 400.0 / std::f64::consts::PI,
+            fy: 400.0 / std::f64::consts::PI,
+            cx: 200.0,
+            cy: 200.0,
+        },
+        distortion: Distortion {
+            projection: Projection::Equidistant,
+            ..Distortion::default()
+        },
+    };
+    let straight = fisheye.straight().expect("a straight camera");
+    assert!((straight.fx / fisheye.camera.fx - 1.0).abs() < 1e-6);
+    let across = Lens::angle_across_degrees(&straight);
+    assert!((across - 115.0).abs() < 0.1, "{across}");
+    assert!(!fisheye.is_negligible());
 }

@@ -1,0 +1,122 @@
+//! When the frames of an import were shown: by a table, by a frame rate, or in order alone.
+
+use std::{
+    collections::BTreeMap,
+    path::{Path, PathBuf},
+};
+
+use super::{
+    ForeignFrame, ForeignScene, ImportRequest, frame_order,
+    scene_folder::{file_name, name_with_folder},
+    times,
+};
+use crate::error::CurateError;
+
+/// When frames were shown.
+pub(super) struct FrameTimes {
+    /// Seconds, one for each frame.
+    pub(super) seconds: Vec<f64>,
+    /// Lines on what is not plain.
+    pub(super) notes: Vec<String>,
+}
+
+/// Reads times from `times.csv`, else counts them by the frame rate given, or that of the format. `beside` are images that are no frames.
+///
+/// # Errors
+/// When the table does not fit, there is neither a table nor a frame rate, or frames that were
+/// taken at once have different times.
+pub(super) fn frame_times(
+    request: &ImportRequest<'_>,
+    scene: &ForeignScene,
+    beside: &[PathBuf],
+) -> Result<FrameTimes, CurateError> {
+    if let Some(table) = times::TimeTable::read(&scene.root)? {
+        let both = |image: &Path| [file_name(image), name_with_folder(image)];
+        let frames: Vec<[String; 2]> = (scene.frames.iter())
+            .map(|frame| both(frame.image.as_path()))
+            .collect();
+        let missing = scene.missing_images.iter().map(Path::new);
+        let others: Vec<[String; 2]> = (beside.iter().map(PathBuf::as_path))
+            .chain(missing)
+            .map(both)
+            .collect();
+        let times = table.of(&frames, &others)?;
+        return Ok(FrameTimes {
+            seconds: times.seconds,
+            notes: times.note.into_iter().collect(),
+        });
+    }
+    if let (None, Some(seconds)) = (request.frames_per_second, of_stills(scene)) {
+        return Ok(FrameTimes {
+            seconds,
+            // The reader has said where they come from.
+            notes: Vec::new(),
+        });
+    }
+    let assumed = (scene.frame_rate).filter(|_| request.frames_per_second.is_none());
+    let rate = (request.frames_per_second)
+        .or(assumed.map(|rate| rate.frames_per_second))
+        .filter(|rate| rate.is_finite() && *rate > 0.0);
+    let rate = rate.ok_or_else(|| {
+        CurateError::input(
+            request.folder,
+            format!(
+                "has no {}, so nothing says when its frames were shown; give --fps",
+                times::TIMES_FILE
+            ),
+        )
+    })?;
+    let images: Vec<&Path> = (scene.frames.iter())
+        .map(|frame| frame.image.as_path())
+        .collect();
+    let times = frame_order::times_at(rate, &images, beside);
+    if times.seconds.iter().any(|seconds| !seconds.is_finite()) {
+        let reason = format!("--fps {rate} gives times beyond all numbers");
+        return Err(CurateError::input(request.folder, reason));
+    }
+    expect_shared_times(request.folder, &scene.frames, &times.seconds)?;
+    Ok(FrameTimes {
+        seconds: times.seconds,
+        notes: (times.note.into_iter())
+            .chain(assumed.map(|rate| {
+                format!(
+                    "times count {} frames per second: {}; --fps gives another rate",
+                    rate.frames_per_second, rate.reason
+                )
+            }))
+            .collect(),
+    })
+}
+
+/// Times of stills; `None` where frames are none.
+fn of_stills(scene: &ForeignScene) -> Option<Vec<f64>> {
+    let times: Option<Vec<f64>> = (scene.frames.iter())
+        .map(|frame| Some(scene.stills.get(&frame.image)?.1))
+        .collect();
+    times
+}
+
+/// Refuses frames that were taken at once and have different times by their names.
+fn expect_shared_times(
+    folder: &Path,
+    frames: &[ForeignFrame],
+    times: &[f64],
+) -> Result<(), CurateError> {
+    let mut moments = BTreeMap::new();
+    for (frame, time) in frames.iter().zip(times) {
+        let Some(moment) = frame.moment else {
+            continue;
+        };
+        let (first, shown) = *moments.entry(moment).or_insert((frame, time));
+        if shown != time {
+            let reason = format!(
+                "has {} and {} in one frame of a rig, and their numbers differ; give {} with their times",
+                name_with_folder(&first.image),
+                name_with_folder(&frame.image),
+                times::TIMES_FILE
+            );
+            return Err(CurateError::input(folder, reason));
+        }
+    }
+    Ok(())
+}

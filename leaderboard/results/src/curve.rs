@@ -1,0 +1,147 @@
+//! Curves of error against run time, as scoring leaves them beside results.
+
+use std::{io, path::Path};
+
+use omnilife_schemas::store::StoreError;
+use serde::Deserialize;
+
+use crate::error::ResultsError;
+
+/// File beside a result.
+pub const CURVE_FILE: &str = "curve.csv";
+
+/// A row that has a score of novel views.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct CurvePoint {
+    /// Wall-clock time of the training steps so far.
+    pub seconds: f64,
+    /// CPU time of the training steps so far, seconds, where it was measured.
+    pub cpu_seconds: Option<f64>,
+    /// Iterations done.
+    pub iteration: u64,
+    /// Primitives of the model, where they are counted.
+    pub primitives: Option<u64>,
+    /// Mean over novel views, dB.
+    pub psnr_db: f64,
+    /// Mean over novel views.
+    pub ssim: Option<f64>,
+    /// Mean over novel views where nothing moves, dB.
+    pub psnr_static_db: Option<f64>,
+    /// Mean over novel views where something moves, dB.
+    pub psnr_dynamic_db: Option<f64>,
+}
+
+impl CurvePoint {
+    /// Returns its scores that are there: metric, region, value.
+    pub(crate) fn scores(&self) -> impl Iterator<Item = (&'static str, &'static str, f64)> {
+        let all = [
+            ("psnr", "whole", Some(self.psnr_db)),
+            ("ssim", "whole", self.ssim),
+            ("psnr", "static", self.psnr_static_db),
+            ("psnr", "dynamic", self.psnr_dynamic_db),
+        ];
+        all.into_iter()
+            .filter_map(|(metric, region, value)| Some((metric, region, value?)))
+    }
+}
+
+/// Columns of the file that are read.
+#[derive(Deserialize)]
+struct Row {
+    wall_seconds: f64,
+    #[serde(default)]
+    cpu_seconds: Option<f64>,
+    iteration: u64,
+    #[serde(default)]
+    primitives: Option<u64>,
+    novel_psnr_db: Option<f64>,
+    #[serde(default)]
+    novel_ssim: Option<f64>,
+    #[serde(default)]
+    novel_psnr_static_db: Option<f64>,
+    #[serde(default)]
+    novel_psnr_dynamic_db: Option<f64>,
+}
+
+impl Row {
+    /// Returns true where every number of it is finite and its time is after the start.
+    fn is_possible(&self) -> bool {
+        let others = [
+            self.cpu_seconds,
+            self.novel_psnr_db,
+            self.novel_ssim,
+            self.novel_psnr_static_db,
+            self.novel_psnr_dynamic_db,
+        ];
+        let finite = others.into_iter().flatten().all(f64::is_finite);
+        finite && self.wall_seconds.is_finite() && self.wall_seconds > 0.0
+    }
+}
+
+/// Reads the scored rows of the curve beside a result; none where there is no such file.
+///
+/// # Errors
+/// [`ResultsError::Store`] when it cannot be read, [`ResultsError::Impossible`] for numbers that cannot be.
+pub fn read(folder: &Path) -> Result<Vec<CurvePoint>, ResultsError> {
+    let path = folder.join(CURVE_FILE);
+    let text = match std::fs::read(&path) {
+        Ok(text) => text,
+        Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(Vec::new()),
+        Err(source) => return Err(StoreError::read(&path, source).into()),
+    };
+    let impossible = |reason: String| ResultsError::Impossible {
+        path: path.clone(),
+        reason,
+    };
+    let mut points = Vec::new();
+    for row in csv::Reader::from_reader(text.as_slice()).deserialize::<Row>() {
+        let row = row.map_err(|error| impossible(error.to_string()))?;
+        let Some(psnr_db) = row.novel_psnr_db else {
+            continue;
+        };
+        if !row.is_possible() {
+            let iteration = row.iteration;
+            return Err(impossible(format!(
+                "iteration {iteration} has a time or score that cannot be"
+            )));
+        }
+        points.push(CurvePoint {
+            seconds: row.wall_seconds,
+            cpu_seconds: row.cpu_seconds,
+            iteration: row.iteration,
+            primitives: row.primitives,
+            psnr_db,
+            ssim: row.novel_ssim,
+            psnr_static_db: row.novel_psnr_static_db,
+            psnr_dynamic_db: row.novel_psnr_dynamic_db,
+        });
+    }
+    Ok(points)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn curves_have_the_rows_with_a_score() -> Result<(), Box<dyn std::error::Error>> {
+        let folder = tempfile::tempdir()?;
+        assert_eq!(read(folder.path())?, []);
+        let text = "wall_seconds,iteration,novel_psnr_db,novel_ssim,more\n\
+                    1,10,20,0.5,x\n2,20,,,x\n4,30,23,,x\n";
+        std::fs::write(folder.path().join(CURVE_FILE), text)?;
+        let points = read(folder.path())?;
+        let found: Vec<_> = (points.iter())
+            .map(|point| (point.seconds, point.iteration, point.psnr_db, point.ssim))
+            .collect();
+        assert_eq!(found, [(1.0, 10, 20.0, Some(0.5)), (4.0, 30, 23.0, None)]);
+        assert_eq!(points[0].scores().count(), 2);
+        std::fs::write(
+            folder.path().join(CURVE_FILE),
+            "wall_seconds,iteration,novel_psnr_db\n-1,1,2\n",
+        )?;
+        let error = read(folder.path()).map_err(|error| error.to_string());
+        assert!(error.is_err_and(|error| error.contains("curve.csv: iteration 1 has")));
+        Ok(())
+    }
+}

@@ -1,0 +1,112 @@
+//! Frames of Polars made of results: the columns that a question needs, of the rows that it wants.
+
+use polars::prelude::{Column as PolarsColumn, DataFrame, NamedFrom, Series};
+
+use crate::{
+    columns::{Column, Getter, Table},
+    error::ResultsError,
+    filter::Filter,
+    rows::{Loaded, Row},
+};
+
+/// A column of a frame: one of the table, its numbers in steps of `step` where that is given.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Selected {
+    pub(crate) column: &'static Column,
+    pub(crate) step: Option<f64>,
+}
+
+/// Number of the result that a row is of.
+pub(crate) const RESULT: &str = "result_number";
+
+/// Makes the frame of `loaded` results, the first of which has the number `first`. Its columns are
+/// `selected` and [`RESULT`].
+pub(crate) fn frame(
+    table: &Table,
+    loaded: &[Loaded<'_>],
+    first: usize,
+    selected: &[Selected],
+    filters: &[Filter],
+) -> Result<DataFrame, ResultsError> {
+    let mut builders: Vec<Builder<'_>> = selected.iter().map(Builder::of).collect();
+    let mut numbers: Vec<i64> = Vec::new();
+    for (at, result) in loaded.iter().enumerate() {
+        (table.rows)(result, &mut |row| {
+            if filters.iter().all(|filter| filter.accepts(&row)) {
+                for builder in &mut builders {
+                    builder.push(&row);
+                }
+                numbers.push((first + at) as i64);
+            }
+        });
+    }
+    let height = numbers.len();
+    let mut columns: Vec<PolarsColumn> = builders.into_iter().map(Builder::finish).collect();
+    columns.push(Series::new(RESULT.into(), numbers).into());
+    Ok(DataFrame::new(height, columns)?)
+}
+
+/// A column as it grows.
+struct Builder<'a> {
+    selected: Selected,
+    values: Growing<'a>,
+}
+
+enum Growing<'a> {
+    Text(Vec<Option<&'a str>>),
+    Number(Vec<Option<f64>>),
+    Count(Vec<Option<i64>>),
+    Flag(Vec<bool>),
+}
+
+impl<'a> Builder<'a> {
+    fn of(selected: &Selected) -> Self {
+        let values = match (selected.column.values, selected.step) {
+            (Getter::Text(_), _) => Growing::Text(Vec::new()),
+            (Getter::Number(_), _) | (Getter::Count(_), Some(_)) => Growing::Number(Vec::new()),
+            (Getter::Count(_), None) => Growing::Count(Vec::new()),
+            (Getter::Flag(_), _) => Growing::Flag(Vec::new()),
+        };
+        Self {
+            selected: *selected,
+            values,
+        }
+    }
+
+    fn push(&mut self, row: &Row<'a>) {
+        let step = self.selected.step;
+        let stepped = |value: f64| step.map_or(value, |step| (value / step).floor() * step);
+        match (&mut self.values, self.selected.column.values) {
+            (Growing::Text(values), Getter::Text(get)) => values.push(get(row)),
+            (Growing::Number(values), Getter::Number(get)) => values.push(get(row).map(stepped)),
+            (Growing::Number(values), Getter::Count(get)) => {
+                values.push(get(row).map(|count| stepped(count as f64)));
+            }
+            (Growing::Count(values), Getter::Count(get)) => values.push(get(row)),
+            (Growing::Flag(values), Getter::Flag(get)) => values.push(get(row)),
+            (values, _) => unreachable!("a column keeps its kind, of {} rows", values.len()),
+        }
+    }
+
+    fn finish(self) -> PolarsColumn {
+        let name = self.selected.column.name.into();
+        let series = match self.values {
+            Growing::Text(values) => Series::new(name, values),
+            Growing::Number(values) => Series::new(name, values),
+            Growing::Count(values) => Series::new(name, values),
+            Growing::Flag(values) => Series::new(name, values),
+        };
+        series.into()
+    }
+}
+
+impl Growing<'_> {
+    fn len(&self) -> usize {
+        match self {
+            Self::Text(values) => values.len(),
+            Self::Number(values) => values.len(),
+            Self::Count(values) => values.len(),
+            Self::Flag(values) => values.len(),
+        }
+    }
+}

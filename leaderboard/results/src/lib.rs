@@ -1,0 +1,27 @@
+//! Tables of results, and questions to them.
+//!
+//! Three tidy tables, one row per value: [`RESULTS`] has the means of every result, [`VIEWS`] the scores of
+//! every view, [`CURVES`] the scores along a training. Their columns are listed in [`columns`]. They are made
+//! of validated records, written as Parquet files beside a leaderboard, and asked by a [`Query`].
+
+pub mod columns;
+mod curve;
+mod error;
+mod filter;
+mod frame;
+mod output;
+mod parquet_file;
+mod query;
+mod rows;
+mod scene_facts;
+mod source;
+
+pub use columns::{CURVES, RESULTS, TABLES, Table, VIEWS, table};
+pub use curve::{CURVE_FILE, CurvePoint, read as read_curve};
+pub use error::ResultsError;
+pub use filter::Filter;
+pub use output::{AnswerFormat, render};
+pub use parquet_file::{Written, write as write_table};
+pub use query::{Answer, AnswerColumn, Query, Values, ask};
+pub use scene_facts::{SceneFacts, read as read_scene_facts};
+pub use source::Source;

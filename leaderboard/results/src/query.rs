@@ -1,0 +1,426 @@
+//! Questions to the tables: means by any columns, of scores that may be averaged.
+//!
+//! Scores of different protocols, methods, kinds of view, regions or metrics are never averaged: rows of an
+//! answer are of one each. Within a row every view of a result weighs the same, then every repetition on a
+//! scene, then every scene, as in the tables of a leaderboard.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use omnilife_schemas::records::Direction;
+use polars::prelude::{
+    Column as PolarsColumn, DataFrame, DataType, Expr, IntoLazy, LazyFrame, SortMultipleOptions,
+    col, lit,
+};
+use rayon::prelude::*;
+
+use crate::{
+    columns::Table,
+    error::ResultsError,
+    filter::{self, Filter},
+    frame::{self, RESULT, Selected},
+    rows::Loaded,
+    source::Source,
+};
+
+/// Columns that every row of an answer is of one value of.
+const ALONE: [&str; 5] = ["protocol", "protocol_hash", "view", "region", "method"];
+/// Results that are read at a time.
+const CHUNK: usize = 1024;
+/// Column of the scenes that went in, of the scenes that any method of the row's group has, and of results.
+const COUNTS: [&str; 3] = ["scenes", "of_scenes", "results"];
+
+/// A question.
+#[derive(Debug, Clone)]
+pub struct Query {
+    /// The table that is asked.
+    pub table: &'static Table,
+    /// Columns to group by; a column of numbers may have a step, `distance_to_given:0.5`.
+    pub by: Vec<String>,
+    /// Metrics to average, without regions.
+    pub metrics: Vec<String>,
+    /// Conditions, all of which a row has to meet.
+    pub filters: Vec<Filter>,
+}
+
+/// An answer.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Answer {
+    /// Columns of one length.
+    pub columns: Vec<AnswerColumn>,
+    /// Lines on what was left out.
+    pub notes: Vec<String>,
+}
+
+/// A column of an answer.
+#[derive(Debug, Clone, PartialEq)]
+pub struct AnswerColumn {
+    /// Its name.
+    pub name: String,
+    /// Its values.
+    pub values: Values,
+}
+
+/// Values of a column.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Values {
+    /// Texts.
+    Text(Vec<Option<String>>),
+    /// Numbers.
+    Number(Vec<Option<f64>>),
+    /// Whole numbers.
+    Count(Vec<Option<i64>>),
+    /// True or false.
+    Flag(Vec<Option<bool>>),
+}
+
+impl Answer {
+    /// Returns the number of its rows.
+    pub fn height(&self) -> usize {
+        self.columns
+            .first()
+            .map_or(0, |column| match &column.values {
+                Values::Text(values) => values.len(),
+                Values::Number(values) => values.len(),
+                Values::Count(values) => values.len(),
+                Values::Flag(values) => values.len(),
+            })
+    }
+}
+
+/// Answers a question of results.
+///
+/// # Errors
+/// [`ResultsError::Question`] for unknown columns and metrics, and where no row is left;
+/// [`ResultsError::Store`] and [`ResultsError::Impossible`] for files beside results.
+pub fn ask(query: &Query, sources: &[Source<'_>]) -> Result<Answer, ResultsError> {
+    let by = query
+        .by
+        .iter()
+        .map(|text| selected(query.table, text))
+        .collect::<Result<Vec<_>, _>>()?;
+    let mut notes = Vec::new();
+    let wanted = complete(query, &by, sources, &mut notes);
+    let plan = Plan::of(query, &by)?;
+    let per_result = plan.per_result(query, &wanted, &mut notes)?;
+    plan.refuse_unknown_metrics(query, &per_result)?;
+    let answer = plan.answer(per_result, &directions(sources, &query.metrics))?;
+    Ok(Answer {
+        columns: plan.columns(&answer)?,
+        notes,
+    })
+}
+
+/// Reads `COLUMN` or `COLUMN:STEP`.
+fn selected(table: &Table, text: &str) -> Result<Selected, ResultsError> {
+    let (name, step) = match text.split_once(':') {
+        None => (text, None),
+        Some((name, step)) => (name, Some(step)),
+    };
+    let column = filter::known(table, name.trim())?;
+    let Some(step) = step else {
+        return Ok(Selected { column, step: None });
+    };
+    let width: Option<f64> = step.trim().parse().ok();
+    match width.filter(|width| *width > 0.0 && width.is_finite()) {
+        Some(width) if matches!(column.kind(), "number" | "count") => Ok(Selected {
+            column,
+            step: Some(width),
+        }),
+        _ => Err(ResultsError::Question(format!(
+            "{text:?}: a step is a positive number, of a column of numbers"
+        ))),
+    }
+}
+
+/// The results that a question is asked of: complete ones, unless it speaks of that.
+fn complete<'a, 'b>(
+    query: &Query,
+    by: &[Selected],
+    sources: &'b [Source<'a>],
+    notes: &mut Vec<String>,
+) -> Vec<&'b Source<'a>> {
+    let filters = query.filters.iter().map(|filter| filter.column);
+    let mut asked = by.iter().map(|selected| selected.column).chain(filters);
+    if asked.any(|column| column.name == "complete") {
+        return sources.iter().collect();
+    }
+    let complete: Vec<&Source<'_>> = sources
+        .iter()
+        .filter(|source| source.result.is_complete())
+        .collect();
+    if complete.len() < sources.len() {
+        let (left_out, all) = (sources.len() - complete.len(), sources.len());
+        notes.push(format!(
+            "{left_out} of {all} results are incomplete and left out"
+        ));
+    }
+    complete
+}
+
+/// Returns the direction of every metric, of novel views where both kinds have it.
+fn directions(sources: &[Source<'_>], metrics: &[String]) -> BTreeMap<String, Direction> {
+    let mut found = BTreeMap::new();
+    for metric in metrics {
+        let summaries = sources.iter().flat_map(|source| {
+            let result = source.result;
+            [&result.novel_views, &result.input_views]
+                .into_iter()
+                .filter_map(|views| views.get(metric))
+        });
+        let mut directions = summaries.filter_map(|summary| summary.direction);
+        if let Some(direction) = directions.next() {
+            found.insert(metric.clone(), direction);
+        }
+    }
+    found
+}
+
+/// Columns of the steps from rows to an answer.
+struct Plan {
+    /// Columns that rows of the answer differ by, in its order.
+    keys: Vec<Selected>,
+    metrics: Vec<String>,
+}
+
+impl Plan {
+    fn of(query: &Query, by: &[Selected]) -> Result<Self, ResultsError> {
+        let plain = |name: &&str| {
+            filter::known(query.table, name).map(|column| Selected { column, step: None })
+        };
+        let (method, others) = (ALONE[4], &ALONE[..4]);
+        let always = others.iter().chain(query.table.always).map(plain);
+        let mut keys: Vec<Selected> = Vec::new();
+        let leading = always.collect::<Result<Vec<_>, _>>()?;
+        for key in leading.into_iter().chain(by.iter().copied()) {
+            let own = ["metric", "value"].contains(&key.column.name);
+            if own {
+                let name = key.column.name;
+                return Err(ResultsError::Question(format!(
+                    "{name} is what is averaged; --metric names metrics"
+                )));
+            }
+            if key.column.name != method && !keys.iter().any(|other| is_same(other, &key)) {
+                keys.retain(|other| other.column.name != key.column.name);
+                keys.push(key);
+            }
+        }
+        keys.push(plain(&method)?);
+        Ok(Self {
+            keys,
+            metrics: query.metrics.clone(),
+        })
+    }
+
+    fn key_columns(&self) -> Vec<Expr> {
+        self.keys.iter().map(|key| col(key.column.name)).collect()
+    }
+
+    /// Means over the views of every result, by the keys.
+    fn per_result(
+        &self,
+        query: &Query,
+        sources: &[&Source<'_>],
+        notes: &mut Vec<String>,
+    ) -> Result<DataFrame, ResultsError> {
+        let mut selected = self.keys.clone();
+        for name in ["scene", "metric", "value"] {
+            let column = filter::known(query.table, name)?;
+            if !selected.iter().any(|other| other.column.name == name) {
+                selected.push(Selected { column, step: None });
+            }
+        }
+        let chunks: Vec<(usize, DataFrame)> = sources
+            .par_chunks(CHUNK)
+            .enumerate()
+            .map(|(number, chunk)| {
+                let loaded: Vec<Loaded<'_>> = chunk
+                    .iter()
+                    .map(|source| Loaded::read(source, query.table.beside))
+                    .collect::<Result<_, _>>()?;
+                let bare = loaded
+                    .iter()
+                    .filter(|loaded| !loaded.has(query.table.beside));
+                let bare = bare.count();
+                let rows = frame::frame(
+                    query.table,
+                    &loaded,
+                    number * CHUNK,
+                    &selected,
+                    &query.filters,
+                )?;
+                let mut by = self.key_columns();
+                by.extend(["scene", "metric", RESULT].map(col));
+                by.dedup();
+                let means = rows
+                    .lazy()
+                    .group_by_stable(unique(by))
+                    .agg([col("value").mean()]);
+                Ok((bare, means.collect()?))
+            })
+            .collect::<Result<_, ResultsError>>()?;
+        let bare: usize = chunks.iter().map(|(bare, _)| bare).sum();
+        if bare > 0 {
+            let (file, all) = (query.table.beside.file(), sources.len());
+            notes.push(format!(
+                "{bare} of {all} results have no {file} beside them and are left out"
+            ));
+        }
+        let mut all: Option<DataFrame> = None;
+        for (_, chunk) in chunks {
+            match &mut all {
+                None => all = Some(chunk),
+                Some(all) => drop(all.vstack_mut(&chunk)?),
+            }
+        }
+        all.filter(|all| all.height() > 0).ok_or_else(|| {
+            let known = notes.iter().map(|note| format!("; {note}"));
+            ResultsError::Question(format!(
+                "none of {} results has a row that meets the conditions{}",
+                sources.len(),
+                known.collect::<String>()
+            ))
+        })
+    }
+
+    fn refuse_unknown_metrics(
+        &self,
+        query: &Query,
+        per_result: &DataFrame,
+    ) -> Result<(), ResultsError> {
+        let found: BTreeSet<&str> = per_result
+            .column("metric")?
+            .str()?
+            .iter()
+            .flatten()
+            .collect();
+        match self
+            .metrics
+            .iter()
+            .find(|metric| !found.contains(metric.as_str()))
+        {
+            None => Ok(()),
+            Some(unknown) => Err(ResultsError::Question(format!(
+                "no row of {} that meets the conditions has the metric {unknown:?}; there are {}",
+                query.table.name,
+                found.into_iter().collect::<Vec<_>>().join(", ")
+            ))),
+        }
+    }
+
+    /// Means over repetitions, then over scenes; one row per group, one column per metric.
+    fn answer(
+        &self,
+        per_result: DataFrame,
+        directions: &BTreeMap<String, Direction>,
+    ) -> Result<DataFrame, ResultsError> {
+        let wanted = self.metrics.iter().map(|metric| is_metric(metric));
+        let wanted = wanted.reduce(Expr::or).unwrap_or_else(|| lit(false));
+        let per_result = per_result.lazy().filter(wanted);
+        let mut by = self.key_columns();
+        by.extend(["scene", "metric"].map(col));
+        let per_scene = per_result
+            .clone()
+            .group_by_stable(unique(by))
+            .agg([col("value").mean()]);
+        let rivals: Vec<Expr> = (self.keys.iter())
+            .map(|key| key.column.name)
+            .filter(|&name| name != ALONE[4])
+            .map(col)
+            .collect();
+        let [scenes, of_scenes, results] = COUNTS;
+        let mut values: Vec<Expr> = Vec::new();
+        for metric in &self.metrics {
+            let of_metric = col("value").filter(is_metric(metric));
+            values.push(of_metric.clone().mean().alias(metric));
+            values.push(of_metric.std(1).alias(deviation(metric)));
+        }
+        values.push(col("scene").n_unique().alias(scenes));
+        values.push(col(of_scenes).first());
+        let counts = per_result
+            .group_by_stable(self.key_columns())
+            .agg([col(RESULT).n_unique().alias(results)])
+            .collect()?;
+        // Stable groups of both frames are in one order: that of their first rows.
+        let mut answer = per_scene
+            .with_column(col("scene").n_unique().over(rivals)?.alias(of_scenes))
+            .group_by_stable(self.key_columns())
+            .agg(values)
+            .collect()?;
+        answer.with_column(counts.column(results)?.clone())?;
+        self.sorted(answer.lazy(), directions)
+    }
+
+    /// Sorts by the keys, and methods of equal keys by the first metric, the best first.
+    fn sorted(
+        &self,
+        answer: LazyFrame,
+        directions: &BTreeMap<String, Direction>,
+    ) -> Result<DataFrame, ResultsError> {
+        let mut columns: Vec<&str> = self.keys.iter().map(|key| key.column.name).collect();
+        let mut descending = vec![false; columns.len()];
+        if let Some(first) = self.metrics.first() {
+            let method = columns.len() - 1;
+            columns.insert(method, first);
+            let best_is_high = directions.get(first) != Some(&Direction::LowerIsBetter);
+            descending.insert(method, best_is_high);
+        }
+        let options = SortMultipleOptions::default()
+            .with_order_descending_multi(descending)
+            .with_nulls_last(true)
+            .with_maintain_order(true);
+        let columns: Vec<String> = columns.into_iter().map(str::to_owned).collect();
+        Ok(answer.sort(columns, options).collect()?)
+    }
+
+    fn columns(&self, answer: &DataFrame) -> Result<Vec<AnswerColumn>, ResultsError> {
+        let keys = self.keys.iter().map(|key| key.column.name.to_owned());
+        let metrics = self
+            .metrics
+            .iter()
+            .flat_map(|metric| [metric.clone(), deviation(metric)]);
+        let counts = COUNTS.map(str::to_owned);
+        keys.chain(metrics)
+            .chain(counts)
+            .map(|name| {
+                let values = values(answer.column(&name)?)?;
+                Ok(AnswerColumn { name, values })
+            })
+            .collect()
+    }
+}
+
+fn is_same(a: &Selected, b: &Selected) -> bool {
+    a.column.name == b.column.name && a.step == b.step
+}
+
+fn is_metric(metric: &str) -> Expr {
+    col("metric").eq(lit(metric.to_owned()))
+}
+
+/// Returns the name of the column of the standard deviation over scenes.
+fn deviation(metric: &str) -> String {
+    format!("{metric}_sd")
+}
+
+/// Leaves out columns that stand there already.
+fn unique(columns: Vec<Expr>) -> Vec<Expr> {
+    let mut unique: Vec<Expr> = Vec::new();
+    for column in columns {
+        if !unique.contains(&column) {
+            unique.push(column);
+        }
+    }
+    unique
+}
+
+fn values(column: &PolarsColumn) -> Result<Values, ResultsError> {
+    Ok(match column.dtype() {
+        DataType::String => {
+            let texts = column.str()?.iter();
+            Values::Text(texts.map(|text| text.map(str::to_owned)).collect())
+        }
+        DataType::Boolean => Values::Flag(column.bool()?.iter().collect()),
+        DataType::Float64 => Values::Number(column.f64()?.iter().collect()),
+        _ => Values::Count(column.cast(&DataType::Int64)?.i64()?.iter().collect()),
+    })
+}

@@ -1,0 +1,233 @@
+//! Rows of the tables: one value each, with all that a column can say of it.
+
+use omnilife_schemas::{
+    frame_scores::{FRAME_SCORES_FILE, FrameScores},
+    layout::RESULT_FILE,
+    records::{ResultRecord, Summary},
+};
+
+use crate::{
+    curve::{CURVE_FILE, CurvePoint},
+    error::ResultsError,
+    source::Source,
+};
+
+/// One value.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Row<'a> {
+    /// The result that it is of.
+    pub(crate) source: &'a Source<'a>,
+    /// `input` or `novel`.
+    pub(crate) view: &'a str,
+    /// Id of the metric without its region.
+    pub(crate) metric: &'a str,
+    /// `whole`, `static` or `dynamic`.
+    pub(crate) region: &'static str,
+    /// The score.
+    pub(crate) value: f64,
+    /// What the value is of.
+    pub(crate) of: ValueOf,
+}
+
+/// What a value is of: all views of a kind, one view, or one row of a trace.
+#[derive(Debug, Clone, Copy)]
+pub(crate) enum ValueOf {
+    Views(Summary),
+    View(View),
+    Point(CurvePoint),
+}
+
+/// One view.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct View {
+    pub(crate) frame: u32,
+    pub(crate) time_seconds: f64,
+    /// 1 to 3: the third of the time from the first view to the last one that it lies in.
+    pub(crate) third: Option<i64>,
+    /// World units from its camera to the nearest camera of a given view.
+    pub(crate) distance_to_given: Option<f64>,
+}
+
+/// A result with the files beside it that a table reads.
+#[derive(Debug)]
+pub(crate) struct Loaded<'a> {
+    source: &'a Source<'a>,
+    views: Option<FrameScores>,
+    curve: Vec<CurvePoint>,
+}
+
+/// Files that a table reads beside a result.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Beside {
+    Nothing,
+    Views,
+    Curve,
+}
+
+impl Beside {
+    /// Returns the usual name of the file.
+    pub(crate) fn file(self) -> &'static str {
+        match self {
+            Self::Nothing => RESULT_FILE,
+            Self::Views => FRAME_SCORES_FILE,
+            Self::Curve => CURVE_FILE,
+        }
+    }
+}
+
+impl<'a> Loaded<'a> {
+    pub(crate) fn read(source: &'a Source<'a>, beside: Beside) -> Result<Self, ResultsError> {
+        Ok(Self {
+            source,
+            views: match beside {
+                Beside::Views => source.views()?,
+                Beside::Nothing | Beside::Curve => None,
+            },
+            curve: match beside {
+                Beside::Curve => source.curve()?,
+                Beside::Nothing | Beside::Views => Vec::new(),
+            },
+        })
+    }
+
+    /// Returns true where the file that a table reads lies beside the result.
+    pub(crate) fn has(&self, beside: Beside) -> bool {
+        match beside {
+            Beside::Nothing => true,
+            Beside::Views => self.views.is_some(),
+            Beside::Curve => !self.curve.is_empty(),
+        }
+    }
+
+    /// Calls `each` with every row of a table of means.
+    pub(crate) fn means(&'a self, each: &mut dyn FnMut(Row<'a>)) {
+        for (view, metric, summary) in means(self.source.result) {
+            let (metric, region) = split_region(metric);
+            each(Row {
+                source: self.source,
+                view,
+                metric,
+                region,
+                value: summary.mean,
+                of: ValueOf::Views(*summary),
+            });
+        }
+    }
+
+    /// Calls `each` with the score of every view by every metric.
+    pub(crate) fn views(&'a self, each: &mut dyn FnMut(Row<'a>)) {
+        let Some(table) = &self.views else {
+            return;
+        };
+        let thirds = Thirds::of(table);
+        for row in &table.rows {
+            let view = View {
+                frame: row.frame,
+                time_seconds: row.time_seconds,
+                third: thirds.of_time(row.time_seconds),
+                distance_to_given: row.distance_to_given,
+            };
+            for (metric, score) in table.metrics.iter().zip(&row.scores) {
+                let Some(value) = *score else { continue };
+                let (metric, region) = split_region(metric);
+                each(Row {
+                    source: self.source,
+                    view: &row.view,
+                    metric,
+                    region,
+                    value,
+                    of: ValueOf::View(view),
+                });
+            }
+        }
+    }
+
+    /// Calls `each` with every score along the training.
+    pub(crate) fn curve(&'a self, each: &mut dyn FnMut(Row<'a>)) {
+        for point in &self.curve {
+            for (metric, region, value) in point.scores() {
+                each(Row {
+                    source: self.source,
+                    view: "novel",
+                    metric,
+                    region,
+                    value,
+                    of: ValueOf::Point(*point),
+                });
+            }
+        }
+    }
+}
+
+/// Kind of view, metric and mean of everything that a result scores. A run that failed scores nothing.
+fn means(result: &ResultRecord) -> impl Iterator<Item = (&str, &str, &Summary)> {
+    let kinds = [
+        ("input", &result.input_views),
+        ("novel", &result.novel_views),
+    ];
+    let shown = kinds.into_iter().filter(|_| result.run_failure.is_none());
+    shown.flat_map(|(view, scores)| {
+        scores
+            .iter()
+            .map(move |(metric, summary)| (view, metric.as_str(), summary))
+    })
+}
+
+/// Splits `psnr-static` into `psnr` and `static`.
+fn split_region(metric: &str) -> (&str, &'static str) {
+    for (ending, region) in [("-static", "static"), ("-dynamic", "dynamic")] {
+        if let Some(metric) = metric.strip_suffix(ending) {
+            return (metric, region);
+        }
+    }
+    (metric, "whole")
+}
+
+/// The time that the views of a result cover, seconds.
+struct Thirds {
+    first: f64,
+    last: f64,
+}
+
+impl Thirds {
+    fn of(table: &FrameScores) -> Self {
+        let times = || table.rows.iter().map(|row| row.time_seconds);
+        Self {
+            first: times().fold(f64::INFINITY, f64::min),
+            last: times().fold(f64::NEG_INFINITY, f64::max),
+        }
+    }
+
+    /// Returns 1, 2 or 3; `None` where all views are of one moment.
+    fn of_time(&self, time: f64) -> Option<i64> {
+        let span = self.last - self.first;
+        (span > 0.0).then(|| ((3.0 * (time - self.first) / span) as i64).min(2) + 1)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn regions_are_no_part_of_a_metric() {
+        assert_eq!(split_region("psnr"), ("psnr", "whole"));
+        assert_eq!(split_region("lpips-vgg-static"), ("lpips-vgg", "static"));
+        assert_eq!(split_region("ssim-dynamic"), ("ssim", "dynamic"));
+    }
+
+    #[test]
+    fn thirds_divide_the_time_of_all_views() {
+        let thirds = Thirds {
+            first: 2.0,
+            last: 5.0,
+        };
+        let of = [2.0, 2.9, 3.0, 4.1, 5.0].map(|time| thirds.of_time(time));
+        assert_eq!(of, [1, 1, 2, 3, 3].map(Some));
+        let still = Thirds {
+            first: 2.0,
+            last: 2.0,
+        };
+        assert_eq!(still.of_time(2.0), None);
+    }
+}

@@ -1,0 +1,110 @@
+//! Questions to the results in a folder, and the tables that answer them beside a leaderboard.
+
+use std::{
+    collections::BTreeMap,
+    path::{Path, PathBuf},
+};
+
+use omnilife_results::{Answer, Filter, Query, SceneFacts, Source, TABLES, Table, ask};
+use omnilife_schemas::{
+    records::{Dataset, ResultRecord},
+    store,
+};
+
+use crate::{collect::RecordFiles, error::LeaderboardError, outputs::Outputs, validate};
+
+/// A question as users put it.
+#[derive(Debug, Clone)]
+pub struct QueryRequest {
+    /// Folder that is searched for `result.json` files.
+    pub results: PathBuf,
+    /// `dataset.json` whose annotations say what scenes are like.
+    pub dataset: Option<PathBuf>,
+    /// The table that is asked.
+    pub table: &'static Table,
+    /// Columns to group by.
+    pub by: Vec<String>,
+    /// Metrics to average.
+    pub metrics: Vec<String>,
+    /// Conditions, `third=2,3`.
+    pub conditions: Vec<String>,
+}
+
+/// Answers a question.
+///
+/// # Errors
+/// When a record or table cannot be read, results contradict each other, or the question cannot be asked of
+/// them.
+pub fn query(request: &QueryRequest) -> Result<Answer, LeaderboardError> {
+    let filters = (request.conditions.iter())
+        .map(|text| Filter::parse(text, request.table))
+        .collect::<Result<_, _>>()?;
+    let results = RecordFiles::below(&request.results)?.results()?;
+    validate::validate(&results)?;
+    let facts = scene_facts(request.dataset.as_deref())?;
+    let query = Query {
+        table: request.table,
+        by: request.by.clone(),
+        metrics: request.metrics.clone(),
+        filters,
+    };
+    Ok(ask(&query, &sources(&results, &facts))?)
+}
+
+/// Reads what a dataset says of its scenes; nothing without one.
+pub(crate) fn scene_facts(
+    dataset: Option<&Path>,
+) -> Result<BTreeMap<String, SceneFacts>, LeaderboardError> {
+    let Some(file) = dataset else {
+        return Ok(BTreeMap::new());
+    };
+    let dataset: Dataset = store::read_record(file)?;
+    Ok(omnilife_results::read_scene_facts(file, &dataset)?)
+}
+
+fn sources<'a>(
+    results: &'a [(PathBuf, ResultRecord)],
+    facts: &'a BTreeMap<String, SceneFacts>,
+) -> Vec<Source<'a>> {
+    let mut sources: Vec<Source<'_>> = results
+        .iter()
+        .map(|(file, result)| Source {
+            file,
+            result,
+            facts: facts.get(&result.scene),
+        })
+        .collect();
+    let key = |source: &Source<'a>| {
+        let result = source.result;
+        let protocol = (&result.protocol, &result.protocol_hash);
+        (protocol, &result.scene, &result.method, result.seed)
+    };
+    sources.sort_by(|a, b| key(a).cmp(&key(b)));
+    sources
+}
+
+/// Adds the tables that have rows, as `<table>.parquet`, and returns lines on what they lack.
+pub(crate) fn add_tables(
+    outputs: &mut Outputs,
+    results: &[(PathBuf, ResultRecord)],
+    facts: &BTreeMap<String, SceneFacts>,
+) -> Result<Vec<String>, LeaderboardError> {
+    let sources = sources(results, facts);
+    let mut notes = Vec::new();
+    for table in TABLES {
+        let written = omnilife_results::write_table(table, &sources)?;
+        if let Some(bytes) = written.bytes {
+            outputs.add(table.file(), bytes);
+        }
+        if table.of_every_result && written.without > 0 {
+            notes.push(format!(
+                "{}: {} of {} results have no {} beside them",
+                table.file(),
+                written.without,
+                sources.len(),
+                table.source_file()
+            ));
+        }
+    }
+    Ok(notes)
+}
