@@ -28,8 +28,14 @@ pub(crate) fn enforce(video: &Path, admission: &Admission) -> Result<(), CurateE
     }
 }
 
+/// Share of the time of a video's shots that has to be a sphere where the whole does not look like one.
+const LEAST_SPHERE_SHARE: f64 = 0.5;
+
 /// The projection in force, after the user's override: that of the video as it is stored, also where its frames
 /// are made equirectangular from a `layout`.
+///
+/// A video that as a whole is none is taken as ERP where `sphere_share`, the share of the time of its shots that are
+/// spheres by their own frames, is more than a half: the rest is left out shot by shot.
 ///
 /// Without enforced criteria an undecided video goes through when it is stored at 2:1, with a note:
 /// nobody has said that it is not ERP.
@@ -38,6 +44,7 @@ pub(crate) fn effective_projection(
     analysis: &VideoAnalysis,
     layout: Option<SphereLayout>,
     settings: &CurateSettings,
+    sphere_share: f64,
     progress: &dyn Progress,
 ) -> Result<DetectedProjection, CurateError> {
     let found = analysis.projection.clone();
@@ -82,6 +89,25 @@ pub(crate) fn effective_projection(
         return Ok(found);
     }
     let is_two_to_one = projection::aspect::is_two_to_one(&analysis.probe);
+    if sphere_share > LEAST_SPHERE_SHARE && may_be_mixed(analysis) {
+        let by_shots = if is_two_to_one {
+            VideoProjection::Erp
+        } else {
+            VideoProjection::ErpSqueezed
+        };
+        progress.note(&format!(
+            "{}: its image as a whole is {}; taken as {} because {:.0} % of the time of its shots is",
+            video.display(),
+            found.projection.name(),
+            by_shots.name(),
+            100.0 * sphere_share
+        ));
+        return Ok(DetectedProjection {
+            projection: by_shots,
+            overridden: Some(found.projection),
+            ..found
+        });
+    }
     if found.projection == VideoProjection::Unsure && !settings.enforce && is_two_to_one {
         progress.note(&format!(
             "{}: the evidence does not decide whether this is ERP; taken as ERP for its 2:1 size",
@@ -117,6 +143,21 @@ pub(crate) fn effective_projection(
             threshold: "erp or erp-squeezed".to_owned(),
         }],
     ))
+}
+
+/// Whether a video that is no ERP as a whole may be for shots of another kind among spheres. Halves that show one scene
+/// are no mixture, and what lies over the image was looked for where some frames are spheres.
+fn may_be_mixed(analysis: &VideoAnalysis) -> bool {
+    let found = &analysis.projection;
+    let is_stereo = found
+        .evidence
+        .iter()
+        .any(|evidence| evidence.test.starts_with("stereo-") && evidence.value > evidence.limit);
+    let is_open = matches!(
+        found.projection,
+        VideoProjection::Rectilinear | VideoProjection::Unsure
+    );
+    is_open && !is_stereo && analysis.overlays.is_some()
 }
 
 /// What the user can do about a projection.

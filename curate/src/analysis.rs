@@ -14,6 +14,7 @@ use crate::{
     near_duplicates::{SignaturePass, signature},
     overlays::{MosaicPass, OverlayPass},
     projection::FrameSamples,
+    shots::SamplePass,
     slicing::packets::PacketTable,
     sphere_layouts::{self, ToErp},
     video::{Converter, Rgb8Image, Scaling, VideoReader, probe},
@@ -38,6 +39,8 @@ pub struct Analysis {
     pub signals: Signals,
     /// Frames spread over the video, for the ERP projection.
     pub samples: FrameSamples,
+    /// What shots are judged by, once boundaries are known.
+    pub shot_samples: SamplePass,
     /// What stays while the scene moves, of equirectangular images.
     pub overlays: OverlayPass,
     /// Mosaics that single frames show.
@@ -80,8 +83,9 @@ impl SphereImages {
 }
 
 /// Decodes a video from end to end once. Memory does not grow with its length, save for a few
-/// numbers per frame. With a layout, overlays are looked for on the sphere that it stores; what the projection is
-/// judged by, and boundaries, are of frames as they are.
+/// numbers per frame. With a layout, overlays are looked for on the sphere that it stores, and shots
+/// are judged by it where it is whole; what the projection of the video is judged by, and boundaries,
+/// are of frames as they are.
 ///
 /// # Errors
 /// [`CurateError::Video`] when the file is no video, has no frames, or breaks off early.
@@ -108,6 +112,7 @@ pub fn analyse(
     let mut tiny = Converter::new(Scaling::MaxWidth(signature::WIDTH_PIXELS));
     let mut signature = SignaturePass::default();
     let mut samples = FrameSamples::default();
+    let mut shot_samples = SamplePass::default();
     let mut overlays = OverlayPass::default();
     let mut mosaics = MosaicPass::default();
     let mut times = Vec::new();
@@ -129,16 +134,25 @@ pub fn analyse(
             let image = small.convert(video, &frame.image)?.turned(turns);
             pass.observe(frame.time_seconds, &image)
                 .map_err(|reason| CurateError::internal(video, reason))?;
-            if samples.wants(frame.time_seconds) || overlays.wants(frame.time_seconds) {
+            let is_of_sphere =
+                overlays.wants(frame.time_seconds) || shot_samples.wants(frame.time_seconds);
+            if is_of_sphere || samples.wants(frame.time_seconds) {
                 let image = medium.convert(video, &frame.image)?.turned(turns);
-                if overlays.wants(frame.time_seconds) {
-                    match &mut sphere {
-                        None => overlays.observe(frame.time_seconds, &image),
-                        Some(sphere) => {
-                            let image = sphere.convert(video, &frame.image, turns)?;
-                            overlays.observe(frame.time_seconds, &image);
-                        }
+                let of_sphere = match &mut sphere {
+                    Some(sphere) if is_of_sphere => {
+                        Some(sphere.convert(video, &frame.image, turns)?)
                     }
+                    _ => None,
+                };
+                let shown = of_sphere.as_ref().unwrap_or(&image);
+                if overlays.wants(frame.time_seconds) {
+                    overlays.observe(frame.time_seconds, shown);
+                }
+                if shot_samples.wants(frame.time_seconds) {
+                    // What is black behind half a sphere is no background of a title.
+                    let is_half = layout.is_some_and(sphere_layouts::is_half);
+                    let shown = if is_half { &image } else { shown };
+                    shot_samples.observe(&probe, frame.time_seconds, shown);
                 }
                 samples.offer(frame.time_seconds, image);
             }
@@ -185,6 +199,7 @@ pub fn analyse(
         range,
         signals: pass.finish(),
         samples,
+        shot_samples,
         overlays,
         mosaics,
         signature,

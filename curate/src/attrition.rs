@@ -17,6 +17,7 @@ use crate::{
     error::CurateError,
     inputs::VIDEO_EXTENSIONS,
     near_duplicates::{self, LIMIT, NearDuplicate},
+    shots::{self, described, limit},
 };
 
 /// Steps of the funnel that are no admission check, in their order around those.
@@ -171,7 +172,7 @@ fn kept_ranges(out: &Path, sequences: &[String]) -> Result<Vec<TimeRange>, Curat
         .collect()
 }
 
-/// What a curated video loses: shots that are too short or left out, and the insides of transitions.
+/// What a curated video loses: shots that are too short, left out or rejected, and the insides of transitions.
 fn lost_segments(
     video: &VideoEntry,
     out: &Path,
@@ -204,7 +205,13 @@ fn lost_segments(
         let value = format!("{:.3} s", range.duration_seconds());
         lost(*range, LEFT_OUT, value, LEFT_OUT_THRESHOLD)
     }));
+    rejects.extend(
+        (ledger.rejected.iter())
+            .map(|shot| lost(shot.range, &shot.check, described(shot), &limit(shot))),
+    );
+    let rejected = ledger.rejected.iter().map(|shot| &shot.range);
     let known = kept.iter().chain(&ledger.dropped).chain(&ledger.left_out);
+    let known = known.chain(rejected);
     let mut shots: Vec<TimeRange> = known.copied().collect();
     shots.sort_by(|a, b| a.begin_seconds.total_cmp(&b.begin_seconds));
     let mut at = ledger.range.begin_seconds;
@@ -313,7 +320,9 @@ fn funnel(dataset: &Dataset, rejects: &[Reject]) -> Vec<FunnelStep> {
     let names: Vec<&str> = [RAW, DUPLICATE, READABLE]
         .into_iter()
         .chain(checks)
-        .chain([PROJECTION, SHOT_LENGTH, LEFT_OUT, TRANSITION, KEPT])
+        .chain([PROJECTION, SHOT_LENGTH, LEFT_OUT])
+        .chain(shots::CHECKS.iter().map(|check| check.id))
+        .chain([TRANSITION, KEPT])
         .collect();
     names
         .into_iter()

@@ -2,8 +2,9 @@
 //!
 //! [`pipeline::curate_video`] runs the chain of one video: probe ([`video::probe()`]), one analysis
 //! pass ([`analysis`]), ERP [`projection`], admission [`criteria`], shot [`boundaries`], [`slicing`],
-//! sampled [`frames`]. [`poses::pose_sequence`] then turns a sequence into a scene, from given poses
-//! or by structure from motion. Every stage is skipped while its inputs have not changed.
+//! judgement of single [`shots`], sampled [`frames`]. [`poses::pose_sequence`] then turns a sequence
+//! into a scene, from given poses or by structure from motion. Every stage is skipped while its inputs
+//! have not changed.
 
 mod admission;
 pub mod analysis;
@@ -34,6 +35,7 @@ pub mod projection;
 pub mod publish;
 mod sequences;
 mod settings;
+pub mod shots;
 pub mod slicing;
 mod sphere_layouts;
 mod staging;

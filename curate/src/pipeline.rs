@@ -1,12 +1,12 @@
 //! One video from file to sequences: the stages, what they depend on, and what they leave behind.
 //!
-//! A video's folder holds `analysis.json`, `signals.parquet`, `signature.parquet` and
-//! `boundaries.json`, and per sequence `seq-NNN/sequence.json` with `seq-NNN/frames/NNNNNN.png`.
+//! A video's folder holds `analysis.json`, `signals.parquet`, `samples.parquet`, `signature.parquet`
+//! and `boundaries.json`, and per sequence `seq-NNN/sequence.json` with `seq-NNN/frames/NNNNNN.png`.
 
 use std::{fs, path::Path, time::Instant};
 
 use omnilife_schemas::{
-    layout::{ANALYSIS_FILE, SIGNALS_FILE, SIGNATURE_FILE},
+    layout::{ANALYSIS_FILE, SAMPLES_FILE, SIGNALS_FILE, SIGNATURE_FILE},
     lock::FolderLock,
     progress::Progress,
     records::{Probe, SourceVideo, SphereLayout, VideoAnalysis},
@@ -17,7 +17,7 @@ use omnilife_schemas::{
 use crate::{
     admission,
     analysis::{self, Analysis},
-    boundaries::{self, Detector},
+    boundaries::{self, Detector, Signals},
     criteria,
     error::CurateError,
     frames,
@@ -25,6 +25,7 @@ use crate::{
     overlays, projection,
     sequences::{self, Sequencing},
     settings::{CurateSettings, LayoutChoice},
+    shots::{self, Samples, ShotList},
     sphere_layouts, stills,
 };
 
@@ -118,7 +119,18 @@ fn sequences_of(
         Some(_) => None,
         None => analysis.layout,
     };
-    let projection = admission::effective_projection(video, &analysis, layout, settings, progress)?;
+    let signals = Signals::read_parquet(&folder.join(SIGNALS_FILE))?;
+    let samples = Samples::read(&folder.join(SAMPLES_FILE))?;
+    let shots = ShotList::of(folder, &analysis, detector, settings, &signals, &samples)?;
+    let sphere_share = shots.sphere_share;
+    let projection = admission::effective_projection(
+        video,
+        &analysis,
+        layout,
+        settings,
+        sphere_share,
+        progress,
+    )?;
     let size = frames::frame_size(video, &probe, settings.width, settings.accept, layout)?;
     let candidate = criteria::Candidate {
         probe: &analysis.probe,
@@ -141,6 +153,8 @@ fn sequences_of(
         settings,
         detector,
         analysis: &analysis,
+        signals: &signals,
+        list: &shots,
         layout,
         projection,
         admission,
@@ -220,11 +234,12 @@ pub(crate) fn claim(video: &Path, folder: &Path, source: &SourceVideo) -> Result
 }
 
 /// What the analysis writes.
-const ANALYSIS_FILES: [&str; 3] = [ANALYSIS_FILE, SIGNALS_FILE, SIGNATURE_FILE];
+const ANALYSIS_FILES: [&str; 4] = [ANALYSIS_FILE, SIGNALS_FILE, SAMPLES_FILE, SIGNATURE_FILE];
 
-/// What an interrupted analysis may leave: done-records, temporary files, the signals and the signature.
+/// What an interrupted analysis may leave: done-records, temporary files and its tables, which it writes before its
+/// record.
 fn is_ours_before_analysis(name: &str) -> bool {
-    name.starts_with('.') || name == SIGNALS_FILE || name == SIGNATURE_FILE
+    name.starts_with('.') || (name != ANALYSIS_FILE && ANALYSIS_FILES.contains(&name))
 }
 
 /// The analysis stage.
@@ -239,6 +254,7 @@ fn analysed(
     let mut plan = StagePlan::new(folder, "analysis")
         .with_hash("video", source.sha256.clone())
         .with_text("detector", &detector.description())
+        .with_text("samples", shots::SETTINGS)
         .with_text("signature", signature::SETTINGS);
     if let Some(layout) = asked {
         plan = plan.with_settings("layout", &layout);
@@ -267,6 +283,7 @@ fn analysed(
         range,
         signals,
         samples,
+        shot_samples,
         overlays,
         mosaics,
         mut signature,
@@ -287,15 +304,18 @@ fn analysed(
     }
     projection::note_turns(video, &probe, progress);
     let projection = projection::judge(&probe, samples.images());
+    let mut shot_samples = shot_samples.finish();
     let evident = || sphere_layouts::evident(&projection, &probe);
     let layout = asked.or_else(evident);
     let overlays = if layout == asked {
+        // Where the whole is none, its shots may still be spheres for most of the time.
         let is_sphere = layout.is_some() || projection.projection.is_monoscopic_erp();
-        is_sphere.then(|| overlays::report(&overlays, &mosaics))
+        (is_sphere || shot_samples.show_spheres()).then(|| overlays::report(&overlays, &mosaics))
     } else {
         // What the frames store is known only now.
         let again = analysis::analyse(video, detector, layout, progress)?;
         signature = again.signature;
+        shot_samples = again.shot_samples.finish();
         Some(overlays::report(&again.overlays, &again.mosaics))
     };
     let record = VideoAnalysis {
@@ -309,6 +329,7 @@ fn analysed(
         signals: SIGNALS_FILE.to_owned(),
     };
     signals.write_parquet(&folder.join(SIGNALS_FILE))?;
+    shot_samples.write(&folder.join(SAMPLES_FILE))?;
     (signature.finish()).write_parquet(&folder.join(SIGNATURE_FILE))?;
     store::write_record(&record_path, &record)?;
     plan.finish(ANALYSIS_FILES, started.elapsed().as_secs_f64())?;

@@ -9,12 +9,12 @@ use std::path::Path;
 
 use omnilife_schemas::{
     elapsed::Stopwatch,
-    layout::{BOUNDARIES_FILE, FRAMES_FOLDER, SEQUENCE_FILE, SIGNALS_FILE, sequence_name},
+    layout::{BOUNDARIES_FILE, FRAMES_FOLDER, SEQUENCE_FILE, sequence_name},
     ownership::Standing,
     progress::Progress,
     records::{
-        Admission, Boundary, BoundaryLedger, CheckOutcome, DetectedProjection, FrameEntry,
-        FrameSet, Sequence, SphereLayout, TimeRange, VideoAnalysis,
+        Admission, BoundaryLedger, CheckOutcome, DetectedProjection, FrameEntry, FrameSet,
+        Sequence, SphereLayout, TimeRange, VideoAnalysis,
     },
     stage::StagePlan,
     store::{self, StoreError},
@@ -25,9 +25,9 @@ use crate::{
     boundaries::{Detector, Signals},
     error::CurateError,
     frames::{self, Selection},
-    ledger::{self, labels},
     settings::CurateSettings,
-    slicing::{self, Orientation, Shots, SliceSource},
+    shots::{self, ShotList},
+    slicing::{self, Orientation, SliceSource},
     staging::Staging,
 };
 
@@ -44,6 +44,8 @@ pub(crate) struct Sequencing<'a> {
     pub(crate) settings: &'a CurateSettings,
     pub(crate) detector: &'a Detector,
     pub(crate) analysis: &'a VideoAnalysis,
+    pub(crate) signals: &'a Signals,
+    pub(crate) list: &'a ShotList,
     /// How the video stores the sphere, where its frames are made equirectangular.
     pub(crate) layout: Option<SphereLayout>,
     pub(crate) projection: DetectedProjection,
@@ -63,9 +65,9 @@ struct Planned {
 impl Sequencing<'_> {
     /// Makes the sequence folders and returns their names in order of time.
     pub(crate) fn run(&self, progress: &dyn Progress) -> Result<Vec<String>, CurateError> {
-        let signals = Signals::read_parquet(&self.folder.join(SIGNALS_FILE))?;
-        let shots = self.shots(&signals)?;
-        let planned = self.planned(&signals, &shots);
+        self.write_boundaries(progress)?;
+        self.refuse_none_left()?;
+        let planned = self.planned();
         let (done, missing): (Vec<&Planned>, Vec<&Planned>) =
             planned.iter().partition(|sequence| {
                 self.plan(sequence, &self.folder.join(&sequence.name))
@@ -90,7 +92,7 @@ impl Sequencing<'_> {
             let path = self.folder.join(&sequence.name).join(SEQUENCE_FILE);
             store::update_record(&path, &self.record(sequence))?;
         }
-        self.slice(&signals, &shots, progress)?;
+        self.slice(progress)?;
         progress.note(&format!(
             "{}: {}, {} sequences",
             self.video.display(),
@@ -100,69 +102,90 @@ impl Sequencing<'_> {
         Ok(planned.into_iter().map(|sequence| sequence.name).collect())
     }
 
-    /// Decides the boundaries, writes the ledger and returns the shots.
-    fn shots(&self, signals: &Signals) -> Result<Shots, CurateError> {
-        let kept = ledger::of_video(self.folder, &self.analysis.source.sha256)?;
-        let boundaries = match &kept {
-            Some(kept) => ledger::resolve(kept.entries()),
-            None => self.detected(signals)?,
-        };
-        let least = self.settings.minimum_shot_seconds;
-        let mut shots = slicing::shots(&signals.times, self.analysis.range, &boundaries, least);
-        if let Some(kept) = &kept {
-            shots.leave_out(|shot| labels::leaves_out(kept.entries(), shot));
+    /// Writes the boundaries with what became of the shots between them, and says which are rejected.
+    fn write_boundaries(&self, progress: &dyn Progress) -> Result<(), CurateError> {
+        let shots = &self.list.shots;
+        for shot in &shots.rejected {
+            progress.note(&format!(
+                "{}: {:.3} to {:.3} s is no sequence: it {} ({}, {})",
+                self.video.display(),
+                shot.range.begin_seconds,
+                shot.range.end_seconds,
+                shots::described(shot),
+                shot.check,
+                shots::limit(shot)
+            ));
         }
         let ledger = BoundaryLedger {
             source: self.analysis.source.clone(),
             range: self.analysis.range,
             detector: self.detector.description(),
-            ledger_sha256: kept.map(|kept| kept.sha256()),
-            boundaries,
+            ledger_sha256: self.list.ledger_sha256.clone(),
+            boundaries: self.list.boundaries.clone(),
             dropped: shots.dropped.clone(),
             left_out: shots.left_out.clone(),
+            rejected: shots.rejected.clone(),
         };
-        store::update_record(&self.folder.join(BOUNDARIES_FILE), &ledger)?;
-        if shots.kept.is_empty() && !shots.left_out.is_empty() {
-            let outcome = CheckOutcome {
-                check: attrition::LEFT_OUT.to_owned(),
-                passed: false,
-                value: format!("{} shots left out", shots.left_out.len()),
-                threshold: attrition::LEFT_OUT_THRESHOLD.to_owned(),
-            };
-            let reason = "its ledger leaves all shots out that are long enough";
-            return Err(CurateError::rejected(self.video, reason, vec![outcome]));
+        Ok(store::update_record(
+            &self.folder.join(BOUNDARIES_FILE),
+            &ledger,
+        )?)
+    }
+
+    /// Refuses a video of which no shot is kept.
+    fn refuse_none_left(&self) -> Result<(), CurateError> {
+        let shots = &self.list.shots;
+        if !shots.kept.is_empty() {
+            return Ok(());
         }
-        if shots.kept.is_empty() {
-            let longest = ledger
-                .dropped
-                .iter()
-                .map(TimeRange::duration_seconds)
-                .fold(0.0, f64::max);
-            let outcome = CheckOutcome {
-                check: attrition::SHOT_LENGTH.to_owned(),
-                passed: false,
-                value: format!("{longest:.3} s"),
-                threshold: format!("at least {least} s"),
-            };
-            return Err(CurateError::rejected(
-                self.video,
-                format!("none of its shots lasts {least} s, the longest {longest:.3} s"),
-                vec![outcome],
-            ));
-        }
-        Ok(shots)
+        let least = self.settings.minimum_shot_seconds;
+        let (reason, failed) = match (&shots.rejected[..], &shots.left_out[..]) {
+            ([_, ..], _) => {
+                let failed = shots::outcomes(&shots.rejected);
+                let checks: Vec<&str> = failed.iter().map(|outcome| &*outcome.check).collect();
+                let reason = format!(
+                    "none of its shots that are long enough is kept: {} rejected ({}), {} left out",
+                    shots.rejected.len(),
+                    checks.join(", "),
+                    shots.left_out.len()
+                );
+                (reason, failed)
+            }
+            ([], [_, ..]) => {
+                let outcome = CheckOutcome {
+                    check: attrition::LEFT_OUT.to_owned(),
+                    passed: false,
+                    value: format!("{} shots left out", shots.left_out.len()),
+                    threshold: attrition::LEFT_OUT_THRESHOLD.to_owned(),
+                };
+                let reason = "its ledger leaves all shots out that are long enough";
+                (reason.to_owned(), vec![outcome])
+            }
+            ([], []) => {
+                let longest = shots
+                    .dropped
+                    .iter()
+                    .map(TimeRange::duration_seconds)
+                    .fold(0.0, f64::max);
+                let outcome = CheckOutcome {
+                    check: attrition::SHOT_LENGTH.to_owned(),
+                    passed: false,
+                    value: format!("{longest:.3} s"),
+                    threshold: format!("at least {least} s"),
+                };
+                let reason =
+                    format!("none of its shots lasts {least} s, the longest {longest:.3} s");
+                (reason, vec![outcome])
+            }
+        };
+        Err(CurateError::rejected(self.video, reason, failed))
     }
 
     /// Accounts for every second of the video, and writes the slices where they are asked for and can be had.
-    fn slice(
-        &self,
-        signals: &Signals,
-        shots: &Shots,
-        progress: &dyn Progress,
-    ) -> Result<(), CurateError> {
+    fn slice(&self, progress: &dyn Progress) -> Result<(), CurateError> {
         let source = SliceSource {
             video: self.video,
-            times: &signals.times,
+            times: &self.signals.times,
             orientation: Orientation::of(&self.analysis.probe),
         };
         let mut settings = self.settings.slices;
@@ -179,7 +202,7 @@ impl Sequencing<'_> {
         slicing::write_slices(
             self.folder,
             self.analysis,
-            shots,
+            &self.list.shots,
             &source,
             settings,
             no_slices,
@@ -188,24 +211,17 @@ impl Sequencing<'_> {
         .map(drop)
     }
 
-    /// Chooses the frames of every shot that is long enough.
-    fn planned(&self, signals: &Signals, shots: &Shots) -> Vec<Planned> {
-        shots
-            .kept
-            .iter()
+    /// Chooses the frames of every shot that is kept.
+    fn planned(&self) -> Vec<Planned> {
+        let kept = &self.list.shots.kept;
+        kept.iter()
             .enumerate()
             .map(|(index, &range)| Planned {
                 name: sequence_name(index),
                 range,
-                times: frames::choose(&signals.times, range, self.settings.sampling),
+                times: frames::choose(&self.signals.times, range, self.settings.sampling),
             })
             .collect()
-    }
-
-    /// The boundaries that the detector finds.
-    fn detected(&self, signals: &Signals) -> Result<Vec<Boundary>, CurateError> {
-        (self.detector.decide)(signals)
-            .map_err(|error| CurateError::internal(&self.folder.join(SIGNALS_FILE), error))
     }
 
     /// What the frames of a sequence depend on, for its folder or for one that becomes it.
@@ -307,12 +323,12 @@ pub(crate) fn withdraw(
         clear(video_folder, &name, progress)?;
     }
     slicing::remove_slices(video_folder)?;
-    // Where no shot is long enough or all are left out, its boundaries are why.
-    let by_boundaries = [attrition::SHOT_LENGTH, attrition::LEFT_OUT];
-    if !failed
-        .iter()
-        .any(|check| by_boundaries.contains(&&*check.check))
-    {
+    // Where no shot is long enough or all are left out or rejected, its boundaries are why.
+    let of_shots = shots::CHECKS.iter().map(|check| check.id);
+    let mut by_boundaries = [attrition::SHOT_LENGTH, attrition::LEFT_OUT]
+        .into_iter()
+        .chain(of_shots);
+    if !by_boundaries.any(|id| failed.iter().any(|check| check.check == id)) {
         store::remove(&video_folder.join(BOUNDARIES_FILE))?;
     }
     Ok(())

@@ -411,8 +411,11 @@ fn an_expert_says_last_what_is_left_out() {
     ledger.decide(&of_ada).unwrap();
     assert!(labels::leaves_out(ledger.entries(), range(2.0, 18.0)));
     assert!(!labels::leaves_out(ledger.entries(), range(12.0, 40.0)));
+    assert!(!labels::keeps(ledger.entries(), range(2.0, 18.0)));
     ledger.decide(&decisions(vec![segment(false)])).unwrap();
     assert!(!labels::leaves_out(ledger.entries(), range(2.0, 18.0)));
+    assert!(labels::keeps(ledger.entries(), range(2.0, 18.0)));
+    assert!(!labels::keeps(ledger.entries(), range(12.0, 40.0)));
 }
 
 #[test]

@@ -228,6 +228,7 @@ fn a_video_that_is_kept_out_later_takes_its_sequences_back() {
             ".done",
             ".superseded",
             "analysis.json",
+            "samples.parquet",
             "signals.parquet",
             "signature.parquet"
         ]

@@ -7,6 +7,7 @@ use omnilife_curate::{
     criteria::{CHECKS, PROFILES},
     poses::sfm::FALLBACK_CONFIGURATIONS,
     projection::TESTS,
+    shots,
 };
 
 fn assert_described<'a>(entries: impl Iterator<Item = (&'a str, &'a str)>) {
@@ -33,6 +34,7 @@ fn every_entry_has_a_unique_id_and_a_summary() {
     assert_described(DETECTORS.iter().map(|entry| (entry.id, entry.summary)));
     assert_described(TESTS.iter().map(|entry| (entry.id, entry.summary)));
     assert_described(CHECKS.iter().map(|entry| (entry.id, entry.summary)));
+    assert_described((shots::CHECKS.iter()).map(|entry| (entry.id, entry.summary)));
     assert_described(PROFILES.iter().map(|entry| (entry.id, entry.summary)));
     assert_described(
         FALLBACK_CONFIGURATIONS

@@ -210,7 +210,10 @@ fn every_second_of_the_source_is_in_a_slice_or_left_out_for_a_reason() {
                 let file = &slice.as_ref().unwrap().file;
                 total += probe(&folder.path().join(file)).unwrap().duration_seconds;
             }
-            SegmentOutcome::TooShort | SegmentOutcome::LeftOut | SegmentOutcome::Transition => {
+            SegmentOutcome::TooShort
+            | SegmentOutcome::LeftOut
+            | SegmentOutcome::Rejected { .. }
+            | SegmentOutcome::Transition => {
                 left_out += segment.range.duration_seconds();
             }
         }

@@ -41,6 +41,8 @@ pub const STATISTICS_FOLDER: &str = "statistics";
 pub const ANALYSIS_FILE: &str = "analysis.json";
 /// The per-frame signals of the boundary detector, in a video's folder.
 pub const SIGNALS_FILE: &str = "signals.parquet";
+/// What its shots are judged by, in a video's folder.
+pub const SAMPLES_FILE: &str = "samples.parquet";
 /// What the video looks like over time in few numbers, in a video's folder.
 pub const SIGNATURE_FILE: &str = "signature.parquet";
 /// The boundaries that a video was cut at, in its folder.

@@ -84,6 +84,7 @@ fn the_documented_files_are_there_and_no_others() {
         &[
             "analysis.json",
             "boundaries.json",
+            "samples.parquet",
             "signals.parquet",
             "signature.parquet",
             "slices.json",

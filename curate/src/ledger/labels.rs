@@ -15,11 +15,17 @@ pub fn all(entries: &[LedgerEntry]) -> impl Iterator<Item = (&Author, &SegmentLa
 
 /// Whether people leave a segment of the video out: what the label that counts most says of it.
 pub fn leaves_out(entries: &[LedgerEntry], range: TimeRange) -> bool {
+    leave_out(entries, range) == Some(true)
+}
+
+/// Whether people keep a segment of the video, whatever it shows: what the label that counts most says of it.
+pub fn keeps(entries: &[LedgerEntry], range: TimeRange) -> bool {
+    leave_out(entries, range) == Some(false)
+}
+
+fn leave_out(entries: &[LedgerEntry], range: TimeRange) -> Option<bool> {
     let labels = of_segment(entries, range).into_iter().rev();
-    labels
-        .filter_map(|(_, label)| label.leave_out)
-        .next()
-        .unwrap_or(false)
+    labels.filter_map(|(_, label)| label.leave_out).next()
 }
 
 /// The labels of a segment of the video, those that count more behind those that count less:

@@ -9,6 +9,8 @@ const BLACK_LEVEL: u8 = 24;
 /// Share of a line that has to be black. Not all of it: subtitles and noise reach into borders.
 const BLACK_SHARE: f64 = 0.98;
 const LIMIT: f64 = 0.01;
+/// Where a border ends, lines have less black than the border by this share of their length at least.
+const LEAST_STEP: f64 = 0.5;
 
 /// Black columns at the sides.
 pub(super) const SIDES: ProjectionTest = ProjectionTest {
@@ -55,19 +57,91 @@ struct Border {
     bottom: usize,
 }
 
+impl Border {
+    const NONE: Self = Self {
+        left: 0,
+        right: 0,
+        top: 0,
+        bottom: 0,
+    };
+
+    /// The sides and rows that are wide enough to count; `None` where there are none.
+    ///
+    /// Black above or below alone stays: it may be a patch over a pole.
+    fn of_some_width(mut self, image: &Rgb8Image) -> Option<Self> {
+        if self.top.min(self.bottom) as f64 <= LIMIT * image.height as f64 {
+            (self.top, self.bottom) = (0, 0);
+        }
+        if (self.left + self.right) as f64 <= LIMIT * image.width as f64 {
+            (self.left, self.right) = (0, 0);
+        }
+        (self != Self::NONE).then_some(self)
+    }
+
+    /// The sides and rows that end at a sharp edge.
+    fn with_sharp_edges(mut self, image: &Rgb8Image) -> Self {
+        let column = |x| black_share_of_column(image, x);
+        let row = |y| black_share_of_row(image, y);
+        // From the last line of the border to the first inside of it.
+        let is_sharp =
+            |width: usize, outside: f64, inside: f64| width == 0 || outside - inside >= LEAST_STEP;
+        let (right, bottom) = (image.width - self.right, image.height - self.bottom);
+        let beside = is_sharp(
+            self.left,
+            column(self.left.saturating_sub(1)),
+            column(self.left),
+        ) && is_sharp(
+            self.right,
+            column(right.min(image.width - 1)),
+            column(right - 1),
+        );
+        if !beside {
+            (self.left, self.right) = (0, 0);
+        }
+        let above = is_sharp(self.top, row(self.top.saturating_sub(1)), row(self.top))
+            && is_sharp(
+                self.bottom,
+                row(bottom.min(image.height - 1)),
+                row(bottom - 1),
+            );
+        if !above {
+            (self.top, self.bottom) = (0, 0);
+        }
+        self
+    }
+
+    /// The image inside of it; `None` where hardly anything is left.
+    fn inside(&self, image: &Rgb8Image) -> Option<Rgb8Image> {
+        let columns = self.left..image.width.checked_sub(self.right)?;
+        let rows = self.top..image.height.checked_sub(self.bottom)?;
+        (columns.len() >= 16 && rows.len() >= 16).then(|| Rgb8Image {
+            width: columns.len(),
+            height: rows.len(),
+            data: rows
+                .flat_map(|y| {
+                    let row = &image.data[y * image.width * 3..];
+                    row[columns.start * 3..columns.end * 3].iter().copied()
+                })
+                .collect(),
+        })
+    }
+}
+
+fn black_share_of_column(image: &Rgb8Image, x: usize) -> f64 {
+    let black = (0..image.height).filter(|&y| is_black(image.pixel(x, y)));
+    black.count() as f64 / image.height as f64
+}
+
+fn black_share_of_row(image: &Rgb8Image, y: usize) -> f64 {
+    let black = (0..image.width).filter(|&x| is_black(image.pixel(x, y)));
+    black.count() as f64 / image.width as f64
+}
+
 /// `None` for a frame that is black as a whole.
 fn border(image: &Rgb8Image) -> Option<Border> {
     let (width, height) = (image.width, image.height);
-    let is_black_column = |x: &usize| {
-        let black = (0..height)
-            .filter(|&y| is_black(image.pixel(*x, y)))
-            .count();
-        black as f64 >= BLACK_SHARE * height as f64
-    };
-    let is_black_row = |y: &usize| {
-        let black = (0..width).filter(|&x| is_black(image.pixel(x, *y))).count();
-        black as f64 >= BLACK_SHARE * width as f64
-    };
+    let is_black_column = |x: &usize| black_share_of_column(image, *x) >= BLACK_SHARE;
+    let is_black_row = |y: &usize| black_share_of_row(image, *y) >= BLACK_SHARE;
     let left = (0..width).take_while(is_black_column).count();
     let top = (0..height).take_while(is_black_row).count();
     (left < width && top < height).then(|| Border {
@@ -79,8 +153,6 @@ fn border(image: &Rgb8Image) -> Option<Border> {
 }
 
 /// The images without the border that most of them have; `None` where there is none.
-///
-/// Black above or below alone stays: it may be a patch over a pole.
 pub(super) fn without_border(samples: &[Rgb8Image]) -> Option<Vec<Rgb8Image>> {
     let first = samples.first()?;
     let borders: Vec<Border> = samples.iter().filter_map(border).collect();
@@ -88,41 +160,65 @@ pub(super) fn without_border(samples: &[Rgb8Image]) -> Option<Vec<Rgb8Image>> {
         let widths: Vec<f64> = borders.iter().map(|border| side(border) as f64).collect();
         statistics::median(&widths).map_or(0, |width| width as usize)
     };
-    let mut cut = Border {
+    let cut = Border {
         left: typical(|border| border.left),
         right: typical(|border| border.right),
         top: typical(|border| border.top),
         bottom: typical(|border| border.bottom),
-    };
-    if cut.top.min(cut.bottom) as f64 <= LIMIT * first.height as f64 {
-        (cut.top, cut.bottom) = (0, 0);
     }
-    if (cut.left + cut.right) as f64 <= LIMIT * first.width as f64 {
-        (cut.left, cut.right) = (0, 0);
+    .of_some_width(first)?;
+    Some(
+        samples
+            .iter()
+            .filter_map(|image| cut.inside(image))
+            .collect(),
+    )
+}
+
+/// One image without its border; `None` where there is none that ends at sharp edges. What is dark at the edges of a
+/// scene fades into the rest of it.
+pub(super) fn without_sharp_border(image: &Rgb8Image) -> Option<Rgb8Image> {
+    border(image)?
+        .of_some_width(image)?
+        .with_sharp_edges(image)
+        .of_some_width(image)?
+        .inside(image)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Columns of these levels.
+    fn of_columns(levels: &[u8]) -> Rgb8Image {
+        let (width, height) = (levels.len(), 32);
+        let row = levels.iter().flat_map(|&level| [level; 3]);
+        Rgb8Image {
+            width,
+            height,
+            data: (0..height).flat_map(|_| row.clone()).collect(),
+        }
     }
-    if cut
-        == (Border {
-            left: 0,
-            right: 0,
-            top: 0,
-            bottom: 0,
-        })
-    {
-        return None;
+
+    #[test]
+    fn a_bar_is_cut_off_and_the_dark_side_of_a_scene_is_not() {
+        let bars: Vec<u8> = (0..64)
+            .map(|x| if (8..56).contains(&x) { 90 } else { 3 })
+            .collect();
+        let inside = without_sharp_border(&of_columns(&bars)).expect("bars");
+        assert_eq!((inside.width, inside.height), (48, 32));
+
+        // Lines become bright over some columns.
+        let mut night = of_columns(&[10; 64]);
+        for y in 0..32 {
+            for x in 12..52_usize {
+                let from_edge = x.min(63 - x) - 11;
+                if y < from_edge {
+                    night.data[3 * (y * 64 + x)..][..3].fill(90);
+                }
+            }
+        }
+        assert!(border(&night).is_some_and(|border| border.left > 10));
+        assert_eq!(without_sharp_border(&night), None);
     }
-    let inside = |image: &Rgb8Image| {
-        let columns = cut.left..image.width.checked_sub(cut.right)?;
-        let rows = cut.top..image.height.checked_sub(cut.bottom)?;
-        (columns.len() >= 16 && rows.len() >= 16).then(|| Rgb8Image {
-            width: columns.len(),
-            height: rows.len(),
-            data: rows
-                .flat_map(|y| {
-                    let row = &image.data[y * image.width * 3..];
-                    row[columns.start * 3..columns.end * 3].iter().copied()
-                })
-                .collect(),
-        })
-    };
-    Some(samples.iter().filter_map(inside).collect())
 }

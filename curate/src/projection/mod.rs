@@ -43,6 +43,33 @@ pub struct ProjectionTest {
     pub measure: fn(&Probe, &[Rgb8Image]) -> Option<f64>,
 }
 
+impl ProjectionTest {
+    /// What it looks at: inside of a border, unless it is about borders.
+    fn looked_at<'a>(
+        &self,
+        samples: &'a [Rgb8Image],
+        inside: Option<&'a [Rgb8Image]>,
+    ) -> &'a [Rgb8Image] {
+        inside
+            .filter(|_| !LOOK_AT_BORDERS.contains(&self.id))
+            .unwrap_or(samples)
+    }
+
+    fn evidence(&self, value: f64) -> Evidence {
+        let reading = if value <= self.limit {
+            self.at_most
+        } else {
+            self.above
+        };
+        Evidence {
+            test: self.id.to_owned(),
+            value,
+            limit: self.limit,
+            reading: reading.to_owned(),
+        }
+    }
+}
+
 /// All tests; tests walk it.
 pub static TESTS: &[ProjectionTest] = &[
     aspect::TEST,
@@ -58,6 +85,16 @@ pub static TESTS: &[ProjectionTest] = &[
     stereo_halves::LEFT_RIGHT,
     cube_faces::OUTER_EDGES,
     cube_faces::FACE_BREAKS,
+];
+
+/// Tests that are quick enough for every frame by which shots are judged.
+pub(crate) static FRAME_TESTS: &[ProjectionTest] = &[
+    black_border::SIDES,
+    black_border::ROWS,
+    fisheye_circles::BLACK_AROUND,
+    wrap_seam::WHOLE,
+    pole_rows::TOP,
+    pole_rows::BOTTOM,
 ];
 
 /// Tells of turns that the container states: frames are as they are stored.
@@ -96,22 +133,8 @@ pub fn judge(probe: &Probe, samples: &[Rgb8Image]) -> DetectedProjection {
     let inside = black_border::without_border(samples);
     let mut evidence = Vec::new();
     for test in TESTS {
-        let looked_at = match &inside {
-            Some(inside) if !LOOK_AT_BORDERS.contains(&test.id) => inside,
-            _ => samples,
-        };
-        if let Some(value) = (test.measure)(probe, looked_at) {
-            evidence.push(Evidence {
-                test: test.id.to_owned(),
-                value,
-                limit: test.limit,
-                reading: if value <= test.limit {
-                    test.at_most
-                } else {
-                    test.above
-                }
-                .to_owned(),
-            });
+        if let Some(value) = (test.measure)(probe, test.looked_at(samples, inside.as_deref())) {
+            evidence.push(test.evidence(value));
         }
     }
     let pixels = Readings::of(&evidence).decide();
@@ -146,6 +169,44 @@ pub fn judge(probe: &Probe, samples: &[Rgb8Image]) -> DetectedProjection {
         overridden: None,
         evidence,
         disagreement: (!disagreements.is_empty()).then(|| disagreements.join("; ")),
+    }
+}
+
+/// Measures [`FRAME_TESTS`] on one frame, in their order. A border is cut off where it ends at sharp edges.
+pub(crate) fn measure_frame(probe: &Probe, image: &Rgb8Image) -> impl Iterator<Item = Option<f64>> {
+    let inside = black_border::without_sharp_border(image);
+    FRAME_TESTS.iter().map(move |test| {
+        let whole = std::slice::from_ref(image);
+        let inside = inside.as_ref().map(std::slice::from_ref);
+        (test.measure)(probe, test.looked_at(whole, inside))
+    })
+}
+
+/// What readings of frames prove.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) enum Proof {
+    /// They are one sphere, equirectangular as a whole.
+    Sphere,
+    /// They are those of an ordinary camera; `seam` is the wrap seam, above [`FLAT_SEAM`].
+    Flat { seam: f64 },
+    /// Too little.
+    Nothing,
+}
+
+/// What readings of [`FRAME_TESTS`], in their order, prove.
+pub(crate) fn proof(readings: impl Iterator<Item = Option<f64>>) -> Proof {
+    let evidence: Vec<Evidence> = FRAME_TESTS
+        .iter()
+        .zip(readings)
+        .filter_map(|(test, value)| Some(test.evidence(value?)))
+        .collect();
+    let readings = Readings::of(&evidence);
+    match (readings.decide(), readings.ratio(&wrap_seam::WHOLE)) {
+        (VideoProjection::Rectilinear, Some(ratio)) => Proof::Flat {
+            seam: ratio * wrap_seam::WHOLE.limit,
+        },
+        (projection, _) if projection.is_monoscopic_erp() => Proof::Sphere,
+        _ => Proof::Nothing,
     }
 }
 
@@ -276,6 +337,8 @@ const LOOK_AT_BORDERS: &[&str] = &[
 const MOST_SAMPLES: usize = 8;
 /// How many times its limit a value must reach to prove the opposite.
 const CLEARLY: f64 = 1.5;
+/// The wrap seam above which an image without poles is flat.
+pub(crate) const FLAT_SEAM: f64 = CLEARLY * wrap_seam::WHOLE.limit;
 
 /// Median over the samples of a measurement that may have nothing to look at.
 fn median_over(samples: &[Rgb8Image], measure: impl Fn(&Rgb8Image) -> Option<f64>) -> Option<f64> {

@@ -136,6 +136,7 @@ const FILES: &str = "\
 | `attrition.csv`, `funnel.csv` | every reject with its reason, and what each step leaves |
 | `videos/*/analysis.json` | probe and ERP projection, with evidence |
 | `videos/*/boundaries.json` | shot boundaries |
+| `videos/*/samples.parquet` | what shots are judged by: numbers of a frame every 0.4 s |
 | `videos/*/signature.parquet` | what the video looks like over time, to find footage that is there twice |
 | `videos/*/slices.json` | what became of every second of the video |
 | `videos/*/slices/*.mp4` | the sequences as video, where they were asked for |

@@ -162,7 +162,10 @@ fn check_video(folder: &Path, sequences: &[String], sha256: Option<&str>, faults
         .iter()
         .filter_map(|segment| match &segment.outcome {
             SegmentOutcome::Kept { sequence, slice } => Some((segment.range, sequence, slice)),
-            SegmentOutcome::TooShort | SegmentOutcome::LeftOut | SegmentOutcome::Transition => None,
+            SegmentOutcome::TooShort
+            | SegmentOutcome::LeftOut
+            | SegmentOutcome::Rejected { .. }
+            | SegmentOutcome::Transition => None,
         });
     let mut count = 0;
     for (range, sequence, slice) in recorded {

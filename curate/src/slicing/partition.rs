@@ -1,7 +1,7 @@
 //! From boundaries to shots: the segments of a video that one continuous take covers, and what is
 //! left between them.
 
-use omnilife_schemas::records::{Boundary, Segment, SegmentOutcome, TimeRange};
+use omnilife_schemas::records::{Boundary, RejectedShot, Segment, SegmentOutcome, TimeRange};
 
 /// The shots of a video.
 #[derive(Debug, Clone, PartialEq)]
@@ -12,6 +12,8 @@ pub struct Shots {
     pub dropped: Vec<TimeRange>,
     /// Long enough, and left out by people.
     pub left_out: Vec<TimeRange>,
+    /// Long enough, and rejected by a check of single shots.
+    pub rejected: Vec<RejectedShot>,
 }
 
 impl Shots {
@@ -19,6 +21,16 @@ impl Shots {
     pub fn leave_out(&mut self, is_left_out: impl Fn(TimeRange) -> bool) {
         let kept = std::mem::take(&mut self.kept);
         (self.left_out, self.kept) = kept.into_iter().partition(|&shot| is_left_out(shot));
+    }
+
+    /// Takes the shots out that fail a check.
+    pub fn reject(&mut self, check: impl Fn(TimeRange) -> Option<RejectedShot>) {
+        for shot in std::mem::take(&mut self.kept) {
+            match check(shot) {
+                Some(rejected) => self.rejected.push(rejected),
+                None => self.kept.push(shot),
+            }
+        }
     }
 }
 
@@ -60,6 +72,7 @@ pub fn shots(
         kept,
         dropped,
         left_out: Vec::new(),
+        rejected: Vec::new(),
     }
 }
 
@@ -85,7 +98,17 @@ pub fn segments(range: TimeRange, shots: &Shots, name: impl Fn(usize) -> String)
         range,
         outcome: SegmentOutcome::LeftOut,
     });
-    let mut known: Vec<Segment> = kept.chain(dropped).chain(left_out).collect();
+    let rejected = shots.rejected.iter().map(|shot| Segment {
+        range: shot.range,
+        outcome: SegmentOutcome::Rejected {
+            check: shot.check.clone(),
+            value: shot.value,
+            limit: shot.limit,
+            reading: shot.reading.clone(),
+        },
+    });
+    let known = kept.chain(dropped).chain(left_out).chain(rejected);
+    let mut known: Vec<Segment> = known.collect();
     known.sort_by(|a, b| a.range.begin_seconds.total_cmp(&b.range.begin_seconds));
     let mut all = Vec::with_capacity(2 * known.len() + 1);
     let mut reached = range.begin_seconds;

@@ -88,6 +88,11 @@ fn left_eye(layout: SphereLayout, frame: &Rgb8Image) -> Option<Rgb8Image> {
     })
 }
 
+/// Whether a layout stores the half of the sphere ahead alone.
+pub(crate) fn is_half(layout: SphereLayout) -> bool {
+    projection(layout) == VideoProjection::HalfErp
+}
+
 /// Marks the pixels of equirectangular images of `size` that frames of `stored` pixels do not show all of; `None`
 /// where the layout stores the whole sphere.
 pub(crate) fn unrecorded(
@@ -95,11 +100,7 @@ pub(crate) fn unrecorded(
     (columns, rows): (u32, u32),
     size: [usize; 2],
 ) -> Option<Mask> {
-    let is_half = matches!(
-        layout,
-        SphereLayout::HalfErp | SphereLayout::HalfErpLeftRight | SphereLayout::HalfErpTopBottom
-    );
-    is_half.then(|| {
+    is_half(layout).then(|| {
         let stored = [columns as usize, rows as usize];
         SphereSampler::new(layout, stored, size).unrecorded()
     })

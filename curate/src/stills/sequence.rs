@@ -225,6 +225,7 @@ fn no_boundaries(analysis: &VideoAnalysis) -> BoundaryLedger {
         boundaries: Vec::new(),
         dropped: Vec::new(),
         left_out: Vec::new(),
+        rejected: Vec::new(),
     }
 }
 

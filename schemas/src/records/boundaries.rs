@@ -26,10 +26,28 @@ pub struct BoundaryLedger {
     /// Segments between boundaries that people leave out.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub left_out: Vec<TimeRange>,
+    /// Segments between boundaries that fail a check of single shots.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub rejected: Vec<RejectedShot>,
 }
 
 impl Record for BoundaryLedger {
     const SCHEMA: &'static str = "omnilife/boundaries/1";
+}
+
+/// A shot that becomes no sequence for what its frames show.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct RejectedShot {
+    /// Where it lies.
+    pub range: TimeRange,
+    /// Id of the check that it fails: `blank`, `title-card` or `shot-projection`.
+    pub check: String,
+    /// What was measured, in the unit of the check.
+    pub value: f64,
+    /// The limit that the value is beyond.
+    pub limit: f64,
+    /// What it shows and what the value is, in words.
+    pub reading: String,
 }
 
 /// A change of shot or of place. A cut has `begin_seconds` (last frame of the old shot) and

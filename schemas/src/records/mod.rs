@@ -42,7 +42,7 @@ pub use asset::{
     Asset, AssetChanges, AssetLevel, AssetMoment, AssetMoments, AssetPage, AssetPlacement,
     AssetSource, AssetSplats, InvalidGaussians,
 };
-pub use boundaries::{Boundary, BoundaryKind, BoundaryLedger};
+pub use boundaries::{Boundary, BoundaryKind, BoundaryLedger, RejectedShot};
 pub use capture::Capture;
 pub use dataset::{Dataset, InputFile, Origin, OriginKind, VideoEntry, VideoStatus};
 pub use dense::{DenseFrame, DenseStereo};

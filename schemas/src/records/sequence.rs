@@ -218,7 +218,7 @@ pub struct DetectedProjection {
     /// The projection in force.
     #[serde(alias = "verdict")]
     pub projection: VideoProjection,
-    /// What the evidence said, where the user overrode it.
+    /// What the evidence of the whole video said, where the user or most of the time of its shots say otherwise.
     pub overridden: Option<VideoProjection>,
     /// Every test with its value.
     pub evidence: Vec<Evidence>,

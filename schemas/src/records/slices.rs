@@ -50,6 +50,17 @@ pub enum SegmentOutcome {
     TooShort,
     /// A shot that people leave out.
     LeftOut,
+    /// A shot that fails a check of single shots.
+    Rejected {
+        /// Id of the check: `blank`, `title-card` or `shot-projection`.
+        check: String,
+        /// What was measured, in the unit of the check.
+        value: f64,
+        /// The limit that the value is beyond.
+        limit: f64,
+        /// What it shows and what the value is, in words.
+        reading: String,
+    },
     /// The interior of a gradual transition, which belongs to no shot.
     Transition,
 }

@@ -32,7 +32,7 @@ impl Hostile {
                 "testsrc2=s=256x128:d=2:r=10",
                 "-c:v mpeg4 -color_trc bt709 -color_primaries bt709 -colorspace bt709",
             ),
-            ("tiny.mp4", "color=s=32x16:d=2:r=10", "-c:v mpeg4"),
+            ("tiny.mp4", "smptebars=s=32x16:d=2:r=10", "-c:v mpeg4"),
             (
                 "gap.mkv",
                 "testsrc2=s=256x128:d=4:r=10",
