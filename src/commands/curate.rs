@@ -163,8 +163,12 @@ pub(crate) fn execute(command: &CurateCommand, progress: &dyn Progress) -> anyho
             poses,
             truth,
         } => {
-            let scene =
-                pose_sequence_with(sequence, &poses.request(), &truth.given(poses)?, progress)?;
+            let scene = pose_sequence_with(
+                sequence,
+                &poses.request(),
+                &truth.given(poses.truth())?,
+                progress,
+            )?;
             exit::print(&format!(
                 "{}: {} of {} frames posed, {:?}\n",
                 scene.id,

@@ -12,12 +12,14 @@ mod colmap_text;
 mod entered_masks;
 pub mod error;
 pub mod frame_camera;
+mod frame_list;
 pub mod given;
 mod ground_scale;
 mod ignored;
 pub mod lens;
 pub mod level;
 pub(crate) mod masks;
+pub mod matrices;
 mod parallax;
 mod prior;
 pub mod sfm;
@@ -39,7 +41,7 @@ use omnilife_schemas::{
     ownership::Standing,
     points::PointCloud,
     progress::Progress,
-    records::{PoseSource, PoseValidation, Scale, Scene, SceneFrame, Sequence},
+    records::{PoseConvention, PoseSource, PoseValidation, Scale, Scene, SceneFrame, Sequence},
     stage::StagePlan,
     store,
 };
@@ -47,6 +49,7 @@ use omnilife_schemas::{
 use crate::{error::CurateError, staging::Staging};
 pub use entered_masks::{MasksEntry, enter_masks};
 use frame_camera::FrameCamera;
+use frame_list::FrameList;
 pub use ground_scale::GroundScale;
 pub use ignored::IgnoredRegion;
 pub use prior::GivenPrior;
@@ -61,21 +64,21 @@ const STAGE: &str = "poses";
 /// Where the poses of a sequence come from.
 #[derive(Debug, Clone, PartialEq)]
 pub enum PoseRequest {
-    /// A `poses.json` (`omnilife/poses/2`) or a folder with a COLMAP text model.
+    /// A `poses.json` (`omnilife/poses/2`), a folder with a COLMAP model, or matrices as `.npy` ([`matrices`]).
     Given(PathBuf),
     /// Structure from motion.
     Sfm(SfmSettings),
 }
 
 impl PoseRequest {
-    /// Checks the files that it names, as far as that needs no sequence. Whether structure from motion is
-    /// there is not looked at: poses that stand need none.
+    /// Checks the files that it names, as far as that needs no sequence; `convention` is that of matrices. Whether
+    /// structure from motion is there is not looked at: poses that stand need none.
     ///
     /// # Errors
     /// When one is missing or malformed.
-    pub fn check_files(&self) -> Result<(), CurateError> {
+    pub fn check_files(&self, convention: Option<PoseConvention>) -> Result<(), CurateError> {
         match self {
-            Self::Given(path) => given::check(path),
+            Self::Given(path) => given::check(path, convention),
             Self::Sfm(settings) => settings.masks.as_deref().map_or(Ok(()), refuse_missing),
         }
     }
@@ -131,11 +134,18 @@ pub fn pose_sequence_with(
 ) -> Result<Scene, CurateError> {
     let sequence_path = sequence_folder.join(SEQUENCE_FILE);
     let sequence: Sequence = store::read_record(&sequence_path)?;
-    let scale = truth.scale;
-    let truth = truth.find(&sequence)?;
+    let (scale, convention) = (truth.scale, truth.pose_convention);
+    if let PoseRequest::Given(path) = request {
+        given::matrix_convention(path, convention)?;
+    }
+    let frame_list = FrameList::of_sequence(&sequence);
+    let truth = truth.find(&frame_list)?;
     let mut plan = truth.add_inputs(plan(sequence_folder, &sequence, request, progress)?)?;
     if let Some(scale) = scale {
         plan = plan.with_settings("scale", &scale);
+    }
+    if let Some(convention) = convention {
+        plan = plan.with_settings("poses convention", &convention);
     }
     let scene_path = sequence_folder.join(SCENE_FILE);
     if plan.is_done() {
@@ -148,7 +158,7 @@ pub fn pose_sequence_with(
     store::remove(&scene_path)?;
     let started = Stopwatch::start();
     let mut posed = match request {
-        PoseRequest::Given(path) => given::read(path, &sequence)?,
+        PoseRequest::Given(path) => given::read(path, convention, &frame_list)?,
         PoseRequest::Sfm(settings) => {
             let found = sfm::run(
                 sequence_folder,

@@ -16,13 +16,14 @@ use omnilife_schemas::{
     mask_file::MarkedGreys,
     mask_survey::MaskSurvey,
     progress::Progress,
-    records::{DepthImage, SceneFrame, Sequence},
+    records::{DepthImage, PoseConvention, SceneFrame},
     rgb,
     stage::StagePlan,
     store,
 };
 
 use super::{
+    frame_list::FrameList,
     ground_scale::GroundScale,
     ignored::{IgnoredPixels, IgnoredRegion},
     masks,
@@ -47,6 +48,8 @@ pub struct GivenTruth {
     pub prior: Option<GivenPrior>,
     /// What says how large the world is, where the poses do not.
     pub scale: Option<GroundScale>,
+    /// What the matrices of poses map, where poses are given as matrices.
+    pub pose_convention: Option<PoseConvention>,
 }
 
 /// Images of distances along the rays.
@@ -99,23 +102,24 @@ impl GivenTruth {
     ///
     /// # Errors
     /// Those of [`Self::check`], and when a frame has none.
-    pub(super) fn find(&self, sequence: &Sequence) -> Result<TruthFiles, CurateError> {
+    pub(super) fn find(&self, frames: &FrameList) -> Result<TruthFiles, CurateError> {
         self.check()?;
+        let entries = &frames.entries;
         let depth = match &self.depth {
-            Some(depth) => Some((masks::find(&depth.folder, sequence)?, depth.unit)),
+            Some(depth) => Some((masks::find(&depth.folder, entries)?, depth.unit)),
             None => None,
         };
         let mut classes = BTreeMap::new();
         for (name, folder) in &self.classes {
-            classes.insert(name.clone(), masks::find(folder, sequence)?);
+            classes.insert(name.clone(), masks::find(folder, entries)?);
         }
         let prior = self.prior.as_ref();
-        let prior = prior.map(|prior| prior.find(sequence)).transpose()?;
+        let prior = prior.map(|prior| prior.find(entries)).transpose()?;
         let masks = self.masks.as_ref();
         Ok(TruthFiles {
-            ignored: IgnoredPixels::find(self.ignored.as_ref(), sequence)?,
+            ignored: IgnoredPixels::find(self.ignored.as_ref(), frames)?,
             masks: masks
-                .map(|folder| masks::find(folder, sequence))
+                .map(|folder| masks::find(folder, entries))
                 .transpose()?,
             depth,
             classes,

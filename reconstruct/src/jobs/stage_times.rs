@@ -59,7 +59,7 @@ fn of_inputs(
         })
     };
     let poses = match scene.pose_source {
-        PoseSource::Given { .. } => "given",
+        PoseSource::Given { .. } | PoseSource::Matrices { .. } => "given",
         PoseSource::Registered { .. } => "registered",
         PoseSource::Sfm { .. } => "sfm",
     };

@@ -173,6 +173,13 @@ pub enum PoseSource {
         /// Name of the file or folder.
         file: String,
     },
+    /// Matrices that the user gave.
+    Matrices {
+        /// Name of the file.
+        file: String,
+        /// What they map, which the user stated.
+        convention: PoseConvention,
+    },
     /// Images registered to their neighbours: turns of a camera whose place is not known.
     Registered {
         /// What was found, and how well it fits.
@@ -190,6 +197,16 @@ pub enum PoseSource {
         /// Wall-clock time, seconds, rounded up.
         wall_seconds: u64,
     },
+}
+
+/// What the matrix of a pose maps; axes of the camera are x right, y down, z forward.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum PoseConvention {
+    /// Points of the camera to the world.
+    CameraToWorld,
+    /// Points of the world to the camera.
+    WorldToCamera,
 }
 
 /// Report of the pose validation.
