@@ -49,7 +49,7 @@ pub use libraries::libraries;
 pub use pipeline::curate_video;
 pub use poses::{
     GivenDepth, GivenPrior, GivenTruth, GroundScale, IgnoredRegion, MasksEntry, PoseRequest,
-    SfmSettings, enter_masks, pose_sequence, pose_sequence_with,
+    SfmSettings, attach, enter_masks, pose_sequence, pose_sequence_with,
 };
 pub use settings::{CurateSettings, LayoutChoice};
 pub use worker::Worker;

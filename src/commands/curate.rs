@@ -22,7 +22,7 @@ use serde::Serialize;
 use super::ledger;
 use crate::{
     cli::{BuildArguments, CurateCommand, MemoryLimitArguments},
-    commands::dataset,
+    commands::{attach, dataset},
     exit,
     prerequisites::{self, Prerequisite},
     run::outcome::{Outcome, Outcomes},
@@ -90,6 +90,7 @@ pub(crate) fn execute(command: &CurateCommand, progress: &dyn Progress) -> anyho
         CurateCommand::Worker => Ok(worker::serve()?),
         CurateCommand::Slice(arguments) => dataset::slice(arguments, progress),
         CurateCommand::Annotate(arguments) => dataset::annotate(arguments, progress),
+        CurateCommand::Attach(arguments) => attach::execute(arguments, progress),
         CurateCommand::Masks(arguments) => dataset::masks(arguments, progress),
         CurateCommand::Export(arguments) => dataset::export(arguments, progress),
         CurateCommand::Import(arguments) => dataset::import(arguments, progress),

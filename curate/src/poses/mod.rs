@@ -5,6 +5,7 @@
 //! distances, masks of classes and estimated
 //! distances.
 
+mod attach;
 pub mod colmap;
 pub(crate) mod colmap_binary;
 pub(crate) mod colmap_frames;
@@ -47,6 +48,7 @@ use omnilife_schemas::{
 };
 
 use crate::{error::CurateError, staging::Staging};
+pub use attach::attach;
 pub use entered_masks::{MasksEntry, enter_masks};
 use frame_camera::FrameCamera;
 use frame_list::FrameList;
@@ -203,22 +205,7 @@ fn put_in_place(
     staging: &Staging,
     scene: &Scene,
 ) -> Result<Vec<String>, CurateError> {
-    let referred: BTreeSet<&String> = scene
-        .frames
-        .iter()
-        .flat_map(|frame| {
-            let depth = frame.depth.iter().map(|depth| &depth.file);
-            let prior = frame.depth_prior.iter().map(|prior| &prior.file);
-            let masks = (frame.mask.iter())
-                .chain(&frame.ignore_mask)
-                .chain(frame.classes.values());
-            masks
-                .chain(depth)
-                .chain(prior)
-                .chain(std::iter::once(&frame.image))
-        })
-        .chain(&scene.points)
-        .collect();
+    let referred = files_named_by(scene);
     let mut outputs = plan.publish(&staging.folder, &staging.files)?;
     let own = plan.own_files();
     own.remove(|file| !referred.contains(&file.to_owned()))?;
@@ -230,6 +217,23 @@ fn put_in_place(
     }
     outputs.push(SCENE_FILE.to_owned());
     Ok(outputs)
+}
+
+/// Lists the files that a scene refers to.
+fn files_named_by(scene: &Scene) -> BTreeSet<&String> {
+    let of_frames = scene.frames.iter().flat_map(|frame| {
+        let depth = frame.depth.iter().map(|depth| &depth.file);
+        let prior = frame.depth_prior.iter().map(|prior| &prior.file);
+        let masks = (frame.mask.iter())
+            .chain(&frame.ignore_mask)
+            .chain(frame.classes.values())
+            .chain(frame.objects.values());
+        masks
+            .chain(depth)
+            .chain(prior)
+            .chain(std::iter::once(&frame.image))
+    });
+    of_frames.chain(&scene.points).collect()
 }
 
 /// What the poses depend on. No path is part of it: a dataset may be moved.
