@@ -4,7 +4,8 @@ use std::path::PathBuf;
 
 use clap::{Args, ValueEnum};
 use omnilife_curate::{
-    GivenDepth, GivenPrior, GivenTruth, GroundScale, IgnoredRegion, SfmSettings,
+    FrameCommand, GivenDepth, GivenPrior, GivenTruth, GroundScale, IgnoredRegion, PriorProgram,
+    SfmSettings,
 };
 use omnilife_schemas::records::{DistanceConvention, DistanceGrid, PoseConvention};
 
@@ -107,10 +108,15 @@ pub(crate) struct TruthArguments {
     pub(crate) classes: Vec<(String, PathBuf)>,
     /// Folder of estimated distances (of a network, a sensor), for methods that begin from them: 16-bit
     /// grey PNG or .npy files named like the frames, at any size, 0 where the distance is not known.
-    #[arg(long, value_name = "FOLDER", requires = "depth_prior_unit")]
+    #[arg(
+        long,
+        value_name = "FOLDER",
+        requires = "depth_prior_unit",
+        group = "prior_files"
+    )]
     pub(crate) depth_prior: Option<PathBuf>,
     /// What a step of 1 in the files of --depth-prior means, in units of the world.
-    #[arg(long, value_name = "UNITS", requires = "depth_prior")]
+    #[arg(long, value_name = "UNITS", requires = "prior_files")]
     pub(crate) depth_prior_unit: Option<f64>,
     /// What the distances of --depth-prior are measured along.
     #[arg(long, value_enum, default_value_t = ConventionArgument::Ray)]
@@ -136,7 +142,35 @@ pub(crate) enum GridArgument {
     Endpoint,
 }
 
+impl From<ConventionArgument> for DistanceConvention {
+    fn from(argument: ConventionArgument) -> Self {
+        match argument {
+            ConventionArgument::Ray => Self::Ray,
+            ConventionArgument::Z => Self::Z,
+        }
+    }
+}
+
+impl From<GridArgument> for DistanceGrid {
+    fn from(argument: GridArgument) -> Self {
+        match argument {
+            GridArgument::HalfPixel => Self::HalfPixel,
+            GridArgument::Endpoint => Self::Endpoint,
+        }
+    }
+}
+
 impl TruthArguments {
+    /// A program that estimates distances, with what its files hold; `None` without their unit.
+    pub(crate) fn prior_program(&self, command: FrameCommand) -> Option<PriorProgram> {
+        Some(PriorProgram {
+            command,
+            unit: self.depth_prior_unit?,
+            grid: self.grid.into(),
+            convention: self.depth_prior_convention.into(),
+        })
+    }
+
     /// What is given, beside what is known already.
     ///
     /// # Errors
@@ -148,14 +182,8 @@ impl TruthArguments {
         truth.prior = prior.map(|(folder, unit)| GivenPrior {
             folder,
             unit,
-            grid: match self.grid {
-                GridArgument::HalfPixel => DistanceGrid::HalfPixel,
-                GridArgument::Endpoint => DistanceGrid::Endpoint,
-            },
-            convention: match self.depth_prior_convention {
-                ConventionArgument::Ray => DistanceConvention::Ray,
-                ConventionArgument::Z => DistanceConvention::Z,
-            },
+            grid: self.grid.into(),
+            convention: self.depth_prior_convention.into(),
             source: self.depth_prior_source.clone(),
         });
         for (name, folder) in &self.classes {

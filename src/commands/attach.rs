@@ -7,11 +7,11 @@ use omnilife_schemas::{
     records::{Scene, SceneFrame},
 };
 
-use crate::{cli::AttachArguments, exit};
+use crate::{cli::AttachArguments, exit, termination};
 
 pub(crate) fn execute(arguments: &AttachArguments, progress: &dyn Progress) -> anyhow::Result<()> {
-    let poses = arguments.poses.as_deref();
-    let scene = omnilife_curate::attach(&arguments.scene, poses, &arguments.given()?, progress)?;
+    termination::take_programs_along()?;
+    let scene = omnilife_curate::attach(&arguments.scene, &arguments.request()?, progress)?;
     exit::print(&format!("{}: {}\n", scene.id, summary(&scene)))
 }
 

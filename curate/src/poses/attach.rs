@@ -20,7 +20,10 @@ use omnilife_schemas::{
 };
 
 use super::{
-    GivenTruth, PosedSequence, STAGE, files_named_by, frame_list::FrameList, given, masks,
+    GivenTruth, PosedSequence, STAGE, files_named_by,
+    frame_list::FrameList,
+    frame_programs::{FramePrograms, Made, source_of_program},
+    given, masks,
     truth::TruthFiles,
 };
 use crate::{error::CurateError, staging::Staging};
@@ -28,17 +31,30 @@ use crate::{error::CurateError, staging::Staging};
 /// Name of the stage that keeps the files of scenes which `curate poses` has not made.
 const OWN_STAGE: &str = "attach";
 
-/// Attaches files to the scene in a folder: masks, distances, and `poses` where no frame has one. What it has of the
+/// The line on the program that made the masks begins with this.
+const MASKS_BY: &str = "masks of what moves are by ";
+
+/// What is attached to a scene.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct AttachRequest {
+    /// Poses for a scene that has none, in any form that [`PoseRequest::Given`](super::PoseRequest::Given) has.
+    pub poses: Option<PathBuf>,
+    /// Masks and distances.
+    pub given: GivenTruth,
+    /// Programs that make what is not there yet.
+    pub programs: FramePrograms,
+}
+
+/// Attaches files to the scene in a folder: masks, distances, and poses where no frame has one. What it has of the
 /// same kind already is replaced, with a note; images, times and poses stay. Returns the scene.
 ///
 /// # Errors
-/// When nothing is given, the scene has poses already and is given some, the scene or a file cannot be read, a frame is
-/// without its file, a file does not fit the frames, or one would be replaced that was not made here. Nothing has
-/// changed then.
+/// When nothing is given, the scene has poses already and is given some, a program fails, the scene or a file cannot be
+/// read, a frame is without its file, a file does not fit the frames, or one would be replaced that was not made here.
+/// Nothing has changed then.
 pub fn attach(
     folder: &Path,
-    poses: Option<&Path>,
-    given: &GivenTruth,
+    request: &AttachRequest,
     progress: &dyn Progress,
 ) -> Result<Scene, CurateError> {
     let _lock = FolderLock::take_existing(folder, progress)?;
@@ -50,12 +66,16 @@ pub fn attach(
         false => None,
     };
     let frames = FrameList::of_scene(&scene, sequence.as_ref());
-    let posed = poses
-        .map(|path| new_poses(&scene_path, &scene, path, given, &frames))
-        .transpose()?;
-    let attachment = Attachment::find(&scene_path, &scene, given, &frames, posed)?;
-    let (bare, replaced) = attachment.without_earlier(&scene);
+    let gets_poses = request.poses.is_some() || request.programs.poses.is_some();
+    if gets_poses {
+        refuse_posed(&scene_path, &scene)?;
+    }
+    // Before a program takes its hours.
+    let files = request.given.find(&frames)?;
     let mut staging = Staging::new(folder, "attached")?;
+    let made = (request.programs).run((folder, &scene), &frames, &staging, progress)?;
+    let attachment = Attachment::of((&scene_path, &scene), request, &frames, files, &made)?;
+    let (bare, replaced) = attachment.without_earlier(&scene);
     let attached = attachment.stage(&mut staging, folder, bare.clone(), progress)?;
     let target = Target::of(folder, &scene)?;
     target.refuse_foreign(&staging)?;
@@ -81,23 +101,27 @@ pub fn attach(
     Ok(attached)
 }
 
-/// Reads the poses of a scene that has none.
+/// Refuses a scene that has poses.
+fn refuse_posed(scene_path: &Path, scene: &Scene) -> Result<(), CurateError> {
+    let known = scene.frames.iter().filter(|frame| frame.pose.is_some());
+    match known.count() {
+        0 => Ok(()),
+        known => {
+            let reason = format!(
+                "has poses of {known} of {} frames, and poses are attached to a scene that has none",
+                scene.frames.len()
+            );
+            Err(CurateError::input(scene_path, reason))
+        }
+    }
+}
+
+/// Reads poses for the frames of a scene.
 fn new_poses(
-    scene_path: &Path,
-    scene: &Scene,
     path: &Path,
     given: &GivenTruth,
     frames: &FrameList,
 ) -> Result<PosedSequence, CurateError> {
-    let known = scene.frames.iter().filter(|frame| frame.pose.is_some());
-    let known = known.count();
-    if known > 0 {
-        let reason = format!(
-            "has poses of {known} of {} frames, and poses are attached to a scene that has none",
-            scene.frames.len()
-        );
-        return Err(CurateError::input(scene_path, reason));
-    }
     let mut posed = given::read(path, given.pose_convention, frames)?;
     if posed.camera.lens().is_some() {
         let reason =
@@ -111,44 +135,74 @@ fn new_poses(
     Ok(posed)
 }
 
-/// What is attached.
-struct Attachment<'a> {
-    given: &'a GivenTruth,
+/// Reads the poses that are given, or that a program left.
+fn poses_of(
+    request: &AttachRequest,
+    frames: &FrameList,
+    made: &Made,
+) -> Result<Option<PosedSequence>, CurateError> {
+    let given = &request.given;
+    match (&request.poses, &made.poses) {
+        (Some(path), _) => new_poses(path, given, frames).map(Some),
+        (None, Some((path, command))) => {
+            let mut posed = new_poses(path, given, &made.frames)?;
+            posed.source = source_of_program(posed.source, command.clone());
+            Ok(Some(posed))
+        }
+        (None, None) => Ok(None),
+    }
+}
+
+/// Files that are attached, found and looked through.
+struct Attachment {
+    /// Whether there are masks of what is no part of the scene; `files` always has what the video does not store.
+    has_ignored: bool,
     files: TruthFiles,
     posed: Option<PosedSequence>,
-    /// Lines on what was assumed of masks.
+    /// Lines on who made masks, and what was assumed of them.
     notes: Vec<String>,
     /// The mask of what moves of every frame that gets one.
     moving: Vec<Option<PathBuf>>,
 }
 
-impl<'a> Attachment<'a> {
-    fn find(
-        scene_path: &Path,
-        scene: &Scene,
-        given: &'a GivenTruth,
+impl Attachment {
+    /// Adds what programs made to the files that are given, and looks through all of it.
+    fn of(
+        (scene_path, scene): (&Path, &Scene),
+        request: &AttachRequest,
         frames: &FrameList,
-        posed: Option<PosedSequence>,
+        mut files: TruthFiles,
+        made: &Made,
     ) -> Result<Self, CurateError> {
-        let files = given.find(frames)?;
+        let posed = poses_of(request, frames, made)?;
+        let mut notes = Vec::new();
+        if let Some((folder, command)) = &made.masks {
+            files.set_masks(masks::find(folder, &made.frames.entries)?);
+            notes.push(format!("{MASKS_BY}{command}"));
+        }
+        if let Some(prior) = &made.prior {
+            files.set_prior(prior.find(&made.frames.entries)?);
+        }
         let mut moving = match &posed {
             Some(posed) => posed.masks.clone(),
             None => vec![None; frames.entries.len()],
         };
         files.complete_masks(&mut moving);
+        let has_ignored = request.given.ignored.is_some();
         let is_nothing = posed.is_none()
             && !files.has_images()
-            && given.ignored.is_none()
+            && !has_ignored
             && moving.iter().all(Option::is_none);
         if is_nothing {
             let reason = "gets nothing: give masks, distances or poses to be attached";
             return Err(CurateError::input(scene_path, reason));
         }
+        notes.extend(files.mask_notes(&moving, &scene.camera)?);
         Ok(Self {
-            notes: files.mask_notes(&moving, &scene.camera)?,
-            given,
+            has_ignored,
             files,
             posed,
+            notes,
             moving,
         })
     }
@@ -161,31 +215,17 @@ impl<'a> Attachment<'a> {
     fn without_earlier(&self, scene: &Scene) -> (Scene, BTreeSet<String>) {
         let mut bare = scene.clone();
         let mut had = BTreeSet::new();
-        let mut note = |what: &str, is_there: bool| {
-            if is_there {
-                had.insert(what.to_owned());
-            }
-        };
         for frame in &mut bare.frames {
-            if self.has_moving() {
-                note("masks of what moves", frame.mask.take().is_some());
+            if self.has_moving() && frame.mask.take().is_some() {
+                had.insert("masks of what moves".to_owned());
             }
-            if self.given.ignored.is_some() {
-                note("ignore masks", frame.ignore_mask.take().is_some());
+            if self.has_ignored && frame.ignore_mask.take().is_some() {
+                had.insert("ignore masks".to_owned());
             }
-            if self.given.depth.is_some() {
-                note("true distances", frame.depth.take().is_some());
-            }
-            if self.given.prior.is_some() {
-                note("estimated distances", frame.depth_prior.take().is_some());
-            }
-            for class in self.given.classes.keys() {
-                let what = format!("masks of {class}");
-                note(&what, frame.classes.remove(class).is_some());
-            }
+            had.extend(self.files.take_from(frame));
         }
-        if self.has_points() {
-            note("points", bare.points.take().is_some());
+        if self.has_points() && bare.points.take().is_some() {
+            had.insert("points".to_owned());
         }
         (bare, had)
     }
@@ -209,9 +249,11 @@ impl<'a> Attachment<'a> {
             for (frame, mask) in scene.frames.iter_mut().zip(placed) {
                 frame.mask = mask;
             }
+            let problems = &mut scene.validation.problems;
+            problems.retain(|line| !line.starts_with(MASKS_BY));
         }
         (self.files).stage(staging, folder, &mut scene.frames, size, progress)?;
-        if self.given.ignored.is_some() {
+        if self.has_ignored {
             let ignored = &self.files.ignored;
             ignored.stage(staging, folder, &mut scene.frames, None)?;
         }

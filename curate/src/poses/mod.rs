@@ -14,6 +14,7 @@ mod entered_masks;
 pub mod error;
 pub mod frame_camera;
 mod frame_list;
+mod frame_programs;
 pub mod given;
 mod ground_scale;
 mod ignored;
@@ -48,10 +49,11 @@ use omnilife_schemas::{
 };
 
 use crate::{error::CurateError, staging::Staging};
-pub use attach::attach;
+pub use attach::{AttachRequest, attach};
 pub use entered_masks::{MasksEntry, enter_masks};
 use frame_camera::FrameCamera;
 use frame_list::FrameList;
+pub use frame_programs::{FrameCommand, FramePrograms, PriorProgram};
 pub use ground_scale::GroundScale;
 pub use ignored::IgnoredRegion;
 pub use prior::GivenPrior;

@@ -144,6 +144,33 @@ impl TruthFiles {
         self.depth.is_some() || !self.classes.is_empty() || self.prior.is_some()
     }
 
+    /// Adds masks of what moves, a file for every frame.
+    pub(super) fn set_masks(&mut self, files: Vec<PathBuf>) {
+        self.masks = Some(files);
+    }
+
+    /// Adds estimated distances.
+    pub(super) fn set_prior(&mut self, prior: PriorFiles) {
+        self.prior = Some(prior);
+    }
+
+    /// Takes distances and masks of classes out of a frame that it is to get anew; returns what it had, in words.
+    pub(super) fn take_from(&self, frame: &mut SceneFrame) -> Vec<String> {
+        let mut had = Vec::new();
+        if self.depth.is_some() && frame.depth.take().is_some() {
+            had.push("true distances".to_owned());
+        }
+        if self.prior.is_some() && frame.depth_prior.take().is_some() {
+            had.push("estimated distances".to_owned());
+        }
+        for class in self.classes.keys() {
+            if frame.classes.remove(class).is_some() {
+                had.push(format!("masks of {class}"));
+            }
+        }
+        had
+    }
+
     /// Adds what they depend on to a plan.
     pub(super) fn add_inputs(&self, mut plan: StagePlan) -> Result<StagePlan, CurateError> {
         for file in self.masks.iter().flatten() {

@@ -60,6 +60,7 @@ fn of_inputs(
     };
     let poses = match scene.pose_source {
         PoseSource::Given { .. } | PoseSource::Matrices { .. } => "given",
+        PoseSource::Program { .. } => "program",
         PoseSource::Registered { .. } => "registered",
         PoseSource::Sfm { .. } => "sfm",
     };

@@ -180,6 +180,16 @@ pub enum PoseSource {
         /// What they map, which the user stated.
         convention: PoseConvention,
     },
+    /// A program that was run on the frames.
+    Program {
+        /// The program and its arguments.
+        command: String,
+        /// Name of the file that it left.
+        file: String,
+        /// What its matrices map, where it left matrices.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        convention: Option<PoseConvention>,
+    },
     /// Images registered to their neighbours: turns of a camera whose place is not known.
     Registered {
         /// What was found, and how well it fits.

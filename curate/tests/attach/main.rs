@@ -1,6 +1,9 @@
 //! Files attached to scenes: the same in imported and curated ones, replaced, and refused without a trace.
 #![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
 
+#[cfg(unix)]
+mod programs;
+#[path = "../support/mod.rs"]
 mod support;
 
 use std::{
@@ -10,14 +13,14 @@ use std::{
 };
 
 use omnilife_curate::{
-    CurateSettings, GivenDepth, GivenPrior, GivenTruth, IgnoredRegion, PoseRequest, attach,
-    curate_video,
+    AttachRequest, CurateError, CurateSettings, GivenDepth, GivenPrior, GivenTruth, IgnoredRegion,
+    PoseRequest, curate_video,
     exchange::{ExportRequest, ImportRequest, MaskMeaning, export, import},
     pose_sequence, pose_sequence_with,
 };
 use omnilife_schemas::{
     Classified, ErrorKind, Pose, npy,
-    progress::Silent,
+    progress::{Progress, Silent},
     records::{
         DistanceConvention, DistanceGrid, PoseConvention, PoseSource, PosedFrame, Poses, Scale,
         Scene, SceneFrame, ValidationStatus,
@@ -152,6 +155,21 @@ impl Scenes {
             ..GivenTruth::default()
         }
     }
+}
+
+/// Attaches what is there already.
+fn attach(
+    folder: &Path,
+    poses: Option<&Path>,
+    given: &GivenTruth,
+    progress: &dyn Progress,
+) -> Result<Scene, CurateError> {
+    let request = AttachRequest {
+        poses: poses.map(Path::to_owned),
+        given: given.clone(),
+        ..AttachRequest::default()
+    };
+    omnilife_curate::attach(folder, &request, progress)
 }
 
 /// Every file below a folder with its content.
