@@ -4,9 +4,9 @@
 //! The axes of the camera are x right, y down, z forward. Nothing in the file says whether a matrix leads from the
 //! camera to the world or back, so that is stated beside it ([`PoseConvention`]).
 //!
-//! Networks write them, PanoVGGT for one: `poses/all_poses.npy` holds its `camera_poses` (YijingGuo-June/PanoVGGT,
-//! `inference.py`, commit 1925645), N x 4 x 4 in f32. They take points of the camera to the world, and the ray of
-//! pixel (u, v) is that of the project, with centres at half pixels (stdcall0/PanoVGGT,
+//! Networks write them, `PanoVGGT` for one: `poses/all_poses.npy` holds its `camera_poses`
+//! (`YijingGuo-June/PanoVGGT`, `inference.py`, commit 1925645), N x 4 x 4 in f32. They take points of the camera to the
+//! world, and the ray of pixel (u, v) is that of the project, with centres at half pixels (`stdcall0/PanoVGGT`,
 //! `panovggt/models/panovggt_model.py`, commit 0f38571: `_get_direction_vectors` and `world_points`).
 #![cfg_attr(
     not(test),
@@ -49,7 +49,7 @@ pub fn from_bytes(bytes: &[u8], convention: PoseConvention) -> Result<Vec<Pose>,
             let numbered = matrices.iter().enumerate();
             numbered
                 .map(|(number, [rows @ .., a, b, c, d])| {
-                    let is_last = [(a, 0.0), (b, 0.0), (c, 0.0), (d, 1.0)]
+                    let is_last = [(a, 0.0_f64), (b, 0.0), (c, 0.0), (d, 1.0)]
                         .iter()
                         .all(|(value, expected)| (*value - expected).abs() <= LAST_ROW_TOLERANCE);
                     if is_last {
