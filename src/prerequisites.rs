@@ -9,7 +9,7 @@ use omnilife_curate::{
 use omnilife_reconstruct::{backends, request::BackendChoice};
 use omnilife_schemas::{
     layout::DATASET_FILE,
-    records::{Dataset, Sampling, VideoStatus},
+    records::{Dataset, PoseConvention, Sampling, VideoStatus},
     stage::StagePlan,
     store::{self, StoreError},
 };
@@ -31,8 +31,8 @@ pub(crate) enum Prerequisite<'a> {
     Settings(&'a CurateSettings, &'a Path),
     /// Weights of the boundary detector of these settings, where it is a network.
     BoundaryDetector(&'a CurateSettings, &'a Path),
-    /// Files of poses and masks that are there and can be read.
-    PoseFiles(&'a PoseRequest),
+    /// Files of poses and masks that are there and can be read; matrices with what they map.
+    PoseFiles(&'a PoseRequest, Option<PoseConvention>),
     /// Files that say more of the frames.
     TruthFiles(&'a GivenTruth),
     /// A list of where videos came from that can be read.
@@ -66,7 +66,7 @@ impl Prerequisite<'_> {
                 let detector = boundaries::detector(&settings.detector, video)?;
                 drop((detector.start)()?);
             }
-            Self::PoseFiles(request) => request.check_files()?,
+            Self::PoseFiles(request, convention) => request.check_files(convention)?,
             Self::TruthFiles(truth) => truth.check()?,
             Self::Origins(list) => drop(origins::read(list)?),
             Self::StructureFromMotion => drop(sfm::installation().map_err(CurateError::from)?),

@@ -52,8 +52,9 @@ pub use inputs::{InputsLeftOut, expand_inputs, left_out_of_folders};
 pub use libraries::libraries;
 pub use pipeline::curate_video;
 pub use poses::{
-    GivenDepth, GivenPrior, GivenTruth, GroundScale, IgnoredRegion, MasksEntry, PoseRequest,
-    SfmSettings, enter_masks, pose_sequence, pose_sequence_with,
+    AttachRequest, FrameCommand, FramePrograms, GivenDepth, GivenPrior, GivenTruth, GroundScale,
+    IgnoredRegion, MasksEntry, PoseRequest, PriorProgram, SfmSettings, attach, enter_masks,
+    pose_sequence, pose_sequence_with,
 };
 pub use settings::{CurateSettings, LayoutChoice};
 pub use video_names::video_names;

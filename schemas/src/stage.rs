@@ -309,12 +309,18 @@ impl StagePlan {
     }
 
     /// Records the present content of `files`, relative to the stage's folder, in the done-record of this stage:
-    /// files that a finished stage made and that another step has completed, and further ones that go with them.
+    /// files that a finished stage made and that another step has completed, and further ones that go with them. Those
+    /// of which `is_gone` holds are outputs no more.
     ///
     /// # Errors
     /// When the stage has not finished, a file is missing, or the record cannot be written.
-    pub fn amend<S: AsRef<str>>(&self, files: &[S]) -> Result<(), StoreError> {
+    pub fn amend<S: AsRef<str>>(
+        &self,
+        files: &[S],
+        is_gone: impl Fn(&str) -> bool,
+    ) -> Result<(), StoreError> {
         let mut done: Done = store::read_record(&self.record_path())?;
+        done.outputs.retain(|output| !is_gone(&output.file));
         for file in files.iter().map(AsRef::as_ref) {
             let output = self.output(file, None)?;
             match done.outputs.iter_mut().find(|known| known.file == file) {

@@ -10,6 +10,7 @@ use omnilife_schemas::{
 };
 
 use super::{
+    attach::AttachArguments,
     dataset::{
         AnnotateArguments, ExportArguments, ImportArguments, MasksArguments, PublishArguments,
         SelectArguments, SliceArguments,
@@ -187,6 +188,8 @@ pub(crate) enum CurateCommand {
         #[command(flatten)]
         truth: TruthArguments,
     },
+    /// Attaches masks, distances and poses to a scene, curated or imported; what it has of the same kind is replaced.
+    Attach(AttachArguments),
     /// Masks what moves in a sequence; `omnilife curate poses --masks` takes the result.
     Masks(MasksArguments),
     /// Measures the distances of a posed pinhole scene by stereo: dense points, which tracks and training

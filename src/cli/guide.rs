@@ -94,6 +94,14 @@ pub(crate) const EXAMPLES: &[Examples] = &[
         ],
     ),
     (
+        "curate attach",
+        &[
+            "curate attach SCENE --masks masks/ --class human=people/",
+            "curate attach SCENE --depth-prior depth/ --depth-prior-unit 0.001 --depth-prior-source PanoVGGT",
+            "curate attach SCENE --poses all_poses.npy --poses-convention camera-to-world",
+        ],
+    ),
+    (
         "curate masks",
         &[
             "curate masks SEQUENCE",

@@ -1,5 +1,6 @@
 //! The command line: one file per command group.
 
+mod attach;
 mod bench;
 mod bench_run;
 mod curate;
@@ -18,6 +19,7 @@ mod statement;
 mod suggestion;
 mod sweep;
 
+pub(crate) use attach::AttachArguments;
 pub(crate) use bench::BenchCommand;
 pub(crate) use bench_run::BenchRunArguments;
 use clap::{Command as ClapCommand, FromArgMatches, Parser, Subcommand};

@@ -4,19 +4,52 @@ use std::path::PathBuf;
 
 use clap::{Args, ValueEnum};
 use omnilife_curate::{
-    GivenDepth, GivenPrior, GivenTruth, GroundScale, IgnoredRegion, SfmSettings,
+    FrameCommand, GivenDepth, GivenPrior, GivenTruth, GroundScale, IgnoredRegion, PriorProgram,
+    SfmSettings,
 };
-use omnilife_schemas::records::{DistanceConvention, DistanceGrid};
+use omnilife_schemas::records::{DistanceConvention, DistanceGrid, PoseConvention};
 
 use crate::exit::BadRequest;
 
 #[derive(Debug, Args)]
 #[command(next_help_heading = "Camera poses")]
 pub(crate) struct PoseArguments {
-    /// Camera poses: a poses.json or a folder with a COLMAP text model [default: structure from
-    /// motion].
+    /// Camera poses: a poses.json, a folder with a COLMAP model, or a .npy with a matrix for every frame
+    /// (N x 4 x 4 or N x 3 x 4) [default: structure from motion].
     #[arg(long)]
     pub(crate) poses: Option<PathBuf>,
+    /// What the matrices of a .npy map, with camera axes x right, y down, z forward.
+    #[arg(long, value_enum, value_name = "CONVENTION", requires = "poses")]
+    pub(crate) poses_convention: Option<PosesConventionArgument>,
+    #[command(flatten)]
+    pub(crate) masks: FrameMaskArguments,
+    /// Median height of a drone above the ground, which brings poses of arbitrary scale to metres.
+    #[arg(long, value_name = "METRES", conflicts_with = "gsd")]
+    pub(crate) altitude: Option<f64>,
+    /// The same by the size of a pixel of the frames on the ground straight below.
+    #[arg(long, value_name = "METRES")]
+    pub(crate) gsd: Option<f64>,
+}
+
+#[derive(Debug, Clone, Copy, ValueEnum)]
+pub(crate) enum PosesConventionArgument {
+    CameraToWorld,
+    WorldToCamera,
+}
+
+impl From<PosesConventionArgument> for PoseConvention {
+    fn from(argument: PosesConventionArgument) -> Self {
+        match argument {
+            PosesConventionArgument::CameraToWorld => Self::CameraToWorld,
+            PosesConventionArgument::WorldToCamera => Self::WorldToCamera,
+        }
+    }
+}
+
+/// Masks of what moves, and of what is no part of the scene.
+#[derive(Debug, Args)]
+#[command(next_help_heading = "Camera poses")]
+pub(crate) struct FrameMaskArguments {
     /// Folder of masks, one per frame, white where something moves, such as `curate masks` makes:
     /// structure from motion leaves it out, and the scene keeps it.
     #[arg(long)]
@@ -26,12 +59,6 @@ pub(crate) struct PoseArguments {
     /// down. It gives no features, nothing is learned from it, and no score counts it.
     #[arg(long, value_name = "PATH")]
     pub(crate) ignore_mask: Option<IgnoredRegion>,
-    /// Median height of a drone above the ground, which brings poses of arbitrary scale to metres.
-    #[arg(long, value_name = "METRES", conflicts_with = "gsd")]
-    pub(crate) altitude: Option<f64>,
-    /// The same by the size of a pixel of the frames on the ground straight below.
-    #[arg(long, value_name = "METRES")]
-    pub(crate) gsd: Option<f64>,
 }
 
 impl PoseArguments {
@@ -40,7 +67,7 @@ impl PoseArguments {
         self.poses.clone().map_or_else(
             || {
                 omnilife_curate::PoseRequest::Sfm(SfmSettings {
-                    masks: self.masks.clone(),
+                    masks: self.masks.masks.clone(),
                     ..SfmSettings::default()
                 })
             },
@@ -52,8 +79,9 @@ impl PoseArguments {
     /// part of the scene.
     pub(crate) fn truth(&self) -> GivenTruth {
         GivenTruth {
-            masks: self.poses.as_ref().and(self.masks.clone()),
-            ignored: self.ignore_mask.clone(),
+            masks: self.poses.as_ref().and(self.masks.masks.clone()),
+            ignored: self.masks.ignore_mask.clone(),
+            pose_convention: self.poses_convention.map(Into::into),
             scale: self
                 .altitude
                 .map(GroundScale::Altitude)
@@ -80,10 +108,15 @@ pub(crate) struct TruthArguments {
     pub(crate) classes: Vec<(String, PathBuf)>,
     /// Folder of estimated distances (of a network, a sensor), for methods that begin from them: 16-bit
     /// grey PNG or .npy files named like the frames, at any size, 0 where the distance is not known.
-    #[arg(long, value_name = "FOLDER", requires = "depth_prior_unit")]
+    #[arg(
+        long,
+        value_name = "FOLDER",
+        requires = "depth_prior_unit",
+        group = "prior_files"
+    )]
     pub(crate) depth_prior: Option<PathBuf>,
     /// What a step of 1 in the files of --depth-prior means, in units of the world.
-    #[arg(long, value_name = "UNITS", requires = "depth_prior")]
+    #[arg(long, value_name = "UNITS", requires = "prior_files")]
     pub(crate) depth_prior_unit: Option<f64>,
     /// What the distances of --depth-prior are measured along.
     #[arg(long, value_enum, default_value_t = ConventionArgument::Ray)]
@@ -109,27 +142,48 @@ pub(crate) enum GridArgument {
     Endpoint,
 }
 
+impl From<ConventionArgument> for DistanceConvention {
+    fn from(argument: ConventionArgument) -> Self {
+        match argument {
+            ConventionArgument::Ray => Self::Ray,
+            ConventionArgument::Z => Self::Z,
+        }
+    }
+}
+
+impl From<GridArgument> for DistanceGrid {
+    fn from(argument: GridArgument) -> Self {
+        match argument {
+            GridArgument::HalfPixel => Self::HalfPixel,
+            GridArgument::Endpoint => Self::Endpoint,
+        }
+    }
+}
+
 impl TruthArguments {
-    /// What is given.
+    /// A program that estimates distances, with what its files hold; `None` without their unit.
+    pub(crate) fn prior_program(&self, command: FrameCommand) -> Option<PriorProgram> {
+        Some(PriorProgram {
+            command,
+            unit: self.depth_prior_unit?,
+            grid: self.grid.into(),
+            convention: self.depth_prior_convention.into(),
+        })
+    }
+
+    /// What is given, beside what is known already.
     ///
     /// # Errors
     /// When a class is given twice.
-    pub(crate) fn given(&self, poses: &PoseArguments) -> anyhow::Result<GivenTruth> {
-        let mut truth = poses.truth();
+    pub(crate) fn given(&self, mut truth: GivenTruth) -> anyhow::Result<GivenTruth> {
         let depth = self.depth.clone().zip(self.depth_unit);
         truth.depth = depth.map(|(folder, unit)| GivenDepth { folder, unit });
         let prior = self.depth_prior.clone().zip(self.depth_prior_unit);
         truth.prior = prior.map(|(folder, unit)| GivenPrior {
             folder,
             unit,
-            grid: match self.grid {
-                GridArgument::HalfPixel => DistanceGrid::HalfPixel,
-                GridArgument::Endpoint => DistanceGrid::Endpoint,
-            },
-            convention: match self.depth_prior_convention {
-                ConventionArgument::Ray => DistanceConvention::Ray,
-                ConventionArgument::Z => DistanceConvention::Z,
-            },
+            grid: self.grid.into(),
+            convention: self.depth_prior_convention.into(),
             source: self.depth_prior_source.clone(),
         });
         for (name, folder) in &self.classes {

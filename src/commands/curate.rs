@@ -19,7 +19,7 @@ use serde::Serialize;
 use super::ledger;
 use crate::{
     cli::{BuildArguments, CurateCommand, MemoryLimitArguments},
-    commands::dataset,
+    commands::{attach, dataset},
     exit,
     prerequisites::{self, Prerequisite},
     run::outcome::{Outcome, Outcomes},
@@ -87,6 +87,7 @@ pub(crate) fn execute(command: &CurateCommand, progress: &dyn Progress) -> anyho
         CurateCommand::Worker => Ok(worker::serve()?),
         CurateCommand::Slice(arguments) => dataset::slice(arguments, progress),
         CurateCommand::Annotate(arguments) => dataset::annotate(arguments, progress),
+        CurateCommand::Attach(arguments) => attach::execute(arguments, progress),
         CurateCommand::Masks(arguments) => dataset::masks(arguments, progress),
         CurateCommand::Export(arguments) => dataset::export(arguments, progress),
         CurateCommand::Import(arguments) => dataset::import(arguments, progress),
@@ -160,8 +161,12 @@ pub(crate) fn execute(command: &CurateCommand, progress: &dyn Progress) -> anyho
             poses,
             truth,
         } => {
-            let scene =
-                pose_sequence_with(sequence, &poses.request(), &truth.given(poses)?, progress)?;
+            let scene = pose_sequence_with(
+                sequence,
+                &poses.request(),
+                &truth.given(poses.truth())?,
+                progress,
+            )?;
             exit::print(&format!(
                 "{}: {} of {} frames posed, {:?}\n",
                 scene.id,

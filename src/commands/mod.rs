@@ -1,6 +1,7 @@
 //! The stages of the main job as commands of their own.
 
 mod ablate;
+mod attach;
 pub(crate) mod bench;
 mod bench_renderer;
 mod bench_run;

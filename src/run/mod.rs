@@ -245,7 +245,7 @@ impl Job<'_> {
         summary: &StagePlan,
     ) -> anyhow::Result<()> {
         let mut needed = vec![
-            Prerequisite::PoseFiles(&self.poses),
+            Prerequisite::PoseFiles(&self.poses, self.truth.pose_convention),
             Prerequisite::TruthFiles(&self.truth),
         ];
         if let Some(video) = videos.first() {

@@ -5,6 +5,8 @@
 mod adapters;
 mod assets;
 mod atlas;
+#[cfg(unix)]
+mod attach;
 mod bad_input;
 #[cfg(unix)]
 mod benchmark;

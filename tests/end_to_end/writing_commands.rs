@@ -276,6 +276,13 @@ impl Inputs {
             WritingCommand::in_place(SEQUENCE, "curate poses OUT --poses POSES"),
             WritingCommand::in_place(SEQUENCE, "curate poses OUT --poses MOVED"),
             WritingCommand::in_place(SEQUENCE, "curate masks OUT --from OUT/masks"),
+            WritingCommand::in_place(
+                SEQUENCE,
+                &format!(
+                    "curate attach OUT --class mover={}",
+                    sample("masks").display()
+                ),
+            ),
             new("curate slice VIDEO --end 0.5 --out OUT/slice.mp4", 0),
             new("curate boundaries VIDEO --signals OUT/signals.parquet", 0),
             new("bench split SCENE --out OUT/split.json", 0),

@@ -12,17 +12,17 @@ use assert_cmd::cargo::cargo_bin_cmd;
 use omnilife_bench::curve::{Clock, Region, read_run};
 use omnilife_curate::{
     exchange::{self, ImportRequest, MaskMeaning},
-    poses::colmap::ColmapModel,
+    poses::{colmap::ColmapModel, matrices},
 };
 use omnilife_leaderboard::{LeaderboardRequest, build_leaderboard, submission::verify};
 use omnilife_reconstruct::jobs::render::{RenderCamera, RenderRequest, render_poses};
-use omnilife_schemas::{progress::Silent, store};
+use omnilife_schemas::{npy, progress::Silent, records::PoseConvention, store};
 use omnilife_sweep::Sweep;
 use tempfile::TempDir;
 
 use crate::{
     datasets,
-    samples::{write_omniphotos, write_roam360, write_scene},
+    samples::{names, write_omniphotos, write_roam360, write_scene},
     targets::{Input, Reader::Folder, Seed, Target},
 };
 
@@ -84,6 +84,23 @@ pub(crate) const FOLDERS: &[Target] = &[
         cost: 10,
         seeds: write_omniphotos,
         reader: Folder(|input, _| import(input, "omniphotos")),
+    },
+    Target {
+        id: "pose-matrices",
+        words: &["'descr'", "'<f4'", "'<f8'", "(2, 3, 4)", "(1, 4, 4)", "\n"],
+        cost: 1,
+        seeds: |folder| {
+            let rows = [1, 0, 0, 5, 0, 1, 0, 6, 0, 0, 1, 7, 0, 0, 0, 1_u8].map(f32::from);
+            npy::write_f32(&folder.join("a.npy"), &[1, 4, 4], &rows).unwrap();
+            let two = rows[..12].repeat(2);
+            npy::write_f32(&folder.join("b.npy"), &[2, 3, 4], &two).unwrap();
+            names(&["a.npy", "b.npy"])
+        },
+        reader: Folder(|input, seed| {
+            for convention in [PoseConvention::CameraToWorld, PoseConvention::WorldToCamera] {
+                drop(matrices::read(&input.path(seed), convention));
+            }
+        }),
     },
     Target {
         id: "colmap-binary",

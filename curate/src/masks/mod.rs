@@ -66,7 +66,7 @@ pub fn write_masks(
     let sequence_path = folder.join(SEQUENCE_FILE);
     let sequence: Sequence = store::read_record(&sequence_path)?;
     let files = match source {
-        MaskSource::Files(from) => Some(poses::masks::find(from, &sequence)?),
+        MaskSource::Files(from) => Some(poses::masks::find(from, &sequence.frames.entries)?),
         MaskSource::Method(_) => None,
     };
     let (method, settings) = describe(source, folder)?;

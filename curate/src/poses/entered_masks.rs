@@ -76,7 +76,7 @@ pub fn enter_masks(
     }
     store::write_record(&scene_path, &scene)?;
     outputs.push(SCENE_FILE.to_owned());
-    plan.amend(&outputs)?;
+    plan.amend(&outputs, |_| false)?;
     Ok(MasksEntry::Entered)
 }
 

@@ -1,4 +1,4 @@
-//! Poses that somebody supplies: a `poses.json`, or a folder with a COLMAP model.
+//! Poses that somebody supplies: a `poses.json`, a folder with a COLMAP model, or matrices as `.npy`.
 
 use std::{
     collections::BTreeMap,
@@ -8,17 +8,21 @@ use std::{
 
 use omnilife_schemas::{
     Pose,
-    camera::{Camera, ErpCamera},
+    camera::Camera,
     points::PointCloud,
     pose,
-    records::{PoseSource, PoseValidation, PosedFrame, Poses, Scale, Sequence, ValidationStatus},
+    records::{
+        FrameEntry, PoseConvention, PoseSource, PoseValidation, PosedFrame, Poses, Scale,
+        ValidationStatus,
+    },
     store,
 };
 
 use super::{
     PosedSequence,
     colmap::{self, ColmapModel},
-    refuse_missing,
+    frame_list::FrameList,
+    matrices, refuse_missing,
     validate::{ValidationLimits, validate},
 };
 use crate::error::CurateError;
@@ -27,6 +31,9 @@ use crate::error::CurateError;
 pub(super) fn files(path: &Path) -> Result<Vec<PathBuf>, CurateError> {
     if path.is_dir() {
         return Ok(colmap::files(path)?.paths.to_vec());
+    }
+    if is_array(path) {
+        return Ok(vec![path.to_owned()]);
     }
     let poses: Poses = store::read_record(path)?;
     Ok(std::iter::once(path.to_owned())
@@ -45,9 +52,13 @@ fn named_files<'a>(path: &'a Path, poses: &'a Poses) -> impl Iterator<Item = Pat
 /// is there.
 ///
 /// # Errors
-/// When a file is missing or malformed.
-pub fn check(path: &Path) -> Result<(), CurateError> {
+/// When a file is missing or malformed, or matrices come without what they map.
+pub fn check(path: &Path, convention: Option<PoseConvention>) -> Result<(), CurateError> {
     refuse_missing(path)?;
+    if let Some(convention) = matrix_convention(path, convention)? {
+        matrices::read(path, convention)?;
+        return Ok(());
+    }
     if path.is_dir() {
         ColmapModel::read(path)?;
         return Ok(());
@@ -59,29 +70,65 @@ pub fn check(path: &Path) -> Result<(), CurateError> {
     Ok(())
 }
 
-/// Reads given poses and matches them to the frames of a sequence.
+/// Reads given poses and matches them to frames. `convention` says what matrices map, and belongs to them alone.
 ///
 /// # Errors
-/// When the files are missing or malformed, or no frame gets a pose.
-pub(crate) fn read(path: &Path, sequence: &Sequence) -> Result<PosedSequence, CurateError> {
-    let posed = if path.is_dir() {
-        from_colmap(path, sequence)?
-    } else {
-        from_record(path, sequence)?
+/// When the files are missing or malformed, no frame gets a pose, or matrices have no convention or something else has
+/// one.
+pub(super) fn read(
+    path: &Path,
+    convention: Option<PoseConvention>,
+    frames: &FrameList,
+) -> Result<PosedSequence, CurateError> {
+    let posed = match matrix_convention(path, convention)? {
+        Some(convention) => from_matrices(path, convention, frames)?,
+        None if path.is_dir() => from_colmap(path, frames)?,
+        None => from_record(path, frames)?,
     };
     if posed.poses.iter().all(Option::is_none) {
         return Err(CurateError::input(
             path,
             format!(
                 "fits no frame of {} ({} frames from {:.3} s to {:.3} s)",
-                sequence.id,
-                sequence.frames.entries.len(),
-                sequence.range.begin_seconds,
-                sequence.range.end_seconds
+                frames.id,
+                frames.entries.len(),
+                frames
+                    .entries
+                    .first()
+                    .map_or(0.0, |first| first.time_seconds),
+                frames.entries.last().map_or(0.0, |last| last.time_seconds)
             ),
         ));
     }
     Ok(posed)
+}
+
+/// Returns true for the name of an array's file.
+fn is_array(path: &Path) -> bool {
+    let extension = path.extension();
+    !path.is_dir() && extension.is_some_and(|extension| extension.eq_ignore_ascii_case("npy"))
+}
+
+/// Returns what matrices map; `None` where poses are given otherwise.
+///
+/// # Errors
+/// When matrices have no convention, or something else has one.
+pub(super) fn matrix_convention(
+    path: &Path,
+    convention: Option<PoseConvention>,
+) -> Result<Option<PoseConvention>, CurateError> {
+    match (is_array(path), convention) {
+        (true, None) => {
+            let reason = "holds matrices, and nothing says what they map: --poses-convention camera-to-world or \
+                          world-to-camera";
+            Err(CurateError::input(path, reason))
+        }
+        (false, Some(_)) => {
+            let reason = "is no .npy with matrices, which alone have a convention to be stated";
+            Err(CurateError::input(path, reason))
+        }
+        (_, convention) => Ok(convention),
+    }
 }
 
 fn beside(path: &Path, file: &str) -> PathBuf {
@@ -125,14 +172,39 @@ fn sorted_record(path: &Path) -> Result<Poses, CurateError> {
     Ok(record)
 }
 
-/// Frames are matched by time, within half the source's frame interval.
-fn from_record(path: &Path, sequence: &Sequence) -> Result<PosedSequence, CurateError> {
+/// Matrices are those of the frames in their order.
+fn from_matrices(
+    path: &Path,
+    convention: PoseConvention,
+    frames: &FrameList,
+) -> Result<PosedSequence, CurateError> {
+    let poses = matrices::read(path, convention)?;
+    let count = frames.entries.len();
+    if poses.len() != count {
+        let reason = format!("has {} matrices for {count} frames", poses.len());
+        return Err(CurateError::input(path, reason));
+    }
+    let poses: Vec<Option<Pose>> = poses.into_iter().map(Some).collect();
+    Ok(PosedSequence {
+        camera: camera_of_frames(path, None, frames)?.into(),
+        validation: unchecked(&poses),
+        masks: vec![None; count],
+        poses,
+        points: None,
+        scale: Scale::Arbitrary,
+        source: PoseSource::Matrices {
+            file: own_name(path),
+            convention,
+        },
+    })
+}
+
+/// Frames are matched by time, within the tolerance of theirs.
+fn from_record(path: &Path, frames: &FrameList) -> Result<PosedSequence, CurateError> {
     let record = sorted_record(path)?;
-    let camera = camera_of_frames(path, record.camera, sequence)?;
-    let rate = sequence.probe.frames_per_second;
-    let tolerance = if rate > 0.0 { 0.5 / rate } else { 1e-3 };
-    let matched: Vec<Option<&PosedFrame>> = sequence
-        .frames
+    let camera = camera_of_frames(path, record.camera, frames)?;
+    let tolerance = frames.tolerance_seconds;
+    let matched: Vec<Option<&PosedFrame>> = frames
         .entries
         .iter()
         .map(|entry| nearest(&record.frames, entry.time_seconds, tolerance))
@@ -170,44 +242,17 @@ fn from_record(path: &Path, sequence: &Sequence) -> Result<PosedSequence, Curate
     })
 }
 
-/// The camera of a sequence's frames from the one that is given with its poses.
+/// The camera of frames from the one that is given with their poses.
 ///
 /// # Errors
-/// When the frames are ERP and the camera is a pinhole, or the other way round, or they have not the same
-/// shape.
+/// Those of [`FrameList::camera_with`].
 pub(super) fn camera_of_frames(
     path: &Path,
     given: Option<Camera>,
-    sequence: &Sequence,
+    frames: &FrameList,
 ) -> Result<Camera, CurateError> {
-    let (width, height) = (sequence.frames.width, sequence.frames.height);
-    let refuse = |reason: String| Err(CurateError::input(path, reason));
-    match (sequence.is_pinhole(), given) {
-        (false, None | Some(Camera::Erp(_))) => Ok(ErpCamera { width, height }.into()),
-        (false, Some(Camera::Pinhole(_))) => refuse(format!(
-            "has a pinhole camera, and the frames of {} are ERP; --projection pinhole takes a video as \
-             an ordinary perspective one",
-            sequence.id
-        )),
-        (true, None | Some(Camera::Erp(_))) => refuse(format!(
-            "has no pinhole camera, and the frames of {} are those of one: it needs a \"camera\" with \
-             \"model\": \"pinhole\", width, height, fx, fy, cx and cy",
-            sequence.id
-        )),
-        (true, Some(camera @ Camera::Pinhole(_))) => {
-            // A row that rounding took or gave is no other shape.
-            let rows = f64::from(width) * f64::from(camera.height()) / f64::from(camera.width());
-            if (rows - f64::from(height)).abs() > 1.0 {
-                return refuse(format!(
-                    "has a camera of {}x{} pixels, the frames of {} are {width}x{height}: another shape",
-                    camera.width(),
-                    camera.height(),
-                    sequence.id
-                ));
-            }
-            Ok(camera.resized(width, height))
-        }
-    }
+    let camera = frames.camera_with(given);
+    camera.map_err(|reason| CurateError::input(path, reason))
 }
 
 /// The pose nearest to an instant, if it is within the tolerance. `given` is sorted by time.
@@ -222,10 +267,10 @@ fn nearest(given: &[PosedFrame], seconds: f64, tolerance: f64) -> Option<&PosedF
 }
 
 /// Frames are matched by file name, whatever their folder.
-fn from_colmap(folder: &Path, sequence: &Sequence) -> Result<PosedSequence, CurateError> {
+fn from_colmap(folder: &Path, frames: &FrameList) -> Result<PosedSequence, CurateError> {
     let model = ColmapModel::read(folder)?;
-    let camera = camera_of_frames(folder, Some(model.camera.camera()), sequence)?;
-    let names = frame_names(sequence);
+    let camera = camera_of_frames(folder, Some(model.camera.camera()), frames)?;
+    let names = frame_names(&frames.entries);
     let mut by_name: BTreeMap<String, Pose> = BTreeMap::new();
     for image in model.images.values() {
         let name = file_name(&image.name);
@@ -268,26 +313,22 @@ fn from_colmap(folder: &Path, sequence: &Sequence) -> Result<PosedSequence, Cura
 /// Only the name: records must not change where a dataset is moved.
 fn given_by(path: &Path) -> PoseSource {
     PoseSource::Given {
-        file: path
-            .file_name()
-            .unwrap_or_default()
-            .to_string_lossy()
-            .into_owned(),
+        file: own_name(path),
     }
+}
+
+fn own_name(path: &Path) -> String {
+    let name = path.file_name().unwrap_or_default();
+    name.to_string_lossy().into_owned()
 }
 
 fn file_name(path: &str) -> String {
     path.rsplit(['/', '\\']).next().unwrap_or(path).to_owned()
 }
 
-/// File names of a sequence's frames, in order of time.
-pub(super) fn frame_names(sequence: &Sequence) -> Vec<String> {
-    sequence
-        .frames
-        .entries
-        .iter()
-        .map(|entry| file_name(&entry.file))
-        .collect()
+/// File names of frames.
+pub(super) fn frame_names(frames: &[FrameEntry]) -> Vec<String> {
+    frames.iter().map(|entry| file_name(&entry.file)).collect()
 }
 
 /// Validation of poses that there is nothing to check by.

@@ -7,14 +7,11 @@ use std::{
 };
 
 use omnilife_schemas::{
-    layout::IGNORE_MASKS_FOLDER,
-    records::{SceneFrame, Sequence, VideoProjection},
-    rgb::Mask,
-    stage::StagePlan,
+    layout::IGNORE_MASKS_FOLDER, records::SceneFrame, rgb::Mask, stage::StagePlan,
 };
 
-use super::{lens::Straightening, masks, truth};
-use crate::{error::CurateError, sphere_layouts, staging::Staging};
+use super::{frame_list::FrameList, lens::Straightening, masks, truth};
+use crate::{error::CurateError, staging::Staging};
 
 /// Where something is no part of the scene.
 #[derive(Debug, Clone, PartialEq)]
@@ -64,35 +61,32 @@ enum GivenMasks {
 }
 
 impl IgnoredPixels {
-    /// Finds what is given, and what the layout of the sequence's video leaves open.
+    /// Finds what is given, and what the layout of the frames' video leaves open.
     ///
     /// # Errors
     /// When a folder cannot be read or lacks the mask of some frame, or perspective frames are to have a nadir.
     pub(super) fn find(
         given: Option<&IgnoredRegion>,
-        sequence: &Sequence,
+        frames: &FrameList,
     ) -> Result<Self, CurateError> {
-        let size = [sequence.frames.width, sequence.frames.height].map(|side| side as usize);
-        let layout = sequence.frames.converted_from;
-        let stored = sequence.probe.upright_size();
-        let unrecorded = layout.and_then(|layout| sphere_layouts::unrecorded(layout, stored, size));
+        let size = frames.size.map(|side| side as usize);
         let mut found = Self {
-            of_all: unrecorded,
+            of_all: frames.unrecorded.clone(),
             given: GivenMasks::None,
             size,
         };
         match given {
             None => {}
             Some(IgnoredRegion::Nadir { degrees }) => {
-                if sequence.projection.projection == VideoProjection::Rectilinear {
+                if frames.is_pinhole {
                     let reason =
                         format!("nadir:{degrees} is of panoramas, and its frames are none");
-                    return Err(CurateError::input(Path::new(&sequence.id), reason));
+                    return Err(CurateError::input(Path::new(&frames.id), reason));
                 }
                 let below = nadir(size, *degrees);
                 if below.data.iter().all(|&value| value != 0) {
                     let reason = format!("nadir:{degrees} leaves nothing of its frames");
-                    return Err(CurateError::input(Path::new(&sequence.id), reason));
+                    return Err(CurateError::input(Path::new(&frames.id), reason));
                 }
                 found.of_all = Some(match found.of_all {
                     Some(unrecorded) => below.united(&unrecorded),
@@ -100,7 +94,7 @@ impl IgnoredPixels {
                 });
             }
             Some(IgnoredRegion::Masks(folder)) if folder.is_dir() => {
-                found.given = GivenMasks::OfFrames(masks::find(folder, sequence)?);
+                found.given = GivenMasks::OfFrames(masks::find(folder, &frames.entries)?);
             }
             Some(IgnoredRegion::Masks(file)) => {
                 found.given = GivenMasks::OfCamera(file.to_owned());

@@ -43,14 +43,14 @@ fn files_of(folder: &Path, extensions: &[&str]) -> Result<Vec<PathBuf>, CurateEr
         .collect())
 }
 
-/// For every frame of a sequence, the file in `folder` with its name, stem or number and one of these
-/// extensions, where there is one.
+/// For every frame, the file in `folder` with its name, stem or number and one of these extensions, where there
+/// is one.
 ///
 /// # Errors
 /// When the folder cannot be read, or has two files for one frame.
 pub(super) fn find_some(
     folder: &Path,
-    sequence: &Sequence,
+    frames: &[FrameEntry],
     extensions: &[&str],
 ) -> Result<Vec<Option<PathBuf>>, CurateError> {
     let mut by_stem: BTreeMap<OsString, PathBuf> = BTreeMap::new();
@@ -63,7 +63,7 @@ pub(super) fn find_some(
         }
     }
     let of_frame = |entry: &FrameEntry| by_stem.get(&frame_name(Path::new(&entry.file))).cloned();
-    Ok(sequence.frames.entries.iter().map(of_frame).collect())
+    Ok(frames.iter().map(of_frame).collect())
 }
 
 /// The stem of a file's name; of a number without the zeros before it, so that `0007.png` is of frame
@@ -79,13 +79,12 @@ fn frame_name(file: &Path) -> OsString {
     }
 }
 
-/// For every frame of a sequence, the image in `folder` with its name or stem.
+/// For every frame, the image in `folder` with its name or stem.
 ///
 /// # Errors
 /// When the folder cannot be read, lacks the image of some frame, or has two for one.
-pub(crate) fn find(folder: &Path, sequence: &Sequence) -> Result<Vec<PathBuf>, CurateError> {
-    let frames = &sequence.frames.entries;
-    let all = find_some(folder, sequence, EXTENSIONS)?;
+pub(crate) fn find(folder: &Path, frames: &[FrameEntry]) -> Result<Vec<PathBuf>, CurateError> {
+    let all = find_some(folder, frames, EXTENSIONS)?;
     let first_missing = all.iter().position(Option::is_none);
     let first_missing = first_missing.map_or("", |missing| frames[missing].file.as_str());
     let found: Vec<PathBuf> = all.into_iter().flatten().collect();
@@ -234,31 +233,30 @@ mod tests {
     #[test]
     fn masks_are_found_by_name_and_missing_ones_named() {
         let temp = tempfile::tempdir().unwrap();
-        let entries = (0..3)
+        let entries: Vec<FrameEntry> = (0..3)
             .map(|index| FrameEntry {
                 file: format!("frames/{index:06}.png"),
                 time_seconds: f64::from(index),
                 capture: None,
             })
             .collect();
-        let sequence = crate::poses::sfm::tests::sequence_of(entries);
         for name in ["000000.PNG", "000001.jpg", "notes.txt"] {
             fs::write(temp.path().join(name), "").unwrap();
         }
-        let message = find(temp.path(), &sequence).unwrap_err().to_string();
+        let message = find(temp.path(), &entries).unwrap_err().to_string();
         assert!(
             message.contains("images for 2 of 3 frames") && message.contains("000002.png"),
             "{message}"
         );
         fs::write(temp.path().join("000002.Jpeg"), "").unwrap();
-        let names: Vec<_> = find(temp.path(), &sequence)
+        let names: Vec<_> = find(temp.path(), &entries)
             .unwrap()
             .iter()
             .map(|path| path.file_name().unwrap().to_owned())
             .collect();
         assert_eq!(names, ["000000.PNG", "000001.jpg", "000002.Jpeg"]);
         fs::write(temp.path().join("000002.png"), "").unwrap();
-        let message = find(temp.path(), &sequence).unwrap_err().to_string();
+        let message = find(temp.path(), &entries).unwrap_err().to_string();
         assert!(message.contains("of one frame"), "{message}");
     }
 }

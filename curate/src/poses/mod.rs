@@ -5,6 +5,7 @@
 //! distances, masks of classes and estimated
 //! distances.
 
+mod attach;
 pub mod colmap;
 pub(crate) mod colmap_binary;
 pub(crate) mod colmap_frames;
@@ -12,12 +13,15 @@ mod colmap_text;
 mod entered_masks;
 pub mod error;
 pub mod frame_camera;
+mod frame_list;
+mod frame_programs;
 pub mod given;
 mod ground_scale;
 mod ignored;
 pub mod lens;
 pub mod level;
 pub(crate) mod masks;
+pub mod matrices;
 mod parallax;
 mod prior;
 pub mod sfm;
@@ -39,14 +43,17 @@ use omnilife_schemas::{
     ownership::Standing,
     points::PointCloud,
     progress::Progress,
-    records::{PoseSource, PoseValidation, Scale, Scene, SceneFrame, Sequence},
+    records::{PoseConvention, PoseSource, PoseValidation, Scale, Scene, SceneFrame, Sequence},
     stage::StagePlan,
     store,
 };
 
 use crate::{error::CurateError, staging::Staging};
+pub use attach::{AttachRequest, attach};
 pub use entered_masks::{MasksEntry, enter_masks};
 use frame_camera::FrameCamera;
+use frame_list::FrameList;
+pub use frame_programs::{FrameCommand, FramePrograms, PriorProgram};
 pub use ground_scale::GroundScale;
 pub use ignored::IgnoredRegion;
 pub use prior::GivenPrior;
@@ -61,21 +68,21 @@ const STAGE: &str = "poses";
 /// Where the poses of a sequence come from.
 #[derive(Debug, Clone, PartialEq)]
 pub enum PoseRequest {
-    /// A `poses.json` (`omnilife/poses/2`) or a folder with a COLMAP text model.
+    /// A `poses.json` (`omnilife/poses/2`), a folder with a COLMAP model, or matrices as `.npy` ([`matrices`]).
     Given(PathBuf),
     /// Structure from motion.
     Sfm(SfmSettings),
 }
 
 impl PoseRequest {
-    /// Checks the files that it names, as far as that needs no sequence. Whether structure from motion is
-    /// there is not looked at: poses that stand need none.
+    /// Checks the files that it names, as far as that needs no sequence; `convention` is that of matrices. Whether
+    /// structure from motion is there is not looked at: poses that stand need none.
     ///
     /// # Errors
     /// When one is missing or malformed.
-    pub fn check_files(&self) -> Result<(), CurateError> {
+    pub fn check_files(&self, convention: Option<PoseConvention>) -> Result<(), CurateError> {
         match self {
-            Self::Given(path) => given::check(path),
+            Self::Given(path) => given::check(path, convention),
             Self::Sfm(settings) => settings.masks.as_deref().map_or(Ok(()), refuse_missing),
         }
     }
@@ -131,11 +138,18 @@ pub fn pose_sequence_with(
 ) -> Result<Scene, CurateError> {
     let sequence_path = sequence_folder.join(SEQUENCE_FILE);
     let sequence: Sequence = store::read_record(&sequence_path)?;
-    let scale = truth.scale;
-    let truth = truth.find(&sequence)?;
+    let (scale, convention) = (truth.scale, truth.pose_convention);
+    if let PoseRequest::Given(path) = request {
+        given::matrix_convention(path, convention)?;
+    }
+    let frame_list = FrameList::of_sequence(&sequence);
+    let truth = truth.find(&frame_list)?;
     let mut plan = truth.add_inputs(plan(sequence_folder, &sequence, request, progress)?)?;
     if let Some(scale) = scale {
         plan = plan.with_settings("scale", &scale);
+    }
+    if let Some(convention) = convention {
+        plan = plan.with_settings("poses convention", &convention);
     }
     let scene_path = sequence_folder.join(SCENE_FILE);
     if plan.is_done() {
@@ -148,7 +162,7 @@ pub fn pose_sequence_with(
     store::remove(&scene_path)?;
     let started = Stopwatch::start();
     let mut posed = match request {
-        PoseRequest::Given(path) => given::read(path, &sequence)?,
+        PoseRequest::Given(path) => given::read(path, convention, &frame_list)?,
         PoseRequest::Sfm(settings) => {
             let found = sfm::run(
                 sequence_folder,
@@ -193,22 +207,7 @@ fn put_in_place(
     staging: &Staging,
     scene: &Scene,
 ) -> Result<Vec<String>, CurateError> {
-    let referred: BTreeSet<&String> = scene
-        .frames
-        .iter()
-        .flat_map(|frame| {
-            let depth = frame.depth.iter().map(|depth| &depth.file);
-            let prior = frame.depth_prior.iter().map(|prior| &prior.file);
-            let masks = (frame.mask.iter())
-                .chain(&frame.ignore_mask)
-                .chain(frame.classes.values());
-            masks
-                .chain(depth)
-                .chain(prior)
-                .chain(std::iter::once(&frame.image))
-        })
-        .chain(&scene.points)
-        .collect();
+    let referred = files_named_by(scene);
     let mut outputs = plan.publish(&staging.folder, &staging.files)?;
     let own = plan.own_files();
     own.remove(|file| !referred.contains(&file.to_owned()))?;
@@ -220,6 +219,23 @@ fn put_in_place(
     }
     outputs.push(SCENE_FILE.to_owned());
     Ok(outputs)
+}
+
+/// Lists the files that a scene refers to.
+fn files_named_by(scene: &Scene) -> BTreeSet<&String> {
+    let of_frames = scene.frames.iter().flat_map(|frame| {
+        let depth = frame.depth.iter().map(|depth| &depth.file);
+        let prior = frame.depth_prior.iter().map(|prior| &prior.file);
+        let masks = (frame.mask.iter())
+            .chain(&frame.ignore_mask)
+            .chain(frame.classes.values())
+            .chain(frame.objects.values());
+        masks
+            .chain(depth)
+            .chain(prior)
+            .chain(std::iter::once(&frame.image))
+    });
+    of_frames.chain(&scene.points).collect()
 }
 
 /// What the poses depend on. No path is part of it: a dataset may be moved.

@@ -9,7 +9,7 @@ use omnilife_schemas::{
     layout::DEPTH_PRIOR_FOLDER,
     npy,
     progress::Progress,
-    records::{DepthPrior, DistanceConvention, DistanceGrid, SceneFrame, Sequence},
+    records::{DepthPrior, DistanceConvention, DistanceGrid, FrameEntry, SceneFrame},
     stage::StagePlan,
 };
 
@@ -44,18 +44,18 @@ impl GivenPrior {
     ///
     /// # Errors
     /// When no frame has one, two files are of one frame, or the unit is not positive.
-    pub(super) fn find(&self, sequence: &Sequence) -> Result<PriorFiles, CurateError> {
+    pub(super) fn find(&self, frames: &[FrameEntry]) -> Result<PriorFiles, CurateError> {
         if !(self.unit.is_finite() && self.unit > 0.0) {
             let reason = format!("{}: is no unit of distances", self.unit);
             return Err(CurateError::input(&self.folder, reason));
         }
-        let files = masks::find_some(&self.folder, sequence, EXTENSIONS)?;
+        let files = masks::find_some(&self.folder, frames, EXTENSIONS)?;
         if files.iter().all(Option::is_none) {
             let reason = format!(
                 "has no distances of any of the {} frames (PNG or .npy files named like the frames, \
                  such as {}.png)",
                 files.len(),
-                sequence.frames.entries.first().map_or("000000", |entry| {
+                frames.first().map_or("000000", |entry| {
                     let stem = Path::new(&entry.file).file_stem();
                     stem.and_then(|stem| stem.to_str()).unwrap_or("000000")
                 })

@@ -16,13 +16,14 @@ use omnilife_schemas::{
     mask_file::MarkedGreys,
     mask_survey::MaskSurvey,
     progress::Progress,
-    records::{DepthImage, SceneFrame, Sequence},
+    records::{DepthImage, PoseConvention, SceneFrame},
     rgb,
     stage::StagePlan,
     store,
 };
 
 use super::{
+    frame_list::FrameList,
     ground_scale::GroundScale,
     ignored::{IgnoredPixels, IgnoredRegion},
     masks,
@@ -47,6 +48,8 @@ pub struct GivenTruth {
     pub prior: Option<GivenPrior>,
     /// What says how large the world is, where the poses do not.
     pub scale: Option<GroundScale>,
+    /// What the matrices of poses map, where poses are given as matrices.
+    pub pose_convention: Option<PoseConvention>,
 }
 
 /// Images of distances along the rays.
@@ -99,23 +102,24 @@ impl GivenTruth {
     ///
     /// # Errors
     /// Those of [`Self::check`], and when a frame has none.
-    pub(super) fn find(&self, sequence: &Sequence) -> Result<TruthFiles, CurateError> {
+    pub(super) fn find(&self, frames: &FrameList) -> Result<TruthFiles, CurateError> {
         self.check()?;
+        let entries = &frames.entries;
         let depth = match &self.depth {
-            Some(depth) => Some((masks::find(&depth.folder, sequence)?, depth.unit)),
+            Some(depth) => Some((masks::find(&depth.folder, entries)?, depth.unit)),
             None => None,
         };
         let mut classes = BTreeMap::new();
         for (name, folder) in &self.classes {
-            classes.insert(name.clone(), masks::find(folder, sequence)?);
+            classes.insert(name.clone(), masks::find(folder, entries)?);
         }
         let prior = self.prior.as_ref();
-        let prior = prior.map(|prior| prior.find(sequence)).transpose()?;
+        let prior = prior.map(|prior| prior.find(entries)).transpose()?;
         let masks = self.masks.as_ref();
         Ok(TruthFiles {
-            ignored: IgnoredPixels::find(self.ignored.as_ref(), sequence)?,
+            ignored: IgnoredPixels::find(self.ignored.as_ref(), frames)?,
             masks: masks
-                .map(|folder| masks::find(folder, sequence))
+                .map(|folder| masks::find(folder, entries))
                 .transpose()?,
             depth,
             classes,
@@ -138,6 +142,33 @@ impl TruthFiles {
     /// Whether there are images of anything but masks of what moves.
     pub(super) fn has_images(&self) -> bool {
         self.depth.is_some() || !self.classes.is_empty() || self.prior.is_some()
+    }
+
+    /// Adds masks of what moves, a file for every frame.
+    pub(super) fn set_masks(&mut self, files: Vec<PathBuf>) {
+        self.masks = Some(files);
+    }
+
+    /// Adds estimated distances.
+    pub(super) fn set_prior(&mut self, prior: PriorFiles) {
+        self.prior = Some(prior);
+    }
+
+    /// Takes distances and masks of classes out of a frame that it is to get anew; returns what it had, in words.
+    pub(super) fn take_from(&self, frame: &mut SceneFrame) -> Vec<String> {
+        let mut had = Vec::new();
+        if self.depth.is_some() && frame.depth.take().is_some() {
+            had.push("true distances".to_owned());
+        }
+        if self.prior.is_some() && frame.depth_prior.take().is_some() {
+            had.push("estimated distances".to_owned());
+        }
+        for class in self.classes.keys() {
+            if frame.classes.remove(class).is_some() {
+                had.push(format!("masks of {class}"));
+            }
+        }
+        had
     }
 
     /// Adds what they depend on to a plan.

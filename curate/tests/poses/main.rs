@@ -2,6 +2,7 @@
 #![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
 
 mod colmap_models;
+mod matrices;
 mod pinhole;
 #[path = "../support/mod.rs"]
 mod support;

@@ -59,7 +59,8 @@ fn of_inputs(
         })
     };
     let poses = match scene.pose_source {
-        PoseSource::Given { .. } => "given",
+        PoseSource::Given { .. } | PoseSource::Matrices { .. } => "given",
+        PoseSource::Program { .. } => "program",
         PoseSource::Registered { .. } => "registered",
         PoseSource::Sfm { .. } => "sfm",
     };

@@ -193,6 +193,23 @@ pub enum PoseSource {
         /// Name of the file or folder.
         file: String,
     },
+    /// Matrices that the user gave.
+    Matrices {
+        /// Name of the file.
+        file: String,
+        /// What they map, which the user stated.
+        convention: PoseConvention,
+    },
+    /// A program that was run on the frames.
+    Program {
+        /// The program and its arguments.
+        command: String,
+        /// Name of the file that it left.
+        file: String,
+        /// What its matrices map, where it left matrices.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        convention: Option<PoseConvention>,
+    },
     /// Images registered to their neighbours: turns of a camera whose place is not known.
     Registered {
         /// What was found, and how well it fits.
@@ -210,6 +227,16 @@ pub enum PoseSource {
         /// Wall-clock time, seconds, rounded up.
         wall_seconds: u64,
     },
+}
+
+/// What the matrix of a pose maps; axes of the camera are x right, y down, z forward.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum PoseConvention {
+    /// Points of the camera to the world.
+    CameraToWorld,
+    /// Points of the world to the camera.
+    WorldToCamera,
 }
 
 /// Report of the pose validation.

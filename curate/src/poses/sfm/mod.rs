@@ -29,6 +29,7 @@ use super::{
     PosedSequence,
     colmap::ColmapModel,
     error::SfmError,
+    frame_list::FrameList,
     given::{camera_of_frames, frame_names},
     ignored::IgnoredPixels,
     level::{self, Levelling},
@@ -206,12 +207,12 @@ fn posed(
     index: usize,
     (mut model, mut validation): (ColmapModel, PoseValidation),
 ) -> Result<PosedSequence, CurateError> {
-    let names = frame_names(sequence);
+    let names = frame_names(&sequence.frames.entries);
     let attempt = &report.attempts[index];
     let camera = camera_of_frames(
         &sequence_folder.join(SFM_FOLDER),
         Some(model.camera.camera()),
-        sequence,
+        &FrameList::of_sequence(sequence),
     )?;
     if let Camera::Pinhole(camera) = camera {
         let shift = model
@@ -260,7 +261,7 @@ fn posed(
         })
         .collect();
     let masks = match &settings.masks {
-        Some(folder) => masks::find(folder, sequence)?
+        Some(folder) => masks::find(folder, &sequence.frames.entries)?
             .into_iter()
             .map(Some)
             .collect(),
@@ -327,4 +328,4 @@ fn describe(attempt: &SfmAttempt) -> String {
 }
 
 #[cfg(all(test, unix))]
-pub(in crate::poses) mod tests;
+mod tests;

@@ -24,11 +24,11 @@ fn sequence(frames: usize) -> Sequence {
 }
 
 fn nothing_ignored(sequence: &Sequence) -> IgnoredPixels {
-    IgnoredPixels::find(None, sequence).unwrap()
+    IgnoredPixels::find(None, &FrameList::of_sequence(sequence)).unwrap()
 }
 
 /// A sequence of these frames, 64 pixels wide.
-pub(in crate::poses) fn sequence_of(entries: Vec<FrameEntry>) -> Sequence {
+fn sequence_of(entries: Vec<FrameEntry>) -> Sequence {
     Sequence {
         id: "walk/seq-000".to_owned(),
         source: SourceVideo {

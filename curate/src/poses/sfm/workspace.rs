@@ -75,7 +75,7 @@ impl<'a> SfmWorkspace<'a> {
         store::write_bytes(&workspace.script, SCRIPT.as_bytes())?;
         let moving = settings.masks.as_ref();
         let moving = moving
-            .map(|folder| masks::find(folder, sequence))
+            .map(|folder| masks::find(folder, &sequence.frames.entries))
             .transpose()?;
         let masks = workspace.scratch.join("masks");
         let has_masks = masks::write_for_colmap(&masks, moving.as_deref(), ignored, sequence)?;
@@ -108,7 +108,7 @@ impl<'a> SfmWorkspace<'a> {
             Err(Ending::Failed(reason) | Ending::Broken(reason)) => Some(without_folders(reason)),
             _ => None,
         };
-        let names = frame_names(self.sequence);
+        let names = frame_names(&self.sequence.frames.entries);
         let found = model.ok().map(|model| {
             let validation = validate(&model, &names, &self.settings.limits);
             (model, validation)

@@ -1,0 +1,286 @@
+//! Programs of others that make masks, distances or poses of a scene's frames: networks, for most.
+//!
+//! A command is words between blanks, with these placeholders, all absolute paths:
+//!
+//! - `{frames}`: a folder with the frames and nothing else, each called by its number in the scene (`000012.png`), so
+//!   that their order is that of their names;
+//! - `{out}`: an empty folder, for masks and distances named like the frames, or for poses as `poses.json` or
+//!   `all_poses.npy`;
+//! - `{times}`: a CSV with the columns `image` and `time_seconds`, which a `poses.json` needs; optional.
+//!
+//! It is started where this process was, and has failed where its exit code is not 0. At its time limit it is ended with
+//! everything that it has started.
+
+use std::{
+    collections::BTreeMap,
+    fs,
+    path::{Path, PathBuf},
+    str::FromStr,
+    time::Duration,
+};
+
+use omnilife_schemas::{
+    command::{self, Job},
+    placeholders,
+    process_group::GRACE,
+    progress::Progress,
+    records::{DistanceConvention, DistanceGrid, FrameEntry, PoseSource, Scene},
+    store::{self, StoreError},
+};
+
+use super::{frame_list::FrameList, prior::GivenPrior};
+use crate::{error::CurateError, staging::Staging};
+
+/// Placeholders of a command; none is a number.
+const PLACEHOLDERS: [(&str, bool); 3] = [("frames", false), ("out", false), ("times", false)];
+/// Names that poses may have in the folder of a program.
+const POSE_FILES: [&str; 2] = ["poses.json", "all_poses.npy"];
+
+/// A command with its placeholders.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct FrameCommand(String);
+
+impl FromStr for FrameCommand {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        for word in text.split_whitespace() {
+            placeholders::check(word, &PLACEHOLDERS)?;
+        }
+        match ["{frames}", "{out}"]
+            .iter()
+            .find(|needed| !text.contains(**needed))
+        {
+            Some(needed) => Err(format!("the command does not say {needed}")),
+            None => Ok(Self(text.to_owned())),
+        }
+    }
+}
+
+/// A program that estimates distances, and what its files hold.
+#[derive(Debug, Clone, PartialEq)]
+pub struct PriorProgram {
+    /// The program.
+    pub command: FrameCommand,
+    /// What a step of 1 in its files means, in units of the world frame.
+    pub unit: f64,
+    /// Where their pixels are.
+    pub grid: DistanceGrid,
+    /// What their distances are measured along.
+    pub convention: DistanceConvention,
+}
+
+/// Programs that are run on the frames of a scene, whose files are attached to it.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct FramePrograms {
+    /// Masks what moves.
+    pub masks: Option<FrameCommand>,
+    /// Estimates distances.
+    pub prior: Option<PriorProgram>,
+    /// Finds the poses.
+    pub poses: Option<FrameCommand>,
+    /// How long each may take; without end where none is given.
+    pub time_limit: Option<Duration>,
+}
+
+/// What programs have left, for the frames by their numbers.
+pub(super) struct Made {
+    pub(super) frames: FrameList,
+    /// Folder of masks, and the command.
+    pub(super) masks: Option<(PathBuf, String)>,
+    pub(super) prior: Option<GivenPrior>,
+    /// File of poses, and the command.
+    pub(super) poses: Option<(PathBuf, String)>,
+}
+
+impl FramePrograms {
+    /// Runs the programs on copies of a scene's frames, in a folder that is removed afterwards.
+    ///
+    /// # Errors
+    /// When a frame cannot be copied, a program fails, or one leaves no poses or two files of them.
+    pub(super) fn run(
+        &self,
+        (scene_folder, scene): (&Path, &Scene),
+        frames: &FrameList,
+        staging: &Staging,
+        progress: &dyn Progress,
+    ) -> Result<Made, CurateError> {
+        let mut made = Made {
+            frames: numbered(frames),
+            masks: None,
+            prior: None,
+            poses: None,
+        };
+        let prior = self.prior.as_ref();
+        let prior_command = prior.map(|prior| &prior.command);
+        let commands = [self.masks.as_ref(), prior_command, self.poses.as_ref()];
+        if commands.iter().all(Option::is_none) {
+            return Ok(made);
+        }
+        let room = Room::prepare(scene_folder, scene, &made.frames, &staging.folder)?;
+        let run = |command: &FrameCommand, kind: &str| {
+            progress.begin(&command.0, None);
+            let ended = room.run(command, kind, self.time_limit, progress);
+            progress.end();
+            ended
+        };
+        if let Some(command) = &self.masks {
+            made.masks = Some((run(command, "masks")?, command.0.clone()));
+        }
+        if let Some(prior) = prior {
+            made.prior = Some(GivenPrior {
+                folder: run(&prior.command, "distances")?,
+                unit: prior.unit,
+                grid: prior.grid,
+                convention: prior.convention,
+                source: prior.command.0.clone(),
+            });
+        }
+        if let Some(command) = &self.poses {
+            let file = pose_file(&run(command, "poses")?, command)?;
+            made.poses = Some((file, command.0.clone()));
+        }
+        Ok(made)
+    }
+}
+
+/// The frames as programs see them, each called by its number.
+fn numbered(frames: &FrameList) -> FrameList {
+    let entries = frames.entries.iter().enumerate().map(|(number, entry)| {
+        let kind = Path::new(&entry.file).extension().unwrap_or_default();
+        FrameEntry {
+            file: format!("{number:06}.{}", kind.to_string_lossy()),
+            time_seconds: entry.time_seconds,
+        }
+    });
+    FrameList {
+        entries: entries.collect(),
+        ..frames.clone()
+    }
+}
+
+/// The one file of poses that a program has left.
+fn pose_file(out: &Path, command: &FrameCommand) -> Result<PathBuf, CurateError> {
+    let files = POSE_FILES.map(|name| out.join(name));
+    let mut found = files.into_iter().filter(|file| file.is_file());
+    match (found.next(), found.next()) {
+        (Some(file), None) => Ok(file),
+        (first, _) => {
+            let what = if first.is_some() { "both" } else { "neither" };
+            let [record, array] = POSE_FILES;
+            let reason = format!("left {what} of {record} and {array}, expected one of them");
+            Err(CurateError::input(Path::new(&command.0), reason))
+        }
+    }
+}
+
+/// Poses that a program found are its own.
+pub(super) fn source_of_program(source: PoseSource, command: String) -> PoseSource {
+    match source {
+        PoseSource::Given { file } => PoseSource::Program {
+            command,
+            file,
+            convention: None,
+        },
+        PoseSource::Matrices { file, convention } => PoseSource::Program {
+            command,
+            file,
+            convention: Some(convention),
+        },
+        other => other,
+    }
+}
+
+/// The folder that programs work in.
+struct Room {
+    folder: PathBuf,
+    frames: PathBuf,
+    times: PathBuf,
+}
+
+impl Room {
+    /// Copies the frames and writes their times.
+    fn prepare(
+        scene_folder: &Path,
+        scene: &Scene,
+        numbered: &FrameList,
+        folder: &Path,
+    ) -> Result<Self, CurateError> {
+        let folder =
+            std::path::absolute(folder).map_err(|source| StoreError::read(folder, source))?;
+        let room = Self {
+            frames: folder.join("frames-by-number"),
+            times: folder.join("times.csv"),
+            folder,
+        };
+        store::create_folder(&room.frames)?;
+        let mut times = "image,time_seconds\n".to_owned();
+        for (frame, entry) in scene.frames.iter().zip(&numbered.entries) {
+            let (image, copy) = (
+                scene_folder.join(&frame.image),
+                room.frames.join(&entry.file),
+            );
+            fs::copy(&image, &copy).map_err(|source| StoreError::read(&image, source))?;
+            times += &format!("{},{}\n", entry.file, entry.time_seconds);
+        }
+        store::write_bytes(&room.times, times.as_bytes())?;
+        Ok(room)
+    }
+
+    /// Runs a command; returns the folder with what it left.
+    fn run(
+        &self,
+        command: &FrameCommand,
+        kind: &str,
+        time_limit: Option<Duration>,
+        progress: &dyn Progress,
+    ) -> Result<PathBuf, CurateError> {
+        let out = self.folder.join(format!("program-{kind}"));
+        store::create_folder(&out)?;
+        let places = BTreeMap::from([
+            ("frames", &self.frames),
+            ("out", &out),
+            ("times", &self.times),
+        ]);
+        let fill = |word: &str| {
+            placeholders::replace(word, |name, _| {
+                Some(places.get(name)?.display().to_string())
+            })
+        };
+        let outcome = command::run(&Job {
+            command: command.0.split_whitespace().map(fill).collect(),
+            variables: BTreeMap::new(),
+            folder: PathBuf::from("."),
+            log: self.folder.join(format!("{kind}.log")),
+            time_limit,
+            grace: GRACE,
+            container: None,
+        })?;
+        for what in &outcome.left_running {
+            progress.note(&format!("{} left running: {what}", command.0));
+        }
+        if outcome.succeeded {
+            return Ok(out);
+        }
+        Err(CurateError::input(Path::new(&command.0), outcome.failure()))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn commands_say_where_frames_are_and_files_go() {
+        let parsed = |text: &str| text.parse::<FrameCommand>().is_ok();
+        assert!(parsed("sh net.sh {frames} {out} --times={times}"));
+        for wrong in [
+            "",
+            "sh net.sh {frames}",
+            "{out}",
+            "net {frames} {out} {what}",
+        ] {
+            assert!(!parsed(wrong), "{wrong}");
+        }
+    }
+}
