@@ -92,6 +92,7 @@ pub(super) fn as_faces(
         points,
         has_split: scene.has_split,
         is_rig: true,
+        source: scene.source.clone(),
     })
 }
 

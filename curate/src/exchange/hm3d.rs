@@ -32,7 +32,10 @@ use omnilife_schemas::{
     store::{self, StoreError},
 };
 
-use super::{ExportScene, ForeignFrame, ForeignMask, ForeignScene, Format, frame_order};
+use super::{
+    ExportScene, ForeignFrame, ForeignMask, ForeignScene, Format, Writer, frame_order,
+    parts::numbered_name,
+};
 use crate::{error::CurateError, poses::frame_camera::FrameCamera};
 
 /// The format.
@@ -40,7 +43,10 @@ pub const FORMAT: Format = Format {
     id: "hm3d",
     about: "panoramas with rotation.npy and translation.npy, as Splatter-360 keeps HM3D; no points",
     holds_cube_faces: false,
-    export: Some(export),
+    export: Some(Writer {
+        write: export,
+        holds: &[],
+    }),
     import,
 };
 
@@ -67,7 +73,7 @@ fn export(scene: &ExportScene, out: &Path) -> Result<(), CurateError> {
     write_split_lists(scene, out)?;
     let (mut rotations, mut translations) = (Vec::new(), Vec::new());
     for (index, frame) in scene.frames.iter().enumerate() {
-        let name = format!("{index:05}.png");
+        let name = numbered_name(index);
         let is_png = frame.name.to_ascii_lowercase().ends_with(".png");
         if is_png {
             super::copy(&frame.image, &panoramas.join(&name))?;

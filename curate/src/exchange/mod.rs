@@ -5,6 +5,7 @@
 //! size. No format but ours knows when a frame was shown, so every export has a `times.csv` beside it, which
 //! others ignore.
 
+mod collect;
 pub mod colmap;
 mod cube_faces;
 pub mod datasets;
@@ -19,12 +20,13 @@ mod left_out;
 mod masks;
 pub mod nerfstudio;
 pub mod openmvg;
+mod own_record;
+mod parts;
 mod published_split;
 mod scene_folder;
 mod times;
 
 use std::{
-    collections::BTreeMap,
     fs,
     path::{Path, PathBuf},
 };
@@ -32,11 +34,9 @@ use std::{
 use omnilife_schemas::{
     Pose,
     camera::{Camera, cube::CUBE_FACES},
-    layout::SCENE_FILE,
-    ownership::is_inside,
     points::PointCloud,
     progress::Progress,
-    records::{Scene, Split},
+    records::Scene,
     store::{self, StoreError},
 };
 
@@ -44,13 +44,21 @@ pub use cube_faces::CubeFaces;
 pub(crate) use cube_faces::face_image;
 pub use distances::{DistanceEncoding, ForeignDistance};
 pub use foreign::{ForeignFrame, ForeignMask, ForeignScene, FrameRate};
+pub use own_record::scene_id;
+pub use parts::Part;
 pub use published_split::ForeignSplit;
 pub use scene_folder::{ImportRequest, MaskMeaning, import};
 
 use crate::error::CurateError;
 
-/// Writes a scene into an empty folder.
-pub type Writer = fn(&ExportScene, &Path) -> Result<(), CurateError>;
+/// The writer of a format.
+#[derive(Debug, Clone, Copy)]
+pub struct Writer {
+    /// Writes a scene into an empty folder.
+    pub write: fn(&ExportScene, &Path) -> Result<(), CurateError>,
+    /// Parts of a scene that are written; an export says which of the others it leaves out.
+    pub holds: &'static [Part],
+}
 
 /// A scene format.
 #[derive(Debug, Clone, Copy)]
@@ -133,6 +141,17 @@ pub struct ExportScene {
     pub has_split: bool,
     /// Whether the frames are the faces of cubes, each in the folder of its face.
     pub is_rig: bool,
+    /// All that is known of the scene.
+    pub source: SceneSource,
+}
+
+/// The scene that an export is made of.
+#[derive(Debug, Clone)]
+pub struct SceneSource {
+    /// Folder of the scene.
+    pub folder: PathBuf,
+    /// Its record, without frames that are left out as those for testing.
+    pub record: Scene,
 }
 
 /// What to export, and how.
@@ -153,7 +172,7 @@ pub struct ExportRequest<'a> {
     pub out: &'a Path,
 }
 
-/// Exports a scene. Frames without a pose are left out, with a note.
+/// Exports a scene, with a note on every part of it that the format does not hold.
 ///
 /// # Errors
 /// [`CurateError::Input`] for an unknown format or one that is only read, a scene without posed frames, cube faces of a
@@ -165,7 +184,7 @@ pub fn export(
 ) -> Result<ExportScene, CurateError> {
     let out = request.out;
     let format = format(request.format, out)?;
-    let write = writer(format, out)?;
+    let writer = writer(format, out)?;
     if request.cube_faces.is_some() && !format.holds_cube_faces {
         let can: Vec<&str> = FORMATS
             .iter()
@@ -180,12 +199,10 @@ pub fn export(
         return Err(CurateError::input(out, reason));
     }
     refuse_filled(out)?;
-    let mut scene = collect(request.scene_folder, request.split, progress)?;
-    if request.given_only {
-        scene.frames.retain(|frame| frame.is_input);
-    }
-    for note in masks::notes(&scene)? {
-        progress.note(&note);
+    let mut scene = collect::collect(request, progress)?;
+    let left_out = parts::left_out(format.id, writer.holds, &scene.source.record);
+    for note in masks::notes(&scene)?.iter().chain(&left_out) {
+        progress.note(note);
     }
     fill_folder(out, |folder| {
         let scratch = folder.join("faces");
@@ -199,7 +216,7 @@ pub fn export(
                 ));
             }
         }
-        write(&scene, folder)?;
+        (writer.write)(&scene, folder)?;
         if scene.is_rig {
             store::remove(&scratch)?;
             cube_faces::write_rig(folder)?;
@@ -270,105 +287,6 @@ fn refuse_filled(out: &Path) -> Result<(), CurateError> {
         ));
     }
     Ok(())
-}
-
-/// The posed frames of a scene with their files.
-fn collect(
-    folder: &Path,
-    split: Option<&Path>,
-    progress: &dyn Progress,
-) -> Result<ExportScene, CurateError> {
-    let path = folder.join(SCENE_FILE);
-    let scene: Scene = store::read_record(&path)?;
-    let split: Option<(&Path, Split)> = match split {
-        Some(file) => Some((file, store::read_record(file)?)),
-        None => None,
-    };
-    if let Some((file, split)) = &split
-        && split.scene != scene.id
-    {
-        return Err(CurateError::input(
-            file,
-            format!("is the split of {}, not of {}", split.scene, scene.id),
-        ));
-    }
-    let is_input = |index: usize| {
-        split
-            .as_ref()
-            .is_none_or(|(_, split)| split.input_views.contains(&(index as u32)))
-    };
-    refuse_unusable_names(&path, &scene)?;
-    let frames: Vec<ExportFrame> = scene
-        .frames
-        .iter()
-        .enumerate()
-        .filter_map(|(index, frame)| {
-            Some(ExportFrame {
-                name: file_name(&frame.image),
-                image: folder.join(&frame.image),
-                mask: frame.mask.as_ref().map(|mask| folder.join(mask)),
-                ignore_mask: frame.ignore_mask.as_ref().map(|mask| folder.join(mask)),
-                pose: frame.pose.filter(Pose::is_valid)?,
-                time_seconds: frame.time_seconds,
-                is_input: is_input(index),
-            })
-        })
-        .collect();
-    if frames.is_empty() {
-        return Err(CurateError::input(&path, "has no frame with a pose"));
-    }
-    if frames.len() < scene.frames.len() {
-        progress.note(&format!(
-            "{}: {} of {} frames have no pose and are left out",
-            scene.id,
-            scene.frames.len() - frames.len(),
-            scene.frames.len()
-        ));
-    }
-    let points = match &scene.points {
-        Some(file) => PointCloud::read_ply(&folder.join(file))?,
-        None => PointCloud::default(),
-    };
-    if split.is_none() {
-        progress.note(&format!(
-            "{}: no split is given: frames for testing are not marked, and all are for training",
-            scene.id
-        ));
-    }
-    Ok(ExportScene {
-        camera: scene.camera,
-        frames,
-        points,
-        has_split: split.is_some(),
-        is_rig: false,
-    })
-}
-
-/// Refuses files outside of the scene's folder, which are nobody's to hand on, and frames that would
-/// become one file: all images, and all masks, lie in one folder in an export.
-fn refuse_unusable_names(path: &Path, scene: &Scene) -> Result<(), CurateError> {
-    let mut stems = BTreeMap::new();
-    for (number, frame) in scene.frames.iter().enumerate() {
-        let masks = frame.mask.iter().chain(&frame.ignore_mask);
-        for file in [&frame.image].into_iter().chain(masks) {
-            if !is_inside(file) {
-                let reason = format!("{file:?} of frame {number} is no file in its folder");
-                return Err(CurateError::input(path, reason));
-            }
-        }
-        let name = file_name(&frame.image);
-        if let Some(other) = stems.insert(stem(&name).to_owned(), number) {
-            let reason = format!("frames {other} and {number} have one file name, {name}");
-            return Err(CurateError::input(path, reason));
-        }
-    }
-    match scene.points.iter().find(|file| !is_inside(file)) {
-        Some(file) => {
-            let reason = format!("{file:?} is no file in its folder");
-            Err(CurateError::input(path, reason))
-        }
-        None => Ok(()),
-    }
 }
 
 /// A file that another tool's record names, which must lie in the folder of the record.

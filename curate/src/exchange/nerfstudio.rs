@@ -35,7 +35,8 @@ use omnilife_schemas::{
 use serde::{Deserialize, Serialize};
 
 use super::{
-    ExportScene, ForeignFrame, ForeignMask, ForeignScene, Format, file_of, left_out, stem,
+    ExportScene, ForeignFrame, ForeignMask, ForeignScene, Format, Part, Writer, file_of, left_out,
+    stem,
 };
 use crate::error::CurateError;
 
@@ -44,7 +45,10 @@ pub const FORMAT: Format = Format {
     id: "nerfstudio",
     about: "nerfstudio's transforms.json with an EQUIRECTANGULAR, PINHOLE or OPENCV camera",
     holds_cube_faces: true,
-    export: Some(export),
+    export: Some(Writer {
+        write: export,
+        holds: &[Part::Points, Part::Names],
+    }),
     import,
 };
 

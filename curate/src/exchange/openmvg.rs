@@ -34,7 +34,9 @@ use omnilife_schemas::{
 };
 use serde::{Deserialize, Serialize};
 
-use super::{ExportScene, ForeignFrame, ForeignScene, Format, masks::black_mask, stem};
+use super::{
+    ExportScene, ForeignFrame, ForeignScene, Format, Part, Writer, masks::black_mask, stem,
+};
 use crate::{error::CurateError, poses::frame_camera::FrameCamera};
 
 /// The format.
@@ -42,7 +44,10 @@ pub const FORMAT: Format = Format {
     id: "openmvg",
     about: "OpenMVG views and extrinsics, as ODGS reads them; a pinhole has one focal length",
     holds_cube_faces: false,
-    export: Some(export),
+    export: Some(Writer {
+        write: export,
+        holds: &[Part::Points, Part::Names],
+    }),
     import,
 };
 

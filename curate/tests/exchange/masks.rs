@@ -40,6 +40,7 @@ fn objects_may_be_what_is_ignored() {
     let export = exported("frames", folder.path());
     let from = export.path().join("scene");
     fs::remove_dir_all(from.join("ignore")).unwrap();
+    fs::remove_file(from.join("scene.json")).unwrap();
     let all = Mask {
         width: 32,
         height: 16,

@@ -1,0 +1,132 @@
+//! Writing a scene as a folder of frames, with everything that its record knows.
+
+use std::{collections::BTreeMap, path::Path};
+
+use omnilife_schemas::{
+    Pose,
+    layout::{
+        CLASSES_FOLDER, DEPTH_FOLDER, DEPTH_PRIOR_FOLDER, IGNORE_MASKS_FOLDER, POINTS_FILE,
+        SCENE_FILE,
+    },
+    records::{DepthImage, DepthPrior, PosedFrame, Poses, Scene, SceneFrame},
+    store,
+};
+
+use super::{
+    super::{
+        ExportScene, copy, create_parent, file_name, own_record::extension, refuse_second, stem,
+        write_split_lists,
+    },
+    IMAGES_FOLDER, MASK_FOLDER, OBJECTS_FOLDER, POSES_FILE, UNPOSED_FOLDER, expect_folder_name,
+};
+use crate::error::CurateError;
+
+pub(super) fn export(scene: &ExportScene, out: &Path) -> Result<(), CurateError> {
+    write_split_lists(scene, out)?;
+    let record = &scene.source.record;
+    let files = Files {
+        from: &scene.source.folder,
+        out,
+    };
+    let frames = record.frames.iter().map(|frame| files.copied(frame));
+    let frames: Vec<SceneFrame> = frames.collect::<Result<_, _>>()?;
+    let has_points = !scene.points.is_empty();
+    if has_points {
+        scene.points.write_ply(&out.join(POINTS_FILE))?;
+    }
+    let points = has_points.then(|| POINTS_FILE.to_owned());
+    let posed = scene.frames.iter().map(|frame| PosedFrame {
+        time_seconds: frame.time_seconds,
+        pose: frame.pose,
+        mask: None,
+    });
+    let poses = Poses {
+        scale: record.scale,
+        camera: Some(scene.camera),
+        frames: posed.collect(),
+        points: points.clone(),
+    };
+    store::write_record(&out.join(POSES_FILE), &poses)?;
+    let record = Scene {
+        frames,
+        points,
+        ..record.clone()
+    };
+    Ok(store::write_record(&out.join(SCENE_FILE), &record)?)
+}
+
+/// Files of a scene on their way to an export.
+struct Files<'a> {
+    from: &'a Path,
+    out: &'a Path,
+}
+
+impl Files<'_> {
+    /// Copies a file to its place in the export; returns that place.
+    fn copy(&self, file: &str, to: String) -> Result<String, CurateError> {
+        let path = self.out.join(&to);
+        refuse_second(&path)?;
+        create_parent(&path)?;
+        copy(&self.from.join(file), &path)?;
+        Ok(to)
+    }
+
+    /// Copies all files of a frame; returns the frame as the export has it.
+    fn copied(&self, frame: &SceneFrame) -> Result<SceneFrame, CurateError> {
+        let name = file_name(&frame.image);
+        let stem = stem(&name);
+        let is_posed = frame.pose.as_ref().is_some_and(Pose::is_valid);
+        let images = if is_posed {
+            IMAGES_FOLDER
+        } else {
+            UNPOSED_FOLDER
+        };
+        let mask = |file: Option<&String>, folder: &str| {
+            file.map(|file| self.copy(file, format!("{folder}/{stem}.png")))
+                .transpose()
+        };
+        Ok(SceneFrame {
+            image: self.copy(&frame.image, format!("{images}/{name}"))?,
+            mask: mask(frame.mask.as_ref(), MASK_FOLDER)?,
+            ignore_mask: mask(frame.ignore_mask.as_ref(), IGNORE_MASKS_FOLDER)?,
+            classes: self.masks(&frame.classes, CLASSES_FOLDER, stem)?,
+            objects: self.masks(&frame.objects, OBJECTS_FOLDER, stem)?,
+            depth: match &frame.depth {
+                Some(depth) => Some(DepthImage {
+                    file: self.distances(&depth.file, DEPTH_FOLDER, stem)?,
+                    ..depth.clone()
+                }),
+                None => None,
+            },
+            depth_prior: match &frame.depth_prior {
+                Some(prior) => Some(DepthPrior {
+                    file: self.distances(&prior.file, DEPTH_PRIOR_FOLDER, stem)?,
+                    ..prior.clone()
+                }),
+                None => None,
+            },
+            ..frame.clone()
+        })
+    }
+
+    /// Copies the masks of objects or classes, by their names.
+    fn masks(
+        &self,
+        masks: &BTreeMap<String, String>,
+        folder: &str,
+        stem: &str,
+    ) -> Result<BTreeMap<String, String>, CurateError> {
+        let mut copies = BTreeMap::new();
+        for (name, file) in masks {
+            expect_folder_name(self.from, name)?;
+            let copy = self.copy(file, format!("{folder}/{name}/{stem}.png"))?;
+            copies.insert(name.clone(), copy);
+        }
+        Ok(copies)
+    }
+
+    /// Copies distances, which are a PNG or an array.
+    fn distances(&self, file: &str, folder: &str, stem: &str) -> Result<String, CurateError> {
+        self.copy(file, format!("{folder}/{stem}.{}", extension(file)))
+    }
+}
