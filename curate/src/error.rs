@@ -65,6 +65,21 @@ pub enum CurateError {
 }
 
 impl CurateError {
+    /// The error of a file in a temporary folder, as that of the file in the folder that it was to become.
+    pub(crate) fn in_place_of(self, temporary: &Path, folder: &Path) -> Self {
+        match self {
+            Self::Input { path, reason } => Self::Input {
+                path: match path.strip_prefix(temporary) {
+                    Ok(rest) if rest.as_os_str().is_empty() => folder.to_owned(),
+                    Ok(rest) => folder.join(rest),
+                    Err(_) => path,
+                },
+                reason,
+            },
+            other => other,
+        }
+    }
+
     /// `path` is not a usable video.
     pub(crate) fn video(path: &Path, reason: impl Into<String>) -> Self {
         Self::Video {

@@ -255,11 +255,11 @@ fn fill_folder<T>(
         store::rename(&temporary, out).map_err(|error| StoreError::write(out, error))?;
         Ok(value)
     })();
-    if filled.is_err() {
+    filled.map_err(|error| {
         // The work has failed already: what cannot be removed is hidden and harmless.
         drop(store::remove(&temporary));
-    }
-    filled
+        error.in_place_of(&temporary, out)
+    })
 }
 
 /// Refuses an output folder that holds something; removes what killed processes left beside it.

@@ -4,7 +4,8 @@
 //! ```text
 //! transforms.json          camera, per frame a camera-to-world matrix, and the files of the split
 //! images/                  the frames
-//! masks/<stem>.png         black where pixels are not used (nerfstudio's convention)
+//! masks/<stem>.png         black where pixels are not used (nerfstudio's convention); of all frames or of none, as
+//!                          its data parser asks (nerfstudio/data/dataparsers/nerfstudio_dataparser.py)
 //! points.ply               world points
 //! ```
 //!
@@ -107,7 +108,9 @@ fn opengl(rotation: DMat3) -> DMat3 {
 
 fn export(scene: &ExportScene, out: &Path) -> Result<(), CurateError> {
     super::copy_images(scene, out)?;
-    super::masks::write_black_masks(scene, &out.join("masks"), mask_name)?;
+    let masks = out.join("masks");
+    super::masks::write_black_masks(scene, &masks, mask_name)?;
+    let has_masks = super::masks::write_white_masks(scene, &masks, mask_name)?;
     let intrinsics = match scene.camera {
         Camera::Erp(ErpCamera { width, height }) => {
             let half = f64::from(width) / 2.0;
@@ -135,9 +138,7 @@ fn export(scene: &ExportScene, out: &Path) -> Result<(), CurateError> {
             file_path: format!("images/{}", frame.name),
             // Rows of the matrix are columns of its transpose.
             transform_matrix: matrix.transpose().to_cols_array_2d(),
-            mask_path: frame
-                .is_masked()
-                .then(|| format!("masks/{}", mask_name(&frame.name))),
+            mask_path: has_masks.then(|| format!("masks/{}", mask_name(&frame.name))),
             others: Entries::new(),
         }
     });

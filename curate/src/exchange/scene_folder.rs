@@ -382,16 +382,16 @@ fn import_mask(
         return Ok(None);
     }
     let mask = given_mask(source, frame)?;
-    let has_both_kinds = frame
-        .mask
-        .as_ref()
-        .is_some_and(|found| found.black_is_dynamic);
+    let says_where_to_look = (frame.mask.as_ref()).is_some_and(|found| found.black_is_dynamic);
+    if !says_where_to_look {
+        return write_mask(mask, SCENE_MASKS_FOLDER, name, out);
+    }
+    // Masks of what to look at have both kinds in them, and are there where nothing is hidden, too.
     let mask = match ignored {
-        // Masks of what to look at have both kinds in them, where there is only the other one as well.
-        Some(ignored) if has_both_kinds => (mask.map(|mask| mask.without(ignored)))
-            .filter(|mask| mask.data.iter().any(|&value| value != 0)),
-        _ => mask,
+        Some(ignored) => mask.map(|mask| mask.without(ignored)),
+        None => mask,
     };
+    let mask = mask.filter(|mask| mask.data.iter().any(|&value| value != 0));
     write_mask(mask, SCENE_MASKS_FOLDER, name, out)
 }
 

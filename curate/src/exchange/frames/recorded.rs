@@ -42,6 +42,9 @@ const FOLDERS_OF_FRAMES: [&str; 6] = [
 /// # Errors
 /// When a file is missing, malformed or not in the folder, and when another file says something else than the record.
 pub(super) fn import(folder: &Path, record: &Scene) -> Result<ForeignScene, CurateError> {
+    if record.frames.is_empty() {
+        return Err(StoreError::malformed(&folder.join(SCENE_FILE), "has no frames").into());
+    }
     expect_agreement(folder, record)?;
     let (mut frames, mut missing_images) = (Vec::new(), Vec::new());
     for frame in &record.frames {
