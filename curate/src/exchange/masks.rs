@@ -6,10 +6,7 @@
 use std::path::{Path, PathBuf};
 
 use omnilife_schemas::{
-    layout::IGNORE_MASKS_FOLDER,
-    mask_file::MarkedGreys,
-    mask_survey::MaskSurvey,
-    rgb::Mask,
+    layout::IGNORE_MASKS_FOLDER, mask_file::MarkedGreys, mask_survey::MaskSurvey, rgb::Mask,
     store::StoreError,
 };
 
