@@ -245,7 +245,7 @@ fn fill_folder<T>(
     fill: impl FnOnce(&Path) -> Result<T, CurateError>,
 ) -> Result<T, CurateError> {
     let temporary = store::temporary_beside(out);
-    let filled = (|| {
+    let filled = (|| -> Result<T, CurateError> {
         store::remove(&temporary)?;
         store::create_folder(&temporary)?;
         let value = fill(&temporary)?;

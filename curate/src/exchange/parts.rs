@@ -48,7 +48,7 @@ impl Part {
     /// Says what of the part a scene has, which is left out; `None` where it has nothing of it.
     fn left_out(self, scene: &Scene) -> Option<String> {
         let frames_with = |has: &dyn Fn(&SceneFrame) -> bool, what: &str| {
-            let count = scene.frames.iter().filter(|frame| has(frame)).count();
+            let count = scene.frames.iter().filter(|&frame| has(frame)).count();
             (count > 0).then(|| format!("{what} of {count} frames are left out"))
         };
         match self {

@@ -67,7 +67,7 @@ fn write_scene(root: &Path, drawn: &[Drawn], name: fn(u32) -> String) -> Scene {
 }
 
 fn frame(root: &Path, at: u32, name: &str, bits: u16) -> SceneFrame {
-    let has = |bit: u16| bits >> bit & 1 == 1;
+    let has = |bit: u16| (bits >> bit) & 1 == 1;
     let stem = name.strip_suffix(".png").unwrap();
     let image = format!("frames/{name}");
     let path = |file: &str| {
@@ -386,23 +386,22 @@ fn exports_say_what_they_leave_out() {
         };
         assert_eq!(said, expected, "{}: {lines:?}", format.id);
     }
-    let both = |line: &String| line.contains(" 2 ") && line.contains("car 2, walker é");
     let notes = Notes::default();
+    let out = folder.path().join("again");
     let request = ExportRequest {
         scene_folder: folder.path(),
         format: "colmap",
         split: None,
         given_only: false,
         cube_faces: None,
-        out: &folder.path().join("again"),
+        out: &out,
     };
     export(&request, &notes).unwrap();
     let lines = notes.0.into_inner().unwrap();
-    assert_eq!(
-        lines.iter().filter(|line| both(line)).count(),
-        1,
-        "{lines:?}"
-    );
+    let objects = lines
+        .iter()
+        .filter(|line| line.contains(" 2 ") && line.contains("car 2, walker é"));
+    assert_eq!(objects.count(), 1, "{lines:?}");
 }
 
 /// COLMAP's readers of text end a name at a space: a text model that has one would name other images.

@@ -13,13 +13,15 @@ use omnilife_schemas::{
 };
 
 use super::{
-    super::{
+    IMAGES_FOLDER, MASK_FOLDER, OBJECTS_FOLDER, POSES_FILE, UNPOSED_FOLDER, expect_folder_name,
+};
+use crate::{
+    error::CurateError,
+    exchange::{
         ExportScene, copy, create_parent, file_name, own_record::extension, refuse_second, stem,
         write_split_lists,
     },
-    IMAGES_FOLDER, MASK_FOLDER, OBJECTS_FOLDER, POSES_FILE, UNPOSED_FOLDER, expect_folder_name,
 };
-use crate::error::CurateError;
 
 pub(super) fn export(scene: &ExportScene, out: &Path) -> Result<(), CurateError> {
     write_split_lists(scene, out)?;

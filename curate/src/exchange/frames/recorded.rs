@@ -17,15 +17,15 @@ use omnilife_schemas::{
     store::{self, StoreError},
 };
 
-use super::{
-    super::{
-        ForeignFrame, ForeignMask, ForeignScene, ForeignSplit, file_of, image_of,
+use super::{MASK_FOLDER, OBJECTS_FOLDER, POSES_FILE, expect_folder_name};
+use crate::{
+    error::CurateError,
+    exchange::{
+        ForeignFrame, ForeignMask, ForeignScene, ForeignSplit, file_name, file_of, image_of,
         left_out::folders_below,
         times::{TIMES_FILE, TimeTable},
     },
-    MASK_FOLDER, OBJECTS_FOLDER, POSES_FILE, expect_folder_name,
 };
-use crate::error::CurateError;
 
 /// Folders whose files belong to frames by the record alone.
 const FOLDERS_OF_FRAMES: [&str; 6] = [
@@ -151,7 +151,7 @@ fn expect_agreement(folder: &Path, record: &Scene) -> Result<(), CurateError> {
     }
     if let Some(table) = TimeTable::read(folder)? {
         for frame in &record.frames {
-            let name = super::super::file_name(&frame.image);
+            let name = file_name(&frame.image);
             if let Some(seconds) = table.seconds_of(&name)
                 && seconds != frame.time_seconds
             {
