@@ -1,6 +1,7 @@
 //! The direction of dependencies: {`schemas`, `stereo`} <- {`networks`, `engine`} <- {`curate`, `reconstruct`,
 //! `bench`, `leaderboard`, `sweep`} <- {the binary, `python`}, without sideways edges; `networks` is for those
-//! that run networks, `engine` for `reconstruct`, `stereo` for those that match images.
+//! that run networks, `engine` for `reconstruct`, `stereo` for those that match images, `results` for
+//! `leaderboard`, so that Polars is nowhere else.
 #![expect(clippy::unwrap_used, reason = "a failed set-up step fails the test")]
 
 use std::{
@@ -14,6 +15,7 @@ const SCHEMAS: &str = "omnilife-schemas";
 const NETWORKS: &str = "omnilife-networks";
 const STEREO: &str = "omnilife-stereo";
 const ENGINE: &str = "omnilife-engine";
+const RESULTS: &str = "omnilife-results";
 const BINARY: &str = "omnilife";
 const PYTHON: &str = "omnilife-python";
 const CRATES: [&str; 5] = [
@@ -63,7 +65,7 @@ fn ours(dependencies: &BTreeSet<String>) -> BTreeSet<&str> {
 #[test]
 fn every_member_has_its_place() {
     let mut known = BTreeSet::from(CRATES);
-    known.extend([SCHEMAS, NETWORKS, STEREO, ENGINE, BINARY, PYTHON]);
+    known.extend([SCHEMAS, NETWORKS, STEREO, ENGINE, RESULTS, BINARY, PYTHON]);
     let dependencies = dependencies();
     let members: BTreeSet<_> = dependencies.keys().map(String::as_str).collect();
     assert_eq!(members, known, "a new crate needs its edges in this test");
@@ -79,7 +81,7 @@ fn what_all_share_depends_on_no_sibling() {
 #[test]
 fn crates_depend_on_what_they_share_alone() {
     let dependencies = dependencies();
-    for name in [NETWORKS, ENGINE] {
+    for name in [NETWORKS, ENGINE, RESULTS] {
         assert_eq!(
             ours(&dependencies[name]),
             BTreeSet::from([SCHEMAS]),
@@ -91,6 +93,7 @@ fn crates_depend_on_what_they_share_alone() {
             "omnilife-curate" => BTreeSet::from([SCHEMAS, NETWORKS, STEREO]),
             "omnilife-bench" => BTreeSet::from([SCHEMAS, NETWORKS]),
             "omnilife-reconstruct" => BTreeSet::from([SCHEMAS, ENGINE, STEREO]),
+            "omnilife-leaderboard" => BTreeSet::from([SCHEMAS, RESULTS]),
             _ => BTreeSet::from([SCHEMAS]),
         };
         assert_eq!(ours(&dependencies[name]), expected, "{name}");
@@ -131,4 +134,24 @@ fn scores_and_tables_need_no_graphics() {
         !dependencies["omnilife-leaderboard"].contains("image"),
         "the leaderboard reads results, never images"
     );
+}
+
+/// Packages that the project is built on by decision, each with the crate that uses it.
+#[test]
+fn packages_that_the_project_is_built_on_are_used() {
+    let dependencies = dependencies();
+    for (package, user) in [
+        ("ffmpeg-next", "omnilife-curate"),
+        ("opencv", "omnilife-curate"),
+        ("serde", SCHEMAS),
+        ("csv", "omnilife-leaderboard"),
+        ("rayon", ENGINE),
+        ("image", SCHEMAS),
+        ("glam", ENGINE),
+        ("polars", RESULTS),
+        ("indicatif", BINARY),
+        ("clap", BINARY),
+    ] {
+        assert!(dependencies[user].contains(package), "{user} lost {package}");
+    }
 }

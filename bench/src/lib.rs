@@ -52,7 +52,7 @@ pub use paired::{Difference, PairedComparison, StoredResult, WinsAndLosses, comp
 pub use prediction::scored_bytes;
 pub use protocols::{PROTOCOLS, ProtocolEntry};
 pub use scoring::{DEFAULT_MEMORY_BYTES, MetricChoice, Predictions, ScoreRequest, score};
-pub use split::{frames_without_content, split, split_scene};
+pub use split::{frames_without_content, split, split_scene, split_scene_under};
 pub use stability_report::{stability_failures, stability_table, write_stability};
 pub use statement::Statement;
 pub use validate::{Finding, ValidationReport, validate};

@@ -11,6 +11,7 @@ use image::{ColorType, ImageDecoder, codecs::png::PngDecoder};
 use omnilife_schemas::{
     image_file::{self, NotPlain},
     npy,
+    padded_frame::PaddedFrame,
     store::{self, StoreError},
 };
 
@@ -31,6 +32,8 @@ pub(crate) struct PredictionFolder {
     arrays: BTreeSet<u32>,
     /// Names of images that are read as the number of a frame in another way than its name.
     other_names: BTreeMap<u32, String>,
+    /// Frames that predictions may fill, whose padding is cut off.
+    padded: Option<PaddedFrame>,
     /// Images that are no prediction of a frame that is scored.
     pub(crate) strays: Vec<String>,
 }
@@ -65,8 +68,15 @@ impl PredictionFolder {
             refusal: reason,
             arrays: BTreeSet::new(),
             other_names: BTreeMap::new(),
+            padded: None,
             strays: Vec::new(),
         }
+    }
+
+    /// The folder with predictions that may fill these frames; what they hold in the padding counts for nothing.
+    pub(crate) fn in_frames(mut self, padded: Option<PaddedFrame>) -> Self {
+        self.padded = padded;
+        self
     }
 
     /// The folder itself.
@@ -115,8 +125,8 @@ impl PredictionFolder {
     }
 
     /// Bytes of a frame's prediction: an 8-bit RGB PNG of exactly `width` x `height` pixels, or an
-    /// array of values, rounded as [`scored_bytes`] says. An alpha channel is accepted where every
-    /// pixel is opaque.
+    /// array of values, rounded as [`scored_bytes`] says. One of the size of padded frames is taken
+    /// without its padding. An alpha channel is accepted where every pixel is opaque.
     ///
     /// # Errors
     /// The reason, in one line, why the prediction cannot be scored. It names the file without its
@@ -141,7 +151,7 @@ impl PredictionFolder {
         if let Some(other) = other {
             return Err(format!("{name} and {other} are both of frame {frame}"));
         }
-        decode(&bytes, width, height).map_err(|reason| format!("{name} {reason}"))
+        decode(&bytes, [width, height], self.padded).map_err(|reason| format!("{name} {reason}"))
     }
 
     /// Returns the share of the values of a frame's array that lie below -0.02 or above 1.02. `None` where
@@ -149,7 +159,10 @@ impl PredictionFolder {
     pub(crate) fn outside_share(&self, frame: u32) -> Option<f64> {
         let name = self.arrays.contains(&frame).then(|| array_name(frame))?;
         let array = npy::read(&self.folder.join(name)).ok()?;
-        Some(arrays::outside_share(&array))
+        Some(arrays::outside_share(&arrays::without_padding(
+            array,
+            self.padded,
+        )))
     }
 
     fn read_array(&self, frame: u32, width: u32, height: u32) -> Result<Vec<u8>, String> {
@@ -161,6 +174,7 @@ impl PredictionFolder {
             return Err(format!("{name} and {other} are both of frame {frame}"));
         }
         let array = read_npy(&self.folder.join(&name), &name)?;
+        let array = arrays::without_padding(array, self.padded);
         scored_bytes(&array, width, height).map_err(|reason| format!("{name} {reason}"))
     }
 
@@ -180,7 +194,7 @@ impl PredictionFolder {
         if !file.exists() {
             return Err(format!("{name} is missing"));
         }
-        let array = read_npy(&file, &name)?;
+        let array = arrays::without_padding(read_npy(&file, &name)?, self.padded);
         let expected = [height as usize, width as usize];
         if array.shape != expected {
             let shape = array.shape;
@@ -226,25 +240,39 @@ fn read_npy(file: &Path, name: &str) -> Result<npy::Array, String> {
     })
 }
 
-fn decode(bytes: &[u8], width: u32, height: u32) -> Result<Vec<u8>, String> {
+fn decode(
+    bytes: &[u8],
+    [width, height]: [u32; 2],
+    padded: Option<PaddedFrame>,
+) -> Result<Vec<u8>, String> {
     let undecodable = |error: image::ImageError| {
         let text = error.to_string();
         format!("is not a usable PNG: {}", text.lines().next().unwrap_or(""))
     };
     let decoder = PngDecoder::new(Cursor::new(bytes)).map_err(undecodable)?;
     // Checked before decoding: a wrong header must not make us allocate its size.
-    let (found_width, found_height) = decoder.dimensions();
-    if (found_width, found_height) != (width, height) {
+    let found = <[u32; 2]>::from(decoder.dimensions());
+    let filled = padded.filter(|frame| frame.size() == found);
+    if found != [width, height] && filled.is_none() {
+        let [found_width, found_height] = found;
+        let with_padding = padded.map_or(String::new(), |frame| {
+            let [width, height] = frame.size();
+            format!(", or {width}x{height} with padding")
+        });
         return Err(format!(
-            "is {found_width}x{found_height} pixels, expected {width}x{height}"
+            "is {found_width}x{found_height} pixels, expected {width}x{height}{with_padding}"
         ));
     }
     let colour = decoder.color_type();
     if !matches!(colour, ColorType::Rgb8 | ColorType::Rgba8) {
         return Err(format!("is {colour:?}, expected 8-bit RGB"));
     }
-    image_file::plain_rgb8(decoder).map_err(|error| match error {
+    let rgb = image_file::plain_rgb8(decoder).map_err(|error| match error {
         NotPlain::Damaged(error) => undecodable(error),
         NotPlain::Turned | NotPlain::Transparent => error.to_string(),
+    })?;
+    Ok(match filled {
+        Some(frame) => frame.crop(&rgb, 3),
+        None => rgb,
     })
 }

@@ -4,7 +4,8 @@ use std::path::Path;
 
 use omnilife_schemas::{
     image_file::ImageFile,
-    records::{Protocol, Scene, Split},
+    padded_frame::PaddedFrame,
+    records::{Protocol, Resampling, Scene, Split},
     rgb,
     split_rules::{self, SplitError},
     store::{self, StoreError},
@@ -43,8 +44,22 @@ pub fn split(scene: &Scene, protocol: &Protocol) -> Result<Split, BenchError> {
 /// # Errors
 /// Those of [`split`] and [`protocols::protocol`], and when a file cannot be read or written.
 pub fn split_scene(scene: &Path, protocol_id: &str, out: &Path) -> Result<Split, BenchError> {
-    let protocol = protocols::protocol(protocol_id)?;
-    let split = split(&store::read_record(scene)?, &protocol)?;
+    split_scene_under(scene, &protocols::protocol(protocol_id)?, out)
+}
+
+/// As [`split_scene`], under rules that may differ from those of a known protocol, such as its padding.
+///
+/// # Errors
+/// Those of [`split`], when nothing of the scene could be scored at the protocol's size, and when a file cannot be
+/// read or written.
+pub fn split_scene_under(
+    scene: &Path,
+    protocol: &Protocol,
+    out: &Path,
+) -> Result<Split, BenchError> {
+    let scene: Scene = store::read_record(scene)?;
+    let split = split(&scene, protocol)?;
+    sizes(&scene, &split)?;
     if out.exists() && !store::schema_of(out).is_ok_and(|schema| schema.starts_with(ANY_SPLIT)) {
         return Err(StoreError::refused(
             out,
@@ -93,6 +108,28 @@ pub fn frames_without_content(scene: &Path, split: &Split) -> Result<Vec<String>
         )
     }));
     Ok(lines)
+}
+
+/// Width and height of the scored images of a scene, in pixels, and the frames in which methods are given them, where
+/// they are padded.
+///
+/// # Errors
+/// When nothing could be scored at the protocol's size.
+pub(crate) fn sizes(
+    scene: &Scene,
+    split: &Split,
+) -> Result<([u32; 2], Option<PaddedFrame>), BenchError> {
+    let protocol = &split.protocol;
+    let Resampling::Area = protocol.resampling;
+    let sizes = || -> Result<_, String> {
+        let frame = protocol.padded_frame(&scene.camera)?;
+        Ok((protocol.scored_size(&scene.camera)?, frame))
+    };
+    sizes().map_err(|reason| BenchError::Protocol {
+        scene: scene.id.clone(),
+        protocol: protocols::title(protocol),
+        reason,
+    })
 }
 
 /// Checks that a split is the one that this program makes of a scene, by rules that it can score.

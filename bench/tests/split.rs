@@ -8,8 +8,8 @@ use std::fs;
 use omnilife_bench::{BenchError, protocols, split, split_scene};
 use omnilife_schemas::{
     Classified, ErrorKind,
-    records::{Split, SplitRule},
-    store,
+    records::{PublishedSplit, Scene, Split, SplitRule},
+    split_rules, store,
 };
 use proptest::prelude::*;
 use scenes::scene;
@@ -152,6 +152,79 @@ fn every_posed_frame_is_given_where_fidelity_is_scored() {
     assert_eq!(split.input_views, [0, 1, 3, 4, 5]);
     assert!(split.novel_views.is_empty());
     refusal(omnilife_bench::split(&scene(2, &[0, 1]), &protocol));
+}
+
+fn published() -> omnilife_schemas::records::Protocol {
+    protocols::protocol("published").unwrap()
+}
+
+/// A scene of eight frames with these lists.
+fn with_lists(unposed: &[usize], input: &[u32], novel: &[u32]) -> Scene {
+    let mut scene = scene(8, unposed);
+    scene.published_split = Some(PublishedSplit {
+        source: "somebody, train.txt and test.txt".to_owned(),
+        input_views: input.to_vec(),
+        novel_views: novel.to_vec(),
+    });
+    scene
+}
+
+#[test]
+fn the_published_split_is_the_lists_of_the_scene() {
+    let scene = with_lists(&[2, 5], &[1, 2, 3, 7], &[0, 5, 6]);
+    let split = split(&scene, &published()).unwrap();
+    assert_eq!(split.input_views, [1, 3, 7]);
+    assert_eq!(split.novel_views, [0, 6]);
+    assert_eq!(split.unposed, [2, 5]);
+    assert!(split_rules::check(&split, &scene).is_ok());
+    let other = with_lists(&[2, 5], &[1, 2, 3, 7], &[0, 4, 6]);
+    assert!(split_rules::check(&split, &other).is_err());
+    // Other protocols know nothing of it.
+    let by_rule = omnilife_bench::split(&scene, &per_scene()).unwrap();
+    assert_eq!(by_rule.novel_views, [6]);
+}
+
+#[test]
+fn scenes_without_a_usable_published_split_are_refused() {
+    let message = refusal(split(&scene(8, &[]), &published()));
+    assert!(message.contains("no split was published"), "{message}");
+    for (input, novel, what) in [
+        (&[0, 8][..], &[1][..], "8 is no frame"),
+        (&[0, 1], &[1, 2], "frame 1 is"),
+        (&[1, 0], &[2], "do not rise"),
+        (&[0, 1], &[3, 3], "do not rise"),
+        (&[], &[3], "input views"),
+        (&[0], &[4], "novel views"),
+    ] {
+        let message = refusal(split(&with_lists(&[4], input, novel), &published()));
+        assert!(message.contains(what), "{message}");
+        assert!(message.contains("protocol published/1"), "{message}");
+    }
+}
+
+#[test]
+fn the_given_panoramas_can_be_named() {
+    let mut protocol = protocols::protocol("sparse-panoramas").unwrap();
+    let evenly = protocol.hash();
+    let five = scene(5, &[3]);
+    protocol.split = SplitRule::Given { frames: vec![0, 4] };
+    let named = split(&five, &protocol).unwrap();
+    assert_eq!(named.input_views, [0, 4]);
+    assert_eq!(named.novel_views, [1, 2]);
+    assert_eq!(named.unposed, [3]);
+    assert_ne!(named.protocol_hash, evenly);
+    assert!(split_rules::check(&named, &five).is_ok());
+    for (frames, what) in [
+        (vec![], "ascending"),
+        (vec![2, 1], "ascending"),
+        (vec![0, 3], "frame 3"),
+        (vec![0, 5], "frame 5"),
+        (vec![0, 1, 2, 4], "none is left"),
+    ] {
+        protocol.split = SplitRule::Given { frames };
+        let message = refusal(split(&five, &protocol));
+        assert!(message.contains(what), "{message}");
+    }
 }
 
 #[test]

@@ -248,13 +248,13 @@ fn refuse_truncated(
     Ok(())
 }
 
-/// Whether some interval leaves the median by more than half a percent and by more than the
+/// Whether some interval leaves the typical one by more than half a percent and by more than the
 /// rounding of the source's clock explains.
-fn is_variable(times: &[f64], median: f64, seconds_per_tick: f64) -> bool {
-    let tolerated = (0.005 * median).max(1.01 * seconds_per_tick);
+fn is_variable(times: &[f64], typical: f64, seconds_per_tick: f64) -> bool {
+    let tolerated = (0.005 * typical).max(1.01 * seconds_per_tick);
     times
         .windows(2)
-        .any(|pair| (pair[1] - pair[0] - median).abs() > tolerated)
+        .any(|pair| (pair[1] - pair[0] - typical).abs() > tolerated)
 }
 
 #[cfg(test)]

@@ -7,7 +7,7 @@ use std::path::Path;
 use omnilife_schemas::{
     layout::{ATTRITION_FILE, BOUNDARIES_FILE, FUNNEL_FILE, SEQUENCE_FILE},
     plain_text::serialize_for_spreadsheet,
-    records::{BoundaryLedger, Dataset, Sequence, TimeRange, VideoEntry, VideoStatus},
+    records::{BoundaryLedger, Dataset, InputFile, Sequence, TimeRange, VideoEntry, VideoStatus},
     store::{self, Record},
 };
 use serde::Serialize;
@@ -15,6 +15,7 @@ use serde::Serialize;
 use crate::{
     criteria::CHECKS,
     error::CurateError,
+    inputs::VIDEO_EXTENSIONS,
     near_duplicates::{self, LIMIT, NearDuplicate},
 };
 
@@ -33,12 +34,14 @@ pub(crate) const LEFT_OUT_THRESHOLD: &str = "what the ledger keeps";
 /// Footage of another video, in another file; nothing is rejected for it.
 pub const NEAR_DUPLICATE: &str = "near-duplicate";
 const TRANSITION: &str = "transition";
+/// A video in a folder that was given, which was not taken from it; nothing that went in is lost by it.
+pub const INPUT: &str = "input";
 const KEPT: &str = "kept";
 
 /// One reason for which a video or a segment of one was rejected.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Reject {
-    /// The video as given.
+    /// The video as `dataset.json` calls it.
     #[serde(serialize_with = "serialize_for_spreadsheet")]
     pub video: String,
     /// Id of the check.
@@ -113,6 +116,7 @@ impl Attrition {
         for pair in near_duplicates::find(dataset, out)? {
             rejects.push(near_duplicate(dataset, &pair));
         }
+        rejects.extend(dataset.not_taken.iter().map(not_taken));
         let left = funnel.last().map_or(0.0, |step| step.left_seconds);
         // A microsecond per video covers the rounding of sums.
         if (left - kept_seconds).abs() > 1e-6 * (dataset.videos.len() + 1) as f64 {
@@ -245,6 +249,23 @@ fn near_duplicate(dataset: &Dataset, pair: &NearDuplicate) -> Reject {
         begin_seconds: Some(pair.begin_seconds),
         end_seconds: Some(pair.begin_seconds + pair.seconds),
         seconds: Some(pair.seconds),
+        counted: false,
+    }
+}
+
+/// A row that takes nothing out: the file never went in.
+fn not_taken(file: &InputFile) -> Reject {
+    Reject {
+        video: file.file.clone(),
+        check: INPUT.to_owned(),
+        value: file.reason.clone(),
+        threshold: format!(
+            "a file directly in the folder ({})",
+            VIDEO_EXTENSIONS.join(" ")
+        ),
+        begin_seconds: None,
+        end_seconds: None,
+        seconds: None,
         counted: false,
     }
 }

@@ -9,7 +9,7 @@ use omnilife_schemas::{
     layout::{ANALYSIS_FILE, ATTRITION_FILE, DATASET_FILE, VIDEOS_FOLDER},
     lock::FolderLock,
     progress::Progress,
-    records::{Dataset, Origin, SourceVideo, VideoAnalysis, VideoEntry, VideoStatus},
+    records::{Dataset, InputFile, Origin, SourceVideo, VideoAnalysis, VideoEntry, VideoStatus},
     store,
 };
 
@@ -19,6 +19,7 @@ use crate::{
     pipeline,
     settings::CurateSettings,
     video,
+    video_names::video_names,
     worker::{Curated, Worker},
 };
 
@@ -74,11 +75,12 @@ pub fn curate_dataset(
     settings: &CurateSettings,
     progress: &dyn Progress,
 ) -> Result<CuratedDataset, CurateError> {
-    curate_dataset_in(&Place::ThisProcess, videos, out, settings, progress)
+    curate_dataset_in(&Place::ThisProcess, videos, &[], out, settings, progress)
 }
 
 /// Curates videos into `out`: `dataset.json` and one folder per video in `videos/`, named after the
-/// video's file.
+/// video's file. The record calls videos by [`video_names()`], and lists beside them the files of folders that are
+/// `not_taken`.
 ///
 /// # Errors
 /// When the settings make no sense, `out` holds something else or the dataset of other videos, or it
@@ -87,6 +89,7 @@ pub fn curate_dataset(
 pub fn curate_dataset_in(
     place: &Place,
     videos: &[PathBuf],
+    not_taken: &[InputFile],
     out: &Path,
     settings: &CurateSettings,
     progress: &dyn Progress,
@@ -100,11 +103,12 @@ pub fn curate_dataset_in(
     let sources = identify_all(videos, progress);
     let origins = held_origins(out);
     let mut record = Dataset {
-        videos: videos
-            .iter()
+        videos: video_names(videos)
+            .into_iter()
             .zip(&sources)
-            .map(|(video, source)| pending(video, source.as_ref().ok(), &origins))
+            .map(|(name, source)| pending(name, source.as_ref().ok(), &origins))
             .collect(),
+        not_taken: not_taken.to_vec(),
     };
     claim(out, &record)?;
     let lock = FolderLock::take(out, progress)?;
@@ -118,8 +122,9 @@ pub fn curate_dataset_in(
         if let Some(first) = first_with_this_content(&record, index) {
             let of = record.videos[first].file.clone();
             progress.note(&format!(
-                "{}: the same content as {of}, skipped",
-                video.display()
+                "{}: the same content as {}, skipped",
+                video.display(),
+                videos[first].display()
             ));
             record.videos[index].duration_seconds = record.videos[first].duration_seconds;
             record.videos[index].status = VideoStatus::Duplicate { of };
@@ -143,7 +148,7 @@ pub fn curate_dataset_in(
                     .collect(),
             },
             Err(error) => {
-                let reason = error.to_string();
+                let reason = error.for_records();
                 let status = match error.failed_checks() {
                     Some(failed) => VideoStatus::Rejected {
                         reason,
@@ -223,12 +228,12 @@ fn identify_all(
 }
 
 fn pending(
-    video: &Path,
+    file: String,
     source: Option<&SourceVideo>,
     origins: &BTreeMap<String, Origin>,
 ) -> VideoEntry {
     VideoEntry {
-        file: video.display().to_string(),
+        file,
         sha256: source.map(|source| source.sha256.clone()),
         duration_seconds: None,
         origin: source.and_then(|source| origins.get(&source.sha256).cloned()),

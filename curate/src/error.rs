@@ -3,18 +3,24 @@
 use std::path::{Path, PathBuf};
 
 use omnilife_networks::WeightsError;
-use omnilife_schemas::{Classified, ErrorKind, records::CheckOutcome, store::StoreError};
+use omnilife_schemas::{
+    Classified, ErrorKind, plain_text, records::CheckOutcome, store::StoreError,
+};
+
+use crate::criteria;
 
 /// An error of this crate. Messages are one line that names the file and the reason.
 #[derive(Debug, thiserror::Error)]
 pub enum CurateError {
     /// A video that cannot be used: not a video, truncated, corrupt.
-    #[error("{}: {reason}", path.display())]
+    #[error("{}: {reason}{}", path.display(), after(*advice))]
     Video {
         /// The video.
         path: PathBuf,
         /// What is wrong with it.
         reason: String,
+        /// What the user can do about it.
+        advice: Option<&'static str>,
     },
     /// A sound video that the admission criteria or the ERP projection keep out.
     #[error("{}: rejected: {reason}", path.display())]
@@ -49,6 +55,8 @@ pub enum CurateError {
     Elsewhere {
         /// The message of the error there.
         message: String,
+        /// That message as [`CurateError::for_records`] gives it.
+        for_records: String,
         /// Who has to act.
         kind: ErrorKind,
         /// The checks that the video failed, where it is sound and only unwanted.
@@ -92,6 +100,20 @@ impl CurateError {
         Self::Video {
             path: path.to_owned(),
             reason: reason.into(),
+            advice: None,
+        }
+    }
+
+    /// `path` is not a usable video as it is.
+    pub(crate) fn mendable_video(
+        path: &Path,
+        reason: impl Into<String>,
+        advice: &'static str,
+    ) -> Self {
+        Self::Video {
+            path: path.to_owned(),
+            reason: reason.into(),
+            advice: Some(advice),
         }
     }
 
@@ -124,6 +146,28 @@ impl CurateError {
         }
     }
 
+    /// Returns what is wrong in one line for records, which are published: without folders of this machine, and
+    /// without advice to the user. Of a video that is kept out it is every failed check.
+    pub fn for_records(&self) -> String {
+        let of_file = |path: &Path, reason: &str| {
+            let name = path.file_name().unwrap_or_default();
+            format!("{}: {reason}", name.to_string_lossy())
+        };
+        let line = match self {
+            Self::Video { reason, .. } => reason.clone(),
+            Self::Rejected { failed, .. } => criteria::in_words(failed),
+            Self::Input { path, reason } | Self::Internal { path, reason } => of_file(path, reason),
+            Self::Sfm(error) => error.to_string(),
+            Self::Weights(WeightsError::Unavailable { name, .. }) => {
+                format!("the weights of {name} are not there")
+            }
+            Self::Weights(WeightsError::Malformed { path, reason }) => of_file(path, reason),
+            Self::Store(error) => error.without_folders(),
+            Self::Elsewhere { for_records, .. } => for_records.clone(),
+        };
+        plain_text::without_folders(&line)
+    }
+
     /// Whether the video is sound and only unwanted.
     pub fn is_rejection(&self) -> bool {
         self.failed_checks().is_some()
@@ -137,6 +181,11 @@ impl CurateError {
             _ => None,
         }
     }
+}
+
+/// Advice behind a reason.
+fn after(advice: Option<&str>) -> String {
+    advice.map_or_else(String::new, |advice| format!("; {advice}"))
 }
 
 impl Classified for CurateError {

@@ -28,7 +28,7 @@ const SAME_INSTANT_SECONDS: f64 = 1e-9;
 /// Timestamps of the frames to sample from a shot, evenly in time.
 ///
 /// `times` are the timestamps of all frames of the video in order. With [`Sampling::MaxFrames`] the
-/// distance is the smallest whole multiple of the shot's median frame interval that gives no more
+/// distance is the smallest whole multiple of the shot's typical frame interval that gives no more
 /// frames than that, so that samples of a steady video are exactly evenly spaced. With
 /// [`Sampling::FramesPerSecond`] the frame nearest to every instant is taken. No frame is taken
 /// twice.
@@ -49,13 +49,13 @@ pub fn choose(times: &[f64], shot: TimeRange, sampling: Sampling) -> Vec<f64> {
         Sampling::FramesPerSecond(rate) => 1.0 / rate,
         Sampling::MaxFrames(most) if inside.len() <= most as usize => return inside.to_vec(),
         Sampling::MaxFrames(most) => {
-            let Some(median) = frame_interval(inside) else {
+            let Some(typical) = frame_interval(inside) else {
                 return inside.to_vec();
             };
-            // Over `gaps` median intervals, every stride-th frame makes floor(gaps / stride) + 1.
-            let gaps = ((end - begin) / median).round();
+            // Over `gaps` typical intervals, every stride-th frame makes floor(gaps / stride) + 1.
+            let gaps = ((end - begin) / typical).round();
             let stride = (gaps / f64::from(most)).floor() + 1.0;
-            stride * median
+            stride * typical
         }
     };
     let last_instant = ((end - begin) / interval + 1e-6).floor() as u64;

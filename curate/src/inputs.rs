@@ -1,13 +1,13 @@
 //! Which videos the paths on the command line stand for.
 
 use std::{
-    collections::BTreeMap,
+    collections::{BTreeMap, BTreeSet},
     path::{Path, PathBuf},
 };
 
-use omnilife_schemas::store;
+use omnilife_schemas::{records::InputFile, store};
 
-use crate::error::CurateError;
+use crate::{error::CurateError, stills};
 
 /// File name extensions of videos, in lower case.
 pub const VIDEO_EXTENSIONS: &[&str] = &["mp4", "m4v", "mov", "mkv", "webm", "avi", "mpg", "ts"];
@@ -19,10 +19,11 @@ const OTHER_VIDEO_EXTENSIONS: &[&str] = &[
     "mxf", "ogv", "vob", "wmv",
 ];
 
-/// Replaces every folder by the videos directly in it, sorted by name; files stay as they are.
+/// Replaces every folder by the videos directly in it, sorted by name; files stay as they are, and so does a folder of
+/// images without videos: still panoramas.
 ///
 /// # Errors
-/// [`CurateError::Input`] for a path that does not exist and for a folder without videos.
+/// [`CurateError::Input`] for a path that does not exist and for a folder without videos and images.
 pub fn expand_inputs(paths: &[PathBuf]) -> Result<Vec<PathBuf>, CurateError> {
     let mut videos = Vec::new();
     for path in paths {
@@ -42,78 +43,138 @@ fn videos_in(folder: &Path) -> Result<Vec<PathBuf>, CurateError> {
         .into_iter()
         .filter(|path| path.is_file() && has_extension(path, VIDEO_EXTENSIONS))
         .collect();
+    if videos.is_empty() && stills::has_images(folder)? {
+        return Ok(vec![folder.to_owned()]);
+    }
     if videos.is_empty() {
-        let others = left_out_of(folder)?;
-        let others = others.map_or_else(String::new, |others| format!(", but {others}"));
+        let others = left_out_of(folder, &BTreeSet::new())?;
+        let others = match others.is_empty() {
+            true => String::new(),
+            false => format!(", but {}", in_words(&others)),
+        };
         return Err(CurateError::input(
             folder,
-            format!("holds no videos ({}){others}", VIDEO_EXTENSIONS.join(", ")),
+            format!(
+                "holds no videos ({}) and no images{others}",
+                VIDEO_EXTENSIONS.join(", ")
+            ),
         ));
     }
     Ok(videos)
 }
 
-/// Returns a line for every folder among the paths that holds videos which [`expand_inputs`] does not take: those
-/// with other extensions, and those in its subfolders.
+/// Videos of folders that are not taken.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct InputsLeftOut {
+    /// A line for every folder that holds any.
+    pub lines: Vec<String>,
+    /// The files.
+    pub files: Vec<InputFile>,
+}
+
+/// Returns the videos in folders among the paths that are none of the `videos` which [`expand_inputs`] made of the
+/// paths: those with other extensions, and those in subfolders.
 ///
 /// # Errors
 /// When a folder cannot be read.
-pub fn left_out_of_folders(paths: &[PathBuf]) -> Result<Vec<String>, CurateError> {
-    let mut lines = Vec::new();
+pub fn left_out_of_folders(
+    paths: &[PathBuf],
+    videos: &[PathBuf],
+) -> Result<InputsLeftOut, CurateError> {
+    let taken = videos.iter().map(|video| located(video)).collect();
+    let mut left_out = InputsLeftOut::default();
     for folder in paths.iter().filter(|path| path.is_dir()) {
-        if let Some(others) = left_out_of(folder)? {
-            lines.push(format!(
-                "{}: {others} are left out; name them to take them",
-                folder.display()
+        let files = left_out_of(folder, &taken)?;
+        if !files.is_empty() {
+            left_out.lines.push(format!(
+                "{}: {} are left out; name them to take them",
+                folder.display(),
+                in_words(&files)
             ));
+            left_out.files.extend(files);
         }
     }
-    Ok(lines)
+    Ok(left_out)
 }
 
-/// Lists the files of a folder that are not taken, in words: other extensions with their numbers, subfolders with those
-/// of their videos.
-fn left_out_of(folder: &Path) -> Result<Option<String>, CurateError> {
-    let mut extensions = BTreeMap::new();
-    let mut folders = Vec::new();
+/// A path by which a file is known however it was reached.
+fn located(path: &Path) -> PathBuf {
+    path.canonicalize().unwrap_or_else(|_| path.to_owned())
+}
+
+/// The videos of a folder that are not among those `taken`, in order of their names.
+fn left_out_of(folder: &Path, taken: &BTreeSet<PathBuf>) -> Result<Vec<InputFile>, CurateError> {
+    let mut files = Vec::new();
     for path in store::paths_in(folder)? {
+        let name = name(&path);
         if is_real_folder(&path) {
-            let count = videos_below(&path);
-            if count > 0 {
-                let name = path.file_name().unwrap_or_default().to_string_lossy();
-                folders.push(format!("{count} in the folder {name}"));
+            add_videos_below(&path, &name, taken, &mut files);
+        } else if has_extension(&path, OTHER_VIDEO_EXTENSIONS) && !taken.contains(&located(&path)) {
+            let extension = extension(&path);
+            files.push(InputFile {
+                file: name,
+                reason: format!("a .{extension} file, which is taken only where it is named"),
+            });
+        }
+    }
+    Ok(files)
+}
+
+/// Adds the videos of all extensions in a folder and those below it, which is called `place` in their names.
+fn add_videos_below(
+    folder: &Path,
+    place: &str,
+    taken: &BTreeSet<PathBuf>,
+    files: &mut Vec<InputFile>,
+) {
+    // A subfolder that cannot be read is nothing that was asked for.
+    for path in store::paths_in(folder).unwrap_or_default() {
+        let place = format!("{place}/{}", name(&path));
+        if is_real_folder(&path) {
+            add_videos_below(&path, &place, taken, files);
+        } else if (has_extension(&path, VIDEO_EXTENSIONS)
+            || has_extension(&path, OTHER_VIDEO_EXTENSIONS))
+            && !taken.contains(&located(&path))
+        {
+            files.push(InputFile {
+                file: place,
+                reason: "in a folder below the one that was given".to_owned(),
+            });
+        }
+    }
+}
+
+/// Counts the files of a folder that are not taken by extension, and by the folder below in which they are.
+fn in_words(files: &[InputFile]) -> String {
+    let mut extensions = BTreeMap::new();
+    let mut folders = BTreeMap::new();
+    for InputFile { file, .. } in files {
+        match file.split_once('/') {
+            Some((folder, _)) => *folders.entry(folder).or_insert(0_usize) += 1,
+            None => {
+                *extensions
+                    .entry(extension(Path::new(file)))
+                    .or_insert(0_usize) += 1;
             }
-        } else if has_extension(&path, OTHER_VIDEO_EXTENSIONS) {
-            *extensions.entry(extension(&path)).or_insert(0_usize) += 1;
         }
     }
     let extensions = extensions
         .into_iter()
         .map(|(extension, count)| format!("{count} .{extension}"));
-    let words: Vec<String> = extensions.chain(folders).collect();
-    Ok((!words.is_empty()).then(|| words.join(", ")))
+    let folders = folders
+        .into_iter()
+        .map(|(folder, count)| format!("{count} in the folder {folder}"));
+    extensions.chain(folders).collect::<Vec<_>>().join(", ")
 }
 
-/// Videos of all extensions in a folder and those below it.
-fn videos_below(folder: &Path) -> usize {
-    let mut count = 0;
-    // A subfolder that cannot be read is nothing that was asked for.
-    for path in store::paths_in(folder).unwrap_or_default() {
-        if is_real_folder(&path) {
-            count += videos_below(&path);
-        } else if has_extension(&path, VIDEO_EXTENSIONS)
-            || has_extension(&path, OTHER_VIDEO_EXTENSIONS)
-        {
-            count += 1;
-        }
-    }
-    count
+fn name(path: &Path) -> String {
+    let name = path.file_name().unwrap_or_default();
+    name.to_string_lossy().into_owned()
 }
 
 /// A folder that is no link, which may lead round in a circle, and not hidden.
 fn is_real_folder(path: &Path) -> bool {
-    let name = path.file_name().unwrap_or_default().to_string_lossy();
-    path.is_dir() && !path.is_symlink() && !name.starts_with('.')
+    path.is_dir() && !path.is_symlink() && !name(path).starts_with('.')
 }
 
 fn has_extension(path: &Path, extensions: &[&str]) -> bool {

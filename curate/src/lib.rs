@@ -37,14 +37,16 @@ mod settings;
 pub mod slicing;
 mod sphere_layouts;
 mod staging;
+mod stills;
 mod toml_file;
 pub mod tracks;
 pub mod video;
+mod video_names;
 pub mod worker;
 
 pub use dataset::{CuratedDataset, Place, curate_dataset, curate_dataset_in};
 pub use error::CurateError;
-pub use inputs::{expand_inputs, left_out_of_folders};
+pub use inputs::{InputsLeftOut, expand_inputs, left_out_of_folders};
 pub use libraries::libraries;
 pub use pipeline::curate_video;
 pub use poses::{
@@ -52,4 +54,5 @@ pub use poses::{
     SfmSettings, enter_masks, pose_sequence, pose_sequence_with,
 };
 pub use settings::{CurateSettings, LayoutChoice};
+pub use video_names::video_names;
 pub use worker::Worker;

@@ -2,13 +2,16 @@
 //!
 //! The columns are `file`, `url`, `uploader`, `licence`, `date`, `keywords` (between semicolons) and
 //! `kind` (`web` or `own-capture`); all but `file` may be left out. A row is about the video with this
-//! path or file name.
+//! path as given, name in `dataset.json` or file name.
 #![cfg_attr(
     not(test),
     deny(clippy::indexing_slicing, clippy::arithmetic_side_effects)
 )]
 
-use std::{collections::BTreeMap, path::Path};
+use std::{
+    collections::BTreeMap,
+    path::{Path, PathBuf},
+};
 
 use omnilife_schemas::{
     layout::DATASET_FILE,
@@ -164,7 +167,7 @@ fn is_date(text: &str) -> bool {
 }
 
 impl Origins {
-    /// Enters what the list says into the record of a dataset, and writes it. Rows that are about no
+    /// Enters what the list says into the record of a dataset of `videos`, and writes it. Rows that are about no
     /// video, and videos that no row is about, are told in one line each; `list` names the list there.
     ///
     /// # Errors
@@ -172,6 +175,7 @@ impl Origins {
     pub fn enter(
         &self,
         list: &Path,
+        videos: &[PathBuf],
         record: &mut Dataset,
         out: &Path,
         progress: &dyn Progress,
@@ -181,23 +185,19 @@ impl Origins {
             .iter()
             .map(|(file, origin)| (file.as_str(), origin))
             .collect();
-        for video in &mut record.videos {
-            let name = video.file.rsplit(['/', '\\']).next();
-            let keys = [Some(video.file.as_str()), name];
+        for (video, path) in record.videos.iter_mut().zip(videos) {
+            let shown = path.display().to_string();
+            let name = path.file_name().unwrap_or_default().to_string_lossy();
+            let keys = [shown.as_str(), video.file.as_str(), &*name];
             let row = keys
                 .into_iter()
-                .flatten()
                 .find_map(|key| self.rows.get_key_value(key));
             match row {
                 Some((key, origin)) => {
                     unused.remove(key.as_str());
                     video.origin = Some(origin.clone());
                 }
-                None => progress.note(&format!(
-                    "{}: {} says nothing of it",
-                    video.file,
-                    list.display()
-                )),
+                None => progress.note(&format!("{shown}: {} says nothing of it", list.display())),
             }
         }
         for file in unused.keys() {

@@ -25,7 +25,7 @@ use crate::{
     overlays, projection,
     sequences::{self, Sequencing},
     settings::{CurateSettings, LayoutChoice},
-    sphere_layouts,
+    sphere_layouts, stills,
 };
 
 /// Curates one video into `folder` and returns the names of its sequence folders in order of time.
@@ -59,7 +59,10 @@ pub(crate) fn curate_source(
     settings: &CurateSettings,
     progress: &dyn Progress,
 ) -> Result<Vec<String>, CurateError> {
-    let outcome = sequences_of(video, source, folder, settings, progress);
+    let outcome = match video.is_dir() {
+        true => stills::curate(video, source, folder, settings, progress),
+        false => sequences_of(video, source, folder, settings, progress),
+    };
     if let Err(error) = &outcome
         && let Some(failed) = error.failed_checks()
         && is_of(folder, source)?
@@ -177,7 +180,7 @@ fn asked_layout(
 pub(crate) fn identify(video: &Path) -> Result<SourceVideo, CurateError> {
     let metadata = fs::metadata(video).map_err(|error| StoreError::read(video, error))?;
     if metadata.is_dir() {
-        return Err(CurateError::video(video, "is a folder, not a video"));
+        return stills::identify(video);
     }
     Ok(SourceVideo {
         file_name: video
@@ -191,7 +194,7 @@ pub(crate) fn identify(video: &Path) -> Result<SourceVideo, CurateError> {
 }
 
 /// Makes the folder, or makes sure that an existing one belongs to this video.
-fn claim(video: &Path, folder: &Path, source: &SourceVideo) -> Result<(), CurateError> {
+pub(crate) fn claim(video: &Path, folder: &Path, source: &SourceVideo) -> Result<(), CurateError> {
     let refuse = |reason: String| Err(CurateError::input(folder, reason));
     if folder.is_file() {
         return refuse("is a file; the output needs a folder".to_owned());
@@ -282,6 +285,7 @@ fn analysed(
             probe.transfer
         ));
     }
+    projection::note_turns(video, &probe, progress);
     let projection = projection::judge(&probe, samples.images());
     let evident = || sphere_layouts::evident(&projection, &probe);
     let layout = asked.or_else(evident);

@@ -27,7 +27,7 @@ use crate::{
     frames::{self, Selection},
     ledger::{self, labels},
     settings::CurateSettings,
-    slicing::{self, Shots, SliceSource},
+    slicing::{self, Orientation, Shots, SliceSource},
     staging::Staging,
 };
 
@@ -35,7 +35,7 @@ use crate::{
 /// the video's folder.
 const SUPERSEDED_FOLDER: &str = ".superseded";
 /// Name of the stage, and with it of its done-record.
-const STAGE: &str = "frames";
+pub(crate) const STAGE: &str = "frames";
 
 /// The stage of one video.
 pub(crate) struct Sequencing<'a> {
@@ -163,7 +163,7 @@ impl Sequencing<'_> {
         let source = SliceSource {
             video: self.video,
             times: &signals.times,
-            quarter_turns: (self.analysis.probe.rotation_degrees / 90.0).round() as u32,
+            orientation: Orientation::of(&self.analysis.probe),
         };
         let mut settings = self.settings.slices;
         let mut no_slices = None;
@@ -278,6 +278,7 @@ impl Sequencing<'_> {
                     .map(|(index, &time_seconds)| FrameEntry {
                         file: frames::file_name(index),
                         time_seconds,
+                        capture: None,
                     })
                     .collect(),
             },
@@ -319,7 +320,11 @@ pub(crate) fn withdraw(
 
 /// Makes way for a sequence folder of this name. What is there already is removed where only
 /// this stage has written into it, and set aside where others have.
-fn clear(video_folder: &Path, name: &str, progress: &dyn Progress) -> Result<(), CurateError> {
+pub(crate) fn clear(
+    video_folder: &Path,
+    name: &str,
+    progress: &dyn Progress,
+) -> Result<(), CurateError> {
     let folder = video_folder.join(name);
     if !folder.exists() {
         return Ok(());
@@ -376,7 +381,7 @@ fn frames_are_ours(folder: &Path) -> Result<bool, CurateError> {
 }
 
 /// Names of the sequence folders in a video's folder, in order.
-fn sequence_folders(folder: &Path) -> Result<Vec<String>, CurateError> {
+pub(crate) fn sequence_folders(folder: &Path) -> Result<Vec<String>, CurateError> {
     let mut numbered: Vec<(usize, String)> = store::names_in(folder)?
         .into_iter()
         .filter_map(|name| {

@@ -72,6 +72,7 @@ enum Message {
     },
     Failed {
         message: String,
+        for_records: String,
         is_fault_of_input: bool,
         failed_checks: Option<Vec<CheckOutcome>>,
         duration_seconds: Option<f64>,
@@ -102,7 +103,7 @@ impl Worker {
         let Ok(request) = serde_json::to_string(&request) else {
             return failed(CurateError::video(video, "its path is not valid UTF-8"));
         };
-        let run = || -> io::Result<(Option<Curated>, String)> {
+        let run = || -> io::Result<(Option<Curated>, [String; 2])> {
             let mut child = Command::new(&self.program)
                 .args(&self.arguments)
                 .stdin(Stdio::piped())
@@ -125,12 +126,12 @@ impl Worker {
                 .rev()
                 .map(str::trim)
                 .find(|line| !line.is_empty());
-            let ending = last.map_or_else(|| ending.clone(), |line| format!("{ending}: {line}"));
-            Ok((curated?, ending))
+            let said = last.map_or_else(String::new, |line| format!(": {line}"));
+            Ok((curated?, [ending, said]))
         };
         match run() {
             Ok((Some(curated), _)) => curated,
-            Ok((None, ending)) => failed(self.crashed(video, &ending)),
+            Ok((None, [ending, said])) => failed(self.crashed(video, &ending, &said)),
             Err(error) => failed(CurateError::internal(
                 video,
                 format!("the process that curates it failed: {error}"),
@@ -138,16 +139,20 @@ impl Worker {
         }
     }
 
-    fn crashed(&self, video: &Path, ending: &str) -> CurateError {
-        let limit = self.memory_bytes.filter(|_| ending.contains("memory"));
+    /// The error of a process that ended so, and `said` this before.
+    fn crashed(&self, video: &Path, ending: &str, said: &str) -> CurateError {
+        let limit = self.memory_bytes.filter(|_| said.contains("memory"));
         let hint = limit.map_or_else(String::new, |bytes| {
             let gibibytes = bytes as f64 / f64::from(1 << 30);
             format!(" (it may use {gibibytes:.1} GiB, see --memory)")
         });
-        CurateError::internal(
-            video,
-            format!("the process that read it ended with {ending}{hint}"),
-        )
+        let reason = format!("the process that read it ended with {ending}");
+        CurateError::Elsewhere {
+            message: format!("{}: {reason}{said}{hint}", video.display()),
+            for_records: reason,
+            kind: ErrorKind::Internal,
+            failed_checks: None,
+        }
     }
 }
 
@@ -192,6 +197,7 @@ fn converse(
             }
             Message::Failed {
                 message,
+                for_records,
                 is_fault_of_input,
                 failed_checks,
                 duration_seconds,
@@ -204,6 +210,7 @@ fn converse(
                 curated = Some(Curated {
                     sequences: Err(CurateError::Elsewhere {
                         message,
+                        for_records,
                         kind,
                         failed_checks,
                     }),
@@ -267,6 +274,7 @@ pub fn serve() -> io::Result<()> {
         },
         Err(error) => Message::Failed {
             message: error.to_string(),
+            for_records: error.for_records(),
             is_fault_of_input: error.error_kind() == ErrorKind::User,
             failed_checks: error.failed_checks().map(<[_]>::to_vec),
             duration_seconds,
@@ -379,12 +387,13 @@ mod tests {
         let curated = curated_by(script, None);
         assert_eq!(curated.sequences.unwrap(), ["seq-000"]);
         assert_eq!(curated.duration_seconds, Some(2.5));
-        let script = r#"echo '{"failed":{"message":"a.mp4: is empty","is_fault_of_input":true,"failed_checks":null,"duration_seconds":null}}'"#;
+        let script = r#"echo '{"failed":{"message":"/films/a.mp4: is empty","for_records":"is empty","is_fault_of_input":true,"failed_checks":null,"duration_seconds":null}}'"#;
         let error = curated_by(script, None).sequences.unwrap_err();
         assert_eq!(
             (error.to_string().as_str(), error.error_kind()),
-            ("a.mp4: is empty", ErrorKind::User)
+            ("/films/a.mp4: is empty", ErrorKind::User)
         );
+        assert_eq!(error.for_records(), "is empty");
         assert!(!error.is_rejection());
     }
 }

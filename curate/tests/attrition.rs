@@ -6,7 +6,8 @@ mod support;
 use std::{fs, path::Path};
 
 use omnilife_curate::{
-    CurateSettings, attrition::Attrition, curate_dataset, ledger::merge::Evidence,
+    CurateSettings, Place, attrition::Attrition, curate_dataset, curate_dataset_in, expand_inputs,
+    ledger::merge::Evidence, left_out_of_folders,
 };
 use omnilife_schemas::{
     progress::Silent,
@@ -96,6 +97,56 @@ fn rejects_and_sequences_add_up_to_what_went_in() {
         fs::read_to_string(out.join("attrition.csv")).unwrap(),
         table
     );
+}
+
+/// They are rows, and take no second out of what went in.
+#[test]
+fn files_of_a_folder_that_are_not_taken_are_in_both_records() {
+    let temp = tempfile::tempdir().unwrap();
+    let card = temp.path().join("card");
+    fs::create_dir_all(card.join("trip")).unwrap();
+    let video = erp_clip(&card, "walk.mp4", &[1], 40, 20);
+    for file in ["front.360", "trip/ride.mp4"] {
+        fs::copy(&video, card.join(file)).unwrap();
+    }
+    let inputs = [card];
+    let videos = expand_inputs(&inputs).unwrap();
+    let left_out = left_out_of_folders(&inputs, &videos).unwrap();
+    let out = temp.path().join("out");
+    let settings = CurateSettings {
+        profile: "none".to_owned(),
+        ..CurateSettings::default()
+    };
+    let place = Place::ThisProcess;
+    let curated = curate_dataset_in(&place, &videos, &left_out.files, &out, &settings, &Silent);
+    let record = curated.unwrap().record;
+    let files: Vec<&str> = record
+        .not_taken
+        .iter()
+        .map(|file| file.file.as_str())
+        .collect();
+    assert_eq!(files, ["front.360", "trip/ride.mp4"]);
+    let attrition = Attrition::of(&record, &out).unwrap();
+    let rows: Vec<_> = attrition
+        .rejects
+        .iter()
+        .map(|row| (row.video.as_str(), row.check.as_str(), row.counted))
+        .collect();
+    assert_eq!(
+        rows,
+        [
+            ("front.360", "input", false),
+            ("trip/ride.mp4", "input", false)
+        ]
+    );
+    let raw = &attrition.funnel[0];
+    assert_eq!(raw.left_videos, 1);
+    assert!((raw.left_seconds - attrition.kept_seconds).abs() < 1e-9);
+    let table = fs::read_to_string(out.join("attrition.csv")).unwrap();
+    assert!(table.contains("\ntrip/ride.mp4,input,"), "{table}");
+    // Another run, of the video alone, has none of them.
+    let curated = curate_dataset(&videos, &out, &settings, &Silent).unwrap();
+    assert!(curated.record.not_taken.is_empty());
 }
 
 /// Says in a video's ledger that a part of it is left out.

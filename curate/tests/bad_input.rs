@@ -183,7 +183,9 @@ fn videos_of_a_folder_that_are_not_taken_are_named() {
         fs::write(path, "").unwrap();
     }
     let inputs = [folder.clone(), folder.join("a.mp4")];
-    let lines = left_out_of_folders(&inputs).unwrap();
+    let videos = expand_inputs(&inputs).unwrap();
+    let left_out = left_out_of_folders(&inputs, &videos).unwrap();
+    let lines = left_out.lines;
     assert_eq!(lines.len(), 1);
     for part in ["1 .360", "2 .mts", "2 in the folder trip"] {
         assert!(lines[0].contains(part), "{part}: {lines:?}");
@@ -191,6 +193,31 @@ fn videos_of_a_folder_that_are_not_taken_are_named() {
     for other in ["stills", "trash", "txt", ".mp4,"] {
         assert!(!lines[0].contains(other), "{other}: {lines:?}");
     }
+    let files: Vec<&str> = left_out
+        .files
+        .iter()
+        .map(|file| file.file.as_str())
+        .collect();
+    assert_eq!(
+        files,
+        [
+            "GS01.360",
+            "b.MTS",
+            "c.mts",
+            "trip/day/d.mp4",
+            "trip/e.insv"
+        ]
+    );
+    // What is named is taken.
+    let inputs = [
+        folder.clone(),
+        folder.join("trip/../c.mts"),
+        folder.join("trip/day"),
+    ];
+    let videos = expand_inputs(&inputs).unwrap();
+    let others = left_out_of_folders(&inputs, &videos).unwrap().files;
+    let files: Vec<&str> = others.iter().map(|file| file.file.as_str()).collect();
+    assert_eq!(files, ["GS01.360", "b.MTS", "trip/e.insv"]);
     // Where nothing is taken the refusal says what is there.
     let error = expand_inputs(&[folder.join("trip")]).unwrap_err();
     let message = error.to_string();
@@ -198,8 +225,10 @@ fn videos_of_a_folder_that_are_not_taken_are_named() {
         message.contains("1 .insv") && message.contains("1 in the folder day"),
         "{message}"
     );
-    let plain = folder.join("trip/day");
-    assert!(left_out_of_folders(&[plain]).unwrap().is_empty());
+    let plain = [folder.join("trip/day")];
+    let videos = expand_inputs(&plain).unwrap();
+    let none = left_out_of_folders(&plain, &videos).unwrap();
+    assert!(none.lines.is_empty() && none.files.is_empty());
 }
 
 #[test]

@@ -123,6 +123,7 @@ impl Flight {
                 objects: [].into(),
                 depth: None,
                 depth_prior: None,
+                capture: None,
             }
         });
         let scene = Scene {
@@ -239,6 +240,40 @@ fn distances_are_those_of_the_road_and_the_roof() {
         .modified()
         .unwrap();
     assert_eq!(before, after);
+}
+
+/// In the coordinates of UTM, turned about the vertical.
+#[test]
+fn a_flight_far_from_the_origin_has_the_distances_of_one_near_it() {
+    let temp = tempfile::tempdir().unwrap();
+    let mut scene = FLIGHT.write(temp.path());
+    let (turn, offset) = (DQuat::from_rotation_z(0.7), dvec3(5e5, 5e6, 0.0));
+    for pose in scene
+        .frames
+        .iter_mut()
+        .filter_map(|frame| frame.pose.as_mut())
+    {
+        let rotation = turn * pose.rotation().unwrap();
+        *pose = Pose::new(rotation, turn * pose.centre() + offset);
+    }
+    store::write_record(&temp.path().join("scene.json"), &scene).unwrap();
+    let file = temp.path().join("points.ply");
+    let mut points = PointCloud::read_ply(&file).unwrap();
+    for position in &mut points.positions {
+        *position = (turn * DVec3::from_array(*position) + offset).to_array();
+    }
+    points.write_ply(&file).unwrap();
+    let dense = make_dense(&request(temp.path()), &Silent).unwrap();
+    let [known, off, wrong] = judged(temp.path(), &dense, FLIGHT.step);
+    assert!(known > 0.8 && off < 0.1 && wrong < 0.01);
+    // Points of pixels next to each other are apart, as they are on the road: floats would put them on a grid
+    // of half metres.
+    let cloud = PointCloud::read_ply(&temp.path().join("dense/points.ply")).unwrap();
+    let on_road = |place: &&[f64; 3]| place[2].abs() < 0.5;
+    let road = cloud.positions.iter().filter(on_road).count();
+    assert!(road > 1000, "{road}");
+    let on_grid = |place: &&[f64; 3]| (2.0 * place[1]).fract() == 0.0;
+    assert!(cloud.positions.iter().filter(on_grid).count() * 100 < cloud.len());
 }
 
 #[test]

@@ -158,6 +158,7 @@ fn rendered(data: &Path, folder: &Path, frames: &[usize]) {
         FrameEntry {
             file,
             time_seconds: index as f64 / 30.0,
+            capture: None,
         }
     });
     let sequence = Sequence {

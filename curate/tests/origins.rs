@@ -35,7 +35,7 @@ fn a_list_goes_into_the_record_and_the_card_and_stays() {
         let mut curated = curate_dataset(&videos, &out, &settings, &Silent).unwrap();
         assert!(curated.errors.is_empty(), "{:?}", curated.errors);
         let read = origins::read(&list).unwrap();
-        read.enter(&list, &mut curated.record, &out, &notes)
+        read.enter(&list, &videos, &mut curated.record, &out, &notes)
             .unwrap();
         drop(curated);
         notes.take()

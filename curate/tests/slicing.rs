@@ -8,8 +8,8 @@ use std::{path::Path, process::Command};
 use omnilife_curate::{
     projection,
     slicing::{
-        Projection, SliceRequest, SliceSettings, SliceSource, ViewVideoWriter, shots, slice_video,
-        write_slices,
+        Orientation, Projection, SliceRequest, SliceSettings, SliceSource, ViewVideoWriter, shots,
+        slice_segment, slice_video, write_slices,
     },
     video::{Converter, Scaling, VideoReader, probe},
 };
@@ -93,7 +93,7 @@ fn slices_hold_the_frames_of_their_segment() {
     let whole = SliceSource {
         video: &video,
         times: &times,
-        quarter_turns: 0,
+        orientation: Orientation::default(),
     };
     let notes = Notes::default();
     let files = slice_video(&whole, &requests, SliceSettings { audio: true }, &notes).unwrap();
@@ -139,6 +139,20 @@ fn slices_hold_the_frames_of_their_segment() {
     }
 }
 
+/// A frame that is missing before the last one does not make that one longer.
+#[test]
+fn the_last_frame_lasts_as_long_as_most_do() {
+    let folder = tempfile::tempdir().unwrap();
+    let video = folder.path().join("clip.mp4");
+    let ticks = (0..30).filter(|&frame| frame != 28);
+    yawing(&video, ticks.map(|frame| frame * 2000).collect());
+    let out = folder.path().join("slice.mp4");
+    let settings = SliceSettings { audio: false };
+    slice_segment(&video, None, None, &out, settings, &Silent).unwrap();
+    let seconds = probe(&out).unwrap().duration_seconds;
+    assert!((seconds - 1.0).abs() < 1e-3, "{seconds}");
+}
+
 #[test]
 fn every_second_of_the_source_is_in_a_slice_or_left_out_for_a_reason() {
     let folder = tempfile::tempdir().unwrap();
@@ -172,7 +186,7 @@ fn every_second_of_the_source_is_in_a_slice_or_left_out_for_a_reason() {
     let video = SliceSource {
         video: &video,
         times: &times,
-        quarter_turns: 0,
+        orientation: Orientation::default(),
     };
     let write = |notes: &Notes| -> Slices {
         let settings = Some(SliceSettings { audio: false });
@@ -311,7 +325,7 @@ fn real_footage_is_sliced_with_its_sound() {
         let source = SliceSource {
             video: &video,
             times: &times,
-            quarter_turns: 0,
+            orientation: Orientation::default(),
         };
         // The slices are read back inside.
         let files =
@@ -343,7 +357,7 @@ fn assert_sliced_like_the_source(video: &Path) {
     let whole = SliceSource {
         video,
         times: &times,
-        quarter_turns: (before.rotation_degrees / 90.0).round() as u32,
+        orientation: Orientation::of(&before),
     };
     let folder = tempfile::tempdir().unwrap();
     let segments = [(0, 12), (10, 22)];

@@ -135,6 +135,7 @@ fn trained(world: &World, change: impl Fn(&mut Scene)) -> Trained {
             objects: [].into(),
             depth: None,
             depth_prior: None,
+            capture: None,
         }
     };
     let mut scene = Scene {

@@ -163,6 +163,24 @@ impl<'a> ImageFile<'a> {
         })
     }
 
+    /// Returns its EXIF data, a TIFF structure, where it has any.
+    ///
+    /// # Errors
+    /// When they cannot be read.
+    pub fn exif(&mut self) -> Result<Option<Vec<u8>>, StoreError> {
+        let data = self.decoder.exif_metadata();
+        data.map_err(|error| unusable(self.path, &error))
+    }
+
+    /// Returns its XMP data, XML, where it has any.
+    ///
+    /// # Errors
+    /// When they cannot be read.
+    pub fn xmp(&mut self) -> Result<Option<Vec<u8>>, StoreError> {
+        let data = self.decoder.xmp_metadata();
+        data.map_err(|error| unusable(self.path, &error))
+    }
+
     /// True where its EXIF data ask for it to be turned or mirrored.
     ///
     /// # Errors

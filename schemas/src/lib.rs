@@ -7,7 +7,7 @@
 //! [`store`] (how a file reaches the disk), [`ownership`] (whose
 //! a file is), [`lock`] (who writes into a folder), [`split_rules`] (what methods are given), [`npy`] (arrays),
 //! [`frame_scores`] (the scores of every view), [`tracked_regions`] (what moves as far as tracks say),
-//! [`oriented_box`] (boxes as cameras see them), [`stage`] (when work can be skipped), [`statistics`]
+//! [`oriented_box`] (boxes as cameras see them), [`padded_frame`] (images among padding), [`stage`] (when work can be skipped), [`statistics`]
 //! (medians), [`bootstrap`] (how far scores can be trusted), [`plain_text`] (text of others where it is
 //! shown), [`provenance`] (what made a record), [`elapsed`] (how long work took), [`process`], [`process_group`], [`progress`],
 //! [`error_kind`], [`foreign_code`] (libraries that panic), and [`testing`] (skipped tests).
@@ -38,6 +38,7 @@ pub mod names;
 pub mod npy;
 pub mod oriented_box;
 pub mod ownership;
+pub mod padded_frame;
 pub mod placeholders;
 pub mod plain_text;
 pub mod points;

@@ -67,6 +67,29 @@ pub fn serialize_for_spreadsheet<S: Serializer>(
     serializer.serialize_str(&for_spreadsheet(text))
 }
 
+/// Text for records that are handed on: of paths that begin at a root, in the home folder or in a folder above, the
+/// last name stays. What does not begin with such a path after white space, a quote or a bracket stays as it is.
+pub fn without_folders(text: &str) -> String {
+    let ends = |character: char| character.is_whitespace() || "'\"`()[]<>,;=".contains(character);
+    let mut shown = String::with_capacity(text.len());
+    for word in text.split_inclusive(ends) {
+        let rest = word.trim_start_matches(['/', '\\']);
+        let is_rooted = rest.len() < word.len() || rest.get(1..3) == Some(":\\");
+        let begins_above = ["~/", "./", "../"]
+            .iter()
+            .any(|begin| word.starts_with(begin));
+        let name = word.trim_end_matches(ends).trim_end_matches('/');
+        let folders = name.rfind(['/', '\\']).map_or(0, |at| at + 1);
+        let begin = if is_rooted || begins_above {
+            folders
+        } else {
+            0
+        };
+        shown.push_str(&word[begin..]);
+    }
+    shown
+}
+
 /// Lists the first three names, and how many more there are.
 pub fn first_of(names: &[String]) -> String {
     const SHOWN: usize = 3;
@@ -95,6 +118,29 @@ mod tests {
             "\\!\\[\\](https://e.org/p.png) a\\_b \\& \\<b>\\|"
         );
         assert_eq!(for_markdown("two\nlines"), "two lines");
+    }
+
+    #[test]
+    fn of_paths_of_a_machine_the_name_stays() {
+        for (text, shown) in [
+            ("/home/ann/x.mp4: is empty", "x.mp4: is empty"),
+            (
+                "cannot open '/data/x/' (../lists/a.csv)",
+                "cannot open 'x/' (a.csv)",
+            ),
+            (
+                "FILE=~/w/net.bin, C:\\films\\x.mp4;/a/b",
+                "FILE=net.bin, x.mp4;b",
+            ),
+            (
+                "30000/1001 fps and a/x.mp4 / b",
+                "30000/1001 fps and a/x.mp4 / b",
+            ),
+            ("nothing\nhere", "nothing\nhere"),
+            ("", ""),
+        ] {
+            assert_eq!(without_folders(text), shown);
+        }
     }
 
     #[test]

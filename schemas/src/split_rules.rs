@@ -30,10 +30,11 @@ pub enum SplitError {
 /// (zero quaternion, non-finite entries) or frames are not in order of time.
 pub fn split(scene: &Scene, protocol: &Protocol) -> Result<Split, SplitError> {
     check_frames(scene)?;
-    let shares = match protocol.split {
-        SplitRule::EveryNth { period, offset } => every_nth(scene, period, offset),
-        SplitRule::Groups { length } => groups(scene, length),
-        SplitRule::EvenlyGiven { count } => evenly_given(scene, count),
+    let shares = match &protocol.split {
+        SplitRule::EveryNth { period, offset } => every_nth(scene, *period, *offset),
+        SplitRule::Groups { length } => groups(scene, *length),
+        SplitRule::EvenlyGiven { count } => evenly_given(scene, *count),
+        SplitRule::Given { frames } => given(scene, frames),
         SplitRule::AllGiven => all_given(scene),
         SplitRule::Published => published(scene),
     }
@@ -181,6 +182,35 @@ fn evenly_given(scene: &Scene, count: u32) -> Result<Shares, String> {
         }
     }
     Ok(shares)
+}
+
+/// The frames that are named, and all other posed ones.
+fn given(scene: &Scene, frames: &[u32]) -> Result<Shares, String> {
+    let (posed, _) = posed_and_unposed(scene);
+    if frames.is_empty() || !frames.is_sorted_by(|a, b| a < b) {
+        return Err(
+            "the frames that it gives must be named in ascending order, each once".to_owned(),
+        );
+    }
+    if let Some(missing) = frames.iter().find(|frame| !posed.contains(frame)) {
+        return Err(format!(
+            "frame {missing} is to be given, and is no frame with a pose of {}",
+            scene.frames.len()
+        ));
+    }
+    let (input_views, novel_views): (Vec<u32>, Vec<u32>) =
+        posed.iter().partition(|frame| frames.contains(frame));
+    if novel_views.is_empty() {
+        return Err(format!(
+            "all {} frames with a pose are to be given, and none is left to score",
+            posed.len()
+        ));
+    }
+    Ok(Shares {
+        input_views,
+        novel_views,
+        ..Shares::default()
+    })
 }
 
 fn all_given(scene: &Scene) -> Result<Shares, String> {

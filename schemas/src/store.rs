@@ -62,6 +62,19 @@ pub enum StoreError {
 }
 
 impl StoreError {
+    /// Returns the message with the name of the file alone, without its folders.
+    pub fn without_folders(&self) -> String {
+        let (path, reason) = match self {
+            Self::Read { path, source } => (path, format!("cannot be read: {source}")),
+            Self::Write { path, source } => (path, format!("cannot be written: {source}")),
+            Self::Malformed { path, reason } | Self::Refused { path, reason } => {
+                (path, reason.clone())
+            }
+        };
+        let name = path.file_name().unwrap_or_default();
+        format!("{}: {reason}", name.to_string_lossy())
+    }
+
     /// `path` is left as it is.
     pub fn refused(path: &Path, reason: impl Into<String>) -> Self {
         Self::Refused {

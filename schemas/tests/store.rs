@@ -37,6 +37,7 @@ fn dataset() -> Dataset {
                 },
             },
         ],
+        not_taken: Vec::new(),
     }
 }
 
@@ -197,7 +198,10 @@ fn an_unchanged_record_is_not_written_again() {
     let written = fs::metadata(&path).unwrap().modified().unwrap();
     store::update_record(&path, &dataset()).unwrap();
     assert_eq!(fs::metadata(&path).unwrap().modified().unwrap(), written);
-    let other = Dataset { videos: Vec::new() };
+    let other = Dataset {
+        videos: Vec::new(),
+        not_taken: Vec::new(),
+    };
     store::update_record(&path, &other).unwrap();
     assert_eq!(store::read_record::<Dataset>(&path).unwrap(), other);
 }

@@ -11,7 +11,7 @@ use omnilife_bench::{
 use super::{
     bench_run::BenchRunArguments,
     places,
-    reconstruct::{BackendArgument, MethodArguments},
+    reconstruct::{BackendArgument, MethodArguments, size},
     statement::StatementArguments,
 };
 
@@ -60,6 +60,15 @@ pub(crate) enum BenchCommand {
         /// The rules.
         #[arg(long, default_value = PROTOCOLS[0].id)]
         protocol: String,
+        /// Gives methods frames of this size: images are resized to fit, never enlarged, and stand in the middle of
+        /// black padding. `curate export --split` writes these frames; predictions are scored at the size of the
+        /// image in them, with or without the padding, which no score counts.
+        #[arg(long, value_name = "WIDTHxHEIGHT", value_parser = size)]
+        pad_to: Option<[u32; 2]>,
+        /// Gives these frames, by their numbers in the scene, in place of those that the protocol spreads evenly
+        /// (sparse-panoramas); all others with a pose are predicted.
+        #[arg(long, value_name = "FRAMES", value_delimiter = ',')]
+        given: Vec<u32>,
     },
     /// Runs an external method by the commands of its method.toml, and gathers its views for scoring.
     External {

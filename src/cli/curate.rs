@@ -256,7 +256,7 @@ pub(crate) enum CurateCommand {
 
 #[derive(Debug, Args)]
 pub(crate) struct BuildArguments {
-    /// Videos, or folders of videos.
+    /// Videos, folders of videos, or folders of still panoramas.
     #[arg(required = true)]
     pub(crate) videos: Vec<PathBuf>,
     /// Folder of the dataset.

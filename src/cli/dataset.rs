@@ -13,7 +13,7 @@ use omnilife_curate::{
     publish::{self, PublishSettings, SelectRequest},
 };
 
-use super::places;
+use super::{places, reconstruct::size};
 use crate::exit::BadRequest;
 
 /// Environment variable with the key of the endpoint that captions.
@@ -147,6 +147,11 @@ pub(crate) struct ExportArguments {
     /// Adds this many points on a far sphere to the points, in the colours seen there.
     #[arg(long, value_name = "N", requires = "cube_faces", default_value_t = 0)]
     sky_points: usize,
+    /// Resizes images to fit into frames of this size, never enlarging them, and puts them in the middle of black
+    /// padding, which the masks leave out [default: as the split says]. Panoramas with padding need a format
+    /// that says where they lie (nerfstudio), others would take the frame for the whole sphere.
+    #[arg(long, value_name = "WIDTHxHEIGHT", value_parser = size, conflicts_with = "cube_faces")]
+    pub(crate) pad_to: Option<[u32; 2]>,
     /// Folder to fill.
     #[arg(long)]
     pub(crate) out: PathBuf,

@@ -13,7 +13,7 @@ use super::{
 
 #[derive(Debug, Args)]
 pub(crate) struct RunArguments {
-    /// Videos, or folders of videos.
+    /// Videos, folders of videos, or folders of still panoramas.
     #[arg(required = true)]
     pub(crate) videos: Vec<PathBuf>,
     /// Folder for everything that is made.

@@ -45,7 +45,7 @@ pub(crate) enum SweepCommand {
 pub(crate) enum PlanCommand {
     /// One unit per video: `omnilife curate`; reduced to a dataset.
     Curate {
-        /// Videos, or folders of videos.
+        /// Videos, folders of videos, or folders of still panoramas.
         #[arg(required = true)]
         videos: Vec<PathBuf>,
         /// Folder of the dataset.

@@ -1,19 +1,19 @@
 //! `omnilife bench`.
 
-use std::path::PathBuf;
+use std::{collections::BTreeSet, path::PathBuf};
 
 use omnilife_bench::{
     ADAPTERS, BenchError, DEFAULT_MEMORY_BYTES, Diagnosis, ExternalRequest, FailureRequest,
     METRICS, MetricChoice, PROTOCOLS, Predictions, ScoreRequest, Statement, curves, curves_table,
-    diagnose, frames_without_content, record_failure, run_external, score, split_scene,
-    tracking::compare_tracks, write_adapter,
+    diagnose, frames_without_content, protocols, record_failure, run_external, score,
+    split_scene_under, tracking::compare_tracks, write_adapter,
 };
 use omnilife_reconstruct::step_cost::{CostRequest, SceneKind};
 use omnilife_schemas::{
     ErrorKind,
     lock::FolderLock,
     progress::Progress,
-    records::{DIAGNOSIS_PREFIX, ExternalRun},
+    records::{DIAGNOSIS_PREFIX, ExternalRun, Padding, Protocol, SplitRule},
     store,
 };
 
@@ -30,8 +30,15 @@ pub(crate) fn execute(command: &BenchCommand, progress: &dyn Progress) -> anyhow
             scene,
             out,
             protocol,
+            pad_to,
+            given,
         } => {
-            let split = split_scene(scene, protocol, out)?;
+            let mut protocol = protocols::protocol(protocol)?;
+            give(&mut protocol, given)?;
+            if let Some([width, height]) = *pad_to {
+                protocol.padding = Padding::Frame { width, height };
+            }
+            let split = split_scene_under(scene, &protocol, out)?;
             note_far_frames(scene, progress)?;
             for line in frames_without_content(scene, &split)? {
                 progress.note(&format!("{}: {line}", split.scene));
@@ -255,6 +262,25 @@ pub(crate) fn execute(command: &BenchCommand, progress: &dyn Progress) -> anyhow
         } => ablate::execute(scene, out, protocol, (method, *iterations), progress),
         BenchCommand::List => exit::print(&list()),
     }
+}
+
+/// Has a protocol give the frames that are named, where any are.
+fn give(protocol: &mut Protocol, given: &[u32]) -> anyhow::Result<()> {
+    if given.is_empty() {
+        return Ok(());
+    }
+    if !matches!(protocol.split, SplitRule::EvenlyGiven { .. }) {
+        return Err(BadRequest(format!(
+            "--given names frames in place of those that a protocol spreads evenly, and {} spreads none",
+            protocol.id
+        ))
+        .into());
+    }
+    let frames: BTreeSet<u32> = given.iter().copied().collect();
+    protocol.split = SplitRule::Given {
+        frames: frames.into_iter().collect(),
+    };
+    Ok(())
 }
 
 /// Prints the number of views that were looked at, and every finding, mistakes first.

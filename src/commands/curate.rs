@@ -1,6 +1,6 @@
 //! `omnilife curate`.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use omnilife_curate::{
     CurateError, CurateSettings, CuratedDataset, Place, Worker, analysis,
@@ -13,10 +13,7 @@ use omnilife_curate::{
     tracks::{TrackRequest, make_tracks, plan_tracks},
     worker,
 };
-use omnilife_schemas::{
-    Classified, layout::DENSE_FOLDER, ownership::refuse_another_kind, progress::Progress,
-    records::Dataset,
-};
+use omnilife_schemas::{layout::DENSE_FOLDER, ownership::refuse_another_kind, progress::Progress};
 use serde::Serialize;
 
 use super::ledger;
@@ -195,6 +192,7 @@ pub(crate) fn place(limit: &MemoryLimitArguments) -> anyhow::Result<Place> {
 /// When the list cannot be read, a video fails, or the record cannot be written.
 pub(crate) fn with_origins(
     list: Option<&Path>,
+    videos: &[PathBuf],
     out: &Path,
     progress: &dyn Progress,
     curate: impl FnOnce() -> Result<CuratedDataset, CurateError>,
@@ -203,7 +201,7 @@ pub(crate) fn with_origins(
     let origins = origins.transpose()?;
     let mut curated = curate()?;
     if let Some((list, origins)) = origins {
-        origins.enter(list, &mut curated.record, out, progress)?;
+        origins.enter(list, videos, &mut curated.record, out, progress)?;
     }
     Ok(curated)
 }
@@ -211,8 +209,9 @@ pub(crate) fn with_origins(
 /// Curates and publishes. Videos that are kept out or fail are reported when all is done.
 fn build(arguments: &BuildArguments, progress: &dyn Progress) -> anyhow::Result<()> {
     let videos = expand_inputs(&arguments.videos)?;
-    for line in left_out_of_folders(&arguments.videos)? {
-        progress.note(&line);
+    let left_out = left_out_of_folders(&arguments.videos, &videos)?;
+    for line in &left_out.lines {
+        progress.note(line);
     }
     let place = place(&arguments.limit)?;
     let settings = arguments.settings.settings();
@@ -223,22 +222,25 @@ fn build(arguments: &BuildArguments, progress: &dyn Progress) -> anyhow::Result<
         }
     }
     let sources = arguments.sources.as_deref();
-    let curated = with_origins(sources, &arguments.out, progress, || {
-        curate_dataset_in(&place, &videos, &arguments.out, &settings, progress)
+    let curated = with_origins(sources, &videos, &arguments.out, progress, || {
+        curate_dataset_in(
+            &place,
+            &videos,
+            &left_out.files,
+            &arguments.out,
+            &settings,
+            progress,
+        )
     })?;
     publish::publish(&arguments.out, &PublishSettings::default(), progress)?;
-    let printed = exit::print(&summary(&curated.record));
+    let printed = exit::print(&summary(&curated, &videos));
     let mut outcomes = Outcomes::default();
     for video in &curated.record.videos {
         outcomes.push(Outcome::curated(&video.file));
     }
     for (index, error) in &curated.errors {
-        outcomes.list[*index] = Outcome::failed(
-            &videos[*index].display().to_string(),
-            "",
-            error,
-            error.error_kind(),
-        );
+        let file = &curated.record.videos[*index].file;
+        outcomes.list[*index] = Outcome::failed_video(file, error);
     }
     outcomes.as_result()?;
     printed
@@ -290,24 +292,26 @@ pub(super) fn print_json(value: &impl Serialize) -> anyhow::Result<()> {
     exit::print(&format!("{}\n", serde_json::to_string_pretty(value)?))
 }
 
-/// One line per video.
-fn summary(dataset: &Dataset) -> String {
+/// One line per video, with its path and what can be done, which the record leaves out.
+fn summary(curated: &CuratedDataset, videos: &[PathBuf]) -> String {
     use omnilife_schemas::records::VideoStatus;
-    dataset
-        .videos
-        .iter()
-        .map(|video| match &video.status {
+    let line = |(index, path): (usize, &PathBuf)| {
+        let path = path.display();
+        match &curated.record.videos[index].status {
             VideoStatus::Curated { sequences } => {
-                format!("{}: {} sequences\n", video.file, sequences.len())
+                format!("{path}: {} sequences\n", sequences.len())
             }
-            // Their messages begin with the file.
             VideoStatus::Rejected { reason, .. } | VideoStatus::Failed { reason } => {
-                format!("{reason}\n")
+                let mut errors = curated.errors.iter();
+                match errors.find(|(failed, _)| *failed == index) {
+                    // Messages begin with the file.
+                    Some((_, error)) => format!("{error}\n"),
+                    None => format!("{path}: {reason}\n"),
+                }
             }
-            VideoStatus::Duplicate { of } => {
-                format!("{}: the same content as {of}\n", video.file)
-            }
-            VideoStatus::Pending => format!("{}: not reached\n", video.file),
-        })
-        .collect()
+            VideoStatus::Duplicate { of } => format!("{path}: the same content as {of}\n"),
+            VideoStatus::Pending => format!("{path}: not reached\n"),
+        }
+    };
+    videos.iter().enumerate().map(line).collect()
 }

@@ -88,6 +88,7 @@ pub(crate) fn export(arguments: &ExportArguments, progress: &dyn Progress) -> an
         split: arguments.split.as_deref(),
         given_only: arguments.given_only,
         cube_faces: arguments.cube_faces(),
+        pad_to: arguments.pad_to,
         out,
     };
     let exported = exchange::export(&request, progress)?;

@@ -9,8 +9,8 @@ use std::{
 };
 
 use omnilife_bench::{
-    DEFAULT_MEMORY_BYTES, MetricChoice, Predictions, ScoreRequest, Statement, score, split_scene,
-    validate,
+    DEFAULT_MEMORY_BYTES, MetricChoice, Predictions, ScoreRequest, Statement, protocols, score,
+    split_scene_under, validate,
 };
 use omnilife_leaderboard::submission::{self, PackRequest, Verified};
 use omnilife_schemas::{
@@ -18,7 +18,7 @@ use omnilife_schemas::{
     lock::FolderLock,
     progress::Progress,
     provenance,
-    records::{ResultRecord, SubmittedResult, Verification},
+    records::{Padding, ResultRecord, SubmittedResult, Verification},
     store,
 };
 
@@ -128,7 +128,8 @@ fn audit(
                 BadRequest(format!("scene {}: is not among the --scenes", entry.scene))
             })?;
         let work = Scratch::new(&entry.folder)?;
-        let again = score_again(verified, entry, scene, &work.0, progress)?;
+        let padding = result.rules.as_ref().map(|rules| rules.padding);
+        let again = score_again(verified, entry, padding, scene, &work.0, progress)?;
         if let Some(reason) = difference(result, &again) {
             let folder = verified.folder.join(&entry.folder);
             return Err(BadRequest(format!("{}: {reason}", folder.display())).into());
@@ -137,16 +138,20 @@ fn audit(
     Ok(())
 }
 
+/// Scores the predictions of an entry anew, under the known protocol with the padding that its result has.
 fn score_again(
     verified: &Verified,
     entry: &SubmittedResult,
+    padding: Option<Padding>,
     scene: &Path,
     work: &Path,
     progress: &dyn Progress,
 ) -> anyhow::Result<ResultRecord> {
     let split = work.join(SPLIT_FILE);
     let protocol = entry.protocol.split('/').next().unwrap_or_default();
-    let made = split_scene(scene, protocol, &split)?;
+    let mut protocol = protocols::protocol(protocol)?;
+    protocol.padding = padding.unwrap_or(protocol.padding);
+    let made = split_scene_under(scene, &protocol, &split)?;
     if made.protocol_hash != entry.protocol_hash {
         let (id, folder) = (&entry.protocol, &entry.folder);
         return Err(BadRequest(format!(

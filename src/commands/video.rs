@@ -23,7 +23,7 @@ pub(crate) fn check(file: &Path) -> anyhow::Result<()> {
 }
 
 /// Encodes PNG files of one size as H.264, evenly timed, and returns the frames per second: one over
-/// the median of the times between frames.
+/// the typical time between frames.
 ///
 /// # Errors
 /// When an image cannot be read or the video cannot be written.

@@ -33,7 +33,7 @@ use omnilife_reconstruct::{
     request::{BackendChoice, MethodRequest},
 };
 use omnilife_schemas::{
-    Classified, ErrorKind,
+    ErrorKind,
     layout::{DATASET_FILE, SCENE_FILE, SPLIT_FILE},
     progress::Progress,
     records::{Dataset, ResultRecord, VideoStatus},
@@ -71,8 +71,9 @@ const SUMMARY_FILES: [&str; 3] = [
 pub(crate) fn main_job(arguments: &RunArguments, progress: &dyn Progress) -> anyhow::Result<()> {
     termination::guard_training()?;
     let videos = expand_inputs(&arguments.videos)?;
-    for line in left_out_of_folders(&arguments.videos)? {
-        progress.note(&line);
+    let left_out = left_out_of_folders(&arguments.videos, &videos)?;
+    for line in &left_out.lines {
+        progress.note(line);
     }
     let job = Job {
         poses: arguments.poses.request(),
@@ -104,9 +105,17 @@ pub(crate) fn main_job(arguments: &RunArguments, progress: &dyn Progress) -> any
     prerequisites::require(sources.map(Prerequisite::Origins))?;
     job.require(&videos, &settings, &arguments.out, &summary)?;
     let place = commands::curate::place(&arguments.limit)?;
-    let curated = commands::curate::with_origins(sources, &arguments.out, progress, || {
-        curate_dataset_in(&place, &videos, &arguments.out, &settings, progress)
-    })?;
+    let curated =
+        commands::curate::with_origins(sources, &videos, &arguments.out, progress, || {
+            curate_dataset_in(
+                &place,
+                &videos,
+                &left_out.files,
+                &arguments.out,
+                &settings,
+                progress,
+            )
+        })?;
     job.refuse_shared_masks(&curated.record)?;
     summary.claim(SUMMARY_FILES)?;
     let begun = Instant::now();
@@ -123,13 +132,13 @@ pub(crate) fn main_job(arguments: &RunArguments, progress: &dyn Progress) -> any
                     Err(error) => {
                         progress.note(&format!("{id}: {error}"));
                         failed.push(job.method_folder(&folder));
-                        Outcome::failed(&video.file, id, &error, exit::error_kind(&error))
+                        Outcome::failed(&video.file, id, &error, &arguments.out)
                     }
                 });
             }
         }
         for (_, error) in curated.errors.iter().filter(|(failed, _)| *failed == index) {
-            outcomes.push(Outcome::failed(&video.file, "", error, error.error_kind()));
+            outcomes.push(Outcome::failed_video(&video.file, error));
         }
     }
     outcomes.write_csv(&arguments.out.join(OUTCOMES_FILE))?;

@@ -1,20 +1,21 @@
 //! What became of every video and sequence of a job.
 
-use std::{fmt::Display, path::Path};
+use std::path::Path;
 
+use omnilife_curate::CurateError;
 use omnilife_schemas::{
-    ErrorKind,
-    plain_text::serialize_for_spreadsheet,
+    Classified, ErrorKind,
+    plain_text::{serialize_for_spreadsheet, without_folders},
     store::{self, StoreError},
 };
 use serde::Serialize;
 
-use crate::exit::PartialFailure;
+use crate::exit::{self, PartialFailure};
 
 /// One row of the summary.
 #[derive(Debug, Clone, Serialize)]
 pub(crate) struct Outcome {
-    /// The video as given.
+    /// The video as `dataset.json` calls it.
     #[serde(serialize_with = "serialize_for_spreadsheet")]
     pub(crate) video: String,
     /// Id of the sequence; empty for a video without sequences.
@@ -22,9 +23,12 @@ pub(crate) struct Outcome {
     pub(crate) sequence: String,
     /// `scored`, `curated`, `failed`.
     pub(crate) outcome: &'static str,
-    /// One line for what failed.
+    /// One line for what failed, without folders of this machine.
     #[serde(serialize_with = "serialize_for_spreadsheet")]
     pub(crate) reason: String,
+    /// The same with folders and what can be done, for the terminal.
+    #[serde(skip)]
+    message: String,
     #[serde(skip)]
     blame: Option<ErrorKind>,
 }
@@ -37,6 +41,7 @@ impl Outcome {
             sequence: sequence.to_owned(),
             outcome: "scored",
             reason: String::new(),
+            message: String::new(),
             blame: None,
         }
     }
@@ -49,18 +54,27 @@ impl Outcome {
         }
     }
 
-    /// Something failed.
-    pub(crate) fn failed(
-        video: &str,
-        sequence: &str,
-        reason: impl Display,
-        blame: ErrorKind,
-    ) -> Self {
+    /// A sequence of the dataset in `out` failed.
+    pub(crate) fn failed(video: &str, sequence: &str, error: &anyhow::Error, out: &Path) -> Self {
+        let message = error.to_string();
+        let in_dataset = message.replace(&format!("{}/", out.display()), "");
         Self {
             outcome: "failed",
-            reason: reason.to_string(),
-            blame: Some(blame),
+            reason: without_folders(&in_dataset),
+            message,
+            blame: Some(exit::error_kind(error)),
             ..Self::scored(video, sequence)
+        }
+    }
+
+    /// A video failed, or is kept out.
+    pub(crate) fn failed_video(video: &str, error: &CurateError) -> Self {
+        Self {
+            outcome: "failed",
+            reason: error.for_records(),
+            message: error.to_string(),
+            blame: Some(error.error_kind()),
+            ..Self::scored(video, "")
         }
     }
 
@@ -75,13 +89,17 @@ impl Outcome {
         } else {
             &self.sequence
         };
-        if self.reason.is_empty() {
+        let is_named = match self.sequence.is_empty() {
+            // Messages name their file, by its path.
+            true => self.message.contains(name.as_str()),
+            false => self.message.starts_with(name.as_str()),
+        };
+        if self.message.is_empty() {
             name.clone()
-        } else if self.reason.starts_with(name.as_str()) {
-            // Messages name their file.
-            self.reason.clone()
+        } else if is_named {
+            self.message.clone()
         } else {
-            format!("{name}: {}", self.reason)
+            format!("{name}: {}", self.message)
         }
     }
 }

@@ -52,6 +52,7 @@ mod shards;
 mod splat_peers;
 mod splatters;
 mod stages;
+mod stills;
 mod submissions;
 mod support;
 #[cfg(unix)]

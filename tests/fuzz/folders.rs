@@ -21,6 +21,7 @@ use omnilife_sweep::Sweep;
 use tempfile::TempDir;
 
 use crate::{
+    datasets,
     samples::{write_omniphotos, write_roam360, write_scene},
     targets::{Input, Reader::Folder, Seed, Target},
 };
@@ -113,6 +114,34 @@ pub(crate) const FOLDERS: &[Target] = &[
             with_rig(folder, "colmap-binary", "in/sparse/0/frames.bin", &frames)
         },
         reader: Folder(read_colmap),
+    },
+    Target {
+        id: "omniblender",
+        words: &["null", "[]", "\"transform_matrix\"", "NaN", "../"],
+        cost: 10,
+        seeds: datasets::write_omniblender,
+        reader: Folder(|input, _| import(input, "omniblender")),
+    },
+    Target {
+        id: "ricoh360",
+        words: &["#", "\n", "nan", "../", "1e999"],
+        cost: 10,
+        seeds: datasets::write_ricoh360,
+        reader: Folder(|input, _| import(input, "ricoh360")),
+    },
+    Target {
+        id: "ob3d",
+        words: &["null", "[]", "\"extrinsics\"", "NaN", "../", "4294967295"],
+        cost: 10,
+        seeds: datasets::write_ob3d,
+        reader: Folder(|input, _| import(input, "ob3d")),
+    },
+    Target {
+        id: "tartanair",
+        words: &["#", "\n", "nan", "1e999", "-0"],
+        cost: 10,
+        seeds: datasets::write_tartanair,
+        reader: Folder(|input, _| import(input, "tartanair")),
     },
     Target {
         id: "run",
@@ -224,6 +253,7 @@ fn exported(folder: &Path, format: &str) -> Vec<String> {
         split: None,
         given_only: false,
         cube_faces: None,
+        pad_to: None,
         out: &out,
     };
     exchange::export(&request, &Silent).unwrap();

@@ -9,6 +9,7 @@
 #![cfg(unix)]
 #![expect(clippy::unwrap_used, reason = "a failed set-up step fails the test")]
 
+mod datasets;
 mod folders;
 mod mutation;
 mod samples;

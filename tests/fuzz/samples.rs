@@ -66,6 +66,7 @@ pub(crate) fn write_scene(folder: &Path) {
         objects: [].into(),
         depth: None,
         depth_prior: None,
+        capture: None,
     };
     let scene = Scene {
         id: "a/seq-000".to_owned(),

@@ -1,12 +1,28 @@
 //! Predictions as arrays of values instead of 8-bit images.
 
-use omnilife_schemas::npy::Array;
+use omnilife_schemas::{npy::Array, padded_frame::PaddedFrame};
 
 /// Values up to this far outside of [0, 1] are those of a renderer that overshoots.
 const OVERSHOOT: f64 = 0.02;
 /// Share of values further outside from which an array is of another range: views of a renderer with
 /// noise or a tenth too bright have 10 % at most, [-1, 1] and the normalization of `ImageNet` 50 % and more.
 const ANOTHER_RANGE: f64 = 0.25;
+
+/// The image of an array that fills a padded frame, of shape (height, width) or (height, width, channels); arrays of
+/// another size as they are.
+pub(super) fn without_padding(array: Array, padded: Option<PaddedFrame>) -> Array {
+    let (Some(frame), [rows, columns, others @ ..]) = (padded, array.shape.as_slice()) else {
+        return array;
+    };
+    if frame.size().map(|side| side as usize) != [*columns, *rows] {
+        return array;
+    }
+    let [width, height] = frame.image().map(|side| side as usize);
+    Array {
+        shape: [&[height, width], others].concat(),
+        values: frame.crop(&array.values, others.iter().product()),
+    }
+}
 
 /// Returns the share of the values that lie below -0.02 or above 1.02.
 pub(super) fn outside_share(array: &Array) -> f64 {

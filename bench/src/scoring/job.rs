@@ -6,7 +6,7 @@ use std::{
 };
 
 use omnilife_schemas::{
-    records::{Resampling, Scene, Split, ValidationStatus},
+    records::{Scene, Split, ValidationStatus},
     stage::StagePlan,
     store::{self, StoreError},
     tracked_regions::TrackedRegions,
@@ -19,16 +19,15 @@ use crate::{
     error::BenchError,
     metrics::{self, Metric, Need, Undefined},
     prediction::PredictionFolder,
-    protocols,
     run_facts::{self, RunFacts},
     scene_identity::SceneIdentity,
     split,
     statement::Statement,
 };
 
-/// Where the predictions are: `<folder>/<frame, 6 digits>.png`, 8-bit RGB at the protocol's size,
-/// or the same name with `.npy` for values in [0, 1] of shape (height, width, 3); frame numbers as
-/// in the split.
+/// Where the predictions are: `<folder>/<frame, 6 digits>.png`, 8-bit RGB at the protocol's size (of padded frames
+/// with or without the padding), or the same name with `.npy` for values in [0, 1] of shape (height, width, 3);
+/// frame numbers as in the split.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Predictions {
     /// Folders from any method. A kind of view without a folder is not scored, and the result
@@ -213,11 +212,13 @@ impl ScoringJob {
                 ));
             }
         }
+        let (size, padded) = split::sizes(&scene, &split)?;
         let open = |folder: Option<PathBuf>, frames: &[u32]| {
             folder
                 .map(|folder| match &refusal {
                     Some(reason) => Ok(PredictionFolder::refused(&folder, Some(reason.clone()))),
-                    None => PredictionFolder::open(&folder, frames),
+                    None => PredictionFolder::open(&folder, frames)
+                        .map(|folder| folder.in_frames(padded)),
                 })
                 .transpose()
         };
@@ -259,7 +260,7 @@ impl ScoringJob {
             method: request.method.clone(),
             statement: request.statement.clone(),
             metrics,
-            size: scored_size(&scene, &split)?,
+            size,
             identity: SceneIdentity::of_split(&request.scene, &scene, &split, &needs)?,
             scene,
             split,
@@ -480,17 +481,4 @@ fn check_run(
         ));
     }
     Ok(())
-}
-
-/// The scene's size, or the protocol's width with the height in proportion (rounded to nearest).
-fn scored_size(scene: &Scene, split: &Split) -> Result<[u32; 2], BenchError> {
-    let Resampling::Area = split.protocol.resampling;
-    split
-        .protocol
-        .scored_size(&scene.camera)
-        .map_err(|reason| BenchError::Protocol {
-            scene: scene.id.clone(),
-            protocol: protocols::title(&split.protocol),
-            reason,
-        })
 }

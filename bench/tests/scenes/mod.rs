@@ -33,6 +33,7 @@ pub(crate) fn scene(frames: usize, unposed: &[usize]) -> Scene {
                 objects: [].into(),
                 depth: None,
                 depth_prior: None,
+                capture: None,
             })
             .collect(),
         points: None,

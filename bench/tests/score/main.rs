@@ -3,6 +3,8 @@
 
 mod diagnosis;
 mod masks_and_truth;
+mod moved_scene;
+mod padded_frames;
 mod regions;
 mod repeated;
 mod reports;
@@ -250,6 +252,37 @@ fn predicted_depth_is_scored_where_the_scene_knows_it() {
         reason,
         "depth/000009.npy is of shape [2, 3], expected [16, 32]"
     );
+}
+
+#[test]
+fn true_distances_may_be_an_array_of_floats() {
+    let mut deep = scene(10, &[]);
+    for (number, frame) in deep.frames.iter_mut().enumerate() {
+        frame.depth = Some(DepthImage {
+            file: format!("depth/{number}.npy"),
+            unit: 0.5,
+        });
+    }
+    let bench = Bench::of(&deep);
+    // 2 m, and nothing is known of the sky above.
+    let mut truth = [4.0; WIDTH * HEIGHT];
+    truth[..WIDTH].fill(0.0);
+    fs::create_dir(bench.at("scene/depth")).unwrap();
+    let truth_of = |number: usize| bench.at(&format!("scene/depth/{number}.npy"));
+    for number in 0..10 {
+        npy::write_f32(&truth_of(number), &[HEIGHT, WIDTH], &truth).unwrap();
+    }
+    let predicted = [2.2; WIDTH * HEIGHT];
+    fs::create_dir(bench.at("novel/depth")).unwrap();
+    for name in ["000004", "000009"] {
+        let file = bench.at(&format!("novel/depth/{name}.npy"));
+        npy::write_f32(&file, &[HEIGHT, WIDTH], &predicted).unwrap();
+    }
+    with_metrics(&bench, &["psnr", "depth-abs-rel"]);
+    let abs_rel = bench.score().unwrap().novel_views["depth-abs-rel"];
+    assert!((abs_rel.mean - 0.1).abs() < 1e-6, "{}", abs_rel.mean);
+    npy::write_f32(&truth_of(9), &[2, 3], &[1.0; 6]).unwrap();
+    assert!(bench.refusal().contains("is 3x2 pixels, scene"));
 }
 
 /// What is of the whole sphere has no value for a pinhole, and says so; all else has one.

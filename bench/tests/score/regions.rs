@@ -18,7 +18,7 @@ use crate::{
 };
 
 /// A box that goes along ahead of the cameras, `ahead` units away.
-fn tracks(ahead: f64) -> Tracks {
+pub(super) fn tracks(ahead: f64) -> Tracks {
     let path = ObjectPath {
         centre: BSpline {
             degree: 1,

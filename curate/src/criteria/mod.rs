@@ -186,15 +186,19 @@ pub fn failed(admission: &Admission) -> impl Iterator<Item = &CheckOutcome> {
 
 /// The failed checks in one line; `None` where all passed.
 pub fn failures(admission: &Admission) -> Option<String> {
-    let failed: Vec<String> = failed(admission)
-        .map(|check| {
-            format!(
-                "{} is {}, asked for {}",
-                check.check, check.value, check.threshold
-            )
-        })
-        .collect();
-    (!failed.is_empty()).then(|| failed.join("; "))
+    let failed: Vec<&CheckOutcome> = failed(admission).collect();
+    (!failed.is_empty()).then(|| in_words(failed))
+}
+
+/// Failed checks with their values and thresholds in one line.
+pub(crate) fn in_words<'a>(failed: impl IntoIterator<Item = &'a CheckOutcome>) -> String {
+    let words = failed.into_iter().map(|check| {
+        format!(
+            "{} is {}, asked for {}",
+            check.check, check.value, check.threshold
+        )
+    });
+    words.collect::<Vec<_>>().join("; ")
 }
 
 fn outcome(check: &Check, passed: bool, value: String, threshold: String) -> CheckOutcome {

@@ -6,6 +6,7 @@ use omnilife_schemas::{
     Pose,
     layout::SCENE_FILE,
     ownership::is_inside,
+    padded_frame::PaddedFrame,
     points::PointCloud,
     progress::Progress,
     records::{Scene, Split},
@@ -15,7 +16,8 @@ use omnilife_schemas::{
 use super::{ExportFrame, ExportRequest, ExportScene, SceneSource, file_name, stem};
 use crate::error::CurateError;
 
-/// The scene that a request is about, without the frames that it leaves out.
+/// The scene that a request is about, without the frames that it leaves out, and the frames that the protocol of its
+/// split puts images into.
 ///
 /// # Errors
 /// When a file cannot be read or leads out of the scene's folder, two frames have one name, no frame has a pose, and
@@ -23,7 +25,7 @@ use crate::error::CurateError;
 pub(super) fn collect(
     request: &ExportRequest<'_>,
     progress: &dyn Progress,
-) -> Result<ExportScene, CurateError> {
+) -> Result<(ExportScene, Option<PaddedFrame>), CurateError> {
     let folder = request.scene_folder;
     let path = folder.join(SCENE_FILE);
     let mut scene: Scene = store::read_record(&path)?;
@@ -80,17 +82,25 @@ pub(super) fn collect(
             scene.id
         ));
     }
-    Ok(ExportScene {
+    let padded = match (request.split, &split) {
+        (Some(file), Some(split)) => (split.protocol.padded_frame(&scene.camera))
+            .map_err(|reason| CurateError::input(file, reason))?,
+        _ => None,
+    };
+    let exported = ExportScene {
         camera: scene.camera,
+        panorama: None,
         frames,
         points,
         has_split: split.is_some(),
         is_rig: false,
-        source: SceneSource {
+        scale: scene.scale,
+        source: Some(SceneSource {
             folder: folder.to_owned(),
             record: scene,
-        },
-    })
+        }),
+    };
+    Ok((exported, padded))
 }
 
 /// Reads a split of a scene.

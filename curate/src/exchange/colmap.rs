@@ -47,6 +47,7 @@ pub const FORMAT: Format = Format {
     id: "colmap",
     about: "COLMAP text model with an EQUIRECTANGULAR (COLMAP 4.1 and later) or PINHOLE camera",
     holds_cube_faces: true,
+    holds_padded_panoramas: false,
     export: Some(Writer {
         write: export,
         holds: &[Part::Points, Part::Names],
@@ -59,6 +60,7 @@ pub const BINARY_FORMAT: Format = Format {
     id: "colmap-binary",
     about: "the same with a binary model: cameras.bin, images.bin, points3D.bin",
     holds_cube_faces: true,
+    holds_padded_panoramas: false,
     export: Some(Writer {
         write: export_binary,
         holds: &[Part::Points, Part::Names],
@@ -176,6 +178,7 @@ fn import(folder: &Path) -> Result<ForeignScene, CurateError> {
         published_split: None,
         frame_rate: None,
         scale: Scale::Arbitrary,
+        stills: BTreeMap::new(),
         notes: files.note.into_iter().collect(),
         points: model.cloud(),
     })

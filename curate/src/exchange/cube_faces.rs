@@ -88,11 +88,13 @@ pub(super) fn as_faces(
     add_sky(scene, camera, faces.sky_points, &mut points)?;
     Ok(ExportScene {
         camera: face_camera(faces.side).into(),
+        panorama: None,
         frames: frames?.into_iter().flatten().flatten().collect(),
         points,
         has_split: scene.has_split,
         is_rig: true,
-        source: scene.source.clone(),
+        scale: scene.scale,
+        source: None,
     })
 }
 

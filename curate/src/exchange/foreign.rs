@@ -10,7 +10,7 @@ use omnilife_schemas::{
 };
 
 use super::{ForeignDistance, ForeignSplit};
-use crate::poses::frame_camera::FrameCamera;
+use crate::{poses::frame_camera::FrameCamera, stills::Still};
 
 /// What a reader found.
 #[derive(Debug, Clone)]
@@ -36,6 +36,8 @@ pub struct ForeignScene {
     /// Times of the frames where there is neither a `times.csv` nor a frame rate given; `None` where one of them
     /// is needed.
     pub frame_rate: Option<FrameRate>,
+    /// Stills without poses by their image, with the seconds since the first.
+    pub(crate) stills: BTreeMap<PathBuf, (Still, f64)>,
     /// Lines on what the reader decided and left out.
     pub notes: Vec<String>,
 }

@@ -16,14 +16,18 @@ use super::ForeignFrame;
 use crate::{
     error::CurateError,
     poses::{frame_camera::write_straight, lens::Straightening},
+    stills::Placement,
 };
 
 /// The image of a frame in the scene's folder.
 pub(super) struct FrameImage {
     /// The file, relative to the folder.
     pub(super) file: String,
-    /// Marks what is transparent in the image that it was made of.
-    pub(super) transparent: Option<Mask>,
+    /// Marks what the image that it was made of does not show: what is transparent, or outside of its part of the
+    /// sphere.
+    pub(super) ignored: Option<Mask>,
+    /// True where that image is transparent in places.
+    pub(super) is_transparent: bool,
     /// True where it was turned or mirrored.
     pub(super) is_turned: bool,
     /// True where it shows nothing.
@@ -39,17 +43,21 @@ impl FrameImage {
     pub(super) fn import(
         frame: &ForeignFrame,
         name: &str,
-        straightening: Option<&Straightening>,
+        (straightening, placement): (Option<&Straightening>, Option<&Placement>),
         out: &Path,
     ) -> Result<Self, CurateError> {
-        let mut image = ImageFile::open(&frame.image)?;
-        let [width, height] = image.shown_size()?;
         let ShownImage {
-            rgb,
-            transparent,
+            size: [mut width, mut height],
+            mut rgb,
+            mut transparent,
             is_turned,
-            ..
-        } = image.decode_shown()?;
+        } = ImageFile::open(&frame.image)?.decode_shown()?;
+        let is_transparent = transparent.is_some();
+        if let Some(placement) = placement {
+            [width, height] = placement.full().map(|side| side as usize);
+            let (whole, ignored) = placement.whole(&rgb, transparent.as_ref());
+            (rgb, transparent) = (whole, Some(ignored));
+        }
         let is_single_colour = rgb::is_single_colour(&rgb);
         let mut file = format!("{FRAMES_FOLDER}/{name}");
         if let Some(lens) = straightening {
@@ -71,7 +79,8 @@ impl FrameImage {
         }
         Ok(Self {
             file,
-            transparent,
+            is_transparent,
+            ignored: transparent,
             is_turned,
             is_single_colour,
         })
@@ -90,7 +99,7 @@ impl UnusualFrames {
     /// Notes a frame by its name.
     pub(super) fn add(&mut self, name: &str, image: &FrameImage) {
         for (frames, is_one) in [
-            (&mut self.transparent, image.transparent.is_some()),
+            (&mut self.transparent, image.is_transparent),
             (&mut self.turned, image.is_turned),
             (&mut self.single_colour, image.is_single_colour),
         ] {

@@ -60,7 +60,7 @@ pub(super) fn natural_paths(a: &Path, b: &Path) -> Ordering {
 }
 
 /// The number of a frame by its file.
-fn number(file: &Path) -> Option<u64> {
+pub(super) fn number(file: &Path) -> Option<u64> {
     let stem = file.file_stem()?.to_string_lossy();
     let last = pieces(&stem)
         .into_iter()
@@ -76,7 +76,7 @@ fn number(file: &Path) -> Option<u64> {
 }
 
 /// The images of a folder, PNG or JPEG, in natural order.
-pub(super) fn images_in(folder: &Path) -> Result<Vec<PathBuf>, StoreError> {
+pub(crate) fn images_in(folder: &Path) -> Result<Vec<PathBuf>, StoreError> {
     let mut files = store::paths_in(folder)?;
     files.retain(|file| has_extension(file, &["png", "jpg", "jpeg"]));
     files.sort_by(|a, b| natural_paths(a, b));

@@ -46,6 +46,13 @@ pub(super) fn frame_times(
             notes: times.note.into_iter().collect(),
         });
     }
+    if let (None, Some(seconds)) = (request.frames_per_second, of_stills(scene)) {
+        return Ok(FrameTimes {
+            seconds,
+            // The reader has said where they come from.
+            notes: Vec::new(),
+        });
+    }
     let assumed = (scene.frame_rate).filter(|_| request.frames_per_second.is_none());
     let rate = (request.frames_per_second)
         .or(assumed.map(|rate| rate.frames_per_second))
@@ -79,6 +86,14 @@ pub(super) fn frame_times(
             }))
             .collect(),
     })
+}
+
+/// Times of stills; `None` where frames are none.
+fn of_stills(scene: &ForeignScene) -> Option<Vec<f64>> {
+    let times: Option<Vec<f64>> = (scene.frames.iter())
+        .map(|frame| Some(scene.stills.get(&frame.image)?.1))
+        .collect();
+    times
 }
 
 /// Refuses frames that were taken at once and have different times by their names.

@@ -50,7 +50,7 @@ use rayon::prelude::*;
 use serde::Deserialize;
 
 use super::{ForeignFrame, ForeignMask, ForeignScene, Format, Part, Writer, frame_order};
-use crate::{error::CurateError, motion::pinhole_turns::GreyFrame, poses::turns};
+use crate::{error::CurateError, motion::pinhole_turns::GreyFrame, poses::turns, stills};
 
 /// The format.
 pub const FORMAT: Format = Format {
@@ -58,6 +58,7 @@ pub const FORMAT: Format = Format {
     about: "ours, which holds all of a scene; of others a perspective clip: rgb/ with mask/ (DAVIS) or \
             objects/NAME/, and without poses the camera is registered as one that turns",
     holds_cube_faces: false,
+    holds_padded_panoramas: false,
     export: Some(Writer {
         write: export::export,
         holds: Part::ALL,
@@ -75,6 +76,8 @@ const UNPOSED_FOLDER: &str = "unposed";
 const MASK_FOLDER: &str = "mask";
 /// Folder of the folders of masks of single objects.
 const OBJECTS_FOLDER: &str = "objects";
+/// Images that are looked at to tell a perspective clip from panoramas, about.
+const FEW_IMAGES: usize = 4;
 
 #[derive(Deserialize)]
 struct CameraFile {
@@ -123,6 +126,7 @@ fn import(folder: &Path) -> Result<ForeignScene, CurateError> {
     let posed = if given.is_file() {
         given_poses(folder, &given, &images, size)?
     } else {
+        refuse_panoramas(folder, &images, size)?;
         registered(&images, &objects, size, focal_of(folder)?)?
     };
     let mask_of = |stem: &String| {
@@ -156,6 +160,7 @@ fn import(folder: &Path) -> Result<ForeignScene, CurateError> {
         published_split: None,
         frame_rate: None,
         scale: posed.scale,
+        stills: BTreeMap::new(),
         notes: Vec::new(),
         points: posed.points,
         pose_source: Some(posed.source),
@@ -287,9 +292,43 @@ fn given_poses(
         points,
         scale: record.scale,
         source: PoseSource::Given {
-            file: path.display().to_string(),
+            file: path
+                .file_name()
+                .unwrap_or_default()
+                .to_string_lossy()
+                .into_owned(),
         },
     })
+}
+
+/// Refuses panoramas, which nothing but poses would tell from a perspective clip.
+fn refuse_panoramas(
+    folder: &Path,
+    images: &[PathBuf],
+    [width, height]: [usize; 2],
+) -> Result<(), CurateError> {
+    let paths: Vec<&Path> = images.iter().map(PathBuf::as_path).collect();
+    let opaque = |path: &&Path| -> Result<bool, StoreError> {
+        Ok(ImageFile::open(path)?.decode_shown()?.transparent.is_none())
+    };
+    // A few tell, and those that are transparent in places are looked at by their import.
+    let mut few = Vec::new();
+    for path in paths
+        .iter()
+        .step_by(paths.len().div_ceil(FEW_IMAGES).max(1))
+    {
+        if opaque(path)? {
+            few.push(*path);
+        }
+    }
+    if few.is_empty() || !stills::are_panoramas(&few, [width as u32, height as u32])? {
+        return Ok(());
+    }
+    let reason = format!(
+        "has {} images of {width}x{height} that are panoramas, without poses; --format panoramas takes them",
+        images.len()
+    );
+    Err(CurateError::input(folder, reason))
 }
 
 /// The turns of a camera that stands, from the images.

@@ -6,6 +6,7 @@
 //! mask/00000.png ...       white where something moves (ours; their readers have no masks)
 //! rotation.npy             (frames, 3, 3) f32, camera to world
 //! translation.npy          (frames, 3) f32, camera centres
+//! origin.json              {"origin": [x, y, z]}, where f32 does not hold the centres (ours): they lie around it
 //! train.txt, test.txt      numbers of the frames for training and for testing, where a split is given
 //! ```
 //!
@@ -13,7 +14,9 @@
 //! `p = (cos phi sin theta, sin phi, cos phi cos theta)`: x left, y up, z forward at the image
 //! centre. So the x and y columns of camera-to-world change their signs. (A Habitat agent looks
 //! along -z of this frame, out of the panorama's edge.) Numbers are f32, as their loaders expect:
-//! poses keep 7 digits. Row i of the arrays is that of image number i, counted from 0 or from 1. The format has no points; depth maps (`pano_depth`) are not ours to write.
+//! poses keep 7 digits, of the extent of the cameras where they lie far from the world's origin. Row i of the arrays
+//! is that of image number i, counted from 0 or from 1. The format has no points; depth maps (`pano_depth`) are not
+//! ours to write.
 #![cfg_attr(
     not(test),
     deny(clippy::indexing_slicing, clippy::arithmetic_side_effects)
@@ -23,7 +26,7 @@ use std::{collections::BTreeMap, path::Path};
 
 use glam::{DMat3, DVec3};
 use omnilife_schemas::{
-    Pose, RgbImage,
+    Pose, RgbImage, Similarity,
     camera::{Camera, ErpCamera},
     image_file::ImageFile,
     npy,
@@ -31,6 +34,7 @@ use omnilife_schemas::{
     records::Scale,
     store::{self, StoreError},
 };
+use serde::{Deserialize, Serialize};
 
 use super::{
     ExportScene, ForeignFrame, ForeignMask, ForeignScene, Format, Writer, frame_order,
@@ -43,6 +47,7 @@ pub const FORMAT: Format = Format {
     id: "hm3d",
     about: "panoramas with rotation.npy and translation.npy, as Splatter-360 keeps HM3D; no points",
     holds_cube_faces: false,
+    holds_padded_panoramas: false,
     export: Some(Writer {
         write: export,
         holds: &[],
@@ -52,6 +57,23 @@ pub const FORMAT: Format = Format {
 
 const ROTATION_FILE: &str = "rotation.npy";
 const TRANSLATION_FILE: &str = "translation.npy";
+const ORIGIN_FILE: &str = "origin.json";
+
+/// `origin.json`.
+#[derive(Serialize, Deserialize)]
+struct Origin {
+    /// World units.
+    origin: [f64; 3],
+}
+
+/// The place around which f32 holds the cameras; `None` where that is the world's origin.
+fn origin(scene: &ExportScene) -> Option<DVec3> {
+    let frames = scene.frames.iter();
+    let centres: Vec<DVec3> = frames.map(|frame| frame.pose.centre()).collect();
+    Similarity::from_most_cameras(&centres)
+        .filter(|around| !around.fits_f32())
+        .map(|around| DVec3::from_array(around.offset))
+}
 
 /// From our camera axes to the format's, and back.
 fn turned(rotation: DMat3) -> DMat3 {
@@ -71,6 +93,13 @@ fn export(scene: &ExportScene, out: &Path) -> Result<(), CurateError> {
     let (panoramas, masks) = (out.join("pano"), out.join("mask"));
     store::create_folder(&panoramas)?;
     write_split_lists(scene, out)?;
+    let origin = origin(scene);
+    if let Some(origin) = origin {
+        let origin = Origin {
+            origin: origin.to_array(),
+        };
+        super::write_json(&out.join(ORIGIN_FILE), &origin)?;
+    }
     let (mut rotations, mut translations) = (Vec::new(), Vec::new());
     for (index, frame) in scene.frames.iter().enumerate() {
         let name = numbered_name(index);
@@ -88,7 +117,8 @@ fn export(scene: &ExportScene, out: &Path) -> Result<(), CurateError> {
         // Valid poses have a rotation: they were chosen by that.
         let rotation = turned(DMat3::from_quat(frame.pose.rotation().unwrap_or_default()));
         rotations.extend(rotation.transpose().to_cols_array().map(|v| v as f32));
-        translations.extend(frame.pose.centre.map(|v| v as f32));
+        let centre = frame.pose.centre() - origin.unwrap_or_default();
+        translations.extend(centre.to_array().map(|v| v as f32));
     }
     let count = scene.frames.len();
     npy::write_f32(&out.join(ROTATION_FILE), &[count, 3, 3], &rotations)?;
@@ -141,13 +171,20 @@ fn import(folder: &Path) -> Result<ForeignScene, CurateError> {
              none of them",
         ));
     }
+    let origin_path = folder.join(ORIGIN_FILE);
+    let origin = if origin_path.is_file() {
+        let Origin { origin } = super::read_json(&origin_path)?;
+        DVec3::from_array(origin)
+    } else {
+        DVec3::ZERO
+    };
     let mut frames = Vec::new();
     let (rotations, _) = rotations.values.as_chunks::<9>();
     let (translations, _) = translations.values.as_chunks::<3>();
     let poses = rotations.iter().zip(translations);
     for (index, (image, (rows, centre))) in panoramas.into_iter().zip(poses).enumerate() {
         let rotation = turned(DMat3::from_cols_array(rows).transpose());
-        let centre = DVec3::from_array(*centre);
+        let centre = origin + DVec3::from_array(*centre);
         let pose = Pose::from_matrix(rotation, centre).ok_or_else(|| {
             StoreError::malformed(&rotation_path, format!("pose {index} is no rotation"))
         })?;
@@ -187,6 +224,7 @@ fn import(folder: &Path) -> Result<ForeignScene, CurateError> {
         published_split: None,
         frame_rate: None,
         scale: Scale::Arbitrary,
+        stills: BTreeMap::new(),
         notes: Vec::new(),
         points: PointCloud::default(),
     })

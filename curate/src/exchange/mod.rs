@@ -12,7 +12,7 @@ pub mod datasets;
 mod distances;
 mod foreign;
 mod frame_images;
-mod frame_order;
+pub(crate) mod frame_order;
 mod frame_times;
 pub mod frames;
 pub mod hm3d;
@@ -21,6 +21,8 @@ mod masks;
 pub mod nerfstudio;
 pub mod openmvg;
 mod own_record;
+mod padding;
+mod panoramas;
 mod parts;
 mod published_split;
 mod scene_folder;
@@ -34,9 +36,10 @@ use std::{
 use omnilife_schemas::{
     Pose,
     camera::{Camera, cube::CUBE_FACES},
+    padded_frame::PaddedFrame,
     points::PointCloud,
     progress::Progress,
-    records::Scene,
+    records::{Scale, Scene},
     store::{self, StoreError},
 };
 
@@ -60,6 +63,16 @@ pub struct Writer {
     pub holds: &'static [Part],
 }
 
+impl Writer {
+    /// Parts of a scene that are written, with its images as they are or drawn anew: as faces, or padded.
+    fn held(&self, is_redrawn: bool) -> Vec<Part> {
+        let parts = self.holds.iter().copied();
+        parts
+            .filter(|part| !is_redrawn || part.is_of_any_images())
+            .collect()
+    }
+}
+
 /// A scene format.
 #[derive(Debug, Clone, Copy)]
 pub struct Format {
@@ -69,6 +82,8 @@ pub struct Format {
     pub about: &'static str,
     /// Whether its readers know perspective rigs, so that it can hold the faces of cubes.
     pub holds_cube_faces: bool,
+    /// Whether it says where in an image a panorama lies, so that it can hold padded ones.
+    pub holds_padded_panoramas: bool,
     /// Writes a scene into an empty folder; `None` for layouts of data sets, which are read alone.
     pub export: Option<Writer>,
     /// Reads a folder.
@@ -83,8 +98,13 @@ pub const FORMATS: &[Format] = &[
     nerfstudio::FORMAT,
     hm3d::FORMAT,
     frames::FORMAT,
+    datasets::omniblender::FORMAT,
+    datasets::ricoh360::FORMAT,
+    datasets::ob3d::FORMAT,
+    datasets::tartanair::FORMAT,
     datasets::roam360::FORMAT,
     datasets::omniphotos::FORMAT,
+    panoramas::FORMAT,
 ];
 
 /// Returns the formats that exports can have.
@@ -109,6 +129,13 @@ pub fn format(id: &str, folder: &Path) -> Result<&'static Format, CurateError> {
         })
 }
 
+/// Names of the formats of a kind.
+fn formats_where(is_one: impl Fn(&Format) -> bool) -> String {
+    let formats = FORMATS.iter().filter(|format| is_one(format));
+    let names: Vec<&str> = formats.map(|format| format.id).collect();
+    names.join(", ")
+}
+
 /// A frame to be exported.
 #[derive(Debug, Clone)]
 pub struct ExportFrame {
@@ -131,8 +158,10 @@ pub struct ExportFrame {
 /// A scene to be exported: its frames with a pose, in order of time.
 #[derive(Debug, Clone)]
 pub struct ExportScene {
-    /// The camera of all frames.
+    /// The camera of all frames; of padded panoramas with the size of their frames.
     pub camera: Camera,
+    /// Where panoramas lie in padded frames.
+    pub panorama: Option<PaddedFrame>,
     /// The frames.
     pub frames: Vec<ExportFrame>,
     /// World points.
@@ -141,8 +170,10 @@ pub struct ExportScene {
     pub has_split: bool,
     /// Whether the frames are the faces of cubes, each in the folder of its face.
     pub is_rig: bool,
-    /// All that is known of the scene.
-    pub source: SceneSource,
+    /// What a unit of the world is.
+    pub scale: Scale,
+    /// All that is known of the scene; `None` where its images are drawn anew.
+    pub source: Option<SceneSource>,
 }
 
 /// The scene that an export is made of.
@@ -168,6 +199,9 @@ pub struct ExportRequest<'a> {
     pub given_only: bool,
     /// Writes the faces of cubes in place of panoramas.
     pub cube_faces: Option<CubeFaces>,
+    /// Resizes images to fit into frames of this width and height in pixels, and pads them; without it, as the
+    /// protocol of the split says.
+    pub pad_to: Option<[u32; 2]>,
     /// Folder to fill; it must not exist or be empty.
     pub out: &'a Path,
 }
@@ -176,7 +210,8 @@ pub struct ExportRequest<'a> {
 ///
 /// # Errors
 /// [`CurateError::Input`] for an unknown format or one that is only read, a scene without posed frames, cube faces of a
-/// perspective scene or in a format that has none, and an output folder that holds something;
+/// perspective scene or in a format that has none, padded panoramas in a format that takes them for whole spheres,
+/// and an output folder that holds something;
 /// [`CurateError::Store`] when a file cannot be read or written.
 pub fn export(
     request: &ExportRequest<'_>,
@@ -186,26 +221,26 @@ pub fn export(
     let format = format(request.format, out)?;
     let writer = writer(format, out)?;
     if request.cube_faces.is_some() && !format.holds_cube_faces {
-        let can: Vec<&str> = FORMATS
-            .iter()
-            .filter(|format| format.holds_cube_faces)
-            .map(|format| format.id)
-            .collect();
         let reason = format!(
             "is to have cube faces, which {} does not hold; {} do",
             format.id,
-            can.join(", ")
+            formats_where(|format| format.holds_cube_faces)
         );
         return Err(CurateError::input(out, reason));
     }
     refuse_filled(out)?;
-    let mut scene = collect::collect(request, progress)?;
-    let left_out = parts::left_out(format.id, writer.holds, &scene.source.record);
+    let (mut scene, of_split) = collect::collect(request, progress)?;
+    let padded = padding::frame(request, format, (&scene.camera, of_split), progress)?;
+    let is_redrawn = padded.is_some() || request.cube_faces.is_some();
+    let left_out = match &scene.source {
+        Some(source) => parts::left_out(format, &writer.held(is_redrawn), &source.record),
+        None => Vec::new(),
+    };
     for note in masks::notes(&scene)?.iter().chain(&left_out) {
         progress.note(note);
     }
     fill_folder(out, |folder| {
-        let scratch = folder.join("faces");
+        let scratch = folder.join("scratch");
         if let Some(faces) = request.cube_faces {
             let all = CUBE_FACES.len() * scene.frames.len();
             scene = cube_faces::as_faces(&scene, faces, &scratch)?;
@@ -216,9 +251,12 @@ pub fn export(
                 ));
             }
         }
+        if let Some(frame) = padded {
+            scene = padding::padded(&scene, frame, &scratch)?;
+        }
         (writer.write)(&scene, folder)?;
+        store::remove(&scratch)?;
         if scene.is_rig {
-            store::remove(&scratch)?;
             cube_faces::write_rig(folder)?;
         }
         Ok(times::write(&scene.frames, folder)?)

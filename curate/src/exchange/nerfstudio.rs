@@ -11,7 +11,7 @@
 //!
 //! Axes: nerfstudio's cameras have x right, y up and z back (OpenGL); its equirectangular image has
 //! -z in the centre, which is our +z (`nerfstudio/cameras/cameras.py`, `EQUIRECTANGULAR`, with
-//! `fl_x = w / 2` and `fl_y = h`). So the y and z columns of camera-to-world change their signs. The world
+//! `fl_x = w / 2` and `fl_y = h`; of a padded panorama w and h are its own, and `cx` and `cy` its middle). So the y and z columns of camera-to-world change their signs. The world
 //! is not turned: nerfstudio levels it by itself unless told otherwise. A pinhole's principal point is
 //! taken as it stands; the centre of the first pixel is at (1/2, 1/2) there too. `ns-process-data` has turned
 //! its cameras by `applied_transform`, and the points of `ply_file_path` alike: their world is kept.
@@ -46,6 +46,7 @@ pub const FORMAT: Format = Format {
     id: "nerfstudio",
     about: "nerfstudio's transforms.json with an EQUIRECTANGULAR, PINHOLE or OPENCV camera",
     holds_cube_faces: true,
+    holds_padded_panoramas: true,
     export: Some(Writer {
         write: export,
         holds: &[Part::Points, Part::Names],
@@ -106,6 +107,13 @@ fn opengl(rotation: DMat3) -> DMat3 {
     rotation * DMat3::from_diagonal(DVec3::new(1.0, -1.0, -1.0))
 }
 
+/// The pose of a camera-to-world matrix, by rows; `None` for one that is no rigid transform.
+pub(super) fn pose_of(transform_matrix: &[[f64; 4]; 4]) -> Option<Pose> {
+    let matrix = DMat4::from_cols_array_2d(transform_matrix).transpose();
+    let rotation = opengl(DMat3::from_mat4(matrix));
+    Pose::from_matrix(rotation, matrix.w_axis.truncate()).filter(|_| matrix.row(3) == DVec4::W)
+}
+
 fn export(scene: &ExportScene, out: &Path) -> Result<(), CurateError> {
     super::copy_images(scene, out)?;
     let masks = out.join("masks");
@@ -113,14 +121,17 @@ fn export(scene: &ExportScene, out: &Path) -> Result<(), CurateError> {
     let has_masks = super::masks::write_white_masks(scene, &masks, mask_name)?;
     let intrinsics = match scene.camera {
         Camera::Erp(ErpCamera { width, height }) => {
-            let half = f64::from(width) / 2.0;
+            let whole = ([0, 0], [width, height]);
+            let padded = scene.panorama.map(|frame| (frame.offset(), frame.image()));
+            let ([left, top], size) = padded.unwrap_or(whole);
+            let [across, down] = size.map(f64::from);
             PinholeCamera {
                 width,
                 height,
-                fx: half,
-                fy: f64::from(height),
-                cx: half,
-                cy: f64::from(height) / 2.0,
+                fx: across / 2.0,
+                fy: down,
+                cx: f64::from(left) + across / 2.0,
+                cy: f64::from(top) + down / 2.0,
             }
         }
         Camera::Pinhole(camera) => camera,
@@ -186,10 +197,7 @@ fn import(folder: &Path) -> Result<ForeignScene, CurateError> {
             missing_images.push(frame.file_path.clone());
             continue;
         };
-        let matrix = DMat4::from_cols_array_2d(&frame.transform_matrix).transpose();
-        let rotation = opengl(DMat3::from_mat4(matrix));
-        let pose = Pose::from_matrix(rotation, matrix.w_axis.truncate())
-            .filter(|_| matrix.row(3) == DVec4::W)
+        let pose = pose_of(&frame.transform_matrix)
             .ok_or_else(|| malformed(format!("{} has no rigid transform", frame.file_path)))?;
         let mask = match &frame.mask_path {
             Some(mask) => Some(ForeignMask {
@@ -217,6 +225,7 @@ fn import(folder: &Path) -> Result<ForeignScene, CurateError> {
         published_split: None,
         frame_rate: None,
         scale: Scale::Arbitrary,
+        stills: BTreeMap::new(),
         notes: left_out::line(&unread, "entries of transforms.json that are not read")
             .into_iter()
             .collect(),

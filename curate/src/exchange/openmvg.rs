@@ -44,6 +44,7 @@ pub const FORMAT: Format = Format {
     id: "openmvg",
     about: "OpenMVG views and extrinsics, as ODGS reads them; a pinhole has one focal length",
     holds_cube_faces: false,
+    holds_padded_panoramas: false,
     export: Some(Writer {
         write: export,
         holds: &[Part::Points, Part::Names],
@@ -372,6 +373,7 @@ fn import(folder: &Path) -> Result<ForeignScene, CurateError> {
         frame_rate: None,
         scale: Scale::Arbitrary,
         points: read_points(folder, &mut notes)?,
+        stills: BTreeMap::new(),
         notes,
     })
 }

@@ -80,6 +80,7 @@ impl OwnRecord {
         let Some(known) = self.frame(frame) else {
             return Ok(());
         };
+        entry.capture.clone_from(&known.capture);
         let stem = super::stem(name);
         let copy = |file: &str, to: String| -> Result<String, CurateError> {
             let path = out.join(&to);

@@ -7,6 +7,8 @@ use omnilife_schemas::{
     records::{Scale, Scene, SceneFrame},
 };
 
+use super::Format;
+
 /// A part of a scene that not every format holds. All hold images, poses, the camera, masks and, in `times.csv`,
 /// times.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -29,6 +31,8 @@ pub enum Part {
     UnposedFrames,
     /// The split that the scene is published with.
     PublishedSplit,
+    /// Facts that the files of stills state.
+    Captures,
 }
 
 impl Part {
@@ -43,7 +47,14 @@ impl Part {
         Self::Scale,
         Self::UnposedFrames,
         Self::PublishedSplit,
+        Self::Captures,
     ];
+
+    /// Returns true where images that are drawn anew can have it: the others are of frames as they were, or stand in
+    /// the record of the scene alone.
+    pub(super) fn is_of_any_images(self) -> bool {
+        matches!(self, Self::Points | Self::Names | Self::Scale)
+    }
 
     /// Says what of the part a scene has, which is left out; `None` where it has nothing of it.
     fn left_out(self, scene: &Scene) -> Option<String> {
@@ -87,6 +98,10 @@ impl Part {
             }
             Self::PublishedSplit => (scene.published_split.as_ref())
                 .map(|split| format!("no published split: that of {} is left out", split.source)),
+            Self::Captures => frames_with(
+                &|frame| frame.capture.is_some(),
+                "no times and places of stills: those",
+            ),
         }
     }
 }
@@ -104,11 +119,12 @@ fn names<'a>(what: &str, all: impl Iterator<Item = &'a String>) -> Option<String
     (!names.is_empty()).then(|| format!("no {what}: {} are left out ({first})", names.len()))
 }
 
-/// Lines on the parts of a scene that a format does not hold, one for each of which the scene has something.
-pub(super) fn left_out(format: &str, holds: &[Part], scene: &Scene) -> Vec<String> {
+/// Lines on the parts of a scene that an export in a format does not hold, one for each of which the scene has
+/// something.
+pub(super) fn left_out(format: &Format, holds: &[Part], scene: &Scene) -> Vec<String> {
     let others = Part::ALL.iter().filter(|part| !holds.contains(part));
     others
         .filter_map(|part| part.left_out(scene))
-        .map(|what| format!("{}: {format} holds {what}", scene.id))
+        .map(|what| format!("{}: {} holds {what}", scene.id, format.id))
         .collect()
 }

@@ -140,14 +140,21 @@ fn write(
     let (mut unusual, mut masks) = (UnusualFrames::default(), MaskSurvey::default());
     let camera = source.scene.camera.camera();
     for ((frame, name), time_seconds) in source.scene.frames.iter().zip(names).zip(times) {
-        let image = FrameImage::import(frame, name, source.straightening.as_ref(), out)?;
+        let still = source
+            .scene
+            .stills
+            .get(&frame.image)
+            .map(|(still, _)| still);
+        let placement = still.and_then(|still| still.placement.as_ref());
+        let lens = source.straightening.as_ref();
+        let image = FrameImage::import(frame, name, (lens, placement), out)?;
         unusual.add(name, &image);
         look_at_masks(source, frame, &mut masks)?;
         let ignored = ignored(source, frame, request)?;
         if let Some(mask) = &ignored {
             masks.add_ignored_share(mask.marked_share(&camera));
         }
-        let ignored = united(ignored, image.transparent);
+        let ignored = united(ignored, image.ignored);
         let mut entry = SceneFrame {
             image: image.file,
             time_seconds: *time_seconds,
@@ -169,6 +176,9 @@ fn write(
             },
             depth: distances::import(source.scene, frame, name, out)?,
             depth_prior: None,
+            capture: still
+                .map(|still| still.capture.clone())
+                .filter(|capture| !capture.is_empty()),
         };
         if let Some(own) = &source.own {
             own.complete((frame, name), &mut entry, out)?;
@@ -200,7 +210,7 @@ fn write(
         pose_source: (source.scene.pose_source)
             .clone()
             .unwrap_or_else(|| PoseSource::Given {
-                file: request.folder.display().to_string(),
+                file: file_name(request.folder),
             }),
         validation,
         published_split: source.split.as_ref().map(|split| split.record(times)),
@@ -267,6 +277,10 @@ fn below(scene: &ForeignScene, file: &Path) -> String {
 }
 
 fn check_size(scene: &ForeignScene, frame: &ForeignFrame) -> Result<(), CurateError> {
+    if scene.stills.contains_key(&frame.image) {
+        // They have been looked at, and may show a part of their sphere.
+        return Ok(());
+    }
     let [width, height] = ImageFile::open(&frame.image)?.shown_size()?;
     let camera = scene.camera.camera();
     if [width, height] == camera.size() {

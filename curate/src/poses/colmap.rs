@@ -234,6 +234,32 @@ fn image_count([_, images, _]: &[PathBuf; 3]) -> Result<usize, StoreError> {
     }
 }
 
+/// Reads the images of a text model whatever their cameras are, in order of id.
+///
+/// # Errors
+/// When the file is missing or malformed.
+pub(crate) fn text_images(path: &Path) -> Result<Vec<ColmapImage>, StoreError> {
+    let images = colmap_text::read_images(path)?.into_values();
+    Ok(images.map(|(_, image)| image).collect())
+}
+
+/// Reads the points of a text model.
+///
+/// # Errors
+/// When the file is missing or malformed.
+pub(crate) fn text_points(path: &Path) -> Result<PointCloud, StoreError> {
+    Ok(cloud_of(&colmap_text::read_points(path)?))
+}
+
+/// A coloured cloud, in order of id.
+fn cloud_of(points: &BTreeMap<u64, ColmapPoint>) -> PointCloud {
+    let positions = points.values().map(|point| point.position.to_array());
+    PointCloud {
+        positions: positions.collect(),
+        colours: points.values().map(|point| point.colour).collect(),
+    }
+}
+
 impl ColmapModel {
     /// Reads the model in a folder or below it, text or binary ([`files`]).
     ///
@@ -292,14 +318,7 @@ impl ColmapModel {
 
     /// The points as a coloured cloud, in order of id.
     pub fn cloud(&self) -> PointCloud {
-        PointCloud {
-            positions: self
-                .points
-                .values()
-                .map(|point| point.position.to_array())
-                .collect(),
-            colours: self.points.values().map(|point| point.colour).collect(),
-        }
+        cloud_of(&self.points)
     }
 }
 

@@ -171,7 +171,7 @@ pub(super) fn image_count(path: &Path) -> Result<usize, StoreError> {
     Ok(read_images(path)?.len())
 }
 
-fn read_images(path: &Path) -> Result<ImagesByCamera, StoreError> {
+pub(super) fn read_images(path: &Path) -> Result<ImagesByCamera, StoreError> {
     let text = store::read_text(path)?;
     let mut lines = lines(path, &text);
     let mut images = BTreeMap::new();
@@ -219,7 +219,7 @@ fn read_observations(line: &Line<'_>) -> Result<Vec<(DVec2, u64)>, StoreError> {
     Ok(observations)
 }
 
-fn read_points(path: &Path) -> Result<BTreeMap<u64, ColmapPoint>, StoreError> {
+pub(super) fn read_points(path: &Path) -> Result<BTreeMap<u64, ColmapPoint>, StoreError> {
     let text = store::read_text(path)?;
     let mut points = BTreeMap::new();
     for line in filled_lines(path, &text) {

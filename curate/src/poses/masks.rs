@@ -238,6 +238,7 @@ mod tests {
             .map(|index| FrameEntry {
                 file: format!("frames/{index:06}.png"),
                 time_seconds: f64::from(index),
+                capture: None,
             })
             .collect();
         let sequence = crate::poses::sfm::tests::sequence_of(entries);

@@ -330,6 +330,7 @@ fn stage_scene(
             objects: [].into(),
             depth: None,
             depth_prior: None,
+            capture: entry.capture.clone(),
         })
         .collect();
     truth.stage(staging, folder, &mut frames, size, progress)?;

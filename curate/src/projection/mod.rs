@@ -17,8 +17,11 @@ mod wrap_seam;
 
 pub use samples::FrameSamples;
 
+use std::path::Path;
+
 use omnilife_schemas::{
-    records::{DetectedProjection, Evidence, Probe, VideoProjection},
+    progress::Progress,
+    records::{DetectedProjection, Evidence, Probe, SphereTurn, VideoProjection},
     statistics,
 };
 
@@ -56,6 +59,33 @@ pub static TESTS: &[ProjectionTest] = &[
     cube_faces::OUTER_EDGES,
     cube_faces::FACE_BREAKS,
 ];
+
+/// Tells of turns that the container states: frames are as they are stored.
+pub(crate) fn note_turns(video: &Path, probe: &Probe, progress: &dyn Progress) {
+    let Some(stated) = &probe.spherical else {
+        return;
+    };
+    let words = |turn: SphereTurn| {
+        let SphereTurn {
+            yaw_degrees,
+            pitch_degrees,
+            roll_degrees,
+        } = turn;
+        format!("yaw {yaw_degrees}, pitch {pitch_degrees}, roll {roll_degrees} degrees")
+    };
+    let pose = stated.pose.map(|pose| {
+        let pose = words(pose);
+        format!("players give its sphere the pose that it states ({pose}); frames are not turned, slices state it too")
+    });
+    let view = stated.initial_view.map(|view| {
+        let view = words(view);
+        format!("players look where it states first ({view}); frames are not turned, slices do not state it")
+    });
+    let lines = [pose, view, stated.turn_fault.clone()];
+    for line in lines.into_iter().flatten() {
+        progress.note(&format!("{}: {line}", video.display()));
+    }
+}
 
 /// Judges a video by its probe and frames spread over it.
 ///

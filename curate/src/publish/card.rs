@@ -4,8 +4,8 @@ use std::fmt::Write;
 
 use omnilife_schemas::{
     layout::STATISTICS_FOLDER,
-    plain_text::for_markdown,
-    records::{About, Dataset, VideoStatus},
+    plain_text::{for_markdown, without_folders},
+    records::{About, Dataset, VideoEntry, VideoStatus},
 };
 
 use super::{
@@ -200,12 +200,16 @@ fn sources(text: &mut String, dataset: &Dataset) {
             VideoStatus::Pending => "not reached".to_owned(),
         };
         let sha256 = video.sha256.as_deref().unwrap_or("unreadable");
-        let name = video.file.rsplit(['/', '\\']).next().unwrap_or(&video.file);
         // Writing to a string does not fail.
-        let _ = writeln!(text, "| {} | `{sha256}` | {outcome} |", for_markdown(name));
+        let _ = writeln!(text, "| {} | `{sha256}` | {outcome} |", name(video));
     }
     text.push('\n');
     origins(text, dataset);
+}
+
+/// The name of a video, also of a record of older versions, which hold paths.
+fn name(video: &VideoEntry) -> String {
+    for_markdown(&without_folders(&video.file))
 }
 
 /// Where the videos came from, where somebody says so.
@@ -227,7 +231,6 @@ fn origins(text: &mut String, dataset: &Dataset) {
         ),
     );
     for (video, origin) in stated() {
-        let name = video.file.rsplit(['/', '\\']).next().unwrap_or(&video.file);
         let cell = |text: &Option<String>| for_markdown(text.as_deref().unwrap_or_default());
         let kind = origin.kind.map_or("", |kind| kind.words());
         let from = format!("{kind} {}", cell(&origin.url));
@@ -235,7 +238,7 @@ fn origins(text: &mut String, dataset: &Dataset) {
         let _ = writeln!(
             text,
             "| {} | {} | {} | {} | {} | {} |",
-            for_markdown(name),
+            name(video),
             from.trim(),
             cell(&origin.uploader),
             cell(&origin.licence),

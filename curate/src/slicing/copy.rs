@@ -12,6 +12,7 @@ use super::{
     encode::audio_for,
     mp4::{Projection, close_output, create_output, unwritable},
     packets::{PacketTable, Run},
+    spherical_boxes::Orientation,
 };
 use crate::{error::CurateError, video::open_container};
 
@@ -62,7 +63,7 @@ pub(super) fn copy_runs(
                 .min();
             slice.write(&mut packet, run, following)?;
             if number + 1 == run.end {
-                slice.close(source.quarter_turns)?;
+                slice.close(source.orientation)?;
                 current = due.next();
             } else {
                 open = Some(slice);
@@ -161,7 +162,7 @@ impl CopiedSlice {
             .map_err(|error| unwritable(&self.path, error))
     }
 
-    fn close(mut self, quarter_turns: u32) -> Result<(), CurateError> {
+    fn close(mut self, orientation: Orientation) -> Result<(), CurateError> {
         let Some(mut output) = self.output.take() else {
             return Ok(());
         };
@@ -173,7 +174,7 @@ impl CopiedSlice {
             &self.temporary,
             &self.path,
             Projection::Equirectangular,
-            quarter_turns,
+            orientation,
         )
     }
 }

@@ -86,7 +86,7 @@ fn format_of(source: &SliceSource<'_>, first: &frame::Video, time_base: Rational
         time_base,
         pixel_aspect: first.aspect_ratio(),
         colour: Colour::of(first),
-        quarter_turns: source.quarter_turns,
+        orientation: source.orientation,
         projection: Projection::Equirectangular,
         quality: Quality::VisuallyLossless,
     }

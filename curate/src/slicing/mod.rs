@@ -25,12 +25,14 @@ use omnilife_schemas::{
     ownership::refuse_existing,
     progress::Progress,
     records::{SliceFile, SliceMethod, TimeRange},
+    statistics::frame_interval,
     store::{self, StoreError},
 };
 
 pub use mp4::Projection;
 pub(crate) use mp4::Quality;
 pub use partition::{Shots, segments, shots};
+pub use spherical_boxes::Orientation;
 pub(crate) use stage::remove_slices;
 pub use stage::{SliceSettings, write_slices};
 pub use view_video::ViewVideoWriter;
@@ -56,8 +58,8 @@ pub struct SliceSource<'a> {
     pub video: &'a Path,
     /// Timestamps of all its frames in order, seconds.
     pub times: &'a [f64],
-    /// Clockwise quarter turns by which players turn its frames.
-    pub quarter_turns: u32,
+    /// Turns that players give its frames.
+    pub orientation: Orientation,
 }
 
 impl SliceSource<'_> {
@@ -139,11 +141,11 @@ pub fn slice_segment(
     refuse_existing(out)?;
     let probe = crate::video::probe(video)?;
     let times = PacketTable::scan(video)?.times();
-    let after_last = match times[..] {
-        [.., before, last] => 2.0 * last - before,
-        [only] => only + 1.0 / probe.frames_per_second.max(1.0),
-        [] => return Err(CurateError::video(video, "its packets have no timestamps")),
+    let Some(&last) = times.last() else {
+        return Err(CurateError::video(video, "its packets have no timestamps"));
     };
+    let of_one_frame = 1.0 / probe.frames_per_second.max(1.0);
+    let after_last = last + frame_interval(&times).unwrap_or(of_one_frame);
     let wanted = TimeRange {
         begin_seconds: begin_seconds.unwrap_or(times[0]),
         end_seconds: end_seconds.unwrap_or(after_last),
@@ -177,7 +179,7 @@ pub fn slice_segment(
     let source = SliceSource {
         video,
         times: &times,
-        quarter_turns: (probe.rotation_degrees / 90.0).round() as u32,
+        orientation: Orientation::of(&probe),
     };
     let requests = std::slice::from_ref(&request);
     let file = slice_video(&source, requests, settings, progress)?.pop();

@@ -18,7 +18,7 @@ use omnilife_schemas::store::{self, StoreError};
 
 use super::{
     audio::{AudioCopy, AudioTrack},
-    spherical_boxes,
+    spherical_boxes::{self, Orientation},
 };
 use crate::{
     error::CurateError,
@@ -77,8 +77,8 @@ pub struct VideoFormat {
     pub pixel_aspect: Rational,
     /// Meaning of the numbers.
     pub colour: Colour,
-    /// Clockwise quarter turns by which players turn the frames.
-    pub quarter_turns: u32,
+    /// Turns that players give the frames.
+    pub orientation: Orientation,
     /// What the frames are images of.
     pub projection: Projection,
     /// What is kept of them.
@@ -254,7 +254,7 @@ impl Mp4Encoder {
             &self.temporary,
             &self.path,
             self.video.projection,
-            self.video.quarter_turns,
+            self.video.orientation,
         )
     }
 
@@ -331,9 +331,9 @@ pub(super) fn create_output(path: &Path) -> Result<Output, CurateError> {
     format::output_as(&format!("file:{text}"), "mp4").map_err(|error| unwritable(path, error))
 }
 
-fn mark(path: &Path, projection: Projection, quarter_turns: u32) -> io::Result<()> {
+fn mark(path: &Path, projection: Projection, orientation: Orientation) -> io::Result<()> {
     match projection {
-        Projection::Equirectangular => spherical_boxes::mark_equirectangular(path, quarter_turns),
+        Projection::Equirectangular => spherical_boxes::mark_equirectangular(path, orientation),
         Projection::Flat => Ok(()),
     }
 }
@@ -344,12 +344,12 @@ pub(super) fn close_output(
     temporary: &Path,
     path: &Path,
     projection: Projection,
-    quarter_turns: u32,
+    orientation: Orientation,
 ) -> Result<(), CurateError> {
     let ended = output.write_trailer();
     drop(output);
     let published = match ended {
-        Ok(()) => mark(temporary, projection, quarter_turns)
+        Ok(()) => mark(temporary, projection, orientation)
             .and_then(|()| File::open(temporary)?.sync_all())
             .and_then(|()| store::rename(temporary, path)),
         Err(error) => Err(io::Error::other(error)),

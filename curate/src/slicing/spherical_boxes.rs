@@ -11,6 +11,8 @@ use std::{
     path::Path,
 };
 
+use omnilife_schemas::records::{Probe, SphereTurn};
+
 use crate::video::mp4_boxes::{Span, VISUAL_ENTRY_BYTES, boxed, boxes, in_bytes};
 
 /// Boxes on the way to the sample descriptions.
@@ -22,20 +24,48 @@ const VIDEO_ENTRIES: [&[u8; 4]; 8] = [
 /// Who says so, in the `svhd` box.
 const METADATA_SOURCE: &str = "omnilife";
 
-/// Marks the video tracks of an mp4 file as one equirectangular image of the whole sphere, and
-/// sets their display rotation to `quarter_turns` clockwise quarter turns.
+/// The turns that players give the frames of a video.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct Orientation {
+    /// Clockwise quarter turns of the image.
+    pub quarter_turns: u32,
+    /// Pose of the sphere; `None` for none.
+    pub pose: Option<SphereTurn>,
+}
+
+impl Orientation {
+    /// What a video's container states.
+    pub fn of(probe: &Probe) -> Self {
+        Self {
+            quarter_turns: (probe.rotation_degrees / 90.0).round() as u32,
+            pose: probe.spherical.as_ref().and_then(|stated| stated.pose),
+        }
+    }
+
+    /// Yaw, pitch and roll of the pose in 16.16 degrees.
+    fn pose_numbers(self) -> [i32; 3] {
+        let Some(pose) = self.pose else {
+            return [0; 3];
+        };
+        [pose.yaw_degrees, pose.pitch_degrees, pose.roll_degrees]
+            .map(|degrees| (degrees * 65536.0).round() as i32)
+    }
+}
+
+/// Marks the video tracks of an mp4 file as one equirectangular image of the whole sphere, with this
+/// orientation.
 ///
 /// # Errors
 /// When the file cannot be read or written, its index (`moov`) is not its last box, or it has no
 /// video track.
-pub fn mark_equirectangular(path: &Path, quarter_turns: u32) -> io::Result<()> {
+pub fn mark_equirectangular(path: &Path, orientation: Orientation) -> io::Result<()> {
     let mut file = OpenOptions::new().read(true).write(true).open(path)?;
     let (offset, length) = find_index(&mut file)?;
     let mut index = vec![0; length];
     file.seek(SeekFrom::Start(offset))?;
     file.read_exact(&mut index)?;
     let mut marked = 0;
-    let rewritten = rewritten(&index, quarter_turns, &mut marked)?;
+    let rewritten = rewritten(&index, orientation, &mut marked)?;
     if marked == 0 {
         return Err(broken("it has no video track"));
     }
@@ -68,25 +98,29 @@ fn broken(reason: &str) -> io::Error {
 }
 
 /// The boxes in `bytes`, with the metadata added in all video tracks.
-fn rewritten(bytes: &[u8], quarter_turns: u32, marked: &mut usize) -> io::Result<Vec<u8>> {
+fn rewritten(bytes: &[u8], orientation: Orientation, marked: &mut usize) -> io::Result<Vec<u8>> {
+    let quarter_turns = orientation.quarter_turns;
     let mut out = Vec::with_capacity(bytes.len() + 256);
     for (name, content) in in_bytes(bytes)? {
         match name {
             name if CONTAINERS.contains(&&name) => {
                 // Track headers come before the media, so the track's kind is looked up first.
-                let turns = if &name != b"trak" || is_video_track(content) {
-                    quarter_turns
+                let inside = if &name != b"trak" || is_video_track(content) {
+                    orientation
                 } else {
-                    0
+                    Orientation::default()
                 };
-                let inner = rewritten(content, turns, marked)?;
+                let inner = rewritten(content, inside, marked)?;
                 out.extend(boxed(name, &inner));
             }
             name if &name == b"tkhd" && !quarter_turns.is_multiple_of(4) => {
                 out.extend(boxed(name, &turned_header(content, quarter_turns)?));
             }
             name if &name == b"stsd" => {
-                out.extend(boxed(name, &marked_descriptions(content, marked)?));
+                out.extend(boxed(
+                    name,
+                    &marked_descriptions(content, orientation, marked)?,
+                ));
             }
             name => out.extend(boxed(name, content)),
         }
@@ -126,7 +160,11 @@ fn turned_header(content: &[u8], quarter_turns: u32) -> io::Result<Vec<u8>> {
 }
 
 /// Sample descriptions with the spherical boxes at the end of every video entry.
-fn marked_descriptions(content: &[u8], marked: &mut usize) -> io::Result<Vec<u8>> {
+fn marked_descriptions(
+    content: &[u8],
+    orientation: Orientation,
+    marked: &mut usize,
+) -> io::Result<Vec<u8>> {
     let (head, entries) = content
         .split_at_checked(8)
         .ok_or_else(|| broken("sample descriptions are too short"))?;
@@ -134,7 +172,7 @@ fn marked_descriptions(content: &[u8], marked: &mut usize) -> io::Result<Vec<u8>
     for (name, entry) in in_bytes(entries)? {
         if VIDEO_ENTRIES.contains(&&name) {
             let mut entry = without_spherical_boxes(entry)?;
-            entry.extend(spherical_boxes());
+            entry.extend(spherical_boxes(orientation));
             out.extend(boxed(name, &entry));
             *marked += 1;
         } else {
@@ -158,8 +196,8 @@ fn without_spherical_boxes(entry: &[u8]) -> io::Result<Vec<u8>> {
     Ok(out)
 }
 
-/// `st3d` (monoscopic) and `sv3d` (equirectangular, the whole sphere, not turned).
-fn spherical_boxes() -> Vec<u8> {
+/// `st3d` (monoscopic) and `sv3d` (equirectangular, the whole sphere, with its pose).
+fn spherical_boxes(orientation: Orientation) -> Vec<u8> {
     // Version and flags of a full box.
     let full = [0_u8; 4];
     let st3d = boxed(*b"st3d", &[&full[..], &[0]].concat());
@@ -167,8 +205,9 @@ fn spherical_boxes() -> Vec<u8> {
         *b"svhd",
         &[&full[..], METADATA_SOURCE.as_bytes(), &[0]].concat(),
     );
-    // Yaw, pitch and roll; then the bounds top, bottom, left and right.
-    let prhd = boxed(*b"prhd", &[0; 4 + 3 * 4]);
+    let pose = orientation.pose_numbers().map(i32::to_be_bytes);
+    let prhd = boxed(*b"prhd", &[&full[..], pose.as_flattened()].concat());
+    // The bounds top, bottom, left and right.
     let equi = boxed(*b"equi", &[0; 4 + 4 * 4]);
     let proj = boxed(*b"proj", &[prhd, equi].concat());
     let sv3d = boxed(*b"sv3d", &[svhd, proj].concat());

@@ -5,7 +5,10 @@ use std::path::Path;
 use ffmpeg::{Rational, color, software::scaling::Flags};
 use ffmpeg_next as ffmpeg;
 
-use super::mp4::{Mp4Encoder, Projection, Quality, VideoFormat};
+use super::{
+    mp4::{Mp4Encoder, Projection, Quality, VideoFormat},
+    spherical_boxes::Orientation,
+};
 use crate::{
     error::CurateError,
     video::{Colour, FrameShape, Matrix, PixelFormat, Scaler, allocated, rows_mut},
@@ -73,7 +76,7 @@ impl ViewVideoWriter {
                     primaries: color::Primaries::BT709,
                     transfer: color::TransferCharacteristic::BT709,
                 },
-                quarter_turns: 0,
+                orientation: Orientation::default(),
                 projection,
                 quality,
             },

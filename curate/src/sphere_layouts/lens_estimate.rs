@@ -71,6 +71,9 @@ pub(crate) fn estimated_dual_fisheye(
             value: reason.clone(),
             threshold: "two fisheye lenses".to_owned(),
         };
+        let reason = format!(
+            "{reason}; if it has two, say what they see: --projection dual-fisheye:DEGREES"
+        );
         CurateError::rejected(video, reason, vec![check])
     })
 }
@@ -108,8 +111,7 @@ fn estimate(frames: &[Rgb8Image]) -> Result<SphereLayout, String> {
     if let Some(fault) = fault {
         return Err(format!(
             "no field of view from {least} to {most} degrees brings what its two lenses see together (their \
-             correlation at {} degrees {fault}); if it has two, say what they see: --projection \
-             dual-fisheye:DEGREES",
+             correlation at {} degrees {fault})",
             tried[best]
         ));
     }

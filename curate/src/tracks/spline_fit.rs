@@ -138,15 +138,17 @@ pub fn fit_with(
 }
 
 /// The spline that is nearest to the lifted places, in least squares, to begin with; `pull` is the weight of
-/// [`smooth`].
+/// [`smooth`]. Solved around the first of them: the pull of few coefficients is to no place in the world, and
+/// coordinates of millions of units lose no digits.
 fn lift(spline: &mut BSpline, observations: &[Observation<'_>], pull: f64) -> Option<()> {
     let reach = 3 * spline.degree + 2;
     let size = spline.coefficients.len();
+    let origin = observations.first()?.position();
     let mut matrix = BandMatrix::new(3 * size, reach);
     let mut right = vec![0.0; 3 * size];
     for observation in observations {
         let weights = spline.weights(observation.view.seconds);
-        let position = observation.position();
+        let position = observation.position() - origin;
         for a in 0..=spline.degree {
             for axis in 0..3 {
                 let row = 3 * (weights.first + a) + axis;
@@ -163,7 +165,9 @@ fn lift(spline: &mut BSpline, observations: &[Observation<'_>], pull: f64) -> Op
     }
     smooth(&mut matrix, spline, pull, &mut right, None);
     let solved = matrix.solve(&right)?;
-    spline.coefficients = solved.as_chunks::<3>().0.to_vec();
+    let (places, _) = solved.as_chunks::<3>();
+    let in_world = |&place: &[f64; 3]| (origin + DVec3::from_array(place)).to_array();
+    spline.coefficients = places.iter().map(in_world).collect();
     Some(())
 }
 

@@ -9,7 +9,7 @@ use std::path::Path;
 use ffmpeg::{ffi, format::stream::Disposition};
 use ffmpeg_next as ffmpeg;
 use omnilife_schemas::{
-    records::{Probe, SphericalMetadata},
+    records::{Probe, SphereTurn, SphericalMetadata},
     store::StoreError,
 };
 
@@ -46,9 +46,10 @@ pub(crate) fn describe(reader: &VideoReader) -> Result<Probe, CurateError> {
     let format = raw_fields::pixel_format(decoder);
     let matrix = display_matrix(&stream);
     if matrix.is_some_and(|matrix| mirrors(&matrix)) {
-        let reason = "its display matrix mirrors it, and frames are taken as they are stored or turned; have it \
-                      applied: ffmpeg -i IN OUT";
-        return Err(CurateError::video(path, reason));
+        let reason =
+            "its display matrix mirrors it, and frames are taken as they are stored or turned";
+        let advice = "have it applied: ffmpeg -i IN OUT";
+        return Err(CurateError::mendable_video(path, reason, advice));
     }
     let rotation_degrees = matrix.map_or(0.0, |matrix| rotation_degrees(&matrix));
     if rotation_degrees.rem_euclid(90.0) != 0.0 {
@@ -115,13 +116,13 @@ fn refuse_other_halves(
     let (Some([width, height]), 2..) = (size, alike) else {
         return Ok(());
     };
-    Err(CurateError::video(
+    Err(CurateError::mendable_video(
         reader.path(),
         format!(
             "has {alike} video streams of {width}x{height} pixels, as cameras store halves of the sphere (GoPro \
-             .360) or one lens each (Insta360 .insv), and one alone is half a sphere: make one equirectangular \
-             video of it with the program of the camera's maker"
+             .360) or one lens each (Insta360 .insv), and one alone is half a sphere"
         ),
+        "make one equirectangular video of it with the program of the camera's maker",
     ))
 }
 
@@ -191,14 +192,44 @@ fn resolved(SphericalBoxes { v1, v2 }: SphericalBoxes) -> Option<SphericalMetada
     } else {
         older.extent
     };
+    let (pose, pose_fault) = turn("a pose", newer.turn);
+    let (initial_view, view_fault) = turn("an initial view", older.turn);
+    let faults: Vec<String> = [pose_fault, view_fault].into_iter().flatten().collect();
     Some(SphericalMetadata {
         is_cropped: extent != Extent::Whole,
         is_front_half: extent == Extent::FrontHalf,
+        pose,
+        initial_view,
+        turn_fault: (!faults.is_empty()).then(|| faults.join("; ")),
         origin: if v2.is_some() { "v2" } else { "v1" }.to_owned(),
         projection: newer.projection.or(older.projection)?,
         stereo: newer.stereo.or(older.stereo),
         conflict,
     })
+}
+
+/// The turn of these yaw, pitch and roll in 16.16 degrees, where they are not zero, or a line that calls it `name`
+/// and says that it is out of range. The ranges are those of `prhd` in
+/// `docs/spherical-video-v2-rfc.md` of `google/spatial-media`.
+fn turn(name: &str, stated: Option<[i32; 3]>) -> (Option<SphereTurn>, Option<String>) {
+    let Some(numbers) = stated.filter(|numbers| *numbers != [0; 3]) else {
+        return (None, None);
+    };
+    let [yaw_degrees, pitch_degrees, roll_degrees] =
+        numbers.map(|number| f64::from(number) / 65536.0);
+    if yaw_degrees.abs() > 180.0 || pitch_degrees.abs() > 90.0 || roll_degrees.abs() > 180.0 {
+        let fault = format!(
+            "{name} of yaw {yaw_degrees}, pitch {pitch_degrees} and roll {roll_degrees} degrees is out of range \
+             (180, 90 and 180 either way) and not taken"
+        );
+        return (None, Some(fault));
+    }
+    let turn = SphereTurn {
+        yaw_degrees,
+        pitch_degrees,
+        roll_degrees,
+    };
+    (Some(turn), None)
 }
 
 /// Spherical and stereo side data as FFmpeg parses them.
@@ -219,9 +250,13 @@ fn side_data_of(stream: &ffmpeg::Stream<'_>) -> Option<SphericalMetadata> {
     } else {
         projection
     };
+    let (pose, turn_fault) = turn("a pose", raw_fields::pose(&mapping));
     Some(SphericalMetadata {
         is_cropped: extent != Extent::Whole,
         is_front_half: extent == Extent::FrontHalf,
+        pose,
+        initial_view: None,
+        turn_fault,
         projection: name.to_owned(),
         stereo: stereo.map(str::to_owned),
         origin: "container".to_owned(),

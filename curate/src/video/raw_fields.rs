@@ -258,6 +258,19 @@ pub(super) fn bounds(mapping: &[u8]) -> Option<[u32; 4]> {
     ])
 }
 
+/// Yaw, pitch and roll in the bytes of an `AVSphericalMapping`, degrees in 16.16.
+pub(super) fn pose(mapping: &[u8]) -> Option<[i32; 3]> {
+    let at = |offset| {
+        let bits = integer_at(mapping, offset)?;
+        Some(c_int::from_ne_bytes(bits.to_ne_bytes()))
+    };
+    Some([
+        at(offset_of!(ffi::AVSphericalMapping, yaw))?,
+        at(offset_of!(ffi::AVSphericalMapping, pitch))?,
+        at(offset_of!(ffi::AVSphericalMapping, roll))?,
+    ])
+}
+
 /// FFmpeg's name of the layout in the bytes of an `AVStereo3D`.
 pub(super) fn stereo_name(stereo: &[u8]) -> Option<&'static str> {
     let layout = integer_at(stereo, offset_of!(ffi::AVStereo3D, type_))?;

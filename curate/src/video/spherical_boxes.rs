@@ -32,6 +32,9 @@ pub(super) struct Statement {
     pub(super) stereo: Option<String>,
     /// What of the sphere the image covers.
     pub(super) extent: Extent,
+    /// Yaw, pitch and roll in 16.16 degrees, where they are stated: of the initial view in version 1, of the pose in
+    /// version 2.
+    pub(super) turn: Option<[i32; 3]>,
 }
 
 /// What of the sphere an image covers.
@@ -158,7 +161,15 @@ fn v1_statement(xml: &str) -> Option<Statement> {
     let across = across.unwrap_or(1.0);
     let left = share("CroppedAreaLeftPixels", "FullPanoWidthPixels").unwrap_or(0.0);
     let is_less_high = share("CroppedAreaImageHeightPixels", "FullPanoHeightPixels").is_some();
+    let degrees = |axis: &str| {
+        let value: f64 = entry(&format!("InitialView{axis}Degrees"))?.parse().ok()?;
+        // The cast saturates, and what is out of range stays so.
+        value.is_finite().then(|| (value * 65536.0).round() as i32)
+    };
+    let view = ["Heading", "Pitch", "Roll"].map(degrees);
+    let is_stated = view.iter().any(Option::is_some);
     Some(Statement {
+        turn: is_stated.then(|| view.map(Option::unwrap_or_default)),
         projection: entry("ProjectionType").map(str::to_owned),
         stereo: entry("StereoMode").map(|mode| {
             match mode {
@@ -203,6 +214,7 @@ fn v2(file: &mut (impl Read + Seek), track: Span) -> io::Result<Option<Statement
                     found.stereo = stereo_mode(bytes_at(file, span, 4)?);
                 } else {
                     (found.projection, found.extent) = projection(file, span)?;
+                    found.turn = pose(file, span)?;
                 }
             }
         }
@@ -219,6 +231,22 @@ fn stereo_mode(mode: Option<[u8; 1]>) -> Option<String> {
         _ => "other stereo layout",
     };
     Some(name.to_owned())
+}
+
+/// Yaw, pitch and roll of the projection header of an `sv3d` box, in 16.16 degrees.
+fn pose(file: &mut (impl Read + Seek), sv3d: Span) -> io::Result<Option<[i32; 3]>> {
+    for projection in children(file, sv3d, b"proj")? {
+        for header in children(file, projection, b"prhd")? {
+            let mut at = |offset| -> io::Result<Option<i32>> {
+                Ok(bytes_at(file, header, offset)?.map(i32::from_be_bytes))
+            };
+            // Version and flags come first.
+            if let (Some(yaw), Some(pitch), Some(roll)) = (at(4)?, at(8)?, at(12)?) {
+                return Ok(Some([yaw, pitch, roll]));
+            }
+        }
+    }
+    Ok(None)
 }
 
 /// Projection of an `sv3d` box, and what its bounds leave of the sphere.
@@ -313,6 +341,7 @@ mod tests {
                 projection: Some("equirectangular".to_owned()),
                 stereo: Some("top and bottom".to_owned()),
                 extent: Extent::Part,
+                turn: None,
             })
         );
         assert_eq!(
@@ -321,6 +350,7 @@ mod tests {
                 projection: Some("equirectangular".to_owned()),
                 stereo: Some("side by side".to_owned()),
                 extent: Extent::Whole,
+                turn: Some([0; 3]),
             })
         );
         let other = read(&path, 7).unwrap();
@@ -364,6 +394,35 @@ mod tests {
         }
         assert_eq!(of_box([quarter, 0, quarter, quarter]), Extent::Part);
         assert_eq!(of_box([0, 0, 2 * quarter, 0]), Extent::Part);
+    }
+
+    #[test]
+    fn turns_are_read_as_they_are_stated() {
+        let of_xml = |entries: &[(&str, &str)]| {
+            let entries = entries.iter().map(|(axis, value)| {
+                let name = format!("GSpherical:InitialView{axis}Degrees");
+                format!("<{name}>{value}</{name}>")
+            });
+            v1_statement(&entries.collect::<String>()).unwrap().turn
+        };
+        assert_eq!(of_xml(&[]), None);
+        assert_eq!(
+            of_xml(&[("Heading", "-90"), ("Roll", " 0.25 ")]),
+            Some([-90 << 16, 0, 1 << 14])
+        );
+        for nonsense in ["NaN", "inf", "ahead", ""] {
+            assert_eq!(of_xml(&[("Pitch", nonsense)]), None, "{nonsense}");
+        }
+        assert_eq!(of_xml(&[("Pitch", "1e300")]), Some([0, i32::MAX, 0]));
+        let of_header = |header: &[u8]| {
+            let proj = boxed(*b"proj", &boxed(*b"prhd", header));
+            let (_temp, path) = written(&track(1, &[], &boxed(*b"sv3d", &proj)));
+            read(&path, 1).unwrap().v2.unwrap().turn
+        };
+        let numbers = [33 << 16, -(1 << 15), i32::MIN];
+        let header = [&[0; 4][..], &numbers.map(i32::to_be_bytes).concat()].concat();
+        assert_eq!(of_header(&header), Some(numbers));
+        assert_eq!(of_header(&header[..15]), None);
     }
 
     /// Whatever the bytes are, reading ends.

@@ -67,6 +67,7 @@ fn export_faces(scene_folder: &Path, format: &str, out: &Path) -> Result<ExportS
             side: SIDE,
             sky_points: SKY_POINTS,
         }),
+        pad_to: None,
         out,
     };
     export(&request, &Silent)
@@ -186,6 +187,7 @@ fn formats_without_rigs_and_odd_sizes_are_refused() {
             side: 0,
             sky_points: 0,
         }),
+        pad_to: None,
         out: &to,
     };
     let error = export(&request, &Silent).unwrap_err().to_string();

@@ -2,17 +2,21 @@
 #![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
 
 mod cube_faces;
+mod datasets;
 mod far_points;
 mod foreign;
 mod lenses;
 mod masks;
+mod moved;
 mod odgs;
 mod omniphotos;
 mod orders;
+mod padding;
 mod programs;
 mod pycolmap;
 mod refusals;
 mod roam360;
+mod stills;
 mod unusual_images;
 mod whole_scenes;
 
@@ -90,6 +94,7 @@ fn scene() -> (TempDir, Scene) {
             objects: [].into(),
             depth: None,
             depth_prior: None,
+            capture: None,
         }
     });
     let scene = Scene {
@@ -142,6 +147,7 @@ fn export_all(format: &str, scene_folder: &Path, out: &Path) -> Result<ExportSce
         split: None,
         given_only: false,
         cube_faces: None,
+        pad_to: None,
         out,
     };
     export(&request, &Silent)
@@ -173,6 +179,9 @@ fn every_format_gives_back_what_it_was_given() {
         let unposed = usize::from(format.id == "frames");
         assert_eq!(imported.frames.len(), 5 + unposed, "{}", format.id);
         assert_eq!(imported.camera, CAMERA.into());
+        if let PoseSource::Given { file } = &imported.pose_source {
+            assert!(!file.contains('/'), "{}: {file}", format.id);
+        }
         for (frame, expected) in imported.frames.iter().zip(posed) {
             assert_eq!(frame.time_seconds, expected.time_seconds, "{}", format.id);
             let (pose, truth) = (frame.pose.unwrap(), expected.pose.unwrap());

@@ -93,6 +93,7 @@ fn pycolmap_takes_cube_faces_as_a_rig() {
             side: 8,
             sky_points: 0,
         }),
+        pad_to: None,
         out: &target,
     };
     export(&request, &Silent).unwrap();

@@ -6,8 +6,8 @@ use omnilife_curate::exchange::scene_id;
 use omnilife_schemas::{
     progress::Progress,
     records::{
-        Colour, DepthImage, DepthPrior, DistanceConvention, Padding, Protocol, PublishedSplit,
-        Resampling, ScoredViews, Split, SplitRule,
+        Capture, Colour, DepthImage, DepthPrior, DistanceConvention, Padding, Protocol,
+        PublishedSplit, Resampling, ScoredViews, Split, SplitRule,
     },
 };
 use proptest::prelude::*;
@@ -101,6 +101,7 @@ fn frame(root: &Path, at: u32, name: &str, bits: u16) -> SceneFrame {
     SceneFrame {
         image,
         time_seconds: 3.0 + 0.1 * t,
+        capture: has(8).then(|| capture(t)),
         pose: (at == 0 || has(0)).then(|| Pose::new(turn, dvec3(0.3 * t, -0.7, 1.0 / (1.0 + t)))),
         mask: has(1).then(|| mask("masks", 2)),
         ignore_mask: has(2).then(|| mask("ignore", 3)),
@@ -126,6 +127,16 @@ fn frame(root: &Path, at: u32, name: &str, bits: u16) -> SceneFrame {
             convention: DistanceConvention::Z,
             source: "a network".to_owned(),
         }),
+    }
+}
+
+/// Facts of a still, as a camera states them.
+fn capture(number: f64) -> Capture {
+    Capture {
+        time: Some("2024-05-06T07:08:09.25+02:00".to_owned()),
+        latitude_degrees: Some(48.1 + 1e-5 * number),
+        direction_degrees: Some(0.1 + 0.2),
+        ..Capture::default()
     }
 }
 
@@ -158,7 +169,7 @@ proptest! {
     /// A scene, its record apart from the lines of the import, and every file come back.
     #[test]
     fn a_scene_comes_back_whole(
-        drawn in proptest::collection::btree_map(0_u32..400, 0_u16..256, 1..6),
+        drawn in proptest::collection::btree_map(0_u32..400, 0_u16..512, 1..6),
         naming in 0..NAMES.len(),
     ) {
         let drawn: Vec<Drawn> = drawn.into_iter().collect();
@@ -177,7 +188,7 @@ proptest! {
 }
 
 /// Bits of a frame that has everything.
-const EVERYTHING: u16 = 0xff;
+const EVERYTHING: u16 = 0x1ff;
 
 /// An export is a scene that everything reads, and a second one holds the same files.
 #[test]
@@ -233,6 +244,7 @@ fn frames_for_testing_stay_behind() {
         split: Some(&split),
         given_only: true,
         cube_faces: None,
+        pad_to: None,
         out: &out,
     };
     export(&request, &Silent).unwrap();
@@ -328,6 +340,45 @@ fn the_scale_of_poses_is_kept() {
     }
 }
 
+/// Images that are resized are no longer those of the record: poses, masks and the scale are there, and the rest is
+/// told.
+#[test]
+fn resized_frames_have_no_record() {
+    let folder = tempfile::tempdir().unwrap();
+    let without_ignored = EVERYTHING & !(1 << 2);
+    let drawn = [(0, without_ignored), (1, without_ignored)];
+    let original = write_scene(folder.path(), &drawn, NAMES[0]);
+    let out = folder.path().join("small");
+    let notes = Notes::default();
+    let request = ExportRequest {
+        scene_folder: folder.path(),
+        format: "frames",
+        split: None,
+        given_only: false,
+        cube_faces: None,
+        pad_to: Some([16, 8]),
+        out: &out,
+    };
+    export(&request, &notes).unwrap();
+    let lines = notes.0.into_inner().unwrap();
+    let told = |part: &str| lines.iter().any(|line| line.contains(part));
+    for part in ["objects", "classes", "no distances", "estimated distances"] {
+        assert!(told(part), "{part}: {lines:?}");
+    }
+    assert!(
+        !told("unit of the world") && !told("no points"),
+        "{lines:?}"
+    );
+    let scene = import_frames(&out, &folder.path().join("back")).unwrap();
+    assert_eq!(scene.scale, Scale::Metres);
+    assert_eq!((scene.camera.width(), scene.camera.height()), (16, 8));
+    for (frame, expected) in scene.frames.iter().zip(&original.frames) {
+        assert_eq!(frame.pose, expected.pose);
+        assert!(frame.mask.is_some());
+        assert_eq!(frame.depth, None);
+    }
+}
+
 /// Keeps every note.
 #[derive(Default)]
 struct Notes(Mutex<Vec<String>>);
@@ -355,6 +406,7 @@ fn exports_say_what_they_leave_out() {
         "unit",
         "frames without a pose",
         "published split",
+        "times and places of stills",
     ];
     let folder = tempfile::tempdir().unwrap();
     let frames = [(5, EVERYTHING), (6, 0), (7, EVERYTHING)];
@@ -368,6 +420,7 @@ fn exports_say_what_they_leave_out() {
             split: None,
             given_only: false,
             cube_faces: None,
+            pad_to: None,
             out: &out,
         };
         export(&request, &notes).unwrap();
@@ -394,6 +447,7 @@ fn exports_say_what_they_leave_out() {
         split: None,
         given_only: false,
         cube_faces: None,
+        pad_to: None,
         out: &out,
     };
     export(&request, &notes).unwrap();

@@ -148,6 +148,30 @@ fn validation_passes_what_is_sound_and_names_what_is_not() {
     );
 }
 
+/// What is measured of poses are angles and ratios, wherever the world has its origin.
+#[test]
+fn a_model_far_from_the_origin_is_as_sound_as_near_it() {
+    let limits = ValidationLimits::default();
+    let (near, names) = perfect(20, DQuat::IDENTITY);
+    let (mut far, _) = perfect(20, DQuat::IDENTITY);
+    let turn = DQuat::from_rotation_y(0.7);
+    let offset = DVec3::new(5e5, 0.0, 5e6);
+    for point in far.points.values_mut() {
+        point.position = turn * point.position + offset;
+    }
+    for image in far.images.values_mut() {
+        image.rotation = turn * image.rotation;
+        image.centre = turn * image.centre + offset;
+    }
+    let [near, far] = [near, far].map(|model| validate(&model, &names, &limits));
+    assert_eq!((far.status, &far.problems), (near.status, &near.problems));
+    assert_eq!(far.measures.len(), near.measures.len());
+    for (name, value) in &near.measures {
+        let error = (far.measures[name] - value).abs();
+        assert!(error < 1e-6 * (1.0 + value.abs()), "{name}: {error}");
+    }
+}
+
 #[test]
 fn levelling_turns_the_world_upright_and_changes_nothing_else() {
     let tilt = DQuat::from_axis_angle(DVec3::new(1.0, 2.0, -0.5).normalize(), 2.1);

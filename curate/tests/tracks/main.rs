@@ -3,6 +3,7 @@
 #![expect(clippy::unwrap_used, reason = "a failed set-up step fails the test")]
 
 mod estimates;
+mod moved;
 #[cfg(unix)]
 mod programs;
 
@@ -61,6 +62,7 @@ fn write_scene(folder: &Path) -> Scene {
             depth: None,
             depth_prior: None,
             objects: [].into(),
+            capture: None,
         }
     });
     let scene = Scene {

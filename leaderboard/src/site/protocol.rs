@@ -11,14 +11,13 @@ pub(super) fn explained(protocol: Option<&Protocol>) -> Markup {
         };
     };
     let Resampling::Area = protocol.resampling;
-    let Padding::None = protocol.padding;
     let Colour::Srgb8 = protocol.colour;
     html! {
         details.protocol {
             summary { "What is scored" }
             dl {
                 dt { "Split" }
-                dd { (split_in_words(protocol.split)) }
+                dd { (split_in_words(&protocol.split)) }
                 dt { "Scored" }
                 dd {
                     @match protocol.scored {
@@ -29,12 +28,18 @@ pub(super) fn explained(protocol: Option<&Protocol>) -> Markup {
                 }
                 dt { "Size" }
                 dd {
-                    @match protocol.largest_width {
-                        Some(width) => {
+                    @match (protocol.padding, protocol.largest_width) {
+                        (Padding::Frame { width, height }, _) => {
+                            "As large as fits into frames of " (width) "x" (height) " pixels in proportion; \
+                             larger ground truth is brought there by area averaging, nothing is enlarged. \
+                             Predictions may fill the frame, with the image in its middle: its padding is cut \
+                             off and not scored."
+                        },
+                        (Padding::None, Some(width)) => {
                             "At most " (width) " pixels wide; larger ground truth is brought there \
                              by area averaging, nothing is enlarged or padded."
                         },
-                        None => "The scene's own size, without padding.",
+                        (Padding::None, None) => "The scene's own size, without padding.",
                     }
                 }
                 dt { "Colour" }
@@ -64,7 +69,7 @@ pub(super) fn explained(protocol: Option<&Protocol>) -> Markup {
     }
 }
 
-fn split_in_words(rule: SplitRule) -> String {
+fn split_in_words(rule: &SplitRule) -> String {
     match rule {
         SplitRule::EveryNth { period, offset } => format!(
             "Of every {period} posed frames in order of time, frame {} is a novel view that the \
@@ -81,6 +86,14 @@ fn split_in_words(rule: SplitRule) -> String {
             "{count} of the posed frames, spread evenly from the first on, are input views, which the \
              method is given; it predicts all others, the novel views."
         ),
+        SplitRule::Given { frames } => {
+            let frames: Vec<String> = frames.iter().map(u32::to_string).collect();
+            format!(
+                "Frames {} are input views, which the method is given; it predicts all others with a pose, the \
+                 novel views.",
+                frames.join(", ")
+            )
+        }
         SplitRule::AllGiven => "Every posed frame is an input view, which the method is given; \
                                 nothing is held out."
             .to_owned(),

@@ -144,6 +144,7 @@ fn dataset(folder: &Path) -> PathBuf {
                 },
             ),
         ],
+        not_taken: Vec::new(),
     };
     let file = folder.join("dataset.json");
     store::write_record(&file, &record).unwrap();

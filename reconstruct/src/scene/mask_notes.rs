@@ -66,6 +66,7 @@ mod tests {
             objects: [].into(),
             depth: None,
             depth_prior: None,
+            capture: None,
         }
     }
 

@@ -34,9 +34,10 @@ pub(super) fn resume(
                 state.resumed += 1;
                 return Ok(state);
             }
+            // The line goes into the record of the run, which says nothing of where it lies.
             Err(Refusal::OtherRun(reason)) => say(format!(
                 "{}: not continued, {reason}; training begins anew",
-                path.display()
+                path.file_name().unwrap_or_default().display()
             )),
             Err(Refusal::Damaged(error)) => return Err(error.into()),
         }

@@ -11,16 +11,29 @@ use crate::store::Record;
 pub struct Dataset {
     /// One entry per input video, in the order given.
     pub videos: Vec<VideoEntry>,
+    /// Videos in folders that were given, which were not taken from them.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub not_taken: Vec<InputFile>,
 }
 
 impl Record for Dataset {
     const SCHEMA: &'static str = "omnilife/dataset/1";
 }
 
+/// A file of a folder that was given.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+pub struct InputFile {
+    /// Its place in the folder, with `/` between names.
+    pub file: String,
+    /// Why it was not taken, in words.
+    pub reason: String,
+}
+
 /// What became of one video.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct VideoEntry {
-    /// Path as given on the command line.
+    /// Name of its file, behind as many of its folders as tell it from other videos of this name (`a/x.mp4`).
+    /// Datasets of older versions have the path as it was given.
     pub file: String,
     /// SHA-256, where the file could be read.
     pub sha256: Option<String>,
@@ -89,19 +102,19 @@ pub enum VideoStatus {
     },
     /// It failed the admission criteria in force, or is not monoscopic ERP.
     Rejected {
-        /// One line: the check, the value, the threshold.
+        /// One line: every failed check with its value and threshold.
         reason: String,
         /// Every check that it failed; the first one counts.
         failed: Vec<CheckOutcome>,
     },
     /// Its content is that of a video before it.
     Duplicate {
-        /// That video's path as given on the command line.
+        /// That video's `file`.
         of: String,
     },
     /// It could not be read or processed.
     Failed {
-        /// One line.
+        /// One line, without a place on the machine.
         reason: String,
     },
 }

@@ -8,6 +8,7 @@ pub mod analysis;
 pub mod annotation;
 pub mod asset;
 pub mod boundaries;
+mod capture;
 pub mod dataset;
 pub mod dense;
 pub mod external_run;
@@ -42,7 +43,8 @@ pub use asset::{
     AssetSource, AssetSplats, InvalidGaussians,
 };
 pub use boundaries::{Boundary, BoundaryKind, BoundaryLedger};
-pub use dataset::{Dataset, Origin, OriginKind, VideoEntry, VideoStatus};
+pub use capture::Capture;
+pub use dataset::{Dataset, InputFile, Origin, OriginKind, VideoEntry, VideoStatus};
 pub use dense::{DenseFrame, DenseStereo};
 pub use external_run::{ExternalRun, Phase, PhaseName};
 pub use ledger::{
@@ -70,7 +72,7 @@ pub use scene::{
 pub use scoring::ScoringRecord;
 pub use sequence::{
     Admission, CheckOutcome, DetectedProjection, Evidence, FrameEntry, FrameSet, Probe, Sampling,
-    Sequence, SourceVideo, SphericalMetadata, TimeRange, VideoProjection,
+    Sequence, SourceVideo, SphereTurn, SphericalMetadata, TimeRange, VideoProjection,
 };
 pub use sfm::{SfmAttempt, SfmReport};
 pub use slices::{Segment, SegmentOutcome, SliceFile, SliceMethod, Slices};

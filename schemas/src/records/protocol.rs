@@ -5,6 +5,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::{
     camera::Camera,
+    padded_frame::PaddedFrame,
     store::{self, Record},
 };
 
@@ -24,7 +25,7 @@ pub struct Protocol {
     pub largest_width: Option<u32>,
     /// How images are brought to that size.
     pub resampling: Resampling,
-    /// What is put around images whose sides have another ratio than the scored ones.
+    /// What is put around images, for methods that take frames of one size.
     pub padding: Padding,
     /// What the numbers of a scored pixel are.
     pub colour: Colour,
@@ -41,11 +42,31 @@ impl Record for Protocol {
 impl Protocol {
     /// Width and height of the scored images of a scene, in pixels: the scene's own, or where that
     /// is wider than [`Protocol::largest_width`], that width with the height in proportion (rounded
-    /// to nearest).
+    /// to nearest); of padded frames, the size of the image in them.
     ///
     /// # Errors
     /// When nothing could be scored at that size; says why.
     pub fn scored_size(&self, camera: &Camera) -> Result<[u32; 2], String> {
+        match self.padded_frame(camera)? {
+            Some(frame) => Ok(frame.image()),
+            None => self.largest_size(camera),
+        }
+    }
+
+    /// The frame in which methods are given the images of a scene; `None` without padding.
+    ///
+    /// # Errors
+    /// As [`Protocol::scored_size`].
+    pub fn padded_frame(&self, camera: &Camera) -> Result<Option<PaddedFrame>, String> {
+        match self.padding {
+            Padding::None => Ok(None),
+            Padding::Frame { width, height } => {
+                PaddedFrame::fit(self.largest_size(camera)?, [width, height]).map(Some)
+            }
+        }
+    }
+
+    fn largest_size(&self, camera: &Camera) -> Result<[u32; 2], String> {
         let [width, height] = [camera.width(), camera.height()];
         match self.largest_width {
             _ if width == 0 || height == 0 => {
@@ -72,7 +93,7 @@ impl Protocol {
 }
 
 /// Which frames are given (input views) and which are predicted (novel views).
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case", tag = "rule")]
 pub enum SplitRule {
     /// Of every `period` posed frames, the one at `offset` is a novel view.
@@ -94,10 +115,14 @@ pub enum SplitRule {
         /// Frames that are given, at least 1.
         count: u32,
     },
+    /// These posed frames are input views, all other posed ones novel views.
+    Given {
+        /// Frames of the scene, ascending, at least 1.
+        frames: Vec<u32>,
+    },
     /// Every posed frame is an input view; nothing is held out.
     AllGiven,
-    /// The frames are those of the scene's own published split
-    /// ([`PublishedSplit`](super::PublishedSplit)).
+    /// The frames are those that the scene's `published_split` lists.
     Published,
 }
 
@@ -125,13 +150,21 @@ impl ScoredViews {
     }
 }
 
-/// What is put around images whose sides have another ratio than the scored ones.
+/// What is put around images, for methods that take frames of one size.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum Padding {
     /// Nothing: a scored image is all that the camera sees. Video that is stored squeezed was widened when
     /// its frames were taken, and video that shows less than the sphere makes no scene.
     None,
+    /// Images are resized in proportion, never enlarged, and stand in the middle of frames of this size
+    /// ([`PaddedFrame`]). A prediction may fill the frame; its padding is cut off before scoring.
+    Frame {
+        /// Pixels.
+        width: u32,
+        /// Pixels.
+        height: u32,
+    },
 }
 
 /// What the numbers of a scored pixel are.

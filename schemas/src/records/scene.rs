@@ -8,6 +8,7 @@ use std::{
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use super::capture::Capture;
 use crate::{
     camera::Camera,
     pose::{self, Pose},
@@ -97,6 +98,9 @@ pub struct SceneFrame {
     pub image: String,
     /// Presentation timestamp in the source, seconds.
     pub time_seconds: f64,
+    /// Facts that the file of a still states.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub capture: Option<Capture>,
     /// The camera, where it is known. Frames without one are neither trained on nor scored.
     pub pose: Option<Pose>,
     /// Mask image of dynamic objects (white).

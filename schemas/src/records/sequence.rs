@@ -3,7 +3,7 @@
 use schemars::JsonSchema;
 use serde::{Deserialize, Deserializer, Serialize};
 
-use super::sphere_layout::SphereLayout;
+use super::{capture::Capture, sphere_layout::SphereLayout};
 use crate::store::Record;
 
 /// `sequence.json`.
@@ -92,7 +92,7 @@ pub struct Probe {
     pub duration_seconds: f64,
     /// Decoded frames, where the video was decoded to its end.
     pub decoded_frames: Option<u64>,
-    /// Whether the distance between frames varies by more than half a percent of its median.
+    /// Whether the distance between frames varies by more than half a percent of the typical one.
     pub variable_frame_rate: Option<bool>,
     /// Largest distance between two frames, seconds, where the video was decoded to its end.
     pub longest_interval_seconds: Option<f64>,
@@ -127,8 +127,19 @@ impl Probe {
     }
 }
 
+/// A turn of a sphere.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct SphereTurn {
+    /// About the axis up, -180 to 180.
+    pub yaw_degrees: f64,
+    /// About the axis to the right, -90 to 90.
+    pub pitch_degrees: f64,
+    /// About the axis ahead, -180 to 180.
+    pub roll_degrees: f64,
+}
+
 /// Spherical video metadata of the container.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct SphericalMetadata {
     /// Projection, FFmpeg's name: equirectangular, cubemap, ...
     pub projection: String,
@@ -139,6 +150,16 @@ pub struct SphericalMetadata {
     /// Whether that part is the half of the sphere ahead: half a turn across, from pole to pole (VR180).
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub is_front_half: bool,
+    /// Pose that players give the sphere, where it is not zero: yaw counter-clockwise, then pitch counter-clockwise,
+    /// then roll clockwise (box `prhd` of version 2, elements `ProjectionPose` of Matroska). Frames are not turned.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub pose: Option<SphereTurn>,
+    /// Where players look first, where it is not ahead: heading, pitch and roll (entries `InitialView` of version 1).
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub initial_view: Option<SphereTurn>,
+    /// Why a turn that is stated is neither of the two.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub turn_fault: Option<String>,
     /// Where it stands: `v2` (boxes `st3d` and `sv3d`), `v1` (XML in a `uuid` box) or `container`.
     pub origin: String,
     /// What version 1 says where version 2, which wins, says something else.
@@ -292,6 +313,9 @@ pub struct FrameEntry {
     pub file: String,
     /// Presentation timestamp in the source, seconds.
     pub time_seconds: f64,
+    /// Facts that the file of a still states.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub capture: Option<Capture>,
 }
 
 #[cfg(test)]

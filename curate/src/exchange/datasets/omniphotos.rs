@@ -43,7 +43,7 @@ use omnilife_schemas::{
     store::{self, StoreError},
 };
 
-use super::{panoramas, text_file};
+use super::{panorama_camera, text_file};
 use crate::{
     error::CurateError,
     exchange::{ForeignFrame, ForeignScene, Format, file_of, image_of},
@@ -54,6 +54,7 @@ pub const FORMAT: Format = Format {
     id: "omniphotos",
     about: "scenes of OmniPhotos with the trajectory and map of OpenVSLAM",
     holds_cube_faces: false,
+    holds_padded_panoramas: false,
     export: None,
     import,
 };
@@ -206,7 +207,7 @@ fn import(folder: &Path) -> Result<ForeignScene, CurateError> {
         None => PointCloud::default(),
     };
     Ok(ForeignScene {
-        camera: panoramas::camera(folder, &frames, &missing_images)?,
+        camera: panorama_camera(folder, &frames)?,
         frames,
         scale: Scale::Arbitrary,
         pose_source: None,
@@ -215,6 +216,7 @@ fn import(folder: &Path) -> Result<ForeignScene, CurateError> {
         missing_images,
         published_split: None,
         frame_rate: None,
+        stills: BTreeMap::new(),
         notes: vec![if points.is_empty() {
             "there are no points: no map is named, or it has no landmarks".to_owned()
         } else {

@@ -28,7 +28,7 @@ use glam::{DMat3, DMat4, DVec4};
 use omnilife_schemas::{Pose, points::PointCloud, records::Scale, store::StoreError};
 use serde::Deserialize;
 
-use super::{panoramas, text_file};
+use super::{panorama_camera, text_file};
 use crate::{
     error::CurateError,
     exchange::{ForeignFrame, ForeignScene, ForeignSplit, Format, FrameRate, image_of},
@@ -39,6 +39,7 @@ pub const FORMAT: Format = Format {
     id: "360roam",
     about: "scenes of 360Roam with pose_c2w.json and their published split",
     holds_cube_faces: false,
+    holds_padded_panoramas: false,
     export: None,
     import,
 };
@@ -112,7 +113,7 @@ fn import(folder: &Path) -> Result<ForeignScene, CurateError> {
         format!("there are no points: {POINTS_FILE} is not there, and no file of the folder's name")
     });
     Ok(ForeignScene {
-        camera: panoramas::camera(folder, &frames, &missing_images)?,
+        camera: panorama_camera(folder, &frames)?,
         frames,
         scale: Scale::Arbitrary,
         pose_source: None,
@@ -121,6 +122,7 @@ fn import(folder: &Path) -> Result<ForeignScene, CurateError> {
         missing_images,
         published_split,
         frame_rate: Some(FrameRate::STATIC),
+        stills: BTreeMap::new(),
         notes: notes.into_iter().collect(),
         points: match points {
             Some(file) => PointCloud::read_ply(&file)?,

@@ -1,6 +1,9 @@
 //! Writing a scene as a folder of frames, with everything that its record knows.
 
-use std::{collections::BTreeMap, path::Path};
+use std::{
+    collections::BTreeMap,
+    path::{Path, PathBuf},
+};
 
 use omnilife_schemas::{
     Pose,
@@ -18,20 +21,13 @@ use super::{
 use crate::{
     error::CurateError,
     exchange::{
-        ExportScene, copy, create_parent, file_name, own_record::extension, refuse_second, stem,
-        write_split_lists,
+        ExportScene, SceneSource, copy, create_parent, file_name, masks::copy_ignore_mask,
+        own_record::extension, refuse_second, stem, write_split_lists,
     },
 };
 
 pub(super) fn export(scene: &ExportScene, out: &Path) -> Result<(), CurateError> {
     write_split_lists(scene, out)?;
-    let record = &scene.source.record;
-    let files = Files {
-        from: &scene.source.folder,
-        out,
-    };
-    let frames = record.frames.iter().map(|frame| files.copied(frame));
-    let frames: Vec<SceneFrame> = frames.collect::<Result<_, _>>()?;
     let has_points = !scene.points.is_empty();
     if has_points {
         scene.points.write_ply(&out.join(POINTS_FILE))?;
@@ -43,18 +39,51 @@ pub(super) fn export(scene: &ExportScene, out: &Path) -> Result<(), CurateError>
         mask: None,
     });
     let poses = Poses {
-        scale: record.scale,
+        scale: scene.scale,
         camera: Some(scene.camera),
         frames: posed.collect(),
         points: points.clone(),
     };
     store::write_record(&out.join(POSES_FILE), &poses)?;
+    match &scene.source {
+        Some(source) => write_all(source, points, out),
+        None => write_frames(scene, out),
+    }
+}
+
+/// Writes the record of a scene and every file that it names.
+fn write_all(source: &SceneSource, points: Option<String>, out: &Path) -> Result<(), CurateError> {
+    let files = Files {
+        from: &source.folder,
+        out,
+    };
+    let frames = source.record.frames.iter();
+    let frames = frames.map(|frame| files.copied(frame));
     let record = Scene {
-        frames,
+        frames: frames.collect::<Result<_, CurateError>>()?,
         points,
-        ..record.clone()
+        ..source.record.clone()
     };
     Ok(store::write_record(&out.join(SCENE_FILE), &record)?)
+}
+
+/// Writes images that were drawn anew, and their masks.
+fn write_frames(scene: &ExportScene, out: &Path) -> Result<(), CurateError> {
+    let place = |file: String| -> Result<PathBuf, CurateError> {
+        let path = out.join(file);
+        refuse_second(&path)?;
+        create_parent(&path)?;
+        Ok(path)
+    };
+    for frame in &scene.frames {
+        let name = &frame.name;
+        copy(&frame.image, &place(format!("{IMAGES_FOLDER}/{name}"))?)?;
+        if let Some(mask) = &frame.mask {
+            copy(mask, &place(format!("{MASK_FOLDER}/{}.png", stem(name)))?)?;
+        }
+        copy_ignore_mask(frame, name, out)?;
+    }
+    Ok(())
 }
 
 /// Files of a scene on their way to an export.

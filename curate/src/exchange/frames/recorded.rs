@@ -5,7 +5,7 @@
 )]
 
 use std::{
-    collections::BTreeSet,
+    collections::{BTreeMap, BTreeSet},
     path::{Path, PathBuf},
 };
 
@@ -70,6 +70,7 @@ pub(super) fn import(folder: &Path, record: &Scene) -> Result<ForeignScene, Cura
             None => None,
         },
         frame_rate: None,
+        stills: BTreeMap::new(),
         notes: Vec::new(),
     })
 }

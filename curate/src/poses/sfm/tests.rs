@@ -18,6 +18,7 @@ fn sequence(frames: usize) -> Sequence {
     let entry = |index: usize| FrameEntry {
         file: format!("frames/{index:06}.png"),
         time_seconds: index as f64 * 0.1,
+        capture: None,
     };
     sequence_of((0..frames).map(entry).collect())
 }

@@ -10,6 +10,7 @@ use std::{
 
 use omnilife_schemas::{
     layout::{FRAMES_FOLDER, SFM_FOLDER},
+    plain_text::without_folders,
     progress::Progress,
     records::{PoseValidation, Sequence, SfmAttempt},
     stage::StagePlan,
@@ -98,13 +99,13 @@ impl<'a> SfmWorkspace<'a> {
                 Ok(_) => Err(Ending::Failed(
                     "fewer than two frames were registered".to_owned(),
                 )),
-                Err(error) => Err(Ending::Broken(error.to_string())),
+                Err(error) => Err(Ending::Broken(error.without_folders())),
             },
             failure => Err(failure),
         };
         let is_broken = matches!(model, Err(Ending::Broken(_)));
         let failure = match &model {
-            Err(Ending::Failed(reason) | Ending::Broken(reason)) => Some(reason.clone()),
+            Err(Ending::Failed(reason) | Ending::Broken(reason)) => Some(without_folders(reason)),
             _ => None,
         };
         let names = frame_names(self.sequence);

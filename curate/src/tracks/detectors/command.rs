@@ -150,10 +150,10 @@ fn detect(input: &DetectorInput<'_>, progress: &dyn Progress) -> Result<Detected
     };
     let of_classes = sure.len();
     let kept: Vec<Detection> = sure.into_iter().filter_map(of_class).collect();
+    let toml_name = toml.file_name().unwrap_or_default().to_string_lossy();
     let said = format!(
-        "{} by {} (SHA-256 {}): of {found} boxes {} are below its confidence, {} of other classes",
+        "{} by {toml_name} (SHA-256 {}): of {found} boxes {} are below its confidence, {} of other classes",
         program.id,
-        toml.display(),
         store::sha256_file(toml)?,
         unsure.len(),
         of_classes.saturating_sub(kept.len()),

@@ -103,6 +103,40 @@ fn a_path_without_noise_is_recovered_by_any_camera() {
     }
 }
 
+/// From one detection, which says where, to as many as have a cubic path; a whole fit, and where it begins.
+#[test]
+fn paths_far_from_the_origin_are_those_near_it() {
+    let offset = dvec3(5e5, 5e6, 0.0);
+    for count in [1, 2, 3, 4, 9] {
+        let times: Vec<f64> = (0..count).map(|n| 0.5 * f64::from(n)).collect();
+        let near = views(&times, pinhole());
+        let mut far = near.clone();
+        for view in &mut far {
+            view.centre += offset;
+        }
+        let of_near = observe(&near, &mut Noise(7), [1.0, 0.01], truth);
+        let of_far: Vec<Observation<'_>> = of_near
+            .iter()
+            .zip(&far)
+            .map(|(one, view)| Observation { view, ..*one })
+            .collect();
+        let fitted = [&of_near, &of_far].map(|all| fit(all, 0.01).expect("a path").spline);
+        let begun = [&of_near, &of_far].map(|all| {
+            let mut spline = fitted[0].clone();
+            lift(&mut spline, all, LIFT_PULL).expect("a path");
+            spline
+        });
+        for ([near, far], reach) in [(fitted, 1e-3), (begun, 1e-5)] {
+            assert_eq!(near.coefficients.len(), far.coefficients.len());
+            for (one, other) in near.coefficients.iter().zip(&far.coefficients) {
+                let moved = DVec3::from_array(*one) + offset;
+                let error = moved.distance(DVec3::from_array(*other));
+                assert!(error < reach, "{count} detections: {error} m");
+            }
+        }
+    }
+}
+
 #[test]
 fn a_path_is_nearer_than_its_lifted_detections() {
     let times: Vec<f64> = (0..41).map(|n| 0.5 * f64::from(n)).collect();

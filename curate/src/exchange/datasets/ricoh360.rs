@@ -1,0 +1,76 @@
+//! `Ricoh360`: outdoor panoramas by a camera on a pole, of `EgoNeRF`
+//! (`dataLoader/dataset_egocentric_video.py` and `ColmapPoseDescriptor` in `dataLoader/pose_descriptor.py` of
+//! `changwoonchoi/EgoNeRF`).
+//!
+//! ```text
+//! imgs/                              the panoramas, PNG (mask.png is no panorama)
+//! output_dir/colmap/images.txt       poses as COLMAP has them, world to camera
+//! output_dir/colmap/points3D.txt     world points
+//! train.txt, test.txt                names of images without their extension
+//! ```
+//!
+//! Axes: the loader turns cameras by `rays2cam`, from those of COLMAP (x right, y down, z forward), which are ours,
+//! to those of its rays, and brings all centres to a mean distance of 1 from their middle. Poses are taken here as
+//! `images.txt` has them. An image there is the PNG of its name up to the first point. Whatever `cameras.txt` says
+//! does not count: the images are panoramas.
+
+use std::{collections::BTreeMap, path::Path};
+
+use omnilife_schemas::{points::PointCloud, records::Scale};
+
+use super::{folders_not_read, panorama_camera, plain_frame};
+use crate::{
+    error::CurateError,
+    exchange::{ForeignScene, ForeignSplit, Format, FrameRate, image_of},
+    poses::colmap,
+};
+
+/// The format.
+pub const FORMAT: Format = Format {
+    id: "ricoh360",
+    about: "a scene of Ricoh360 (EgoNeRF): imgs/, output_dir/colmap/images.txt, train.txt and test.txt",
+    holds_cube_faces: false,
+    holds_padded_panoramas: false,
+    export: None,
+    import,
+};
+
+const IMAGES_FOLDER: &str = "imgs";
+const MODEL_FOLDER: &str = "output_dir";
+
+fn import(folder: &Path) -> Result<ForeignScene, CurateError> {
+    let model = folder.join(MODEL_FOLDER).join("colmap");
+    let (mut frames, mut missing_images) = (Vec::new(), Vec::new());
+    for image in colmap::text_images(&model.join("images.txt"))? {
+        let stem = (image.name.split_once('.')).map_or(image.name.as_str(), |(stem, _)| stem);
+        let name = format!("{IMAGES_FOLDER}/{stem}.png");
+        match image_of(folder, &name)? {
+            Some(file) => frames.push(plain_frame(file, image.pose(), None)),
+            None => missing_images.push(name),
+        }
+    }
+    let mut notes: Vec<String> = (folders_not_read(folder, &[IMAGES_FOLDER, MODEL_FOLDER])?)
+        .into_iter()
+        .collect();
+    let lists: [&Path; 2] = [&folder.join("train.txt"), &folder.join("test.txt")];
+    let published_split = ForeignSplit::from_lists("Ricoh360", lists, &mut notes)?;
+    let points = model.join("points3D.txt");
+    Ok(ForeignScene {
+        camera: panorama_camera(folder, &frames)?,
+        frames,
+        scale: Scale::Arbitrary,
+        points: if points.is_file() {
+            colmap::text_points(&points)?
+        } else {
+            PointCloud::default()
+        },
+        pose_source: None,
+        root: folder.to_owned(),
+        image_folders: vec![folder.join(IMAGES_FOLDER)],
+        missing_images,
+        published_split,
+        frame_rate: Some(FrameRate::STATIC),
+        stills: BTreeMap::new(),
+        notes,
+    })
+}

@@ -1,0 +1,184 @@
+//! Folders of still panoramas.
+
+mod exif_facts;
+mod gpano;
+mod placement;
+mod sequence;
+
+use std::path::{Path, PathBuf};
+
+use omnilife_schemas::{image_file::ImageFile, plain_text, records::Capture, store};
+
+use crate::{error::CurateError, exchange::frame_order};
+pub(crate) use placement::Placement;
+pub(crate) use sequence::{are_panoramas, curate, identify};
+
+/// Seconds between two stills whose files do not say when they were taken.
+const SECONDS_APART: f64 = 1.0;
+/// The largest deviation of width over height from 2, relative.
+const ASPECT_TOLERANCE: f64 = 0.02;
+
+/// A still panorama.
+#[derive(Debug, Clone)]
+pub(crate) struct Still {
+    pub(crate) path: PathBuf,
+    /// Width and height of the whole sphere, pixels, as viewers show it.
+    pub(crate) size: [u32; 2],
+    /// Facts that its file states.
+    pub(crate) capture: Capture,
+    /// The part of the sphere that it shows, where it is not all of it.
+    pub(crate) placement: Option<Placement>,
+    taken: Option<exif_facts::TakenAt>,
+}
+
+/// The stills of a folder in the natural order of their names.
+#[derive(Debug, Clone)]
+pub(crate) struct Stills {
+    pub(crate) stills: Vec<Still>,
+    /// Seconds since the first, one for each.
+    pub(crate) times: Vec<f64>,
+    /// Lines on what was decided.
+    pub(crate) notes: Vec<String>,
+}
+
+/// Returns true for a folder that holds images and may be one of stills.
+pub(crate) fn has_images(folder: &Path) -> Result<bool, CurateError> {
+    Ok(!frame_order::images_in(folder)?.is_empty())
+}
+
+impl Stills {
+    /// Reads the headers of all images in a folder.
+    ///
+    /// # Errors
+    /// [`CurateError::Input`] without images, for an image that is no panorama by its size or metadata, and
+    /// for images of different sizes; [`CurateError::Store`] for files that cannot be read.
+    pub(crate) fn read(folder: &Path) -> Result<Self, CurateError> {
+        let images = frame_order::images_in(folder)?;
+        let stills = images
+            .into_iter()
+            .map(Still::read)
+            .collect::<Result<Vec<_>, _>>()?;
+        let first = stills
+            .first()
+            .ok_or_else(|| CurateError::input(folder, "has no images"))?;
+        if let Some(other) = stills.iter().find(|still| still.size != first.size) {
+            let [[width, height], [first_width, first_height]] = [other.size, first.size];
+            let reason = format!(
+                "is a sphere of {width}x{height}, and {} one of {first_width}x{first_height}; panoramas of a scene \
+                 have one size",
+                first.path.display()
+            );
+            return Err(CurateError::input(&other.path, reason));
+        }
+        let (times, note) = times(&stills);
+        let mut notes = vec![note];
+        notes.extend(parts_note(&stills));
+        notes.extend(poses_note(&stills));
+        Ok(Self {
+            stills,
+            times,
+            notes,
+        })
+    }
+}
+
+impl Still {
+    fn read(path: PathBuf) -> Result<Self, CurateError> {
+        let refuse = |reason: String| CurateError::input(&path, reason);
+        let mut file = ImageFile::open(&path)?;
+        let [width, height] = file.shown_size()?.map(|side| side as u32);
+        let (mut capture, taken) = match file.exif()? {
+            Some(data) => exif_facts::read(data).map_err(refuse)?,
+            None => (Capture::default(), None),
+        };
+        let panorama = match file.xmp()? {
+            Some(data) => gpano::read(&data, [width, height]).map_err(refuse)?,
+            None => None,
+        };
+        let placement = panorama.as_ref().and_then(|panorama| panorama.placement);
+        capture.pose_degrees = panorama.and_then(|panorama| panorama.pose_degrees);
+        let size = placement.map_or([width, height], |placement| placement.full());
+        let ratio = f64::from(size[0]) / (2.0 * f64::from(size[1]));
+        if (ratio - 1.0).abs() > ASPECT_TOLERANCE {
+            return Err(refuse(format!(
+                "is {width}x{height}; a panorama is twice as wide as high, or its GPano metadata say which part of a \
+                 sphere it shows"
+            )));
+        }
+        drop(file);
+        Ok(Self {
+            size,
+            capture,
+            placement,
+            taken,
+            path,
+        })
+    }
+
+    pub(crate) fn name(&self) -> String {
+        let name = self.path.file_name().unwrap_or_default();
+        name.to_string_lossy().into_owned()
+    }
+}
+
+/// Seconds since the first still, and a line on where they come from: EXIF data, where all have times in their
+/// order by one kind of clock, else their order.
+fn times(stills: &[Still]) -> (Vec<f64>, String) {
+    let taken: Option<Vec<exif_facts::TakenAt>> = stills.iter().map(|still| still.taken).collect();
+    if let Some(taken) = &taken
+        && let Some(first) = taken.first()
+        && taken.iter().all(|other| other.is_utc == first.is_utc)
+        && taken
+            .windows(2)
+            .all(|pair| pair[0].seconds < pair[1].seconds)
+    {
+        let times = taken.iter().map(|taken| taken.seconds - first.seconds);
+        let note = "times are those of the EXIF data of the images".to_owned();
+        return (times.collect(), note);
+    }
+    let reason = match taken {
+        Some(_) => {
+            "the times in the EXIF data of the images do not follow the order of their names"
+        }
+        None => "not all images have a time in their EXIF data",
+    };
+    let times = (0..stills.len()).map(|at| at as f64 * SECONDS_APART);
+    let note = format!("{reason}: they are taken to be {SECONDS_APART} s apart");
+    (times.collect(), note)
+}
+
+fn parts_note(stills: &[Still]) -> Option<String> {
+    let parts = stills.iter().filter(|still| still.placement.is_some());
+    let names: Vec<String> = parts.map(Still::name).collect();
+    (!names.is_empty()).then(|| {
+        format!(
+            "{} images show a part of the sphere by their metadata, the rest is no part of the scene: {}",
+            names.len(),
+            plain_text::first_of(&names)
+        )
+    })
+}
+
+fn poses_note(stills: &[Still]) -> Option<String> {
+    let is_turned = |still: &&Still| {
+        let pose = still.capture.pose_degrees.unwrap_or_default();
+        pose[1..].iter().any(|&degrees| degrees != 0.0)
+    };
+    let names: Vec<String> = stills.iter().filter(is_turned).map(Still::name).collect();
+    (!names.is_empty()).then(|| {
+        format!(
+            "{} images state a pitch or roll, which is recorded and not taken out: {}",
+            names.len(),
+            plain_text::first_of(&names)
+        )
+    })
+}
+
+/// SHA-256 of a folder of stills: of the hashes of its images in their order.
+fn sha256(images: &[PathBuf]) -> Result<String, CurateError> {
+    let hashes = images
+        .iter()
+        .map(|image| store::sha256_file(image))
+        .collect::<Result<Vec<_>, _>>()?;
+    Ok(store::sha256_bytes(hashes.join("\n").as_bytes()))
+}
