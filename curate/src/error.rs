@@ -73,6 +73,28 @@ pub enum CurateError {
 }
 
 impl CurateError {
+    /// The error of a file in a temporary folder, as that of the file in the folder that it was to become.
+    pub(crate) fn in_place_of(self, temporary: &Path, folder: &Path) -> Self {
+        match self {
+            Self::Input { path, reason } => {
+                let place = path.strip_prefix(temporary).ok();
+                // A join with nothing would end in a slash.
+                let place = place.map(|rest| {
+                    if rest.as_os_str().is_empty() {
+                        folder.to_owned()
+                    } else {
+                        folder.join(rest)
+                    }
+                });
+                Self::Input {
+                    path: place.unwrap_or(path),
+                    reason,
+                }
+            }
+            other => other,
+        }
+    }
+
     /// `path` is not a usable video.
     pub(crate) fn video(path: &Path, reason: impl Into<String>) -> Self {
         Self::Video {

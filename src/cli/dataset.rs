@@ -172,7 +172,7 @@ pub(crate) struct ImportArguments {
     /// Which.
     #[arg(long, value_parser = parse_format)]
     pub(crate) format: String,
-    /// Name of the scene [default: the folder's].
+    /// Name of the scene [default: that of the record in an export of ours, else the folder's].
     #[arg(long)]
     pub(crate) id: Option<String>,
     /// Frames per second, where the folder has no times.csv; numbers in the names of images count frames

@@ -101,14 +101,14 @@ pub(crate) fn export(arguments: &ExportArguments, progress: &dyn Progress) -> an
 }
 
 pub(crate) fn import(arguments: &ImportArguments, progress: &dyn Progress) -> anyhow::Result<()> {
-    let name = arguments.folder.file_name().unwrap_or_default();
+    let id = match &arguments.id {
+        Some(id) => id.clone(),
+        None => exchange::scene_id(&arguments.format, &arguments.folder)?,
+    };
     let scene = exchange::import(&ImportRequest {
         folder: &arguments.folder,
         format: &arguments.format,
-        id: &arguments
-            .id
-            .clone()
-            .unwrap_or_else(|| name.to_string_lossy().into_owned()),
+        id: &id,
         frames_per_second: arguments.fps,
         masks: arguments.masks.into(),
         out: &arguments.out,

@@ -72,6 +72,20 @@ pub(crate) const FOLDERS: &[Target] = &[
         reader: Folder(|input, _| import(input, "hm3d")),
     },
     Target {
+        id: "frames",
+        words: &[
+            "null",
+            "[]",
+            "\"objects\"",
+            "\"classes\"",
+            "\"depth\"",
+            "../",
+        ],
+        cost: 10,
+        seeds: |folder| exported(folder, "frames"),
+        reader: Folder(|input, _| import(input, "frames")),
+    },
+    Target {
         id: "360roam",
         words: &["null", "[]", "\"rgb_file\"", "\"test\"", "NaN", "../"],
         cost: 10,

@@ -1,4 +1,4 @@
-//! What of a scene is exported.
+//! A scene of ours as an export takes it: frames with a pose, their files, and which of them are for training.
 
 use std::{collections::BTreeMap, path::Path};
 
@@ -13,39 +13,33 @@ use omnilife_schemas::{
     store,
 };
 
-use super::{ExportFrame, ExportScene, file_name, stem};
+use super::{ExportFrame, ExportRequest, ExportScene, SceneSource, file_name, stem};
 use crate::error::CurateError;
 
-/// The posed frames of a scene with their files, and the frames that the protocol of its split puts images into.
+/// The scene that a request is about, without the frames that it leaves out, and the frames that the protocol of its
+/// split puts images into.
 ///
 /// # Errors
-/// For the split of another scene, a scene without posed frames, and files that cannot be exported.
+/// When a file cannot be read or leads out of the scene's folder, two frames have one name, no frame has a pose, and
+/// when the split is that of another scene.
 pub(super) fn collect(
-    folder: &Path,
-    split: Option<&Path>,
+    request: &ExportRequest<'_>,
     progress: &dyn Progress,
 ) -> Result<(ExportScene, Option<PaddedFrame>), CurateError> {
+    let folder = request.scene_folder;
     let path = folder.join(SCENE_FILE);
-    let scene: Scene = store::read_record(&path)?;
-    let split: Option<(&Path, Split)> = match split {
-        Some(file) => Some((file, store::read_record(file)?)),
-        None => None,
-    };
-    if let Some((file, split)) = &split
-        && split.scene != scene.id
-    {
-        return Err(CurateError::input(
-            file,
-            format!("is the split of {}, not of {}", split.scene, scene.id),
-        ));
-    }
+    let mut scene: Scene = store::read_record(&path)?;
+    let split = request
+        .split
+        .map(|file| split_of(file, &scene))
+        .transpose()?;
     let is_input = |index: usize| {
         split
             .as_ref()
-            .is_none_or(|(_, split)| split.input_views.contains(&(index as u32)))
+            .is_none_or(|split| split.input_views.contains(&(index as u32)))
     };
     refuse_unusable_names(&path, &scene)?;
-    let frames: Vec<ExportFrame> = scene
+    let mut frames: Vec<ExportFrame> = scene
         .frames
         .iter()
         .enumerate()
@@ -64,13 +58,19 @@ pub(super) fn collect(
     if frames.is_empty() {
         return Err(CurateError::input(&path, "has no frame with a pose"));
     }
-    if frames.len() < scene.frames.len() {
-        progress.note(&format!(
-            "{}: {} of {} frames have no pose and are left out",
-            scene.id,
-            scene.frames.len() - frames.len(),
-            scene.frames.len()
-        ));
+    if request.given_only {
+        frames.retain(|frame| frame.is_input);
+        let all = std::mem::take(&mut scene.frames).into_iter().enumerate();
+        scene.frames = all
+            .filter(|(index, _)| is_input(*index))
+            .map(|(_, frame)| frame)
+            .collect();
+        if let Some(published) = scene.published_split.take_if(|_| split.is_some()) {
+            progress.note(&format!(
+                "{}: the split of {} is one of all frames and left out",
+                scene.id, published.source
+            ));
+        }
     }
     let points = match &scene.points {
         Some(file) => PointCloud::read_ply(&folder.join(file))?,
@@ -82,20 +82,38 @@ pub(super) fn collect(
             scene.id
         ));
     }
-    let padded = match &split {
-        Some((file, split)) => (split.protocol.padded_frame(&scene.camera))
+    let padded = match (request.split, &split) {
+        (Some(file), Some(split)) => (split.protocol.padded_frame(&scene.camera))
             .map_err(|reason| CurateError::input(file, reason))?,
-        None => None,
+        _ => None,
     };
-    let scene = ExportScene {
+    let exported = ExportScene {
         camera: scene.camera,
         panorama: None,
         frames,
         points,
         has_split: split.is_some(),
         is_rig: false,
+        scale: scene.scale,
+        source: Some(SceneSource {
+            folder: folder.to_owned(),
+            record: scene,
+        }),
     };
-    Ok((scene, padded))
+    Ok((exported, padded))
+}
+
+/// Reads a split of a scene.
+///
+/// # Errors
+/// When it cannot be read or is that of another scene.
+fn split_of(file: &Path, scene: &Scene) -> Result<Split, CurateError> {
+    let split: Split = store::read_record(file)?;
+    if split.scene != scene.id {
+        let reason = format!("is the split of {}, not of {}", split.scene, scene.id);
+        return Err(CurateError::input(file, reason));
+    }
+    Ok(split)
 }
 
 /// Refuses files outside of the scene's folder, which are nobody's to hand on, and frames that would
@@ -103,12 +121,9 @@ pub(super) fn collect(
 fn refuse_unusable_names(path: &Path, scene: &Scene) -> Result<(), CurateError> {
     let mut stems = BTreeMap::new();
     for (number, frame) in scene.frames.iter().enumerate() {
-        let masks = frame.mask.iter().chain(&frame.ignore_mask);
-        for file in [&frame.image].into_iter().chain(masks) {
-            if !is_inside(file) {
-                let reason = format!("{file:?} of frame {number} is no file in its folder");
-                return Err(CurateError::input(path, reason));
-            }
+        if let Some(file) = frame.files().find(|file| !is_inside(file)) {
+            let reason = format!("{file:?} of frame {number} is no file in its folder");
+            return Err(CurateError::input(path, reason));
         }
         let name = file_name(&frame.image);
         if let Some(other) = stems.insert(stem(&name).to_owned(), number) {

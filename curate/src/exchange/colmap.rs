@@ -31,7 +31,9 @@ use omnilife_schemas::{
     store::{self, StoreError},
 };
 
-use super::{ExportScene, ForeignFrame, ForeignScene, Format, left_out, masks::black_mask};
+use super::{
+    ExportScene, ForeignFrame, ForeignScene, Format, Part, Writer, left_out, masks::black_mask,
+};
 use crate::{
     error::CurateError,
     poses::{
@@ -46,7 +48,10 @@ pub const FORMAT: Format = Format {
     about: "COLMAP text model with an EQUIRECTANGULAR (COLMAP 4.1 and later) or PINHOLE camera",
     holds_cube_faces: true,
     holds_padded_panoramas: false,
-    export: Some(export),
+    export: Some(Writer {
+        write: export,
+        holds: &[Part::Points, Part::Names],
+    }),
     import,
 };
 
@@ -56,7 +61,10 @@ pub const BINARY_FORMAT: Format = Format {
     about: "the same with a binary model: cameras.bin, images.bin, points3D.bin",
     holds_cube_faces: true,
     holds_padded_panoramas: false,
-    export: Some(export_binary),
+    export: Some(Writer {
+        write: export_binary,
+        holds: &[Part::Points, Part::Names],
+    }),
     import,
 };
 
@@ -88,6 +96,14 @@ fn export_images(scene: &ExportScene, out: &Path) -> Result<PathBuf, CurateError
 }
 
 fn export(scene: &ExportScene, out: &Path) -> Result<(), CurateError> {
+    let mut names = scene.frames.iter().map(|frame| &frame.name);
+    if let Some(name) = names.find(|name| name.contains(char::is_whitespace)) {
+        let reason = format!(
+            "{name:?} has a space, at which COLMAP ends the name of an image in a text model; {} holds it",
+            BINARY_FORMAT.id
+        );
+        return Err(CurateError::input(out, reason));
+    }
     let model = export_images(scene, out)?;
     let camera = match scene.camera {
         Camera::Erp(ErpCamera { width, height }) => {

@@ -93,6 +93,8 @@ pub(super) fn as_faces(
         points,
         has_split: scene.has_split,
         is_rig: true,
+        scale: scene.scale,
+        source: None,
     })
 }
 

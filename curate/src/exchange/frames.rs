@@ -1,4 +1,4 @@
-//! A clip as a folder of frames, with masks of its objects and no more.
+//! A clip as a folder of frames: ours, which holds all of a scene, and those of others, with masks of objects.
 //!
 //! ```text
 //! rgb/00000.jpg ...             the frames, in the order of their names and numbers (or images/)
@@ -9,9 +9,26 @@
 //! train.txt, test.txt           names of the frames for training and for testing, where a split is given
 //! ```
 //!
+//! Exports have in addition what these cannot say, and with it the whole scene comes back:
+//!
+//! ```text
+//! scene.json                    the record of the scene, which names the files below by frames
+//! unposed/                      frames without a pose
+//! mask/                         white where something moves, whatever it is
+//! ignore/                       white what is no part of the scene
+//! classes/human/                white what is of a class
+//! depth/, depth-prior/          true and estimated distances
+//! ```
+//!
+//! Where `scene.json` is there, it alone says which file belongs to which frame; other poses or times beside it, and
+//! files that it does not name, are refused.
+//!
 //! Without poses the camera is taken to turn where it stands ([`crate::motion::pinhole_turns`]): each frame
 //! is registered to the one before it. It stands still where that succeeds and finds less than two pixels
 //! of motion. Where it fails, the best turns that were found are kept, and the scene says so.
+
+mod export;
+mod recorded;
 
 use std::{
     collections::{BTreeMap, BTreeSet},
@@ -22,72 +39,82 @@ use omnilife_schemas::{
     Pose, RgbImage,
     camera::Camera,
     image_file::ImageFile,
-    layout::POINTS_FILE,
+    layout::SCENE_FILE,
+    ownership::is_inside,
     points::PointCloud,
-    records::{PoseSource, PosedFrame, Poses, Scale},
+    records::{PoseSource, Poses, Scale, Scene},
     rgb::Mask,
     store::{self, StoreError},
 };
 use rayon::prelude::*;
 use serde::Deserialize;
 
-use super::{ExportScene, ForeignFrame, ForeignMask, ForeignScene, Format, frame_order};
+use super::{ForeignFrame, ForeignMask, ForeignScene, Format, Part, Writer, frame_order};
 use crate::{error::CurateError, motion::pinhole_turns::GreyFrame, poses::turns, stills};
 
 /// The format.
 pub const FORMAT: Format = Format {
     id: "frames",
-    about: "a perspective clip: rgb/ with mask/ (DAVIS) or objects/NAME/; without poses the camera is \
-            registered as one that turns",
+    about: "ours, which holds all of a scene; of others a perspective clip: rgb/ with mask/ (DAVIS) or \
+            objects/NAME/, and without poses the camera is registered as one that turns",
     holds_cube_faces: false,
     holds_padded_panoramas: false,
-    export: Some(export),
+    export: Some(Writer {
+        write: export::export,
+        holds: Part::ALL,
+    }),
     import,
 };
 
 /// Poses of a clip.
 const POSES_FILE: &str = "poses.json";
+/// Folder of the frames.
+const IMAGES_FOLDER: &str = "rgb";
+/// Folder of frames without a pose: poses belong to the others by their order.
+const UNPOSED_FOLDER: &str = "unposed";
+/// Folder of the masks of what moves.
+const MASK_FOLDER: &str = "mask";
+/// Folder of the folders of masks of single objects.
+const OBJECTS_FOLDER: &str = "objects";
 /// Images that are looked at to tell a perspective clip from panoramas, about.
 const FEW_IMAGES: usize = 4;
+
 #[derive(Deserialize)]
 struct CameraFile {
     /// Pixels.
     focal: f64,
 }
 
-fn export(scene: &ExportScene, out: &Path) -> Result<(), CurateError> {
-    for folder in ["rgb", "mask"] {
-        store::create_folder(&out.join(folder))?;
+/// The record of a scene in a folder of frames; `None` where it has none.
+///
+/// # Errors
+/// When it is malformed.
+pub(super) fn record(folder: &Path) -> Result<Option<Scene>, StoreError> {
+    let path = folder.join(SCENE_FILE);
+    if path.is_file() {
+        store::read_record(&path).map(Some)
+    } else {
+        Ok(None)
     }
-    super::write_split_lists(scene, out)?;
-    let mut frames = Vec::with_capacity(scene.frames.len());
-    for frame in &scene.frames {
-        super::copy(&frame.image, &out.join("rgb").join(&frame.name))?;
-        if let Some(mask) = &frame.mask {
-            let name = Path::new(&frame.name).with_extension("png");
-            super::copy(mask, &out.join("mask").join(name))?;
-        }
-        super::masks::copy_ignore_mask(frame, &frame.name, out)?;
-        frames.push(PosedFrame {
-            time_seconds: frame.time_seconds,
-            pose: frame.pose,
-            mask: None,
-        });
+}
+
+/// Refuses a name of an object or a class that is no name of one folder.
+///
+/// # Errors
+/// Names `folder`, that of the scene.
+fn expect_folder_name(folder: &Path, name: &str) -> Result<(), CurateError> {
+    if is_inside(name) && !name.contains(['/', '\\']) {
+        return Ok(());
     }
-    let has_points = !scene.points.is_empty();
-    if has_points {
-        scene.points.write_ply(&out.join(POINTS_FILE))?;
-    }
-    let poses = Poses {
-        scale: Scale::Arbitrary,
-        camera: Some(scene.camera),
-        frames,
-        points: has_points.then(|| POINTS_FILE.to_owned()),
-    };
-    Ok(store::write_record(&out.join(POSES_FILE), &poses)?)
+    let reason =
+        format!("{name:?} is the name of an object or a class, and cannot be that of a folder");
+    Err(CurateError::input(&folder.join(SCENE_FILE), reason))
 }
 
 fn import(folder: &Path) -> Result<ForeignScene, CurateError> {
+    if let Some(record) = record(folder)? {
+        return recorded::import(folder, &record);
+    }
     let images = image_files(folder)?;
     let first = images.first().ok_or_else(|| {
         CurateError::input(folder, "has no frames: expected images in rgb/ or images/")
@@ -132,7 +159,7 @@ fn import(folder: &Path) -> Result<ForeignScene, CurateError> {
         missing_images: Vec::new(),
         published_split: None,
         frame_rate: None,
-        scale: Scale::Arbitrary,
+        scale: posed.scale,
         stills: BTreeMap::new(),
         stills_note: String::new(),
         notes: Vec::new(),
@@ -146,6 +173,7 @@ struct Posed {
     camera: Camera,
     poses: Vec<Option<Pose>>,
     points: PointCloud,
+    scale: Scale,
     source: PoseSource,
 }
 
@@ -157,7 +185,7 @@ fn stem(path: &Path) -> String {
 }
 
 fn image_files(folder: &Path) -> Result<Vec<PathBuf>, StoreError> {
-    for name in ["rgb", "images"] {
+    for name in [IMAGES_FOLDER, "images"] {
         let images = folder.join(name);
         if images.is_dir() {
             return frame_order::images_in(&images);
@@ -184,7 +212,7 @@ fn object_masks(
         Ok(masks)
     };
     let mut objects = BTreeMap::new();
-    let folders = folder.join("objects");
+    let folders = folder.join(OBJECTS_FOLDER);
     if folders.is_dir() {
         for path in store::paths_in(&folders)?
             .into_iter()
@@ -197,8 +225,8 @@ fn object_masks(
                 .into_owned();
             objects.insert(name, read(&path)?);
         }
-    } else if folder.join("mask").is_dir() {
-        objects.insert("object".to_owned(), read(&folder.join("mask"))?);
+    } else if folder.join(MASK_FOLDER).is_dir() {
+        objects.insert("object".to_owned(), read(&folder.join(MASK_FOLDER))?);
     }
     Ok(objects)
 }
@@ -263,6 +291,7 @@ fn given_poses(
         camera,
         poses: record.frames.iter().map(|frame| Some(frame.pose)).collect(),
         points,
+        scale: record.scale,
         source: PoseSource::Given {
             file: path
                 .file_name()
@@ -319,6 +348,7 @@ fn registered(
         camera: found.camera,
         poses: found.poses,
         points: PointCloud::default(),
+        scale: Scale::Arbitrary,
         source: PoseSource::Registered {
             reason: found.reason,
             succeeded: found.succeeded,

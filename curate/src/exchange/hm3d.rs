@@ -36,7 +36,10 @@ use omnilife_schemas::{
 };
 use serde::{Deserialize, Serialize};
 
-use super::{ExportScene, ForeignFrame, ForeignMask, ForeignScene, Format, frame_order};
+use super::{
+    ExportScene, ForeignFrame, ForeignMask, ForeignScene, Format, Writer, frame_order,
+    parts::numbered_name,
+};
 use crate::{error::CurateError, poses::frame_camera::FrameCamera};
 
 /// The format.
@@ -45,7 +48,10 @@ pub const FORMAT: Format = Format {
     about: "panoramas with rotation.npy and translation.npy, as Splatter-360 keeps HM3D; no points",
     holds_cube_faces: false,
     holds_padded_panoramas: false,
-    export: Some(export),
+    export: Some(Writer {
+        write: export,
+        holds: &[],
+    }),
     import,
 };
 
@@ -96,7 +102,7 @@ fn export(scene: &ExportScene, out: &Path) -> Result<(), CurateError> {
     }
     let (mut rotations, mut translations) = (Vec::new(), Vec::new());
     for (index, frame) in scene.frames.iter().enumerate() {
-        let name = format!("{index:05}.png");
+        let name = numbered_name(index);
         let is_png = frame.name.to_ascii_lowercase().ends_with(".png");
         if is_png {
             super::copy(&frame.image, &panoramas.join(&name))?;

@@ -6,11 +6,8 @@
 use std::path::{Path, PathBuf};
 
 use omnilife_schemas::{
-    layout::IGNORE_MASKS_FOLDER,
-    mask_file::MarkedGreys,
-    mask_survey::MaskSurvey,
-    rgb::Mask,
-    store::{self, StoreError},
+    layout::IGNORE_MASKS_FOLDER, mask_file::MarkedGreys, mask_survey::MaskSurvey, rgb::Mask,
+    store::StoreError,
 };
 
 use super::{ExportFrame, ExportScene, ForeignMask};
@@ -54,17 +51,40 @@ pub(super) fn write_black_masks(
     folder: &Path,
     name: impl Fn(&str) -> String,
 ) -> Result<(), CurateError> {
-    for frame in scene.frames.iter().filter(|frame| frame.is_masked()) {
-        store::create_folder(folder)?;
-        let Some(mask) = frame.hidden()? else {
-            continue;
-        };
-        let path = folder.join(name(&frame.name));
-        super::refuse_second(&path)?;
-        super::create_parent(&path)?;
-        mask.inverted().write_png(&path)?;
+    for frame in &scene.frames {
+        if let Some(mask) = frame.hidden()? {
+            write_mask(&mask.inverted(), &folder.join(name(&frame.name)))?;
+        }
     }
     Ok(())
+}
+
+/// Writes white masks for the frames that hide nothing, for tools that take masks of all frames or of none. Nothing
+/// is written where no frame hides anything; returns whether one does.
+pub(super) fn write_white_masks(
+    scene: &ExportScene,
+    folder: &Path,
+    name: impl Fn(&str) -> String,
+) -> Result<bool, CurateError> {
+    if !scene.frames.iter().any(ExportFrame::is_masked) {
+        return Ok(false);
+    }
+    let [width, height] = scene.camera.size();
+    let white = Mask {
+        width,
+        height,
+        data: vec![u8::MAX; width * height],
+    };
+    for frame in scene.frames.iter().filter(|frame| !frame.is_masked()) {
+        write_mask(&white, &folder.join(name(&frame.name)))?;
+    }
+    Ok(true)
+}
+
+fn write_mask(mask: &Mask, path: &Path) -> Result<(), CurateError> {
+    super::refuse_second(path)?;
+    super::create_parent(path)?;
+    Ok(mask.write_png(path)?)
 }
 
 /// Copies the mask of what is no part of the scene (white) to its place for an image of this name, whatever the

@@ -20,8 +20,10 @@ mod left_out;
 mod masks;
 pub mod nerfstudio;
 pub mod openmvg;
+mod own_record;
 mod padding;
 mod panoramas;
+mod parts;
 mod published_split;
 mod scene_folder;
 mod times;
@@ -37,6 +39,7 @@ use omnilife_schemas::{
     padded_frame::PaddedFrame,
     points::PointCloud,
     progress::Progress,
+    records::{Scale, Scene},
     store::{self, StoreError},
 };
 
@@ -44,13 +47,31 @@ pub use cube_faces::CubeFaces;
 pub(crate) use cube_faces::face_image;
 pub use distances::{DistanceEncoding, ForeignDistance};
 pub use foreign::{ForeignFrame, ForeignMask, ForeignScene, FrameRate};
+pub use own_record::scene_id;
+pub use parts::Part;
 pub use published_split::ForeignSplit;
 pub use scene_folder::{ImportRequest, MaskMeaning, import};
 
 use crate::error::CurateError;
 
-/// Writes a scene into an empty folder.
-pub type Writer = fn(&ExportScene, &Path) -> Result<(), CurateError>;
+/// The writer of a format.
+#[derive(Debug, Clone, Copy)]
+pub struct Writer {
+    /// Writes a scene into an empty folder.
+    pub write: fn(&ExportScene, &Path) -> Result<(), CurateError>,
+    /// Parts of a scene that are written; an export says which of the others it leaves out.
+    pub holds: &'static [Part],
+}
+
+impl Writer {
+    /// Parts of a scene that are written, with its images as they are or drawn anew: as faces, or padded.
+    fn held(&self, is_redrawn: bool) -> Vec<Part> {
+        let parts = self.holds.iter().copied();
+        parts
+            .filter(|part| !is_redrawn || part.is_of_any_images())
+            .collect()
+    }
+}
 
 /// A scene format.
 #[derive(Debug, Clone, Copy)]
@@ -149,6 +170,19 @@ pub struct ExportScene {
     pub has_split: bool,
     /// Whether the frames are the faces of cubes, each in the folder of its face.
     pub is_rig: bool,
+    /// What a unit of the world is.
+    pub scale: Scale,
+    /// All that is known of the scene; `None` where its images are drawn anew.
+    pub source: Option<SceneSource>,
+}
+
+/// The scene that an export is made of.
+#[derive(Debug, Clone)]
+pub struct SceneSource {
+    /// Folder of the scene.
+    pub folder: PathBuf,
+    /// Its record, without frames that are left out as those for testing.
+    pub record: Scene,
 }
 
 /// What to export, and how.
@@ -172,7 +206,7 @@ pub struct ExportRequest<'a> {
     pub out: &'a Path,
 }
 
-/// Exports a scene. Frames without a pose are left out, with a note.
+/// Exports a scene, with a note on every part of it that the format does not hold.
 ///
 /// # Errors
 /// [`CurateError::Input`] for an unknown format or one that is only read, a scene without posed frames, cube faces of a
@@ -185,7 +219,7 @@ pub fn export(
 ) -> Result<ExportScene, CurateError> {
     let out = request.out;
     let format = format(request.format, out)?;
-    let write = writer(format, out)?;
+    let writer = writer(format, out)?;
     if request.cube_faces.is_some() && !format.holds_cube_faces {
         let reason = format!(
             "is to have cube faces, which {} does not hold; {} do",
@@ -195,13 +229,15 @@ pub fn export(
         return Err(CurateError::input(out, reason));
     }
     refuse_filled(out)?;
-    let (mut scene, of_split) = collect::collect(request.scene_folder, request.split, progress)?;
+    let (mut scene, of_split) = collect::collect(request, progress)?;
     let padded = padding::frame(request, format, (&scene.camera, of_split), progress)?;
-    if request.given_only {
-        scene.frames.retain(|frame| frame.is_input);
-    }
-    for note in masks::notes(&scene)? {
-        progress.note(&note);
+    let is_redrawn = padded.is_some() || request.cube_faces.is_some();
+    let left_out = match &scene.source {
+        Some(source) => parts::left_out(format, &writer.held(is_redrawn), &source.record),
+        None => Vec::new(),
+    };
+    for note in masks::notes(&scene)?.iter().chain(&left_out) {
+        progress.note(note);
     }
     fill_folder(out, |folder| {
         let scratch = folder.join("scratch");
@@ -218,7 +254,7 @@ pub fn export(
         if let Some(frame) = padded {
             scene = padding::padded(&scene, frame, &scratch)?;
         }
-        write(&scene, folder)?;
+        (writer.write)(&scene, folder)?;
         store::remove(&scratch)?;
         if scene.is_rig {
             cube_faces::write_rig(folder)?;
@@ -247,7 +283,7 @@ fn fill_folder<T>(
     fill: impl FnOnce(&Path) -> Result<T, CurateError>,
 ) -> Result<T, CurateError> {
     let temporary = store::temporary_beside(out);
-    let filled = (|| {
+    let filled = (|| -> Result<T, CurateError> {
         store::remove(&temporary)?;
         store::create_folder(&temporary)?;
         let value = fill(&temporary)?;
@@ -257,11 +293,11 @@ fn fill_folder<T>(
         store::rename(&temporary, out).map_err(|error| StoreError::write(out, error))?;
         Ok(value)
     })();
-    if filled.is_err() {
+    filled.map_err(|error| {
         // The work has failed already: what cannot be removed is hidden and harmless.
         drop(store::remove(&temporary));
-    }
-    filled
+        error.in_place_of(&temporary, out)
+    })
 }
 
 /// Refuses an output folder that holds something; removes what killed processes left beside it.

@@ -4,7 +4,8 @@
 //! ```text
 //! transforms.json          camera, per frame a camera-to-world matrix, and the files of the split
 //! images/                  the frames
-//! masks/<stem>.png         black where pixels are not used (nerfstudio's convention)
+//! masks/<stem>.png         black where pixels are not used (nerfstudio's convention); of all frames or of none, as
+//!                          its data parser asks (nerfstudio/data/dataparsers/nerfstudio_dataparser.py)
 //! points.ply               world points
 //! ```
 //!
@@ -35,7 +36,8 @@ use omnilife_schemas::{
 use serde::{Deserialize, Serialize};
 
 use super::{
-    ExportScene, ForeignFrame, ForeignMask, ForeignScene, Format, file_of, left_out, stem,
+    ExportScene, ForeignFrame, ForeignMask, ForeignScene, Format, Part, Writer, file_of, left_out,
+    stem,
 };
 use crate::error::CurateError;
 
@@ -45,7 +47,10 @@ pub const FORMAT: Format = Format {
     about: "nerfstudio's transforms.json with an EQUIRECTANGULAR, PINHOLE or OPENCV camera",
     holds_cube_faces: true,
     holds_padded_panoramas: true,
-    export: Some(export),
+    export: Some(Writer {
+        write: export,
+        holds: &[Part::Points, Part::Names],
+    }),
     import,
 };
 
@@ -111,7 +116,9 @@ pub(super) fn pose_of(transform_matrix: &[[f64; 4]; 4]) -> Option<Pose> {
 
 fn export(scene: &ExportScene, out: &Path) -> Result<(), CurateError> {
     super::copy_images(scene, out)?;
-    super::masks::write_black_masks(scene, &out.join("masks"), mask_name)?;
+    let masks = out.join("masks");
+    super::masks::write_black_masks(scene, &masks, mask_name)?;
+    let has_masks = super::masks::write_white_masks(scene, &masks, mask_name)?;
     let intrinsics = match scene.camera {
         Camera::Erp(ErpCamera { width, height }) => {
             let whole = ([0, 0], [width, height]);
@@ -142,9 +149,7 @@ fn export(scene: &ExportScene, out: &Path) -> Result<(), CurateError> {
             file_path: format!("images/{}", frame.name),
             // Rows of the matrix are columns of its transpose.
             transform_matrix: matrix.transpose().to_cols_array_2d(),
-            mask_path: frame
-                .is_masked()
-                .then(|| format!("masks/{}", mask_name(&frame.name))),
+            mask_path: has_masks.then(|| format!("masks/{}", mask_name(&frame.name))),
             others: Entries::new(),
         }
     });

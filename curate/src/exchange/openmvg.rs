@@ -34,7 +34,9 @@ use omnilife_schemas::{
 };
 use serde::{Deserialize, Serialize};
 
-use super::{ExportScene, ForeignFrame, ForeignScene, Format, masks::black_mask, stem};
+use super::{
+    ExportScene, ForeignFrame, ForeignScene, Format, Part, Writer, masks::black_mask, stem,
+};
 use crate::{error::CurateError, poses::frame_camera::FrameCamera};
 
 /// The format.
@@ -43,7 +45,10 @@ pub const FORMAT: Format = Format {
     about: "OpenMVG views and extrinsics, as ODGS reads them; a pinhole has one focal length",
     holds_cube_faces: false,
     holds_padded_panoramas: false,
-    export: Some(export),
+    export: Some(Writer {
+        write: export,
+        holds: &[Part::Points, Part::Names],
+    }),
     import,
 };
 

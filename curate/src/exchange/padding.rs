@@ -121,6 +121,8 @@ pub(super) fn padded(
         points: scene.points.clone(),
         has_split: scene.has_split,
         is_rig: scene.is_rig,
+        scale: scene.scale,
+        source: None,
     })
 }
 

@@ -21,6 +21,7 @@ use super::{
     frame_order,
     frame_times::frame_times,
     left_out,
+    own_record::OwnRecord,
     published_split::{self, SplitFrames},
 };
 use crate::{
@@ -56,8 +57,8 @@ pub enum MaskMeaning {
 
 /// Imports a scene: `scene.json`, `frames/`, `masks/`, `depth/` and `points.ply`.
 ///
-/// Poses are taken as they are and marked unchecked. The scale is arbitrary where the format does not say what it
-/// is. Images are copied, but for those with a
+/// Poses are taken as they are and marked unchecked, unless the folder has a record of ours, of which everything is
+/// kept. The scale is arbitrary where the format does not say what it is. Images are copied, but for those with a
 /// lens, which are straightened, those that are transparent in places, which becomes no part of the scene, and those
 /// that are to be turned. What was decided, assumed and left out is among the problems of the scene's validation, a
 /// line each.
@@ -76,14 +77,20 @@ pub fn import(request: &ImportRequest<'_>) -> Result<Scene, CurateError> {
         );
         return Err(CurateError::input(request.folder, reason));
     }
-    foreign
-        .frames
-        .sort_by(|a, b| frame_order::natural_paths(&a.image, &b.image));
+    let own = OwnRecord::read(format, &foreign.root)?;
+    if own.is_none() {
+        foreign
+            .frames
+            .sort_by(|a, b| frame_order::natural_paths(&a.image, &b.image));
+    }
     for frame in &foreign.frames {
         check_size(&foreign, frame)?;
     }
     let beside = left_out::images_beside(&foreign)?;
-    let times = frame_times(request, &foreign, &beside)?;
+    let times = match &own {
+        Some(own) => own.times(&foreign.frames),
+        None => frame_times(request, &foreign, &beside)?,
+    };
     let split = published_split::find(&foreign)?;
     let beside: Vec<String> = beside.iter().map(|path| below(&foreign, path)).collect();
     let notes: Vec<String> = (foreign.notes.iter().cloned())
@@ -104,6 +111,7 @@ pub fn import(request: &ImportRequest<'_>) -> Result<Scene, CurateError> {
         straightening: foreign.camera.straightening(),
         scene: &foreign,
         split: split.frames,
+        own,
     };
     let names = image_names(request.folder, &source)?;
     super::fill_folder(request.out, |folder| {
@@ -116,6 +124,7 @@ struct Source<'a> {
     scene: &'a ForeignScene,
     straightening: Option<Straightening>,
     split: Option<SplitFrames>,
+    own: Option<OwnRecord>,
 }
 
 /// Writes the scene into an empty folder.
@@ -146,7 +155,7 @@ fn write(
             masks.add_ignored_share(mask.marked_share(&camera));
         }
         let ignored = united(ignored, image.ignored);
-        frames.push(SceneFrame {
+        let mut entry = SceneFrame {
             image: image.file,
             time_seconds: *time_seconds,
             // Nothing is to be learned from a frame that shows nothing of the scene, or to be scored.
@@ -170,7 +179,11 @@ fn write(
             capture: still
                 .map(|still| still.capture.clone())
                 .filter(|capture| !capture.is_empty()),
-        });
+        };
+        if let Some(own) = &source.own {
+            own.complete((frame, name), &mut entry, out)?;
+        }
+        frames.push(entry);
     }
     frames.sort_by(|a, b| a.time_seconds.total_cmp(&b.time_seconds));
     let points = if source.scene.points.is_empty() {
@@ -180,7 +193,11 @@ fn write(
         Some(POINTS_FILE.to_owned())
     };
     let poses: Vec<_> = frames.iter().map(|frame| frame.pose).collect();
-    let mut validation = given::unchecked(&poses);
+    let unchecked = given::unchecked(&poses);
+    let mut validation = match &source.own {
+        Some(own) => own.validation(unchecked),
+        None => unchecked,
+    };
     validation.problems.extend(notes);
     validation.problems.extend(unusual.notes());
     validation.problems.extend(masks.notes());
@@ -304,6 +321,9 @@ fn ignored(
 
 /// The mask that one of our exports has of what is no part of the scene in a frame.
 fn own_ignore_mask(source: &Source<'_>, frame: &ForeignFrame) -> Option<PathBuf> {
+    if let Some(own) = &source.own {
+        return own.ignore_mask(frame);
+    }
     // Below the folder of the images: faces of cubes lie in folders of their own.
     let below = frame.image.strip_prefix(&source.scene.root).ok();
     let name: PathBuf = below
@@ -376,16 +396,16 @@ fn import_mask(
         return Ok(None);
     }
     let mask = given_mask(source, frame)?;
-    let has_both_kinds = frame
-        .mask
-        .as_ref()
-        .is_some_and(|found| found.black_is_dynamic);
+    let says_where_to_look = (frame.mask.as_ref()).is_some_and(|found| found.black_is_dynamic);
+    if !says_where_to_look {
+        return write_mask(mask, SCENE_MASKS_FOLDER, name, out);
+    }
+    // Masks of what to look at have both kinds in them, and are there where nothing is hidden, too.
     let mask = match ignored {
-        // Masks of what to look at have both kinds in them, where there is only the other one as well.
-        Some(ignored) if has_both_kinds => (mask.map(|mask| mask.without(ignored)))
-            .filter(|mask| mask.data.iter().any(|&value| value != 0)),
-        _ => mask,
+        Some(ignored) => mask.map(|mask| mask.without(ignored)),
+        None => mask,
     };
+    let mask = mask.filter(|mask| mask.data.iter().any(|&value| value != 0));
     write_mask(mask, SCENE_MASKS_FOLDER, name, out)
 }
 
@@ -405,7 +425,7 @@ fn write_mask(
     Ok(Some(file))
 }
 
-/// Copies the masks of a frame's objects; those that show nothing are left out.
+/// Copies the masks of a frame's objects; those that show nothing are left out, unless the scene's record has them.
 fn import_objects(
     source: &Source<'_>,
     (frame, name): (&ForeignFrame, &str),
@@ -414,7 +434,7 @@ fn import_objects(
     let mut objects = BTreeMap::new();
     for (object, found) in &frame.objects {
         let mask = read_mask(source, found, MarkedGreys::AboveHalf)?;
-        if mask.data.iter().all(|&value| value < 128) {
+        if source.own.is_none() && mask.data.iter().all(|&value| value < 128) {
             continue;
         }
         let folder = format!("{SCENE_MASKS_FOLDER}/{object}");

@@ -71,6 +71,12 @@ impl TimeTable {
         Ok(Some(Self { path, rows }))
     }
 
+    /// The time of an image by its name in the table.
+    pub(super) fn seconds_of(&self, image: &str) -> Option<f64> {
+        let mut rows = self.rows.iter();
+        rows.find(|(name, _)| name == image).map(|(_, time)| *time)
+    }
+
     /// The times of frames, each by one of its two names: that of its file, and that with the folder before it.
     /// `others` are images that are there as well and may have a row. A table that names none of all and has a
     /// row for every frame is taken in its order: formats that number their frames have renamed them.

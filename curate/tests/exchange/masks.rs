@@ -40,6 +40,7 @@ fn objects_may_be_what_is_ignored() {
     let export = exported("frames", folder.path());
     let from = export.path().join("scene");
     fs::remove_dir_all(from.join("ignore")).unwrap();
+    fs::remove_file(from.join("scene.json")).unwrap();
     let all = Mask {
         width: 32,
         height: 16,
@@ -104,4 +105,64 @@ fn labels_of_what_is_ignored_are_told() {
     let problems = imported.validation.problems.iter();
     let told = problems.filter(|line| line.contains("labels"));
     assert_eq!(told.count(), 1, "{:?}", imported.validation.problems);
+}
+
+/// The data parser of nerfstudio asks for masks of all frames or of none; white ones hide nothing, and come back as
+/// none.
+#[test]
+fn nerfstudio_gets_masks_of_all_frames_or_of_none() {
+    let (folder, mut scene) = scene();
+    let record = folder.path().join("scene.json");
+    let exported_masks = || {
+        let export = exported("nerfstudio", folder.path());
+        let transforms = json(&export.path().join("scene/transforms.json"));
+        let frames = transforms["frames"].as_array().unwrap().clone();
+        let files: Vec<Option<Mask>> = frames
+            .iter()
+            .map(|frame| {
+                let file = frame["mask_path"].as_str()?;
+                Some(Mask::read(&export.path().join("scene").join(file)).unwrap())
+            })
+            .collect();
+        (export, files)
+    };
+    for frame in &mut scene.frames {
+        frame.ignore_mask = None;
+    }
+    store::write_record(&record, &scene).unwrap();
+    let (export, files) = exported_masks();
+    assert_eq!(files.len(), 5);
+    let is_white = |mask: &Mask| mask.data.iter().all(|&value| value == 255);
+    let white: Vec<bool> = files
+        .iter()
+        .map(|mask| is_white(mask.as_ref().unwrap()))
+        .collect();
+    assert_eq!(white, [false, true, false, false, false]);
+    let back = export.path().join("back");
+    let imported = import(&ImportRequest {
+        folder: &export.path().join("scene"),
+        format: "nerfstudio",
+        id: &scene.id,
+        frames_per_second: None,
+        masks: MaskMeaning::Moving,
+        out: &back,
+    })
+    .unwrap();
+    for (frame, expected) in imported.frames.iter().zip(&scene.frames) {
+        let read = |root: &Path, file: &Option<String>| {
+            let file = file.as_ref()?;
+            Some(Mask::read(&root.join(file)).unwrap())
+        };
+        assert_eq!(
+            read(&back, &frame.mask),
+            read(folder.path(), &expected.mask)
+        );
+    }
+    for frame in &mut scene.frames {
+        frame.mask = None;
+    }
+    store::write_record(&record, &scene).unwrap();
+    let (export, files) = exported_masks();
+    assert!(files.iter().all(Option::is_none));
+    assert!(!export.path().join("scene/masks").exists());
 }

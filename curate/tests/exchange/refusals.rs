@@ -144,3 +144,25 @@ fn imports_read_nothing_outside_of_their_folder() {
         );
     }
 }
+
+/// A refusal names the folder that was to be filled, and not the one that stood for it.
+#[test]
+fn refusals_name_no_temporary_folder() {
+    let (folder, mut scene) = scene();
+    scene.camera = PinholeCamera {
+        width: 32,
+        height: 16,
+        fx: 20.0,
+        fy: 21.0,
+        cx: 16.0,
+        cy: 8.0,
+    }
+    .into();
+    store::write_record(&folder.path().join("scene.json"), &scene).unwrap();
+    for format in ["hm3d", "openmvg"] {
+        let out = folder.path().join("to").join(format);
+        let error = export_all(format, folder.path(), &out).unwrap_err();
+        let names_it = matches!(&error, CurateError::Input { path, .. } if *path == out);
+        assert!(names_it, "{format}: {error}");
+    }
+}

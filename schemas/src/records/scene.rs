@@ -123,6 +123,19 @@ pub struct SceneFrame {
     pub depth_prior: Option<DepthPrior>,
 }
 
+impl SceneFrame {
+    /// All files of the frame, its image first.
+    pub fn files(&self) -> impl Iterator<Item = &String> {
+        std::iter::once(&self.image)
+            .chain(&self.mask)
+            .chain(&self.ignore_mask)
+            .chain(self.classes.values())
+            .chain(self.objects.values())
+            .chain(self.depth.iter().map(|depth| &depth.file))
+            .chain(self.depth_prior.iter().map(|prior| &prior.file))
+    }
+}
+
 /// Estimated distances of what the pixels of a frame show.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct DepthPrior {

@@ -1,0 +1,146 @@
+//! The record that an export in a format of ours has of its scene: what no other format says comes from it.
+
+use std::{
+    collections::BTreeMap,
+    path::{Path, PathBuf},
+};
+
+use omnilife_schemas::{
+    layout::{CLASSES_FOLDER, DEPTH_FOLDER, DEPTH_PRIOR_FOLDER},
+    records::{DepthImage, DepthPrior, PoseValidation, Scene, SceneFrame},
+};
+
+use super::{ForeignFrame, Format, Part, frame_times::FrameTimes, frames};
+use crate::error::CurateError;
+
+/// The record of a folder in a format that holds all of a scene.
+pub(super) struct OwnRecord {
+    folder: PathBuf,
+    scene: Scene,
+    /// Numbers of frames by their images.
+    numbers: BTreeMap<PathBuf, usize>,
+}
+
+impl OwnRecord {
+    /// Reads the record of a folder; `None` where the format has none, or the folder.
+    ///
+    /// # Errors
+    /// When it is malformed.
+    pub(super) fn read(format: &Format, folder: &Path) -> Result<Option<Self>, CurateError> {
+        let holds_all = (format.export).is_some_and(|writer| writer.holds == Part::ALL);
+        if !holds_all {
+            return Ok(None);
+        }
+        let Some(scene) = frames::record(folder)? else {
+            return Ok(None);
+        };
+        let numbers = (scene.frames.iter().enumerate())
+            .map(|(number, frame)| (folder.join(&frame.image), number))
+            .collect();
+        Ok(Some(Self {
+            folder: folder.to_owned(),
+            scene,
+            numbers,
+        }))
+    }
+
+    /// What is known of a frame.
+    fn frame(&self, frame: &ForeignFrame) -> Option<&SceneFrame> {
+        let number = self.numbers.get(&frame.image)?;
+        self.scene.frames.get(*number)
+    }
+
+    /// When frames were shown.
+    pub(super) fn times(&self, frames: &[ForeignFrame]) -> FrameTimes {
+        // A reader of the record gives no other frames.
+        let known = frames.iter().filter_map(|frame| self.frame(frame));
+        FrameTimes {
+            seconds: known.map(|frame| frame.time_seconds).collect(),
+            notes: Vec::new(),
+        }
+    }
+
+    /// The mask of what is no part of the scene in a frame.
+    pub(super) fn ignore_mask(&self, frame: &ForeignFrame) -> Option<PathBuf> {
+        let file = self.frame(frame)?.ignore_mask.as_ref()?;
+        Some(self.folder.join(file))
+    }
+
+    /// Copies masks of classes and distances of a frame, and enters them into its record. `name` is that of its
+    /// image in the folder `out`.
+    ///
+    /// # Errors
+    /// When a file cannot be copied.
+    pub(super) fn complete(
+        &self,
+        (frame, name): (&ForeignFrame, &str),
+        entry: &mut SceneFrame,
+        out: &Path,
+    ) -> Result<(), CurateError> {
+        let Some(known) = self.frame(frame) else {
+            return Ok(());
+        };
+        entry.capture.clone_from(&known.capture);
+        let stem = super::stem(name);
+        let copy = |file: &str, to: String| -> Result<String, CurateError> {
+            let path = out.join(&to);
+            super::create_parent(&path)?;
+            super::copy(&self.folder.join(file), &path)?;
+            Ok(to)
+        };
+        for (class, file) in &known.classes {
+            let place = copy(file, format!("{CLASSES_FOLDER}/{class}/{stem}.png"))?;
+            entry.classes.insert(class.clone(), place);
+        }
+        if let Some(depth) = &known.depth {
+            let place = format!("{DEPTH_FOLDER}/{stem}.{}", extension(&depth.file));
+            entry.depth = Some(DepthImage {
+                file: copy(&depth.file, place)?,
+                ..depth.clone()
+            });
+        }
+        if let Some(prior) = &known.depth_prior {
+            let place = format!("{DEPTH_PRIOR_FOLDER}/{stem}.{}", extension(&prior.file));
+            entry.depth_prior = Some(DepthPrior {
+                file: copy(&prior.file, place)?,
+                ..prior.clone()
+            });
+        }
+        Ok(())
+    }
+
+    /// The validation of the scene's poses, with what an import has `found` out. Of other frames than those of the
+    /// record it holds no longer.
+    pub(super) fn validation(&self, found: PoseValidation) -> PoseValidation {
+        let known = &self.scene.validation;
+        if found.total_frames != known.total_frames {
+            return found;
+        }
+        let news = found.problems.into_iter();
+        let news = news.filter(|line| !known.problems.contains(line));
+        PoseValidation {
+            registered_frames: found.registered_frames,
+            total_frames: found.total_frames,
+            status: known.status,
+            measures: known.measures.clone(),
+            problems: known.problems.iter().cloned().chain(news).collect(),
+        }
+    }
+}
+
+/// Returns the id of a scene that is to be imported: that of its own record, where the folder has one, else the
+/// folder's name.
+///
+/// # Errors
+/// For an unknown format and a malformed record.
+pub fn scene_id(format: &str, folder: &Path) -> Result<String, CurateError> {
+    let own = OwnRecord::read(super::format(format, folder)?, folder)?;
+    let name = folder.file_name().unwrap_or_default();
+    Ok(own.map_or_else(|| name.to_string_lossy().into_owned(), |own| own.scene.id))
+}
+
+/// The extension of a file of distances, which are a PNG or an array.
+pub(super) fn extension(file: &str) -> &str {
+    file.rsplit_once('.')
+        .map_or("png", |(_, extension)| extension)
+}
