@@ -56,7 +56,7 @@ fn colour(part: Part, frame: usize, x: usize, y: usize) -> [f64; 3] {
         Part::Black => [0.0; 3],
         Part::Card => {
             let is_line = (96..160).contains(&x) && (56..72).contains(&y);
-            [if is_line && (x / 4 + y / 4) % 2 == 0 {
+            [if is_line && (x / 4 + y / 4).is_multiple_of(2) {
                 0.95
             } else {
                 0.02

@@ -52,7 +52,7 @@ pub(crate) struct AttachArguments {
         help_heading = "Programs"
     )]
     depth_prior_command: Option<FrameCommand>,
-    /// Takes the poses from a program, which leaves a poses.json or an all_poses.npy; {times} is a CSV with the times of
+    /// Takes the poses from a program, which leaves a poses.json or an `all_poses.npy`; {times} is a CSV with the times of
     /// the frames.
     #[arg(
         long,

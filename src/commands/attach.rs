@@ -18,19 +18,21 @@ pub(crate) fn execute(arguments: &AttachArguments, progress: &dyn Progress) -> a
 /// What the frames of a scene have, counted.
 fn summary(scene: &Scene) -> String {
     let frames = &scene.frames;
-    let kinds: [(&str, fn(&SceneFrame) -> bool); 5] = [
-        ("posed", |frame| frame.pose.is_some()),
-        ("with masks", |frame| frame.mask.is_some()),
-        ("with ignore masks", |frame| frame.ignore_mask.is_some()),
-        ("with distances", |frame| frame.depth.is_some()),
-        ("with estimated distances", |frame| {
-            frame.depth_prior.is_some()
-        }),
+    let count = |has: fn(&SceneFrame) -> bool| frames.iter().filter(|frame| has(frame)).count();
+    let counts = [
+        (count(|frame| frame.pose.is_some()), "posed"),
+        (count(|frame| frame.mask.is_some()), "with masks"),
+        (
+            count(|frame| frame.ignore_mask.is_some()),
+            "with ignore masks",
+        ),
+        (count(|frame| frame.depth.is_some()), "with distances"),
+        (
+            count(|frame| frame.depth_prior.is_some()),
+            "with estimated distances",
+        ),
     ];
-    let counts = kinds.iter().map(|(kind, has)| {
-        let count = frames.iter().filter(|frame| has(frame)).count();
-        format!("{count} {kind}")
-    });
+    let counts = counts.iter().map(|(count, kind)| format!("{count} {kind}"));
     let classes: BTreeSet<&String> = frames.iter().flat_map(|f| f.classes.keys()).collect();
     let classes = classes.iter().map(|class| format!("class {class}"));
     let words: Vec<String> = counts.chain(classes).collect();

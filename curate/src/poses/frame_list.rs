@@ -59,6 +59,7 @@ impl FrameList {
         let entries = scene.frames.iter().map(|frame| FrameEntry {
             file: frame.image.clone(),
             time_seconds: frame.time_seconds,
+            capture: frame.capture.clone(),
         });
         let entries: Vec<FrameEntry> = entries.collect();
         let intervals = entries.array_windows().map(|[a, b]: &[FrameEntry; 2]| {

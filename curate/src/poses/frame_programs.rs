@@ -151,6 +151,7 @@ fn numbered(frames: &FrameList) -> FrameList {
         FrameEntry {
             file: format!("{number:06}.{}", kind.to_string_lossy()),
             time_seconds: entry.time_seconds,
+            capture: entry.capture.clone(),
         }
     });
     FrameList {

@@ -27,8 +27,8 @@ use omnilife_schemas::{
 
 use super::{SECONDS_APART, Still, Stills, sha256};
 use crate::{
-    admission, criteria, error::CurateError, exchange::frame_order, frames, pipeline, projection,
-    sequences, settings::CurateSettings, staging::Staging, video::Rgb8Image,
+    admission, error::CurateError, exchange::frame_order, frames, pipeline, projection, sequences,
+    settings::CurateSettings, staging::Staging, video::Rgb8Image,
 };
 
 /// Width in pixels of the images that the projection is judged by.
@@ -85,7 +85,8 @@ pub(crate) fn curate(
     pipeline::claim(input, folder, source)?;
     let _lock = FolderLock::take(folder, progress)?;
     let analysis = analyse(&stills, source)?;
-    let projection = admission::effective_projection(input, &analysis, None, settings, progress)?;
+    let projection =
+        admission::effective_projection(input, &analysis, None, settings, 0.0, progress)?;
     if settings.enforce {
         progress.note(&format!(
             "{}: criteria {} are of videos, stills are not held against them",

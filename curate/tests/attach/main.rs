@@ -74,6 +74,7 @@ impl Scenes {
             split: None,
             given_only: false,
             cube_faces: None,
+            pad_to: None,
             out: &exported,
         };
         export(&out, &Silent).unwrap();
@@ -313,6 +314,7 @@ fn masks_that_were_imported_are_replaced() {
         split: None,
         given_only: false,
         cube_faces: None,
+        pad_to: None,
         out: &exported,
     };
     export(&out, &Silent).unwrap();

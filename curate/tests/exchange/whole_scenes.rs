@@ -259,7 +259,9 @@ fn frames_for_testing_stay_behind() {
 /// Nothing that speaks of frames beside the record is left out in silence.
 #[test]
 fn files_that_disagree_with_the_record_are_refused() {
-    let changes: [(&str, fn(&Path)); 6] = [
+    /// What is changed beside the record.
+    type Change = fn(&Path);
+    let changes: [(&str, Change); 6] = [
         ("mask/stray.png", |root| {
             fs::copy(root.join("mask/0.png"), root.join("mask/stray.png")).unwrap();
         }),

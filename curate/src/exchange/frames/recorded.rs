@@ -71,6 +71,7 @@ pub(super) fn import(folder: &Path, record: &Scene) -> Result<ForeignScene, Cura
         },
         frame_rate: None,
         stills: BTreeMap::new(),
+        stills_note: String::new(),
         notes: Vec::new(),
     })
 }
