@@ -415,7 +415,8 @@ fn exports_say_what_they_leave_out() {
     write_scene(folder.path(), &frames, NAMES[0]);
     for format in written_formats() {
         let notes = Notes::default();
-        let out = folder.path().join(format.id);
+        let exports = tempfile::tempdir().unwrap();
+        let out = exports.path().join(format.id);
         let request = ExportRequest {
             scene_folder: folder.path(),
             format: format.id,

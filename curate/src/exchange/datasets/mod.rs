@@ -40,14 +40,11 @@ fn panorama_camera(
     missing_images: &[String],
 ) -> Result<FrameCamera, CurateError> {
     let first = frames.first().ok_or_else(|| {
-        let such = missing_images
-            .first()
-            .map(|name| format!(", such as {name}"));
-        let such = such.unwrap_or_default();
-        CurateError::input(
-            folder,
-            format!("has none of the images that its poses name{such}"),
-        )
+        let reason = match missing_images.first() {
+            Some(name) => format!("has none of the images that its poses name, such as {name}"),
+            None => "has no poses".to_owned(),
+        };
+        CurateError::input(folder, reason)
     })?;
     let [width, height] = ImageFile::open(&first.image)?.shown_size()?;
     if Some(width) != height.checked_mul(2) {
