@@ -93,7 +93,7 @@ pub struct LoopSettings {
 }
 
 impl LoopSettings {
-    /// Whether the trace has a row after these iterations, wherever the run ends.
+    /// Returns true where the trace has a row after these iterations, whether or not the run ends there.
     fn has_row(&self, iteration: u64) -> bool {
         self.trace_every.map_or_else(
             || trace::is_half_octave(iteration),

@@ -154,8 +154,8 @@ impl TracePoint {
     }
 }
 
-/// Whether an iteration is the rounded half octave that a trace has rows at where it has none every N iterations:
-/// 1, 2, 3, 4, 6, 8, 11, 16, 23, 32 ...
+/// Returns true for rounded half octaves, the iterations after which a trace has rows unless it has them every N
+/// iterations: 1, 2, 3, 4, 6, 8, 11, 16, 23, 32 ...
 ///
 /// Ratios of iterations and not of time: which rows there are is then the same in every run and on every machine,
 /// and the same in runs of other lengths.
