@@ -50,7 +50,7 @@ fn grey_points_become_the_scene() {
         after > 24.0 && after > before + 4.0,
         "novel views: {before} then {after} dB"
     );
-    assert!(losses.last().unwrap() < &(0.5 * losses[0]));
+    assert!(losses[losses.len() - 1] < 0.5 * losses[0]);
     assert!(
         trace
             .windows(2)
