@@ -28,8 +28,8 @@ const LPIPS: &str = "lpips-alex";
 const METRICS: [&str; 5] = ["psnr", "ssim", LPIPS, "psnr-static", "psnr-dynamic"];
 
 /// Scores the novel views at the rows of the run's trace and writes [`CURVE_FILE`] into `out`.
-/// Returns one line for every row that could not be scored, and one where LPIPS could not; `None`, and no file, where the run has no
-/// such views or the protocol scores none.
+/// Returns one line for every row that could not be scored, and one where LPIPS could not; `None`, and no file, where
+/// the run has no such views or the protocol scores none.
 ///
 /// # Errors
 /// When a ground truth image is unusable or the file cannot be written.
@@ -85,10 +85,7 @@ pub(crate) fn write_curve(
         }
     }
     progress.end();
-    let mut unscored: Vec<String> = without_lpips(job).into_iter().collect();
-    for line in &unscored {
-        progress.note(line);
-    }
+    let mut unscored = Vec::new();
     let mut rows = trace.rows.clone();
     for (row, views) in rows.iter_mut().zip(scores) {
         match views.into_iter().collect::<Result<Vec<_>, _>>() {
@@ -99,14 +96,22 @@ pub(crate) fn write_curve(
             )),
         }
     }
+    if let Some(line) = without_lpips(job, &rows) {
+        progress.note(&line);
+        unscored.push(line);
+    }
     store::write_csv_rows(&out.join(CURVE_FILE), &rows)?;
     Ok(Some(unscored))
 }
 
 /// Returns the line that says why the curve has no LPIPS, where the protocol has it.
-fn without_lpips(job: &ScoringJob) -> Option<String> {
+fn without_lpips(job: &ScoringJob, rows: &[CurveRow]) -> Option<String> {
     let lpips = job.metrics.iter().find(|one| one.metric.id == LPIPS)?;
-    let reason = lpips.unavailable.as_ref()?;
+    if rows.iter().any(|row| row.novel_lpips_alex.is_some()) {
+        return None;
+    }
+    let reason = lpips.unavailable.as_deref();
+    let reason = reason.unwrap_or("it is undefined for every view");
     Some(format!("the curve has no {LPIPS}: {reason}"))
 }
 
