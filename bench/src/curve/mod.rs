@@ -44,8 +44,8 @@ pub struct Comparison {
     pub notes: Vec<String>,
 }
 
-/// Reads runs (the folders of their scores, or the `result.json` there), compares those of one scene and protocol, and writes
-/// `curves.csv`, `points.csv` and one `curve-<n>.svg` per comparison into `out`.
+/// Reads runs (the folders of their scores, or the `result.json` there), compares those of one scene and protocol, and
+/// writes `curves.csv`, `points.csv` and one `curve-<n>.svg` per comparison into `out`.
 ///
 /// # Errors
 /// When a run has no scores of novel views in the region ([`read_run`]), a file that is not ours is in the way,

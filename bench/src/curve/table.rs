@@ -54,8 +54,8 @@ fn percent(curve: &RunCurve, fault: usize) -> Option<f64> {
     curve.run.faults()[fault].map(|share| 100.0 * share)
 }
 
-/// Returns the comparisons as Markdown tables, each with lines on what they leave out. `<9.5` is a quality that a run had at
-/// its first row, after 9.5 s: when before is not known.
+/// Returns the comparisons as Markdown tables, each with lines on what they leave out. `<9.5` is a quality that a run
+/// had at its first row, after 9.5 s: when before is not known.
 pub fn curves_table(comparisons: &[Comparison]) -> String {
     let mut text = String::new();
     for comparison in comparisons {

@@ -318,8 +318,8 @@ pub fn read_run(path: &Path, clock: Clock, region: Region) -> Result<TracedRun, 
     })
 }
 
-/// Reads the rows of a curve with a score in the region, at least one, and the time that rendering the views of all rows
-/// took, seconds.
+/// Reads the rows of a curve with a score in the region, at least one, and the time that rendering the views of all
+/// rows took, seconds.
 fn scored_rows(
     curve: &Path,
     clock: Clock,
