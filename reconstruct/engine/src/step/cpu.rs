@@ -21,7 +21,10 @@ use crate::{
         parameterization::Viewpoint,
         temporal::{PEAK_TIMES, TemporalFeatures},
     },
-    losses::{maps::Counted, photometric::cpu::Loss},
+    losses::{
+        maps::Counted,
+        photometric::{Columns, cpu::Loss},
+    },
     model::{Model, Part, TrainedArray, cpu_renderer::CpuRenderer, exposure::Exposure},
     parameters::{GradientMemory, ParameterArray, adam},
     schedule::StepSchedule,
@@ -68,7 +71,7 @@ impl<'a> CpuStepper<'a> {
             renderer: CpuRenderer::new(settings.renderer, settings.rendering),
             activated: ActivatedGaussians::default(),
             gradient: ActivatedGaussians::default(),
-            loss: Loss::new(width, height),
+            loss: Loss::new(width, height, Columns::of(&inputs.camera)),
             dynamic: settings
                 .dynamics
                 .as_ref()

@@ -3,7 +3,11 @@
 use crate::device::{
     DeviceBuffer, Gpu, GpuError, Kernel, Program, Shader, Uniform, WORKGROUP, wgsl_struct,
 };
-use crate::{losses::photometric::LossValue, training_view::TrainingView};
+use crate::{
+    losses::photometric::{Columns, LossValue},
+    training_view::TrainingView,
+};
+use omnilife_schemas::camera::Camera;
 
 wgsl_struct! {
     /// Size of the image and weights.
@@ -22,7 +26,9 @@ wgsl_struct! {
         masked: u32,
         /// Of the whole loss.
         weight: f32,
-        pad_end: [u32; 3],
+        /// 1 where the first column follows the last.
+        wraps: u32,
+        pad_end: [u32; 2],
     }
 }
 
@@ -107,11 +113,11 @@ pub(crate) struct Loss {
 }
 
 impl Loss {
-    /// For images of this size that are followed by `planes` planes: the gradient has room for them, and
+    /// For images of a camera that are followed by `planes` planes: the gradient has room for them, and
     /// the loss leaves it alone.
     pub(crate) fn new(
         gpu: &Gpu,
-        size: (u32, u32),
+        camera: &Camera,
         planes: usize,
         weights: LossWeights,
     ) -> Result<Self, GpuError> {
@@ -132,12 +138,13 @@ impl Loss {
                 "loss_value",
             ],
         )?;
-        let pixels = size.0 as usize * size.1 as usize;
+        let [width, height] = camera.size();
+        let pixels = width * height;
         let window = super::cpu::gaussian_window();
         let middle = &window[window.len() / 2..];
         let plain = LossSettings {
-            width: size.0,
-            height: size.1,
+            width: camera.width(),
+            height: camera.height(),
             lambda: weights.ssim,
             counted: (3 * pixels) as f32,
             taps: std::array::from_fn(|four| {
@@ -146,7 +153,8 @@ impl Loss {
             inverse_gain: [1.0; 3],
             masked: u32::from(weights.masked),
             weight: weights.total,
-            pad_end: [0; 3],
+            wraps: u32::from(Columns::of(camera) == Columns::Wrap),
+            pad_end: [0; 2],
         };
         Ok(Self {
             blur_rows,
@@ -213,6 +221,7 @@ pub(crate) fn loss_value(value: [f32; 4]) -> LossValue {
 
 #[cfg(test)]
 mod tests {
+    use omnilife_schemas::camera::{ErpCamera, PinholeCamera};
     use rand::{RngExt, SeedableRng};
     use rand_pcg::Pcg64Mcg;
 
@@ -229,7 +238,16 @@ mod tests {
             (4, 3, 1.0),
             (37, 19, 0.2),
         ];
-        for (number, (width, height, lambda)) in sizes.into_iter().enumerate() {
+        let cases = sizes.into_iter().enumerate();
+        for (number, (width, height, lambda), wraps) in
+            cases.flat_map(|(number, size)| [true, false].map(|wraps| (number, size, wraps)))
+        {
+            let camera = if wraps {
+                Camera::Erp(ErpCamera { width, height })
+            } else {
+                let radians = 1.0;
+                PinholeCamera::with_horizontal_field_of_view(width, height, radians).into()
+            };
             let len = (width * height * 3) as usize;
             let render: Vec<f32> = (0..len).map(|_| random.random_range(-0.2..1.2)).collect();
             let target: Vec<u8> = (0..len).map(|_| random.random()).collect();
@@ -238,7 +256,7 @@ mod tests {
                 total: 1.0,
                 masked: false,
             };
-            let loss = Loss::new(&gpu, (width, height), 0, weights).expect("fits");
+            let loss = Loss::new(&gpu, &camera, 0, weights).expect("fits");
             let render_buffer = DeviceBuffer::of(&gpu, "render", &render).expect("fits");
             // The last ones ignore a part across the seam.
             let ignored = (number >= 2).then(|| -> Vec<u8> {
@@ -261,7 +279,8 @@ mod tests {
             let gradient = loss.gradient.read(&gpu).expect("reads");
 
             let target: Vec<f32> = target.iter().map(|&byte| f32::from(byte) / 255.0).collect();
-            let mut on_cpu = cpu::Loss::new(width as usize, height as usize);
+            let [width, height] = camera.size();
+            let mut on_cpu = cpu::Loss::new(width, height, Columns::of(&camera));
             let (expected, expected_gradient) =
                 on_cpu.forward_backward_ignoring(ignored, &render, &target, lambda);
             for (value, expected) in [

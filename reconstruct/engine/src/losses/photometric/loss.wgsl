@@ -21,6 +21,8 @@ struct LossSettings {
     masked: u32,
     // Of the whole loss.
     weight: f32,
+    // 1 where the first column follows the last.
+    wraps: u32,
 }
 
 @group(0) @binding(0) var<uniform> settings: LossSettings;
@@ -66,16 +68,20 @@ fn render_at(pixel: u32) -> vec3<f32> {
     return vec3(render[pixel * 3u], render[pixel * 3u + 1u], render[pixel * 3u + 2u]);
 }
 
-// The pixel `distance` columns beside another one: the first column follows the last.
-fn beside(pixel: u32, distance: i32) -> u32 {
+// The pixel `distance` columns beside another one, or -1 outside of the image: of a panorama the first column
+// follows the last.
+fn beside(pixel: u32, distance: i32) -> i32 {
     let width = i32(settings.width);
     let row_start = i32(pixel / settings.width) * width;
     var column = i32(pixel) - row_start + distance;
     if column < 0 || column >= width {
+        if settings.wraps == 0u {
+            return -1;
+        }
         // Images may be narrower than the window.
         column = ((column % width) + width) % width;
     }
-    return u32(row_start + column);
+    return row_start + column;
 }
 
 // The pixel `distance` rows below another one, or -1 outside of the image.
@@ -103,9 +109,12 @@ fn blur_rows(
     var moments: array<vec3<f32>, 5>;
     for (var distance = -RADIUS; distance <= RADIUS; distance++) {
         let other = beside(pixel, distance);
+        if other < 0 {
+            continue;
+        }
         let weight = tap(distance);
-        let x = render_at(other);
-        let y = target_at(other);
+        let x = render_at(u32(other));
+        let y = target_at(u32(other));
         moments[0] += weight * x;
         moments[1] += weight * y;
         moments[2] += weight * (x * x);
@@ -192,7 +201,11 @@ fn blur_derivative_rows(
     for (var plane = 0u; plane < 3u; plane++) {
         var sum = vec3<f32>();
         for (var distance = -RADIUS; distance <= RADIUS; distance++) {
-            let index = (plane * pixel_count() + beside(pixel, distance)) * 3u;
+            let other = beside(pixel, distance);
+            if other < 0 {
+                continue;
+            }
+            let index = (plane * pixel_count() + u32(other)) * 3u;
             sum += tap(distance)
                 * vec3(by_moment[index], by_moment[index + 1u], by_moment[index + 2u]);
         }
