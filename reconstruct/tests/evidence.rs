@@ -221,6 +221,36 @@ fn empty_masks_do_not_hide_what_moves() {
     assert!(evidence.moves() && evidence.masks.coverage == Some(0.0));
 }
 
+/// Noise of a segmenter: a pixel in one of the views.
+#[test]
+fn a_speck_in_one_mask_does_not_make_a_still_scene_move() {
+    let mut scene = balls::scene();
+    let pixels = scene.input_views[0].pixels.len() / 3;
+    for (number, view) in scene.input_views.iter_mut().enumerate() {
+        let mut mask = vec![0; pixels];
+        if number == 4 {
+            mask[pixels / 2] = 255;
+        }
+        view.mask = Some(mask);
+    }
+    for method in ["omni4dgs", "omni4dgs-plus"] {
+        let outcome = train(&scene, method, &request(2));
+        let evidence = outcome.evidence.as_ref().unwrap();
+        assert!(evidence.masks.coverage > Some(0.0) && evidence.masks.showing_views < 2);
+        assert!(
+            evidence.pilot.is_some() && !evidence.moves(),
+            "{evidence:?}"
+        );
+        let is_used = |names: &[&str]| {
+            let mut plan = outcome.plan.iter();
+            plan.any(|part| part.used && names.contains(&&*part.component))
+        };
+        assert!(!is_used(&["temporal-motion", "dynamic-mask", "mask-seeds"]));
+        let mut warnings = outcome.training.warnings.iter();
+        assert!(warnings.any(|line| line.contains("masks")));
+    }
+}
+
 #[test]
 fn every_method_has_the_same_evidence() {
     let scene = moving_ball::scene();

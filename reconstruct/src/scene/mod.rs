@@ -3,6 +3,7 @@
 pub mod depth;
 pub(crate) mod images;
 mod mask_notes;
+pub(crate) mod mask_pieces;
 mod normalization;
 
 use std::{collections::BTreeMap, path::Path};

@@ -301,7 +301,9 @@ mod tests {
         let mut others = [x.clone(), y.clone()];
         for image in &mut others {
             for row in image.chunks_exact_mut(3 * width) {
-                row[..9].iter_mut().for_each(|value| *value = 1.0 - *value);
+                for value in &mut row[..9] {
+                    *value = 1.0 - *value;
+                }
             }
         }
         let cameras = [
