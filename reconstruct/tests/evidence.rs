@@ -221,6 +221,23 @@ fn empty_masks_do_not_hide_what_moves() {
     assert!(evidence.moves() && evidence.masks.coverage == Some(0.0));
 }
 
+#[test]
+fn saturated_pixels_are_counted_where_the_scene_is_shown() {
+    let mut scene = balls::scene();
+    for view in &mut scene.input_views {
+        view.pixels.fill(100);
+        let pixels = view.pixels.len() / 3;
+        // One channel is enough; a quarter of the image, half of which is no part of the scene.
+        for pixel in 0..pixels / 4 {
+            view.pixels[3 * pixel + pixel % 3] = 255;
+        }
+        let mut ignored = vec![0; pixels];
+        ignored[..pixels / 8].fill(255);
+        view.ignored = Some(ignored);
+    }
+    assert!((scene.saturated_share() - 1.0 / 7.0).abs() < 1e-3);
+}
+
 /// Noise of a segmenter: a pixel in one of the views.
 #[test]
 fn a_speck_in_one_mask_does_not_make_a_still_scene_move() {

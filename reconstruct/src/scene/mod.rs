@@ -162,6 +162,20 @@ impl TrainingScene {
         (all > 0.0).then(|| marked / all)
     }
 
+    /// Share of the input views' pixels with a saturated channel, of those that show something of the scene.
+    pub fn saturated_share(&self) -> f64 {
+        let (mut saturated, mut all) = (0_u64, 0_u64);
+        for view in &self.input_views {
+            for (pixel, rgb) in view.pixels.as_chunks::<3>().0.iter().enumerate() {
+                if view.shows_scene(pixel) {
+                    saturated += u64::from(rgb.contains(&u8::MAX));
+                    all += 1;
+                }
+            }
+        }
+        saturated as f64 / all.max(1) as f64
+    }
+
     /// Keeps the points that the scene came with.
     pub(crate) fn leave_added_points_out(&mut self) {
         let given = self.points.len() - self.added_points;

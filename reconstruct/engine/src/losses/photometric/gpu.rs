@@ -28,7 +28,9 @@ wgsl_struct! {
         weight: f32,
         /// 1 where the first column follows the last.
         wraps: u32,
-        pad_end: [u32; 2],
+        /// 1 where gains are taken out: a saturated value says that it is as bright at least.
+        bounds_saturated: u32,
+        pad_end: u32,
     }
 }
 
@@ -154,7 +156,8 @@ impl Loss {
             masked: u32::from(weights.masked),
             weight: weights.total,
             wraps: u32::from(Columns::of(camera) == Columns::Wrap),
-            pad_end: [0; 2],
+            bounds_saturated: 0,
+            pad_end: 0,
         };
         Ok(Self {
             blur_rows,
@@ -173,11 +176,12 @@ impl Loss {
         })
     }
 
-    /// Sets the gain that is taken out of images, and how many of their pixels count, in everything that is
-    /// submitted later.
-    pub(crate) fn set_view(&self, gpu: &Gpu, gain: [f32; 3], counted_pixels: usize) {
+    /// Sets the gain that is taken out of images, where one is, and how many of their pixels count, in everything
+    /// that is submitted later.
+    pub(crate) fn set_view(&self, gpu: &Gpu, gain: Option<[f32; 3]>, counted_pixels: usize) {
         let settings = LossSettings {
-            inverse_gain: gain.map(|gain| 1.0 / gain),
+            inverse_gain: gain.unwrap_or([1.0; 3]).map(|gain| 1.0 / gain),
+            bounds_saturated: u32::from(gain.is_some()),
             counted: (3 * counted_pixels) as f32,
             ..self.plain
         };
@@ -226,7 +230,10 @@ mod tests {
     use rand_pcg::Pcg64Mcg;
 
     use super::*;
-    use crate::{device::test_device, losses::photometric::cpu};
+    use crate::{
+        device::test_device,
+        losses::photometric::{PixelMarks, cpu},
+    };
 
     #[test]
     fn value_and_gradient_are_those_of_the_cpu() {
@@ -250,7 +257,11 @@ mod tests {
             };
             let len = (width * height * 3) as usize;
             let render: Vec<f32> = (0..len).map(|_| random.random_range(-0.2..1.2)).collect();
-            let target: Vec<u8> = (0..len).map(|_| random.random()).collect();
+            let mut target: Vec<u8> = (0..len).map(|_| random.random()).collect();
+            let gain = (!wraps).then_some([0.8, 1.0, 1.6]);
+            for value in target.iter_mut().step_by(5) {
+                *value = 255;
+            }
             let weights = LossWeights {
                 ssim: lambda,
                 total: 1.0,
@@ -268,7 +279,7 @@ mod tests {
             let ignored = ignored.as_deref();
             let counted =
                 ignored.map_or(len / 3, |marks| marks.iter().filter(|m| **m == 0).count());
-            loss.set_view(&gpu, [1.0; 3], counted);
+            loss.set_view(&gpu, gain, counted);
             let target_buffer =
                 DeviceBuffer::of(&gpu, "target", &pack_pixels(&target, None, ignored))
                     .expect("fits");
@@ -278,11 +289,21 @@ mod tests {
             let value = loss_value(loss.value.read(&gpu).expect("reads")[0]);
             let gradient = loss.gradient.read(&gpu).expect("reads");
 
-            let target: Vec<f32> = target.iter().map(|&byte| f32::from(byte) / 255.0).collect();
+            let saturated: Vec<bool> = target.iter().map(|&byte| byte == 255).collect();
+            let marks = PixelMarks {
+                ignored,
+                saturated: if gain.is_some() { &saturated[..] } else { &[] },
+            };
+            let inverse = gain.unwrap_or([1.0; 3]).map(|gain| 1.0 / gain);
+            let levels = target.iter().map(|&byte| f32::from(byte) / 255.0);
+            let target: Vec<f32> = levels
+                .enumerate()
+                .map(|(at, level)| level * inverse[at % 3])
+                .collect();
             let [width, height] = camera.size();
             let mut on_cpu = cpu::Loss::new(width, height, Columns::of(&camera));
             let (expected, expected_gradient) =
-                on_cpu.forward_backward_ignoring(ignored, &render, &target, lambda);
+                on_cpu.forward_backward_marked(marks, &render, &target, lambda);
             for (value, expected) in [
                 (value.total, expected.total),
                 (value.l1, expected.l1),

@@ -23,6 +23,8 @@ struct LossSettings {
     weight: f32,
     // 1 where the first column follows the last.
     wraps: u32,
+    // 1 where gains are taken out: a saturated value says that it is as bright at least.
+    bounds_saturated: u32,
 }
 
 @group(0) @binding(0) var<uniform> settings: LossSettings;
@@ -60,12 +62,32 @@ fn is_ignored(pixel: u32) -> bool {
     return ((target_image[pixel_count() + pixel / 32u] >> (pixel % 32u)) & 1u) == 1u;
 }
 
-// The target's colour where pixels are ignored, for the windows that reach over them.
+fn drawn_at(pixel: u32) -> vec3<f32> {
+    return vec3(render[pixel * 3u], render[pixel * 3u + 1u], render[pixel * 3u + 2u]);
+}
+
+// Which values are saturated where gains are taken out; of an image inside its mask, where that covers all.
+fn saturated_at(pixel: u32) -> vec3<bool> {
+    let rgb_mask = unpack4x8unorm(target_image[pixel]);
+    let is_whole = settings.masked == 0u || rgb_mask.w > 0.999;
+    if settings.bounds_saturated == 0u || !is_whole {
+        return vec3<bool>();
+    }
+    return rgb_mask.xyz > vec3(0.999);
+}
+
+// The target's colour where pixels are ignored, or saturated and the render is no darker, for the windows that
+// reach over them.
 fn render_at(pixel: u32) -> vec3<f32> {
     if is_ignored(pixel) {
         return target_at(pixel);
     }
-    return vec3(render[pixel * 3u], render[pixel * 3u + 1u], render[pixel * 3u + 2u]);
+    let drawn = drawn_at(pixel);
+    if settings.bounds_saturated == 0u {
+        return drawn;
+    }
+    let bounded = select(drawn, target_at(pixel), drawn >= target_at(pixel));
+    return select(drawn, bounded, saturated_at(pixel));
 }
 
 // The pixel `distance` columns beside another one, or -1 outside of the image: of a panorama the first column
@@ -244,6 +266,9 @@ fn image_gradient(
         - settings.lambda * (by[0] + 2.0 * x * by[1] + y * by[2]));
     if is_ignored(pixel) {
         total = vec3<f32>();
+    } else if settings.bounds_saturated == 1u {
+        let bounded = select(total, vec3<f32>(), drawn_at(pixel) >= y);
+        total = select(total, bounded, saturated_at(pixel));
     }
     gradient[pixel * 3u] = total.x;
     gradient[pixel * 3u + 1u] = total.y;

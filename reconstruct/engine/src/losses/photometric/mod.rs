@@ -23,9 +23,12 @@ use omnilife_schemas::camera::Camera;
 
 pub mod cpu;
 pub(crate) mod gpu;
+mod marks;
 pub mod reference;
 mod rows;
 mod strips;
+
+pub use marks::PixelMarks;
 
 /// What is beside the first and the last column of an image.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

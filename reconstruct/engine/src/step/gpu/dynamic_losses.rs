@@ -82,8 +82,14 @@ impl DynamicKernels {
         &self.settings.features
     }
 
-    /// Sets what a view's losses are, with its gain and how many of its pixels count, for everything that is submitted later.
-    pub(super) fn set(&self, gpu: &Gpu, has_mask: bool, (gain, counted): ([f32; 3], usize)) {
+    /// Sets what a view's losses are, with its gain, where one is taken out, and how many of its pixels count,
+    /// for everything that is submitted later.
+    pub(super) fn set(
+        &self,
+        gpu: &Gpu,
+        has_mask: bool,
+        (gain, counted): (Option<[f32; 3]>, usize),
+    ) {
         let settings = &self.settings;
         let of_view = settings
             .velocity_loss
