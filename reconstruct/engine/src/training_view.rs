@@ -38,7 +38,7 @@ impl TrainingView {
         out.extend(self.pixels.iter().map(|&byte| f32::from(byte) / 255.0));
     }
 
-    /// Marks the values of the image that are saturated, written into `out`: how bright the scene is there is lost.
+    /// Writes into `out` which values of the image are saturated: how bright the scene is there is lost.
     pub fn write_saturated(&self, out: &mut Vec<bool>) {
         out.clear();
         out.extend(self.pixels.iter().map(|&byte| byte == u8::MAX));

@@ -162,7 +162,8 @@ impl TrainingScene {
         (all > 0.0).then(|| marked / all)
     }
 
-    /// Share of the input views' pixels with a saturated channel, of those that show something of the scene.
+    /// Returns the share of the input views' pixels with a saturated channel, 0 to 1, of those that show something of
+    /// the scene.
     pub fn saturated_share(&self) -> f64 {
         let (mut saturated, mut all) = (0_u64, 0_u64);
         for view in &self.input_views {
