@@ -340,3 +340,6 @@ impl Stepper for CpuStepper<'_> {
         Ok(self.renderer.image(&drawn, &self.activated, sh_degree))
     }
 }
+
+#[cfg(test)]
+mod tests;
