@@ -81,8 +81,8 @@ fn showing_views(masks: &[&[u8]], camera: &Camera) -> usize {
     largest.filter(|&patch| patch >= least).count()
 }
 
-/// Returns the solid angle of the largest connected patch of a mask, steradians; pixels count by the share of them that is
-/// marked. All patches at a pole of a panorama are one: the outermost row is one place.
+/// Returns the solid angle of the largest connected patch of a mask, steradians; pixels count by the share of them
+/// that is marked. All patches at a pole of a panorama are one: the outermost row is one place.
 fn largest_patch_steradians(mask: &[u8], camera: &Camera) -> f64 {
     let size = camera.size();
     let (mut largest, mut at_poles) = (0.0_f64, [0.0; 2]);
