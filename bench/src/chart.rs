@@ -209,6 +209,16 @@ fn decades(range: &Range<f64>) -> Range<f64> {
     }
 }
 
+/// Returns whole decades around positive numbers; `None` where there are none.
+pub(crate) fn decades_of(values: impl Iterator<Item = f64>) -> Option<[f64; 2]> {
+    let range = values.fold(None, |range: Option<Range<f64>>, value| {
+        let range = range.unwrap_or(value..value);
+        Some(range.start.min(value)..range.end.max(value))
+    });
+    let decades = decades(&range?);
+    Some([decades.start, decades.end])
+}
+
 /// A number as short as it gets.
 fn short(value: f64) -> String {
     if (0.01..10_000.0).contains(&value) {

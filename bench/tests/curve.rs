@@ -1,6 +1,9 @@
 //! Curves of error against run time, from folders of scores to tables.
 #![expect(clippy::unwrap_used, reason = "a failed set-up step fails the test")]
 
+#[path = "curve/points.rs"]
+mod points;
+
 use std::{
     fs,
     path::{Path, PathBuf},
@@ -97,6 +100,23 @@ fn ghosts_and_holes_stand_in_the_table_where_a_run_has_them() {
     assert!(points.contains(",0.0125,0.03,\n"), "{points}");
 }
 
+const CURVES_HEADER: &str = "scene,protocol_hash,method,seed,clock,region,preparation_seconds,training_seconds,\
+    evaluation_seconds,iterations,primitives,peak_memory_bytes,final_psnr_db,final_ssim,final_lpips_alex,\
+    on_pareto_front,first_seconds,first_psnr_db,log_area_from_seconds,log_area_until_seconds,log_area_db,\
+    seconds_to_95_percent,iterations_to_95_percent,seconds_to_20_db,iterations_to_20_db,seconds_to_22_db,\
+    iterations_to_22_db,seconds_to_24_db,iterations_to_24_db,seconds_to_26_db,iterations_to_26_db,seconds_to_28_db,\
+    iterations_to_28_db,seconds_to_30_db,iterations_to_30_db,psnr_db_at_10_s,psnr_db_at_60_s,psnr_db_at_180_s,\
+    psnr_db_at_600_s,psnr_db_at_1800_s,ghost_share,input_hole_share,novel_hole_share";
+
+/// First line and the cells of the others.
+fn csv_of(file: &Path) -> (String, Vec<Vec<String>>) {
+    let text = fs::read_to_string(file).unwrap();
+    let mut lines = text.lines();
+    let header = lines.next().unwrap().to_owned();
+    let cells = |line: &str| line.split(',').map(str::to_owned).collect();
+    (header, lines.map(cells).collect())
+}
+
 #[test]
 fn runs_become_tables_and_drawings() {
     let folder = tempfile::tempdir().unwrap();
@@ -110,10 +130,35 @@ fn runs_become_tables_and_drawings() {
     let comparisons = curve::curves(&runs, Clock::Wall, Region::Whole, &at("out")).unwrap();
     assert_eq!(comparisons.len(), 2);
     insta::assert_snapshot!("table", curve::curves_table(&comparisons));
-    insta::assert_snapshot!(
-        "csv",
-        fs::read_to_string(at("out").join(CURVES_FILE)).unwrap()
+    let (header, rows) = csv_of(&at("out").join(CURVES_FILE));
+    assert_eq!(header, CURVES_HEADER);
+    let cell = |row: usize, column: &str| {
+        let at = header.split(',').position(|name| name == column).unwrap();
+        rows[row][at].clone()
+    };
+    let number = |row: usize, column: &str| cell(row, column).parse::<f64>().unwrap();
+    assert_eq!(cell(1, "method"), "pvg");
+    assert_eq!(
+        (number(1, "first_seconds"), number(1, "first_psnr_db")),
+        (9.0, 19.5)
     );
+    // Both curves have the time from 9 s to 90 s.
+    let of_span = ["log_area_from_seconds", "log_area_until_seconds"];
+    assert_eq!(of_span.map(|column| number(1, column)), [9.0, 90.0]);
+    let pieces = [(19.5 + 24.25) * 5_f64.ln(), (24.25 + 24.5) * 2_f64.ln()];
+    let area = 0.5 * (pieces[0] + pieces[1]) / 10_f64.ln();
+    assert!((number(0, "log_area_db") - area).abs() < 1e-9);
+    // From 19.5 dB after 9 s to 24.25 dB after 45 s.
+    let to_22 = 9.0 * 5_f64.powf(2.5 / 4.75);
+    assert!((number(0, "seconds_to_22_db") - to_22).abs() < 1e-9);
+    assert_eq!(number(0, "iterations_to_22_db"), (10.0 * to_22).round());
+    // A scene with one run has nothing to compare.
+    for column in of_span
+        .into_iter()
+        .chain(["log_area_db", "seconds_to_26_db"])
+    {
+        assert_eq!(cell(2, column), "", "{column}");
+    }
     let points = fs::read_to_string(at("out").join(POINTS_FILE)).unwrap();
     // Three scored rows of each run and a heading.
     assert_eq!(points.lines().count(), 10);
@@ -135,7 +180,7 @@ fn cpu_time_is_a_clock_of_its_own() {
     );
     let comparisons = curve::curves(&[run], Clock::Cpu, Region::Whole, &at("out")).unwrap();
     let measured = &comparisons[0].curves[0];
-    assert_eq!(measured.run.training_seconds, 180.0);
+    assert_eq!(measured.run.training_seconds, Some(180.0));
     let drawing = fs::read_to_string(at("out/curve-0.svg")).unwrap();
     assert!(drawing.contains("CPU seconds"));
     assert!(curve::curves_table(&comparisons).contains(", CPU seconds\n"));
@@ -154,7 +199,7 @@ fn cpu_time_is_a_clock_of_its_own() {
 fn runs_without_a_usable_curve_are_refused() {
     let folder = tempfile::tempdir().unwrap();
     let cases = [
-        (None, "was scored without novel views along its training"),
+        (None, "has no psnr of novel views"),
         (Some("wall_seconds,iteration\n1,2\n"), "curve.csv: "),
         (
             Some("wall_seconds,evaluation_seconds,iteration,primitives,novel_psnr_db\n1,0,2,5,\n"),

@@ -9,7 +9,7 @@ use std::{fs, path::Path};
 use omnilife_bench::{
     BenchError, MetricChoice, Predictions, ScoreRequest,
     curve::{self, Clock, Region},
-    score,
+    protocols, score, split,
 };
 use omnilife_schemas::{
     RgbImage, Similarity,
@@ -148,6 +148,31 @@ fn a_curve_is_scored_as_the_predictions_are_and_ends_with_their_means() {
     store::write_record(&run, &run_record(&bench)).unwrap();
     bench.score().unwrap();
     assert!(!bench.at("out/curve.csv").exists());
+}
+
+#[test]
+fn a_curve_has_lpips_or_the_reason_why_not() {
+    let mut bench = Bench::new();
+    let mut protocol = protocols::protocol("per-scene").unwrap();
+    protocol.metrics = ["psnr", "lpips-alex"].map(str::to_owned).to_vec();
+    bench.split = split(&scene(10, &[]), &protocol).unwrap();
+    store::write_record(&bench.request.split, &bench.split).unwrap();
+    let run = bench.at("run.json");
+    store::write_record(&run, &run_with_trace(&bench)).unwrap();
+    bench.request.predictions = Predictions::Run(run);
+    for metrics in [MetricChoice::All, MetricChoice::WithoutNetworks] {
+        let is_left_out = metrics == MetricChoice::WithoutNetworks;
+        bench.request.metrics = metrics;
+        let result = bench.score().unwrap();
+        let traced = curve::read_run(&bench.at("out"), Clock::Wall, Region::Whole).unwrap();
+        let lpips = result.novel_views.get("lpips-alex").map(|found| found.mean);
+        assert_eq!(traced.rows.last().unwrap().lpips_alex, lpips);
+        assert_eq!(traced.final_scores.lpips_alex, lpips);
+        let mut lines = result.warnings.iter();
+        let is_told = lines.any(|line| line.starts_with("the curve has no lpips-alex: "));
+        assert_eq!(is_told, lpips.is_none());
+        assert!(is_told || !is_left_out);
+    }
 }
 
 #[test]

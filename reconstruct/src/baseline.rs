@@ -46,9 +46,6 @@ const RESET_RECOVERY_ITERATIONS: u64 = 500;
 /// give neither dust nor blankets.
 const SCALE_SPREAD: f32 = 10.0;
 
-/// Rows of a trace where none are asked for.
-const TRACE_ROWS: u64 = 10;
-
 /// Threshold of 3DGS. ODGS publishes 1e-4, for twice the Gaussians and more; with a limit on their
 /// number the larger gradients come first anyway.
 const GRADIENT_THRESHOLD: f32 = 2e-4;
@@ -95,7 +92,7 @@ pub fn published_settings(iterations: u64) -> TrainSettings {
         dropout: None,
         pose_refinement: None,
         shards: None,
-        trace_every: (iterations / TRACE_ROWS).max(1),
+        trace_every: None,
     }
 }
 
@@ -163,7 +160,7 @@ pub fn settings(scene: &TrainingScene, request: &MethodRequest) -> TrainSettings
                 .unwrap_or_else(|| default_maximum(scene)),
             ..published.densify
         },
-        trace_every: request.trace_every.unwrap_or(published.trace_every),
+        trace_every: request.trace_every,
         ..published
     }
 }

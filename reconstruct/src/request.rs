@@ -22,7 +22,7 @@ pub struct MethodRequest {
     pub without: Vec<String>,
     /// How the others are decided.
     pub plan: PlanChoice,
-    /// Iterations from one row of the trace to the next; ten rows where none is given.
+    /// Iterations from one row of the trace to the next; rows at equal ratios of iterations where none is given.
     pub trace_every: Option<u64>,
     /// What the method alone understands.
     pub options: Options,

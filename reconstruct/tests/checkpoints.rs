@@ -81,7 +81,7 @@ impl Progress for CopyAt {
 }
 
 /// A whole run, and a folder with the checkpoint of its iteration `EVERY`.
-fn whole_run(scene: &TrainingScene, folder: &Path) -> (Model, Vec<[f64; 2]>, PathBuf) {
+fn whole_run(scene: &TrainingScene, folder: &Path) -> (Model, Vec<[Option<f64>; 2]>, PathBuf) {
     let interrupted = folder.join("interrupted");
     fs::create_dir(&interrupted).unwrap();
     let copy = CopyAt {
@@ -96,7 +96,7 @@ fn whole_run(scene: &TrainingScene, folder: &Path) -> (Model, Vec<[f64; 2]>, Pat
     (model, trace, interrupted)
 }
 
-fn losses(outcome: &MethodOutcome<'_>) -> Vec<[f64; 2]> {
+fn losses(outcome: &MethodOutcome<'_>) -> Vec<[Option<f64>; 2]> {
     let trace = outcome.training.state.trace.iter();
     trace
         .map(|point| [point.train_loss, point.train_psnr_db])

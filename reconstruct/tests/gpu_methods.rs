@@ -67,7 +67,7 @@ fn run(method: &Method, scene: &TrainingScene, backend: BackendChoice) -> Run {
     let trace = &outcome.training.state.trace;
     assert_eq!(trace.last().unwrap().iteration, STEPS);
     Run {
-        losses: trace.iter().map(|point| point.train_loss).collect(),
+        losses: trace.iter().filter_map(|point| point.train_loss).collect(),
         gaussians: trace.iter().map(|point| point.primitives).collect(),
         psnr_db,
     }

@@ -252,7 +252,7 @@ fn a_run_that_refines_poses_goes_on_to_the_bit() {
             let mut outcome = method.train(scene, &request(40), &session).unwrap();
             assert_eq!(outcome.training.state.resumed, u64::from(every == 0));
             let scores = outcome.training.state.trace.iter();
-            let scores: Vec<f64> = scores.map(|point| point.train_psnr_db).collect();
+            let scores: Vec<f64> = scores.filter_map(|point| point.train_psnr_db).collect();
             (
                 outcome.learner.gaussians().unwrap().unwrap().clone(),
                 scores,

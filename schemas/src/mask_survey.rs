@@ -25,6 +25,8 @@ pub struct MaskSurvey {
     shares: BTreeMap<PathBuf, f64>,
     /// Files of each encoding that something was assumed of.
     assumed: BTreeMap<MaskEncoding, Vec<PathBuf>>,
+    /// Files of another shape than their frames, with width and height, pixels.
+    stretched: Vec<(PathBuf, [usize; 2])>,
     /// Share that each frame's ignore mask marks.
     ignored_shares: Vec<f64>,
 }
@@ -44,7 +46,12 @@ impl MaskSurvey {
         if let Some(&share) = self.shares.get(file) {
             return Ok(share);
         }
-        let DecodedMask { mask, encoding } = mask_file::decode(ImageFile::open(file)?, greys)?;
+        let image = ImageFile::open(file)?;
+        let size = image.size();
+        if !has_shape(size, camera.size()) {
+            self.stretched.push((file.to_owned(), size));
+        }
+        let DecodedMask { mask, encoding } = mask_file::decode(image, greys)?;
         let share = mask.marked_share(camera);
         self.shares.insert(file.to_owned(), share);
         if encoding.assumption().is_some() {
@@ -83,6 +90,15 @@ impl MaskSurvey {
                 ));
             }
         }
+        if let Some((_, [width, height])) = self.stretched.first() {
+            let files = self.stretched.iter().map(|(file, _)| short_name(file));
+            let files: Vec<String> = files.collect();
+            notes.push(format!(
+                "{} masks are of another shape than their frames, such as {width}x{height}, and are stretched: {}",
+                files.len(),
+                plain_text::first_of(&files)
+            ));
+        }
         let frames = self.ignored_shares.len();
         let empty = self.ignored_shares.iter().filter(|&&share| share == 0.0);
         let empty = empty.count();
@@ -102,6 +118,16 @@ impl MaskSurvey {
     }
 }
 
+/// Returns true where an image of a size (width, height) is a smaller or larger one of another size: half a pixel of
+/// either may be missing.
+pub fn has_shape([width, height]: [usize; 2], [other_width, other_height]: [usize; 2]) -> bool {
+    let products = [
+        width.saturating_mul(other_height),
+        height.saturating_mul(other_width),
+    ];
+    products[0].abs_diff(products[1]) <= width.max(other_width)
+}
+
 /// A file with the folder that it lies in.
 fn short_name(file: &Path) -> String {
     let name = |path: &Path| {
@@ -111,5 +137,46 @@ fn short_name(file: &Path) -> String {
     match file.parent().map(name) {
         Some(folder) if !folder.is_empty() => format!("{folder}/{}", name(file)),
         _ => name(file),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    #![expect(clippy::unwrap_used, reason = "a failed set-up step fails the test")]
+
+    use super::*;
+    use crate::{camera::ErpCamera, rgb::Mask};
+
+    #[test]
+    fn masks_of_another_shape_are_told() {
+        let folder = tempfile::tempdir().unwrap();
+        let camera: Camera = ErpCamera {
+            width: 64,
+            height: 32,
+        }
+        .into();
+        let mut survey = MaskSurvey::default();
+        for (name, width, height) in [
+            ("same.png", 64, 32),
+            ("half.png", 32, 16),
+            // Half of 33 rows is 16 or 17.
+            ("rounded.png", 31, 16),
+            ("wide.png", 64, 36),
+        ] {
+            let mut data = vec![0; width * height];
+            data[0] = 255;
+            let mask = Mask {
+                width,
+                height,
+                data,
+            };
+            let file = folder.path().join(name);
+            mask.write_png(&file).unwrap();
+            survey.add(&file, &camera, MarkedGreys::AboveHalf).unwrap();
+        }
+        let notes = survey.notes();
+        assert_eq!(notes.len(), 1);
+        assert!(notes[0].starts_with("1 masks") && notes[0].contains("64x36"));
+        assert!(notes[0].contains("wide.png"));
     }
 }

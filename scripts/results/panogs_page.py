@@ -146,9 +146,11 @@ def levels(asset):
 def curves(file):
     """The table of `bench curve`, its rows, which have the names of methods, named as the runs are."""
     lines = file.read_text().strip().splitlines()
-    head, found = lines[:-len(EQUAL_TIME)], lines[-len(EQUAL_TIME):]
-    rows = zip(found, EQUAL_TIME, strict=True)
-    return head + [f"| {title} |" + line.split("|", 2)[2] for line, (title, _) in rows]
+    begin = 1 + next(at for at, line in enumerate(lines) if line.startswith("| ---"))
+    end = begin + len(EQUAL_TIME)
+    rows = zip(lines[begin:end], EQUAL_TIME, strict=True)
+    rows = [f"| {title} |" + line.split("|", 2)[2] for line, (title, _) in rows]
+    return lines[:begin] + rows + lines[end:]
 
 
 def published():

@@ -48,7 +48,8 @@ pub(crate) struct MethodArguments {
     #[arg(long, value_enum, default_value_t = BackendArgument::Cpu)]
     pub(crate) backend: BackendArgument,
     /// A row of the trace, with the novel views rendered for the curve of error against run time,
-    /// every so many iterations [default: ten rows].
+    /// every so many iterations [default: at equal ratios: after 0, 1, 2, 3, 4, 6, 8, 11, 16 ...
+    /// iterations].
     #[arg(long, value_name = "ITERATIONS")]
     pub(crate) trace: Option<u64>,
     /// At each row of the trace renders this many novel views, evenly spread; 0 for none, and no

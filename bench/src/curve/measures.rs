@@ -1,6 +1,7 @@
-//! What a curve comes to. Nothing is interpolated: a quality counts as reached at the first row of
-//! the trace that shows it, and holds until the next row. How fine the rows are (`--trace`) is how
-//! fine these numbers are.
+//! Measures of curves over the logarithm of time.
+//!
+//! Between two rows quality is linear in the logarithm of time, so that a number is that of the method and not that
+//! of where the rows of its trace lie. Nothing is said of the time before the first row.
 
 use super::trace::TracedRun;
 
@@ -11,221 +12,271 @@ pub const MOMENTS_SECONDS: [u32; 5] = [10, 60, 180, 600, 1800];
 /// Share of the final quality (in dB) that counts as nearly there.
 const NEARLY: f64 = 0.95;
 
-/// A run and what its curve comes to.
+/// A run with the measures of its curve.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RunCurve {
     /// The run.
     pub run: TracedRun,
-    /// PSNR of the last row, dB.
-    pub final_db: f64,
-    /// When each of [`QUALITIES_DB`] was reached.
-    pub to_quality: Vec<Option<Reached>>,
-    /// When 95 % of the final quality (dB) were reached.
-    pub to_95_percent: Option<Reached>,
+    /// When it came to each of [`QUALITIES_DB`].
+    pub to_quality: Vec<Crossing>,
+    /// When it came to 95 % of its final quality (dB).
+    pub to_95_percent: Crossing,
     /// Quality at each of [`MOMENTS_SECONDS`], dB; none before the first row. After the end of a run
     /// it is the final one.
     pub at_moment: Vec<Option<f64>>,
-    /// Until when the area is taken: the end of the shortest run that it is compared with, seconds.
-    pub area_seconds: f64,
-    /// Mean quality over that time, dB, counting 0 before the first row; none where that time is 0.
-    pub area_db: Option<f64>,
-    /// Whether no other run of the comparison is as good in training time, final quality and peak
-    /// memory, and better in one of them.
+    /// Area under the curve over the logarithm of time, divided by that of the common span: mean quality, dB. None
+    /// where the comparison has no such span or the run no curve.
+    pub log_area_db: Option<f64>,
+    /// True where the training time is known and no other run of the comparison is as good in training time, final
+    /// quality and peak memory, and better in one of them.
     pub on_front: bool,
 }
 
-/// When something was reached.
+/// First time at which a curve comes to a quality.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Reached {
-    /// Training time, seconds.
-    pub seconds: f64,
-    /// Iterations done.
-    pub iteration: u64,
+pub enum Crossing {
+    /// At no row.
+    Never,
+    /// Before the first row with a time, or at it: nothing more is known.
+    AtMost {
+        /// Training time of that row, seconds.
+        seconds: f64,
+    },
+    /// Between two rows, or at the beginning of a run that takes no time.
+    At {
+        /// Training time, seconds.
+        seconds: f64,
+        /// Iterations done, where they are counted.
+        iteration: Option<u64>,
+    },
 }
 
-/// Measures runs of one scene and protocol against each other.
-pub(super) fn measured(runs: &[TracedRun]) -> Vec<RunCurve> {
-    let end = |run: &TracedRun| run.rows.last().map_or(0.0, |row| row.seconds);
-    let shortest = runs.iter().map(end).fold(f64::INFINITY, f64::min);
+impl Crossing {
+    /// Returns the training time in seconds, where it is known.
+    pub fn seconds(&self) -> Option<f64> {
+        match self {
+            Self::At { seconds, .. } => Some(*seconds),
+            Self::Never | Self::AtMost { .. } => None,
+        }
+    }
+
+    /// Returns the iterations done, where they are known.
+    pub fn iteration(&self) -> Option<u64> {
+        match self {
+            Self::At { iteration, .. } => *iteration,
+            Self::Never | Self::AtMost { .. } => None,
+        }
+    }
+}
+
+/// The time that all curves of a comparison have: from the latest first row to the earliest last one.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Span {
+    /// Its begin, seconds; above 0.
+    pub from_seconds: f64,
+    /// Its end, seconds; after the begin.
+    pub until_seconds: f64,
+}
+
+/// A moment of a run.
+#[derive(Debug, Clone, Copy)]
+struct Moment {
+    seconds: f64,
+    iteration: Option<u64>,
+    psnr_db: f64,
+}
+
+/// Returns the rows of a run; of a run without rows its end alone, where its time is known.
+fn moments(run: &TracedRun) -> Vec<Moment> {
+    let row = |row: &super::TraceRow| Moment {
+        seconds: row.seconds,
+        iteration: Some(row.iteration),
+        psnr_db: row.psnr_db,
+    };
+    let end = run.training_seconds.map(|seconds| Moment {
+        seconds,
+        iteration: run.iterations,
+        psnr_db: run.final_scores.psnr_db,
+    });
+    if run.rows.is_empty() {
+        end.into_iter().collect()
+    } else {
+        run.rows.iter().map(row).collect()
+    }
+}
+
+/// Measures runs of one scene and protocol against each other; `span` is that of [`common_span`].
+pub(super) fn measured(runs: &[TracedRun], span: Option<Span>) -> Vec<RunCurve> {
     runs.iter()
         .map(|run| RunCurve {
-            on_front: !runs.iter().any(|other| dominates(other, run)),
-            ..curve_of(run, shortest)
+            on_front: run.training_seconds.is_some()
+                && !runs.iter().any(|other| dominates(other, run)),
+            ..curve_of(run, span)
         })
         .collect()
 }
 
-/// The measures of one run by itself, with the area until `area_seconds`.
-pub fn curve_of(run: &TracedRun, area_seconds: f64) -> RunCurve {
-    let final_db = final_db(run);
+/// Returns the time that all runs with a curve have in common.
+///
+/// # Errors
+/// With a line that says why there is none: fewer than two runs have two rows at different times, or one ends before
+/// another begins.
+pub(super) fn common_span(runs: &[TracedRun]) -> Result<Span, &'static str> {
+    let spans: Vec<Span> = runs
+        .iter()
+        .filter_map(|run| span_of(&moments(run)))
+        .collect();
+    if spans.len() < 2 {
+        return Err("fewer than two runs have scores along their training");
+    }
+    let (begins, ends) = (
+        spans.iter().map(|span| span.from_seconds),
+        spans.iter().map(|span| span.until_seconds),
+    );
+    let common = Span {
+        from_seconds: begins.fold(0.0, f64::max),
+        until_seconds: ends.fold(f64::INFINITY, f64::min),
+    };
+    if common.from_seconds < common.until_seconds {
+        Ok(common)
+    } else {
+        Err("one run ends before another has its first row")
+    }
+}
+
+/// Returns the time of the rows; time 0 has no logarithm.
+fn span_of(moments: &[Moment]) -> Option<Span> {
+    let first = moments.iter().find(|moment| moment.seconds > 0.0)?;
+    let span = Span {
+        from_seconds: first.seconds,
+        until_seconds: moments.last()?.seconds,
+    };
+    (span.from_seconds < span.until_seconds).then_some(span)
+}
+
+/// Returns the measures of one run by itself, with the area over `span`.
+fn curve_of(run: &TracedRun, span: Option<Span>) -> RunCurve {
+    let moments = moments(run);
+    let nearly_db = NEARLY * run.final_scores.psnr_db;
     RunCurve {
-        final_db,
         to_quality: QUALITIES_DB
-            .map(|quality| reached(run, f64::from(quality)))
+            .map(|quality| crossing(&moments, f64::from(quality)))
             .into(),
-        to_95_percent: reached(run, NEARLY * final_db),
+        to_95_percent: crossing(&moments, nearly_db),
         at_moment: MOMENTS_SECONDS
-            .map(|seconds| quality_at(run, f64::from(seconds)))
+            .map(|seconds| quality_at(&moments, f64::from(seconds)))
             .into(),
-        area_seconds,
-        area_db: area(run, area_seconds),
+        log_area_db: span
+            .filter(|_| span_of(&moments).is_some())
+            .and_then(|span| mean_over_log_time(&moments, span)),
         on_front: true,
         run: run.clone(),
     }
 }
 
-fn final_db(run: &TracedRun) -> f64 {
-    run.rows.last().map_or(0.0, |row| row.psnr_db)
+fn crossing(moments: &[Moment], quality_db: f64) -> Crossing {
+    let Some(first) = moments.first() else {
+        return Crossing::Never;
+    };
+    if first.psnr_db >= quality_db {
+        return if first.seconds > 0.0 {
+            Crossing::AtMost {
+                seconds: first.seconds,
+            }
+        } else {
+            Crossing::At {
+                seconds: first.seconds,
+                iteration: first.iteration,
+            }
+        };
+    }
+    // The first row at or above it: the one before is below.
+    let mut pairs = moments.iter().zip(moments.iter().skip(1));
+    let Some((below, above)) = pairs.find(|(_, after)| after.psnr_db >= quality_db) else {
+        return Crossing::Never;
+    };
+    if below.seconds > 0.0 {
+        between(below, above, quality_db)
+    } else {
+        Crossing::AtMost {
+            seconds: above.seconds,
+        }
+    }
 }
 
-fn reached(run: &TracedRun, quality_db: f64) -> Option<Reached> {
-    run.rows
-        .iter()
-        .find(|row| row.psnr_db >= quality_db)
-        .map(|row| Reached {
-            seconds: row.seconds,
-            iteration: row.iteration,
-        })
+/// Finds the quality on the line between two moments, over the logarithm of time.
+fn between(below: &Moment, above: &Moment, quality_db: f64) -> Crossing {
+    let share = (quality_db - below.psnr_db) / (above.psnr_db - below.psnr_db);
+    let seconds = below.seconds * (above.seconds / below.seconds).powf(share);
+    // Steps take about as long as each other.
+    let of_steps = if above.seconds > below.seconds {
+        (seconds - below.seconds) / (above.seconds - below.seconds)
+    } else {
+        1.0
+    };
+    let iterations = below.iteration.zip(above.iteration);
+    Crossing::At {
+        seconds,
+        iteration: iterations.map(|(before, after)| {
+            before + (of_steps * after.saturating_sub(before) as f64).round() as u64
+        }),
+    }
 }
 
-fn quality_at(run: &TracedRun, seconds: f64) -> Option<f64> {
-    let rows = run.rows.iter().rev();
-    let mut before = rows.skip_while(|row| row.seconds > seconds);
-    before.next().map(|row| row.psnr_db)
-}
-
-fn area(run: &TracedRun, seconds: f64) -> Option<f64> {
-    if !(seconds > 0.0 && seconds.is_finite()) {
+fn quality_at(moments: &[Moment], seconds: f64) -> Option<f64> {
+    let after = moments.partition_point(|moment| moment.seconds <= seconds);
+    let before = moments.get(after.checked_sub(1)?)?;
+    let Some(next) = moments.get(after) else {
+        return Some(before.psnr_db);
+    };
+    if before.seconds <= 0.0 {
         return None;
     }
-    let ends = run.rows.iter().skip(1).map(|row| row.seconds);
-    let ends = ends.chain(std::iter::once(f64::INFINITY));
-    let sum: f64 = run
-        .rows
-        .iter()
-        .zip(ends)
-        .map(|(row, end)| row.psnr_db * (end.min(seconds) - row.seconds).max(0.0))
-        .sum();
-    Some(sum / seconds)
+    let share = (seconds / before.seconds).ln() / (next.seconds / before.seconds).ln();
+    Some(before.psnr_db + share * (next.psnr_db - before.psnr_db))
 }
 
-/// Whether `left` is nowhere worse than `right` and somewhere better. A run of unknown memory is
-/// compared by time and quality.
+/// Returns the mean quality over the logarithm of time, dB.
+fn mean_over_log_time(moments: &[Moment], span: Span) -> Option<f64> {
+    let Span {
+        from_seconds,
+        until_seconds,
+    } = span;
+    let is_inside =
+        |moment: &&Moment| from_seconds < moment.seconds && moment.seconds < until_seconds;
+    let mut points = vec![(from_seconds, quality_at(moments, from_seconds)?)];
+    points.extend(
+        moments
+            .iter()
+            .filter(is_inside)
+            .map(|moment| (moment.seconds, moment.psnr_db)),
+    );
+    points.push((until_seconds, quality_at(moments, until_seconds)?));
+    let pieces = points.iter().zip(points.iter().skip(1));
+    let area: f64 = pieces
+        .map(|(&(begin, first_db), &(end, last_db))| {
+            0.5 * (first_db + last_db) * (end / begin).ln()
+        })
+        .sum();
+    Some(area / (until_seconds / from_seconds).ln())
+}
+
+/// Returns true where `left` is nowhere worse than `right` and somewhere better. A run of unknown memory is
+/// compared by time and quality, one of unknown time with none.
 fn dominates(left: &TracedRun, right: &TracedRun) -> bool {
+    let times = left.training_seconds.zip(right.training_seconds);
+    let Some((time_left, time_right)) = times else {
+        return false;
+    };
+    let (quality_left, quality_right) = (left.final_scores.psnr_db, right.final_scores.psnr_db);
     let memories = left.peak_memory_bytes.zip(right.peak_memory_bytes);
     let (memory_left, memory_right) = memories.unwrap_or((0, 0));
-    let is_nowhere_worse = left.training_seconds <= right.training_seconds
-        && final_db(left) >= final_db(right)
-        && memory_left <= memory_right;
-    let is_better = left.training_seconds < right.training_seconds
-        || final_db(left) > final_db(right)
-        || memory_left < memory_right;
+    let is_nowhere_worse =
+        time_left <= time_right && quality_left >= quality_right && memory_left <= memory_right;
+    let is_better =
+        time_left < time_right || quality_left > quality_right || memory_left < memory_right;
     is_nowhere_worse && is_better
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::curve::{Clock, Region, TraceRow};
-
-    fn run(points: &[(f64, f64)], memory: u64) -> TracedRun {
-        let row = |&(seconds, psnr_db): &(f64, f64)| TraceRow {
-            seconds,
-            evaluation_seconds: 0.0,
-            iteration: (10.0 * seconds) as u64,
-            primitives: 5,
-            psnr_db,
-            input_psnr_db: None,
-            objects: None,
-            ssim: None,
-            ghost_share: None,
-            input_hole_share: None,
-            novel_hole_share: None,
-        };
-        TracedRun {
-            folder: "score".into(),
-            clock: Clock::Wall,
-            region: Region::Whole,
-            method: "m".to_owned(),
-            scene: "s".to_owned(),
-            protocol_hash: "h".to_owned(),
-            seed: 0,
-            preparation_seconds: None,
-            training_seconds: points.last().map_or(0.0, |point| point.0),
-            evaluation_seconds: 1.0,
-            iterations: 100,
-            primitives: 5,
-            peak_memory_bytes: Some(memory),
-            rows: points.iter().map(row).collect(),
-        }
-    }
-
-    #[test]
-    fn runs_of_one_scene_have_names_of_their_own() {
-        let plain = run(&[(1.0, 20.0)], 1);
-        let with = |seed: u64, iterations: u64, folder: &str| TracedRun {
-            seed,
-            iterations,
-            folder: folder.into(),
-            ..plain.clone()
-        };
-        let runs = [
-            with(0, 100, "a"),
-            with(1, 100, "b"),
-            with(1, 300, "c"),
-            with(1, 300, "d"),
-        ];
-        let names = crate::curve::trace::names(&runs.each_ref());
-        let expected = [
-            "m, seed 0",
-            "m, seed 1, 100 iterations",
-            "m, seed 1, 300 iterations (c)",
-            "m, seed 1, 300 iterations (d)",
-        ];
-        assert_eq!(names, expected);
-    }
-
-    #[test]
-    fn times_qualities_and_areas_are_read_off_the_rows() {
-        let run = run(&[(5.0, 18.0), (20.0, 23.0), (80.0, 25.0)], 1);
-        let curve = curve_of(&run, 40.0);
-        let seconds: Vec<Option<f64>> = curve
-            .to_quality
-            .iter()
-            .map(|reached| reached.map(|reached| reached.seconds))
-            .collect();
-        assert_eq!(
-            seconds,
-            [Some(20.0), Some(20.0), Some(80.0), None, None, None]
-        );
-        // 95 % of 25 dB are 23.75 dB.
-        assert_eq!(
-            curve.to_95_percent.map(|reached| reached.iteration),
-            Some(800)
-        );
-        assert_eq!(
-            curve.at_moment,
-            [Some(18.0), Some(23.0), Some(25.0), Some(25.0), Some(25.0)]
-        );
-        // 15 s of 18 dB and 20 s of 23 dB in 40 s.
-        assert_eq!(curve.area_db, Some((15.0 * 18.0 + 20.0 * 23.0) / 40.0));
-        assert_eq!(curve_of(&run, 0.0).area_db, None);
-    }
-
-    #[test]
-    fn the_front_weighs_time_quality_and_memory() {
-        let runs = [
-            run(&[(10.0, 20.0)], 5),
-            run(&[(20.0, 25.0)], 5),
-            run(&[(20.0, 24.0)], 5),
-            run(&[(20.0, 24.0)], 4),
-        ];
-        let front: Vec<bool> = measured(&runs).iter().map(|curve| curve.on_front).collect();
-        assert_eq!(front, [true, true, false, true]);
-        assert!(
-            measured(&runs)
-                .iter()
-                .all(|curve| curve.area_seconds == 10.0)
-        );
-    }
-}
+mod tests;

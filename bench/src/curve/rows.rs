@@ -46,6 +46,9 @@ pub(crate) struct CurveRow {
     /// Mean SSIM of these views; as PSNR.
     #[serde(default)]
     pub(crate) novel_ssim: Option<f64>,
+    /// Mean LPIPS (`AlexNet`) of these views, where the network's weights were there; as PSNR.
+    #[serde(default)]
+    pub(crate) novel_lpips_alex: Option<f64>,
     /// Mean PSNR of these views where the scene's masks mark nothing, dB, where it has masks of what moves.
     #[serde(default)]
     pub(crate) novel_psnr_static_db: Option<f64>,

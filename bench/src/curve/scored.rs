@@ -1,5 +1,7 @@
 //! The curve of a run: the novel views that it left at the rows of its trace, scored as predictions
-//! are, by the protocol's own PSNR and SSIM; PSNR of what moves and of the rest too, where the scene has masks.
+//! are, by the protocol's own PSNR, SSIM and LPIPS; PSNR of what moves and of the rest too, where the scene has masks.
+//!
+//! LPIPS is that of `AlexNet`: VGG takes ten times as long, and a curve has many more views than a result.
 
 use std::path::Path;
 
@@ -19,12 +21,15 @@ use crate::{
 /// File name of the curve in the folder of a run's scores.
 pub const CURVE_FILE: &str = "curve.csv";
 
+/// LPIPS of a curve.
+const LPIPS: &str = "lpips-alex";
+
 /// Metrics of a curve; a protocol without them has none.
-const METRICS: [&str; 4] = ["psnr", "ssim", "psnr-static", "psnr-dynamic"];
+const METRICS: [&str; 5] = ["psnr", "ssim", LPIPS, "psnr-static", "psnr-dynamic"];
 
 /// Scores the novel views at the rows of the run's trace and writes [`CURVE_FILE`] into `out`.
-/// Returns one line for every row that could not be scored; `None`, and no file, where the run has no
-/// such views or the protocol scores none.
+/// Returns one line for every row that could not be scored, and one where LPIPS could not; `None`, and no file, where
+/// the run has no such views or the protocol scores none.
 ///
 /// # Errors
 /// When a ground truth image is unusable or the file cannot be written.
@@ -91,8 +96,23 @@ pub(crate) fn write_curve(
             )),
         }
     }
+    if let Some(line) = without_lpips(job, &rows) {
+        progress.note(&line);
+        unscored.push(line);
+    }
     store::write_csv_rows(&out.join(CURVE_FILE), &rows)?;
     Ok(Some(unscored))
+}
+
+/// Returns the line that says why the curve has no LPIPS, where the protocol has it.
+fn without_lpips(job: &ScoringJob, rows: &[CurveRow]) -> Option<String> {
+    let lpips = job.metrics.iter().find(|one| one.metric.id == LPIPS)?;
+    if rows.iter().any(|row| row.novel_lpips_alex.is_some()) {
+        return None;
+    }
+    let reason = lpips.unavailable.as_deref();
+    let reason = reason.unwrap_or("it is undefined for every view");
+    Some(format!("the curve has no {LPIPS}: {reason}"))
 }
 
 /// One value per metric, or why the view cannot be scored.
@@ -135,6 +155,7 @@ fn fill(row: &mut CurveRow, metrics: &[&Metric], views: &[Vec<Result<f64, Undefi
             "psnr" => row.novel_psnr_db = mean,
             "psnr-static" => row.novel_psnr_static_db = mean,
             "psnr-dynamic" => row.novel_psnr_dynamic_db = mean,
+            LPIPS => row.novel_lpips_alex = mean,
             _ => row.novel_ssim = mean,
         }
     }

@@ -1,10 +1,10 @@
-//! The curve of a training run, as its scores tell it.
+//! The curve of a training run, as its scores tell it; of a run without one, its end.
 
 use std::path::{Path, PathBuf};
 
 use omnilife_schemas::{
     layout::RESULT_FILE,
-    records::{ResultRecord, StageTime},
+    records::{RENDERING, ResultRecord, StageTime, TrainingKind},
     store,
 };
 
@@ -61,6 +61,15 @@ impl Region {
         }
     }
 
+    /// Returns the id of the metric that has the PSNR of views in the region.
+    fn psnr_metric(self) -> &'static str {
+        match self {
+            Self::Whole => "psnr",
+            Self::Static => "psnr-static",
+            Self::Dynamic => "psnr-dynamic",
+        }
+    }
+
     /// PSNR of a row in the region, dB: of novel views, where they were scored there, and of input views, where
     /// training measured it.
     fn psnr_db(self, row: &CurveRow) -> [Option<f64>; 2] {
@@ -72,7 +81,7 @@ impl Region {
     }
 }
 
-/// A run with its trace.
+/// A run with its trace, or with its end alone.
 #[derive(Debug, Clone, PartialEq)]
 pub struct TracedRun {
     /// Folder of the scores, as it was given.
@@ -92,18 +101,65 @@ pub struct TracedRun {
     /// Time of what the run was given, from the video on, by the same clock, seconds; none where records do not
     /// tell.
     pub preparation_seconds: Option<f64>,
-    /// Time of all training steps, seconds.
-    pub training_seconds: f64,
+    /// Time of planning and of all training steps, seconds; 0 without training, none where records do not tell it.
+    pub training_seconds: Option<f64>,
     /// Wall-clock time of rendering the trace's views, seconds; the training time is without it.
     pub evaluation_seconds: f64,
-    /// Iterations done.
-    pub iterations: u64,
-    /// Primitives of the model at the end.
-    pub primitives: u64,
+    /// Iterations done, where they are counted.
+    pub iterations: Option<u64>,
+    /// Primitives of the model at the end, where they are counted.
+    pub primitives: Option<u64>,
     /// Highest resident memory, bytes.
     pub peak_memory_bytes: Option<u64>,
-    /// Rows with a score, in order of time; at least one.
+    /// Scores at the end: of the last row, or of the result where there are no rows.
+    pub final_scores: FinalScores,
+    /// Rows with a score, in order of time; none where the run left no views along a training.
     pub rows: Vec<TraceRow>,
+}
+
+/// Mean scores of the novel views at the end of a run.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct FinalScores {
+    /// PSNR in the region, dB.
+    pub psnr_db: f64,
+    /// SSIM of the whole views, where it was computed.
+    pub ssim: Option<f64>,
+    /// LPIPS (`AlexNet`) of the whole views, where it was computed.
+    pub lpips_alex: Option<f64>,
+}
+
+impl FinalScores {
+    fn of_row(row: &TraceRow) -> Self {
+        Self {
+            psnr_db: row.psnr_db,
+            ssim: row.ssim,
+            lpips_alex: row.lpips_alex,
+        }
+    }
+
+    /// Returns those of a result.
+    ///
+    /// # Errors
+    /// When the result is not complete, or has no PSNR of novel views in the region.
+    fn of_result(file: &Path, record: &ResultRecord, region: Region) -> Result<Self, BenchError> {
+        if let Some(reason) = record.why_incomplete() {
+            return Err(BenchError::mismatch(
+                file,
+                format!("is not complete: {reason}"),
+            ));
+        }
+        let mean = |metric: &str| record.novel_views.get(metric).map(|summary| summary.mean);
+        let psnr_db = mean(region.psnr_metric()).filter(|psnr| psnr.is_finite());
+        let psnr_db = psnr_db.ok_or_else(|| {
+            let metric = region.psnr_metric();
+            BenchError::mismatch(file, format!("has no {metric} of novel views"))
+        })?;
+        Ok(Self {
+            psnr_db,
+            ssim: mean("ssim"),
+            lpips_alex: mean("lpips-alex"),
+        })
+    }
 }
 
 /// A scored moment of a run.
@@ -125,6 +181,8 @@ pub struct TraceRow {
     pub objects: Option<u64>,
     /// Mean SSIM of the whole novel views.
     pub ssim: Option<f64>,
+    /// Mean LPIPS (`AlexNet`) of the whole novel views, where the network's weights were there.
+    pub lpips_alex: Option<f64>,
     /// Opacity-weighted share of the Gaussians in the free space of two input views or more.
     pub ghost_share: Option<f64>,
     /// Share of the pixels of input views with a known distance that are more than half transparent.
@@ -133,11 +191,23 @@ pub struct TraceRow {
     pub novel_hole_share: Option<f64>,
 }
 
+impl TracedRun {
+    /// Returns ghosts, holes of input views and holes of novel views at the end of a run, where distances are known.
+    pub(super) fn faults(&self) -> [Option<f64>; 3] {
+        self.rows.last().map_or([None; 3], |row| {
+            [row.ghost_share, row.input_hole_share, row.novel_hole_share]
+        })
+    }
+}
+
 /// What runs of one scene are called in tables and drawings: method and seed; where two have both, their
 /// iterations too, and where they have those, their folders.
 pub(crate) fn names(runs: &[&TracedRun]) -> Vec<String> {
     let plain = |run: &TracedRun| format!("{}, seed {}", run.method, run.seed);
-    let longer = |run: &TracedRun| format!("{}, {} iterations", plain(run), run.iterations);
+    let longer = |run: &TracedRun| match run.iterations {
+        Some(iterations) => format!("{}, {iterations} iterations", plain(run)),
+        None => plain(run),
+    };
     let is_alone = |run: &TracedRun, name: &dyn Fn(&TracedRun) -> String| {
         let same = runs.iter().filter(|other| name(other) == name(run));
         same.count() == 1
@@ -168,11 +238,38 @@ fn preparation_seconds(stages: &[StageTime], clock: Clock) -> Option<f64> {
         .map(|all| all.iter().sum())
 }
 
-/// Reads a run from the folder of its scores or the `result.json` there.
+/// Returns the time of planning and training by a result; 0 without training, `None` where nothing tells it.
+fn training_seconds(record: &ResultRecord, clock: Clock) -> Option<f64> {
+    let taken = match clock {
+        Clock::Wall => record.training_seconds,
+        Clock::Cpu => training_cpu_seconds(&record.stages),
+    };
+    let takes_none = match record.training_seconds {
+        Some(seconds) => seconds <= 0.0,
+        None => record.training == Some(TrainingKind::WithoutTraining),
+    };
+    taken
+        .or(takes_none.then_some(0.0))
+        .filter(|seconds| seconds.is_finite() && *seconds >= 0.0)
+}
+
+/// Returns the CPU time of the stages of planning and training, where every one knows its own.
+fn training_cpu_seconds(stages: &[StageTime]) -> Option<f64> {
+    let is_training = |stage: &&StageTime| stage.is_of_run() && stage.stage != RENDERING;
+    let seconds = stages.iter().filter(is_training);
+    let seconds: Option<Vec<f64>> = seconds.map(|stage| stage.took.cpu_seconds).collect();
+    seconds
+        .filter(|all| !all.is_empty())
+        .map(|all| all.iter().sum())
+}
+
+/// Reads a run from the folder of its scores or the `result.json` there. Where the scores have no curve - the method
+/// does not train, is not of this program, or left no views along its training - the run has no rows.
 ///
 /// # Errors
-/// When the scores have no curve, or the curve is malformed, goes back in time, scored no novel views in the
-/// region, or does not know the time that is asked for.
+/// When the curve is malformed, goes back in time, scored no novel views in the region, or does not know the time
+/// that is asked for; when there is no curve, and the result is not complete or has no score of novel views in the
+/// region.
 pub fn read_run(path: &Path, clock: Clock, region: Region) -> Result<TracedRun, BenchError> {
     if path.join(RUN_FILE).is_file() {
         return Err(BenchError::mismatch(
@@ -187,18 +284,50 @@ pub fn read_run(path: &Path, clock: Clock, region: Region) -> Result<TracedRun, 
     };
     let record: ResultRecord = store::read_record(&file)?;
     let curve = file.with_file_name(CURVE_FILE);
-    if !curve.exists() {
-        return Err(BenchError::mismatch(
-            &curve,
-            format!(
-                "is not there: {} was scored without novel views along its training",
-                record.method
-            ),
-        ));
-    }
+    let (rows, evaluation_seconds) = if curve.exists() {
+        scored_rows(&curve, clock, region)?
+    } else {
+        (Vec::new(), 0.0)
+    };
+    let last = rows.last();
+    let final_scores = match last {
+        Some(last) => FinalScores::of_row(last),
+        None => FinalScores::of_result(&file, &record, region)?,
+    };
+    let training_seconds = match (last, clock) {
+        (None, _) => training_seconds(&record, clock),
+        (Some(last), Clock::Wall) => Some(record.training_seconds.unwrap_or(last.seconds)),
+        (Some(last), Clock::Cpu) => Some(last.seconds),
+    };
+    Ok(TracedRun {
+        folder: path.to_owned(),
+        preparation_seconds: preparation_seconds(&record.stages, clock),
+        clock,
+        region,
+        training_seconds,
+        evaluation_seconds,
+        iterations: record.iterations.or(last.map(|last| last.iteration)),
+        primitives: record.primitives.or(last.map(|last| last.primitives)),
+        peak_memory_bytes: record.peak_memory_bytes,
+        final_scores,
+        method: record.method,
+        scene: record.scene,
+        protocol_hash: record.protocol_hash,
+        seed: record.seed.unwrap_or_default(),
+        rows,
+    })
+}
+
+/// Reads the rows of a curve with a score in the region, at least one, and the time that rendering the views of all
+/// rows took, seconds.
+fn scored_rows(
+    curve: &Path,
+    clock: Clock,
+    region: Region,
+) -> Result<(Vec<TraceRow>, f64), BenchError> {
     let mut rows = Vec::new();
     let mut evaluation_seconds = 0.0;
-    for row in read_rows(&curve)? {
+    for row in read_rows(curve)? {
         evaluation_seconds = row.evaluation_seconds;
         let [Some(psnr_db), input_psnr_db] = region.psnr_db(&row) else {
             continue;
@@ -206,12 +335,12 @@ pub fn read_run(path: &Path, clock: Clock, region: Region) -> Result<TracedRun, 
         let seconds = match clock {
             Clock::Wall => row.wall_seconds,
             Clock::Cpu => row.cpu_seconds.ok_or_else(|| {
-                BenchError::mismatch(&curve, "does not know the CPU time of the training")
+                BenchError::mismatch(curve, "does not know the CPU time of the training")
             })?,
         };
         if !(seconds.is_finite() && psnr_db.is_finite()) {
             return Err(BenchError::mismatch(
-                &curve,
+                curve,
                 format!("iteration {} has a value that is not finite", row.iteration),
             ));
         }
@@ -224,12 +353,13 @@ pub fn read_run(path: &Path, clock: Clock, region: Region) -> Result<TracedRun, 
             input_psnr_db,
             objects: row.objects,
             ssim: row.novel_ssim,
+            lpips_alex: row.novel_lpips_alex,
             ghost_share: row.ghost_share,
             input_hole_share: row.input_hole_share,
             novel_hole_share: row.novel_hole_share,
         });
     }
-    let Some(&last) = rows.last() else {
+    if rows.is_empty() {
         let reason = match region {
             Region::Whole => "scores no novel views".to_owned(),
             _ => format!(
@@ -238,28 +368,10 @@ pub fn read_run(path: &Path, clock: Clock, region: Region) -> Result<TracedRun, 
                 region.name()
             ),
         };
-        return Err(BenchError::mismatch(&curve, reason));
-    };
-    if !rows.is_sorted_by_key(|row| row.seconds) {
-        return Err(BenchError::mismatch(&curve, "goes back in time"));
+        return Err(BenchError::mismatch(curve, reason));
     }
-    Ok(TracedRun {
-        folder: path.to_owned(),
-        preparation_seconds: preparation_seconds(&record.stages, clock),
-        clock,
-        region,
-        method: record.method,
-        scene: record.scene,
-        protocol_hash: record.protocol_hash,
-        seed: record.seed.unwrap_or_default(),
-        training_seconds: match clock {
-            Clock::Wall => record.training_seconds.unwrap_or(last.seconds),
-            Clock::Cpu => last.seconds,
-        },
-        evaluation_seconds,
-        iterations: record.iterations.unwrap_or(last.iteration),
-        primitives: record.primitives.unwrap_or(last.primitives),
-        peak_memory_bytes: record.peak_memory_bytes,
-        rows,
-    })
+    if !rows.is_sorted_by_key(|row| row.seconds) {
+        return Err(BenchError::mismatch(curve, "goes back in time"));
+    }
+    Ok((rows, evaluation_seconds))
 }

@@ -46,7 +46,7 @@ pub use job::{DEFAULT_MEMORY_BYTES, Predictions, ScoreRequest};
 /// * `frames.csv`: one row per view with columns `view`, `frame`, `time_seconds` and one per
 ///   metric, which are empty for a view that could not be scored or for which the metric is
 ///   undefined;
-/// * `curve.csv`: PSNR and SSIM of the novel views along the training, for runs of ours that kept them;
+/// * `curve.csv`: PSNR, SSIM and LPIPS of the novel views along the training, for runs of ours that kept them;
 /// * `comparisons/novel-<frame>.png`: prediction left, ground truth right, of every novel view
 ///   whose prediction could be read.
 ///

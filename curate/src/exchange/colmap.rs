@@ -27,7 +27,6 @@ use std::{
 
 use omnilife_schemas::{
     camera::{Camera, ErpCamera, PinholeCamera},
-    records::Scale,
     store::{self, StoreError},
 };
 
@@ -169,19 +168,11 @@ fn import(folder: &Path) -> Result<ForeignScene, CurateError> {
         });
     }
     Ok(ForeignScene {
-        camera: model.camera,
-        frames,
-        pose_source: None,
         image_folders: left_out::folders_below(&images)?,
-        root,
         missing_images,
-        published_split: None,
-        frame_rate: None,
-        scale: Scale::Arbitrary,
-        stills: BTreeMap::new(),
-        stills_note: String::new(),
         notes: files.note.into_iter().collect(),
         points: model.cloud(),
+        ..ForeignScene::new(model.camera, frames, &root)
     })
 }
 

@@ -1,6 +1,9 @@
 //! Scenes as readers of other tools' formats find them.
 
-use std::{collections::BTreeMap, path::PathBuf};
+use std::{
+    collections::BTreeMap,
+    path::{Path, PathBuf},
+};
 
 use omnilife_schemas::{
     Pose,
@@ -42,6 +45,27 @@ pub struct ForeignScene {
     pub(crate) stills_note: String,
     /// Lines on what the reader decided and left out.
     pub notes: Vec<String>,
+}
+
+impl ForeignScene {
+    /// Returns a scene of frames in a folder, of which nothing else is known.
+    pub(super) fn new(camera: FrameCamera, frames: Vec<ForeignFrame>, root: &Path) -> Self {
+        Self {
+            camera,
+            frames,
+            scale: Scale::Arbitrary,
+            points: PointCloud::default(),
+            pose_source: None,
+            root: root.to_owned(),
+            image_folders: Vec::new(),
+            missing_images: Vec::new(),
+            published_split: None,
+            frame_rate: None,
+            stills: BTreeMap::new(),
+            stills_note: String::new(),
+            notes: Vec::new(),
+        }
+    }
 }
 
 /// A frame rate that follows from the format.

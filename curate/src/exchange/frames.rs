@@ -152,19 +152,10 @@ fn import(folder: &Path) -> Result<ForeignScene, CurateError> {
         distance: None,
     });
     Ok(ForeignScene {
-        camera: posed.camera.into(),
-        frames: frames.collect(),
-        root: folder.to_owned(),
-        image_folders: Vec::new(),
-        missing_images: Vec::new(),
-        published_split: None,
-        frame_rate: None,
         scale: posed.scale,
-        stills: BTreeMap::new(),
-        stills_note: String::new(),
-        notes: Vec::new(),
         points: posed.points,
         pose_source: Some(posed.source),
+        ..ForeignScene::new(posed.camera.into(), frames.collect(), folder)
     })
 }
 

@@ -30,8 +30,6 @@ use omnilife_schemas::{
     camera::{Camera, ErpCamera},
     image_file::ImageFile,
     npy,
-    points::PointCloud,
-    records::Scale,
     store::{self, StoreError},
 };
 use serde::{Deserialize, Serialize};
@@ -208,8 +206,8 @@ fn import(folder: &Path) -> Result<ForeignScene, CurateError> {
         .first()
         .ok_or_else(|| CurateError::input(folder, "has no panoramas"))?;
     let [width, height] = ImageFile::open(&first.image)?.shown_size()?;
-    Ok(ForeignScene {
-        camera: FrameCamera::Straight(
+    Ok(ForeignScene::new(
+        FrameCamera::Straight(
             ErpCamera {
                 width: width as u32,
                 height: height as u32,
@@ -217,16 +215,6 @@ fn import(folder: &Path) -> Result<ForeignScene, CurateError> {
             .into(),
         ),
         frames,
-        pose_source: None,
-        root: folder.to_owned(),
-        image_folders: Vec::new(),
-        missing_images: Vec::new(),
-        published_split: None,
-        frame_rate: None,
-        scale: Scale::Arbitrary,
-        stills: BTreeMap::new(),
-        stills_note: String::new(),
-        notes: Vec::new(),
-        points: PointCloud::default(),
-    })
+        folder,
+    ))
 }

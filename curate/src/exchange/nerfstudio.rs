@@ -30,7 +30,6 @@ use omnilife_schemas::{
     Pose,
     camera::{Camera, ErpCamera, PinholeCamera},
     points::PointCloud,
-    records::Scale,
     store::StoreError,
 };
 use serde::{Deserialize, Serialize};
@@ -216,17 +215,7 @@ fn import(folder: &Path) -> Result<ForeignScene, CurateError> {
         });
     }
     Ok(ForeignScene {
-        camera,
-        frames,
-        pose_source: None,
-        root: folder.to_owned(),
-        image_folders: Vec::new(),
         missing_images,
-        published_split: None,
-        frame_rate: None,
-        scale: Scale::Arbitrary,
-        stills: BTreeMap::new(),
-        stills_note: String::new(),
         notes: left_out::line(&unread, "entries of transforms.json that are not read")
             .into_iter()
             .collect(),
@@ -234,5 +223,6 @@ fn import(folder: &Path) -> Result<ForeignScene, CurateError> {
             Some(file) => PointCloud::read_ply(&file_of(folder, file)?)?,
             None => PointCloud::default(),
         },
+        ..ForeignScene::new(camera, frames, folder)
     })
 }

@@ -29,7 +29,6 @@ use omnilife_schemas::{
     Pose,
     camera::{Camera, ErpCamera},
     points::{Coordinates, PointCloud},
-    records::Scale,
     store::{self, StoreError},
 };
 use serde::{Deserialize, Serialize};
@@ -363,19 +362,11 @@ fn import(folder: &Path) -> Result<ForeignScene, CurateError> {
     let views = views.views.iter();
     let images = views.map(|view| view.value.data().filename.as_str());
     Ok(ForeignScene {
-        camera,
-        frames,
-        pose_source: None,
-        root: folder.to_owned(),
-        image_folders: Vec::new(),
         missing_images,
         published_split: lists::published_split(folder, images, &mut notes)?,
-        frame_rate: None,
-        scale: Scale::Arbitrary,
         points: read_points(folder, &mut notes)?,
-        stills: BTreeMap::new(),
-        stills_note: String::new(),
         notes,
+        ..ForeignScene::new(camera, frames, folder)
     })
 }
 

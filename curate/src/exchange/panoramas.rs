@@ -5,11 +5,7 @@
 
 use std::{collections::BTreeMap, path::Path};
 
-use omnilife_schemas::{
-    camera::{Camera, ErpCamera},
-    points::PointCloud,
-    records::Scale,
-};
+use omnilife_schemas::camera::{Camera, ErpCamera};
 
 use super::{ForeignFrame, ForeignScene, Format};
 use crate::{error::CurateError, stills::Stills};
@@ -40,20 +36,11 @@ fn import(folder: &Path) -> Result<ForeignScene, CurateError> {
     let times = found.times.iter().copied();
     let stills = found.stills.into_iter().zip(times);
     Ok(ForeignScene {
-        camera: camera.into(),
-        frames,
-        scale: Scale::Arbitrary,
-        points: PointCloud::default(),
-        pose_source: None,
-        root: folder.to_owned(),
-        image_folders: Vec::new(),
-        missing_images: Vec::new(),
-        published_split: None,
-        frame_rate: None,
         stills: stills
             .map(|(still, time)| (still.path.clone(), (still, time)))
             .collect(),
         stills_note: found.times_note,
         notes: found.notes,
+        ..ForeignScene::new(camera.into(), frames, folder)
     })
 }

@@ -7,7 +7,8 @@ use std::{
 };
 
 use omnilife_schemas::{
-    layout::IGNORE_MASKS_FOLDER, records::SceneFrame, rgb::Mask, stage::StagePlan,
+    layout::IGNORE_MASKS_FOLDER, mask_survey::has_shape, records::SceneFrame, rgb::Mask,
+    stage::StagePlan,
 };
 
 use super::{frame_list::FrameList, lens::Straightening, masks, truth};
@@ -156,9 +157,7 @@ impl IgnoredPixels {
     fn read(&self, file: &Path) -> Result<Mask, CurateError> {
         let [width, height] = self.size;
         let mask = Mask::read(file)?;
-        let shapes = [mask.width * height, mask.height * width];
-        // Half a pixel of either size may be missing.
-        if shapes[0].abs_diff(shapes[1]) > mask.width.max(width) {
+        if !has_shape([mask.width, mask.height], [width, height]) {
             let reason = format!(
                 "is {}x{} pixels, which is not the shape of its frame, {width}x{height}",
                 mask.width, mask.height

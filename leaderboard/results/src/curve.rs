@@ -25,6 +25,8 @@ pub struct CurvePoint {
     pub psnr_db: f64,
     /// Mean over novel views.
     pub ssim: Option<f64>,
+    /// Mean LPIPS (`AlexNet`) over novel views, where it was computed.
+    pub lpips_alex: Option<f64>,
     /// Mean over novel views where nothing moves, dB.
     pub psnr_static_db: Option<f64>,
     /// Mean over novel views where something moves, dB.
@@ -37,6 +39,7 @@ impl CurvePoint {
         let all = [
             ("psnr", "whole", Some(self.psnr_db)),
             ("ssim", "whole", self.ssim),
+            ("lpips-alex", "whole", self.lpips_alex),
             ("psnr", "static", self.psnr_static_db),
             ("psnr", "dynamic", self.psnr_dynamic_db),
         ];
@@ -58,23 +61,26 @@ struct Row {
     #[serde(default)]
     novel_ssim: Option<f64>,
     #[serde(default)]
+    novel_lpips_alex: Option<f64>,
+    #[serde(default)]
     novel_psnr_static_db: Option<f64>,
     #[serde(default)]
     novel_psnr_dynamic_db: Option<f64>,
 }
 
 impl Row {
-    /// Returns true where every number of it is finite and its time is after the start.
+    /// Returns true where every number of it is finite and its time is not before the start.
     fn is_possible(&self) -> bool {
         let others = [
             self.cpu_seconds,
             self.novel_psnr_db,
             self.novel_ssim,
+            self.novel_lpips_alex,
             self.novel_psnr_static_db,
             self.novel_psnr_dynamic_db,
         ];
         let finite = others.into_iter().flatten().all(f64::is_finite);
-        finite && self.wall_seconds.is_finite() && self.wall_seconds > 0.0
+        finite && self.wall_seconds.is_finite() && self.wall_seconds >= 0.0
     }
 }
 
@@ -112,6 +118,7 @@ pub fn read(folder: &Path) -> Result<Vec<CurvePoint>, ResultsError> {
             primitives: row.primitives,
             psnr_db,
             ssim: row.novel_ssim,
+            lpips_alex: row.novel_lpips_alex,
             psnr_static_db: row.novel_psnr_static_db,
             psnr_dynamic_db: row.novel_psnr_dynamic_db,
         });
@@ -136,6 +143,18 @@ mod tests {
             .collect();
         assert_eq!(found, [(1.0, 10, 20.0, Some(0.5)), (4.0, 30, 23.0, None)]);
         assert_eq!(points[0].scores().count(), 2);
+        // Before the first step, of a run that plans nothing.
+        std::fs::write(
+            folder.path().join(CURVE_FILE),
+            "wall_seconds,iteration,novel_psnr_db,novel_lpips_alex\n0,0,12,0.75\n",
+        )?;
+        let points = read(folder.path())?;
+        assert_eq!((points[0].seconds, points[0].iteration), (0.0, 0));
+        let scores: Vec<_> = points[0].scores().collect();
+        assert_eq!(
+            scores,
+            [("psnr", "whole", 12.0), ("lpips-alex", "whole", 0.75)]
+        );
         std::fs::write(
             folder.path().join(CURVE_FILE),
             "wall_seconds,iteration,novel_psnr_db\n-1,1,2\n",

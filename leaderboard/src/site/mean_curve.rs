@@ -13,10 +13,12 @@ pub(super) struct MeanPoint {
     pub(super) psnr_db: f64,
 }
 
-/// Returns the mean at the iterations that all curves have; nothing unless all have points.
+/// Returns the mean at the iterations that all curves have, of those after time 0, which a logarithmic axis does not
+/// have; nothing unless all have points.
 pub(super) fn mean(curves: &[&[CurvePoint]]) -> Vec<MeanPoint> {
     let mut sums: BTreeMap<u64, (usize, f64, f64)> = BTreeMap::new();
-    for point in curves.iter().copied().flatten() {
+    let timed = |point: &&CurvePoint| point.seconds > 0.0;
+    for point in curves.iter().copied().flatten().filter(timed) {
         let (count, seconds, psnr_db) = sums.entry(point.iteration).or_default();
         *count += 1;
         *seconds += point.seconds;
@@ -46,11 +48,20 @@ mod tests {
             cpu_seconds: None,
             primitives: None,
             ssim: None,
+            lpips_alex: None,
             psnr_static_db: None,
             psnr_dynamic_db: None,
         };
-        let first = [point(1.0, 10, 20.0), point(4.0, 30, 23.0)];
-        let second = [point(3.0, 10, 22.0), point(5.0, 20, 22.5)];
+        let first = [
+            point(0.0, 0, 11.0),
+            point(1.0, 10, 20.0),
+            point(4.0, 30, 23.0),
+        ];
+        let second = [
+            point(0.0, 0, 12.0),
+            point(3.0, 10, 22.0),
+            point(5.0, 20, 22.5),
+        ];
         let expected = MeanPoint {
             seconds: 2.0,
             iteration: 10,

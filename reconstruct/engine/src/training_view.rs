@@ -38,6 +38,12 @@ impl TrainingView {
         out.extend(self.pixels.iter().map(|&byte| f32::from(byte) / 255.0));
     }
 
+    /// Writes into `out` which values of the image are saturated: how bright the scene is there is lost.
+    pub fn write_saturated(&self, out: &mut Vec<bool>) {
+        out.clear();
+        out.extend(self.pixels.iter().map(|&byte| byte == u8::MAX));
+    }
+
     /// The mask as `[0, 1]` f32, written into `out`; 0 everywhere where the frame has none.
     pub fn write_mask(&self, out: &mut Vec<f32>) {
         out.clear();

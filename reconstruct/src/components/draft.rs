@@ -163,9 +163,10 @@ impl<'a> Draft<'a> {
 
     /// Lines that a reader of the scores should know.
     pub(crate) fn warnings(&self) -> Vec<String> {
-        let masks = (self.motion == MotionEvidenceUse::Decides)
-            .then(|| self.evidence.masks.warning())
-            .flatten();
+        let masks = match self.motion {
+            MotionEvidenceUse::Decides => self.evidence.masks.warnings(),
+            MotionEvidenceUse::None => Vec::new(),
+        };
         let refused = self
             .plan
             .iter()

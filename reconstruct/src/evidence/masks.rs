@@ -1,11 +1,20 @@
 //! What masks say of motion.
 
-use std::fmt;
+use std::{f64::consts::PI, fmt};
 
-use omnilife_schemas::mask_survey::INVERTED_SHARE;
+use glam::dvec2;
+use omnilife_engine::camera::Camera;
+use omnilife_schemas::{camera::CameraModel, mask_survey::INVERTED_SHARE};
+use rayon::prelude::*;
 use serde::Serialize;
 
-use crate::scene::TrainingScene;
+use crate::scene::{TrainingScene, mask_pieces::pieces};
+
+/// Share of what a camera sees that a connected patch has to cover to be more than a speck: 1.0e-3 sr of the whole
+/// sphere, a spot of two degrees. A person 20 m away, two degrees wide and five high, has three times as much.
+const LEAST_PATCH_SHARE: f64 = 8e-5;
+/// Views in which there has to be such a patch: what moves is there for longer than an instant.
+const LEAST_SHOWING_VIEWS: usize = 2;
 
 /// How much of the input views masks cover.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
@@ -14,6 +23,8 @@ pub struct MaskEvidence {
     pub views: usize,
     /// Those with a mask.
     pub masked_views: usize,
+    /// Those with a mask that marks more than specks.
+    pub showing_views: usize,
     /// Mean share of the sphere that the masks cover, 0 to 1; `None` without masks.
     pub coverage: Option<f64>,
 }
@@ -22,27 +33,102 @@ impl MaskEvidence {
     /// Of the input views of a scene.
     pub fn of(scene: &TrainingScene) -> Self {
         let views = &scene.input_views;
+        let masks: Vec<&[u8]> = views
+            .iter()
+            .filter_map(|view| view.mask.as_deref())
+            .collect();
         Self {
             views: views.len(),
-            masked_views: views.iter().filter(|view| view.mask.is_some()).count(),
+            masked_views: masks.len(),
+            showing_views: showing_views(&masks, &scene.camera),
             coverage: scene.mask_coverage(),
         }
     }
 
-    /// Whether masks show that something moves. Masks that are empty may have missed it.
+    /// Returns whether masks show that something moves. Masks that are empty, or mark specks alone, may have
+    /// missed it.
     pub fn show_something(&self) -> bool {
-        self.coverage.is_some_and(|coverage| coverage > 0.0)
+        self.showing_views >= LEAST_SHOWING_VIEWS
     }
 
-    /// A line for the run's warnings where masks look inverted.
-    pub(crate) fn warning(&self) -> Option<String> {
-        let coverage = self
-            .coverage
-            .filter(|&coverage| coverage > INVERTED_SHARE)?;
-        Some(format!(
-            "the masks cover {:.0} % of the sphere: they look inverted (white is what moves)",
-            100.0 * coverage
-        ))
+    /// Returns whether masks mark something, and too little of it to say that anything moves.
+    fn are_noise(&self) -> bool {
+        self.coverage.is_some_and(|coverage| coverage > 0.0) && !self.show_something()
+    }
+
+    /// Lines for the run's warnings: where masks look inverted, and where they are taken for noise.
+    pub(crate) fn warnings(&self) -> Vec<String> {
+        let inverted = self.coverage.filter(|&coverage| coverage > INVERTED_SHARE);
+        let inverted = inverted.map(|coverage| {
+            format!(
+                "the masks cover {:.0} % of the sphere: they look inverted (white is what moves)",
+                100.0 * coverage
+            )
+        });
+        let noise = self
+            .are_noise()
+            .then(|| format!("the masks are taken for noise, as if there were none: {self}"));
+        inverted.into_iter().chain(noise).collect()
+    }
+}
+
+/// Counts the masks with a patch that is more than a speck.
+fn showing_views(masks: &[&[u8]], camera: &Camera) -> usize {
+    let least = LEAST_PATCH_SHARE * seen_steradians(camera);
+    let largest = masks
+        .par_iter()
+        .map(|mask| largest_patch_steradians(mask, camera));
+    largest.filter(|&patch| patch >= least).count()
+}
+
+/// Returns the solid angle of the largest connected patch of a mask, steradians; pixels count by the share of them
+/// that is marked. All patches at a pole of a panorama are one: the outermost row is one place.
+fn largest_patch_steradians(mask: &[u8], camera: &Camera) -> f64 {
+    let size = camera.size();
+    let (mut largest, mut at_poles) = (0.0_f64, [0.0; 2]);
+    for piece in pieces(mask, size, camera.wraps(), 1) {
+        let steradians = |&pixel: &usize| {
+            let share = f64::from(mask[pixel]) / 255.0;
+            share * pixel_steradians(camera, pixel)
+        };
+        let patch: f64 = piece.iter().map(steradians).sum();
+        largest = largest.max(patch);
+        if camera.wraps() {
+            let rows = [piece.first(), piece.last()].map(|end| end.map(|pixel| pixel / size[0]));
+            for (sum, (row, of_pole)) in at_poles
+                .iter_mut()
+                .zip(rows.into_iter().zip([0, size[1] - 1]))
+            {
+                if row == Some(of_pole) {
+                    *sum += patch;
+                }
+            }
+        }
+    }
+    at_poles.into_iter().fold(largest, f64::max)
+}
+
+/// Returns the solid angle of a pixel, steradians.
+fn pixel_steradians(camera: &Camera, pixel: usize) -> f64 {
+    let width = camera.size()[0];
+    let (column, row) = (pixel % width, pixel / width);
+    match camera {
+        Camera::Erp(camera) => camera.pixel_solid_angle(row as u32),
+        Camera::Pinhole(camera) => {
+            let direction = camera.unproject(dvec2(column as f64 + 0.5, row as f64 + 0.5));
+            direction.z.powi(3) / (camera.fx * camera.fy)
+        }
+    }
+}
+
+/// Returns the solid angle that a camera sees, steradians.
+fn seen_steradians(camera: &Camera) -> f64 {
+    let [width, height] = camera.size();
+    match camera {
+        Camera::Erp(_) => 4.0 * PI,
+        Camera::Pinhole(_) => (0..width * height)
+            .map(|pixel| pixel_steradians(camera, pixel))
+            .sum(),
     }
 }
 
@@ -53,10 +139,13 @@ impl fmt::Display for MaskEvidence {
         };
         write!(
             out,
-            "{} of {} input views have masks, which cover {:.2} % of the sphere",
+            "{} of {} input views have masks, which cover {:.2} % of the sphere; those of {} views mark a patch \
+             of {:.3} % of what the camera sees or more (limit {LEAST_SHOWING_VIEWS} views)",
             self.masked_views,
             self.views,
-            100.0 * coverage
+            100.0 * coverage,
+            self.showing_views,
+            100.0 * LEAST_PATCH_SHARE
         )?;
         if coverage > INVERTED_SHARE {
             out.write_str("; they look inverted: white is what moves")?;
@@ -64,3 +153,6 @@ impl fmt::Display for MaskEvidence {
         Ok(())
     }
 }
+
+#[cfg(test)]
+mod tests;

@@ -36,7 +36,7 @@ use omnilife_engine::{
 /// Gaussians of the pilot fit, at most.
 const MAXIMUM_GAUSSIANS: u64 = 10_000;
 /// Views are looked at no wider than they have to be to show what moves, pixels.
-const WIDTH: u32 = 256;
+pub(super) const WIDTH: u32 = 256;
 /// Iterations in views of half that width, which show colours and coarse shapes as well, and cost less,
 const COARSE_ITERATIONS: u64 = 80;
 /// and after these in views of the whole width.

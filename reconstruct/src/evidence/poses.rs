@@ -27,12 +27,13 @@ use std::{f64::consts::TAU, fmt};
 use glam::{DVec3, Vec3};
 use serde::Serialize;
 
-use crate::evidence::{LEAST_VIEWS, PER_MEDIAN, PILOT_ITERATIONS};
+use crate::evidence::{LEAST_VIEWS, PER_MEDIAN, PILOT_ITERATIONS, pilot::WIDTH};
 use omnilife_engine::camera::{Camera, pose::PoseCorrection};
 
-/// Displacement from which poses are worth refining, pixels of the images that were looked at: in the middle
+/// Displacement from which poses are worth refining, pixels of images that are [`WIDTH`] pixels wide: in the middle
 /// between exact poses, 0.09 at most, and those that are off by a tenth of a degree or two, 0.14 at least
-/// (docs/results/evidence.md).
+/// (docs/results/evidence.md). In wider images it is the same angle and more pixels; in narrower ones as many
+/// pixels, for a fit shows no smaller part of one.
 const LEAST_SHIFT_PIXELS: f64 = 0.12;
 /// The halves agree when the mean of their products is this many of its standard errors above 0.
 const LEAST_STANDARD_ERRORS: f64 = 3.0;
@@ -180,7 +181,12 @@ impl PoseEvidence {
     pub fn are_off(&self) -> bool {
         self.standard_error > 0.0
             && self.agreed_square >= LEAST_STANDARD_ERRORS * self.standard_error
-            && self.agreed_pixels() >= LEAST_SHIFT_PIXELS
+            && self.agreed_pixels() >= self.limit_pixels()
+    }
+
+    /// Returns the displacement from which poses are worth refining, pixels of the images that were looked at.
+    fn limit_pixels(&self) -> f64 {
+        LEAST_SHIFT_PIXELS * (f64::from(self.width) / f64::from(WIDTH)).max(1.0)
     }
 }
 
@@ -206,11 +212,12 @@ impl fmt::Display for PoseEvidence {
             out,
             "after {PILOT_ITERATIONS} static iterations, in images {} pixels wide, two halves of the \
              points of {} views agree that these lie {:.2} pixels from where they should by their \
-             poses (limit {LEAST_SHIFT_PIXELS}), {:.1} standard errors above chance (limit \
+             poses (limit {:.2}), {:.1} standard errors above chance (limit \
              {LEAST_STANDARD_ERRORS})",
             self.width,
             self.views,
             self.agreed_pixels(),
+            self.limit_pixels(),
             self.agreed_square / self.standard_error
         )
     }

@@ -89,7 +89,7 @@ fn settings(scene: &TrainingScene, request: &MethodRequest) -> TrainSettings {
                 .unwrap_or_else(|| crate::baseline::default_maximum(scene)),
             ..published.densify
         },
-        trace_every: request.trace_every.unwrap_or(published.trace_every),
+        trace_every: request.trace_every,
         ..published
     }
 }

@@ -3,6 +3,7 @@
 pub mod depth;
 pub(crate) mod images;
 mod mask_notes;
+pub(crate) mod mask_pieces;
 mod normalization;
 
 use std::{collections::BTreeMap, path::Path};
@@ -159,6 +160,21 @@ impl TrainingScene {
             }
         }
         (all > 0.0).then(|| marked / all)
+    }
+
+    /// Returns the share of the input views' pixels with a saturated channel, 0 to 1, of those that show something of
+    /// the scene.
+    pub fn saturated_share(&self) -> f64 {
+        let (mut saturated, mut all) = (0_u64, 0_u64);
+        for view in &self.input_views {
+            for (pixel, rgb) in view.pixels.as_chunks::<3>().0.iter().enumerate() {
+                if view.shows_scene(pixel) {
+                    saturated += u64::from(rgb.contains(&u8::MAX));
+                    all += 1;
+                }
+            }
+        }
+        saturated as f64 / all.max(1) as f64
     }
 
     /// Keeps the points that the scene came with.

@@ -104,7 +104,7 @@ fn train_long() -> Judgement {
                 .state
                 .trace
                 .iter()
-                .map(|row| row.train_loss)
+                .filter_map(|row| row.train_loss)
                 .collect();
             let learnt = losses
                 .last()
@@ -169,7 +169,8 @@ fn fault_in(mut outcome: MethodOutcome<'_>) -> Option<String> {
     if refused > 0 {
         return Some(format!("{refused} gradient values were refused"));
     }
-    if state.trace.iter().any(|row| !row.train_loss.is_finite()) {
+    let mut losses = state.trace.iter().filter_map(|row| row.train_loss);
+    if losses.any(|loss| !loss.is_finite()) {
         return Some("a loss is not finite".to_owned());
     }
     let model = match outcome.learner.gaussians() {

@@ -5,7 +5,7 @@
 mod maps;
 mod motion;
 
-use omnilife_engine::losses::photometric::{cpu::Loss, reference::ReferencePair};
+use omnilife_engine::losses::photometric::{Columns, cpu::Loss, reference::ReferencePair};
 use omnilife_schemas::records::StabilityMeasures;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
@@ -131,7 +131,7 @@ fn light_mask() -> Images {
 /// Errors of the value, absolute, and of the gradient, relative to its largest value.
 fn judge(images: &Images, limits: Limits) -> Judgement {
     let [width, height] = SIZE;
-    let mut loss = Loss::new(width, height);
+    let mut loss = Loss::new(width, height, Columns::Wrap);
     let Images {
         render,
         target,
@@ -142,6 +142,7 @@ fn judge(images: &Images, limits: Limits) -> Judgement {
     let pair = ReferencePair {
         width,
         height,
+        columns: Columns::Wrap,
         render: &widen(render),
         target: &widen(target),
         mask: &widen(mask),

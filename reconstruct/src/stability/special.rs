@@ -12,7 +12,7 @@ use crate::stability::{
     setup::{Setup, mild},
 };
 use omnilife_engine::{
-    losses::photometric::cpu::Loss,
+    losses::photometric::{Columns, cpu::Loss},
     parameters::{ParameterTable, adam},
 };
 
@@ -127,7 +127,7 @@ fn non_finite_pixels() -> Judgement {
         .into_iter()
         .filter(|&bad| {
             let target = image(|index| if index == 100 { bad } else { 0.5 });
-            let mut loss = Loss::new(SIDE, SIDE);
+            let mut loss = Loss::new(SIDE, SIDE, Columns::Wrap);
             loss.forward_backward(&rendered, &target, 0.2)
                 .0
                 .total
@@ -194,7 +194,7 @@ fn non_finite_gradient() -> Judgement {
 
 /// Where an image is flat its variance is zero; SSIM's constants hold the quotient.
 fn flat_images() -> Judgement {
-    let mut loss = Loss::new(SIDE, SIDE);
+    let mut loss = Loss::new(SIDE, SIDE, Columns::Wrap);
     let flat = image(|_| 0.5);
     let mut faults = Vec::new();
     for (value, is_equal) in [(0.5, true), (0.7, false), (0.0, false), (1.0, false)] {

@@ -3,7 +3,7 @@
 use omnilife_engine::{
     camera::View,
     gaussians::{ActivatedGaussians, static_gaussians},
-    losses::photometric::cpu::Loss,
+    losses::photometric::{Columns, cpu::Loss},
     parameters::{ParameterTable, adam},
     render::{cpu::Renderer, raster::RasterGradient, settings::RenderSettings},
 };
@@ -46,7 +46,7 @@ impl Iteration {
             instant,
             gradient: ActivatedGaussians::default(),
             renderer: Renderer::new(settings),
-            loss: Loss::new(width as usize, width as usize / 2),
+            loss: Loss::new(width as usize, width as usize / 2, Columns::Wrap),
             target: target(count, &view, settings).data,
             step: 0,
         }

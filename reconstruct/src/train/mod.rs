@@ -87,11 +87,20 @@ pub struct LoopSettings {
     pub budget_seconds: Option<f64>,
     /// Seed of the order of views.
     pub seed: u64,
-    /// Iterations from one row of the trace to the next; the last iteration has a row too.
-    pub trace_every: u64,
+    /// Iterations from one row of the trace to the next; none: rows after 1, 2, 3, 4, 6, 8, 11, 16 ... iterations,
+    /// at equal ratios. Before the first step and after the last one there are rows too.
+    pub trace_every: Option<u64>,
 }
 
 impl LoopSettings {
+    /// Returns true where the trace has a row after these iterations, whether or not the run ends there.
+    fn has_row(&self, iteration: u64) -> bool {
+        self.trace_every.map_or_else(
+            || trace::is_half_octave(iteration),
+            |every| iteration.is_multiple_of(every.max(1)),
+        )
+    }
+
     /// Where in its schedule a run stands. Under a time budget the schedule has the time that planning
     /// leaves.
     fn position(&self, iteration: u64, training: Duration, planning: Duration) -> Position {
@@ -205,6 +214,9 @@ impl<'a> Trainer<'a> {
 
     fn run(&mut self) -> Result<(), ReconstructError> {
         self.find_surfaces();
+        if self.state.iteration == 0 {
+            self.record(false)?;
+        }
         while self.state.iteration < self.settings.iterations && !self.stopped_by_budget {
             self.state.iteration += 1;
             let iteration = self.state.iteration;
@@ -222,7 +234,7 @@ impl<'a> Trainer<'a> {
                 self.check()?;
             }
             // Before density control: a row right after an opacity reset says nothing of the scene.
-            if last || iteration.is_multiple_of(self.settings.trace_every.max(1)) {
+            if last || self.settings.has_row(iteration) {
                 self.record(last)?;
             }
             if !last {

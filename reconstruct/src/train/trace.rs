@@ -36,10 +36,11 @@ pub struct TracePoint {
     pub table_bytes: u64,
     /// Highest resident memory of the process so far, where the system tells.
     pub peak_memory_bytes: Option<u64>,
-    /// Mean training loss since the row before.
-    pub train_loss: f64,
-    /// PSNR of the mean squared error over the training steps since the row before, dB.
-    pub train_psnr_db: f64,
+    /// Mean training loss since the row before; none before the first step.
+    pub train_loss: Option<f64>,
+    /// PSNR of the mean squared error over the training steps since the row before, dB; none before the first
+    /// step.
+    pub train_psnr_db: Option<f64>,
     /// How well some input views are met by region, where they have masks and it was measured.
     #[serde(default)]
     pub input_psnr: Option<InputPsnr>,
@@ -84,7 +85,8 @@ impl TracePoint {
         size: ModelSize,
         arrays: &[TrainedArray],
     ) -> Self {
-        let steps = statistics.steps.max(1) as f64;
+        let per_step = |sum: f64| (statistics.steps > 0).then_some(sum / statistics.steps as f64);
+        let squared_error = per_step(statistics.squared_error);
         let refused = statistics.refused.iter().chain(std::iter::repeat(&0));
         Self {
             wall_seconds: state.training.as_secs_f64(),
@@ -95,8 +97,8 @@ impl TracePoint {
             objects: size.objects,
             table_bytes: size.bytes,
             peak_memory_bytes: process::peak_memory_bytes(),
-            train_loss: statistics.loss / steps,
-            train_psnr_db: -10.0 * (statistics.squared_error / steps).max(1e-10).log10(),
+            train_loss: per_step(statistics.loss),
+            train_psnr_db: squared_error.map(|error| -10.0 * error.max(1e-10).log10()),
             input_psnr: None,
             surfaces: None,
             refused: arrays
@@ -110,10 +112,12 @@ impl TracePoint {
     /// A short status for people: what the model is, and what the time of the loop went to; planning came before
     /// it.
     pub(super) fn text(&self, planning_seconds: f64) -> String {
+        let input_views = self
+            .train_psnr_db
+            .map_or(String::new(), |db| format!("input views {db:.2} dB, "));
         format!(
-            "{} primitives, input views {:.2} dB, steps {:.1} s, measuring {:.1} s",
+            "{} primitives, {input_views}steps {:.1} s, measuring {:.1} s",
             self.primitives,
-            self.train_psnr_db,
             (self.wall_seconds - planning_seconds).max(0.0),
             self.evaluation_seconds
         )
@@ -129,8 +133,8 @@ impl TracePoint {
             self.primitives.to_string(),
             self.table_bytes.to_string(),
             or_empty(self.peak_memory_bytes),
-            self.train_loss.to_string(),
-            self.train_psnr_db.to_string(),
+            or_empty(self.train_loss),
+            or_empty(self.train_psnr_db),
         ]
     }
 
@@ -148,6 +152,16 @@ impl TracePoint {
             or_empty(faults.and_then(|found| found.novel_hole_share)),
         ]
     }
+}
+
+/// Returns true for rounded half octaves, the iterations after which a trace has rows unless it has them every N
+/// iterations: 1, 2, 3, 4, 6, 8, 11, 16, 23, 32 ...
+///
+/// Ratios of iterations and not of time: which rows there are is then the same in every run and on every machine,
+/// and the same in runs of other lengths.
+pub(super) fn is_half_octave(iteration: u64) -> bool {
+    let half_octaves = (2.0 * (iteration as f64).log2()).round();
+    iteration > 0 && (half_octaves / 2.0).exp2().round() as u64 == iteration
 }
 
 fn or_empty(value: Option<impl ToString>) -> String {
@@ -200,8 +214,8 @@ mod tests {
             objects: None,
             table_bytes: 8,
             peak_memory_bytes: None,
-            train_loss: 0.25,
-            train_psnr_db: 20.0,
+            train_loss: Some(0.25),
+            train_psnr_db: Some(20.0),
             input_psnr: None,
             surfaces: None,
             refused: vec![("means".to_owned(), 2)],
@@ -237,6 +251,32 @@ mod tests {
         assert_eq!(lines[0], format!("{fixed},{columns},refused_means"));
         assert_eq!(lines[1], "1.5,0.5,,100,7,8,,0.25,20,,,,2");
         assert_eq!(lines[2], "1.5,0.5,,100,7,8,,0.25,20,3,25,26.5,2");
+    }
+
+    #[test]
+    fn rows_are_at_equal_ratios() {
+        let rows: Vec<u64> = (0..=1_500).filter(|&n| is_half_octave(n)).collect();
+        let expected = [
+            1, 2, 3, 4, 6, 8, 11, 16, 23, 32, 45, 64, 91, 128, 181, 256, 362, 512, 724, 1024, 1448,
+        ];
+        assert_eq!(rows, expected);
+        for far in [11_863_283, 1 << 24] {
+            let around = [far - 1, far, far + 1].map(is_half_octave);
+            assert_eq!(around, [false, true, false]);
+        }
+    }
+
+    #[test]
+    fn before_the_first_step_there_is_no_loss() {
+        let state = LoopState::new(rand_pcg::Pcg64Mcg::new(1));
+        let size = ModelSize {
+            primitives: 3,
+            ..ModelSize::default()
+        };
+        let first = TracePoint::new(&state, &StepStatistics::default(), size, &[]);
+        assert_eq!((first.iteration, first.train_loss), (0, None));
+        assert_eq!(first.train_psnr_db, None);
+        assert!(written(&[first])[1].ends_with(",,"));
     }
 
     #[test]

@@ -22,7 +22,6 @@ use glam::{DMat3, DVec3};
 use omnilife_schemas::{
     Pose,
     points::PointCloud,
-    records::Scale,
     store::{self, StoreError},
 };
 use serde::Deserialize;
@@ -101,24 +100,19 @@ fn import(folder: &Path) -> Result<ForeignScene, CurateError> {
         }
     }
     let points = folder.join(POINTS_FOLDER).join("sparse.ply");
+    let camera = panorama_camera(folder, &found.frames, &found.missing_images)?;
     Ok(ForeignScene {
-        camera: panorama_camera(folder, &found.frames, &found.missing_images)?,
-        frames: found.frames,
-        scale: Scale::Arbitrary,
         points: if points.is_file() {
             PointCloud::read_ply(&points)?
         } else {
             PointCloud::default()
         },
-        pose_source: None,
-        root: folder.to_owned(),
         image_folders: vec![folder.join(IMAGES_FOLDER)],
         missing_images: found.missing_images,
         published_split: split,
         frame_rate: Some(FrameRate::STATIC),
-        stills: BTreeMap::new(),
-        stills_note: String::new(),
         notes,
+        ..ForeignScene::new(camera, found.frames, folder)
     })
 }
 

@@ -11,9 +11,9 @@
 //! the first pixel at (1/2, 1/2): those of nerfstudio's `transforms.json`. The world of Blender, z up, is kept.
 //! The data set has no distances and no points.
 
-use std::{collections::BTreeMap, path::Path};
+use std::path::Path;
 
-use omnilife_schemas::{points::PointCloud, records::Scale, store::StoreError};
+use omnilife_schemas::store::StoreError;
 use serde::Deserialize;
 
 use super::{folders_not_read, panorama_camera, plain_frame};
@@ -66,19 +66,12 @@ fn import(folder: &Path) -> Result<ForeignScene, CurateError> {
         .collect();
     let lists: [&Path; 2] = [&folder.join("train.txt"), &folder.join("test.txt")];
     let published_split = ForeignSplit::from_lists("OmniBlender", lists, &mut notes)?;
+    let camera = panorama_camera(folder, &frames, &missing_images)?;
     Ok(ForeignScene {
-        camera: panorama_camera(folder, &frames, &missing_images)?,
-        frames,
-        scale: Scale::Arbitrary,
-        points: PointCloud::default(),
-        pose_source: None,
-        root: folder.to_owned(),
-        image_folders: Vec::new(),
         missing_images,
         published_split,
         frame_rate: Some(FrameRate::STATIC),
-        stills: BTreeMap::new(),
-        stills_note: String::new(),
         notes,
+        ..ForeignScene::new(camera, frames, folder)
     })
 }

@@ -39,7 +39,6 @@ use glam::{DQuat, DVec3};
 use omnilife_schemas::{
     Pose,
     points::PointCloud,
-    records::Scale,
     store::{self, StoreError},
 };
 
@@ -206,24 +205,17 @@ fn import(folder: &Path) -> Result<ForeignScene, CurateError> {
         Some(map) => read_landmarks(map)?,
         None => PointCloud::default(),
     };
+    let camera = panorama_camera(folder, &frames, &missing_images)?;
     Ok(ForeignScene {
-        camera: panorama_camera(folder, &frames, &missing_images)?,
-        frames,
-        scale: Scale::Arbitrary,
-        pose_source: None,
-        root: folder.to_owned(),
         image_folders: vec![images],
         missing_images,
-        published_split: None,
-        frame_rate: None,
-        stills: BTreeMap::new(),
-        stills_note: String::new(),
         notes: vec![if points.is_empty() {
             "there are no points: no map is named, or it has no landmarks".to_owned()
         } else {
             "the landmarks have no colours: points are grey".to_owned()
         }],
         points,
+        ..ForeignScene::new(camera, frames, folder)
     })
 }
 

@@ -14,7 +14,7 @@
 //! `images.txt` has them. An image there is the PNG of its name up to the first point. Whatever `cameras.txt` says
 //! does not count: the images are panoramas.
 
-use std::{collections::BTreeMap, path::Path};
+use std::path::Path;
 
 use omnilife_schemas::{points::PointCloud, records::Scale};
 
@@ -55,23 +55,18 @@ fn import(folder: &Path) -> Result<ForeignScene, CurateError> {
     let lists: [&Path; 2] = [&folder.join("train.txt"), &folder.join("test.txt")];
     let published_split = ForeignSplit::from_lists("Ricoh360", lists, &mut notes)?;
     let points = model.join("points3D.txt");
+    let camera = panorama_camera(folder, &frames, &missing_images)?;
     Ok(ForeignScene {
-        camera: panorama_camera(folder, &frames, &missing_images)?,
-        frames,
-        scale: Scale::Arbitrary,
         points: if points.is_file() {
             colmap::text_points(&points)?
         } else {
             PointCloud::default()
         },
-        pose_source: None,
-        root: folder.to_owned(),
         image_folders: vec![folder.join(IMAGES_FOLDER)],
         missing_images,
         published_split,
         frame_rate: Some(FrameRate::STATIC),
-        stills: BTreeMap::new(),
-        stills_note: String::new(),
         notes,
+        ..ForeignScene::new(camera, frames, folder)
     })
 }

@@ -25,7 +25,7 @@ use std::{
 };
 
 use glam::{DMat3, DMat4, DVec4};
-use omnilife_schemas::{Pose, points::PointCloud, records::Scale, store::StoreError};
+use omnilife_schemas::{Pose, points::PointCloud, store::StoreError};
 use serde::Deserialize;
 
 use super::{panorama_camera, text_file};
@@ -112,23 +112,18 @@ fn import(folder: &Path) -> Result<ForeignScene, CurateError> {
     let notes = points.is_none().then(|| {
         format!("there are no points: {POINTS_FILE} is not there, and no file of the folder's name")
     });
+    let camera = panorama_camera(folder, &frames, &missing_images)?;
     Ok(ForeignScene {
-        camera: panorama_camera(folder, &frames, &missing_images)?,
-        frames,
-        scale: Scale::Arbitrary,
-        pose_source: None,
-        root: folder.to_owned(),
         image_folders: vec![images],
         missing_images,
         published_split,
         frame_rate: Some(FrameRate::STATIC),
-        stills: BTreeMap::new(),
-        stills_note: String::new(),
         notes: notes.into_iter().collect(),
         points: match points {
             Some(file) => PointCloud::read_ply(&file)?,
             None => PointCloud::default(),
         },
+        ..ForeignScene::new(camera, frames, folder)
     })
 }
 

@@ -24,7 +24,6 @@ use std::{
 use glam::{DMat3, DQuat, DVec3};
 use omnilife_schemas::{
     Pose,
-    points::PointCloud,
     records::{DistanceConvention, Scale},
     store::{self, StoreError},
 };
@@ -85,24 +84,17 @@ fn import(folder: &Path) -> Result<ForeignScene, CurateError> {
     }
     let missing = (0_u64..).take(poses.len());
     let missing = missing.filter(|number| !seen.contains(number));
+    let camera = panorama_camera(folder, &frames, &[])?;
     Ok(ForeignScene {
-        camera: panorama_camera(folder, &frames, &[])?,
-        frames,
         scale: Scale::Metres,
-        points: PointCloud::default(),
-        pose_source: None,
-        root: folder.to_owned(),
-        image_folders: Vec::new(),
         missing_images: missing
             .map(|number| format!("{IMAGES_FOLDER}/{number:06}_lcam_equirect_image.png"))
             .collect(),
-        published_split: None,
         frame_rate: Some(FRAME_RATE),
-        stills: BTreeMap::new(),
-        stills_note: String::new(),
         notes: (folders_not_read(folder, &[IMAGES_FOLDER, DEPTH_FOLDER])?)
             .into_iter()
             .collect(),
+        ..ForeignScene::new(camera, frames, folder)
     })
 }
 

@@ -5,7 +5,7 @@
 )]
 
 use std::{
-    collections::{BTreeMap, BTreeSet},
+    collections::BTreeSet,
     path::{Path, PathBuf},
 };
 
@@ -54,25 +54,18 @@ pub(super) fn import(folder: &Path, record: &Scene) -> Result<ForeignScene, Cura
         }
     }
     Ok(ForeignScene {
-        camera: record.camera.into(),
-        frames,
         scale: record.scale,
         points: match &record.points {
             Some(file) => PointCloud::read_ply(&file_of(folder, file)?)?,
             None => PointCloud::default(),
         },
         pose_source: Some(record.pose_source.clone()),
-        root: folder.to_owned(),
-        image_folders: Vec::new(),
         missing_images,
         published_split: match &record.published_split {
             Some(split) => Some(named_split(folder, record, split)?),
             None => None,
         },
-        frame_rate: None,
-        stills: BTreeMap::new(),
-        stills_note: String::new(),
-        notes: Vec::new(),
+        ..ForeignScene::new(record.camera.into(), frames, folder)
     })
 }
 

@@ -4,8 +4,9 @@
 //! pixels, channel by channel. A gain of light is a gain of gamma-coded values too.
 //! Images are divided by the gain of their time before they are compared with Gaussians, and renders
 //! are multiplied with it before they are shown: what the Gaussians hold is the scene as the middle of
-//! all views has it. Between the views that were looked at, and for novel views, the logarithm of the
-//! gain is interpolated in time.
+//! all views has it. A saturated value has no level, only a least one: what losses make of that is in
+//! [`PixelMarks`](crate::losses::photometric::PixelMarks). Between the views that were looked at, and for
+//! novel views, the logarithm of the gain is interpolated in time.
 
 use omnilife_schemas::statistics::median;
 use serde::{Deserialize, Serialize};

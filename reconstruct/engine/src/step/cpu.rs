@@ -21,7 +21,10 @@ use crate::{
         parameterization::Viewpoint,
         temporal::{PEAK_TIMES, TemporalFeatures},
     },
-    losses::{maps::Counted, photometric::cpu::Loss},
+    losses::{
+        maps::Counted,
+        photometric::{Columns, PixelMarks, cpu::Loss},
+    },
     model::{Model, Part, TrainedArray, cpu_renderer::CpuRenderer, exposure::Exposure},
     parameters::{GradientMemory, ParameterArray, adam},
     schedule::StepSchedule,
@@ -47,6 +50,8 @@ pub struct CpuStepper<'a> {
     shards: Option<Shards>,
     pub(super) shard_memory: ShardMemory,
     pub(super) target: Vec<f32>,
+    /// Which values of the image are saturated, where gains are taken out of it.
+    pub(super) saturated: Vec<bool>,
     mask: Vec<f32>,
     pub(super) statistics: StepStatistics,
 }
@@ -68,7 +73,7 @@ impl<'a> CpuStepper<'a> {
             renderer: CpuRenderer::new(settings.renderer, settings.rendering),
             activated: ActivatedGaussians::default(),
             gradient: ActivatedGaussians::default(),
-            loss: Loss::new(width, height),
+            loss: Loss::new(width, height, Columns::of(&inputs.camera)),
             dynamic: settings
                 .dynamics
                 .as_ref()
@@ -79,6 +84,7 @@ impl<'a> CpuStepper<'a> {
             shards: settings.shards.clone(),
             shard_memory: ShardMemory::default(),
             target: Vec::new(),
+            saturated: Vec::new(),
             mask: Vec::new(),
             statistics: StepStatistics::default(),
         }
@@ -90,6 +96,16 @@ impl<'a> CpuStepper<'a> {
             .map_or_else(TemporalFeatures::default, DynamicLosses::features)
     }
 
+    /// Writes the image that a view's render is held to, its gain taken out.
+    pub(super) fn write_target(&mut self, number: usize) {
+        let view = &self.inputs.views[number];
+        view.write_image(&mut self.target);
+        if let Some(exposure) = &self.exposure {
+            exposure.normalize(&mut self.target, view.view.time_seconds);
+            view.write_saturated(&mut self.saturated);
+        }
+    }
+
     /// Takes the gradient of all losses by all Gaussians as they are drawn from `at`; returns the loss
     /// and the mean squared error.
     fn differentiate(
@@ -99,16 +115,17 @@ impl<'a> CpuStepper<'a> {
         at: &Viewpoint,
         schedule: &StepSchedule,
     ) -> (f64, f64) {
+        self.write_target(number);
         let view = &self.inputs.views[number];
-        view.write_image(&mut self.target);
-        if let Some(exposure) = &self.exposure {
-            exposure.normalize(&mut self.target, view.view.time_seconds);
-        }
+        let marks = PixelMarks {
+            ignored: view.ignored.as_deref(),
+            saturated: &self.saturated,
+        };
         let raster = self
             .renderer
             .forward(drawn, &self.activated, schedule.sh_degree);
-        let (value, image_gradient) = self.loss.forward_backward_ignoring(
-            view.ignored.as_deref(),
+        let (value, image_gradient) = self.loss.forward_backward_marked(
+            marks,
             &raster.colour,
             &self.target,
             self.ssim_weight,
@@ -130,9 +147,10 @@ impl<'a> CpuStepper<'a> {
             at,
             schedule,
             target: &self.target,
+            saturated: marks.saturated,
             mask: view.mask.as_ref().map(|_| &self.mask[..]),
             counted: Counted {
-                ignored: view.ignored.as_deref(),
+                ignored: marks.ignored,
             },
         };
         let (maps, feature_gradient) = dynamic.maps(raster, &step);
@@ -322,3 +340,6 @@ impl Stepper for CpuStepper<'_> {
         Ok(self.renderer.image(&drawn, &self.activated, sh_degree))
     }
 }
+
+#[cfg(test)]
+mod tests;

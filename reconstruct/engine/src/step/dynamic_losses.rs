@@ -13,7 +13,7 @@ use crate::{
     losses::{
         self,
         maps::{self, Counted},
-        photometric::cpu::Loss,
+        photometric::{PixelMarks, cpu::Loss},
     },
     model::{Model, dynamic_settings::DynamicSettings},
     render::{
@@ -41,6 +41,8 @@ pub(super) struct StepView<'a> {
     pub(super) schedule: &'a StepSchedule,
     /// The view's image, exposure taken out.
     pub(super) target: &'a [f32],
+    /// Which values of the image are saturated; empty where gains are not taken out.
+    pub(super) saturated: &'a [bool],
     /// Its mask, where it has one.
     pub(super) mask: Option<&'a [f32]>,
     /// Which pixels show something of the scene.
@@ -56,6 +58,8 @@ struct DynamicAlone {
     /// Entries among all activated Gaussians.
     members: Vec<usize>,
     target: Vec<f32>,
+    /// Saturated values that the mask covers whole.
+    saturated: Vec<bool>,
     opacity_gradient: Vec<f32>,
 }
 
@@ -69,6 +73,7 @@ impl DynamicLosses {
                 gradient: ActivatedGaussians::default(),
                 members: Vec::new(),
                 target: Vec::new(),
+                saturated: Vec::new(),
                 opacity_gradient: Vec::new(),
             },
             feature_gradient: Vec::new(),
@@ -125,12 +130,17 @@ impl DynamicLosses {
         alone
             .target
             .extend(masked.flat_map(|(rgb, mask)| rgb.map(|value| value * mask)));
-        let (value, image_gradient) = loss.forward_backward_ignoring(
-            step.counted.ignored,
-            &raster.colour,
-            &alone.target,
-            dynamic.ssim_weight,
-        );
+        alone.saturated.clear();
+        let saturated = step.saturated.iter().enumerate();
+        alone
+            .saturated
+            .extend(saturated.map(|(value, &is_saturated)| is_saturated && mask[value / 3] >= 1.0));
+        let marks = PixelMarks {
+            ignored: step.counted.ignored,
+            saturated: &alone.saturated,
+        };
+        let (value, image_gradient) =
+            loss.forward_backward_marked(marks, &raster.colour, &alone.target, dynamic.ssim_weight);
         let image_gradient: Vec<f32> = image_gradient
             .iter()
             .map(|value| dynamic.weight * value)

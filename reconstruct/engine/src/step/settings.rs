@@ -61,8 +61,9 @@ pub struct TrainSettings {
     /// Gaussians that learn shard by shard, where they do; the others learn all at once.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub shards: Option<Shards>,
-    /// Iterations from one row of the trace to the next; the last iteration has a row too.
-    pub trace_every: u64,
+    /// Iterations from one row of the trace to the next; none: rows at equal ratios of iterations. Before the first
+    /// step and after the last one there are rows too.
+    pub trace_every: Option<u64>,
 }
 
 impl TrainSettings {
@@ -115,7 +116,7 @@ pub(crate) mod tests {
             dropout: None,
             pose_refinement: None,
             shards: None,
-            trace_every: 3_000,
+            trace_every: None,
         }
     }
 

@@ -10,6 +10,7 @@ use super::{StepStatistics, cpu::CpuStepper, settings::TrainSettings};
 use crate::{
     EngineError,
     gaussians::{ActivatedGaussians, parameterization::Viewpoint, temporal::TemporalFeatures},
+    losses::photometric::PixelMarks,
     parameters::GradientMemory,
     render::settings::RendererChoice,
     schedule::StepSchedule,
@@ -81,15 +82,16 @@ impl CpuStepper<'_> {
         let (drawn, none) = (&view.view, TemporalFeatures::default());
         let at = Viewpoint::of_step(drawn, schedule.shift_frames, schedule.scheduled);
         self.model.activate(&at, &none, &mut self.activated);
-        view.write_image(&mut self.target);
-        if let Some(exposure) = &self.exposure {
-            exposure.normalize(&mut self.target, drawn.time_seconds);
-        }
+        self.write_target(number);
+        let marks = PixelMarks {
+            ignored: view.ignored.as_deref(),
+            saturated: &self.saturated,
+        };
         let raster = self
             .renderer
             .forward(drawn, &self.activated, schedule.sh_degree);
-        let (value, by_image) = self.loss.forward_backward_ignoring(
-            view.ignored.as_deref(),
+        let (value, by_image) = self.loss.forward_backward_marked(
+            marks,
             &raster.colour,
             &self.target,
             self.ssim_weight,

@@ -128,7 +128,7 @@ pub(crate) fn train_settings(scene: &Scene) -> TrainSettings {
         dropout: None,
         pose_refinement: None,
         shards: None,
-        trace_every: 100,
+        trace_every: None,
     }
 }
 

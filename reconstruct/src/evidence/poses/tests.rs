@@ -1,7 +1,7 @@
 //! Poses that are known to be off, and what is not their fault.
 
 use glam::vec3;
-use omnilife_schemas::camera::ErpCamera;
+use omnilife_schemas::camera::{ErpCamera, PinholeCamera};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 
@@ -49,16 +49,19 @@ fn views(twists: &[Twist], noise: f32) -> Vec<(Vec3, Vec<Option<PoseObservation>
     twists.iter().enumerate().map(view).collect()
 }
 
+/// Turns of twenty views by so many radians, each about an axis of its own.
+fn turns(size: f64) -> Vec<Twist> {
+    let turn = |view: i32| {
+        let along = f64::from(view * view);
+        [along.sin(), 0.0, along.cos(), 0.0, 0.0, 0.0].map(|value| size * value)
+    };
+    (0..20).map(turn).collect()
+}
+
 #[test]
 fn wrong_poses_are_told_from_noise_and_from_a_bent_scene() {
     let size = 0.01;
-    let jitter: Vec<Twist> = (0..20)
-        .map(|view| {
-            let along = f64::from(view * view);
-            [along.sin(), 0.0, along.cos(), 0.0, 0.0, 0.0].map(|value| size * value)
-        })
-        .collect();
-    let found = PoseEvidence::of(views(&jitter, 0.01), &CAMERA);
+    let found = PoseEvidence::of(views(&turns(size), 0.01), &CAMERA);
     assert_eq!(found.views, 20);
     // A rotation of 0.01 about an axis displaces points all around by `sqrt(2/3)` of it.
     let expected = (2.0_f64 / 3.0).sqrt() * size;
@@ -88,6 +91,33 @@ fn wrong_poses_are_told_from_noise_and_from_a_bent_scene() {
             !found.are_off() && found.agreed_pixels() < 0.02,
             "{found:?}"
         );
+    }
+}
+
+/// Poses are off by an angle, whatever the images' size.
+#[test]
+fn the_same_poses_are_refined_in_images_of_any_width() {
+    let pinhole = PinholeCamera::with_horizontal_field_of_view(256, 144, 1.0);
+    for camera in [CAMERA, Camera::Pinhole(pinhole)] {
+        let resized =
+            |factor: u32| camera.resized(factor * camera.width(), factor * camera.height());
+        // The turn of a view that displaces points by so many pixels at the least width.
+        let radians = |pixels: f64| {
+            let turn_pixels = PoseEvidence::of(views(&turns(0.01), 0.01), &camera).turn_pixels;
+            pixels / turn_pixels * TAU / (2.0_f64 / 3.0).sqrt()
+        };
+        for (pixels, are_off) in [(0.08, false), (0.17, true)] {
+            let seen = || views(&turns(radians(pixels)), 0.0001);
+            for factor in [1, 2, 16] {
+                let found = PoseEvidence::of(seen(), &resized(factor));
+                assert_eq!(found.are_off(), are_off, "{factor}: {found}");
+                let expected = f64::from(factor) * pixels;
+                assert!(
+                    (found.agreed_pixels() / expected - 1.0).abs() < 0.2,
+                    "{found}"
+                );
+            }
+        }
     }
 }
 

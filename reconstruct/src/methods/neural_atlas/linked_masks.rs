@@ -4,15 +4,16 @@
 //! Tracks of fewer than three frames, and those below 0.05 % of the image in their largest frame, stay in
 //! the background.
 
+use crate::scene::mask_pieces::{Piece, pieces};
+
+/// Pixels of which so much is covered are marked, of 255.
+const MARKED: u8 = 128;
 /// Fewer frames make no object.
 const LEAST_FRAMES: usize = 3;
 /// A smaller share of the image in the largest frame makes none.
 const LEAST_SHARE: f64 = 5e-4;
 /// Pieces that overlap by less are not the same, intersection over union.
 const LEAST_OVERLAP: f64 = 0.1;
-
-/// A piece of a mask: its pixels in order.
-type Piece = Vec<usize>;
 
 /// Masks of the objects that are found: for each object, one for each frame.
 pub fn linked(
@@ -22,7 +23,9 @@ pub fn linked(
 ) -> Vec<Vec<Option<Vec<u8>>>> {
     let mut tracks: Vec<Vec<Option<Piece>>> = Vec::new();
     for (frame, mask) in masks.iter().enumerate() {
-        let mut found = mask.map_or_else(Vec::new, |mask| pieces(mask, [width, height], wraps));
+        let mut found = mask.map_or_else(Vec::new, |mask| {
+            pieces(mask, [width, height], wraps, MARKED)
+        });
         let mut pairs: Vec<(f64, usize, usize)> = Vec::new();
         for (track, past) in tracks.iter().enumerate() {
             let Some(Some(last)) = past.last() else {
@@ -74,39 +77,6 @@ pub fn linked(
             .collect()
     };
     tracks.into_iter().filter(is_object).map(of_track).collect()
-}
-
-/// Connected pieces of a mask, by sides.
-fn pieces(mask: &[u8], [width, height]: [usize; 2], wraps: bool) -> Vec<Piece> {
-    let mut is_open: Vec<bool> = mask.iter().map(|&byte| byte >= 128).collect();
-    let mut found = Vec::new();
-    for first in 0..mask.len() {
-        if !is_open[first] {
-            continue;
-        }
-        let mut piece = Vec::new();
-        let mut left = vec![first];
-        is_open[first] = false;
-        while let Some(pixel) = left.pop() {
-            piece.push(pixel);
-            let (column, row) = (pixel % width, pixel / width);
-            let beside = [
-                (column > 0 || wraps).then(|| row * width + (column + width - 1) % width),
-                (column + 1 < width || wraps).then(|| row * width + (column + 1) % width),
-                (row > 0).then(|| pixel - width),
-                (row + 1 < height).then(|| pixel + width),
-            ];
-            for next in beside.into_iter().flatten() {
-                if is_open[next] {
-                    is_open[next] = false;
-                    left.push(next);
-                }
-            }
-        }
-        piece.sort_unstable();
-        found.push(piece);
-    }
-    found
 }
 
 /// Intersection over union of sorted pixels.

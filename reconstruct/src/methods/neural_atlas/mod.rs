@@ -367,9 +367,7 @@ fn prepare<'a>(
             iterations: request.iterations,
             budget_seconds: request.budget_seconds,
             seed: request.seed,
-            trace_every: request
-                .trace_every
-                .unwrap_or_else(|| (request.iterations / 10).clamp(1, 500)),
+            trace_every: request.trace_every,
         },
         learner: Box::new(begun.learner),
         configuration,

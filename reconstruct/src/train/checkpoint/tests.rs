@@ -63,7 +63,7 @@ const SETTINGS: LoopSettings = LoopSettings {
     iterations: 10,
     budget_seconds: Some(0.1 + 0.2),
     seed: 3,
-    trace_every: 2,
+    trace_every: Some(2),
 };
 
 fn state() -> LoopState {

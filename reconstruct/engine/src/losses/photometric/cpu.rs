@@ -6,11 +6,9 @@ use fearless_simd::{Level, dispatch};
 use rayon::prelude::*;
 
 use crate::losses::photometric::{
-    LossValue,
-    rows::{
-        Band, CHANNELS, Pair, RADIUS, RowShape, RowSums, Scratch, WINDOW, Weights, gradient_band,
-        similarity_band,
-    },
+    Columns, LossValue, PixelMarks,
+    rows::{Band, Pair, RADIUS, RowSums, Scratch, WINDOW, Weights, gradient_band, similarity_band},
+    strips::RowShape,
 };
 
 pub(super) const SIGMA: f64 = 1.5;
@@ -30,15 +28,19 @@ pub struct Loss {
     derivatives: Vec<f32>,
     sums: Vec<RowSums>,
     gradient: Vec<f32>,
-    /// The render with the target where pixels are ignored, and the weights of the pixels.
+    /// The render with the target where it has no say, and the weights of the pixels.
     composited: Vec<f32>,
     weights: Vec<f32>,
 }
 
 impl Loss {
-    /// For images of `width` x `height`.
-    pub fn new(width: usize, height: usize) -> Self {
-        let shape = RowShape { width, height };
+    /// For images of `width` x `height`, with what is beside their first and last column.
+    pub fn new(width: usize, height: usize, columns: Columns) -> Self {
+        let shape = RowShape {
+            width,
+            height,
+            columns,
+        };
         Self {
             shape,
             window: gaussian_window(),
@@ -60,44 +62,30 @@ impl Loss {
         self.masked_forward_backward(render, target, &[], lambda)
     }
 
-    /// [`Loss::forward_backward`] without the pixels that `ignored` marks (not zero): the target stands there
-    /// in both images, for the windows that reach over them, and means are over the other pixels. Without
-    /// any other pixel the loss is 0.
-    pub fn forward_backward_ignoring(
+    /// [`Loss::forward_backward`] without what is marked: the target stands there in both images, for the windows
+    /// that reach over it. Means are over the pixels that are not ignored; without any the loss is 0.
+    pub fn forward_backward_marked(
         &mut self,
-        ignored: Option<&[u8]>,
+        marks: PixelMarks<'_>,
         render: &[f32],
         target: &[f32],
         lambda: f32,
     ) -> (LossValue, &[f32]) {
-        let Some(ignored) = ignored else {
+        if marks.are_none() {
             return self.forward_backward(render, target, lambda);
-        };
+        }
         let (mut composited, mut weights) = (
             std::mem::take(&mut self.composited),
             std::mem::take(&mut self.weights),
         );
-        composited.clear();
-        composited.extend_from_slice(render);
-        weights.clear();
-        weights.extend(
-            ignored
-                .iter()
-                .map(|&mark| if mark == 0 { 1.0 } else { 0.0 }),
-        );
-        let targets = target.as_chunks::<CHANNELS>().0;
-        let pixels = composited.as_chunks_mut::<CHANNELS>().0.iter_mut();
-        for ((pixel, target), _) in pixels
-            .zip(targets)
-            .zip(ignored)
-            .filter(|(_, mark)| **mark != 0)
-        {
-            *pixel = *target;
-        }
+        marks.composite(render, target, &mut composited);
+        marks.weigh(&mut weights);
         let (value, _) = self.masked_forward_backward(&composited, target, &weights, lambda);
-        let gradient = self.gradient.as_chunks_mut::<CHANNELS>().0.iter_mut();
-        for (gradient, _) in gradient.zip(ignored).filter(|(_, mark)| **mark != 0) {
-            *gradient = [0.0; CHANNELS];
+        let values = self.gradient.iter_mut().zip(render.iter().zip(target));
+        for (at, (gradient, (&render, &target))) in values.enumerate() {
+            if marks.settle(at, render, target) {
+                *gradient = 0.0;
+            }
         }
         (self.composited, self.weights) = (composited, weights);
         (value, &self.gradient)
@@ -221,6 +209,7 @@ pub(super) fn gaussian_window() -> [f32; WINDOW] {
 
 #[cfg(test)]
 mod tests {
+    use omnilife_schemas::camera::{Camera, ErpCamera, PinholeCamera};
     use rand::{RngExt, SeedableRng};
     use rand_pcg::Pcg64Mcg;
 
@@ -235,20 +224,26 @@ mod tests {
         image.iter().copied().map(f64::from).collect()
     }
 
+    const BOTH: [Columns; 2] = [Columns::Wrap, Columns::End];
+
     #[test]
     fn value_is_that_of_the_reference() {
         let mut rng = Pcg64Mcg::seed_from_u64(1);
         // The last is more than one strip wide.
-        for (width, height) in [(16, 8), (17, 9), (4, 2), (20, 70), (259, 6)] {
+        let sizes = [(16, 8), (17, 9), (4, 2), (20, 70), (259, 6)];
+        for ((width, height), columns) in
+            sizes.into_iter().flat_map(|size| BOTH.map(|of| (size, of)))
+        {
             let (x, y) = (
                 random_image(&mut rng, width * height * 3),
                 random_image(&mut rng, width * height * 3),
             );
-            let value = Loss::new(width, height).value(&x, &y, 0.2);
+            let value = Loss::new(width, height, columns).value(&x, &y, 0.2);
             let (render, target) = (widen(&x), widen(&y));
             let pair = ReferencePair {
                 width,
                 height,
+                columns,
                 render: &render,
                 target: &target,
                 mask: &vec![1.0; width * height],
@@ -267,15 +262,75 @@ mod tests {
 
     #[test]
     fn gradient_is_that_of_the_reference() {
-        check_gradient((14, 7));
+        check_gradient((14, 7), Columns::Wrap);
+        check_gradient((14, 7), Columns::End);
     }
 
     #[test]
     fn gradient_is_that_of_the_reference_across_strips_and_seam() {
-        check_gradient((259, 2));
+        check_gradient((259, 2), Columns::Wrap);
+        check_gradient((259, 2), Columns::End);
     }
 
-    fn check_gradient((width, height): (usize, usize)) {
+    /// A panorama's first column is beside its last one, that of a pinhole is at a border.
+    #[test]
+    fn the_left_border_changes_the_gradient_at_the_right_one_of_panoramas_alone() {
+        let (width, height, lambda) = (40, 12, 0.4);
+        let mut rng = Pcg64Mcg::seed_from_u64(6);
+        let (x, y) = (
+            random_image(&mut rng, width * height * 3),
+            random_image(&mut rng, width * height * 3),
+        );
+        let mut others = [x.clone(), y.clone()];
+        for image in &mut others {
+            for row in image.chunks_exact_mut(3 * width) {
+                for value in &mut row[..9] {
+                    *value = 1.0 - *value;
+                }
+            }
+        }
+        let cameras = [
+            Camera::Erp(ErpCamera {
+                width: 40,
+                height: 12,
+            }),
+            Camera::Pinhole(PinholeCamera::with_horizontal_field_of_view(40, 12, 1.0)),
+        ];
+        for camera in cameras {
+            let mut loss = Loss::new(width, height, Columns::of(&camera));
+            let mut right_columns = |x: &[f32], y: &[f32]| -> Vec<f32> {
+                let gradient = loss.forward_backward(x, y, lambda).1;
+                let rows = gradient.chunks_exact(3 * width);
+                rows.flat_map(|row| row[3 * (width - 4)..].iter().copied())
+                    .collect()
+            };
+            let is_the_same = right_columns(&x, &y) == right_columns(&others[0], &others[1]);
+            assert_eq!(is_the_same, !camera.wraps(), "{camera:?}");
+
+            // In the outermost columns, where one model would have the other's gradient.
+            let gradient = loss.forward_backward(&x, &y, lambda).1.to_vec();
+            let step = 2e-3;
+            for row in [0, height / 2] {
+                for column in [0, 2, width - 3, width - 1] {
+                    let at = 3 * (row * width + column) + 1;
+                    // Away from the kink of L1.
+                    if (x[at] - y[at]).abs() < 2.0 * step {
+                        continue;
+                    }
+                    let mut shifted = |by: f32| {
+                        let mut shifted = x.clone();
+                        shifted[at] += by;
+                        loss.value(&shifted, &y, lambda).total
+                    };
+                    let expected = (shifted(step) - shifted(-step)) / (2.0 * f64::from(step));
+                    let error = (f64::from(gradient[at]) - expected).abs();
+                    assert!(error < 5e-6, "{camera:?} {at}: {} {expected}", gradient[at]);
+                }
+            }
+        }
+    }
+
+    fn check_gradient((width, height): (usize, usize), columns: Columns) {
         let lambda = 0.4;
         let mut rng = Pcg64Mcg::seed_from_u64(2);
         let (x, y) = (
@@ -286,7 +341,7 @@ mod tests {
             .map(|pixel| [0.0, 0.3, 1.0][pixel % 3])
             .collect();
         for mask in [Vec::new(), mask] {
-            let mut loss = Loss::new(width, height);
+            let mut loss = Loss::new(width, height, columns);
             let (_, gradient) = loss.masked_forward_backward(&x, &y, &mask, lambda);
             let all = vec![1.0; width * height];
             let mask = widen(if mask.is_empty() { &all } else { &mask });
@@ -294,6 +349,7 @@ mod tests {
             let pair = ReferencePair {
                 width,
                 height,
+                columns,
                 render: &x,
                 target: &y,
                 mask: &mask,
@@ -309,7 +365,7 @@ mod tests {
 
     #[test]
     fn ignored_pixels_have_the_targets_colour_and_no_gradient() {
-        let (width, height, lambda) = (37, 19, 0.4);
+        let (width, height, columns, lambda) = (37, 19, Columns::Wrap, 0.4);
         let mut rng = Pcg64Mcg::seed_from_u64(5);
         let (x, y) = (
             random_image(&mut rng, width * height * 3),
@@ -320,8 +376,12 @@ mod tests {
         let ignored: Vec<u8> = (0..width * height)
             .map(|at| u8::from(is_ignored(at)))
             .collect();
-        let mut loss = Loss::new(width, height);
-        let (value, gradient) = loss.forward_backward_ignoring(Some(&ignored), &x, &y, lambda);
+        let marks = PixelMarks {
+            ignored: Some(&ignored),
+            saturated: &[],
+        };
+        let mut loss = Loss::new(width, height, columns);
+        let (value, gradient) = loss.forward_backward_marked(marks, &x, &y, lambda);
         let composited: Vec<f64> = (x.iter().zip(&y).enumerate())
             .map(|(at, (&x, &y))| f64::from(if is_ignored(at / 3) { y } else { x }))
             .collect();
@@ -329,6 +389,7 @@ mod tests {
         let pair = ReferencePair {
             width,
             height,
+            columns,
             render: &composited,
             target: &widen(&y),
             mask: &weights,
@@ -354,13 +415,13 @@ mod tests {
         let other: Vec<f32> = (x.iter().enumerate())
             .map(|(at, &x)| if is_ignored(at / 3) { 9.0 } else { x })
             .collect();
-        let again = loss.forward_backward_ignoring(Some(&ignored), &other, &y, lambda);
+        let again = loss.forward_backward_marked(marks, &other, &y, lambda);
         assert_eq!((again.0, again.1), (found, &gradient[..]));
     }
 
     #[test]
     fn an_empty_mask_has_no_loss() {
-        let mut loss = Loss::new(12, 6);
+        let mut loss = Loss::new(12, 6, Columns::Wrap);
         let (x, y) = (vec![0.1; 216], vec![0.7; 216]);
         let (value, gradient) = loss.masked_forward_backward(&x, &y, &[0.0; 72], 0.2);
         assert_eq!(value.total, 0.0);
@@ -371,7 +432,7 @@ mod tests {
     fn equal_images_have_no_loss() {
         let mut rng = Pcg64Mcg::seed_from_u64(3);
         let x = random_image(&mut rng, 12 * 6 * 3);
-        let value = Loss::new(12, 6).value(&x, &x, 0.2);
+        let value = Loss::new(12, 6, Columns::Wrap).value(&x, &x, 0.2);
         assert!(
             value.total.abs() < 1e-6 && value.psnr() == 100.0,
             "{value:?}"

@@ -3,7 +3,11 @@
 use crate::device::{
     DeviceBuffer, Gpu, GpuError, Kernel, Program, Shader, Uniform, WORKGROUP, wgsl_struct,
 };
-use crate::{losses::photometric::LossValue, training_view::TrainingView};
+use crate::{
+    losses::photometric::{Columns, LossValue},
+    training_view::TrainingView,
+};
+use omnilife_schemas::camera::Camera;
 
 wgsl_struct! {
     /// Size of the image and weights.
@@ -22,7 +26,11 @@ wgsl_struct! {
         masked: u32,
         /// Of the whole loss.
         weight: f32,
-        pad_end: [u32; 3],
+        /// 1 where the first column follows the last.
+        wraps: u32,
+        /// 1 where gains are taken out: a saturated value says that it is as bright at least.
+        bounds_saturated: u32,
+        pad_end: u32,
     }
 }
 
@@ -107,11 +115,11 @@ pub(crate) struct Loss {
 }
 
 impl Loss {
-    /// For images of this size that are followed by `planes` planes: the gradient has room for them, and
+    /// For images of a camera that are followed by `planes` planes: the gradient has room for them, and
     /// the loss leaves it alone.
     pub(crate) fn new(
         gpu: &Gpu,
-        size: (u32, u32),
+        camera: &Camera,
         planes: usize,
         weights: LossWeights,
     ) -> Result<Self, GpuError> {
@@ -132,12 +140,13 @@ impl Loss {
                 "loss_value",
             ],
         )?;
-        let pixels = size.0 as usize * size.1 as usize;
+        let [width, height] = camera.size();
+        let pixels = width * height;
         let window = super::cpu::gaussian_window();
         let middle = &window[window.len() / 2..];
         let plain = LossSettings {
-            width: size.0,
-            height: size.1,
+            width: camera.width(),
+            height: camera.height(),
             lambda: weights.ssim,
             counted: (3 * pixels) as f32,
             taps: std::array::from_fn(|four| {
@@ -146,7 +155,9 @@ impl Loss {
             inverse_gain: [1.0; 3],
             masked: u32::from(weights.masked),
             weight: weights.total,
-            pad_end: [0; 3],
+            wraps: u32::from(Columns::of(camera) == Columns::Wrap),
+            bounds_saturated: 0,
+            pad_end: 0,
         };
         Ok(Self {
             blur_rows,
@@ -165,11 +176,12 @@ impl Loss {
         })
     }
 
-    /// Sets the gain that is taken out of images, and how many of their pixels count, in everything that is
-    /// submitted later.
-    pub(crate) fn set_view(&self, gpu: &Gpu, gain: [f32; 3], counted_pixels: usize) {
+    /// Sets the gain that is taken out of images, where one is, and how many of their pixels count, in everything
+    /// that is submitted later.
+    pub(crate) fn set_view(&self, gpu: &Gpu, gain: Option<[f32; 3]>, counted_pixels: usize) {
         let settings = LossSettings {
-            inverse_gain: gain.map(|gain| 1.0 / gain),
+            inverse_gain: gain.unwrap_or([1.0; 3]).map(|gain| 1.0 / gain),
+            bounds_saturated: u32::from(gain.is_some()),
             counted: (3 * counted_pixels) as f32,
             ..self.plain
         };
@@ -213,11 +225,15 @@ pub(crate) fn loss_value(value: [f32; 4]) -> LossValue {
 
 #[cfg(test)]
 mod tests {
+    use omnilife_schemas::camera::{ErpCamera, PinholeCamera};
     use rand::{RngExt, SeedableRng};
     use rand_pcg::Pcg64Mcg;
 
     use super::*;
-    use crate::{device::test_device, losses::photometric::cpu};
+    use crate::{
+        device::test_device,
+        losses::photometric::{PixelMarks, cpu},
+    };
 
     #[test]
     fn value_and_gradient_are_those_of_the_cpu() {
@@ -229,16 +245,29 @@ mod tests {
             (4, 3, 1.0),
             (37, 19, 0.2),
         ];
-        for (number, (width, height, lambda)) in sizes.into_iter().enumerate() {
+        let cases = sizes.into_iter().enumerate();
+        for (number, (width, height, lambda), wraps) in
+            cases.flat_map(|(number, size)| [true, false].map(|wraps| (number, size, wraps)))
+        {
+            let camera = if wraps {
+                Camera::Erp(ErpCamera { width, height })
+            } else {
+                let radians = 1.0;
+                PinholeCamera::with_horizontal_field_of_view(width, height, radians).into()
+            };
             let len = (width * height * 3) as usize;
             let render: Vec<f32> = (0..len).map(|_| random.random_range(-0.2..1.2)).collect();
-            let target: Vec<u8> = (0..len).map(|_| random.random()).collect();
+            let mut target: Vec<u8> = (0..len).map(|_| random.random()).collect();
+            let gain = (!wraps).then_some([0.8, 1.0, 1.6]);
+            for value in target.iter_mut().step_by(5) {
+                *value = 255;
+            }
             let weights = LossWeights {
                 ssim: lambda,
                 total: 1.0,
                 masked: false,
             };
-            let loss = Loss::new(&gpu, (width, height), 0, weights).expect("fits");
+            let loss = Loss::new(&gpu, &camera, 0, weights).expect("fits");
             let render_buffer = DeviceBuffer::of(&gpu, "render", &render).expect("fits");
             // The last ones ignore a part across the seam.
             let ignored = (number >= 2).then(|| -> Vec<u8> {
@@ -250,7 +279,7 @@ mod tests {
             let ignored = ignored.as_deref();
             let counted =
                 ignored.map_or(len / 3, |marks| marks.iter().filter(|m| **m == 0).count());
-            loss.set_view(&gpu, [1.0; 3], counted);
+            loss.set_view(&gpu, gain, counted);
             let target_buffer =
                 DeviceBuffer::of(&gpu, "target", &pack_pixels(&target, None, ignored))
                     .expect("fits");
@@ -260,10 +289,21 @@ mod tests {
             let value = loss_value(loss.value.read(&gpu).expect("reads")[0]);
             let gradient = loss.gradient.read(&gpu).expect("reads");
 
-            let target: Vec<f32> = target.iter().map(|&byte| f32::from(byte) / 255.0).collect();
-            let mut on_cpu = cpu::Loss::new(width as usize, height as usize);
+            let saturated: Vec<bool> = target.iter().map(|&byte| byte == 255).collect();
+            let marks = PixelMarks {
+                ignored,
+                saturated: if gain.is_some() { &saturated[..] } else { &[] },
+            };
+            let inverse = gain.unwrap_or([1.0; 3]).map(|gain| 1.0 / gain);
+            let levels = target.iter().map(|&byte| f32::from(byte) / 255.0);
+            let target: Vec<f32> = levels
+                .enumerate()
+                .map(|(at, level)| level * inverse[at % 3])
+                .collect();
+            let [width, height] = camera.size();
+            let mut on_cpu = cpu::Loss::new(width, height, Columns::of(&camera));
             let (expected, expected_gradient) =
-                on_cpu.forward_backward_ignoring(ignored, &render, &target, lambda);
+                on_cpu.forward_backward_marked(marks, &render, &target, lambda);
             for (value, expected) in [
                 (value.total, expected.total),
                 (value.l1, expected.l1),

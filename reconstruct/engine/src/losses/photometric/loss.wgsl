@@ -21,6 +21,10 @@ struct LossSettings {
     masked: u32,
     // Of the whole loss.
     weight: f32,
+    // 1 where the first column follows the last.
+    wraps: u32,
+    // 1 where gains are taken out: a saturated value says that it is as bright at least.
+    bounds_saturated: u32,
 }
 
 @group(0) @binding(0) var<uniform> settings: LossSettings;
@@ -58,24 +62,48 @@ fn is_ignored(pixel: u32) -> bool {
     return ((target_image[pixel_count() + pixel / 32u] >> (pixel % 32u)) & 1u) == 1u;
 }
 
-// The target's colour where pixels are ignored, for the windows that reach over them.
+fn drawn_at(pixel: u32) -> vec3<f32> {
+    return vec3(render[pixel * 3u], render[pixel * 3u + 1u], render[pixel * 3u + 2u]);
+}
+
+// Which values are saturated where gains are taken out; of an image inside its mask, where that covers all.
+fn saturated_at(pixel: u32) -> vec3<bool> {
+    let rgb_mask = unpack4x8unorm(target_image[pixel]);
+    let is_whole = settings.masked == 0u || rgb_mask.w > 0.999;
+    if settings.bounds_saturated == 0u || !is_whole {
+        return vec3<bool>();
+    }
+    return rgb_mask.xyz > vec3(0.999);
+}
+
+// The target's colour where pixels are ignored, or saturated and the render is no darker, for the windows that
+// reach over them.
 fn render_at(pixel: u32) -> vec3<f32> {
     if is_ignored(pixel) {
         return target_at(pixel);
     }
-    return vec3(render[pixel * 3u], render[pixel * 3u + 1u], render[pixel * 3u + 2u]);
+    let drawn = drawn_at(pixel);
+    if settings.bounds_saturated == 0u {
+        return drawn;
+    }
+    let bounded = select(drawn, target_at(pixel), drawn >= target_at(pixel));
+    return select(drawn, bounded, saturated_at(pixel));
 }
 
-// The pixel `distance` columns beside another one: the first column follows the last.
-fn beside(pixel: u32, distance: i32) -> u32 {
+// The pixel `distance` columns beside another one, or -1 outside of the image: of a panorama the first column
+// follows the last.
+fn beside(pixel: u32, distance: i32) -> i32 {
     let width = i32(settings.width);
     let row_start = i32(pixel / settings.width) * width;
     var column = i32(pixel) - row_start + distance;
     if column < 0 || column >= width {
+        if settings.wraps == 0u {
+            return -1;
+        }
         // Images may be narrower than the window.
         column = ((column % width) + width) % width;
     }
-    return u32(row_start + column);
+    return row_start + column;
 }
 
 // The pixel `distance` rows below another one, or -1 outside of the image.
@@ -103,9 +131,12 @@ fn blur_rows(
     var moments: array<vec3<f32>, 5>;
     for (var distance = -RADIUS; distance <= RADIUS; distance++) {
         let other = beside(pixel, distance);
+        if other < 0 {
+            continue;
+        }
         let weight = tap(distance);
-        let x = render_at(other);
-        let y = target_at(other);
+        let x = render_at(u32(other));
+        let y = target_at(u32(other));
         moments[0] += weight * x;
         moments[1] += weight * y;
         moments[2] += weight * (x * x);
@@ -192,7 +223,11 @@ fn blur_derivative_rows(
     for (var plane = 0u; plane < 3u; plane++) {
         var sum = vec3<f32>();
         for (var distance = -RADIUS; distance <= RADIUS; distance++) {
-            let index = (plane * pixel_count() + beside(pixel, distance)) * 3u;
+            let other = beside(pixel, distance);
+            if other < 0 {
+                continue;
+            }
+            let index = (plane * pixel_count() + u32(other)) * 3u;
             sum += tap(distance)
                 * vec3(by_moment[index], by_moment[index + 1u], by_moment[index + 2u]);
         }
@@ -231,6 +266,9 @@ fn image_gradient(
         - settings.lambda * (by[0] + 2.0 * x * by[1] + y * by[2]));
     if is_ignored(pixel) {
         total = vec3<f32>();
+    } else if settings.bounds_saturated == 1u {
+        let bounded = select(total, vec3<f32>(), drawn_at(pixel) >= y);
+        total = select(total, bounded, saturated_at(pixel));
     }
     gradient[pixel * 3u] = total.x;
     gradient[pixel * 3u + 1u] = total.y;

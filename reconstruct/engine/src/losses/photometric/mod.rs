@@ -1,9 +1,10 @@
 //! The photometric loss of 3DGS: `L = (1 - lambda) L1 + lambda (1 - SSIM)`.
 //!
 //! SSIM as in 3DGS `utils/loss_utils.py`: 11x11 Gaussian window with sigma 1.5, per channel,
-//! `C1 = 0.01^2`, `C2 = 0.03^2`, mean over the map. One deviation: the window wraps around the
-//! seam, because columns 0 and W-1 are neighbours on the sphere; rows are padded with zeros as
-//! there. Scores never come from this code: `bench` has its own.
+//! `C1 = 0.01^2`, `C2 = 0.03^2`, mean over the map. Images are padded with zeros as there (`conv2d` with
+//! `padding = window_size // 2`), and as the metric `ssim` of `bench` is. One deviation: the window wraps around the
+//! seam of a panorama, because columns 0 and W-1 are neighbours on the sphere ([`Columns`]); those of a
+//! pinhole are not. Scores never come from this code: `bench` has its own.
 //!
 //! With `A1 = 2 mx my + C1`, `A2 = 2 sxy + C2`, `B1 = mx^2 + my^2 + C1`, `B2 = sx + sy + C2` and
 //! the blurred `E[x^2] = sx + mx^2`, `E[xy] = sxy + mx my`:
@@ -18,10 +19,36 @@
 //!
 //! (a wrapped or zero-padded blur with a symmetric window is its own transpose).
 
+use omnilife_schemas::camera::Camera;
+
 pub mod cpu;
 pub(crate) mod gpu;
+mod marks;
 pub mod reference;
 mod rows;
+mod strips;
+
+pub use marks::PixelMarks;
+
+/// What is beside the first and the last column of an image.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Columns {
+    /// Each other: the image goes around the whole sphere.
+    Wrap,
+    /// Zeros, as above the first row and below the last one.
+    End,
+}
+
+impl Columns {
+    /// Returns those of a camera's images.
+    pub fn of(camera: &Camera) -> Self {
+        if camera.wraps() {
+            Self::Wrap
+        } else {
+            Self::End
+        }
+    }
+}
 
 /// Values of the loss on one image.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]

@@ -1,7 +1,7 @@
 //! The loss and its gradient as plain f64 loops over the definition: what fast kernels are judged by.
 
 use super::{
-    LossValue,
+    Columns, LossValue,
     cpu::SIGMA,
     rows::{C1, C2, RADIUS},
 };
@@ -13,6 +13,8 @@ pub struct ReferencePair<'a> {
     pub width: usize,
     /// Rows.
     pub height: usize,
+    /// What is beside the first and the last column.
+    pub columns: Columns,
     /// The image that is differentiated by.
     pub render: &'a [f64],
     /// What it should be.
@@ -70,7 +72,8 @@ impl ReferencePair<'_> {
         similarity
     }
 
-    /// The values around one of the same channel, with their weights; columns wrap.
+    /// The values around one of the same channel, with their weights; beyond the image's edges, but
+    /// for columns that wrap, there are zeros.
     fn window(&self, index: usize) -> impl Iterator<Item = (usize, f64)> + use<'_> {
         let radius = RADIUS as isize;
         let weight = |offset: isize| (-(offset as f64).powi(2) / (2.0 * SIGMA * SIGMA)).exp();
@@ -80,10 +83,14 @@ impl ReferencePair<'_> {
         let (row, column) = (pixel / width, pixel % width);
         let rows = (-radius..=radius).filter(move |down| (0..height).contains(&(row + down)));
         rows.flat_map(move |down| {
-            (-radius..=radius).map(move |right| {
-                let wrapped = (column + right).rem_euclid(width);
-                let at = 3 * ((row + down) * width + wrapped) as usize + channel;
-                (at, weight(down) * weight(right) / (total * total))
+            (-radius..=radius).filter_map(move |right| {
+                let beside = match self.columns {
+                    Columns::Wrap => (column + right).rem_euclid(width),
+                    Columns::End => column + right,
+                };
+                let at = 3 * ((row + down) * width + beside) as usize + channel;
+                let weight = weight(down) * weight(right) / (total * total);
+                (0..width).contains(&beside).then_some((at, weight))
             })
         })
     }
@@ -98,6 +105,12 @@ mod tests {
 
     #[test]
     fn the_gradient_is_that_of_central_differences() {
+        for columns in [Columns::Wrap, Columns::End] {
+            check_by_differences(columns);
+        }
+    }
+
+    fn check_by_differences(columns: Columns) {
         let (width, height) = (9, 6);
         let mut random = Pcg64Mcg::seed_from_u64(4);
         let mut image = || -> Vec<f64> {
@@ -113,6 +126,7 @@ mod tests {
             let pair = ReferencePair {
                 width,
                 height,
+                columns,
                 render,
                 target: &target,
                 mask: &mask,

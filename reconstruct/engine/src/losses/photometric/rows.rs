@@ -5,107 +5,18 @@ use std::ops::Range;
 
 use fearless_simd::{Simd, f32x8, f64x4, prelude::*};
 
+use super::strips::{RowShape, Strip};
+
 pub(super) const WINDOW: usize = 11;
 pub(super) const RADIUS: usize = WINDOW / 2;
 pub(super) const C1: f32 = 0.01 * 0.01;
 pub(super) const C2: f32 = 0.03 * 0.03;
-const LANES: usize = 8;
+pub(super) const LANES: usize = 8;
 pub(super) const CHANNELS: usize = 3;
 /// Values that the window reaches to either side.
-const MARGIN: usize = RADIUS * CHANNELS;
+pub(super) const MARGIN: usize = RADIUS * CHANNELS;
 /// Values under the windows of a vector.
 const REACH: usize = LANES + 2 * MARGIN;
-/// Pixels across a strip. Whole vectors, whatever is left of the image: strips begin where the rows
-/// of the maps have vectors.
-const STRIP: usize = 256;
-
-const _: () = assert!(STRIP.is_multiple_of(LANES));
-
-/// Rows of one size, as long as whole vectors.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct RowShape {
-    /// Pixels per row.
-    pub(super) width: usize,
-    /// Rows of the image.
-    pub(super) height: usize,
-}
-
-impl RowShape {
-    /// Values per row.
-    pub(super) fn values(&self) -> usize {
-        self.width * CHANNELS
-    }
-
-    /// Values per row with padding to whole vectors.
-    pub(super) fn stride(&self) -> usize {
-        self.values().next_multiple_of(LANES)
-    }
-
-    /// The strips of a row, from left to right.
-    fn strips(self) -> impl Iterator<Item = Strip> {
-        (0..self.width).step_by(STRIP).map(move |first| Strip {
-            shape: self,
-            first,
-            width: STRIP.min(self.width - first),
-        })
-    }
-}
-
-/// Neighbouring columns of an image.
-#[derive(Debug, Clone, Copy)]
-struct Strip {
-    shape: RowShape,
-    /// First column.
-    first: usize,
-    /// Columns.
-    width: usize,
-}
-
-impl Strip {
-    /// The strip's values in a row.
-    fn values(&self) -> Range<usize> {
-        self.first * CHANNELS..(self.first + self.width) * CHANNELS
-    }
-
-    /// Values per row with padding to whole vectors.
-    fn stride(&self) -> usize {
-        self.vectors() * LANES
-    }
-
-    /// Vectors per row.
-    fn vectors(&self) -> usize {
-        self.values().len().div_ceil(LANES)
-    }
-
-    /// The strip's vectors in a row of [`RowShape::stride`].
-    fn padded(&self) -> Range<usize> {
-        let begin = self.first * CHANNELS / LANES;
-        begin..begin + self.vectors()
-    }
-
-    /// Values of a row with its margins, as long as whole vectors.
-    fn padded_len(&self) -> usize {
-        (self.stride() + 2 * MARGIN).next_multiple_of(LANES)
-    }
-
-    /// Copies the strip of a row with [`RADIUS`] pixels on either side, wrapped at the image's edges,
-    /// and something beyond.
-    fn wrap(&self, row: &[f32], padded: &mut Vec<f32>) {
-        let image_width = self.shape.width;
-        padded.resize(self.padded_len(), 0.0);
-        let values = self.values();
-        let right_margin = MARGIN + values.len();
-        padded[MARGIN..right_margin].copy_from_slice(&row[values]);
-        for position in 0..RADIUS {
-            let left = (image_width * RADIUS + self.first + position - RADIUS) % image_width;
-            let right = (self.first + self.width + position) % image_width;
-            let to = position * CHANNELS;
-            padded[to..to + CHANNELS].copy_from_slice(&row[left * CHANNELS..][..CHANNELS]);
-            padded[right_margin + to..][..CHANNELS]
-                .copy_from_slice(&row[right * CHANNELS..][..CHANNELS]);
-        }
-    }
-}
 
 /// One value of every map, for every lane.
 type Maps<const MAPS: usize> = [[f32; LANES]; MAPS];
@@ -157,7 +68,7 @@ fn filtered<S: Simd, const MAPS: usize>(
     sums
 }
 
-/// The horizontal filter of a row of [`Strip::wrap`] at the vector that begins at `at`.
+/// The horizontal filter of a row of [`Strip::pad`] at the vector that begins at `at`.
 #[inline(always)]
 fn filtered_row<S: Simd>(simd: S, padded: &[f32], window: &[f32; WINDOW], at: usize) -> f32x8<S> {
     let mut sum = f32x8::splat(simd, 0.0);
@@ -313,8 +224,8 @@ fn moments_of_row<S: Simd>(
     } = *band;
     let values = row * shape.values()..(row + 1) * shape.values();
     let [x, y, squares, products] = &mut scratch.padded;
-    strip.wrap(&pair.render[values.clone()], x);
-    strip.wrap(&pair.target[values], y);
+    strip.pad(&pair.render[values.clone()], x);
+    strip.pad(&pair.target[values], y);
     squares.resize(x.len(), 0.0);
     products.resize(x.len(), 0.0);
     let both = x.as_chunks::<LANES>().0.iter().zip(y.as_chunks().0);
@@ -439,7 +350,7 @@ fn gradient_strip<S: Simd>(
             Some(row) if row < shape.height => {
                 let maps = &derivatives[row * 3 * stride..(row + 1) * 3 * stride];
                 for (map, padded) in maps.chunks_exact(stride).zip(&mut scratch.padded) {
-                    strip.wrap(map, padded);
+                    strip.pad(map, padded);
                 }
                 let padded = &scratch.padded;
                 for (vector, out) in scratch.derivatives.row_mut(shifted).iter_mut().enumerate() {

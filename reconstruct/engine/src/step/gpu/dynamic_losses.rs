@@ -1,6 +1,7 @@
 //! The losses of dynamic methods on a GPU; the twin of `step/dynamic_losses.rs`.
 
 use crate::{
+    camera::Camera,
     device::{DeviceBuffer, Gpu, GpuError, Program},
     gaussians::temporal::{TemporalFeatures, gpu::TemporalKernels},
     losses::{
@@ -50,7 +51,7 @@ impl DynamicKernels {
     pub(super) fn new(
         gpu: &Gpu,
         settings: &DynamicSettings,
-        size: (u32, u32),
+        camera: &Camera,
     ) -> Result<Self, GpuError> {
         let moves = settings.motion_weight > 0.0;
         let alone = settings.dynamic_loss.map(|dynamic| {
@@ -62,12 +63,13 @@ impl DynamicKernels {
             Ok(AloneKernels {
                 chains: Chains::default(),
                 // Transmittance, and the opacity as a feature.
-                loss: Loss::new(gpu, size, 2, weights)?,
+                loss: Loss::new(gpu, camera, 2, weights)?,
             })
         });
+        let [width, height] = camera.size();
         Ok(Self {
             settings: settings.clone(),
-            maps: Maps::new(gpu, size.0 as usize * size.1 as usize)?,
+            maps: Maps::new(gpu, width * height)?,
             motion: moves
                 .then(|| Motion::new(gpu, settings.motion_weight))
                 .transpose()?,
@@ -80,8 +82,14 @@ impl DynamicKernels {
         &self.settings.features
     }
 
-    /// Sets what a view's losses are, with its gain and how many of its pixels count, for everything that is submitted later.
-    pub(super) fn set(&self, gpu: &Gpu, has_mask: bool, (gain, counted): ([f32; 3], usize)) {
+    /// Sets what a view's losses are, with its gain, where one is taken out, and how many of its pixels count,
+    /// for everything that is submitted later.
+    pub(super) fn set(
+        &self,
+        gpu: &Gpu,
+        has_mask: bool,
+        (gain, counted): (Option<[f32; 3]>, usize),
+    ) {
         let settings = &self.settings;
         let of_view = settings
             .velocity_loss

@@ -140,14 +140,13 @@ impl StepKernels {
         (model, settings): (&Model, &TrainSettings),
         look_interval: usize,
     ) -> Result<Self, GpuError> {
-        let size = (inputs.camera.width(), inputs.camera.height());
         let features = settings.dynamics.as_ref();
         let shape = RenderShape {
             gaussians: 0,
             sh_degree: 0,
             features: features.map_or(0, |dynamics| dynamics.features.count()),
-            width: size.0 as usize,
-            height: size.1 as usize,
+            width: inputs.size()[0],
+            height: inputs.size()[1],
             entries: 0,
         };
         let [judge_loss, add_statistics, add_term, add_alone] = Kernel::compile(
@@ -163,11 +162,11 @@ impl StepKernels {
         Ok(Self {
             chains: Chains::default(),
             activation: ActivationKernels::new(&gpu, model)?,
-            loss: Loss::new(&gpu, size, 1 + shape.features, weights)?,
+            loss: Loss::new(&gpu, &inputs.camera, 1 + shape.features, weights)?,
             dynamic: settings
                 .dynamics
                 .as_ref()
-                .map(|dynamics| DynamicKernels::new(&gpu, dynamics, size))
+                .map(|dynamics| DynamicKernels::new(&gpu, dynamics, &inputs.camera))
                 .transpose()?,
             pose_gradients: settings
                 .pose_refinement

@@ -245,7 +245,7 @@ impl<'a> GpuStepper<'a> {
         let gpu = &*self.gpu;
         let (view, counted) = (&self.inputs.views[number], self.targets[number].1);
         let exposure = self.settings.exposure.as_ref();
-        let gain = exposure.map_or([1.0; 3], |exposure| exposure.gain(view.view.time_seconds));
+        let gain = exposure.map(|exposure| exposure.gain(view.view.time_seconds));
         // Where all views are alike nothing has to be written before each step.
         let ignore_something = self.inputs.views.iter().any(|view| view.ignored.is_some());
         if exposure.is_some() || ignore_something {
