@@ -331,10 +331,10 @@ fn real_frames_are_scored() {
         fs::copy(&images[frame], bench.at("scene").join(&entry.image)).unwrap();
     }
     store::write_record(&bench.request.scene, &scene).unwrap();
-    let mut protocol = omnilife_bench::protocols::protocol("per-scene").unwrap();
+    let mut protocol = protocols::protocol("per-scene").unwrap();
     protocol.largest_width = Some(256);
     protocol.metrics = ["psnr", "ssim"].map(str::to_owned).to_vec();
-    let split = omnilife_bench::split(&scene, &protocol).unwrap();
+    let split = split(&scene, &protocol).unwrap();
     store::write_record(&bench.request.split, &split).unwrap();
     for (frame, shown) in [(4, 3), (9, 9)] {
         let image = RgbImage::read(&images[shown]).unwrap();

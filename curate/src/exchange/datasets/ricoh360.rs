@@ -16,7 +16,7 @@
 
 use std::path::Path;
 
-use omnilife_schemas::{points::PointCloud, records::Scale};
+use omnilife_schemas::points::PointCloud;
 
 use super::{folders_not_read, panorama_camera, plain_frame};
 use crate::{
