@@ -142,6 +142,14 @@ pub(crate) fn print(text: &str) -> anyhow::Result<()> {
     Ok(())
 }
 
+/// Writes data to standard output as they are: what reads them is a program.
+pub(crate) fn print_data(bytes: &[u8]) -> anyhow::Result<()> {
+    let mut out = io::stdout().lock();
+    out.write_all(bytes)?;
+    out.flush()?;
+    Ok(())
+}
+
 /// Who is to blame for an error; what nobody claims is ours.
 pub(crate) fn error_kind(error: &anyhow::Error) -> ErrorKind {
     fn of<E: Classified + Send + Sync + 'static>(error: &anyhow::Error) -> Option<ErrorKind> {

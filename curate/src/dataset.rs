@@ -174,7 +174,8 @@ pub fn curate_dataset_in(
     let raw = attrition
         .funnel
         .first()
-        .map_or(0.0, |step| step.left_seconds);
+        // The sum of nothing is -0, which prints its sign.
+        .map_or(0.0, |step| step.left_seconds + 0.0);
     progress.note(&format!(
         "{} of {} videos give {} sequences with {:.1} of {raw:.1} s; {} says where the rest went",
         attrition.funnel.last().map_or(0, |step| step.left_videos),

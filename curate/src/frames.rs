@@ -128,6 +128,10 @@ pub fn frame_size(
         let reason = format!("{} rows of pixels store no sphere as {layout}", stored.1);
         return Err(CurateError::input(video, reason));
     }
+    if let Some(layout) = layout {
+        sphere_layouts::expect_shape(layout, stored)
+            .map_err(|reason| CurateError::input(video, reason))?;
+    }
     let width = width.unwrap_or(native.min(DEFAULT_WIDTH_PIXELS));
     if width < 16 || width % 2 == 1 {
         return Err(CurateError::input(

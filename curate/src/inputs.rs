@@ -19,6 +19,10 @@ const OTHER_VIDEO_EXTENSIONS: &[&str] = &[
     "mxf", "ogv", "vob", "wmv",
 ];
 
+/// Extensions of still images, in lower case, which are taken from a folder without videos alone; of the ones that are
+/// no PNG or JPEG none are.
+const IMAGE_EXTENSIONS: &[&str] = &["jpg", "jpeg", "png", "insp", "dng", "heic", "tif", "tiff"];
+
 /// Replaces every folder by the videos directly in it, sorted by name; files stay as they are, and so does a folder of
 /// images without videos: still panoramas.
 ///
@@ -105,8 +109,13 @@ fn located(path: &Path) -> PathBuf {
 /// The videos of a folder that are not among those `taken`, in order of their names.
 fn left_out_of(folder: &Path, taken: &BTreeSet<PathBuf>) -> Result<Vec<InputFile>, CurateError> {
     let mut files = Vec::new();
+    let is_of_stills = taken.contains(&located(folder));
     for path in store::paths_in(folder)? {
         let name = name(&path);
+        if let Some(reason) = reason_of_image(&path, is_of_stills) {
+            files.push(InputFile { file: name, reason });
+            continue;
+        }
         if is_real_folder(&path) {
             add_videos_below(&path, &name, taken, &mut files);
         } else if has_extension(&path, OTHER_VIDEO_EXTENSIONS) && !taken.contains(&located(&path)) {
@@ -118,6 +127,19 @@ fn left_out_of(folder: &Path, taken: &BTreeSet<PathBuf>) -> Result<Vec<InputFile
         }
     }
     Ok(files)
+}
+
+/// Returns the reason for which an image in a folder is not taken; `None` where it is, and for other files.
+fn reason_of_image(path: &Path, is_of_stills: bool) -> Option<String> {
+    let extension = extension(path);
+    if !path.is_file() || !IMAGE_EXTENSIONS.contains(&extension.as_str()) {
+        return None;
+    }
+    match (is_of_stills, extension.as_str()) {
+        (true, "jpg" | "jpeg" | "png") => None,
+        (true, _) => Some(format!("a .{extension} image, and PNG and JPEG are read")),
+        (false, _) => Some("an image beside videos, which are taken".to_owned()),
+    }
 }
 
 /// Adds the videos of all extensions in a folder and those below it, which is called `place` in their names.

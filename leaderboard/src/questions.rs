@@ -68,11 +68,7 @@ fn sources<'a>(
 ) -> Vec<Source<'a>> {
     let mut sources: Vec<Source<'_>> = results
         .iter()
-        .map(|(file, result)| Source {
-            file,
-            result,
-            facts: facts.get(&result.scene),
-        })
+        .map(|(file, result)| Source::new(file, result, facts.get(&result.scene)))
         .collect();
     let key = |source: &Source<'a>| {
         let result = source.result;

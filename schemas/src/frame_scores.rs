@@ -130,7 +130,7 @@ impl FrameScores {
 fn row(record: &csv::StringRecord, has_distance: bool) -> Option<FrameRow> {
     let number = |field: &str| match field {
         "" => Some(None),
-        field => field.parse().ok().map(Some),
+        field => field.parse().ok().filter(|n: &f64| !n.is_nan()).map(Some),
     };
     let mut numbers = record.iter().skip(LEADING.len());
     let distance_to_given = match has_distance {
@@ -198,6 +198,7 @@ mod tests {
                 "view,frame,time_seconds,psnr\ninput,0,0,1\ninput,1,0,x\n",
                 "line 3",
             ),
+            ("view,frame,time_seconds,psnr\ninput,0,0,NaN\n", "line 2"),
             ("PAR1\u{0}\u{15}\n", "first columns"),
             ("view,frame,time_seconds,psnr\ninput,0,0,3", "cut off"),
         ] {

@@ -13,7 +13,7 @@
 )]
 
 use std::{
-    fs::File,
+    fs::{self, File},
     io::{BufRead, BufReader},
     path::Path,
 };
@@ -60,6 +60,34 @@ impl FileFormat {
         } else {
             Self::Png
         }
+    }
+}
+
+/// Returns true where a JPEG file has the marker of its end behind its first scan. In a scan that marker stands for
+/// nothing else; the segments before it, which may hold whole thumbnails, are stepped over by their lengths.
+fn jpeg_ends(bytes: &[u8]) -> bool {
+    const START_OF_SCAN: u8 = 0xda;
+    const END: [u8; 2] = [0xff, 0xd9];
+    let mut rest = bytes.get(2..).unwrap_or_default();
+    loop {
+        // Any number of 0xff may stand before the code of a marker.
+        let Some(at) = rest.iter().position(|&byte| byte != 0xff) else {
+            return false;
+        };
+        let Some((&code, segment)) = rest.get(at..).and_then(<[u8]>::split_first) else {
+            return false;
+        };
+        let Some(&[high, low]) = segment.first_chunk::<2>() else {
+            return false;
+        };
+        let length = usize::from(u16::from_be_bytes([high, low]));
+        let Some(after) = segment.get(length..) else {
+            return false;
+        };
+        if code == START_OF_SCAN {
+            return after.array_windows().any(|pair: &[u8; 2]| *pair == END);
+        }
+        rest = after;
     }
 }
 
@@ -181,6 +209,21 @@ impl<'a> ImageFile<'a> {
         data.map_err(|error| unusable(self.path, &error))
     }
 
+    /// Refuses a JPEG file that ends within its image, which its decoder would fill with grey.
+    fn refuse_cut_off(&self) -> Result<(), StoreError> {
+        if self.format != FileFormat::Jpeg {
+            return Ok(());
+        }
+        let bytes = fs::read(self.path).map_err(|source| StoreError::read(self.path, source))?;
+        match jpeg_ends(&bytes) {
+            true => Ok(()),
+            false => Err(StoreError::malformed(
+                self.path,
+                "not a usable image: its data end before its last row",
+            )),
+        }
+    }
+
     /// True where its EXIF data ask for it to be turned or mirrored.
     ///
     /// # Errors
@@ -224,6 +267,7 @@ impl<'a> ImageFile<'a> {
     /// # Errors
     /// When they are damaged.
     pub fn decode(self) -> Result<DynamicImage, StoreError> {
+        self.refuse_cut_off()?;
         DynamicImage::from_decoder(self.decoder).map_err(|error| unusable(self.path, &error))
     }
 
@@ -232,6 +276,7 @@ impl<'a> ImageFile<'a> {
     /// # Errors
     /// Those of [`plain_rgb8`].
     pub fn decode_plain(self) -> Result<Vec<u8>, StoreError> {
+        self.refuse_cut_off()?;
         plain_rgb8(self.decoder)
             .map_err(|error| StoreError::malformed(self.path, error.to_string()))
     }

@@ -263,6 +263,13 @@ pub fn write_with(
     path: &Path,
     fill: impl FnOnce(&mut BufWriter<File>) -> io::Result<()>,
 ) -> Result<(), StoreError> {
+    // A device or a pipe would be replaced by a file.
+    if fs::metadata(path).is_ok_and(|there| !there.is_file() && !there.is_dir()) {
+        return Err(StoreError::refused(
+            path,
+            "is no regular file, and would be replaced by one",
+        ));
+    }
     let temporary = temporary_beside(path);
     let written = (|| {
         let mut writer = BufWriter::new(File::create(&temporary)?);

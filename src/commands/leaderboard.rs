@@ -73,7 +73,8 @@ fn answer(arguments: &QueryArguments, progress: &dyn Progress) -> anyhow::Result
     let bytes = render(&answer, format)?;
     match &arguments.out {
         Some(file) => Ok(store::write_bytes(file, &bytes)?),
-        None => exit::print(&String::from_utf8_lossy(&bytes)),
+        None if format == AnswerFormat::Table => exit::print(&String::from_utf8_lossy(&bytes)),
+        None => exit::print_data(&bytes),
     }
 }
 

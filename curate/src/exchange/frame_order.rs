@@ -75,6 +75,20 @@ pub(super) fn number(file: &Path) -> Option<u64> {
     last.parse().ok()
 }
 
+/// The name of a file without its folder, up to the last run of digits.
+fn before_number(file: &Path) -> String {
+    let stem = file.file_stem().unwrap_or_default().to_string_lossy();
+    let is_digit = |letter: char| letter.is_ascii_digit();
+    let upto_digits = stem.trim_end_matches(|letter| !is_digit(letter));
+    upto_digits.trim_end_matches(is_digit).to_owned()
+}
+
+/// Returns true where the names of files differ before their numbers, so that the numbers alone do not count them.
+fn differ_before_numbers<'a>(files: impl IntoIterator<Item = &'a Path>) -> bool {
+    let begins: BTreeSet<String> = files.into_iter().map(before_number).collect();
+    begins.len() > 1
+}
+
 /// The images of a folder, PNG or JPEG, in natural order.
 pub(crate) fn images_in(folder: &Path) -> Result<Vec<PathBuf>, StoreError> {
     let mut files = store::paths_in(folder)?;
@@ -92,7 +106,8 @@ pub(super) fn has_extension(file: &Path, known: &[&str]) -> bool {
 /// Returns true where files in natural order are numbered 0, 1, ... or 1, 2, ...
 pub(super) fn are_counted(files: &[PathBuf]) -> bool {
     let numbers: Option<Vec<u64>> = files.iter().map(|file| number(file)).collect();
-    numbers.is_some_and(|numbers| {
+    let is_one_count = !differ_before_numbers(files.iter().map(PathBuf::as_path));
+    numbers.filter(|_| is_one_count).is_some_and(|numbers| {
         let first = numbers.first().copied().unwrap_or(0);
         first <= 1 && numbers.iter().copied().eq((first..).take(numbers.len()))
     })
@@ -107,8 +122,8 @@ pub(super) struct NumberedTimes {
 }
 
 /// The times of files in natural order at so many frames per second: the lowest number, of these files and of
-/// `others` beside them, is shown at 0, and gaps in the numbers stay gaps. Where a name has no number, or two
-/// of a folder have the same one, the order of the names counts.
+/// `others` beside them, is shown at 0, and gaps in the numbers stay gaps. Where a name has no number, two of
+/// a folder have the same one, or names differ before it (`clip1_5`, `clip2_1`), the order of the names counts.
 pub(super) fn times_at(
     frames_per_second: f64,
     files: &[&Path],
@@ -118,7 +133,7 @@ pub(super) fn times_at(
     let numbers = numbers.filter(|numbers| {
         let folders = files.iter().map(|file| file.parent());
         let distinct: BTreeSet<_> = folders.zip(numbers).collect();
-        distinct.len() == files.len()
+        distinct.len() == files.len() && !differ_before_numbers(files.iter().copied())
     });
     let Some(numbers) = numbers else {
         return NumberedTimes {
@@ -126,7 +141,8 @@ pub(super) fn times_at(
                 .map(|index| index as f64 / frames_per_second)
                 .collect(),
             note: Some(
-                "names of images have no numbers, or not one each: times follow the order of the names"
+                "names of images have no numbers, not one each, or differ before them: times follow the order of the \
+                 names"
                     .to_owned(),
             ),
         };
@@ -169,6 +185,31 @@ fn greatest_common_divisor(a: u64, b: u64) -> u64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn numbers_behind_other_numbers_count_nothing() {
+        for names in [
+            [
+                "2024-05-01 10.00.58",
+                "2024-05-01 10.00.59",
+                "2024-05-01 10.01.00",
+            ],
+            ["clip1_f5", "clip1_f6", "clip2_f1"],
+            ["t0.1", "t0.25", "t1.3"],
+        ] {
+            let names = names.map(|name| format!("{name}.png"));
+            let names: Vec<&str> = names.iter().map(String::as_str).collect();
+            assert_eq!(
+                seconds(&names, &[]),
+                (vec![0.0, 0.5, 1.0], true),
+                "{names:?}"
+            );
+            let files: Vec<PathBuf> = names.iter().map(PathBuf::from).collect();
+            assert!(!are_counted(&files));
+        }
+        let (times, _) = seconds(&["a_0001_rgb.png", "a_0003_rgb.png"], &[]);
+        assert_eq!(times, [0.0, 1.0]);
+    }
 
     fn seconds(names: &[&str], others: &[&str]) -> (Vec<f64>, bool) {
         let files: Vec<&Path> = names.iter().map(Path::new).collect();

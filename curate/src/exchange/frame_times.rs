@@ -52,6 +52,12 @@ pub(super) fn frame_times(
             notes: vec![scene.stills_note.clone()],
         });
     }
+    if let Some(rate) = request.frames_per_second
+        && !(rate.is_finite() && rate > 0.0)
+    {
+        let reason = format!("--fps must be positive, got {rate}");
+        return Err(CurateError::input(request.folder, reason));
+    }
     let assumed = (scene.frame_rate).filter(|_| request.frames_per_second.is_none());
     let rate = (request.frames_per_second)
         .or(assumed.map(|rate| rate.frames_per_second))
@@ -74,9 +80,10 @@ pub(super) fn frame_times(
         return Err(CurateError::input(request.folder, reason));
     }
     expect_shared_times(request.folder, &scene.frames, &times.seconds)?;
+    let shared = shared_by_folders(&scene.frames, &times.seconds);
     Ok(FrameTimes {
         seconds: times.seconds,
-        notes: (times.note.into_iter())
+        notes: (times.note.into_iter().chain(shared))
             .chain(assumed.map(|rate| {
                 format!(
                     "times count {} frames per second: {}; --fps gives another rate",
@@ -84,6 +91,26 @@ pub(super) fn frame_times(
                 )
             }))
             .collect(),
+    })
+}
+
+/// A line on frames of several folders that have one time by their numbers, and are no views of a rig.
+fn shared_by_folders(frames: &[ForeignFrame], times: &[f64]) -> Option<String> {
+    let alone = frames
+        .iter()
+        .zip(times)
+        .filter(|(frame, _)| frame.moment.is_none());
+    let mut seen: Vec<u64> = alone.map(|(_, time)| time.to_bits()).collect();
+    let all = seen.len();
+    seen.sort_unstable();
+    seen.dedup();
+    let shared = all.saturating_sub(seen.len());
+    (shared > 0).then(|| {
+        format!(
+            "{shared} images have the number of one in another folder, and its time: give {} where they were not \
+             taken at once",
+            times::TIMES_FILE
+        )
     })
 }
 

@@ -79,3 +79,11 @@ pub(super) fn line(names: &[String], what: &str) -> Option<String> {
     };
     (!names.is_empty()).then(|| format!("{what}: {} ({}{rest})", names.len(), first.join(", ")))
 }
+
+/// A line on lists of images for training and testing beside a scene whose format does not read them.
+pub(super) fn unread_lists(scene: &ForeignScene) -> Option<String> {
+    let lists = ["train.txt", "test.txt"].map(|name| scene.root.join(name));
+    let are_there = lists.iter().any(|list| list.is_file());
+    (are_there && scene.published_split.is_none())
+        .then(|| "train.txt and test.txt are not read: the scene has no published split".to_owned())
+}

@@ -358,7 +358,13 @@ fn import(folder: &Path) -> Result<ForeignScene, CurateError> {
             distance: None,
         });
     }
+    let landmarks = views.structure.len().max(extrinsics.structure.len());
     let mut notes = Vec::new();
+    if landmarks > 0 {
+        notes.push(format!(
+            "{landmarks} landmarks of the structure are not read: points come from {POINTS_FILE}"
+        ));
+    }
     let views = views.views.iter();
     let images = views.map(|view| view.value.data().filename.as_str());
     Ok(ForeignScene {

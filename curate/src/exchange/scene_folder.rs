@@ -104,6 +104,8 @@ pub fn import(request: &ImportRequest<'_>) -> Result<Scene, CurateError> {
             "images left out, which have no pose",
         ))
         .chain(distances::missing(&foreign))
+        .chain(failed_registration(&foreign))
+        .chain(left_out::unread_lists(&foreign))
         .chain(split.note)
         .chain(times.notes)
         .collect();
@@ -117,6 +119,17 @@ pub fn import(request: &ImportRequest<'_>) -> Result<Scene, CurateError> {
     super::fill_folder(request.out, |folder| {
         write(request, &source, (&names, &times.seconds), notes, folder)
     })
+}
+
+/// A line on images that were registered to each other, where that failed.
+fn failed_registration(scene: &ForeignScene) -> Option<String> {
+    match &scene.pose_source {
+        Some(PoseSource::Registered {
+            reason,
+            succeeded: false,
+        }) => Some(format!("registering the frames failed: {reason}")),
+        _ => None,
+    }
 }
 
 /// A scene as it was found, and how its frames become those of a camera without a lens.

@@ -13,6 +13,7 @@ use omnilife_schemas::{
     layout::{POINTS_FILE, SCENE_FILE, SEQUENCE_FILE},
     lock::FolderLock,
     ownership::{OwnFile, OwnFiles},
+    plain_text,
     progress::Progress,
     records::{Scene, Sequence},
     stage::StagePlan,
@@ -146,7 +147,7 @@ fn poses_of(
         (Some(path), _) => new_poses(path, given, frames).map(Some),
         (None, Some((path, command))) => {
             let mut posed = new_poses(path, given, &made.frames)?;
-            posed.source = source_of_program(posed.source, command.clone());
+            posed.source = source_of_program(posed.source, plain_text::without_folders(command));
             Ok(Some(posed))
         }
         (None, None) => Ok(None),
@@ -178,6 +179,7 @@ impl Attachment {
         let mut notes = Vec::new();
         if let Some((folder, command)) = &made.masks {
             files.set_masks(masks::find(folder, &made.frames.entries)?);
+            let command = plain_text::without_folders(command);
             notes.push(format!("{MASKS_BY}{command}"));
         }
         if let Some(prior) = &made.prior {

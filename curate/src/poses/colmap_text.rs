@@ -144,6 +144,13 @@ fn camera_of(line: &Line<'_>) -> Result<Result<ModelCamera, String>, StoreError>
         let parameters: Vec<f64> = (4..model.parameters.saturating_add(4))
             .map(|index| line.field(index, "camera parameters"))
             .collect::<Result<_, _>>()?;
+        let surplus = line.words_from(model.parameters.saturating_add(4));
+        if let Some(word) = surplus.first() {
+            let count = model.parameters;
+            return Err(line.malformed(&format!(
+                "{name} has {count} parameters, and {word} is one more"
+            )));
+        }
         model
             .lens(size, &parameters)
             .map(ModelCamera::Perspective)

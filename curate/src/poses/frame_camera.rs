@@ -47,10 +47,18 @@ impl FrameCamera {
         }
         match lens.straight() {
             Some(straight) => Ok(Self::Distorted { lens, straight }),
-            None => Err(format!(
-                "no straight image is within a lens of {:?}",
-                lens.distortion
-            )),
+            None => {
+                let terms = lens
+                    .distortion
+                    .numbers()
+                    .skip(3)
+                    .filter(|term| *term != 0.0);
+                let terms: Vec<String> = terms.map(|term| term.to_string()).collect();
+                Err(format!(
+                    "no straight image is within a lens with the terms {}",
+                    terms.join(", ")
+                ))
+            }
         }
     }
 

@@ -21,7 +21,7 @@ use std::{
 
 use omnilife_schemas::{
     command::{self, Job},
-    placeholders,
+    placeholders, plain_text,
     process_group::GRACE,
     progress::Progress,
     records::{DistanceConvention, DistanceGrid, FrameEntry, PoseSource, Scene},
@@ -133,7 +133,7 @@ impl FramePrograms {
                 unit: prior.unit,
                 grid: prior.grid,
                 convention: prior.convention,
-                source: prior.command.0.clone(),
+                source: plain_text::without_folders(&prior.command.0),
             });
         }
         if let Some(command) = &self.poses {

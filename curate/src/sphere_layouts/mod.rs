@@ -25,6 +25,40 @@ pub(crate) const NARROWEST_DUAL_FISHEYE: SphereLayout = SphereLayout::DualFishey
     circles: [FisheyeCircle::WHOLE; 2],
 };
 
+/// Width over height of frames that a layout is stored in, from the narrowest to the widest. Players and cameras store
+/// some squeezed, two eyes at half their width or cube faces at 16:9.
+fn aspects(layout: SphereLayout) -> [f64; 2] {
+    match layout {
+        SphereLayout::StereoTopBottom => [0.9, 2.2],
+        SphereLayout::StereoLeftRight => [1.7, 4.4],
+        SphereLayout::HalfErp => [0.8, 1.25],
+        SphereLayout::HalfErpLeftRight => [1.6, 2.5],
+        SphereLayout::HalfErpTopBottom => [0.4, 0.65],
+        SphereLayout::EquiangularCubemap | SphereLayout::Cubemap { columns: 3, .. } => [1.4, 1.85],
+        SphereLayout::Cubemap { columns: 1, .. } => [0.14, 0.2],
+        SphereLayout::Cubemap { .. } => [5.0, 7.0],
+        SphereLayout::DualFisheye { .. } => [1.7, 2.2],
+    }
+}
+
+/// Refuses frames of a shape that a layout is never stored in.
+///
+/// # Errors
+/// One line with both shapes.
+pub(crate) fn expect_shape(
+    layout: SphereLayout,
+    (width, height): (u32, u32),
+) -> Result<(), String> {
+    let [narrowest, widest] = aspects(layout);
+    let aspect = f64::from(width) / f64::from(height);
+    if (narrowest..=widest).contains(&aspect) {
+        return Ok(());
+    }
+    Err(format!(
+        "its frames of {width}x{height} are no {layout}, which is {narrowest} to {widest} times as wide as high"
+    ))
+}
+
 /// Makes equirectangular images of the frames of one video.
 #[derive(Debug)]
 pub(crate) struct ToErp {

@@ -10,6 +10,8 @@
 
 use roxmltree::Document;
 
+use omnilife_schemas::image_file::MOST_PIXELS;
+
 use super::placement::Placement;
 
 const NAMESPACE: &str = "http://ns.google.com/photos/1.0/panorama/";
@@ -122,7 +124,21 @@ fn placement(
     };
     let [cropped_width, cropped_height] =
         [cropped[0].unwrap_or(width), cropped[1].unwrap_or(height)];
-    let [left, top] = corner.map(Option::unwrap_or_default);
+    if u64::from(full_width).saturating_mul(u64::from(full_height)) > MOST_PIXELS {
+        return Err(format!(
+            "its metadata are of a sphere of {full_width}x{full_height}, expected at most {MOST_PIXELS} pixels"
+        ));
+    }
+    let is_whole = [cropped_width, cropped_height] == [full_width, full_height];
+    if is_whole && corner.iter().all(|at| at.unwrap_or_default() == 0) {
+        // The whole sphere, perhaps at another size since.
+        return Ok(None);
+    }
+    let [Some(left), Some(top)] = corner else {
+        return Err(
+            "its metadata are of a part of a sphere, and do not say where it lies".to_owned(),
+        );
+    };
     if [cropped_width, cropped_height] != [width, height] {
         return Err(format!(
             "its metadata are of a crop of {cropped_width}x{cropped_height}, and it is {width}x{height}"
@@ -195,6 +211,16 @@ mod tests {
             .expect("sound")
             .expect("a panorama");
         assert_eq!(found.placement, None);
+        // Scaled since, with the metadata of before.
+        let scaled = read(whole.as_bytes(), [100, 50]);
+        assert!(scaled.is_err(), "no crop is stated: {scaled:?}");
+        let both = format!(
+            "{} {}",
+            "GPano:FullPanoWidthPixels='400' GPano:FullPanoHeightPixels='200'",
+            "GPano:CroppedAreaImageWidthPixels='400' GPano:CroppedAreaImageHeightPixels='200'"
+        );
+        let scaled = read(attributes(&both).as_bytes(), [100, 50]);
+        assert!(scaled.is_ok_and(|found| found.is_some_and(|found| found.placement.is_none())));
         let padded = format!(
             "\u{feff}{}\0\0",
             attributes("other='1'").replace("xmlns:GPano", "xmlns:g")
@@ -219,13 +245,23 @@ mod tests {
                 "twice as wide",
             ),
             (
-                "GPano:FullPanoWidthPixels='400' GPano:FullPanoHeightPixels='200' GPano:CroppedAreaTopPixels='180'",
+                "GPano:FullPanoWidthPixels='400' GPano:FullPanoHeightPixels='200' GPano:CroppedAreaTopPixels='180' \
+                 GPano:CroppedAreaLeftPixels='0'",
                 "reaches",
             ),
             (
                 "GPano:FullPanoWidthPixels='400' GPano:FullPanoHeightPixels='200' \
-                 GPano:CroppedAreaImageWidthPixels='99'",
+                 GPano:CroppedAreaImageWidthPixels='99' GPano:CroppedAreaTopPixels='0' \
+                 GPano:CroppedAreaLeftPixels='0'",
                 "99x50",
+            ),
+            (
+                "GPano:FullPanoWidthPixels='400' GPano:FullPanoHeightPixels='200' GPano:CroppedAreaLeftPixels='0'",
+                "do not say where",
+            ),
+            (
+                "GPano:FullPanoWidthPixels='2000000' GPano:FullPanoHeightPixels='1000000'",
+                "at most",
             ),
             ("GPano:PoseRollDegrees='inf'", "PoseRollDegrees"),
         ] {

@@ -15,8 +15,6 @@ pub(crate) use sequence::{are_panoramas, curate, identify};
 
 /// Seconds between two stills whose files do not say when they were taken.
 const SECONDS_APART: f64 = 1.0;
-/// The largest deviation of width over height from 2, relative.
-const ASPECT_TOLERANCE: f64 = 0.02;
 
 /// A still panorama.
 #[derive(Debug, Clone)]
@@ -99,8 +97,8 @@ impl Still {
         let placement = panorama.as_ref().and_then(|panorama| panorama.placement);
         capture.pose_degrees = panorama.and_then(|panorama| panorama.pose_degrees);
         let size = placement.map_or([width, height], |placement| placement.full());
-        let ratio = f64::from(size[0]) / (2.0 * f64::from(size[1]));
-        if (ratio - 1.0).abs() > ASPECT_TOLERANCE {
+        // A column may be missing.
+        if size[0].abs_diff(size[1].saturating_mul(2)) > 1 {
             return Err(refuse(format!(
                 "is {width}x{height}; a panorama is twice as wide as high, or its GPano metadata say which part of a \
                  sphere it shows"

@@ -12,12 +12,12 @@ use omnilife_schemas::{
     RgbImage,
     elapsed::Stopwatch,
     image_file::ImageFile,
-    layout::{ANALYSIS_FILE, BOUNDARIES_FILE, SEQUENCE_FILE, sequence_name},
+    layout::{ANALYSIS_FILE, BOUNDARIES_FILE, SEQUENCE_FILE, SLICES_FILE, sequence_name},
     lock::FolderLock,
     progress::Progress,
     records::{
         Admission, BoundaryLedger, DetectedProjection, FrameEntry, FrameSet, Probe, Sampling,
-        Sequence, SourceVideo, TimeRange, VideoAnalysis,
+        Segment, SegmentOutcome, Sequence, Slices, SourceVideo, TimeRange, VideoAnalysis,
     },
     rgb,
     stage::StagePlan,
@@ -102,6 +102,7 @@ pub(crate) fn curate(
     };
     store::update_record(&folder.join(ANALYSIS_FILE), &analysis)?;
     store::update_record(&folder.join(BOUNDARIES_FILE), &no_boundaries(&analysis))?;
+    store::update_record(&folder.join(SLICES_FILE), &no_slices(&analysis, settings))?;
     let (width, _) = frames::frame_size(input, &analysis.probe, settings.width, None, None)?;
     let work = Work {
         folder,
@@ -227,6 +228,24 @@ fn no_boundaries(analysis: &VideoAnalysis) -> BoundaryLedger {
         dropped: Vec::new(),
         left_out: Vec::new(),
         rejected: Vec::new(),
+    }
+}
+
+/// All stills are one segment, of which there is no video.
+fn no_slices(analysis: &VideoAnalysis, settings: &CurateSettings) -> Slices {
+    Slices {
+        source: analysis.source.clone(),
+        range: analysis.range,
+        segments: vec![Segment {
+            range: analysis.range,
+            outcome: SegmentOutcome::Kept {
+                sequence: sequence_name(0),
+                slice: None,
+            },
+        }],
+        no_slices: settings
+            .slices
+            .map(|_| "stills are no video to cut".to_owned()),
     }
 }
 

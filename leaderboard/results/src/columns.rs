@@ -163,7 +163,7 @@ impl Table {
 
     /// Returns all of its columns.
     pub fn columns(&self) -> impl Iterator<Item = &'static Column> {
-        COMMON.iter().chain(self.own)
+        COMMON.iter().chain(OF_DATASET).chain(self.own)
     }
 
     /// Returns the column of a name, in which `-` stands for `_`.
@@ -197,8 +197,8 @@ pub const COMMON: &[Column] = &[
         "`per-scene` or `without-training`, where a record or a statement says.",
         |row| row.source.training(),
     ),
-    Column::count("seed", "Random seed of the run.", |row| {
-        row.source.result.seed.map(u64::cast_signed)
+    Column::text("seed", "Random seed of the run.", |row| {
+        row.source.seed.as_deref()
     }),
     Column::flag(
         "complete",
@@ -213,6 +213,10 @@ pub const COMMON: &[Column] = &[
         Some(row.metric)
     }),
     Column::number("value", "The score.", |row| Some(row.value)),
+];
+
+/// Columns of all tables that a dataset tells, empty without one.
+pub const OF_DATASET: &[Column] = &[
     Column::text(
         "category",
         "Category of the scene, from its annotation.",

@@ -21,6 +21,8 @@ const OPERATORS: [(&str, Operator); 6] = [
 /// A condition on one column. A row without a value there does not meet it.
 #[derive(Debug, Clone)]
 pub struct Filter {
+    /// As it was written.
+    text: String,
     pub(crate) column: &'static Column,
     operator: Operator,
     values: Vec<Value>,
@@ -70,11 +72,20 @@ impl Filter {
         if orders && !matches!(values.as_slice(), [Value::Number(_)]) {
             return refuse("< <= > >= take one number, of a column of numbers");
         }
+        if column.name == "metric" {
+            return refuse("--metric names the metrics");
+        }
         Ok(Self {
+            text: text.to_owned(),
             column,
             operator,
             values,
         })
+    }
+
+    /// Returns the condition as it was written.
+    pub(crate) fn text(&self) -> &str {
+        &self.text
     }
 
     /// Returns true where a row meets the condition.
@@ -117,7 +128,10 @@ impl Value {
     fn parse(text: &str, column: &Column) -> Result<Self, ResultsError> {
         let value = match column.values {
             Getter::Text(_) => Some(Self::Text(text.to_owned())),
-            Getter::Number(_) | Getter::Count(_) => text.parse().ok().map(Self::Number),
+            Getter::Number(_) | Getter::Count(_) => {
+                let number = text.parse().ok().filter(|n: &f64| !n.is_nan());
+                number.map(Self::Number)
+            }
             Getter::Flag(_) => text.parse().ok().map(Self::Flag),
         };
         let kind = column.kind();

@@ -32,7 +32,7 @@ pub(crate) fn frame(
     let mut numbers: Vec<i64> = Vec::new();
     for (at, result) in loaded.iter().enumerate() {
         (table.rows)(result, &mut |row| {
-            if filters.iter().all(|filter| filter.accepts(&row)) {
+            if row.compares() && filters.iter().all(|filter| filter.accepts(&row)) {
                 for builder in &mut builders {
                     builder.push(&row);
                 }
@@ -44,6 +44,15 @@ pub(crate) fn frame(
     let mut columns: Vec<PolarsColumn> = builders.into_iter().map(Builder::finish).collect();
     columns.push(Series::new(RESULT.into(), numbers).into());
     Ok(DataFrame::new(height, columns)?)
+}
+
+/// Returns the beginning of the step that a value is in. Rounding moves no value below the step that it begins.
+fn step_of(value: f64, step: f64) -> f64 {
+    let steps = value / step;
+    let number = (steps + 4.0 * f64::EPSILON * steps.abs()).floor();
+    // 6 steps of 0.1 are 0.6, and not the sum of what 0.1 is in binary.
+    let begin = number * step;
+    format!("{begin:.12e}").parse().unwrap_or(begin)
 }
 
 /// A column as it grows.
@@ -75,7 +84,7 @@ impl<'a> Builder<'a> {
 
     fn push(&mut self, row: &Row<'a>) {
         let step = self.selected.step;
-        let stepped = |value: f64| step.map_or(value, |step| (value / step).floor() * step);
+        let stepped = |value: f64| step.map_or(value, |step| step_of(value, step));
         match (&mut self.values, self.selected.column.values) {
             (Growing::Text(values), Getter::Text(get)) => values.push(get(row)),
             (Growing::Number(values), Getter::Number(get)) => values.push(get(row).map(stepped)),
@@ -108,5 +117,22 @@ impl Growing<'_> {
             Self::Count(values) => values.len(),
             Self::Flag(values) => values.len(),
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn values_on_an_edge_begin_their_step() {
+        for tenths in -30_i32..=30 {
+            let value = f64::from(tenths) / 10.0;
+            assert!((step_of(value, 0.1) - value).abs() < 1e-15, "{value}");
+            let inside = step_of(value + 0.05, 0.1);
+            assert!((inside - value).abs() < 1e-15, "{value}: {inside}");
+        }
+        assert_eq!(step_of(0.61, 0.1).to_string(), "0.6");
+        assert_eq!(step_of(-0.01, 0.5).to_string(), "-0.5");
     }
 }

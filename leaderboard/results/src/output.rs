@@ -23,8 +23,8 @@ pub enum AnswerFormat {
 
 /// Columns that stand above a table where all rows have one value.
 const CAPTION: [&str; 5] = ["protocol", "protocol_hash", "view", "region", "of_scenes"];
-/// Characters of a value there: the first digits tell hashes apart.
-const CAPTION_CHARACTERS: usize = 32;
+/// Digits of a hash in a table to read.
+const HASH_DIGITS: usize = 12;
 /// Digits of numbers in a table to read.
 const DIGITS: usize = 3;
 
@@ -79,20 +79,13 @@ fn table(answer: &Answer) -> String {
         .partition(|column| CAPTION.contains(&column.name.as_str()) && column.is_constant());
     let facts: Vec<String> = caption
         .iter()
-        .map(|column| {
-            let value: String = column
-                .cell(0, None)
-                .chars()
-                .take(CAPTION_CHARACTERS)
-                .collect();
-            format!("{} {value}", column.name)
-        })
+        .map(|column| format!("{} {}", column.name, column.shown(0)))
         .collect();
     let cells: Vec<Vec<String>> = columns
         .iter()
         .map(|column| {
             let rows = (0..answer.height()).map(|row| {
-                let cell = column.cell(row, Some(DIGITS));
+                let cell = column.shown(row);
                 for_terminal(&cell).replace('|', "\\|").replace('\n', " ")
             });
             std::iter::once(column.name.clone()).chain(rows).collect()
@@ -130,6 +123,15 @@ fn table(answer: &Answer) -> String {
 }
 
 impl AnswerColumn {
+    /// Returns the text of a value in a table to read: hashes by their first digits.
+    fn shown(&self, row: usize) -> String {
+        let cell = self.cell(row, Some(DIGITS));
+        match self.name.as_str() {
+            "protocol_hash" => format!("{}…", cell.chars().take(HASH_DIGITS).collect::<String>()),
+            _ => cell,
+        }
+    }
+
     /// Returns the text of a value, empty where there is none.
     fn cell(&self, row: usize, digits: Option<usize>) -> String {
         match &self.values {

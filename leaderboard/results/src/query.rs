@@ -6,7 +6,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use omnilife_schemas::records::Direction;
+use omnilife_schemas::{plain_text, records::Direction};
 use polars::prelude::{
     Column as PolarsColumn, DataFrame, DataType, Expr, IntoLazy, LazyFrame, SortMultipleOptions,
     col, lit,
@@ -14,7 +14,7 @@ use polars::prelude::{
 use rayon::prelude::*;
 
 use crate::{
-    columns::Table,
+    columns::{Column, OF_DATASET, Table},
     error::ResultsError,
     filter::{self, Filter},
     frame::{self, RESULT, Selected},
@@ -26,8 +26,8 @@ use crate::{
 const ALONE: [&str; 5] = ["protocol", "protocol_hash", "view", "region", "method"];
 /// Results that are read at a time.
 const CHUNK: usize = 1024;
-/// Column of the scenes that went in, of the scenes that any method of the row's group has, and of results.
-const COUNTS: [&str; 3] = ["scenes", "of_scenes", "results"];
+/// Column of the scenes that any method of a row's group has.
+const OF_SCENES: &str = "of_scenes";
 
 /// A question.
 #[derive(Debug, Clone)]
@@ -99,7 +99,9 @@ pub fn ask(query: &Query, sources: &[Source<'_>]) -> Result<Answer, ResultsError
         .map(|text| selected(query.table, text))
         .collect::<Result<Vec<_>, _>>()?;
     let mut notes = Vec::new();
-    let wanted = complete(query, &by, sources, &mut notes);
+    let mut wanted = complete(query, &by, sources, &mut notes);
+    mark_other_regions(&mut wanted, &mut notes);
+    note_missing_facts(query, &by, &wanted, &mut notes);
     let plan = Plan::of(query, &by)?;
     let per_result = plan.per_result(query, &wanted, &mut notes)?;
     plan.refuse_unknown_metrics(query, &per_result)?;
@@ -132,29 +134,96 @@ fn selected(table: &Table, text: &str) -> Result<Selected, ResultsError> {
     }
 }
 
-/// The results that a question is asked of: complete ones, unless it speaks of that.
-fn complete<'a, 'b>(
+/// Results that are of one row each time: of one protocol, scene and method.
+type Repetitions<'a> = (&'a str, &'a str, &'a str);
+
+/// The results that a question is asked of: complete ones, unless it speaks of that. Of a method on a scene all
+/// repetitions count or none, as in the tables of a board.
+fn complete<'a>(
     query: &Query,
     by: &[Selected],
-    sources: &'b [Source<'a>],
+    sources: &[Source<'a>],
     notes: &mut Vec<String>,
-) -> Vec<&'b Source<'a>> {
+) -> Vec<Source<'a>> {
     let filters = query.filters.iter().map(|filter| filter.column);
     let mut asked = by.iter().map(|selected| selected.column).chain(filters);
     if asked.any(|column| column.name == "complete") {
-        return sources.iter().collect();
+        return sources.to_vec();
     }
-    let complete: Vec<&Source<'_>> = sources
+    let repetitions = |source: &Source<'a>| -> Repetitions<'a> {
+        let result = source.result;
+        (&result.protocol_hash, &result.scene, &result.method)
+    };
+    let incomplete: BTreeSet<Repetitions<'_>> = sources
         .iter()
-        .filter(|source| source.result.is_complete())
+        .filter(|source| !source.result.is_complete())
+        .map(repetitions)
         .collect();
+    let complete = sources
+        .iter()
+        .filter(|source| !incomplete.contains(&repetitions(source)));
+    let complete: Vec<Source<'a>> = complete.cloned().collect();
     if complete.len() < sources.len() {
         let (left_out, all) = (sources.len() - complete.len(), sources.len());
         notes.push(format!(
-            "{left_out} of {all} results are incomplete and left out"
+            "{left_out} of {all} results are incomplete, or repetitions of incomplete ones, and left out"
         ));
     }
     complete
+}
+
+/// Source and SHA-256 of what tells regions apart.
+type Regions<'a> = (&'a str, &'a str);
+
+/// Marks results of scenes that methods were scored on with other regions: their scores by region do not compare.
+fn mark_other_regions(sources: &mut [Source<'_>], notes: &mut Vec<String>) {
+    let mut by_scene: BTreeMap<(&str, &str), BTreeSet<Option<Regions<'_>>>> = BTreeMap::new();
+    for result in sources.iter().map(|source| source.result) {
+        if result.scores_regions() {
+            let regions = result.regions.as_ref();
+            let regions = regions.map(|regions| (regions.source.as_str(), regions.sha256.as_str()));
+            let scene = (result.protocol_hash.as_str(), result.scene.as_str());
+            by_scene.entry(scene).or_default().insert(regions);
+        }
+    }
+    by_scene.retain(|_, regions| regions.len() > 1);
+    for source in sources {
+        let scene = (
+            source.result.protocol_hash.as_str(),
+            source.result.scene.as_str(),
+        );
+        source.has_other_regions = by_scene.contains_key(&scene);
+    }
+    let scenes: BTreeSet<&str> = by_scene.keys().map(|(_, scene)| *scene).collect();
+    if !scenes.is_empty() {
+        let scenes: Vec<String> = scenes.into_iter().map(str::to_owned).collect();
+        notes.push(format!(
+            "static and dynamic scores of {} are left out: methods were scored with other tracks",
+            plain_text::first_of(&scenes)
+        ));
+    }
+}
+
+/// Says so where a question is of columns that a dataset tells, and it tells nothing of some results.
+fn note_missing_facts(
+    query: &Query,
+    by: &[Selected],
+    sources: &[Source<'_>],
+    notes: &mut Vec<String>,
+) {
+    let filters = query.filters.iter().map(|filter| filter.column);
+    let mut asked = by.iter().map(|selected| selected.column).chain(filters);
+    let without = sources
+        .iter()
+        .filter(|source| source.facts.is_none())
+        .count();
+    let is_of_dataset = |column: &Column| OF_DATASET.iter().any(|own| own.name == column.name);
+    if without > 0 && asked.any(is_of_dataset) {
+        let all = sources.len();
+        notes.push(format!(
+            "{without} of {all} results have scenes that no dataset tells anything of; --dataset names one"
+        ));
+    }
 }
 
 /// Returns the direction of every metric, of novel views where both kinds have it.
@@ -205,10 +274,13 @@ impl Plan {
             }
         }
         keys.push(plain(&method)?);
-        Ok(Self {
-            keys,
-            metrics: query.metrics.clone(),
-        })
+        let mut metrics: Vec<String> = Vec::new();
+        for metric in query.metrics.iter().map(|metric| metric.trim()) {
+            if !metrics.iter().any(|known| known == metric) {
+                metrics.push(metric.to_owned());
+            }
+        }
+        Ok(Self { keys, metrics })
     }
 
     fn key_columns(&self) -> Vec<Expr> {
@@ -219,7 +291,7 @@ impl Plan {
     fn per_result(
         &self,
         query: &Query,
-        sources: &[&Source<'_>],
+        sources: &[Source<'_>],
         notes: &mut Vec<String>,
     ) -> Result<DataFrame, ResultsError> {
         let mut selected = self.keys.clone();
@@ -273,10 +345,16 @@ impl Plan {
             }
         }
         all.filter(|all| all.height() > 0).ok_or_else(|| {
+            let conditions: Vec<&str> = query.filters.iter().map(Filter::text).collect();
             let known = notes.iter().map(|note| format!("; {note}"));
             ResultsError::Question(format!(
-                "none of {} results has a row that meets the conditions{}",
+                "none of {} results has a row in {}{}{}",
                 sources.len(),
+                query.table.name,
+                match conditions.is_empty() {
+                    true => String::new(),
+                    false => format!(" that meets {}", conditions.join(" and ")),
+                },
                 known.collect::<String>()
             ))
         })
@@ -300,7 +378,8 @@ impl Plan {
         {
             None => Ok(()),
             Some(unknown) => Err(ResultsError::Question(format!(
-                "no row of {} that meets the conditions has the metric {unknown:?}; there are {}",
+                "no row of {} that meets the conditions has the metric {unknown:?}; there are {} (regions are a \
+                 column: --where region=static)",
                 query.table.name,
                 found.into_iter().collect::<Vec<_>>().join(", ")
             ))),
@@ -319,7 +398,6 @@ impl Plan {
         let mut by = self.key_columns();
         by.extend(["scene", "metric"].map(col));
         let per_scene = per_result
-            .clone()
             .group_by_stable(unique(by))
             .agg([col("value").mean()]);
         let rivals: Vec<Expr> = (self.keys.iter())
@@ -327,27 +405,20 @@ impl Plan {
             .filter(|&name| name != ALONE[4])
             .map(col)
             .collect();
-        let [scenes, of_scenes, results] = COUNTS;
         let mut values: Vec<Expr> = Vec::new();
         for metric in &self.metrics {
-            let of_metric = col("value").filter(is_metric(metric));
-            values.push(of_metric.clone().mean().alias(metric));
-            values.push(of_metric.std(1).alias(deviation(metric)));
+            let of_metric = |column: &str| col(column).filter(is_metric(metric));
+            let [mean, deviation, scenes] = columns_of(metric);
+            values.push(of_metric("value").mean().alias(mean));
+            values.push(of_metric("value").std(1).alias(deviation));
+            values.push(of_metric("scene").n_unique().alias(scenes));
         }
-        values.push(col("scene").n_unique().alias(scenes));
-        values.push(col(of_scenes).first());
-        let counts = per_result
+        values.push(col(OF_SCENES).first());
+        let answer = per_scene
+            .with_column(col("scene").n_unique().over(rivals)?.alias(OF_SCENES))
             .group_by_stable(self.key_columns())
-            .agg([col(RESULT).n_unique().alias(results)])
-            .collect()?;
-        // Stable groups of both frames are in one order: that of their first rows.
-        let mut answer = per_scene
-            .with_column(col("scene").n_unique().over(rivals)?.alias(of_scenes))
-            .group_by_stable(self.key_columns())
-            .agg(values)
-            .collect()?;
-        answer.with_column(counts.column(results)?.clone())?;
-        self.sorted(answer.lazy(), directions)
+            .agg(values);
+        self.sorted(answer, directions)
     }
 
     /// Sorts by the keys, and methods of equal keys by the first metric, the best first.
@@ -374,13 +445,9 @@ impl Plan {
 
     fn columns(&self, answer: &DataFrame) -> Result<Vec<AnswerColumn>, ResultsError> {
         let keys = self.keys.iter().map(|key| key.column.name.to_owned());
-        let metrics = self
-            .metrics
-            .iter()
-            .flat_map(|metric| [metric.clone(), deviation(metric)]);
-        let counts = COUNTS.map(str::to_owned);
+        let metrics = self.metrics.iter().flat_map(|metric| columns_of(metric));
         keys.chain(metrics)
-            .chain(counts)
+            .chain([OF_SCENES.to_owned()])
             .map(|name| {
                 let values = values(answer.column(&name)?)?;
                 Ok(AnswerColumn { name, values })
@@ -397,9 +464,14 @@ fn is_metric(metric: &str) -> Expr {
     col("metric").eq(lit(metric.to_owned()))
 }
 
-/// Returns the name of the column of the standard deviation over scenes.
-fn deviation(metric: &str) -> String {
-    format!("{metric}_sd")
+/// Returns the names of the columns of a metric: its mean, standard deviation over scenes, and the scenes that
+/// went in.
+fn columns_of(metric: &str) -> [String; 3] {
+    [
+        metric.to_owned(),
+        format!("{metric}_sd"),
+        format!("{metric}_scenes"),
+    ]
 }
 
 /// Leaves out columns that stand there already.

@@ -29,6 +29,16 @@ pub(crate) struct Row<'a> {
     pub(crate) of: ValueOf,
 }
 
+impl Row<'_> {
+    /// Returns true where other methods on the scene have scores of the same region.
+    pub(crate) fn compares(&self) -> bool {
+        self.region == WHOLE || !self.source.has_other_regions
+    }
+}
+
+/// The region of scores over all pixels.
+const WHOLE: &str = "whole";
+
 /// What a value is of: all views of a kind, one view, or one row of a trace.
 #[derive(Debug, Clone, Copy)]
 pub(crate) enum ValueOf {
@@ -90,8 +100,11 @@ impl<'a> Loaded<'a> {
         })
     }
 
-    /// Returns true where the file that a table reads lies beside the result.
+    /// Returns true where the file that a table reads lies beside the result; a run that failed needs none.
     pub(crate) fn has(&self, beside: Beside) -> bool {
+        if self.source.result.run_failure.is_some() {
+            return true;
+        }
         match beside {
             Beside::Nothing => true,
             Beside::Views => self.views.is_some(),
@@ -180,7 +193,7 @@ fn split_region(metric: &str) -> (&str, &'static str) {
             return (metric, region);
         }
     }
-    (metric, "whole")
+    (metric, WHOLE)
 }
 
 /// The time that the views of a result cover, seconds.

@@ -5,6 +5,7 @@ use std::path::Path;
 use omnilife_schemas::{
     bootstrap::place,
     frame_scores::FrameScores,
+    ownership::is_inside,
     records::{ResultRecord, TrainingKind},
 };
 
@@ -15,7 +16,7 @@ use crate::{
 };
 
 /// A result, where it lies, and facts of its scene.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone)]
 pub struct Source<'a> {
     /// The file `result.json`.
     pub file: &'a Path,
@@ -23,9 +24,25 @@ pub struct Source<'a> {
     pub result: &'a ResultRecord,
     /// Facts of its scene, where a dataset is known.
     pub facts: Option<&'a SceneFacts>,
+    /// Random seed of the run, as text: a number of 64 bits is no number of every table.
+    pub(crate) seed: Option<String>,
+    /// True where other results of the scene have regions by other tracks, so that its scores by region compare
+    /// with none.
+    pub(crate) has_other_regions: bool,
 }
 
 impl<'a> Source<'a> {
+    /// Returns a result as a source, with what a dataset says of its scene.
+    pub fn new(file: &'a Path, result: &'a ResultRecord, facts: Option<&'a SceneFacts>) -> Self {
+        Self {
+            file,
+            result,
+            facts,
+            seed: result.seed.map(|seed| seed.to_string()),
+            has_other_regions: false,
+        }
+    }
+
     /// Returns the id of the video that the scene was cut from.
     pub(crate) fn video(&self) -> &'a str {
         place(&self.result.scene)
@@ -39,11 +56,22 @@ impl<'a> Source<'a> {
         })
     }
 
-    /// Returns the table of scores of every view; `None` where there is no such file beside the result.
+    /// Returns the table of scores of every view; `None` where there is no such file beside the result, and of a
+    /// run that failed.
     ///
     /// # Errors
-    /// [`ResultsError::Store`] for a file that cannot be read or is no such table.
+    /// [`ResultsError::Store`] for a file that cannot be read or is no such table,
+    /// [`ResultsError::Impossible`] for a name that leads out of the folder.
     pub(crate) fn views(&self) -> Result<Option<FrameScores>, ResultsError> {
+        if self.result.run_failure.is_some() {
+            return Ok(None);
+        }
+        if !is_inside(&self.result.frames_table) {
+            return Err(ResultsError::Impossible {
+                path: self.file.to_owned(),
+                reason: format!("{:?} is no file in its folder", self.result.frames_table),
+            });
+        }
         let path = self.file.with_file_name(&self.result.frames_table);
         if !path.is_file() {
             return Ok(None);

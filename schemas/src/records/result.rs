@@ -198,11 +198,13 @@ impl ResultRecord {
 
     /// Whether both score regions of the image, and by other ones: these scores are not comparable.
     pub fn has_other_regions(&self, other: &Self) -> bool {
-        let scores_regions = |result: &Self| {
-            let mut metrics = result.input_views.keys().chain(result.novel_views.keys());
-            metrics.any(|metric| is_of_region(metric))
-        };
-        self.regions != other.regions && scores_regions(self) && scores_regions(other)
+        self.regions != other.regions && self.scores_regions() && other.scores_regions()
+    }
+
+    /// Returns true where it has scores of static or dynamic regions.
+    pub fn scores_regions(&self) -> bool {
+        let mut metrics = self.input_views.keys().chain(self.novel_views.keys());
+        metrics.any(|metric| is_of_region(metric))
     }
 }
 

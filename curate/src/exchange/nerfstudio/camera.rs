@@ -44,14 +44,11 @@ const FISHEYE_ENTRY: &str = "is_fisheye";
 const ANGLE_ENTRIES: [&str; 2] = ["camera_angle_x", "camera_angle_y"];
 /// Entries that say nothing of what is imported. The transform and the scale have been applied already, to the
 /// cameras and to the points of `ply_file_path` alike.
-const HARMLESS_ENTRIES: [&str; 16] = [
+const HARMLESS_ENTRIES: [&str; 13] = [
     "applied_transform",
     "applied_scale",
     "orientation_override",
     "auto_scale_poses_override",
-    "train_filenames",
-    "val_filenames",
-    "test_filenames",
     "colmap_im_id",
     "sharpness",
     "aabb_scale",

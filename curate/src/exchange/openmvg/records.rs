@@ -29,6 +29,9 @@ pub(super) struct SfmData {
     pub(super) intrinsics: Vec<Keyed<Polymorphic<Intrinsic>>>,
     #[serde(default)]
     pub(super) extrinsics: Vec<Keyed<Extrinsic>>,
+    /// Landmarks with their observations, which have no colours.
+    #[serde(default)]
+    pub(super) structure: Vec<serde::de::IgnoredAny>,
 }
 
 #[derive(Deserialize)]
