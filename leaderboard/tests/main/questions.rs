@@ -9,7 +9,7 @@ use omnilife_leaderboard::{Answer, AnswerFormat, QueryRequest, render, results_t
 use omnilife_results::Values;
 use omnilife_schemas::{
     frame_scores::{FrameRow, FrameScores},
-    records::{Failure, ResultRecord},
+    records::{Failure, ResultRecord, ScoredRegions},
 };
 use parquet::{
     file::reader::{FileReader, SerializedFileReader},
@@ -86,9 +86,8 @@ fn repetitions_weigh_the_same_then_scenes() {
     assert_eq!(texts(&all, "method"), ["b", "a"]);
     let expected = (22.0 + 30.0 + 10.0) / 3.0;
     assert_eq!(numbers(&all, "psnr"), [Some(40.0), Some(expected)]);
-    assert_eq!(numbers(&all, "scenes"), [Some(1.0), Some(3.0)]);
+    assert_eq!(numbers(&all, "psnr_scenes"), [Some(1.0), Some(3.0)]);
     assert_eq!(numbers(&all, "of_scenes"), [Some(3.0), Some(3.0)]);
-    assert_eq!(numbers(&all, "results"), [Some(1.0), Some(5.0)]);
     // A single scene has no deviation.
     let deviations = numbers(&all, "psnr_sd");
     assert_eq!(deviations[0], None);
@@ -231,8 +230,9 @@ fn questions_that_cannot_be_asked_say_what_can() {
         ("video", "psnrr", "view=novel", "psnr, ssim"),
         ("video", "psnr", "view", "expected a column"),
         ("video", "psnr", "scene<4", "column of numbers"),
-        ("video", "psnr", "seed=x", "seed is a count"),
-        ("video", "psnr", "view=other", "none of 1 results"),
+        ("video", "psnr", "iterations=x", "iterations is a count"),
+        ("video", "psnr", "metric=ssim", "--metric"),
+        ("video", "psnr", "view=other", "meets view=other"),
     ] {
         let error = question(&place, "results", &[by], &[metric], &[condition]).unwrap_err();
         let error = error.to_string();
@@ -253,7 +253,10 @@ fn answers_have_four_formats() {
     let answer = ask(&place, "results", &["scene"], &["view=novel"]);
     let text = |format| String::from_utf8(render(&answer, format).unwrap()).unwrap();
     let table = text(AnswerFormat::Table);
-    assert!(table.starts_with("protocol per-scene/1, protocol_hash "));
+    assert!(
+        table.starts_with("protocol per-scene/1, protocol_hash a34df006b285…,"),
+        "{table}"
+    );
     assert!(table.contains("| park  | a,b    | 20.250 |"), "{table}");
     let csv = text(AnswerFormat::Csv);
     assert!(csv.contains(",park,\"a,b\",20.25,,1,1,1\n"), "{csv}");
@@ -294,7 +297,10 @@ fn tables_of_values_lie_beside_the_board_whatever_the_order_of_results() {
     assert_eq!(values.len(), 12);
     assert_eq!(values[0], Field::Double(25.0));
     let seeds = column(&file, "seed");
-    assert_eq!((&seeds[0], &seeds[4]), (&Field::Null, &Field::Long(3)));
+    assert_eq!(
+        (&seeds[0], &seeds[4]),
+        (&Field::Null, &Field::Str("3".to_owned()))
+    );
     assert!(!place.request.out.join("views.parquet").exists());
 
     let mut turned = results.to_vec();
@@ -303,6 +309,80 @@ fn tables_of_values_lie_beside_the_board_whatever_the_order_of_results() {
     other.build();
     let bytes = |place: &Place| fs::read(place.request.out.join("results.parquet")).unwrap();
     assert_eq!(bytes(&place), bytes(&other));
+}
+
+#[test]
+fn scenes_are_counted_by_metric_and_metrics_named_twice_are_one() {
+    let mut without = result("hall", "a", 20.0, 0.9);
+    without.novel_views.remove("ssim");
+    let place = Place::with(&[result("park", "a", 30.0, 0.8), without]);
+    let metrics = ["psnr", " ssim", "psnr"];
+    let answer = question(&place, "results", &[], &metrics, &["view=novel"]).unwrap();
+    assert_eq!(numbers(&answer, "psnr"), [Some(25.0)]);
+    assert_eq!(numbers(&answer, "psnr_scenes"), [Some(2.0)]);
+    assert_eq!(numbers(&answer, "ssim_scenes"), [Some(1.0)]);
+}
+
+/// As in the tables of a board: all repetitions of a method on a scene count, or none.
+#[test]
+fn a_scene_with_an_incomplete_repetition_is_left_out_whole() {
+    let mut failed = seeded("hall", "a", 1, 99.0);
+    failed.run_failure = Some("no memory".to_owned());
+    let place = Place::with(&[
+        seeded("hall", "a", 0, 10.0),
+        failed,
+        seeded("park", "a", 0, 30.0),
+    ]);
+    let answer = ask(&place, "results", &[], &["view=novel"]);
+    assert_eq!(numbers(&answer, "psnr"), [Some(30.0)]);
+    assert!(answer.notes[0].starts_with("2 of 3 results"));
+}
+
+#[test]
+fn regions_by_other_tracks_do_not_stand_beside_each_other() {
+    let of_tracks = |method: &str, sha256: &str| {
+        let mut result = result("park", method, 20.0, 0.9);
+        let dynamic = result.novel_views["psnr"];
+        result
+            .novel_views
+            .insert("psnr-dynamic".to_owned(), dynamic);
+        result.regions = Some(ScoredRegions {
+            source: "tracks".to_owned(),
+            sha256: sha256.to_owned(),
+        });
+        result
+    };
+    let place = Place::with(&[of_tracks("a", "1"), of_tracks("b", "2")]);
+    let answer = ask(&place, "results", &[], &["view=novel"]);
+    assert_eq!(texts(&answer, "region"), ["whole", "whole"]);
+    assert_eq!(answer.notes.len(), 1);
+    let same = Place::with(&[of_tracks("a", "1"), of_tracks("b", "1")]);
+    let answer = ask(&same, "results", &[], &["view=novel"]);
+    assert_eq!(answer.height(), 4);
+    assert_eq!(answer.notes.len(), 0);
+}
+
+#[test]
+fn questions_of_a_dataset_say_that_none_is_known() {
+    let place = Place::with(&[result("park", "a", 20.0, 0.9)]);
+    let answer = ask(&place, "results", &["ego-motion"], &["view=novel"]);
+    assert!(answer.notes[0].contains("--dataset"), "{:?}", answer.notes);
+}
+
+/// Large seeds are no numbers of every table, and a table of views lies beside its result.
+#[test]
+fn results_of_others_are_read_with_care() {
+    let place = Place::with(&[seeded("park", "a", u64::MAX, 20.0)]);
+    let answer = ask(&place, "results", &["seed"], &["view=novel"]);
+    assert_eq!(texts(&answer, "seed"), [u64::MAX.to_string()]);
+    let mut outside = result("hall", "a", 20.0, 0.9);
+    outside.frames_table = "../frames.csv".to_owned();
+    let place = Place::with(&[outside]);
+    let error = question(&place, "views", &[], &["psnr"], &[]).unwrap_err();
+    assert!(
+        error.to_string().contains("no file in its folder"),
+        "{error}"
+    );
 }
 
 /// Every column stands in the documentation as it is, and no table has two of one name.

@@ -88,9 +88,10 @@ impl ReferencePair<'_> {
                     Columns::Wrap => (column + right).rem_euclid(width),
                     Columns::End => column + right,
                 };
-                let at = 3 * ((row + down) * width + beside) as usize + channel;
-                let weight = weight(down) * weight(right) / (total * total);
-                (0..width).contains(&beside).then_some((at, weight))
+                (0..width).contains(&beside).then(|| {
+                    let at = 3 * ((row + down) * width + beside) as usize + channel;
+                    (at, weight(down) * weight(right) / (total * total))
+                })
             })
         })
     }
