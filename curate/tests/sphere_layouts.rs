@@ -351,3 +351,38 @@ fn videos_too_low_to_store_a_sphere_are_refused() {
         );
     }
 }
+
+/// Frames of a flat clip, of a sphere and of a strip, each stated to be what has another shape.
+#[test]
+fn layouts_that_do_not_fit_the_shape_of_the_frames_are_refused() {
+    let temp = tempfile::tempdir().unwrap();
+    for ([width, height], layouts) in [
+        (
+            [128, 72],
+            ["cubemap-6x1", "half-erp", "cubemap-1x6"].as_slice(),
+        ),
+        (
+            [128, 64],
+            &["cubemap-3x2", "half-erp-top-bottom", "cubemap-1x6"],
+        ),
+        ([64, 128], &["stereo-left-right", "half-erp", "eac"]),
+    ] {
+        let video = temp.path().join(format!("{width}x{height}.mp4"));
+        Clip::steady(width, height, 4, 8).write(&video, |_, _, _| [0.5; 3]);
+        for name in layouts {
+            let settings = CurateSettings {
+                enforce: false,
+                layout: Some(name.parse().unwrap()),
+                ..CurateSettings::default()
+            };
+            let out = temp.path().join(name);
+            let refused = curate_video(&video, &out, &settings, &Silent).unwrap_err();
+            let text = refused.to_string();
+            assert!(
+                text.contains(&format!("{width}x{height}")),
+                "{name}: {text}"
+            );
+            assert!(!out.exists(), "{name}");
+        }
+    }
+}

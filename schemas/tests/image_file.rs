@@ -171,3 +171,37 @@ fn greys_are_plain() {
     let read = RgbImage::read(&path).unwrap();
     assert_eq!(read.to_rgb8()[..6], [0, 0, 0, 1, 1, 1]);
 }
+
+/// Decoders fill what is missing with grey; a thumbnail in the metadata ends as a whole image does.
+#[test]
+fn jpeg_files_that_end_within_their_image_are_refused() {
+    let temp = tempfile::tempdir().unwrap();
+    let path = temp.path().join("photograph.jpg");
+    let noise = ImageBuffer::from_fn(96, 48, |x, y| {
+        image::Rgb([
+            (x * 37 % 251) as u8,
+            (y * 91 % 239) as u8,
+            (x * y % 256) as u8,
+        ])
+    });
+    DynamicImage::ImageRgb8(noise).save(&path).unwrap();
+    let plain = fs::read(&path).unwrap();
+    // A comment in front of the image that holds a whole JPEG.
+    let length = u16::try_from(plain.len() + 2).unwrap().to_be_bytes();
+    let with_thumbnail = [&plain[..2], &[0xff, 0xfe], &length, &plain, &plain[2..]].concat();
+    // Some cameras write further data behind the image.
+    let with_more = [&plain[..], b"more"].concat();
+    for whole in [&plain, &with_thumbnail, &with_more] {
+        fs::write(&path, whole).unwrap();
+        assert_eq!(RgbImage::read(&path).unwrap().width, 96);
+    }
+    for (whole, least) in [(&plain, 2), (&with_thumbnail, plain.len() + 6)] {
+        let lengths = [3, whole.len() / 2, whole.len() * 9 / 10, whole.len() - 2];
+        for length in lengths.into_iter().filter(|length| *length > least) {
+            fs::write(&path, &whole[..length]).unwrap();
+            let error = RgbImage::read(&path).map(drop).unwrap_err().to_string();
+            assert!(error.contains("photograph.jpg"), "{length}: {error}");
+            assert!(error.contains("not a usable image"), "{length}: {error}");
+        }
+    }
+}

@@ -138,6 +138,21 @@ fn a_full_disk_is_told_and_keeps_the_old_file() {
     }
 }
 
+/// A file renamed onto `/dev/stdout` or `/dev/null` would take its place for every program.
+#[cfg(unix)]
+#[test]
+fn what_is_no_regular_file_is_not_replaced() {
+    use std::os::unix::{fs::FileTypeExt, net::UnixListener};
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("table.csv");
+    let listener = UnixListener::bind(&path).unwrap();
+    let error = store::write_bytes(&path, b"x").unwrap_err();
+    assert_eq!(error.error_kind(), ErrorKind::User, "{error}");
+    assert!(fs::metadata(&path).unwrap().file_type().is_socket());
+    assert_eq!(store::names_in(folder.path()).unwrap(), ["table.csv"]);
+    drop(listener);
+}
+
 #[test]
 fn a_missing_folder_is_told() {
     let folder = tempfile::tempdir().unwrap();

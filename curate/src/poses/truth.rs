@@ -247,11 +247,15 @@ impl TruthFiles {
         let class_files = self.classes.values().flatten();
         refuse_own(class_files, &sequence_folder.join(CLASSES_FOLDER))?;
         if let Some((files, unit)) = &self.depth {
+            let mut unknown = Vec::new();
             for ((number, source), frame) in files.iter().enumerate().zip(frames.iter_mut()) {
                 let file = format!("{DEPTH_FOLDER}/{number:06}.png");
-                write_depth(source, size, &staging.begin(&file)?)?;
+                if !write_depth(source, size, &staging.begin(&file)?)? {
+                    unknown.push(source.as_path());
+                }
                 frame.depth = Some(DepthImage { file, unit: *unit });
             }
+            tell_unknown_distances(&unknown, files.len(), progress)?;
         }
         for (class, files) in &self.classes {
             for ((number, source), frame) in files.iter().enumerate().zip(frames.iter_mut()) {
@@ -283,7 +287,32 @@ pub(super) fn refuse_own<'a>(
     Ok(())
 }
 
-fn write_depth(source: &Path, size: [usize; 2], path: &Path) -> Result<(), CurateError> {
+/// Tells which of `all` files of distances hold none, as those of a sky do.
+///
+/// # Errors
+/// When none of them holds any.
+pub(super) fn tell_unknown_distances(
+    unknown: &[&Path],
+    all: usize,
+    progress: &dyn Progress,
+) -> Result<(), CurateError> {
+    let Some(first) = unknown.first() else {
+        return Ok(());
+    };
+    if unknown.len() == all {
+        let reason = format!("holds no distance, nor does any other of {all} files: all are 0");
+        return Err(CurateError::input(first, reason));
+    }
+    progress.note(&format!(
+        "{} of {all} files of distances hold none, such as {}",
+        unknown.len(),
+        first.display()
+    ));
+    Ok(())
+}
+
+/// Writes the values of an image at a size; returns false where all of them are 0, which is an unknown distance.
+fn write_depth(source: &Path, size: [usize; 2], path: &Path) -> Result<bool, CurateError> {
     let malformed = |reason: String| CurateError::input(source, reason);
     let image = ImageFile::open(source)?;
     let given = image.size();
@@ -296,5 +325,6 @@ fn write_depth(source: &Path, size: [usize; 2], path: &Path) -> Result<(), Curat
     resized
         .write_to(&mut png, image::ImageFormat::Png)
         .map_err(|error| malformed(format!("cannot be written as PNG: {error}")))?;
-    Ok(store::write_bytes(path, png.get_ref())?)
+    store::write_bytes(path, png.get_ref())?;
+    Ok(values.iter().any(|&value| value != 0))
 }

@@ -370,6 +370,15 @@ fn what_cannot_be_attached_is_refused_and_changes_nothing() {
         refused(&given, "000000.npy");
         given.prior = Some(scenes.prior([16, 32], f32::NAN));
         refused(&given, "000000.npy");
+        given.prior = Some(scenes.prior([16, 32], 0.0));
+        refused(&given, "all are 0");
+        given = scenes.everything();
+        let depth = scenes.depth().folder;
+        for frame in 0..FRAMES {
+            let nowhere = image::GrayImage::new(256, 128);
+            nowhere.save(depth.join(format!("{frame:06}.png"))).unwrap();
+        }
+        refused(&given, "all are 0");
         given = scenes.everything();
         fs::write(scenes.depth().folder.join("000003.png"), "no image").unwrap();
         refused(&given, "000003.png");

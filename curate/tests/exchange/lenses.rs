@@ -137,6 +137,28 @@ fn frames_of_colmap_models_are_straightened() {
     }
 }
 
+/// Parameters of another model under this name would be taken for its first ones.
+#[test]
+fn cameras_with_other_numbers_of_parameters_are_refused() {
+    for camera in [
+        "3 SIMPLE_RADIAL 112 80 86 57.5 38.25 -0.1 0.02",
+        "3 PINHOLE 112 80 86 84.5 57.5 38.25 0",
+        "3 OPENCV_FISHEYE 112 80 86 84.5 57.5 38.25 0.1 0 0",
+    ] {
+        let foreign = Foreign::new(SIZE, &[]);
+        paint(&foreign);
+        write_colmap_text(
+            &foreign,
+            "sparse/0",
+            &format!("{camera}\n"),
+            &[(5, 3, "7.png", 7)],
+        );
+        let error = foreign.import("colmap").map(drop).unwrap_err().to_string();
+        assert!(error.contains("cameras.txt"), "{error}");
+        assert!(!foreign.path().join("out").exists());
+    }
+}
+
 /// A `transforms.json` with one frame, and these entries of its camera.
 fn transforms(camera: &Value, of_frame: bool) -> String {
     let mut frame = json!({"file_path": "./images/7.png", "transform_matrix": transform_matrix(7)});
