@@ -201,14 +201,14 @@ mod tests {
             let names: Vec<&str> = names.iter().map(String::as_str).collect();
             assert_eq!(
                 seconds(&names, &[]),
-                (vec![0.0, 0.5, 1.0], true),
+                (vec![0.0, 0.25, 0.5], true),
                 "{names:?}"
             );
             let files: Vec<PathBuf> = names.iter().map(PathBuf::from).collect();
             assert!(!are_counted(&files));
         }
         let (times, _) = seconds(&["a_0001_rgb.png", "a_0003_rgb.png"], &[]);
-        assert_eq!(times, [0.0, 1.0]);
+        assert_eq!(times, [0.0, 0.5]);
     }
 
     fn seconds(names: &[&str], others: &[&str]) -> (Vec<f64>, bool) {

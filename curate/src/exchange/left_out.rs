@@ -6,12 +6,13 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use omnilife_schemas::store::{self, StoreError};
+use omnilife_schemas::{
+    plain_text,
+    store::{self, StoreError},
+};
 
 use super::{ForeignScene, frame_order};
 
-/// Names in a line, at most.
-const MOST_NAMES: usize = 3;
 /// Extensions of images, of kinds that are not read among them.
 const IMAGES: [&str; 11] = [
     "png", "jpg", "jpeg", "tif", "tiff", "bmp", "webp", "exr", "hdr", "avif", "heic",
@@ -72,12 +73,8 @@ pub(super) fn folders_below(folder: &Path) -> Result<Vec<PathBuf>, StoreError> {
 
 /// A line that counts things and names the first of them; `None` without any.
 pub(super) fn line(names: &[String], what: &str) -> Option<String> {
-    let first: Vec<&str> = names.iter().take(MOST_NAMES).map(String::as_str).collect();
-    let rest = match names.len().saturating_sub(MOST_NAMES) {
-        0 => String::new(),
-        rest => format!(" and {rest} more"),
-    };
-    (!names.is_empty()).then(|| format!("{what}: {} ({}{rest})", names.len(), first.join(", ")))
+    (!names.is_empty())
+        .then(|| format!("{what}: {} ({})", names.len(), plain_text::first_of(names)))
 }
 
 /// A line on lists of images for training and testing beside a scene whose format does not read them.

@@ -172,7 +172,7 @@ fn read_masks(files: &[PathBuf], sequence: &Sequence) -> Result<Vec<Mask>, Curat
         .collect()
 }
 
-/// Tells what was assumed of masks that somebody supplies.
+/// Returns lines on what was assumed of masks that somebody supplies, and on those of no frame.
 fn notes(files: &[PathBuf], sequence: &Sequence) -> Result<Vec<String>, CurateError> {
     let camera = ErpCamera {
         width: sequence.frames.width,
@@ -182,7 +182,10 @@ fn notes(files: &[PathBuf], sequence: &Sequence) -> Result<Vec<String>, CurateEr
     for file in files {
         survey.add(file, &camera.into(), MarkedGreys::AboveHalf)?;
     }
-    Ok(survey.notes())
+    let mut notes = survey.notes();
+    let files: Vec<&Path> = files.iter().map(PathBuf::as_path).collect();
+    notes.extend(poses::masks::surplus(&files, "masks")?);
+    Ok(notes)
 }
 
 fn stem(file: &str) -> String {

@@ -199,7 +199,7 @@ impl Attachment {
             let reason = "gets nothing: give masks, distances or poses to be attached";
             return Err(CurateError::input(scene_path, reason));
         }
-        notes.extend(files.mask_notes(&moving, &scene.camera)?);
+        notes.extend(files.notes(&moving, &scene.camera)?);
         Ok(Self {
             has_ignored,
             files,

@@ -113,6 +113,14 @@ impl IgnoredPixels {
         }
     }
 
+    /// Files that somebody supplies, one of each frame.
+    pub(super) fn files_of_frames(&self) -> &[PathBuf] {
+        match &self.given {
+            GivenMasks::OfFrames(files) => files.as_slice(),
+            GivenMasks::None | GivenMasks::OfCamera(_) => &[],
+        }
+    }
+
     /// Adds what they depend on to a plan.
     pub(super) fn add_inputs(&self, plan: StagePlan) -> Result<StagePlan, CurateError> {
         let files = self.given_files();

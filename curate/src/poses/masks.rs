@@ -9,6 +9,7 @@ use std::{
 
 use omnilife_schemas::{
     layout::SCENE_MASKS_FOLDER,
+    plain_text,
     records::{FrameEntry, Sequence},
     rgb::Mask,
     store,
@@ -100,6 +101,31 @@ pub(crate) fn find(folder: &Path, frames: &[FrameEntry]) -> Result<Vec<PathBuf>,
             frames.len()
         ),
     ))
+}
+
+/// Returns a line on the images beside `files`, one or none of each frame, that are of no frame; `what` says what
+/// they are.
+///
+/// # Errors
+/// When the folder cannot be read.
+pub(crate) fn surplus(files: &[&Path], what: &str) -> Result<Option<String>, CurateError> {
+    let Some(folder) = files.iter().find_map(|file| file.parent()) else {
+        return Ok(None);
+    };
+    let mut beside = files_of(folder, &[EXTENSIONS, &["npy"]].concat())?;
+    beside.retain(|file| !files.contains(&file.as_path()));
+    let name = |file: &PathBuf| {
+        let name = file.file_name().unwrap_or_default();
+        name.to_string_lossy().into_owned()
+    };
+    let names: Vec<String> = beside.iter().map(name).collect();
+    Ok((!names.is_empty()).then(|| {
+        format!(
+            "{what} left out, which are of no frame: {} ({})",
+            names.len(),
+            plain_text::first_of(&names)
+        )
+    }))
 }
 
 /// Reads masks and stages them at frame size; pixels are taken from the nearest of the given mask.

@@ -180,7 +180,7 @@ pub fn pose_sequence_with(
             .map_err(|reason| CurateError::input(&sequence_path, reason))?;
     }
     truth.complete_masks(&mut posed.masks);
-    let oddities = truth.mask_notes(&posed.masks, &posed.camera.camera())?;
+    let oddities = truth.notes(&posed.masks, &posed.camera.camera())?;
     posed.validation.problems.extend(oddities);
     for problem in &posed.validation.problems {
         progress.note(&format!("{}: poses: {problem}", sequence.id));

@@ -70,6 +70,11 @@ impl GivenPrior {
 }
 
 impl PriorFiles {
+    /// The files of the frames that have one.
+    pub(super) fn files(&self) -> impl Iterator<Item = &PathBuf> {
+        self.files.iter().flatten()
+    }
+
     /// Adds what they depend on to a plan.
     pub(super) fn add_inputs(&self, plan: StagePlan) -> Result<StagePlan, CurateError> {
         let GivenPrior {
@@ -116,27 +121,21 @@ impl PriorFiles {
                 "{folder}: {missing} of {all} frames have no distances"
             ));
         }
-        let mut unknown = Vec::new();
         for ((number, source), frame) in self.files.iter().enumerate().zip(frames) {
             if let Some(source) = source {
-                let (prior, is_known) = self.stage_one(staging, source, number, size)?;
-                if !is_known {
-                    unknown.push(source.as_path());
-                }
-                frame.depth_prior = Some(prior);
+                frame.depth_prior = Some(self.stage_one(staging, source, number, size)?);
             }
         }
-        super::truth::tell_unknown_distances(&unknown, self.files.len() - missing, progress)
+        Ok(())
     }
 
-    /// Stages the distances of a frame; returns false beside them where they hold none.
     fn stage_one(
         &self,
         staging: &mut Staging,
         source: &Path,
         number: usize,
         [width, height]: [usize; 2],
-    ) -> Result<(DepthPrior, bool), CurateError> {
+    ) -> Result<DepthPrior, CurateError> {
         let image = DistanceImage::read(source, self.given.unit, true)?;
         // Half a pixel of rounding either way.
         let expected_rows = image.width as f64 * height as f64 / width as f64;
@@ -151,15 +150,13 @@ impl PriorFiles {
         let file = format!("{DEPTH_PRIOR_FOLDER}/{number:06}.npy");
         let shape = [image.height, image.width];
         npy::write_f32(&staging.begin(&file)?, &shape, &image.values)?;
-        let is_known = image.known() > 0;
-        let prior = DepthPrior {
+        Ok(DepthPrior {
             file,
             unit: 1.0,
             width: image.width as u32,
             height: image.height as u32,
             convention: self.given.convention,
             source: self.given.source.clone(),
-        };
-        Ok((prior, is_known))
+        })
     }
 }

@@ -202,12 +202,12 @@ impl TruthFiles {
         }
     }
 
-    /// Lines on what was assumed of these masks, those of what moves among them, and where what is ignored looks
-    /// inverted.
+    /// Lines on what was assumed of these masks, those of what moves among them, where what is ignored looks
+    /// inverted, and on files beside those of the frames.
     ///
     /// # Errors
-    /// When a mask cannot be read.
-    pub(super) fn mask_notes(
+    /// When a mask or a folder cannot be read.
+    pub(super) fn notes(
         &self,
         moving: &[Option<PathBuf>],
         camera: &Camera,
@@ -223,7 +223,33 @@ impl TruthFiles {
         for file in self.ignored.given_files() {
             survey.add_ignored(file, camera)?;
         }
-        Ok(survey.notes())
+        let mut notes = survey.notes();
+        notes.extend(self.surplus()?);
+        Ok(notes)
+    }
+
+    /// Lines on files that are of no frame.
+    fn surplus(&self) -> Result<Vec<String>, CurateError> {
+        let depth = self.depth.iter().flat_map(|(files, _)| files);
+        let prior = self.prior.iter().flat_map(PriorFiles::files);
+        let mut kinds: Vec<(String, Vec<&PathBuf>)> = vec![
+            ("masks".to_owned(), self.masks.iter().flatten().collect()),
+            (
+                "ignore masks".to_owned(),
+                self.ignored.files_of_frames().iter().collect(),
+            ),
+            ("distances".to_owned(), depth.collect()),
+            ("distances of the prior".to_owned(), prior.collect()),
+        ];
+        for (class, files) in &self.classes {
+            kinds.push((format!("masks of {class}"), files.iter().collect()));
+        }
+        let mut lines = Vec::new();
+        for (what, files) in kinds {
+            let files: Vec<&Path> = files.into_iter().map(PathBuf::as_path).collect();
+            lines.extend(masks::surplus(&files, &what)?);
+        }
+        Ok(lines)
     }
 
     /// Stages them at the size of the frames, every pixel that of the nearest one, and enters them in
@@ -291,7 +317,7 @@ pub(super) fn refuse_own<'a>(
 ///
 /// # Errors
 /// When none of them holds any.
-pub(super) fn tell_unknown_distances(
+fn tell_unknown_distances(
     unknown: &[&Path],
     all: usize,
     progress: &dyn Progress,

@@ -241,7 +241,8 @@ mod tests {
                 "number of pixels",
             ),
             (
-                "GPano:FullPanoWidthPixels='400' GPano:FullPanoHeightPixels='100'",
+                "GPano:FullPanoWidthPixels='400' GPano:FullPanoHeightPixels='100' GPano:CroppedAreaTopPixels='0' \
+                 GPano:CroppedAreaLeftPixels='0'",
                 "twice as wide",
             ),
             (

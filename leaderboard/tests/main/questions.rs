@@ -259,7 +259,7 @@ fn answers_have_four_formats() {
     );
     assert!(table.contains("| park  | a,b    | 20.250 |"), "{table}");
     let csv = text(AnswerFormat::Csv);
-    assert!(csv.contains(",park,\"a,b\",20.25,,1,1,1\n"), "{csv}");
+    assert!(csv.contains(",park,\"a,b\",20.25,,1,1\n"), "{csv}");
     let json: serde_json::Value = serde_json::from_str(&text(AnswerFormat::Json)).unwrap();
     assert_eq!(json[1]["psnr"], 20.25);
     assert!(json[1]["psnr_sd"].is_null());
