@@ -414,7 +414,7 @@ fn what_cannot_be_attached_is_refused_and_changes_nothing() {
         given = scenes.everything();
         let depth = scenes.depth().folder;
         for frame in 0..FRAMES {
-            let nowhere = image::GrayImage::new(256, 128);
+            let nowhere = image::ImageBuffer::from_pixel(256, 128, image::Luma([0_u16]));
             nowhere.save(depth.join(format!("{frame:06}.png"))).unwrap();
         }
         refused(&given, "all are 0");

@@ -159,7 +159,9 @@ mod tests {
         for (at, (&found, expected)) in gradient.iter().zip(by_render).enumerate() {
             let expected = if is_settled(at) { 0.0 } else { expected };
             let error = (f64::from(found) - expected).abs();
-            assert!(error < 1e-5 * largest, "{at}: {found} {expected}");
+            // In windows of one level a variance is 0 to the rounding of its squares, some 1e-8, beside SSIM's constant
+            // of 9e-4.
+            assert!(error < 5e-5 * largest, "{at}: {found} {expected}");
         }
     }
 }

@@ -54,7 +54,8 @@ fn step(level: u8, gain: Option<f32>) -> (f64, bool) {
     let mut settings = settings(None);
     settings.exposure = gain.and_then(|gain| {
         let at = |seconds: f64, gain: f32| (seconds, vec![[[0.5 * gain; 3], [0.5; 3]]; 60]);
-        Exposure::estimate(&[at(0.0, gain), at(1.0, 1.0 / gain)])
+        // Gains are relative to their median, 1.
+        Exposure::estimate(&[at(0.0, gain), at(1.0, 1.0), at(2.0, 1.0 / gain)])
     });
     let model = Model::new(vec![Part::new(StaticGaussians, table())]);
     let schedule = StepSchedule {
