@@ -145,12 +145,12 @@ class Scores(unittest.TestCase):
         self.assertIn(("odgs", "novel", "psnr", result.mean("psnr")), list(rows))
         self.assertEqual(set(result.means()["view"]), {"input", "novel"})
 
-        answer = omnilife.query(SAMPLE.folder, by=["seed"], where=["view=novel", "region=whole"])
+        answer = omnilife.query(scores, by=["seed"], where=["view=novel", "region=whole"])
         self.assertEqual(answer["psnr"][answer["method"].index("odgs")], result.mean("psnr"))
-        thirds = omnilife.query(SAMPLE.folder, "views", by=["third"], where=["view=novel"])
+        thirds = omnilife.query(scores, "views", by=["third"], where=["view=novel"])
         self.assertLessEqual(set(thirds["third"]), {1, 2, 3})
         with self.assertRaisesRegex(omnilife.InputError, "ego_motion"):
-            omnilife.query(SAMPLE.folder, by=["colour"])
+            omnilife.query(scores, by=["colour"])
 
 
 def networks() -> set[str]:
