@@ -5,7 +5,7 @@
 //! margin the left or upper part is a pixel narrower. The footprints of the averages share out the image, so that
 //! none reaches over the seam of a panorama.
 //!
-//! OmniLife360 (section 5.2) "resize[s] and pad[s] them to unified dimensions to maintain consistent aspect ratios",
+//! OmniLife360 (section 5.2) resizes and pads images "to unified dimensions to maintain consistent aspect ratios",
 //! and does not say to which, where the padding lies, what it holds, and whether it is scored. Here it is black and on
 //! both sides, masked as no part of the scene, and cut off before scoring.
 
