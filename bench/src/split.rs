@@ -47,7 +47,8 @@ pub fn split_scene(scene: &Path, protocol_id: &str, out: &Path) -> Result<Split,
     split_scene_under(scene, &protocols::protocol(protocol_id)?, out)
 }
 
-/// As [`split_scene`], under rules that may differ from those of a known protocol, such as its padding.
+/// Splits a scene as [`split_scene`] does, under rules that may differ from those of a known protocol, such as its
+/// padding.
 ///
 /// # Errors
 /// Those of [`split`], when nothing of the scene could be scored at the protocol's size, and when a file cannot be

@@ -145,7 +145,7 @@ pub(crate) fn pair(
 /// the nearest one (a mean over an edge would be the distance of nothing); 0 where it is not known.
 ///
 /// # Errors
-/// As [`read`], and when the file is neither 16-bit grey nor an array of distances or its unit is not positive.
+/// Those of [`read`], and when the file is neither 16-bit grey nor an array of distances or its unit is not positive.
 pub(crate) fn read_depth(job: &ScoringJob, depth: &DepthImage) -> Result<Vec<f32>, BenchError> {
     let file = job.scene_file(&depth.file);
     if !(depth.unit.is_finite() && depth.unit > 0.0) {

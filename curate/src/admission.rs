@@ -34,7 +34,7 @@ const LEAST_SPHERE_SHARE: f64 = 0.5;
 /// The projection in force, after the user's override: that of the video as it is stored, also where its frames
 /// are made equirectangular from a `layout`.
 ///
-/// A video that as a whole is none is taken as ERP where `sphere_share`, the share of the time of its shots that are
+/// A video of another kind as a whole is taken as ERP where `sphere_share`, the share of the time of its shots that are
 /// spheres by their own frames, is more than a half: the rest is left out shot by shot.
 ///
 /// Without enforced criteria an undecided video goes through when it is stored at 2:1, with a note:
@@ -145,7 +145,7 @@ pub(crate) fn effective_projection(
     ))
 }
 
-/// Whether a video that is no ERP as a whole may be for shots of another kind among spheres. Halves that show one scene
+/// Returns true where a video may be no ERP as a whole for shots of another kind among spheres. Halves of one scene
 /// are no mixture, and what lies over the image was looked for where some frames are spheres.
 fn may_be_mixed(analysis: &VideoAnalysis) -> bool {
     let found = &analysis.projection;

@@ -39,7 +39,7 @@ pub struct Analysis {
     pub signals: Signals,
     /// Frames spread over the video, for the ERP projection.
     pub samples: FrameSamples,
-    /// What shots are judged by, once boundaries are known.
+    /// Samples that shots are judged by, once boundaries are known.
     pub shot_samples: SamplePass,
     /// What stays while the scene moves, of equirectangular images.
     pub overlays: OverlayPass,
@@ -263,7 +263,7 @@ fn refuse_truncated(
     Ok(())
 }
 
-/// Whether some interval leaves the typical one by more than half a percent and by more than the
+/// Returns true where some interval leaves the typical one by more than half a percent and by more than the
 /// rounding of the source's clock explains.
 fn is_variable(times: &[f64], typical: f64, seconds_per_tick: f64) -> bool {
     let tolerated = (0.005 * typical).max(1.01 * seconds_per_tick);

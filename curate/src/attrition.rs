@@ -172,7 +172,8 @@ fn kept_ranges(out: &Path, sequences: &[String]) -> Result<Vec<TimeRange>, Curat
         .collect()
 }
 
-/// What a curated video loses: shots that are too short, left out or rejected, and the insides of transitions.
+/// Returns the segments that a curated video loses: shots that are too short, left out or rejected, and the insides
+/// of transitions.
 fn lost_segments(
     video: &VideoEntry,
     out: &Path,

@@ -19,7 +19,7 @@ pub enum CurateError {
         path: PathBuf,
         /// What is wrong with it.
         reason: String,
-        /// What the user can do about it.
+        /// Advice to the user.
         advice: Option<&'static str>,
     },
     /// A sound video that the admission criteria or the ERP projection keep out.

@@ -236,8 +236,8 @@ pub(crate) fn claim(video: &Path, folder: &Path, source: &SourceVideo) -> Result
 /// What the analysis writes.
 const ANALYSIS_FILES: [&str; 4] = [ANALYSIS_FILE, SIGNALS_FILE, SAMPLES_FILE, SIGNATURE_FILE];
 
-/// What an interrupted analysis may leave: done-records, temporary files and its tables, which it writes before its
-/// record.
+/// Returns true for a name that an interrupted analysis may leave: done-records, temporary files and its
+/// tables, which it writes before its record.
 fn is_ours_before_analysis(name: &str) -> bool {
     name.starts_with('.') || (name != ANALYSIS_FILE && ANALYSIS_FILES.contains(&name))
 }
@@ -308,7 +308,7 @@ fn analysed(
     let evident = || sphere_layouts::evident(&projection, &probe);
     let layout = asked.or_else(evident);
     let overlays = if layout == asked {
-        // Where the whole is none, its shots may still be spheres for most of the time.
+        // In a video of another kind, shots may still be spheres for most of the time.
         let is_sphere = layout.is_some() || projection.projection.is_monoscopic_erp();
         (is_sphere || shot_samples.show_spheres()).then(|| overlays::report(&overlays, &mosaics))
     } else {

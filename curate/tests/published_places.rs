@@ -1,4 +1,4 @@
-//! What is published says nothing of the machine: no folder, and no advice that is meant for its user.
+//! Published records say nothing of the machine: no folder, and no advice that is meant for its user.
 #![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
 
 mod support;

@@ -25,7 +25,7 @@ const WIDTH: usize = 256;
 const HEIGHT: usize = 128;
 const FRAMES_PER_SECOND: usize = 20;
 
-/// What a part of a clip shows.
+/// Content of a part of a clip.
 #[derive(Clone, Copy)]
 enum Part {
     /// A world around a camera that turns.

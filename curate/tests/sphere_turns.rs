@@ -29,7 +29,7 @@ const POSE: SphereTurn = SphereTurn {
     roll_degrees: 170.0625,
 };
 
-/// Where the numbers of the only `prhd` box begin.
+/// Returns the place where the numbers of the only `prhd` box begin.
 fn place(bytes: &[u8]) -> usize {
     bytes.windows(4).position(|word| word == b"prhd").unwrap() + 8
 }

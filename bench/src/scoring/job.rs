@@ -25,7 +25,7 @@ use crate::{
     statement::Statement,
 };
 
-/// Where the predictions are: `<folder>/<frame, 6 digits>.png`, 8-bit RGB at the protocol's size (of padded frames
+/// Folder of the predictions: `<folder>/<frame, 6 digits>.png`, 8-bit RGB at the protocol's size (of padded frames
 /// with or without the padding), or the same name with `.npy` for values in [0, 1] of shape (height, width, 3);
 /// frame numbers as in the split.
 #[derive(Debug, Clone, PartialEq, Eq)]

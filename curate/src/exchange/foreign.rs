@@ -15,18 +15,18 @@ use omnilife_schemas::{
 use super::{ForeignDistance, ForeignSplit};
 use crate::{poses::frame_camera::FrameCamera, stills::Still};
 
-/// What a reader found.
+/// A scene of another program, as a reader found it.
 #[derive(Debug, Clone)]
 pub struct ForeignScene {
     /// The camera of all frames, with their lens.
     pub camera: FrameCamera,
     /// Frames whose images are there, in whatever order.
     pub frames: Vec<ForeignFrame>,
-    /// What a unit of the world is, where the format says so.
+    /// Length of a unit of the world, as far as the format says.
     pub scale: Scale,
     /// World points; empty where the format has none.
     pub points: PointCloud,
-    /// Where the poses come from, where it is not the format itself.
+    /// Source of the poses, where it is not the format itself.
     pub pose_source: Option<PoseSource>,
     /// The folder that `times.csv` and `ignore/` lie in.
     pub root: PathBuf,
@@ -107,8 +107,8 @@ pub struct ForeignFrame {
 pub struct ForeignMask {
     /// The image.
     pub file: PathBuf,
-    /// Whether black (instead of white) is what moves: a mask of what to look at, which has what is no part of
-    /// the scene in black, too.
+    /// True where black (instead of white) is what moves: a mask of what to look at, with all outside the scene
+    /// in black, too.
     pub black_is_dynamic: bool,
 }
 

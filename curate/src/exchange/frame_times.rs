@@ -114,7 +114,7 @@ fn shared_by_folders(frames: &[ForeignFrame], times: &[f64]) -> Option<String> {
     })
 }
 
-/// Times of stills; `None` where frames are none.
+/// Returns the times of stills; `None` for frames of a video.
 fn of_stills(scene: &ForeignScene) -> Option<Vec<f64>> {
     let times: Option<Vec<f64>> = (scene.frames.iter())
         .map(|frame| Some(scene.stills.get(&frame.image)?.1))

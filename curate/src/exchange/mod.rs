@@ -82,7 +82,7 @@ pub struct Format {
     pub about: &'static str,
     /// Whether its readers know perspective rigs, so that it can hold the faces of cubes.
     pub holds_cube_faces: bool,
-    /// Whether it says where in an image a panorama lies, so that it can hold padded ones.
+    /// True where it says where in an image a panorama lies, so that it can hold padded ones.
     pub holds_padded_panoramas: bool,
     /// Writes a scene into an empty folder; `None` for layouts of data sets, which are read alone.
     pub export: Option<Writer>,
@@ -160,7 +160,7 @@ pub struct ExportFrame {
 pub struct ExportScene {
     /// The camera of all frames; of padded panoramas with the size of their frames.
     pub camera: Camera,
-    /// Where panoramas lie in padded frames.
+    /// Place of panoramas in padded frames.
     pub panorama: Option<PaddedFrame>,
     /// The frames.
     pub frames: Vec<ExportFrame>,
@@ -170,7 +170,7 @@ pub struct ExportScene {
     pub has_split: bool,
     /// Whether the frames are the faces of cubes, each in the folder of its face.
     pub is_rig: bool,
-    /// What a unit of the world is.
+    /// Length of a unit of the world.
     pub scale: Scale,
     /// All that is known of the scene; `None` where its images are drawn anew.
     pub source: Option<SceneSource>,

@@ -44,7 +44,7 @@ impl OwnRecord {
         }))
     }
 
-    /// What is known of a frame.
+    /// Returns the record of a frame.
     fn frame(&self, frame: &ForeignFrame) -> Option<&SceneFrame> {
         let number = self.numbers.get(&frame.image)?;
         self.scene.frames.get(*number)

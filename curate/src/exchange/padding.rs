@@ -1,6 +1,6 @@
 //! Images of a scene in the middle of frames of one size, for methods that take no other.
 //!
-//! What is around an image is black, and marked as no part of the scene. The camera of a perspective scene becomes
+//! The padding is black, and ignored by masks. The camera of a perspective scene becomes
 //! that of the frame. A panorama in a padded frame is no whole sphere: only formats that say where in the image it
 //! lies can hold it; readers of the others would take the frame for the sphere, and its rows for other latitudes.
 

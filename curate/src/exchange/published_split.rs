@@ -18,7 +18,7 @@ use crate::error::CurateError;
 /// place in the folder of the scene.
 #[derive(Debug, Clone)]
 pub struct ForeignSplit {
-    /// Who publishes it, and where it stands, such as `OB3D, train.txt and test.txt`.
+    /// Publisher and files, such as `OB3D, train.txt and test.txt`.
     pub source: String,
     /// Images for training.
     pub input: Vec<String>,

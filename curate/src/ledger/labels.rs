@@ -18,7 +18,7 @@ pub fn leaves_out(entries: &[LedgerEntry], range: TimeRange) -> bool {
     leave_out(entries, range) == Some(true)
 }
 
-/// Whether people keep a segment of the video, whatever it shows: what the label that counts most says of it.
+/// Returns true where people keep a segment of the video, whatever it shows, by the label that counts most.
 pub fn keeps(entries: &[LedgerEntry], range: TimeRange) -> bool {
     leave_out(entries, range) == Some(false)
 }

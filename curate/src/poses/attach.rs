@@ -35,7 +35,7 @@ const OWN_STAGE: &str = "attach";
 /// The line on the program that made the masks begins with this.
 const MASKS_BY: &str = "masks of what moves are by ";
 
-/// What is attached to a scene.
+/// Files and programs of a request to attach.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct AttachRequest {
     /// Poses for a scene that has none, in any form that [`PoseRequest::Given`](super::PoseRequest::Given) has.
@@ -156,7 +156,7 @@ fn poses_of(
 
 /// Files that are attached, found and looked through.
 struct Attachment {
-    /// Whether there are masks of what is no part of the scene; `files` always has what the video does not store.
+    /// True with ignore masks in the request; `files` always has what the video does not store.
     has_ignored: bool,
     files: TruthFiles,
     posed: Option<PosedSequence>,

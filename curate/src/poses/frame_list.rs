@@ -14,7 +14,7 @@ const LEAST_TOLERANCE_SECONDS: f64 = 1e-3;
 /// Two cameras are one where they show no corner of the image farther apart, pixels.
 const LARGEST_SHIFT_PIXELS: f64 = 0.25;
 
-/// What readers of poses, masks and distances ask of the frames.
+/// Frames as readers of poses, masks and distances need them.
 #[derive(Debug, Clone)]
 pub(super) struct FrameList {
     /// Id of the sequence or scene.
@@ -23,11 +23,11 @@ pub(super) struct FrameList {
     pub(super) size: [u32; 2],
     /// Files and times, in order of time.
     pub(super) entries: Vec<FrameEntry>,
-    /// Whether the images are perspective ones.
+    /// True for perspective images.
     pub(super) is_pinhole: bool,
     /// The camera, where it is known before the poses are.
     pub(super) camera: Option<Camera>,
-    /// How far from a frame's time the pose of that frame may be, seconds.
+    /// Largest difference between the times of a frame and of its pose, seconds.
     pub(super) tolerance_seconds: f64,
     /// Directions that the video does not store.
     pub(super) unrecorded: Option<Mask>,

@@ -62,11 +62,11 @@ impl FromStr for FrameCommand {
 pub struct PriorProgram {
     /// The program.
     pub command: FrameCommand,
-    /// What a step of 1 in its files means, in units of the world frame.
+    /// Length of a step of 1 in its files, in units of the world frame.
     pub unit: f64,
-    /// Where their pixels are.
+    /// Grid of their pixels.
     pub grid: DistanceGrid,
-    /// What their distances are measured along.
+    /// Line that their distances are measured along.
     pub convention: DistanceConvention,
 }
 
@@ -79,11 +79,11 @@ pub struct FramePrograms {
     pub prior: Option<PriorProgram>,
     /// Finds the poses.
     pub poses: Option<FrameCommand>,
-    /// How long each may take; without end where none is given.
+    /// Time that each may take; without end where none is given.
     pub time_limit: Option<Duration>,
 }
 
-/// What programs have left, for the frames by their numbers.
+/// Output of programs, for the frames by their numbers.
 pub(super) struct Made {
     pub(super) frames: FrameList,
     /// Folder of masks, and the command.

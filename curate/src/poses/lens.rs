@@ -55,7 +55,7 @@ impl Lens {
 
     /// Returns the camera of the frames without the distortion: of the same size and principal point, with
     /// the shortest focal length at which every pixel is one that the lens shows, and not below that of the
-    /// lens where this is no perspective one; `None` where there is no such camera.
+    /// lens where this is a fisheye; `None` for a lens that no such camera fits.
     pub fn straight(&self) -> Option<PinholeCamera> {
         let zoomed = |zoom: f64| PinholeCamera {
             fx: zoom * self.camera.fx,
@@ -102,7 +102,7 @@ impl Lens {
         )
     }
 
-    /// Where a straight camera shows what is at a pixel of a frame; not a number where it cannot.
+    /// Returns the place in a straight camera of what a pixel of a frame shows; not a number where it cannot.
     pub fn straightened(&self, straight: &PinholeCamera, pixel: DVec2) -> DVec2 {
         let place = self
             .distortion

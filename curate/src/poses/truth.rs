@@ -48,7 +48,7 @@ pub struct GivenTruth {
     pub prior: Option<GivenPrior>,
     /// What says how large the world is, where the poses do not.
     pub scale: Option<GroundScale>,
-    /// What the matrices of poses map, where poses are given as matrices.
+    /// Direction of the matrices, for poses that are given as matrices.
     pub pose_convention: Option<PoseConvention>,
 }
 

@@ -9,7 +9,7 @@ const BLACK_LEVEL: u8 = 24;
 /// Share of a line that has to be black. Not all of it: subtitles and noise reach into borders.
 const BLACK_SHARE: f64 = 0.98;
 const LIMIT: f64 = 0.01;
-/// Where a border ends, lines have less black than the border by this share of their length at least.
+/// Step at the end of a border: lines have less black than the border by this share of their length at least.
 const LEAST_STEP: f64 = 0.5;
 
 /// Black columns at the sides.

@@ -44,7 +44,7 @@ pub struct ProjectionTest {
 }
 
 impl ProjectionTest {
-    /// What it looks at: inside of a border, unless it is about borders.
+    /// Returns the part that it looks at: inside of a border, unless it is about borders.
     fn looked_at<'a>(
         &self,
         samples: &'a [Rgb8Image],
@@ -182,7 +182,7 @@ pub(crate) fn measure_frame(probe: &Probe, image: &Rgb8Image) -> impl Iterator<I
     })
 }
 
-/// What readings of frames prove.
+/// Result of the readings of frames.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) enum Proof {
     /// They are one sphere, equirectangular as a whole.
@@ -193,7 +193,7 @@ pub(crate) enum Proof {
     Nothing,
 }
 
-/// What readings of [`FRAME_TESTS`], in their order, prove.
+/// Judges readings of [`FRAME_TESTS`], in their order.
 pub(crate) fn proof(readings: impl Iterator<Item = Option<f64>>) -> Proof {
     let evidence: Vec<Evidence> = FRAME_TESTS
         .iter()

@@ -13,7 +13,7 @@ const SAME_LEVELS: usize = 3;
 /// A cell has changed that differs by more than this from the sample before, 8-bit levels.
 const CHANGED_LEVELS: f32 = 12.0;
 
-/// What one frame holds.
+/// Measures of one frame.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Content {
     /// From the darkest to the brightest cell, 8-bit levels.

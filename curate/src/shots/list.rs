@@ -77,7 +77,7 @@ impl ShotList {
     }
 }
 
-/// Whether shots are judged by their projection. What the user says of it is said of the whole video, and half a sphere
+/// Returns true where shots are judged by their projection. The user's own is of the whole video, and half a sphere
 /// neither closes around nor fills its frame.
 fn judges_projection(settings: &CurateSettings, layout: Option<SphereLayout>) -> bool {
     let is_half = layout.is_some_and(sphere_layouts::is_half);

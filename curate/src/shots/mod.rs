@@ -35,7 +35,7 @@ const STILL_SHARE: f64 = 0.002;
 /// A projection is judged by this many frames at least.
 const LEAST_SAMPLES: usize = 2;
 
-/// What the samples of a shot say.
+/// Statistics of the samples of a shot.
 struct Numbers {
     samples: usize,
     spread_levels: f64,
@@ -51,11 +51,11 @@ pub struct ShotCheck {
     pub id: &'static str,
     /// Which shots fail it, in one sentence.
     pub summary: &'static str,
-    /// What a shot that fails it shows, and what the value is.
+    /// Content of a shot that fails it, and meaning of the value.
     pub reading: &'static str,
     /// The limit that the value is beyond.
     pub limit: f64,
-    /// Whether it is about the projection, which the user may state.
+    /// True for a check of the projection, which the user may state.
     is_of_projection: bool,
     /// The value of a shot that fails it.
     failing: fn(&Numbers) -> Option<f64>,
@@ -105,7 +105,7 @@ pub static CHECKS: &[ShotCheck] = &[
 ];
 
 impl Samples {
-    /// What the samples of a shot say; `None` where none lies in it.
+    /// Returns the statistics of a shot's samples; `None` where none lies in it.
     fn numbers(&self, shot: TimeRange) -> Option<Numbers> {
         let inside = self.inside(shot);
         Some(Numbers {

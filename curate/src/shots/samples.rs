@@ -20,7 +20,7 @@ use crate::{
 
 /// Distance of the samples, seconds: a shot of a second has two at any rate from 10 frames per second on.
 const INTERVAL_SECONDS: f64 = 0.4;
-/// What samples depend on, for stages.
+/// Settings of samples, for stages.
 pub(crate) const SETTINGS: &str =
     "contrast, background, change and the readings of 6 tests every 0.4 s";
 
@@ -52,7 +52,7 @@ impl Default for SamplePass {
 }
 
 impl SamplePass {
-    /// Whether the frame at this time is looked at.
+    /// Returns true where the frame at this time is to be looked at.
     pub(crate) fn wants(&self, time_seconds: f64) -> bool {
         let last = self.table.times.last();
         last.is_none_or(|last| time_seconds - last >= INTERVAL_SECONDS)
@@ -112,7 +112,7 @@ impl Samples {
         Ok(Self(table))
     }
 
-    /// Whether some sample by itself is a whole sphere.
+    /// Returns true where some sample by itself is a whole sphere.
     pub(crate) fn show_spheres(&self) -> bool {
         let all = Inside {
             samples: self,

@@ -34,7 +34,7 @@ pub struct Orientation {
 }
 
 impl Orientation {
-    /// What a video's container states.
+    /// Reads what a video's container states.
     pub fn of(probe: &Probe) -> Self {
         Self {
             quarter_turns: (probe.rotation_degrees / 90.0).round() as u32,

@@ -122,7 +122,7 @@ fn left_eye(layout: SphereLayout, frame: &Rgb8Image) -> Option<Rgb8Image> {
     })
 }
 
-/// Whether a layout stores the half of the sphere ahead alone.
+/// Returns true for a layout that stores the half of the sphere ahead alone.
 pub(crate) fn is_half(layout: SphereLayout) -> bool {
     projection(layout) == VideoProjection::HalfErp
 }

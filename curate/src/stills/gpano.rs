@@ -15,7 +15,7 @@ use omnilife_schemas::image_file::MOST_PIXELS;
 use super::placement::Placement;
 
 const NAMESPACE: &str = "http://ns.google.com/photos/1.0/panorama/";
-/// XMP data of more bytes are none of a panorama.
+/// Largest XMP data that are looked at, bytes: those of a panorama are a few thousand.
 const MOST_BYTES: usize = 1 << 20;
 
 /// Properties of a panorama.
@@ -80,7 +80,7 @@ pub(crate) fn read(data: &[u8], size: [u32; 2]) -> Result<Option<Panorama>, Stri
 /// The number of a property.
 ///
 /// # Errors
-/// When it is none.
+/// When the property is not a finite number.
 fn number(property: &impl Fn(&str) -> Option<String>, name: &str) -> Result<Option<f64>, String> {
     let Some(text) = property(name) else {
         return Ok(None);

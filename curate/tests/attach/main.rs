@@ -5,6 +5,7 @@
 mod programs;
 #[path = "../support/mod.rs"]
 mod support;
+mod surplus;
 
 use std::{
     collections::BTreeMap,
@@ -200,7 +201,7 @@ fn attached(folder: &Path, scene: &Scene) -> BTreeMap<String, Vec<u8>> {
         .collect()
 }
 
-/// What a frame has, but for its pose, which formats keep to rounding.
+/// The entries of a frame, but for its pose, which formats keep to rounding.
 fn entries(frame: &SceneFrame) -> SceneFrame {
     SceneFrame {
         pose: None,
@@ -294,45 +295,6 @@ fn what_is_attached_again_replaces_what_was_there() {
     let notes = Notes::default();
     pose_sequence(&scenes.sequence, &scenes.request, &notes).unwrap();
     assert!(notes.take().join("|").contains("unchanged"));
-}
-
-#[test]
-fn files_of_no_frame_are_named() {
-    let temp = tempfile::tempdir().unwrap();
-    let scenes = Scenes::new(temp.path(), "colmap");
-    let given = GivenTruth {
-        ignored: Some(IgnoredRegion::Masks(scenes.masks("tripods", 3))),
-        ..scenes.everything()
-    };
-    let kinds = [
-        ("moving", "masks left out"),
-        ("tripods", "ignore masks left out"),
-        ("true-depth", "distances left out"),
-        ("people", "masks of human left out"),
-        ("estimates", "distances of the prior left out"),
-    ];
-    for (folder, _) in kinds {
-        let folder = scenes.folder.join(folder);
-        let of_frame = store::paths_in(&folder).unwrap().remove(0);
-        let extension = of_frame.extension().unwrap().to_str().unwrap();
-        for name in ["000012", "7000"] {
-            fs::copy(&of_frame, folder.join(name).with_extension(extension)).unwrap();
-        }
-        fs::write(folder.join("notes.txt"), "").unwrap();
-    }
-    let notes = Notes::default();
-    let scene = attach(&scenes.imported, None, &given, &notes).unwrap();
-    let notes = notes.take();
-    for (folder, line) in kinds {
-        let lines = scene.validation.problems.iter();
-        let lines: Vec<_> = lines.filter(|text| text.starts_with(line)).collect();
-        assert_eq!(lines.len(), 1, "{folder}");
-        assert!(lines[0].contains(": 2 (000012."), "{}", lines[0]);
-        assert!(
-            notes.iter().any(|note| note.ends_with(lines[0])),
-            "{folder}"
-        );
-    }
 }
 
 /// An import brings masks of its own, under the names that attached ones get.

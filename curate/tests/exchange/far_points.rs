@@ -1,9 +1,9 @@
 //! Points of georeferenced scenes, whose coordinates 32-bit floats do not hold.
 
-use omnilife_curate::exchange::{ImportRequest, MaskMeaning, import, written_formats};
+use omnilife_curate::exchange::written_formats;
 use omnilife_schemas::points::PointCloud;
 
-use crate::{exported, scene};
+use crate::{round_trip, scene};
 
 #[test]
 fn points_far_from_the_origin_come_back_exactly() {
@@ -23,17 +23,8 @@ fn points_far_from_the_origin_come_back_exactly() {
     points.write_ply(&folder.path().join("points.ply")).unwrap();
     // The only format that holds none.
     for format in written_formats().filter(|format| format.id != "hm3d") {
-        let export = exported(format.id, folder.path());
+        let (export, imported) = round_trip(format.id, folder.path(), &original.id);
         let back = export.path().join("back");
-        let imported = import(&ImportRequest {
-            folder: &export.path().join("scene"),
-            format: format.id,
-            id: &original.id,
-            frames_per_second: None,
-            masks: MaskMeaning::Moving,
-            out: &back,
-        })
-        .unwrap();
         let read = PointCloud::read_ply(&back.join(imported.points.unwrap())).unwrap();
         assert_eq!(read, points, "{}", format.id);
     }

@@ -263,7 +263,7 @@ fn a_scene_has_one_camera_and_that_is_said_by_name() {
     );
     let line = foreign.refusal("colmap");
     assert!(line.contains("SPHERE") && line.contains("line 2"), "{line}");
-    // A focal length that is none.
+    // A negative focal length.
     let impossible = [-80.0, 80.0, 56.0, 40.0, 0.0, 0.0, 0.0, 0.0];
     let pinhole = [80.0, 80.0, 56.0, 40.0];
     let cameras: [(u32, i32, [u64; 2], &[f64]); 2] =

@@ -159,21 +159,27 @@ fn exported(format: &str, scene_folder: &Path) -> TempDir {
     out
 }
 
+/// Exports a scene and imports it again, into the folder `back` beside the export.
+fn round_trip(format: &str, scene_folder: &Path, id: &str) -> (TempDir, Scene) {
+    let export = exported(format, scene_folder);
+    let scene = import(&ImportRequest {
+        folder: &export.path().join("scene"),
+        format,
+        id,
+        frames_per_second: None,
+        masks: MaskMeaning::Moving,
+        out: &export.path().join("back"),
+    })
+    .unwrap();
+    (export, scene)
+}
+
 #[test]
 fn every_format_gives_back_what_it_was_given() {
     let (folder, original) = scene();
     for format in written_formats() {
-        let export = exported(format.id, folder.path());
+        let (export, imported) = round_trip(format.id, folder.path(), &original.id);
         let back = export.path().join("back");
-        let imported = import(&ImportRequest {
-            folder: &export.path().join("scene"),
-            format: format.id,
-            id: &original.id,
-            frames_per_second: None,
-            masks: MaskMeaning::Moving,
-            out: &back,
-        })
-        .unwrap();
         let posed = &original.frames[..5];
         // One alone holds frames without a pose.
         let unposed = usize::from(format.id == "frames");

@@ -41,7 +41,7 @@ fn objects_may_be_what_is_ignored() {
     let from = export.path().join("scene");
     fs::remove_dir_all(from.join("ignore")).unwrap();
     fs::remove_file(from.join("scene.json")).unwrap();
-    // Without the record the frame without a pose is none, and its mask that of no frame.
+    // Without the record the frame without a pose is left out, and its mask that of no frame.
     fs::remove_file(from.join("mask/000005.png")).unwrap();
     let all = Mask {
         width: 32,

@@ -52,17 +52,8 @@ fn a_scene_far_from_the_origin_comes_back_from_every_format_as_near_it() {
         .map(|pose| pose.centre().distance(near[0].centre()));
     let size = distances.fold(0.0, f64::max);
     for format in written_formats() {
-        let export = exported(format.id, folder.path());
+        let (export, imported) = round_trip(format.id, folder.path(), &original.id);
         let back = export.path().join("back");
-        let imported = import(&ImportRequest {
-            folder: &export.path().join("scene"),
-            format: format.id,
-            id: &original.id,
-            frames_per_second: None,
-            masks: MaskMeaning::Moving,
-            out: &back,
-        })
-        .unwrap();
         let poses: Vec<Pose> = imported
             .frames
             .iter()

@@ -124,7 +124,7 @@ fn padded_perspective_frames_come_back_with_their_camera_and_masks_of_the_paddin
     }
 }
 
-/// Where nerfstudio says that a panorama lies, its pixels have their directions.
+/// Pixels have their directions at the place of the panorama by nerfstudio's rules.
 #[test]
 fn padded_panoramas_keep_their_directions() {
     let (folder, original) = scene();

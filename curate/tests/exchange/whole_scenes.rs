@@ -259,7 +259,7 @@ fn frames_for_testing_stay_behind() {
 /// Nothing that speaks of frames beside the record is left out in silence.
 #[test]
 fn files_that_disagree_with_the_record_are_refused() {
-    /// What is changed beside the record.
+    /// A change beside the record.
     type Change = fn(&Path);
     let changes: [(&str, Change); 6] = [
         ("mask/stray.png", |root| {

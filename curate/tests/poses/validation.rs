@@ -148,7 +148,7 @@ fn validation_passes_what_is_sound_and_names_what_is_not() {
     );
 }
 
-/// What is measured of poses are angles and ratios, wherever the world has its origin.
+/// Measures of poses are angles and ratios, wherever the world has its origin.
 #[test]
 fn a_model_far_from_the_origin_is_as_sound_as_near_it() {
     let limits = ValidationLimits::default();

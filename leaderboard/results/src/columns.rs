@@ -16,7 +16,7 @@ pub struct Table {
     pub(crate) always: &'static [&'static str],
     /// True where every result should have the file that it is made of.
     pub of_every_result: bool,
-    /// What is read beside every result.
+    /// File that is read beside every result.
     pub(crate) beside: Beside,
     /// Calls back with every row of a result.
     pub(crate) rows: for<'a> fn(&'a Loaded<'a>, &mut dyn FnMut(Row<'a>)),

@@ -21,7 +21,7 @@ const OPERATORS: [(&str, Operator); 6] = [
 /// A condition on one column. A row without a value there does not meet it.
 #[derive(Debug, Clone)]
 pub struct Filter {
-    /// As it was written.
+    /// The condition as it was written.
     text: String,
     pub(crate) column: &'static Column,
     operator: Operator,

@@ -25,7 +25,7 @@ pub(crate) struct Row<'a> {
     pub(crate) region: &'static str,
     /// The score.
     pub(crate) value: f64,
-    /// What the value is of.
+    /// Views of the value.
     pub(crate) of: ValueOf,
 }
 
@@ -39,7 +39,7 @@ impl Row<'_> {
 /// The region of scores over all pixels.
 const WHOLE: &str = "whole";
 
-/// What a value is of: all views of a kind, one view, or one row of a trace.
+/// Views of a value: all views of a kind, one view, or one row of a trace.
 #[derive(Debug, Clone, Copy)]
 pub(crate) enum ValueOf {
     Views(Summary),

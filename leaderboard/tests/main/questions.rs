@@ -323,7 +323,7 @@ fn scenes_are_counted_by_metric_and_metrics_named_twice_are_one() {
     assert_eq!(numbers(&answer, "ssim_scenes"), [Some(1.0)]);
 }
 
-/// As in the tables of a board: all repetitions of a method on a scene count, or none.
+/// Same rule as in the tables of a board: all repetitions of a method on a scene count, or none.
 #[test]
 fn a_scene_with_an_incomplete_repetition_is_left_out_whole() {
     let mut failed = seeded("hall", "a", 1, 99.0);

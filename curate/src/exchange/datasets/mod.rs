@@ -33,7 +33,7 @@ use crate::{error::CurateError, poses::frame_camera::FrameCamera};
 /// The camera of panoramas of the whole sphere, by the first of them.
 ///
 /// # Errors
-/// When there is none, or it is not twice as wide as high.
+/// For a folder without panoramas, and one whose first panorama is not twice as wide as high.
 fn panorama_camera(
     folder: &Path,
     frames: &[ForeignFrame],

@@ -69,7 +69,7 @@ const LENGTH_TOLERANCE: f64 = 1e-3;
 struct ModelFiles {
     cameras: PathBuf,
     trajectory: PathBuf,
-    /// Where the third line is not empty.
+    /// The file that the third line names, unless that is empty.
     map: Option<PathBuf>,
 }
 

@@ -217,7 +217,7 @@ impl Intrinsic {
     /// Returns the lens of a type.
     ///
     /// # Errors
-    /// Where its terms are missing, or are not as many finite numbers as the type has.
+    /// When its terms are missing, or are not as many finite numbers as the type has.
     fn distortion(&self, name: &str) -> Result<Distortion, String> {
         let Some(lens) = LENSES.iter().find(|lens| lens.name == name) else {
             return Ok(Distortion::default());

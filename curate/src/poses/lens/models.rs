@@ -34,7 +34,7 @@ const fn model(
     }
 }
 
-/// All models with an image plane; the sphere is none of them.
+/// All models with an image plane, which the sphere has not.
 const MODELS: [LensModel; 17] = [
     model("SIMPLE_PINHOLE", 0, 3, 1, radial),
     model("PINHOLE", 1, 4, 2, radial),

@@ -197,7 +197,7 @@ fn places_and_frames_are_those_of_opencv() {
     }
 }
 
-/// What `scripts/golden/lens_models.py` has from COLMAP.
+/// A model with COLMAP's pixels, by `scripts/golden/lens_models.py`.
 #[derive(Deserialize)]
 struct GoldenModel {
     model: String,

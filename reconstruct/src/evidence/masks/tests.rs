@@ -1,4 +1,4 @@
-//! What moves, at several sizes and places, against specks.
+//! Moving things, at several sizes and places, against specks.
 
 use omnilife_schemas::camera::{ErpCamera, PinholeCamera};
 

@@ -69,7 +69,7 @@ mod tests {
             .collect()
     }
 
-    /// What a camera of a gain makes of the ramp, the gain taken out, and what is saturated in it.
+    /// Returns the ramp as a camera of a gain shows it, the gain taken out, and the marks of saturated values.
     fn shown(gain: f32) -> (Vec<f32>, Vec<bool>) {
         let bytes = ramp().into_iter().map(|level| {
             let byte = (255.0 * gain * level).round().min(255.0);

@@ -30,7 +30,7 @@ mod strips;
 
 pub use marks::PixelMarks;
 
-/// What is beside the first and the last column of an image.
+/// Neighbours of the first and the last column of an image.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Columns {
     /// Each other: the image goes around the whole sphere.

@@ -13,7 +13,7 @@ pub struct ReferencePair<'a> {
     pub width: usize,
     /// Rows.
     pub height: usize,
-    /// What is beside the first and the last column.
+    /// Neighbours of the first and the last column.
     pub columns: Columns,
     /// The image that is differentiated by.
     pub render: &'a [f64],

@@ -20,7 +20,7 @@ pub(super) struct RowShape {
     pub(super) width: usize,
     /// Rows of the image.
     pub(super) height: usize,
-    /// What is beside the first and the last of the columns.
+    /// Neighbours of the first and the last of the columns.
     pub(super) columns: Columns,
 }
 

@@ -1,0 +1,42 @@
+//! Given files that are of no frame.
+
+use super::*;
+
+#[test]
+fn files_of_no_frame_are_named() {
+    let temp = tempfile::tempdir().unwrap();
+    let scenes = Scenes::new(temp.path(), "colmap");
+    let given = GivenTruth {
+        ignored: Some(IgnoredRegion::Masks(scenes.masks("tripods", 3))),
+        ..scenes.everything()
+    };
+    let kinds = [
+        ("moving", "masks left out"),
+        ("tripods", "ignore masks left out"),
+        ("true-depth", "distances left out"),
+        ("people", "masks of human left out"),
+        ("estimates", "distances of the prior left out"),
+    ];
+    for (folder, _) in kinds {
+        let folder = scenes.folder.join(folder);
+        let of_frame = store::paths_in(&folder).unwrap().remove(0);
+        let extension = of_frame.extension().unwrap().to_str().unwrap();
+        for name in ["000012", "7000"] {
+            fs::copy(&of_frame, folder.join(name).with_extension(extension)).unwrap();
+        }
+        fs::write(folder.join("notes.txt"), "").unwrap();
+    }
+    let notes = Notes::default();
+    let scene = attach(&scenes.imported, None, &given, &notes).unwrap();
+    let notes = notes.take();
+    for (folder, line) in kinds {
+        let lines = scene.validation.problems.iter();
+        let lines: Vec<_> = lines.filter(|text| text.starts_with(line)).collect();
+        assert_eq!(lines.len(), 1, "{folder}");
+        assert!(lines[0].contains(": 2 (000012."), "{}", lines[0]);
+        assert!(
+            notes.iter().any(|note| note.ends_with(lines[0])),
+            "{folder}"
+        );
+    }
+}
