@@ -1,7 +1,7 @@
 //! Mask images: finding those of a sequence's frames and writing them at frame size.
 
 use std::{
-    collections::BTreeMap,
+    collections::{BTreeMap, BTreeSet},
     ffi::OsString,
     fs,
     path::{Path, PathBuf},
@@ -113,7 +113,8 @@ pub(crate) fn surplus(files: &[&Path], what: &str) -> Result<Option<String>, Cur
         return Ok(None);
     };
     let mut beside = files_of(folder, &[EXTENSIONS, &["npy"]].concat())?;
-    beside.retain(|file| !files.contains(&file.as_path()));
+    let taken: BTreeSet<&Path> = files.iter().copied().collect();
+    beside.retain(|file| !taken.contains(file.as_path()));
     let name = |file: &PathBuf| {
         let name = file.file_name().unwrap_or_default();
         name.to_string_lossy().into_owned()
