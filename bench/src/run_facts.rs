@@ -118,6 +118,7 @@ impl RunFacts {
     fn of_ours(file: &Path, run: RunRecord, trace: Option<Trace>) -> Self {
         Self {
             trace,
+            stages: run.stage_times(),
             input_folder: run
                 .predictions
                 .input_views
@@ -141,7 +142,6 @@ impl RunFacts {
             hardware: run.hardware,
             versions: run.versions,
             rendering_seconds: Some(run.rendering_seconds),
-            stages: run.stages,
             peak_memory_bytes: run.peak_memory_bytes,
             warnings: run.warnings,
             failure: None,
