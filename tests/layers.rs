@@ -35,7 +35,7 @@ const RECONSTRUCT: &[&[&str]] = &[
     &["learner"],
     &["train"],
     &["baseline"],
-    &["evidence", "step_cost"],
+    &["evidence"],
     &["components"],
     &["methods"],
     &["backends", "stability"],

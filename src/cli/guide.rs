@@ -236,13 +236,6 @@ pub(crate) const EXAMPLES: &[Examples] = &[
         ],
     ),
     (
-        "bench renderer",
-        &[
-            "bench renderer --gaussians 50000,200000 --widths 512,1024",
-            "bench renderer --backend gpu --dynamic --out renderer.md",
-        ],
-    ),
-    (
         "bench curve",
         &["bench curve SCORE-A SCORE-B --clock cpu --out CURVES"],
     ),

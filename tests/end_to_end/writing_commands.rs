@@ -39,7 +39,6 @@ const WRITES_NOTHING: &[&str] = &[
 ];
 /// Commands that write and are not walked, with the reason.
 const ELSEWHERE: &[(&str, &str)] = &[
-    ("bench renderer", "writes one file, where it is told to"),
     (
         "bench stability",
         "takes minutes; writes as bench curve does",
