@@ -174,7 +174,6 @@ pub(crate) const EXAMPLES: &[Examples] = &[
             "reconstruct export gaussians.ply --up 0,-1,0 --out ASSET",
         ],
     ),
-    ("reconstruct serve", &["reconstruct serve ASSET"]),
     ("reconstruct atlas", &["reconstruct atlas RUN --out ATLAS"]),
     (
         "reconstruct edit",

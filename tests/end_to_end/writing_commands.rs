@@ -34,7 +34,6 @@ const WRITES_NOTHING: &[&str] = &[
     "reconstruct backends",
     "reconstruct methods",
     "reconstruct plan",
-    "reconstruct serve",
     "sweep status",
 ];
 /// Commands that write and are not walked, with the reason.
