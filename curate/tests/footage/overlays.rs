@@ -25,7 +25,7 @@ fn prominent(report: &OverlayReport) -> Option<OverlayClass> {
     report
         .overlays
         .iter()
-        .filter(|overlay| overlay.class.is_artificial())
+        .filter(|overlay| overlay.class != OverlayClass::Rig)
         .find(|overlay| overlay.solid_angle_steradians > 0.02)
         .map(|overlay| overlay.class)
 }
