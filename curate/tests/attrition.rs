@@ -15,8 +15,9 @@ use omnilife_schemas::{
         AuditDecision, AuditDecisions, LedgerAction, PersonRole, SegmentLabel, TimeRange,
         VideoStatus,
     },
+    testing::Notes,
 };
-use support::{Clip, Notes, erp_clip, erp_direction, world_colour};
+use support::{Clip, erp_clip, erp_direction, world_colour};
 
 #[test]
 fn rejects_and_sequences_add_up_to_what_went_in() {

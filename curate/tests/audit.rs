@@ -22,8 +22,8 @@ use omnilife_schemas::{
     progress::Silent,
     records::{Annotation, BoundaryKind, BoundaryLedger, Sampling, SegmentOutcome, Slices},
     store,
+    testing::Notes,
 };
-use support::Notes;
 
 fn settings() -> CurateSettings {
     CurateSettings {

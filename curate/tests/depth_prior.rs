@@ -16,8 +16,9 @@ use omnilife_schemas::{
     progress::Silent,
     records::{DistanceConvention, DistanceGrid, PosedFrame, Poses, Scale, Scene},
     store,
+    testing::Notes,
 };
-use support::{Notes, erp_clip};
+use support::erp_clip;
 
 /// A sequence with poses for all of its frames.
 fn sequence(folder: &Path) -> (PathBuf, PathBuf) {

@@ -15,8 +15,9 @@ use omnilife_curate::{
 use omnilife_schemas::{
     progress::Silent,
     records::{Sampling, VideoStatus},
+    testing::Notes,
 };
-use support::{Clip, Notes, erp_direction, world_colour};
+use support::{Clip, erp_direction, world_colour};
 
 /// The world at a moment, in light that changes by the second in no order; `take` says in which.
 fn lit(seconds: f64, direction: [f64; 3], take: u64) -> [f64; 3] {

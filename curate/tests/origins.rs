@@ -14,8 +14,9 @@ use omnilife_schemas::{
     progress::Silent,
     records::{Dataset, OriginKind, Sampling},
     store,
+    testing::Notes,
 };
-use support::{Notes, erp_clip};
+use support::erp_clip;
 
 #[test]
 fn a_list_goes_into_the_record_and_the_card_and_stays() {

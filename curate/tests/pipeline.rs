@@ -14,8 +14,9 @@ use omnilife_schemas::{
     progress::Silent,
     records::{BoundaryKind, BoundaryLedger, Sampling, Sequence, VideoAnalysis, VideoProjection},
     store,
+    testing::Notes,
 };
-use support::{Clip, Notes, TICK_SECONDS, erp_clip, erp_direction, world_colour};
+use support::{Clip, TICK_SECONDS, erp_clip, erp_direction, world_colour};
 
 fn lenient() -> CurateSettings {
     CurateSettings {

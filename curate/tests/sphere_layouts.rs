@@ -20,9 +20,10 @@ use omnilife_schemas::{
     records::{PosedFrame, Poses, Scale, Sequence, Slices, SphereLayout, VideoProjection},
     rgb::Mask,
     store,
+    testing::Notes,
     testing::skip,
 };
-use support::{Clip, Notes, erp_direction, world_colour};
+use support::{Clip, erp_direction, world_colour};
 
 const SIZE: [usize; 2] = [512, 256];
 const WIDTH: u32 = 256;

@@ -18,8 +18,9 @@ use omnilife_schemas::{
     progress::Silent,
     records::{Sampling, Sequence, SphereTurn, SphericalMetadata},
     store,
+    testing::Notes,
 };
-use support::{Notes, erp_clip};
+use support::erp_clip;
 
 /// 33.25, -12.5 and 170.0625 degrees in 16.16.
 const NUMBERS: [i32; 3] = [0x0021_4000, -0x000c_8000, 0x00aa_1000];

@@ -28,8 +28,9 @@ use omnilife_schemas::{
     },
     rgb::Mask,
     store,
+    testing::Notes,
 };
-use support::{Notes, erp_clip};
+use support::erp_clip;
 
 const FRAMES: usize = 12;
 

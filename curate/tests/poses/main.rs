@@ -29,8 +29,9 @@ use omnilife_schemas::{
     records::{PosedFrame, Poses, Scale, Scene, SceneFrame, ValidationStatus, VideoProjection},
     rgb::Mask,
     store,
+    testing::Notes,
 };
-use support::{Notes, erp_clip};
+use support::erp_clip;
 
 /// A curated sequence of 20 frames at 10 fps beneath `folder`.
 fn sequence_of_twenty(folder: &Path) -> std::path::PathBuf {
