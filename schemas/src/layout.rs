@@ -98,7 +98,11 @@ pub const DENSE_FOLDER: &str = "dense";
 pub const DENSE_FILE: &str = "dense.json";
 /// The views of a scene that a protocol gives and scores.
 pub const SPLIT_FILE: &str = "split.json";
+/// The record of a run, in its folder.
+pub const RUN_FILE: &str = "run.json";
 /// The scores of one method on a split, in the folder of the scores.
 pub const RESULT_FILE: &str = "result.json";
+/// Scores along a training, beside [`RESULT_FILE`].
+pub const CURVE_FILE: &str = "curve.csv";
 /// How the scores beside it were computed.
 pub const SCORING_FILE: &str = "scoring.json";

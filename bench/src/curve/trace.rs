@@ -3,21 +3,15 @@
 use std::path::{Path, PathBuf};
 
 use omnilife_schemas::{
-    layout::RESULT_FILE,
+    layout::{CURVE_FILE, RESULT_FILE, RUN_FILE},
     records::{RENDERING, ResultRecord, StageTime, TrainingKind},
     store,
 };
 
 use crate::{
-    curve::{
-        rows::{CurveRow, read_rows},
-        scored::CURVE_FILE,
-    },
+    curve::rows::{CurveRow, read_rows},
     error::BenchError,
 };
-
-/// The record of a run of ours, in the run's folder.
-const RUN_FILE: &str = "run.json";
 
 /// Which time counts.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
