@@ -14,7 +14,6 @@ use omnilife_schemas::{
 
 use crate::{curve::rows::Trace, error::BenchError, external::EXTERNAL_RUN_FILE};
 
-/// Name of the record of a run of ours.
 /// Folders of views lie at most so far below the record of their run: `predictions/novel`, `work/a/b`.
 const DEPTH_OF_VIEWS: usize = 4;
 

@@ -168,11 +168,6 @@ impl CurateError {
         plain_text::without_folders(&line)
     }
 
-    /// Whether the video is sound and only unwanted.
-    pub fn is_rejection(&self) -> bool {
-        self.failed_checks().is_some()
-    }
-
     /// The checks that a sound but unwanted video failed.
     pub fn failed_checks(&self) -> Option<&[CheckOutcome]> {
         match self {

@@ -1,6 +1,7 @@
 //! Planes through points, and where rays meet them.
 
 use glam::DVec3;
+use omnilife_schemas::statistics;
 
 /// Draws of a plane through three points.
 const DRAWS: usize = 200;
@@ -123,9 +124,8 @@ impl Plane {
     /// cameras; and the share of the points that are on it.
     pub fn dominant(points: &[DVec3], centres: &[DVec3]) -> Option<(Self, f64)> {
         let middle = centres.iter().sum::<DVec3>() / centres.len().max(1) as f64;
-        let mut distances: Vec<f64> = points.iter().map(|point| point.distance(middle)).collect();
-        distances.sort_by(f64::total_cmp);
-        let reach = 0.02 * distances.get(distances.len() / 2)?;
+        let distances: Vec<f64> = points.iter().map(|point| point.distance(middle)).collect();
+        let reach = 0.02 * statistics::median(&distances)?;
         // Evenly, so that draws are of all.
         let some: Vec<DVec3> = points
             .iter()

@@ -394,6 +394,6 @@ mod tests {
             ("/films/a.mp4: is empty", ErrorKind::User)
         );
         assert_eq!(error.for_records(), "is empty");
-        assert!(!error.is_rejection());
+        assert_eq!(error.failed_checks(), None);
     }
 }

@@ -12,6 +12,7 @@ use std::{
 };
 
 use omnilife_schemas::{
+    lock::is_still_there,
     records::{RunnerLock, UnitRunner},
     store::{self, StoreError},
 };
@@ -163,23 +164,6 @@ fn no_locks(error: io::Error) -> io::Error {
         error.kind(),
         format!("cannot be locked ({error}); a sweep needs a file system with locks"),
     )
-}
-
-#[cfg(unix)]
-fn is_still_there(file: &File, path: &Path) -> io::Result<bool> {
-    use std::os::unix::fs::MetadataExt;
-    let held = file.metadata()?;
-    match std::fs::symlink_metadata(path) {
-        Ok(there) => Ok((there.dev(), there.ino()) == (held.dev(), held.ino())),
-        Err(error) if error.kind() == ErrorKind::NotFound => Ok(false),
-        Err(error) => Err(error),
-    }
-}
-
-/// Open files cannot be removed there.
-#[cfg(not(unix))]
-fn is_still_there(_: &File, path: &Path) -> io::Result<bool> {
-    Ok(path.is_file())
 }
 
 #[cfg(test)]

@@ -25,7 +25,6 @@ use omnilife_schemas::{stage::StagePlan, store};
 use crate::error::BenchError;
 pub use files::{CURVES_FILE, POINTS_FILE};
 pub use measures::{Crossing, MOMENTS_SECONDS, QUALITIES_DB, RunCurve, Span};
-pub use scored::CURVE_FILE;
 pub use table::curves_table;
 pub use trace::{Clock, FinalScores, Region, TraceRow, TracedRun, read_run};
 

@@ -5,7 +5,7 @@
 
 use std::path::Path;
 
-use omnilife_schemas::{progress::Progress, rgb::Mask, store};
+use omnilife_schemas::{layout::CURVE_FILE, progress::Progress, rgb::Mask, store};
 use rayon::prelude::*;
 
 use crate::{
@@ -17,9 +17,6 @@ use crate::{
     scoring::job::{ScoringJob, ViewKind},
     summary, truth,
 };
-
-/// File name of the curve in the folder of a run's scores.
-pub const CURVE_FILE: &str = "curve.csv";
 
 /// LPIPS of a curve.
 const LPIPS: &str = "lpips-alex";

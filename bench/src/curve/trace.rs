@@ -3,16 +3,13 @@
 use std::path::{Path, PathBuf};
 
 use omnilife_schemas::{
-    layout::{RESULT_FILE, RUN_FILE},
+    layout::{CURVE_FILE, RESULT_FILE, RUN_FILE},
     records::{RENDERING, ResultRecord, StageTime, TrainingKind},
     store,
 };
 
 use crate::{
-    curve::{
-        rows::{CurveRow, read_rows},
-        scored::CURVE_FILE,
-    },
+    curve::rows::{CurveRow, read_rows},
     error::BenchError,
 };
 

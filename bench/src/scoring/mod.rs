@@ -15,7 +15,7 @@ use std::{
 
 use omnilife_schemas::{
     frame_scores::FRAME_SCORES_FILE,
-    layout::{RESULT_FILE, SCORING_FILE},
+    layout::{CURVE_FILE, RESULT_FILE, SCORING_FILE},
     lock::FolderLock,
     progress::Progress,
     provenance,
@@ -25,7 +25,7 @@ use omnilife_schemas::{
 use rayon::prelude::*;
 
 use crate::{
-    curve::scored::{self, CURVE_FILE},
+    curve::scored,
     diagnosis,
     error::BenchError,
     frames_table,

@@ -1,12 +1,13 @@
 //! Methods of others, run by their own commands: stand-ins are shell scripts.
 
-use std::{fs, path::PathBuf, sync::Mutex};
+use std::{fs, path::PathBuf};
 
 use omnilife_bench::{ExternalRequest, Predictions, ScoreRequest, run_external, score, validate};
 use omnilife_schemas::{
     Classified, ErrorKind,
-    progress::{Progress, Silent},
+    progress::Silent,
     records::{ExternalRun, PhaseName},
+    testing::Notes,
 };
 use scenes::scene;
 use scoring::Bench;
@@ -103,24 +104,14 @@ fn a_method_is_run_measured_and_scored() {
 
 #[test]
 fn an_unchanged_run_is_skipped_and_a_changed_seed_is_not() {
-    struct Notes(Mutex<Vec<String>>);
-    impl Progress for Notes {
-        fn begin(&self, _: &str, _: Option<u64>) {}
-        fn advance(&self, _: u64) {}
-        fn status(&self, _: &str) {}
-        fn end(&self) {}
-        fn note(&self, line: &str) {
-            self.0.lock().unwrap().push(line.to_owned());
-        }
-    }
     let mut stand = copying_stand();
     let first = stand.run();
-    let notes = Notes(Mutex::default());
+    let notes = Notes::default();
     assert_eq!(run_external(&stand.request, &notes).unwrap(), first);
-    assert_eq!(notes.0.lock().unwrap().len(), 1);
+    assert_eq!(notes.take().len(), 1);
     stand.request.seed = 8;
     let again = run_external(&stand.request, &notes).unwrap();
-    assert_eq!((again.seed, notes.0.lock().unwrap().len()), (8, 1));
+    assert_eq!((again.seed, notes.take().len()), (8, 0));
 }
 
 /// What fails is a row of the tables, with the reason, and is tried again.

@@ -10,7 +10,6 @@
 mod descriptor;
 pub mod histogram;
 pub mod indoor_outdoor;
-pub mod key_frame_prefilter;
 mod parquet_pages;
 pub mod signals;
 pub mod transnetv2;

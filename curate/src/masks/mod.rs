@@ -207,23 +207,3 @@ pub fn dynamic_share(mask: &Mask) -> f64 {
     };
     mask.marked_share(&camera.into())
 }
-
-/// Intersection over union of two masks of one size on the sphere; 1 where both are empty.
-pub fn intersection_over_union(a: &Mask, b: &Mask) -> f64 {
-    let combined = |both: fn(u8, u8) -> u8| Mask {
-        width: a.width,
-        height: a.height,
-        data: a
-            .data
-            .iter()
-            .zip(&b.data)
-            .map(|(&a, &b)| both(a, b))
-            .collect(),
-    };
-    let union = dynamic_share(&combined(|a, b| a | b));
-    if union > 0.0 {
-        dynamic_share(&combined(|a, b| a & b)) / union
-    } else {
-        1.0
-    }
-}

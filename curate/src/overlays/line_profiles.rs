@@ -1,6 +1,8 @@
 //! Lines of a common period in the luminance of one frame: where in a window the steps of a grid
 //! lie, along rows and along columns.
 
+use omnilife_schemas::statistics;
+
 use crate::video::LumaImage;
 
 /// Windows begin and end at multiples of this many pixels.
@@ -179,9 +181,8 @@ pub(super) fn lines(profile: &[u32], least_period: f32, most_period: f32) -> Opt
     if places.len() < LEAST_LINES {
         return None;
     }
-    let mut distances: Vec<f32> = places.windows(2).map(|pair| pair[1] - pair[0]).collect();
-    distances.sort_by(f32::total_cmp);
-    let typical = distances[distances.len() / 2];
+    let distances: Vec<f32> = places.windows(2).map(|pair| pair[1] - pair[0]).collect();
+    let typical = statistics::median(&distances)?;
     let (first, last) = (places[0], places[places.len() - 1]);
     let intervals = ((last - first) / typical).round();
     let period = (last - first) / intervals;

@@ -6,7 +6,10 @@ use std::{
 };
 
 use ffmpeg_next::frame;
-use omnilife_schemas::records::{Overlay, OverlayClass, Sightings};
+use omnilife_schemas::{
+    records::{Overlay, OverlayClass, Sightings},
+    statistics,
+};
 
 use super::{
     blocks::{Area, Patch},
@@ -99,8 +102,7 @@ impl MosaicPass {
             .iter()
             .map(|seen| angle(unit(seen.direction), centre))
             .fold(0.0, f64::max);
-        let mut blocks: Vec<f64> = self.seen.iter().map(|seen| seen.block_pixels).collect();
-        blocks.sort_by(f64::total_cmp);
+        let blocks: Vec<f64> = self.seen.iter().map(|seen| seen.block_pixels).collect();
         let level = mean(|seen| seen.level);
         let variance = self
             .seen
@@ -122,7 +124,7 @@ impl MosaicPass {
                 seen_frames: self.seen.len() as u32,
                 looked_at_frames: self.looked_at_frames,
                 reach_degrees: reach.to_degrees(),
-                block_pixels: blocks[blocks.len() / 2],
+                block_pixels: statistics::median(&blocks)?,
             }),
         })
     }

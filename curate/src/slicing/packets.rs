@@ -20,8 +20,6 @@ pub struct PacketInfo {
     pub key: bool,
     /// Whether the container says that the frame is decoded and not shown.
     pub hidden: bool,
-    /// Size of the compressed image.
-    pub bytes: usize,
 }
 
 /// All packets of a video stream in order of decoding.
@@ -79,7 +77,6 @@ impl PacketTable {
                     pts: packet.pts(),
                     key: packet.is_key(),
                     hidden: is_hidden(&packet),
-                    bytes: packet.size(),
                 }),
                 Ok(()) => {}
                 // A file that breaks off has been found damaged by the analysis; what there is of
@@ -162,7 +159,6 @@ mod tests {
                     pts: word.trim_start_matches('k').parse().ok(),
                     key: word.starts_with('k'),
                     hidden: false,
-                    bytes: 1,
                 })
                 .collect(),
         }

@@ -19,7 +19,7 @@ use crate::{
     attrition,
     error::CurateError,
     projection::{FrameSamples, black_border::is_black, fisheye_circles::without_local_mean},
-    video::{Converter, PacketChoice, Rgb8Image, Scaling, VideoReader},
+    video::{Converter, Rgb8Image, Scaling, VideoReader},
 };
 
 /// Width of the frames that are looked at, pixels: finer than a quarter of a degree.
@@ -54,7 +54,7 @@ pub(crate) fn estimated_dual_fisheye(
     probe: &Probe,
 ) -> Result<SphereLayout, CurateError> {
     let mut reader = VideoReader::open(video)?;
-    reader.choose(PacketChoice::KeyFrames);
+    reader.choose_key_frames();
     let mut converter = Converter::new(Scaling::MaxWidth(WIDTH_PIXELS));
     let turns = probe.clockwise_quarter_turns();
     let mut samples = FrameSamples::default();

@@ -3,6 +3,7 @@
 use glam::{DMat3, DVec2, DVec3};
 use omnilife_schemas::{
     oriented_box::OrientedBox,
+    statistics,
     trajectory::{BSpline, GroundAxes, ObjectPath, nearest_turn},
 };
 
@@ -86,7 +87,7 @@ pub fn dimensions(
     let some: Vec<_> = boxes.iter().step_by(step).collect();
     let misfit = |dimensions: [f64; 3]| -> f64 {
         let sides = dimensions.map(|metres| metres / metres_per_unit);
-        let mut differences: Vec<f64> = some
+        let differences: Vec<f64> = some
             .iter()
             .filter_map(|(view, detected)| {
                 let (centre, heading) = path.at(view.seconds)?;
@@ -95,11 +96,7 @@ pub fn dimensions(
                 Some((width - detected[2]).abs() + (height - detected[3]).abs())
             })
             .collect();
-        differences.sort_by(f64::total_cmp);
-        differences
-            .get(differences.len() / 2)
-            .copied()
-            .unwrap_or(0.0)
+        statistics::median(&differences).unwrap_or(0.0)
     };
     candidates()
         .into_iter()

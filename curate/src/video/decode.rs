@@ -2,7 +2,6 @@
 
 use std::{
     num::NonZero,
-    ops::Range,
     path::{Path, PathBuf},
     thread,
 };
@@ -75,35 +74,7 @@ pub struct VideoReader {
     damaged: u64,
     last_packet_is_partial: bool,
     draining: bool,
-    choice: PacketChoice,
-    /// Packets of the stream that were read.
-    packets: usize,
-}
-
-/// Which packets of the stream are decoded.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub enum PacketChoice {
-    /// All.
-    All,
-    /// Key frames, which decode by themselves.
-    KeyFrames,
-    /// Those with these numbers, counted from 0 in order of decoding; the first is a key frame.
-    Run(Range<usize>),
-}
-
-impl PacketChoice {
-    fn takes(&self, number: usize, is_key: bool) -> bool {
-        match self {
-            Self::All => true,
-            Self::KeyFrames => is_key,
-            Self::Run(run) => run.contains(&number),
-        }
-    }
-
-    /// Whether nothing follows after this many packets.
-    fn is_over(&self, packets: usize) -> bool {
-        matches!(self, Self::Run(run) if packets >= run.end)
-    }
+    only_key_frames: bool,
 }
 
 /// A decoded frame in the source's pixel format.
@@ -168,16 +139,15 @@ impl VideoReader {
             damaged: 0,
             last_packet_is_partial: false,
             draining: false,
-            choice: PacketChoice::All,
-            packets: 0,
+            only_key_frames: false,
             input,
         })
     }
 
-    /// Leaves out packets from here on. What is decoded is no longer the whole video: its damage and
-    /// its end mean nothing.
-    pub fn choose(&mut self, choice: PacketChoice) {
-        self.choice = choice;
+    /// Leaves out all but key frames, which decode by themselves, from here on. Damage and the end of the video
+    /// are not reported reliably then.
+    pub fn choose_key_frames(&mut self) {
+        self.only_key_frames = true;
     }
 
     /// The container, for [`probe`](mod@super::probe).
@@ -244,17 +214,14 @@ impl VideoReader {
     /// Hands the decoder its next packet, or the end of the stream.
     fn feed(&mut self) -> Result<(), CurateError> {
         let packet = loop {
-            if self.choice.is_over(self.packets) && !self.draining {
-                return self.drain();
-            }
             // A new one every time: reading into a filled packet would leak what it holds.
             let mut packet = ffmpeg::Packet::empty();
             match packet.read(&mut self.input) {
-                Ok(()) if packet.stream() == self.stream_index => {
-                    self.packets += 1;
-                    if self.choice.takes(self.packets - 1, packet.is_key()) {
-                        break packet;
-                    }
+                Ok(())
+                    if packet.stream() == self.stream_index
+                        && (packet.is_key() || !self.only_key_frames) =>
+                {
+                    break packet;
                 }
                 Ok(()) => {}
                 Err(ffmpeg::Error::Eof) if self.draining => {

@@ -17,7 +17,7 @@ mod scaler;
 mod spherical_boxes;
 
 pub use convert::{Converter, Rgb8Image, Scaling};
-pub use decode::{PacketChoice, VideoReader};
+pub use decode::VideoReader;
 pub(crate) use decode::{begin_ffmpeg, open_container};
 pub(crate) use luma::LumaImage;
 pub use pixel_format::PixelFormat;

@@ -19,8 +19,8 @@ use omnilife_schemas::{
     progress::Silent,
     records::{Annotation, BoundaryKind, BoundaryLedger, Sampling, SegmentOutcome, Slices},
     store,
+    testing::Notes,
 };
-use support::Notes;
 
 use crate::support;
 

@@ -11,8 +11,9 @@ use omnilife_schemas::{
     progress::Silent,
     records::{Dataset, OriginKind, Sampling},
     store,
+    testing::Notes,
 };
-use support::{Notes, erp_clip};
+use support::erp_clip;
 
 use crate::support;
 

@@ -11,8 +11,9 @@ use omnilife_schemas::{
     progress::Silent,
     records::{BoundaryKind, BoundaryLedger, Sampling, Sequence, VideoAnalysis, VideoProjection},
     store,
+    testing::Notes,
 };
-use support::{Clip, Notes, TICK_SECONDS, erp_clip, erp_direction, world_colour};
+use support::{Clip, TICK_SECONDS, erp_clip, erp_direction, world_colour};
 
 use crate::support;
 
@@ -280,7 +281,7 @@ fn short_shots_are_recorded_as_dropped() {
         ..lenient()
     };
     let error = curate_video(&video, &out, &strict, &Silent).unwrap_err();
-    assert!(error.is_rejection(), "{error}");
+    assert!(error.failed_checks().is_some(), "{error}");
 }
 
 /// The squeezed image is widened to 2:1, and nothing is turned or mirrored on the way.
@@ -330,7 +331,7 @@ fn enforced_criteria_and_wrong_projections_reject_with_a_hint() {
     let error = curate_video(&video, &out, &CurateSettings::default(), &Silent).unwrap_err();
     let message = error.to_string();
     assert!(
-        error.is_rejection() && message.contains("resolution is 256x128"),
+        error.failed_checks().is_some() && message.contains("resolution is 256x128"),
         "{message}"
     );
     assert!(

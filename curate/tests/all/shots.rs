@@ -15,8 +15,9 @@ use omnilife_schemas::{
         SegmentOutcome, Sequence, Slices, TimeRange, VideoAnalysis, VideoProjection, VideoStatus,
     },
     store,
+    testing::Notes,
 };
-use support::{Clip, Notes, erp_direction, world_colour};
+use support::{Clip, erp_direction, world_colour};
 
 use crate::support;
 

@@ -16,8 +16,9 @@ use omnilife_schemas::{
         Boundary, BoundaryKind, SegmentOutcome, SliceMethod, Slices, SourceVideo, TimeRange,
         VideoAnalysis,
     },
+    testing::Notes,
 };
-use support::{Clip, Notes, erp_direction, shared_data, world_colour};
+use support::{Clip, erp_direction, shared_data, world_colour};
 
 use crate::support;
 

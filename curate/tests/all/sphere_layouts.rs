@@ -17,9 +17,10 @@ use omnilife_schemas::{
     records::{PosedFrame, Poses, Scale, Sequence, Slices, SphereLayout, VideoProjection},
     rgb::Mask,
     store,
+    testing::Notes,
     testing::skip,
 };
-use support::{Clip, Notes, erp_direction, world_colour};
+use support::{Clip, erp_direction, world_colour};
 
 use crate::support;
 

@@ -2,13 +2,10 @@
 
 use std::{io, path::Path};
 
-use omnilife_schemas::store::StoreError;
+use omnilife_schemas::{layout::CURVE_FILE, store::StoreError};
 use serde::Deserialize;
 
 use crate::error::ResultsError;
-
-/// File beside a result.
-pub const CURVE_FILE: &str = "curve.csv";
 
 /// A row that has a score of novel views.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -17,7 +17,7 @@ mod scene_facts;
 mod source;
 
 pub use columns::{CURVES, RESULTS, TABLES, Table, VIEWS, table};
-pub use curve::{CURVE_FILE, CurvePoint, read as read_curve};
+pub use curve::{CurvePoint, read as read_curve};
 pub use error::ResultsError;
 pub use filter::Filter;
 pub use output::{AnswerFormat, render};

@@ -2,15 +2,11 @@
 
 use omnilife_schemas::{
     frame_scores::{FRAME_SCORES_FILE, FrameScores},
-    layout::RESULT_FILE,
+    layout::{CURVE_FILE, RESULT_FILE},
     records::{ResultRecord, Summary},
 };
 
-use crate::{
-    curve::{CURVE_FILE, CurvePoint},
-    error::ResultsError,
-    source::Source,
-};
+use crate::{curve::CurvePoint, error::ResultsError, source::Source};
 
 /// One value.
 #[derive(Debug, Clone, Copy)]

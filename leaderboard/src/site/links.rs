@@ -2,8 +2,10 @@
 
 use std::path::{Component, Path, PathBuf};
 
-use omnilife_results::CURVE_FILE;
-use omnilife_schemas::{layout::RESULT_FILE, records::ResultRecord};
+use omnilife_schemas::{
+    layout::{CURVE_FILE, RESULT_FILE},
+    records::ResultRecord,
+};
 
 /// Files in the folder of a run, which lies beside that of its scores.
 const RUN_FILES: [(&str, &str); 2] = [

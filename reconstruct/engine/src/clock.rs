@@ -5,6 +5,7 @@
 //! its source's time line the clip begins. Only the difference of the two is rounded again: a moment
 //! that is rounded first puts a life of a quarter of a frame elsewhere.
 
+use omnilife_schemas::statistics;
 use serde::{Deserialize, Serialize};
 
 /// From seconds to frames.
@@ -64,9 +65,8 @@ impl Clock {
             (Some(&first), Some(&last)) => (first, last),
             _ => (0.0, 0.0),
         };
-        let mut steps: Vec<f64> = times.windows(2).map(|pair| pair[1] - pair[0]).collect();
-        steps.sort_by(f64::total_cmp);
-        let frame_seconds = steps.get(steps.len() / 2).copied().unwrap_or(1.0);
+        let steps: Vec<f64> = times.windows(2).map(|pair| pair[1] - pair[0]).collect();
+        let frame_seconds = statistics::median(&steps).unwrap_or(1.0);
         Self {
             origin_seconds: first + 0.5 * (last - first),
             frame_seconds,

@@ -25,8 +25,9 @@ use omnilife_schemas::{
     },
     rgb::Mask,
     store,
+    testing::Notes,
 };
-use support::{Notes, erp_clip};
+use support::erp_clip;
 
 use crate::support;
 

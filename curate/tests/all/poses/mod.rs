@@ -26,8 +26,9 @@ use omnilife_schemas::{
     records::{PosedFrame, Poses, Scale, Scene, SceneFrame, ValidationStatus, VideoProjection},
     rgb::Mask,
     store,
+    testing::Notes,
 };
-use support::{Notes, erp_clip};
+use support::erp_clip;
 
 use crate::support;
 

@@ -5,6 +5,7 @@
 //! with the distance from the nearest camera, which is what says how large a Gaussian is in an image.
 
 use glam::Vec3;
+use omnilife_schemas::statistics;
 
 use super::{
     row,
@@ -67,12 +68,11 @@ fn nearest(centres: &[Vec3], position: Vec3) -> f32 {
 
 /// The median distance of neighbouring centres; 0 of fewer than two.
 fn median_step(centres: &[Vec3]) -> f32 {
-    let mut steps: Vec<f32> = centres
+    let steps: Vec<f32> = centres
         .windows(2)
         .map(|pair| pair[0].distance(pair[1]))
         .collect();
-    steps.sort_by(f32::total_cmp);
-    steps.get(steps.len() / 2).copied().unwrap_or_default()
+    statistics::median(&steps).unwrap_or_default()
 }
 
 #[cfg(test)]

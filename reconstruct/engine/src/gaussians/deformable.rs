@@ -280,14 +280,6 @@ impl Default for Deformation {
 }
 
 impl Deformation {
-    /// For images alone: nothing is kept for gradients.
-    pub fn without_gradients() -> Self {
-        Self {
-            activations: Activations::new(0),
-            ..Self::default()
-        }
-    }
-
     /// Sets whether the next evaluation keeps what a way back needs.
     fn keep_activations(&mut self, keeps: bool) {
         let bytes = if keeps { LARGEST_ACTIVATIONS_BYTES } else { 0 };

@@ -1,7 +1,7 @@
 //! A model taken apart: what is static, what is dynamic, where it moves, how far it is.
 
 use glam::Vec3;
-use omnilife_schemas::RgbImage;
+use omnilife_schemas::{RgbImage, statistics};
 
 use crate::{
     camera::View,
@@ -64,15 +64,14 @@ impl LayerRenderer {
             let parameterization = &part.parameterization;
             parameterization.temporal().is_none() && parameterization.tracked().is_none()
         });
-        let mut distances: Vec<f32> = of_static
+        let distances: Vec<f32> = of_static
             .flat_map(|part| {
                 (0..part.table.len()).map(|index| {
                     Vec3::from_slice(part.table.row(static_gaussians::POSITIONS, index)).length()
                 })
             })
             .collect();
-        distances.sort_by(f32::total_cmp);
-        let median = distances.get(distances.len() / 2).copied();
+        let median = statistics::median(&distances);
         Self {
             renderer: Renderer::new(settings),
             all: ActivatedGaussians::default(),

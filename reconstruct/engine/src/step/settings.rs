@@ -2,7 +2,6 @@
 
 use std::collections::BTreeMap;
 
-use omnilife_schemas::RgbImage;
 use serde::{Deserialize, Serialize};
 
 use crate::render::settings::RendererChoice;
@@ -70,13 +69,6 @@ pub struct TrainSettings {
 }
 
 impl TrainSettings {
-    /// Puts the gain of a view's time onto its render, where gains are compensated.
-    pub fn expose(&self, image: &mut RgbImage, seconds: f64) {
-        if let Some(exposure) = &self.exposure {
-            exposure.apply(&mut image.data, seconds);
-        }
-    }
-
     /// Where in the schedule `iteration` stands after `training_seconds` of training.
     pub fn position(&self, iteration: u64, training_seconds: f64) -> Position {
         Position::new(

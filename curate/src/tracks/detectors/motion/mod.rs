@@ -19,7 +19,7 @@ mod texels;
 mod transfer;
 
 use glam::DVec3;
-use omnilife_schemas::{RgbImage, progress::Progress, records::Detection, rgb::Mask};
+use omnilife_schemas::{RgbImage, progress::Progress, records::Detection, rgb::Mask, statistics};
 
 use super::{Detected, Detector, DetectorInput};
 use crate::{
@@ -146,18 +146,14 @@ fn moving(here: &Here<'_>, others: &[Background<'_>], input: &DetectorInput<'_>)
 
 /// Above which a difference is motion; `None` where nothing is known.
 fn threshold(values: &[f32]) -> Option<f32> {
-    let mut known: Vec<f32> = values
+    let known: Vec<f32> = values
         .iter()
         .copied()
         .filter(|value| !value.is_nan())
         .collect();
-    let middle = |values: &mut Vec<f32>| {
-        let at = values.len() / 2;
-        (!values.is_empty()).then(|| *values.select_nth_unstable_by(at, f32::total_cmp).1)
-    };
-    let median = middle(&mut known)?;
-    let mut deviations: Vec<f32> = known.iter().map(|value| (value - median).abs()).collect();
-    let deviation = middle(&mut deviations)?;
+    let median = statistics::median(&known)?;
+    let deviations: Vec<f32> = known.iter().map(|value| (value - median).abs()).collect();
+    let deviation = statistics::median(&deviations)?;
     Some((median + DEVIATIONS * 1.4826 * deviation).max(LEAST_DIFFERENCE))
 }
 

@@ -52,11 +52,6 @@ pub struct FieldValue {
 }
 
 impl Scaffold {
-    /// Blocks that hold voxels.
-    pub fn block_count(&self) -> usize {
-        self.blocks.len()
-    }
-
     /// Bytes of the blocks.
     pub fn bytes(&self) -> u64 {
         (self.blocks.len() * (BLOCK_VOXELS * size_of::<Voxel>() + size_of::<(IVec3, Block)>()))
