@@ -28,7 +28,6 @@ pub mod stability_report;
 pub mod tracking;
 
 mod availability;
-mod chart;
 mod frames_table;
 mod loaded_view;
 mod memory;

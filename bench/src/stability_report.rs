@@ -8,16 +8,14 @@ mod rows;
 
 use std::{path::Path, time::Instant};
 
+use omnilife_charts::{ChartError, Series, Titles, log_log};
 use omnilife_schemas::{
     records::{StabilityMeasures, StabilityReport, StabilityStatus, StabilitySweep},
     stage::StagePlan,
     store,
 };
 
-use crate::{
-    chart::{self, Series, Titles},
-    error::BenchError,
-};
+use crate::error::BenchError;
 
 pub use page::stability_page;
 
@@ -60,7 +58,8 @@ pub fn write_stability(report: &StabilityReport, out: &Path) -> Result<(), Bench
     store::write_bytes(&out.join(STABILITY_PAGE), stability_page(report).as_bytes())?;
     for sweep in drawn {
         let path = out.join(drawing_file(sweep));
-        let drawing = drawing(sweep).map_err(|reason| BenchError::internal(&path, reason))?;
+        let drawing =
+            drawing(sweep).map_err(|error| BenchError::internal(&path, error.to_string()))?;
         store::write_bytes(&path, drawing.as_bytes())?;
     }
     Ok(stage.finish(&files, begun.elapsed().as_secs_f64())?)
@@ -87,7 +86,7 @@ pub fn stability_failures(report: &StabilityReport) -> Vec<String> {
         .collect()
 }
 
-fn drawing(sweep: &StabilitySweep) -> Result<String, String> {
+fn drawing(sweep: &StabilitySweep) -> Result<String, ChartError> {
     type Measure = fn(&StabilityMeasures) -> Option<f64>;
     let measures: [(&str, Measure); 2] = [
         ("image", |measured| measured.forward_error),
@@ -114,11 +113,10 @@ fn drawing(sweep: &StabilitySweep) -> Result<String, String> {
         }
     }
     let titles = Titles {
-        chart: &sweep.title,
         x: &sweep.condition,
         y: "largest error against f64",
     };
-    chart::log_log(&titles, &series)
+    log_log(&sweep.title, &titles, &series)
 }
 
 #[cfg(test)]
