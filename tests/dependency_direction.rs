@@ -1,7 +1,7 @@
 //! The direction of dependencies: {`schemas`, `stereo`, `charts`} <- {`networks`, `engine`} <- {`curate`,
-//! `reconstruct`, `bench`, `leaderboard`, `sweep`} <- {the binary, `python`}, without sideways edges; `networks` is for those
-//! that run networks, `engine` for `reconstruct`, `stereo` for those that match images, `charts`
-//! for those that draw, `results` for `leaderboard`, so that Polars is nowhere else.
+//! `reconstruct`, `bench`, `leaderboard`, `sweep`} <- {the binary, `python`}, without sideways edges; `networks`
+//! is for those that run networks, `engine` for `reconstruct`, `stereo` for those that match images, `charts` for
+//! those that draw, `results` for `leaderboard`, so that Polars is nowhere else.
 #![expect(clippy::unwrap_used, reason = "a failed set-up step fails the test")]
 
 use std::{
