@@ -28,7 +28,6 @@ pub mod stability_report;
 pub mod tracking;
 
 mod availability;
-mod chart;
 mod frames_table;
 mod loaded_view;
 mod memory;
@@ -53,6 +52,6 @@ pub use prediction::scored_bytes;
 pub use protocols::{PROTOCOLS, ProtocolEntry};
 pub use scoring::{DEFAULT_MEMORY_BYTES, MetricChoice, Predictions, ScoreRequest, score};
 pub use split::{frames_without_content, split, split_scene, split_scene_under};
-pub use stability_report::{stability_failures, stability_table, write_stability};
+pub use stability_report::{stability_failures, stability_page, write_stability};
 pub use statement::Statement;
 pub use validate::{Finding, ValidationReport, validate};

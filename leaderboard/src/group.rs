@@ -5,6 +5,7 @@ use std::{
     path::PathBuf,
 };
 
+use omnilife_results::scenes_of_other_regions;
 pub(crate) use omnilife_schemas::bootstrap::place;
 use omnilife_schemas::{
     bootstrap::{self, Confidence},
@@ -223,7 +224,8 @@ fn group<'a>(protocol: &'a str, hash: &'a str, mut results: Vec<&'a ResultRecord
     let quantities = quantities(&results);
     let classes = classes(&results);
     let reasons = reasons(&results);
-    let other_regions = scenes_of_other_regions(&results);
+    let differ = scenes_of_other_regions(results.iter().copied());
+    let other_regions: BTreeSet<&str> = differ.into_iter().map(|(_, scene)| scene).collect();
     let mut scene_rows: Vec<SceneRow<'a>> = Vec::new();
     for results in results.chunk_by(|a, b| (&a.scene, &a.method) == (&b.scene, &b.method)) {
         let numbers: Vec<Numbers> = results
@@ -259,17 +261,6 @@ fn group<'a>(protocol: &'a str, hash: &'a str, mut results: Vec<&'a ResultRecord
         reasons,
         other_regions,
     }
-}
-
-/// Scenes with results whose regions are not the same; `results` are sorted by scene.
-fn scenes_of_other_regions<'a>(results: &[&'a ResultRecord]) -> BTreeSet<&'a str> {
-    let of_scenes = results.chunk_by(|a, b| a.scene == b.scene);
-    let differ = of_scenes.filter(|of_scene| {
-        let pairs = of_scene.iter().enumerate();
-        let mut pairs = pairs.flat_map(|(at, a)| of_scene[at + 1..].iter().map(move |b| (a, b)));
-        pairs.any(|(a, b)| a.has_other_regions(b))
-    });
-    differ.map(|of_scene| of_scene[0].scene.as_str()).collect()
 }
 
 /// The reason that most results give, for every score that any of them lacks.

@@ -218,7 +218,7 @@ pub(crate) enum BenchCommand {
     ///
     /// Exit code 1 where a case is not as good as it has to be.
     Stability {
-        /// Folder for stability.json, stability.md and the drawings.
+        /// Folder for stability.json, stability.csv, stability.md and the drawings.
         #[arg(long)]
         out: Option<PathBuf>,
         /// What computes; both by default, where there is a GPU.

@@ -81,7 +81,7 @@ pub fn curves(
     for (number, ((scene, protocol_hash), runs)) in groups.iter().enumerate() {
         let path = out.join(drawing_file(number));
         let drawing = drawing::of_runs(scene, (clock, region), runs)
-            .map_err(|reason| BenchError::internal(&path, reason))?;
+            .map_err(|error| BenchError::internal(&path, error.to_string()))?;
         store::write_bytes(&path, drawing.as_bytes())?;
         let (span, mut notes) = match measures::common_span(runs) {
             Ok(span) => (Some(span), Vec::new()),

@@ -24,4 +24,4 @@ pub use output::{AnswerFormat, render};
 pub use parquet_file::{Written, write as write_table};
 pub use query::{Answer, AnswerColumn, Query, Values, ask};
 pub use scene_facts::{SceneFacts, read as read_scene_facts};
-pub use source::Source;
+pub use source::{Source, scenes_of_other_regions};

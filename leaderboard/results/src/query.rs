@@ -19,7 +19,7 @@ use crate::{
     filter::{self, Filter},
     frame::{self, RESULT, Selected},
     rows::Loaded,
-    source::Source,
+    source::{Source, scenes_of_other_regions},
 };
 
 /// Columns that every row of an answer is of one value of.
@@ -172,29 +172,15 @@ fn complete<'a>(
     complete
 }
 
-/// Source and SHA-256 of what tells regions apart.
-type Regions<'a> = (&'a str, &'a str);
-
 /// Marks results of scenes that methods were scored on with other regions: their scores by region do not compare.
 fn mark_other_regions(sources: &mut [Source<'_>], notes: &mut Vec<String>) {
-    let mut by_scene: BTreeMap<(&str, &str), BTreeSet<Option<Regions<'_>>>> = BTreeMap::new();
-    for result in sources.iter().map(|source| source.result) {
-        if result.scores_regions() {
-            let regions = result.regions.as_ref();
-            let regions = regions.map(|regions| (regions.source.as_str(), regions.sha256.as_str()));
-            let scene = (result.protocol_hash.as_str(), result.scene.as_str());
-            by_scene.entry(scene).or_default().insert(regions);
-        }
-    }
-    by_scene.retain(|_, regions| regions.len() > 1);
+    let differ = scenes_of_other_regions(sources.iter().map(|source| source.result));
     for source in sources {
-        let scene = (
-            source.result.protocol_hash.as_str(),
-            source.result.scene.as_str(),
-        );
-        source.has_other_regions = by_scene.contains_key(&scene);
+        let result = source.result;
+        let scene = (result.protocol_hash.as_str(), result.scene.as_str());
+        source.has_other_regions = differ.contains(&scene);
     }
-    let scenes: BTreeSet<&str> = by_scene.keys().map(|(_, scene)| *scene).collect();
+    let scenes: BTreeSet<&str> = differ.iter().map(|(_, scene)| *scene).collect();
     if !scenes.is_empty() {
         let scenes: Vec<String> = scenes.into_iter().map(str::to_owned).collect();
         notes.push(format!(

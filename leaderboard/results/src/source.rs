@@ -1,6 +1,9 @@
 //! One result with what lies beside it.
 
-use std::path::Path;
+use std::{
+    collections::{BTreeMap, BTreeSet},
+    path::Path,
+};
 
 use omnilife_schemas::{
     bootstrap::place,
@@ -86,4 +89,24 @@ impl<'a> Source<'a> {
     pub(crate) fn curve(&self) -> Result<Vec<CurvePoint>, ResultsError> {
         self.file.parent().map_or(Ok(Vec::new()), curve::read)
     }
+}
+
+/// Returns the scenes, each behind the hash of its protocol, whose results have regions by different tracks:
+/// their scores by region do not compare.
+pub fn scenes_of_other_regions<'a>(
+    results: impl IntoIterator<Item = &'a ResultRecord>,
+) -> BTreeSet<(&'a str, &'a str)> {
+    let mut first: BTreeMap<(&str, &str), &ResultRecord> = BTreeMap::new();
+    let mut scenes = BTreeSet::new();
+    for result in results.into_iter().filter(|result| result.scores_regions()) {
+        let scene = (result.protocol_hash.as_str(), result.scene.as_str());
+        if first
+            .entry(scene)
+            .or_insert(result)
+            .has_other_regions(result)
+        {
+            scenes.insert(scene);
+        }
+    }
+    scenes
 }

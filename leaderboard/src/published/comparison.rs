@@ -171,7 +171,6 @@ fn cell(table: &PublishedTable, row: &PublishedRow, column: &Column) -> Cell {
             interval: None,
             standing: Standing::Other,
         }),
-        PublishedCell::Empty => Cell::Missing,
-        other => Cell::Text(other.printed(decimals)),
+        PublishedCell::Text(text) => Cell::Text(text.clone()),
     }
 }

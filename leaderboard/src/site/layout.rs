@@ -11,7 +11,6 @@ use crate::format;
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Place {
     Index,
-    Published,
     Dataset,
     Scene,
     Method,
@@ -59,7 +58,6 @@ pub(super) fn page(
                     p.name { "OmniLife360 leaderboard" }
                     nav aria-label="Pages" {
                         (link(Place::Index, "index.html", "Leaderboard"))
-                        (link(Place::Published, "published.html", "Published figures"))
                         @if request.dataset.is_some() {
                             (link(Place::Dataset, "dataset.html", "Dataset"))
                         }

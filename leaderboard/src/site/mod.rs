@@ -12,7 +12,6 @@ mod method_cards;
 mod method_page;
 mod panorama;
 mod protocol;
-mod published_page;
 mod run_time;
 mod scene_cards;
 mod scene_page;
@@ -166,10 +165,6 @@ pub(crate) fn add(
     page(
         "index.html".to_owned(),
         index_page::render(request, &views)?,
-    );
-    page(
-        "published.html".to_owned(),
-        published_page::render(request)?,
     );
     if let Some(dataset) = request.dataset {
         let markup = dataset_page::render(request, dataset)?;

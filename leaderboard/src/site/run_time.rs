@@ -3,6 +3,7 @@
 
 use maud::{Markup, html};
 
+use omnilife_charts::Titles;
 use omnilife_results::CurvePoint;
 use omnilife_schemas::records::{Direction, ResultRecord};
 
@@ -153,8 +154,10 @@ fn drawn(
     let series: Vec<Series> = series.into_iter().map(|(_, series)| series).collect();
     let drawing = chart::run_time(
         title,
-        "Training time per scene (s), logarithmic",
-        "PSNR of novel views (dB)",
+        &Titles {
+            x: "Training time per scene (s), logarithmic",
+            y: "PSNR of novel views (dB)",
+        },
         &series,
     )?;
     let has = |of: &dyn Fn(&Series) -> bool| series.iter().any(of);
