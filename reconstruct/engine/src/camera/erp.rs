@@ -1,8 +1,7 @@
 //! The equirectangular camera: projection, its Jacobian, and the VJP of both.
 //!
-//! Source: OmniGS `cuda_rasterizer/forward.cu`; the same first-order footprint as
-//! ODGS's tangent plane. With `p = (x, y, z)`, `d = |p|`, `rho = hypot(x, z)`, `kx = W / 2pi`,
-//! `ky = H / pi`:
+//! Source: OmniGS `cuda_rasterizer/forward.cu`; the same first-order footprint as ODGS's tangent plane. With
+//! `p = (x, y, z)`, `d = |p|`, `rho = hypot(x, z)`, `kx = W / 2pi`, `ky = H / pi`:
 //!
 //! ```text
 //! u = (atan2(x, z) / 2pi + 1/2) W          v = (1/2 - atan2(-y, rho) / pi) H
@@ -10,8 +9,8 @@
 //!     [ -ky x y/(rho d^2)  ky rho/d^2   -ky y z/(rho d^2) ]
 //! ```
 //!
-//! Everything is evaluated on the unit direction `p / d` and divided by powers of `d` at the end,
-//! so that no power of a very small or very large distance is ever formed.
+//! All is evaluated on the unit direction `p / d` and divided by powers of `d` at the end, which avoids
+//! powers of extreme distances.
 
 use std::f32::consts::{PI, TAU};
 
@@ -137,7 +136,7 @@ mod tests {
         height: 512,
     };
 
-    /// The Jacobian of the f64 definition by central differences.
+    /// Returns the Jacobian of the f64 definition by central differences.
     fn reference_jacobian(p: DVec3) -> [DVec3; 2] {
         let h = 1e-6 * p.length();
         let mut rows = [DVec3::ZERO; 2];
@@ -244,8 +243,8 @@ mod tests {
         }
     }
 
-    /// Jacobian written out from the module's formula, in f64. `jacobian_is_that_of_the_definition` checks
-    /// the f32 one against the definition itself.
+    /// Returns the Jacobian written out from the module's formula, in f64.
+    /// `jacobian_is_that_of_the_definition` checks the f32 one against the definition itself.
     fn reference_jacobian_analytic(p: DVec3) -> [DVec3; 2] {
         let (kx, ky) = (1024.0 / std::f64::consts::TAU, 512.0 / std::f64::consts::PI);
         let (d2, rho) = (p.length_squared(), p.x.hypot(p.z));

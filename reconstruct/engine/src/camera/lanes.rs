@@ -18,7 +18,7 @@ pub(crate) struct Vec3x8<S: Simd> {
 }
 
 impl<S: Simd> Vec3x8<S> {
-    /// One vector per lane.
+    /// Gathers one vector per lane.
     #[inline(always)]
     pub(crate) fn gather(simd: S, rows: &[[f32; 3]; LANES]) -> Self {
         let axis = |axis: usize| f32x8::simd_from(simd, rows.map(|row| row[axis]));
@@ -29,7 +29,7 @@ impl<S: Simd> Vec3x8<S> {
         }
     }
 
-    /// The vectors, one per lane.
+    /// Returns the vectors, one per lane.
     #[inline(always)]
     pub(crate) fn scatter(self) -> [[f32; 3]; LANES] {
         let [x, y, z]: [[f32; LANES]; 3] = [self.x.into(), self.y.into(), self.z.into()];
@@ -58,7 +58,7 @@ impl<S: Simd> Vec3x8<S> {
         }
     }
 
-    /// `self factor + other`.
+    /// Returns `self factor + other`.
     #[inline(always)]
     pub(crate) fn times_plus(self, factor: f32x8<S>, other: Self) -> Self {
         Self {
@@ -88,7 +88,7 @@ impl<S: Simd> Vec3x8<S> {
         }
     }
 
-    /// `matrix self`.
+    /// Returns `matrix self`.
     #[inline(always)]
     pub(crate) fn transformed(self, matrix: &Mat3) -> Self {
         let row = |row: Vec3| {
@@ -103,7 +103,7 @@ impl<S: Simd> Vec3x8<S> {
     }
 }
 
-/// Distance from the vertical axis, as [`crate::camera::horizontal`].
+/// Returns the distance from the vertical axis, as [`crate::camera::horizontal`].
 #[inline(always)]
 pub(crate) fn horizontal<S: Simd>(point: Vec3x8<S>) -> f32x8<S> {
     point.x.mul_add(point.x, point.z * point.z).sqrt()

@@ -195,7 +195,7 @@ impl CameraKernels for Camera {
 
 /// Camera functions for the projection, for 8 points at once.
 pub(crate) trait CameraLanes {
-    /// [`CameraKernels::sees`].
+    /// Computes [`CameraKernels::sees`] for 8 points.
     fn see<S: Simd>(&self, point: Vec3x8<S>, distance: f32x8<S>, near: f32) -> mask32x8<S>;
 
     /// Returns the images of directions that the camera sees, pixels.

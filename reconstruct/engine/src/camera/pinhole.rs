@@ -6,9 +6,9 @@
 //!     [ 0     fy/z  -fy ty/z ]
 //! ```
 //!
-//! In the Jacobian alone the slopes `x/z` and `y/z` are clamped to the image widened by 15 % on either side,
-//! because the linearization explodes far outside the image (3DGS `forward.cu`: 1.3 times the half image). A
-//! clamped slope counts as constant in the VJP.
+//! In the Jacobian alone the slopes `x/z` and `y/z` are clamped to the image widened by 15 % on either side
+//! (3DGS `forward.cu`: 1.3 times the half image). Farther outside the linearization explodes. A clamped slope
+//! counts as constant in the VJP.
 
 use fearless_simd::{Simd, f32x8, prelude::*};
 use glam::{Vec2, Vec3, vec2};

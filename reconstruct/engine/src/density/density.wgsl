@@ -73,7 +73,7 @@ const KEEP: u32 = 0u;
 const CLONE: u32 = 1u;
 const SPLIT: u32 = 2u;
 
-// Key of a Gaussian that is no candidate.
+// Key of a Gaussian below its threshold.
 const NO_CANDIDATE: u32 = 0xffffffffu;
 // Flag in the number of an old row: the row is copied.
 const COPY: u32 = 0x80000000u;

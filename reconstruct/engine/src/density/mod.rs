@@ -194,7 +194,7 @@ fn remove(
     pruned
 }
 
-/// A NaN opacity or size fails the comparison and is pruned.
+/// Returns false for a Gaussian to prune. A NaN opacity or size fails the comparison and is pruned.
 fn is_useful(
     table: &ParameterTable,
     index: usize,
@@ -339,7 +339,7 @@ mod tests {
         }
     }
 
-    /// Two upright views, one unit below and one above the origin.
+    /// Returns two upright views, one unit below and one above the origin.
     pub(super) fn views() -> [TrainingView; 2] {
         let camera = ErpCamera {
             width: 8,
@@ -360,7 +360,7 @@ mod tests {
         [view(-1.0), view(1.0)]
     }
 
-    /// A small, a large, a faint and a huge Gaussian with sums of gradients over some views.
+    /// Returns a small, a large, a faint and a huge Gaussian with sums of gradients over some views.
     pub(super) fn four(sums: [f32; 4], views: [u32; 4]) -> Model {
         let table = static_gaussians::table(
             &InitialGaussians::isotropic(

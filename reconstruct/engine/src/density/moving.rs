@@ -262,7 +262,7 @@ mod tests {
         }
     }
 
-    /// One Gaussian per lifespan, each seen by two views, with sums of time gradients.
+    /// Returns one Gaussian per lifespan, each seen by two views, with sums of time gradients.
     fn moving(peaks: &[f32], lifespans: &[f32], time_gradients: &[f32]) -> Part {
         let len = peaks.len();
         let initial = InitialGaussians::isotropic(

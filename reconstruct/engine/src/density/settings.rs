@@ -118,7 +118,7 @@ impl DensifySettings {
 pub(crate) mod tests {
     use super::*;
 
-    /// The schedule of 3DGS over 30,000 iterations.
+    /// Returns the schedule of 3DGS over 30,000 iterations.
     pub(crate) fn published() -> DensifySettings {
         DensifySettings {
             begin_iteration: 500,

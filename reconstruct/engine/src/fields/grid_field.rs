@@ -1,7 +1,7 @@
 //! A hash grid followed by a network: a field over the unit square or cube.
 //!
 //! The network has no biases and its output layer starts at zero, so that the field is exactly 0 until it is
-//! trained. (Neural Atlas Graphs subtracts the untrained network's mean instead.)
+//! trained. Neural Atlas Graphs subtracts the untrained network's mean instead.
 
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;

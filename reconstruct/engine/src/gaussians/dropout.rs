@@ -81,7 +81,7 @@ impl StepDropout {
     }
 }
 
-/// The hash function PCG-RXS-M-XS of 32 bits (Jarzynski and Olano, JCGT 2020).
+/// Computes the hash function PCG-RXS-M-XS of 32 bits (Jarzynski and Olano, JCGT 2020).
 fn pcg(input: u32) -> u32 {
     let state = input.wrapping_mul(747_796_405).wrapping_add(2_891_336_453);
     let word = ((state >> ((state >> 28) + 4)) ^ state).wrapping_mul(277_803_737);

@@ -156,7 +156,7 @@ mod tests {
 
     use super::*;
 
-    /// The definition in f64: displacement, marginal, mean velocity.
+    /// Returns displacement, marginal and mean velocity by the definition in f64.
     fn reference(
         [peak, log_lifespan]: [f64; 2],
         v: [f64; 3],

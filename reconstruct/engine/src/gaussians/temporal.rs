@@ -1,8 +1,8 @@
 //! Gaussians that depend on time: the arrays of [`static_gaussians`] and those of a motion.
 //!
 //! The motion is that of [`periodic`](super::periodic); its velocity is free (PVG) or composed as in
-//! [`omni4dgs`](super::omni4dgs). A component that a model lacks has no array: without temporal opacity there
-//! are no lifespans, without motion no velocities, without both no peak times, and the table is that of
+//! [`omni4dgs`](super::omni4dgs). A component that a model lacks has no array: no lifespans without temporal
+//! opacity, no velocities without motion. A model without both has no peak times either: the table is that of
 //! static Gaussians.
 
 mod columns;

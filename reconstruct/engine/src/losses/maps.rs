@@ -31,8 +31,8 @@ impl Counted<'_> {
     }
 }
 
-/// Velocity regularization (Omni4DGS Eq. 9; PVG with an empty mask): mean over pixels and the three planes of
-/// `|F / A| (1 - M)`.
+/// Computes the velocity regularization (Omni4DGS Eq. 9; PVG with an empty mask): mean over pixels and the
+/// three planes of `|F / A| (1 - M)`.
 pub fn velocity_map(
     planes: &[f32],
     transmittance: &[f32],
@@ -59,7 +59,8 @@ pub fn velocity_map(
     sum / values as f64
 }
 
-/// Lifespan loss of PVG: minus the mean of `F / A` of the lifespan's plane, which favours long lifespans.
+/// Computes the lifespan loss of PVG: minus the mean of `F / A` of the lifespan's plane, which favours long
+/// lifespans.
 pub fn lifespan_map(
     plane: &[f32],
     transmittance: &[f32],
@@ -79,7 +80,7 @@ pub fn lifespan_map(
     -sum / pixels as f64
 }
 
-/// Opacity loss of the dynamic Gaussians rendered alone (Omni4DGS Eq. 6): mean of `|O_d - M_d|`.
+/// Computes the opacity loss of the dynamic Gaussians rendered alone (Omni4DGS Eq. 6): mean of `|O_d - M_d|`.
 pub fn opacity_map(
     plane: &[f32],
     (mask, counted): (&[f32], Counted<'_>),

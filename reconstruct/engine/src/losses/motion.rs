@@ -121,7 +121,7 @@ mod tests {
 
     const CYCLE: f64 = 10.0;
 
-    /// The definition in f64 from centre, velocity and peak.
+    /// Returns the loss by its definition in f64, from centre, velocity and peak.
     fn reference(parameters: [f64; 7], frame: f64) -> f64 {
         let [x, y, z, vx, vy, vz, peak] = parameters;
         let direction = |t: f64| {

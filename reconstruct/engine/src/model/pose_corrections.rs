@@ -143,9 +143,9 @@ impl PoseCorrections {
         self.at(view.time_seconds).apply(view)
     }
 
-    /// Takes a step of Adam on the correction of one view, with that view's step count and the step sizes of
-    /// both arrays, and subtracts the new mean from all views. Gradient values that are not finite count as
-    /// 0; returns their number per array.
+    /// Takes a step of Adam on the correction of one view, with the view's step count and the step sizes of
+    /// both arrays. Subtracts the new mean from all views. Gradient values that are not finite count as 0;
+    /// returns their number per array.
     pub fn step(&mut self, view: usize, gradient: &PoseGradient, rates: [f32; 2]) -> [usize; 2] {
         self.steps[view] += 1;
         let corrections = adam::corrections(self.steps[view], adam::SecondMomentDecay::PUBLISHED);
@@ -198,7 +198,7 @@ mod tests {
         }
     }
 
-    /// Three views, out of order.
+    /// Returns corrections of three views, out of order.
     fn corrections() -> PoseCorrections {
         let mut corrections = PoseCorrections::new(vec![4.0, 0.0, 2.0]);
         corrections.table.arrays[0].values = vec![0.4, 0.0, 0.0, 0.0, 0.1, 0.0, 0.2, 0.0, 0.0];

@@ -279,7 +279,7 @@ mod tests {
         }
     }
 
-    /// A model with a part of each kind, and poses.
+    /// Returns a model with a part of each kind, and poses.
     fn model() -> Model {
         let temporal = TemporalGaussians {
             clock: CLOCK,

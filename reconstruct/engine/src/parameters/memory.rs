@@ -8,8 +8,8 @@ pub fn table_bytes(gaussians: u64, arrays: &[ArrayShape]) -> u64 {
     gaussians.saturating_mul(values).saturating_mul(16)
 }
 
-/// Returns the bytes of training: the table; activated Gaussians and their gradients, each as wide as the
-/// table's values; the density statistics; the renderer's data per visible Gaussian and its tile entries.
+/// Returns the bytes of training: table, activated Gaussians and their gradients (each as wide as the table's
+/// values), density statistics, and the renderer's data per visible Gaussian with its tile entries.
 pub fn training_bytes(gaussians: u64, arrays: &[ArrayShape]) -> u64 {
     let table = table_bytes(gaussians, arrays);
     let instants = table / 2;

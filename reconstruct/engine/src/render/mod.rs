@@ -1,5 +1,5 @@
-//! Stages of rendering, one folder each: the contract in `mod.rs`, the CPU implementation in `cpu.rs`, its
-//! GPU twin in a `.wgsl` file of the same names in the same order, bound in `gpu.rs`.
+//! Stages of rendering, one folder each: the contract in `mod.rs`, the CPU implementation in `cpu.rs`, and
+//! its GPU twin in a `.wgsl` file, bound in `gpu.rs`. Twins have the same names in the same order.
 //!
 //! ```text
 //! forward   project -> sort -> bin -> raster        then the losses

@@ -5,8 +5,8 @@
 //! ```
 //!
 //! The columns of `R` are the rectangle's x, y and normal `n`. A ray hits if `|n.d| >= 1e-6`, `tau > 0` and
-//! `uv` is in the unit square. (The published code tests the axis-aligned box of the corners instead, which a
-//! tilted plane does not fill.) Both sides are visible. The order of two planes, and the existence of a hit,
+//! `uv` is in the unit square. The published code tests the axis-aligned box of the corners instead, which a
+//! tilted plane does not fill. Both sides are visible. The order of two planes, and the existence of a hit,
 //! have no gradient.
 
 use glam::{DMat3, DVec2, DVec3};

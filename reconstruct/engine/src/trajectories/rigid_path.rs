@@ -7,8 +7,8 @@
 //! centre(t) = X(t) + sum_k w_k(t) d_k       heading(t) = h(t) + sum_k w_k(t) a_k / r
 //! ```
 //!
-//! `r` is a lever arm: at this distance from the centre, a step of an `a_k` moves a point as far as a step of
-//! a `d_k`, so that one step size suits both.
+//! `r` is a lever arm: the distance from the centre at which a step of `a_k` moves a point as far as a step
+//! of `d_k`. One step size thus suits both.
 
 use glam::{DVec3, Mat3, Quat, Vec3};
 use omnilife_schemas::{

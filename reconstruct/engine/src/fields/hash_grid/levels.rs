@@ -11,8 +11,8 @@ const PRIMES: [u32; MAX_DIMENSIONS] = [1, 2_654_435_761, 805_459_861, 3_674_653_
 
 /// Entry read by a corner beyond a level's last cell.
 ///
-/// A position reaches `scale + 1/2`: at levels whose scale has a fractional part of 0 or of 1/2 or more, the
-/// upper corners of the last cells are one beyond the resolution.
+/// A position reaches `scale + 1/2`. If the scale has a fractional part of 0 or of at least 1/2, the upper
+/// corners of the last cells are one beyond the resolution.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum UpperEdge {

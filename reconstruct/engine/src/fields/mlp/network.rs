@@ -8,9 +8,9 @@
 //! contribution to a layer is one vector, computed once. With a skip connection, one layer's output is
 //! concatenated with both again.
 //!
-//! All weights are one array, layer by layer: those of hidden inputs, of row inputs, of shared inputs (each
-//! with a row per input and a column per output), then the biases, if the network has any. The output layer
-//! is the last.
+//! All weights are one array, layer by layer, the output layer last. A layer has the weights of hidden
+//! inputs, of row inputs and of shared inputs (each with a row per input and a column per output), then the
+//! biases, if any.
 
 use std::ops::Range;
 

@@ -182,7 +182,7 @@ impl DeviceParameterization for DeformableGaussians<'_> {
         Ok(())
     }
 
-    /// Also computes the gradients by the weights.
+    /// Computes the VJP and, in addition, the gradients by the weights.
     fn activate_vjp(
         &self,
         gpu: &Gpu,

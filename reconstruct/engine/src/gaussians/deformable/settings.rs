@@ -23,7 +23,7 @@ pub struct DeformationSettings {
 pub struct TimeNoise {
     /// Standard deviation at the beginning, frames.
     pub begin_frames: f32,
-    /// Iteration of the schedule from which on there is no noise.
+    /// Iteration of the schedule at which the noise has fallen to 0.
     pub end_iteration: u64,
 }
 

@@ -48,7 +48,7 @@ fn weights() -> SharedParameters {
     SharedParameters::new(DEFORMATION_WEIGHTS, values)
 }
 
-/// The network's outputs in f64.
+/// Returns the network's outputs in f64.
 fn network(weights: &[f64], position: [f64; 3]) -> Vec<f64> {
     let unit = f64::from(MODEL.length_unit);
     let row = encoded(&position.map(|value| value / unit), MODEL.position_octaves);
@@ -56,8 +56,8 @@ fn network(weights: &[f64], position: [f64; 3]) -> Vec<f64> {
     outputs(MODEL.network(), weights, &shared, &row)
 }
 
-/// Activated Gaussian: 3 of position, 3 of scale, 4 of rotation, opacity, 3 of colour. `encoded_at` is the
-/// position that the network encodes, which has no gradient.
+/// Returns an activated Gaussian: 3 of position, 3 of scale, 4 of rotation, opacity, 3 of colour.
+/// `encoded_at` is the position that the network encodes, which has no gradient.
 fn definition(weights: &[f64], raw: &[Vec<f64>], encoded_at: [f64; 3]) -> Vec<f64> {
     let unit = f64::from(MODEL.length_unit);
     let output = network(weights, encoded_at);

@@ -77,8 +77,8 @@ fn table(model: &TimeModel, len: usize) -> ParameterTable {
 
 const QUATERNIONS_NAME: &str = "quaternions";
 
-/// Weighted sum of all activated values of Gaussian `index`, from its raw parameters in f64. `weights` are
-/// those of position, scale, rotation, opacity, colour, harmonics, features.
+/// Returns the weighted sum of all activated values of Gaussian `index`, from its raw parameters in f64.
+/// `weights` are those of position, scale, rotation, opacity, colour, harmonics, features.
 fn loss(
     model: &TimeModel,
     raw: &dyn Fn(&str) -> Vec<f64>,

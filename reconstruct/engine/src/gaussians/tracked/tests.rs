@@ -13,7 +13,7 @@ use crate::gaussians::static_gaussians::{LOG_SCALES, QUATERNIONS};
 
 const KNOTS: usize = 3;
 
-/// Two objects, a huge and a tiny one, whose headings pass pi.
+/// Returns two objects, a huge and a tiny one, whose headings pass pi.
 fn objects() -> Vec<TrackedObject> {
     let normalization = Similarity {
         offset: [0.0; 3],
@@ -41,7 +41,7 @@ fn objects() -> Vec<TrackedObject> {
     vec![object(7, 100.0, 2.7), object(9, 1e-3, -0.5)]
 }
 
-/// A parameterization with corrections, and a table of random Gaussians in its boxes.
+/// Returns a parameterization with corrections, and a table of random Gaussians in its boxes.
 fn model() -> (TrackedGaussians, ParameterTable) {
     let mut random = Pcg64Mcg::seed_from_u64(4);
     let mut number = |low: f32, high: f32| random.random_range(low..high);
@@ -88,8 +88,8 @@ fn weights(count: usize) -> Vec<[f64; 10]> {
         .collect()
 }
 
-/// A random linear function of the output of [`TrackedGaussians::activate`], by its definition in f64.
-/// `values` are, per Gaussian, centre, log-scales and quaternion, then all corrections.
+/// Returns a random linear function of the output of [`TrackedGaussians::activate`], by its definition in
+/// f64. `values` are, per Gaussian, centre, log-scales and quaternion, then all corrections.
 fn loss(values: &[f64], units: [f64; 2], seconds: f64, weights: &[[f64; 10]]) -> f64 {
     let (rows, corrections) = values.split_at(10 * weights.len());
     let up = dvec3(0.2, -0.1, 1.0).normalize();

@@ -53,8 +53,8 @@ pub(crate) fn packed_len(pixels: usize) -> usize {
     pixels + pixels.div_ceil(MARKS)
 }
 
-/// Packs an image for the losses: 8 bits per channel, red in the lowest byte, the mask in the highest (0
-/// without a mask); then a bit per pixel, set if it is ignored.
+/// Packs an image for the losses: 8 bits per channel, red in the lowest byte, the mask (0 if missing) in the
+/// highest. A bit per pixel follows, set if it is ignored.
 fn pack_pixels(rgb: &[u8], mask: Option<&[u8]>, ignored: Option<&[u8]>) -> Vec<u32> {
     let masks = mask.unwrap_or_default().iter().copied();
     let pixels = rgb.as_chunks::<3>().0;

@@ -40,9 +40,9 @@ type Reached = Vec<IVec3>;
 impl Scaffold {
     /// Fuses views into a field of this voxel size around `origin`.
     ///
-    /// At a voxel `x` a view gives `d = (D - |x - c|) |n . r|`, the distance from the surface plane at the
-    /// pixel that shows it; the distance along the ray is too large by `1 / |n . r|` on slanted surfaces. A
-    /// voxel behind the surface by more than the truncation gets no value. The weight is `|n . r| / D^2`.
+    /// At a voxel `x` a view gives `d = (D - |x - c|) |n . r|`, the distance from the surface plane at its
+    /// pixel. The distance along the ray is too large by `1 / |n . r|` on slanted surfaces. A voxel behind
+    /// the surface by more than the truncation gets no value. The weight is `|n . r| / D^2`.
     ///
     /// A view contributes to the blocks that its own surfaces reach.
     pub fn fuse(views: &[FusedView<'_>], voxel: f32, origin: Vec3) -> Self {

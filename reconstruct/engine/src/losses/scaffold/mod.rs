@@ -162,7 +162,7 @@ fn index_in_block(voxel: IVec3) -> usize {
 mod tests {
     use super::*;
 
-    /// The trilinear form in f64.
+    /// Returns the trilinear form in f64.
     fn reference(corners: &[f32; 8], at: [f64; 3]) -> f64 {
         (0..8)
             .map(|number| {

@@ -54,7 +54,7 @@ mod tests {
     use super::*;
     use crate::parameters::ParameterTable;
 
-    /// The update written out in f64 for one value.
+    /// Returns the update written out in f64 for one value.
     fn reference(gradients: &[f64], rate: f64) -> f64 {
         let (mut x, mut m, mut v) = (1.0, 0.0, 0.0);
         for (index, g) in gradients.iter().enumerate() {

@@ -75,7 +75,7 @@ impl Binner {
             .for_each(|(chunk, order)| fill(order, items, chunk));
     }
 
-    /// The instruction set affects only the speed of rounding.
+    /// Counts each tile's entries. The instruction set affects only the speed of rounding.
     #[inline(always)]
     fn count<S: Simd>(
         &self,

@@ -6,9 +6,9 @@
 //! centres, not of its bounding box. They are exact for an ellipse, and bounded by the largest change of `q`
 //! over the tile for a cone.
 //!
-//! Every (splat, tile) pair is an *entry*. An entry has a *place* in the tiles' concatenated lists. The
-//! places of entries are kept per splat, so that the backward pass can sum a splat's gradients over its tiles
-//! in a fixed order: results do not depend on the number of threads.
+//! Every (splat, tile) pair is an *entry*. An entry has a *place* in the tiles' concatenated lists. Places
+//! are kept per splat: the backward pass sums a splat's gradients over its tiles in a fixed order, so that
+//! results do not depend on the number of threads.
 
 pub mod cpu;
 pub(crate) mod gpu;

@@ -87,8 +87,8 @@ fn along(cone: Conic) -> vec3<f32> {
 
 // Rectangle around q <= q_max.
 //
-// With y = F a on the tangent plane the footprint is |y| <= sqrt(q') (1 - y.L^T h), so
-// |y| <= sqrt(q') / (1 - sqrt(q') |L^T h|), and the angle's tangent is at most |y| sqrt(spread).
+// With y = F a on the tangent plane the footprint is |y| <= sqrt(q') (1 - y.L^T h). It follows that
+// |y| <= sqrt(q') / (1 - sqrt(q') |L^T h|); the angle's tangent is at most |y| sqrt(spread).
 fn cone_bounds(cone: Conic, q_max: f32) -> PixelBox {
     let ratio = largest_ratio(cone.depth_variance, q_max);
     if ratio < 0.0 {

@@ -327,8 +327,8 @@ pub struct Drawn<'a> {
 }
 
 /// Computes the VJP of [`forward`]: sums each splat's entries in a fixed order and writes the gradients of
-/// all trained Gaussians from the first on, zero for those that were not drawn. `centres` receives the
-/// gradients by the centres' images ([`crate::render::Visible::centre_gradient`]).
+/// all trained Gaussians, from the first on. Those of Gaussians that were not drawn are zero. `centres`
+/// receives the gradients by the centres' images ([`crate::render::Visible::centre_gradient`]).
 pub fn backward(
     view: &View,
     gaussians: &ActivatedGaussians,

@@ -6,8 +6,9 @@
 //! * **Pixels** are compared with projections at their corner `(i, j)`, not at `(i + 1/2, j + 1/2)`.
 //! * **Footprints** are cut off at the seam, and stretch without bound towards the poles
 //!   (`1 / (cos lat + 1e-7)`). Gaussians that are larger than their distance are drawn.
-//! * **The gradient by the centre** goes through the projection scaled by half the image's size (normalized coordinates for densification), but is multiplied by the Jacobian in pixels:
-//!   it is some hundred times too long, and twice as long along columns as along rows.
+//! * **The gradient by the centre** goes through the projection scaled by half the image's size (normalized
+//!   coordinates for densification), but is multiplied by the Jacobian in pixels. It is some hundred times too
+//!   long, and twice as long along columns as along rows.
 //! * **The gradients by scale and rotation** go through the unit tangent vectors without the scaling
 //!   `S` from tangent to pixels.
 //! * **One entry of the derivative of the Jacobian**, `dJ02/dz`, lacks its division by `rho^4`.

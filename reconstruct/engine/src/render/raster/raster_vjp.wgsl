@@ -1,6 +1,6 @@
 // Backward pass for devices without subgroups. The pixels of a tile process the list together, a few splats
-// per round: every thread stores its pixel's contribution to each of them, then the threads share the sums
-// over pixels. No sum depends on the order in which threads run.
+// per round. Every thread stores its pixel's contribution to each splat, then the threads share the sums over
+// pixels. No sum depends on the order in which threads run.
 
 const ROUND: u32 = 4u;
 // Threads that sum up one splat.
