@@ -262,8 +262,8 @@ pub fn horizontal(point: Vec3) -> f32 {
     (point.x * point.x + point.z * point.z).sqrt()
 }
 
-/// Returns two directions orthogonal to the unit direction `n` and to each other, `[e_1, e_2]` with `e_1 x
-/// e_2 = n`: `e_1` is horizontal (towards growing longitude), `e_2` points down.
+/// Returns two directions orthogonal to the unit direction `n` and to each other, `[e_1, e_2]` with
+/// `e_1 x e_2 = n`: `e_1` is horizontal (towards growing longitude), `e_2` points down.
 pub fn tangent_frame(n: Vec3) -> [Vec3; 2] {
     let rho = horizontal(n);
     // At a pole longitude is arbitrary: `atan2(0, 0)` is 0, and so is this frame's.

@@ -1,9 +1,9 @@
 //! Density control of Gaussians that depend on time (PVG `scene/gaussian_model.py`).
 //!
 //! In addition to the rules in space, a Gaussian is cloned or split when the gradient of its peak time is
-//! large: `|dL/dtau|`. The children of a split are displaced in time too: `tau'` is drawn from `N(tau,
-//! beta)`, and they move by `vbar (tau' - tau)` to their parent's position at that time. In the second half
-//! of densification a split has three children, with shorter lifespans.
+//! large: `|dL/dtau|`. The children of a split are displaced in time too: `tau'` is drawn from
+//! `N(tau, beta)`, and they move by `vbar (tau' - tau)` to their parent's position at that time. In the
+//! second half of densification a split has three children, with shorter lifespans.
 //!
 //! Departures: `|dL/dtau|` instead of the signed mean. Peak times stay within the clip and a tenth of it on
 //! both sides. Gaussians too faint at all times of the clip are pruned, because they would never get a

@@ -97,7 +97,7 @@ mod tests {
     #[test]
     fn a_long_path_compares_with_the_nearest_camera() {
         let sizes = Sizes::new(&settings(), &along_a_line());
-        // As far from the mean camera, and three units and half a unit beside the path.
+        // Five, three and half a unit off the path.
         let places = vec![[0.0, 0.0, 5.0], [4.0, 0.0, 3.0], [5.0, 0.5, 0.0]];
         let colours = vec![[0.5; 3]; 3];
         let table = |size: f32| {

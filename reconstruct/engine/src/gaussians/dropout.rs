@@ -1,7 +1,7 @@
 //! Dropout of Gaussians (`DropGaussian`, Park et al., CVPR 2025): every training step leaves out a random
 //! share of them and makes the others more opaque to compensate.
 //!
-//! Where few views see a region, Gaussians in front of each other can fit just these views and no other. If
+//! In a region that few views see, Gaussians in front of each other can fit just these views and no other. If
 //! any of them may be missing in the next step, each has to be right by itself. The share grows with the
 //! iterations: `r_t = r t / T`. Images are drawn with all Gaussians.
 //!

@@ -39,8 +39,9 @@ pub const fn sh_rest_count(degree: usize) -> usize {
 /// Activated Gaussians at one instant, the renderer's input: one entry per Gaussian in each array (a run of
 /// entries in `sh_rest` and `features`).
 ///
-/// Colour towards a Gaussian in the world direction `d` (unit, from the camera to its centre): `max(1/2 +
-/// sum_k Y_k(d) c_k, 0)` with the real spherical harmonics `Y_k` of 3DGS (see [`crate::render::project`]).
+/// Colour towards a Gaussian in the world direction `d` (unit, from the camera to its centre):
+/// `max(1/2 + sum_k Y_k(d) c_k, 0)` with the real spherical harmonics `Y_k` of 3DGS (see
+/// [`crate::render::project`]).
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct ActivatedGaussians {
     /// Centres in normalized world units.

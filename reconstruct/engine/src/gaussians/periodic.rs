@@ -133,7 +133,7 @@ impl TemporalParameters {
         } else {
             0.0
         };
-        // Where the exponential underflows to 0, so do its derivatives, even if the ratio is infinite.
+        // If the exponential underflows to 0, so do its derivatives, even if the ratio is infinite.
         let (by_distance, by_log_ratio) = if marginal > 0.0 {
             (
                 upstream.marginal * marginal * ratio / self.lifespan,

@@ -10,8 +10,8 @@
 //!
 //! Directions of distant Gaussians hardly differ, and those of near, fast ones are almost opposite: both
 //! cases must avoid differences of nearly equal numbers. Let `n = |p|`, `n' = |p'|`, and `s = p' - p` the
-//! step between both moments. Positions leave the centre `c0` along the velocity, as steps do, so that `p x s
-//! = c0 x s`:
+//! step between both moments. Positions leave the centre `c0` along the velocity, as steps do, so that
+//! `p x s = c0 x s`:
 //!
 //! ```text
 //! n' - n = s.(p + p') / (n + n')           e = d' - d = (s - (n' - n) d) / n'           w = d x d' = (c0 x s) / (n n')

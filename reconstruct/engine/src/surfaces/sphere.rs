@@ -4,8 +4,8 @@
 //! tau = -b + sqrt(b^2 - c)        b = (o - m).d        c = |o - m|^2 - r^2        n = (o + tau d - m) / r
 //! ```
 //!
-//! From within there is always one hit ahead. If `b > 0` the two terms cancel, and the equivalent `tau = -c /
-//! (b + sqrt(b^2 - c))` is used.
+//! From within there is always one hit ahead. If `b > 0` the two terms cancel, and the equivalent
+//! `tau = -c / (b + sqrt(b^2 - c))` is used.
 
 use glam::DVec3;
 

@@ -93,7 +93,7 @@ pub(super) enum Finish<'a> {
     Plain,
     /// Adds a value per column.
     Offset(&'a wgpu::Buffer),
-    /// Adds a value per column and clips at 0 (ReLU).
+    /// Adds a value per column and clips at 0 (`ReLU`).
     OffsetAndClip(&'a wgpu::Buffer),
     /// Sets values to 0 where a matrix of the product's size, at the start of its buffer, is not above 0.
     Mask(&'a wgpu::Buffer),

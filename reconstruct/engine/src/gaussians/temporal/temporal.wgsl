@@ -80,7 +80,7 @@ fn activate_temporal_vjp(
             * dot(parameters.velocity, by_mean);
     }
     var by_peak = -amplitude_slope.y * dot(parameters.velocity, by.position);
-    // Where the exponential underflows to 0, so do its derivatives, even if the ratio is infinite.
+    // If the exponential underflows to 0, so do its derivatives, even if the ratio is infinite.
     if marginal > 0.0 {
         let ratio = distance_from_peak(DRAWN, parameters.peak) / parameters.lifespan;
         by_peak += by_marginal * marginal * ratio / parameters.lifespan;

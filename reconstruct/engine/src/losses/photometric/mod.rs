@@ -1,10 +1,10 @@
 //! The photometric loss of 3DGS: `L = (1 - lambda) L1 + lambda (1 - SSIM)`.
 //!
 //! SSIM as in 3DGS `utils/loss_utils.py`: 11x11 Gaussian window with sigma 1.5, per channel, `C1 = 0.01^2`,
-//! `C2 = 0.03^2`, mean over the map. Images are padded with zeros as there (`conv2d` with `padding =
-//! window_size // 2`), and as for the metric `ssim` of `bench`. One deviation: the window wraps around the
-//! seam of a panorama, because columns 0 and W-1 are neighbours on the sphere ([`Columns`]); a pinhole image
-//! is padded. Scores never come from this code: `bench` has its own.
+//! `C2 = 0.03^2`, mean over the map. Images are padded with zeros as there (`conv2d` with
+//! `padding = window_size // 2`), and as for the metric `ssim` of `bench`. One deviation: the window wraps
+//! around the seam of a panorama, because columns 0 and W-1 are neighbours on the sphere ([`Columns`]); a
+//! pinhole image is padded. Scores never come from this code: `bench` has its own.
 //!
 //! With `A1 = 2 mx my + C1`, `A2 = 2 sxy + C2`, `B1 = mx^2 + my^2 + C1`, `B2 = sx + sy + C2` and the blurred
 //! `E[x^2] = sx + mx^2`, `E[xy] = sxy + mx my`:

@@ -124,8 +124,8 @@ impl Scaffold {
     }
 }
 
-/// Returns Huber's loss of a signed distance, and its derivative: `d^2 / (2 w)` within `w` of 0, `|d| - w /
-/// 2` beyond.
+/// Returns Huber's loss of a signed distance, and its derivative: `d^2 / (2 w)` within `w` of 0,
+/// `|d| - w / 2` beyond.
 fn huber(distance: f32, width: f32) -> [f32; 2] {
     if distance.abs() <= width {
         [0.5 * distance * distance / width, distance / width]

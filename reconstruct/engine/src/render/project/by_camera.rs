@@ -16,8 +16,8 @@
 //! dL/dw   = - sum ((mu - c) x (g - s) + k),       k_i = <h, e_i (x) q> / 2
 //! ```
 //!
-//! A rotation of the camera does not change the direction of harmonics, hence without `s`; a shift does. `mu
-//! - c` and `g` are in the world frame, and so are `w` and `t`.
+//! A rotation of the camera does not change the direction of harmonics, hence without `s`; a shift does. The
+//! vectors `mu - c` and `g` are in the world frame, and so are `w` and `t`.
 
 pub(crate) mod gpu;
 

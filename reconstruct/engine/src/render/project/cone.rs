@@ -96,8 +96,8 @@ impl Conic {
 
     /// Returns a rectangle around `q <= q_max`.
     ///
-    /// With `y = F a` on the tangent plane the footprint is `|y| <= sqrt(q') (1 - y.L^T h)`, so `|y| <=
-    /// sqrt(q') / (1 - sqrt(q') |L^T h|)`, and the angle's tangent is at most `|y| sqrt(spread)`.
+    /// With `y = F a` on the tangent plane the footprint is `|y| <= sqrt(q') (1 - y.L^T h)`, so
+    /// `|y| <= sqrt(q') / (1 - sqrt(q') |L^T h|)`, and the angle's tangent is at most `|y| sqrt(spread)`.
     pub(super) fn bounds(&self, view: &View, q_max: f32) -> PixelBox {
         let Some(ratio) = self.cone().largest_ratio(q_max) else {
             return PixelBox::EVERYTHING;

@@ -332,7 +332,7 @@ mod tests {
 
     #[test]
     fn gradients_by_position_are_half_the_image_too_long() {
-        // So small that the low-pass filter dominates its covariance: only the centre's image matters.
+        // The low-pass filter dominates its small covariance: only the centre's image matters.
         let (distance, [column, row]) = (2.0, [20.3, 12.6]);
         let gaussians = one(distance * direction(column, row), [1e-4; 3]);
         let mut renderer = renderer();

@@ -10,8 +10,8 @@
 //!
 //! Features are composited like colours, with a background of 0.
 //!
-//! Backward, with `g = dL/dC` over colours and features and the projected sums `P_i = sum_(j <= i) T_j
-//! alpha_j (g . c_j)` and `S = g . C`:
+//! Backward, with `g = dL/dC` over colours and features and the projected sums
+//! `P_i = sum_(j <= i) T_j alpha_j (g . c_j)` and `S = g . C`:
 //!
 //! ```text
 //! dL/dc_i     = T_i alpha_i g

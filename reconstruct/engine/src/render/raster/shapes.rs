@@ -317,8 +317,8 @@ impl<S: Simd> Walk<S> for Cone {
         }
     }
 
-    /// Adds derivatives; with `D = l^2 + eps N`: `dq/dN = l^2 / D^2`, `dq/dl = -2 l N / D^2`, `dq/deps = -N^2
-    /// / D^2`.
+    /// Adds derivatives; with `D = l^2 + eps N`: `dq/dN = l^2 / D^2`, `dq/dl = -2 l N / D^2`,
+    /// `dq/deps = -N^2 / D^2`.
     #[inline(always)]
     fn add(&self, sums: &mut Self::Sums, pixels: &Self::Geometry, by_log: f32x8<S>) {
         let square = pixels.denominator * pixels.denominator;

@@ -28,7 +28,7 @@ pub(super) fn sum_columns(values: &[f32], sums: &mut [f32]) {
     }
 }
 
-/// Turns the gradient by a ReLU's outputs into that by its inputs, in place.
+/// Turns the gradient by a `ReLU`'s outputs into that by its inputs, in place.
 pub(super) fn clip(gradient: &mut [f32], outputs: &[f32]) {
     for (gradient, output) in gradient.iter_mut().zip(outputs) {
         *gradient = if *output > 0.0 { *gradient } else { 0.0 };
