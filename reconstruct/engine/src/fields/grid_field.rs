@@ -124,8 +124,8 @@ impl GridField {
         [&self.table.array, &self.weights.array]
     }
 
-    /// Returns the outputs at many positions, row by row. Only the first `active` features of the grid are
-    /// used, the others are 0. Keeps the state that [`GridField::backward`] needs.
+    /// Returns the outputs (rows of `outputs`) at positions (rows of `dimensions`). Only the first `active`
+    /// features of the grid are used, the others are 0. Keeps the state that [`GridField::backward`] needs.
     pub fn forward(&mut self, positions: &[f32], active: usize) -> Vec<f32> {
         self.positions.clear();
         self.positions.extend_from_slice(positions);
@@ -161,8 +161,8 @@ impl GridField {
         out
     }
 
-    /// Computes gradients by table and weights from those by the outputs of the last [`GridField::forward`];
-    /// returns those by the positions.
+    /// Computes gradients by table and weights from those by the outputs of the last [`GridField::forward`],
+    /// in its shape; returns those by the positions, in theirs.
     pub fn backward(&mut self, upstream: &[f32]) -> Vec<f32> {
         let dimensions = self.shape.grid.dimensions;
         let features = self.grid.features();

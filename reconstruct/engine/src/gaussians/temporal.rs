@@ -134,7 +134,7 @@ impl TemporalFeatures {
         3 * usize::from(self.velocity_unit.is_some()) + usize::from(self.lifespan.is_some())
     }
 
-    /// Writes the channels of a Gaussian.
+    /// Writes the channels of a Gaussian into `out`, [`Self::count`] values.
     pub fn write(&self, mean_velocity: Vec3, lifespan: f32, out: &mut [f32]) {
         let mut at = 0;
         if let Some(unit) = self.velocity_unit {

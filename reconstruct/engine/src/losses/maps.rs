@@ -32,7 +32,7 @@ impl Counted<'_> {
 }
 
 /// Computes the velocity regularization (Omni4DGS Eq. 9; PVG with an empty mask): mean over pixels and the
-/// three planes of `|F / A| (1 - M)`.
+/// three planes of `|F / A| (1 - M)`, with the mask `M` in [0, 1] per pixel.
 pub fn velocity_map(
     planes: &[f32],
     transmittance: &[f32],

@@ -70,7 +70,10 @@ impl CpuRenderer {
         }
     }
 
-    /// Computes gradients by some consecutive Gaussians; not implemented by the published renderer.
+    /// Computes gradients by some consecutive Gaussians from that by the image (HWC).
+    ///
+    /// # Errors
+    /// If the renderer is the published one, which does not implement it.
     pub(crate) fn backward_of(
         &mut self,
         learning: Range<usize>,

@@ -104,7 +104,8 @@ impl RigidPath {
         ([before, before + 1], (at - before as f64) as f32)
     }
 
-    /// Returns the correction at a time: three values of the centre and the heading in radians.
+    /// Returns the correction at a time: three values of the centre and the heading in radians. `corrections`
+    /// has [`CORRECTION_VALUES`] per knot.
     fn correction(&self, seconds: f64, corrections: &[f32]) -> (Vec3, f32) {
         let ([before, after], share) = self.between_knots(seconds);
         let value = |index: usize| {

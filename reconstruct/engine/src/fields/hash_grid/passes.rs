@@ -79,8 +79,8 @@ fn position_of<const D: usize>(values: &[f32]) -> [f32; D] {
 }
 
 impl HashGrid {
-    /// Writes the first `active` features of a position into `out`. The others, and those of a position that
-    /// is not finite, are 0.
+    /// Writes the first `active` features of a position (`dimensions` values) into `out` (`features()`
+    /// values). The others, and those of a position that is not finite, are 0.
     pub fn encode(&self, position: &[f32], table: &[f32], active: usize, out: &mut [f32]) {
         debug_assert_eq!(position.len(), self.shape.dimensions);
         match self.shape.dimensions {
@@ -123,8 +123,8 @@ impl HashGrid {
         self.levels.iter().take(active.div_ceil(FEATURES))
     }
 
-    /// Overwrites `gradients` by the table's from those by the features of many positions. Positions that are
-    /// not finite are skipped.
+    /// Overwrites `gradients` by the table's from those by the features (rows of `features()`) at positions
+    /// (rows of `dimensions`). Positions that are not finite are skipped.
     pub fn backward_table(
         &self,
         positions: &[f32],
@@ -188,7 +188,7 @@ impl HashGrid {
             });
     }
 
-    /// Returns the gradient by one position from that by its features; 0 along axes where it is clamped.
+    /// Writes the gradient by one position from that by its features; 0 along axes where it is clamped.
     pub fn backward_position(
         &self,
         position: &[f32],

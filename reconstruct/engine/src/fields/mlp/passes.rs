@@ -86,7 +86,7 @@ impl NetworkShape {
             .min(limit)
     }
 
-    /// Computes the outputs of `out.len() / outputs` rows. `encode` writes the inputs of a row.
+    /// Computes the outputs of `out.len() / outputs` rows. `encode` writes the inputs of one.
     pub fn forward(
         &self,
         weights: &[f32],

@@ -53,7 +53,7 @@ impl Loss {
         }
     }
 
-    /// Returns the loss and its gradient by `render`; both images are HWC.
+    /// Returns the loss and its gradient by `render`; both images and the gradient are HWC.
     pub fn forward_backward(
         &mut self,
         render: &[f32],

@@ -149,7 +149,7 @@ fn follow_larger(
     Ok(moved)
 }
 
-/// Returns the last capacity if it suffices; otherwise twice it, up to the maximum number of Gaussians.
+/// Returns the last capacity if it suffices; otherwise twice it up to the maximum, and at least `needed`.
 fn larger_capacity(last: usize, needed: usize, maximum: usize) -> usize {
     if needed <= last {
         last
