@@ -39,8 +39,8 @@ impl Shards {
         largest as f64 / self.gaussians.iter().sum::<u64>().max(1) as f64
     }
 
-    /// Refuses settings that a step in shards does not support: anything but static Gaussians and the
-    /// photometric loss.
+    /// Refuses settings that a step in shards does not support: motion, dropout, refined poses, the published
+    /// renderer.
     ///
     /// # Errors
     /// Names the unsupported setting.

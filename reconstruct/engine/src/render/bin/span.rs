@@ -194,8 +194,8 @@ fn ellipse_columns(
         let rest = (q_max - y * y * row).max(0.0);
         ellipse.slope * y + sign * (ellipse.variance * rest).sqrt()
     };
-    // Row offset of the rightmost point of the whole ellipse, B/A extent_u with A = extent_u^2 / q_max and B
-    // = slope C; the leftmost is its mirror image.
+    // Row offset of the rightmost point of the whole ellipse, B/A extent_u, with B = slope C and A =
+    // extent_u^2 / q_max; the leftmost is its mirror image.
     let y_right = ellipse.slope * q_max / (row * extent_u);
     let right = if (top..=bottom).contains(&y_right) {
         extent_u

@@ -104,7 +104,7 @@ fn cone_bounds(cone: Conic, q_max: f32) -> PixelBox {
     return cap_box(cone.n, root / rest * sqrt(cone.spread));
 }
 
-// VJP of the cone; `by` is the gradient by f_1, f_2, m and eps.
+// VJP of the cone, from the gradients by f_1, f_2, m and eps.
 //
 // The frame follows n without turning about it: de_i = -(e_i . dn) n.
 fn cone_vjp(
