@@ -48,6 +48,9 @@ pub struct TrainSettings {
     /// Network that deforms Gaussians; `None` for other methods.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub deformation: Option<DeformationSettings>,
+    /// True if Gaussians belong to objects that move along paths.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub objects: bool,
     /// Exposure gains of the views, if they are compensated.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub exposure: Option<Exposure>,
@@ -111,6 +114,7 @@ pub(crate) mod tests {
             densify: published(),
             dynamics: None,
             deformation: None,
+            objects: false,
             exposure: None,
             dropout: None,
             pose_refinement: None,
