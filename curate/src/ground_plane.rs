@@ -1,4 +1,4 @@
-//! Planes through points, and where rays meet them.
+//! Planes through points, and their intersections with rays.
 
 use glam::DVec3;
 
@@ -29,7 +29,7 @@ impl Plane {
         }
     }
 
-    /// The distance at which a ray meets it; `None` where it is parallel or leads away.
+    /// Returns the distance at which a ray meets it; `None` if the ray is parallel or leads away.
     pub fn meet(&self, centre: DVec3, ray: DVec3) -> Option<f64> {
         let slope = self.normal.dot(ray);
         let distance = -self.height(centre) / slope;
@@ -72,8 +72,8 @@ impl Plane {
         })
     }
 
-    /// The plane that most of some points lie on, within `reach`, and how many do; it is no steeper against
-    /// `up`, where that is known, than 30 degrees.
+    /// Returns the plane with most points within `reach`, and their number. It is no steeper than 30 degrees against
+    /// `up`, if that is known.
     pub fn of_most(points: &[DVec3], reach: f64, up: Option<DVec3>) -> Option<(Self, usize)> {
         if points.len() < 3 {
             return None;
@@ -119,14 +119,14 @@ impl Plane {
         Some((refined, inside.len()))
     }
 
-    /// The ground of a scene: the plane of most of its points, its normal towards the centres of the
-    /// cameras; and the share of the points that are on it.
+    /// Returns the ground of a scene: the plane of most of its points, its normal towards the centres of the cameras,
+    /// and the share of points on it.
     pub fn dominant(points: &[DVec3], centres: &[DVec3]) -> Option<(Self, f64)> {
         let middle = centres.iter().sum::<DVec3>() / centres.len().max(1) as f64;
         let mut distances: Vec<f64> = points.iter().map(|point| point.distance(middle)).collect();
         distances.sort_by(f64::total_cmp);
         let reach = 0.02 * distances.get(distances.len() / 2)?;
-        // Evenly, so that draws are of all.
+        // Evenly spaced, so that draws cover all points.
         let some: Vec<DVec3> = points
             .iter()
             .copied()

@@ -1,4 +1,4 @@
-//! Boundaries without decoding everything: only what the compressed stream marks as a candidate.
+//! Boundaries without decoding everything: only candidates that the compressed stream marks.
 //!
 //! Key frames stand in a stream every half to ten seconds and decode by themselves. A segment
 //! between two of them is a candidate
@@ -27,9 +27,8 @@ use crate::{
     video::{Converter, PacketChoice, Scaling, VideoReader, probe::probe},
 };
 
-/// Key frames whose colours differ by more than this share enclose a candidate: half of
-/// what the histogram detector asks of the two sides of a gradual transition, because a key frame
-/// may stand in its middle.
+/// Key frames whose colours differ by more than this share enclose a candidate. It is half of the histogram detector's
+/// limit for a gradual transition, because a key frame may stand in the middle of one.
 const CANDIDATE_DISTANCE: f32 = 0.2;
 /// So do key frames whose layouts correlate less than this.
 const CANDIDATE_CORRELATION: f32 = 0.7;
@@ -39,17 +38,17 @@ const PACKET_OVER_MEDIAN: f32 = 5.0;
 /// ... if it is at least this share of the key frame before it.
 const PACKET_OVER_KEY: f32 = 0.3;
 const PACKET_WINDOW_SECONDS: f64 = 1.0;
-/// What is decoded after a candidate segment, so that a change at its end is seen from both sides.
+/// Time decoded after a candidate segment, so that a change at its end is seen from both sides.
 const AFTER_SECONDS: f64 = 1.5;
 
-/// What a search of the candidate segments gives.
+/// Result of a search of the candidate segments.
 #[derive(Debug, Clone, PartialEq)]
 pub struct KeyFramePrefilter {
     /// Boundaries in order of time.
     pub boundaries: Vec<Boundary>,
     /// Segments between key frames.
     pub segments: usize,
-    /// How many of them were candidates.
+    /// Number of candidates among them.
     pub candidate: usize,
     /// Frames that were decoded, key frames twice where their segment was a candidate.
     pub decoded_frames: u64,
@@ -107,7 +106,7 @@ struct Segment {
     begin_seconds: f64,
 }
 
-/// `None` where a packet has no timestamp or the first is no key frame.
+/// Returns `None` if a packet has no timestamp or the first is no key frame.
 fn segments(table: &PacketTable) -> Option<Vec<Segment>> {
     let mut segments: Vec<Segment> = Vec::new();
     for (index, packet) in table.packets.iter().enumerate() {
@@ -150,7 +149,7 @@ fn key_frames(
     outcome.map(|()| keys)
 }
 
-/// Whether a boundary may lie between this segment's key frame and the next.
+/// Returns true if a boundary may lie between this segment's key frame and the next.
 fn may_hold_boundary(segment: &Segment, keys: &[Descriptor], table: &PacketTable) -> bool {
     let at = keys.partition_point(|key| key.time_seconds < segment.begin_seconds - 1e-6);
     let begins = keys
@@ -221,7 +220,7 @@ fn runs_to_decode(
     runs
 }
 
-/// What a detector finds in a run of packets.
+/// Boundaries that a detector finds in a run of packets.
 struct RunBoundaries {
     found: Vec<Boundary>,
     frames: u64,
@@ -244,7 +243,7 @@ fn search_run(
     while let Some(frame) = reader.next_frame()? {
         frames += 1;
         progress.advance(1);
-        // Images of an open group that lean on what was not decoded.
+        // Images of an open group that depend on packets which were not decoded.
         if frame.time_seconds < begin - 1e-6 {
             continue;
         }
