@@ -1,4 +1,4 @@
-//! The figures of a dataset as SVG: bars of how often each class occurs (the paper's Figure 3).
+//! The figures of a dataset as SVG: bars of the frequency of each class (the paper's Figure 3).
 
 use plotters::{
     coord::Shift,
@@ -17,7 +17,7 @@ use crate::error::CurateError;
 pub(super) struct Figure {
     /// File in the statistics folder.
     pub(super) file: &'static str,
-    /// What stands above it.
+    /// Its title.
     pub(super) title: &'static str,
     /// Id of the distribution it shows.
     pub(super) distribution: &'static str,
@@ -146,7 +146,7 @@ enum Look {
     Title,
     Plain,
     Faint,
-    /// Ends at its position instead of beginning there.
+    /// Ends at its position instead of starting there.
     Label,
 }
 
