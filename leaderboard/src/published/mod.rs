@@ -1,9 +1,8 @@
 //! The tables of the papers that this project implements, as data.
 //!
-//! `published/*.json` holds them as printed: every row names the line of the paper's text version
-//! that it was taken from. They are shown beside measured scores and never ranked with them.
-//! `published/findings.json` says what adds up in them and what does not; `scripts/published-tables`
-//! checks both.
+//! `published/*.json` holds them as printed: every row names its line in the paper's text version. They are shown
+//! beside measured scores and never ranked with them. `published/findings.json` lists consistent and inconsistent
+//! numbers in them; `scripts/published-tables` checks both.
 
 mod comparison;
 
@@ -42,9 +41,9 @@ pub struct Paper {
     pub id: String,
     /// Title.
     pub title: String,
-    /// What its scores were measured on, as far as it says.
+    /// Data of its scores, as far as stated.
     pub about: String,
-    /// What its tables call `Ours`, where they do.
+    /// Method that its tables call `Ours`, if any.
     #[serde(default)]
     pub own_method: Option<String>,
     /// All its tables, in order.
@@ -57,11 +56,11 @@ pub struct Paper {
 pub struct PublishedTable {
     /// Number in the paper.
     pub number: u32,
-    /// What it shows.
+    /// Content.
     pub title: String,
     /// Line of the caption in the paper's text version, from 1.
     pub line: usize,
-    /// What a reader of the numbers should know.
+    /// Notes for readers of the numbers.
     pub notes: Vec<String>,
     /// Columns from the left; the first ones hold names.
     pub columns: Vec<PublishedColumn>,
@@ -77,7 +76,7 @@ pub struct PublishedColumn {
     pub name: String,
     /// Heading over several columns.
     pub group: Option<String>,
-    /// What its numbers are, unless the rows say so.
+    /// Quantity of its numbers, unless the rows state it.
     pub of: Option<PublishedQuantity>,
 }
 
@@ -89,14 +88,14 @@ pub struct PublishedRow {
     pub line: usize,
     /// One cell per column.
     pub cells: Vec<PublishedCell>,
-    /// What its numbers are, where the columns do not say so.
+    /// Quantity of its numbers, if the columns do not state it.
     pub of: Option<PublishedQuantity>,
     /// Columns that are underlined (second best), counted from 0.
     #[serde(default)]
     pub underlined: Vec<usize>,
 }
 
-/// What a number is.
+/// Quantity of a number.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct PublishedQuantity {
@@ -104,7 +103,7 @@ pub struct PublishedQuantity {
     pub metric: String,
     /// `dB`, `ratio`, `distance`, `count`, `MB`, `s`, `min`.
     pub unit: String,
-    /// Which of two values is the better one, where one is.
+    /// Direction of better values, if there is one.
     pub direction: Option<Direction>,
     /// Digits after the point, as printed.
     pub decimals: usize,
@@ -155,8 +154,8 @@ impl PublishedCell {
 }
 
 impl Paper {
-    /// A name of its tables as it reads outside of the paper: `Ours` is a method by its name, with the
-    /// word that its figures are its authors', as is what the paper calls `(Ours)`.
+    /// Returns a name of its tables for use outside of the paper: `Ours` becomes the method's name, marked as its
+    /// authors' figures; so does a name with `(Ours)`.
     pub fn name_outside(&self, printed: &str) -> String {
         if let Some(name) = printed.strip_suffix(" (Ours)") {
             return format!("{name} (authors)");
@@ -174,7 +173,7 @@ impl Paper {
 }
 
 impl PublishedTable {
-    /// What the number in a cell is.
+    /// Returns the quantity of the number in a cell.
     pub fn quantity<'a>(
         &'a self,
         row: &'a PublishedRow,
@@ -183,12 +182,12 @@ impl PublishedTable {
         row.of.as_ref().or(self.columns[column].of.as_ref())
     }
 
-    /// Number in the row that begins with `name` and in a column counted from 0.
+    /// Returns the number in the row that starts with `name` and in a column counted from 0.
     pub fn number(&self, name: &str, column: usize) -> Option<f64> {
         self.row(name)?.cells.get(column)?.number()
     }
 
-    /// The first row that begins with `name`.
+    /// Returns the first row that starts with `name`.
     pub fn row(&self, name: &str) -> Option<&PublishedRow> {
         self.rows.iter().find(|row| row.name() == name)
     }
@@ -213,25 +212,25 @@ impl PublishedRow {
     }
 }
 
-/// Something that was checked in the tables of a paper.
+/// A check of the tables of a paper.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 pub struct Finding {
     /// Id of the paper.
     pub paper: String,
-    /// Where, such as `Table 4`.
+    /// Place, such as `Table 4`.
     pub place: String,
-    /// Whether the paper is consistent here.
+    /// True if the paper is consistent here.
     pub holds: bool,
-    /// What was found, with the numbers.
+    /// Result, with the numbers.
     pub text: String,
-    /// What the paper says, to the letter.
+    /// Verbatim quotations of the paper.
     pub quotes: Vec<String>,
 }
 
-/// All papers.
+/// Returns all papers.
 ///
 /// # Errors
-/// When an embedded file is not what it should be, which a test rules out.
+/// When an embedded file is invalid, which a test rules out.
 pub fn papers() -> Result<Vec<Paper>, LeaderboardError> {
     FILES
         .into_iter()
@@ -242,7 +241,7 @@ pub fn papers() -> Result<Vec<Paper>, LeaderboardError> {
 /// The findings about all papers, in order of the papers.
 ///
 /// # Errors
-/// As [`papers`].
+/// Those of [`papers`].
 pub fn findings() -> Result<Vec<Finding>, LeaderboardError> {
     parsed("findings.json", FINDINGS)
 }

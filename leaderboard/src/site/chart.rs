@@ -1,7 +1,7 @@
 //! Charts as SVG: plotters draws axes and labels, the style sheet colours them; and bars.
 //!
-//! Curves and points are added on top, where plotters says they belong: points carry a text alternative
-//! and what the script shows on hover.
+//! Curves and points are added on top, at the places that plotters gives: points carry a text alternative and the hover
+//! text of the script.
 
 use maud::{Markup, PreEscaped, html};
 use plotters::{coord::Shift, prelude::*};
@@ -11,13 +11,13 @@ use crate::error::LeaderboardError;
 /// Width and height of a plot in its own units; it scales with the page.
 const PLOT_SIZE: (u32, u32) = (760, 420);
 
-/// Right of a plot: names of the series.
+/// Width right of a plot for the names of the series.
 const NAMES_WIDTH: i32 = 170;
 
-/// From one name to the next.
+/// Distance between names.
 const NAME_PITCH: i32 = 17;
 
-/// Above this many series the names would not fit; they are shown on hover alone.
+/// Number of series above which the names would not fit; they are then shown only on hover.
 const NAMED_SERIES: usize = 18;
 
 /// Colours of the style sheet for series.
@@ -27,7 +27,7 @@ const COLOURS: usize = 8;
 pub(super) struct Mark {
     pub(super) x: f64,
     pub(super) y: f64,
-    /// What is shown on hover and read aloud.
+    /// Hover text, also for screen readers.
     pub(super) description: String,
 }
 
@@ -38,25 +38,25 @@ pub(super) struct Series {
     pub(super) marks: Vec<Mark>,
     /// A height with its description.
     pub(super) level: Option<(f64, String)>,
-    /// Whether no other series ends better in both.
+    /// True if no other series ends better in both.
     pub(super) on_front: bool,
 }
 
-/// Where plotters says that a series belongs.
+/// A series at its places in the drawing.
 struct Placed {
     marks: Vec<(i32, i32)>,
     level: Option<i32>,
 }
 
 impl Placed {
-    /// Height of its last mark, beside which the name goes.
+    /// Returns the height of its last mark, beside which the name goes.
     fn end(&self) -> i32 {
         let last = self.marks.last().map(|&(_, y)| y);
         last.or(self.level).unwrap_or_default()
     }
 }
 
-/// Series over a logarithmic axis of positive `x`; one of them has marks.
+/// Draws series over a logarithmic axis of positive `x`; one of them has marks.
 pub(super) fn run_time(
     title: &str,
     x_title: &str,
@@ -140,7 +140,7 @@ fn drawn_series(series: &Series, placed: &Placed) -> Markup {
                 aria-label=(description) data-tip=(description) {}
         }
         @if line.len() > 1 { polyline.curve points=(line.join(" ")) aria-hidden="true" {} }
-        // The last mark of each can be reached with the keyboard; the others speak on hover.
+        // The last mark of each can be reached with the keyboard; the others show text on hover.
         @for (at, (mark, (x, y))) in series.marks.iter().zip(&placed.marks).enumerate() {
             @if at == last {
                 circle.point.on-front[series.on_front] cx=(x) cy=(y) r="6" tabindex="0" role="img"
@@ -173,7 +173,7 @@ fn spread_names(placed: &[Placed]) -> Vec<i32> {
         heights[at] = placed[at].end().max(next);
         next = heights[at] + NAME_PITCH;
     }
-    // What hangs out below moves up again.
+    // Names below the plot move up again.
     let mut most = PLOT_SIZE.1 as i32 - 12;
     for &at in order.iter().rev() {
         heights[at] = heights[at].min(most);
@@ -188,8 +188,7 @@ pub(super) struct Bar {
     pub(super) value: u64,
 }
 
-/// Horizontal bars from 0, all in one unit: elements of the page, so that words stay readable on a
-/// phone.
+/// Returns horizontal bars from 0, all in one unit: elements of the page, so that text stays readable on a phone.
 pub(super) fn bars(title: &str, bars: &[Bar]) -> Markup {
     let most = bars.iter().map(|bar| bar.value).max().unwrap_or(0).max(1);
     let description: Vec<String> = bars
@@ -218,7 +217,7 @@ fn shortened_to(label: &str, characters: usize) -> String {
 type Area<'a> = DrawingArea<SVGBackend<'a>, Shift>;
 type DrawingError = Box<dyn std::error::Error>;
 
-/// The elements that plotters draws, without the `svg` element around them.
+/// Returns the elements that plotters draws, without the `svg` element around them.
 fn drawn(
     title: &str,
     size: (u32, u32),
@@ -260,7 +259,7 @@ fn bounds(values: impl Iterator<Item = f64>) -> (f64, f64) {
     })
 }
 
-/// A number at an axis, without needless digits.
+/// Formats a number at an axis, without needless digits.
 fn round_label(value: f64) -> String {
     if value >= 1000.0 {
         format!("{value:.0}")

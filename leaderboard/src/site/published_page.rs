@@ -1,4 +1,4 @@
-//! The tables of the papers, and what does not add up in them.
+//! The tables of the papers, and their inconsistencies.
 
 use maud::{Markup, html};
 
@@ -89,13 +89,13 @@ fn published(paper: &Paper, table: &PublishedTable) -> Markup {
     }
 }
 
-/// Whether the second cell of a row of one metric names it.
+/// Returns true if the second cell of a row of one metric names it.
 fn names_metric(row: &PublishedRow) -> bool {
     let is_text = row.cells.get(1).is_some_and(|cell| cell.text().is_some());
     row.of.is_some() && is_text
 }
 
-/// The unit of numbers, where their metric does not say it.
+/// Returns the unit of numbers, if their metric does not imply it.
 fn unit(quantity: Option<&PublishedQuantity>) -> Markup {
     let named =
         |of: &&PublishedQuantity| !["ratio", "distance", "count"].contains(&of.unit.as_str());
@@ -104,7 +104,7 @@ fn unit(quantity: Option<&PublishedQuantity>) -> Markup {
     }
 }
 
-/// As printed, with groups of three digits.
+/// Returns a number as printed, with groups of three digits.
 fn number(cell: &PublishedCell, decimals: usize) -> String {
     match cell {
         PublishedCell::Number(value) if decimals == 0 => format::grouped(*value),
