@@ -1,7 +1,7 @@
 //! The stability report for people: all rows as CSV, a page of the worst of them, and the errors of stiff
 //! cases over their condition number.
 //!
-//! This crate only reports; the cases are run where the kernels are.
+//! This crate only reports; the cases are run next to the kernels.
 
 mod page;
 mod rows;
@@ -26,14 +26,14 @@ pub const STABILITY_TABLE: &str = "stability.csv";
 /// The page for people.
 pub const STABILITY_PAGE: &str = "stability.md";
 
-/// Errors below this are drawn here: 0 has no place on a logarithmic axis.
+/// Errors below this are drawn at it: 0 has no place on a logarithmic axis.
 const SMALLEST_ERROR: f64 = 1e-9;
 
 /// Writes `stability.json`, `stability.csv`, `stability.md` and `stability-<sweep>.svg` into a folder, which
 /// is made where it is missing.
 ///
 /// # Errors
-/// When a file that is not ours is in the way, or one cannot be written.
+/// When a foreign file is in the way, or one cannot be written.
 pub fn write_stability(report: &StabilityReport, out: &Path) -> Result<(), BenchError> {
     let drawn: Vec<&StabilitySweep> = report
         .sweeps
@@ -69,7 +69,7 @@ fn drawing_file(sweep: &StabilitySweep) -> String {
     format!("stability-{}.svg", sweep.id)
 }
 
-/// Cases and points of sweeps that are not as good as asked, in words.
+/// Returns cases and points of sweeps that miss their limits, in words.
 pub fn stability_failures(report: &StabilityReport) -> Vec<String> {
     let rows = report.rows.iter();
     let rows = rows

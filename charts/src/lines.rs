@@ -148,8 +148,8 @@ fn ranges(series: &[Series]) -> (Range<f64>, Range<f64>) {
 /// Share of a chart's width and of its height that a legend may take.
 const LEGEND_SHARE: [f64; 2] = [0.45, 0.35];
 
-/// The corner in which a legend hides the fewest points; `place` gives a point's shares of the chart's width, from
-/// the left, and of its height, from below.
+/// Returns the corner in which a legend hides the fewest points; `place` gives a point's shares of the chart's width,
+/// from the left, and of its height, from below.
 fn emptiest_corner(
     series: &[Series],
     place: impl Fn((f64, f64)) -> [f64; 2],
@@ -166,7 +166,7 @@ fn emptiest_corner(
         };
         places.iter().filter(is_hidden).count()
     };
-    // Of equally empty ones the first.
+    // The first of equally empty ones.
     let mut corners = [
         (hidden(true, false), LowerRight),
         (hidden(false, true), UpperLeft),
@@ -178,12 +178,12 @@ fn emptiest_corner(
     corner
 }
 
-/// Where a value lies in a range, 0 at its begin and 1 at its end.
+/// Returns the place of a value in a range, 0 at its start and 1 at its end.
 fn share(value: f64, range: &Range<f64>) -> f64 {
     (value - range.start) / (range.end - range.start)
 }
 
-/// The same on a logarithmic axis.
+/// Returns the same on a logarithmic axis.
 fn share_of_decades(value: f64, range: &Range<f64>) -> f64 {
     share(value.log10(), &(range.start.log10()..range.end.log10()))
 }
@@ -209,7 +209,7 @@ pub fn decades_of(values: impl Iterator<Item = f64>) -> Option<[f64; 2]> {
     Some([decades.start, decades.end])
 }
 
-/// A number as short as it gets.
+/// Returns a number in its shortest form.
 fn short(value: f64) -> String {
     if (0.01..10_000.0).contains(&value) {
         format!("{value}")

@@ -1,4 +1,4 @@
-//! Planes through points, and where rays meet them.
+//! Planes through points, and their intersections with rays.
 
 use glam::DVec3;
 use omnilife_schemas::statistics;
@@ -30,7 +30,7 @@ impl Plane {
         }
     }
 
-    /// The distance at which a ray meets it; `None` where it is parallel or leads away.
+    /// Returns the distance at which a ray meets it; `None` if the ray is parallel or leads away.
     pub fn meet(&self, centre: DVec3, ray: DVec3) -> Option<f64> {
         let slope = self.normal.dot(ray);
         let distance = -self.height(centre) / slope;
@@ -73,8 +73,8 @@ impl Plane {
         })
     }
 
-    /// The plane that most of some points lie on, within `reach`, and how many do; it is no steeper against
-    /// `up`, where that is known, than 30 degrees.
+    /// Returns the plane with most points within `reach`, and their number. It is no steeper than 30 degrees against
+    /// `up`, if that is known.
     pub fn of_most(points: &[DVec3], reach: f64, up: Option<DVec3>) -> Option<(Self, usize)> {
         if points.len() < 3 {
             return None;
@@ -120,8 +120,8 @@ impl Plane {
         Some((refined, inside.len()))
     }
 
-    /// The ground of a scene: the plane of most of its points, its normal towards the centres of the
-    /// cameras; and the share of the points that are on it.
+    /// Returns the ground of a scene: the plane of most of its points, its normal towards the centres of the cameras,
+    /// and the share of points on it.
     pub fn dominant(points: &[DVec3], centres: &[DVec3]) -> Option<(Self, f64)> {
         let middle = centres.iter().sum::<DVec3>() / centres.len().max(1) as f64;
         let distances: Vec<f64> = points.iter().map(|point| point.distance(middle)).collect();

@@ -18,7 +18,7 @@ pub(crate) fn metric_title(id: &str) -> String {
     id.to_uppercase()
 }
 
-/// The metric of published LPIPS columns: the papers do not say which network they used.
+/// The metric of published LPIPS columns: the papers do not state the network.
 pub(crate) const PUBLISHED_LPIPS: &str = "lpips";
 
 /// The heading over the columns of one kind of view.
@@ -44,7 +44,7 @@ pub(crate) fn decimals(metric: &str) -> usize {
     if decibels { 3 } else { 4 }
 }
 
-/// What computed a run.
+/// Returns the name of a run's processor.
 pub(crate) fn backend(backend: &Backend) -> String {
     match backend {
         Backend::Cpu { threads } => format!("CPU, {threads} threads"),
@@ -52,7 +52,7 @@ pub(crate) fn backend(backend: &Backend) -> String {
     }
 }
 
-/// The machine that computed a run.
+/// Returns the machine of a run.
 pub(crate) fn machine(hardware: &Hardware) -> String {
     let processor = hardware.processor.as_deref().unwrap_or(&hardware.system);
     let threads = hardware.threads;
@@ -67,7 +67,7 @@ pub(crate) fn machine(hardware: &Hardware) -> String {
     )
 }
 
-/// The first digits of a commit, with what was changed since.
+/// Returns the first digits of a commit, with later changes.
 pub(crate) fn short_commit(commit: &str) -> String {
     const DIGITS: usize = 10;
     match commit.split_once('-') {

@@ -1,4 +1,4 @@
-//! Images of features, as networks hand them from layer to layer.
+//! Images of features, as passed between layers of networks.
 
 use rayon::prelude::*;
 
@@ -54,7 +54,7 @@ impl Features {
         Some(&self.data[at..at + self.channels])
     }
 
-    /// Other sizes. What the values are is left open; the memory is used again.
+    /// Changes the sizes. The values are unspecified; the memory is reused.
     pub fn reshape(&mut self, images: usize, height: usize, width: usize, channels: usize) {
         self.data.resize(images * height * width * channels, 0.0);
         (self.images, self.height, self.width, self.channels) = (images, height, width, channels);
@@ -96,8 +96,8 @@ impl Features {
         }
     }
 
-    /// The largest value of every channel in windows of `side` x `side` pixels, `stride` apart;
-    /// windows that would leave the image are left out.
+    /// Returns the largest value of every channel in windows of `side` x `side` pixels, `stride` apart; windows that
+    /// would leave the image are left out.
     ///
     /// # Panics
     /// When an image is smaller than one window.
@@ -114,7 +114,7 @@ impl Features {
         pooled
     }
 
-    /// [`Self::max_pool`] of the rows `rows` alone, into the rows of `pooled` from `first` on.
+    /// Applies [`Self::max_pool`] to the rows `rows` alone, into the rows of `pooled` from `first` on.
     ///
     /// # Panics
     /// When there are fewer rows, or `pooled` does not have the width, the channels and the rows

@@ -56,7 +56,7 @@ impl Matrix {
 /// `product = left * right` for `[m, k, n]`: `left` is m x k, `right` k x n, `product` m x n.
 ///
 /// # Panics
-/// When a slice does not have the length that the sizes ask for.
+/// When a slice's length does not fit the sizes.
 pub fn multiply(left: &[f32], right: &[f32], product: &mut [f32], [m, k, n]: [usize; 3]) {
     // Checked: sizes whose product wraps around would pass as those of short slices.
     assert_eq!(Some(left.len()), m.checked_mul(k), "left factor");

@@ -1,4 +1,4 @@
-//! Curves as drawings: a line per run with a trace, a point for a run with a training time alone, a level across the
+//! Curves as drawings: a line per run with a trace, a point for a run with only a training time, a level across the
 //! chart for one without.
 
 use omnilife_charts::{ChartError, Series, Titles, decades_of, over_log_x};
@@ -46,7 +46,7 @@ pub(super) fn of_runs(
     over_log_x(scene, &titles, &series)
 }
 
-/// Returns the rows of a run, or its end, at times that a logarithmic axis has.
+/// Returns the rows of a run, or its end, at times that a logarithmic axis can show.
 fn timed_points(run: &TracedRun) -> Vec<(f64, f64)> {
     let rows = run.rows.iter().map(|row| (row.seconds, row.psnr_db));
     let end = run.training_seconds.filter(|_| run.rows.is_empty());

@@ -1,4 +1,4 @@
-//! Views at a reduced size, and how alike two images are.
+//! Views at a reduced size, and the similarity of two images.
 
 use crate::metrics::ViewPair;
 
@@ -7,10 +7,9 @@ pub(super) fn psnr_db(mean_squared_error: f64) -> f64 {
     -10.0 * (mean_squared_error / (255.0 * 255.0)).max(1e-10).log10()
 }
 
-/// Means of square blocks of an 8-bit RGB image of `size` (width, height), as many as leave
-/// at least `columns` columns where the image has that many; row-major, three interleaved
-/// channels, 0 to 255. Returned with its width and height; rows and columns that fill no block are
-/// left out.
+/// Returns means of square blocks of an 8-bit RGB image of `size` (width, height): as large as leave at least `columns`
+/// columns if the image has that many. Row-major, three interleaved channels, 0 to 255, with width and height; rows and
+/// columns that fill no block are left out.
 pub(super) fn reduced(bytes: &[u8], size: [usize; 2], columns: usize) -> ([usize; 2], Vec<f32>) {
     let (block, [width, height]) = blocks(size, columns);
     let mut means = vec![0.0; width * height * 3];
@@ -124,7 +123,7 @@ pub(super) fn correlation(
     if norm > 1e-6 { product / norm } else { 0.0 }
 }
 
-/// Arithmetic mean; 0 of none.
+/// Returns the arithmetic mean; 0 without values.
 pub(super) fn mean(values: impl IntoIterator<Item = f64>) -> f64 {
     let (mut sum, mut count) = (0.0, 0_usize);
     for value in values {
@@ -134,7 +133,7 @@ pub(super) fn mean(values: impl IntoIterator<Item = f64>) -> f64 {
     sum / count.max(1) as f64
 }
 
-/// The least value; infinite of none.
+/// Returns the least value; infinite without values.
 pub(super) fn least(values: impl IntoIterator<Item = f64>) -> f64 {
     values.into_iter().fold(f64::INFINITY, f64::min)
 }

@@ -1,4 +1,4 @@
-//! Findings in panoramas that are made here, and views without any.
+//! Findings in synthetic panoramas, and views without any.
 #![expect(clippy::unwrap_used, reason = "a failed set-up step fails the test")]
 
 use super::{
@@ -56,7 +56,7 @@ fn byte(value: f64) -> u8 {
     (value + 0.5).floor().clamp(0.0, 255.0) as u8
 }
 
-/// Bytes of an image of which every pixel is made of its column and row.
+/// Bytes of an image whose pixels are a function of column and row.
 fn image(pixel: impl Fn(usize, usize) -> [f64; 3]) -> Vec<u8> {
     let pixels = (0..HEIGHT).flat_map(|row| (0..WIDTH).map(move |column| (column, row)));
     pixels
@@ -64,7 +64,7 @@ fn image(pixel: impl Fn(usize, usize) -> [f64; 3]) -> Vec<u8> {
         .collect()
 }
 
-/// Ground and sky as a camera sees them that walks on: what is near moves more.
+/// Ground and sky in the view of a walking camera: near content moves more.
 fn panorama(frame: u32) -> Vec<u8> {
     image(|column, row| {
         let y = (row as f64 + 0.5) / HEIGHT as f64;
@@ -423,7 +423,7 @@ fn frames_that_are_given_and_held_out_are_counted() {
     let given = given();
     assert_eq!(copies::repeated_frames(&NOVEL, &given, &truths), None);
     truths.insert(9, truth(&panorama(8)));
-    // What compression leaves of the frame behind it.
+    // Compression artefacts on the frame behind it.
     truths.insert(
         14,
         truth(&with_values(&panorama(15), |value, at| {

@@ -1,4 +1,4 @@
-//! The two backbones of LPIPS, as far as its five stages reach.
+//! The two backbones of LPIPS, up to the last of its five stages.
 
 use omnilife_networks::{Convolution, Kernel, Weights, WeightsError};
 
@@ -21,8 +21,8 @@ pub(super) struct Stage {
 }
 
 impl Stage {
-    /// Whether all convolutions are 3x3 with a pixel of padding, so that a row of output depends on
-    /// as many rows above and below as there are convolutions.
+    /// Returns true if all convolutions are 3x3 with a pixel of padding, so that a row of output depends on as many
+    /// rows above and below as there are convolutions.
     pub(super) fn keeps_size(&self) -> bool {
         self.keeps_size
     }
@@ -70,7 +70,7 @@ impl Backbone {
     /// The published weights, as `scripts/setup --models` leaves them.
     ///
     /// # Errors
-    /// Where they are missing or others.
+    /// When they are missing or differ from the published ones.
     pub fn published_weights(self) -> Result<Weights, WeightsError> {
         Weights::load_published(self.weights(), self.weights_sha256())
     }
@@ -83,7 +83,7 @@ impl Backbone {
         }
     }
 
-    /// Side and stride of the pooling before a stage, counted from 0; `None` where there is none.
+    /// Returns side and stride of the pooling before a stage, counted from 0; `None` without pooling.
     pub(super) fn pooling(self, stage: usize) -> Option<[usize; 2]> {
         match self {
             Self::Alex => [1, 2].contains(&stage).then_some([3, 2]),

@@ -1,4 +1,4 @@
-//! How far the features of two images are apart.
+//! Distance between the features of two images.
 
 use std::ops::Range;
 

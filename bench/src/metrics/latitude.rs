@@ -1,4 +1,4 @@
-//! What a row of an ERP image weighs.
+//! Weight of a row of an ERP image.
 
 use std::f64::consts::PI;
 

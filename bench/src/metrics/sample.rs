@@ -1,4 +1,4 @@
-//! Everything that is known of one predicted view.
+//! All data of one predicted view.
 
 use std::{collections::BTreeMap, sync::OnceLock};
 
@@ -14,14 +14,14 @@ use super::{
 /// Predicted and true distance along the ray, in units of the world frame.
 #[derive(Debug, Clone, PartialEq)]
 pub struct DepthPair {
-    /// One value per pixel, row-major; without depth: 0.
+    /// One value per pixel, row-major; 0 without depth.
     pub prediction: Vec<f32>,
-    /// One value per pixel, row-major; unknown: 0.
+    /// One value per pixel, row-major; 0 if unknown.
     pub truth: Vec<f32>,
 }
 
-/// What a metric is given: a predicted view beside its ground truth, with what else is known of
-/// it. What several metrics need is computed once.
+/// Input of a metric: a predicted view beside its ground truth, with all other data of it. Shared intermediate results
+/// are computed once.
 ///
 /// Masks and depth have the size of the images.
 #[derive(Debug)]
@@ -30,7 +30,7 @@ pub struct Sample<'a> {
     pub pair: &'a ViewPair,
     /// The view of the same kind before it in time.
     pub previous: Option<&'a ViewPair>,
-    /// Marks what moves.
+    /// Marks moving content.
     pub dynamic: Option<&'a Mask>,
     /// Marks the objects of a class, by its name.
     pub classes: BTreeMap<&'a str, &'a Mask>,
@@ -43,23 +43,23 @@ pub struct Sample<'a> {
     temporal_lpips: OnceLock<Result<TemporalLpips, Undefined>>,
 }
 
-/// How far a view is from the one before it.
+/// Perceptual distances of a view to the one before it.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct TemporalLpips {
-    /// As predicted.
+    /// Predicted.
     pub(super) prediction: f64,
-    /// In truth.
+    /// True.
     pub(super) truth: f64,
 }
 
-/// Why a metric has no value for a view. Neither 0 nor infinity would be true, so the view does not
-/// count in its mean.
+/// Reason why a metric has no value for a view. Neither 0 nor infinity would be true, so the view does not count in its
+/// mean.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 #[error("{0}")]
 pub struct Undefined(pub &'static str);
 
 impl<'a> Sample<'a> {
-    /// A view of which nothing else is known.
+    /// Creates a view without further data.
     pub fn new(pair: &'a ViewPair) -> Self {
         Self {
             pair,
@@ -74,7 +74,7 @@ impl<'a> Sample<'a> {
         }
     }
 
-    /// The mask of what moves.
+    /// Returns the mask of moving content.
     pub(super) fn dynamic(&self) -> Result<&'a Mask, Undefined> {
         self.dynamic.ok_or(Undefined("the frame has no mask"))
     }

@@ -1,4 +1,4 @@
-//! The taxonomy: which scene categories and actions there are, and how they are grouped.
+//! The taxonomy: scene categories and actions, and their groups.
 
 use std::{collections::BTreeSet, path::Path};
 
@@ -37,7 +37,7 @@ pub fn load(file: Option<&Path>) -> Result<Taxonomy, StoreError> {
     Ok(taxonomy)
 }
 
-/// The first name that occurs twice, as a group or as a member of any group.
+/// Returns the first name that occurs twice, as a group or as a member of any group.
 fn repeated(groups: &[NameGroup]) -> Option<&str> {
     let mut group_names = BTreeSet::new();
     let mut members = BTreeSet::new();

@@ -1,4 +1,4 @@
-//! What a boundary detector keeps of a frame: colours without places, and a layout without colours.
+//! Descriptor of a frame for boundary detection: colours without places, and a layout without colours.
 //!
 //! Colours are HSV histograms of four latitude bands, rows weighted by the cosine of their latitude.
 //! A camera that yaws moves colours along the bands and leaves the histograms as they are.
@@ -20,7 +20,7 @@ const LAYOUT_ROWS: usize = 16;
 /// Length of a histogram of all bands.
 pub(super) const HISTOGRAM_BINS: usize = BANDS * BAND_BINS;
 
-/// What is kept of a frame while its neighbourhood passes by.
+/// Descriptor of a frame, kept while its neighbourhood passes by.
 pub(super) struct Descriptor {
     pub(super) time_seconds: f64,
     /// Colour bins by band; the sum is 1.
@@ -139,8 +139,8 @@ fn luminance_layout(image: &Rgb8Image) -> Vec<f32> {
         .zip(&counts)
         .map(|(sum, count)| sum / count.max(1.0))
         .collect();
-    // Bright above and dark below is the layout of every outdoor shot; what tells one from another
-    // is how a latitude varies with longitude.
+    // Bright above and dark below is the layout of every outdoor shot; the variation of a latitude with longitude tells
+    // them apart.
     for row in cells.chunks_exact_mut(LAYOUT_COLUMNS) {
         let mean = row.iter().sum::<f32>() / row.len() as f32;
         row.iter_mut().for_each(|cell| *cell -= mean);

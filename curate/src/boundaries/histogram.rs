@@ -45,7 +45,7 @@ struct Settings {
     /// Half the spans over which layouts are compared. A change is judged by the first that covers
     /// it, a cut by the first of all.
     layout_reach_seconds: [f64; LAYOUTS.len()],
-    /// Correlation of layouts above which the shot is the same whatever its colours do.
+    /// Correlation of layouts above which the shot is the same, whatever its colours.
     same_layout: f32,
     /// A cut changes at least this much from one frame to the next ...
     cut_distance: f32,
@@ -207,7 +207,7 @@ impl HistogramPass {
             .min(self.window.len() - 1)
     }
 
-    /// Mean histogram of the frames between two instants, or of the frame nearest to them.
+    /// Returns the mean histogram of the frames between two instants, or of the nearest frame.
     fn mean_between(&self, begin: f64, end: f64) -> Vec<f32> {
         let first = self.first_from(begin);
         let last = self.last_until(end).max(first);
@@ -258,7 +258,7 @@ struct Table<'a> {
 }
 
 impl Table<'_> {
-    /// Runs of frames that differ from the frame before as only a new shot does; cuts closer than
+    /// Returns runs of frames that differ from the frame before as only a new shot does. Cuts closer than
     /// `merge_seconds` are one run.
     fn sudden(&self) -> Vec<Run> {
         let mut runs: Vec<Run> = Vec::new();
@@ -290,8 +290,8 @@ impl Table<'_> {
         runs
     }
 
-    /// Correlation of the layouts before and after a run, over the first span that covers it or
-    /// one of the next two: what a flash leaves behind lies a little further off.
+    /// Returns the correlation of the layouts before and after a run, over the first span that covers it or one of the
+    /// next two: a flash leaves traces a little further off.
     fn layout_around(&self, run: &Run) -> f32 {
         let half = 0.5 * (self.times[*run.end()] - self.times[run.start().saturating_sub(1)]);
         let reaches = &SETTINGS.layout_reach_seconds;

@@ -1,4 +1,4 @@
-//! Where the camera passes between indoors and outdoors: suggestions for people to decide on.
+//! Passages between indoors and outdoors: suggestions for people to decide on.
 //!
 //! Outdoors something above is bright and smooth: sky, cloud, surf or light between leaves. Indoors
 //! there are beams, lamps and joints. `Place` measures how much of the cap above 40 degrees of
@@ -7,8 +7,8 @@
 //! back, and exposure or colour change with it: waves and leaves that pass overhead cover the sky
 //! without a change of place.
 //!
-//! A white ceiling is bright and smooth as well, and a night sky is not: this proposes and never
-//! decides. `docs/results/boundaries.md` says how often it is wrong.
+//! A white ceiling is bright and smooth as well, and a night sky is not: this proposes and never decides. Its error
+//! rate is in `docs/results/boundaries.md`.
 
 use std::f32::consts::PI;
 
@@ -65,7 +65,7 @@ const COLUMNS: [&str; 4] = ["open_above", "log_luminance", "red_share", "blue_sh
 /// Keeps luminance away from zero where it is divided by; levels are 0 to 1.
 const DARK: f32 = 0.02;
 
-/// What one frame says of its place, in the order of [`COLUMNS`].
+/// Measurements of one frame, in the order of [`COLUMNS`].
 type Place = [f32; COLUMNS.len()];
 
 #[derive(Default)]

@@ -1,4 +1,4 @@
-//! The order of frames that come as files, and their times by the numbers in their names.
+//! The order of frames in image files, and their times by the numbers in their names.
 //!
 //! Names are in natural order: a run of digits counts as the number that it is, so `2.png` comes before
 //! `10.png`. The number of a frame is the last run of digits in its name.
@@ -103,7 +103,7 @@ pub(super) fn has_extension(file: &Path, known: &[&str]) -> bool {
     known.iter().any(|known| extension == *known)
 }
 
-/// Returns true where files in natural order are numbered 0, 1, ... or 1, 2, ...
+/// Returns true if files in natural order are numbered 0, 1, ... or 1, 2, ...
 pub(super) fn are_counted(files: &[PathBuf]) -> bool {
     let numbers: Option<Vec<u64>> = files.iter().map(|file| number(file)).collect();
     let is_one_count = !differ_before_numbers(files.iter().map(PathBuf::as_path));
@@ -117,13 +117,13 @@ pub(super) fn are_counted(files: &[PathBuf]) -> bool {
 pub(super) struct NumberedTimes {
     /// Seconds, one for each file.
     pub(super) seconds: Vec<f64>,
-    /// A line where names alone do not say the times.
+    /// A note if names alone do not determine the times.
     pub(super) note: Option<String>,
 }
 
-/// The times of files in natural order at so many frames per second: the lowest number, of these files and of
-/// `others` beside them, is shown at 0, and gaps in the numbers stay gaps. Where a name has no number, two of
-/// a folder have the same one, or names differ before it (`clip1_5`, `clip2_1`), the order of the names counts.
+/// Returns the times of files in natural order at so many frames per second. The lowest number, of these files and of
+/// `others` beside them, is shown at 0; gaps in the numbers stay gaps. The order of names counts if one has no number,
+/// two of a folder share one, or names differ before it (`clip1_5`, `clip2_1`).
 pub(super) fn times_at(
     frames_per_second: f64,
     files: &[&Path],

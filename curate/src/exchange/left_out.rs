@@ -1,4 +1,4 @@
-//! Files that an import does not take, in lines.
+//! Lines on files that an import does not take.
 
 use std::{
     collections::BTreeSet,
@@ -13,12 +13,12 @@ use omnilife_schemas::{
 
 use super::{ForeignScene, frame_order};
 
-/// Extensions of images, of kinds that are not read among them.
+/// Extensions of images, including kinds that are not read.
 const IMAGES: [&str; 11] = [
     "png", "jpg", "jpeg", "tif", "tiff", "bmp", "webp", "exr", "hdr", "avif", "heic",
 ];
 
-/// Images beside those of a scene's frames that are neither frames nor their masks or distances, in natural order.
+/// Returns images beside those of a scene that are neither frames nor their masks or distances, in natural order.
 ///
 /// # Errors
 /// When a folder cannot be listed.

@@ -1,4 +1,4 @@
-//! Numbers on the pixels of an equirectangular image, smoothed around the seam.
+//! Scalar fields on the pixels of an equirectangular image, smoothed around the seam.
 
 use std::f64::consts::PI;
 
@@ -58,7 +58,7 @@ impl Field {
         Self { values, ..*self }
     }
 
-    /// Lengths of the differences between the neighbours on both sides, halved.
+    /// Returns half the lengths of the differences between the neighbours on both sides.
     pub(super) fn slopes(&self) -> Self {
         let (width, height) = (self.width, self.height);
         let at = |x: usize, y: usize| self.values[y * width + x];
@@ -73,7 +73,7 @@ impl Field {
         Self { values, ..*self }
     }
 
-    /// The smaller of two fields of one size, everywhere.
+    /// Returns the minimum of two fields of one size.
     pub(super) fn smaller(mut self, other: &Self) -> Self {
         for (value, other) in self.values.iter_mut().zip(&other.values) {
             *value = value.min(*other);
@@ -81,7 +81,7 @@ impl Field {
         self
     }
 
-    /// The value that half of the sphere's area is below; 0 for an empty field.
+    /// Returns the area-weighted median over the sphere; 0 for an empty field.
     pub(super) fn median_on_sphere(&self) -> f32 {
         let mut weighted: Vec<(f32, f64)> = self
             .values

@@ -30,7 +30,7 @@ impl GreySphere {
         Self::of_luma(width, luma.collect())
     }
 
-    /// The same of grey values, row-major, `width / 2` rows of them.
+    /// Creates it from grey values, row-major, `width / 2` rows of them.
     pub fn of_luma(width: usize, luma: Vec<f32>) -> Self {
         let mut levels = vec![Level {
             width,

@@ -1,5 +1,5 @@
-//! How the camera and the scene move, seen on the sphere: the rotation between two frames, the flow
-//! that is left after it, and what of that flow a moving camera in a still scene cannot explain.
+//! Motion of the camera and of the scene on the sphere: the rotation between two frames, the flow left after it, and
+//! the part of that flow which a moving camera in a static scene cannot explain.
 //!
 //! Everything works with directions instead of pixels, so there is no seam and no pole: images
 //! are sampled on tangent planes wherever a point lies.

@@ -1,4 +1,4 @@
-//! Mosaics that follow what they hide: seen in single frames, told of whole videos.
+//! Mosaics that follow the content they hide: found in single frames, reported for whole videos.
 
 use std::{
     f64::consts::{PI, TAU},
@@ -17,15 +17,15 @@ use super::{
 };
 use crate::{error::CurateError, video::LumaImage};
 
-/// Distance of the frames that are looked at, at their full size, seconds. A look costs by its
-/// pixels: above two million of them looks are rarer.
+/// Interval of the frames examined at full size, seconds. The cost grows with their pixels: above two million of them
+/// the interval is longer.
 const STEP_SECONDS: f64 = 0.8;
 const MOST_STEP_SECONDS: f64 = 2.4;
 const PIXELS_OF_STEP: f64 = 2048.0 * 1024.0;
-/// A mosaic is told of when it was seen in this many frames; chance does not repeat itself so often.
+/// Least number of frames in which a reported mosaic was seen; chance does not repeat itself so often.
 const LEAST_SEEN_FRAMES: usize = 3;
 
-/// Looks for pixelation in frames of a video. Keeps a few numbers per frame that shows some.
+/// Finds pixelation in frames of a video. Keeps a few numbers per frame with any.
 #[derive(Debug, Default)]
 pub struct MosaicPass {
     next_seconds: Option<f64>,
@@ -35,7 +35,7 @@ pub struct MosaicPass {
     seen: Vec<SeenFrame>,
 }
 
-/// What one frame shows of mosaics, all together.
+/// Summary of one frame's mosaics.
 #[derive(Debug, Clone, Copy)]
 struct SeenFrame {
     steradians: f64,
@@ -48,19 +48,19 @@ struct SeenFrame {
     saturated_share: f64,
 }
 
-/// Distance of looks at images of this size.
+/// Returns the interval of examined frames for images of this size.
 fn step_seconds(width: u32, height: u32) -> f64 {
     let pixels = f64::from(width) * f64::from(height);
     (STEP_SECONDS * pixels / PIXELS_OF_STEP).clamp(STEP_SECONDS, MOST_STEP_SECONDS)
 }
 
 impl MosaicPass {
-    /// Whether the frame at this time is one to be looked at.
+    /// Returns true if the frame at this time is to be examined.
     pub(crate) fn wants(&self, time_seconds: f64) -> bool {
         self.next_seconds.is_none_or(|next| time_seconds >= next)
     }
 
-    /// Looks at a frame of the video at `path`, turned clockwise by quarter turns.
+    /// Examines a frame of the video at `path`, turned clockwise by quarter turns.
     ///
     /// # Errors
     /// [`CurateError::Video`] when the pixel format cannot be converted.
@@ -84,7 +84,7 @@ impl MosaicPass {
         self.seen.extend(SeenFrame::of(&patches, size));
     }
 
-    /// The mosaic of the video, where there is one.
+    /// Returns the mosaic of the video, if it has one.
     pub(super) fn overlay(&self) -> Option<Overlay> {
         if self.seen.len() < LEAST_SEEN_FRAMES {
             return None;
@@ -130,7 +130,7 @@ impl MosaicPass {
     }
 }
 
-/// Whether what was seen in single frames is this mosaic, which stays where it is.
+/// Returns true if the mosaic seen in single frames is this one, which stays in place.
 pub(super) fn is_same(standing: &Overlay, seen: &Overlay) -> bool {
     let direction = |overlay: &Overlay| {
         let (longitude, latitude) = (
@@ -150,7 +150,7 @@ pub(super) fn is_same(standing: &Overlay, seen: &Overlay) -> bool {
 }
 
 impl SeenFrame {
-    /// `None` where there is nothing to see in a frame of this size.
+    /// Returns `None` for a frame of this size without patches.
     fn of(patches: &[Patch], size: (usize, usize)) -> Option<Self> {
         let largest = patches
             .iter()

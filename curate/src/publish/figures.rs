@@ -10,7 +10,7 @@ use crate::error::CurateError;
 pub(super) struct Figure {
     /// File in the statistics folder.
     pub(super) file: &'static str,
-    /// What stands above it.
+    /// Its title.
     pub(super) title: &'static str,
     /// Id of the distribution it shows.
     pub(super) distribution: &'static str,

@@ -2,8 +2,8 @@
 //! (<https://github.com/google/spatial-media/blob/master/docs/spherical-video-v2-rfc.md>), and the
 //! display rotation of the track header.
 //!
-//! They are put into a finished file. FFmpeg can write the boxes too, but through a programming
-//! interface that changed three times between its versions 5 and 8.
+//! They are inserted into a finished file. FFmpeg can write the boxes too, but by an API that changed three times
+//! between its versions 5 and 8.
 
 use std::{
     fs::OpenOptions,
@@ -15,16 +15,16 @@ use omnilife_schemas::records::{Probe, SphereTurn};
 
 use crate::video::mp4_boxes::{Span, VISUAL_ENTRY_BYTES, boxed, boxes, in_bytes};
 
-/// Boxes on the way to the sample descriptions.
+/// Path of boxes to the sample descriptions.
 const CONTAINERS: [&[u8; 4]; 5] = [b"moov", b"trak", b"mdia", b"minf", b"stbl"];
 /// Sample entries of video codecs.
 const VIDEO_ENTRIES: [&[u8; 4]; 8] = [
     b"avc1", b"avc3", b"hvc1", b"hev1", b"vp09", b"av01", b"mp4v", b"vp08",
 ];
-/// Who says so, in the `svhd` box.
+/// Metadata source in the `svhd` box.
 const METADATA_SOURCE: &str = "omnilife";
 
-/// The turns that players give the frames of a video.
+/// The rotation that players apply to the frames of a video.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Orientation {
     /// Clockwise quarter turns of the image.
@@ -34,7 +34,7 @@ pub struct Orientation {
 }
 
 impl Orientation {
-    /// Reads what a video's container states.
+    /// Reads the orientation in a video's container.
     pub fn of(probe: &Probe) -> Self {
         Self {
             quarter_turns: (probe.rotation_degrees / 90.0).round() as u32,
@@ -74,8 +74,8 @@ pub fn mark_equirectangular(path: &Path, orientation: Orientation) -> io::Result
     file.sync_all()
 }
 
-/// Offset and length of `moov`, which has to be the last box: the frames before it keep their
-/// places when it grows.
+/// Returns offset and length of `moov`, which must be the last box: the frames before it keep their places when it
+/// grows.
 fn find_index(file: &mut std::fs::File) -> io::Result<(u64, usize)> {
     let end = file.seek(SeekFrom::End(0))?;
     let mut offset = 0;
@@ -128,7 +128,7 @@ fn rewritten(bytes: &[u8], orientation: Orientation, marked: &mut usize) -> io::
     Ok(out)
 }
 
-/// Whether the handler of a track is for video.
+/// Returns true if the handler of a track is for video.
 fn is_video_track(track: &[u8]) -> bool {
     // `hdlr`: version and flags, a reserved word, then the kind.
     track
@@ -182,7 +182,7 @@ fn marked_descriptions(
     Ok(out)
 }
 
-/// A visual sample entry's content less any spherical boxes that a copy brought along.
+/// Returns a visual sample entry's content without the spherical boxes of a copied source.
 fn without_spherical_boxes(entry: &[u8]) -> io::Result<Vec<u8>> {
     let (fixed, children) = entry
         .split_at_checked(VISUAL_ENTRY_BYTES)

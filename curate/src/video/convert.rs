@@ -62,16 +62,16 @@ impl Rgb8Image {
     }
 }
 
-/// How a [`Converter`] treats size.
+/// Output size of a [`Converter`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Scaling {
     /// The decoded size; chroma is interpolated to it.
     Native,
-    /// At most this many pixels wide, aspect kept, by area averaging; of large frames not every row
-    /// is read (`reduce.rs`).
+    /// At most this many pixels wide, aspect kept, by area averaging; of large frames only some rows are read
+    /// (`reduce.rs`).
     MaxWidth(u32),
-    /// This size whatever the aspect, bicubic, and BT.601 where the stream states no matrix: as the
-    /// `ffmpeg` program does it that TransNetV2 reads its images from.
+    /// This size whatever the aspect, bicubic, and BT.601 if the stream states no matrix: like the `ffmpeg` program
+    /// from which TransNetV2 reads its images.
     Exactly {
         /// Pixels per row.
         width: u32,
@@ -82,8 +82,8 @@ pub enum Scaling {
 
 /// Converts the frames of one video.
 ///
-/// YUV is converted by the matrix and range that the stream states. Where it states no matrix,
-/// BT.709 is taken above 576 rows or 1024 columns and BT.601 below, as players do.
+/// YUV is converted by the matrix and range that the stream states. Without a stated matrix, BT.709 is taken above 576
+/// rows or 1024 columns and BT.601 below, as players do.
 pub struct Converter {
     scaling: Scaling,
     scaler: Option<Scaler>,
@@ -154,7 +154,7 @@ impl Converter {
 }
 
 impl Configuration {
-    /// How frames are made smaller before they are scaled to size and converted.
+    /// Returns the reduction of frames before they are scaled to size and converted.
     fn reduction(&self, scaling: Scaling) -> Option<Reduction> {
         match scaling {
             Scaling::MaxWidth(limit) => Reduction::new(self.shape, limit),

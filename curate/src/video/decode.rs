@@ -18,14 +18,13 @@ use ffmpeg_next as ffmpeg;
 use super::CodecId;
 use crate::error::CurateError;
 
-/// Every thread holds frames; beyond this many, decoding is no faster.
+/// Maximum number of threads. Every thread holds frames; more do not decode faster.
 const MOST_THREADS: usize = 16;
 
-/// FFmpeg's names of the containers that are read. Nothing that refers to other files is among them:
-/// no playlist, no list of images, no device.
+/// FFmpeg's names of supported containers. None refers to other files: no playlist, no list of images, no device.
 const CONTAINERS: &str = "mov,mp4,m4a,3gp,3g2,mj2,matroska,webm,avi,mpegts,mpeg,mpegvideo,flv,ogg,asf,\
                           mxf,ivf,yuv4mpegpipe,h264,hevc,av1,obu,nut,gif,dv,rm,swf,m4v,wtv";
-/// Codecs that are decoded: those in which video is made and passed on today.
+/// Supported codecs: those in which video is recorded and distributed today.
 const CODECS: &[codec::Id] = &[
     codec::Id::H264,
     codec::Id::HEVC,
@@ -109,8 +108,7 @@ impl VideoReader {
         }
         let mut codec = codec::Context::from_parameters(stream.parameters())
             .map_err(|error| CurateError::internal(path, error))?;
-        // One more than there are cores, as FFmpeg does by itself: threads wait for rows of the frames
-        // that theirs lean on.
+        // One more than there are cores, as in FFmpeg's default: threads wait for rows of frames that theirs depend on.
         let cores = thread::available_parallelism().map_or(1, NonZero::get);
         codec.set_threading(threading::Config {
             kind: threading::Type::Frame,
@@ -170,8 +168,8 @@ impl VideoReader {
         &self.path
     }
 
-    /// Frames and packets so far that were damaged: patched up by the decoder, or left out because
-    /// they cannot be decoded or their timestamps run backwards.
+    /// Returns the number of damaged frames and packets so far: patched up by the decoder, or left out because they are
+    /// undecodable or their timestamps run backwards.
     pub fn damaged(&self) -> u64 {
         self.damaged
     }
@@ -181,7 +179,7 @@ impl VideoReader {
         self.seconds_per_tick
     }
 
-    /// Whether the last packet of the stream was cut off, as in a truncated file.
+    /// Returns true if the last packet of the stream was cut off, as in a truncated file.
     pub fn ends_in_partial_packet(&self) -> bool {
         self.last_packet_is_partial
     }
@@ -242,11 +240,11 @@ impl VideoReader {
         }
     }
 
-    /// Has the decoder give what it still holds.
+    /// Takes the remaining frames from the decoder.
     fn drain(&mut self) -> Result<(), CurateError> {
         self.draining = true;
         match self.decoder.send_eof() {
-            // The end has been taken; what is told is a packet before it, when it is decoded only now.
+            // The decoder is at its end already; the error belongs to an earlier packet that is decoded only now.
             Err(ffmpeg::Error::InvalidData) => {
                 self.damaged += 1;
                 Ok(())
@@ -255,8 +253,8 @@ impl VideoReader {
         }
     }
 
-    /// The timestamp of a frame in seconds; frames without an increasing one are counted as damaged
-    /// and left out.
+    /// Returns the timestamp of a frame in seconds; frames without an increasing one are counted as damaged and left
+    /// out.
     fn accept(&mut self, image: &ffmpeg::frame::Video) -> Option<f64> {
         let time_seconds = image
             .timestamp()
@@ -283,7 +281,7 @@ impl VideoReader {
     }
 }
 
-/// What FFmpeg could not do is the video's fault, unless the machine has nothing left to do it with.
+/// Returns the error of an FFmpeg failure: the video's fault, unless the machine is out of resources.
 fn failure(path: &Path, error: ffmpeg::Error, reason: String) -> CurateError {
     match error {
         ffmpeg::Error::Other {

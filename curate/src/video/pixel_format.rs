@@ -67,7 +67,7 @@ impl PixelFormat {
         Self(unsafe { (*frame.as_ptr()).format })
     }
 
-    /// FFmpeg's name of it, `unknown` where it has none.
+    /// Returns FFmpeg's name of it, `unknown` if it has none.
     pub fn name(self) -> &'static str {
         // SAFETY: the function takes any integer and returns null or a static string.
         let name = unsafe {
@@ -94,8 +94,8 @@ impl PixelFormat {
         height.div_ceil(1 << halvings.min(31))
     }
 
-    /// Bytes of a row of a plane of a frame of this many pixels per row, without what is between
-    /// rows; `None` for an unknown format, or where the plane is none of its.
+    /// Returns the bytes of a row of a plane with this many pixels per row, without padding between rows. `None` for an
+    /// unknown format, or a plane that it does not have.
     pub(super) fn row_bytes(self, plane: usize, width: usize) -> Option<usize> {
         const MOST_PLANES: usize = 4;
         if plane >= MOST_PLANES {

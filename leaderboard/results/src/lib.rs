@@ -1,8 +1,8 @@
-//! Tables of results, and questions to them.
+//! Tables of results, and queries on them.
 //!
-//! Three tidy tables, one row per value: [`RESULTS`] has the means of every result, [`VIEWS`] the scores of
-//! every view, [`CURVES`] the scores along a training. Their columns are listed in [`columns`]. They are made
-//! of validated records, written as Parquet files beside a leaderboard, and asked by a [`Query`].
+//! Three tidy tables, one row per value: [`RESULTS`] has the means of every result, [`VIEWS`] the scores of every view,
+//! [`CURVES`] the scores along a training. Their columns are listed in [`columns`]. They are made of validated records,
+//! written as Parquet files beside a leaderboard, and queried by a [`Query`].
 
 pub mod columns;
 mod curve;

@@ -1,4 +1,4 @@
-//! Variants of a method that leave a component out, beside the whole: OmniLife360, Table 6.
+//! Variants of a method without a component, beside the whole: OmniLife360, Table 6.
 //!
 //! A method `omni4dgs-without-motion` is the variant of `omni4dgs` without `motion`.
 

@@ -1,5 +1,5 @@
-//! Assets for web viewers: counts, sizes and export times as in PanoGS, Tables 2 and 3, and what each level
-//! of detail is worth.
+//! Assets for web viewers: counts, sizes and export times as in PanoGS, Tables 2 and 3, and the quality of each level
+//! of detail.
 
 use std::collections::BTreeSet;
 
@@ -14,7 +14,7 @@ use crate::{
 };
 
 const PAPER: &str = "panogs";
-/// The levels of the paper, by the names that ours have.
+/// The levels of the paper, by our names.
 const LEVELS: [&str; 3] = ["1M", "5M", "full"];
 /// Bytes in a megabyte, as the paper counts them.
 const MEGABYTE: f64 = 1e6;
@@ -159,7 +159,7 @@ fn megabytes(level: &AssetLevel) -> f64 {
     level.bytes as f64 / MEGABYTE
 }
 
-/// The rows of a published table whose numbers begin in column `first`.
+/// Returns the rows of a published table whose numbers start in column `first`.
 fn published(paper: &Paper, table: &PublishedTable, first: usize) -> PublishedBlock {
     let rows = table.rows.iter().map(|row| {
         let numbers = row.cells.iter().enumerate().skip(first);

@@ -7,7 +7,7 @@ use crate::{
     table::Table,
 };
 
-/// Returns true where the protocol is that of the paper's table, and novel views alone were scored.
+/// Returns true if the protocol is that of the paper's table, and only novel views were scored.
 pub(super) fn is_of(group: &Group<'_>) -> bool {
     let is_protocol = PublishedLayout::FeedForward.is_of(group.protocol);
     is_protocol && group.has(ViewKind::Novel) && !group.has(ViewKind::Input)

@@ -40,7 +40,7 @@ pub struct Paper {
 pub struct PublishedTable {
     /// Number in the paper.
     pub number: u32,
-    /// What it shows.
+    /// Content.
     pub title: String,
     /// Columns from the left; the first ones hold names.
     pub columns: Vec<PublishedColumn>,
@@ -56,7 +56,7 @@ pub struct PublishedColumn {
     pub name: String,
     /// Heading over several columns.
     pub group: Option<String>,
-    /// What its numbers are, unless the rows say so.
+    /// Quantity of its numbers, unless the rows state it.
     pub of: Option<PublishedQuantity>,
 }
 
@@ -66,11 +66,11 @@ pub struct PublishedColumn {
 pub struct PublishedRow {
     /// One cell per column.
     pub cells: Vec<PublishedCell>,
-    /// What its numbers are, where the columns do not say so.
+    /// Quantity of its numbers, if the columns do not state it.
     pub of: Option<PublishedQuantity>,
 }
 
-/// What a number is.
+/// Quantity of a number.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct PublishedQuantity {
@@ -109,8 +109,8 @@ impl PublishedCell {
 }
 
 impl Paper {
-    /// A name of its tables as it reads outside of the paper: `Ours` is a method by its name, with the
-    /// word that its figures are its authors', as is what the paper calls `(Ours)`.
+    /// Returns a name of its tables for use outside of the paper: `Ours` becomes the method's name, marked as its
+    /// authors' figures; so does a name with `(Ours)`.
     pub fn name_outside(&self, printed: &str) -> String {
         if let Some(name) = printed.strip_suffix(" (Ours)") {
             return format!("{name} (authors)");
@@ -128,7 +128,7 @@ impl Paper {
 }
 
 impl PublishedTable {
-    /// What the number in a cell is.
+    /// Returns the quantity of the number in a cell.
     pub fn quantity<'a>(
         &'a self,
         row: &'a PublishedRow,
@@ -151,7 +151,7 @@ impl PublishedRow {
 /// All papers.
 ///
 /// # Errors
-/// When an embedded file is not what it should be, which a test rules out.
+/// When an embedded file is invalid, which a test rules out.
 pub fn papers() -> Result<Vec<Paper>, LeaderboardError> {
     FILES
         .into_iter()

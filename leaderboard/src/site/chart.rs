@@ -10,10 +10,10 @@ use crate::error::LeaderboardError;
 /// Right of a plot: names of the series.
 const NAMES_WIDTH: i32 = 170;
 
-/// From one name to the next.
+/// Distance between names.
 const NAME_PITCH: i32 = 17;
 
-/// Above this many series the names would not fit; they are shown on hover alone.
+/// Number of series above which the names would not fit; they are then shown only on hover.
 const NAMED_SERIES: usize = 18;
 
 /// Colours of the style sheet for series.
@@ -23,7 +23,7 @@ const COLOURS: usize = 8;
 pub(super) struct Mark {
     pub(super) x: f64,
     pub(super) y: f64,
-    /// What is shown on hover and read aloud.
+    /// Hover text, also for screen readers.
     pub(super) description: String,
 }
 
@@ -34,7 +34,7 @@ pub(super) struct Series {
     pub(super) marks: Vec<Mark>,
     /// A height with its description.
     pub(super) level: Option<(f64, String)>,
-    /// Whether no other series ends better in both.
+    /// True if no other series ends better in both.
     pub(super) on_front: bool,
 }
 
@@ -44,7 +44,7 @@ fn end(placed: &PlacedCurve) -> i32 {
     last.or(placed.level).unwrap_or_default()
 }
 
-/// Series over a logarithmic axis of positive `x`; one of them has marks.
+/// Draws series over a logarithmic axis of positive `x`; one of them has marks.
 pub(super) fn run_time(
     title: &str,
     titles: &Titles<'_>,
@@ -138,8 +138,7 @@ pub(super) struct Bar {
     pub(super) value: u64,
 }
 
-/// Horizontal bars from 0, all in one unit: elements of the page, so that words stay readable on a
-/// phone.
+/// Returns horizontal bars from 0, all in one unit: elements of the page, so that text stays readable on a phone.
 pub(super) fn bars(title: &str, bars: &[Bar]) -> Markup {
     let most = bars.iter().map(|bar| bar.value).max().unwrap_or(0).max(1);
     let description: Vec<String> = bars

@@ -1,4 +1,4 @@
-//! What all pages share.
+//! Common parts of all pages.
 
 use std::collections::BTreeSet;
 
@@ -17,7 +17,7 @@ pub(super) enum Place {
 }
 
 impl Place {
-    /// The way to the first folder of the site.
+    /// Returns the relative path to the first folder of the site.
     fn root(self) -> &'static str {
         match self {
             Self::Scene | Self::Method => "../",
@@ -47,7 +47,7 @@ pub(super) fn page(
                 meta name="viewport" content="width=device-width, initial-scale=1";
                 meta name="color-scheme" content="light dark";
                 title { (title) " · OmniLife360 leaderboard" }
-                // No icon: without this a browser asks for one that is not there.
+                // No icon: otherwise browsers request a missing one.
                 link rel="icon" href="data:,";
                 link rel="stylesheet" href={ (root) "style.css" };
                 script src={ (root) "script.js" } defer {}
@@ -73,7 +73,7 @@ pub(super) fn page(
     }
 }
 
-/// By what, from what, and what may be done with it.
+/// Returns the program, the sources and the licence of the site.
 fn made_from(request: &SiteRequest<'_>) -> Markup {
     let rows = || request.groups.iter().flat_map(|group| &group.scene_rows);
     let results = || rows().flat_map(|row| &row.results);

@@ -1,4 +1,4 @@
-//! One method: its card, how it stands, what it scores on every scene, its curves and records.
+//! The page of a method: its card, its standing, its scores on every scene, its curves and records.
 
 use std::collections::BTreeSet;
 
@@ -53,7 +53,7 @@ pub(super) fn render(
     Ok(layout::page(request, Place::Method, method, content))
 }
 
-/// Machines and code of the runs, as far as records or authors say.
+/// Returns machines and code of the runs, from records or statements of authors.
 fn facts(rows: &[&SceneRow<'_>]) -> Markup {
     let results = || rows.iter().flat_map(|row| row.results.iter().copied());
     let machines: BTreeSet<String> = results().filter_map(scene_page::machine).collect();
@@ -77,7 +77,7 @@ fn facts(rows: &[&SceneRow<'_>]) -> Markup {
     }
 }
 
-/// The first view that the site shows of it.
+/// Returns its first view on the site.
 fn picture(method: &str, views: &SceneViews) -> Markup {
     let found = views.iter().find_map(|(scene, found)| {
         let mut images = found.images();

@@ -1,5 +1,5 @@
-//! Error against run time: of every method a curve, a point where its training left none, or a level
-//! where it learns nothing.
+//! Error against run time: a curve for every method, a point if its training left none, or a level if it does not
+//! train.
 
 use maud::{Markup, html};
 
@@ -23,7 +23,7 @@ use crate::{
 /// The metric of the charts.
 const ERROR_METRIC: &str = "psnr";
 
-/// Above this many methods, those behind the first ones are left to the table.
+/// Maximum number of methods in a chart; the others are only in the table.
 const MOST_SERIES: usize = 40;
 
 /// Means over scenes of every complete method.
@@ -71,7 +71,7 @@ pub(super) fn of_group(
     })
 }
 
-/// One scene, or one method on its scenes: a series for each of the given.
+/// Draws one scene, or one method on its scenes: a series for each of the given results.
 pub(super) fn of_results(
     request: &SiteRequest<'_>,
     title: &str,
@@ -194,7 +194,7 @@ fn shortened_list(names: &[&str]) -> String {
     text
 }
 
-/// A method is on the front when none of its class ends at least as soon and at least as well, and better
+/// Marks the front: a method is on it when no other of its class ends at least as soon and at least as well, and better
 /// in one.
 fn mark_front(series: &mut [(MethodClass, Series)], direction: Direction) {
     let ends: Vec<(MethodClass, f64, f64)> = (series.iter())

@@ -1,4 +1,4 @@
-//! What a model is shown of a sequence.
+//! Views of a sequence that are shown to a model.
 
 use std::path::Path;
 
@@ -21,8 +21,8 @@ const FLAT_WIDTH: usize = 896;
 /// JPEG quality, 1 to 100.
 const QUALITY: u8 = 85;
 
-/// The views as JPEG data URLs, by moments, each from the front to the right. Frames of an ordinary
-/// perspective video are shown as they are.
+/// Returns the views as JPEG data URLs, ordered by moment, each from the front to the right. Frames of an ordinary
+/// perspective video are used unchanged.
 pub(super) fn of_sequence(folder: &Path, sequence: &Sequence) -> Result<Vec<String>, CurateError> {
     let entries = &sequence.frames.entries;
     let shown = entries.len().min(MOMENTS);

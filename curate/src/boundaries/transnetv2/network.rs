@@ -33,9 +33,9 @@ const COLOURS: usize = 512;
 /// Scores of a frame in [0, 1].
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct FrameScores {
-    /// That it is the middle frame of a transition.
+    /// Score for the middle frame of a transition.
     pub(super) middle: f32,
-    /// That it belongs to a transition.
+    /// Score for any frame of a transition.
     pub(super) any: f32,
 }
 

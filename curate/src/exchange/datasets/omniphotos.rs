@@ -21,8 +21,8 @@
 //!
 //! Numbers in the names of images count the frames of a video, whose rate the import is to be given.
 //!
-//! Split: the authors publish none; their viewer's clip and sampling of cameras (`Config/*.yaml`) are no split and
-//! are not applied. The data of ODGS, with OpenMVG's poses and a split, are the format `openmvg`.
+//! Split: the authors publish none. Their viewer's clip and sampling of cameras (`Config/*.yaml`) are no split and not
+//! applied. The data of ODGS, with OpenMVG's poses and a split, are the format `openmvg`.
 #![cfg_attr(
     not(test),
     deny(clippy::indexing_slicing, clippy::arithmetic_side_effects)
@@ -132,7 +132,7 @@ struct Posed<'a> {
 /// Parses a line of the trajectory; `None` for those that the loader skips.
 ///
 /// # Errors
-/// Says what the line is not.
+/// Names the malformed part of the line.
 fn posed(line: &str) -> Result<Option<Posed<'_>>, String> {
     if line.starts_with('#') || line.trim().is_empty() {
         return Ok(None);

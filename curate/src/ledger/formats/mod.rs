@@ -1,9 +1,9 @@
 //! Boundaries in the formats of other tools, in and out.
 //!
-//! Most of them count frames and know no timestamps, so reading and writing take the timestamps of
-//! all frames of the video; times in files are put on the nearest frame. Frames are numbered from 0
-//! here. The kinds of boundary survive in `csv`, `json` and `label-studio` alone; elsewhere
-//! a boundary between neighbouring frames is a cut and a longer one is gradual.
+//! Most of them count frames and know no timestamps, so reading and writing need the timestamps of all frames of the
+//! video; times in files are put on the nearest frame. Frames are numbered from 0 here. Only `csv`, `json` and
+//! `label-studio` keep the kinds of boundary; elsewhere a boundary between neighbouring frames is a cut and a longer
+//! one is gradual.
 //!
 //! To add a format: one file, and one line in [`FORMATS`].
 #![cfg_attr(
@@ -24,17 +24,17 @@ use omnilife_schemas::records::{Boundary, BoundaryKind};
 pub struct Format {
     /// Unique id.
     pub id: &'static str,
-    /// What it is, in one sentence.
+    /// Description in one sentence.
     pub summary: &'static str,
-    /// Whether a text looks like this format.
+    /// Returns true if a text looks like this format.
     pub recognises: fn(&str) -> bool,
     /// Reads boundaries; errors are one line.
     pub read: fn(&str, &Frames<'_>) -> Result<Vec<Boundary>, String>,
-    /// Writes boundaries that are in order of time.
+    /// Writes boundaries in order of time.
     pub write: fn(&[Boundary], &Frames<'_>) -> Result<String, String>,
 }
 
-/// All formats, in the order in which texts are offered to them; tests walk it.
+/// All formats, in the order in which they are tried on a text; tests walk it.
 pub static FORMATS: &[Format] = &[
     label_studio::FORMAT,
     json::FORMAT,
@@ -44,7 +44,7 @@ pub static FORMATS: &[Format] = &[
     transnetv2_scenes::FORMAT,
 ];
 
-/// The format with this id; the error lists those there are.
+/// Returns the format with this id; the error lists the known ones.
 pub fn format(id: &str) -> Result<&'static Format, String> {
     FORMATS
         .iter()
@@ -55,7 +55,7 @@ pub fn format(id: &str) -> Result<&'static Format, String> {
         })
 }
 
-/// Reads boundaries of whatever format a text is in.
+/// Reads boundaries from a text of any known format.
 ///
 /// # Errors
 /// One line without the file's name.
@@ -136,8 +136,7 @@ impl Frames<'_> {
         })
     }
 
-    /// The boundary on whole frames whose instants are these; a moment is the first frame of the
-    /// new shot.
+    /// Returns the boundary on whole frames between two instants; for one instant, the first frame of the new shot.
     fn between_seconds(&self, begin: f64, end: f64) -> Result<Boundary, String> {
         let first = self.nearest(end)?;
         let last = self.nearest(begin)?;

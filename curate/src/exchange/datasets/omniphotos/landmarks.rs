@@ -12,7 +12,7 @@
 /// Reads the places of the landmarks from the bytes of a map.
 ///
 /// # Errors
-/// Says at which byte what was expected.
+/// Byte position and the expected content.
 pub(super) fn positions(bytes: &[u8]) -> Result<Vec<[f64; 3]>, String> {
     let mut reader = Reader { rest: bytes };
     read_map(&mut reader).map_err(|reason| {
@@ -62,7 +62,7 @@ fn read_landmark(reader: &mut Reader<'_>) -> Result<[f64; 3], String> {
     place.ok_or_else(|| "a landmark has no pos_w".to_owned())
 }
 
-/// A value of MessagePack; of arrays and maps the number of what follows.
+/// A value of MessagePack; for arrays and maps, the number of entries that follow.
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Value<'a> {
     Nil,
