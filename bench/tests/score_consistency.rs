@@ -1,4 +1,4 @@
-//! Scoring takes only records that belong together and keeps results apart.
+//! Scoring accepts only records that belong together and keeps results apart.
 #![expect(clippy::unwrap_used, reason = "a failed set-up step fails the test")]
 
 mod scenes;

@@ -55,7 +55,7 @@ pub enum CurateError {
     Elsewhere {
         /// The message of the error there.
         message: String,
-        /// That message as [`CurateError::for_records`] gives it.
+        /// The message in the form of [`CurateError::for_records`].
         for_records: String,
         /// Kind of the error.
         kind: ErrorKind,

@@ -335,8 +335,8 @@ fn analysed(
     Ok(record)
 }
 
-/// Returns the file name without its extension, the name of the video's folder in a dataset. Never hidden, on one line
-/// and no step to another folder, whatever the name of the file.
+/// Returns the file name without its extension, the name of the video's folder in a dataset. For any file name it is
+/// visible, on one line and no step to another folder.
 pub fn stem(video: &Path) -> String {
     let stem = video.file_stem().unwrap_or_default().to_string_lossy();
     let is_broken = |character: char| character.is_control() || character == '\\';

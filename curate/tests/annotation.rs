@@ -1,4 +1,4 @@
-//! Annotations by people and programs, and what is refused.
+//! Annotations by people and programs, and refusals.
 #![cfg(unix)]
 #![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
 
@@ -101,7 +101,7 @@ printf '{"caption": "%s frames, %s", "scene": "beach"}' "$frames" "$2""#;
     annotate_dataset(&out, &settings, &Silent).unwrap();
     annotate_dataset(&out, &settings, &Silent).unwrap();
     let second = annotation(&out, "seq-000");
-    // What Ada said of other things stays; the program is named without its folder, and once.
+    // Ada's other statements stay; the program is named without its folder, and once.
     assert_eq!(second.action, first.action);
     assert_eq!(second.captions.len(), 2);
     assert_eq!(second.captions[1].author, "captioner");
@@ -196,7 +196,7 @@ fn what_is_wrong_with_an_annotation_is_said_in_one_line() {
     let started = Instant::now();
     let said = with_command(slow);
     assert!(said.contains("took longer than 0.3 s"), "{said}");
-    // What it has started holds the pipes open, and ends with it.
+    // Its child process holds the pipes open, and ends with it.
     let parent = CaptionCommand {
         timeout: Duration::from_millis(300),
         ..program(folder.path(), "parent", "sleep 30 & wait")

@@ -1,4 +1,4 @@
-//! The boundary detector on clips whose boundaries are known because they are made here.
+//! The boundary detector on synthetic clips with known boundaries.
 #![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
 
 mod support;

@@ -19,7 +19,7 @@ use omnilife_schemas::{RgbImage, rgb::Mask};
 use serde::Deserialize;
 use support::shared_data;
 
-/// What scores, which reach 20, may differ by: sums in another order.
+/// Tolerance of scores, which reach 20: sums are in another order.
 const TOLERANCE: f32 = 1e-3;
 
 #[derive(Deserialize)]

@@ -19,7 +19,7 @@ use omnilife_schemas::{
 };
 use serde::Deserialize;
 
-/// What the reference's scores may differ by.
+/// Tolerance of the reference's scores.
 const TOLERANCE: f32 = 1e-3;
 
 #[derive(Deserialize)]

@@ -33,7 +33,7 @@ pub fn collect(folder: &Path) -> Result<Vec<(PathBuf, ResultRecord)>, Leaderboar
     RecordFiles::below(folder)?.results()
 }
 
-/// The records of a folder and what is below it.
+/// The records of a folder and its subfolders.
 pub(crate) struct RecordFiles {
     folder: PathBuf,
     /// Sorted.

@@ -33,7 +33,7 @@ impl ViewKind {
         }
     }
 
-    /// Returns the scores of views of this kind. A failed run has none, whatever views it left.
+    /// Returns the scores of views of this kind. A failed run has none, even with views.
     pub(crate) fn scores(self, result: &ResultRecord) -> &BTreeMap<String, Summary> {
         if result.run_failure.is_some() {
             return &NO_SCORES;

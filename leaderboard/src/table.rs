@@ -53,9 +53,9 @@ pub(crate) enum Holds {
 /// A row.
 #[derive(Default)]
 pub(crate) struct Row {
-    /// As many as [`Table::names`].
+    /// One per entry of [`Table::names`].
     pub(crate) names: Vec<String>,
-    /// As many as [`Table::columns`].
+    /// One per entry of [`Table::columns`].
     pub(crate) cells: Vec<Cell>,
     /// The class of its heading, if the table is by class.
     pub(crate) class: Option<MethodClass>,

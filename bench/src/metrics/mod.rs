@@ -3,14 +3,13 @@
 //! To add one: a file with a [`Metric`], a line in [`METRICS`], and golden values through
 //! `scripts/golden/metrics.py`, an implementation apart from this one.
 //!
-//! All metrics compare 8-bit images, as 3DGS's `metrics.py` does, which reads rendered and
-//! captured views back from PNG files: prediction and ground truth are both quantized. Against
-//! scores of unquantized renderings (ODGS and PVG during training) this matters above about 45 dB.
-//! Values are `byte / 255` in f64 and sums are taken in a fixed order, so that a score is the same
-//! on every machine and for every number of threads; for LPIPS see [`crate::lpips`].
+//! All metrics compare 8-bit images, as 3DGS's `metrics.py` does, which reads rendered and captured views back from PNG
+//! files: prediction and ground truth are both quantized. Against scores of unquantized renderings (ODGS and PVG during
+//! training) this matters above about 45 dB. Values are `byte / 255` in f64 and sums are taken in a fixed order. So a
+//! score is the same on every machine and for every number of threads; for LPIPS see [`crate::lpips`].
 //!
 //! Pixels that a scene marks as outside of it do not count. There both images of a [`ViewPair`] have the ground truth,
-//! for windows and networks that reach over it, and means are over the other pixels (LPIPS is divided by their share,
+//! for windows and networks that reach over it. Means are over the other pixels (LPIPS is divided by their share,
 //! temporal LPIPS is not).
 //!
 //! A metric is given a [`Sample`], all data of a view, declares its requirements ([`Need`]), and may be [`Undefined`]

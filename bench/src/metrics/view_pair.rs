@@ -152,8 +152,8 @@ impl ViewPair {
         })
     }
 
-    /// Returns the sum over one row (0 at the top) of the squared byte differences of channels 0, 1 and 2: exact
-    /// integers, so that no order of summation can change a score.
+    /// Returns the sum over one row (0 at the top) of the squared byte differences of channels 0, 1 and 2. They are
+    /// exact integers, so that no order of summation can change a score.
     pub(super) fn row_squared_errors(&self, row: usize) -> [u64; 3] {
         let range = row * self.width * 3..(row + 1) * self.width * 3;
         let mut sums = [0_u64; 3];

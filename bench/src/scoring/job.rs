@@ -26,7 +26,7 @@ use crate::{
 };
 
 /// Folder of the predictions: `<folder>/<frame, 6 digits>.png`, 8-bit RGB at the protocol's size (padded frames with or
-/// without the padding), or the same name with `.npy` for values in [0, 1] of shape (height, width, 3). Frame numbers
+/// without the padding). Or the same name with `.npy` for values in [0, 1] of shape (height, width, 3). Frame numbers
 /// are those of the split.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Predictions {

@@ -93,9 +93,9 @@ fn band_histograms(image: &Rgb8Image) -> opencv::Result<Vec<f32>> {
     Ok(histogram)
 }
 
-/// Shares the weight of a pixel between the eight bins around its colour, so that colours near the
-/// border of two bins do not jump with noise or a slow change of light. Grey has no hue, and black
-/// no saturation either: their bins are shared by all.
+/// Shares the weight of a pixel between the eight bins around its colour. So colours near the border of two bins do not
+/// jump with noise or a slow change of light. Grey has no hue, and black no saturation either: their bins are shared by
+/// all.
 fn add_softly(bins: &mut [f32], [hue, saturation, value]: [u8; 3], weight: f32) {
     // OpenCV's 8-bit hue runs from 0 to 179, around the circle.
     let hue = f32::from(hue) / 180.0 * HUES as f32;

@@ -3,11 +3,10 @@
 //! Distances between frames are shares of the image's weight that changed its colour bin, 0 to 1;
 //! see `descriptor.rs`.
 //!
-//! Cuts are single frames whose distance stands out from its neighbourhood; gradual transitions are
-//! runs of moderately raised distances whose two ends differ, the twin comparison of Zhang,
-//! Kankanhalli and Smoliar ("Automatic partitioning of full-motion video", 1993). Both are refused
-//! where the layout of the image survives, whatever way the camera faces afterwards: then the
-//! light changed, not the shot.
+//! Cuts are single frames whose distance stands out from its neighbourhood. Gradual transitions are runs of moderately
+//! raised distances whose two ends differ, the twin comparison of Zhang, Kankanhalli and Smoliar ("Automatic
+//! partitioning of full-motion video", 1993). Both are refused if the layout of the image survives, whichever way the
+//! camera faces afterwards: then the light changed, not the shot.
 
 use std::collections::VecDeque;
 

@@ -1,11 +1,10 @@
 //! Passages between indoors and outdoors: suggestions for people to decide on.
 //!
-//! Outdoors something above is bright and smooth: sky, cloud, surf or light between leaves. Indoors
-//! there are beams, lamps and joints. `Place` measures how much of the cap above 40 degrees of
-//! latitude is open in this sense, by solid angle, and with it exposure and colour of the whole
-//! sphere. A change is suggested where the open share passes from clearly closed to clearly open or
-//! back, and exposure or colour change with it: waves and leaves that pass overhead cover the sky
-//! without a change of place.
+//! Outdoors something above is bright and smooth: sky, cloud, surf or light between leaves. Indoors there are beams,
+//! lamps and joints. `Place` measures the share of the cap above 40 degrees of latitude that is open in this sense, by
+//! solid angle. It also measures exposure and colour of the whole sphere. A change is suggested if the open share
+//! passes from clearly closed to clearly open or back, and exposure or colour change with it. Waves and leaves that
+//! pass overhead cover the sky without a change of place.
 //!
 //! A white ceiling is bright and smooth as well, and a night sky is not: this proposes and never decides. Its error
 //! rate is in `docs/results/boundaries.md`.
@@ -204,7 +203,7 @@ impl Table<'_> {
         found
     }
 
-    /// How much opens up from before a frame to behind it, where the place changes.
+    /// Returns the increase of the open share across a frame, if the place changes.
     fn contrast(&self, frame: usize, half: f64) -> Option<f32> {
         let middle = self.times[frame];
         let (side, slack) = (SETTINGS.side_seconds, 1e-6);

@@ -3,15 +3,13 @@
 //! Key frames stand in a stream every half to ten seconds and decode by themselves. A segment
 //! between two of them is a candidate
 //!
-//! * when the colours or the layout of its two key frames differ: something has changed, perhaps a
-//!   shot, perhaps only the place of a moving camera; or
-//! * when one of its packets is much larger than those around it and nearly as large as a key
-//!   frame: an image that its predecessor did not predict, though the shot may have come back
-//!   before the next key frame.
+//! * when the colours or the layout of its two key frames differ: perhaps another shot, perhaps only a moving camera;
+//!   or
+//! * when one of its packets is much larger than those around it and nearly as large as a key frame: an image that its
+//!   predecessor did not predict, though the shot may have come back before the next key frame.
 //!
-//! Candidate segments, and what a detector has to see after them, are decoded whole and given to
-//! the detector; the rest is taken for one shot. Whatever begins and ends between two key frames
-//! without a large packet is missed.
+//! Candidate segments, and the frames after them that a detector needs, are decoded whole and given to the detector;
+//! the rest counts as one shot. A shot that starts and ends between two key frames without a large packet is missed.
 
 use std::{ops::Range, path::Path};
 
@@ -30,7 +28,7 @@ use crate::{
 /// Key frames whose colours differ by more than this share enclose a candidate. It is half of the histogram detector's
 /// limit for a gradual transition, because a key frame may stand in the middle of one.
 const CANDIDATE_DISTANCE: f32 = 0.2;
-/// So do key frames whose layouts correlate less than this.
+/// Key frames whose layouts correlate less than this enclose a candidate as well.
 const CANDIDATE_CORRELATION: f32 = 0.7;
 /// A packet is a candidate above this many times the median of the packets within a second that are
 /// no key frames ...

@@ -24,8 +24,8 @@
 //! not name, are refused.
 //!
 //! Without poses the camera is assumed to rotate in place ([`crate::motion::pinhole_turns`]): each frame is registered
-//! to the one before it. It stands still where that succeeds and finds less than two pixels of motion. If it fails, the
-//! best rotations found are kept, and the scene says so.
+//! to the one before it. If that finds less than two pixels of motion, the camera stands still. If it fails, the best
+//! rotations found are kept, and the scene says so.
 
 mod export;
 mod recorded;

@@ -273,7 +273,7 @@ mod tests {
     const WIDTH: usize = 96;
     const HEIGHT: usize = 64;
 
-    /// What a camera sees of a texture at infinity; a square in the middle moves by itself.
+    /// View of a texture at infinity; a square in the middle moves by itself.
     fn frame(rotation: DQuat, focal: f64, number: usize) -> GreyFrame {
         let middle = 0.5 * DVec2::new(WIDTH as f64 - 1.0, HEIGHT as f64 - 1.0);
         let mut open = vec![true; WIDTH * HEIGHT];

@@ -170,8 +170,8 @@ pub(super) struct Lines {
     pub(super) cuts: Vec<usize>,
 }
 
-/// Returns the lines of a square window's profile (entry `i` is the sum of gradients between `i` and `i + 1`), if it
-/// has nearly all lines of one period between the limits, and nothing else.
+/// Returns the lines of a square window's profile (entry `i` is the sum of gradients between `i` and `i + 1`). It must
+/// have nearly all lines of one period between the limits, and nothing else.
 pub(super) fn lines(profile: &[u32], least_period: f32, most_period: f32) -> Option<Lines> {
     let threshold = line_threshold(profile)?;
     let places = peaks(profile, threshold)?;

@@ -266,7 +266,7 @@ fn nearest(given: &[PosedFrame], seconds: f64, tolerance: f64) -> Option<&PosedF
         .map(|(_, frame)| frame)
 }
 
-/// Matches frames by file name, whatever their folder.
+/// Matches frames by file name, regardless of their folder.
 fn from_colmap(folder: &Path, frames: &FrameList) -> Result<PosedSequence, CurateError> {
     let model = ColmapModel::read(folder)?;
     let camera = camera_of_frames(folder, Some(model.camera.camera()), frames)?;

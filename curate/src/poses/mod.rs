@@ -1,8 +1,8 @@
 //! Camera poses of a sequence: given by the user, or found by structure from motion.
 //!
-//! [`pose_sequence`] turns `sequence.json` into `scene.json`, with these files if they are known: `points.ply`,
-//! `masks/` of moving content, `ignore/` of pixels outside the scene, `depth/` of distances, `classes/` of masks of
-//! classes, and `depth-prior/` of estimated distances.
+//! [`pose_sequence`] turns `sequence.json` into `scene.json`, with further files for known data. These are
+//! `points.ply`, `masks/` of moving content, `ignore/` of pixels outside the scene, `depth/` of distances, `classes/`
+//! of masks of classes, and `depth-prior/` of estimated distances.
 
 mod attach;
 pub mod colmap;

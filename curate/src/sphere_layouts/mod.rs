@@ -1,6 +1,6 @@
 //! Conversion of frames with other sphere layouts to equirectangular ones.
 //!
-//! For stereo the left eye's image is cut out; cube faces, fisheye circles and halves of the sphere are sampled on the
+//! For stereo the left eye's image is cut out. Cube faces, fisheye circles and halves of the sphere are sampled on the
 //! sphere (`sampler`), each pixel by as many rays as it covers stored pixels. `places` maps directions to their place
 //! in the frame, `lens_estimate` estimates the lenses of a dual fisheye camera. A test compares with the same layouts
 //! of `FFmpeg`'s filter `v360`.

@@ -35,7 +35,7 @@ pub struct Pair {
 /// Map from estimates of a frame to distances.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Alignment {
-    /// Of inverse estimates.
+    /// Factor of inverse estimates.
     pub scale: f64,
     /// Added to them, one over a world unit; 0 where the scene is flat.
     pub shift: f64,

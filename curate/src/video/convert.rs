@@ -70,8 +70,8 @@ pub enum Scaling {
     /// At most this many pixels wide, aspect kept, by area averaging; of large frames only some rows are read
     /// (`reduce.rs`).
     MaxWidth(u32),
-    /// This size whatever the aspect, bicubic, and BT.601 if the stream states no matrix: like the `ffmpeg` program
-    /// from which TransNetV2 reads its images.
+    /// This size regardless of the aspect ratio, bicubic, and BT.601 if the stream states no matrix: like the `ffmpeg`
+    /// program from which TransNetV2 reads its images.
     Exactly {
         /// Pixels per row.
         width: u32,

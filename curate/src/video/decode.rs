@@ -244,7 +244,7 @@ impl VideoReader {
             if self.choice.is_over(self.packets) && !self.draining {
                 return self.drain();
             }
-            // A new one every time: reading into a filled packet would leak what it holds.
+            // A new one every time: reading into a filled packet would leak its content.
             let mut packet = ffmpeg::Packet::empty();
             match packet.read(&mut self.input) {
                 Ok(()) if packet.stream() == self.stream_index => {

@@ -8,7 +8,7 @@ use std::{
 use ffmpeg::ffi::{self, AVPixelFormat};
 use ffmpeg_next as ffmpeg;
 
-// Declared again with an integer in the place of the enum, which is what the C functions take.
+// Declared again with an integer in place of the enum, as the C functions take.
 unsafe extern "C" {
     fn av_get_pix_fmt_name(format: c_int) -> *const c_char;
     fn av_pix_fmt_desc_get(format: c_int) -> *const ffi::AVPixFmtDescriptor;

@@ -22,7 +22,7 @@ use super::PixelFormat;
 /// Name of values that FFmpeg's tables do not know.
 const UNKNOWN: &str = "unknown";
 
-// Declared again with integers in the place of enums, which is what the C functions take.
+// Declared again with integers in place of enums, as the C functions take.
 unsafe extern "C" {
     fn avcodec_find_decoder(id: c_uint) -> *const ffi::AVCodec;
     fn avcodec_get_name(id: c_uint) -> *const c_char;

@@ -357,7 +357,7 @@ mod tests {
         assert_eq!(other.v1, None);
     }
 
-    /// As written by Google's `spatial-media` and cameras of VR180.
+    /// Boxes as written by Google's `spatial-media` and cameras of VR180.
     #[test]
     fn the_half_ahead_is_told_from_other_parts() {
         let of_xml = |[width, left, height]: [u32; 3]| {

@@ -1,4 +1,4 @@
-//! Searching only what the compressed stream marks as a candidate finds what the whole search finds.
+//! A search of the compressed stream's candidates alone finds the same as the whole search.
 
 use std::path::Path;
 

@@ -1,5 +1,5 @@
-//! What curation finds in footage: projections, boundaries, overlays. The real clips are beside the
-//! checkout; each is analysed once for all tests.
+//! Results of curation on footage: projections, boundaries, overlays. The real clips are beside the checkout; each is
+//! analysed once for all tests.
 #![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
 
 mod key_frame_prefilter;
@@ -24,7 +24,7 @@ use omnilife_schemas::progress::Silent;
 /// Analyses of real clips by name, each made by the first test that asks for it.
 static ANALYSES: Mutex<BTreeMap<String, Arc<OnceLock<Analysis>>>> = Mutex::new(BTreeMap::new());
 
-/// What `use_it` makes of the analysis of a real clip; `None` where the clip is not there.
+/// Applies `use_it` to the analysis of a real clip; `None` without the clip.
 fn of_real_clip<T>(name: &str, use_it: impl FnOnce(&Path, &Analysis) -> T) -> Option<T> {
     let path = support::shared_data(name)?;
     let slot = Arc::clone(ANALYSES.lock().unwrap().entry(name.to_owned()).or_default());

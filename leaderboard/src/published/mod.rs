@@ -140,7 +140,7 @@ impl PublishedCell {
         }
     }
 
-    /// As printed, with `decimals` digits after the point.
+    /// Formats as printed, with `decimals` digits after the point.
     pub fn printed(&self, decimals: usize) -> String {
         match self {
             Self::Number(value) => format!("{value:.decimals$}"),

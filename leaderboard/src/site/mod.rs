@@ -56,7 +56,7 @@ type SceneViews = BTreeMap<String, Comparisons>;
 
 /// Files beside the results.
 pub(crate) struct Surroundings {
-    /// Results are told apart by their address: they are borrowed, not copied.
+    /// Results are keyed by their address: they are borrowed, not copied.
     results: HashMap<usize, BesideResult>,
     /// Scoring time of the newest result, if recorded.
     newest: Option<String>,

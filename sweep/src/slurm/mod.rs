@@ -1,7 +1,7 @@
 //! A sweep's missing units as Slurm job arrays.
 //!
 //! Slurm queues and places; the sweep's records alone state what is done, so neither accounting nor a database is
-//! needed. An array task runs `omnilife sweep run SWEEP --list FILE --line TASK`: it locks its unit, so that one that
+//! needed. An array task runs `omnilife sweep run SWEEP --list FILE --line TASK`. It locks its unit, so that one that
 //! was submitted twice is not done twice at a time. Some time before a job's limit Slurm signals the runner; the unit
 //! writes its checkpoint, and the task goes back into the queue.
 

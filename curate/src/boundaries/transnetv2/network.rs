@@ -1,9 +1,8 @@
 //! The network of TransNetV2 (Souček and Lokoč, "TransNet V2: An effective deep network
 //! architecture for fast shot transition detection", arXiv 2008.04838), inference alone.
 //!
-//! Three stages of two [`Block`]s, each stage with a shortcut and a 2x2 mean; beside their output
-//! the last layer sees how similar every frame is to the 50 before and after it, by learned
-//! features and by colours.
+//! Three stages of two [`Block`]s, each stage with a shortcut and a 2x2 mean. Beside their output the last layer gets
+//! the similarity of every frame to the 50 before and after it, by learned features and by colours.
 
 use omnilife_networks::{Matrix, Weights, WeightsError};
 

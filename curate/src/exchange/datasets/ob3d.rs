@@ -116,7 +116,7 @@ fn import(folder: &Path) -> Result<ForeignScene, CurateError> {
     })
 }
 
-/// The frames of all cameras whose images are there.
+/// Returns the frames of all cameras with existing images.
 fn frames_of(folder: &Path) -> Result<Found, CurateError> {
     let cameras = folder.join(CAMERAS_FOLDER);
     if !cameras.is_dir() {

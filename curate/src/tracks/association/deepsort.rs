@@ -175,7 +175,7 @@ impl Chain {
 
 struct Tracker<'a> {
     boxes: &'a [[f64; 4]],
-    /// Of length 1.
+    /// Embeddings of length 1.
     appearance: Option<Vec<Vec<f64>>>,
     chains: Vec<Chain>,
 }

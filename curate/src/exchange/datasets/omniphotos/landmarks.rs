@@ -2,8 +2,8 @@
 //! (`src/openvslam/io/map_database_io.cc` and `landmark::to_json` of `xdspacelab/openvslam`;
 //! <https://github.com/msgpack/msgpack/blob/master/spec.md>).
 //!
-//! The file is a map; its entry `landmarks` is a map of landmarks by their number, or nil without any, and
-//! the entry `pos_w` of a landmark is its place in the world, three numbers. All else is skipped.
+//! The file is a map. Its entry `landmarks` is a map of landmarks by their number, or nil without any. The entry
+//! `pos_w` of a landmark is its place in the world, three numbers. All else is skipped.
 #![cfg_attr(
     not(test),
     deny(clippy::indexing_slicing, clippy::arithmetic_side_effects)

@@ -55,7 +55,7 @@ impl Texels {
     }
 
     /// Returns the bilinear colour of a point at this distance, at a column and a row counted from the centre of the
-    /// first pixel; `None` if it is hidden or outside, or a coordinate is NaN.
+    /// first pixel. `None` if it is hidden or outside, or a coordinate is NaN.
     #[inline(always)]
     pub(super) fn sample(&self, [column, row, away]: [f32; 3]) -> Option<[f32; 3]> {
         let [last_column, last_row] = [self.width, self.height].map(|side| side as f32 - 1.0);
