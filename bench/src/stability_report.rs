@@ -78,7 +78,7 @@ pub fn stability_failures(report: &StabilityReport) -> Vec<String> {
         .collect()
 }
 
-/// The report as Markdown.
+/// Returns the report as Markdown.
 pub fn stability_table(report: &StabilityReport) -> String {
     let mut text = String::from(
         "| Case | Gaussians | Backend | Image | Gradient | Finite | What the code does | Status |\n\

@@ -86,12 +86,12 @@ fn nearest_to_instants(times: &[f64], interval: f64, last_instant: u64) -> Vec<f
     chosen
 }
 
-/// File of a sequence's frame by its number, relative to the sequence.
+/// Returns the file of a sequence's frame by its number, relative to the sequence.
 pub fn file_name(index: usize) -> String {
     format!("{FRAMES_FOLDER}/{index:06}.png")
 }
 
-/// The value of sorted, non-empty `times` nearest to an instant.
+/// Returns the value of sorted, non-empty `times` nearest to an instant.
 fn nearest(times: &[f64], instant: f64) -> f64 {
     let after = times.partition_point(|&time| time < instant);
     match (

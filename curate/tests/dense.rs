@@ -311,7 +311,7 @@ fn nothing_is_known_under_masks() {
     }
 }
 
-/// Held-out frames are not used; a command that uses them all the same reports it.
+/// Only input views are used; points from held-out views are reported.
 #[test]
 fn input_views_alone_are_looked_at() {
     let temp = tempfile::tempdir().unwrap();

@@ -175,7 +175,7 @@ fn is_still_there(file: &File, path: &Path) -> io::Result<bool> {
     }
 }
 
-/// Open files cannot be removed on this system.
+/// Returns true if the file exists: open files cannot be removed on this system.
 #[cfg(not(unix))]
 fn is_still_there(_: &File, path: &Path) -> io::Result<bool> {
     Ok(path.is_file())

@@ -108,7 +108,7 @@ impl Diagnosis {
             .filter(|finding| !finding.kind.is_mistake())
     }
 
-    /// The mistakes among the findings.
+    /// Returns the mistakes among the findings.
     pub fn mistakes(&self) -> impl Iterator<Item = &DiagnosisFinding> {
         self.findings
             .iter()

@@ -126,7 +126,7 @@ impl Lpips {
         Some(ImageFeatures { stages })
     }
 
-    /// [`Self::distance`] of two images of one size, to the last bit, from their features.
+    /// Returns [`Self::distance`] of two images of one size, to the last bit, from their features.
     ///
     /// # Panics
     /// When the features belong to images of two sizes.
@@ -189,7 +189,7 @@ fn input([width, height]: [usize; 2], images: &[&[u8]], range: InputRange) -> Fe
     features
 }
 
-/// A stage's distance, and its output pooled for the next stage into `pooled`.
+/// Returns a stage's distance, and its output pooled for the next stage into `pooled`.
 ///
 /// Stages that keep the size of their input are processed in strips of rows, so that only the pooled features take
 /// memory.

@@ -146,7 +146,7 @@ pub fn of_protocol(protocol: &Protocol) -> Result<Vec<&'static Metric>, BenchErr
 /// The mean squared error, in squared `[0, 1]` units, below which PSNR values are cut off.
 const MSE_FLOOR: f64 = 1e-10;
 
-/// PSNR in decibels, in [0, 100], of a mean squared error in squared `[0, 1]` units.
+/// Returns the PSNR in decibels, in [0, 100], of a mean squared error in squared `[0, 1]` units.
 fn decibels(mse: f64) -> f64 {
     // Subtracted from zero, so that an error of 1 gives 0 and not -0.
     0.0 - 10.0 * mse.clamp(MSE_FLOOR, 1.0).log10()

@@ -41,13 +41,13 @@ impl Descriptor {
     }
 }
 
-/// Share of weight that lies in other bins, 0 to 1: half the L1 distance.
+/// Returns the share of weight that lies in other bins, 0 to 1: half the L1 distance.
 pub(super) fn distance(a: &[f32], b: &[f32]) -> f32 {
     0.5 * a.iter().zip(b).map(|(x, y)| (x - y).abs()).sum::<f32>()
 }
 
-/// Correlation of two layouts at the yaw between them that makes it largest: a camera that turned
-/// sees the same place. 1 for two without detail, 0 for one with and one without.
+/// Returns the correlation of two layouts at the yaw between them that makes it largest: a camera that turned sees the
+/// same place. 1 for two without detail, 0 for one with and one without.
 pub(super) fn correlation(a: &[f32], b: &[f32]) -> f32 {
     let is_flat = |layout: &[f32]| layout.iter().all(|&value| value == 0.0);
     if is_flat(a) && is_flat(b) {
@@ -115,7 +115,7 @@ fn add_softly(bins: &mut [f32], [hue, saturation, value]: [u8; 3], weight: f32) 
     }
 }
 
-/// The two bins around a position and their shares.
+/// Returns the two bins around a position and their shares.
 fn neighbours(position: f32) -> [(usize, f32); 2] {
     let below = position.floor();
     let share = position - below;

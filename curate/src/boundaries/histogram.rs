@@ -185,21 +185,21 @@ impl HistogramPass {
         self.due += 1;
     }
 
-    /// Correlation of the layouts `reach_seconds` before and after an instant.
+    /// Returns the correlation of the layouts `reach_seconds` before and after an instant.
     fn layouts_around(&self, now: f64, reach_seconds: f64) -> f32 {
         let before = self.last_until(now - reach_seconds);
         let after = self.first_from(now + reach_seconds);
         correlation(&self.window[before].layout, &self.window[after].layout)
     }
 
-    /// Index of the last frame at or before an instant, or of the first frame.
+    /// Returns the index of the last frame at or before an instant, or of the first frame.
     fn last_until(&self, seconds: f64) -> usize {
         self.window
             .partition_point(|frame| frame.time_seconds <= seconds)
             .saturating_sub(1)
     }
 
-    /// Index of the first frame at or after an instant, or of the last frame.
+    /// Returns the index of the first frame at or after an instant, or of the last frame.
     fn first_from(&self, seconds: f64) -> usize {
         self.window
             .partition_point(|frame| frame.time_seconds < seconds)

@@ -141,7 +141,7 @@ fn place(image: &Rgb8Image) -> Place {
     ]
 }
 
-/// Latitude of a row's centre, radians, north up.
+/// Returns the latitude of a row's centre, radians, north up.
 fn latitude(row: usize, height: usize) -> f32 {
     (0.5 - (row as f32 + 0.5) / height as f32) * PI
 }
@@ -235,7 +235,7 @@ impl Table<'_> {
         )
     }
 
-    /// The boundary around the frame in the middle of a passage.
+    /// Returns the boundary around the frame in the middle of a passage.
     fn boundary(&self, frame: usize, half: f64, contrast: f32) -> Boundary {
         let middle = self.times[frame];
         let first = self.times.partition_point(|&time| time < middle - half);
@@ -253,7 +253,7 @@ impl Table<'_> {
 mod tests {
     use super::*;
 
-    /// A smooth bright sky, or a ceiling with beams; the rest is grey.
+    /// Returns a smooth bright sky, or a ceiling with beams; the rest is grey.
     fn image(is_open: bool, x_of_beams: usize) -> Rgb8Image {
         let (width, height) = (64, 32);
         let mut data = Vec::new();

@@ -263,7 +263,7 @@ mod tests {
     use super::*;
     use crate::slicing::packets::PacketInfo;
 
-    /// A frame every tenth of a second; a key frame of 1,000 bytes every ten, others of `bytes`.
+    /// Returns a frame every tenth of a second; a key frame of 1,000 bytes every ten, others of `bytes`.
     fn table(count: usize, bytes: impl Fn(usize) -> usize) -> PacketTable {
         PacketTable {
             seconds_per_tick: 0.1,

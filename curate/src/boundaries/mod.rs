@@ -43,7 +43,7 @@ pub struct Detector {
 }
 
 impl Detector {
-    /// The detector and its settings in one line.
+    /// Returns the detector and its settings in one line.
     pub fn description(&self) -> String {
         format!("{}: {}", self.id, (self.settings)())
     }
@@ -64,7 +64,7 @@ pub trait SignalPass {
     /// One line when an image operation fails.
     fn observe(&mut self, time_seconds: f64, image: &Rgb8Image) -> Result<(), String>;
 
-    /// The signals, one row per frame.
+    /// Returns the signals, one row per frame.
     fn finish(self: Box<Self>) -> Signals;
 }
 

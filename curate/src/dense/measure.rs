@@ -148,7 +148,7 @@ impl Stereo<'_> {
         (neighbours(index, &self.views, &seen), range)
     }
 
-    /// The depths of all views against chosen others.
+    /// Returns the depths of all views against chosen others.
     fn measure_against(
         &self,
         sized: &Sized,
@@ -177,7 +177,7 @@ impl Stereo<'_> {
         Ok(measured)
     }
 
-    /// The images of all views at the size of the search, 8-bit RGB.
+    /// Returns the images of all views at the size of the search, 8-bit RGB.
     fn read_images(&self, sized: &Sized) -> Result<Vec<Vec<u8>>, CurateError> {
         let [width, height] = sized.pixels;
         let read = |view: &PosedView| {

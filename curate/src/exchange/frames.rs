@@ -85,7 +85,7 @@ struct CameraFile {
     focal: f64,
 }
 
-/// The record of a scene in a folder of frames; `None` where it has none.
+/// Returns the record of a scene in a folder of frames; `None` where it has none.
 ///
 /// # Errors
 /// When it is malformed.

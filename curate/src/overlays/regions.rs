@@ -208,7 +208,7 @@ impl Grid {
         ((x as f64 + 0.5) / self.width as f64 - 0.5) * TAU
     }
 
-    /// Solid angle of a pixel, steradians.
+    /// Returns the solid angle of a pixel, steradians.
     fn steradians(&self, y: usize) -> f64 {
         TAU / self.width as f64 * PI / self.height as f64 * self.latitude(y).cos()
     }

@@ -173,7 +173,7 @@ fn whole_sphere([width, height]: [u32; 2], parameters: &[f64]) -> Option<ErpCame
     is_whole.then_some(ErpCamera { width, height })
 }
 
-/// Number of images of a model.
+/// Returns the number of images of a model.
 pub(super) fn image_count(path: &Path) -> Result<usize, StoreError> {
     Ok(read_images(path)?.len())
 }

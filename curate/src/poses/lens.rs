@@ -177,7 +177,7 @@ pub(crate) struct Straightening {
 }
 
 impl Straightening {
-    /// Width and height of the frames, pixels.
+    /// Returns width and height of the frames, pixels.
     pub(crate) fn size(&self) -> [usize; 2] {
         [self.width, self.height]
     }

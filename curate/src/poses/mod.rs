@@ -125,7 +125,7 @@ pub fn pose_sequence(
     pose_sequence_with(sequence_folder, request, &GivenTruth::default(), progress)
 }
 
-/// [`pose_sequence`] with further given data of the frames.
+/// Poses a sequence as [`pose_sequence`], with further given data of the frames.
 ///
 /// # Errors
 /// Those of [`pose_sequence`], or a missing or unusable file of the given data.

@@ -284,7 +284,7 @@ impl<'a> Readings<'a> {
         projection
     }
 
-    /// The projection of the image without its border.
+    /// Returns the projection of the image without its border.
     fn projection(&self) -> VideoProjection {
         let wraps = self.holds(&wrap_seam::WHOLE);
         let has_caps = self.holds(&pole_rows::TOP) && self.holds(&pole_rows::BOTTOM);

@@ -60,7 +60,7 @@ impl FrameSamples {
         self.next_seconds = Some(time_seconds + self.interval_seconds);
     }
 
-    /// The frames in order of time.
+    /// Returns the frames in order of time.
     pub fn images(&self) -> &[Rgb8Image] {
         &self.images
     }

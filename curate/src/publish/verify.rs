@@ -120,7 +120,7 @@ fn check_sums(folder: &Path, files: &[String], faults: &mut Faults, progress: &d
     }
 }
 
-/// Sequences, frames and segments of one video.
+/// Checks sequences, frames and segments of one video.
 fn check_video(folder: &Path, sequences: &[String], sha256: Option<&str>, faults: &mut Faults) {
     let mut kept = Vec::new();
     let mut video_folder = None;

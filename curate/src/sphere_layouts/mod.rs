@@ -93,7 +93,7 @@ impl ToErp {
     }
 }
 
-/// An equirectangular image at another size, by area averaging.
+/// Returns an equirectangular image at another size, by area averaging.
 fn resized(image: Rgb8Image, [width, height]: [usize; 2]) -> Rgb8Image {
     if [image.width, image.height] == [width, height] {
         return image;
@@ -251,7 +251,7 @@ mod tests {
         }
     }
 
-    /// Image of two lenses back to back.
+    /// Returns an image of two lenses back to back.
     fn fisheye(degrees: f64, [width, height]: [usize; 2]) -> Rgb8Image {
         let half = width / 2;
         let pixels = (0..width * height).map(|at| {

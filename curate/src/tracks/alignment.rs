@@ -147,7 +147,7 @@ fn through(one: Pair, other: Pair, is_flat: bool) -> Option<Alignment> {
     })
 }
 
-/// Least squares of the relative error of the inverse distance, with Huber weights.
+/// Refines by least squares of the relative error of the inverse distance, with Huber weights.
 fn refined(pairs: &[Pair], begin: Alignment) -> Alignment {
     let mut found = begin;
     for _ in 0..ROUNDS {

@@ -148,7 +148,7 @@ impl Tracking<'_> {
         filled.collect()
     }
 
-    /// Median distance of lifted detections from their path.
+    /// Returns the median distance of lifted detections from their path.
     fn spread(
         &self,
         observations: &[Observation<'_>],

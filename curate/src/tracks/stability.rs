@@ -62,7 +62,7 @@ const CASES: &[Case] = &[
     ),
 ];
 
-/// The rows of the catalogue, judged on the CPU.
+/// Returns the rows of the catalogue, evaluated on the CPU.
 pub fn rows() -> Vec<StabilityRow> {
     let row = |(id, title, action, judge): &Case| {
         let fault = judge();

@@ -61,7 +61,7 @@ impl PixelFormat {
         self.0
     }
 
-    /// The format of a decoded frame.
+    /// Returns the format of a decoded frame.
     pub fn of(frame: &ffmpeg::frame::Video) -> Self {
         // SAFETY: the frame is live, and the field is an integer.
         Self(unsafe { (*frame.as_ptr()).format })

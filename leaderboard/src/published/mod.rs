@@ -124,7 +124,7 @@ pub enum PublishedCell {
 }
 
 impl PublishedCell {
-    /// The number, without its spread.
+    /// Returns the number, without its spread.
     pub fn number(&self) -> Option<f64> {
         match self {
             Self::Number(value) | Self::Spread([value, _]) => Some(*value),
@@ -132,7 +132,7 @@ impl PublishedCell {
         }
     }
 
-    /// The words.
+    /// Returns the words.
     pub fn text(&self) -> Option<&str> {
         match self {
             Self::Text(text) => Some(text),
@@ -166,7 +166,7 @@ impl Paper {
         }
     }
 
-    /// A table by its number.
+    /// Returns a table by its number.
     pub fn table(&self, number: u32) -> Option<&PublishedTable> {
         self.tables.iter().find(|table| table.number == number)
     }
@@ -192,7 +192,7 @@ impl PublishedTable {
         self.rows.iter().find(|row| row.name() == name)
     }
 
-    /// A column's whole heading.
+    /// Returns a column's whole heading.
     pub fn heading(&self, column: usize) -> String {
         let column = &self.columns[column];
         match &column.group {
@@ -203,7 +203,7 @@ impl PublishedTable {
 }
 
 impl PublishedRow {
-    /// The first cell.
+    /// Returns the first cell.
     pub fn name(&self) -> &str {
         self.cells
             .first()
@@ -238,7 +238,7 @@ pub fn papers() -> Result<Vec<Paper>, LeaderboardError> {
         .collect()
 }
 
-/// The findings about all papers, in order of the papers.
+/// Returns the findings about all papers, in order of the papers.
 ///
 /// # Errors
 /// Those of [`papers`].

@@ -153,7 +153,7 @@ fn drawn_series(series: &Series, placed: &Placed) -> Markup {
     }
 }
 
-/// A name right of the plot, led to by a line from the height that it belongs to.
+/// Returns a name right of the plot, with a line from the height of its series.
 fn name(series: &Series, end: i32, y: i32) -> Markup {
     let left = PLOT_SIZE.0 as i32 - NAMES_WIDTH;
     let points = format!("{},{end} {},{y} {},{y}", left + 4, left + 12, left + 18);
@@ -244,7 +244,7 @@ fn drawn(
     Ok(PreEscaped(inner))
 }
 
-/// 1, 2 and 5 times powers of ten in a range, for the labels of a logarithmic axis.
+/// Returns 1, 2 and 5 times powers of ten in a range, for the labels of a logarithmic axis.
 fn round_numbers(low: f64, high: f64) -> Vec<f64> {
     let decades = low.log10().floor() as i32..=high.log10().ceil() as i32;
     decades

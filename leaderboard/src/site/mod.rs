@@ -203,7 +203,7 @@ impl SiteRequest<'_> {
         self.surroundings.results.get(&address(result))
     }
 
-    /// Folder of a result.
+    /// Returns the folder of a result.
     fn folder(&self, result: &ResultRecord) -> Option<&Path> {
         self.beside(result).map(|beside| beside.folder.as_path())
     }
@@ -234,7 +234,7 @@ fn address(result: &ResultRecord) -> usize {
     std::ptr::from_ref(result).addr()
 }
 
-/// Every scene with its rows under all protocols.
+/// Returns every scene with its rows under all protocols.
 fn scenes<'a>(
     groups: &'a [Group<'a>],
 ) -> BTreeMap<&'a str, Vec<(&'a Group<'a>, &'a SceneRow<'a>)>> {
@@ -258,7 +258,7 @@ fn unique_slug(text: &str) -> String {
     format!("{}-{}", slug(text), &hash[..8])
 }
 
-/// All methods of all groups.
+/// Returns all methods of all groups.
 fn methods<'a>(groups: &'a [Group<'a>]) -> BTreeSet<&'a str> {
     groups
         .iter()

@@ -134,7 +134,7 @@ pub fn requeue() -> Result<String, SweepError> {
     }
 }
 
-/// The unit at a line of a list, counted from 0.
+/// Returns the unit at a line of a list, counted from 0.
 ///
 /// # Errors
 /// When the list cannot be read or is shorter.
@@ -221,12 +221,12 @@ impl Job<'_> {
     }
 }
 
-/// A path as one word of a shell.
+/// Returns a path as one word of a shell.
 fn quoted(path: &Path) -> String {
     format!("'{}'", path.display().to_string().replace('\'', "'\\''"))
 }
 
-/// A folder for the next submission, numbered from 1.
+/// Creates a folder for the next submission, numbered from 1.
 fn new_folder(submissions: &Path) -> Result<PathBuf, StoreError> {
     store::create_folder(submissions)?;
     let names = store::names_in(submissions)?;

@@ -43,7 +43,7 @@ pub(super) fn of_sequence(folder: &Path, sequence: &Sequence) -> Result<Vec<Stri
     Ok(urls)
 }
 
-/// Four perspective views of 90 degrees around the horizon, at the resolution of the panorama.
+/// Returns four perspective views of 90 degrees around the horizon, at the resolution of the panorama.
 fn around(panorama: &RgbImage) -> Vec<RgbImage> {
     let side = side_of_equal_resolution(panorama.width as u32).min(LARGEST_SIDE);
     let faces = CUBE_FACES.iter().take(AROUND);

@@ -52,7 +52,7 @@ fn start() -> Result<Box<dyn SignalPass>, CurateError> {
     }))
 }
 
-/// The published weights, as `scripts/setup --models` leaves them.
+/// Returns the published weights, as `scripts/setup --models` leaves them.
 ///
 /// # Errors
 /// When they are missing or differ from the published ones.

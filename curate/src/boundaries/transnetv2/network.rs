@@ -168,7 +168,7 @@ fn input(images: &[&[u8; IMAGE_BYTES]]) -> Clip {
     clip
 }
 
-/// One row per frame: the stages' channels one after the other.
+/// Returns one row per frame: the stages' channels one after the other.
 fn joined(stages: &[(usize, Vec<f32>)]) -> Matrix {
     let columns = stages.iter().map(|(channels, _)| channels).sum();
     let data = (0..WINDOW)
@@ -207,7 +207,7 @@ fn colour_histograms(images: &[&[u8; IMAGE_BYTES]]) -> Matrix {
     unit_rows(histograms)
 }
 
-/// Dot products of each frame that counts with those around it; zero outside the window.
+/// Returns dot products of each frame that counts with those around it; zero outside the window.
 fn similarities(frames: Matrix) -> Matrix {
     let all = frames.times(&frames.transposed());
     let mut around = Matrix::zeros(KEPT.len(), LOOKUP);

@@ -218,7 +218,7 @@ fn import(folder: &Path) -> Result<ForeignScene, CurateError> {
     })
 }
 
-/// The landmarks of a map, grey.
+/// Reads the landmarks of a map, grey.
 fn read_landmarks(path: &Path) -> Result<PointCloud, StoreError> {
     let bytes = store::read_limited(path, MOST_MAP_BYTES)?;
     let positions =

@@ -124,7 +124,7 @@ impl Part {
         })
     }
 
-    /// A pixel of the part in an image of some width.
+    /// Returns a pixel of the part in an image of some width.
     fn in_image(&self, at: usize, width: usize) -> usize {
         (at / self.width + self.top) * width + at % self.width + self.left
     }
