@@ -104,7 +104,7 @@ impl CurateError {
         }
     }
 
-    /// Reports that `path` is not usable without a change by the user.
+    /// Reports that `path` is unusable until the user changes it.
     pub(crate) fn mendable_video(
         path: &Path,
         reason: impl Into<String>,

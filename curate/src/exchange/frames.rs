@@ -3,7 +3,7 @@
 //! ```text
 //! rgb/00000.jpg ...             the frames, in the order of their names and numbers (or images/)
 //! mask/00000.png ...            white where the object is, by the frames' names (DAVIS), or
-//! objects/swan/00000.png ...    the same for each object, by its name; no file where it is not seen
+//! objects/swan/00000.png ...    the same for each object, by its name; no file for frames without it
 //! camera.json                   {"focal": F}, the focal length in pixels, where it is known
 //! poses.json                    poses, one for each frame, where they are known, and the camera
 //! train.txt, test.txt           names of the frames for training and for testing, where a split is given
@@ -14,9 +14,9 @@
 //! ```text
 //! scene.json                    the record of the scene, which names the files below by frames
 //! unposed/                      frames without a pose
-//! mask/                         white where something moves, whatever it is
-//! ignore/                       white what is no part of the scene
-//! classes/human/                white what is of a class
+//! mask/                         white for moving content
+//! ignore/                       white outside of the scene
+//! classes/human/                white for objects of a class
 //! depth/, depth-prior/          true and estimated distances
 //! ```
 //!

@@ -55,8 +55,8 @@ struct Overlay {
     is_still: bool,
 }
 
-/// Pairs of curated videos of the dataset in `out` with footage in common, in order of the videos. A
-/// folder without a signature, as older versions made them, is left out.
+/// Returns pairs of curated videos of the dataset in `out` with footage in common, in order of the videos. A folder of
+/// an older version without a signature is left out.
 ///
 /// # Errors
 /// When a signature cannot be read.

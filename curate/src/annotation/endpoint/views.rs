@@ -16,7 +16,7 @@ const MOMENTS: usize = 4;
 const AROUND: usize = 4;
 /// Sides of a view, pixels: few enough for the context of small models.
 const LARGEST_SIDE: u32 = 448;
-/// Width to which an ordinary perspective frame is made smaller, pixels.
+/// Width to which an ordinary perspective frame is reduced, pixels.
 const FLAT_WIDTH: usize = 896;
 /// JPEG quality, 1 to 100.
 const QUALITY: u8 = 85;
