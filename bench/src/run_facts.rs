@@ -6,6 +6,7 @@ use std::{
 };
 
 use omnilife_schemas::{
+    layout::RUN_FILE,
     provenance::Hardware,
     records::{Backend, ExternalRun, PhaseName, RunRecord, StageTime, TrainingKind},
     store::{self, Record, StoreError},
@@ -14,7 +15,6 @@ use omnilife_schemas::{
 use crate::{curve::rows::Trace, error::BenchError, external::EXTERNAL_RUN_FILE};
 
 /// Name of the record of a run of ours.
-const RUN_FILE: &str = "run.json";
 /// Largest depth of folders of views below the record of their run: `predictions/novel`, `work/a/b`.
 const DEPTH_OF_VIEWS: usize = 4;
 

@@ -88,6 +88,7 @@ pub fn published_settings(iterations: u64) -> TrainSettings {
         },
         dynamics: None,
         deformation: None,
+        objects: false,
         exposure: None,
         dropout: None,
         pose_refinement: None,

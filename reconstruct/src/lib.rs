@@ -9,6 +9,7 @@
 //! * [`methods`]: one file or folder for each, trained and feed-forward.
 //! * [`components`]: what a scene may give a method reason for, decided by [`evidence`].
 //! * [`baseline`]: the schedule and first Gaussians that every Gaussian method starts from.
+//! * [`models`]: what trained methods leave: files, layers, edits, exports.
 //! * [`train`]: the loop, its checkpoint and trace. [`learner`]: all that the loop knows of a model. [`seeds`]: first Gaussians. [`formats`]: files of a
 //!   model. [`stereo`]: depth from two panoramas. [`scene`]: a scene in memory. [`request`]: what a user asks of a method;
 //!   [`options`]: what only some methods understand.
@@ -22,6 +23,7 @@ pub mod formats;
 pub mod jobs;
 pub mod learner;
 pub mod methods;
+pub mod models;
 pub mod options;
 pub mod process;
 pub mod random;

@@ -98,6 +98,8 @@ pub const DENSE_FOLDER: &str = "dense";
 pub const DENSE_FILE: &str = "dense.json";
 /// The views of a scene that a protocol gives and scores.
 pub const SPLIT_FILE: &str = "split.json";
+/// The record of one method's run on a split, in the run's folder.
+pub const RUN_FILE: &str = "run.json";
 /// The scores of one method on a split, in the folder of the scores.
 pub const RESULT_FILE: &str = "result.json";
 /// How the scores beside it were computed.

@@ -1,4 +1,4 @@
-"""Golden scores for curate/tests/deeplab.rs, by walking the published graph with PyTorch.
+"""Golden scores for curate/tests/all/deeplab.rs, by walking the published graph with PyTorch.
 
     python3 scripts/golden/deeplab.py NPM_TARBALL >curate/tests/golden/deeplab.json
 

@@ -1,4 +1,4 @@
-"""Golden values for curate/tests/deepsort.rs, by PyPI deep-sort-realtime 1.3.2 itself.
+"""Golden values for curate/tests/all/deepsort.rs, by PyPI deep-sort-realtime 1.3.2 itself.
 
     python3 scripts/golden/deepsort.py WHEEL >curate/tests/golden/deepsort.json
 

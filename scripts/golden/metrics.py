@@ -14,7 +14,7 @@ formulas with weights sin((j + 1/2) pi / H). Cube faces are sampled with scipy.
 
 `pairs` makes the image pairs, `goldens` scores the stored ones. goldens.json names the versions it
 was made with. Masks, depth and the views before are made from the images by rules that
-bench/tests/metrics.rs follows too (`evidence`).
+bench/tests/all/metrics.rs follows too (`evidence`).
 """
 
 import argparse

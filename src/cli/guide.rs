@@ -178,11 +178,7 @@ pub(crate) const EXAMPLES: &[Examples] = &[
     ("reconstruct atlas", &["reconstruct atlas RUN --out ATLAS"]),
     (
         "reconstruct edit",
-        &[
-            "reconstruct edit RUN --remove 3 --out EDITED",
-            "reconstruct edit RUN --script edit.toml --out EDITED",
-            "reconstruct edit RUN --move 3=2.5,0,0 --copy 4=0,6 --delay 5=1.5 --out EDITED",
-        ],
+        &["reconstruct edit RUN --script edit.toml --out EDITED"],
     ),
     ("reconstruct methods", &["reconstruct methods"]),
     ("reconstruct backends", &["reconstruct backends"]),

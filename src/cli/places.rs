@@ -4,8 +4,7 @@ use std::path::{Path, PathBuf};
 
 use clap::builder::{PathBufValueParser, TypedValueParser};
 use omnilife_bench::external::EXTERNAL_RUN_FILE;
-use omnilife_reconstruct::jobs::reconstruct::RUN_FILE;
-use omnilife_schemas::layout::{SCENE_FILE, SPLIT_FILE};
+use omnilife_schemas::layout::{RUN_FILE, SCENE_FILE, SPLIT_FILE};
 
 /// A scene.json, or the folder of one.
 pub(super) fn scene_file() -> impl TypedValueParser<Value = PathBuf> {

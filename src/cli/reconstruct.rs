@@ -5,7 +5,6 @@ use std::path::PathBuf;
 use clap::{Args, Subcommand, ValueEnum};
 use omnilife_reconstruct::{
     jobs::{
-        edit_objects::ObjectEdit,
         export::{ExportRequest, levels::Level},
         render::{RenderCamera, RenderRequest},
     },
@@ -309,72 +308,6 @@ fn plan(text: &str) -> Result<PlanChoice, String> {
     }
 }
 
-/// The id before an equals sign, and `N` finite numbers behind it.
-fn of_object<const N: usize>(text: &str) -> Option<(u32, [f64; N])> {
-    let (id, numbers) = text.split_once('=')?;
-    let numbers: Option<Vec<f64>> = numbers
-        .split(',')
-        .map(|word| {
-            word.trim()
-                .parse()
-                .ok()
-                .filter(|number: &f64| number.is_finite())
-        })
-        .collect();
-    Some((id.trim().parse().ok()?, numbers?.try_into().ok()?))
-}
-
-/// What is done to objects, as it is given.
-#[derive(Debug, Args)]
-pub(crate) struct ObjectEditArguments {
-    /// Takes an object out; may be repeated, as all of these.
-    #[arg(long, value_name = "ID")]
-    remove: Vec<u32>,
-    /// Moves an object along the ground (world units) and turns its path (radians).
-    #[arg(long = "move", value_name = "ID=X,Y,TURN", allow_hyphen_values = true)]
-    moves: Vec<String>,
-    /// Puts a copy of an object beside it.
-    #[arg(long = "copy", value_name = "ID=X,Y", allow_hyphen_values = true)]
-    copies: Vec<String>,
-    /// Sends an object later.
-    #[arg(long = "delay", value_name = "ID=SECONDS", allow_hyphen_values = true)]
-    delays: Vec<String>,
-}
-
-impl ObjectEditArguments {
-    /// The edits in the order in which they are done: what is moved and copied is there until the end.
-    pub(crate) fn edits(&self) -> Result<Vec<ObjectEdit>, BadRequest> {
-        let mut edits = Vec::new();
-        for text in &self.moves {
-            let (id, by) = of_object(text).ok_or_else(|| unreadable("--move ID=X,Y,TURN", text))?;
-            edits.push(ObjectEdit::Move(id, by));
-        }
-        for text in &self.copies {
-            let (id, by) = of_object(text).ok_or_else(|| unreadable("--copy ID=X,Y", text))?;
-            edits.push(ObjectEdit::Copy(id, by));
-        }
-        for text in &self.delays {
-            let (id, [seconds]) =
-                of_object(text).ok_or_else(|| unreadable("--delay ID=SECONDS", text))?;
-            edits.push(ObjectEdit::Delay(id, seconds));
-        }
-        edits.extend(self.remove.iter().map(|&id| ObjectEdit::Remove(id)));
-        if edits.is_empty() {
-            let reason =
-                "nothing is to be edited: give --script, --remove, --move, --copy or --delay";
-            return Err(BadRequest(reason.to_owned()));
-        }
-        Ok(edits)
-    }
-}
-
-/// That a text is not what an option takes.
-fn unreadable(option: &str, text: &str) -> BadRequest {
-    BadRequest(format!(
-        "{option} takes the id of an object and finite numbers, not {text:?}"
-    ))
-}
-
 pub(super) fn size(text: &str) -> Result<[u32; 2], String> {
     let parsed = text
         .split_once('x')
@@ -457,21 +390,18 @@ pub(crate) enum ReconstructCommand {
         #[arg(long)]
         out: PathBuf,
     },
-    /// Edits what a run has learnt into a run of its own that says so: objects of an object graph by
-    /// options, an atlas by a script.
+    /// Edits the parts of a run's model by a script, into a run of its own that lists the changes.
+    ///
+    /// A script has `[[edit]]` tables, each with `kind` and `object`: `remove`; `shift` with `by = [x, y, z]`;
+    /// `rotate` with `turn = [x, y, z]` in degrees; `duplicate` with `new`; `retime` with `seconds` or `frames`;
+    /// `texture` with `image` and `frame`. `axes` are "ground" (vehicles have them where nothing is said), "camera"
+    /// (nodes of an atlas have them) or "world"; `unit` is "world" (vehicles) or "distance" (nodes).
     Edit {
-        /// Folder of the run.
+        /// Folder of the run: vehicles of `object-graph`, nodes of `nag`.
         run: PathBuf,
-        /// A script for a run of nag, TOML: `[[edit]]` tables with texture, remove, shift, rotate, duplicate,
-        /// retime.
-        #[arg(
-            long,
-            value_name = "EDIT.toml",
-            conflicts_with_all = ["remove", "moves", "copies", "delays"]
-        )]
-        script: Option<PathBuf>,
-        #[command(flatten)]
-        objects: ObjectEditArguments,
+        /// The script, TOML.
+        #[arg(long, value_name = "EDIT.toml")]
+        script: PathBuf,
         /// Folder of the edited run.
         #[arg(long)]
         out: PathBuf,

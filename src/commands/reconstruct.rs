@@ -5,7 +5,7 @@ use omnilife_reconstruct::{
     backends,
     jobs::{
         atlas,
-        edit::{self, Changes, EditRunRequest},
+        edit::{self, EditRequest},
         export::{self, serve::Server},
         plan_cost,
         reconstruct::{self, ReconstructRequest},
@@ -16,7 +16,7 @@ use omnilife_reconstruct::{
     request::BackendChoice,
     scene,
 };
-use omnilife_schemas::{camera::Camera, progress::Progress};
+use omnilife_schemas::{camera::Camera, layout::RUN_FILE, progress::Progress};
 
 use super::{note_far_frames, video};
 use crate::{
@@ -66,7 +66,7 @@ pub(crate) fn execute(command: &ReconstructCommand, progress: &dyn Progress) -> 
                 record.scene,
                 record.iterations,
                 record.primitives,
-                out.join(reconstruct::RUN_FILE).display()
+                out.join(RUN_FILE).display()
             ))
         }
         ReconstructCommand::Prepare {
@@ -114,18 +114,10 @@ pub(crate) fn execute(command: &ReconstructCommand, progress: &dyn Progress) -> 
             let files = atlas::export(run, out, progress)?;
             exit::print(&format!("{} files in {}\n", files.len(), out.display()))
         }
-        ReconstructCommand::Edit {
-            run,
-            script,
-            objects,
-            out,
-        } => {
-            let request = EditRunRequest {
+        ReconstructCommand::Edit { run, script, out } => {
+            let request = EditRequest {
                 run: run.clone(),
-                changes: match script {
-                    Some(script) => Changes::Script(script.clone()),
-                    None => Changes::Objects(objects.edits()?),
-                },
+                script: script.clone(),
                 out: out.clone(),
             };
             let done = edit::edit(&request, progress)?;

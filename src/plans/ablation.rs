@@ -7,11 +7,11 @@
 
 use std::path::Path;
 
-use omnilife_reconstruct::{
-    jobs::reconstruct::RUN_FILE,
-    methods::{Method, variant::Variant},
+use omnilife_reconstruct::methods::{Method, variant::Variant};
+use omnilife_schemas::{
+    layout::RUN_FILE,
+    records::{SweepUnit, UnitNeeds},
 };
-use omnilife_schemas::records::{SweepUnit, UnitNeeds};
 
 use super::{absolute, argument, own_command, scoring, words};
 use crate::cli::MethodArguments;

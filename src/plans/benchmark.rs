@@ -16,12 +16,9 @@ use omnilife_bench::{
     external::{EXTERNAL_RUN_FILE, manifest::Manifest},
     protocols,
 };
-use omnilife_reconstruct::{
-    jobs::reconstruct::RUN_FILE,
-    methods::{self, Method as OurMethod, variant::Variant},
-};
+use omnilife_reconstruct::methods::{self, Method as OurMethod, variant::Variant};
 use omnilife_schemas::{
-    layout::{SCENE_FILE, SPLIT_FILE},
+    layout::{RUN_FILE, SCENE_FILE, SPLIT_FILE},
     records::{Scene, SweepUnit, UnitNeeds},
     store,
 };

@@ -29,12 +29,12 @@ use omnilife_curate::{
 use omnilife_leaderboard::{LeaderboardRequest, build_leaderboard_of};
 use omnilife_reconstruct::{
     jobs::reconstruct::{self, ReconstructRequest},
-    methods,
+    methods::{self, METHODS, Method},
     request::{BackendChoice, MethodRequest},
 };
 use omnilife_schemas::{
     ErrorKind,
-    layout::{DATASET_FILE, SCENE_FILE, SPLIT_FILE},
+    layout::{DATASET_FILE, RUN_FILE, SCENE_FILE, SPLIT_FILE},
     progress::Progress,
     records::{Dataset, ResultRecord, VideoStatus},
     stage::StagePlan,
@@ -308,10 +308,10 @@ impl Job<'_> {
     fn next_commands(&self, folder: &Path) -> String {
         let run = self.method_folder(folder).join("run");
         let (run, folder) = (run.display(), folder.display());
-        let other = match self.method.as_str() {
-            "sphere-sweep" => "odgs",
-            _ => "sphere-sweep",
-        };
+        let is_trained = |id: &str| methods::find(id).is_ok_and(Method::is_trained);
+        let own = is_trained(&self.method);
+        let other = METHODS.iter().find(|method| method.is_trained() != own);
+        let other = other.map_or("", |method| method.id);
         format!(
             "Next:\n  omnilife reconstruct render {run} --poses {folder} --out VIEWS --video views.mp4\n  \
              omnilife bench run {folder} --methods {},{other} --out BENCH\n",
@@ -348,7 +348,7 @@ impl Job<'_> {
         let request = ScoreRequest::of_run(
             &scene,
             &split,
-            &run.join(reconstruct::RUN_FILE),
+            &run.join(RUN_FILE),
             &method_folder.join("score"),
         )?;
         refuse_unscored(&score(&request, self.progress)?)

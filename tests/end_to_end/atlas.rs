@@ -233,12 +233,16 @@ fn wrong_scripts_and_clips_are_one_line_each() {
         assert!(message.contains(expected), "{message}");
         assert!(!folder.join("edited/run.json").exists());
     }
-    // Gaussians have no script.
+    // Gaussians have no parts.
     let gaussians = small_run().out.join(crate::support::METHOD).join("run");
-    let message = edit(&gaussians, "", &folder.join("edited"))
-        .failed_quietly(2)
-        .to_owned();
-    assert!(message.contains("no script edits"), "{message}");
+    let message = edit(
+        &gaussians,
+        "[[edit]]\nkind = \"remove\"\nobject = \"3\"\n",
+        &folder.join("edited"),
+    )
+    .failed_quietly(2)
+    .to_owned();
+    assert!(message.contains("no parts to edit"), "{message}");
     let import = |name: &str, spoil: &dyn Fn(&Path)| {
         let clip = folder.join(name);
         write_clip(&clip);

@@ -18,6 +18,7 @@ mod containers;
 mod curation;
 #[cfg(unix)]
 mod defects;
+mod dependency_direction;
 #[cfg(unix)]
 mod failed_runs;
 #[cfg(unix)]
@@ -30,6 +31,7 @@ mod help;
 mod interruption;
 #[cfg(unix)]
 mod killed;
+mod layers;
 #[cfg(unix)]
 mod ledger;
 mod main_job;
@@ -50,6 +52,7 @@ mod registry;
 mod rendering;
 #[cfg(unix)]
 mod roads;
+mod sample_poses;
 mod shards;
 mod splat_peers;
 mod splatters;

@@ -35,32 +35,3 @@ fn a_scene_of_a_hovering_camera_is_refused() {
     );
     assert!(!out.exists());
 }
-
-#[test]
-fn edits_of_objects_that_are_no_numbers_are_refused_in_one_line() {
-    let folder = scratch();
-    let out = folder.path().join("edited");
-    for (option, value) in [
-        ("--move", "3=nan"),
-        ("--move", "3=1,inf,0"),
-        ("--move", "3=1,2"),
-        ("--copy", "3"),
-        ("--copy", "-1=1,2"),
-        ("--delay", "3=NaN"),
-    ] {
-        let arguments = ["reconstruct", "edit", "run", option, value, "--out"];
-        let ended = omnilife(
-            arguments
-                .map(std::ffi::OsStr::new)
-                .iter()
-                .chain([&out.as_os_str()]),
-        );
-        let message = ended.failed_quietly(2);
-        let expected = format!("not \"{value}\"");
-        assert!(
-            message.contains(option) && message.contains(&expected),
-            "{message}"
-        );
-        assert!(!out.exists());
-    }
-}

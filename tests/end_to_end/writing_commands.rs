@@ -176,7 +176,14 @@ impl Inputs {
             "id = \"m\"\n[render]\ncommand = [\"true\"]\n\
              [predictions]\nnovel = \"{work}/{frame:06}.png\"\n",
         );
-        write("edit.toml", "edit = []\n");
+        write(
+            "edit.toml",
+            "[[edit]]\nkind = \"retime\"\nobject = \"background\"\nframes = 0\n",
+        );
+        write(
+            "vehicles.toml",
+            "[[edit]]\nkind = \"shift\"\nobject = \"1\"\nby = [0.1, 0, 0]\n\n[[edit]]\nkind = \"rotate\"\nobject = \"1\"\nturn = [0, 0, 10]\n\n[[edit]]\nkind = \"duplicate\"\nobject = \"1\"\n",
+        );
         write("lines.txt", "true\ntrue\n");
         write("cuts.csv", "begin_seconds,end_seconds\n0.4,0.44\n");
         write(
@@ -341,7 +348,7 @@ impl Inputs {
             ),
             new(
                 &format!(
-                    "reconstruct edit {extra}/tracked/run --move 1=0.1,0,0.2 --copy 1=0.2,0.1 --out OUT"
+                    "reconstruct edit {extra}/tracked/run --script {extra}/vehicles.toml --out OUT"
                 ),
                 0,
             ),

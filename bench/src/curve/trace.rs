@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use omnilife_schemas::{
-    layout::RESULT_FILE,
+    layout::{RESULT_FILE, RUN_FILE},
     records::{RENDERING, ResultRecord, StageTime, TrainingKind},
     store,
 };
@@ -15,9 +15,6 @@ use crate::{
     },
     error::BenchError,
 };
-
-/// The record of a run of ours, in the run's folder.
-const RUN_FILE: &str = "run.json";
 
 /// Clock of times.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]

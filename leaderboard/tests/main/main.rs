@@ -5,6 +5,7 @@ mod figure;
 mod leaderboard;
 mod outcomes;
 mod ownership;
+mod published;
 mod questions;
 mod refusals;
 mod site;

@@ -13,9 +13,7 @@ pub(crate) mod validity;
 use std::path::Path;
 
 use omnilife_engine::{
-    gaussians::{
-        deformable::Deformable, static_gaussians::StaticGaussians, tracked::OBJECT_POSITIONS,
-    },
+    gaussians::{deformable::Deformable, static_gaussians::StaticGaussians},
     model::{Model, Part},
     parameters::ParameterTable,
     step::settings::TrainSettings,
@@ -37,6 +35,14 @@ pub const GAUSSIANS_FILE: &str = "gaussians.ply";
 pub const MOVING_GAUSSIANS_FILE: &str = "gaussians-moving.ply";
 /// Name of the network that deforms Gaussians; most methods have none.
 pub const DEFORMATION_FILE: &str = "deformation.safetensors";
+
+/// Files of Gaussians that no method tells objects of, and of the poses refined with them.
+pub const GAUSSIAN_FILES: &[&str] = &[
+    GAUSSIANS_FILE,
+    MOVING_GAUSSIANS_FILE,
+    DEFORMATION_FILE,
+    REFINED_POSES_FILE,
+];
 
 /// Files of the parts of one parameterization.
 struct Format {
@@ -131,8 +137,7 @@ const FORMATS: &[Format] = &[
             None => Ok(()),
         },
         read: |folder, settings, normalization, invalid| {
-            // Runs with objects have step sizes for them.
-            if settings.learning_rates.contains_key(OBJECT_POSITIONS) {
+            if settings.objects {
                 objects::read(folder, normalization, invalid).map(Some)
             } else {
                 Ok(None)

@@ -1,4 +1,4 @@
-//! Editing a run: a run like it, in another folder, whose record says what was done. It is never scored against
+//! Edits of a run: a run like it, in another folder, whose record lists the changes. It is never scored against
 //! the video.
 
 use std::{
@@ -7,58 +7,49 @@ use std::{
 };
 
 use omnilife_schemas::{
-    lock::FolderLock, progress::Progress, records::RunRecord, stage::StagePlan, store,
+    layout::RUN_FILE, lock::FolderLock, progress::Progress, stage::StagePlan, store,
 };
 
 use crate::{
-    error::ReconstructError,
-    jobs::{
-        edit_objects::{self, CheckedEdit, ObjectEdit},
-        reconstruct::{NOVEL_FOLDER, RUN_FILE},
-    },
-    methods::run_formats::{self, EditRequest},
+    error::ReconstructError, jobs::reconstruct::NOVEL_FOLDER, methods, models::script::Script,
 };
 
-/// Changes of a model.
+/// Run to edit, its script, and the folder of the edited run.
 #[derive(Debug, Clone, PartialEq)]
-pub enum Changes {
-    /// Those of a script; which there are is the method's.
-    Script(PathBuf),
-    /// Those of the objects of an object graph, in their order.
-    Objects(Vec<ObjectEdit>),
-}
-
-/// A run to edit, its changes, and the folder of the edited run.
-#[derive(Debug, Clone, PartialEq)]
-pub struct EditRunRequest {
+pub struct EditRequest {
     /// The run's folder.
     pub run: PathBuf,
-    /// Changes.
-    pub changes: Changes,
+    /// The script.
+    pub script: PathBuf,
     /// Folder of the edited run, another one.
     pub out: PathBuf,
 }
 
-/// Edits a run; returns what was done, line by line. The edited run can be rendered; its record says what
-/// was done to it, and names no predictions.
+/// Edits a run; returns the changes, one line each. The edited run can be rendered; its record lists the changes and
+/// names no predictions.
 ///
 /// # Errors
-/// When the run's kind of model has no such edits, a change makes no sense, a file of someone else would be
-/// replaced, or one cannot be written.
+/// When the run's model cannot be edited, a change makes no sense, a file of someone else would be replaced, or one
+/// cannot be written. All changes are checked before anything is written.
 pub fn edit(
-    request: &EditRunRequest,
+    request: &EditRequest,
     progress: &dyn Progress,
 ) -> Result<Vec<String>, ReconstructError> {
-    let mut record: RunRecord = store::read_record(&request.run.join(RUN_FILE))?;
     if is_same(&request.run, &request.out) {
         let reason = "is the run that is to be edited; choose another output";
         return Err(ReconstructError::scene(&request.out, reason));
     }
-    let checked = match &request.changes {
-        Changes::Script(script) => of_script(&request.run, &record, script)?,
-        Changes::Objects(edits) => edit_objects::check(&request.run, &record, edits)?,
+    let opened = methods::open_run(&request.run)?;
+    let mut record = opened.record;
+    let Some(edit) = opened.model.edit else {
+        let reason = format!(
+            "is a run of {}, whose model has no parts to edit",
+            record.method
+        );
+        return Err(ReconstructError::scene(&request.run, reason));
     };
-    for warning in checked.warnings {
+    let edited = edit(&request.run, &record, &Script::read(&request.script)?)?;
+    for warning in edited.warnings {
         progress.note(&format!("{}: {warning}", request.out.display()));
         record.warnings.push(warning);
     }
@@ -66,29 +57,14 @@ pub fn edit(
     let _lock = FolderLock::take(&request.out, progress)?;
     let begun = Instant::now();
     let stage = StagePlan::new(&request.out, "edit");
-    stage.claim(checked.files.iter().chain(&[RUN_FILE]))?;
-    let (mut files, done) = (checked.write)(&request.out)?;
-    let record = record.edited(done.iter().cloned(), NOVEL_FOLDER);
-    store::write_record(&request.out.join(RUN_FILE), &record)?;
+    let mut files = edited.planned.files;
     files.push(RUN_FILE.to_owned());
+    stage.claim(&files)?;
+    (edited.planned.write)(&request.out)?;
+    let record = record.edited(edited.changes.iter().cloned(), NOVEL_FOLDER);
+    store::write_record(&request.out.join(RUN_FILE), &record)?;
     stage.finish(&files, begun.elapsed().as_secs_f64())?;
-    Ok(done)
-}
-
-fn of_script<'a>(
-    run: &'a Path,
-    record: &RunRecord,
-    script: &'a Path,
-) -> Result<CheckedEdit<'a>, ReconstructError> {
-    let format = run_formats::of_run(run).ok_or_else(|| {
-        let reason = format!("is a run of {}, which no script edits", record.method);
-        ReconstructError::scene(run, reason)
-    })?;
-    Ok(CheckedEdit {
-        files: format.files.to_vec(),
-        warnings: Vec::new(),
-        write: Box::new(move |out| (format.edit)(&EditRequest { run, script, out })),
-    })
+    Ok(edited.changes)
 }
 
 fn is_same(a: &Path, b: &Path) -> bool {

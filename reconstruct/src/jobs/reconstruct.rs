@@ -10,7 +10,7 @@ use std::{
 use omnilife_schemas::{
     Similarity,
     elapsed::{Elapsed, Stopwatch},
-    layout::TRACKS_FILE,
+    layout::{RUN_FILE, TRACKS_FILE},
     lock::FolderLock,
     progress::Progress,
     provenance,
@@ -26,21 +26,15 @@ use omnilife_schemas::{
 use crate::{
     backends, components,
     error::ReconstructError,
-    formats::{
-        DEFORMATION_FILE, GAUSSIANS_FILE, MOVING_GAUSSIANS_FILE, OBJECT_GAUSSIANS_FILE,
-        OBJECTS_FILE, REFINED_POSES_FILE,
-    },
     jobs::{
         interpolate::{Frames, GROUPS_FILE},
-        run_views, stage_times,
+        stage_times,
         trace_folder::{self, TRACE_FOLDER},
     },
     methods::{
-        self, Method, MethodKind, MethodOutcome,
-        neural_atlas::saved::{ATLAS_FILE, ATLAS_VALUES_FILE},
-        requirement::Requirement,
-        variant::Variant,
+        self, Method, MethodKind, MethodOutcome, requirement::Requirement, variant::Variant,
     },
+    models::run_views,
     process,
     request::{BackendChoice, MethodRequest},
     scene::{self, TrainingScene},
@@ -48,27 +42,13 @@ use crate::{
 };
 use omnilife_engine::training_view::TrainingView;
 
-/// Name of the record in the run's folder.
-pub const RUN_FILE: &str = "run.json";
 /// Name of the checkpoint in the run's folder; it is there while a run is not over.
 pub const CHECKPOINT_FILE: &str = "checkpoint.bin";
 /// What became of lifted pixels, in the folder of a run that began with them.
 pub const LIFT_FILE: &str = "lift.json";
 const TRACE_FILE: &str = "trace.csv";
-/// What a training may leave beside views and the record.
-const TRAINING_FILES: [&str; 11] = [
-    TRACE_FILE,
-    LIFT_FILE,
-    ATLAS_FILE,
-    ATLAS_VALUES_FILE,
-    GAUSSIANS_FILE,
-    MOVING_GAUSSIANS_FILE,
-    DEFORMATION_FILE,
-    REFINED_POSES_FILE,
-    OBJECTS_FILE,
-    OBJECT_GAUSSIANS_FILE,
-    CHECKPOINT_FILE,
-];
+/// Files of a training beside views, the record and the model.
+const TRAINING_FILES: [&str; 3] = [TRACE_FILE, LIFT_FILE, CHECKPOINT_FILE];
 const INPUT_FOLDER: &str = "predictions/input";
 pub(crate) const NOVEL_FOLDER: &str = "predictions/novel";
 
@@ -192,7 +172,7 @@ pub fn reconstruct(
         },
         made.rendering,
     ));
-    let has_objects = made.outputs.iter().any(|file| file == OBJECTS_FILE);
+    let can_be_edited = method.model().is_some_and(|model| model.edit.is_some());
     let variant = Variant::of(method, &request.settings).to_string();
     let record = RunRecord {
         method: method.id.to_owned(),
@@ -221,7 +201,7 @@ pub fn reconstruct(
         normalization: made.normalization,
         up: run_views::up(&scene, &split),
         clip_seconds: run_views::clip_seconds(&scene, &split),
-        views: has_objects.then(|| run_views::poses(&scene, &split)),
+        views: can_be_edited.then(|| run_views::poses(&scene, &split)),
         trace: made.trace,
         trace_views: made.trace_views,
         surfaces: made.surfaces,
@@ -297,7 +277,11 @@ fn train(
         None => store::remove(&lift_path)?,
     }
     let (training, learner) = (&outcome.training, &mut outcome.learner);
-    outputs.extend(learner.export(&request.out)?);
+    let model = learner.export(&request.out)?;
+    let obsolete =
+        |file: &str| methods::model_files().contains(file) && !model.iter().any(|new| new == file);
+    stage.own_files().remove(obsolete)?;
+    outputs.extend(model);
     trace::write_csv(&trace_path, &training.state.trace)?;
     let evidence = outcome.evidence.as_ref().map(serde_json::to_value);
     let evidence = evidence.transpose().map_err(|error| {
@@ -345,18 +329,16 @@ fn planned_files(method: &Method, split: &Split) -> Vec<String> {
         files.collect::<Vec<_>>()
     };
     let mut files = views(NOVEL_FOLDER, &split.novel_views);
-    let others: &[&str] = if method.is_trained() {
+    let mut others = vec![RUN_FILE];
+    if method.is_trained() {
         files.extend(views(INPUT_FOLDER, &split.input_views));
-        &TRAINING_FILES
+        others.extend(TRAINING_FILES);
+        // Those of an earlier run by another method are replaced or removed.
+        others.extend(methods::model_files());
     } else {
-        &[GROUPS_FILE]
-    };
-    files.extend(
-        others
-            .iter()
-            .chain(&[RUN_FILE])
-            .map(|&file| file.to_owned()),
-    );
+        others.push(GROUPS_FILE);
+    }
+    files.extend(others.into_iter().map(str::to_owned));
     files
 }
 

@@ -23,8 +23,9 @@ use omnilife_engine::camera::{Camera, View};
 
 use crate::{
     error::ReconstructError,
-    jobs::{cube_faces, opened_gaussians::OpenedGaussians},
-    methods::run_formats::{self, OpenedModel},
+    jobs::cube_faces,
+    methods,
+    models::{OpenModel, OpenRequest, OpenedModel, gaussians},
     process,
 };
 
@@ -172,12 +173,21 @@ fn open(
     camera: Camera,
     progress: &dyn Progress,
 ) -> Result<Box<dyn OpenedModel>, ReconstructError> {
-    if let Some(format) = run_formats::of_run(&request.model) {
-        return (format.open)(&request.model, &request.layer);
-    }
-    let (model, layer) = (&request.model, &request.layer);
-    let opened = OpenedGaussians::open(model, layer, of_cameras, camera, progress)?;
-    Ok(Box::new(opened))
+    let is_run = request.model.is_dir();
+    let run = is_run
+        .then(|| methods::open_run(&request.model))
+        .transpose()?;
+    let open = run
+        .as_ref()
+        .map_or(gaussians::open as OpenModel, |run| run.model.open);
+    open(&OpenRequest {
+        path: &request.model,
+        run: run.as_ref().map(|run| &run.record),
+        layer: &request.layer,
+        of_cameras,
+        camera,
+        progress,
+    })
 }
 
 /// Frames with their times and poses, and the camera where the file has one.

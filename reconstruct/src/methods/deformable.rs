@@ -9,7 +9,7 @@ use crate::{
     baseline::OPACITY_RESET,
     components::{self, Decision, Draft, draft::MotionEvidenceUse, sky_shell, swept_points},
     methods::{Method, MethodKind, ON_CPU_AND_GPU, PreparedGaussians},
-    options,
+    models, options,
     request::MethodRequest,
 };
 use crate::{
@@ -58,6 +58,7 @@ pub const METHOD: Method = Method {
     options: options::OF_GAUSSIANS,
     kind: MethodKind::Trained {
         extent: CameraExtent::Most,
+        model: &models::gaussians::GAUSSIANS,
         prepare: |scene, request, backend| prepare(scene, request, backend)?.on(scene, backend),
     },
 };

@@ -13,13 +13,16 @@ pub mod panogs;
 pub mod periodic;
 mod prepared;
 pub mod requirement;
-pub mod run_formats;
 pub mod variant;
+
+use std::{collections::BTreeSet, path::Path};
 
 use omnilife_schemas::{
     elapsed::{Elapsed, Stopwatch},
+    layout::RUN_FILE,
     names,
-    records::{ComponentDecision, Lift},
+    records::{ComponentDecision, Lift, RunRecord},
+    store,
 };
 
 use crate::{
@@ -31,6 +34,7 @@ use crate::{
         feed_forward::{Group, Interpolated},
         requirement::Requirement,
     },
+    models::ModelFormat,
     options::MethodOption,
     request::{BackendChoice, DefaultPlan, MethodRequest, PlanChoice},
     scene::{CameraExtent, TrainingScene},
@@ -175,6 +179,8 @@ pub enum MethodKind {
     Trained {
         /// Which cameras give a scene its extent.
         extent: CameraExtent,
+        /// Kind of model that it leaves in the run's folder.
+        model: &'static ModelFormat,
         /// Prepares its training.
         prepare: PrepareMethod,
     },
@@ -196,6 +202,14 @@ impl Method {
     /// Whether it learns a model of each scene; another seed gives another one.
     pub fn is_trained(&self) -> bool {
         matches!(self.kind, MethodKind::Trained { .. })
+    }
+
+    /// Returns the kind of model that its runs leave; `None` where it learns nothing.
+    pub fn model(&self) -> Option<&'static ModelFormat> {
+        match self.kind {
+            MethodKind::Trained { model, .. } => Some(model),
+            MethodKind::FeedForward { .. } => None,
+        }
     }
 
     /// Which cameras give a scene its extent. [`CameraExtent::Most`] where it learns nothing.
@@ -348,6 +362,37 @@ pub const METHODS: &[Method] = &[
 /// When there is none; the error lists all names.
 pub fn find(id: &str) -> Result<&'static Method, ReconstructError> {
     Ok(names::find("method", id, METHODS, |method| method.id)?)
+}
+
+/// Run that was opened: its record, and the kind of model in its folder.
+#[derive(Debug)]
+pub struct OpenedRun {
+    /// The run's record.
+    pub record: RunRecord,
+    /// Kind of its model.
+    pub model: &'static ModelFormat,
+}
+
+/// Reads a run's record and finds the kind of model that its method leaves.
+///
+/// # Errors
+/// When there is no record, its method is unknown, or it leaves no model.
+pub fn open_run(folder: &Path) -> Result<OpenedRun, ReconstructError> {
+    let path = folder.join(RUN_FILE);
+    let record: RunRecord = store::read_record(&path)?;
+    let method =
+        find(&record.method).map_err(|error| ReconstructError::scene(&path, error.to_string()))?;
+    let Some(model) = method.model() else {
+        let reason = format!("is a run of {}, which leaves no model", method.id);
+        return Err(ReconstructError::scene(folder, reason));
+    };
+    Ok(OpenedRun { record, model })
+}
+
+/// Returns the files of the models of all methods, each once.
+pub fn model_files() -> BTreeSet<&'static str> {
+    let models = METHODS.iter().filter_map(Method::model);
+    models.flat_map(|model| model.files).copied().collect()
 }
 
 #[cfg(test)]

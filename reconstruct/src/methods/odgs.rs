@@ -12,7 +12,7 @@ use crate::{
     components::{self, Draft, draft::MotionEvidenceUse, sky_shell, swept_points},
     error::ReconstructError,
     methods::{Method, MethodKind, ON_CPU_AND_GPU, PreparedGaussians},
-    options,
+    models, options,
     request::{BackendChoice, DefaultPlan, MethodRequest},
     scene::{CameraExtent, TrainingScene},
     seeds::points,
@@ -42,6 +42,7 @@ pub const METHOD: Method = Method {
     options: options::OF_GAUSSIANS,
     kind: MethodKind::Trained {
         extent: CameraExtent::Most,
+        model: &models::gaussians::GAUSSIANS,
         prepare: |scene, request, backend| prepare(scene, request, backend)?.on(scene, backend),
     },
 };

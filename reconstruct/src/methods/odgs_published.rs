@@ -7,6 +7,7 @@ use omnilife_schemas::records::ComponentDecision;
 
 use crate::{
     error::ReconstructError,
+    models,
     request::{BackendChoice, DefaultPlan},
     scene::{CameraExtent, TrainingScene},
     seeds::points,
@@ -44,6 +45,7 @@ pub const METHOD: Method = Method {
     options: &[options::MAX_GAUSSIANS, options::DENSIFY_THRESHOLD],
     kind: MethodKind::Trained {
         extent: CameraExtent::Farthest,
+        model: &models::gaussians::GAUSSIANS,
         prepare: |scene, request, backend| prepare(scene, request, backend)?.on(scene, backend),
     },
 };

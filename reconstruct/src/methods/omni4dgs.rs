@@ -17,7 +17,7 @@ use crate::{
             self, Beginning, CYCLE_FRAMES, TEMPORAL_DENSITY, TEMPORAL_MOTION, TEMPORAL_OPACITY,
         },
     },
-    options,
+    models, options,
     request::{BackendChoice, DefaultPlan, MethodRequest},
     scene::{CameraExtent, TrainingScene},
 };
@@ -73,6 +73,7 @@ pub const METHOD: Method = Method {
     options: options::OF_GAUSSIANS,
     kind: MethodKind::Trained {
         extent: CameraExtent::Most,
+        model: &models::gaussians::GAUSSIANS,
         prepare: |scene, request, backend| prepare(scene, request, backend)?.on(scene, backend),
     },
 };

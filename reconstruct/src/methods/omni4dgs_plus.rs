@@ -25,7 +25,7 @@ use crate::{
             VELOCITY_REGULARIZATION,
         },
     },
-    options,
+    models, options,
     request::{BackendChoice, DefaultPlan, MethodRequest},
     scene::{CameraExtent, TrainingScene},
     seeds::masks::SeedVelocity,
@@ -74,6 +74,7 @@ pub const METHOD: Method = Method {
     options: options::OF_GAUSSIANS,
     kind: MethodKind::Trained {
         extent: CameraExtent::Most,
+        model: &models::gaussians::GAUSSIANS,
         prepare: |scene, request, backend| prepare(scene, request, backend)?.on(scene, backend),
     },
 };

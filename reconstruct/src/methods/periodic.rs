@@ -18,7 +18,7 @@ use crate::{
             TEMPORAL_OPACITY, TEMPORAL_SMOOTHING,
         },
     },
-    options,
+    models, options,
     request::{BackendChoice, DefaultPlan, MethodRequest},
     scene::{CameraExtent, TrainingScene},
 };
@@ -75,6 +75,7 @@ pub const METHOD: Method = Method {
     options: options::OF_GAUSSIANS,
     kind: MethodKind::Trained {
         extent: CameraExtent::Most,
+        model: &models::gaussians::GAUSSIANS,
         prepare: |scene, request, backend| prepare(scene, request, backend)?.on(scene, backend),
     },
 };

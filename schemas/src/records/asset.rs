@@ -32,6 +32,18 @@ pub struct Asset {
     pub wall_seconds: f64,
 }
 
+impl Asset {
+    /// Returns the names of all its files of Gaussians.
+    pub fn splat_files(&self) -> impl Iterator<Item = &str> {
+        let levels = self.levels.iter().map(|level| &*level.file);
+        let of_moments = self.moments.iter().flat_map(|moments| {
+            let moving = moments.moments.iter().map(|moment| &*moment.moving.file);
+            [&*moments.still.file].into_iter().chain(moving)
+        });
+        levels.chain(of_moments)
+    }
+}
+
 impl Record for Asset {
     const SCHEMA: &'static str = "omnilife/asset/1";
 }

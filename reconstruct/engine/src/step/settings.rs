@@ -49,6 +49,9 @@ pub struct TrainSettings {
     /// A network that deforms Gaussians; other methods have none.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub deformation: Option<DeformationSettings>,
+    /// True where Gaussians belong to objects that move along paths of their own.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub objects: bool,
     /// Gains of the views, where they are compensated.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub exposure: Option<Exposure>,
@@ -112,6 +115,7 @@ pub(crate) mod tests {
             densify: published(),
             dynamics: None,
             deformation: None,
+            objects: false,
             exposure: None,
             dropout: None,
             pose_refinement: None,

@@ -47,16 +47,6 @@ fn moment_file(number: usize) -> String {
     format!("moment-{number:03}.splat")
 }
 
-/// All files of Gaussians of an asset.
-pub(crate) fn splat_files(asset: &Asset) -> impl Iterator<Item = &str> {
-    let levels = asset.levels.iter().map(|level| &*level.file);
-    let of_moments = asset.moments.iter().flat_map(|moments| {
-        let moving = moments.moments.iter().map(|moment| &*moment.moving.file);
-        [&*moments.still.file].into_iter().chain(moving)
-    });
-    levels.chain(of_moments)
-}
-
 /// What to export.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ExportRequest {

@@ -17,7 +17,7 @@ use omnilife_schemas::{
     store::{self, StoreError},
 };
 
-use super::{PAGE_FILE, splat_files};
+use super::PAGE_FILE;
 use crate::error::ReconstructError;
 
 /// Bytes of a request's head at most.
@@ -48,7 +48,7 @@ impl Server {
             )
             .into());
         }
-        let splats = splat_files(&asset).map(str::to_owned);
+        let splats = asset.splat_files().map(str::to_owned);
         let files = splats.chain([PAGE_FILE.to_owned(), ASSET_FILE.to_owned()]);
         let address = SocketAddr::from((Ipv4Addr::LOCALHOST, port));
         let listener = TcpListener::bind(address).map_err(|error| ReconstructError::Request {

@@ -1,11 +1,14 @@
 //! What is exported: a run's Gaussians, or those of a file, in the frame of an asset's files.
 
+use std::path::Path;
+
 use glam::DVec3;
 use omnilife_engine::{
     gaussians::{ActivatedGaussians, parameterization::Viewpoint, temporal::TemporalFeatures},
     model::Model,
 };
 use omnilife_schemas::{
+    layout::RUN_FILE,
     progress::Progress,
     records::{AssetSource, InvalidGaussians, RunRecord},
     store,
@@ -16,11 +19,7 @@ use super::{
     moments::Moments,
     viewer_limits::{Drawable, FileFrame, drawable},
 };
-use crate::{
-    error::ReconstructError,
-    formats::validity,
-    jobs::{opened_gaussians::Source, reconstruct::RUN_FILE},
-};
+use crate::{error::ReconstructError, formats::validity, methods, models::gaussians::Source};
 
 /// Gaussians to be written.
 pub(super) struct ExportedScene {
@@ -41,15 +40,15 @@ impl ExportedScene {
         request: &ExportRequest,
         progress: &dyn Progress,
     ) -> Result<Self, ReconstructError> {
-        let source = Source::open_in_place(&request.gaussians)?;
+        let record = request
+            .gaussians
+            .is_dir()
+            .then(|| run_with_splats(&request.gaussians));
+        let record = record.transpose()?;
+        let source = Source::open_in_place(&request.gaussians, record.as_ref())?;
         let mut invalid = InvalidGaussians::default();
         let mut model = source.model(&mut invalid)?;
         let record_path = request.gaussians.join(RUN_FILE);
-        let record: Option<RunRecord> = request
-            .gaussians
-            .is_dir()
-            .then(|| store::read_record(&record_path))
-            .transpose()?;
         let normalization = &source.normalization;
         let frame = FileFrame::new(
             up(request, record.as_ref())?,
@@ -97,6 +96,19 @@ impl ExportedScene {
             without_moments,
         })
     }
+}
+
+/// Returns the record of a run whose model web viewers can show.
+fn run_with_splats(folder: &Path) -> Result<RunRecord, ReconstructError> {
+    let run = methods::open_run(folder)?;
+    if run.model.has_splats() {
+        return Ok(run.record);
+    }
+    let reason = format!(
+        "is a run of {}, which has no Gaussians for viewers",
+        run.record.method
+    );
+    Err(ReconstructError::scene(folder, reason))
 }
 
 /// The moment that levels show, where anything depends on it.

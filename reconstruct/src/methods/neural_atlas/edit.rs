@@ -1,32 +1,12 @@
-//! Edits of an atlas, from a script:
-//!
-//! ```toml
-//! [[edit]]
-//! kind = "texture"            # what is painted replaces the node's colour, its view dependence included
-//! node = "swan"
-//! image = "painted.png"       # RGBA, beside the script
-//! frame = 12                  # painted in this frame; without it, over the node's atlas
-//!
-//! [[edit]]
-//! kind = "shift"              # also: remove, rotate (turn = [x, y, z] degrees), duplicate (new = "name"),
-//! node = "swan"               # retime (frames = 5: that much later)
-//! by = [0.2, 0.0, -0.1]       # x right, y down, z forward
-//! unit = "distance"           # of the node from the camera; or "world"
-//! axes = "camera"             # of the clip's first frame; or "world"
-//! ```
+//! Edits of an atlas by a script.
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use glam::{DMat3, DQuat, DVec2, DVec3};
 use omnilife_engine::{
     fields::grid_field::GridField, parameters::SharedParameters, surfaces::texture::Texture,
 };
-use omnilife_schemas::{
-    image_file::ImageFile,
-    records::RunRecord,
-    store::{self, StoreError},
-};
-use serde::Deserialize;
+use omnilife_schemas::{image_file::ImageFile, records::RunRecord, trajectory::GroundAxes};
 
 use super::{
     clip::{camera_direction, pixel_centre},
@@ -37,185 +17,119 @@ use super::{
     saved,
     shade::Detail,
 };
-use crate::{error::ReconstructError, methods::run_formats::EditRequest};
+use crate::{
+    error::ReconstructError,
+    models::{
+        EditedModel, PlannedFiles,
+        script::{self, Axes, Delay, Edit, Script, Unit},
+    },
+};
 
-#[derive(Debug, Deserialize)]
-#[serde(deny_unknown_fields)]
-struct Script {
-    edit: Vec<toml::Spanned<Edit>>,
-}
-
-#[derive(Debug, Deserialize)]
-#[serde(tag = "kind", rename_all = "kebab-case", deny_unknown_fields)]
-enum Edit {
-    Texture {
-        node: String,
-        image: PathBuf,
-        frame: Option<u32>,
-    },
-    Remove {
-        node: String,
-    },
-    Shift {
-        node: String,
-        by: [f64; 3],
-        #[serde(default)]
-        unit: Unit,
-        #[serde(default)]
-        axes: Axes,
-    },
-    Rotate {
-        node: String,
-        turn: [f64; 3],
-        #[serde(default)]
-        axes: Axes,
-    },
-    Duplicate {
-        node: String,
-        new: String,
-    },
-    Retime {
-        node: String,
-        frames: i64,
-    },
-}
-
-#[derive(Debug, Clone, Copy, Default, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-enum Unit {
-    /// The node's distance from the camera.
-    #[default]
-    Distance,
-    /// Units of the scene's world.
-    World,
-}
-
-#[derive(Debug, Clone, Copy, Default, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-enum Axes {
-    /// Those of the camera in the clip's first frame.
-    #[default]
-    Camera,
-    /// Those of the world.
-    World,
-}
-
-/// Applies a script to a run's atlas and writes the edited one.
+/// Applies a script to a run's atlas.
 ///
 /// # Errors
-/// When the script is malformed, names what is not there (with its line), or an image has no pixels.
-pub fn edit(request: &EditRequest<'_>) -> Result<(Vec<String>, Vec<String>), ReconstructError> {
-    let mut graph = saved::read(request.run)?;
-    let record: RunRecord = store::read_record(&request.run.join("run.json"))?;
-    let scale = record.normalization.scale;
-    let text = std::fs::read_to_string(request.script)
-        .map_err(|source| StoreError::read(request.script, source))?;
-    let script: Script = toml::from_str(&text).map_err(|error| {
-        let line = error.span().map_or(1, |span| line_of(&text, span.start));
-        refuse(request.script, line, error.message())
-    })?;
-    let folder = request.script.parent().unwrap_or(Path::new("."));
-    let mut done = Vec::with_capacity(script.edit.len());
-    for edit in script.edit {
-        let line = line_of(&text, edit.span().start);
-        let what = apply(&mut graph, edit.into_inner(), folder, scale)
-            .map_err(|reason| refuse(request.script, line, &reason))?;
-        done.push(what);
-    }
-    Ok((saved::write(request.out, &graph)?, done))
+/// When an edit names a part that is not there, makes no sense for it, or an image has no painted pixels.
+pub(super) fn edit<'a>(
+    folder: &'a Path,
+    run: &RunRecord,
+    script: &Script,
+) -> Result<EditedModel<'a>, ReconstructError> {
+    let mut graph = saved::read(folder)?;
+    let changes = script.apply(|edit| apply(&mut graph, edit, script.folder(), run))?;
+    Ok(EditedModel {
+        planned: PlannedFiles {
+            files: outputs::ATLAS
+                .files
+                .iter()
+                .map(|&file| file.to_owned())
+                .collect(),
+            write: Box::new(move |out| {
+                saved::write(out, &graph)?;
+                Ok(())
+            }),
+        },
+        changes,
+        warnings: Vec::new(),
+    })
 }
 
-fn line_of(text: &str, byte: usize) -> usize {
-    1 + text
-        .bytes()
-        .take(byte)
-        .filter(|&byte| byte == b'\n')
-        .count()
-}
-
-fn refuse(script: &Path, line: usize, reason: &str) -> ReconstructError {
-    let reason = reason.lines().next().unwrap_or_default();
-    ReconstructError::Request {
-        reason: format!("{}: line {line}: {reason}", script.display()),
-    }
-}
-
-fn found(graph: &Graph, id: &str) -> Result<usize, String> {
-    outputs::find(graph, id)
-}
-
-/// Does one edit; returns what was done.
-fn apply(graph: &mut Graph, edit: Edit, folder: &Path, scale: f64) -> Result<String, String> {
+/// Applies one edit; returns what it did.
+fn apply(graph: &mut Graph, edit: &Edit, folder: &Path, run: &RunRecord) -> Result<String, String> {
+    let id = edit.object();
+    let number = outputs::find(graph, id)?;
     match edit {
-        Edit::Remove { node } => {
-            let number = found(graph, &node)?;
+        Edit::Remove { .. } => {
             graph.nodes.remove(number);
-            Ok(format!("{node} is removed"))
+            Ok(format!("{id} is removed"))
         }
-        Edit::Duplicate { node, new } => {
-            let number = found(graph, &node)?;
+        Edit::Duplicate { new, .. } => {
+            let new = new.as_deref().unwrap_or_default();
             let is_name = !new.is_empty() && !new.contains(['/', '\\', ':']);
-            if !is_name || graph.find(&new).is_some() {
-                return Err(format!("{new:?} is no new name of an object"));
+            if !is_name || graph.find(new).is_some() {
+                return Err(format!(
+                    "new must be a free name without /, \\ and :, got {new:?}"
+                ));
             }
-            let copy = copied(&graph.nodes[number], &new);
+            let copy = copied(&graph.nodes[number], new);
             graph.nodes.insert(number + 1, copy);
-            Ok(format!("{new} is a copy of {node}"))
+            Ok(format!("{new} is a copy of {id}"))
         }
-        Edit::Retime { node, frames } => {
-            let number = found(graph, &node)?;
-            let steps = graph.footage.frames.len().saturating_sub(1).max(1);
-            graph.nodes[number].delay += frames as f64 / steps as f64;
-            Ok(format!("{node} is shown {frames} frames later"))
-        }
-        Edit::Shift {
-            node,
-            by,
-            unit,
-            axes,
+        Edit::Retime {
+            seconds, frames, ..
         } => {
-            let number = found(graph, &node)?;
-            let camera = graph.footage.first_pose();
-            let by = DVec3::from_array(by);
-            if !by.is_finite() {
-                return Err("a shift is three finite numbers".to_owned());
-            }
-            let turned = turned_by(axes, camera.rotation) * by;
+            let (share, words) = match script::delay(*seconds, *frames)? {
+                Delay::Frames(frames) => {
+                    let steps = graph.footage.frames.len().saturating_sub(1).max(1);
+                    (frames / steps as f64, format!("{frames} frames"))
+                }
+                Delay::Seconds(seconds) => {
+                    let clip = run.clip_seconds.map(|[first, last]| last - first);
+                    let clip = clip.filter(|length| *length > 0.0);
+                    let clip = clip.ok_or("the run's record has no times: give frames")?;
+                    (seconds / clip, format!("{seconds} s"))
+                }
+            };
             let node = &mut graph.nodes[number];
-            let length = match unit {
-                Unit::World => scale,
+            node.delay += share;
+            let [begin, end] = node.times.map(|time| time + node.delay);
+            if begin > 1.0 || end < 0.0 {
+                return Err(format!(
+                    "{id} is never in the clip when it is shown {words} later"
+                ));
+            }
+            Ok(format!("{id} is shown {words} later"))
+        }
+        Edit::Shift { by, unit, axes, .. } => {
+            let camera = graph.footage.first_pose();
+            let turned = axes_of(*axes, camera.rotation, run)? * DVec3::from_array(*by);
+            let node = &mut graph.nodes[number];
+            let length = match unit.unwrap_or(Unit::Distance) {
+                Unit::World => run.normalization.scale,
                 Unit::Distance => distance_of(node, camera.centre),
             };
-            let trajectory = trajectory_of(node)?;
-            for position in &mut trajectory.positions {
+            for position in &mut trajectory_of(node)?.positions {
                 *position += length * turned;
             }
-            Ok(format!("{} is shifted", node.id))
+            Ok(format!("{id} is shifted"))
         }
-        Edit::Rotate { node, turn, axes } => {
-            let number = found(graph, &node)?;
+        Edit::Rotate { turn, axes, .. } => {
             let camera = graph.footage.first_pose();
             let turn = DVec3::from_array(turn.map(f64::to_radians));
-            if !turn.is_finite() {
-                return Err("a turn is three finite numbers of degrees".to_owned());
-            }
-            let turn = DQuat::from_scaled_axis(turned_by(axes, camera.rotation) * turn);
-            let node = &mut graph.nodes[number];
-            for rotation in &mut trajectory_of(node)?.rotations {
+            let turn = DQuat::from_scaled_axis(axes_of(*axes, camera.rotation, run)? * turn);
+            for rotation in &mut trajectory_of(&mut graph.nodes[number])?.rotations {
                 *rotation = (turn * *rotation).normalize();
             }
-            Ok(format!("{} is turned", node.id))
+            Ok(format!("{id} is turned"))
         }
-        Edit::Texture { node, image, frame } => {
-            let number = found(graph, &node)?;
+        Edit::Texture { image, frame, .. } => {
             let painted = read_rgba(&folder.join(image))?;
             let (texture, done) = match frame {
-                None => (painted, format!("{node} is painted over its atlas")),
+                None => (painted, format!("{id} is painted over its atlas")),
                 Some(frame) => {
-                    let (texture, returned) = from_frame(graph, number, frame, &painted)?;
+                    let (texture, returned) = from_frame(graph, number, *frame, &painted)?;
                     let share = 100.0 * returned;
                     let done = format!(
-                        "{node} is painted in frame {frame}; {share:.1} % of the painted pixels \
+                        "{id} is painted in frame {frame}; {share:.1} % of the painted pixels \
                          return within half a pixel"
                     );
                     (texture, done)
@@ -239,10 +153,17 @@ fn distance_of(node: &Node, camera: DVec3) -> f64 {
     }
 }
 
-fn turned_by(axes: Axes, camera: DMat3) -> DMat3 {
-    match axes {
-        Axes::World => DMat3::IDENTITY,
-        Axes::Camera => camera,
+/// Returns the axes of a displacement as columns in the world.
+fn axes_of(axes: Option<Axes>, camera: DMat3, run: &RunRecord) -> Result<DMat3, String> {
+    match axes.unwrap_or(Axes::Camera) {
+        Axes::World => Ok(DMat3::IDENTITY),
+        Axes::Camera => Ok(camera),
+        Axes::Ground => {
+            let up = run
+                .up
+                .ok_or("the run's record has no direction up: ground axes are unknown")?;
+            Ok(GroundAxes::new(DVec3::from_array(up)).to_world)
+        }
     }
 }
 

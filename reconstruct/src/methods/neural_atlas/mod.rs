@@ -147,6 +147,7 @@ pub const METHOD: Method = Method {
     ],
     kind: MethodKind::Trained {
         extent: CameraExtent::Most,
+        model: &outputs::ATLAS,
         prepare,
     },
 };

@@ -6,7 +6,6 @@ use glam::{DVec2, DVec3};
 use omnilife_engine::camera::View;
 use omnilife_schemas::{
     RgbImage, Similarity,
-    records::RunRecord,
     store::{self, StoreError},
 };
 use rayon::prelude::*;
@@ -20,21 +19,20 @@ use super::{
 };
 use crate::{
     error::ReconstructError,
-    methods::run_formats::{OpenedModel, RunFormat},
+    models::{Export, ModelFormat, OpenRequest, OpenedModel, PlannedFiles},
 };
 use omnilife_engine::surfaces::{plane::PlaneHit, sphere::SphereHit};
 
-/// Runs of the method.
-pub const RUN_FORMAT: RunFormat = RunFormat {
-    file: saved::ATLAS_FILE,
+/// Textured planes and spheres that move along trajectories.
+pub const ATLAS: ModelFormat = ModelFormat {
     files: &[saved::ATLAS_FILE, saved::ATLAS_VALUES_FILE],
-    layers: "all, background, object:ID, matte:ID or without:ID",
-    open: |folder, layer| Ok(Box::new(OpenedAtlas::open(folder, layer)?)),
-    edit: super::edit::edit,
+    open: |request| Ok(Box::new(OpenedAtlas::open(request)?)),
+    edit: Some(super::edit::edit),
+    exports: &[Export::Textures(textures)],
 };
 
-/// Name of a run's record.
-const RUN_FILE: &str = "run.json";
+/// Layers of an atlas, by name.
+const LAYERS: &str = "all, background, object:ID, matte:ID or without:ID";
 
 /// An atlas with what is shown of it.
 struct OpenedAtlas {
@@ -44,13 +42,13 @@ struct OpenedAtlas {
 }
 
 impl OpenedAtlas {
-    fn open(folder: &Path, layer: &str) -> Result<Self, ReconstructError> {
-        let graph = saved::read(folder)?;
-        let record: RunRecord = store::read_record(&folder.join(RUN_FILE))?;
+    fn open(request: &OpenRequest<'_>) -> Result<Self, ReconstructError> {
+        let graph = saved::read(request.path)?;
+        let normalization = request.run.map(|run| run.normalization);
         Ok(Self {
-            shown: shown(&graph, folder, layer)?,
+            shown: shown(&graph, request.path, request.layer)?,
             graph,
-            normalization: record.normalization,
+            normalization: normalization.unwrap_or(request.of_cameras),
         })
     }
 }
@@ -80,10 +78,7 @@ fn shown(graph: &Graph, folder: &Path, layer: &str) -> Result<Shown, Reconstruct
         Some(("matte", name)) => Ok(Shown::Matte(id(name)?)),
         Some(("without", name)) => Ok(Shown::Without(id(name)?)),
         _ => Err(ReconstructError::Request {
-            reason: format!(
-                "there is no layer {layer:?}: an atlas has {}",
-                RUN_FORMAT.layers
-            ),
+            reason: format!("there is no layer {layer:?}: an atlas has {}", LAYERS),
         }),
     }
 }
@@ -112,24 +107,27 @@ struct AtlasEntry {
 /// Name of the list of an atlas's images.
 const LIST_FILE: &str = "nodes.json";
 
-/// Names of the files of [`write_atlas`].
-pub fn atlas_files(graph: &Graph) -> Vec<String> {
-    let images = graph.nodes.iter().map(|node| format!("{}.png", node.id));
-    images.chain([LIST_FILE.to_owned()]).collect()
+/// Plans an RGBA image of each node of a run's atlas, and a list of them: base colour and the colour field, base
+/// opacity and the opacity field, without flow and view.
+fn textures(run: &Path) -> Result<PlannedFiles<'static>, ReconstructError> {
+    let graph = saved::read(run)?;
+    let images = graph.nodes.iter().map(image_file);
+    Ok(PlannedFiles {
+        files: images.chain([LIST_FILE.to_owned()]).collect(),
+        write: Box::new(|out| write_textures(graph, out)),
+    })
 }
 
-/// Writes an RGBA image of each node: base colour and the colour field, base opacity and the opacity field,
-/// without flow and view. Returns the names of the files.
-///
-/// # Errors
-/// When a file cannot be written.
-pub fn write_atlas(mut graph: Graph, out: &Path) -> Result<Vec<String>, ReconstructError> {
-    let mut files = Vec::new();
+fn image_file(node: &Node) -> String {
+    format!("{}.png", node.id)
+}
+
+fn write_textures(mut graph: Graph, out: &Path) -> Result<(), ReconstructError> {
     let mut entries = Vec::new();
     for node in &mut graph.nodes {
         let (width, height) = (node.colour.width, node.colour.height);
         let rgba = node_image(node, width, height);
-        let file = format!("{}.png", node.id);
+        let file = image_file(node);
         let path = out.join(&file);
         store::write_with(&path, |writer| {
             let encoder = image::codecs::png::PngEncoder::new(writer);
@@ -144,7 +142,7 @@ pub fn write_atlas(mut graph: Graph, out: &Path) -> Result<Vec<String>, Reconstr
         })?;
         entries.push(AtlasEntry {
             id: node.id.clone(),
-            file: file.clone(),
+            file,
             width,
             height,
             surface: match node.surface {
@@ -152,14 +150,11 @@ pub fn write_atlas(mut graph: Graph, out: &Path) -> Result<Vec<String>, Reconstr
                 Surface::Sphere { .. } => "sphere",
             },
         });
-        files.push(file);
     }
     let list = out.join(LIST_FILE);
     let text = serde_json::to_vec_pretty(&entries)
         .map_err(|error| StoreError::write(&list, std::io::Error::other(error)))?;
-    store::write_bytes(&list, &text)?;
-    files.push(LIST_FILE.to_owned());
-    Ok(files)
+    Ok(store::write_bytes(&list, &text)?)
 }
 
 /// RGBA of a node's surface, texel by texel.

@@ -22,7 +22,7 @@ use crate::{
     components::{self, Decision, Draft, draft::MotionEvidenceUse, sky_shell},
     error::ReconstructError,
     methods::{Method, MethodKind, ON_CPU, PreparedGaussians, requirement::Requirement},
-    options,
+    models, options,
     request::{BackendChoice, DefaultPlan, MethodRequest},
     scene::{CameraExtent, TrainingScene},
     seeds::points,
@@ -65,6 +65,7 @@ pub const METHOD: Method = Method {
     options: options::OF_GAUSSIANS,
     kind: MethodKind::Trained {
         extent: CameraExtent::Most,
+        model: &models::objects::OBJECT_GRAPH,
         prepare: |scene, request, backend| prepare(scene, request, backend)?.on(scene, backend),
     },
 };
@@ -129,6 +130,7 @@ fn prepare(
             begin: POSE_RATE.begin * extent,
             end: POSE_RATE.end * extent,
         };
+        draft.settings.objects = true;
         let rates = &mut draft.settings.learning_rates;
         rates.insert(OBJECT_POSITIONS.to_owned(), POSITION_RATE);
         rates.insert(OBJECT_POSES.to_owned(), pose_rate);

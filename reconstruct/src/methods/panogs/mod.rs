@@ -44,7 +44,7 @@ use crate::{
     components::{Decision, sky_shell},
     error::ReconstructError,
     methods::{Method, MethodKind, ON_CPU, PreparedGaussians},
-    options, process,
+    models, options, process,
     request::{BackendChoice, DefaultPlan, MethodRequest},
     scene::{CameraExtent, TrainingScene},
 };
@@ -106,6 +106,7 @@ pub const METHOD: Method = Method {
     options: &[options::MAX_GAUSSIANS, options::FOOTPRINT, options::SHARDS],
     kind: MethodKind::Trained {
         extent: CameraExtent::Most,
+        model: &models::gaussians::GAUSSIANS,
         prepare: |scene, request, backend| prepare(scene, request, backend)?.on(scene, backend),
     },
 };

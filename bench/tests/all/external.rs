@@ -1,0 +1,362 @@
+//! External methods, run by their own commands: stand-ins are shell scripts.
+
+use std::{fs, path::PathBuf, sync::Mutex};
+
+use omnilife_bench::{ExternalRequest, Predictions, ScoreRequest, run_external, score, validate};
+use omnilife_schemas::{
+    Classified, ErrorKind,
+    progress::{Progress, Silent},
+    records::{ExternalRun, PhaseName},
+};
+use scenes::scene;
+use scoring::Bench;
+
+use crate::{scenes, scoring};
+
+/// A scene, and a method whose commands run in `sh`.
+struct Stand {
+    bench: Bench,
+    request: ExternalRequest,
+}
+
+impl Stand {
+    fn new(manifest: &str) -> Self {
+        let bench = Bench::new();
+        let file = bench.at("method/method.toml");
+        fs::create_dir(bench.at("method")).unwrap();
+        fs::write(&file, manifest).unwrap();
+        let request = ExternalRequest {
+            manifest: file,
+            scene: bench.request.scene.clone(),
+            split: bench.request.split.clone(),
+            seed: 7,
+            out: bench.at("run"),
+        };
+        Self { bench, request }
+    }
+
+    fn run(&self) -> ExternalRun {
+        run_external(&self.request, &Silent).unwrap()
+    }
+
+    fn refusal(&self) -> String {
+        let error = run_external(&self.request, &Silent).unwrap_err();
+        assert_eq!(error.error_kind(), ErrorKind::User, "{error}");
+        assert!(!error.to_string().contains('\n'), "{error}");
+        error.to_string()
+    }
+
+    fn score_request(&self) -> ScoreRequest {
+        ScoreRequest {
+            predictions: Predictions::Run(self.request.out.join("external-run.json")),
+            method: "copier".to_owned(),
+            out: self.bench.at("scores"),
+            ..self.bench.request.clone()
+        }
+    }
+}
+
+/// Copies the predictions that the test scene comes with, under other names.
+fn copier(bench_folder: &str) -> String {
+    format!(
+        r#"
+id = "copier"
+licence = "MIT"
+[train]
+command = ["sh", "-c", "echo trained with $0; test -f $1 && test -f $2", "{{seed}}", "{{scene}}", "{{split}}"]
+[render]
+command = ["sh", "-c", "mkdir -p v && for f in $0/*.png; do cp $f v/view-$(basename $f); done", "{bench_folder}"]
+[predictions]
+novel = "{{work}}/v/view-{{frame:06}}.png"
+"#
+    )
+}
+
+fn copying_stand() -> Stand {
+    let stand = Stand::new("");
+    let folder = stand.bench.at("novel").display().to_string();
+    fs::write(&stand.request.manifest, copier(&folder)).unwrap();
+    stand
+}
+
+#[test]
+fn a_method_is_run_measured_and_scored() {
+    let stand = copying_stand();
+    let run = stand.run();
+    assert_eq!(run.failure, None);
+    assert_eq!(run.environment, "plain");
+    let names: Vec<_> = run.phases.iter().map(|phase| phase.name).collect();
+    assert_eq!(names, [PhaseName::Train, PhaseName::Render]);
+    assert!(
+        run.phases.iter().all(|phase| phase.ending == "exit 0"
+            && phase.cpu_seconds.is_some_and(|seconds| seconds >= 0.0))
+    );
+    let log = fs::read_to_string(stand.request.out.join(&run.phases[0].log)).unwrap();
+    assert_eq!(log, "trained with 7\n");
+
+    let result = score(&stand.score_request(), &Silent).unwrap();
+    let theirs = stand.bench.score().unwrap();
+    assert_eq!(result.novel_views, theirs.novel_views);
+    assert!(result.input_views.is_empty() && result.failures.is_empty());
+    assert_eq!(result.training_seconds, Some(run.phases[0].wall_seconds));
+}
+
+#[test]
+fn an_unchanged_run_is_skipped_and_a_changed_seed_is_not() {
+    struct Notes(Mutex<Vec<String>>);
+    impl Progress for Notes {
+        fn begin(&self, _: &str, _: Option<u64>) {}
+        fn advance(&self, _: u64) {}
+        fn status(&self, _: &str) {}
+        fn end(&self) {}
+        fn note(&self, line: &str) {
+            self.0.lock().unwrap().push(line.to_owned());
+        }
+    }
+    let mut stand = copying_stand();
+    let first = stand.run();
+    let notes = Notes(Mutex::default());
+    assert_eq!(run_external(&stand.request, &notes).unwrap(), first);
+    assert_eq!(notes.0.lock().unwrap().len(), 1);
+    stand.request.seed = 8;
+    let again = run_external(&stand.request, &notes).unwrap();
+    assert_eq!((again.seed, notes.0.lock().unwrap().len()), (8, 1));
+}
+
+/// A failed method is a row of the tables, with the reason, and is run again.
+#[test]
+fn a_failed_method_is_scored_as_failures() {
+    let stand = Stand::new(
+        r#"
+id = "copier"
+[train]
+command = ["sh", "-c", "echo out of memory; exit 3"]
+[render]
+command = ["sh", "-c", "touch rendered"]
+[predictions]
+novel = "{work}/{frame}.png"
+"#,
+    );
+    let run = stand.run();
+    let failure = "train ended with exit 3: out of memory";
+    assert_eq!(run.failure.as_deref(), Some(failure));
+    assert_eq!(run.phases.len(), 1);
+    assert!(!stand.request.out.join("work/rendered").exists());
+
+    let result = score(&stand.score_request(), &Silent).unwrap();
+    assert_eq!(result.failures.len(), stand.bench.split.novel_views.len());
+    assert!(result.novel_views.is_empty());
+    assert_eq!(result.run_failure.as_deref(), Some(failure));
+    assert_eq!(result.training_seconds, None);
+
+    let request = stand.score_request();
+    let report = validate(
+        &request.scene,
+        &request.split,
+        &request.predictions,
+        &Silent,
+    )
+    .unwrap();
+    assert_eq!(report.views, stand.bench.split.novel_views.len());
+    assert_eq!(report.findings.len(), 1, "{:?}", report.findings);
+    assert_eq!(report.findings[0].view.as_deref(), Some("run"));
+    assert!(report.findings[0].reason.contains(failure));
+
+    let mended = fs::read_to_string(&stand.request.manifest)
+        .unwrap()
+        .replace("exit 3", "exit 0");
+    fs::write(&stand.request.manifest, mended).unwrap();
+    assert_eq!(stand.run().failure, None);
+}
+
+/// Child processes of a program end with it, by the time limit and by itself: the next one has the machine for itself.
+#[test]
+fn children_of_a_program_end_with_it() {
+    for (rest, limit) in [("wait", "time_limit_seconds = 0.2"), ("exit 0", "")] {
+        let stand = Stand::new(&format!(
+            r#"
+id = "parent"
+{limit}
+[render]
+command = ["sh", "-c", "(sleep 1.2; touch {{work}}/late) & {rest}"]
+[predictions]
+novel = "{{work}}/{{frame}}.png"
+"#
+        ));
+        stand.run();
+        std::thread::sleep(std::time::Duration::from_millis(1600));
+        let late = stand.bench.at("run/work/late");
+        assert!(late.parent().unwrap().is_dir() && !late.exists(), "{rest}");
+    }
+}
+
+/// A child with a session of its own does not share the machine with the next command either.
+#[test]
+#[cfg(target_os = "linux")]
+fn what_a_command_leaves_running_is_told_and_gone_before_the_next() {
+    let stand = Stand::new(
+        r#"
+id = "parent"
+[train]
+command = ["sh", "-c", "setsid sh -c 'echo $$ > own; exec sleep 300' & while ! test -s own; do sleep 0.01; done"]
+[render]
+command = ["sh", "-c", "! kill -0 $(cat own) 2> /dev/null"]
+[predictions]
+novel = "{work}/{frame}.png"
+"#,
+    );
+    let run = stand.run();
+    assert_eq!(run.failure, None);
+    let own = fs::read_to_string(stand.request.out.join("work/own")).unwrap();
+    let left = format!("sleep (process {})", own.trim());
+    assert_eq!(run.phases[0].ending, "exit 0");
+    assert_eq!(run.phases[0].left_running, std::slice::from_ref(&left));
+    assert!(run.phases[1].left_running.is_empty());
+    let told = run.warnings.iter().filter(|line| line.contains(&left));
+    assert_eq!(told.count(), 1, "{:?}", run.warnings);
+}
+
+#[test]
+fn endless_and_missing_programs_end_with_a_reason() {
+    let stand = Stand::new(
+        r#"
+id = "sleeper"
+time_limit_seconds = 0.2
+[render]
+command = ["sleep", "600"]
+[predictions]
+novel = "{work}/{frame}.png"
+"#,
+    );
+    let failure = stand.run().failure.unwrap();
+    assert_eq!(failure, "render ended with the time limit of 0.2 s");
+
+    let stand = Stand::new(
+        r#"
+id = "absent"
+[environment]
+kind = "conda"
+name = "nowhere"
+[render]
+command = ["true"]
+[predictions]
+novel = "{work}/{frame}.png"
+"#,
+    );
+    // Without conda, or without the environment, the run has failed.
+    let run = stand.run();
+    assert!(run.failure.is_some());
+    assert_eq!(run.phases[0].command[..2], ["conda", "run"]);
+}
+
+#[test]
+fn a_virtual_environment_comes_first_on_the_path() {
+    let stand = Stand::new("");
+    let venv = stand.bench.at("venv");
+    fs::create_dir_all(venv.join("bin")).unwrap();
+    let program = venv.join("bin/renderer");
+    fs::write(&program, "#!/bin/sh\necho in $VIRTUAL_ENV\n").unwrap();
+    let mut permissions = fs::metadata(&program).unwrap().permissions();
+    std::os::unix::fs::PermissionsExt::set_mode(&mut permissions, 0o755);
+    fs::set_permissions(&program, permissions).unwrap();
+    fs::write(
+        &stand.request.manifest,
+        format!(
+            "id = \"v\"\n[environment]\nkind = \"venv\"\npath = {:?}\n[render]\n\
+             command = [\"sh\", \"-c\", \"renderer\"]\n[predictions]\nnovel = \"{{work}}/{{frame}}.png\"\n",
+            venv.display().to_string()
+        ),
+    )
+    .unwrap();
+    let run = stand.run();
+    assert_eq!(run.failure, None);
+    let log = fs::read_to_string(stand.request.out.join("logs/render.log")).unwrap();
+    assert_eq!(log, format!("in {}\n", venv.display()));
+}
+
+#[test]
+fn mistakes_in_a_manifest_are_named() {
+    let good = copier("/nowhere");
+    for (from, to, expected) in [
+        (
+            "id = \"copier\"",
+            "id = \"My Method\"",
+            "id \"My Method\" is not",
+        ),
+        ("licence", "license", "line 3: unknown field `license`"),
+        ("{seed}", "{sed}", "[train] \"{sed}\": {sed} is not known"),
+        ("{frame:06}", "view", "the same file for every view"),
+        ("[render]", "[draw]", "unknown field `draw`"),
+        (
+            "id =",
+            "time_limit_seconds = -1\nid =",
+            "a time limit of -1 seconds",
+        ),
+        ("[train]", "[train", "line 4: "),
+    ] {
+        let stand = Stand::new(&good.replacen(from, to, 1));
+        let message = stand.refusal();
+        let file: PathBuf = stand.request.manifest.clone();
+        assert!(message.starts_with(file.to_str().unwrap()), "{message}");
+        assert!(message.contains(expected), "{expected}: {message}");
+    }
+}
+
+#[test]
+fn a_split_of_another_scene_is_refused() {
+    let stand = copying_stand();
+    let mut other = scene(10, &[]);
+    other.id = "other/seq-000".to_owned();
+    scoring::write_scene(&stand.bench.at("scene"), &other);
+    assert!(stand.refusal().contains("is of scene"));
+    assert!(stand.bench.refusal().contains("is of scene"));
+}
+
+/// The natural mistake is the method's own checkout as the folder of the run.
+#[test]
+fn a_folder_with_anothers_logs_is_not_cleared() {
+    let mut stand = copying_stand();
+    stand.request.out = stand.bench.at("method");
+    for name in ["work", "logs", "predictions"] {
+        let folder = stand.request.out.join(name);
+        fs::create_dir(&folder).unwrap();
+        let precious = folder.join("precious");
+        fs::write(&precious, "mine").unwrap();
+        let message = stand.refusal();
+        assert!(
+            message.contains(name) && message.contains("no run of ours"),
+            "{message}"
+        );
+        assert_eq!(fs::read_to_string(&precious).unwrap(), "mine");
+        fs::remove_dir_all(&folder).unwrap();
+        // An empty folder holds nothing that could be lost.
+        fs::create_dir(&folder).unwrap();
+    }
+    let record = stand.request.out.join("external-run.json");
+    fs::write(&record, "mine").unwrap();
+    assert!(stand.refusal().contains("external-run.json: is in the way"));
+    fs::remove_file(&record).unwrap();
+    assert_eq!(stand.run().failure, None);
+    // From now on the folder is the run's.
+    stand.request.seed += 1;
+    assert_eq!(stand.run().failure, None);
+}
+
+/// A sweep records the failure of a unit and tries it again.
+#[test]
+fn a_run_may_follow_a_recorded_failure_and_the_other_way_round() {
+    let stand = copying_stand();
+    let failure = omnilife_bench::FailureRequest {
+        run: None,
+        method: "copier".to_owned(),
+        scene: stand.request.scene.clone(),
+        split: stand.request.split.clone(),
+        seed: 7,
+        reason: "killed".to_owned(),
+        out: stand.request.out.clone(),
+    };
+    for _ in 0..2 {
+        omnilife_bench::record_failure(&failure).unwrap();
+        assert_eq!(stand.run().failure, None);
+    }
+}

@@ -1,0 +1,159 @@
+//! Estimated distances of frames: brought in on the project's grid, refused in one line.
+
+use std::{
+    fs,
+    path::{Path, PathBuf},
+};
+
+use omnilife_curate::{
+    CurateSettings, GivenPrior, GivenTruth, PoseRequest, curate_video, pose_sequence_with,
+};
+use omnilife_schemas::{
+    Pose, npy,
+    progress::Silent,
+    records::{DistanceConvention, DistanceGrid, PosedFrame, Poses, Scale, Scene},
+    store,
+};
+use support::{Notes, erp_clip};
+
+use crate::support;
+
+/// A sequence with poses for all of its frames.
+fn sequence(folder: &Path) -> (PathBuf, PathBuf) {
+    let video = erp_clip(folder, "walk.mp4", &[1], 12, 10);
+    let settings = CurateSettings {
+        enforce: false,
+        ..CurateSettings::default()
+    };
+    curate_video(&video, &folder.join("walk"), &settings, &Silent).unwrap();
+    let poses = Poses {
+        scale: Scale::Metres,
+        camera: None,
+        frames: (0..12)
+            .map(|frame| PosedFrame {
+                time_seconds: 0.1 * f64::from(frame),
+                pose: Pose {
+                    rotation_wxyz: [1.0, 0.0, 0.0, 0.0],
+                    centre: [f64::from(frame), 0.0, 0.0],
+                },
+                mask: None,
+            })
+            .collect(),
+        points: None,
+    };
+    let path = folder.join("poses.json");
+    store::write_record(&path, &poses).unwrap();
+    (folder.join("walk/seq-000"), path)
+}
+
+fn prior(folder: &Path, grid: DistanceGrid) -> GivenTruth {
+    GivenTruth {
+        prior: Some(GivenPrior {
+            folder: folder.to_owned(),
+            unit: 0.5,
+            grid,
+            convention: DistanceConvention::Ray,
+            source: "some network".to_owned(),
+        }),
+        ..GivenTruth::default()
+    }
+}
+
+#[test]
+fn distances_are_brought_to_the_projects_grid_and_some_may_be_missing() {
+    let temp = tempfile::tempdir().unwrap();
+    let (sequence, poses) = sequence(temp.path());
+    let folder = temp.path().join("depth");
+    fs::create_dir(&folder).unwrap();
+    let ramp = |column: usize| 100.0 + column as f32;
+    let values: Vec<f32> = (0..32 * 16).map(|at| ramp(at % 32)).collect();
+    for frame in [0, 2] {
+        npy::write_f32(&folder.join(format!("{frame:06}.npy")), &[16, 32], &values).unwrap();
+    }
+    let request = PoseRequest::Given(poses);
+    let notes = Notes::default();
+    let pose = |grid| -> Scene {
+        pose_sequence_with(&sequence, &request, &prior(&folder, grid), &notes).unwrap()
+    };
+    let scene = pose(DistanceGrid::HalfPixel);
+    let lines = notes.take().join("\n");
+    assert!(
+        lines.contains("10 of 12 frames have no distances"),
+        "{lines}"
+    );
+    assert!(scene.frames[1].depth_prior.is_none() && scene.frames[0].depth.is_none());
+    let found = scene.frames[2].depth_prior.clone().unwrap();
+    assert_eq!((found.width, found.height, found.unit), (32, 16, 1.0));
+    assert_eq!(found.source, "some network");
+    let staged = npy::read(&sequence.join(&found.file)).unwrap().values;
+    assert!((staged[5] - 0.5 * 105.0).abs() < 1e-6);
+    // The middle of the first of 32 columns is 31/64 of a column right of the first end.
+    let scene = pose(DistanceGrid::Endpoint);
+    let file = scene.frames[0].depth_prior.clone().unwrap().file;
+    let staged = npy::read(&sequence.join(file)).unwrap().values;
+    assert!(
+        (staged[0] - 0.5 * (100.0 + 31.0 / 64.0)).abs() < 0.01,
+        "{}",
+        staged[0]
+    );
+    // Without them the scene has none, and the files of earlier ones are gone.
+    let none = pose_sequence_with(&sequence, &request, &GivenTruth::default(), &notes).unwrap();
+    assert!(none.frames.iter().all(|frame| frame.depth_prior.is_none()));
+    assert!(!sequence.join("depth-prior/000000.npy").exists());
+}
+
+#[test]
+fn distances_that_cannot_be_used_are_refused_in_one_line_and_leave_nothing() {
+    let temp = tempfile::tempdir().unwrap();
+    let (sequence, poses) = sequence(temp.path());
+    let folder = temp.path().join("depth");
+    fs::create_dir(&folder).unwrap();
+    let request = PoseRequest::Given(poses);
+    let refusal = |given: &GivenTruth| {
+        let refused = pose_sequence_with(&sequence, &request, given, &Silent);
+        let message = refused.map(drop).unwrap_err().to_string();
+        assert!(
+            !message.contains('\n') && !sequence.join("scene.json").exists(),
+            "{message}"
+        );
+        message
+    };
+    let given = prior(&folder, DistanceGrid::HalfPixel);
+    assert!(refusal(&given).contains("has no distances of any of the 12 frames"));
+    let file = folder.join("000001.npy");
+    for (shape, values, expected) in [
+        (
+            [16, 20],
+            vec![1.0; 320],
+            "000001.npy: is 20x16, of another shape than the frames",
+        ),
+        (
+            [2, 4],
+            vec![0.0; 8],
+            "000001.npy: no distance in it is known",
+        ),
+        (
+            [2, 4],
+            vec![-1.0; 8],
+            "000001.npy: the distance at row 0, column 0 is -1",
+        ),
+        (
+            [2, 4],
+            vec![f32::NAN; 8],
+            "000001.npy: the distance at row 0, column 0 is NaN",
+        ),
+    ] {
+        npy::write_f32(&file, &shape, &values).unwrap();
+        let message = refusal(&given);
+        assert!(message.contains(expected), "{message}");
+    }
+    fs::write(&file, b"no array").unwrap();
+    assert!(refusal(&given).contains("000001.npy: not a NumPy array"));
+    let mut without_unit = given.clone();
+    if let Some(prior) = &mut without_unit.prior {
+        prior.unit = 0.0;
+    }
+    assert!(refusal(&without_unit).contains("0: is no unit of distances"));
+    let missing = prior(&temp.path().join("nowhere"), DistanceGrid::HalfPixel);
+    assert!(refusal(&missing).contains("nowhere"));
+}

@@ -1,0 +1,176 @@
+//! Videos that hold something else than one upright image at the rate that their header states.
+
+use std::{fs, path::Path, process::Command};
+
+use omnilife_curate::{
+    CurateError, CurateSettings, analysis::timed_probe, curate_video, video::probe,
+};
+use omnilife_schemas::{Classified, ErrorKind, progress::Silent, records::VideoProjection};
+use support::{Clip, erp_clip, erp_direction, world_colour};
+
+use crate::support;
+
+fn lenient() -> CurateSettings {
+    CurateSettings {
+        profile: "none".to_owned(),
+        enforce: false,
+        ..CurateSettings::default()
+    }
+}
+
+/// Puts the streams of some videos into one.
+fn joined(inputs: &[&Path], options: &[&str], out: &Path) {
+    let mut command = Command::new("ffmpeg");
+    command.args(["-nostdin", "-v", "error", "-y"]);
+    for input in inputs {
+        command.arg("-i").arg(input);
+    }
+    for number in 0..inputs.len() {
+        command.args(["-map".to_owned(), format!("{number}:v")]);
+    }
+    let ended = command.args(["-c", "copy"]).args(options).arg(out).status();
+    assert!(ended.unwrap().success());
+}
+
+fn clip(folder: &Path, name: &str, width: usize, height: usize) -> std::path::PathBuf {
+    let path = folder.join(name);
+    Clip::steady(width, height, 20, 10).write(&path, |frame, x, y| {
+        world_colour(1, erp_direction(x, y, width, height, 0.02 * frame as f64))
+    });
+    path
+}
+
+#[test]
+fn a_stream_is_no_sphere_where_another_one_has_its_other_half() {
+    let temp = tempfile::tempdir().unwrap();
+    let [a, b] = ["a.mp4", "b.mp4"].map(|name| clip(temp.path(), name, 192, 64));
+    let both = temp.path().join("GS010001.360");
+    joined(&[&a, &b], &["-f", "mp4"], &both);
+    for layout in [
+        None,
+        Some("eac"),
+        Some("dual-fisheye:190"),
+        Some("dual-fisheye"),
+    ] {
+        let settings = CurateSettings {
+            layout: layout.map(|layout| layout.parse().unwrap()),
+            ..lenient()
+        };
+        let out = temp.path().join("out");
+        let error = curate_video(&both, &out, &settings, &Silent).unwrap_err();
+        assert_eq!(error.error_kind(), ErrorKind::User);
+        assert!(
+            error.to_string().contains("2 video streams of 192x64"),
+            "{error}"
+        );
+        assert!(!out.exists());
+    }
+    // A preview of another size and a cover are no halves.
+    let preview = clip(temp.path(), "preview.mp4", 96, 32);
+    let with_preview = temp.path().join("with-preview.mp4");
+    joined(&[&a, &preview], &[], &with_preview);
+    assert_eq!(probe(&with_preview).unwrap().width, 192);
+    let cover = temp.path().join("cover.png");
+    image_of(&a, &cover);
+    let with_cover = temp.path().join("with-cover.mp4");
+    joined(
+        &[&a, &cover],
+        &["-disposition:v:1", "attached_pic"],
+        &with_cover,
+    );
+    assert_eq!(probe(&with_cover).unwrap().width, 192);
+}
+
+/// The first frame of a video.
+fn image_of(video: &Path, out: &Path) {
+    let mut command = Command::new("ffmpeg");
+    command.args(["-nostdin", "-v", "error", "-y", "-i"]);
+    let ended = command
+        .arg(video)
+        .args(["-frames:v", "1"])
+        .arg(out)
+        .status();
+    assert!(ended.unwrap().success());
+}
+
+/// A copy of an mp4 whose track header has this matrix: a, b, c and d, in 16.16.
+fn with_matrix(video: &Path, [a, b, c, d]: [i32; 4], out: &Path) {
+    let mut bytes = fs::read(video).unwrap();
+    let header = bytes.windows(4).position(|word| word == b"tkhd").unwrap();
+    for (place, value) in [(0, a), (4, b), (12, c), (16, d)] {
+        let at = header + 44 + place;
+        bytes[at..at + 4].copy_from_slice(&(value << 16).to_be_bytes());
+    }
+    fs::write(out, bytes).unwrap();
+}
+
+#[test]
+fn a_matrix_that_mirrors_is_no_turn() {
+    let temp = tempfile::tempdir().unwrap();
+    let video = erp_clip(temp.path(), "a.mp4", &[1], 10, 10);
+    let changed = temp.path().join("changed.mp4");
+    for (matrix, degrees) in [
+        ([1, 0, 0, 1], Some(0.0)),
+        ([-1, 0, 0, -1], Some(180.0)),
+        ([0, 1, -1, 0], Some(90.0)),
+        ([-1, 0, 0, 1], None),
+        ([1, 0, 0, -1], None),
+        ([0, 1, 1, 0], None),
+    ] {
+        with_matrix(&video, matrix, &changed);
+        match (probe(&changed), degrees) {
+            (Ok(found), Some(degrees)) => assert_eq!(found.rotation_degrees, degrees),
+            (Err(error @ CurateError::Video { .. }), None) => {
+                assert!(error.to_string().contains("mirrors"), "{error}");
+            }
+            (found, expected) => panic!("{matrix:?}: {found:?}, and not {expected:?}"),
+        }
+    }
+}
+
+/// Criteria that ask for a frame rate alone.
+fn asking_for(rate: f64, folder: &Path) -> CurateSettings {
+    let file = folder.join("rate.toml");
+    let text = format!("name = \"rate\"\n[thresholds]\nleast_frames_per_second = {rate:.3}\n");
+    fs::write(&file, text).unwrap();
+    CurateSettings {
+        profile: file.display().to_string(),
+        enforce: true,
+        accept: Some(VideoProjection::Erp),
+        ..CurateSettings::default()
+    }
+}
+
+#[test]
+fn time_stamps_decide_on_the_frame_rate_and_not_the_header() {
+    let temp = tempfile::tempdir().unwrap();
+    let video = temp.path().join("late.mp4");
+    let mut clip = Clip::steady(256, 128, 60, 30);
+    // All but the first come later, and the packet of the last one claims as much time as that of the first.
+    for ticks in &mut clip.ticks[1..] {
+        *ticks += 10_000;
+    }
+    clip.write(&video, |frame, x, y| {
+        world_colour(1, erp_direction(x, y, 256, 128, 0.01 * frame as f64))
+    });
+    let stamped = 59.0 / (59.0 / 30.0 + 10_000.0 / 60_000.0);
+    let header = probe(&video).unwrap();
+    assert!(header.frames_per_second < stamped - 1.0, "{header:?}");
+    let timed = timed_probe(&video).unwrap();
+    assert!(
+        (timed.frames_per_second - stamped).abs() < 0.01,
+        "{timed:?}"
+    );
+    assert_eq!(timed.variable_frame_rate, Some(true));
+    let curated = |rate: f64| {
+        let settings = asking_for(rate, temp.path());
+        curate_video(&video, &temp.path().join("out"), &settings, &Silent)
+    };
+    curated(stamped - 0.05).unwrap();
+    let error = curated(stamped + 0.05).unwrap_err();
+    let failed = error.failed_checks().unwrap();
+    assert_eq!(failed.len(), 1);
+    assert_eq!(failed[0].check, "frame-rate");
+    let found: f64 = failed[0].value.split(' ').next().unwrap().parse().unwrap();
+    assert!((found - stamped).abs() < 0.01, "{failed:?}");
+}

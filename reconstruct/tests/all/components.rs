@@ -1,0 +1,230 @@
+//! Components in methods that do not have them by themselves.
+
+use glam::{Vec3, vec3};
+use omnilife_engine::{camera::pose::PoseCorrection, gaussians::static_gaussians::OPACITY_LOGITS};
+use omnilife_reconstruct::{
+    components::denser_points,
+    methods::{self, METHODS},
+    options::Options,
+    request::{BackendChoice, MethodRequest},
+    scene::TrainingScene,
+};
+
+use crate::support::trained::{request, settings, train};
+
+use crate::support::novel_views::novel_psnr;
+use crate::support::{balls, moving_ball};
+
+const EXPOSURE: &str = "exposure-compensation";
+const POSES: &str = "pose-refinement";
+const SHORT: &str = "short-schedule";
+
+/// The test scene with a gain that falls over the clip and poses that drift.
+fn spoilt(mut scene: TrainingScene) -> TrainingScene {
+    for view in scene.input_views.iter_mut().chain(&mut scene.novel_views) {
+        let gain = 1.0 - 0.25 * f64::from(view.frame) / 14.0;
+        for value in &mut view.pixels {
+            *value = (f64::from(*value) * gain).round() as u8;
+        }
+        let along = 0.45 * view.frame as f32;
+        let wrong = PoseCorrection {
+            rotation: 0.03 * vec3(along.sin(), along.cos(), -(0.8 * along).sin()),
+            centre: Vec3::ZERO,
+        };
+        view.view = wrong.apply(&view.view);
+    }
+    scene
+}
+
+fn asked_for(with: &[&str], iterations: u64) -> MethodRequest {
+    MethodRequest {
+        with: with.iter().map(|&name| name.to_owned()).collect(),
+        options: Options::at_most(3_000),
+        ..request(iterations)
+    }
+}
+
+#[test]
+fn odgs_takes_exposure_and_poses_one_by_one_and_together() {
+    let scene = spoilt(balls::scene());
+    let scores: Vec<f64> = [&[][..], &[EXPOSURE], &[POSES], &[EXPOSURE, POSES]]
+        .into_iter()
+        .map(|with| {
+            let mut outcome = train(&scene, "odgs", &asked_for(with, 200));
+            let settings = settings(&outcome);
+            for (component, has) in [
+                (EXPOSURE, settings.exposure.is_some()),
+                (POSES, settings.pose_refinement.is_some()),
+            ] {
+                let decision = outcome.plan.iter().find(|part| part.component == component);
+                assert_eq!(decision.is_some(), with.contains(&component));
+                assert_eq!(has, decision.is_some_and(|decision| decision.used));
+            }
+            let poses = &outcome.learner.gaussians().unwrap().unwrap().poses;
+            assert_eq!(poses.is_some(), with.contains(&POSES));
+            novel_psnr(&mut outcome, &scene)
+        })
+        .collect();
+    let [none, exposure, poses, both] = scores[..] else {
+        unreachable!("four runs");
+    };
+    assert!(exposure > none + 0.5 && poses > none + 0.5, "{scores:?}");
+    assert!(both > exposure + 0.5 && both > poses + 0.5, "{scores:?}");
+}
+
+#[test]
+fn methods_with_one_seed_see_the_same_views_in_the_same_order() {
+    let scene = moving_ball::scene();
+    let views = scene.input_views.len() as u64;
+    // In the middle of the third epoch; `periodic` has drawn shifts in time by then, and children's places.
+    let state = |method: &str| {
+        let request = MethodRequest {
+            options: Options::at_most(1_500),
+            ..request(2 * views + views / 2)
+        };
+        let state = train(&scene, method, &request).training.state;
+        (state.queue, state.view_order)
+    };
+    let of_odgs = state("odgs");
+    assert!(!of_odgs.0.is_empty());
+    for method in ["periodic", "omni4dgs", "omni4dgs-plus"] {
+        assert_eq!(state(method), of_odgs, "{method}");
+    }
+}
+
+#[test]
+fn scene_points_begin_with_one_opacity_whatever_the_method() {
+    let scene = balls::scene();
+    for method in [
+        "odgs",
+        "periodic",
+        "deformable",
+        "omni4dgs",
+        "omni4dgs-plus",
+    ] {
+        let method = methods::find(method).unwrap();
+        let mut prepared = method
+            .prepare(&scene, &request(1), BackendChoice::Cpu)
+            .unwrap();
+        let model = prepared.learner.gaussians().unwrap().unwrap();
+        let opacities = model.parts.iter().flat_map(|part| {
+            let logits = &part.table.arrays[OPACITY_LOGITS].values;
+            logits.iter().map(|logit| 1.0 / (1.0 + (-logit).exp()))
+        });
+        let (at_points, _): (Vec<f32>, Vec<f32>) =
+            opacities.partition(|opacity| (opacity - 0.1).abs() < 1e-6);
+        assert_eq!(at_points.len(), scene.points.len(), "{}", method.id);
+    }
+}
+
+#[test]
+fn larger_steps_get_further_in_a_short_schedule_and_are_left_out_of_a_published_one() {
+    let scene = balls::scene();
+    let score = |with: &[&str]| {
+        let mut outcome = train(&scene, "odgs", &asked_for(with, 150));
+        let has = settings(&outcome).short_schedule.is_some();
+        assert_eq!(has, with.contains(&SHORT));
+        novel_psnr(&mut outcome, &scene)
+    };
+    let (without, with) = (score(&[]), score(&[SHORT]));
+    assert!(with > without + 0.5, "{without} {with}");
+
+    let moving = moving_ball::scene();
+    let ours = methods::find("omni4dgs-plus").unwrap();
+    for (iterations, budget_seconds, used) in [
+        (3_000, None, true),
+        (30_000, None, false),
+        (30_000, Some(60.0), true),
+    ] {
+        let request = MethodRequest {
+            budget_seconds,
+            ..asked_for(&[], iterations)
+        };
+        let prepared = ours.prepare(&moving, &request, BackendChoice::Cpu).unwrap();
+        let decision = prepared.plan.iter().find(|part| part.component == SHORT);
+        let decision = decision.unwrap();
+        assert_eq!(decision.used, used, "{decision:?}");
+    }
+}
+
+#[test]
+fn steps_leave_gaussians_out_where_few_views_see_most_points() {
+    let ours = methods::find("omni4dgs-plus").unwrap();
+    let decision = |views: usize| {
+        let mut scene = moving_ball::scene();
+        let once = scene.input_views.clone();
+        // The clip, over and over again.
+        let view = |number: usize| {
+            let mut view = once[number % once.len()].clone();
+            view.frame = number as u32;
+            view.view.time_seconds = number as f64;
+            view
+        };
+        scene.input_views = (0..views).map(view).collect();
+        scene.novel_views.clear();
+        let prepared = ours.prepare(&scene, &asked_for(&[], 100), BackendChoice::Cpu);
+        let plan = prepared.unwrap().plan;
+        let decision = plan.into_iter().find(|part| part.component == "dropout");
+        decision.unwrap()
+    };
+    let few = decision(6);
+    assert!(
+        few.used && few.reason.contains("of 6 input views"),
+        "{few:?}"
+    );
+    let many = decision(60);
+    assert!(
+        !many.used && many.reason.contains("of 60 input views"),
+        "{many:?}"
+    );
+}
+
+#[test]
+fn every_optional_component_of_every_method_trains() {
+    let scene = spoilt(moving_ball::scene());
+    for method in METHODS {
+        let with = method.optional_components;
+        // An object graph needs tracks: tests/object_graph.rs has some.
+        if with.is_empty() || method.id == "object-graph" {
+            continue;
+        }
+        let request = MethodRequest {
+            options: Options::at_most(600),
+            ..asked_for(with, 12)
+        };
+        let mut outcome = train(&scene, method.id, &request);
+        // Points come before a method: tests/swept_points.rs.
+        for component in with.iter().filter(|name| **name != denser_points::ID) {
+            let mut plan = outcome.plan.iter();
+            let decision = plan.find(|part| part.component == *component).unwrap();
+            assert!(
+                decision.used && decision.reason.starts_with("asked for"),
+                "{}: {decision:?}",
+                method.id
+            );
+        }
+        let state = &outcome.training.state;
+        assert!(
+            state.refused.iter().all(|&refused| refused == 0),
+            "{}",
+            method.id
+        );
+        let model = outcome.learner.gaussians().unwrap().unwrap();
+        assert!(model.poses.is_some() && model.parts[0].table.position("sh_rest").is_some());
+    }
+}
+
+#[test]
+fn what_is_asked_for_and_cannot_be_is_a_remark() {
+    let mut scene = moving_ball::scene();
+    for view in &mut scene.input_views {
+        view.mask = None;
+    }
+    let outcome = train(&scene, "periodic", &asked_for(&["mask-seeds"], 2));
+    let warnings = &outcome.training.warnings;
+    assert!(
+        warnings.iter().any(|line| line
+            == "mask-seeds was asked for and is not used: cannot be without masks that show something"),
+        "{warnings:?}"
+    );
+}

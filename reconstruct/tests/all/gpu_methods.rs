@@ -1,0 +1,100 @@
+//! Every method over fifty steps of its whole plan: a GPU goes where the CPU goes. The model is as large as it may be
+//! from the beginning, so that density control prunes alone; how it grows is judged by `gpu_density` of the engine.
+
+use device::device;
+use held_camera::scene;
+use novel_views::novel_psnr;
+use omnilife_reconstruct::{
+    methods::{METHODS, Method},
+    options::Options,
+    request::{BackendChoice, MethodRequest, PlanChoice},
+    scene::TrainingScene,
+    train::Session,
+};
+use omnilife_schemas::{progress::Silent, records::Backend};
+
+use crate::support::{device, held_camera, novel_views};
+
+const STEPS: u64 = 50;
+/// By how much the sum of all steps' losses may differ, relative to it: as that of four steps may.
+const LOSS_LIMIT: f64 = 2e-3;
+
+/// What a run came to.
+struct Run {
+    /// Of every step.
+    losses: Vec<f64>,
+    gaussians: Vec<u64>,
+    psnr_db: f64,
+}
+
+fn run(method: &Method, scene: &TrainingScene, backend: BackendChoice) -> Run {
+    let session = Session {
+        backend,
+        ..Session::without_files(&Silent)
+    };
+    let request = MethodRequest {
+        options: Options::at_most(700),
+        plan: PlanChoice::Full,
+        trace_every: Some(1),
+        ..MethodRequest::new(STEPS, 7)
+    };
+    let mut outcome = method.train(scene, &request, &session).unwrap();
+    match (backend, outcome.learner.backend()) {
+        (BackendChoice::Cpu, Backend::Cpu { .. }) => {}
+        (
+            BackendChoice::Gpu,
+            Backend::Gpu {
+                adapter, limits, ..
+            },
+        ) => assert!(!adapter.is_empty() && limits["max_buffer_size"] > 0),
+        (asked, made) => panic!("{}: {made:?} for {asked:?}", method.id),
+    }
+    let psnr_db = novel_psnr(&mut outcome, scene);
+    let trace = &outcome.training.state.trace;
+    assert_eq!(trace.last().unwrap().iteration, STEPS);
+    Run {
+        losses: trace.iter().filter_map(|point| point.train_loss).collect(),
+        gaussians: trace.iter().map(|point| point.primitives).collect(),
+        psnr_db,
+    }
+}
+
+fn compare(method: &Method) {
+    if device().is_none() {
+        return;
+    }
+    let scene = scene();
+    let [cpu, gpu] =
+        [BackendChoice::Cpu, BackendChoice::Gpu].map(|backend| run(method, &scene, backend));
+    let sums = [&cpu, &gpu].map(|run| run.losses.iter().sum::<f64>());
+    let apart = cpu.losses.iter().zip(&gpu.losses);
+    let apart = apart.map(|(cpu, gpu)| (gpu - cpu).abs() / cpu);
+    let numbers = [&cpu, &gpu].map(|run| *run.gaussians.last().unwrap());
+    println!(
+        "{}: loss {sums:?}, a step's at most {:.1e} apart, {} Gaussians, then {numbers:?}, {:.2} and {:.2} dB",
+        method.id,
+        apart.fold(0.0, f64::max),
+        cpu.gaussians[0],
+        cpu.psnr_db,
+        gpu.psnr_db
+    );
+    assert_eq!([cpu.losses.len(), gpu.losses.len()], [STEPS as usize; 2]);
+    let what = method.id;
+    assert!((sums[0] - sums[1]).abs() < LOSS_LIMIT * sums[0], "{what}");
+    // A Gaussian that is on either side of a threshold by its last bits grows on one of them.
+    assert!(
+        numbers[0].abs_diff(numbers[1]) <= numbers[0] / 100,
+        "{what}"
+    );
+    assert!((cpu.psnr_db - gpu.psnr_db).abs() < 0.3, "{what}");
+}
+
+#[test]
+fn fifty_steps_of_every_method_are_those_of_the_cpu() {
+    let runs_there = |method: &&Method| method.backends.contains(&BackendChoice::Gpu);
+    let methods: Vec<_> = METHODS.iter().filter(runs_there).collect();
+    assert!(methods.len() >= 5, "{methods:?}");
+    for method in methods {
+        compare(method);
+    }
+}

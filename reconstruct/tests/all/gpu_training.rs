@@ -1,0 +1,291 @@
+//! Training steps on a GPU against those on the CPU, and how training goes on or ends.
+
+use std::sync::Arc;
+
+use balls::scene;
+use device::{assert_gradients_agree, device, devices};
+use omnilife_engine::{
+    EngineError,
+    camera::View,
+    device::{Gpu, GpuError},
+    gaussians::{
+        deformable::{Deformable, DeformationModel, settings::DeformationSettings},
+        static_gaussians,
+    },
+    model::{Model, Part},
+    parameters::ParameterTable,
+    render::settings::RenderSettings,
+    schedule::StepSchedule,
+    step::{Stepper, cpu::CpuStepper, gpu::GpuStepper, settings::TrainSettings},
+};
+use omnilife_reconstruct::{baseline, scene::TrainingScene, seeds::points};
+use omnilife_schemas::{RgbImage, camera::ErpCamera, points::PointCloud, records::Backend};
+
+use crate::support::{balls, device};
+
+/// Every fifth point of the scene as a model with harmonics up to a degree. Each Gaussian is turned
+/// and longer one way than the other: no gradient vanishes.
+fn model(scene: &TrainingScene, sh_degree: usize) -> Model {
+    Model::of_static(table(scene, sh_degree))
+}
+
+/// Its parameters.
+fn table(scene: &TrainingScene, sh_degree: usize) -> ParameterTable {
+    let points = PointCloud {
+        positions: scene.points.positions.iter().step_by(5).copied().collect(),
+        colours: scene.points.colours.iter().step_by(5).copied().collect(),
+    };
+    let initial = points::from_points(&points, 3.0);
+    let mut table = static_gaussians::table(&initial, sh_degree);
+    for (array, offset) in [
+        (static_gaussians::LOG_SCALES, 0.4_f32),
+        (static_gaussians::QUATERNIONS, 0.5),
+    ] {
+        for (index, value) in table.arrays[array].values.iter_mut().enumerate() {
+            *value += offset * (1.7 * index as f32).sin();
+        }
+    }
+    table
+}
+
+fn on_device<'a>(gpu: &Arc<Gpu>, scene: &'a TrainingScene, model: Model) -> GpuStepper<'a> {
+    GpuStepper::new(Arc::clone(gpu), scene.inputs(), model, &settings()).unwrap()
+}
+
+fn settings() -> TrainSettings {
+    TrainSettings {
+        rendering: RenderSettings::new(0.01),
+        ssim_weight: 0.2,
+        ..baseline::published_settings(100)
+    }
+}
+
+fn schedule(iteration: u64, sh_degree: usize, rates: &[f32]) -> StepSchedule {
+    StepSchedule {
+        iteration,
+        sh_degree,
+        learning_rates: rates.to_vec(),
+        ..StepSchedule::default()
+    }
+}
+
+const RATES: [f32; 6] = [2e-3, 5e-3, 1e-3, 0.05, 2.5e-3, 1.25e-4];
+
+#[test]
+fn steps_are_those_of_the_cpu() {
+    devices().iter().for_each(compare_steps);
+}
+
+fn compare_steps(gpu: &Arc<Gpu>) {
+    let scene = scene();
+    let mut on_gpu = on_device(gpu, &scene, model(&scene, 1));
+    let mut on_cpu = CpuStepper::new(scene.inputs(), model(&scene, 1), &settings());
+    let Backend::Gpu { subgroup_size, .. } = on_gpu.backend() else {
+        panic!("another backend");
+    };
+    assert_eq!(subgroup_size, gpu.subgroup_size());
+    for iteration in 1..=3 {
+        let schedule = schedule(iteration, 1, &RATES);
+        on_gpu.step(iteration as usize, &schedule).unwrap();
+        on_cpu.step(iteration as usize, &schedule).unwrap();
+        if iteration == 1 {
+            let of_gpu = on_gpu.model_with_gradients().unwrap();
+            let of_cpu = on_cpu.model().unwrap();
+            for (gpu, cpu) in of_gpu.parts[0]
+                .table
+                .arrays
+                .iter()
+                .zip(&of_cpu.parts[0].table.arrays)
+            {
+                assert_gradients_agree(gpu.name, &gpu.gradients, &cpu.gradients);
+                assert_gradients_agree(gpu.name, &gpu.first_moments, &cpu.first_moments);
+            }
+            let (of_gpu, of_cpu) = (&of_gpu.parts[0].statistics, &of_cpu.parts[0].statistics);
+            assert_eq!(of_gpu.views, of_cpu.views);
+            assert_gradients_agree("statistics", &of_gpu.sums, &of_cpu.sums);
+        }
+    }
+    let (of_gpu, of_cpu) = (
+        on_gpu.take_statistics().unwrap(),
+        on_cpu.take_statistics().unwrap(),
+    );
+    assert_eq!((of_gpu.steps, of_cpu.steps), (3, 3));
+    for (gpu, cpu) in [
+        (of_gpu.loss, of_cpu.loss),
+        (of_gpu.squared_error, of_cpu.squared_error),
+    ] {
+        assert!((gpu - cpu).abs() < 1e-3 * cpu, "{gpu} against {cpu}");
+    }
+    assert_eq!(of_gpu.refused, [0; 6]);
+    let view = &scene.novel_views[0].view;
+    let (gpu, cpu) = (
+        on_gpu.image(view, 1).unwrap(),
+        on_cpu.image(view, 1).unwrap(),
+    );
+    assert_images_agree(&gpu, &cpu);
+}
+
+/// Where a gradient is next to nothing, Adam's first steps go one way here, the other there.
+fn assert_images_agree(of_gpu: &RgbImage, of_cpu: &RgbImage) {
+    let pairs = of_gpu.data.iter().zip(&of_cpu.data);
+    let error: f32 = pairs.map(|(a, b)| (a - b).abs()).sum();
+    assert!(error < 1e-3 * of_gpu.data.len() as f32, "{error}");
+}
+
+/// A network that takes part from the second step on and says something from the beginning.
+fn deformation(scene: &TrainingScene) -> Deformable {
+    let model = DeformationModel {
+        depth: 3,
+        width: 70,
+        skip_after: 1,
+        ..DeformationModel::published(3.0)
+    };
+    let settings = DeformationSettings {
+        clock: scene.clock().unwrap(),
+        model,
+        warm_up_iterations: 1,
+        time_noise: None,
+    };
+    let mut weights = model.network().initial_weights(5);
+    let heads = model.network().layers()[3].hidden_weights().start;
+    for (index, weight) in weights[heads..].iter_mut().enumerate() {
+        *weight = 0.02 * (2.3 * index as f32).sin();
+    }
+    Deformable::new(settings, weights)
+}
+
+#[test]
+fn steps_with_a_network_are_those_of_the_cpu() {
+    let Some(gpu) = device() else { return };
+    let scene = scene();
+    let settings = settings();
+    let deformed = || Model::new(vec![Part::new(deformation(&scene), table(&scene, 1))]);
+    let mut on_gpu =
+        GpuStepper::new(Arc::clone(&gpu), scene.inputs(), deformed(), &settings).unwrap();
+    let mut on_cpu = CpuStepper::new(scene.inputs(), deformed(), &settings);
+    let rates = [&RATES[..], &[1e-3]].concat();
+    for iteration in 1..=4 {
+        let schedule = StepSchedule {
+            scheduled: iteration,
+            ..schedule(iteration, 1, &rates)
+        };
+        on_gpu.step(iteration as usize, &schedule).unwrap();
+        on_cpu.step(iteration as usize, &schedule).unwrap();
+        let of_gpu = on_gpu.model_with_gradients().unwrap();
+        let of_cpu = on_cpu.model().unwrap();
+        let networks =
+            [of_gpu, of_cpu].map(|model| model.parts[0].parameterization.shared().unwrap());
+        assert_eq!(networks.map(|network| network.steps), [iteration - 1; 2]);
+        if iteration == 2 {
+            for (gpu, cpu) in of_gpu.parts[0]
+                .table
+                .arrays
+                .iter()
+                .zip(&of_cpu.parts[0].table.arrays)
+            {
+                assert_gradients_agree(gpu.name, &gpu.gradients, &cpu.gradients);
+            }
+            let [gpu, cpu] = networks.map(|network| &network.array);
+            assert_gradients_agree(gpu.name, &gpu.gradients, &cpu.gradients);
+            assert_gradients_agree(gpu.name, &gpu.first_moments, &cpu.first_moments);
+        }
+    }
+    assert!(matches!(on_gpu.backend(), Backend::Gpu { .. }));
+    assert_eq!(on_gpu.take_statistics().unwrap().refused, [0; 7]);
+    let view = &scene.novel_views[0].view;
+    let small = View {
+        camera: ErpCamera {
+            width: 32,
+            height: 16,
+        }
+        .into(),
+        ..*view
+    };
+    for view in [view, &small] {
+        let images = (
+            on_gpu.image(view, 1).unwrap(),
+            on_cpu.image(view, 1).unwrap(),
+        );
+        assert_images_agree(&images.0, &images.1);
+    }
+}
+
+/// A step without room for its tile entries, and the steps behind it, are done again: the model is
+/// to the last bit what it is where there was room from the beginning.
+#[test]
+fn steps_that_found_no_room_are_done_again() {
+    let Some(gpu) = device() else { return };
+    let scene = scene();
+    // Wide footprints: more entries than there is room for at first.
+    let wide = || {
+        let mut wide = table(&scene, 0);
+        for value in &mut wide.arrays[static_gaussians::LOG_SCALES].values {
+            *value = 2.4_f32.ln();
+        }
+        wide
+    };
+    let settings = settings();
+    let rates = [&RATES[..5], &[1e-3]].concat();
+    let run = |renders_first: bool| {
+        let model = Model::new(vec![Part::new(deformation(&scene), wide())]);
+        let mut stepper =
+            GpuStepper::new(Arc::clone(&gpu), scene.inputs(), model, &settings).unwrap();
+        let entries_at_first = stepper.room_for_entries();
+        if renders_first {
+            for view in &scene.input_views {
+                stepper.image(&view.view, 0).unwrap();
+            }
+        }
+        for iteration in 1..=4 {
+            let schedule = StepSchedule {
+                scheduled: iteration,
+                ..schedule(iteration, 0, &rates)
+            };
+            stepper.step(iteration as usize, &schedule).unwrap();
+        }
+        let sums = stepper.take_statistics().unwrap();
+        assert!(stepper.room_for_entries() > entries_at_first);
+        (stepper.model().unwrap().clone(), sums)
+    };
+    let (surprised, prepared) = (run(false), run(true));
+    assert_eq!(surprised.1.steps, 4);
+    assert!(surprised == prepared);
+}
+
+#[test]
+fn a_lost_device_ends_a_run_and_leaves_no_old_model() {
+    let Some(gpu) = device() else { return };
+    let scene = scene();
+    let mut stepper = on_device(&gpu, &scene, model(&scene, 0));
+    stepper.step(0, &schedule(1, 0, &RATES[..5])).unwrap();
+    gpu.destroy();
+    let lost = |error: EngineError| match error {
+        EngineError::Gpu(error) => error,
+        other => panic!("{other}"),
+    };
+    let error = lost(stepper.take_statistics().unwrap_err());
+    assert!(matches!(error, GpuError::Lost { .. }), "{error}");
+    lost(stepper.model().map(drop).unwrap_err());
+    lost(stepper.step(0, &schedule(2, 0, &RATES[..5])).unwrap_err());
+}
+
+#[test]
+fn a_loss_that_is_not_finite_ends_a_run_with_its_iteration() {
+    let Some(gpu) = device() else { return };
+    let scene = scene();
+    let settings = TrainSettings {
+        rendering: RenderSettings {
+            background: [f32::NAN; 3],
+            ..RenderSettings::new(0.01)
+        },
+        ..settings()
+    };
+    let mut stepper = GpuStepper::new(gpu, scene.inputs(), model(&scene, 0), &settings).unwrap();
+    for iteration in 1..=3 {
+        stepper
+            .step(0, &schedule(iteration, 0, &RATES[..5]))
+            .unwrap();
+    }
+    let message = stepper.take_statistics().unwrap_err().to_string();
+    assert!(message.contains("iteration 1"), "{message}");
+}

@@ -1,0 +1,28 @@
+//! Scenes, methods and training from outside.
+#![expect(clippy::unwrap_used, reason = "a failed set-up step fails the test")]
+
+mod checkpoints;
+mod components;
+mod depth;
+mod dynamic;
+mod evidence;
+mod exported_splats;
+mod gpu;
+mod gpu_density;
+mod gpu_dynamic;
+mod gpu_failures;
+mod gpu_methods;
+mod gpu_training;
+mod interpolation;
+mod moved_scene;
+mod neural_atlas;
+mod object_graph;
+mod pinhole;
+mod pose_refinement;
+mod renderer;
+mod stability;
+mod support;
+mod swept_points;
+mod toy_method;
+mod trace_rows;
+mod training;

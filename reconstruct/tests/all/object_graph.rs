@@ -1,0 +1,173 @@
+//! The object graph: what moves along a track is an object of its own, and can be taken out.
+
+use omnilife_engine::model::{
+    Model,
+    layers::{Layer, LayerRenderer},
+};
+use omnilife_reconstruct::{
+    methods::{self, MethodOutcome},
+    request::{BackendChoice, MethodRequest},
+    scene::TrainingScene,
+    train::Session,
+};
+use omnilife_schemas::{
+    progress::Silent,
+    records::{Track, Tracks},
+    trajectory::{BSpline, ObjectPath},
+};
+
+use crate::support::moving_ball;
+
+/// The clip of the moving ball with its true track.
+fn scene() -> TrainingScene {
+    let mut scene = moving_ball::scene();
+    let times: Vec<f64> = (0..15).map(f64::from).collect();
+    let centres = times.iter().map(|time| [0.1 * (time - 7.0), 0.2, 3.0]);
+    let path = ObjectPath {
+        centre: BSpline {
+            degree: 1,
+            knots: [&[0.0][..], &times, &[14.0]].concat(),
+            coefficients: centres.collect(),
+        },
+        heading_seconds: vec![0.0],
+        headings: vec![0.0],
+    };
+    scene.tracks = Some(Tracks {
+        scene: scene.id.clone(),
+        frames: scene.input_views.iter().map(|view| view.frame).collect(),
+        image_size: scene.camera.size().map(|side| side as u32),
+        up: [0.0, -1.0, 0.0],
+        metres_per_unit: 1.0,
+        stages: Vec::new(),
+        detections: Vec::new(),
+        tracks: vec![Track {
+            id: 5,
+            class: "ball".to_owned(),
+            dimensions: [1.4; 3],
+            path,
+            detections: 12,
+            displacement: 1.4,
+        }],
+        warnings: Vec::new(),
+    });
+    scene
+}
+
+fn train<'a>(scene: &'a TrainingScene, method: &str) -> MethodOutcome<'a> {
+    let session = Session::without_files(&Silent);
+    let request = MethodRequest::new(250, 3);
+    methods::find(method)
+        .unwrap()
+        .train(scene, &request, &session)
+        .unwrap()
+}
+
+/// Mean PSNR of the masked pixels of the novel views, dB.
+fn dynamic_psnr(outcome: &mut MethodOutcome<'_>, scene: &TrainingScene) -> f64 {
+    let scores = scene.novel_views.iter().map(|view| {
+        let image = outcome.learner.image(&view.view).unwrap();
+        let mask = view.mask.as_ref().unwrap();
+        let (mut sum, mut count) = (0.0, 0);
+        for (pixel, _) in mask.iter().enumerate().filter(|(_, mask)| **mask > 0) {
+            for channel in 0..3 {
+                let truth = f32::from(view.pixels[3 * pixel + channel]) / 255.0;
+                sum += f64::from(image.data[3 * pixel + channel] - truth).powi(2);
+                count += 1;
+            }
+        }
+        -10.0 * (sum / f64::from(count)).log10()
+    });
+    scores.sum::<f64>() / scene.novel_views.len() as f64
+}
+
+#[test]
+fn what_moves_is_better_than_a_static_scene_has_it_and_can_be_taken_out() {
+    let scene = scene();
+    let mut graph = train(&scene, "object-graph");
+    let mut still = train(&scene, "odgs");
+    let [of_graph, of_static] = [&mut graph, &mut still].map(|one| dynamic_psnr(one, &scene));
+    assert!(
+        of_graph > of_static + 4.0,
+        "{of_graph} against {of_static} dB"
+    );
+    let used = |name: &str| {
+        graph
+            .plan
+            .iter()
+            .any(|one| one.component == name && one.used)
+    };
+    assert!(used("object-graph") && used("object-poses"));
+    // Taken out: the static render to the bit.
+    let model = graph.learner.gaussians().unwrap().unwrap().clone();
+    assert_eq!(model.parts.len(), 2);
+    let settings = omnilife_engine::render::settings::RenderSettings::new(0.01);
+    let mut without = model.clone();
+    without.parts.truncate(1);
+    let view = &scene.novel_views[0].view;
+    let mut layers = LayerRenderer::new(model, settings);
+    let taken_out = LayerRenderer::new(without, settings).image(view, Layer::All);
+    assert_eq!(layers.image(view, Layer::Static), taken_out);
+    assert_ne!(layers.image(view, Layer::All), taken_out);
+    assert_eq!(
+        layers.image(view, Layer::Dynamic),
+        layers.image(view, Layer::Object(5))
+    );
+    assert!(layers.refusal(Layer::Object(5)).is_none());
+    assert!(layers.refusal(Layer::Object(6)).is_some());
+}
+
+#[test]
+fn without_anything_that_moves_the_method_is_the_static_one() {
+    let mut scene = scene();
+    if let Some(tracks) = &mut scene.tracks {
+        tracks.tracks.clear();
+    }
+    let method = methods::find("object-graph").unwrap();
+    let request = MethodRequest::new(20, 1);
+    let session = Session::without_files(&Silent);
+    let mut graph = method.train(&scene, &request, &session).unwrap();
+    let mut still = methods::find("odgs")
+        .unwrap()
+        .train(&scene, &request, &session)
+        .unwrap();
+    let [one, other] = [&mut graph, &mut still].map(|outcome| {
+        let model = outcome.learner.gaussians().unwrap().unwrap();
+        model
+            .parts
+            .iter()
+            .map(|part| part.table.clone())
+            .collect::<Vec<_>>()
+    });
+    assert_eq!(one, other);
+    let mut untracked = scene.clone();
+    untracked.tracks = None;
+    let refused = method
+        .prepare(&untracked, &request, BackendChoice::Cpu)
+        .map(drop);
+    assert!(refused.unwrap_err().to_string().contains("curate tracks"));
+}
+
+#[test]
+fn gaussians_stay_with_their_object() {
+    let mut scene = scene();
+    if let Some(tracks) = &mut scene.tracks {
+        // Another one, that goes the same way in front of it.
+        let mut other = tracks.tracks[0].clone();
+        other.id = 6;
+        for place in &mut other.path.centre.coefficients {
+            place[1] -= 0.8;
+        }
+        tracks.tracks.push(other);
+    }
+    let request = MethodRequest::new(40, 3);
+    let session = Session::without_files(&Silent);
+    let method = methods::find("object-graph").unwrap();
+    let counts = |model: &Model| {
+        let part = &model.parts[1];
+        let ids = part.parameterization.tracked().unwrap().ids(&part.table);
+        [5, 6].map(|id| ids.iter().filter(|&&one| one == id).count())
+    };
+    let mut trained = method.train(&scene, &request, &session).unwrap();
+    let [first, second] = counts(trained.learner.gaussians().unwrap().unwrap());
+    assert!(first > 30 && second > 30, "{first} and {second} Gaussians");
+}

@@ -1,0 +1,77 @@
+//! Rows of the trace: where they are, and that looking at a model does not change it.
+
+use std::path::Path;
+
+use omnilife_engine::model::Model;
+use omnilife_reconstruct::{
+    methods,
+    request::MethodRequest,
+    scene::TrainingScene,
+    train::{Session, TrainingFiles, trace::TracePoint, trace_views::TraceViews},
+};
+use omnilife_schemas::progress::Silent;
+
+use crate::support::{balls, moving_ball};
+
+const ITERATIONS: u64 = 40;
+
+/// A run with its novel views rendered at the rows, where there is a folder for them.
+fn run(
+    scene: &TrainingScene,
+    method: &str,
+    trace_every: Option<u64>,
+    folder: Option<&Path>,
+) -> (Model, Vec<TracePoint>) {
+    let frames: Vec<u32> = scene.novel_views.iter().map(|view| view.frame).collect();
+    let files = folder.map(|folder| TrainingFiles {
+        trace: folder.join("trace.csv"),
+        trace_views: Some(TraceViews::new(folder.join("trace"), &frames, None)),
+        checkpoint: folder.join("checkpoint.bin"),
+        checkpoint_every: 0,
+        inputs_sha256: String::new(),
+    });
+    let session = Session {
+        files,
+        ..Session::without_files(&Silent)
+    };
+    let request = MethodRequest {
+        trace_every,
+        ..MethodRequest::new(ITERATIONS, 7)
+    };
+    let method = methods::find(method).unwrap();
+    let mut outcome = method.train(scene, &request, &session).unwrap();
+    let model = outcome.learner.gaussians().unwrap().unwrap().clone();
+    (model, outcome.training.state.trace)
+}
+
+#[test]
+fn looking_at_a_model_does_not_change_it() {
+    for (method, scene) in [
+        ("odgs", balls::scene()),
+        ("omni4dgs-plus", moving_ball::scene()),
+    ] {
+        let folder = tempfile::tempdir().unwrap();
+        let (traced, rows) = run(&scene, method, None, Some(folder.path()));
+        let (every_step, _) = run(&scene, method, Some(1), None);
+        let (untraced, ends) = run(&scene, method, Some(ITERATIONS), None);
+        assert!(traced == untraced && every_step == untraced, "{method}");
+        let iterations =
+            |rows: &[TracePoint]| -> Vec<u64> { rows.iter().map(|row| row.iteration).collect() };
+        assert_eq!(
+            iterations(&rows),
+            [0, 1, 2, 3, 4, 6, 8, 11, 16, 23, 32, 40],
+            "{method}"
+        );
+        assert_eq!(iterations(&ends), [0, ITERATIONS], "{method}");
+        // The views of the last row are the run's predictions.
+        for row in &rows[..rows.len() - 1] {
+            for view in &scene.novel_views {
+                let file = TraceViews::file(row.iteration, view.frame);
+                assert!(folder.path().join("trace").join(file).is_file(), "{method}");
+            }
+        }
+        assert!(rows[0].wall_seconds > 0.0 && rows[0].wall_seconds < rows[1].wall_seconds);
+        assert_eq!(rows[0].train_loss, None);
+        assert!(rows[1..].iter().all(|row| row.train_loss.is_some()));
+    }
+}

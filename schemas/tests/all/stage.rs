@@ -1,0 +1,201 @@
+//! When a stage is skipped and when it runs again.
+
+use std::{fs, path::Path};
+
+use omnilife_schemas::stage::{Done, StagePlan};
+use omnilife_schemas::store;
+
+fn plan(folder: &Path, input: &Path, iterations: u32) -> StagePlan {
+    StagePlan::new(folder, "train")
+        .with_file(input)
+        .unwrap()
+        .with_settings("settings", &[iterations])
+}
+
+/// A folder with an input file and a finished stage.
+fn finished() -> (tempfile::TempDir, std::path::PathBuf) {
+    let folder = tempfile::tempdir().unwrap();
+    let input = folder.path().join("input.txt");
+    fs::write(&input, "input").unwrap();
+    fs::create_dir(folder.path().join("views")).unwrap();
+    let outputs = ["model.ply", "views/000004.png"];
+    let stage = plan(folder.path(), &input, 7);
+    assert!(!stage.is_done());
+    stage.claim(outputs).unwrap();
+    for output in outputs {
+        fs::write(folder.path().join(output), "output").unwrap();
+    }
+    stage.finish(outputs, 1.5).unwrap();
+    (folder, input)
+}
+
+#[test]
+fn the_same_inputs_are_skipped() {
+    let (folder, input) = finished();
+    assert!(plan(folder.path(), &input, 7).is_done());
+    let record: Done = store::read_record(&folder.path().join(".done/train.json")).unwrap();
+    assert_eq!(record.stage, "train");
+    assert_eq!(record.took.wall_seconds, 1.5);
+    let outputs: Vec<_> = record
+        .outputs
+        .iter()
+        .map(|o| (o.file.as_str(), o.bytes))
+        .collect();
+    assert_eq!(outputs, [("model.ply", 6), ("views/000004.png", 6)]);
+}
+
+#[test]
+fn a_moved_folder_is_skipped_too() {
+    let (folder, _) = finished();
+    let parent = tempfile::tempdir().unwrap();
+    let moved = parent.path().join("moved");
+    fs::rename(folder.path(), &moved).unwrap();
+    assert!(plan(&moved, &moved.join("input.txt"), 7).is_done());
+}
+
+#[test]
+fn changed_inputs_run_again() {
+    let (folder, input) = finished();
+    assert!(!plan(folder.path(), &input, 8).is_done(), "settings");
+    assert!(
+        !plan(folder.path(), &input, 7)
+            .with_text("more", "")
+            .is_done(),
+        "one input more"
+    );
+    let other = StagePlan::new(folder.path(), "render")
+        .with_file(&input)
+        .unwrap();
+    assert!(!other.is_done(), "another stage");
+    fs::write(&input, "Input").unwrap();
+    assert!(!plan(folder.path(), &input, 7).is_done(), "content");
+}
+
+#[test]
+fn the_order_of_inputs_counts() {
+    let folder = tempfile::tempdir().unwrap();
+    let of = |first: &str, second: &str| {
+        StagePlan::new(folder.path(), "train")
+            .with_text("first", first)
+            .with_text("second", second)
+            .inputs_sha256()
+    };
+    assert_eq!(of("a", "b"), of("a", "b"));
+    assert_ne!(of("a", "b"), of("b", "a"));
+}
+
+#[test]
+fn lost_or_cut_outputs_run_again() {
+    let (folder, input) = finished();
+    fs::write(folder.path().join("model.ply"), "cut").unwrap();
+    assert!(!plan(folder.path(), &input, 7).is_done());
+    let (folder, input) = finished();
+    fs::write(folder.path().join("model.ply"), "oUtput").unwrap();
+    assert!(!plan(folder.path(), &input, 7).is_done(), "a flipped bit");
+    let (folder, input) = finished();
+    fs::remove_file(folder.path().join("views/000004.png")).unwrap();
+    assert!(!plan(folder.path(), &input, 7).is_done());
+}
+
+#[test]
+fn a_stage_that_began_is_not_done() {
+    let (folder, input) = finished();
+    let stage = plan(folder.path(), &input, 7);
+    stage.claim(["model.ply"]).unwrap();
+    assert!(!stage.is_done());
+    stage.claim(["model.ply"]).unwrap();
+}
+
+#[test]
+fn a_broken_done_record_runs_again() {
+    let (folder, input) = finished();
+    fs::write(folder.path().join(".done/train.json"), "{").unwrap();
+    assert!(!plan(folder.path(), &input, 7).is_done());
+}
+
+#[test]
+fn missing_files_are_errors() {
+    let folder = tempfile::tempdir().unwrap();
+    let stage = StagePlan::new(folder.path(), "train");
+    let message = stage.finish(["model.ply"], 0.0).unwrap_err().to_string();
+    assert!(message.contains("model.ply"), "{message}");
+    assert!(!stage.is_done());
+    assert!(stage.with_file(&folder.path().join("none.mp4")).is_err());
+}
+
+fn names(folder: &Path) -> Vec<String> {
+    store::names_in(folder).unwrap()
+}
+
+/// Foreign files under the names of outputs stop a stage before it writes; its own do not, whether
+/// it has finished or was killed on the way.
+#[test]
+fn outputs_are_claimed_before_they_are_written() {
+    let (folder, input) = finished();
+    let stage = plan(folder.path(), &input, 8);
+    fs::write(folder.path().join("notes.md"), "mine").unwrap();
+    let message = stage.claim(["model.ply", "notes.md"]).unwrap_err();
+    assert!(message.to_string().contains("notes.md: is in the way"));
+    assert!(plan(folder.path(), &input, 7).is_done(), "nothing happened");
+    stage.claim(["model.ply", "trace.csv"]).unwrap();
+    fs::write(folder.path().join("trace.csv"), "half").unwrap();
+    // Killed here: the next process finds what this one made.
+    let next = plan(folder.path(), &input, 9);
+    next.claim(["model.ply", "trace.csv"]).unwrap();
+    fs::write(folder.path().join("trace.csv"), "whole").unwrap();
+    next.finish(["model.ply", "trace.csv"], 0.0).unwrap();
+    assert!(next.is_done());
+    assert_eq!(names(&folder.path().join(".done")), ["train.json"]);
+    // The views were not made again and are still known as ours only until then.
+    assert!(folder.path().join("views/000004.png").is_file());
+}
+
+/// Masks and the like: never replaced where they are not as the stage made them.
+#[test]
+fn published_files_replace_only_unchanged_ones() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name);
+    let stage = StagePlan::new(folder.path(), "poses");
+    let stage_files = |content: &str| {
+        let staged = path("staged/masks");
+        fs::create_dir_all(&staged).unwrap();
+        let files = ["masks/0.png", "masks/1.png"].map(str::to_owned);
+        for file in &files {
+            fs::write(path("staged").join(file), content).unwrap();
+        }
+        stage.publish(&path("staged"), &files)
+    };
+    fs::create_dir(path("masks")).unwrap();
+    fs::write(path("masks/1.png"), "mine").unwrap();
+    let message = stage_files("a").unwrap_err().to_string();
+    assert!(message.contains("masks/1.png: is in the way"), "{message}");
+    assert!(!path("masks/0.png").exists(), "all or none");
+    let own = stage_files("mine").unwrap();
+    assert_eq!(own, ["masks/0.png"], "the same content stays the user's");
+    // Killed before it finished: what it published is its own.
+    fs::remove_file(path("masks/1.png")).unwrap();
+    assert_eq!(stage_files("b").unwrap().len(), 2);
+    fs::write(path("masks/0.png"), "touched up").unwrap();
+    assert!(stage_files("c").is_err());
+    assert_eq!(fs::read(path("masks/0.png")).unwrap(), b"touched up");
+    assert_eq!(fs::read(path("masks/1.png")).unwrap(), b"b");
+}
+
+/// A process may be killed between the last record and its own tidying up.
+#[test]
+fn a_finished_stage_takes_away_what_its_killed_process_left() {
+    let (folder, input) = finished();
+    let left = [".done/train.begun.json", ".omnilife.lock"].map(|name| folder.path().join(name));
+    fs::write(&left[0], "{}").unwrap();
+    fs::write(&left[1], "omnilife writes here: process 1 on x").unwrap();
+    assert!(plan(folder.path(), &input, 7).is_done());
+    assert!(!left.iter().any(|file| file.exists()));
+    let notes = "my notes";
+    fs::write(&left[1], notes).unwrap();
+    assert!(plan(folder.path(), &input, 7).is_done());
+    assert_eq!(
+        fs::read_to_string(&left[1]).unwrap(),
+        notes,
+        "it is not our lock"
+    );
+}

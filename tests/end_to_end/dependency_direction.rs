@@ -1,0 +1,159 @@
+//! The direction of dependencies: {`schemas`, `stereo`} <- {`networks`, `engine`} <- {`curate`, `reconstruct`,
+//! `bench`, `leaderboard`, `sweep`} <- {the binary, `python`}, without sideways edges; `networks` is for those
+//! that run networks, `engine` for `reconstruct`, `stereo` for those that match images, `results` for
+//! `leaderboard`, so that Polars is nowhere else.
+
+use std::{
+    collections::{BTreeMap, BTreeSet},
+    process::Command,
+};
+
+use serde_json::Value;
+
+const SCHEMAS: &str = "omnilife-schemas";
+const NETWORKS: &str = "omnilife-networks";
+const STEREO: &str = "omnilife-stereo";
+const ENGINE: &str = "omnilife-engine";
+const RESULTS: &str = "omnilife-results";
+const BINARY: &str = "omnilife";
+const PYTHON: &str = "omnilife-python";
+const CRATES: [&str; 5] = [
+    "omnilife-bench",
+    "omnilife-curate",
+    "omnilife-leaderboard",
+    "omnilife-reconstruct",
+    "omnilife-sweep",
+];
+
+/// Direct dependencies of every workspace member, those of tests and build scripts included.
+fn dependencies() -> BTreeMap<String, BTreeSet<String>> {
+    let output = Command::new(env!("CARGO"))
+        .args(["metadata", "--no-deps", "--offline", "--format-version=1"])
+        .args([
+            "--manifest-path",
+            concat!(env!("CARGO_MANIFEST_DIR"), "/Cargo.toml"),
+        ])
+        .output()
+        .unwrap();
+    assert!(
+        output.status.success(),
+        "{}",
+        String::from_utf8_lossy(&output.stderr)
+    );
+    let metadata: Value = serde_json::from_slice(&output.stdout).unwrap();
+    let name = |value: &Value| value["name"].as_str().unwrap().to_owned();
+    metadata["packages"]
+        .as_array()
+        .unwrap()
+        .iter()
+        .map(|package| {
+            let dependencies = package["dependencies"].as_array().unwrap();
+            (name(package), dependencies.iter().map(name).collect())
+        })
+        .collect()
+}
+
+fn ours(dependencies: &BTreeSet<String>) -> BTreeSet<&str> {
+    dependencies
+        .iter()
+        .map(String::as_str)
+        .filter(|name| name.starts_with(BINARY))
+        .collect()
+}
+
+#[test]
+fn every_member_has_its_place() {
+    let mut known = BTreeSet::from(CRATES);
+    known.extend([SCHEMAS, NETWORKS, STEREO, ENGINE, RESULTS, BINARY, PYTHON]);
+    let dependencies = dependencies();
+    let members: BTreeSet<_> = dependencies.keys().map(String::as_str).collect();
+    assert_eq!(members, known, "a new crate needs its edges in this test");
+}
+
+#[test]
+fn what_all_share_depends_on_no_sibling() {
+    for name in [SCHEMAS, STEREO] {
+        assert_eq!(ours(&dependencies()[name]), BTreeSet::new(), "{name}");
+    }
+}
+
+#[test]
+fn crates_depend_on_what_they_share_alone() {
+    let dependencies = dependencies();
+    for name in [NETWORKS, ENGINE, RESULTS] {
+        assert_eq!(
+            ours(&dependencies[name]),
+            BTreeSet::from([SCHEMAS]),
+            "{name}"
+        );
+    }
+    for name in CRATES {
+        let expected = match name {
+            "omnilife-curate" => BTreeSet::from([SCHEMAS, NETWORKS, STEREO]),
+            "omnilife-bench" => BTreeSet::from([SCHEMAS, NETWORKS]),
+            "omnilife-reconstruct" => BTreeSet::from([SCHEMAS, ENGINE, STEREO]),
+            "omnilife-leaderboard" => BTreeSet::from([SCHEMAS, RESULTS]),
+            _ => BTreeSet::from([SCHEMAS]),
+        };
+        assert_eq!(ours(&dependencies[name]), expected, "{name}");
+    }
+}
+
+#[test]
+fn the_binary_depends_on_all() {
+    let mut expected = BTreeSet::from(CRATES);
+    expected.extend([SCHEMAS, ENGINE]);
+    assert_eq!(ours(&dependencies()[BINARY]), expected);
+}
+
+/// Into Python's process comes no FFmpeg, OpenCV or GPU.
+#[test]
+fn the_module_for_python_reads_and_scores_alone() {
+    let expected = BTreeSet::from([SCHEMAS, "omnilife-bench", "omnilife-leaderboard"]);
+    assert_eq!(ours(&dependencies()[PYTHON]), expected);
+}
+
+#[test]
+fn scores_and_tables_need_no_graphics() {
+    let dependencies = dependencies();
+    for name in [
+        "omnilife-bench",
+        "omnilife-leaderboard",
+        "omnilife-sweep",
+        SCHEMAS,
+    ] {
+        for graphics in ["wgpu", "pollster", "naga"] {
+            assert!(
+                !dependencies[name].contains(graphics),
+                "{name} depends on {graphics}"
+            );
+        }
+    }
+    assert!(
+        !dependencies["omnilife-leaderboard"].contains("image"),
+        "the leaderboard reads results, never images"
+    );
+}
+
+/// Packages that the project is built on by decision, each with the crate that uses it.
+#[test]
+fn packages_that_the_project_is_built_on_are_used() {
+    let dependencies = dependencies();
+    for (package, user) in [
+        ("ffmpeg-next", "omnilife-curate"),
+        ("opencv", "omnilife-curate"),
+        ("serde", SCHEMAS),
+        ("csv", "omnilife-leaderboard"),
+        ("rayon", ENGINE),
+        ("image", SCHEMAS),
+        ("glam", ENGINE),
+        ("polars", RESULTS),
+        ("indicatif", BINARY),
+        ("clap", BINARY),
+    ] {
+        assert!(
+            dependencies[user].contains(package),
+            "{user} lost {package}"
+        );
+    }
+}
