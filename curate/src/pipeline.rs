@@ -51,7 +51,7 @@ pub fn curate_video(
     curate_source(video, &source?, folder, settings, progress)
 }
 
-/// [`curate_video`] with checked settings and a video that is hashed already.
+/// Curates as [`curate_video`], with checked settings and a video that is hashed already.
 pub(crate) fn curate_source(
     video: &Path,
     source: &SourceVideo,
@@ -83,7 +83,7 @@ fn is_of(folder: &Path, source: &SourceVideo) -> Result<bool, CurateError> {
     Ok(held.source.sha256 == source.sha256)
 }
 
-/// The stages from the header to the sequences.
+/// Runs the stages from the header to the sequences.
 fn sequences_of(
     video: &Path,
     source: &SourceVideo,
@@ -241,7 +241,7 @@ fn is_ours_before_analysis(name: &str) -> bool {
     name.starts_with('.') || (name != ANALYSIS_FILE && ANALYSIS_FILES.contains(&name))
 }
 
-/// The analysis stage.
+/// Runs the analysis stage.
 fn analysed(
     video: &Path,
     folder: &Path,
@@ -335,8 +335,8 @@ fn analysed(
     Ok(record)
 }
 
-/// Returns the file name without its extension, the name of the video's folder in a dataset. Never hidden, on one line
-/// and no step to another folder, whatever the name of the file.
+/// Returns the file name without its extension, the name of the video's folder in a dataset. For any file name it is
+/// visible, on one line and no step to another folder.
 pub fn stem(video: &Path) -> String {
     let stem = video.file_stem().unwrap_or_default().to_string_lossy();
     let is_broken = |character: char| character.is_control() || character == '\\';

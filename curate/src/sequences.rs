@@ -300,7 +300,7 @@ impl Sequencing<'_> {
         }
     }
 
-    /// Name of the video in its dataset.
+    /// Returns the name of the video in its dataset.
     fn folder_name(&self) -> String {
         let name = self.folder.file_name().unwrap_or_default();
         name.to_string_lossy().into_owned()

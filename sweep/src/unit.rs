@@ -76,8 +76,8 @@ pub(crate) fn run(
     Ok(Ending::Over(Box::new(outcome)))
 }
 
-/// Waits for a signal to this process. A cluster's engine signals all processes of a job at about the same time: the
-/// signal that ended the unit may be about to arrive here, and then the unit has not failed.
+/// Waits for a signal to this process. A cluster's engine signals all processes of a job at about the same time. If the
+/// signal that ended the unit is about to arrive here, the unit has not failed.
 fn wait_for_own_signal(running: &Running, stop: &AtomicBool) {
     const LONGEST: Duration = Duration::from_millis(500);
     let begun = Instant::now();

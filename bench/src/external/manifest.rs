@@ -129,7 +129,7 @@ impl Manifest {
         Self::from_bytes(path, &bytes)
     }
 
-    /// [`Manifest::read`] of a file's bytes; `path` names it.
+    /// Reads and checks the bytes of a file; `path` names it.
     ///
     /// # Errors
     /// Those of [`Manifest::read`].

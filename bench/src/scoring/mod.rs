@@ -1,7 +1,7 @@
 //! Scoring: folders of predicted views against a scene's images.
 //!
 //! Every fault of a method's files (a missing frame, another size, a truncated PNG) becomes a row in the result's
-//! failures; every fault of the scene, the split or the disk is an error. Nothing is resized, skipped or replaced to
+//! failures. Every fault of the scene, the split or the disk is an error. Nothing is resized, skipped or replaced to
 //! obtain a score.
 
 mod choice;

@@ -19,9 +19,9 @@
 //! { "caption": "A walk through a market at night.", "scene": "night-market", "action": "walking" }
 //! ```
 //!
-//! `scene` and `action` have to be among those listed. Exit code 0 means success; what it writes to
-//! standard error is shown when it fails. It is ended after the timeout (SIGTERM, and SIGKILL after five
-//! seconds), and what it has started ends with it.
+//! `scene` and `action` must be among those listed. Exit code 0 means success; the standard error of a failed program
+//! is shown. It is ended after the timeout (SIGTERM, and SIGKILL after five seconds), together with its child
+//! processes.
 
 use std::{
     io::{self, Read, Write},
@@ -125,7 +125,7 @@ impl CaptionCommand {
         })
     }
 
-    /// Runs the program on a request and returns what it wrote.
+    /// Runs the program on a request and returns its output.
     fn exchange(&self, request: Vec<u8>, progress: &dyn Progress) -> Result<Vec<u8>, String> {
         let mut command = Command::new(&self.program);
         command

@@ -261,7 +261,7 @@ pub fn export(
     Ok(scene)
 }
 
-/// The writer of a format.
+/// Returns the writer of a format.
 fn writer(format: &Format, out: &Path) -> Result<Writer, CurateError> {
     format.export.ok_or_else(|| {
         let can: Vec<&str> = written_formats().map(|format| format.id).collect();
@@ -324,7 +324,7 @@ fn refuse_filled(out: &Path) -> Result<(), CurateError> {
     Ok(())
 }
 
-/// A file that another tool's record names, which must lie in the folder of the record.
+/// Returns a file that another tool's record names, which must lie in the folder of the record.
 fn file_of(folder: &Path, file: &str) -> Result<PathBuf, CurateError> {
     let path = folder.join(file);
     let canonical = |path: &Path| fs::canonicalize(path).map_err(|e| StoreError::read(path, e));
@@ -359,12 +359,12 @@ fn create_parent(path: &Path) -> Result<(), StoreError> {
     path.parent().map_or(Ok(()), store::create_folder)
 }
 
-/// The last part of a path in a record.
+/// Returns the last part of a path in a record.
 fn file_name(path: &str) -> String {
     path.rsplit(['/', '\\']).next().unwrap_or(path).to_owned()
 }
 
-/// A file name without its extension.
+/// Returns a file name without its extension.
 fn stem(name: &str) -> &str {
     name.rsplit_once('.').map_or(name, |(stem, _)| stem)
 }

@@ -2,8 +2,8 @@
 //!
 //! A command is words between blanks, with these placeholders, all absolute paths:
 //!
-//! - `{frames}`: a folder with the frames and nothing else, each called by its number in the scene (`000012.png`), so
-//!   that their order is that of their names;
+//! - `{frames}`: a folder with exactly the frames, each named by its number in the scene (`000012.png`), so that the
+//!   order of names is that of frames;
 //! - `{out}`: an empty folder, for masks and distances named like the frames, or for poses as `poses.json` or
 //!   `all_poses.npy`;
 //! - `{times}`: a CSV with the columns `image` and `time_seconds`, which a `poses.json` needs; optional.

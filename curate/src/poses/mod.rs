@@ -1,8 +1,8 @@
 //! Camera poses of a sequence: given by the user, or found by structure from motion.
 //!
-//! [`pose_sequence`] turns `sequence.json` into `scene.json`, with these files if they are known: `points.ply`,
-//! `masks/` of moving content, `ignore/` of pixels outside the scene, `depth/` of distances, `classes/` of masks of
-//! classes, and `depth-prior/` of estimated distances.
+//! [`pose_sequence`] turns `sequence.json` into `scene.json`, with further files for known data. These are
+//! `points.ply`, `masks/` of moving content, `ignore/` of pixels outside the scene, `depth/` of distances, `classes/`
+//! of masks of classes, and `depth-prior/` of estimated distances.
 
 mod attach;
 pub mod colmap;
@@ -125,7 +125,7 @@ pub fn pose_sequence(
     pose_sequence_with(sequence_folder, request, &GivenTruth::default(), progress)
 }
 
-/// [`pose_sequence`] with further given data of the frames.
+/// Poses a sequence as [`pose_sequence`], with further given data of the frames.
 ///
 /// # Errors
 /// Those of [`pose_sequence`], or a missing or unusable file of the given data.

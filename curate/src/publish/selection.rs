@@ -336,7 +336,7 @@ mod tests {
         }
     }
 
-    /// 200 sequences: scenes 60, 30 and 10 %, motions half each, rare scenes with one motion alone.
+    /// Returns 200 sequences: scenes 60, 30 and 10 %, motions half each, rare scenes with one motion alone.
     fn rows() -> Vec<SequenceRow> {
         (0..200)
             .map(|index| {

@@ -52,7 +52,7 @@ impl Quality {
         }
     }
 
-    /// x264's constant rate factor and preset.
+    /// Returns x264's constant rate factor and preset.
     fn rate_and_preset(self) -> [(&'static str, &'static str); 2] {
         match self {
             Self::VisuallyLossless => [("crf", "16"), ("preset", "fast")],

@@ -190,7 +190,7 @@ pub(crate) fn are_panoramas(images: &[&Path], size: [u32; 2]) -> Result<bool, Cu
     Ok(may_be && judge(images, &probe)?.projection.is_monoscopic_erp())
 }
 
-/// A small image of a still.
+/// Returns a small image of a still.
 fn sample(path: &Path) -> Result<Rgb8Image, CurateError> {
     let image = image(path)?;
     let width = SAMPLE_WIDTH_PIXELS.min(image.width);

@@ -169,7 +169,7 @@ impl Asked {
         })
     }
 
-    /// The file of the tracks.
+    /// Returns the file of the tracks.
     fn record(&self, request: &TrackRequest) -> PathBuf {
         request.out.join(TRACKS_FILE)
     }

@@ -196,7 +196,7 @@ fn pack_result(
     })
 }
 
-/// Name of the folder of a kind of view in a packed result.
+/// Returns the name of the folder of a kind of view in a packed result.
 fn packed_views(kind: &str) -> String {
     format!("predictions/{kind}")
 }

@@ -127,7 +127,7 @@ pub(super) fn run(
     )
 }
 
-/// [`run`] with a given interpreter.
+/// Poses a sequence as [`run`], with a given interpreter.
 fn run_with(
     installation: &SfmInstallation,
     sequence_folder: &Path,

@@ -222,8 +222,8 @@ impl<'a> SfmWorkspace<'a> {
     }
 }
 
-/// COLMAP's model of a sequence's camera. Perspective videos come without intrinsics: the focal length and
-/// one term of distortion are found with the poses.
+/// Returns COLMAP's model of a sequence's camera. Perspective videos come without intrinsics: the focal length and one
+/// term of distortion are found with the poses.
 fn camera_model(sequence: &Sequence) -> &'static str {
     if sequence.is_pinhole() {
         "SIMPLE_RADIAL"

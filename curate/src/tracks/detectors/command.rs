@@ -161,7 +161,7 @@ fn detect(input: &DetectorInput<'_>, progress: &dyn Progress) -> Result<Detected
     Ok(Detected { boxes: kept, said })
 }
 
-/// The files beside the TOML that a command names: scripts and weights of the program's own.
+/// Returns the files beside the TOML that a command names: scripts and weights of the program's own.
 fn own_files(program: &Program, folder: &Path) -> impl Iterator<Item = PathBuf> {
     let words = program
         .command
