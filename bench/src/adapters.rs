@@ -1,13 +1,11 @@
 //! Adapters: a `method.toml` for each published method of the paper's tables.
 //!
-//! An adapter says how a scene is brought into the form that the method's own code reads, how that
-//! code is called, where it leaves its views, and in which axes, resolution and pixel convention it
-//! works. It is put into a checkout of that code. To add one: a file in `bench/adapters/` and a line
-//! in [`ADAPTERS`].
+//! An adapter states how a scene is converted to the input of the method's own code, how that code is called, and where
+//! it leaves its views. It also states axes, resolution and pixel convention. It is put into a checkout of that code.
+//! To add one: a file in `bench/adapters/` and a line in [`ADAPTERS`].
 //!
-//! The templates are written from the authors' repositories. None of these programs is part of this
-//! project's tests, which need no GPU and no weights: what is tested is that views in the layout of
-//! an adapter reach the right frames.
+//! The templates are written from the authors' repositories. None of these programs is part of this project's tests,
+//! which need no GPU and no weights: tests check that views in the layout of an adapter reach the right frames.
 
 use std::path::Path;
 
@@ -15,12 +13,12 @@ use omnilife_schemas::{names, ownership::OwnFiles, store};
 
 use crate::error::BenchError;
 
-/// A way to run a published method.
+/// A template for running a published method.
 #[derive(Debug, Clone, Copy)]
 pub struct Adapter {
     /// Name on the command line.
     pub id: &'static str,
-    /// Whose method it is, and under which protocol it runs.
+    /// Authors of the method, and its protocol.
     pub about: &'static str,
     /// The `method.toml`, conventions in its head.
     pub manifest: &'static str,
@@ -112,12 +110,10 @@ pub const ADAPTERS: &[Adapter] = &[
     },
 ];
 
-/// Writes an adapter's `method.toml`, and the files beside it, into a folder, which is made where it
-/// is missing.
+/// Writes an adapter's `method.toml`, and the files beside it, into a folder, which is created if missing.
 ///
 /// # Errors
-/// When there is no adapter of this name, the folder has a `method.toml` of something else, or a
-/// file cannot be written.
+/// When there is no adapter of this name, the folder has another `method.toml`, or a file cannot be written.
 pub fn write_adapter(id: &str, folder: &Path) -> Result<&'static Adapter, BenchError> {
     let adapter = names::find("adapter", id, ADAPTERS, |adapter| adapter.id)?;
     let manifest = folder.join("method.toml");
@@ -159,7 +155,7 @@ mod tests {
             for convention in ["Data:", "Resolution:"] {
                 assert!(head.contains(convention), "{}: {convention}", adapter.id);
             }
-            // Written again, it stays; another one is not overwritten.
+            // Writing the same again keeps it; another one is not overwritten.
             write_adapter(adapter.id, &folder)?;
         }
         let message = write_adapter("pvg", &folder.path().join("odgs"))

@@ -1,4 +1,4 @@
-//! Whether a metric can be computed at all for a scene and its predictions.
+//! Availability of metrics for a scene and its predictions.
 
 use omnilife_networks::WeightsError;
 use omnilife_schemas::{
@@ -12,11 +12,11 @@ use crate::{
     metrics::{Metric, Need},
 };
 
-/// Why a metric has a value for no view; `None` where nothing of the kind is known beforehand. The
-/// reason names no places of this machine, so that results are the same everywhere.
+/// Returns why a metric has a value for no view; `None` if no such reason is known beforehand. The reason names no
+/// paths of this machine, so that results are the same everywhere.
 ///
 /// # Errors
-/// When weights are there and unusable.
+/// When weights exist but are unusable.
 pub(crate) fn why_not(
     metric: &Metric,
     scene: &Scene,
@@ -58,7 +58,7 @@ pub(crate) fn why_not(
             Need::Depth if !depth_is_predicted => {
                 "no depth was predicted: there is no folder depth/ among the predictions".to_owned()
             }
-            // A matter of single views: the first one has none before it.
+            // Depends on the single view: the first one has none before it.
             Need::Depth | Need::PreviousView => continue,
         };
         return Ok(Some(reason));

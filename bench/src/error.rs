@@ -1,4 +1,4 @@
-//! Why a scene could not be split or scored.
+//! Errors of splitting and scoring.
 
 use std::path::{Path, PathBuf};
 
@@ -7,7 +7,7 @@ use omnilife_schemas::{Classified, ErrorKind, names::UnknownName, store::StoreEr
 
 /// An error of this crate. Messages are one line that names the file or scene and the reason.
 ///
-/// A prediction that cannot be scored is no error but a row in the result's failures.
+/// A prediction that cannot be scored is not an error but a row in the result's failures.
 #[derive(Debug, thiserror::Error)]
 pub enum BenchError {
     /// A file could not be read or written.
@@ -19,12 +19,12 @@ pub enum BenchError {
     /// No protocol or adapter of this id.
     #[error(transparent)]
     Unknown(#[from] UnknownName),
-    /// A protocol names a metric that this program does not compute.
+    /// A protocol names an unknown metric.
     #[error("protocol {protocol}: {unknown}")]
     UnknownMetric {
         /// The protocol.
         protocol: String,
-        /// The metric asked for.
+        /// The name of the metric.
         unknown: UnknownName,
     },
     /// A protocol cannot be followed on a scene.
@@ -50,10 +50,10 @@ pub enum BenchError {
     Mismatch {
         /// The file at fault.
         path: PathBuf,
-        /// What does not fit.
+        /// The mismatch.
         reason: String,
     },
-    /// A fact that is stated beside predictions is impossible.
+    /// A stated fact beside predictions is impossible.
     #[error("{reason}")]
     Statement {
         /// One line.
@@ -62,15 +62,15 @@ pub enum BenchError {
     /// The request gives nothing to score.
     #[error("nothing to score: no predictions were given of views that the protocol scores")]
     NothingToScore,
-    /// Two sides have no scene in common that both scored completely.
+    /// Two sides share no scene that both scored completely.
     #[error("{methods}: nothing to compare: {reasons}")]
     NothingToCompare {
-        /// Who was to be compared.
+        /// The compared methods.
         methods: String,
-        /// What was left out.
+        /// Reasons for omissions.
         reasons: String,
     },
-    /// Whoever waited for the work has given it up.
+    /// The caller has cancelled the work.
     #[error("scoring was interrupted; begun again, it starts from the first view")]
     Interrupted,
     /// A metric gave a number that is not finite, or the table could not be encoded.
@@ -84,7 +84,7 @@ pub enum BenchError {
 }
 
 impl BenchError {
-    /// `path` does not belong to the other files of the request.
+    /// Reports that `path` does not belong to the other files of the request.
     pub(crate) fn mismatch(path: &Path, reason: impl Into<String>) -> Self {
         Self::Mismatch {
             path: path.to_owned(),
@@ -92,7 +92,7 @@ impl BenchError {
         }
     }
 
-    /// A failure of this program on `path`.
+    /// Reports a failure of this program on `path`.
     pub(crate) fn internal(path: &Path, reason: impl Into<String>) -> Self {
         Self::Internal {
             path: path.to_owned(),

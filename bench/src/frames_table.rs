@@ -9,8 +9,7 @@ use crate::{
     scoring::job::{ScoreKey, ScoringJob, ViewOutcome},
 };
 
-/// Writes one row per view. A view that could not be scored has no scores; neither have metrics that
-/// are undefined or unavailable.
+/// Writes one row per view. A view that could not be scored has empty scores; so have undefined or unavailable metrics.
 pub(crate) fn write(
     path: &Path,
     job: &ScoringJob,
@@ -43,8 +42,8 @@ fn row(job: &ScoringJob, outcome: &ViewOutcome) -> FrameRow {
     }
 }
 
-/// Returns the distance in world units from a frame's camera to the nearest camera of a given view; `None`
-/// where one of them has no pose.
+/// Returns the distance in world units from a frame's camera to the nearest camera of a given view; `None` if one of
+/// them has no pose.
 fn distance_to_given(job: &ScoringJob, frame: u32) -> Option<f64> {
     let position = |frame: u32| Some(job.scene.frames.get(frame as usize)?.pose?.centre());
     let own = position(frame)?;
@@ -54,7 +53,7 @@ fn distance_to_given(job: &ScoringJob, frame: u32) -> Option<f64> {
         .min_by(f64::total_cmp)
 }
 
-/// Reads every score that is there.
+/// Reads every non-empty score.
 pub(crate) fn read(path: &Path) -> Result<Vec<(ScoreKey, f64)>, BenchError> {
     let table = FrameScores::read(path)?;
     let mut scores = Vec::new();

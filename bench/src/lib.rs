@@ -1,18 +1,17 @@
 //! From rendered views and a manifest to scores.
 //!
-//! * [`protocols`]: what is scored; [`mod@split`]: which frames a method is given and which it predicts.
-//! * [`metrics`]: what a score is, one file each; [`lpips`]: the networks of some.
-//! * [`validate()`] and [`compare()`]: predictions before they are scored, and scores of two methods;
+//! * [`protocols`]: rules of scoring; [`mod@split`]: frames that a method is given and frames that it predicts.
+//! * [`metrics`]: definitions of scores, one file each; [`lpips`]: the networks of some.
+//! * [`validate()`] and [`compare()`]: checks of predictions before scoring, and scores of two methods;
 //! * [`external`]: an external method, run by its own commands; [`adapters`]: those of published ones;
 //! * [`diagnosis`]: mistakes of convention in views, such as other axes, channels or encodings;
 //! * [`curve`]: error against run time, from the traces of runs;
-//! * [`stability_report`]: how stiff and extreme cases come out, for people;
+//! * [`stability_report`]: results of stiff and extreme cases, for people;
 //! * [`tracking`]: tracks of vehicles against true ones;
-//! * [`scoring`]: folders of predictions against a scene's images, with every failure in the
-//!   record.
+//! * [`scoring`]: folders of predictions against a scene's images, with every failure in the record.
 //!
-//! Everybody's predictions are scored, so this crate knows no method and no renderer, and its
-//! metrics are written apart from every training loss: a bug in a loss must not hide in the score.
+//! Predictions of any method are scored, so this crate knows no method and no renderer. Its metrics are separate from
+//! every training loss: a bug in a loss must not hide in the score.
 
 pub mod adapters;
 pub mod curve;
@@ -28,7 +27,6 @@ pub mod stability_report;
 pub mod tracking;
 
 mod availability;
-mod chart;
 mod frames_table;
 mod loaded_view;
 mod memory;
@@ -53,6 +51,6 @@ pub use prediction::scored_bytes;
 pub use protocols::{PROTOCOLS, ProtocolEntry};
 pub use scoring::{DEFAULT_MEMORY_BYTES, MetricChoice, Predictions, ScoreRequest, score};
 pub use split::{frames_without_content, split, split_scene, split_scene_under};
-pub use stability_report::{stability_failures, stability_table, write_stability};
+pub use stability_report::{stability_failures, stability_page, write_stability};
 pub use statement::Statement;
 pub use validate::{Finding, ValidationReport, validate};

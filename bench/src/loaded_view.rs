@@ -1,4 +1,4 @@
-//! Everything that is read for one view, each file once.
+//! Data of one view, each file read once.
 
 use std::collections::BTreeMap;
 
@@ -13,16 +13,16 @@ use crate::{
     truth,
 };
 
-/// A view with what its metrics need.
+/// A view with the data that its metrics need.
 pub(crate) struct LoadedView {
     pub(crate) view: View,
     /// Name of the prediction's file.
     pub(crate) name: String,
-    /// Prediction and ground truth, or why the prediction cannot be scored.
+    /// Prediction and ground truth, or the reason why the prediction cannot be scored.
     pub(crate) pair: Result<ViewPair, String>,
-    /// True where a mask marks any of its pixels as no part of the scene.
+    /// True if a mask marks any of its pixels as outside the scene.
     pub(crate) ignores_pixels: bool,
-    /// True where its ground truth shows nothing.
+    /// True if its ground truth shows nothing.
     pub(crate) is_truth_single_colour: bool,
     dynamic: Option<Mask>,
     classes: BTreeMap<String, Mask>,
@@ -34,7 +34,7 @@ impl LoadedView {
     /// Reads a view.
     ///
     /// # Errors
-    /// When the scene's files are unusable; a prediction that is, is a fact about the view.
+    /// When the scene's files are unusable; an unusable prediction is a fact about the view.
     pub(crate) fn read(job: &ScoringJob, view: View) -> Result<Self, BenchError> {
         let truth = truth::read(job, view.frame)?;
         let ignored = truth::read_ignore_mask(job, view.frame)?;
@@ -77,7 +77,7 @@ impl LoadedView {
             depth: None,
         };
         loaded.pair = loaded.read_prediction(job, (truth, ignored.as_ref()), true_depth);
-        // Before the view after this one asks for them as well.
+        // Before the view after this one needs them as well.
         if let Ok(pair) = &loaded.pair
             && job.needs(Need::Network(Backbone::Alex))
         {
@@ -105,7 +105,7 @@ impl LoadedView {
             .ok_or_else(|| "images differ in size".to_owned())
     }
 
-    /// What metrics are given; `previous` is the view scored before it.
+    /// Returns the input of metrics; `previous` is the view scored before it.
     pub(crate) fn sample<'a>(
         &'a self,
         pair: &'a ViewPair,

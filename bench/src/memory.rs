@@ -1,4 +1,4 @@
-//! How many views are scored at once.
+//! Number of views that are scored at once.
 
 use crate::{
     lpips::{Backbone, Lpips},
@@ -6,11 +6,11 @@ use crate::{
     scoring::job::ScoringJob,
 };
 
-/// Bytes per pixel of what is kept of a view beside networks: prediction, ground truth and the view
-/// before it in 8 bits, both images in f64, the map of SSIM, cube faces, masks and depth.
+/// Bytes per pixel of a view's data beside networks: prediction, ground truth and the view before it in 8 bits, both
+/// images in f64, the map of SSIM, cube faces, masks and depth.
 const BYTES_PER_PIXEL: usize = 12 + 48 + 8 + 36 + 12;
 
-/// As many views as fit into `memory_bytes`, at least one and at most one per thread.
+/// Returns as many views as fit into `memory_bytes`, at least one and at most one per thread.
 pub(crate) fn views_together(job: &ScoringJob, memory_bytes: u64) -> usize {
     let size = job.size.map(|side| side as usize);
     let mut of_view = size[0] * size[1] * BYTES_PER_PIXEL;
@@ -22,7 +22,7 @@ pub(crate) fn views_together(job: &ScoringJob, memory_bytes: u64) -> usize {
         {
             of_networks = of_networks.max(network.memory_bytes(size));
             if *backbone == Backbone::Alex {
-                // Of both images of the view, and its share of those of the view before.
+                // For both images of the view, and its share of those of the view before.
                 of_features = 3 * network.features_bytes(size);
             }
         }

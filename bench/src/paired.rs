@@ -17,16 +17,16 @@ use crate::{error::BenchError, frames_table, scoring::job::ScoreKey};
 /// A result and the file that it was read from.
 pub type StoredResult = (PathBuf, ResultRecord);
 
-/// How A compares to B.
+/// Comparison of A to B.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PairedComparison {
     /// Id and version of the protocol.
     pub protocol: String,
     /// The two methods.
     pub methods: [String; 2],
-    /// Scenes that both have completely; differences are over these.
+    /// Scenes that both have scored completely; differences are over these.
     pub scenes: Vec<String>,
-    /// Scenes that were left out, with the reason.
+    /// Omitted scenes, with the reason.
     pub left_out: Vec<String>,
     /// One for every metric of every kind of view that both have.
     pub differences: Vec<Difference>,
@@ -39,15 +39,13 @@ pub struct Difference {
     pub view: String,
     /// Id of the metric.
     pub metric: String,
-    /// Which of two scores is the better one; `None` for a number that is only to be read beside
-    /// another.
+    /// Direction of better scores; `None` for a number that only complements another.
     pub direction: Option<Direction>,
     /// Means of A and of B over the scenes.
     pub means: [f64; 2],
     /// Mean over the scenes of A's score minus B's.
     pub mean: f64,
-    /// Its 95 % interval from draws of videos with replacement; `None` with scenes of fewer than
-    /// two videos.
+    /// Its 95 % interval from draws of videos with replacement; `None` for scenes of fewer than two videos.
     pub interval: Option<[f64; 2]>,
     /// Scenes in which A is better, B is better, and neither is.
     pub scenes: WinsAndLosses,
@@ -55,7 +53,7 @@ pub struct Difference {
     pub views: WinsAndLosses,
 }
 
-/// How often the first of two is better than the second.
+/// Number of times that the first of two is better than the second.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct WinsAndLosses {
     /// The first is better.
@@ -83,12 +81,12 @@ impl WinsAndLosses {
 
 /// Compares the results of two methods.
 ///
-/// Seeds of one scene are averaged first. Scenes that one side lacks or could not score completely
-/// are left out of all means and named.
+/// Seeds of one scene are averaged first. Scenes that one side lacks or could not score completely are omitted from all
+/// means and named.
 ///
 /// # Errors
-/// When a side holds several methods, when protocols or scenes differ (the message says where), or
-/// when nothing is left to compare.
+/// When a side holds several methods, when protocols or scenes differ (the message gives the difference), or when
+/// nothing is left to compare.
 pub fn compare(a: &[StoredResult], b: &[StoredResult]) -> Result<PairedComparison, BenchError> {
     let methods = [method(a)?, method(b)?];
     let sides = [by_scene(a), by_scene(b)];
@@ -162,7 +160,7 @@ fn by_scene(results: &[StoredResult]) -> BTreeMap<&str, Vec<&StoredResult>> {
     scenes
 }
 
-/// Scores of different rules or scenes are not comparable; says what differs.
+/// Refuses results of different rules or scenes, whose scores are not comparable; names the difference.
 fn refuse_other_rules(left: &Repetitions<'_>, right: &Repetitions<'_>) -> Result<(), BenchError> {
     let (first, reference) = left[0];
     for (file, result) in left.iter().chain(right).copied() {
@@ -204,7 +202,7 @@ fn refuse_other_rules(left: &Repetitions<'_>, right: &Repetitions<'_>) -> Result
     Ok(())
 }
 
-/// The rules that differ, where both splits are found.
+/// Returns the differing rules, if both splits are found.
 fn differing_rules(left: (&Path, &ResultRecord), right: (&Path, &ResultRecord)) -> String {
     let rules = [left, right].map(|(file, result)| {
         let split = split_of(file, &result.protocol_hash)?;
@@ -229,7 +227,7 @@ fn differing_rules(left: (&Path, &ResultRecord), right: (&Path, &ResultRecord)) 
     differing.join("; ")
 }
 
-/// The split with this protocol in a folder above a result.
+/// Returns the split with this protocol in a folder above a result.
 fn split_of(file: &Path, protocol_hash: &str) -> Option<Split> {
     file.ancestors().skip(1).find_map(|folder| {
         let split: Split = store::read_record(&folder.join(SPLIT_FILE)).ok()?;
@@ -258,7 +256,7 @@ fn differences(scenes: &[PairedScene<'_>]) -> Result<Vec<Difference>, BenchError
     let mut differences = Vec::new();
     for (view, summaries) in KINDS {
         for (metric, summary) in summaries(&scenes[0].1[0][0].1) {
-            // A metric counts where every scene has it on both sides.
+            // A metric counts if every scene has it on both sides.
             let means: Option<Vec<[f64; 2]>> = scenes
                 .iter()
                 .map(|(_, sides)| {
@@ -272,7 +270,7 @@ fn differences(scenes: &[PairedScene<'_>]) -> Result<Vec<Difference>, BenchError
                 by_scene: means.iter().map(|[a, b]| a - b).enumerate().collect(),
                 ranked: false,
             };
-            // The direction matters to ranks alone.
+            // Only ranks depend on the direction.
             let order = direction.unwrap_or(Direction::HigherIsBetter);
             let interval = bootstrap::confidence(&[scores], &clusters, &resamples, order)[0].mean;
             let over_scenes =
@@ -305,7 +303,7 @@ fn differences(scenes: &[PairedScene<'_>]) -> Result<Vec<Difference>, BenchError
     Ok(differences)
 }
 
-/// Mean over repetitions; `None` where one lacks the metric.
+/// Returns the mean over repetitions; `None` if one lacks the metric.
 fn mean<'a>(
     results: &'a Repetitions<'a>,
     summary: impl Fn(&'a ResultRecord) -> Option<&'a Summary>,
@@ -317,7 +315,7 @@ fn mean<'a>(
     sum.map(|sum| sum / results.len() as f64)
 }
 
-/// Refuses a table that has not the scores that a result's means are of, such as a part of its lines.
+/// Refuses a table whose scores do not give a result's means, such as a truncated one.
 fn refuse_another_table(
     table: &Path,
     scores: &[(ScoreKey, f64)],
@@ -344,8 +342,7 @@ fn refuse_another_table(
     Ok(())
 }
 
-/// Scores of the views of a scene, means over repetitions; views that one of them lacks are left
-/// out.
+/// Returns scores of the views of a scene, means over repetitions; views that one of them lacks are omitted.
 fn view_scores(results: &Repetitions<'_>) -> Result<BTreeMap<ScoreKey, f64>, BenchError> {
     let mut sums: BTreeMap<ScoreKey, (f64, usize)> = BTreeMap::new();
     for (file, result) in results.iter().copied() {

@@ -1,4 +1,4 @@
-//! Predicted views as methods leave them, read without any repair.
+//! Predicted views of methods, read without any repair.
 
 use std::{
     collections::{BTreeMap, BTreeSet},
@@ -26,20 +26,20 @@ const DEPTH_FOLDER: &str = "depth";
 #[derive(Debug)]
 pub(crate) struct PredictionFolder {
     folder: PathBuf,
-    /// Reason for which no file of it is scored.
+    /// Reason why no file of it is scored.
     refusal: Option<String>,
-    /// Frames that are predicted as arrays of values.
+    /// Frames with a prediction as an array of values.
     arrays: BTreeSet<u32>,
-    /// Names of images that are read as the number of a frame in another way than its name.
+    /// Names of images with the number of a frame in another form than its file name.
     other_names: BTreeMap<u32, String>,
     /// Frames that predictions may fill, whose padding is cut off.
     padded: Option<PaddedFrame>,
-    /// Images that are no prediction of a frame that is scored.
+    /// Images that are not the prediction of a scored frame.
     pub(crate) strays: Vec<String>,
 }
 
 impl PredictionFolder {
-    /// Lists a folder in which predictions of `frames` are expected.
+    /// Lists a folder with predictions of `frames`.
     pub(crate) fn open(folder: &Path, frames: &[u32]) -> Result<Self, StoreError> {
         let mut found = Self::refused(folder, None);
         for name in store::names_in(folder)? {
@@ -61,7 +61,7 @@ impl PredictionFolder {
         Ok(found)
     }
 
-    /// A folder of which nothing is listed, and nothing is read where there is a reason for that.
+    /// Returns a folder without a listing, which is not read if there is a reason.
     pub(crate) fn refused(folder: &Path, reason: Option<String>) -> Self {
         Self {
             folder: folder.to_owned(),
@@ -73,23 +73,23 @@ impl PredictionFolder {
         }
     }
 
-    /// The folder with predictions that may fill these frames; what they hold in the padding counts for nothing.
+    /// Sets the padded frames that predictions may fill; their content in the padding does not count.
     pub(crate) fn in_frames(mut self, padded: Option<PaddedFrame>) -> Self {
         self.padded = padded;
         self
     }
 
-    /// The folder itself.
+    /// Returns the folder itself.
     pub(crate) fn path(&self) -> &Path {
         &self.folder
     }
 
-    /// Returns false where none of its files is read.
+    /// Returns false if none of its files is read.
     pub(crate) fn is_read(&self) -> bool {
         self.refusal.is_none()
     }
 
-    /// Name of a file of it, with `/` between folders.
+    /// Returns the name of a file of it, with `/` between folders.
     pub(crate) fn relative(&self, file: &Path) -> String {
         let relative = file.strip_prefix(&self.folder).unwrap_or(file);
         let names = relative
@@ -98,7 +98,7 @@ impl PredictionFolder {
         names.collect::<Vec<_>>().join("/")
     }
 
-    /// Name of the file that holds a frame's prediction, or should.
+    /// Returns the name of the file with a frame's prediction, existing or expected.
     pub(crate) fn name(&self, frame: u32) -> String {
         if self.arrays.contains(&frame) {
             array_name(frame)
@@ -107,30 +107,30 @@ impl PredictionFolder {
         }
     }
 
-    /// The files that may hold a frame's prediction; one of them should.
+    /// Returns the files that may hold a frame's prediction; one of them should.
     pub(crate) fn files(&self, frame: u32) -> [PathBuf; 2] {
         [file_name(frame), array_name(frame)].map(|name| self.folder.join(name))
     }
 
-    /// The file that may hold a frame's predicted distances.
+    /// Returns the file that may hold a frame's predicted distances.
     pub(crate) fn depth_file(&self, frame: u32) -> PathBuf {
         self.folder
             .join(DEPTH_FOLDER)
             .join(format!("{frame:06}.npy"))
     }
 
-    /// Whether distances were predicted.
+    /// Returns true if distances were predicted.
     pub(crate) fn has_depth(&self) -> bool {
         self.refusal.is_none() && self.folder.join(DEPTH_FOLDER).is_dir()
     }
 
-    /// Bytes of a frame's prediction: an 8-bit RGB PNG of exactly `width` x `height` pixels, or an
-    /// array of values, rounded as [`scored_bytes`] says. One of the size of padded frames is taken
-    /// without its padding. An alpha channel is accepted where every pixel is opaque.
+    /// Returns the bytes of a frame's prediction: an 8-bit RGB PNG of exactly `width` x `height` pixels, or an array of
+    /// values, rounded as in [`scored_bytes`]. One of the size of padded frames is cut to the image. An alpha channel
+    /// is accepted if every pixel is opaque.
     ///
     /// # Errors
-    /// The reason, in one line, why the prediction cannot be scored. It names the file without its
-    /// folder, so that results do not depend on where predictions lie.
+    /// The reason, in one line, why the prediction cannot be scored. It names the file without its folder, so that
+    /// results do not depend on the place of predictions.
     pub(crate) fn read(&self, frame: u32, width: u32, height: u32) -> Result<Vec<u8>, String> {
         if let Some(reason) = &self.refusal {
             return Err(reason.clone());
@@ -154,8 +154,8 @@ impl PredictionFolder {
         decode(&bytes, [width, height], self.padded).map_err(|reason| format!("{name} {reason}"))
     }
 
-    /// Returns the share of the values of a frame's array that lie below -0.02 or above 1.02. `None` where
-    /// the frame has no array that can be read.
+    /// Returns the share of the values of a frame's array below -0.02 or above 1.02. `None` if the frame has no
+    /// readable array.
     pub(crate) fn outside_share(&self, frame: u32) -> Option<f64> {
         let name = self.arrays.contains(&frame).then(|| array_name(frame))?;
         let array = npy::read(&self.folder.join(name)).ok()?;
@@ -178,11 +178,11 @@ impl PredictionFolder {
         scored_bytes(&array, width, height).map_err(|reason| format!("{name} {reason}"))
     }
 
-    /// Distances of a frame along the rays, in units of the world frame: a `NumPy` array of
-    /// `height` x `width` in f32 or f64.
+    /// Returns distances of a frame along the rays, in units of the world frame: a `NumPy` array of `height` x `width`
+    /// in f32 or f64.
     ///
     /// # Errors
-    /// As [`Self::read`].
+    /// Those of [`Self::read`].
     pub(crate) fn read_depth(
         &self,
         frame: u32,
@@ -206,12 +206,12 @@ impl PredictionFolder {
     }
 }
 
-/// File name of a frame's prediction.
+/// Returns the file name of a frame's prediction.
 fn file_name(frame: u32) -> String {
     format!("{frame:06}.png")
 }
 
-/// The name under which a prediction that a method wrote as `source` is looked for.
+/// Returns the expected name of a prediction that a method wrote as `source`.
 pub(crate) fn name_for(frame: u32, source: &Path) -> String {
     let is_array = source.extension().is_some_and(|ending| ending == "npy");
     if is_array {
@@ -221,12 +221,12 @@ pub(crate) fn name_for(frame: u32, source: &Path) -> String {
     }
 }
 
-/// File name of a frame's prediction as an array of values.
+/// Returns the file name of a frame's prediction as an array of values.
 fn array_name(frame: u32) -> String {
     format!("{frame:06}.npy")
 }
 
-/// The name without its ending, of visible images and arrays.
+/// Returns the name without its ending, of visible images and arrays.
 fn image_stem(name: &str) -> Option<&str> {
     let (stem, ending) = name.rsplit_once('.')?;
     let is_image = ["png", "npy"].map(|known| ending.eq_ignore_ascii_case(known));
@@ -250,7 +250,7 @@ fn decode(
         format!("is not a usable PNG: {}", text.lines().next().unwrap_or(""))
     };
     let decoder = PngDecoder::new(Cursor::new(bytes)).map_err(undecodable)?;
-    // Checked before decoding: a wrong header must not make us allocate its size.
+    // Checked before decoding: a wrong header must not cause an allocation of its size.
     let found = <[u32; 2]>::from(decoder.dimensions());
     let filled = padded.filter(|frame| frame.size() == found);
     if found != [width, height] && filled.is_none() {

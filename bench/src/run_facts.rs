@@ -1,4 +1,4 @@
-//! What a run's record says that belongs beside its scores, whoever's run it was.
+//! Facts from a run's record that belong beside its scores, for any run.
 
 use std::{
     collections::BTreeMap,
@@ -14,15 +14,13 @@ use omnilife_schemas::{
 
 use crate::{curve::rows::Trace, error::BenchError, external::EXTERNAL_RUN_FILE};
 
-/// Name of the record of a run of ours.
 /// Folders of views lie at most so far below the record of their run: `predictions/novel`, `work/a/b`.
 const DEPTH_OF_VIEWS: usize = 4;
 
-/// Refuses a folder of views that lies in a run that is never scored: one that failed, or one whose model was
-/// edited.
+/// Refuses a folder of views in a run that is never scored: a failed one, or one with an edited model.
 ///
 /// # Errors
-/// When there is such a run; its record is named.
+/// For such a run; its record is named.
 pub(crate) fn refuse_views_of_other_runs(folder: &Path) -> Result<(), BenchError> {
     let Ok(folder) = folder.canonicalize() else {
         return Ok(());
@@ -68,7 +66,7 @@ pub(crate) struct RunFacts {
     pub(crate) scene: String,
     pub(crate) protocol_hash: String,
     pub(crate) training_seconds: Option<f64>,
-    /// The way the method comes to its views, where the record says.
+    /// Kind of training of the method, if recorded.
     pub(crate) training: Option<TrainingKind>,
     pub(crate) primitives: Option<u64>,
     pub(crate) iterations: Option<u64>,
@@ -77,17 +75,17 @@ pub(crate) struct RunFacts {
     pub(crate) hardware: Option<Hardware>,
     pub(crate) versions: BTreeMap<String, String>,
     pub(crate) rendering_seconds: Option<f64>,
-    /// What the way from the video took, stage by stage, where the record says.
+    /// Times of the stages from the video on, if recorded.
     pub(crate) stages: Vec<StageTime>,
     pub(crate) peak_memory_bytes: Option<u64>,
     pub(crate) warnings: Vec<String>,
-    /// Why views may be missing.
+    /// Reason for missing views.
     pub(crate) failure: Option<String>,
     pub(crate) input_folder: Option<PathBuf>,
     pub(crate) novel_folder: PathBuf,
-    /// Its trace with the novel views along it, where it left them.
+    /// Its trace with the novel views along it, if it left them.
     pub(crate) trace: Option<Trace>,
-    /// Hash of the split that it was made by, where the record says.
+    /// Hash of its split, if recorded.
     pub(crate) split_sha256: Option<String>,
 }
 
@@ -95,7 +93,7 @@ impl RunFacts {
     /// Reads either record.
     ///
     /// # Errors
-    /// When the file is neither.
+    /// When the file is neither of them.
     pub(crate) fn read(file: &Path) -> Result<Self, BenchError> {
         let schema = store::schema_of(file)?;
         if store::is_read_as::<RunRecord>(&schema) {
@@ -118,6 +116,7 @@ impl RunFacts {
     fn of_ours(file: &Path, run: RunRecord, trace: Option<Trace>) -> Self {
         Self {
             trace,
+            stages: run.stage_times(),
             input_folder: run
                 .predictions
                 .input_views
@@ -141,7 +140,6 @@ impl RunFacts {
             hardware: run.hardware,
             versions: run.versions,
             rendering_seconds: Some(run.rendering_seconds),
-            stages: run.stages,
             peak_memory_bytes: run.peak_memory_bytes,
             warnings: run.warnings,
             failure: None,
@@ -163,9 +161,9 @@ impl RunFacts {
             method: run.method,
             scene: run.scene,
             protocol_hash: run.protocol_hash,
-            // What a run took that did not end well is the time of nothing.
+            // The duration of a failed run has no meaning.
             training_seconds: wall_seconds(PhaseName::Train).filter(|_| run.failure.is_none()),
-            // A run that failed may not have come to its training.
+            // A failed run may not have reached its training.
             training: match wall_seconds(PhaseName::Train) {
                 Some(_) => Some(TrainingKind::PerScene),
                 None if run.failure.is_some() => None,
@@ -174,7 +172,7 @@ impl RunFacts {
             primitives: None,
             iterations: None,
             seed: run.seed,
-            // Whether a method of others computes on a processor is its own affair.
+            // The processor of an external method is unknown.
             backend: None,
             hardware: run.hardware,
             versions: run.versions,

@@ -1,4 +1,4 @@
-//! What a scene is, beyond its name: two scores may only compete on the same frames and cameras.
+//! Identity of a scene beyond its name: scores compete only on the same frames and cameras.
 
 use std::path::Path;
 
@@ -12,7 +12,7 @@ use serde::Serialize;
 
 use crate::metrics::Need;
 
-/// The hash that a result carries for its scene.
+/// The hash of a result's scene.
 pub(crate) struct SceneIdentity {
     /// SHA-256 in lower-case hexadecimal.
     pub(crate) sha256: String,
@@ -24,7 +24,7 @@ struct Content<'a> {
     frames: Vec<FrameContent<'a>>,
 }
 
-/// ERP cameras stand without a model: scenes had no other once, and their hashes stay the same.
+/// ERP cameras are hashed without a model: scenes once had no other, and their hashes stay the same.
 #[derive(Serialize)]
 #[serde(untagged)]
 enum CameraContent<'a> {
@@ -37,15 +37,14 @@ struct FrameContent<'a> {
     image_sha256: String,
     time_seconds: f64,
     pose: &'a Option<Pose>,
-    /// Names and hashes of masks and depth, where scores depend on them.
+    /// Names and hashes of masks and depth, if scores depend on them.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     annotations: Vec<(String, String)>,
 }
 
 impl SceneIdentity {
-    /// Hashes camera, times, poses and ground truth of all frames of a split, and the masks and
-    /// depth that metrics with these needs look at. Names of files, the place of the scene and how
-    /// long posing took do not count.
+    /// Hashes camera, times, poses and ground truth of all frames of a split, and the masks and depth for metrics with
+    /// these needs. Names of files, the place of the scene and the time of posing do not count.
     ///
     /// # Errors
     /// When a ground truth image cannot be read.
@@ -84,7 +83,7 @@ impl SceneIdentity {
     }
 }
 
-/// Names and hashes of what metrics with these needs look at beside a frame's image.
+/// Returns names and hashes of the files that metrics with these needs read beside a frame's image.
 fn annotations(
     scene_file: &Path,
     frame: &SceneFrame,

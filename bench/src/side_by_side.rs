@@ -1,4 +1,4 @@
-//! Images for people: prediction left, ground truth right; grey in both where pixels do not count.
+//! Images for people: prediction left, ground truth right; grey in both for pixels that do not count.
 
 use std::path::Path;
 
@@ -19,13 +19,13 @@ const SEPARATOR: usize = 4;
 /// Level of pixels that do not count.
 const GREY: u8 = 128;
 
-/// The image of a view, relative to the output folder.
+/// Returns the image of a view, relative to the output folder.
 pub(crate) fn file(view: View) -> String {
     format!("{FOLDER}/{}-{:06}.png", view.kind, view.frame)
 }
 
-/// Makes the folder and removes the images of an earlier scoring: one of a view that is not
-/// scored any more would pass for a current one.
+/// Creates the folder and removes the images of an earlier scoring: one of a view that is not scored any more would
+/// pass for a current one.
 pub(crate) fn prepare_folder(out: &Path, own: &OwnFiles) -> Result<(), StoreError> {
     own.remove(|file| {
         file.strip_prefix(FOLDER)

@@ -1,4 +1,4 @@
-//! Which frames of a scene a method is given and which it has to predict.
+//! Split of a scene's frames into those given to a method and those it must predict.
 
 use std::path::Path;
 
@@ -14,15 +14,15 @@ use rayon::prelude::*;
 
 use crate::{error::BenchError, protocols, truth};
 
-/// Splits of all versions are of such a schema.
+/// Prefix of the schemas of all versions.
 const ANY_SPLIT: &str = "omnilife/split/";
 
 /// Applies a protocol's split rule to a scene's frames. The numbers in the split count all frames of
 /// the scene, in its order.
 ///
 /// # Errors
-/// When the rule makes no sense, no frame is left to give or to score by it, a pose is not usable
-/// (zero quaternion, non-finite entries) or frames are not in order of time.
+/// When the rule is invalid, it leaves no frame to give or to score, a pose is not usable (zero quaternion, non-finite
+/// entries) or frames are not in order of time.
 pub fn split(scene: &Scene, protocol: &Protocol) -> Result<Split, BenchError> {
     split_rules::split(scene, protocol).map_err(|error| {
         let scene = scene.id.clone();
@@ -37,9 +37,8 @@ pub fn split(scene: &Scene, protocol: &Protocol) -> Result<Split, BenchError> {
     })
 }
 
-/// Splits the scene of a `scene.json` under a known protocol and writes the split to the file
-/// `out`, whose folder is made where it is missing. The bytes depend on the scene and the protocol
-/// alone.
+/// Splits the scene of a `scene.json` under a known protocol and writes the split to the file `out`, whose folder is
+/// created if missing. The bytes depend on the scene and the protocol alone.
 ///
 /// # Errors
 /// Those of [`split`] and [`protocols::protocol`], and when a file cannot be read or written.
@@ -47,12 +46,11 @@ pub fn split_scene(scene: &Path, protocol_id: &str, out: &Path) -> Result<Split,
     split_scene_under(scene, &protocols::protocol(protocol_id)?, out)
 }
 
-/// Splits a scene as [`split_scene`] does, under rules that may differ from those of a known protocol, such as its
+/// Splits a scene like [`split_scene`], under rules that may differ from those of a known protocol, such as its
 /// padding.
 ///
 /// # Errors
-/// Those of [`split`], when nothing of the scene could be scored at the protocol's size, and when a file cannot be
-/// read or written.
+/// Those of [`split`], when no frame could be scored at the protocol's size, and when a file cannot be read or written.
 pub fn split_scene_under(
     scene: &Path,
     protocol: &Protocol,
@@ -78,8 +76,8 @@ pub fn split_scene_under(
     Ok(split)
 }
 
-/// Looks at the images of a split's frames. Returns a line on those of a single colour, which show nothing, and
-/// one on those that cannot be trained on or scored.
+/// Examines the images of a split's frames. Returns a line on those of a single colour, which show nothing, and one on
+/// those that are unusable for training or scoring.
 ///
 /// # Errors
 /// When the `scene.json` cannot be read.
@@ -111,11 +109,11 @@ pub fn frames_without_content(scene: &Path, split: &Split) -> Result<Vec<String>
     Ok(lines)
 }
 
-/// Width and height of the scored images of a scene, in pixels, and the frames in which methods are given them, where
-/// they are padded.
+/// Returns width and height of the scored images of a scene, in pixels, and the frames given to methods, if they are
+/// padded.
 ///
 /// # Errors
-/// When nothing could be scored at the protocol's size.
+/// When no frame could be scored at the protocol's size.
 pub(crate) fn sizes(
     scene: &Scene,
     split: &Split,
@@ -133,10 +131,10 @@ pub(crate) fn sizes(
     })
 }
 
-/// Checks that a split is the one that this program makes of a scene, by rules that it can score.
+/// Checks that a split is the one that this program computes for a scene, by rules that it can score.
 ///
 /// # Errors
-/// When it is of another scene, was edited, is outdated or asks for an unknown mask rule.
+/// When it belongs to another scene, was edited, is outdated or has an unknown mask rule.
 pub(crate) fn check_split(file: &Path, split: &Split, scene: &Scene) -> Result<(), BenchError> {
     split_rules::check(split, scene).map_err(|reason| BenchError::mismatch(file, reason))?;
     if split.protocol.mask_rule != "none" {

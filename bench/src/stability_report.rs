@@ -1,34 +1,39 @@
-//! The stability report for people: a table, and the errors of stiff cases over their condition
-//! number.
+//! The stability report for people: all rows as CSV, a page of the worst of them, and the errors of stiff
+//! cases over their condition number.
 //!
-//! This crate only reports; the cases are run where the kernels are.
+//! This crate only reports; the cases are run next to the kernels.
 
-use std::{fmt::Write, path::Path, time::Instant};
+mod page;
+mod rows;
 
+use std::{path::Path, time::Instant};
+
+use omnilife_charts::{ChartError, Series, Titles, log_log};
 use omnilife_schemas::{
-    records::{StabilityMeasures, StabilityReport, StabilityRow, StabilityStatus, StabilitySweep},
+    records::{StabilityMeasures, StabilityReport, StabilityStatus, StabilitySweep},
     stage::StagePlan,
     store,
 };
 
-use crate::{
-    chart::{self, Series, Titles},
-    error::BenchError,
-};
+use crate::error::BenchError;
+
+pub use page::stability_page;
 
 /// The whole report.
 pub const STABILITY_FILE: &str = "stability.json";
-/// The table for people.
-pub const STABILITY_TABLE: &str = "stability.md";
+/// All rows.
+pub const STABILITY_TABLE: &str = "stability.csv";
+/// The page for people.
+pub const STABILITY_PAGE: &str = "stability.md";
 
-/// Errors below this are drawn here: 0 has no place on a logarithmic axis.
+/// Errors below this are drawn at it: 0 has no place on a logarithmic axis.
 const SMALLEST_ERROR: f64 = 1e-9;
 
-/// Writes `stability.json`, `stability.md` and `stability-<sweep>.svg` into a folder, which is made
-/// where it is missing.
+/// Writes `stability.json`, `stability.csv`, `stability.md` and `stability-<sweep>.svg` into a folder, which
+/// is made where it is missing.
 ///
 /// # Errors
-/// When a file that is not ours is in the way, or one cannot be written.
+/// When a foreign file is in the way, or one cannot be written.
 pub fn write_stability(report: &StabilityReport, out: &Path) -> Result<(), BenchError> {
     let drawn: Vec<&StabilitySweep> = report
         .sweeps
@@ -36,7 +41,7 @@ pub fn write_stability(report: &StabilityReport, out: &Path) -> Result<(), Bench
         .filter(|sweep| !sweep.points.is_empty())
         .collect();
     let drawings = drawn.iter().map(|sweep| drawing_file(sweep));
-    let files: Vec<String> = [STABILITY_FILE, STABILITY_TABLE]
+    let files: Vec<String> = [STABILITY_FILE, STABILITY_TABLE, STABILITY_PAGE]
         .map(str::to_owned)
         .into_iter()
         .chain(drawings)
@@ -46,13 +51,15 @@ pub fn write_stability(report: &StabilityReport, out: &Path) -> Result<(), Bench
     stage.claim(&files)?;
     let begun = Instant::now();
     store::write_record(&out.join(STABILITY_FILE), report)?;
-    store::write_bytes(
-        &out.join(STABILITY_TABLE),
-        stability_table(report).as_bytes(),
-    )?;
+    let table = out.join(STABILITY_TABLE);
+    let rows = rows::csv(&rows::rows(report))
+        .map_err(|error| BenchError::internal(&table, error.to_string()))?;
+    store::write_bytes(&table, &rows)?;
+    store::write_bytes(&out.join(STABILITY_PAGE), stability_page(report).as_bytes())?;
     for sweep in drawn {
         let path = out.join(drawing_file(sweep));
-        let drawing = drawing(sweep).map_err(|reason| BenchError::internal(&path, reason))?;
+        let drawing =
+            drawing(sweep).map_err(|error| BenchError::internal(&path, error.to_string()))?;
         store::write_bytes(&path, drawing.as_bytes())?;
     }
     Ok(stage.finish(&files, begun.elapsed().as_secs_f64())?)
@@ -62,7 +69,7 @@ fn drawing_file(sweep: &StabilitySweep) -> String {
     format!("stability-{}.svg", sweep.id)
 }
 
-/// Cases and points of sweeps that are not as good as asked, in words.
+/// Returns cases and points of sweeps that miss their limits, in words.
 pub fn stability_failures(report: &StabilityReport) -> Vec<String> {
     let rows = report.rows.iter();
     let rows = rows
@@ -79,113 +86,7 @@ pub fn stability_failures(report: &StabilityReport) -> Vec<String> {
         .collect()
 }
 
-/// The report as Markdown.
-pub fn stability_table(report: &StabilityReport) -> String {
-    let mut text = String::from(
-        "| Case | Gaussians | Backend | Image | Gradient | Finite | What the code does | Status |\n\
-         | --- | --- | --- | ---: | ---: | --- | --- | --- |\n",
-    );
-    let (ran, missing): (Vec<_>, Vec<_>) = report
-        .rows
-        .iter()
-        .partition(|row| row.status != StabilityStatus::NotRun);
-    for row in ran {
-        let measured = row.measured.as_ref();
-        let status = match row.status {
-            StabilityStatus::Fail => format!("**fail**: {}", row.reason),
-            _ => "pass".to_owned(),
-        };
-        let cells = [
-            format!("`{}`: {}", row.case, row.title),
-            row.parameterization.clone(),
-            row.backend.clone(),
-            error(measured.and_then(|m| m.forward_error)),
-            error(measured.and_then(|m| m.gradient_error)),
-            measured
-                .map_or("", |m| if m.is_finite { "yes" } else { "no" })
-                .to_owned(),
-            row.action.clone(),
-            status,
-        ];
-        line(&mut text, &cells);
-    }
-    for sweep in &report.sweeps {
-        sweep_table(&mut text, sweep);
-    }
-    if !missing.is_empty() {
-        text += "\nNot run:\n\n";
-        for (backend, reason, cases) in by_reason(&missing) {
-            text += &format!("- {backend}: {} ({reason})\n", cases.join(", "));
-        }
-    }
-    text += "\nBackends:\n\n";
-    for (backend, description) in &report.backends {
-        text += &format!("- {backend}: {description}\n");
-    }
-    text
-}
-
-fn sweep_table(text: &mut String, sweep: &StabilitySweep) {
-    let mut backends: Vec<&str> = sweep.points.iter().map(|p| p.backend.as_str()).collect();
-    backends.dedup();
-    if backends.is_empty() {
-        return;
-    }
-    *text += &format!("\n{}, {}", sweep.title, sweep.condition);
-    if !sweep.limits.is_empty() {
-        *text += &format!("; {}", sweep.limits);
-    }
-    *text += ":\n\n| Condition |";
-    for backend in &backends {
-        *text += &format!(" Image, {backend} | Gradient, {backend} |");
-    }
-    *text += "\n| ---: |";
-    *text += &" ---: | ---: |".repeat(backends.len());
-    *text += "\n";
-    let of_first = sweep.points.iter().filter(|p| p.backend == backends[0]);
-    for condition in of_first.map(|point| point.condition) {
-        let mut cells = vec![format!("{condition:.0e}")];
-        for backend in &backends {
-            let point = sweep
-                .points
-                .iter()
-                .find(|p| p.backend == *backend && p.condition == condition);
-            cells.push(error(point.and_then(|p| p.measured.forward_error)));
-            let gradient = error(point.and_then(|p| p.measured.gradient_error));
-            let fault = point.and_then(|point| point.fault.as_ref());
-            cells.push(fault.map_or(gradient.clone(), |why| {
-                format!("{gradient} **fail**: {why}")
-            }));
-        }
-        line(text, &cells);
-    }
-}
-
-fn line(text: &mut String, cells: &[String]) {
-    // Writing to a string cannot fail.
-    let _ = writeln!(text, "| {} |", cells.join(" | "));
-}
-
-fn error(value: Option<f64>) -> String {
-    value.map_or(String::new(), |value| format!("{value:.1e}"))
-}
-
-/// Cases that did not run, by backend and reason, in order.
-fn by_reason<'a>(rows: &[&'a StabilityRow]) -> Vec<(&'a str, &'a str, Vec<&'a str>)> {
-    let mut groups: Vec<(&str, &str, Vec<&str>)> = Vec::new();
-    for row in rows {
-        let found = groups
-            .iter_mut()
-            .find(|(backend, reason, _)| *backend == row.backend && *reason == row.reason);
-        match found {
-            Some((_, _, cases)) => cases.push(&row.case),
-            None => groups.push((&row.backend, &row.reason, vec![&row.case])),
-        }
-    }
-    groups
-}
-
-fn drawing(sweep: &StabilitySweep) -> Result<String, String> {
+fn drawing(sweep: &StabilitySweep) -> Result<String, ChartError> {
     type Measure = fn(&StabilityMeasures) -> Option<f64>;
     let measures: [(&str, Measure); 2] = [
         ("image", |measured| measured.forward_error),
@@ -212,22 +113,25 @@ fn drawing(sweep: &StabilitySweep) -> Result<String, String> {
         }
     }
     let titles = Titles {
-        chart: &sweep.title,
         x: &sweep.condition,
         y: "largest error against f64",
     };
-    chart::log_log(&titles, &series)
+    log_log(&sweep.title, &titles, &series)
 }
 
 #[cfg(test)]
 mod tests {
+    use omnilife_schemas::records::{StabilityPoint, StabilityRow};
+
     use super::*;
 
     fn report() -> StabilityReport {
         let measured = StabilityMeasures {
             forward_error: Some(1.5e-6),
             forward_share: Some(0.0),
+            forward_limit: Some(1e-5),
             gradient_error: Some(2e-4),
+            gradient_limit: Some(4e-4),
             is_finite: true,
             drawn: 3,
             gaussians: 4,
@@ -259,7 +163,7 @@ mod tests {
                 condition: "length over thickness".to_owned(),
                 limits: "gradient within 4e-4".to_owned(),
                 points: [1.0, 10.0, 1e3]
-                    .map(|condition| omnilife_schemas::records::StabilityPoint {
+                    .map(|condition| StabilityPoint {
                         backend: "cpu".to_owned(),
                         condition,
                         measured,
@@ -271,16 +175,16 @@ mod tests {
     }
 
     #[test]
-    fn the_report_is_a_table_a_record_and_a_drawing() -> Result<(), Box<dyn std::error::Error>> {
+    fn the_report_is_a_record_a_table_a_page_and_a_drawing()
+    -> Result<(), Box<dyn std::error::Error>> {
         let folder = tempfile::tempdir()?;
         let report = report();
         write_stability(&report, folder.path())?;
         let record: StabilityReport = store::read_record(&folder.path().join(STABILITY_FILE))?;
         assert_eq!(record, report);
-        insta::assert_snapshot!(std::fs::read_to_string(
-            folder.path().join(STABILITY_TABLE)
-        )?);
-        let drawing = std::fs::read_to_string(folder.path().join("stability-needle.svg"))?;
+        let read = |name: &str| std::fs::read_to_string(folder.path().join(name));
+        insta::assert_snapshot!(read(STABILITY_TABLE)? + "\n" + &read(STABILITY_PAGE)?);
+        let drawing = read("stability-needle.svg")?;
         assert!(drawing.starts_with("<svg") && drawing.contains("length over thickness"));
         let failed = stability_failures(&report);
         assert_eq!(failed, ["seam (static, cpu)", "sweep needle at 1e3 (cpu)"]);

@@ -1,4 +1,4 @@
-//! Facts about a run that whoever scores it states, because no record of the run has them.
+//! Facts about a run that are stated when scoring, because no record of the run has them.
 
 use std::path::Path;
 
@@ -6,33 +6,32 @@ use omnilife_schemas::records::{ResultRecord, RunStatement, StatedClock, Trainin
 
 use crate::{error::BenchError, run_facts::RunFacts};
 
-/// Facts that are stated beside predictions. All are optional.
+/// Facts stated beside predictions. All are optional.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Statement {
-    /// The way the method comes to its views.
+    /// Kind of training of the method.
     pub training: Option<TrainingKind>,
     /// Training time, seconds, finite and not negative.
     pub training_seconds: Option<f64>,
-    /// The clock of that time; wall-clock time where none is stated.
+    /// The clock of that time; wall-clock time if not stated.
     pub clock: Option<StatedClock>,
     /// Optimizer steps.
     pub iterations: Option<u64>,
-    /// Gaussians, or what else the model is made of.
+    /// Number of Gaussians, or of other primitives of the model.
     pub primitives: Option<u64>,
     /// Random seed.
     pub seed: Option<u64>,
-    /// Processors, GPUs and memory that it ran on.
+    /// Processors, GPUs and memory of the run.
     pub hardware: Option<String>,
     /// Address of the method's code.
     pub code: Option<String>,
 }
 
 impl Statement {
-    /// Checks that the numbers are possible, and that nothing is stated that the record of the run, in
-    /// `file`, has measured.
+    /// Checks that the numbers are possible, and that no stated fact is measured in the record of the run, in `file`.
     ///
     /// # Errors
-    /// When a time is negative or not finite, a clock stands without a time, or the record has the fact.
+    /// When a time is negative or not finite, a clock is stated without a time, or the record has the fact.
     pub(crate) fn check(&self, run: Option<(&Path, &RunFacts)>) -> Result<(), BenchError> {
         if let Some(seconds) = self.training_seconds
             && !(seconds.is_finite() && seconds >= 0.0)
@@ -74,7 +73,7 @@ impl Statement {
 
     /// Puts the facts into a result, with the names of its fields that hold a stated number.
     pub(crate) fn apply(&self, result: &mut ResultRecord) {
-        // A run that failed has no time, whatever its authors say.
+        // A failed run has no time, whatever is stated.
         let training_seconds = self
             .training_seconds
             .filter(|_| result.run_failure.is_none());
@@ -107,7 +106,7 @@ impl Statement {
     }
 }
 
-/// Fills a field that is empty; returns whether it was filled.
+/// Fills an empty field; returns true if it was filled.
 fn state<T: Copy>(field: &mut Option<T>, stated: Option<T>) -> bool {
     if field.is_some() || stated.is_none() {
         return false;

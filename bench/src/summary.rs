@@ -1,4 +1,4 @@
-//! The result record: means over views, what failed and what is unavailable.
+//! The result record: means over views, failures and unavailable metrics.
 
 use std::collections::BTreeMap;
 
@@ -75,8 +75,8 @@ pub(crate) fn result_record(job: &ScoringJob, outcomes: &[ViewOutcome]) -> Resul
     }
 }
 
-/// Summaries of every metric over the scored views of one kind, in the order of views, and the
-/// metrics that have none; neither without scored views.
+/// Returns summaries of every metric over the scored views of one kind, in the order of views, and the metrics without
+/// one; neither without scored views.
 fn summaries(
     job: &ScoringJob,
     outcomes: &[ViewOutcome],
@@ -119,7 +119,7 @@ fn summaries(
     (summaries, unavailable)
 }
 
-/// The summary of a metric's values, of which there is at least one, or why there is none.
+/// Returns the summary of a metric's values, of which there is at least one, or the reason for its absence.
 pub(crate) fn summary(
     metric: &Metric,
     values: &[Result<f64, Undefined>],
@@ -140,7 +140,7 @@ pub(crate) fn summary(
     })
 }
 
-/// By what the masks mark: one that is empty leaves every pixel to the scores.
+/// Uses the masks' content: an empty one leaves every pixel to the scores.
 fn ignoring_views(outcomes: &[ViewOutcome]) -> Vec<String> {
     let count = outcomes
         .iter()
@@ -155,8 +155,8 @@ fn ignoring_views(outcomes: &[ViewOutcome]) -> Vec<String> {
     )]
 }
 
-/// Equal images have no error, so their PSNR is infinite; they count with the best value that the
-/// metrics state, and a reader should know.
+/// Lists views with an infinite PSNR: equal images have no error. They count with the best value of the metric, which
+/// readers should know.
 fn identical_views(outcomes: &[ViewOutcome]) -> Vec<String> {
     let count = outcomes
         .iter()
@@ -172,7 +172,7 @@ fn identical_views(outcomes: &[ViewOutcome]) -> Vec<String> {
     )]
 }
 
-/// Programs and networks that scored.
+/// Returns programs and networks used for scoring.
 fn versions(job: &ScoringJob) -> BTreeMap<String, String> {
     let mut versions = provenance::versions();
     for need in job.computed().flat_map(|metric| metric.needs) {

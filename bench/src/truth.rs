@@ -20,8 +20,8 @@ use crate::{
     scoring::job::{ScoringJob, View},
 };
 
-/// Bytes of a frame's ground truth at the scored size, resized by area averaging where the
-/// protocol asks for it and rounded to 8 bits, as predictions are.
+/// Returns bytes of a frame's ground truth at the scored size, resized by area averaging if the protocol requires it
+/// and rounded to 8 bits, as predictions are.
 ///
 /// # Errors
 /// When the image is unusable, transparent in places, to be turned or not of the size that the scene states.
@@ -36,10 +36,10 @@ pub(crate) fn read(job: &ScoringJob, frame: u32) -> Result<Vec<u8>, BenchError> 
         .to_rgb8())
 }
 
-/// A mask of a scene at the scored size, every pixel that of the nearest one.
+/// Returns a mask of a scene at the scored size, by nearest pixels.
 ///
 /// # Errors
-/// As [`read`].
+/// Those of [`read`].
 pub(crate) fn read_mask(job: &ScoringJob, name: &str) -> Result<Mask, BenchError> {
     let file = job.scene_file(name);
     let mask = ImageFile::open(&file)?;
@@ -49,11 +49,11 @@ pub(crate) fn read_mask(job: &ScoringJob, name: &str) -> Result<Mask, BenchError
     Ok(mask.resized_to_nearest(width as usize, height as usize))
 }
 
-/// The mask of what moves in a frame, at the scored size, where it is needed and there is one: the scene's
-/// own, or else that of the tracks beside the split.
+/// Returns the mask of moving content in a frame, at the scored size, if it is needed and exists: the scene's own, or
+/// else that of the tracks beside the split.
 ///
 /// # Errors
-/// As [`read`].
+/// Those of [`read`].
 pub(crate) fn read_dynamic_mask(job: &ScoringJob, frame: u32) -> Result<Option<Mask>, BenchError> {
     if !job.needs(Need::DynamicMask) {
         return Ok(None);
@@ -70,10 +70,10 @@ pub(crate) fn read_dynamic_mask(job: &ScoringJob, frame: u32) -> Result<Option<M
     }
 }
 
-/// What no score counts of a frame, at the scored size: every pixel over which a marked one lies.
+/// Returns the excluded pixels of a frame, at the scored size: every pixel that covers a marked one.
 ///
 /// # Errors
-/// As [`read`], and when nothing of the frame would count.
+/// Those of [`read`], and when nothing of the frame would count.
 pub(crate) fn read_ignore_mask(job: &ScoringJob, frame: u32) -> Result<Option<Mask>, BenchError> {
     let Some(name) = &job.scene.frames[frame as usize].ignore_mask else {
         return Ok(None);
@@ -90,7 +90,7 @@ pub(crate) fn read_ignore_mask(job: &ScoringJob, frame: u32) -> Result<Option<Ma
     Ok(Some(mask))
 }
 
-/// Lines on what was assumed of the masks that scores of these views use, and where what is ignored looks inverted.
+/// Returns lines on assumptions about the masks used for scores of these views, and on ignore masks that look inverted.
 ///
 /// # Errors
 /// When a mask cannot be read.
@@ -114,7 +114,7 @@ pub(crate) fn mask_notes(job: &ScoringJob, views: &[View]) -> Result<Vec<String>
     Ok(survey.notes())
 }
 
-/// A line on frames whose ground truth is of a single colour; `None` of none.
+/// Returns a line on frames whose ground truth is of a single colour; `None` without any.
 pub(crate) fn without_content(frames: impl Iterator<Item = u32>) -> Option<String> {
     let frames: Vec<String> = frames.map(|frame| frame.to_string()).collect();
     (!frames.is_empty()).then(|| {
@@ -126,7 +126,7 @@ pub(crate) fn without_content(frames: impl Iterator<Item = u32>) -> Option<Strin
     })
 }
 
-/// The pair of a prediction (8-bit RGB) and the ground truth of a frame, without what no score counts.
+/// Returns the pair of a prediction (8-bit RGB) and the ground truth of a frame, without excluded pixels.
 pub(crate) fn pair(
     job: &ScoringJob,
     prediction: Vec<u8>,
@@ -141,8 +141,8 @@ pub(crate) fn pair(
     }
 }
 
-/// Distances along the rays at the scored size, in units of the world frame, every pixel that of
-/// the nearest one (a mean over an edge would be the distance of nothing); 0 where it is not known.
+/// Returns distances along the rays at the scored size, in units of the world frame, by nearest pixels (a mean over an
+/// edge would be the distance of nothing); 0 if unknown.
 ///
 /// # Errors
 /// Those of [`read`], and when the file is neither 16-bit grey nor an array of distances or its unit is not positive.
@@ -159,7 +159,7 @@ pub(crate) fn read_depth(job: &ScoringJob, depth: &DepthImage) -> Result<Vec<f32
     Ok(nearest.map(|index| image.values[index]).collect())
 }
 
-/// Everything of a frame has the size of the scene's camera.
+/// Checks the size of a frame's file, which must be that of the scene's camera.
 fn check_size(
     job: &ScoringJob,
     file: &Path,

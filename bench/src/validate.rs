@@ -1,4 +1,4 @@
-//! Checking a folder of predictions before it is scored, with the scorer's own code.
+//! Validation of a folder of predictions before scoring, with the scorer's own code.
 
 use std::{
     collections::{BTreeMap, BTreeSet},
@@ -18,32 +18,31 @@ use crate::{
     truth,
 };
 
-/// What a check found.
+/// Result of a validation.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct ValidationReport {
-    /// Views that the split asks for, of the kinds that predictions were given for.
+    /// Views of the split, of the kinds with predictions.
     pub views: usize,
-    /// Everything that is wrong: likely mistakes of convention first, then files in the order of the
-    /// views, stray files last. Of a run that failed, that alone: none of its views is read.
+    /// All faults: likely mistakes of convention first, then files in the order of the views, stray files last. For a
+    /// failed run only the failure: none of its views is read.
     pub findings: Vec<Finding>,
-    /// Facts that are no fault of the predictions, one line each: copies of given views, frames
-    /// of the data that are given and held out.
+    /// Facts that are no fault of the predictions, one line each: copies of given views, frames of the data that are
+    /// given and held out.
     pub notes: Vec<String>,
 }
 
-/// Something wrong with a prediction.
+/// A fault of a prediction.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Finding {
     /// `input` or `novel`; `run` for the run as a whole; `None` for a file of none of them.
     pub view: Option<String>,
-    /// One line that names the file, where it is of one.
+    /// One line that names the file, if it has one.
     pub reason: String,
 }
 
-/// Checks predictions as scoring will read them, and for what scoring would not notice: images
-/// that are black, that are the same for several frames, or that are the ground truth. Views are also
-/// looked at for [mistakes of convention](crate::diagnosis). Notes tell what is odd of the scene's masks, and which of
-/// its images show nothing.
+/// Checks predictions as scoring will read them, and for faults that scoring would not notice: images that are black,
+/// equal for several frames, or equal to the ground truth. Views are also checked for
+/// [mistakes of convention](crate::diagnosis). Notes report unusual masks of the scene, and images that show nothing.
 ///
 /// # Errors
 /// Those of [`score`](crate::score()), apart from the output folder.
@@ -98,7 +97,7 @@ pub fn validate(
     })
 }
 
-/// Returns everything that is wrong, in the order of [`ValidationReport::findings`].
+/// Returns all faults, in the order of [`ValidationReport::findings`].
 fn findings(job: &ScoringJob, diagnosis: &Diagnosis, checked: &[Checked]) -> Vec<Finding> {
     if let Some(failure) = job.run.as_ref().and_then(|run| run.failure.as_ref()) {
         return vec![Finding {
@@ -125,7 +124,7 @@ fn findings(job: &ScoringJob, diagnosis: &Diagnosis, checked: &[Checked]) -> Vec
     findings
 }
 
-/// What is remembered of a view.
+/// Summary of a checked view.
 struct Checked {
     view: View,
     /// Name of its prediction.
@@ -142,7 +141,7 @@ impl Checked {
             Err(reason) => (Some(reason.clone()), None),
             Ok(pair) => {
                 let name = &loaded.name;
-                // Where pixels do not count anything may be predicted, the truth among others.
+                // Pixels that do not count may have any value, the truth among others.
                 let problem = if pair.as_predicted().iter().all(|&byte| byte == 0) {
                     Some(format!("{name} is black"))
                 } else if pair.prediction() == pair.truth() {
@@ -171,8 +170,8 @@ fn finding(view: View, reason: String) -> Finding {
     }
 }
 
-/// Predictions that repeat an earlier one although the ground truth does not. Novel views that are
-/// copies of a given one are no fault: baselines predict them.
+/// Returns predictions that repeat an earlier one although the ground truth does not. Copies of a given view among
+/// novel ones are no fault: baselines predict them.
 fn repetitions(job: &ScoringJob, checked: &[Checked]) -> Vec<Finding> {
     let mut first: BTreeMap<&str, (&View, &str)> = BTreeMap::new();
     let mut repeated = Vec::new();
@@ -203,7 +202,7 @@ fn repetitions(job: &ScoringJob, checked: &[Checked]) -> Vec<Finding> {
     repeated.into_iter().map(|(.., finding)| finding).collect()
 }
 
-/// SHA-256 of the pixels of all given views that can be read.
+/// Returns the SHA-256 of the pixels of all given views that can be read.
 fn given_images(job: &ScoringJob) -> BTreeSet<String> {
     let given = &job.split.input_views;
     given

@@ -28,17 +28,17 @@ pub(crate) fn enforce(video: &Path, admission: &Admission) -> Result<(), CurateE
     }
 }
 
-/// Share of the time of a video's shots that has to be a sphere where the whole does not look like one.
+/// Least share of the shots' time that must be spherical for a video that is not ERP as a whole.
 const LEAST_SPHERE_SHARE: f64 = 0.5;
 
-/// The projection in force, after the user's override: that of the video as it is stored, also where its frames
-/// are made equirectangular from a `layout`.
+/// Returns the projection in force, after the user's override. It is that of the video as stored, even if a `layout`
+/// makes its frames equirectangular.
 ///
-/// A video of another kind as a whole is taken as ERP where `sphere_share`, the share of the time of its shots that are
-/// spheres by their own frames, is more than a half: the rest is left out shot by shot.
+/// A video of another kind is taken as ERP if `sphere_share` exceeds one half: the share of its shots' time whose own
+/// frames are spheres. The rest is left out shot by shot.
 ///
-/// Without enforced criteria an undecided video goes through when it is stored at 2:1, with a note:
-/// nobody has said that it is not ERP.
+/// Without enforced criteria an undecided video is accepted when stored at 2:1, with a note that its projection is
+/// assumed.
 pub(crate) fn effective_projection(
     video: &Path,
     analysis: &VideoAnalysis,
@@ -145,8 +145,8 @@ pub(crate) fn effective_projection(
     ))
 }
 
-/// Returns true where a video may be no ERP as a whole for shots of another kind among spheres. Halves of one scene
-/// are no mixture, and what lies over the image was looked for where some frames are spheres.
+/// Returns true if a video that is no ERP as a whole may mix spheres with shots of another kind. Halves of one scene
+/// are no mixture; overlays were searched for only if some frames are spheres.
 fn may_be_mixed(analysis: &VideoAnalysis) -> bool {
     let found = &analysis.projection;
     let is_stereo = found
@@ -160,7 +160,7 @@ fn may_be_mixed(analysis: &VideoAnalysis) -> bool {
     is_open && !is_stereo && analysis.overlays.is_some()
 }
 
-/// What the user can do about a projection.
+/// Returns advice to the user about a projection.
 fn hint(projection: VideoProjection) -> &'static str {
     match projection {
         VideoProjection::ErpStereoTb => "pass --projection stereo-top-bottom",

@@ -1,4 +1,4 @@
-//! The analysis pass: one decode of a whole video that feeds everything that looks at all of it.
+//! The analysis pass: one decode of a whole video that feeds every analysis of its frames.
 
 use std::path::Path;
 
@@ -20,38 +20,38 @@ use crate::{
     video::{Converter, Rgb8Image, Scaling, VideoReader, probe},
 };
 
-/// Width in pixels of the images that the ERP projection and the overlays are judged by.
+/// Width in pixels of the images from which ERP projection and overlays are judged.
 const SAMPLE_WIDTH_PIXELS: u32 = 512;
-/// A video is truncated when it ends this much before the duration its container states:
-/// seconds, and as a share of the duration; the larger counts. Containers round, and edit lists
-/// hide frames, and a sound track may end a little after the images, so a few frames mean nothing.
+/// A video counts as truncated when it ends this much before the duration its container states: in seconds, and as a
+/// share of the duration; the larger counts. Containers round, edit lists hide frames, and a sound track may end a
+/// little after the images, so a few frames mean nothing.
 const TRUNCATION_SECONDS: f64 = 0.5;
 const TRUNCATION_SHARE: f64 = 0.002;
 
-/// What one pass over a video gives.
+/// Results of one pass over a video.
 #[derive(Debug)]
 pub struct Analysis {
     /// The probe, with its measured entries filled in.
     pub probe: Probe,
-    /// From the first frame to the end of the last.
+    /// From the start of the first frame to the end of the last.
     pub range: TimeRange,
     /// The boundary detector's signals, one row per frame.
     pub signals: Signals,
     /// Frames spread over the video, for the ERP projection.
     pub samples: FrameSamples,
-    /// Samples that shots are judged by, once boundaries are known.
+    /// Samples for the projection of single shots, once boundaries are known.
     pub shot_samples: SamplePass,
-    /// What stays while the scene moves, of equirectangular images.
+    /// Detector of overlays: content that stays while the scene moves, in equirectangular images.
     pub overlays: OverlayPass,
-    /// Mosaics that single frames show.
+    /// Detector of mosaics in single frames.
     pub mosaics: MosaicPass,
-    /// What the video looks like over time.
+    /// Visual signature of the video over time.
     pub signature: SignaturePass,
     /// Frames and packets that were damaged.
     pub damaged_frames: u64,
 }
 
-/// Makes equirectangular images of frames that store the sphere otherwise.
+/// Converts frames of other sphere layouts to equirectangular images.
 struct SphereImages {
     stored: Converter,
     to_erp: ToErp,
@@ -59,7 +59,7 @@ struct SphereImages {
 }
 
 impl SphereImages {
-    /// Of at most this width.
+    /// Creates a converter to images of at most this width.
     fn new(layout: SphereLayout, probe: &Probe, most_pixels: u32) -> Self {
         let size = probe.upright_size();
         let width = most_pixels.min(sphere_layouts::erp_width(layout, size) & !1);
@@ -82,10 +82,9 @@ impl SphereImages {
     }
 }
 
-/// Decodes a video from end to end once. Memory does not grow with its length, save for a few
-/// numbers per frame. With a layout, overlays are looked for on the sphere that it stores, and shots
-/// are judged by it where it is whole; what the projection of the video is judged by, and boundaries,
-/// are of frames as they are.
+/// Decodes a video from end to end once. Memory does not grow with its length, except for a few numbers per frame. With
+/// a layout, overlays are searched for on its sphere, and shots are judged by it where it is complete. The projection
+/// of the video and its boundaries are judged from the frames as stored.
 ///
 /// # Errors
 /// [`CurateError::Video`] when the file is no video, has no frames, or breaks off early.
@@ -149,7 +148,7 @@ pub fn analyse(
                     overlays.observe(frame.time_seconds, shown);
                 }
                 if shot_samples.wants(frame.time_seconds) {
-                    // What is black behind half a sphere is no background of a title.
+                    // The black behind half a sphere is not the background of a title.
                     let is_half = layout.is_some_and(sphere_layouts::is_half);
                     let shown = if is_half { &image } else { shown };
                     shot_samples.observe(&probe, frame.time_seconds, shown);
@@ -207,8 +206,8 @@ pub fn analyse(
     })
 }
 
-/// Probes a video, its frame rate by the time stamps of its frames: headers are wrong by a frame, and by more
-/// where the rate varies. Nothing is decoded. Where a frame has no time stamp the rate stays that of the header, and
+/// Probes a video without decoding, with the frame rate from the time stamps of its frames: headers are wrong by a
+/// frame, or by more at a variable rate. If a frame has no time stamp, the header's rate stays and
 /// `variable_frame_rate` is `None`.
 ///
 /// # Errors
@@ -222,7 +221,7 @@ pub fn timed_probe(video: &Path) -> Result<Probe, CurateError> {
     Ok(probe)
 }
 
-/// Enters what the time stamps of all frames, seconds, say of their rate.
+/// Measures the frame rate from the time stamps of all frames, in seconds.
 fn measure_rate(probe: &mut Probe, times: &[f64], seconds_per_tick: f64) {
     let (Some(&first), Some(&last)) = (times.first(), times.last()) else {
         return;
@@ -263,8 +262,8 @@ fn refuse_truncated(
     Ok(())
 }
 
-/// Returns true where some interval leaves the typical one by more than half a percent and by more than the
-/// rounding of the source's clock explains.
+/// Returns true if some interval deviates from the typical one by more than half a percent and by more than the
+/// rounding of the source's clock.
 fn is_variable(times: &[f64], typical: f64, seconds_per_tick: f64) -> bool {
     let tolerated = (0.005 * typical).max(1.01 * seconds_per_tick);
     times

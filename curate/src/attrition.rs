@@ -1,6 +1,5 @@
-//! Accounts for every second that goes in: what each rejected video or segment was rejected for
-//! (`attrition.csv`), and how much each step leaves (`funnel.csv`). Videos that look like others are
-//! told as well, and stay.
+//! Accounts for every second of input: the reason for each rejected video or segment (`attrition.csv`), and the
+//! remainder after each step (`funnel.csv`). Near-duplicates are listed as well, and kept.
 
 use std::path::Path;
 
@@ -20,22 +19,22 @@ use crate::{
     shots::{self, described, limit},
 };
 
-/// Steps of the funnel that are no admission check, in their order around those.
+/// Steps of the funnel that are not admission checks, in their order around those.
 const RAW: &str = "raw";
 const DUPLICATE: &str = "duplicate";
 const READABLE: &str = "readable";
-/// The image is no monoscopic ERP, whatever the criteria ask for.
+/// The image is not monoscopic ERP, whatever the criteria require.
 pub const PROJECTION: &str = "projection";
 /// No shot of the video is long enough.
 pub const SHOT_LENGTH: &str = "shot-length";
-/// People leave it out.
+/// Excluded by people.
 pub const LEFT_OUT: &str = "left-out";
-/// What is asked for of what is left out.
+/// Threshold of excluded segments in the table.
 pub(crate) const LEFT_OUT_THRESHOLD: &str = "what the ledger keeps";
 /// Footage of another video, in another file; nothing is rejected for it.
 pub const NEAR_DUPLICATE: &str = "near-duplicate";
 const TRANSITION: &str = "transition";
-/// A video in a folder that was given, which was not taken from it; nothing that went in is lost by it.
+/// A video in an input folder that was not taken; it removes nothing from the funnel.
 pub const INPUT: &str = "input";
 const KEPT: &str = "kept";
 
@@ -47,18 +46,18 @@ pub struct Reject {
     pub video: String,
     /// Id of the check.
     pub check: String,
-    /// What was found.
+    /// Measured value.
     #[serde(serialize_with = "serialize_for_spreadsheet")]
     pub value: String,
-    /// What was asked for.
+    /// Required value.
     pub threshold: String,
     /// The segment; empty for a whole video.
     pub begin_seconds: Option<f64>,
     /// End of the segment.
     pub end_seconds: Option<f64>,
-    /// What is lost, seconds; empty where a broken file does not tell.
+    /// Lost seconds; empty if a broken file has no known duration.
     pub seconds: Option<f64>,
-    /// Whether the funnel counts it here: a video fails once, by its first failed check.
+    /// True if the funnel counts it here: a video fails once, by its first failed check.
     pub counted: bool,
 }
 
@@ -67,19 +66,19 @@ pub struct Reject {
 pub struct FunnelStep {
     /// The step.
     pub step: String,
-    /// Videos and seconds that this step takes out.
+    /// Videos removed by this step.
     pub removed_videos: usize,
-    /// Seconds that this step takes out.
+    /// Seconds removed by this step.
     pub removed_seconds: f64,
-    /// Videos that are left after it.
+    /// Videos left after it.
     pub left_videos: usize,
-    /// Seconds that are left after it.
+    /// Seconds left after it.
     pub left_seconds: f64,
-    /// Hours that are left after it.
+    /// Hours left after it.
     pub left_hours: f64,
 }
 
-/// Where every second of a dataset's videos went.
+/// Fate of every second of a dataset's videos.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Attrition {
     /// Every reject, in order of the videos.
@@ -93,11 +92,10 @@ pub struct Attrition {
 }
 
 impl Attrition {
-    /// Works it out from the records of the dataset in `out`.
+    /// Computes it from the records of the dataset in `out`.
     ///
     /// # Errors
-    /// When a record cannot be read, or what is kept and what was rejected do not add up to what
-    /// went in.
+    /// When a record cannot be read, or kept and rejected seconds do not add up to the input.
     pub fn of(dataset: &Dataset, out: &Path) -> Result<Self, CurateError> {
         let mut rejects = Vec::new();
         let mut kept_seconds = 0.0;
@@ -172,8 +170,8 @@ fn kept_ranges(out: &Path, sequences: &[String]) -> Result<Vec<TimeRange>, Curat
         .collect()
 }
 
-/// Returns the segments that a curated video loses: shots that are too short, left out or rejected, and the insides
-/// of transitions.
+/// Returns the segments that a curated video loses: shots that are too short, excluded or rejected, and the insides of
+/// transitions.
 fn lost_segments(
     video: &VideoEntry,
     out: &Path,
@@ -239,7 +237,7 @@ fn lost_segments(
     Ok(rejects)
 }
 
-/// A row that takes nothing out: what to do with a near-duplicate is for people to decide.
+/// Returns a row that removes nothing: people decide on near-duplicates.
 fn near_duplicate(dataset: &Dataset, pair: &NearDuplicate) -> Reject {
     let [video, of] = [pair.video, pair.of].map(|number| &dataset.videos[number].file);
     let still = match pair.is_still {
@@ -261,7 +259,7 @@ fn near_duplicate(dataset: &Dataset, pair: &NearDuplicate) -> Reject {
     }
 }
 
-/// A row that takes nothing out: the file never went in.
+/// Returns a row that removes nothing: the file was never taken in.
 fn not_taken(file: &InputFile) -> Reject {
     Reject {
         video: file.file.clone(),
@@ -278,7 +276,7 @@ fn not_taken(file: &InputFile) -> Reject {
     }
 }
 
-/// Why a whole video was rejected.
+/// Returns the reasons for which a whole video was rejected.
 fn whole_video(video: &VideoEntry, status: &VideoStatus) -> Vec<Reject> {
     let reject = |check: &str, value: &str, threshold: &str| Reject {
         video: video.file.clone(),

@@ -1,4 +1,4 @@
-//! Many videos into one dataset: every video gets its outcome, and a bad one stops no other.
+//! Curation of many videos into one dataset: every video gets its outcome, and a bad one stops no other.
 
 use std::{
     collections::{BTreeMap, BTreeSet},
@@ -28,18 +28,18 @@ use crate::{
 pub struct CuratedDataset {
     /// The record as written.
     pub record: Dataset,
-    /// Number of the video in the record, and what was wrong with it.
+    /// Number of each failed video in the record, with its error.
     pub errors: Vec<(usize, CurateError)>,
-    /// Keeps other processes out of the dataset for as long as somebody works on with it.
+    /// Lock against other processes, for as long as the dataset is worked on.
     pub lock: FolderLock,
 }
 
-/// Where videos are curated.
+/// Process in which videos are curated.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Place {
-    /// In this process: a file that crashes a decoder ends it.
+    /// This process: a file that crashes a decoder ends it.
     ThisProcess,
-    /// Each in a process of its own: a file that crashes a decoder is a failed video.
+    /// A process per video: a file that crashes a decoder is a failed video.
     ProcessEach(Worker),
 }
 
@@ -65,10 +65,10 @@ impl Place {
     }
 }
 
-/// [`curate_dataset_in`] this process.
+/// Curates videos as [`curate_dataset_in`] this process.
 ///
 /// # Errors
-/// As there.
+/// Those of [`curate_dataset_in`].
 pub fn curate_dataset(
     videos: &[PathBuf],
     out: &Path,
@@ -78,14 +78,12 @@ pub fn curate_dataset(
     curate_dataset_in(&Place::ThisProcess, videos, &[], out, settings, progress)
 }
 
-/// Curates videos into `out`: `dataset.json` and one folder per video in `videos/`, named after the
-/// video's file. The record calls videos by [`video_names()`], and lists beside them the files of folders that are
-/// `not_taken`.
+/// Curates videos into `out`: `dataset.json` and one folder per video in `videos/`, named after the video's file. The
+/// record names videos by [`video_names()`], and lists the files of folders that are `not_taken`.
 ///
 /// # Errors
-/// When the settings make no sense, `out` holds something else or the dataset of other videos, or it
-/// cannot be written. What is wrong with a single video is in the record and in
-/// [`CuratedDataset::errors`].
+/// When the settings are invalid, `out` holds something else or the dataset of other videos, or it cannot be written.
+/// Errors of single videos are in the record and in [`CuratedDataset::errors`].
 pub fn curate_dataset_in(
     place: &Place,
     videos: &[PathBuf],
@@ -138,7 +136,7 @@ pub fn curate_dataset_in(
                 duration_seconds: None,
             },
         };
-        // Of a process that was killed, and of one that it had started and that outlived it for a moment.
+        // Files of a killed process, and of a child that outlived it for a moment.
         store::remove_abandoned(&folder)?;
         let status = match curated.sequences {
             Ok(sequences) => VideoStatus::Curated {
@@ -191,7 +189,7 @@ pub fn curate_dataset_in(
     })
 }
 
-/// The first video before `index` that has the same content.
+/// Returns the first video before `index` that has the same content.
 fn first_with_this_content(record: &Dataset, index: usize) -> Option<usize> {
     let sha256 = record.videos[index].sha256.as_ref()?;
     record.videos[..index]
@@ -199,7 +197,7 @@ fn first_with_this_content(record: &Dataset, index: usize) -> Option<usize> {
         .position(|video| video.sha256.as_ref() == Some(sha256))
 }
 
-/// Length of a video's frames where they were decoded into `folder`, else as its header states it.
+/// Returns the length of a video's frames if decoded into `folder`, else the header's duration.
 pub(crate) fn duration_seconds(video: &Path, folder: &Path) -> Option<f64> {
     store::read_record::<VideoAnalysis>(&folder.join(ANALYSIS_FILE))
         .map(|analysis| analysis.range.duration_seconds())
@@ -210,7 +208,7 @@ pub(crate) fn duration_seconds(video: &Path, folder: &Path) -> Option<f64> {
         })
 }
 
-/// Hashes every video once; a file that cannot be read has its error when its turn comes.
+/// Hashes every video once; errors of unreadable files appear at their turn.
 fn identify_all(
     videos: &[PathBuf],
     progress: &dyn Progress,
@@ -242,8 +240,8 @@ fn pending(
     }
 }
 
-/// Where videos came from as the dataset's record says so far, by their SHA-256. A record that cannot be
-/// read has its error when the dataset is claimed.
+/// Returns origins of videos from the dataset's present record, by SHA-256. Errors of an unreadable record appear when
+/// the dataset is claimed.
 fn held_origins(out: &Path) -> BTreeMap<String, Origin> {
     let held: Option<Dataset> = store::read_record(&out.join(DATASET_FILE)).ok();
     let videos = held.into_iter().flat_map(|held| held.videos);
@@ -274,7 +272,7 @@ pub fn folder_names(videos: &[PathBuf]) -> Vec<String> {
 /// Refuses an output that is a file, or a folder of something else than a dataset.
 ///
 /// # Errors
-/// With the reason, and when the folder cannot be read.
+/// The reason, also when the folder cannot be read.
 pub fn refuse_foreign(out: &Path) -> Result<(), CurateError> {
     if out.exists() && !out.is_dir() {
         return Err(CurateError::input(
@@ -285,8 +283,8 @@ pub fn refuse_foreign(out: &Path) -> Result<(), CurateError> {
     if !out.is_dir() || out.join(DATASET_FILE).is_file() {
         return Ok(());
     }
-    // A killed process leaves hidden files; the units of a sweep fill the videos' folders before
-    // there is a dataset, and each of those is checked when its turn comes.
+    // A killed process leaves hidden files. Units of a sweep fill the videos' folders before there is a dataset; each
+    // of those is checked at its turn.
     let is_foreign = |name: &String| !name.starts_with('.') && name != VIDEOS_FOLDER;
     if store::names_in(out)?.iter().any(is_foreign) {
         return Err(CurateError::input(
@@ -297,8 +295,8 @@ pub fn refuse_foreign(out: &Path) -> Result<(), CurateError> {
     Ok(())
 }
 
-/// Makes the folder, or makes sure that what it holds is a dataset of some of these videos. Videos
-/// that gave no sequences do not count: to repair or leave out a bad one costs no other its results.
+/// Creates the folder, or checks that it holds a dataset of some of these videos. Videos without sequences do not
+/// count: repairing or excluding a bad one costs no other its results.
 fn claim(out: &Path, record: &Dataset) -> Result<(), CurateError> {
     refuse_foreign(out)?;
     let path = out.join(DATASET_FILE);
@@ -339,7 +337,7 @@ fn claim(out: &Path, record: &Dataset) -> Result<(), CurateError> {
 mod tests {
     use super::*;
 
-    /// Whatever a video is called, its folder is one visible folder in its dataset.
+    /// Every video name gives one visible folder in the dataset.
     #[test]
     fn dotted_and_broken_names_give_plain_folders() {
         let videos = [

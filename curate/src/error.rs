@@ -1,4 +1,4 @@
-//! Why curation fails.
+//! Errors of curation.
 
 use std::path::{Path, PathBuf};
 
@@ -12,33 +12,33 @@ use crate::criteria;
 /// An error of this crate. Messages are one line that names the file and the reason.
 #[derive(Debug, thiserror::Error)]
 pub enum CurateError {
-    /// A video that cannot be used: not a video, truncated, corrupt.
+    /// An unusable video: not a video, truncated, corrupt.
     #[error("{}: {reason}{}", path.display(), after(*advice))]
     Video {
         /// The video.
         path: PathBuf,
-        /// What is wrong with it.
+        /// Fault.
         reason: String,
         /// Advice to the user.
         advice: Option<&'static str>,
     },
-    /// A sound video that the admission criteria or the ERP projection keep out.
+    /// A sound video that the admission criteria or the ERP projection exclude.
     #[error("{}: rejected: {reason}", path.display())]
     Rejected {
         /// The video.
         path: PathBuf,
-        /// The check, the value, the threshold, and what can be done.
+        /// The check, the value, the threshold, and advice.
         reason: String,
         /// Every check that it failed, at least one.
         failed: Vec<CheckOutcome>,
     },
-    /// A request that cannot be served: a folder without videos, an output folder that belongs to
-    /// another input, poses that do not fit, an unknown name.
+    /// An invalid request: a folder without videos, an output folder that belongs to another input, poses that do not
+    /// fit, an unknown name.
     #[error("{}: {reason}", path.display())]
     Input {
         /// The file or folder.
         path: PathBuf,
-        /// What is wrong with it.
+        /// Fault.
         reason: String,
     },
     /// Structure from motion is missing or failed.
@@ -50,30 +50,30 @@ pub enum CurateError {
     /// A file could not be read or written.
     #[error(transparent)]
     Store(#[from] StoreError),
-    /// Curation failed in another process, which says so.
+    /// Curation failed in another process.
     #[error("{message}")]
     Elsewhere {
         /// The message of the error there.
         message: String,
-        /// That message as [`CurateError::for_records`] gives it.
+        /// The message in the form of [`CurateError::for_records`].
         for_records: String,
-        /// Who has to act.
+        /// Kind of the error.
         kind: ErrorKind,
-        /// The checks that the video failed, where it is sound and only unwanted.
+        /// The failed checks of a sound video that is excluded.
         failed_checks: Option<Vec<CheckOutcome>>,
     },
     /// A library failed on sound input.
     #[error("{}: {reason}", path.display())]
     Internal {
-        /// What was being worked on.
+        /// The file being worked on.
         path: PathBuf,
-        /// What failed.
+        /// Failure.
         reason: String,
     },
 }
 
 impl CurateError {
-    /// The error of a file in a temporary folder, as that of the file in the folder that it was to become.
+    /// Moves the error of a file from a temporary folder to the folder that it was to become.
     pub(crate) fn in_place_of(self, temporary: &Path, folder: &Path) -> Self {
         match self {
             Self::Input { path, reason } => {
@@ -95,7 +95,7 @@ impl CurateError {
         }
     }
 
-    /// `path` is not a usable video.
+    /// Reports that `path` is not a usable video.
     pub(crate) fn video(path: &Path, reason: impl Into<String>) -> Self {
         Self::Video {
             path: path.to_owned(),
@@ -104,7 +104,7 @@ impl CurateError {
         }
     }
 
-    /// `path` is not a usable video as it is.
+    /// Reports that `path` is unusable until the user changes it.
     pub(crate) fn mendable_video(
         path: &Path,
         reason: impl Into<String>,
@@ -117,7 +117,7 @@ impl CurateError {
         }
     }
 
-    /// `path` cannot be served as asked.
+    /// Reports that `path` cannot be served as requested.
     pub(crate) fn input(path: &Path, reason: impl Into<String>) -> Self {
         Self::Input {
             path: path.to_owned(),
@@ -125,7 +125,7 @@ impl CurateError {
         }
     }
 
-    /// `path` is kept out.
+    /// Reports that `path` is excluded.
     pub(crate) fn rejected(
         path: &Path,
         reason: impl Into<String>,
@@ -138,7 +138,7 @@ impl CurateError {
         }
     }
 
-    /// A library failed while working on `path`.
+    /// Reports that a library failed while working on `path`.
     pub(crate) fn internal(path: &Path, reason: impl std::fmt::Display) -> Self {
         Self::Internal {
             path: path.to_owned(),
@@ -146,8 +146,8 @@ impl CurateError {
         }
     }
 
-    /// Returns what is wrong in one line for records, which are published: without folders of this machine, and
-    /// without advice to the user. Of a video that is kept out it is every failed check.
+    /// Returns the error in one line for records, which are published: without folders of this machine or advice to the
+    /// user. For an excluded video it lists every failed check.
     pub fn for_records(&self) -> String {
         let of_file = |path: &Path, reason: &str| {
             let name = path.file_name().unwrap_or_default();
@@ -168,11 +168,6 @@ impl CurateError {
         plain_text::without_folders(&line)
     }
 
-    /// Whether the video is sound and only unwanted.
-    pub fn is_rejection(&self) -> bool {
-        self.failed_checks().is_some()
-    }
-
     /// The checks that a sound but unwanted video failed.
     pub fn failed_checks(&self) -> Option<&[CheckOutcome]> {
         match self {
@@ -183,7 +178,7 @@ impl CurateError {
     }
 }
 
-/// Advice behind a reason.
+/// Returns advice behind a reason.
 fn after(advice: Option<&str>) -> String {
     advice.map_or_else(String::new, |advice| format!("; {advice}"))
 }

@@ -1,4 +1,4 @@
-//! Sampling frames of sequences: which ones, how large, and writing them as PNG.
+//! Sampling of frames from sequences: selection, size, and output as PNG.
 
 use std::path::{Path, PathBuf};
 
@@ -18,20 +18,19 @@ use crate::{
     video::{Converter, Rgb8Image, Scaling, VideoReader},
 };
 
-/// Width in pixels of sampled frames where none is asked for and the video is wider.
+/// Default width in pixels of sampled frames, if the video is wider.
 pub const DEFAULT_WIDTH_PIXELS: u32 = 1024;
 /// Fewer rows hold no faces, halves or circles of a sphere.
 const LEAST_STORED_ROWS: u32 = 16;
 /// Timestamps closer than this are one.
 const SAME_INSTANT_SECONDS: f64 = 1e-9;
 
-/// Timestamps of the frames to sample from a shot, evenly in time.
+/// Returns the timestamps of the frames to sample from a shot, evenly in time.
 ///
-/// `times` are the timestamps of all frames of the video in order. With [`Sampling::MaxFrames`] the
-/// distance is the smallest whole multiple of the shot's typical frame interval that gives no more
-/// frames than that, so that samples of a steady video are exactly evenly spaced. With
-/// [`Sampling::FramesPerSecond`] the frame nearest to every instant is taken. No frame is taken
-/// twice.
+/// `times` are the timestamps of all frames of the video in order. With [`Sampling::MaxFrames`] the distance is a whole
+/// multiple of the shot's typical frame interval: the smallest that gives at most that many frames. So samples of a
+/// steady video are exactly evenly spaced. With [`Sampling::FramesPerSecond`] the frame nearest to every instant is
+/// taken. No frame is taken twice.
 pub fn choose(times: &[f64], shot: TimeRange, sampling: Sampling) -> Vec<f64> {
     let first = times.partition_point(|&time| time < shot.begin_seconds);
     let last = times.partition_point(|&time| time < shot.end_seconds);
@@ -62,11 +61,10 @@ pub fn choose(times: &[f64], shot: TimeRange, sampling: Sampling) -> Vec<f64> {
     nearest_to_instants(inside, interval, last_instant)
 }
 
-/// The values of sorted, non-empty `times` that are nearest to some of the instants 0 to
-/// `last_instant`, which begin with the first value and are `interval` apart.
+/// Returns the values of sorted, non-empty `times` that are nearest to some of the instants 0 to `last_instant`, which
+/// start at the first value and are `interval` apart.
 ///
-/// Instants that cannot have another nearest value than the one before are stepped over: a gap in
-/// `times` may hold any number of them.
+/// Instants whose nearest value must be the one before are stepped over: a gap in `times` may hold any number of them.
 fn nearest_to_instants(times: &[f64], interval: f64, last_instant: u64) -> Vec<f64> {
     let begin = times[0];
     let mut chosen = Vec::new();
@@ -80,20 +78,20 @@ fn nearest_to_instants(times: &[f64], interval: f64, last_instant: u64) -> Vec<f
         let Some(next) = times.get(following) else {
             break;
         };
-        // One less than the last instant that is not nearer to the next value: of two large numbers
-        // the quotient may be off by one.
+        // One less than the last instant that is not nearer to the next value: with two large numbers the quotient may
+        // be off by one.
         let middle = (time + (next - time) / 2.0 - begin) / interval;
         instant = (instant + 1).max((middle.floor() as u64).saturating_sub(1));
     }
     chosen
 }
 
-/// File of a sequence's frame by its number, relative to the sequence.
+/// Returns the file of a sequence's frame by its number, relative to the sequence.
 pub fn file_name(index: usize) -> String {
     format!("{FRAMES_FOLDER}/{index:06}.png")
 }
 
-/// The value of sorted, non-empty `times` nearest to an instant.
+/// Returns the value of sorted, non-empty `times` nearest to an instant.
 fn nearest(times: &[f64], instant: f64) -> f64 {
     let after = times.partition_point(|&time| time < instant);
     match (
@@ -107,8 +105,8 @@ fn nearest(times: &[f64], instant: f64) -> f64 {
     }
 }
 
-/// Size of sampled frames: `width` or the default, and half of that; for a pinhole as high as the
-/// video's shape asks for, to the nearest pixel. The video's own width is that of its sphere, however `layout`
+/// Returns the size of sampled frames: `width` or the default, and half of that. A pinhole's height follows the video's
+/// aspect ratio, to the nearest pixel. The video's own width is that of its sphere, however `layout` stores it.
 /// stores it.
 ///
 /// # Errors
@@ -156,7 +154,7 @@ pub fn frame_size(
     Ok((width, height))
 }
 
-/// What one sequence takes from its video.
+/// Frames that one sequence takes from its video.
 #[derive(Debug, Clone)]
 pub struct Selection {
     /// Timestamps of the frames, in order.
@@ -165,11 +163,11 @@ pub struct Selection {
     pub folder: PathBuf,
 }
 
-/// Decodes a video once and writes the selected frames of all sequences at `size`, numbered from 0
-/// in order of time; equirectangular ones, where the video stores a sphere by a `layout`.
+/// Decodes a video once and writes the selected frames of all sequences at `size`, numbered from 0 in order of time.
+/// They are equirectangular if the video stores a sphere by a `layout`.
 ///
 /// # Errors
-/// When the video breaks off, a selected frame does not come up again, or a file cannot be written.
+/// When the video breaks off, a selected frame does not recur, or a file cannot be written.
 pub fn extract(
     video: &Path,
     probe: &Probe,
@@ -228,7 +226,7 @@ pub fn extract(
     outcome
 }
 
-/// How frames of the probed video get to `size`, for the record.
+/// Describes the resampling of frames of the probed video to `size`, for the record.
 pub fn resampling(probe: &Probe, layout: Option<SphereLayout>, size: (u32, u32)) -> String {
     if let Some(layout) = layout {
         let (columns, rows) = probe.upright_size();
@@ -333,8 +331,8 @@ mod tests {
             prop_assert_eq!(nearest_to_instants(&times, interval, last), all);
         }
 
-        /// Samples are frames of the shot, in order, never more than asked for, and with a steady
-        /// rate more than half of what is asked for.
+        /// Samples are frames of the shot, in order, never more than requested, and at a steady rate more than half of
+        /// that.
         #[test]
         fn samples_keep_to_the_bound(count in 2_usize..400, most in 2_u32..150) {
             let times: Vec<f64> = (0..count).map(|i| i as f64 / 29.97).collect();
@@ -345,7 +343,7 @@ mod tests {
             prop_assert!(chosen.iter().all(|time| times.contains(time)));
         }
 
-        /// A rate gives frames in order, no two the same, whatever it is.
+        /// Any rate gives frames in order, no two the same.
         #[test]
         fn any_rate_gives_frames(count in 1_usize..200, exponent in -6.0_f64..300.0) {
             let times: Vec<f64> = (0..count).map(|i| i as f64 / 29.97 + (i % 3) as f64 * 1e-3).collect();

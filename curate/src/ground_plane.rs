@@ -1,6 +1,7 @@
-//! Planes through points, and where rays meet them.
+//! Planes through points, and their intersections with rays.
 
 use glam::DVec3;
+use omnilife_schemas::statistics;
 
 /// Draws of a plane through three points.
 const DRAWS: usize = 200;
@@ -15,12 +16,12 @@ pub struct Plane {
 }
 
 impl Plane {
-    /// Height of a point above it.
+    /// Returns the height of a point above it.
     pub fn height(&self, point: DVec3) -> f64 {
         self.normal.dot(point) - self.offset
     }
 
-    /// Moved along its normal.
+    /// Moves it along its normal.
     #[must_use]
     pub fn raised(self, by: f64) -> Self {
         Self {
@@ -29,14 +30,14 @@ impl Plane {
         }
     }
 
-    /// The distance at which a ray meets it; `None` where it is parallel or leads away.
+    /// Returns the distance at which a ray meets it; `None` if the ray is parallel or leads away.
     pub fn meet(&self, centre: DVec3, ray: DVec3) -> Option<f64> {
         let slope = self.normal.dot(ray);
         let distance = -self.height(centre) / slope;
         (slope.abs() > 1e-3 && distance.is_finite() && distance > 0.0).then_some(distance)
     }
 
-    /// Through three points.
+    /// Fits a plane through three points.
     fn through([a, b, c]: [DVec3; 3]) -> Option<Self> {
         let normal = (b - a).cross(c - a).try_normalize()?;
         Some(Self {
@@ -45,7 +46,7 @@ impl Plane {
         })
     }
 
-    /// Through some points by least squares about their middle.
+    /// Fits a plane through some points by least squares about their middle.
     fn least_squares(points: &[DVec3], up: DVec3) -> Option<Self> {
         let middle = points.iter().sum::<DVec3>() / points.len().max(1) as f64;
         let axes = omnilife_schemas::trajectory::GroundAxes::new(up).to_world;
@@ -72,8 +73,8 @@ impl Plane {
         })
     }
 
-    /// The plane that most of some points lie on, within `reach`, and how many do; it is no steeper against
-    /// `up`, where that is known, than 30 degrees.
+    /// Returns the plane with most points within `reach`, and their number. It is no steeper than 30 degrees against
+    /// `up`, if that is known.
     pub fn of_most(points: &[DVec3], reach: f64, up: Option<DVec3>) -> Option<(Self, usize)> {
         if points.len() < 3 {
             return None;
@@ -119,13 +120,12 @@ impl Plane {
         Some((refined, inside.len()))
     }
 
-    /// The ground of a scene: the plane of most of its points, its normal towards the centres of the
-    /// cameras; and the share of the points that are on it.
+    /// Returns the ground of a scene: the plane of most of its points, its normal towards the centres of the cameras,
+    /// and the share of points on it.
     pub fn dominant(points: &[DVec3], centres: &[DVec3]) -> Option<(Self, f64)> {
         let middle = centres.iter().sum::<DVec3>() / centres.len().max(1) as f64;
-        let mut distances: Vec<f64> = points.iter().map(|point| point.distance(middle)).collect();
-        distances.sort_by(f64::total_cmp);
-        let reach = 0.02 * distances.get(distances.len() / 2)?;
+        let distances: Vec<f64> = points.iter().map(|point| point.distance(middle)).collect();
+        let reach = 0.02 * statistics::median(&distances)?;
         // Evenly, so that draws are of all.
         let some: Vec<DVec3> = points
             .iter()
@@ -151,7 +151,7 @@ mod tests {
 
     use super::*;
 
-    /// A tilted road under houses whose roofs are a third of all points.
+    /// Returns a tilted road under houses whose roofs are a third of all points.
     fn points() -> Vec<DVec3> {
         (0..3000)
             .map(|n| {

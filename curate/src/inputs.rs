@@ -1,4 +1,4 @@
-//! Which videos the paths on the command line stand for.
+//! Input videos of the paths on the command line.
 
 use std::{
     collections::{BTreeMap, BTreeSet},
@@ -12,18 +12,18 @@ use crate::{error::CurateError, stills};
 /// File name extensions of videos, in lower case.
 pub const VIDEO_EXTENSIONS: &[&str] = &["mp4", "m4v", "mov", "mkv", "webm", "avi", "mpg", "ts"];
 
-/// Extensions of other videos, in lower case: those of cameras and discs, which are read where they are named, and
-/// those that the programs of cameras' makers have to stitch first.
+/// Extensions of other videos, in lower case: those of cameras and discs, which are read if named explicitly, and those
+/// that makers' programs must stitch first.
 const OTHER_VIDEO_EXTENSIONS: &[&str] = &[
     "360", "3gp", "asf", "dv", "f4v", "flv", "insv", "lrv", "m2t", "m2ts", "m2v", "mpeg", "mts",
     "mxf", "ogv", "vob", "wmv",
 ];
 
-/// Extensions of still images, in lower case, which are taken from a folder without videos alone; of the ones that are
-/// no PNG or JPEG none are.
+/// Extensions of still images, in lower case. They are taken only from a folder without videos; those other than PNG
+/// and JPEG never.
 const IMAGE_EXTENSIONS: &[&str] = &["jpg", "jpeg", "png", "insp", "dng", "heic", "tif", "tiff"];
 
-/// Replaces every folder by the videos directly in it, sorted by name; files stay as they are, and so does a folder of
+/// Replaces every folder by the videos directly in it, sorted by name. Files stay as they are, and so does a folder of
 /// images without videos: still panoramas.
 ///
 /// # Errors
@@ -76,8 +76,8 @@ pub struct InputsLeftOut {
     pub files: Vec<InputFile>,
 }
 
-/// Returns the videos in folders among the paths that are none of the `videos` which [`expand_inputs`] made of the
-/// paths: those with other extensions, and those in subfolders.
+/// Returns the videos in folders among the paths that are not among `videos`, the result of [`expand_inputs`]: those
+/// with other extensions, and those in subfolders.
 ///
 /// # Errors
 /// When a folder cannot be read.
@@ -101,12 +101,12 @@ pub fn left_out_of_folders(
     Ok(left_out)
 }
 
-/// A path by which a file is known however it was reached.
+/// Returns a canonical path of a file.
 fn located(path: &Path) -> PathBuf {
     path.canonicalize().unwrap_or_else(|_| path.to_owned())
 }
 
-/// The videos of a folder that are not among those `taken`, in order of their names.
+/// Returns the videos of a folder that are not among those `taken`, in order of their names.
 fn left_out_of(folder: &Path, taken: &BTreeSet<PathBuf>) -> Result<Vec<InputFile>, CurateError> {
     let mut files = Vec::new();
     let is_of_stills = taken.contains(&located(folder));
@@ -129,7 +129,7 @@ fn left_out_of(folder: &Path, taken: &BTreeSet<PathBuf>) -> Result<Vec<InputFile
     Ok(files)
 }
 
-/// Returns the reason for which an image in a folder is not taken; `None` where it is, and for other files.
+/// Returns why an image in a folder is not taken; `None` if it is, and for other files.
 fn reason_of_image(path: &Path, is_of_stills: bool) -> Option<String> {
     let extension = extension(path);
     if !path.is_file() || !IMAGE_EXTENSIONS.contains(&extension.as_str()) {
@@ -142,14 +142,14 @@ fn reason_of_image(path: &Path, is_of_stills: bool) -> Option<String> {
     }
 }
 
-/// Adds the videos of all extensions in a folder and those below it, which is called `place` in their names.
+/// Adds the videos of all extensions in a folder and its subfolders, named by `place`.
 fn add_videos_below(
     folder: &Path,
     place: &str,
     taken: &BTreeSet<PathBuf>,
     files: &mut Vec<InputFile>,
 ) {
-    // A subfolder that cannot be read is nothing that was asked for.
+    // An unreadable subfolder was not requested.
     for path in store::paths_in(folder).unwrap_or_default() {
         let place = format!("{place}/{}", name(&path));
         if is_real_folder(&path) {
@@ -194,7 +194,7 @@ fn name(path: &Path) -> String {
     name.to_string_lossy().into_owned()
 }
 
-/// A folder that is no link, which may lead round in a circle, and not hidden.
+/// Returns true for a visible folder that is no link; links may lead round in a circle.
 fn is_real_folder(path: &Path) -> bool {
     path.is_dir() && !path.is_symlink() && !name(path).starts_with('.')
 }
@@ -203,7 +203,7 @@ fn has_extension(path: &Path, extensions: &[&str]) -> bool {
     extensions.contains(&extension(path).as_str())
 }
 
-/// The extension in lower case; empty for a name without one.
+/// Returns the extension in lower case; empty for a name without one.
 fn extension(path: &Path) -> String {
     let extension = path.extension().unwrap_or_default();
     extension.to_string_lossy().to_ascii_lowercase()

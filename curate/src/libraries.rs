@@ -1,8 +1,8 @@
-//! Versions of the foreign libraries that this build runs on.
+//! Versions of the foreign libraries in this build.
 
 use ffmpeg_next as ffmpeg;
 
-/// Name and version of every library.
+/// Returns name and version of every library.
 pub fn libraries() -> Vec<(String, String)> {
     // FFmpeg packs major, minor and micro into one number.
     let ffmpeg_version = |packed: u32| {

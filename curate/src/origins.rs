@@ -1,8 +1,8 @@
-//! Where videos came from: a list that people keep beside them, CSV with a head or JSON.
+//! Origins of videos: a list kept beside them, CSV with a head or JSON.
 //!
-//! The columns are `file`, `url`, `uploader`, `licence`, `date`, `keywords` (between semicolons) and
-//! `kind` (`web` or `own-capture`); all but `file` may be left out. A row is about the video with this
-//! path as given, name in `dataset.json` or file name.
+//! The columns are `file`, `url`, `uploader`, `licence`, `date`, `keywords` (between semicolons) and `kind` (`web` or
+//! `own-capture`); all but `file` may be left out. A row applies to the video with this path as given, name in
+//! `dataset.json` or file name.
 #![cfg_attr(
     not(test),
     deny(clippy::indexing_slicing, clippy::arithmetic_side_effects)
@@ -26,7 +26,7 @@ use crate::error::CurateError;
 /// A longer list is refused before it is read.
 const MOST_BYTES: u64 = 256 << 20;
 
-/// What a list says, by the files as it names them.
+/// Content of a list, by the files as it names them.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct Origins {
     rows: BTreeMap<String, Origin>,
@@ -58,18 +58,18 @@ enum Keywords {
     Text(String),
 }
 
-/// Reads a list; a name that ends in `.json` is that of JSON.
+/// Reads a list; a name that ends in `.json` means JSON.
 ///
 /// # Errors
-/// When it is missing or malformed, names a file twice, or says something that is no date or kind.
+/// When it is missing or malformed, names a file twice, or has an invalid date or kind.
 pub fn read(path: &Path) -> Result<Origins, CurateError> {
     from_bytes(path, &store::read_limited(path, MOST_BYTES)?)
 }
 
-/// [`read`] of a file's bytes; `path` names it.
+/// Reads the bytes of a list; `path` names it.
 ///
 /// # Errors
-/// As there.
+/// Those of [`read`].
 pub fn from_bytes(path: &Path, bytes: &[u8]) -> Result<Origins, CurateError> {
     let malformed = |reason: String| CurateError::from(StoreError::malformed(path, reason));
     let text = std::str::from_utf8(bytes).map_err(|_| malformed("is not UTF-8".to_owned()))?;
@@ -148,7 +148,7 @@ impl Row {
     }
 }
 
-/// Whether a text is a year, a month or a day of ISO 8601.
+/// Returns true if a text is a year, a month or a day of ISO 8601.
 fn is_date(text: &str) -> bool {
     let parts: Vec<&str> = text.split('-').collect();
     let number = |part: &str, digits: usize, most: u32| {
@@ -167,8 +167,8 @@ fn is_date(text: &str) -> bool {
 }
 
 impl Origins {
-    /// Enters what the list says into the record of a dataset of `videos`, and writes it. Rows that are about no
-    /// video, and videos that no row is about, are told in one line each; `list` names the list there.
+    /// Enters a list into the record of a dataset of `videos`, and writes it. Rows without a video, and videos without
+    /// a row, are reported in one line each; `list` names the list there.
     ///
     /// # Errors
     /// When the record cannot be written.

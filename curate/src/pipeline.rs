@@ -1,4 +1,4 @@
-//! One video from file to sequences: the stages, what they depend on, and what they leave behind.
+//! One video from file to sequences: the stages, their dependencies, and their results.
 //!
 //! A video's folder holds `analysis.json`, `signals.parquet`, `samples.parquet`, `signature.parquet`
 //! and `boundaries.json`, and per sequence `seq-NNN/sequence.json` with `seq-NNN/frames/NNNNNN.png`.
@@ -31,14 +31,13 @@ use crate::{
 
 /// Curates one video into `folder` and returns the names of its sequence folders in order of time.
 ///
-/// Two decodes at most: one that looks at every frame, one that extracts the sampled ones. Each is
-/// skipped, with a note, while the video and the settings it depends on have not changed.
+/// Decodes at most twice: once for the analysis of every frame, once to extract the sampled ones. Each is skipped, with
+/// a note, while the video and the settings it depends on are unchanged.
 ///
 /// # Errors
-/// [`CurateError::Video`] for a file that is no sound video, [`CurateError::Rejected`] for one that
-/// the criteria (where enforced) or the ERP projection keep out, [`CurateError::Input`] for settings
-/// that make no sense and for a folder that holds another video, [`CurateError::Store`] when files
-/// cannot be written.
+/// [`CurateError::Video`] for a file that is no sound video, [`CurateError::Rejected`] for one that the criteria (if
+/// enforced) or the ERP projection exclude, [`CurateError::Input`] for invalid settings and for a folder that holds
+/// another video, [`CurateError::Store`] when files cannot be written.
 pub fn curate_video(
     video: &Path,
     folder: &Path,
@@ -52,7 +51,7 @@ pub fn curate_video(
     curate_source(video, &source?, folder, settings, progress)
 }
 
-/// [`curate_video`] with settings that are checked and a video that is hashed already.
+/// Curates as [`curate_video`], with checked settings and a video that is hashed already.
 pub(crate) fn curate_source(
     video: &Path,
     source: &SourceVideo,
@@ -74,7 +73,7 @@ pub(crate) fn curate_source(
     outcome
 }
 
-/// Whether a folder holds what an earlier run made of this video.
+/// Returns true if a folder holds an earlier run's results of this video.
 fn is_of(folder: &Path, source: &SourceVideo) -> Result<bool, CurateError> {
     let record = folder.join(ANALYSIS_FILE);
     if !record.is_file() {
@@ -84,7 +83,7 @@ fn is_of(folder: &Path, source: &SourceVideo) -> Result<bool, CurateError> {
     Ok(held.source.sha256 == source.sha256)
 }
 
-/// The stages from the header to the sequences.
+/// Runs the stages from the header to the sequences.
 fn sequences_of(
     video: &Path,
     source: &SourceVideo,
@@ -95,14 +94,14 @@ fn sequences_of(
     let detector = boundaries::detector(&settings.detector, video)?;
     let criteria = criteria::criteria(&settings.profile, video)?;
     let probe = analysis::timed_probe(video)?;
-    // Before anything is decoded; of a layout that the evidence shows the size is looked at again.
+    // Before anything is decoded; the size of a layout found by evidence is checked again later.
     let early_layout = match settings.layout {
         Some(LayoutChoice::Known(layout)) => Some(layout),
         Some(LayoutChoice::UnknownDualFisheye) => Some(sphere_layouts::NARROWEST_DUAL_FISHEYE),
         None => sphere_layouts::stated(&probe),
     };
     frames::frame_size(video, &probe, settings.width, settings.accept, early_layout)?;
-    // What the header and the time stamps show already need not be found out by decoding gigabytes.
+    // Faults in the header and the time stamps need no decoding of gigabytes.
     let early = criteria::Candidate {
         probe: &probe,
         projection: None,
@@ -163,7 +162,7 @@ fn sequences_of(
     work.run(progress)
 }
 
-/// The layout that the user says, with lenses that are found where they are not given.
+/// Returns the user's layout, with lenses that are estimated unless given.
 fn asked_layout(
     video: &Path,
     probe: &Probe,
@@ -207,7 +206,7 @@ pub(crate) fn identify(video: &Path) -> Result<SourceVideo, CurateError> {
     })
 }
 
-/// Makes the folder, or makes sure that an existing one belongs to this video.
+/// Creates the folder, or checks that an existing one belongs to this video.
 pub(crate) fn claim(video: &Path, folder: &Path, source: &SourceVideo) -> Result<(), CurateError> {
     let refuse = |reason: String| Err(CurateError::input(folder, reason));
     if folder.is_file() {
@@ -233,7 +232,7 @@ pub(crate) fn claim(video: &Path, folder: &Path, source: &SourceVideo) -> Result
     Ok(store::create_folder(folder)?)
 }
 
-/// What the analysis writes.
+/// Outputs of the analysis.
 const ANALYSIS_FILES: [&str; 4] = [ANALYSIS_FILE, SIGNALS_FILE, SAMPLES_FILE, SIGNATURE_FILE];
 
 /// Returns true for a name that an interrupted analysis may leave: done-records, temporary files and its
@@ -242,7 +241,7 @@ fn is_ours_before_analysis(name: &str) -> bool {
     name.starts_with('.') || (name != ANALYSIS_FILE && ANALYSIS_FILES.contains(&name))
 }
 
-/// The analysis stage.
+/// Runs the analysis stage.
 fn analysed(
     video: &Path,
     folder: &Path,
@@ -308,11 +307,11 @@ fn analysed(
     let evident = || sphere_layouts::evident(&projection, &probe);
     let layout = asked.or_else(evident);
     let overlays = if layout == asked {
-        // In a video of another kind, shots may still be spheres for most of the time.
+        // In a video of another kind, shots may still be spheres most of the time.
         let is_sphere = layout.is_some() || projection.projection.is_monoscopic_erp();
         (is_sphere || shot_samples.show_spheres()).then(|| overlays::report(&overlays, &mosaics))
     } else {
-        // What the frames store is known only now.
+        // The storage of the frames is known only now.
         let again = analysis::analyse(video, detector, layout, progress)?;
         signature = again.signature;
         shot_samples = again.shot_samples.finish();
@@ -336,8 +335,8 @@ fn analysed(
     Ok(record)
 }
 
-/// File name without its extension, the name of the video's folder in a dataset: never hidden, on
-/// one line and no step to another folder, whatever the file is called.
+/// Returns the file name without its extension, the name of the video's folder in a dataset. For any file name it is
+/// visible, on one line and no step to another folder.
 pub fn stem(video: &Path) -> String {
     let stem = video.file_stem().unwrap_or_default().to_string_lossy();
     let is_broken = |character: char| character.is_control() || character == '\\';

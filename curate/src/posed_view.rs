@@ -1,4 +1,4 @@
-//! The posed frames of a scene, as geometry is measured with them.
+//! Posed frames of a scene, for measuring geometry.
 
 use std::path::Path;
 
@@ -11,10 +11,10 @@ use omnilife_schemas::{
 
 use crate::error::CurateError;
 
-/// The frames of a scene that may be looked at: the input views of a split, all where none is given.
+/// Returns the frames of a scene that may be used: the input views of a split, all if `None`.
 ///
 /// # Errors
-/// When the split cannot be read or is that of another scene.
+/// When the split cannot be read or belongs to another scene.
 pub fn frames_of(scene: &Scene, split: Option<&Path>) -> Result<Vec<u32>, CurateError> {
     let Some(file) = split else {
         return Ok((0..scene.frames.len() as u32).collect());
@@ -43,7 +43,7 @@ pub struct PosedView {
 }
 
 impl PosedView {
-    /// The posed frames among some of a scene, in order of time.
+    /// Returns the posed frames among some of a scene, in order of time.
     pub fn of_scene(scene: &Scene, frames: &[u32]) -> Vec<Self> {
         let mut views: Vec<Self> = frames
             .iter()
@@ -63,12 +63,12 @@ impl PosedView {
         views
     }
 
-    /// A point of the world in the camera's frame.
+    /// Returns a point of the world in the camera's frame.
     pub fn in_camera(&self, world: DVec3) -> DVec3 {
         self.to_world.transpose() * (world - self.centre)
     }
 
-    /// Where a point of the world is seen; `None` where it is not, be it outside of the image.
+    /// Returns the pixel of a point of the world; `None` if it is not visible, for example outside of the image.
     pub fn pixel(&self, world: DVec3) -> Option<DVec2> {
         let pixel = self.camera.project(self.in_camera(world))?;
         let [width, height] = self.camera.size().map(|side| side as f64);
@@ -76,12 +76,12 @@ impl PosedView {
         is_inside.then_some(pixel)
     }
 
-    /// Unit direction of a pixel in the world.
+    /// Returns the unit direction of a pixel in the world.
     pub fn ray(&self, pixel: DVec2) -> DVec3 {
         self.to_world * self.camera.unproject(pixel)
     }
 
-    /// How the ray of a pixel turns with it: along columns and along rows, radians per pixel, world.
+    /// Returns the change of a pixel's ray along columns and along rows, radians per pixel, world.
     pub fn ray_steps(&self, pixel: DVec2) -> [DVec3; 2] {
         [DVec2::X, DVec2::Y].map(|axis| self.ray(pixel + 0.5 * axis) - self.ray(pixel - 0.5 * axis))
     }

@@ -1,9 +1,8 @@
 //! The stage that cuts a video into sequences and extracts their frames.
 //!
-//! Every sequence folder has its own done-record. It covers what the frames depend on (the video,
-//! the chosen timestamps, the size) and nothing else: other criteria or another name of the file
-//! only rewrite `sequence.json`. Folders are made beside and renamed, so that a killed process
-//! leaves whole sequences only.
+//! Every sequence folder has its own done-record. It covers the inputs of the frames (the video, the chosen timestamps,
+//! the size) and nothing else: other criteria or another name of the file only rewrite `sequence.json`. Folders are
+//! created beside and renamed, so that a killed process leaves complete sequences only.
 
 use std::path::Path;
 
@@ -31,8 +30,8 @@ use crate::{
     staging::Staging,
 };
 
-/// Where sequences go that hold poses or scores of frames that are no longer chosen, relative to
-/// the video's folder.
+/// Folder for superseded sequences with poses or scores of frames that are no longer chosen, relative to the video's
+/// folder.
 const SUPERSEDED_FOLDER: &str = ".superseded";
 /// Name of the stage, and with it of its done-record.
 pub(crate) const STAGE: &str = "frames";
@@ -46,7 +45,7 @@ pub(crate) struct Sequencing<'a> {
     pub(crate) analysis: &'a VideoAnalysis,
     pub(crate) signals: &'a Signals,
     pub(crate) list: &'a ShotList,
-    /// How the video stores the sphere, where its frames are made equirectangular.
+    /// The video's sphere layout, if its frames are converted to equirectangular ones.
     pub(crate) layout: Option<SphereLayout>,
     pub(crate) projection: DetectedProjection,
     pub(crate) admission: Admission,
@@ -54,7 +53,7 @@ pub(crate) struct Sequencing<'a> {
     pub(crate) size: (u32, u32),
 }
 
-/// A sequence as it has to be.
+/// A planned sequence.
 struct Planned {
     name: String,
     range: TimeRange,
@@ -63,7 +62,7 @@ struct Planned {
 }
 
 impl Sequencing<'_> {
-    /// Makes the sequence folders and returns their names in order of time.
+    /// Creates the sequence folders and returns their names in order of time.
     pub(crate) fn run(&self, progress: &dyn Progress) -> Result<Vec<String>, CurateError> {
         self.write_boundaries(progress)?;
         self.refuse_none_left()?;
@@ -102,7 +101,7 @@ impl Sequencing<'_> {
         Ok(planned.into_iter().map(|sequence| sequence.name).collect())
     }
 
-    /// Writes the boundaries with what became of the shots between them, and says which are rejected.
+    /// Writes the boundaries with the outcome of the shots between them, and reports rejected ones.
     fn write_boundaries(&self, progress: &dyn Progress) -> Result<(), CurateError> {
         let shots = &self.list.shots;
         for shot in &shots.rejected {
@@ -132,7 +131,7 @@ impl Sequencing<'_> {
         )?)
     }
 
-    /// Refuses a video of which no shot is kept.
+    /// Refuses a video without kept shots.
     fn refuse_none_left(&self) -> Result<(), CurateError> {
         let shots = &self.list.shots;
         if !shots.kept.is_empty() {
@@ -181,7 +180,7 @@ impl Sequencing<'_> {
         Err(CurateError::rejected(self.video, reason, failed))
     }
 
-    /// Accounts for every second of the video, and writes the slices where they are asked for and can be had.
+    /// Accounts for every second of the video, and writes the slices if requested and possible.
     fn slice(&self, progress: &dyn Progress) -> Result<(), CurateError> {
         let source = SliceSource {
             video: self.video,
@@ -211,7 +210,7 @@ impl Sequencing<'_> {
         .map(drop)
     }
 
-    /// Chooses the frames of every shot that is kept.
+    /// Chooses the frames of every kept shot.
     fn planned(&self) -> Vec<Planned> {
         let kept = &self.list.shots.kept;
         kept.iter()
@@ -224,7 +223,7 @@ impl Sequencing<'_> {
             .collect()
     }
 
-    /// What the frames of a sequence depend on, for its folder or for one that becomes it.
+    /// Lists everything that the frames of a sequence depend on, for its folder or for one that becomes it.
     fn plan(&self, sequence: &Planned, folder: &Path) -> StagePlan {
         let plan = StagePlan::new(folder, STAGE)
             .with_hash("video", self.analysis.source.sha256.clone())
@@ -301,16 +300,15 @@ impl Sequencing<'_> {
         }
     }
 
-    /// Name of the video in its dataset.
+    /// Returns the name of the video in its dataset.
     fn folder_name(&self) -> String {
         let name = self.folder.file_name().unwrap_or_default();
         name.to_string_lossy().into_owned()
     }
 }
 
-/// Takes back what earlier runs made of a video that is now kept out, so that its folder holds what
-/// it would hold if it had been kept out from the beginning. What others made from its sequences is
-/// set aside.
+/// Removes the results of earlier runs of a video that is now excluded, so that its folder is as if it had always been
+/// excluded. Results of others from its sequences are set aside.
 ///
 /// # Errors
 /// When something cannot be moved or removed.
@@ -323,7 +321,7 @@ pub(crate) fn withdraw(
         clear(video_folder, &name, progress)?;
     }
     slicing::remove_slices(video_folder)?;
-    // Where no shot is long enough or all are left out or rejected, its boundaries are why.
+    // If no shot is long enough, or all are excluded or rejected, its boundaries are why.
     let of_shots = shots::CHECKS.iter().map(|check| check.id);
     let mut by_boundaries = [attrition::SHOT_LENGTH, attrition::LEFT_OUT]
         .into_iter()
@@ -334,8 +332,8 @@ pub(crate) fn withdraw(
     Ok(())
 }
 
-/// Makes way for a sequence folder of this name. What is there already is removed where only
-/// this stage has written into it, and set aside where others have.
+/// Makes way for a sequence folder of this name. Existing content is removed if only this stage has written into it,
+/// and set aside otherwise.
 pub(crate) fn clear(
     video_folder: &Path,
     name: &str,
@@ -364,7 +362,7 @@ pub(crate) fn clear(
     Ok(())
 }
 
-/// The first entry of a sequence folder that another stage made, or the user.
+/// Returns the first entry of a sequence folder that another stage or the user has created.
 fn foreign_entry(folder: &Path) -> Result<Option<String>, CurateError> {
     for name in store::names_in(folder)? {
         let is_ours = match name.as_str() {
@@ -382,7 +380,7 @@ fn foreign_entry(folder: &Path) -> Result<Option<String>, CurateError> {
     Ok(None)
 }
 
-/// Whether the frames are as this stage made them, and nothing lies beside them.
+/// Returns true if the frames are as this stage wrote them, and nothing lies beside them.
 fn frames_are_ours(folder: &Path) -> Result<bool, CurateError> {
     let own = StagePlan::new(folder, STAGE).own_files();
     for name in store::names_in(&folder.join(FRAMES_FOLDER))? {

@@ -1,4 +1,4 @@
-//! What the user decides about curation.
+//! User settings of curation.
 
 use std::{fmt, path::Path, str::FromStr};
 
@@ -12,44 +12,43 @@ use crate::{
     slicing::SliceSettings,
 };
 
-/// Settings of curation; whatever they change is made again.
+/// Settings of curation; everything they affect is regenerated.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct CurateSettings {
     /// Name of the admission criteria, see [`criteria::PROFILES`], or a `.toml` file of them.
     pub profile: String,
-    /// Whether a video that misses them is rejected; otherwise they are evaluated and recorded.
+    /// True if a video that misses them is rejected; otherwise they are evaluated and recorded.
     pub enforce: bool,
-    /// How frames are sampled.
+    /// Sampling of frames.
     pub sampling: Sampling,
-    /// Width of sampled frames in pixels; at most 1024 where none is given.
+    /// Width of sampled frames in pixels; at most 1024 if `None`.
     pub width: Option<u32>,
-    /// Takes the video as `erp`, `erp-squeezed` or, for a pinhole, `rectilinear`, whatever the evidence
-    /// says.
+    /// Takes the video as `erp`, `erp-squeezed` or, for a pinhole, `rectilinear`, regardless of the evidence.
     pub accept: Option<VideoProjection>,
-    /// Takes the video as a sphere that is stored so, whatever the evidence says, and makes its frames
-    /// equirectangular.
+    /// Takes the video as a sphere in this layout, regardless of the evidence, and converts its frames to
+    /// equirectangular ones.
     pub layout: Option<LayoutChoice>,
     /// Shorter shots are dropped, seconds.
     pub minimum_shot_seconds: f64,
     /// Id of the boundary detector, see [`boundaries::DETECTORS`].
     pub detector: String,
-    /// How the sequences are written as video, where they are.
+    /// Settings of slices; `None` for no slices.
     pub slices: Option<SliceSettings>,
 }
 
-/// What the user says of how a video stores the sphere.
+/// The user's statement of a video's sphere layout.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub enum LayoutChoice {
-    /// So.
+    /// A known layout.
     Known(SphereLayout),
-    /// As the circles of two lenses, whose field of view and places are to be found.
+    /// The circles of two lenses, whose field of view and places are to be estimated.
     UnknownDualFisheye,
 }
 
 impl FromStr for LayoutChoice {
     type Err = String;
 
-    /// `dual-fisheye` alone leaves its lenses to be found.
+    /// Parses a layout; `dual-fisheye` alone leaves its lenses to be estimated.
     fn from_str(text: &str) -> Result<Self, String> {
         if text == "dual-fisheye" {
             return Ok(Self::UnknownDualFisheye);
@@ -83,17 +82,16 @@ impl Default for CurateSettings {
     }
 }
 
-/// Whether frames of this projection are those of a pinhole camera.
+/// Returns true if frames of this projection are those of a pinhole camera.
 fn is_pinhole(projection: VideoProjection) -> bool {
     projection == VideoProjection::Rectilinear
 }
 
 impl CurateSettings {
-    /// Refuses settings that make no sense and names that are not known; `video` is named in the
-    /// error.
+    /// Refuses invalid settings and unknown names; `video` is named in the error.
     ///
     /// # Errors
-    /// [`CurateError::Input`] with the first of them.
+    /// [`CurateError::Input`] with the first fault.
     pub fn check(&self, video: &Path) -> Result<(), CurateError> {
         boundaries::detector(&self.detector, video)?;
         criteria::criteria(&self.profile, video)?;

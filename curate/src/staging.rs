@@ -1,4 +1,4 @@
-//! A hidden folder in which files are made before they get their places.
+//! A hidden folder for files that are not complete yet.
 
 use std::{
     fs,
@@ -7,16 +7,16 @@ use std::{
 
 use omnilife_schemas::store::{self, StoreError};
 
-/// The folder; removed with what is left in it.
+/// The folder; removed on drop with its content.
 pub(crate) struct Staging {
-    /// Where it is.
+    /// Its path.
     pub(crate) folder: PathBuf,
-    /// The files that were begun in it, relative to it.
+    /// The files started in it, relative to it.
     pub(crate) files: Vec<String>,
 }
 
 impl Staging {
-    /// Makes one in `parent`, after removing those that killed processes left there.
+    /// Creates one in `parent`, after removing those of killed processes.
     pub(crate) fn new(parent: &Path, name: &str) -> Result<Self, StoreError> {
         store::remove_abandoned(parent)?;
         let folder = store::temporary_beside(&parent.join(name));
@@ -28,7 +28,7 @@ impl Staging {
         })
     }
 
-    /// Where to write a file that will be called `file`.
+    /// Returns the path for writing a file that will be named `file`.
     pub(crate) fn begin(&mut self, file: &str) -> Result<PathBuf, StoreError> {
         let path = self.folder.join(file);
         if let Some(parent) = path.parent() {
@@ -41,7 +41,7 @@ impl Staging {
 
 impl Drop for Staging {
     fn drop(&mut self) {
-        // Nothing depends on it any more; what cannot be removed is hidden and harmless.
+        // Nothing depends on it any more; leftovers are hidden and harmless.
         drop(fs::remove_dir_all(&self.folder));
     }
 }

@@ -1,13 +1,13 @@
-//! Names by which a dataset calls its videos. They hold nothing of the machine that videos were curated on.
+//! Names of a dataset's videos. They do not depend on the machine on which videos were curated.
 
 use std::{
     collections::{BTreeMap, BTreeSet},
     path::{Component, Path, PathBuf},
 };
 
-/// Returns a name for every video: that of its file, behind as many of its folders as tell it from the others,
-/// between `/`. A folder that all videos are in is never one of them, so that names do not depend on where the
-/// videos lie. Only the same file twice has one name twice.
+/// Returns a name for every video: that of its file, behind as many of its folders as tell it from the others, between
+/// `/`. A folder of all videos is never part of a name, so that names do not depend on the place of the videos. Only
+/// the same file twice has one name twice.
 pub fn video_names(videos: &[PathBuf]) -> Vec<String> {
     let places = below_common_folder(videos);
     let mut names = vec![String::new(); videos.len()];
@@ -34,7 +34,7 @@ pub fn video_names(videos: &[PathBuf]) -> Vec<String> {
     names
 }
 
-/// The folders and the name of every file, without the folders that all files are in.
+/// Returns the folders and the name of every file, without the common folders of all files.
 fn below_common_folder(files: &[PathBuf]) -> Vec<Vec<String>> {
     let mut places: Vec<Vec<String>> = files.iter().map(|file| parts(file)).collect();
     let first = places.first().cloned().unwrap_or_default();
@@ -50,9 +50,9 @@ fn below_common_folder(files: &[PathBuf]) -> Vec<Vec<String>> {
     places
 }
 
-/// The names on the way to a file from the root, steps up undone.
+/// Returns the names on the path to a file from the root, with steps up resolved.
 fn parts(file: &Path) -> Vec<String> {
-    // Without a current folder there is nothing to be relative to.
+    // Without a current folder, no relative path can be resolved.
     let absolute = std::path::absolute(file).unwrap_or_else(|_| file.to_owned());
     let mut parts = Vec::new();
     for part in absolute.components() {
@@ -86,7 +86,7 @@ mod tests {
             names(&["/m/1/day/x.mp4", "/m/2/day/x.mp4", "/m/2/night/x.mp4"]),
             ["1/day/x.mp4", "2/day/x.mp4", "night/x.mp4"]
         );
-        // One lies above the other: the folder of both is no part of a name.
+        // One lies above the other: their common folder is no part of a name.
         assert_eq!(
             names(&[
                 "/home/ann/x.mp4",

@@ -1,9 +1,9 @@
-//! Curating each video in a process of its own: one that crashes its decoder, or asks for more memory
-//! than there is, is one failed video, and the others go on.
+//! Curation of each video in a process of its own. If one crashes its decoder, or exceeds the memory, it is one failed
+//! video, and the others go on.
 //!
-//! The process is this program again, told to [`serve`]. It reads a request from standard input, one
-//! line of JSON, and writes to standard output what it reports and how it ended, one line each. It
-//! ends itself when its standard input is closed, so that it does not outlive who started it.
+//! The process is this program again, started to call [`serve`]. It reads a request from standard input, one line of
+//! JSON, and writes its reports and its result to standard output, one line each. It ends when its standard input is
+//! closed, so that it does not outlive its parent.
 
 use std::{
     io::{self, BufRead, BufReader, Read, Write},
@@ -22,15 +22,15 @@ use serde::{Deserialize, Serialize};
 
 use crate::{dataset::duration_seconds, error::CurateError, pipeline, settings::CurateSettings};
 
-/// A longer line is none that [`serve`] writes.
+/// Maximum length of a line of [`serve`].
 const MOST_LINE_BYTES: u64 = 16 << 20;
-/// How much of what a process says on standard error is kept.
+/// Maximum size of the kept standard error of a process.
 const STANDARD_ERROR_BYTES: usize = 64 << 10;
 
-/// The program that curates one video, and what it may use.
+/// The program that curates one video, and its limits.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Worker {
-    /// The program; it has to call [`serve`] when it is started with `arguments`.
+    /// The program; it must call [`serve`] when it is started with `arguments`.
     pub program: PathBuf,
     /// Its arguments.
     pub arguments: Vec<String>,
@@ -38,11 +38,11 @@ pub struct Worker {
     pub memory_bytes: Option<u64>,
 }
 
-/// What became of one video.
+/// Outcome of one video.
 pub(crate) struct Curated {
     /// Names of its sequences' folders.
     pub(crate) sequences: Result<Vec<String>, CurateError>,
-    /// How long it is, seconds, as far as that is known.
+    /// Its duration, seconds, if known.
     pub(crate) duration_seconds: Option<f64>,
 }
 
@@ -80,7 +80,7 @@ enum Message {
 }
 
 impl Worker {
-    /// Has one video curated, see [`pipeline::curate_video`].
+    /// Curates one video in a process, see [`pipeline::curate_video`].
     pub(crate) fn curate(
         &self,
         video: &Path,
@@ -113,7 +113,7 @@ impl Worker {
             let errors = child.stderr.take();
             let errors = thread::spawn(move || process::read_tail(errors, STANDARD_ERROR_BYTES));
             let curated = converse(&mut child, &request, progress);
-            // Closes what is left of the pipes and with that ends a process that still runs.
+            // Closes the remaining pipes, which ends a process that still runs.
             drop(child.stdin.take());
             if curated.is_err() {
                 child.kill()?;
@@ -139,7 +139,7 @@ impl Worker {
         }
     }
 
-    /// The error of a process that ended so, and `said` this before.
+    /// Returns the error of a process that ended in this way, with its last error output `said`.
     fn crashed(&self, video: &Path, ending: &str, said: &str) -> CurateError {
         let limit = self.memory_bytes.filter(|_| said.contains("memory"));
         let hint = limit.map_or_else(String::new, |bytes| {
@@ -156,15 +156,14 @@ impl Worker {
     }
 }
 
-/// Sends the request and passes on what the process reports, until it says how it ended; `None` where
-/// it never does.
+/// Sends the request and passes on the reports of the process, until its result; `None` without one.
 fn converse(
     child: &mut Child,
     request: &str,
     progress: &dyn Progress,
 ) -> io::Result<Option<Curated>> {
     if let Some(input) = &mut child.stdin {
-        // One that has ended already is told by what it wrote.
+        // A process that has ended already is judged by its output.
         let _ = input.write_all(format!("{request}\n").as_bytes());
     }
     let Some(output) = child.stdout.take() else {
@@ -219,14 +218,14 @@ fn converse(
             }
         }
     }
-    // What a crash has left begun.
+    // Activities that a crash has left open.
     for _ in 0..open {
         progress.end();
     }
     Ok(curated)
 }
 
-/// The next message; `None` at the end, and at what is cut off by it.
+/// Returns the next message; `None` at the end, and at a truncated one.
 fn next_message(output: &mut impl BufRead) -> io::Result<Option<Message>> {
     let mut line = Vec::new();
     output.take(MOST_LINE_BYTES).read_until(b'\n', &mut line)?;
@@ -241,8 +240,7 @@ fn next_message(output: &mut impl BufRead) -> io::Result<Option<Message>> {
 /// Curates the video of the request on standard input, and ends the process when that is closed.
 ///
 /// # Errors
-/// When there is no request, or nobody reads what is reported. What is wrong with the video is
-/// reported.
+/// When there is no request, or the reader of the reports has gone. Errors of the video are reported.
 pub fn serve() -> io::Result<()> {
     let mut line = String::new();
     io::stdin().lock().read_line(&mut line)?;
@@ -251,7 +249,7 @@ pub fn serve() -> io::Result<()> {
         process::limit_memory(bytes)?;
     }
     thread::spawn(|| {
-        // Nothing more is sent: this returns when whoever sent the request closes the pipe or ends.
+        // Nothing more is sent: this returns when the parent closes the pipe or ends.
         let _ = io::stdin().lock().read(&mut [0]);
         std::process::exit(1);
     });
@@ -282,7 +280,7 @@ pub fn serve() -> io::Result<()> {
     })
 }
 
-/// Passes progress on to whoever started this process.
+/// Passes progress on to the parent process.
 struct Relay {
     output: Mutex<io::Stdout>,
 }
@@ -297,7 +295,7 @@ impl Relay {
     }
 
     fn report(&self, message: &Message) {
-        // Nobody is left to report to; the closed input ends this process.
+        // The parent is gone; the closed input ends this process.
         drop(self.send(message));
     }
 }
@@ -333,7 +331,7 @@ mod tests {
 
     use super::*;
 
-    /// What a worker of a shell script gives for a video.
+    /// Returns the result of a worker shell script for a video.
     fn curated_by(script: &str, memory_bytes: Option<u64>) -> Curated {
         let worker = Worker {
             program: "sh".into(),
@@ -394,6 +392,6 @@ mod tests {
             ("/films/a.mp4: is empty", ErrorKind::User)
         );
         assert_eq!(error.for_records(), "is empty");
-        assert!(!error.is_rejection());
+        assert_eq!(error.failed_checks(), None);
     }
 }

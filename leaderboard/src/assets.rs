@@ -1,8 +1,8 @@
-//! Assets that `reconstruct export` made, with the scores of their levels.
+//! Assets of `reconstruct export`, with the scores of their levels.
 //!
-//! An asset lies in the folder of its `asset.json`. The scores of a level are the `result.json` of
-//! `scores/<LEVEL>/` beside it: `reconstruct render ASSET/LEVEL.splat` and `bench score --novel-views` make
-//! them. A level is no method: these results are in no other table.
+//! An asset lies in the folder of its `asset.json`. The scores of a level are the `result.json` of `scores/<LEVEL>/`
+//! beside it: `reconstruct render ASSET/LEVEL.splat` and `bench score --novel-views` create them. A level is no method:
+//! these results are in no other table.
 #![cfg_attr(
     not(test),
     deny(clippy::indexing_slicing, clippy::arithmetic_side_effects)
@@ -16,10 +16,10 @@ use omnilife_schemas::{
     store::{self, StoreError},
 };
 
-/// An asset as it was found.
+/// An asset with its scores.
 pub(crate) struct FoundAsset {
     pub(crate) record: Asset,
-    /// Scores of the levels, in their order, where there are some.
+    /// Scores of the levels, in their order, if they exist.
     pub(crate) scores: Vec<Option<ResultRecord>>,
 }
 
@@ -43,7 +43,7 @@ impl FoundAsset {
     }
 }
 
-/// Whether a result is of a level of one of these assets.
+/// Returns true if a result belongs to a level of one of these assets.
 pub(crate) fn is_of_level(result: &Path, assets: &[PathBuf]) -> bool {
     let folders = assets.iter().filter_map(|asset| asset.parent());
     folders

@@ -1,5 +1,5 @@
-//! What a method was given and what it did with it: ranks are among methods of one class, and rows
-//! of a class say where they were trained for longer or shorter than the others.
+//! Classes of methods, by their input and their use of it. Ranks are within one class, and rows of a class are marked
+//! if they were trained for longer or shorter than the others.
 
 use std::collections::BTreeMap;
 
@@ -7,21 +7,20 @@ use omnilife_schemas::records::{ResultRecord, TrainingKind};
 
 use crate::group::MethodRow;
 
-/// How a method came to its views. In the order of the tables.
+/// Kind of training of a method, in the order of the tables.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub(crate) enum MethodClass {
-    /// It learnt a model of each scene from all of its given views.
+    /// Trained a model of each scene from all of its given views.
     PerSceneTraining,
-    /// It learnt nothing of the scene.
+    /// No training on the scene.
     WithoutTraining,
-    /// No record of the run says.
+    /// Not stated in any record of the run.
     NotStated,
 }
 
 impl MethodClass {
-    /// Returns that of a method's results. One that says it decides, before what others let infer;
-    /// among equals one that tells of a training: records of the same method differ in what they
-    /// state.
+    /// Returns the class of a method's results. An explicit statement decides over inference; among equals a training
+    /// decides: records of the same method differ in their statements.
     pub(crate) fn of<'a>(results: impl IntoIterator<Item = &'a ResultRecord>) -> Self {
         let classes = results.into_iter().map(|result| match result.training {
             Some(TrainingKind::PerScene) => (0, Self::PerSceneTraining),
@@ -32,7 +31,7 @@ impl MethodClass {
     }
 
     fn inferred(result: &ResultRecord) -> Self {
-        // A sweep for depth takes time and learns nothing of the scene.
+        // A sweep for depth takes time but trains nothing on the scene.
         let is_trained = match result.iterations {
             Some(iterations) => iterations > 0,
             None => result.training_seconds.unwrap_or(0.0) > 0.0,
@@ -56,8 +55,8 @@ impl MethodClass {
     }
 }
 
-/// The usual iterations of every class of a group: those that most of its methods have, of equally
-/// many the most. Methods that stopped at a time limit, or differ between scenes, have means.
+/// Returns the usual iterations of every class of a group: the most frequent ones, the largest of equally frequent.
+/// Methods that stopped at a time limit, or differ between scenes, have means.
 pub(crate) fn usual_iterations(methods: &[&MethodRow<'_>]) -> BTreeMap<MethodClass, u64> {
     let mut counts: BTreeMap<MethodClass, BTreeMap<u64, usize>> = BTreeMap::new();
     for method in methods {
@@ -77,13 +76,13 @@ pub(crate) fn usual_iterations(methods: &[&MethodRow<'_>]) -> BTreeMap<MethodCla
         .collect()
 }
 
-/// A method's iterations, rounded where scenes differ.
+/// Returns a method's iterations, rounded if scenes differ.
 pub(crate) fn iterations(method: &MethodRow<'_>) -> Option<u64> {
     let iterations = method.numbers.iterations?;
     Some(iterations.round() as u64)
 }
 
-/// Whether a method had another budget than is usual in its class.
+/// Returns true if a method had another budget than is usual in its class.
 pub(crate) fn has_unusual_budget(
     method: &MethodRow<'_>,
     usual: &BTreeMap<MethodClass, u64>,

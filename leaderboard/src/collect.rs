@@ -1,4 +1,4 @@
-//! Finding results, and the protocols that they were scored under.
+//! Collection of results, and of the protocols under which they were scored.
 #![cfg_attr(
     not(test),
     deny(clippy::indexing_slicing, clippy::arithmetic_side_effects)
@@ -23,27 +23,26 @@ use crate::{
     submission::{SUBMISSION_FILE, VERIFICATION_FILE},
 };
 
-/// Reads every `result.json` in `folder` and below, sorted by path. Links to folders are followed,
-/// each folder is visited once. Hidden folders hold what is half-written or superseded, and no
-/// results.
+/// Reads every `result.json` in `folder` and below, sorted by path. Links to folders are followed, each folder is
+/// visited once. Hidden folders hold unfinished or superseded files, and no results.
 ///
 /// # Errors
-/// When a folder cannot be listed, a result cannot be read (one broken result is an error: left
-/// out, it would go unnoticed) or there is none.
+/// When a folder cannot be listed, a result cannot be read (one broken result is an error: an omission would go
+/// unnoticed), or no result exists.
 pub fn collect(folder: &Path) -> Result<Vec<(PathBuf, ResultRecord)>, LeaderboardError> {
     RecordFiles::below(folder)?.results()
 }
 
-/// The records of a folder and what is below it.
+/// The records of a folder and its subfolders.
 pub(crate) struct RecordFiles {
     folder: PathBuf,
     /// Sorted.
     results: Vec<PathBuf>,
     /// Sorted.
     splits: Vec<PathBuf>,
-    /// Records of what others handed in, sorted.
+    /// Records of submissions, sorted.
     submissions: Vec<PathBuf>,
-    /// Records of what of them was scored again, sorted.
+    /// Records of their verifications, sorted.
     verifications: Vec<PathBuf>,
     /// Sorted.
     assets: Vec<PathBuf>,
@@ -75,7 +74,7 @@ impl RecordFiles {
         Ok(files)
     }
 
-    /// All results.
+    /// Returns all results.
     pub(crate) fn results(&self) -> Result<Vec<(PathBuf, ResultRecord)>, LeaderboardError> {
         if self.results.is_empty() {
             return Err(LeaderboardError::NoResults {
@@ -87,7 +86,7 @@ impl RecordFiles {
             .par_iter()
             .map(|file| store::read_record(file))
             .collect();
-        // In the order of the files, so that always the first broken one is named.
+        // In the order of the files, so that the named broken one is always the first.
         let files = self.results.iter().cloned();
         files
             .zip(read)
@@ -95,8 +94,8 @@ impl RecordFiles {
             .collect()
     }
 
-    /// The protocols of all results and splits, by hash. A protocol that does not have the hash beside it is
-    /// left out: its rules are not those of the scores.
+    /// Returns the protocols of all results and splits, by hash. A protocol with another hash than the one stated
+    /// beside it is omitted: its rules are not those of the scores.
     pub(crate) fn protocols(
         &self,
         results: &[(PathBuf, ResultRecord)],
@@ -119,8 +118,8 @@ impl RecordFiles {
         Ok(protocols)
     }
 
-    /// The cards of the methods that others handed in, sorted by method. A method that was handed
-    /// in several times has as many cards as differ.
+    /// Returns the cards of the submitted methods, sorted by method. A method with several submissions has all its
+    /// different cards.
     pub(crate) fn cards(&self) -> Result<Vec<MethodCard>, LeaderboardError> {
         let mut cards = Vec::new();
         for file in &self.submissions {
@@ -131,8 +130,8 @@ impl RecordFiles {
         Ok(cards)
     }
 
-    /// Returns the counts of results that were scored again, by method: of several submissions of one
-    /// method all together, with the latest date.
+    /// Returns the counts of verified results, by method: for several submissions of one method the sum, with the
+    /// latest date.
     pub(crate) fn verifications(&self) -> Result<BTreeMap<String, Verification>, LeaderboardError> {
         let mut by_method: BTreeMap<String, Verification> = BTreeMap::new();
         for file in &self.verifications {
@@ -145,7 +144,7 @@ impl RecordFiles {
         Ok(by_method)
     }
 
-    /// All assets with the scores of their levels.
+    /// Returns all assets with the scores of their levels.
     pub(crate) fn assets(&self) -> Result<Vec<FoundAsset>, LeaderboardError> {
         let assets = self.assets.iter().map(|file| FoundAsset::read(file));
         Ok(assets.collect::<Result<_, _>>()?)
@@ -176,7 +175,7 @@ impl RecordFiles {
                 if name.as_encoded_bytes().starts_with(b".") {
                     continue;
                 }
-                // Without a link the path is known; asking for it would take most of the time.
+                // Without a link the path is known; querying it would take most of the time.
                 let next = if kind.is_symlink() {
                     fs::canonicalize(&path).map_err(failed)?
                 } else {

@@ -1,4 +1,4 @@
-//! Why a leaderboard could not be built.
+//! Errors of building a leaderboard.
 
 use std::path::PathBuf;
 
@@ -11,7 +11,7 @@ pub enum LeaderboardError {
     /// A file could not be read or written.
     #[error(transparent)]
     Store(#[from] StoreError),
-    /// A table of results could not be made, or a question not be answered.
+    /// A table of results could not be made, or a query not be answered.
     #[error(transparent)]
     Results(#[from] ResultsError),
     /// There is nothing to build a table from.
@@ -20,15 +20,15 @@ pub enum LeaderboardError {
         /// The folder searched.
         folder: PathBuf,
     },
-    /// A result holds what no scoring can give.
+    /// A result holds values that no scoring can give.
     #[error("{}: {reason}", path.display())]
     Impossible {
         /// The file.
         path: PathBuf,
-        /// What cannot be.
+        /// The impossible value.
         reason: String,
     },
-    /// A submission, or what should become one, is not in order.
+    /// A submission, or the input of one, is invalid.
     #[error("{}: {reason}", path.display())]
     Submission {
         /// The file or folder.
@@ -63,7 +63,7 @@ pub enum LeaderboardError {
         /// The other file.
         second: PathBuf,
     },
-    /// One scene id stands for two scenes.
+    /// One scene id is used for two scenes.
     #[error(
         "{}: scene {scene} has other frames or poses than in {}; scores on them do not compare: \
          score one of them again, or give the scenes different names",
@@ -85,15 +85,15 @@ pub enum LeaderboardError {
         path: PathBuf,
         /// Id of the metric.
         metric: String,
-        /// What the file says.
+        /// The direction in the file.
         found: &'static str,
     },
-    /// Files that were to be checked are not what the results give.
+    /// Checked files differ from those that the results give.
     #[error("{}: {reason}; build again without --check to bring it up to date", path.display())]
     OutOfDate {
         /// The first such file.
         path: PathBuf,
-        /// How it differs.
+        /// The difference.
         reason: String,
     },
     /// A page has no place for the table.
@@ -101,13 +101,13 @@ pub enum LeaderboardError {
     NoMarker {
         /// The page.
         path: PathBuf,
-        /// The line looked for.
+        /// The expected line.
         marker: &'static str,
     },
     /// A chart could not be drawn.
     #[error("chart {chart}: {reason}")]
     Chart {
-        /// Which one.
+        /// The chart.
         chart: String,
         /// The drawing library's reason.
         reason: String,
@@ -117,7 +117,7 @@ pub enum LeaderboardError {
     Published {
         /// The file.
         file: &'static str,
-        /// What is wrong with it.
+        /// The fault.
         reason: String,
     },
 }

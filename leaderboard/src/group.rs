@@ -1,10 +1,11 @@
-//! Results grouped so that only comparable scores stand side by side.
+//! Groups of results in which only comparable scores stand side by side.
 
 use std::{
     collections::{BTreeMap, BTreeSet},
     path::PathBuf,
 };
 
+use omnilife_results::scenes_of_other_regions;
 pub(crate) use omnilife_schemas::bootstrap::place;
 use omnilife_schemas::{
     bootstrap::{self, Confidence},
@@ -13,7 +14,7 @@ use omnilife_schemas::{
 
 use crate::{class::MethodClass, error::LeaderboardError, numbers::Numbers, validate};
 
-/// The scores of a run that failed.
+/// The scores of a failed run.
 static NO_SCORES: BTreeMap<String, Summary> = BTreeMap::new();
 
 /// The two kinds of view, in the order of the columns.
@@ -33,7 +34,7 @@ impl ViewKind {
         }
     }
 
-    /// Returns the scores of views of this kind. A run that failed has none, whatever views it left.
+    /// Returns the scores of views of this kind. A failed run has none, even with views.
     pub(crate) fn scores(self, result: &ResultRecord) -> &BTreeMap<String, Summary> {
         if result.run_failure.is_some() {
             return &NO_SCORES;
@@ -57,7 +58,7 @@ pub(crate) struct Group<'a> {
     /// Id and version of the protocol.
     pub(crate) protocol: &'a str,
     pub(crate) protocol_hash: &'a str,
-    /// Everything that any result scores, input views first, with its direction.
+    /// All scores of any result, input views first, with their direction.
     pub(crate) quantities: Vec<(Quantity, Direction)>,
     /// Sorted by scene, then method; the pair is unique.
     pub(crate) scene_rows: Vec<SceneRow<'a>>,
@@ -65,38 +66,38 @@ pub(crate) struct Group<'a> {
     pub(crate) methods: Vec<MethodRow<'a>>,
     /// Sorted.
     pub(crate) scenes: Vec<&'a str>,
-    /// Places in `scene_rows` by method.
+    /// Indices in `scene_rows` by method.
     rows_by_method: BTreeMap<&'a str, Vec<usize>>,
     /// Reasons by kind of view and metric.
     reasons: Reasons<'a>,
-    /// Scenes whose results have regions by other tracks: none of these scores is shown.
+    /// Scenes whose results have regions by other tracks: none of these scores are shown.
     other_regions: BTreeSet<&'a str>,
 }
 
-/// Why results have no value of a metric, by the name of the kind of view and by metric.
+/// Reasons for missing values of a metric, by the name of the kind of view and by metric.
 type Reasons<'a> = BTreeMap<&'a str, BTreeMap<&'a str, &'a str>>;
 
 impl<'a> Group<'a> {
-    /// Index of a quantity.
+    /// Returns the index of a quantity.
     pub(crate) fn quantity(&self, kind: ViewKind, metric: &str) -> Option<usize> {
         let mut quantities = self.quantities.iter();
         quantities.position(|(quantity, _)| quantity.kind == kind && quantity.metric == metric)
     }
 
-    /// The rows of a method, sorted by scene.
+    /// Returns the rows of a method, sorted by scene.
     pub(crate) fn rows_of(&self, method: &str) -> impl Iterator<Item = &SceneRow<'a>> {
         let rows = self.rows_by_method.get(method).into_iter().flatten();
         rows.map(|&at| &self.scene_rows[at])
     }
 
-    /// The rows of a scene, sorted by method.
+    /// Returns the rows of a scene, sorted by method.
     pub(crate) fn rows_in(&self, scene: &str) -> &[SceneRow<'a>] {
         let first = self.scene_rows.partition_point(|row| row.scene < scene);
         let rows = &self.scene_rows[first..];
         &rows[..rows.partition_point(|row| row.scene == scene)]
     }
 
-    /// Whether any result scores views of a kind.
+    /// Returns true if any result scores views of a kind.
     pub(crate) fn has(&self, kind: ViewKind) -> bool {
         let mut quantities = self.quantities.iter();
         quantities.any(|(quantity, _)| quantity.kind == kind)
@@ -108,8 +109,7 @@ impl<'a> Group<'a> {
         Numbers::of(result, &self.quantities, without_regions)
     }
 
-    /// Returns the metrics that results could not have, with reasons and how many results that are,
-    /// in one line.
+    /// Returns the metrics that results could not have, with reasons and the number of such results, in one line.
     pub(crate) fn unavailable(&self) -> Option<String> {
         let results: Vec<&ResultRecord> = self
             .scene_rows
@@ -137,7 +137,7 @@ impl<'a> Group<'a> {
         (!parts.is_empty()).then(|| format!("Unavailable: {}.", parts.join("; ")))
     }
 
-    /// Scenes whose scores by region are left out, in words.
+    /// Describes scenes whose scores by region are omitted.
     pub(crate) fn other_regions(&self) -> Option<String> {
         let scenes: Vec<&str> = self.other_regions.iter().copied().collect();
         (!scenes.is_empty()).then(|| {
@@ -149,26 +149,26 @@ impl<'a> Group<'a> {
         })
     }
 
-    /// Why results have no value of a metric, as far as they say: the reason that most of them give.
+    /// Returns the most frequent reason for missing values of a metric.
     pub(crate) fn why_unavailable(&self, kind: ViewKind, metric: &str) -> Option<&str> {
         let reasons = self.reasons.get(kind.name())?;
         reasons.get(metric).copied()
     }
 
-    /// The first digits of the protocol's hash, as printed.
+    /// Returns the first digits of the protocol's hash, as printed.
     pub(crate) fn short_hash(&self) -> String {
         self.protocol_hash.chars().take(HASH_DIGITS).collect()
     }
 }
 
-/// How many digits of a protocol's hash are printed.
+/// Number of printed digits of a protocol's hash.
 const HASH_DIGITS: usize = 12;
 
 /// One method on one scene: the mean over its repetitions.
 pub(crate) struct SceneRow<'a> {
     pub(crate) scene: &'a str,
     pub(crate) method: &'a str,
-    /// Of the method over all scenes.
+    /// Class of the method over all scenes.
     pub(crate) class: MethodClass,
     /// Sorted by seed, which is unique.
     pub(crate) results: Vec<&'a ResultRecord>,
@@ -182,12 +182,11 @@ pub(crate) struct MethodRow<'a> {
     /// Scenes with a result of this method.
     pub(crate) scenes: usize,
     pub(crate) numbers: Numbers,
-    /// True where every scene of the group went in, with complete results.
+    /// True if every scene of the group is included, with complete results.
     pub(crate) complete: bool,
-    /// Whether it is a variant, made for an ablation, of another method in the group.
+    /// True for an ablation variant of another method in the group.
     pub(crate) is_variant: bool,
-    /// In the order of [`Group::quantities`]; ranks are among complete methods of the same class
-    /// that are no variants.
+    /// In the order of [`Group::quantities`]; ranks are among complete methods of the same class, without variants.
     pub(crate) confidence: Vec<Confidence>,
     /// Number of ranked methods of the class, in the same order.
     pub(crate) ranked: Vec<usize>,
@@ -199,8 +198,8 @@ pub(crate) const WITHOUT: &str = "-without-";
 /// Groups results by protocol, ordered by protocol and hash.
 ///
 /// # Errors
-/// When a result holds impossible numbers, or two results have the same method, scene, seed and
-/// protocol, stand for different scenes under one id, or contradict each other about a direction.
+/// When a result holds impossible numbers, or two results have the same method, scene, seed and protocol, stand for
+/// different scenes under one id, or contradict each other about a direction.
 pub(crate) fn groups(
     results: &[(PathBuf, ResultRecord)],
 ) -> Result<Vec<Group<'_>>, LeaderboardError> {
@@ -223,7 +222,8 @@ fn group<'a>(protocol: &'a str, hash: &'a str, mut results: Vec<&'a ResultRecord
     let quantities = quantities(&results);
     let classes = classes(&results);
     let reasons = reasons(&results);
-    let other_regions = scenes_of_other_regions(&results);
+    let differ = scenes_of_other_regions(results.iter().copied());
+    let other_regions: BTreeSet<&str> = differ.into_iter().map(|(_, scene)| scene).collect();
     let mut scene_rows: Vec<SceneRow<'a>> = Vec::new();
     for results in results.chunk_by(|a, b| (&a.scene, &a.method) == (&b.scene, &b.method)) {
         let numbers: Vec<Numbers> = results
@@ -261,17 +261,6 @@ fn group<'a>(protocol: &'a str, hash: &'a str, mut results: Vec<&'a ResultRecord
     }
 }
 
-/// Scenes with results whose regions are not the same; `results` are sorted by scene.
-fn scenes_of_other_regions<'a>(results: &[&'a ResultRecord]) -> BTreeSet<&'a str> {
-    let of_scenes = results.chunk_by(|a, b| a.scene == b.scene);
-    let differ = of_scenes.filter(|of_scene| {
-        let pairs = of_scene.iter().enumerate();
-        let mut pairs = pairs.flat_map(|(at, a)| of_scene[at + 1..].iter().map(move |b| (a, b)));
-        pairs.any(|(a, b)| a.has_other_regions(b))
-    });
-    differ.map(|of_scene| of_scene[0].scene.as_str()).collect()
-}
-
 /// The reason that most results give, for every score that any of them lacks.
 fn reasons<'a>(results: &[&'a ResultRecord]) -> Reasons<'a> {
     let mut counts: BTreeMap<(&str, &str), BTreeMap<&str, usize>> = BTreeMap::new();
@@ -304,7 +293,7 @@ fn quantities(results: &[&ResultRecord]) -> Vec<(Quantity, Direction)> {
     for result in results {
         for kind in ViewKind::ALL {
             for (metric, summary) in kind.scores(result) {
-                // Numbers that are only to be read beside others are in the results, not in tables.
+                // Numbers that only complement others are in the results, not in tables.
                 if let Some(direction) = summary.direction {
                     found.insert((kind, metric), direction);
                 }

@@ -21,10 +21,10 @@ use crate::{
     tables::{self, CSV_FILE, MARKDOWN_FILE},
 };
 
-/// What to build.
+/// Input and files of a leaderboard.
 #[derive(Debug, Clone)]
 pub struct LeaderboardRequest {
-    /// Folder that is searched for `result.json` files.
+    /// Folder to search for `result.json` files.
     pub results: PathBuf,
     /// Folder of the leaderboard.
     pub out: PathBuf,
@@ -32,9 +32,9 @@ pub struct LeaderboardRequest {
     pub dataset: Option<PathBuf>,
     /// Page whose table, between two marker lines, is replaced.
     pub page: Option<PathBuf>,
-    /// Whether to make the site.
+    /// True to make the site.
     pub site: bool,
-    /// Rendered views per scene and method that the site shows beside their ground truth, at most.
+    /// Maximum number of rendered views per scene and method that the site shows beside their ground truth.
     pub views: usize,
 }
 
@@ -45,9 +45,9 @@ pub struct Leaderboard {
     pub markdown: String,
     /// The same tables with the few columns that fit a terminal.
     pub short: String,
-    /// Lines on what the tables of values lack.
+    /// Lines on missing values in the tables.
     pub notes: Vec<String>,
-    /// The first page of the site, where one was made.
+    /// The first page of the site, if made.
     pub site: Option<PathBuf>,
 }
 
@@ -60,7 +60,7 @@ pub fn build_leaderboard(request: &LeaderboardRequest) -> Result<Leaderboard, Le
     build_leaderboard_of(request, |_| true)
 }
 
-/// [`build_leaderboard`] of the results whose files `is_wanted` accepts.
+/// Builds tables and site as [`build_leaderboard`], from the results whose files `is_wanted` accepts.
 ///
 /// # Errors
 /// Those of [`build_leaderboard`].
@@ -85,8 +85,8 @@ pub fn build_leaderboard_of(
     })
 }
 
-/// Compares the tables, and that of the page, with what the results give; writes nothing. The site
-/// is left out: it is made from the same numbers and not meant to be committed.
+/// Compares the tables, and that of the page, with those that the results give; writes nothing. The site is left out:
+/// it has the same numbers and is not meant to be committed.
 ///
 /// # Errors
 /// Those of [`build_leaderboard`], and when a file is missing, differs or is left over.
@@ -152,7 +152,7 @@ fn prepare<'a>(
     })
 }
 
-/// All pages.
+/// Returns all pages.
 fn site_of(
     request: &LeaderboardRequest,
     files: &RecordFiles,

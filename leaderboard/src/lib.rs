@@ -1,9 +1,9 @@
 //! From scores to tables and a site.
 //!
-//! [`build_leaderboard`] finds the `result.json` files of a folder and makes, for every protocol on
-//! its own, tables in the paper's layouts (Markdown, LaTeX, CSV) and a static site; published
-//! figures ([`published`]) stand beside measured ones and are never ranked with them. [`build`]
-//! makes the table of all results alone; [`query`] answers questions that no layout does. Images are copied for the site; [`figure`] alone decodes them.
+//! [`build_leaderboard`] finds the `result.json` files of a folder and makes, separately for every protocol, tables in
+//! the paper's layouts (Markdown, LaTeX, CSV) and a static site. Published figures ([`published`]) stand beside
+//! measured ones and are never ranked with them. [`build`] makes only the table of all results; [`query`] answers
+//! queries beyond the layouts. Images are copied for the site; only [`figure`] decodes them.
 
 mod assets;
 mod class;

@@ -6,30 +6,29 @@ use omnilife_schemas::records::{Direction, ResultRecord, StatedClock, is_of_regi
 
 use crate::{group::Quantity, remarks};
 
-/// The clock of times that no statement says another one of.
+/// The default clock of times.
 const WALL: &str = "wall";
 
 /// Numbers of a set of results: a scene's repetitions, or a method's scenes.
 #[derive(Debug, Clone)]
 pub(crate) struct Numbers {
-    /// Means in the order of [`Group::quantities`](crate::group::Group::quantities). A set of
-    /// several results has none where one of them lacks it or is not complete: an average over the
-    /// rest would look better than it is.
+    /// Means in the order of [`Group::quantities`](crate::group::Group::quantities). A set of several results has none
+    /// if one of them lacks it or is not complete: an average over the rest would look better than it is.
     pub(crate) scores: Vec<Option<f64>>,
-    /// Means, where all results have them. A run that failed has none.
+    /// Means, if all results have them. A failed run has none.
     pub(crate) training_seconds: Option<f64>,
     pub(crate) peak_memory_bytes: Option<f64>,
     pub(crate) primitives: Option<f64>,
     pub(crate) iterations: Option<f64>,
     /// Views that could not be scored, in all results together.
     pub(crate) failures: usize,
-    /// True where a run failed.
+    /// True if a run failed.
     pub(crate) failed: bool,
-    /// True where every result is complete.
+    /// True if every result is complete.
     pub(crate) complete: bool,
-    /// True where a warning of a result says that a convention may be another one.
+    /// True if a warning of a result suspects another convention.
     pub(crate) suspect: bool,
-    /// Fields of results that hold a number that is stated and was not measured.
+    /// Fields of results with a stated number that was not measured.
     pub(crate) stated: BTreeSet<String>,
     /// Clocks of the training times.
     clocks: BTreeSet<&'static str>,
@@ -109,8 +108,7 @@ impl Numbers {
         }
     }
 
-    /// Returns the clocks of the training times in words, `CPU`; nothing where all are wall-clock
-    /// times.
+    /// Returns the clocks of the training times in words, `CPU`; nothing if all are wall-clock times.
     pub(crate) fn clocks(&self) -> Option<String> {
         let clocks: Vec<&str> = self.clocks.iter().copied().collect();
         (clocks.iter().any(|&clock| clock != WALL)).then(|| clocks.join(" and "))

@@ -1,4 +1,4 @@
-//! The files of a leaderboard: written, or compared with what is there.
+//! The files of a leaderboard: written, or compared with existing ones.
 
 use std::{
     collections::{BTreeMap, BTreeSet},
@@ -15,10 +15,10 @@ use rayon::prelude::*;
 
 use crate::error::LeaderboardError;
 
-/// List of what the last build made.
+/// List of the files of the last build.
 const MANIFEST: &str = ".omnilife-leaderboard.json";
 
-/// Content of a file to be.
+/// Planned content of a file.
 #[derive(Debug)]
 pub(crate) enum Content {
     Bytes(Vec<u8>),
@@ -46,12 +46,11 @@ impl Outputs {
         self.files.extend(other.files);
     }
 
-    /// Writes all files into `out`, removes those that an earlier build made and this one does
-    /// not, and lists them in [`MANIFEST`].
+    /// Writes all files into `out`, removes those of an earlier build that this one does not make, and lists them in
+    /// [`MANIFEST`].
     ///
     /// # Errors
-    /// When a file that no build has made, or that was changed since, is in the way: nothing is
-    /// written then.
+    /// When a foreign or changed file is in the way: nothing is written then.
     pub(crate) fn write(&self, out: &Path) -> Result<(), StoreError> {
         let earlier = earlier_files(out)?;
         let hashed: Vec<Result<OwnFile, StoreError>> = (self.files.par_iter())
@@ -64,7 +63,7 @@ impl Outputs {
                 })
             })
             .collect();
-        // In the order of the paths, so that always the first one in the way is named.
+        // In the order of the paths, so that the named one in the way is always the first.
         let files = hashed.into_iter().collect::<Result<Vec<_>, _>>()?;
         let manifest = out.join(MANIFEST);
         let folders: BTreeSet<_> = self
@@ -75,7 +74,7 @@ impl Outputs {
         for folder in folders {
             store::remove_abandoned(&out.join(folder))?;
         }
-        // Of a build that is killed, both the old and the new files are known as ours.
+        // If a build is killed, both its old and its new files are known as ours.
         let mut list = FileList {
             files: earlier.files().chain(files.iter().cloned()).collect(),
         };
@@ -91,7 +90,7 @@ impl Outputs {
             .map(|(path, content)| {
                 let target = out.join(path);
                 let bytes = content.bytes()?;
-                // What is the same already is left alone: a rebuilt site uploads what changed.
+                // Equal files are left alone: a rebuilt site uploads only changes.
                 if fs::read(&target).ok().as_deref() == Some(&*bytes) {
                     return Ok(());
                 }
@@ -103,11 +102,11 @@ impl Outputs {
         store::update_record(&manifest, &list)
     }
 
-    /// Compares all files with those in `out`, and asks of earlier files that `is_checked` accepts
-    /// whether they still belong there.
+    /// Compares all files with those in `out`, and checks whether earlier files accepted by `is_checked` still belong
+    /// there.
     ///
     /// # Errors
-    /// When one is missing, differs, or stands there from an earlier build.
+    /// When one is missing, differs, or is left over from an earlier build.
     pub(crate) fn check(
         &self,
         out: &Path,
@@ -155,7 +154,7 @@ impl Content {
     }
 }
 
-/// Files that the manifest of an earlier build lists.
+/// Returns files in the manifest of an earlier build.
 fn earlier_files(out: &Path) -> Result<OwnFiles, StoreError> {
     let path = out.join(MANIFEST);
     let files = if path.is_file() {

@@ -1,4 +1,4 @@
-//! Questions to the results in a folder, and the tables that answer them beside a leaderboard.
+//! Queries on the results in a folder, and the tables for them beside a leaderboard.
 
 use std::{
     collections::BTreeMap,
@@ -13,14 +13,14 @@ use omnilife_schemas::{
 
 use crate::{collect::RecordFiles, error::LeaderboardError, outputs::Outputs, validate};
 
-/// A question as users put it.
+/// A query as users state it.
 #[derive(Debug, Clone)]
 pub struct QueryRequest {
-    /// Folder that is searched for `result.json` files.
+    /// Folder to search for `result.json` files.
     pub results: PathBuf,
-    /// `dataset.json` whose annotations say what scenes are like.
+    /// `dataset.json` with annotations of the scenes.
     pub dataset: Option<PathBuf>,
-    /// The table that is asked.
+    /// The queried table.
     pub table: &'static Table,
     /// Columns to group by.
     pub by: Vec<String>,
@@ -30,11 +30,10 @@ pub struct QueryRequest {
     pub conditions: Vec<String>,
 }
 
-/// Answers a question.
+/// Answers a query.
 ///
 /// # Errors
-/// When a record or table cannot be read, results contradict each other, or the question cannot be asked of
-/// them.
+/// When a record or table cannot be read, results contradict each other, or the query is invalid for them.
 pub fn query(request: &QueryRequest) -> Result<Answer, LeaderboardError> {
     let filters = (request.conditions.iter())
         .map(|text| Filter::parse(text, request.table))
@@ -51,7 +50,7 @@ pub fn query(request: &QueryRequest) -> Result<Answer, LeaderboardError> {
     Ok(ask(&query, &sources(&results, &facts))?)
 }
 
-/// Reads what a dataset says of its scenes; nothing without one.
+/// Reads a dataset's facts of its scenes; nothing without one.
 pub(crate) fn scene_facts(
     dataset: Option<&Path>,
 ) -> Result<BTreeMap<String, SceneFacts>, LeaderboardError> {
@@ -79,7 +78,7 @@ fn sources<'a>(
     sources
 }
 
-/// Adds the tables that have rows, as `<table>.parquet`, and returns lines on what they lack.
+/// Adds the tables that have rows, as `<table>.parquet`, and returns lines on missing ones.
 pub(crate) fn add_tables(
     outputs: &mut Outputs,
     results: &[(PathBuf, ResultRecord)],

@@ -1,4 +1,4 @@
-//! The table of a page that also says other things, between two marker lines.
+//! The table within a page of other content, between two marker lines.
 
 use std::{fs, path::Path};
 
@@ -15,7 +15,7 @@ const BEGIN: &str = "<!-- leaderboard: begin -->";
 /// Line after it.
 const END: &str = "<!-- leaderboard: end -->";
 
-/// The page with the tables of the groups between its markers; `None` where it has them already.
+/// Returns the page with the tables of the groups between its markers; `None` if it has them already.
 pub(crate) fn updated(
     path: &Path,
     groups: &[Group<'_>],

@@ -1,5 +1,5 @@
-//! Remarks of results, the weightiest first: warnings of a wrong convention, then failures, then
-//! other warnings. A line that several results share is one line with their number.
+//! Remarks of results, the most serious first: warnings of a wrong convention, then failures, then other warnings. A
+//! line shared by several results is one line with their number.
 
 use std::collections::BTreeMap;
 
@@ -7,10 +7,10 @@ use omnilife_schemas::records::{DIAGNOSIS_PREFIX, ResultRecord};
 
 use crate::group::SceneRow;
 
-/// Results that a shared line names.
+/// Number of results that a shared line names.
 const NAMED: usize = 3;
 
-/// Returns true for a warning that scores speak for another convention.
+/// Returns true for a warning of a suspected other convention.
 pub(crate) fn is_diagnosis(warning: &str) -> bool {
     warning.starts_with(DIAGNOSIS_PREFIX)
 }
@@ -19,7 +19,7 @@ pub(crate) fn is_diagnosis(warning: &str) -> bool {
 pub(crate) struct Remarks {
     /// Warnings of a wrong convention.
     pub(crate) diagnoses: Vec<String>,
-    /// Runs that failed, then results with views that could not be scored.
+    /// Failed runs, then results with views that could not be scored.
     pub(crate) failures: Vec<String>,
     /// All other warnings.
     pub(crate) warnings: Vec<String>,
@@ -66,8 +66,7 @@ impl Remarks {
     }
 }
 
-/// Returns why a method is not complete, in a line: its first run that failed, or else its first
-/// result with failed views.
+/// Returns why a method is not complete, in a line: its first failed run, or else its first result with failed views.
 pub(crate) fn why_incomplete(rows: &[&SceneRow<'_>]) -> Option<String> {
     let results = || rows.iter().flat_map(|row| row.results.iter().copied());
     let failed_run = results().find(|result| result.run_failure.is_some());

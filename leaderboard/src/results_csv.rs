@@ -11,8 +11,8 @@ use crate::{
     render::csv::number,
 };
 
-/// Columns before the scores. `row` is `scene`, or `mean` for a method's mean over scenes, whose
-/// `scene` column counts the scenes that went in.
+/// Columns before the scores. `row` is `scene`, or `mean` for a method's mean over scenes, whose `scene` column is the
+/// number of scenes.
 const LEADING: [&str; 6] = [
     "protocol",
     "protocol_hash",
@@ -22,8 +22,8 @@ const LEADING: [&str; 6] = [
     "seed",
 ];
 
-/// Columns after the scores. `run_failure` is the reason of a run that failed, which has no scores and
-/// no costs; `stated` are the columns whose numbers are stated by authors instead of measured.
+/// Columns after the scores. `run_failure` is the reason of a failed run, which has no scores and no costs; `stated`
+/// lists the columns whose numbers are stated by authors instead of measured.
 const TRAILING: [&str; 12] = [
     "training_seconds",
     "rendering_seconds",
@@ -39,8 +39,8 @@ const TRAILING: [&str; 12] = [
     "clock",
 ];
 
-/// All groups; columns of scores are the union of all metrics, `<view>_<metric>`, empty where a
-/// result lacks one. `path` is named in errors.
+/// Renders all groups; columns of scores are the union of all metrics, `<view>_<metric>`, empty if a result lacks one.
+/// `path` is named in errors.
 pub(crate) fn render(groups: &[Group<'_>], path: &Path) -> Result<Vec<u8>, StoreError> {
     let mut quantities: Vec<&Quantity> = groups
         .iter()
@@ -115,7 +115,7 @@ fn result_row(
     row
 }
 
-/// The class, the stated numbers and the clock of the training time.
+/// Returns the class, the stated numbers and the clock of the training time.
 fn origin(class: MethodClass, numbers: &Numbers) -> [String; 3] {
     let stated: Vec<&str> = numbers.stated.iter().map(String::as_str).collect();
     [

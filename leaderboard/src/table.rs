@@ -1,4 +1,4 @@
-//! A table as data: what layouts make and renderers print.
+//! A table as data, from layouts to renderers.
 
 use omnilife_schemas::{bootstrap::Confidence, records::Direction};
 
@@ -16,8 +16,7 @@ pub(crate) struct Table {
     /// Leading columns of names, then columns of cells.
     pub(crate) names: Vec<String>,
     pub(crate) columns: Vec<Column>,
-    /// Results under one protocol. Rows of one class stand together, best first where the title says
-    /// so.
+    /// Results under one protocol. Rows of one class stand together, best first if the title says so.
     pub(crate) rows: Vec<Row>,
     /// Figures of papers: apart from the measured rows and never ranked with them.
     pub(crate) published: Vec<PublishedBlock>,
@@ -31,19 +30,19 @@ pub(crate) struct Column {
     /// Heading over several columns.
     pub(crate) group: Option<String>,
     pub(crate) name: String,
-    /// Which of two values is the better one, where the column has a direction of its own.
+    /// Direction of better values, if the column has its own.
     pub(crate) direction: Option<Direction>,
     pub(crate) holds: Holds,
-    /// Why a value may be missing, where something more is known than that it was not measured.
+    /// Reason for missing values, if more is known than that they were not measured.
     pub(crate) missing: Option<String>,
 }
 
-/// What a column's numbers are, so that published columns find their place.
+/// Content of a column, by which published columns find their place.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(crate) enum Holds {
-    /// A metric; the id `lpips` is the published one, whose variant is not known.
+    /// A metric; the id `lpips` is the published one of unknown variant.
     Score(Quantity),
-    /// A place's scores; the row says which metric.
+    /// A place's scores; the row states the metric.
     Place(String),
     /// The mean over places.
     Average,
@@ -54,11 +53,11 @@ pub(crate) enum Holds {
 /// A row.
 #[derive(Default)]
 pub(crate) struct Row {
-    /// As many as [`Table::names`].
+    /// One per entry of [`Table::names`].
     pub(crate) names: Vec<String>,
-    /// As many as [`Table::columns`].
+    /// One per entry of [`Table::columns`].
     pub(crate) cells: Vec<Cell>,
-    /// The class under whose heading it stands, where the table is by class.
+    /// The class of its heading, if the table is by class.
     pub(crate) class: Option<MethodClass>,
     /// Views that could not be scored.
     pub(crate) failures: usize,
@@ -74,11 +73,11 @@ pub(crate) enum Mark {
     Suspect,
 }
 
-/// The mark of a number that authors state.
+/// Mark of a number stated by authors.
 pub(crate) const STATED_MARK: &str = "§";
 
 impl Mark {
-    /// Returns the marks of a row of these numbers, its budget aside.
+    /// Returns the marks of a row with these numbers, except its budget.
     pub(crate) fn of(numbers: &Numbers) -> Vec<Self> {
         let marks = [
             numbers.suspect.then_some(Self::Suspect),
@@ -95,7 +94,7 @@ impl Mark {
         }
     }
 
-    /// Returns what it says of a row.
+    /// Returns its meaning for a row.
     pub(crate) fn meaning(self) -> &'static str {
         match self {
             Self::Incomplete => "The run failed or some views could not be scored",
@@ -110,12 +109,12 @@ pub(crate) struct PublishedBlock {
     /// Paper and table.
     pub(crate) source: String,
     pub(crate) rows: Vec<Row>,
-    /// Lines that stand with it.
+    /// Notes on it.
     pub(crate) notes: Vec<String>,
 }
 
 impl PublishedBlock {
-    /// Returns the columns of the measured table that it has anything in.
+    /// Returns the columns of the measured table in which it has any value.
     pub(crate) fn columns(&self) -> Vec<usize> {
         let count = self.rows.first().map_or(0, |row| row.cells.len());
         let has_any = |&at: &usize| self.rows.iter().any(|row| row.cells[at] != Cell::Missing);
@@ -158,7 +157,7 @@ pub(crate) struct Score {
     pub(crate) standing: Standing,
 }
 
-/// A score's place among its rivals.
+/// A score's standing among its rivals.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub(crate) enum Standing {
     Best,
@@ -195,7 +194,7 @@ impl Cell {
         })
     }
 
-    /// Returns how many views could not be scored, or that a run failed.
+    /// Returns the number of views that could not be scored, or the failure of a run.
     pub(crate) fn failures(numbers: &Numbers) -> Self {
         if numbers.failed {
             Self::Text("failed".to_owned())
@@ -226,7 +225,7 @@ impl Table {
         self.rows.chunk_by(|a, b| a.class == b.class)
     }
 
-    /// The table with some of its columns.
+    /// Returns the table with some of its columns.
     pub(crate) fn with_columns(mut self, keep: impl Fn(&Column) -> bool) -> Self {
         let kept: Vec<bool> = self.columns.iter().map(keep).collect();
         let blocks = self.published.iter_mut().flat_map(|block| &mut block.rows);
@@ -266,7 +265,7 @@ impl Column {
         }
     }
 
-    /// The whole heading on one line, with an arrow to the better values.
+    /// Returns the whole heading on one line, with an arrow to the better values.
     pub(crate) fn heading(&self) -> String {
         let arrow = self.direction.map(format::arrow);
         [self.group.as_deref(), Some(self.name.as_str()), arrow]
@@ -277,7 +276,7 @@ impl Column {
     }
 }
 
-/// Columns of cost that every table of methods ends with.
+/// Returns columns of cost at the end of every table of methods.
 pub(crate) fn cost_columns() -> Vec<Column> {
     ["Training (s)", "Memory (GB)", "Primitives", "Iterations"]
         .map(|name| Column {
@@ -287,7 +286,7 @@ pub(crate) fn cost_columns() -> Vec<Column> {
         .to_vec()
 }
 
-/// Their cells.
+/// Returns their cells.
 pub(crate) fn cost_cells(numbers: &Numbers) -> [Cell; 4] {
     let gigabytes = numbers.peak_memory_bytes.map(|bytes| bytes / 1e9);
     let seconds = numbers.training_seconds;
@@ -299,14 +298,14 @@ pub(crate) fn cost_cells(numbers: &Numbers) -> [Cell; 4] {
     ]
 }
 
-/// A method's mean of one quantity with its interval.
+/// Returns a method's mean of one quantity with its interval.
 pub(crate) fn method_score(group: &Group<'_>, method: &MethodRow<'_>, index: usize) -> Cell {
     let Confidence { mean, .. } = method.confidence[index];
     let metric = &group.quantities[index].0.metric;
     Cell::score(method.numbers.scores[index], metric, mean)
 }
 
-/// A method's rank by one quantity.
+/// Returns a method's rank by one quantity.
 pub(crate) fn method_rank(method: &MethodRow<'_>, index: usize) -> Cell {
     let confidence = method.confidence[index];
     match confidence.rank {
@@ -321,8 +320,8 @@ pub(crate) fn method_rank(method: &MethodRow<'_>, index: usize) -> Cell {
 
 /// Marks the best and the second best of each column among the rows of one contest.
 ///
-/// Scores are compared as printed: equal prints are equally good. A best needs two rivals, a
-/// second best three. Rows that do not compete are passed over.
+/// Scores are compared as printed: equal prints are equally good. A best needs two rivals, a second best three. Rows
+/// without a contest are skipped.
 pub(crate) fn mark_standings<'a>(
     rows: impl Iterator<Item = (&'a mut Row, bool)>,
     directions: &[Option<Direction>],
@@ -355,7 +354,7 @@ pub(crate) fn mark_standings<'a>(
     }
 }
 
-/// The best printed value but for one.
+/// Returns the best printed value except one.
 fn leader(rivals: &[&mut Score], direction: Direction, but: Option<f64>) -> Option<f64> {
     rivals
         .iter()
@@ -370,7 +369,7 @@ fn leader(rivals: &[&mut Score], direction: Direction, but: Option<f64>) -> Opti
         })
 }
 
-/// The value rounded as it is printed.
+/// Returns the value rounded as printed.
 fn as_printed(score: &Score) -> f64 {
     let scale = 10_f64.powi(score.decimals as i32);
     (score.value * scale).round() / scale

@@ -1,4 +1,4 @@
-//! Building the tables and putting them on disk.
+//! Building and writing of the tables.
 
 use std::path::{Path, PathBuf};
 
@@ -33,17 +33,17 @@ pub struct Tables {
     pub short: String,
     /// Content of [`CSV_FILE`].
     pub csv: Vec<u8>,
-    /// Where the Markdown is.
+    /// The file of the Markdown.
     pub markdown_file: PathBuf,
-    /// Where the CSV is.
+    /// The file of the CSV.
     pub csv_file: PathBuf,
 }
 
-/// Builds the tables of all results, each with the file it came from, and writes them to the
-/// folder `out`, which is made where it is missing.
+/// Builds the tables of all results, each with its source file, and writes them to the folder `out`, which is created
+/// if missing.
 ///
-/// Markdown holds one table per protocol, never a mixed one; CSV holds every metric. The same
-/// results give the same bytes in whatever order they come.
+/// Markdown holds one table per protocol, never a mixed one; CSV holds every metric. The same results in any order give
+/// the same bytes.
 ///
 /// # Errors
 /// When there are no results, when two of them claim the same row or contradict each other, and
@@ -61,7 +61,7 @@ pub fn build(results: &[(PathBuf, ResultRecord)], out: &Path) -> Result<Tables, 
     Ok(tables)
 }
 
-/// The tables of all results; nothing is written.
+/// Returns the tables of all results; nothing is written.
 pub(crate) fn all_results(groups: &[Group<'_>], out: &Path) -> Result<Tables, LeaderboardError> {
     let mut markdown = String::from("# Leaderboard\n");
     let mut short = String::new();
@@ -89,9 +89,8 @@ pub(crate) fn all_results(groups: &[Group<'_>], out: &Path) -> Result<Tables, Le
     })
 }
 
-/// The scores by which methods are compared first: of novel views where they are scored, PSNR, SSIM
-/// and one LPIPS, PSNR of what stands still and of what moves, and what training cost; `all` is the
-/// table of everything.
+/// Returns the main scores for comparing methods: of novel views if scored, PSNR, SSIM and one LPIPS, PSNR of static
+/// and dynamic regions, and training cost; `all` is the full table.
 pub(crate) fn short_table(group: &Group<'_>, all: Table) -> Table {
     let has = |kind: ViewKind, metric: &str| {
         let mut quantities = group.quantities.iter();
@@ -119,8 +118,7 @@ pub(crate) fn short_table(group: &Group<'_>, all: Table) -> Table {
     })
 }
 
-/// The tables in the layouts of the paper,
-/// `tables/<protocol>-<hash>/<layout>.{md,tex,csv}`.
+/// Returns the tables in the layouts of the paper, `tables/<protocol>-<hash>/<layout>.{md,tex,csv}`.
 pub(crate) fn in_all_layouts(
     groups: &[Group<'_>],
     papers: &[Paper],
@@ -149,7 +147,7 @@ pub(crate) fn in_all_layouts(
     Ok(outputs)
 }
 
-/// The tables of assets, `tables/assets.{md,tex,csv}`, where there are any.
+/// Adds the tables of assets, `tables/assets.{md,tex,csv}`, if there are any.
 pub(crate) fn add_assets(
     outputs: &mut Outputs,
     tables: &[Table],

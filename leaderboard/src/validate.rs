@@ -1,5 +1,4 @@
-//! What is refused before any table is made: numbers that cannot be, and results that contradict
-//! each other.
+//! Validation before any table is made: impossible numbers, and results that contradict each other.
 
 use std::{collections::BTreeMap, path::PathBuf};
 
@@ -7,7 +6,7 @@ use omnilife_schemas::records::{Direction, ResultRecord};
 
 use crate::{error::LeaderboardError, group::ViewKind};
 
-/// Results with the files they came from.
+/// Results with their source files.
 type Results = [(PathBuf, ResultRecord)];
 
 /// Checks all results; files are named in the order of collection.
@@ -25,7 +24,7 @@ pub(crate) fn validate(results: &Results) -> Result<(), LeaderboardError> {
     refuse_contradicting_directions(results)
 }
 
-/// What in a result cannot be.
+/// Returns the impossible values of a result.
 fn impossible(result: &ResultRecord) -> Option<String> {
     for (what, text) in [
         ("method", &result.method),

@@ -66,10 +66,10 @@ impl Convolution {
         ))
     }
 
-    /// From values in the order (row, column, input, output).
+    /// Creates a convolution from values in the order (row, column, input, output).
     ///
     /// # Panics
-    /// When there are not as many values as the sizes ask for.
+    /// When the number of values does not fit the sizes.
     pub fn new(kernel: Kernel, values: Vec<f32>, bias: Vec<f32>) -> Self {
         let Kernel {
             side,
@@ -93,7 +93,7 @@ impl Convolution {
         }
     }
 
-    /// The convolution of all images; what is negative becomes zero.
+    /// Returns the convolution of all images; negative values become zero.
     ///
     /// # Panics
     /// When the images have other channels, or are smaller than the kernel with its padding.
@@ -103,11 +103,10 @@ impl Convolution {
         output
     }
 
-    /// The same into images that are there already, whatever they hold: their memory is used
-    /// again.
+    /// Writes the result into existing images, whose content is overwritten: their memory is reused.
     ///
     /// # Panics
-    /// As [`Self::apply_rectified`].
+    /// Those of [`Self::apply_rectified`].
     pub fn apply_rectified_into(&self, input: &Features, output: &mut Features) {
         assert_eq!(input.channels, self.kernel.inputs, "channels of the input");
         let Kernel {
@@ -126,8 +125,8 @@ impl Convolution {
         }
     }
 
-    /// Every row of outputs is a product: the patches of its pixels lie in the rows of the input
-    /// that they are of, one pixel from the next.
+    /// Computes every row of outputs as a product: the patches of its pixels lie in their input rows, one pixel from
+    /// the next.
     fn direct(&self, matrix: &PackedMatrix, input: &Features, output: &mut Features) {
         let Kernel {
             side,
@@ -189,7 +188,7 @@ impl Convolution {
             });
     }
 
-    /// The tiles `tiles`, counted along the rows of tiles.
+    /// Computes the tiles `tiles`, counted along the rows of tiles.
     fn winograd_tiles(
         &self,
         matrices: &[PackedMatrix],
@@ -249,28 +248,28 @@ impl Convolution {
     }
 }
 
-/// Values from the first pixel of the patch around the tile at `top` and `left`; `None` where the
-/// patch leaves the image.
+/// Returns values from the first pixel of the patch around the tile at `top` and `left`; `None` if the patch leaves the
+/// image.
 fn inside(input: &Features, image: usize, top: usize, left: usize) -> Option<&[f32]> {
     let (top, left) = (top.checked_sub(1)?, left.checked_sub(1)?);
     let is_inside = top + PATCH <= input.height && left + PATCH <= input.width;
     is_inside.then(|| &input.image(image)[top * input.row_len() + left * input.channels..])
 }
 
-/// Values by which positions are shifted against each other: with a power of two between them, all
-/// would compete for the same places in the cache.
+/// Offset between positions, in values: with a power of two between them, all would compete for the same places in the
+/// cache.
 const SET_SHIFT: usize = 16;
 
-/// Rows of outputs that one row of tiles gives.
+/// Rows of outputs of one row of tiles.
 struct TileRow<'a> {
     image: usize,
     /// The first of the rows.
     top: usize,
-    /// Four rows, or what the image has left.
+    /// Four rows, or the rest of the image.
     lines: Vec<&'a mut [f32]>,
 }
 
-/// Transformed values of the tiles that are worked on together, by position.
+/// Transformed values of the tiles of one batch, by position.
 #[derive(Default)]
 struct Buffers {
     patches: Vec<f32>,
@@ -279,7 +278,7 @@ struct Buffers {
     border: Vec<f32>,
 }
 
-/// Few enough tiles for the cache, and enough for the matrices to be worth fetching.
+/// Returns few enough tiles for the cache, and enough to amortize fetching the matrices.
 fn tiles_together(kernel: Kernel) -> usize {
     (kernel.inputs / 2).clamp(64, 192)
 }
@@ -335,7 +334,7 @@ mod tests {
         features
     }
 
-    /// The definition, one loop per index, in f64.
+    /// Evaluates the definition, one loop per index, in f64.
     fn direct(kernel: Kernel, values: &[f32], bias: &[f32], input: &Features) -> Vec<f64> {
         let Kernel {
             side,
@@ -371,7 +370,7 @@ mod tests {
         expected
     }
 
-    /// Both ways of computing, strides, paddings, odd sizes, images of less than a tile.
+    /// Both algorithms, strides, paddings, odd sizes, images of less than a tile.
     #[test]
     fn convolutions_are_what_plain_loops_give() {
         let kernel = |side, stride, padding, inputs, outputs| Kernel {

@@ -1,4 +1,4 @@
-//! Images of features, as networks hand them from layer to layer.
+//! Images of features, as passed between layers of networks.
 
 use rayon::prelude::*;
 
@@ -18,7 +18,7 @@ pub struct Features {
 }
 
 impl Features {
-    /// All zero.
+    /// Creates images of zeros.
     pub fn zeros(images: usize, height: usize, width: usize, channels: usize) -> Self {
         Self {
             images,
@@ -39,12 +39,12 @@ impl Features {
         self.height * self.row_len()
     }
 
-    /// All values of one image.
+    /// Returns all values of one image.
     pub fn image(&self, image: usize) -> &[f32] {
         &self.data[image * self.image_len()..][..self.image_len()]
     }
 
-    /// All values of one pixel; `None` outside the image.
+    /// Returns all values of one pixel; `None` outside the image.
     pub fn pixel(&self, image: usize, y: isize, x: isize) -> Option<&[f32]> {
         let inside =
             (0..self.height as isize).contains(&y) && (0..self.width as isize).contains(&x);
@@ -54,7 +54,7 @@ impl Features {
         Some(&self.data[at..at + self.channels])
     }
 
-    /// Other sizes. What the values are is left open; the memory is used again.
+    /// Changes the sizes. The values are unspecified; the memory is reused.
     pub fn reshape(&mut self, images: usize, height: usize, width: usize, channels: usize) {
         self.data.resize(images * height * width * channels, 0.0);
         (self.images, self.height, self.width, self.channels) = (images, height, width, channels);
@@ -78,7 +78,7 @@ impl Features {
         values[before + inside..].fill(0.0);
     }
 
-    /// The rows `rows` of every image.
+    /// Returns the rows `rows` of every image.
     ///
     /// # Panics
     /// When there are fewer rows.
@@ -96,8 +96,8 @@ impl Features {
         }
     }
 
-    /// The largest value of every channel in windows of `side` x `side` pixels, `stride` apart;
-    /// windows that would leave the image are left out.
+    /// Returns the largest value of every channel in windows of `side` x `side` pixels, `stride` apart; windows that
+    /// would leave the image are left out.
     ///
     /// # Panics
     /// When an image is smaller than one window.
@@ -114,7 +114,7 @@ impl Features {
         pooled
     }
 
-    /// [`Self::max_pool`] of the rows `rows` alone, into the rows of `pooled` from `first` on.
+    /// Applies [`Self::max_pool`] to the rows `rows` alone, into the rows of `pooled` from `first` on.
     ///
     /// # Panics
     /// When there are fewer rows, or `pooled` does not have the width, the channels and the rows

@@ -1,10 +1,10 @@
-//! What the networks of curation and scoring are built from, on the CPU, without a framework.
+//! Building blocks of the networks for curation and scoring, on the CPU, without a framework.
 //!
-//! [`weights`] finds and reads published weights, [`matrix`] multiplies matrices, [`winograd`]
-//! turns 3x3 convolutions into matrix products, [`convolution`] convolves images of
-//! [`features`], [`mobilenet_v2`] has that network's blocks. A network itself lies where it is used, as a composition of these.
+//! [`weights`] finds and reads published weights, [`matrix`] multiplies matrices, [`winograd`] turns 3x3 convolutions
+//! into matrix products, [`convolution`] convolves images of [`features`], [`mobilenet_v2`] has that network's blocks.
+//! Networks themselves are compositions of these in the crates that use them.
 //!
-//! Why no inference runtime: `docs/results/boundaries.md` has the measurements.
+//! The reasons against an inference runtime are measurements in `docs/results/boundaries.md`.
 
 pub mod convolution;
 pub mod features;

@@ -5,12 +5,12 @@
 
 use crate::Matrix;
 
-/// What becomes of a sum.
+/// Activation after a sum.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Activation {
-    /// Nothing.
+    /// Identity.
     None,
-    /// What is negative becomes zero.
+    /// Negative values become zero.
     Relu,
     /// Clamped to [0, 6].
     Relu6,
@@ -26,19 +26,19 @@ impl Activation {
     }
 }
 
-/// A convolution with a window of one pixel; or of [`windows`] that are laid out beforehand.
+/// A 1x1 convolution; or one of [`windows`] that are laid out beforehand.
 #[derive(Debug)]
 pub struct Pointwise {
     /// Channels in by channels out.
     pub weights: Matrix,
-    /// What is added to each channel.
+    /// Offset of each channel.
     pub offsets: Vec<f32>,
-    /// What follows.
+    /// Activation afterwards.
     pub activation: Activation,
 }
 
 impl Pointwise {
-    /// Every pixel by itself.
+    /// Applies it to every pixel separately.
     ///
     /// # Panics
     /// When the input has other channels.
@@ -53,12 +53,12 @@ impl Pointwise {
     }
 }
 
-/// A 3x3 convolution of every channel by itself, clamped to [0, 6].
+/// A 3x3 convolution of every channel separately, clamped to [0, 6].
 #[derive(Debug)]
 pub struct Depthwise {
     /// Nine taps by channels.
     pub taps: Vec<f32>,
-    /// What is added to each channel.
+    /// Offset of each channel.
     pub offsets: Vec<f32>,
     /// Pixels from one output to the next.
     pub stride: usize,
@@ -67,7 +67,7 @@ pub struct Depthwise {
 }
 
 impl Depthwise {
-    /// `input` is `side * side` pixels; what lies outside is zero.
+    /// Applies it to `side * side` pixels; outside of the image is zero.
     ///
     /// # Panics
     /// When the input has fewer pixels.
@@ -101,12 +101,12 @@ impl Depthwise {
     }
 }
 
-/// Sizes of an inverted residual: widened six times, filtered per channel, narrowed again.
+/// Sizes of an inverted residual: expanded six times, filtered per channel, projected.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct BlockShape {
-    /// Channels that come in and go out.
+    /// Input and output channels.
     pub channels: [usize; 2],
-    /// Channels are widened before they are filtered; the first block does without.
+    /// True if channels are expanded before they are filtered; false for the first block.
     pub expands: bool,
     /// Pixels from one output to the next.
     pub stride: usize,
@@ -115,7 +115,7 @@ pub struct BlockShape {
 }
 
 impl BlockShape {
-    /// Of a block that widens.
+    /// Returns the shape of a block that expands.
     pub const fn new(channels: [usize; 2], stride: usize, dilation: usize) -> Self {
         Self {
             channels,
@@ -125,12 +125,12 @@ impl BlockShape {
         }
     }
 
-    /// What comes in is added to what goes out.
+    /// Returns true if the input is added to the output.
     pub fn is_residual(&self) -> bool {
         self.stride == 1 && self.channels[0] == self.channels[1]
     }
 
-    /// Channels that are filtered.
+    /// Returns the number of filtered channels.
     pub fn inner(&self) -> usize {
         self.channels[0] * if self.expands { 6 } else { 1 }
     }
@@ -139,18 +139,18 @@ impl BlockShape {
 /// An inverted residual.
 #[derive(Debug)]
 pub struct Block {
-    /// Widens; the first block does without.
+    /// Expansion; `None` for the first block.
     pub expand: Option<Pointwise>,
-    /// Filters every channel by itself.
+    /// Filter of every channel separately.
     pub filter: Depthwise,
-    /// Narrows.
+    /// Projection.
     pub project: Pointwise,
-    /// What comes in is added to what goes out.
+    /// True if the input is added to the output.
     pub is_residual: bool,
 }
 
 impl Block {
-    /// `input` is `side * side` pixels.
+    /// Applies it to `side * side` pixels.
     ///
     /// # Panics
     /// When the input has other sizes.
@@ -169,7 +169,7 @@ impl Block {
     }
 }
 
-/// The 3x3 windows of every other pixel of an image of `side * side` pixels, 27 values each; outside is zero.
+/// Returns the 3x3 windows of every other pixel of an image of `side * side` pixels, 27 values each; outside is zero.
 pub fn windows(side: usize, pixel: impl Fn(usize) -> [f32; 3]) -> Matrix {
     let out_side = side.div_ceil(2);
     let mut windows = Matrix::zeros(out_side * out_side, 27);
@@ -189,7 +189,7 @@ pub fn windows(side: usize, pixel: impl Fn(usize) -> [f32; 3]) -> Matrix {
     windows
 }
 
-/// Mean over all pixels.
+/// Returns the mean over all pixels.
 pub fn mean(input: &Matrix) -> Matrix {
     let shares = Matrix {
         rows: 1,

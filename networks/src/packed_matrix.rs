@@ -1,16 +1,16 @@
-//! Products with a right factor that is used again and again, such as the weights of a layer: it is
-//! laid out for the product once, and the left factor is read where it lies, so that nothing is
-//! copied before a product. For layers of 64 to 192 channels copying takes longer than multiplying.
+//! Products with a repeatedly used right factor, such as the weights of a layer. It is laid out for the product once,
+//! and the left factor is read in place, so that nothing is copied before a product. For layers of 64 to 192 channels
+//! copying takes longer than multiplying.
 //!
-//! A value of the product is the sum over blocks of 256 rows of the right factor, in order, of sums
-//! whose terms are added in order, each multiplied and added with one rounding where the CPU has
-//! such an instruction: the same number whatever other values are computed beside it.
+//! A value of the product is the sum over blocks of 256 rows of the right factor, in order, of sums whose terms are
+//! added in order. Each term is multiplied and added with one rounding if the CPU has such an instruction. So a value
+//! does not depend on the other values computed with it.
 
 use fearless_simd::{Level, Simd, dispatch, f32x16, prelude::*};
 
 /// Columns of a panel.
 const LANES: usize = 16;
-/// Rows of the right factor whose products are summed before they are added to those before.
+/// Rows of the right factor whose products are summed before they are added to earlier ones.
 const BLOCK: usize = 256;
 
 /// A right factor.
@@ -22,24 +22,23 @@ pub struct PackedMatrix {
     panels: Vec<[f32; LANES]>,
 }
 
-/// A left factor in the array where its values lie: every row is made of `segments` pieces of
-/// `segment_len` values.
+/// A left factor in place: every row consists of `segments` pieces of `segment_len` values.
 #[derive(Debug, Clone, Copy)]
 pub struct LeftFactor<'a> {
     /// The values, from the first of the first row on.
     pub values: &'a [f32],
-    /// Values from the beginning of a row to that of the next.
+    /// Values from the start of a row to that of the next.
     pub row_spacing: usize,
     /// Pieces of a row.
     pub segments: usize,
     /// Values of a piece.
     pub segment_len: usize,
-    /// Values from the beginning of a piece to that of the next.
+    /// Values from the start of a piece to that of the next.
     pub segment_spacing: usize,
 }
 
 impl<'a> LeftFactor<'a> {
-    /// A row-major matrix.
+    /// Describes a row-major matrix.
     pub fn row_major(values: &'a [f32], columns: usize) -> Self {
         Self {
             values,
@@ -52,10 +51,10 @@ impl<'a> LeftFactor<'a> {
 }
 
 impl PackedMatrix {
-    /// From a row-major matrix of so many columns.
+    /// Packs a row-major matrix of so many columns.
     ///
     /// # Panics
-    /// When the values are no whole rows.
+    /// When the values do not fill whole rows.
     pub fn new(values: &[f32], columns: usize) -> Self {
         assert!(values.len().is_multiple_of(columns), "whole rows");
         let rows = values.len() / columns;
@@ -79,11 +78,11 @@ impl PackedMatrix {
         }
     }
 
-    /// `product = left * self`, row-major, with as many rows as `product` has.
+    /// Computes `product = left * self`, row-major, with as many rows as `product` has.
     ///
     /// # Panics
-    /// When rows of the left factor are not as long as this one has rows, leave its values, or
-    /// `product` has no whole rows.
+    /// When the rows of the left factor are not as long as this one has rows or exceed its values, or `product` has no
+    /// whole rows.
     pub fn multiply_into(&self, left: &LeftFactor<'_>, product: &mut [f32]) {
         assert_eq!(
             left.segments * left.segment_len,
@@ -124,7 +123,7 @@ impl PackedMatrix {
     }
 }
 
-/// A block of the right factor's rows in some panels: what of the product it adds to.
+/// A block of the right factor's rows in some panels, with its part of the product.
 #[derive(Clone, Copy)]
 struct Sums<'a> {
     left: &'a LeftFactor<'a>,
@@ -137,7 +136,7 @@ struct Sums<'a> {
 }
 
 impl Sums<'_> {
-    /// All rows, `ROWS` at a time, then one at a time.
+    /// Computes all rows, `ROWS` at a time, then one at a time.
     #[inline(always)]
     fn of_rows<S: Simd, const ROWS: usize, const PANELS: usize>(
         self,
@@ -247,7 +246,7 @@ mod tests {
             .collect()
     }
 
-    /// Sums of one order of terms: not one bit may differ, whatever rows and columns are left over.
+    /// Sums of one order of terms: not one bit may differ, for any remaining rows and columns.
     #[test]
     fn products_are_those_of_the_library_to_the_bit() {
         for [m, k, n] in [

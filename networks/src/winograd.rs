@@ -1,12 +1,12 @@
 //! 3x3 convolutions of stride one as matrix products: Winograd's minimal filtering F(4x4, 3x3)
 //! (Lavin and Gray, "Fast algorithms for convolutional neural networks", 2016, section 4.3).
 //!
-//! A tile of 4x4 outputs depends on a patch of 6x6 inputs. Patch and kernel are transformed to 36
-//! positions, at each of which the convolution is a product over channels; the inverse transform of
-//! the products gives the tile. 36 multiplications replace 144.
+//! A tile of 4x4 outputs depends on a patch of 6x6 inputs. Patch and kernel are transformed to 36 positions, at each of
+//! which the convolution is a product over channels; the inverse transform of the products gives the tile. 36
+//! multiplications replace 144.
 //!
-//! Everything between the two transforms that is linear and acts on all pixels alike, such as a
-//! convolution over time, may be done on the products as well.
+//! Any operation between the two transforms that is linear and the same for all pixels, such as a convolution over
+//! time, may be applied to the products as well.
 
 /// Side of a tile of outputs, pixels.
 pub const TILE: usize = 4;
@@ -14,7 +14,7 @@ pub const TILE: usize = 4;
 pub const PATCH: usize = TILE + 2;
 /// Positions at which products are taken.
 pub const POSITIONS: usize = PATCH * PATCH;
-/// Values that are transformed together.
+/// Number of values that are transformed together.
 const LANES: usize = 8;
 
 type Lanes = [f32; LANES];
@@ -29,7 +29,7 @@ const KERNEL: [[f64; 3]; PATCH] = [
     [0.0, 0.0, 1.0],
 ];
 
-/// `G g G^T` of a row-major 3x3 kernel, in f64.
+/// Returns `G g G^T` of a row-major 3x3 kernel, in f64.
 pub fn transform_kernel(kernel: [f64; 9]) -> [f64; POSITIONS] {
     let mut transformed = [0.0; POSITIONS];
     for (row, left) in KERNEL.iter().enumerate() {
@@ -44,7 +44,7 @@ pub fn transform_kernel(kernel: [f64; 9]) -> [f64; POSITIONS] {
     transformed
 }
 
-/// `B^T d B` for many independent patches at once.
+/// Computes `B^T d B` for many independent patches at once.
 ///
 /// `patch[6 y + x]` holds the values of all of them at one pixel; `None` is a pixel outside the
 /// image, zero. `transformed[p]` receives position p in the same order.
@@ -78,15 +78,15 @@ pub fn transform_patches(patch: &[Option<&[f32]>; POSITIONS], transformed: &mut 
     }
 }
 
-/// `A^T m A` for many independent tiles at once: from products at 36 positions to 4x4 outputs, to
-/// which `bias` is added, channel by channel; what is negative then becomes zero.
+/// Computes `A^T m A` for many independent tiles at once: from products at 36 positions to 4x4 outputs, to which `bias`
+/// is added, channel by channel; negative values then become zero.
 ///
 /// `tile[4 y + x]` receives the values of one pixel in the order of those of `products`, channels
 /// fastest; `None` is a pixel outside the image.
 ///
 /// # Panics
-/// When slices differ in length, when there are not 36 positions and 16 outputs, or when channels
-/// do not come in eights.
+/// When slices differ in length, when there are not 36 positions and 16 outputs, or when the channels are not a
+/// multiple of eight.
 #[multiversion::multiversion(targets("x86_64+avx2+fma", "x86_64+avx"))]
 pub fn transform_products_rectified(
     products: &[&[f32]],
@@ -125,11 +125,11 @@ pub fn transform_products_rectified(
     }
 }
 
-/// [`transform_patches`] of one patch whose pixels all lie in `values`: rows `row_len` apart, pixels
-/// of `channels` values one behind the other. Position p goes to `transformed[p * spacing..]`.
+/// Applies [`transform_patches`] to one patch whose pixels all lie in `values`: rows `row_len` apart, pixels of
+/// `channels` values one behind the other. Position p goes to `transformed[p * spacing..]`.
 ///
 /// # Panics
-/// When channels do not come in eights, or a slice is too short.
+/// When the channels are not a multiple of eight, or a slice is too short.
 #[multiversion::multiversion(targets("x86_64+avx2+fma", "x86_64+avx"))]
 pub(crate) fn transform_patch(
     values: &[f32],
@@ -163,12 +163,12 @@ pub(crate) fn transform_patch(
     }
 }
 
-/// [`transform_products_rectified`] of one tile: position p of a pixel's channels is at
-/// `products[p * spacing..]`. The tile begins at value `left` of every line of `lines`; what lines
-/// or their values end before is left out.
+/// Applies [`transform_products_rectified`] to one tile: position p of a pixel's channels is at `products[p *
+/// spacing..]`. The tile starts at value `left` of every line of `lines`; outputs beyond the lines or their values are
+/// dropped.
 ///
 /// # Panics
-/// When channels do not come in eights, or `products` is too short.
+/// When the channels are not a multiple of eight, or `products` is too short.
 #[multiversion::multiversion(targets("x86_64+avx2+fma", "x86_64+avx"))]
 pub(crate) fn transform_tile_rectified(
     products: &[f32],
@@ -215,7 +215,7 @@ fn load(values: &[f32], lanes: &mut Lanes) {
     }
 }
 
-/// A column of transformed rows. A loop, because `map` would be a call to code without vectors.
+/// Returns a column of transformed rows. A loop, because `map` would be a call to code without vectors.
 #[inline(always)]
 fn column_of<const WIDTH: usize>(rows: &[[Lanes; WIDTH]; PATCH], x: usize) -> [Lanes; PATCH] {
     let mut column = [[0.0; LANES]; PATCH];

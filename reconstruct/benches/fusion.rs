@@ -13,7 +13,7 @@ use std::{fs, path::Path, time::Instant};
 use glam::{DVec3, Vec3};
 use omnilife_engine::losses::scaffold::{Scaffold, fuse::FusedView};
 use omnilife_reconstruct::{
-    process::own_cpu_time,
+    process::{own_cpu_time, peak_memory_bytes},
     scene::{CameraExtent, TrainingScene},
     seeds::depth::{lift::incidence, source_view::SourceView},
 };
@@ -82,7 +82,7 @@ fn main() {
         "cpu_seconds": processor_seconds,
         "field_bytes": field.bytes(),
         "surface": surface,
-        "peak_bytes": peak_bytes(),
+        "peak_bytes": peak_memory_bytes().unwrap_or(0),
     });
     println!("{line}");
 }
@@ -116,14 +116,4 @@ fn distances_in_voxels(field: &Scaffold, places: &[Vec3], voxel: f32) -> serde_j
         "median_voxels": quantile(0.5),
         "p99_voxels": quantile(0.99),
     })
-}
-
-/// Largest resident size of this process; 0 where the system does not say.
-fn peak_bytes() -> u64 {
-    let status = fs::read_to_string("/proc/self/status").unwrap_or_default();
-    let kilobytes = status
-        .lines()
-        .find_map(|line| line.strip_prefix("VmHWM:")?.trim().strip_suffix("kB"))
-        .and_then(|number| number.trim().parse::<u64>().ok());
-    kilobytes.unwrap_or(0) * 1024
 }

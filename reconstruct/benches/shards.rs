@@ -75,7 +75,7 @@ fn main() {
     };
     let novel: Vec<f64> = scene.novel_views.iter().step_by(5).map(psnr).collect();
     let reason = |id: &str| {
-        let mut plan = prepared.plan.iter();
+        let mut plan = prepared.findings.plan.iter();
         plan.find(|decision| decision.component == id)
             .map(|decision| decision.reason.clone())
     };

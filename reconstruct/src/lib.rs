@@ -31,7 +31,6 @@ pub mod request;
 pub mod scene;
 pub mod seeds;
 pub mod stability;
-pub mod step_cost;
 pub mod stereo;
 pub mod train;
 

@@ -102,5 +102,7 @@ pub const SPLIT_FILE: &str = "split.json";
 pub const RUN_FILE: &str = "run.json";
 /// The scores of one method on a split, in the folder of the scores.
 pub const RESULT_FILE: &str = "result.json";
+/// Scores along a training, beside [`RESULT_FILE`].
+pub const CURVE_FILE: &str = "curve.csv";
 /// How the scores beside it were computed.
 pub const SCORING_FILE: &str = "scoring.json";

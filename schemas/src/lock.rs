@@ -214,8 +214,12 @@ fn has_no_locks(error: &io::Error) -> bool {
     error.kind() == io::ErrorKind::Unsupported
 }
 
+/// Returns whether `path` still names the open file: a holder may remove a lock's file between opening and locking.
+///
+/// # Errors
+/// When the system does not tell.
 #[cfg(unix)]
-fn is_still_there(file: &File, path: &Path) -> io::Result<bool> {
+pub fn is_still_there(file: &File, path: &Path) -> io::Result<bool> {
     use std::os::unix::fs::MetadataExt;
     let open = file.metadata()?;
     match fs::symlink_metadata(path) {
@@ -225,9 +229,9 @@ fn is_still_there(file: &File, path: &Path) -> io::Result<bool> {
     }
 }
 
-/// Open files cannot be removed there.
+/// Returns whether `path` is a file: open files cannot be removed on this system.
 #[cfg(not(unix))]
-fn is_still_there(_: &File, path: &Path) -> io::Result<bool> {
+pub fn is_still_there(_: &File, path: &Path) -> io::Result<bool> {
     Ok(path.is_file())
 }
 

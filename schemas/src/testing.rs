@@ -1,6 +1,14 @@
-//! For tests of all crates: saying that one was skipped.
+//! Support for the tests of all crates: skipped tests, and a [`Progress`] that keeps its notes.
 
-use std::{fmt::Display, fs::File, io::Write};
+use std::{
+    fmt::Display,
+    fs::File,
+    io::Write,
+    mem,
+    sync::{Mutex, PoisonError},
+};
+
+use crate::progress::Progress;
 
 /// Names the file in which skipped tests are counted; `scripts/test` sets it and prints it.
 const LIST_VARIABLE: &str = "OMNILIFE_SKIPPED_TESTS";
@@ -24,5 +32,27 @@ pub fn skip(reason: impl Display) {
         .and_then(|mut file| file.write_all(line.as_bytes()));
     if let Err(error) = written {
         println!("{}: {error}", list.display());
+    }
+}
+
+/// Keeps every note and reports nothing.
+#[derive(Debug, Default)]
+pub struct Notes(Mutex<Vec<String>>);
+
+impl Notes {
+    /// Returns the notes since the last call, in their order.
+    pub fn take(&self) -> Vec<String> {
+        mem::take(&mut self.0.lock().unwrap_or_else(PoisonError::into_inner))
+    }
+}
+
+impl Progress for Notes {
+    fn begin(&self, _: &str, _: Option<u64>) {}
+    fn advance(&self, _: u64) {}
+    fn status(&self, _: &str) {}
+    fn end(&self) {}
+    fn note(&self, line: &str) {
+        let mut notes = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        notes.push(line.to_owned());
     }
 }

@@ -63,7 +63,7 @@ def detected(options, path):
         return scenedetect(path)
     return json.loads(subprocess.check_output(
         [options.omnilife, "--quiet", "curate", "boundaries", str(path),
-         "--detector", options.detector] + (["--fast"] if options.fast else [])))
+         "--detector", options.detector]))
 
 
 def scenedetect(path):
@@ -108,7 +108,7 @@ def judge(options, title, clips):
     kinds = ", ".join(f"{kind} {hits}/{all_}" for kind, (hits, all_) in sorted(by_kind.items()))
     extents.sort()
     middle = extents[len(extents) // 2] if extents else 0.0
-    print(f"| {title} | {options.detector}{' --fast' if options.fast else ''} | {options.tolerance} | {total['truth']} | "
+    print(f"| {title} | {options.detector} | {options.tolerance} | {total['truth']} | "
           f"{precision:.3f} | {recall:.3f} | {f1:.3f} | {kinds} | {middle:.3f} |", flush=True)
 
 
@@ -119,7 +119,6 @@ def main():
     parser.add_argument("--detector", default="histogram")
     parser.add_argument("--tolerance", type=float, default=0.1)
     parser.add_argument("--clips", type=pathlib.Path)
-    parser.add_argument("--fast", action="store_true")
     parser.add_argument("--list", action="store_true")
     options = parser.parse_args()
     print("| set | detector | tolerance (s) | boundaries | precision | recall | F1 | found by kind | "

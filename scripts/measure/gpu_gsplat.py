@@ -1,4 +1,4 @@
-"""A training step of gsplat on six cube faces, beside that of `bench renderer` on an equirectangular image of
+"""A training step of gsplat on six cube faces, beside that of the bench `steps` on an equirectangular image of
 the same resolution at the equator: faces of a quarter of its columns.
 
     python3 gpu_gsplat.py GAUSSIANS WIDTHS STEPS    # lists; a JSON line for each size
@@ -21,7 +21,7 @@ DOWN = np.array([[0, 1, 0]] * 4 + [[0, 0, 1], [0, 0, -1]], float)
 
 
 def scene(count):
-    """What `bench renderer` draws (`step_cost/scene.rs`), by another generator: Gaussians all around, as wide as
+    """The scene of the bench `steps` (`scene.rs`), by another generator: Gaussians all around, as wide as
     the distance to their neighbours, flattened and turned, 1 to 10 units away."""
     random = np.random.default_rng(1)
     index = np.arange(count)

@@ -6,7 +6,6 @@
 
 import hashlib
 import json
-import re
 import sys
 from pathlib import Path
 
@@ -14,16 +13,13 @@ from pathlib import Path
 BEFORE = json.loads((Path(__file__).parent / "gpu_before.json").read_text())
 
 
-def rows(text):
-    """The tables of a Markdown text, each as rows of cells."""
-    tables, table = [], []
-    for line in text.splitlines():
-        if line.startswith("|"):
-            table.append([cell.strip() for cell in line.strip().strip("|").split("|")])
-        elif table:
-            tables.append(table)
-            table = []
-    return tables + ([table] if table else [])
+def read(path):
+    """The lines of a file of the bench `steps`."""
+    return [json.loads(line) for line in path.read_text().splitlines()] if path.exists() else []
+
+
+def size_of(row):
+    return f"{row['gaussians']:,} at {row['width']}x{row['width'] // 2}"
 
 
 def table(head, body):
@@ -32,36 +28,65 @@ def table(head, body):
     return "\n".join(lines) + "\n"
 
 
+def milliseconds(seconds):
+    return "-" if seconds is None else f"{1e3 * seconds:.2f}"
+
+
+def device(out):
+    """The adapter, in words."""
+    for row in read(out / "costs.jsonl"):
+        if cost := row.get("measured"):
+            threads = cost["subgroup_size"]
+            sums = f"subgroups of {threads} threads at least" if threads else "the memory of workgroups"
+            copied = f"{1e-9 * cost['copied_per_second']:.1f} GB/s"
+            return f"On {cost['device']}. It copies {copied}, read and written. Sums over pixels in {sums}."
+    return "No size was measured."
+
+
+def densification(cost):
+    decided, after = cost["decision_seconds"], cost["device_seconds"]
+    return (
+        f"{milliseconds(decided + after)} ({milliseconds(decided)} until decided, {milliseconds(after)} after; "
+        f"{cost['bytes_read']} bytes read, {cost['made']} made)"
+    )
+
+
+def slowest_stages(cost):
+    """The four slowest stages, with their shares of a step and of a copy's bandwidth."""
+    stages = [stage for stage in cost["stages"] if stage["seconds"] is not None]
+    total = sum(stage["seconds"] for stage in stages) or 1.0
+    texts = []
+    for stage in sorted(stages, key=lambda stage: -stage["seconds"])[:4]:
+        seconds = stage["seconds"]
+        share = f"{100 * stage['bytes'] / seconds / cost['copied_per_second']:.0f} %" if seconds else "-"
+        texts.append(f"{stage['name']} {100 * seconds / total:.0f} % ({share} of bandwidth)")
+    return ", ".join(texts)
+
+
+def kernels(cost):
+    return sum(stage["kernels"] for stage in cost["stages"])
+
+
 def costs(out, kind):
-    """One row for each size: what `bench renderer` says of a step, and the slowest stages."""
-    body, device = [], ""
-    for path in sorted(
-        out.glob(f"cost-{kind}-*.md"), key=lambda path: [int(n) for n in re.findall(r"\d+", path.stem)]
-    ):
-        width, count = (int(number) for number in re.findall(r"\d+", path.stem))
-        size = f"{count:,} at {width}x{width // 2}"
-        text = path.read_text()
-        found = rows(text)
-        if len(found) < 2:
-            body.append([size, text.strip()] + ["-"] * 7)
+    """One row for each size: costs of a step, and the slowest stages."""
+    body = []
+    for row in read(out / "costs.jsonl"):
+        if row["kind"] != kind:
             continue
-        device = text.split("\n\n")[0].replace("\n", " ")
-        stages = [(row[0], float(row[1]), row[4]) for row in found[0][2:] if row[1] != "-"]
-        total = sum(milliseconds for _, milliseconds, _ in stages) or 1.0
-        slowest = sorted(stages, key=lambda stage: -stage[1])[:4]
-        slowest = ", ".join(f"{name} {100 * ms / total:.0f} % ({share} of bandwidth)" for name, ms, share in slowest)
-        step = {row[0]: row[1] for row in found[1][2:]}
+        cost = row.get("measured")
+        if cost is None:
+            body.append([size_of(row), row["error"]] + ["-"] * 7)
+            continue
         body.append(
             [
-                size,
-                step["wall ms of a step"],
-                step["steps a second"],
-                step["kernels of a step"],
-                f"{int(step['bytes read back in 1,000 iterations']):,}",
-                step["ms of a densification that needs more room"],
-                step["ms of one within its room"],
-                step["CPU ms of a step"],
-                slowest,
+                size_of(row),
+                milliseconds(cost["wall_seconds"]),
+                f"{1 / cost['wall_seconds']:.1f}",
+                kernels(cost),
+                f"{cost['bytes_read']:,}",
+                *[densification(density) for density in cost["densifications"]],
+                milliseconds(cost["cpu_seconds"]),
+                slowest_stages(cost),
             ]
         )
     head = [
@@ -75,13 +100,7 @@ def costs(out, kind):
         "CPU ms a step",
         "slowest stages",
     ]
-    return device, table(head, body)
-
-
-def densification(text):
-    """Of a cell of `bench renderer`: milliseconds until the host goes on, bytes read, and what is made."""
-    found = re.search(r"\(([\d.]+) until decided, .*; (\d+) bytes read, (\d+) made\)", text)
-    return found.groups() if found else ("-",) * 3
+    return table(head, body)
 
 
 def counted(out):
@@ -92,26 +111,24 @@ def counted(out):
         "host ms of a densification",
         "made for a densification",
     ]
+    rows = {row["kind"]: row for row in read(out / "counted.jsonl")}
     body = []
     for kind, before in BEFORE.items():
-        size = f"{before['gaussians']:,} at {before['width']}x{before['width'] // 2}"
-        body.append([f"{kind}, {size}, {before['commit']}"] + [before[name] for name in names])
-        path = out / f"counted-{kind}.md"
-        text = path.read_text() if path.exists() else "not counted"
-        found = rows(text)
-        if len(found) < 2:
-            body.append([f"{kind}, now", text.strip()] + ["-"] * 3)
+        body.append([f"{kind}, {size_of(before)}, {before['commit']}"] + [before[name] for name in names])
+        row = rows.get(kind, {})
+        cost = row.get("measured")
+        if cost is None:
+            body.append([f"{kind}, now", row.get("error", "not counted")] + ["-"] * 3)
             continue
-        step = {row[0]: row[1] for row in found[1][2:]}
-        larger = densification(step["ms of a densification that needs more room"])
-        within = densification(step["ms of one within its room"])
+        larger, within = cost["densifications"]
+        ms = [milliseconds(density["decision_seconds"]) for density in (larger, within)]
         body.append(
             [
                 f"{kind}, now",
-                step[names[0]],
-                f"{int(step[names[1]]):,}",
-                f"{larger[0]} for more room, {within[0]} within it ({within[1]} bytes read)",
-                f"{larger[2]} for more room, {within[2]} within it",
+                kernels(cost),
+                f"{cost['bytes_read']:,}",
+                f"{ms[0]} for more room, {ms[1]} within it ({within['bytes_read']} bytes read)",
+                f"{larger['made']} for more room, {within['made']} within it",
             ]
         )
     head = [
@@ -127,14 +144,12 @@ def counted(out):
 def stage_bytes(out):
     """What the buffers of each stage take if each passes once for each kernel."""
     stages, kinds = {}, []
-    for kind in BEFORE:
-        path = out / f"counted-{kind}.md"
-        found = rows(path.read_text()) if path.exists() else []
-        if len(found) < 2:
-            continue
-        kinds.append(kind)
-        for row in found[0][2:]:
-            stages.setdefault(row[0], {})[kind] = row[2:4]
+    for row in read(out / "counted.jsonl"):
+        if cost := row.get("measured"):
+            kinds.append(row["kind"])
+            for stage in cost["stages"]:
+                cells = [stage["kernels"], f"{1e-6 * stage['bytes']:.1f}"]
+                stages.setdefault(stage["name"], {})[row["kind"]] = cells
     none = ["-", "-"]
     body = [
         [name] + [cell for kind in kinds for cell in cells.get(kind, none)] for name, cells in stages.items()
@@ -147,14 +162,15 @@ def peer(out):
     path = out / "gsplat.jsonl"
     if not path.exists():
         return "gsplat was left out: `python3` did not have it, or torch had no GPU.\n"
+    ours = {
+        (row["gaussians"], row["width"]): milliseconds(row["measured"]["wall_seconds"])
+        for row in read(out / "costs.jsonl")
+        if row["kind"] == "static" and row.get("measured")
+    }
     body = []
-    for line in path.read_text().splitlines():
-        row = json.loads(line)
-        count, width = row["gaussians"], row["width"]
-        ours = rows((out / f"cost-static-{width}-{count}.md").read_text())
-        step = {cells[0]: cells[1] for cells in ours[1][2:]} if len(ours) > 1 else {}
-        theirs = number(1e3 * row["seconds"]) if "seconds" in row else row["error"]
-        body.append([f"{count:,} at {width}x{width // 2}", step.get("wall ms of a step", "-"), theirs])
+    for row in read(path):
+        theirs = milliseconds(row["seconds"]) if "seconds" in row else row["error"]
+        body.append([size_of(row), ours.get((row["gaussians"], row["width"]), "-"), theirs])
     return table(["Gaussians, image", "ms a step", "gsplat, six faces of a quarter of the columns"], body)
 
 
@@ -236,15 +252,13 @@ def main():
     if sys.argv[1:] == ["sizes"]:
         return sizes()
     out = Path(sys.argv[1])
-    device, static = costs(out, "static")
-    _, dynamic = costs(out, "dynamic")
     failed = (out / "failed.txt").read_text().split()
-    print(device + "\n")
+    print(device(out) + "\n")
     print(stability(out))
     print("What is counted, before and now:\n\n" + counted(out))
     print("The same sizes by stage, as if every buffer passed once for each kernel:\n\n" + stage_bytes(out))
-    print("Static Gaussians:\n\n" + static)
-    print("Gaussians with times, and all losses of Omni4DGS:\n\n" + dynamic)
+    print("Static Gaussians:\n\n" + costs(out, "static"))
+    print("Gaussians with times, and all losses of Omni4DGS:\n\n" + costs(out, "dynamic"))
     print("Beside gsplat, static Gaussians (ours with SSIM, gsplat with L1 alone):\n\n" + peer(out))
     print("Scores of short runs on both backends:\n\n" + compared(out))
     print("Long runs on the GPU:\n\n" + long_runs(out))

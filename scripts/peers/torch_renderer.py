@@ -4,7 +4,7 @@ A compact reference to compare speed with, not to train with: the equations of
 reconstruct/engine/src/{render/project,render/raster,losses/photometric,parameters/adam}, tile by tile so that memory suffices. Footprints
 near the poles stay ellipses here (0.4 % of the sphere), so losses agree to a few per mille only.
 
-Reads the folder that `cargo bench --bench profile -- --export FOLDER` writes; prints one JSON line.
+Reads the folder that `cargo bench --bench steps -- profile --export FOLDER` writes; prints one JSON line.
 """
 
 import argparse

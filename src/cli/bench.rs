@@ -218,40 +218,12 @@ pub(crate) enum BenchCommand {
     ///
     /// Exit code 1 where a case is not as good as it has to be.
     Stability {
-        /// Folder for stability.json, stability.md and the drawings.
+        /// Folder for stability.json, stability.csv, stability.md and the drawings.
         #[arg(long)]
         out: Option<PathBuf>,
         /// What computes; both by default, where there is a GPU.
         #[arg(long, value_enum)]
         backend: Option<BackendArgument>,
-    },
-    /// What a training step costs, stage by stage, on random scenes of these sizes.
-    ///
-    /// On a GPU the stages have the device's times, the kernels they start, and what their buffers take if each
-    /// passes once for each kernel, with the share of a copy's bandwidth that this is; beside them stands
-    /// what the host reads back and what density control costs it.
-    Renderer {
-        /// What computes.
-        #[arg(long, value_enum, default_value = "cpu")]
-        backend: BackendArgument,
-        /// Numbers of Gaussians.
-        #[arg(long, value_delimiter = ',', default_values_t = [50_000], value_parser = clap::value_parser!(u64).range(1..=100_000_000))]
-        gaussians: Vec<u64>,
-        /// Columns of the images, pixels; rows are half as many.
-        #[arg(long, value_delimiter = ',', default_values_t = [512], value_parser = clap::value_parser!(u32).range(16..=16_384))]
-        widths: Vec<u32>,
-        /// Gaussians have times of their own, and all losses of Omni4DGS.
-        #[arg(long)]
-        dynamic: bool,
-        /// A network deforms the Gaussians, as in Deformable-GS.
-        #[arg(long, conflicts_with = "dynamic")]
-        deformable: bool,
-        /// Steps that are measured; of a stage the least counts.
-        #[arg(long, default_value_t = 15, value_parser = clap::value_parser!(u64).range(1..))]
-        steps: u64,
-        /// Markdown file for the tables.
-        #[arg(long)]
-        out: Option<PathBuf>,
     },
     /// Error against run time: time to quality, quality after a time, area, Pareto front.
     Curve {

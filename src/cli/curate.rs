@@ -132,12 +132,8 @@ pub(crate) enum CurateCommand {
         #[command(flatten)]
         detector: DetectorArguments,
         /// Also writes the detector's signals, one row per frame, as a Parquet table.
-        #[arg(long, value_name = "FILE", conflicts_with = "fast")]
+        #[arg(long, value_name = "FILE")]
         signals: Option<PathBuf>,
-        /// Decodes only key frames and what they and the sizes of packets mark as candidates; may miss
-        /// what begins and ends between two key frames.
-        #[arg(long)]
-        fast: bool,
     },
     /// Who said what about the boundaries of a curated video, and what follows.
     #[command(subcommand)]

@@ -174,7 +174,6 @@ pub(crate) const EXAMPLES: &[Examples] = &[
             "reconstruct export gaussians.ply --up 0,-1,0 --out ASSET",
         ],
     ),
-    ("reconstruct serve", &["reconstruct serve ASSET"]),
     ("reconstruct atlas", &["reconstruct atlas RUN --out ATLAS"]),
     (
         "reconstruct edit",
@@ -229,13 +228,6 @@ pub(crate) const EXAMPLES: &[Examples] = &[
         &[
             "bench stability --out REPORT",
             "bench stability --backend cpu",
-        ],
-    ),
-    (
-        "bench renderer",
-        &[
-            "bench renderer --gaussians 50000,200000 --widths 512,1024",
-            "bench renderer --backend gpu --dynamic --out renderer.md",
         ],
     ),
     (

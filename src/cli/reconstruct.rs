@@ -374,14 +374,6 @@ pub(crate) enum ReconstructCommand {
     Render(RenderArguments),
     /// Writes Gaussians as levels of detail (.splat) for web viewers, with a record and a page.
     Export(AssetArguments),
-    /// Serves an exported asset on 127.0.0.1, for levels that are too large for a page.
-    Serve {
-        /// Folder of the asset.
-        asset: PathBuf,
-        /// Port; 0 takes a free one.
-        #[arg(long, default_value_t = 8360)]
-        port: u16,
-    },
     /// Writes the atlas of a run of nag: an RGBA image of each object and of the background.
     Atlas {
         /// The run's folder.

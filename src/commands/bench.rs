@@ -8,7 +8,6 @@ use omnilife_bench::{
     diagnose, frames_without_content, protocols, record_failure, run_external, score,
     split_scene_under, tracking::compare_tracks, write_adapter,
 };
-use omnilife_reconstruct::step_cost::{CostRequest, SceneKind};
 use omnilife_schemas::{
     ErrorKind,
     lock::FolderLock,
@@ -17,7 +16,7 @@ use omnilife_schemas::{
     store,
 };
 
-use super::{ablate, bench_renderer, bench_run, bench_scores, bench_stability, note_far_frames};
+use super::{ablate, bench_run, bench_scores, bench_stability, note_far_frames};
 use crate::{
     cli::BenchCommand,
     exit::{self, BadRequest, PartialFailure},
@@ -213,31 +212,6 @@ pub(crate) fn execute(command: &BenchCommand, progress: &dyn Progress) -> anyhow
         }
         BenchCommand::Stability { out, backend } => {
             bench_stability::execute(out.as_deref(), *backend, progress)
-        }
-        BenchCommand::Renderer {
-            backend,
-            gaussians,
-            widths,
-            dynamic,
-            deformable,
-            steps,
-            out,
-        } => {
-            let kind = match (dynamic, deformable) {
-                (true, _) => SceneKind::Dynamic,
-                (_, true) => SceneKind::Deformable,
-                _ => SceneKind::Static,
-            };
-            let sizes = gaussians.iter();
-            let sizes = sizes.flat_map(|&count| widths.iter().map(move |&width| (count, width)));
-            let requests = sizes.map(|(count, width)| CostRequest {
-                backend: (*backend).into(),
-                gaussians: count as usize,
-                width,
-                kind,
-                steps: *steps,
-            });
-            bench_renderer::execute(requests.collect(), out.as_deref(), progress)
         }
         BenchCommand::Curve {
             runs,

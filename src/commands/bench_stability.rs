@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use omnilife_bench::{stability_failures, stability_table, write_stability};
+use omnilife_bench::{stability_failures, stability_page, write_stability};
 use omnilife_reconstruct::stability::{
     self,
     devices::{Device, DeviceKind},
@@ -14,7 +14,7 @@ use crate::{
     exit::{self, BadRequest, PartialFailure},
 };
 
-/// Runs the catalogue, prints the table, and fails where a case fails. A backend that was asked for
+/// Runs the catalogue, prints the page, and fails where a case fails. A backend that was asked for
 /// and is not there is a bad request; one that was not asked for is told in the report.
 pub(crate) fn execute(
     out: Option<&Path>,
@@ -39,7 +39,7 @@ pub(crate) fn execute(
         let _lock = FolderLock::take(out, progress)?;
         write_stability(&report, out)?;
     }
-    exit::print(&stability_table(&report))?;
+    exit::print(&stability_page(&report))?;
     let failed = stability_failures(&report);
     if failed.is_empty() {
         return Ok(());

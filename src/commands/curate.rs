@@ -5,8 +5,7 @@ use std::path::{Path, PathBuf};
 use omnilife_curate::{
     CurateError, CurateSettings, CuratedDataset, Place, Worker, analysis,
     audit::{self, PageRequest},
-    boundaries::{self, key_frame_prefilter},
-    curate_dataset_in, curate_video,
+    boundaries, curate_dataset_in, curate_video,
     dense::{DenseRequest, make_dense},
     expand_inputs, left_out_of_folders, origins, pose_sequence_with, projection,
     publish::{self, PublishSettings},
@@ -42,14 +41,7 @@ pub(crate) fn execute(command: &CurateCommand, progress: &dyn Progress) -> anyho
         CurateCommand::Boundaries {
             video,
             detector,
-            fast: true,
-            ..
-        } => prefiltered_boundaries(video, &detector.detector, progress),
-        CurateCommand::Boundaries {
-            video,
-            detector,
             signals,
-            fast: false,
         } => {
             if let Some(path) = signals {
                 refuse_another_kind(path, PARQUET_MAGIC)?;
@@ -249,20 +241,6 @@ fn build(arguments: &BuildArguments, progress: &dyn Progress) -> anyhow::Result<
     }
     outcomes.as_result()?;
     printed
-}
-
-fn prefiltered_boundaries(
-    video: &Path,
-    detector: &str,
-    progress: &dyn Progress,
-) -> anyhow::Result<()> {
-    let detector = boundaries::detector(detector, video)?;
-    let search = key_frame_prefilter::search(video, detector, progress)?;
-    progress.note(&format!(
-        "{} of {} segments between key frames are candidate; {} frames were decoded for {}",
-        search.candidate, search.segments, search.decoded_frames, search.frames
-    ));
-    print_json(&search.boundaries)
 }
 
 /// Curates one video. One that the criteria keep out is an outcome and no failure: the dataset says

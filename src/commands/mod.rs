@@ -3,7 +3,6 @@
 mod ablate;
 mod attach;
 pub(crate) mod bench;
-mod bench_renderer;
 mod bench_run;
 mod bench_scores;
 mod bench_stability;

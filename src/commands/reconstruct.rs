@@ -6,8 +6,7 @@ use omnilife_reconstruct::{
     jobs::{
         atlas,
         edit::{self, EditRequest},
-        export::{self, serve::Server},
-        plan_cost,
+        export, plan_cost,
         reconstruct::{self, ReconstructRequest},
         render,
     },
@@ -101,15 +100,6 @@ pub(crate) fn execute(command: &ReconstructCommand, progress: &dyn Progress) -> 
         }
         ReconstructCommand::Render(arguments) => render(arguments, progress),
         ReconstructCommand::Export(arguments) => export(arguments, progress),
-        ReconstructCommand::Serve { asset, port } => {
-            let server = Server::listen(asset, *port)?;
-            exit::print(&format!(
-                "http://{}/ (ends with Ctrl-C)\n",
-                server.address()?
-            ))?;
-            server.run();
-            Ok(())
-        }
         ReconstructCommand::Atlas { run, out } => {
             let files = atlas::export(run, out, progress)?;
             exit::print(&format!("{} files in {}\n", files.len(), out.display()))

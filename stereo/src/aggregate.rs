@@ -6,9 +6,9 @@
 //! L(p, k) = C(p, k) + min(L(p', k), L(p', k +- 1) + P1, min_j L(p', j) + P2) - min_j L(p', j)
 //! ```
 //!
-//! with `p'` before `p`. Sums over four paths: along the row both ways, along the column both ways.
-//! Where rows are circles, a path begins a quarter turn before its first pixel, so that the seam is like
-//! any other place. A jump of depth costs less where the image has an edge.
+//! with `p'` before `p`. Sums are over four paths: along the row both ways, along the column both ways. If rows are
+//! circles, a path starts a quarter turn before its first pixel, so that the seam is like any other place. A jump of
+//! depth costs less at an edge of the image.
 
 use rayon::prelude::*;
 
@@ -22,7 +22,7 @@ const P2_LEAST: u16 = 30;
 /// Difference of grey values at which the cost of a jump has halved, in [0, 1].
 const EDGE: f32 = 0.03;
 
-/// Columns that one task takes in a vertical path.
+/// Columns of one task in a vertical path.
 const COLUMNS: usize = 32;
 
 /// Sums of path costs, laid out as the costs.
@@ -63,7 +63,7 @@ pub fn aggregated<const C: usize>(
                 let mut path = Path::new(count);
                 let mut before = None;
                 for step in 0..width + lead {
-                    // Forward the path ends in the last column, backward in the first.
+                    // Forwards the path ends in the last column, backwards in the first.
                     let along = (step + width - lead) % width;
                     let column = if is_backward {
                         width - 1 - along
@@ -111,7 +111,7 @@ pub fn aggregated<const C: usize>(
     }
 }
 
-/// Cost of a jump between two pixels.
+/// Returns the cost of a jump between two pixels.
 fn jump(before: f32, here: f32) -> u16 {
     let edge = (before - here).abs() / EDGE;
     ((P2_MOST / (1.0 + edge)) as u16).max(P2_LEAST)

@@ -12,11 +12,11 @@ use rayon::prelude::*;
 
 use crate::RowEnds;
 
-/// Costs are 0 to this.
+/// Largest cost; the least is 0.
 pub const LARGEST_COST: u8 = 254;
 /// Difference of colours at which its part of the cost has reached 63 %, in 1/255.
 const COLOUR_SCALE: f32 = 10.0;
-/// The same for differing neighbours.
+/// The same for the number of differing neighbours.
 const CENSUS_SCALE: f32 = 8.0;
 /// Rows and columns of neighbours on each side.
 const CENSUS_REACH: i64 = 2;
@@ -35,7 +35,7 @@ pub struct CostVolume {
 }
 
 impl CostVolume {
-    /// From the costs of all pixels by hypothesis.
+    /// Arranges the costs of all pixels by hypothesis.
     pub fn of_planes(width: usize, height: usize, planes: &[Vec<u8>]) -> Self {
         let count = planes.len();
         let mut costs = vec![0; width * height * count];
@@ -58,10 +58,10 @@ impl CostVolume {
     }
 }
 
-/// The cost of a pixel that the other image does not show.
+/// The cost of a pixel that is missing in the other image.
 pub const UNKNOWN_COST: u8 = u8::MAX;
 
-/// An image of `C` channels (1 or 3, in [0, 1]) that others are compared with.
+/// An image of `C` channels (1 or 3, in [0, 1]), prepared for comparison with others.
 #[derive(Debug)]
 pub struct Matcher<'a, const C: usize> {
     pixels: &'a [[f32; C]],
@@ -83,8 +83,8 @@ impl<'a, const C: usize> Matcher<'a, C> {
         }
     }
 
-    /// The cost of every pixel against an image of the same size on the same grid, 0 to [`LARGEST_COST`];
-    /// [`UNKNOWN_COST`] where that is not a number.
+    /// Returns the cost of every pixel against an image of the same size on the same grid, 0 to [`LARGEST_COST`];
+    /// [`UNKNOWN_COST`] for NaN.
     pub fn costs(&self, other: &[[f32; C]]) -> Vec<u8> {
         let census = census(other, self.width, self.ends);
         let pixels = self.pixels.iter().zip(other);
@@ -98,7 +98,7 @@ impl<'a, const C: usize> Matcher<'a, C> {
     }
 }
 
-/// The costs by the differences of colour, in 1/255, and the bits of both images.
+/// Combines the costs of colour differences, in 1/255, and of the census bits of both images.
 #[multiversion::multiversion(targets("x86_64+avx2+popcnt"))]
 fn combined(differences: &[f32], [a, b]: [&[u32]; 2], tables: &Tables) -> Vec<u8> {
     differences
@@ -116,7 +116,7 @@ fn combined(differences: &[f32], [a, b]: [&[u32]; 2], tables: &Tables) -> Vec<u8
         .collect()
 }
 
-/// For every pixel, one bit for each of its 24 neighbours: whether it is there and darker.
+/// Returns for every pixel one bit for each of its 24 neighbours: set if it exists and is darker.
 fn census<const C: usize>(pixels: &[[f32; C]], width: usize, ends: RowEnds) -> Vec<u32> {
     let height = pixels.len() / width;
     let grey: Vec<f32> = pixels
@@ -140,7 +140,7 @@ fn census<const C: usize>(pixels: &[[f32; C]], width: usize, ends: RowEnds) -> V
                 let (bits, grey) = (&mut bits[begin..begin + width], &grey[begin..begin + width]);
                 let (bits_of_after, bits_of_before) = bits.split_at_mut(after.len());
                 let (grey_of_after, grey_of_before) = grey.split_at(after.len());
-                // Of a step to the left, what is beyond the end is `after`; to the right, `before`.
+                // For a step to the left, `after` is beyond the end; for one to the right, `before`.
                 let is_open = ends == RowEnds::Open;
                 add_bits(bits_of_after, grey_of_after, after, is_open && step_x < 0);
                 add_bits(
@@ -166,7 +166,7 @@ fn add_bits(bits: &mut [u32], grey: &[f32], neighbours: &[f32], are_beyond: bool
     }
 }
 
-/// The two parts of the cost for every value of what they depend on.
+/// The two parts of the cost, tabulated over their arguments.
 #[derive(Debug)]
 struct Tables {
     colour: [u8; 256],
@@ -221,7 +221,7 @@ mod tests {
         assert_eq!(unknown, [40]);
     }
 
-    /// Bit by bit as the definition has it.
+    /// Compares the bits with the definition.
     #[test]
     fn census_bits_are_of_the_neighbours_that_are_there() {
         let image = image();

@@ -1,8 +1,8 @@
-//! Which hypothesis of distance fits each pixel of an image best, whatever a hypothesis is: a sphere about
-//! the camera (`omnilife-reconstruct`), a plane before it (`omnilife-curate`).
+//! Choice of the best hypothesis of distance for each pixel of an image, for any kind of hypothesis: a sphere about the
+//! camera (`omnilife-reconstruct`), a plane before it (`omnilife-curate`).
 //!
 //! ```text
-//! cost       how unlike an image and another one are that was brought onto its grid
+//! cost       dissimilarity of an image and another one warped onto its grid
 //! aggregate  semi-global smoothing of the costs of all hypotheses
 //! minimum    the best hypothesis, to a fraction of a step
 //! ```
@@ -15,11 +15,11 @@ pub use aggregate::{PathSums, aggregated};
 pub use cost::{CostVolume, LARGEST_COST, Matcher, UNKNOWN_COST};
 pub use minimum::{BestHypothesis, best};
 
-/// What lies beyond the ends of an image's rows.
+/// Boundary condition at the ends of an image's rows.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum RowEnds {
-    /// The row is a circle: beyond its end is its beginning.
+    /// The row is a circle: beyond its end is its start.
     Joined,
-    /// Nothing.
+    /// Nothing lies beyond.
     Open,
 }

@@ -4,21 +4,19 @@ use rayon::prelude::*;
 
 use crate::PathSums;
 
-/// Cost by which a hypothesis that is no neighbour has to be worse for full confidence, of the sum
-/// over all paths.
+/// Margin of a hypothesis over all but its neighbours for full confidence, relative to the sum over all paths.
 const CLEAR_MARGIN: f32 = 0.25;
 
-/// What a pixel's sums say.
+/// Minimum of a pixel's sums.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct BestHypothesis {
     /// Number of the hypothesis, to a fraction.
     pub steps: f32,
-    /// How much worse all others are that are no neighbours, 0 to 1.
+    /// Margin over all other hypotheses except its neighbours, 0 to 1.
     pub confidence: f32,
 }
 
-/// The best hypothesis of every pixel, to a fraction of a step by a parabola through it and its
-/// neighbours.
+/// Returns the best hypothesis of every pixel, to a fraction of a step by a parabola through it and its neighbours.
 pub fn best(sums: &PathSums) -> Vec<BestHypothesis> {
     sums.sums
         .par_chunks_exact(sums.count)
@@ -40,8 +38,7 @@ pub fn best(sums: &PathSums) -> Vec<BestHypothesis> {
         .collect()
 }
 
-/// The smallest sum (the farthest one of equals), and where the parabola through it has its vertex,
-/// in steps.
+/// Returns the smallest sum (the farthest one of equals), and the vertex of the parabola through it, in steps.
 fn minimum(sums: &[u16]) -> (usize, f32) {
     let mut best = 0;
     for (k, sum) in sums.iter().enumerate() {

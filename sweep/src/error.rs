@@ -1,4 +1,4 @@
-//! Why a sweep could not be planned, run or submitted.
+//! Errors of planning, running and submitting a sweep.
 
 use std::path::PathBuf;
 
@@ -6,13 +6,13 @@ use omnilife_schemas::{Classified, ErrorKind, store::StoreError};
 
 /// An error of this crate. Messages are one line that names the file or unit and the reason.
 ///
-/// A unit that fails is no error but a row in the sweep's table.
+/// A failed unit is not an error but a row in the sweep's table.
 #[derive(Debug, thiserror::Error)]
 pub enum SweepError {
     /// A file could not be read or written.
     #[error(transparent)]
     Store(#[from] StoreError),
-    /// The units given make no plan.
+    /// The given units make no plan.
     #[error("{reason}")]
     Plan {
         /// One line.
@@ -26,10 +26,10 @@ pub enum SweepError {
         /// One line.
         reason: String,
     },
-    /// No unit of this id.
+    /// Unknown id of a unit.
     #[error("no unit is called {id}; `omnilife sweep status --units` lists them")]
     UnknownUnit {
-        /// The id asked for.
+        /// The id.
         id: String,
     },
     /// Another pool runs the sweep.
@@ -37,16 +37,16 @@ pub enum SweepError {
     Busy {
         /// The sweep.
         folder: PathBuf,
-        /// Who runs it.
+        /// Its runner.
         by: String,
     },
     /// The runner was asked to end and has done so.
     #[error("ended as asked to; units that were under way go on from their checkpoints")]
     Interrupted,
-    /// Slurm did not do what it was asked for.
+    /// A Slurm command failed.
     #[error("{command}: {reason}")]
     Slurm {
-        /// The program of Slurm.
+        /// The Slurm command.
         command: String,
         /// One line.
         reason: String,
@@ -56,7 +56,7 @@ pub enum SweepError {
     Reduce {
         /// The command.
         command: String,
-        /// How it ended, and the last line that it printed.
+        /// Its ending, and its last printed line.
         reason: String,
     },
 }

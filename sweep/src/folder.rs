@@ -1,4 +1,4 @@
-//! A sweep's folder: the plan, and what became of every unit.
+//! A sweep's folder: the plan, and the state of every unit.
 #![cfg_attr(
     not(test),
     deny(clippy::indexing_slicing, clippy::arithmetic_side_effects)
@@ -39,35 +39,35 @@ pub struct Sweep {
     pub plan: SweepPlan,
 }
 
-/// What became of a unit.
+/// State of a unit.
 #[derive(Debug, Clone, PartialEq)]
 pub enum UnitState {
-    /// It is done, with the inputs that there are now.
+    /// Done, with the present inputs.
     Done(Box<UnitOutcome>),
-    /// Its last attempt failed, or its record is no record any more.
+    /// Its last attempt failed, or its record is broken.
     Failed(Box<UnitOutcome>),
-    /// A runner that lives works on it.
+    /// A live runner works on it.
     Running(Box<UnitRunner>),
-    /// It is to be done.
+    /// To be done.
     Missing {
-        /// Why, where there is more to say than that nobody has done it.
+        /// Reason, if there is more to say than that it was never run.
         reason: Option<String>,
     },
 }
 
-/// Whether a unit is finished.
+/// Completion of a unit.
 pub(crate) enum Finished {
-    /// It is done, or failed.
+    /// Done, or failed.
     As(UnitState),
-    /// It is not.
+    /// Not finished.
     Not {
-        /// It was, and this differs since.
+        /// Difference to the finished state, if it was finished once.
         changed: Option<String>,
     },
 }
 
 impl UnitState {
-    /// `done`, `failed`, `running` or `missing`.
+    /// Returns `done`, `failed`, `running` or `missing`.
     pub fn name(&self) -> &'static str {
         match self {
             Self::Done(_) => "done",
@@ -89,10 +89,10 @@ impl Sweep {
         Ok(Self { folder, plan })
     }
 
-    /// The unit of an id.
+    /// Returns the unit of an id.
     ///
     /// # Errors
-    /// When there is none.
+    /// When the id is unknown.
     pub fn unit(&self, id: &str) -> Result<&SweepUnit, SweepError> {
         let mut units = self.plan.units.iter();
         units
@@ -100,7 +100,7 @@ impl Sweep {
             .ok_or_else(|| SweepError::UnknownUnit { id: id.to_owned() })
     }
 
-    /// The folder of a unit's lock, logs and outcome.
+    /// Returns the folder of a unit's lock, logs and outcome.
     pub fn unit_folder(&self, unit: &SweepUnit) -> PathBuf {
         self.folder.join(UNITS_FOLDER).join(&unit.id)
     }
@@ -116,7 +116,7 @@ impl Sweep {
             .collect::<Result<_, StoreError>>()?)
     }
 
-    /// The state of a unit.
+    /// Returns the state of a unit.
     ///
     /// # Errors
     /// When its folder cannot be read.
@@ -134,7 +134,7 @@ impl Sweep {
         })
     }
 
-    /// Whether a unit is finished, whoever holds its lock.
+    /// Returns the completion of a unit, regardless of its lock.
     pub(crate) fn outcome(&self, unit: &SweepUnit) -> Result<Finished, StoreError> {
         let folder = self.unit_folder(unit);
         if let Some(outcome) = outcome_in(unit, &folder.join(DONE_FILE))? {
@@ -153,7 +153,7 @@ impl Sweep {
         }))
     }
 
-    /// What differs between a finished unit and what it would be now.
+    /// Returns the difference between a finished unit and its present plan and inputs.
     fn what_changed(&self, unit: &SweepUnit, outcome: &UnitOutcome) -> Option<String> {
         if outcome.unit_sha256 != plan::unit_hash(unit) {
             return Some("it was done by another version".to_owned());
@@ -179,12 +179,12 @@ impl Sweep {
                 || store::sha256_file(&path).is_ok_and(|sha256| sha256 == input.sha256))
     }
 
-    /// A path of the plan, from the folder in which its commands run.
+    /// Returns a path of the plan, relative to the working folder of its commands.
     pub(crate) fn path(&self, file: &str) -> PathBuf {
         Path::new(&self.plan.folder).join(file)
     }
 
-    /// The inputs of a unit as they are now.
+    /// Returns the present inputs of a unit.
     ///
     /// # Errors
     /// When one cannot be read.
@@ -193,7 +193,7 @@ impl Sweep {
             .iter()
             .map(|file| {
                 let path = self.path(file);
-                // Looked at before it is hashed: a later change shows.
+                // Examined before it is hashed, so that a later change shows.
                 let (bytes, modified_nanoseconds) =
                     size_and_time(&path).map_err(|source| StoreError::read(&path, source))?;
                 Ok(UnitInput {
@@ -206,7 +206,7 @@ impl Sweep {
             .collect()
     }
 
-    /// The outputs of a unit with their sizes; the first one that is missing otherwise.
+    /// Returns the outputs of a unit with their sizes; otherwise the first missing one.
     pub(crate) fn outputs(&self, unit: &SweepUnit) -> Result<Vec<StageOutput>, String> {
         unit.outputs
             .iter()
@@ -239,7 +239,7 @@ impl Sweep {
         store::remove(&folder.join(other))
     }
 
-    /// Makes a failed unit missing again, its lost runners forgotten; false where it did not fail.
+    /// Makes a failed unit missing again and forgets its lost runners; returns false if it did not fail.
     ///
     /// # Errors
     /// When a file cannot be removed.
@@ -262,7 +262,7 @@ pub(crate) fn lost_runner(runner: Option<&UnitRunner>) -> String {
     }
 }
 
-/// An outcome that cannot be read: the unit has failed, until it is done again.
+/// Returns the outcome for an unreadable record: the unit counts as failed until it is done again.
 fn unreadable(unit: &SweepUnit, error: &StoreError) -> UnitOutcome {
     UnitOutcome {
         unit: unit.id.clone(),
@@ -282,7 +282,7 @@ fn unreadable(unit: &SweepUnit, error: &StoreError) -> UnitOutcome {
     }
 }
 
-/// The outcome in a file; `None` where there is none.
+/// Returns the outcome in a file; `None` without the file.
 fn outcome_in(unit: &SweepUnit, path: &Path) -> Result<Option<UnitOutcome>, StoreError> {
     match path.try_exists() {
         Ok(true) => Ok(Some(
@@ -293,7 +293,7 @@ fn outcome_in(unit: &SweepUnit, path: &Path) -> Result<Option<UnitOutcome>, Stor
     }
 }
 
-/// Bytes, and nanoseconds since 1970 at the last change.
+/// Returns bytes, and nanoseconds since 1970 at the last change.
 fn size_and_time(path: &Path) -> std::io::Result<(u64, u64)> {
     let metadata = fs::metadata(path)?;
     let since = metadata.modified()?.duration_since(UNIX_EPOCH);

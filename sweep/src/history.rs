@@ -1,4 +1,4 @@
-//! What units have cost, by group: what others of the group will need.
+//! Measured costs of units, by group: an estimate for others of the group.
 
 use std::collections::BTreeMap;
 
@@ -6,10 +6,10 @@ use omnilife_schemas::records::{SweepUnit, UnitOutcome};
 
 use crate::folder::UnitState;
 
-/// Room above the highest memory measured: units of a group differ a little.
+/// Margin above the highest measured memory: units of a group differ a little.
 const MEMORY_MARGIN: f64 = 1.1;
 
-/// What the units of one group have cost.
+/// Costs of the units of one group.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct GroupCost {
     /// Units that are done.
@@ -18,7 +18,7 @@ pub struct GroupCost {
     pub wall_seconds: f64,
     /// The longest of them, seconds.
     pub longest_seconds: f64,
-    /// Their CPU time, seconds, where the system tells.
+    /// Their CPU time, seconds, if the system reports it.
     pub cpu_seconds: f64,
     /// Highest resident memory of any, failed ones included, bytes.
     pub peak_memory_bytes: Option<u64>,
@@ -31,7 +31,7 @@ pub struct History {
 }
 
 impl History {
-    /// What the units of a plan have cost so far.
+    /// Collects the costs of a plan's units so far.
     pub fn of<'a>(units: impl Iterator<Item = (&'a SweepUnit, &'a UnitState)>) -> Self {
         let mut history = Self::default();
         for (unit, state) in units {
@@ -42,7 +42,7 @@ impl History {
         history
     }
 
-    /// Adds what one unit has cost.
+    /// Adds the costs of one unit.
     pub fn add(&mut self, group: &str, outcome: &UnitOutcome) {
         let cost = self.groups.entry(group.to_owned()).or_default();
         cost.peak_memory_bytes = cost.peak_memory_bytes.max(outcome.peak_memory_bytes);
@@ -54,18 +54,18 @@ impl History {
         }
     }
 
-    /// Every group that has cost something.
+    /// Returns every group with costs.
     pub fn groups(&self) -> impl Iterator<Item = (&str, &GroupCost)> {
         self.groups.iter().map(|(name, cost)| (name.as_str(), cost))
     }
 
-    /// What the units of a group have cost; `None` where none has ended.
+    /// Returns the costs of a group's units; `None` if none has ended.
     pub fn group(&self, name: &str) -> Option<&GroupCost> {
         self.groups.get(name)
     }
 
-    /// The memory to set aside for a unit, bytes: what its group was measured to need, with room
-    /// above, or what it was planned with.
+    /// Returns the memory to reserve for a unit, bytes: the measured need of its group, with a margin, or the planned
+    /// one.
     pub fn memory_bytes(&self, unit: &SweepUnit) -> u64 {
         self.measured_memory_bytes(unit)
             .map_or(unit.needs.memory_bytes, |peak| {
@@ -73,7 +73,7 @@ impl History {
             })
     }
 
-    /// The memory that a unit's group was measured to need, without room above.
+    /// Returns the measured memory of a unit's group, without a margin.
     pub fn measured_memory_bytes(&self, unit: &SweepUnit) -> Option<u64> {
         self.groups.get(&unit.group)?.peak_memory_bytes
     }

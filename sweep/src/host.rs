@@ -1,10 +1,10 @@
-//! What this machine and this process say about themselves.
+//! Identity of this machine and this process.
 
 use std::time::{SystemTime, UNIX_EPOCH};
 
 use omnilife_schemas::{process::host_name, records::UnitRunner};
 
-/// The Slurm job that this process is part of.
+/// Returns the Slurm job of this process.
 fn slurm_job() -> Option<String> {
     let set = |name: &str| std::env::var(name).ok().filter(|value| !value.is_empty());
     match (set("SLURM_ARRAY_JOB_ID"), set("SLURM_ARRAY_TASK_ID")) {
@@ -13,7 +13,7 @@ fn slurm_job() -> Option<String> {
     }
 }
 
-/// This process as a runner.
+/// Returns this process as a runner.
 pub(crate) fn runner() -> UnitRunner {
     UnitRunner {
         host: host_name(),
@@ -22,14 +22,14 @@ pub(crate) fn runner() -> UnitRunner {
     }
 }
 
-/// A runner for people.
+/// Describes a runner for people.
 pub(crate) fn described(runner: &UnitRunner) -> String {
     let job = runner.slurm_job.as_ref();
     let job = job.map_or_else(String::new, |job| format!(", Slurm job {job}"));
     format!("process {} on {}{job}", runner.process, runner.host)
 }
 
-/// Seconds since 1970.
+/// Returns seconds since 1970.
 pub(crate) fn unix_seconds() -> f64 {
     SystemTime::now()
         .duration_since(UNIX_EPOCH)

@@ -4,18 +4,17 @@
 //!
 //! ```text
 //! plan.json                     every unit, written once ([`plan`])
-//! running.json                  who runs it, and has this file locked
-//! units/<id>/running.json       who works on the unit, the same
-//! units/<id>/attempt-<n>.log    what its commands printed
-//! units/<id>/done.json          how it ended ([`folder`]): this or
+//! running.json                  the sweep's runner, which has this file locked
+//! units/<id>/running.json       the unit's runner, the same
+//! units/<id>/attempt-<n>.log    output of its commands
+//! units/<id>/done.json          its outcome ([`folder`]): this or
 //! units/<id>/failed.json        this, or neither while it is missing
 //! units.csv                     one row per unit, failures included ([`status`])
-//! submissions/<n>/              lists of units that were handed to Slurm ([`slurm`])
+//! submissions/<n>/              lists of units submitted to Slurm ([`slurm`])
 //! ```
 //!
-//! What is true is in these files alone: a runner ([`pool`]) holds nothing in memory that is lost with
-//! it, and its locks end with it. One runner works on a sweep, or the tasks of Slurm do, each on the
-//! unit that it was given.
+//! All state is in these files: a runner ([`pool`]) holds nothing in memory that is lost with it, and its locks end
+//! with it. Either one runner works on a sweep, or the tasks of Slurm do, each on its own unit.
 
 pub mod error;
 pub mod folder;

@@ -1,9 +1,8 @@
-//! Who works on a unit, and who runs a whole sweep.
+//! Locks on units and on whole sweeps.
 //!
-//! `running.json` says who it is, and the system's lock on that file whether they still do. The lock
-//! of a unit is handed down to its commands, so that it ends when they and everything that they have
-//! started are gone, however that came about: no clock and no list of processes has to be asked. A
-//! file without a lock was left by a runner that went away.
+//! `running.json` names the holder, and the system's lock on that file shows whether it is alive. A unit's lock is
+//! inherited by its commands, so that it ends when they and all their child processes are gone, for any reason. No
+//! clock or list of processes is needed. A file without a lock was left by a runner that has gone.
 
 use std::{
     fs::{File, OpenOptions, TryLockError},
@@ -12,6 +11,7 @@ use std::{
 };
 
 use omnilife_schemas::{
+    lock::is_still_there,
     records::{RunnerLock, UnitRunner},
     store::{self, StoreError},
 };
@@ -21,18 +21,18 @@ use crate::host;
 /// Name of the file in the folder of a unit or a sweep.
 pub(crate) const LOCK_FILE: &str = "running.json";
 
-/// What a folder's lock says.
+/// State of a folder's lock.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) enum Holder {
-    /// Nobody is there.
+    /// Not locked.
     Nobody,
-    /// This runner, or what its commands have left running.
+    /// Held by this runner, or by processes that its commands left running.
     Runner(Box<UnitRunner>),
-    /// A runner that went away, where it had time to say which.
+    /// Left by a runner that has gone, with its record if that is complete.
     Lost(Option<Box<UnitRunner>>),
 }
 
-/// Looks at a folder's lock and writes nothing.
+/// Reads the state of a folder's lock and writes nothing.
 ///
 /// # Errors
 /// When the file cannot be read, or its file system has no locks.
@@ -57,7 +57,7 @@ pub(crate) fn holder(folder: &Path) -> Result<Holder, StoreError> {
     })
 }
 
-/// Removes what a lost runner has left, unless somebody holds it.
+/// Removes the file of a lost runner, unless the lock is held.
 ///
 /// # Errors
 /// When it cannot be locked or removed.
@@ -75,14 +75,14 @@ pub(crate) fn clear(folder: &Path) -> Result<(), StoreError> {
 #[derive(Debug)]
 pub(crate) struct HeldLock {
     path: PathBuf,
-    /// Holds the lock; so does every process that has a copy.
+    /// The locked file; every process with a copy of it holds the lock.
     pub(crate) file: File,
-    /// Runners that held it before, one after another, and went away.
+    /// Number of consecutive runners that held it before and have gone.
     pub(crate) lost_runners: u32,
 }
 
 impl HeldLock {
-    /// Locks a folder that is there; `None` where somebody else has.
+    /// Locks an existing folder; `None` if it is locked already.
     ///
     /// # Errors
     /// When the file cannot be written, or its file system has no locks.
@@ -98,7 +98,7 @@ impl HeldLock {
                 Err(TryLockError::WouldBlock) => return Ok(None),
                 Err(TryLockError::Error(error)) => return Err(failed(no_locks(error))),
             }
-            // The holder before may have removed it between opening and locking.
+            // The previous holder may have removed it between opening and locking.
             if !is_still_there(&file, &path).map_err(failed)? {
                 continue;
             }
@@ -128,12 +128,12 @@ impl HeldLock {
         }
     }
 
-    /// Lets go, whatever a command has left running.
+    /// Releases the lock, even if a command has left processes running.
     ///
     /// # Errors
     /// When the file cannot be removed.
     pub(crate) fn release(&self) -> Result<(), StoreError> {
-        // Removed before it is let go: whoever locks a removed file finds that out.
+        // Removed before the release: another process that locks a removed file notices that.
         store::remove(&self.path)?;
         self.file
             .unlock()
@@ -141,7 +141,7 @@ impl HeldLock {
     }
 }
 
-/// What stands in the file: `None` where it is empty, `Some(None)` where it is not whole.
+/// Returns the content of the file: `None` if it is empty, `Some(None)` if it is incomplete.
 fn content(file: &mut File) -> io::Result<Option<Option<RunnerLock>>> {
     let mut bytes = Vec::new();
     file.rewind()?;
@@ -149,7 +149,7 @@ fn content(file: &mut File) -> io::Result<Option<Option<RunnerLock>>> {
     Ok((!bytes.is_empty()).then(|| serde_json::from_slice(&bytes).ok()))
 }
 
-/// A runner of which nothing is known.
+/// Returns an unknown runner.
 pub(crate) fn unknown() -> UnitRunner {
     UnitRunner {
         host: "unknown".to_owned(),
@@ -163,23 +163,6 @@ fn no_locks(error: io::Error) -> io::Error {
         error.kind(),
         format!("cannot be locked ({error}); a sweep needs a file system with locks"),
     )
-}
-
-#[cfg(unix)]
-fn is_still_there(file: &File, path: &Path) -> io::Result<bool> {
-    use std::os::unix::fs::MetadataExt;
-    let held = file.metadata()?;
-    match std::fs::symlink_metadata(path) {
-        Ok(there) => Ok((there.dev(), there.ino()) == (held.dev(), held.ino())),
-        Err(error) if error.kind() == ErrorKind::NotFound => Ok(false),
-        Err(error) => Err(error),
-    }
-}
-
-/// Open files cannot be removed there.
-#[cfg(not(unix))]
-fn is_still_there(_: &File, path: &Path) -> io::Result<bool> {
-    Ok(path.is_file())
 }
 
 #[cfg(test)]
@@ -229,7 +212,7 @@ mod tests {
         Ok(())
     }
 
-    /// A file alone holds nothing: half-written, of the future, or of whatever process.
+    /// A file without a lock holds nothing: half-written, of the future, or of any process.
     #[test]
     fn a_file_without_a_lock_holds_nothing() -> Outcome {
         let folder = tempfile::tempdir()?;

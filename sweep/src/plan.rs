@@ -20,7 +20,7 @@ use crate::error::SweepError;
 /// Name of the plan in a sweep's folder.
 pub const PLAN_FILE: &str = "plan.json";
 
-/// Makes a plan of units and checks it. Units of the same id get numbers.
+/// Creates a plan of units and checks it. Units of the same id get numbers.
 ///
 /// # Errors
 /// When there are no units, or one has no commands, names no program or needs no core.
@@ -68,7 +68,7 @@ pub fn write(folder: &Path, plan: &SweepPlan) -> Result<(), SweepError> {
 /// Reads the plan of a sweep's folder.
 ///
 /// # Errors
-/// When it cannot be read, or is not what was written.
+/// When it cannot be read, or was changed.
 pub fn read(folder: &Path) -> Result<SweepPlan, SweepError> {
     let path = folder.join(PLAN_FILE);
     let plan: SweepPlan = store::read_record(&path)?;
@@ -85,8 +85,8 @@ pub fn read(folder: &Path) -> Result<SweepPlan, SweepError> {
     Ok(plan)
 }
 
-/// SHA-256 of a unit as planned and the program's version: other commands, or another version, may
-/// give something else.
+/// Returns the SHA-256 of a unit as planned and the program's version: other commands, or another version, may give
+/// another result.
 pub fn unit_hash(unit: &SweepUnit) -> String {
     json_hash(&(env!("CARGO_PKG_VERSION"), unit))
 }
@@ -96,8 +96,7 @@ fn hash(plan: &SweepPlan) -> String {
 }
 
 fn json_hash(value: &impl Serialize) -> String {
-    // Plain structs of numbers and strings; a failure becomes part of the hash instead of being
-    // lost.
+    // Plain structs of numbers and strings; a failure becomes part of the hash instead of being lost.
     let text = serde_json::to_string(value).unwrap_or_else(|error| error.to_string());
     store::sha256_bytes(text.as_bytes())
 }
@@ -142,8 +141,8 @@ fn with_unique_ids(mut units: Vec<SweepUnit>) -> Vec<SweepUnit> {
     units
 }
 
-/// A text as the name of a file: what is no letter, digit, `.`, `-` or `_` becomes `-`; at most 100
-/// characters, and none that would hide it.
+/// Returns a text as the name of a file: every character except letters, digits, `.`, `-` and `_` becomes `-`; at most
+/// 100 characters, and never hidden.
 pub fn file_name(text: &str) -> String {
     let kept: String = text
         .chars()

@@ -1,8 +1,8 @@
-//! Runs a sweep's missing units on this machine, as many at once as its cores and memory allow.
+//! Execution of a sweep's missing units on this machine, as many at once as its cores and memory allow.
 //!
-//! One thread waits for each running unit; the pool's own thread begins units and ends those that
-//! have to end. One pool at a time runs a sweep. Tasks of Slurm, which has given each its unit, run
-//! one unit alone; a unit's own lock keeps them and a pool from doing one twice.
+//! One thread waits for each running unit; the pool's own thread starts units and ends them if necessary. One pool at a
+//! time runs a sweep. Tasks of Slurm run their own unit alone; a unit's own lock keeps them and a pool from doing one
+//! twice.
 
 use std::{
     collections::{BTreeMap, BTreeSet, VecDeque},
@@ -33,12 +33,12 @@ use crate::{
     unit::{self, Ending, Launch, MOST_LOST_RUNNERS},
 };
 
-/// How often the pool looks at what nobody tells it: time limits, being asked to end.
+/// Interval for polling: time limits, requests to end.
 const TICK: Duration = Duration::from_millis(100);
-/// How often units of other runners are looked at.
+/// Interval for checking units of other runners.
 const LOOK_ELSEWHERE: Duration = Duration::from_secs(1);
 
-/// What a pool may use of its machine.
+/// Resources of the machine that a pool may use.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct PoolLimits {
     /// CPU cores.
@@ -49,49 +49,47 @@ pub struct PoolLimits {
     pub gpus: u32,
 }
 
-/// What to run, and how.
+/// Input and options of a run.
 pub struct RunRequest<'a> {
     /// The sweep's folder.
     pub folder: PathBuf,
-    /// This program, which units call `omnilife`.
+    /// This program, under the name `omnilife` in units.
     pub program: PathBuf,
-    /// What may be used.
+    /// Usable resources.
     pub limits: PoolLimits,
     /// Ids of the units to run; `None` stands for all, and locks the sweep.
     pub only: Option<BTreeSet<String>>,
-    /// How long units have to write their checkpoints when the pool is asked to end.
+    /// Time for units to write their checkpoints when the pool is asked to end.
     pub grace: Duration,
-    /// Whether to wait for units that tasks of Slurm run, or that a killed runner has left running,
-    /// and to do them where they come to no end.
+    /// True to wait for units of Slurm tasks, or of processes left by a killed runner, and to do them if they do not
+    /// finish.
     pub wait: bool,
-    /// Whether units are told which GPUs are theirs. A cluster's engine does that
-    /// itself.
+    /// True to assign GPUs to units. A cluster's engine does that itself.
     pub assign_gpus: bool,
-    /// Set when the pool shall end.
+    /// Set to end the pool.
     pub stop: &'a AtomicBool,
 }
 
-/// What became of the units asked for.
+/// Summary of the requested units.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct RunSummary {
-    /// Units that are done, whoever did them.
+    /// Units that are done, by any runner.
     pub done: usize,
     /// Units that this pool has done.
     pub done_here: usize,
-    /// Units that failed, whoever ran them, with their outcomes.
+    /// Units that failed, by any runner, with their outcomes.
     pub failed: Vec<UnitOutcome>,
     /// Units that other runners work on.
     pub elsewhere: usize,
-    /// Units that need more than there is, with the reason.
+    /// Units that exceed the resources, with the reason.
     pub too_big: Vec<(String, String)>,
 }
 
-/// Runs the missing units. Returns when none is left that this pool could do.
+/// Runs the missing units. Returns when none remains that this pool could do.
 ///
 /// # Errors
 /// When the sweep cannot be read or written, [`SweepError::Busy`] when another pool runs it, and
-/// [`SweepError::Interrupted`] when it was asked to end before all was done. Units that fail are in
-/// the summary.
+/// [`SweepError::Interrupted`] when it was asked to end before all was done. Failed units are in the summary.
 pub fn run(request: &RunRequest<'_>, progress: &dyn Progress) -> Result<RunSummary, SweepError> {
     let sweep = Sweep::open(&request.folder)?;
     if let Some(only) = &request.only {
@@ -109,7 +107,7 @@ pub fn run(request: &RunRequest<'_>, progress: &dyn Progress) -> Result<RunSumma
         Some(lock) => write_table(&sweep, &lock),
         None => Ok(()),
     };
-    // What ended the units comes before what became of the table.
+    // The error of the units takes precedence over that of the table.
     outcome?;
     table?;
     Ok(pool.summary())
@@ -133,14 +131,14 @@ fn lock_sweep(folder: &Path) -> Result<HeldLock, SweepError> {
     Err(SweepError::Busy { folder, by })
 }
 
-/// A unit that runs.
+/// A running unit.
 struct Active {
     running: Arc<Running>,
     deadline: Option<Instant>,
     reserved: Reserved,
 }
 
-/// What is set aside for a unit.
+/// Resources reserved for a unit.
 #[derive(Debug, Clone, Default)]
 struct Reserved {
     cores: u32,
@@ -167,15 +165,15 @@ struct Pool<'a> {
     failed: Vec<UnitOutcome>,
     too_big: Vec<(String, String)>,
     interrupted: usize,
-    /// What broke, and ends the pool.
+    /// The error that ends the pool.
     broken: Option<StoreError>,
 }
 
-/// What the thread of a unit, given by its index, tells the pool.
+/// Message from the thread of a unit, given by its index, to the pool.
 enum Message {
-    /// The commands have ended, so that others may begin; the outcome is being written.
+    /// The commands have ended, so that others may start; the outcome is being written.
     Idle(usize),
-    /// It is over.
+    /// The unit has ended.
     Ended(usize, Result<Ending, StoreError>),
 }
 
@@ -205,8 +203,8 @@ impl<'a> Pool<'a> {
         Ok(pool)
     }
 
-    /// Puts a unit where its state says. A runner that was killed between writing an outcome and
-    /// letting go has left a file that means nothing any more.
+    /// Sorts a unit by its state. A runner killed between writing an outcome and releasing the lock has left a
+    /// meaningless file.
     fn sort_in(&mut self, index: usize, state: UnitState) -> Result<(), StoreError> {
         if matches!(state, UnitState::Done(_) | UnitState::Failed(_)) {
             lock::clear(&self.sweep.unit_folder(self.unit(index)))?;
@@ -277,7 +275,7 @@ impl<'a> Pool<'a> {
         }
     }
 
-    /// Begins every unit that fits, in the order of the plan.
+    /// Starts every unit that fits, in the order of the plan.
     fn begin_units<'scope>(
         &mut self,
         scope: &'scope Scope<'scope, '_>,
@@ -320,7 +318,7 @@ impl<'a> Pool<'a> {
         let limits = &self.request.limits;
         let needs = &unit.needs;
         if self.active.is_empty() {
-            // Alone it needs no room above what was measured.
+            // Alone it needs no margin above the measured memory.
             let memory = self.history.measured_memory_bytes(unit);
             let memory = memory.unwrap_or(needs.memory_bytes);
             let missing = [
@@ -349,7 +347,7 @@ impl<'a> Pool<'a> {
         if fits { Fit::Now } else { Fit::Later }
     }
 
-    /// Locks a unit; `None` where it is no more to be done by this pool.
+    /// Locks a unit; `None` if this pool must no longer do it.
     fn lock(&mut self, index: usize) -> Result<Option<HeldLock>, StoreError> {
         let unit = self.unit(index);
         let folder = self.sweep.unit_folder(unit);
@@ -359,7 +357,7 @@ impl<'a> Pool<'a> {
             self.elsewhere.push(index);
             return Ok(None);
         };
-        // Since it was looked at, somebody else may have finished it and let go.
+        // Another runner may have finished it meanwhile and released the lock.
         if let Finished::As(state) = self.sweep.outcome(unit)? {
             lock.release()?;
             self.sort_in(index, state)?;
@@ -407,7 +405,7 @@ impl<'a> Pool<'a> {
         let (sweep, program, stop) = (self.sweep, &self.request.program, self.request.stop);
         let sender = sender.clone();
         scope.spawn(move || {
-            // The pool waits for every unit it has begun, so that every message is taken.
+            // The pool waits for every unit it has started, so that every message is received.
             let idle = || drop(sender.send(Message::Idle(index)));
             let launch = Launch { program, variables };
             let ended = unit::run(sweep, unit, &lock, launch, &running, stop, idle);
@@ -430,7 +428,7 @@ impl<'a> Pool<'a> {
         }
     }
 
-    /// Gives others what a unit has used; its lock is still held.
+    /// Releases a unit's resources for others; its lock is still held.
     fn set_free(&mut self, index: usize) {
         if let Some(active) = self.active.get_mut(&index) {
             active.reserved = Reserved::default();

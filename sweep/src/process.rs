@@ -1,4 +1,4 @@
-//! One command, run to its end or until somebody ends it, and what it cost.
+//! One command, run until it ends or is ended, and its cost.
 
 use std::{
     fs::File,
@@ -11,7 +11,7 @@ use std::{
 use omnilife_schemas::process_group::{GRACE, ProcessTree};
 use wait4::Wait4;
 
-/// What to run, and where.
+/// A command and its environment.
 pub(crate) struct Job<'a> {
     /// Program and arguments; the program `omnilife` is `program`.
     pub(crate) command: &'a [String],
@@ -21,25 +21,25 @@ pub(crate) struct Job<'a> {
     pub(crate) folder: &'a Path,
     /// Variables set beside those of this process.
     pub(crate) variables: &'a [(String, String)],
-    /// Everything it prints is added to this file.
+    /// File to which all output is appended.
     pub(crate) log: &'a Path,
-    /// A locked file that the command and its children hold open, and with it the lock.
+    /// A locked file that the command and its children inherit, and with it the lock.
     pub(crate) lock: Option<&'a File>,
 }
 
-/// How it went.
+/// Result of a command.
 pub(crate) struct Ended {
     pub(crate) succeeded: bool,
     pub(crate) exit_code: Option<i32>,
     /// In words: `exit 3`, `signal 9`.
     pub(crate) ending: String,
-    /// Processes that it had left running, in words.
+    /// Processes that it left running, in words.
     pub(crate) left_running: Vec<String>,
     pub(crate) cpu_seconds: Option<f64>,
     pub(crate) peak_memory_bytes: Option<u64>,
 }
 
-/// Why a command is ended before its time.
+/// Reason for ending a command early.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum EndReason {
     /// The runner was asked to end.
@@ -48,7 +48,7 @@ pub(crate) enum EndReason {
     Limit,
 }
 
-/// The running command of a unit, for whoever wants to end it.
+/// The running command of a unit, for ending it.
 #[derive(Debug, Default)]
 pub(crate) struct Running {
     state: Mutex<RunningState>,
@@ -56,9 +56,9 @@ pub(crate) struct Running {
 
 #[derive(Debug, Default)]
 struct RunningState {
-    /// The command, while it or what it has left behind runs.
+    /// The command, while it or its leftover processes run.
     tree: Option<ProcessTree>,
-    /// The first reason that was given.
+    /// The first given reason.
     reason: Option<EndReason>,
 }
 
@@ -67,13 +67,13 @@ impl Running {
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Why the unit is being ended, if it is.
+    /// Returns the reason why the unit is being ended, if it is.
     pub(crate) fn reason(&self) -> Option<EndReason> {
         self.state().reason
     }
 
-    /// Asks the command and the rest of its group to end; no further one of the unit begins. What has left
-    /// the group is ended after the command: programs that run others end those themselves.
+    /// Asks the command and the rest of its group to end; no further one of the unit starts. Processes that have left
+    /// the group are ended after the command: programs that run others end those themselves.
     pub(crate) fn end(&self, reason: EndReason) {
         let mut state = self.state();
         state.reason.get_or_insert(reason);
@@ -82,7 +82,7 @@ impl Running {
         }
     }
 
-    /// Kills the command and everything that descends from it.
+    /// Kills the command and all its descendants.
     pub(crate) fn kill(&self) {
         if let Some(tree) = &self.state().tree {
             tree.kill();
@@ -90,8 +90,8 @@ impl Running {
     }
 }
 
-/// Runs a command with no standard input and both outputs in the log, and ends what it leaves running:
-/// the next one is not to share the machine with it. It does not outlive this process (Linux).
+/// Runs a command with no standard input and both outputs in the log, and ends processes that it leaves running: the
+/// next one must not share the machine with them. It does not outlive this process (Linux).
 ///
 /// # Errors
 /// When the log cannot be written or the command cannot be started, with the file in words.
@@ -108,7 +108,7 @@ pub(crate) fn run(job: &Job<'_>, running: &Running) -> io::Result<Ended> {
         .stdout(log)
         .stderr(errors);
     let (child, tree) = {
-        // Under the lock: whoever wants to end the unit either comes before, or finds the command.
+        // Under the lock: a request to end the unit either comes before, or finds the command.
         let mut state = running.state();
         if state.reason.is_some() {
             return Ok(not_begun());
@@ -143,13 +143,13 @@ pub(crate) fn run(job: &Job<'_>, running: &Running) -> io::Result<Ended> {
     })
 }
 
-/// Inherited files have numbers from here on: shells and scripts open theirs under single digits, and a
-/// command that opens one under the number of its unit's lock would let the lock go.
+/// Least number of inherited files. Shells and scripts open theirs under single digits, and a command that opens one
+/// under the number of its unit's lock would release the lock.
 #[cfg(unix)]
 const FIRST_INHERITED_DESCRIPTOR: i32 = 100;
 
-/// A copy of an open file that programs which are started while it is there inherit. One that is
-/// started for another unit at the same moment does too; the lock is let go for all of them.
+/// Returns a copy of an open file that programs started meanwhile inherit. One started for another unit at the same
+/// moment inherits it too; the lock is released for all of them.
 fn inheritable(file: &File) -> io::Result<File> {
     #[cfg(unix)]
     {
@@ -179,12 +179,11 @@ fn not_begun() -> Ended {
     }
 }
 
-/// A command that dies with the thread that started it, which waits for it (Linux).
+/// Returns a command that dies with the thread that started it, which waits for it (Linux).
 ///
-/// Asking for that between fork and exec means that all of this program's address space, with its
-/// many libraries, is copied for every command. `setpriv` of util-linux asks for it afterwards, in a
-/// small process of its own; where it is missing, the copy does. What a killed runner leaves behind
-/// all the same holds the unit's lock, and is waited for.
+/// Requesting that between fork and exec copies all of this program's address space, with its many libraries, for every
+/// command. `setpriv` of util-linux requests it afterwards, in a small process of its own; without it, the copy is
+/// made. Processes that a killed runner leaves behind all the same hold the unit's lock, and are waited for.
 fn dying_with_its_runner(program: &Path) -> Command {
     #[cfg(target_os = "linux")]
     {

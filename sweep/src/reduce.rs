@@ -1,4 +1,4 @@
-//! Makes one whole of what the units have left: tables, a dataset.
+//! Reduction of the units' results to one whole: tables, a dataset.
 
 use std::path::Path;
 
@@ -11,14 +11,14 @@ use crate::{
     status::{self, Counts, Status},
 };
 
-/// Everything that the reduction printed, in the sweep's folder.
+/// All output of the reduction, in the sweep's folder.
 const LOG_FILE: &str = "reduce.log";
 
 /// Writes the table of units, leaves a record of every failure, and runs the plan's reduction.
 ///
 /// # Errors
-/// When the sweep cannot be read or written, or a command of the reduction fails. Failed units are no
-/// error, nor is a unit whose failure cannot be recorded, such as one that has no split: it is noted.
+/// When the sweep cannot be read or written, or a command of the reduction fails. Failed units are no error, nor is a
+/// unit whose failure cannot be recorded, such as one without a split: it is noted.
 pub fn reduce(
     folder: &Path,
     program: &Path,

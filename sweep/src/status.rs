@@ -1,4 +1,4 @@
-//! What became of the units, for people and for tables.
+//! States of the units, for people and for tables.
 
 use std::{collections::BTreeSet, io};
 
@@ -16,14 +16,14 @@ use crate::{
 /// The table of all units in a sweep's folder.
 pub const UNITS_FILE: &str = "units.csv";
 
-/// How many units are in each state.
+/// Number of units in each state.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Counts {
     /// Done.
     pub done: usize,
     /// Failed.
     pub failed: usize,
-    /// Being worked on.
+    /// Running.
     pub running: usize,
     /// To be done.
     pub missing: usize,
@@ -39,7 +39,7 @@ pub struct Status {
 }
 
 impl Status {
-    /// Looks at all units of a sweep and writes nothing.
+    /// Reads the states of all units of a sweep and writes nothing.
     ///
     /// # Errors
     /// When the sweep cannot be read.
@@ -53,7 +53,7 @@ impl Status {
         self.sweep.plan.units.iter().zip(&self.states)
     }
 
-    /// How many units are in each state.
+    /// Returns the number of units in each state.
     pub fn counts(&self) -> Counts {
         let mut counts = Counts::default();
         for state in &self.states {
@@ -67,12 +67,12 @@ impl Status {
         counts
     }
 
-    /// What the units have cost so far, by group.
+    /// Returns the costs of the units so far, by group.
     pub fn history(&self) -> History {
         History::of(self.units())
     }
 
-    /// Writes [`UNITS_FILE`], and removes what killed processes left of it.
+    /// Writes [`UNITS_FILE`], and removes leftovers of killed processes.
     ///
     /// # Errors
     /// When it cannot be written.
@@ -83,8 +83,7 @@ impl Status {
         })
     }
 
-    /// One row per unit with state, reason, cost and its labels; whatever failed or is missing is a
-    /// row too.
+    /// Writes one row per unit with state, reason, cost and its labels; failed and missing units have a row too.
     ///
     /// # Errors
     /// When the table cannot be written.
@@ -117,7 +116,7 @@ const COLUMNS: [&str; 10] = [
     "peak_memory_bytes",
 ];
 
-/// Why a unit failed or is missing; empty where it is done or running.
+/// Returns why a unit failed or is missing; empty if it is done or running.
 pub fn reason(state: &UnitState) -> String {
     match state {
         UnitState::Failed(outcome) => outcome.failure.clone().unwrap_or_default(),

@@ -21,33 +21,32 @@ use crate::{
     process::{self, EndReason, Job, Running},
 };
 
-/// A unit whose runner went away this often has failed.
+/// Number of lost runners after which a unit has failed.
 pub(crate) const MOST_LOST_RUNNERS: u32 = 3;
-/// Exit code of a command that was told to end and goes on when it is begun again: `EX_TEMPFAIL` of
-/// sysexits.h.
+/// Exit code of a command that was asked to end and resumes when started again: `EX_TEMPFAIL` of sysexits.h.
 const INTERRUPTED: i32 = 75;
 
-/// How an attempt ended.
+/// Ending of an attempt.
 pub(crate) enum Ending {
-    /// Done or failed, as its outcome says.
+    /// Done or failed, with its outcome.
     Over(Box<UnitOutcome>),
     /// The runner was asked to end; the unit is missing again.
     Interrupted,
 }
 
-/// What the commands of a unit are given.
+/// Environment of a unit's commands.
 pub(crate) struct Launch<'a> {
-    /// This program, which they call `omnilife`.
+    /// This program, under the name `omnilife` in them.
     pub(crate) program: &'a Path,
     /// Variables set beside those of this process.
     pub(crate) variables: Vec<(String, String)>,
 }
 
-/// Runs a unit whose folder is locked, writes its outcome and lets the lock go. `idle` is called when
-/// the commands have ended: what is left takes no core, but has to wait for the disk.
+/// Runs a unit whose folder is locked, writes its outcome and releases the lock. `idle` is called when the commands
+/// have ended: the rest takes no core, but waits for the disk.
 ///
 /// # Errors
-/// When a file of the sweep cannot be written. A unit that fails is an outcome.
+/// When a file of the sweep cannot be written. A failed unit is an outcome.
 pub(crate) fn run(
     sweep: &Sweep,
     unit: &SweepUnit,
@@ -77,8 +76,8 @@ pub(crate) fn run(
     Ok(Ending::Over(Box::new(outcome)))
 }
 
-/// A cluster's engine signals all processes of a job at about the same time: what ended the unit may
-/// be about to reach this process, and then the unit has not failed.
+/// Waits for a signal to this process. A cluster's engine signals all processes of a job at about the same time. If the
+/// signal that ended the unit is about to arrive here, the unit has not failed.
 fn wait_for_own_signal(running: &Running, stop: &AtomicBool) {
     const LONGEST: Duration = Duration::from_millis(500);
     let begun = Instant::now();
@@ -119,7 +118,7 @@ struct Cost {
 struct Failure {
     reason: String,
     exit_code: Option<i32>,
-    /// Whether it may have been told to end, and by whom is not known.
+    /// True if it may have been asked to end by an unknown process.
     may_be_interruption: bool,
     inputs: Vec<UnitInput>,
 }
@@ -176,7 +175,7 @@ impl<'a> Attempt<'a> {
             Ok(inputs) => inputs,
             Err(error) => {
                 return Err(Failure {
-                    // What is wrong with an input is the input's fault.
+                    // A faulty input is the user's error.
                     exit_code: Some(2),
                     ..Failure::of(error.to_string())
                 });
@@ -204,7 +203,7 @@ impl<'a> Attempt<'a> {
                 return Err(Failure {
                     reason: self.reason(command, &ended, running, &log),
                     exit_code: ended.exit_code,
-                    // A signal, or the exit code of those that have written a checkpoint.
+                    // A signal, or the exit code after writing a checkpoint.
                     may_be_interruption: matches!(ended.exit_code, None | Some(INTERRUPTED)),
                     inputs,
                 });
@@ -230,7 +229,7 @@ impl<'a> Attempt<'a> {
             let limit = self.unit.needs.limit_seconds.unwrap_or_default();
             return format!("ended at its time limit of {limit} s");
         }
-        // The program and what it was told to do, without files and options.
+        // The program and its subcommands, without files and options.
         let is_word = |word: &&String| !word.starts_with('-') && !word.contains(['/', '.']);
         let program = Path::new(&command[0]).file_name().unwrap_or_default();
         let words = command[1..].iter().take_while(is_word).take(2).cloned();

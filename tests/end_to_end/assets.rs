@@ -1,11 +1,9 @@
-//! Gaussians of a run exported for web viewers, rendered again, and served.
+//! Gaussians of a run exported for web viewers, rendered again, and shown in a browser.
 
 use std::{
     ffi::OsStr,
-    io::{BufRead, BufReader, Read, Write},
-    net::TcpStream,
     path::{Path, PathBuf},
-    process::{Command, Stdio},
+    process::Command,
 };
 
 use serde_json::Value;
@@ -129,84 +127,6 @@ fn without_the_viewer_the_page_is_a_line_and_the_levels_are_there() {
     assert!(stderr.contains("scripts/setup --viewer"), "{stderr}");
     assert!(out.join("full.splat").exists() && !out.join("index.html").exists());
     assert!(asset(&out)["page"].is_null());
-    let ended = omnilife(["reconstruct".as_ref(), "serve".as_ref(), out.as_os_str()]);
-    assert!(
-        ended.failed_quietly(2).contains("has no page"),
-        "{}",
-        ended.stderr
-    );
-}
-
-/// The head and the body of an answer.
-fn answer(address: &str, request: &str) -> (String, Vec<u8>) {
-    let mut stream = TcpStream::connect(address).unwrap();
-    write!(stream, "{request}\r\nHost: {address}\r\n\r\n").unwrap();
-    let mut bytes = Vec::new();
-    stream.read_to_end(&mut bytes).unwrap();
-    let end = bytes
-        .windows(4)
-        .position(|four| four == b"\r\n\r\n")
-        .unwrap();
-    let head = String::from_utf8(bytes[..end].to_vec()).unwrap();
-    (head, bytes[end + 4..].to_vec())
-}
-
-#[test]
-fn a_server_gives_the_assets_files_and_nothing_else() {
-    let folder = scratch();
-    let out = folder.path().join("asset");
-    let run = small_run().out.join(METHOD).join("run");
-    let made = Command::new(env!("CARGO_BIN_EXE_omnilife"))
-        .args(["reconstruct", "export", "--page"])
-        .arg(run)
-        .arg("--out")
-        .arg(&out)
-        .output()
-        .unwrap();
-    assert!(made.status.success());
-    if asset(&out)["page"].is_null() {
-        omnilife_schemas::testing::skip("no viewer, scripts/setup --viewer fetches it");
-        return;
-    }
-    let mut server = Command::new(env!("CARGO_BIN_EXE_omnilife"))
-        .args(["reconstruct", "serve", "--port", "0"])
-        .arg(&out)
-        .stdout(Stdio::piped())
-        .spawn()
-        .unwrap();
-    let mut line = String::new();
-    BufReader::new(server.stdout.take().unwrap())
-        .read_line(&mut line)
-        .unwrap();
-    let address = line
-        .trim_start_matches("http://")
-        .split('/')
-        .next()
-        .unwrap()
-        .to_owned();
-    let (head, page) = answer(&address, "GET / HTTP/1.1");
-    assert!(
-        head.starts_with("HTTP/1.1 200") && page == std::fs::read(out.join("index.html")).unwrap()
-    );
-    let (_, level) = answer(&address, "GET /full.splat HTTP/1.1");
-    assert_eq!(level, std::fs::read(out.join("full.splat")).unwrap());
-    for request in [
-        "GET /../asset.json HTTP/1.1",
-        "GET /.done/export.json HTTP/1.1",
-        "GET //etc/passwd HTTP/1.1",
-    ] {
-        assert!(
-            answer(&address, request).0.starts_with("HTTP/1.1 404"),
-            "{request}"
-        );
-    }
-    assert!(
-        answer(&address, "POST / HTTP/1.1")
-            .0
-            .starts_with("HTTP/1.1 405")
-    );
-    server.kill().unwrap();
-    server.wait().unwrap();
 }
 
 /// A wall of opaque Gaussians in front of the origin, with a dark letter F on colours that change along it:

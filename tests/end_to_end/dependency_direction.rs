@@ -1,7 +1,7 @@
-//! The direction of dependencies: {`schemas`, `stereo`} <- {`networks`, `engine`} <- {`curate`, `reconstruct`,
-//! `bench`, `leaderboard`, `sweep`} <- {the binary, `python`}, without sideways edges; `networks` is for those
-//! that run networks, `engine` for `reconstruct`, `stereo` for those that match images, `results` for
-//! `leaderboard`, so that Polars is nowhere else.
+//! The direction of dependencies: {`schemas`, `stereo`, `charts`} <- {`networks`, `engine`} <- {`curate`,
+//! `reconstruct`, `bench`, `leaderboard`, `sweep`} <- {the binary, `python`}, without sideways edges; `networks`
+//! is for those that run networks, `engine` for `reconstruct`, `stereo` for those that match images, `charts` for
+//! those that draw, `results` for `leaderboard`, so that Polars is nowhere else.
 
 use std::{
     collections::{BTreeMap, BTreeSet},
@@ -13,6 +13,7 @@ use serde_json::Value;
 const SCHEMAS: &str = "omnilife-schemas";
 const NETWORKS: &str = "omnilife-networks";
 const STEREO: &str = "omnilife-stereo";
+const CHARTS: &str = "omnilife-charts";
 const ENGINE: &str = "omnilife-engine";
 const RESULTS: &str = "omnilife-results";
 const BINARY: &str = "omnilife";
@@ -64,7 +65,9 @@ fn ours(dependencies: &BTreeSet<String>) -> BTreeSet<&str> {
 #[test]
 fn every_member_has_its_place() {
     let mut known = BTreeSet::from(CRATES);
-    known.extend([SCHEMAS, NETWORKS, STEREO, ENGINE, RESULTS, BINARY, PYTHON]);
+    known.extend([
+        SCHEMAS, NETWORKS, STEREO, CHARTS, ENGINE, RESULTS, BINARY, PYTHON,
+    ]);
     let dependencies = dependencies();
     let members: BTreeSet<_> = dependencies.keys().map(String::as_str).collect();
     assert_eq!(members, known, "a new crate needs its edges in this test");
@@ -72,7 +75,7 @@ fn every_member_has_its_place() {
 
 #[test]
 fn what_all_share_depends_on_no_sibling() {
-    for name in [SCHEMAS, STEREO] {
+    for name in [SCHEMAS, STEREO, CHARTS] {
         assert_eq!(ours(&dependencies()[name]), BTreeSet::new(), "{name}");
     }
 }
@@ -89,10 +92,10 @@ fn crates_depend_on_what_they_share_alone() {
     }
     for name in CRATES {
         let expected = match name {
-            "omnilife-curate" => BTreeSet::from([SCHEMAS, NETWORKS, STEREO]),
-            "omnilife-bench" => BTreeSet::from([SCHEMAS, NETWORKS]),
+            "omnilife-curate" => BTreeSet::from([SCHEMAS, CHARTS, NETWORKS, STEREO]),
+            "omnilife-bench" => BTreeSet::from([SCHEMAS, CHARTS, NETWORKS]),
             "omnilife-reconstruct" => BTreeSet::from([SCHEMAS, ENGINE, STEREO]),
-            "omnilife-leaderboard" => BTreeSet::from([SCHEMAS, RESULTS]),
+            "omnilife-leaderboard" => BTreeSet::from([SCHEMAS, CHARTS, RESULTS]),
             _ => BTreeSet::from([SCHEMAS]),
         };
         assert_eq!(ours(&dependencies[name]), expected, "{name}");
@@ -148,6 +151,7 @@ fn packages_that_the_project_is_built_on_are_used() {
         ("image", SCHEMAS),
         ("glam", ENGINE),
         ("polars", RESULTS),
+        ("plotters", CHARTS),
         ("indicatif", BINARY),
         ("clap", BINARY),
     ] {

@@ -34,7 +34,7 @@ const RECONSTRUCT: &[&[&str]] = &[
     &["learner", "models"],
     &["train"],
     &["baseline"],
-    &["evidence", "step_cost"],
+    &["evidence"],
     &["components"],
     &["methods"],
     &["backends", "stability"],

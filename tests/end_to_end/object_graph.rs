@@ -2,7 +2,7 @@
 
 use std::fs;
 
-use crate::support::{SEQUENCE, copy_of_small_run, omnilife, scratch};
+use crate::support::{SEQUENCE, copy_of_small_run, omnilife};
 
 /// A camera that hovers shows what moves and no space: nothing can be reconstructed of it.
 #[test]

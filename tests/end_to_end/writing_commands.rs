@@ -34,12 +34,10 @@ const WRITES_NOTHING: &[&str] = &[
     "reconstruct backends",
     "reconstruct methods",
     "reconstruct plan",
-    "reconstruct serve",
     "sweep status",
 ];
 /// Commands that write and are not walked, with the reason.
 const ELSEWHERE: &[(&str, &str)] = &[
-    ("bench renderer", "writes one file, where it is told to"),
     (
         "bench stability",
         "takes minutes; writes as bench curve does",

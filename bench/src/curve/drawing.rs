@@ -1,11 +1,12 @@
-//! Curves as drawings: a line per run with a trace, a point for a run with a training time alone, a level across the
+//! Curves as drawings: a line per run with a trace, a point for a run with only a training time, a level across the
 //! chart for one without.
+
+use omnilife_charts::{ChartError, Series, Titles, decades_of, over_log_x};
 
 use super::{
     Clock, Region,
     trace::{self, TracedRun},
 };
-use crate::chart::{self, Series, Titles};
 
 /// Time of a chart without any time, seconds.
 const ANY_SECONDS: [f64; 2] = [1.0, 10.0];
@@ -14,9 +15,9 @@ pub(super) fn of_runs(
     scene: &str,
     (clock, region): (Clock, Region),
     runs: &[TracedRun],
-) -> Result<String, String> {
+) -> Result<String, ChartError> {
     let points: Vec<Vec<(f64, f64)>> = runs.iter().map(timed_points).collect();
-    let across = chart::decades_of(points.iter().flatten().map(|point| point.0));
+    let across = decades_of(points.iter().flatten().map(|point| point.0));
     let across = across.unwrap_or(ANY_SECONDS);
     let names = trace::names(&runs.iter().collect::<Vec<_>>());
     let series: Vec<Series> = runs
@@ -32,7 +33,6 @@ pub(super) fn of_runs(
         })
         .collect();
     let titles = Titles {
-        chart: scene,
         x: match clock {
             Clock::Wall => "training time, s",
             Clock::Cpu => "training time, CPU seconds",
@@ -43,10 +43,10 @@ pub(super) fn of_runs(
             Region::Dynamic => "PSNR of novel views where something moves, dB",
         },
     };
-    chart::over_log_x(&titles, &series)
+    over_log_x(scene, &titles, &series)
 }
 
-/// Returns the rows of a run, or its end, at times that a logarithmic axis has.
+/// Returns the rows of a run, or its end, at times that a logarithmic axis can show.
 fn timed_points(run: &TracedRun) -> Vec<(f64, f64)> {
     let rows = run.rows.iter().map(|row| (row.seconds, row.psnr_db));
     let end = run.training_seconds.filter(|_| run.rows.is_empty());

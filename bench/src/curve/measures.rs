@@ -1,15 +1,15 @@
 //! Measures of curves over the logarithm of time.
 //!
-//! Between two rows quality is linear in the logarithm of time, so that a number is that of the method and not that
-//! of where the rows of its trace lie. Nothing is said of the time before the first row.
+//! Between two rows quality is linear in the logarithm of time, so that a measure depends on the method and not on the
+//! rows of its trace. Before the first row quality is unknown.
 
 use super::trace::TracedRun;
 
-/// Qualities to which the time is told, dB.
+/// Qualities whose times are reported, dB.
 pub const QUALITIES_DB: [u32; 6] = [20, 22, 24, 26, 28, 30];
-/// Moments at which the quality is told, seconds.
+/// Times at which the quality is reported, seconds.
 pub const MOMENTS_SECONDS: [u32; 5] = [10, 60, 180, 600, 1800];
-/// Share of the final quality (in dB) that counts as nearly there.
+/// Share of the final quality (in dB) that counts as nearly converged.
 const NEARLY: f64 = 0.95;
 
 /// A run with the measures of its curve.
@@ -17,42 +17,42 @@ const NEARLY: f64 = 0.95;
 pub struct RunCurve {
     /// The run.
     pub run: TracedRun,
-    /// When it came to each of [`QUALITIES_DB`].
+    /// First time at each of [`QUALITIES_DB`].
     pub to_quality: Vec<Crossing>,
-    /// When it came to 95 % of its final quality (dB).
+    /// First time at 95 % of its final quality (dB).
     pub to_95_percent: Crossing,
-    /// Quality at each of [`MOMENTS_SECONDS`], dB; none before the first row. After the end of a run
-    /// it is the final one.
+    /// Quality at each of [`MOMENTS_SECONDS`], dB; none before the first row. After the end of a run it is the final
+    /// one.
     pub at_moment: Vec<Option<f64>>,
-    /// Area under the curve over the logarithm of time, divided by that of the common span: mean quality, dB. None
-    /// where the comparison has no such span or the run no curve.
+    /// Area under the curve over the logarithm of time, divided by that of the common span: mean quality, dB. None if
+    /// the comparison has no such span or the run no curve.
     pub log_area_db: Option<f64>,
-    /// True where the training time is known and no other run of the comparison is as good in training time, final
-    /// quality and peak memory, and better in one of them.
+    /// True for a known training time without a dominating run of the comparison. That would be as good in training
+    /// time, final quality and peak memory, and better in one of them.
     pub on_front: bool,
 }
 
-/// First time at which a curve comes to a quality.
+/// First time at which a curve reaches a quality.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Crossing {
     /// At no row.
     Never,
-    /// Before the first row with a time, or at it: nothing more is known.
+    /// At or before the first row with a time: nothing more is known.
     AtMost {
         /// Training time of that row, seconds.
         seconds: f64,
     },
-    /// Between two rows, or at the beginning of a run that takes no time.
+    /// Between two rows, or at the start of a run that takes no time.
     At {
         /// Training time, seconds.
         seconds: f64,
-        /// Iterations done, where they are counted.
+        /// Iterations done, if counted.
         iteration: Option<u64>,
     },
 }
 
 impl Crossing {
-    /// Returns the training time in seconds, where it is known.
+    /// Returns the training time in seconds, if known.
     pub fn seconds(&self) -> Option<f64> {
         match self {
             Self::At { seconds, .. } => Some(*seconds),
@@ -60,7 +60,7 @@ impl Crossing {
         }
     }
 
-    /// Returns the iterations done, where they are known.
+    /// Returns the iterations done, if known.
     pub fn iteration(&self) -> Option<u64> {
         match self {
             Self::At { iteration, .. } => *iteration,
@@ -69,12 +69,12 @@ impl Crossing {
     }
 }
 
-/// The time that all curves of a comparison have: from the latest first row to the earliest last one.
+/// The common time of all curves of a comparison: from the latest first row to the earliest last one.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Span {
-    /// Its begin, seconds; above 0.
+    /// Its start, seconds; above 0.
     pub from_seconds: f64,
-    /// Its end, seconds; after the begin.
+    /// Its end, seconds; after the start.
     pub until_seconds: f64,
 }
 
@@ -86,7 +86,7 @@ struct Moment {
     psnr_db: f64,
 }
 
-/// Returns the rows of a run; of a run without rows its end alone, where its time is known.
+/// Returns the rows of a run; for a run without rows only its end, if its time is known.
 fn moments(run: &TracedRun) -> Vec<Moment> {
     let row = |row: &super::TraceRow| Moment {
         seconds: row.seconds,
@@ -116,11 +116,10 @@ pub(super) fn measured(runs: &[TracedRun], span: Option<Span>) -> Vec<RunCurve> 
         .collect()
 }
 
-/// Returns the time that all runs with a curve have in common.
+/// Returns the common time of all runs with a curve.
 ///
 /// # Errors
-/// With a line that says why there is none: fewer than two runs have two rows at different times, or one ends before
-/// another begins.
+/// With a line on the reason: fewer than two runs have two rows at different times, or one ends before another starts.
 pub(super) fn common_span(runs: &[TracedRun]) -> Result<Span, &'static str> {
     let spans: Vec<Span> = runs
         .iter()
@@ -190,7 +189,7 @@ fn crossing(moments: &[Moment], quality_db: f64) -> Crossing {
             }
         };
     }
-    // The first row at or above it: the one before is below.
+    // First row at or above it: the one before is below.
     let mut pairs = moments.iter().zip(moments.iter().skip(1));
     let Some((below, above)) = pairs.find(|(_, after)| after.psnr_db >= quality_db) else {
         return Crossing::Never;
@@ -208,7 +207,7 @@ fn crossing(moments: &[Moment], quality_db: f64) -> Crossing {
 fn between(below: &Moment, above: &Moment, quality_db: f64) -> Crossing {
     let share = (quality_db - below.psnr_db) / (above.psnr_db - below.psnr_db);
     let seconds = below.seconds * (above.seconds / below.seconds).powf(share);
-    // Steps take about as long as each other.
+    // Steps take about equally long.
     let of_steps = if above.seconds > below.seconds {
         (seconds - below.seconds) / (above.seconds - below.seconds)
     } else {
@@ -261,8 +260,8 @@ fn mean_over_log_time(moments: &[Moment], span: Span) -> Option<f64> {
     Some(area / (until_seconds / from_seconds).ln())
 }
 
-/// Returns true where `left` is nowhere worse than `right` and somewhere better. A run of unknown memory is
-/// compared by time and quality, one of unknown time with none.
+/// Returns true if `left` is nowhere worse than `right` and somewhere better. A run of unknown memory is compared by
+/// time and quality, one of unknown time with none.
 fn dominates(left: &TracedRun, right: &TracedRun) -> bool {
     let times = left.training_seconds.zip(right.training_seconds);
     let Some((time_left, time_right)) = times else {

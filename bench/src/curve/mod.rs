@@ -1,11 +1,10 @@
-//! Error against run time: from the novel views along a training to its curve, and from curves to
-//! time-to-quality tables, drawings and the Pareto front.
+//! Error against run time: from the novel views along a training to its curve, and from curves to time-to-quality
+//! tables, drawings and the Pareto front.
 //!
-//! Time, on the wall's clock or the CPU's, is that of planning and of the training steps alone; how long the
-//! views along it took to render is reported beside it. Quality is the mean PSNR of the novel views at a
-//! row of the trace, by the metric that scores the predictions. Runs
-//! are compared where scene and protocol are the same. A run without a trace - of a method that does not train, or
-//! of another program - is a point: its training time and its score.
+//! Time, on the wall's clock or the CPU's, is that of planning and of the training steps alone; the time for rendering
+//! the views along it is reported beside it. Quality is the mean PSNR of the novel views at a row of the trace, by the
+//! metric that scores the predictions. Runs are compared if scene and protocol are the same. A run without a trace - of
+//! a method that does not train, or of another program - is a point: its training time and its score.
 
 mod drawing;
 mod files;
@@ -25,7 +24,6 @@ use omnilife_schemas::{stage::StagePlan, store};
 use crate::error::BenchError;
 pub use files::{CURVES_FILE, POINTS_FILE};
 pub use measures::{Crossing, MOMENTS_SECONDS, QUALITIES_DB, RunCurve, Span};
-pub use scored::CURVE_FILE;
 pub use table::curves_table;
 pub use trace::{Clock, FinalScores, Region, TraceRow, TracedRun, read_run};
 
@@ -38,9 +36,9 @@ pub struct Comparison {
     pub protocol_hash: String,
     /// The runs in the order in which they were given.
     pub curves: Vec<RunCurve>,
-    /// The time over which areas are taken, where the runs have one in common.
+    /// The time over which areas are taken, if the runs have one in common.
     pub span: Option<Span>,
-    /// Lines on what could not be compared.
+    /// Lines on runs that could not be compared.
     pub notes: Vec<String>,
 }
 
@@ -48,8 +46,8 @@ pub struct Comparison {
 /// writes `curves.csv`, `points.csv` and one `curve-<n>.svg` per comparison into `out`.
 ///
 /// # Errors
-/// When a run has no scores of novel views in the region ([`read_run`]), a file that is not ours is in the way,
-/// or a file cannot be read or written.
+/// When a run has no scores of novel views in the region ([`read_run`]), a foreign file is in the way, or a file cannot
+/// be read or written.
 pub fn curves(
     runs: &[PathBuf],
     clock: Clock,
@@ -82,7 +80,7 @@ pub fn curves(
     for (number, ((scene, protocol_hash), runs)) in groups.iter().enumerate() {
         let path = out.join(drawing_file(number));
         let drawing = drawing::of_runs(scene, (clock, region), runs)
-            .map_err(|reason| BenchError::internal(&path, reason))?;
+            .map_err(|error| BenchError::internal(&path, error.to_string()))?;
         store::write_bytes(&path, drawing.as_bytes())?;
         let (span, mut notes) = match measures::common_span(runs) {
             Ok(span) => (Some(span), Vec::new()),
@@ -108,7 +106,7 @@ fn drawing_file(number: usize) -> String {
     format!("curve-{number}.svg")
 }
 
-/// Returns a line for every run of which no record tells the training time.
+/// Returns a line for every run without a recorded training time.
 fn without_time(runs: &[TracedRun], clock: Clock) -> impl Iterator<Item = String> {
     let names = trace::names(&runs.iter().collect::<Vec<_>>());
     let unknown = runs

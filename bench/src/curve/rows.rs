@@ -1,4 +1,4 @@
-//! The rows of a trace, and the views that a run left at them.
+//! The rows of a trace, and the views of a run at them.
 #![cfg_attr(
     not(test),
     deny(clippy::indexing_slicing, clippy::arithmetic_side_effects)
@@ -11,52 +11,51 @@ use serde::{Deserialize, Serialize};
 
 use crate::error::BenchError;
 
-/// One row of a curve: where training stood, and how good the novel views were.
+/// One row of a curve: the state of training, and the quality of the novel views.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub(crate) struct CurveRow {
     /// Wall-clock time of the training steps so far.
     pub(crate) wall_seconds: f64,
     /// Wall-clock time of rendering the rows' views so far.
     pub(crate) evaluation_seconds: f64,
-    /// CPU time of the training steps so far, where the system tells.
+    /// CPU time of the training steps so far, if the system reports it.
     pub(crate) cpu_seconds: Option<f64>,
     /// Iterations done.
     pub(crate) iteration: u64,
     /// Primitives of the model.
     #[serde(alias = "gaussians")]
     pub(crate) primitives: u64,
-    /// Objects that move as one, where the model tells any apart.
+    /// Objects that move as one, if the model distinguishes any.
     #[serde(default)]
     pub(crate) objects: Option<u64>,
     /// PSNR of some input views as training measured it, dB.
     #[serde(default)]
     pub(crate) input_psnr_db: Option<f64>,
-    /// The same where nothing moves.
+    /// The same in static regions.
     #[serde(default)]
     pub(crate) input_psnr_static_db: Option<f64>,
-    /// The same where something moves.
+    /// The same in dynamic regions.
     #[serde(default)]
     pub(crate) input_psnr_dynamic_db: Option<f64>,
-    /// Novel views that were scored; a trace has none of them.
+    /// Number of scored novel views; a trace has none of them.
     #[serde(default)]
     pub(crate) novel_views: usize,
-    /// Mean PSNR of these views, dB; none where one could not be scored.
+    /// Mean PSNR of these views, dB; none if one could not be scored.
     #[serde(default)]
     pub(crate) novel_psnr_db: Option<f64>,
     /// Mean SSIM of these views; as PSNR.
     #[serde(default)]
     pub(crate) novel_ssim: Option<f64>,
-    /// Mean LPIPS (`AlexNet`) of these views, where the network's weights were there; as PSNR.
+    /// Mean LPIPS (`AlexNet`) of these views, if the network's weights were available; as PSNR.
     #[serde(default)]
     pub(crate) novel_lpips_alex: Option<f64>,
-    /// Mean PSNR of these views where the scene's masks mark nothing, dB, where it has masks of what moves.
+    /// Mean PSNR of these views outside of the scene's masks of moving content, dB, if it has any.
     #[serde(default)]
     pub(crate) novel_psnr_static_db: Option<f64>,
-    /// The same where they mark what moves.
+    /// The same inside of these masks.
     #[serde(default)]
     pub(crate) novel_psnr_dynamic_db: Option<f64>,
-    /// Opacity-weighted share of the Gaussians in the free space of two input views or more, where distances
-    /// are known.
+    /// Opacity-weighted share of the Gaussians in the free space of two input views or more, if distances are known.
     #[serde(default)]
     pub(crate) ghost_share: Option<f64>,
     /// Share of the pixels of input views with a known distance that are more than half transparent.
@@ -71,14 +70,14 @@ pub(crate) struct CurveRow {
 pub(crate) struct Trace {
     file: PathBuf,
     pub(crate) rows: Vec<CurveRow>,
-    /// One per row: where its views are.
+    /// Folder of views of each row.
     pub(crate) folders: Vec<PathBuf>,
-    /// The frames that are there at every row.
+    /// The frames with a view at every row.
     pub(crate) frames: Vec<u32>,
 }
 
 impl Trace {
-    /// The trace of a run; `None` where the run left none, or no views.
+    /// Reads the trace of a run; `None` if the run left no trace or no views.
     ///
     /// # Errors
     /// When the trace is malformed.
@@ -106,7 +105,7 @@ impl Trace {
         }))
     }
 
-    /// The trace, and the views at its rows: everything that a curve depends on.
+    /// Lists the trace, and the views at its rows: everything that a curve depends on.
     pub(crate) fn files(&self) -> impl Iterator<Item = PathBuf> + '_ {
         let views = self.folders.iter().flat_map(|folder| {
             let file = |frame: &u32| folder.join(format!("{frame:06}.png"));

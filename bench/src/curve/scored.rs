@@ -1,11 +1,11 @@
-//! The curve of a run: the novel views that it left at the rows of its trace, scored as predictions
-//! are, by the protocol's own PSNR, SSIM and LPIPS; PSNR of what moves and of the rest too, where the scene has masks.
+//! The curve of a run: its novel views at the rows of its trace, scored like predictions, by the protocol's own PSNR,
+//! SSIM and LPIPS. If the scene has masks, also the PSNR of moving content and of the rest.
 //!
-//! LPIPS is that of `AlexNet`: VGG takes ten times as long, and a curve has many more views than a result.
+//! LPIPS uses `AlexNet`: VGG takes ten times as long, and a curve has many more views than a result.
 
 use std::path::Path;
 
-use omnilife_schemas::{progress::Progress, rgb::Mask, store};
+use omnilife_schemas::{layout::CURVE_FILE, progress::Progress, rgb::Mask, store};
 use rayon::prelude::*;
 
 use crate::{
@@ -18,18 +18,15 @@ use crate::{
     summary, truth,
 };
 
-/// File name of the curve in the folder of a run's scores.
-pub const CURVE_FILE: &str = "curve.csv";
-
 /// LPIPS of a curve.
 const LPIPS: &str = "lpips-alex";
 
 /// Metrics of a curve; a protocol without them has none.
 const METRICS: [&str; 5] = ["psnr", "ssim", LPIPS, "psnr-static", "psnr-dynamic"];
 
-/// Scores the novel views at the rows of the run's trace and writes [`CURVE_FILE`] into `out`.
-/// Returns one line for every row that could not be scored, and one where LPIPS could not; `None`, and no file, where
-/// the run has no such views or the protocol scores none.
+/// Scores the novel views at the rows of the run's trace and writes [`CURVE_FILE`] into `out`. Returns one line for
+/// every row that could not be scored, and one if LPIPS could not be computed. `None`, and no file, if the run has no
+/// such views or the protocol scores none.
 ///
 /// # Errors
 /// When a ground truth image is unusable or the file cannot be written.
@@ -104,7 +101,7 @@ pub(crate) fn write_curve(
     Ok(Some(unscored))
 }
 
-/// Returns the line that says why the curve has no LPIPS, where the protocol has it.
+/// Returns a line on why the curve has no LPIPS, if the protocol has it.
 fn without_lpips(job: &ScoringJob, rows: &[CurveRow]) -> Option<String> {
     let lpips = job.metrics.iter().find(|one| one.metric.id == LPIPS)?;
     if rows.iter().any(|row| row.novel_lpips_alex.is_some()) {
@@ -115,10 +112,10 @@ fn without_lpips(job: &ScoringJob, rows: &[CurveRow]) -> Option<String> {
     Some(format!("the curve has no {LPIPS}: {reason}"))
 }
 
-/// One value per metric, or why the view cannot be scored.
+/// One value per metric, or the reason why the view cannot be scored.
 type ViewScores = Result<Vec<Result<f64, Undefined>>, String>;
 
-/// What the scene says of a frame.
+/// The scene's data of a frame.
 struct OfFrame<'a> {
     image: &'a [u8],
     ignored: Option<&'a Mask>,

@@ -7,14 +7,14 @@ use super::{
     trace::{self, TracedRun},
 };
 
-/// A column that not every table has.
+/// A column that only some tables have.
 struct Column {
     head: &'static str,
     digits: usize,
     value: fn(&RunCurve) -> Option<f64>,
 }
 
-/// Columns that stand in a table together, where any run has something in one of them.
+/// Columns that appear together, if any run has a value in one of them.
 const GROUPS: [&[Column]; 4] = [
     &[Column {
         head: "SSIM",
@@ -54,8 +54,8 @@ fn percent(curve: &RunCurve, fault: usize) -> Option<f64> {
     curve.run.faults()[fault].map(|share| 100.0 * share)
 }
 
-/// Returns the comparisons as Markdown tables, each with lines on what they leave out. `<9.5` is a quality that a run
-/// had at its first row, after 9.5 s: when before is not known.
+/// Returns the comparisons as Markdown tables, each with lines on their omissions. `<9.5` is a quality reached at or
+/// before the first row, after 9.5 s.
 pub fn curves_table(comparisons: &[Comparison]) -> String {
     let mut text = String::new();
     for comparison in comparisons {

@@ -1,33 +1,30 @@
-//! The curve of a training run, as its scores tell it; of a run without one, its end.
+//! The curve of a training run, from its scores; for a run without one, its end.
 
 use std::path::{Path, PathBuf};
 
 use omnilife_schemas::{
-    layout::{RESULT_FILE, RUN_FILE},
+    layout::{CURVE_FILE, RESULT_FILE, RUN_FILE},
     records::{RENDERING, ResultRecord, StageTime, TrainingKind},
     store,
 };
 
 use crate::{
-    curve::{
-        rows::{CurveRow, read_rows},
-        scored::CURVE_FILE,
-    },
+    curve::rows::{CurveRow, read_rows},
     error::BenchError,
 };
 
 /// Which time counts.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Clock {
-    /// Wall-clock time: what a user waits.
+    /// Wall-clock time: the user's wait.
     #[default]
     Wall,
-    /// CPU time of all threads: what compares runs of a machine that has other work too.
+    /// CPU time of all threads: for comparing runs on a machine with other work.
     Cpu,
 }
 
 impl Clock {
-    /// As it stands in tables.
+    /// Returns its name in tables.
     pub fn name(self) -> &'static str {
         match self {
             Self::Wall => "wall",
@@ -36,20 +33,20 @@ impl Clock {
     }
 }
 
-/// Which part of the views the quality is of.
+/// Region of the views whose quality is measured.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Region {
-    /// All of them.
+    /// Whole views.
     #[default]
     Whole,
-    /// What the scene's masks do not mark.
+    /// Outside of the scene's masks.
     Static,
-    /// What they mark: what moves.
+    /// Inside of them: moving content.
     Dynamic,
 }
 
 impl Region {
-    /// As it stands in tables.
+    /// Returns its name in tables.
     pub fn name(self) -> &'static str {
         match self {
             Self::Whole => "whole",
@@ -67,8 +64,7 @@ impl Region {
         }
     }
 
-    /// PSNR of a row in the region, dB: of novel views, where they were scored there, and of input views, where
-    /// training measured it.
+    /// Returns PSNR of a row in the region, dB: of novel views, if scored, and of input views, if measured in training.
     fn psnr_db(self, row: &CurveRow) -> [Option<f64>; 2] {
         match self {
             Self::Whole => [row.novel_psnr_db, row.input_psnr_db],
@@ -95,22 +91,21 @@ pub struct TracedRun {
     pub clock: Clock,
     /// The region of its qualities.
     pub region: Region,
-    /// Time of what the run was given, from the video on, by the same clock, seconds; none where records do not
-    /// tell.
+    /// Preparation time of the run's inputs, from the video on, by the same clock, seconds; none if not recorded.
     pub preparation_seconds: Option<f64>,
-    /// Time of planning and of all training steps, seconds; 0 without training, none where records do not tell it.
+    /// Time of planning and of all training steps, seconds; 0 without training, none if not recorded.
     pub training_seconds: Option<f64>,
     /// Wall-clock time of rendering the trace's views, seconds; the training time is without it.
     pub evaluation_seconds: f64,
-    /// Iterations done, where they are counted.
+    /// Iterations done, if counted.
     pub iterations: Option<u64>,
-    /// Primitives of the model at the end, where they are counted.
+    /// Primitives of the model at the end, if counted.
     pub primitives: Option<u64>,
     /// Highest resident memory, bytes.
     pub peak_memory_bytes: Option<u64>,
-    /// Scores at the end: of the last row, or of the result where there are no rows.
+    /// Scores at the end: of the last row, or of the result without rows.
     pub final_scores: FinalScores,
-    /// Rows with a score, in order of time; none where the run left no views along a training.
+    /// Rows with a score, in order of time; none if the run left no views along a training.
     pub rows: Vec<TraceRow>,
 }
 
@@ -119,9 +114,9 @@ pub struct TracedRun {
 pub struct FinalScores {
     /// PSNR in the region, dB.
     pub psnr_db: f64,
-    /// SSIM of the whole views, where it was computed.
+    /// SSIM of the whole views, if computed.
     pub ssim: Option<f64>,
-    /// LPIPS (`AlexNet`) of the whole views, where it was computed.
+    /// LPIPS (`AlexNet`) of the whole views, if computed.
     pub lpips_alex: Option<f64>,
 }
 
@@ -172,13 +167,13 @@ pub struct TraceRow {
     pub primitives: u64,
     /// Mean PSNR of the novel views in the region, dB.
     pub psnr_db: f64,
-    /// Mean PSNR of some input views in the region as training measured it, dB, where it did.
+    /// Mean PSNR of some input views in the region, dB, if measured in training.
     pub input_psnr_db: Option<f64>,
-    /// Objects that move as one, where the model tells any apart.
+    /// Objects that move as one, if the model distinguishes any.
     pub objects: Option<u64>,
     /// Mean SSIM of the whole novel views.
     pub ssim: Option<f64>,
-    /// Mean LPIPS (`AlexNet`) of the whole novel views, where the network's weights were there.
+    /// Mean LPIPS (`AlexNet`) of the whole novel views, if the network's weights were available.
     pub lpips_alex: Option<f64>,
     /// Opacity-weighted share of the Gaussians in the free space of two input views or more.
     pub ghost_share: Option<f64>,
@@ -189,7 +184,7 @@ pub struct TraceRow {
 }
 
 impl TracedRun {
-    /// Returns ghosts, holes of input views and holes of novel views at the end of a run, where distances are known.
+    /// Returns ghosts, holes of input views and holes of novel views at the end of a run, if distances are known.
     pub(super) fn faults(&self) -> [Option<f64>; 3] {
         self.rows.last().map_or([None; 3], |row| {
             [row.ghost_share, row.input_hole_share, row.novel_hole_share]
@@ -197,8 +192,8 @@ impl TracedRun {
     }
 }
 
-/// What runs of one scene are called in tables and drawings: method and seed; where two have both, their
-/// iterations too, and where they have those, their folders.
+/// Returns names of runs of one scene for tables and drawings: method and seed; if two share both, their iterations
+/// too, and if they share those, their folders.
 pub(crate) fn names(runs: &[&TracedRun]) -> Vec<String> {
     let plain = |run: &TracedRun| format!("{}, seed {}", run.method, run.seed);
     let longer = |run: &TracedRun| match run.iterations {
@@ -221,7 +216,7 @@ pub(crate) fn names(runs: &[&TracedRun]) -> Vec<String> {
     runs.iter().map(name).collect()
 }
 
-/// The time of the stages before a run; `None` where there is no record of any, or one does not know the clock.
+/// Returns the time of the stages before a run; `None` if none is recorded, or one lacks the clock.
 fn preparation_seconds(stages: &[StageTime], clock: Clock) -> Option<f64> {
     let before = stages.iter().filter(|stage| !stage.is_of_run());
     let seconds: Option<Vec<f64>> = before
@@ -235,7 +230,7 @@ fn preparation_seconds(stages: &[StageTime], clock: Clock) -> Option<f64> {
         .map(|all| all.iter().sum())
 }
 
-/// Returns the time of planning and training by a result; 0 without training, `None` where nothing tells it.
+/// Returns the time of planning and training by a result; 0 without training, `None` if not recorded.
 fn training_seconds(record: &ResultRecord, clock: Clock) -> Option<f64> {
     let taken = match clock {
         Clock::Wall => record.training_seconds,
@@ -250,7 +245,7 @@ fn training_seconds(record: &ResultRecord, clock: Clock) -> Option<f64> {
         .filter(|seconds| seconds.is_finite() && *seconds >= 0.0)
 }
 
-/// Returns the CPU time of the stages of planning and training, where every one knows its own.
+/// Returns the CPU time of the stages of planning and training, if every one has its own.
 fn training_cpu_seconds(stages: &[StageTime]) -> Option<f64> {
     let is_training = |stage: &&StageTime| stage.is_of_run() && stage.stage != RENDERING;
     let seconds = stages.iter().filter(is_training);
@@ -260,13 +255,12 @@ fn training_cpu_seconds(stages: &[StageTime]) -> Option<f64> {
         .map(|all| all.iter().sum())
 }
 
-/// Reads a run from the folder of its scores or the `result.json` there. Where the scores have no curve - the method
-/// does not train, is not of this program, or left no views along its training - the run has no rows.
+/// Reads a run from the folder of its scores or the `result.json` there. If the scores have no curve, the run has no
+/// rows: the method does not train, belongs to another program, or left no views along its training.
 ///
 /// # Errors
-/// When the curve is malformed, goes back in time, scored no novel views in the region, or does not know the time
-/// that is asked for; when there is no curve, and the result is not complete or has no score of novel views in the
-/// region.
+/// When the curve is malformed, goes back in time, scored no novel views in the region, or lacks the requested time.
+/// Also when there is no curve, and the result is not complete or has no score of novel views in the region.
 pub fn read_run(path: &Path, clock: Clock, region: Region) -> Result<TracedRun, BenchError> {
     if path.join(RUN_FILE).is_file() {
         return Err(BenchError::mismatch(
@@ -315,8 +309,8 @@ pub fn read_run(path: &Path, clock: Clock, region: Region) -> Result<TracedRun, 
     })
 }
 
-/// Reads the rows of a curve with a score in the region, at least one, and the time that rendering the views of all
-/// rows took, seconds.
+/// Reads the rows of a curve with a score in the region, at least one, and the time for rendering the views of all
+/// rows, seconds.
 fn scored_rows(
     curve: &Path,
     clock: Clock,

@@ -1,4 +1,4 @@
-//! Channels in another order, and values of another encoding or range.
+//! Detection of other channel orders, encodings and ranges of values.
 
 use omnilife_schemas::statistics::quantile;
 
@@ -9,32 +9,31 @@ use super::{
     look::Looked,
 };
 
-/// Mean gain in dB from which another order of the channels is told; every view has to gain.
+/// Least mean gain in dB for another order of the channels; every view must gain.
 const CHANNELS_GAIN_DB: f64 = 1.0;
-/// Least correlation of colours without their mean, and without grey, after the change, and its least gain over that
-/// before it: a tint of a grey scene must not pass for an order of channels.
+/// Least correlation of colours without their mean, and without grey, after the change, and its least gain: a tint of a
+/// grey scene must not pass for an order of channels.
 const CHANNELS_CORRELATION: f64 = 0.5;
 const CHANNELS_CORRELATION_GAIN: f64 = 0.3;
-/// Or the share of what was missing to a correlation of 1 that may be left.
+/// Or the largest remaining share of the difference to a correlation of 1.
 const CHANNELS_LEFT_OF_MISSING: f64 = 0.5;
 
-/// Mean gain in dB from which an encoding is told, and the gain that every view needs.
+/// Least mean gain in dB for another encoding, and the least gain of every view.
 const ENCODING_GAIN_DB: f64 = 2.0;
 const ENCODING_VIEW_GAIN_DB: f64 = 0.5;
-/// Largest share of the distance between the distributions of values that an encoding leaves
-/// unexplained: other exposures and contrasts leave more. No exposure turns dark into bright.
+/// Largest share of the distance between the distributions of values that an encoding may leave unexplained: other
+/// exposures and contrasts leave more. No exposure turns dark into bright.
 const UNEXPLAINED: f64 = 0.3;
 const UNEXPLAINED_INVERTED: f64 = 0.6;
-/// Limited and expanded ranges are near to the contrasts and offsets that views have for other reasons:
-/// gain and offset (of values in [0, 1]) of their distribution over the ground truth's have to be those
-/// of the range, and the ground truth has to reach so far, from its 5th to its 95th per cent, that they
-/// can be told.
+/// Limited and expanded ranges are similar to contrasts and offsets with other causes. So gain and offset (of values in
+/// [0, 1]) of the distribution over the ground truth's must be those of the range. The ground truth must also have this
+/// spread, from its 5th to its 95th per cent, to be conclusive.
 const UNEXPLAINED_RANGE: f64 = 0.35;
 const RANGE_GAIN: f64 = 0.04;
 const RANGE_OFFSET: f64 = 5.0 / 255.0;
 const LEAST_REACH: f64 = 80.0 / 255.0;
-/// An encoding that leaves less than this, and is as far from right as [`FAR`] (of values in [0, 1]), needs no
-/// gain: where values were cut there is nothing to be undone.
+/// An encoding that leaves less than this, and is as far from right as [`FAR`] (of values in [0, 1]), needs no gain:
+/// clipped values cannot be restored.
 const HARDLY_UNEXPLAINED: f64 = 0.1;
 const FAR: f64 = 0.04;
 /// Least correlation with the ground truth in that encoding, on the mean over the views.
@@ -45,7 +44,7 @@ const QUANTILES: usize = 50;
 /// Values in [0, 1] of a prediction and of its ground truth at equal steps of their order.
 type Distributions = [Vec<[f64; 3]>; 2];
 
-/// The order of channels in which the views are much better, with the mean gain in dB.
+/// Returns the order of channels in which the views are much better, with the mean gain in dB.
 pub(super) fn channels(views: &[Looked]) -> Option<(ChannelOrder, f64)> {
     let best = ChannelOrder::ALL
         .into_iter()
@@ -77,7 +76,7 @@ fn sum(gains: &[f64]) -> f64 {
     gains.iter().sum()
 }
 
-/// The image as it is when its channels are read in the order that they are stored in.
+/// Returns the image with its channels read in their stored order.
 fn reordered(image: &[f32], order: ChannelOrder) -> Vec<f32> {
     let pixels = image.as_chunks::<3>().0.iter();
     pixels
@@ -85,8 +84,8 @@ fn reordered(image: &[f32], order: ChannelOrder) -> Vec<f32> {
         .collect()
 }
 
-/// Correlation of what is left of an image and of the ground truth without their grey values and without
-/// the mean of every channel.
+/// Returns the correlation of the image and the ground truth without their grey values and without the mean of every
+/// channel.
 fn likeness_of_colours(small: &Small, image: &[f32]) -> f64 {
     let [image, truth] = [image, small.truth.as_slice()].map(|image| {
         let colour = |pixel: [f64; 3]| {
@@ -109,11 +108,11 @@ fn likeness_of_colours(small: &Small, image: &[f32]) -> f64 {
     )
 }
 
-/// The encoding that the values of the views have instead of sRGB in the full range, with the mean gain
-/// in dB of undoing it (below 0 where it cannot be undone).
+/// Returns the encoding of the views' values instead of sRGB in the full range, with the mean gain in dB of undoing it
+/// (below 0 if it cannot be undone).
 ///
-/// It is found by the distributions of values, which hardly depend on what lies where: those of the views
-/// are as those of the ground truth are in that encoding.
+/// It is found by the distributions of values, which hardly depend on places: those of the views equal those of the
+/// ground truth in that encoding.
 pub(super) fn encoding(views: &[Looked]) -> Option<(Encoding, f64)> {
     let distributions: Vec<Distributions> = views
         .iter()
@@ -163,7 +162,7 @@ pub(super) fn encoding(views: &[Looked]) -> Option<(Encoding, f64)> {
     (alike >= ENCODING_CORRELATION && (helps || is_plain)).then_some((encoding, gain))
 }
 
-/// Returns true where the encoding is no range, or gain and offset of the distributions are those of the range.
+/// Returns true if the encoding is not a range, or gain and offset of the distributions are those of the range.
 fn fits_range(encoding: Encoding, distributions: &[Distributions]) -> bool {
     let Some((gain, offset)) = encoding.range() else {
         return true;
@@ -174,7 +173,7 @@ fn fits_range(encoding: Encoding, distributions: &[Distributions]) -> bool {
     };
     let truth: Vec<f64> = of(1).collect();
     let reach = [0.95, 0.05].map(|share| quantile(&truth, share).unwrap_or(0.0));
-    // What was cut lies on no line.
+    // Clipped values lie on no line.
     let pairs = of(0).zip(of(1));
     let uncut: Vec<(f64, f64)> = pairs
         .filter(|(value, _)| (0.02..0.98).contains(value))
@@ -194,7 +193,7 @@ fn fits_range(encoding: Encoding, distributions: &[Distributions]) -> bool {
         && (found_offset - offset).abs() <= RANGE_OFFSET
 }
 
-/// The gain in dB of undoing an encoding.
+/// Returns the gain in dB of undoing an encoding.
 fn gain_db(small: &Small, encoding: Encoding) -> f64 {
     let truth = small.counted_pixels(&small.truth);
     let decoded = small.counted_pixels(&small.predicted).map(|pixel| {
@@ -224,7 +223,7 @@ fn quantiles(small: &Small, image: &[f32]) -> Vec<[f64; 3]> {
     (0..QUANTILES).map(at).collect()
 }
 
-/// Mean distance of two distributions.
+/// Returns the mean distance of two distributions.
 fn distance(a: &[[f64; 3]], b: &[[f64; 3]]) -> f64 {
     let values = a.as_flattened().iter().zip(b.as_flattened());
     mean(values.map(|(a, b)| (a - b).abs()))

@@ -1,5 +1,4 @@
-//! Images that stand where others should: one image for all views, pixels that stand twice, frames of the
-//! data that are given and held out.
+//! Misplaced copies: one image for all views, doubled pixels, frames of the data that are given and held out.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -8,15 +7,15 @@ use omnilife_schemas::statistics::median;
 use super::{kind::DiagnosisKind, look::Looked};
 use crate::metrics::ViewPair;
 
-/// Median difference of bytes from which two ground truths show something else: a camera that stands still
-/// before what moves sees most pixels again.
+/// Least median difference of bytes between two ground truths with different content: a static camera sees most pixels
+/// behind moving content again.
 const OTHER_CONTENT: f32 = 4.0;
-/// Largest difference of two frames of one image, of bytes in means of blocks: what compression changes.
+/// Largest difference of two frames of one image, of bytes in means of blocks: that of compression.
 const SAME_CONTENT: f32 = 2.0;
-/// Share of the novel frames from which it is told that they are nearly given ones.
+/// Least share of novel frames that are nearly given ones for a finding.
 const TELLING_SHARE: f64 = 0.25;
-/// Share of pairs of pixels that are equal where every pixel stands twice, and the largest share of
-/// such pairs in the ground truth, and of the pairs in between.
+/// Least share of equal pairs in an image of doubled pixels, and the largest share of such pairs in the ground truth,
+/// and of the pairs in between.
 const DOUBLED: f64 = 0.99;
 const LARGEST_SHARE_OF_EQUALS: f64 = 0.9;
 
@@ -33,7 +32,7 @@ pub(super) struct Truth {
 /// Ground truth of frames by their number.
 pub(super) type Truths = BTreeMap<u32, Truth>;
 
-/// Returns true where all views are one image although their ground truths show something else.
+/// Returns true if all views are one image although their ground truths differ in content.
 pub(super) fn is_one_image(views: &[Looked]) -> bool {
     let Some((first, others)) = views.split_first() else {
         return false;
@@ -47,14 +46,14 @@ pub(super) fn is_one_image(views: &[Looked]) -> bool {
     !others.is_empty() && others.iter().all(repeats)
 }
 
-/// The given frames beside a frame: the last one before it and the first one behind it.
+/// Returns the given frames beside a frame: the last one before it and the first one behind it.
 pub(super) fn given_beside(frame: u32, given: &[u32]) -> impl Iterator<Item = u32> {
     let before = given.iter().copied().filter(|&other| other < frame).max();
     let behind = given.iter().copied().filter(|&other| other > frame).min();
     before.into_iter().chain(behind)
 }
 
-/// Novel frames that are the same image as a given frame beside them; `None` without any to tell.
+/// Returns novel frames that are the same image as a given frame beside them; `None` if none can be compared.
 pub(super) fn repeated_frames(
     novel: &[u32],
     given: &[u32],
@@ -91,8 +90,7 @@ fn is_same(truth: &Truth, other: &Truth) -> bool {
     values.all(|(a, b)| (a - b).abs() <= SAME_CONTENT)
 }
 
-/// Returns true where every pixel of the prediction stands twice in both directions, and those of the ground
-/// truth do not.
+/// Returns true if every pixel of the prediction is doubled in both directions, and those of the ground truth are not.
 pub(super) fn is_doubled(pair: &ViewPair) -> bool {
     let size = pair.size();
     let of_prediction = |axis, first| equal_pairs(pair.prediction(), size, axis, first);
@@ -104,8 +102,8 @@ pub(super) fn is_doubled(pair: &ViewPair) -> bool {
     })
 }
 
-/// Share of the pairs of pixels along an axis (0: in rows, 1: in columns) that are equal, where every second
-/// pixel from `first` begins a pair. 1 without pairs.
+/// Returns the share of equal pairs of pixels along an axis (0: in rows, 1: in columns), where every second pixel from
+/// `first` starts a pair. 1 without pairs.
 fn equal_pairs(bytes: &[u8], [width, height]: [usize; 2], axis: usize, first: usize) -> f64 {
     let pixels = bytes.as_chunks::<3>().0;
     let (step, [lines, length], stride) = match axis {
@@ -127,8 +125,8 @@ fn equal_pairs(bytes: &[u8], [width, height]: [usize; 2], axis: usize, first: us
     }
 }
 
-/// The first number, 0 or 1, from which files of no view are numbered by the place of a view in `frames`.
-/// `strays` are names of files that are of no view.
+/// Returns the first number, 0 or 1, if stray files are numbered by the index of a view in `frames`. `strays` are names
+/// of files that belong to no view.
 pub(super) fn named_by_place(strays: &[String], frames: &[u32]) -> Option<u32> {
     let number = |name: &String| name.rsplit_once('.')?.0.parse::<u32>().ok();
     let mut numbers: BTreeSet<u32> = strays.iter().filter_map(number).collect();

@@ -1,4 +1,4 @@
-//! Encodings of values that are taken for sRGB in the full range of bytes.
+//! Encodings of values that are mistaken for sRGB in the full range of bytes.
 
 use std::fmt;
 
@@ -9,11 +9,11 @@ pub enum Encoding {
     Linear,
     /// The transfer function of sRGB applied twice.
     SrgbTwice,
-    /// To the power of 2.2.
+    /// Raised to the power of 2.2.
     Gamma,
-    /// To the power of 1 / 2.2.
+    /// Raised to the power of 1 / 2.2.
     InverseGamma,
-    /// 16 to 235.
+    /// Limited range, 16 to 235.
     LimitedRange,
     /// Expanded from 16 to 235 though they were in the full range.
     ExpandedTwice,
@@ -76,7 +76,7 @@ impl Encoding {
         Self::ImageNet,
     ];
 
-    /// A right pixel of values in [0, 1] in this encoding, cut at 0 and 1.
+    /// Encodes a right pixel of values in [0, 1], cut at 0 and 1.
     pub(super) fn encoded(self, pixel: [f64; 3]) -> [f64; 3] {
         let encoded = match self.form() {
             Form::Affine { gain, offset } => [0, 1, 2].map(|at| gain[at] * pixel[at] + offset[at]),
@@ -85,7 +85,7 @@ impl Encoding {
         encoded.map(|value| value.clamp(0.0, 1.0))
     }
 
-    /// The right pixel of one in this encoding, as far as it was not cut.
+    /// Decodes a pixel in this encoding to the right one, unless it was cut.
     pub(super) fn decoded(self, pixel: [f64; 3]) -> [f64; 3] {
         let decoded = match self.form() {
             Form::Affine { gain, offset } => {
@@ -96,7 +96,7 @@ impl Encoding {
         decoded.map(|value| value.clamp(0.0, 1.0))
     }
 
-    /// Gain and offset of values in [0, 1] where the encoding is another range of a video.
+    /// Returns gain and offset of values in [0, 1] if the encoding is another range of a video.
     pub(super) fn range(self) -> Option<(f64, f64)> {
         match (self, self.form()) {
             (Self::LimitedRange | Self::ExpandedTwice, Form::Affine { gain, offset }) => {
@@ -159,7 +159,7 @@ enum Form {
     },
 }
 
-/// IEC 61966-2-1.
+/// Decodes sRGB to linear light (IEC 61966-2-1).
 fn linear_of_srgb(value: f64) -> f64 {
     if value <= 0.04045 {
         value / 12.92
@@ -168,7 +168,7 @@ fn linear_of_srgb(value: f64) -> f64 {
     }
 }
 
-/// IEC 61966-2-1.
+/// Encodes linear light as sRGB (IEC 61966-2-1).
 fn srgb_of_linear(value: f64) -> f64 {
     if value <= 0.003_130_8 {
         12.92 * value

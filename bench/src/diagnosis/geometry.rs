@@ -1,23 +1,22 @@
-//! Views that are turned, mirrored or upside down.
+//! Detection of rotated, mirrored or upside-down views.
 
 use super::{
     images::{Small, correlation, least, mean},
     look::Looked,
 };
 
-/// Mean gain in dB from which a turn is told: a wrong convention costs many.
+/// Least mean gain in dB for a finding: a wrong convention costs many.
 const TELLING_GAIN_DB: f64 = 1.0;
-/// Least correlation of the turned views' grey values with the ground truth's,
-/// on the mean over the views, and its least gain over that before: of two images that have nothing in
-/// common some turn is always the better one. In a scene that is nearly symmetrical the turn has to leave
-/// at most half of what was missing.
+/// Least correlation of the rotated views' grey values with the ground truth's, on the mean over the views, and its
+/// least gain: for two unrelated images some rotation is always better. In a nearly symmetrical scene at most half of
+/// the difference to 1 may remain.
 const LEAST_CORRELATION: f64 = 0.4;
 const LEAST_CORRELATION_GAIN: f64 = 0.15;
 const LEFT_OF_MISSING: f64 = 0.5;
-/// A turn by less may be a shift of pixels.
+/// A smaller rotation may be a shift of pixels.
 const SMALL_DEGREES: f64 = 10.0;
-/// Share of the views whose own best turn is this one, within one column of the reduced image:
-/// what a turning camera has seen is turned by another angle in every view.
+/// Least share of the views with this best rotation, within one column of the reduced image: a rotating camera gives
+/// every view another angle.
 const AGREEING_VIEWS: f64 = 0.8;
 
 /// The change that undoes a wrong orientation.
@@ -32,13 +31,13 @@ pub(super) struct Turn {
 }
 
 impl Turn {
-    /// Returns true where a shift by pixels may be taken for it.
+    /// Returns true if it may be a shift by pixels.
     pub(super) fn is_small(self) -> bool {
         !self.is_mirrored && !self.is_upside_down && self.degrees_right.abs() < SMALL_DEGREES
     }
 }
 
-/// The turn that makes the views much better, with the mean gain in dB; `wraps` where columns do.
+/// Returns the rotation that makes the views much better, with the mean gain in dB; `wraps` if columns do.
 pub(super) fn turn(views: &[Looked], wraps: bool) -> Option<(Turn, f64)> {
     let mut best: Option<Candidate> = None;
     for is_mirrored in [false, true] {
@@ -50,7 +49,7 @@ pub(super) fn turn(views: &[Looked], wraps: bool) -> Option<(Turn, f64)> {
         }
     }
     let best = best?;
-    // Less than a column is a matter of shifts.
+    // Less than a column is left to shifts.
     let is_change = best.flips != [false; 2] || best.columns != 0;
     (is_change && best.is_telling(views)).then(|| {
         let turn = Turn {
@@ -75,7 +74,7 @@ struct Candidate {
 }
 
 impl Candidate {
-    /// `None` without views.
+    /// Returns `None` without views.
     fn of(views: &[Looked], flips: [bool; 2], wraps: bool) -> Option<Self> {
         let gains = |view: &Looked| -> Vec<f64> {
             let small = &view.small;
@@ -89,7 +88,7 @@ impl Candidate {
         let by_view: Vec<Vec<f64>> = views.iter().map(gains).collect();
         let of = |columns: usize| mean(by_view.iter().map(|gains| gains[columns]));
         let columns = (0..by_view.first()?.len()).max_by(|&a, &b| {
-            // Of equals the first.
+            // The first of equals.
             of(a).total_cmp(&of(b)).then(b.cmp(&a))
         })?;
         Some(Self {
@@ -129,7 +128,7 @@ impl Candidate {
                 || 1.0 - after <= LEFT_OF_MISSING * (1.0 - before))
     }
 
-    /// The shift of the columns, looked at again at the larger of the reduced sizes.
+    /// Refines the shift of the columns at the larger of the reduced sizes.
     fn degrees(&self, views: &[Looked]) -> f64 {
         let Some(first) = views.first() else {
             return 0.0;
@@ -148,7 +147,7 @@ impl Candidate {
                 medium.error_between(&image, &medium.truth)
             }))
         };
-        // One column further than the small image can be wrong by, on either side.
+        // One column beyond the largest error of the small image, on either side.
         let reach = step + 1;
         let errors: Vec<f64> = (0..=2 * reach)
             .map(|at| error(centre + medium + at - reach))
@@ -163,8 +162,8 @@ impl Candidate {
     }
 }
 
-/// Returns the place of the minimum of errors at equal steps, by the parabola through the least and its
-/// neighbours, in steps from the middle one. `None` where the least is the first or the last.
+/// Returns the place of the minimum of errors at equal steps, by the parabola through the least and its neighbours, in
+/// steps from the middle one. `None` if the least is the first or the last.
 pub(super) fn vertex(errors: &[f64]) -> Option<f64> {
     let at = (0..errors.len()).min_by(|&a, &b| errors[a].total_cmp(&errors[b]))?;
     let [left, here, right] = *errors.get(at.checked_sub(1)?..at + 2)? else {
@@ -175,11 +174,11 @@ pub(super) fn vertex(errors: &[f64]) -> Option<f64> {
     (curvature > 0.0).then(|| offset + 0.5 * (left - right) / curvature)
 }
 
-/// An image of rows of `width` pixels with its columns, its rows, or both in reverse.
+/// Returns an image of rows of `width` pixels with its columns, its rows, or both in reverse.
 fn flipped(image: &[f32], width: usize, [columns, rows]: [bool; 2]) -> Vec<f32> {
     let mut pixels: Vec<[f32; 3]> = image.as_chunks::<3>().0.to_vec();
     if rows {
-        // All in reverse is both.
+        // Reversing all pixels reverses both.
         pixels.reverse();
     }
     if rows != columns {
@@ -188,7 +187,7 @@ fn flipped(image: &[f32], width: usize, [columns, rows]: [bool; 2]) -> Vec<f32> 
     pixels.concat()
 }
 
-/// An image of rows of `width` pixels with its columns moved to the right by less than that.
+/// Returns an image of rows of `width` pixels with its columns moved to the right by less than that.
 fn moved(image: &[f32], width: usize, columns: usize) -> Vec<f32> {
     let mut image = image.to_vec();
     for row in image.chunks_exact_mut(3 * width) {

@@ -1,16 +1,15 @@
-//! Views at a reduced size, and how alike two images are.
+//! Views at a reduced size, and the similarity of two images.
 
 use crate::metrics::ViewPair;
 
-/// PSNR in dB of a mean squared error of bytes; equal images have 100 dB, as in the scores.
+/// Returns the PSNR in dB of a mean squared error of bytes; equal images have 100 dB, as in the scores.
 pub(super) fn psnr_db(mean_squared_error: f64) -> f64 {
     -10.0 * (mean_squared_error / (255.0 * 255.0)).max(1e-10).log10()
 }
 
-/// Means of square blocks of an 8-bit RGB image of `size` (width, height), as many as leave
-/// at least `columns` columns where the image has that many; row-major, three interleaved
-/// channels, 0 to 255. Returned with its width and height; rows and columns that fill no block are
-/// left out.
+/// Returns means of square blocks of an 8-bit RGB image of `size` (width, height): as large as leave at least `columns`
+/// columns if the image has that many. Row-major, three interleaved channels, 0 to 255, with width and height; rows and
+/// columns that fill no block are left out.
 pub(super) fn reduced(bytes: &[u8], size: [usize; 2], columns: usize) -> ([usize; 2], Vec<f32>) {
     let (block, [width, height]) = blocks(size, columns);
     let mut means = vec![0.0; width * height * 3];
@@ -34,7 +33,7 @@ pub(super) fn reduced(bytes: &[u8], size: [usize; 2], columns: usize) -> ([usize
     ([width, height], means)
 }
 
-/// Side of the blocks in pixels, and their columns and rows.
+/// Returns the side of the blocks in pixels, and their columns and rows.
 fn blocks([width, height]: [usize; 2], columns: usize) -> (usize, [usize; 2]) {
     let block = (width / columns).clamp(1, height);
     (block, [width / block, height / block])
@@ -74,7 +73,7 @@ impl Small {
         }
     }
 
-    /// Mean squared error of two images of its size, over the pixels that count.
+    /// Returns the mean squared error of two images of its size, over the pixels that count.
     pub(super) fn error_between(&self, image: &[f32], other: &[f32]) -> f64 {
         let (mut sum, mut count) = (0.0, 0_usize);
         let pixels = image
@@ -90,12 +89,12 @@ impl Small {
         sum / count.max(1) as f64
     }
 
-    /// PSNR of an image of its size against the ground truth, dB.
+    /// Returns the PSNR of an image of its size against the ground truth, dB.
     pub(super) fn psnr_of(&self, image: &[f32]) -> f64 {
         psnr_db(self.error_between(image, &self.truth))
     }
 
-    /// The values of an image of its size that count, as pixels.
+    /// Returns the values of an image of its size that count, as pixels.
     pub(super) fn counted_pixels<'a>(
         &'a self,
         image: &'a [f32],
@@ -107,7 +106,7 @@ impl Small {
     }
 }
 
-/// Pearson's correlation of two sequences of the same length; 0 where either is constant.
+/// Returns Pearson's correlation of two sequences of the same length; 0 where either is constant.
 pub(super) fn correlation(
     a: impl Iterator<Item = f64> + Clone,
     b: impl Iterator<Item = f64> + Clone,
@@ -124,7 +123,7 @@ pub(super) fn correlation(
     if norm > 1e-6 { product / norm } else { 0.0 }
 }
 
-/// Arithmetic mean; 0 of none.
+/// Returns the arithmetic mean; 0 without values.
 pub(super) fn mean(values: impl IntoIterator<Item = f64>) -> f64 {
     let (mut sum, mut count) = (0.0, 0_usize);
     for value in values {
@@ -134,7 +133,7 @@ pub(super) fn mean(values: impl IntoIterator<Item = f64>) -> f64 {
     sum / count.max(1) as f64
 }
 
-/// The least value; infinite of none.
+/// Returns the least value; infinite without values.
 pub(super) fn least(values: impl IntoIterator<Item = f64>) -> f64 {
     values.into_iter().fold(f64::INFINITY, f64::min)
 }

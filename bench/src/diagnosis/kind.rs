@@ -4,10 +4,10 @@ use std::fmt;
 
 use super::{encoding::Encoding, order::FrameOrder};
 
-/// A mistake of convention, or a fact about views that the method does not cause.
+/// A mistake of convention, or a fact about views that the method did not cause.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum DiagnosisKind {
-    /// The views fit better turned.
+    /// The views fit better rotated.
     Turned {
         /// With their columns in reverse.
         is_mirrored: bool,
@@ -32,37 +32,37 @@ pub enum DiagnosisKind {
         /// Share of the values below -0.02 or above 1.02.
         share: f64,
     },
-    /// The views are of other frames than their names say.
+    /// The views show other frames than their names state.
     Order(FrameOrder),
-    /// The files are named by the place among the views instead of the frame, counted from this number.
+    /// The files are named by the index among the views instead of the frame, counted from this number.
     NamedByPlace {
         /// 0 or 1.
         first: u32,
     },
-    /// Every pixel stands twice in both directions: the views were enlarged from half the size.
+    /// Every pixel is doubled in both directions: the views were enlarged from half the size.
     DoubledPixels,
     /// All views are one image, byte for byte.
     OneImage,
-    /// Views are copies of given views, as a baseline may predict them.
+    /// Views are copies of given views, as in baselines.
     CopiesOfGivenViews {
-        /// Views that are.
+        /// Number of copies.
         copies: usize,
-        /// Views that were looked at.
+        /// Number of examined views.
         views: usize,
     },
     /// Novel frames of the data are the same image as a given frame.
     RepeatedFrames {
-        /// Novel frames that are it byte for byte.
+        /// Novel frames that equal it byte for byte.
         identical: usize,
-        /// Novel frames that are nearly it.
+        /// Novel frames that nearly equal it.
         similar: usize,
-        /// Novel frames that were looked at.
+        /// Number of examined novel frames.
         frames: usize,
     },
 }
 
 impl DiagnosisKind {
-    /// Returns true where predictions have to be made in another way.
+    /// Returns true if predictions must be corrected.
     pub fn is_mistake(self) -> bool {
         !matches!(
             self,
@@ -135,7 +135,7 @@ impl fmt::Display for DiagnosisKind {
     }
 }
 
-/// The change that makes turned views fit, in words.
+/// Describes the change that makes rotated views fit.
 fn turn(is_mirrored: bool, is_upside_down: bool, degrees_right: f64) -> String {
     let mut parts = Vec::new();
     if is_mirrored {
@@ -152,7 +152,7 @@ fn turn(is_mirrored: bool, is_upside_down: bool, degrees_right: f64) -> String {
     parts.join(", ")
 }
 
-/// A shift of half pixels in words.
+/// Returns a shift of half pixels in words.
 fn shift(right: i32, down: i32) -> String {
     let of = |half_pixels: i32, [forward, back]: [&str; 2]| {
         let direction = if half_pixels > 0 { forward } else { back };

@@ -1,4 +1,4 @@
-//! Reading of views and ground truths as they are looked at.
+//! Reading of views and ground truths for the diagnosis.
 
 use std::collections::BTreeSet;
 
@@ -17,13 +17,12 @@ use crate::{
     truth,
 };
 
-/// Columns of the reduced sizes: for turns and colours, and for what is compared frame by frame.
+/// Columns of the reduced sizes: for rotations and colours, and for comparisons frame by frame.
 const SMALL: usize = 128;
 const MEDIUM: usize = 256;
-/// Share of the values of arrays outside of [0, 1] from which it is told.
+/// Least share of the values of arrays outside of [0, 1] for a finding.
 pub(super) const TELLING_OUTSIDE: f64 = 0.05;
-/// Memory for a pixel of a view while it is looked at, bytes: two images in 8 bits, one in f32,
-/// and both in grey.
+/// Memory for a pixel of a view during the diagnosis, bytes: two images in 8 bits, one in f32, and both in grey.
 const BYTES_PER_PIXEL: u64 = 2 * 3 + 12 + 4 * 4;
 
 /// Facts about a view that the findings need.
@@ -35,7 +34,7 @@ pub(super) struct Looked {
     pub(super) medium: Small,
     /// Shifts of its parts, as [`shifts::by_part`] returns them.
     pub(super) shifts: Vec<Option<[f64; 2]>>,
-    /// Every pixel stands twice.
+    /// True if every pixel is doubled.
     pub(super) is_doubled: bool,
     /// Share of the values of an array outside of [0, 1].
     pub(super) outside: Option<f64>,
@@ -44,7 +43,7 @@ pub(super) struct Looked {
 }
 
 impl Looked {
-    /// Looks at a pair; columns wrap where `wraps` says so.
+    /// Examines a pair; columns wrap if `wraps` is true.
     pub(super) fn of(view: View, pair: &ViewPair, wraps: bool) -> Self {
         Self {
             view,
@@ -59,7 +58,7 @@ impl Looked {
     }
 }
 
-/// Mean squared error over the pixels that count, of bytes.
+/// Returns the mean squared error over the pixels that count, of bytes.
 fn error(pair: &ViewPair) -> f64 {
     let images = [pair.prediction(), pair.truth()].map(|image| image.as_chunks::<3>().0.iter());
     let [prediction, truth] = images;
@@ -77,7 +76,7 @@ fn error(pair: &ViewPair) -> f64 {
     sum / count.max(1) as f64
 }
 
-/// Looks at views, as many at once as the memory allows; those whose predictions cannot be read are left out.
+/// Examines views, as many at once as the memory allows; those with unreadable predictions are left out.
 ///
 /// # Errors
 /// When a ground truth or its mask is unusable.
@@ -108,12 +107,12 @@ pub(super) fn look(
     Ok(looked)
 }
 
-/// Returns true where the columns of the scene's images wrap.
+/// Returns true if the columns of the scene's images wrap.
 pub(super) fn wraps(job: &ScoringJob) -> bool {
     matches!(job.scene.camera, Camera::Erp(_))
 }
 
-/// Views that fit into `memory_bytes`, at least one and at most one per thread.
+/// Returns the number of views that fit into `memory_bytes`, at least one and at most one per thread.
 fn at_once(job: &ScoringJob, memory_bytes: u64) -> usize {
     let [width, height] = job.size.map(u64::from);
     let fitting = memory_bytes / (width * height * BYTES_PER_PIXEL).max(1);
@@ -122,7 +121,7 @@ fn at_once(job: &ScoringJob, memory_bytes: u64) -> usize {
         .clamp(1, rayon::current_num_threads())
 }
 
-/// A prediction with its ground truth; `None` where the prediction cannot be read.
+/// Reads a prediction with its ground truth; `None` if the prediction cannot be read.
 ///
 /// # Errors
 /// When the ground truth or its mask is unusable.
@@ -137,8 +136,7 @@ pub(super) fn read(job: &ScoringJob, view: View) -> Result<Option<ViewPair>, Ben
     Ok(truth::pair(job, prediction, truth, ignored.as_ref()))
 }
 
-/// Ground truths of frames, without those that the scene lacks or that cannot be read: of frames that are
-/// not scored nothing is asked.
+/// Reads ground truths of frames, without missing and unreadable ones: frames that are not scored need none.
 pub(super) fn truths(job: &ScoringJob, frames: &BTreeSet<u32>, memory_bytes: u64) -> Truths {
     let size = job.size.map(|side| side as usize);
     let known: Vec<u32> = frames

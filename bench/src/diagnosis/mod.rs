@@ -1,11 +1,10 @@
 //! Mistakes of convention in predicted views: axes, pixel centres, channels, encodings, order of frames.
 //!
-//! Some views of each kind are compared with ground truth once more after the changes that undo what
-//! people get wrong, and with the ground truth of other frames. What is told fits much better in (nearly) every
-//! view that is looked at; thresholds were chosen by `scripts/calibrate/diagnosis.py` so that views of
-//! honest methods, however poor, have no finding. Views that are made of the frame before alone
-//! are the exception: they cannot be told from views that are numbered one off. No score is ever taken from
-//! a changed view.
+//! Some views of each kind are compared with ground truth once more after changes that undo common mistakes. They are
+//! also compared with the ground truth of other frames. A reported change fits much better in (nearly) every examined
+//! view. Thresholds were chosen by `scripts/calibrate/diagnosis.py` so that views of honest methods, however poor, have
+//! no finding. Views made only of the frame before are an exception: they look like views that are numbered one off. No
+//! score is ever taken from a changed view.
 
 mod colour;
 mod copies;
@@ -40,33 +39,32 @@ pub use self::{
     order::FrameOrder,
 };
 
-/// Views of a kind that are looked at, spread evenly.
+/// Number of examined views of a kind, evenly spaced.
 const VIEWS: usize = 6;
-/// Frames beside the views' own whose ground truth is looked at, about.
+/// Approximate number of frames beside the views' own whose ground truth is compared.
 const OTHER_FRAMES: usize = 32;
-/// Novel frames that are compared with the given ones beside them.
+/// Number of novel frames that are compared with the given ones beside them.
 const NOVEL_FRAMES: usize = 8;
 
-/// Likely mistakes in views, and facts that a reader of their scores should know.
+/// Likely mistakes in views, and facts for readers of their scores.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Diagnosis {
-    /// Views that were looked at; those that cannot be read are left out.
+    /// Number of examined views, without unreadable ones.
     pub views: usize,
-    /// Their mean PSNR as they are, dB; 100 dB for equal images. `None` without views.
+    /// Their mean PSNR without changes, dB; 100 dB for equal images. `None` without views.
     pub psnr_db: Option<f64>,
     /// Findings, mistakes first.
     pub findings: Vec<DiagnosisFinding>,
 }
 
-/// Something that was found.
+/// A finding.
 #[derive(Debug, Clone, PartialEq)]
 pub struct DiagnosisFinding {
     /// `input` or `novel`; `None` for a fact about the data.
     pub view: Option<String>,
     /// The mistake or fact.
     pub kind: DiagnosisKind,
-    /// Mean gain in PSNR of the views that were looked at where the mistake is undone, dB; `None` where it cannot
-    /// be undone.
+    /// Mean gain in PSNR of the examined views without the mistake, dB; `None` if it cannot be undone.
     pub gain_db: Option<f64>,
 }
 
@@ -80,7 +78,7 @@ impl fmt::Display for DiagnosisFinding {
 }
 
 impl DiagnosisFinding {
-    /// Returns its line without the kind of views that it is of.
+    /// Returns its line without the kind of views.
     pub fn without_view(&self) -> String {
         let gain = self
             .gain_db
@@ -90,9 +88,8 @@ impl DiagnosisFinding {
 }
 
 impl Diagnosis {
-    /// Returns one line for every mistake, which begins with [`DIAGNOSIS_PREFIX`], and one for frames
-    /// of the data that are given and held out, without it. Copies of given views, as baselines
-    /// predict them, are no warning.
+    /// Returns one line for every mistake, prefixed by [`DIAGNOSIS_PREFIX`], and one for frames of the data that are
+    /// given and held out, without it. Copies of given views, as in baselines, are no warning.
     pub fn warnings(&self) -> Vec<String> {
         let mistakes = self
             .mistakes()
@@ -104,14 +101,14 @@ impl Diagnosis {
         mistakes.chain(of_data.map(ToString::to_string)).collect()
     }
 
-    /// The findings that are no mistakes: facts about views and data.
+    /// Returns the findings that are not mistakes: facts about views and data.
     pub fn notes(&self) -> impl Iterator<Item = &DiagnosisFinding> {
         self.findings
             .iter()
             .filter(|finding| !finding.kind.is_mistake())
     }
 
-    /// The mistakes among the findings.
+    /// Returns the mistakes among the findings.
     pub fn mistakes(&self) -> impl Iterator<Item = &DiagnosisFinding> {
         self.findings
             .iter()
@@ -119,7 +116,7 @@ impl Diagnosis {
     }
 }
 
-/// Looks at some of the views that a request would score. Nothing is written.
+/// Examines some of the views that a request would score. Nothing is written.
 ///
 /// # Errors
 /// Those of scoring, as far as they concern scene, split and ground truth.
@@ -127,7 +124,7 @@ pub fn diagnose(request: &ScoreRequest) -> Result<Diagnosis, BenchError> {
     of_job(&ScoringJob::prepare(request)?, request.memory_bytes)
 }
 
-/// Looks at some of the views of a job. `memory_bytes` bounds about what they take together.
+/// Examines some of the views of a job. `memory_bytes` is the approximate limit of their total memory.
 pub(crate) fn of_job(job: &ScoringJob, memory_bytes: u64) -> Result<Diagnosis, BenchError> {
     let given = &job.split.input_views;
     let kinds = [
@@ -170,13 +167,13 @@ pub(crate) fn of_job(job: &ScoringJob, memory_bytes: u64) -> Result<Diagnosis, B
     })
 }
 
-/// At most `count` of the frames, spread evenly.
+/// Returns at most `count` of the frames, evenly spaced.
 fn spread(frames: &[u32], count: usize) -> impl Iterator<Item = u32> {
     let count = count.min(frames.len());
     (0..count).map(move |index| frames[(2 * index + 1) * frames.len() / (2 * count)])
 }
 
-/// Frames whose ground truth views are compared with, and those that are compared with each other.
+/// Returns frames whose ground truth is compared with views, and those that are compared with each other.
 fn other_frames(by_kind: &[OfKind<'_>], novel: &[u32], given: &[u32]) -> BTreeSet<u32> {
     let mut frames: BTreeSet<u32> = novel.iter().copied().collect();
     for of_kind in by_kind {
@@ -217,8 +214,8 @@ impl OfKind<'_> {
             ViewKind::Input => 0,
             ViewKind::Novel => comparison.copies(&self.job.split.input_views),
         };
-        // A copy of another view is nothing that should lie as its own ground truth does, and of inverted
-        // views some turn is less wrong.
+        // A copy of another view need not match its own ground truth, and for inverted views some rotation always fits
+        // better.
         if 2 * copied <= views.len() && !is_inverted {
             found.extend(self.placement(&comparison)?);
         }
@@ -243,7 +240,7 @@ impl OfKind<'_> {
         Ok(found.into_iter().map(finding).collect())
     }
 
-    /// The turn, the order of frames or the shift that explains most.
+    /// Returns the rotation, the order of frames or the shift that explains most.
     fn placement(
         &self,
         comparison: &Comparison<'_>,
@@ -269,7 +266,7 @@ impl OfKind<'_> {
         }))
     }
 
-    /// The shift that all views have, and their gain without it.
+    /// Returns the common shift of all views, and their gain without it.
     fn shift(&self) -> Result<Option<(DiagnosisKind, Option<f64>)>, BenchError> {
         let Some([right, down]) = shifts::common(&self.views) else {
             return Ok(None);
@@ -283,7 +280,7 @@ impl OfKind<'_> {
         Ok(gain.map(|gain| (DiagnosisKind::Shifted { right, down }, Some(gain))))
     }
 
-    /// Findings that cannot be undone, or are told without a gain.
+    /// Returns findings that cannot be undone, or have no gain.
     fn without_gain(&self, copied: usize) -> Vec<DiagnosisKind> {
         let views = &self.views[..];
         let mut kinds = Vec::new();

@@ -1,4 +1,4 @@
-//! Views of other frames than their names say, and copies of given views.
+//! Detection of views that show other frames than their names state, and of copies of given views.
 
 use std::{
     collections::{BTreeMap, BTreeSet},
@@ -11,30 +11,30 @@ use super::{
     look::Looked,
 };
 
-/// Gain in dB by which another frame has to fit better, and the share of the views in which it has to.
+/// Least gain in dB by another frame, and the least share of the views that must gain.
 const TELLING_GAIN_DB: f64 = 1.0;
 const TELLING_SHARE: f64 = 0.75;
-/// Largest loss of any view by that, dB.
+/// Largest loss of any view by another frame, dB.
 const LARGEST_LOSS_DB: f64 = 0.5;
-/// The gain where the other frame may be a given one: all that is made of given views is like them.
-/// Blends are like the frames on both sides, so that the opposite side must not fit better than the right one.
+/// Least gain if the other frame may be a given one: renderings from given views resemble them. Blends resemble the
+/// frames on both sides, so that the opposite side must not fit better than the right one.
 const NEIGHBOUR_GAIN_DB: f64 = 3.0;
-/// Share of the views that are of other frames where these are in no order.
+/// Least share of views of other frames if these are unordered.
 const PERMUTED_SHARE: f64 = 0.5;
-/// PSNR to a given view from which a view is a copy of it, and how much farther the right one has to be, dB.
+/// Least PSNR to a given view of its copy, and the least distance of the right one, dB.
 const COPY_DB: f64 = 42.0;
 const COPY_LEAD_DB: f64 = 3.0;
 
 /// Frames that views show instead of their own.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum FrameOrder {
-    /// That of the view so many places further on in the list of the split.
+    /// The frame of the view so many places later in the list of the split.
     PlacesOn(i32),
-    /// So many frames of the scene further on.
+    /// The frame so many later in the scene.
     FramesOn(i32),
-    /// The views in reverse.
+    /// The views in reverse order.
     Reversed,
-    /// Those of other views, in no order.
+    /// The frames of other views, unordered.
     Permuted,
 }
 
@@ -69,14 +69,14 @@ impl fmt::Display for FrameOrder {
     }
 }
 
-/// The frames beside a view's own that may be shown instead of it: those before and after it in `list`, its
-/// counterpart from the end, and those before and after it in the scene.
+/// Returns the frames that may be shown instead of a view's own: its neighbours in `list` and in the scene, and its
+/// counterpart from the end of `list`.
 pub(super) fn frames_to_compare(frame: u32, list: &[u32]) -> BTreeSet<u32> {
     let shown = |order: FrameOrder| shown_instead(order, frame, list);
     ORDERS.into_iter().filter_map(shown).collect()
 }
 
-/// Orders that can be told from the number of a frame.
+/// Orders that follow from the number of a frame.
 const ORDERS: [FrameOrder; 5] = [
     FrameOrder::PlacesOn(-1),
     FrameOrder::PlacesOn(1),
@@ -85,7 +85,7 @@ const ORDERS: [FrameOrder; 5] = [
     FrameOrder::FramesOn(1),
 ];
 
-/// The frame that the view of `frame` shows by an order.
+/// Returns the frame that the view of `frame` shows in an order.
 fn shown_instead(order: FrameOrder, frame: u32, list: &[u32]) -> Option<u32> {
     let place = list.iter().position(|&other| other == frame)?;
     match order {
@@ -96,7 +96,7 @@ fn shown_instead(order: FrameOrder, frame: u32, list: &[u32]) -> Option<u32> {
     }
 }
 
-/// Views beside the truths that they are compared with.
+/// Views beside the ground truths that they are compared with.
 pub(super) struct Comparison<'a> {
     views: &'a [Looked],
     /// Frames of the kind of views, in the order of the split.
@@ -106,7 +106,7 @@ pub(super) struct Comparison<'a> {
 }
 
 impl<'a> Comparison<'a> {
-    /// Compares views of the frames of `list`; `truths` need not be of all frames.
+    /// Compares views of the frames of `list`; `truths` may lack some frames.
     pub(super) fn new(views: &'a [Looked], list: &'a [u32], truths: &Truths) -> Self {
         let of_view = |view: &Looked| {
             let image = &view.medium.predicted;
@@ -125,7 +125,7 @@ impl<'a> Comparison<'a> {
         }
     }
 
-    /// Views that are copies of a given frame and not of their own.
+    /// Counts views that are copies of a given frame and not of their own.
     pub(super) fn copies(&self, given: &[u32]) -> usize {
         let is_copy = |(view, by_frame): &(&Looked, &BTreeMap<u32, f64>)| {
             let own = by_frame[&view.view.frame];
@@ -135,7 +135,7 @@ impl<'a> Comparison<'a> {
         self.views.iter().zip(&self.psnr_db).filter(is_copy).count()
     }
 
-    /// The order in which the views fit much better, with the mean gain in dB.
+    /// Returns the order in which the views fit much better, with the mean gain in dB.
     pub(super) fn order(&self) -> Option<(FrameOrder, f64)> {
         let by_number = ORDERS.into_iter().find_map(|order| {
             let gain = self.telling_gain(order)?;
@@ -144,7 +144,7 @@ impl<'a> Comparison<'a> {
         by_number.or_else(|| self.permutation())
     }
 
-    /// Gains in dB of the views whose frame in an order is another one and was looked at.
+    /// Returns gains in dB of the views whose frame in an order is another, examined one.
     fn gains(&self, order: FrameOrder) -> Vec<f64> {
         let gain = |(view, by_frame): (&Looked, &BTreeMap<u32, f64>)| {
             let frame = view.view.frame;
@@ -178,8 +178,7 @@ impl<'a> Comparison<'a> {
         tells.then(|| mean(gains))
     }
 
-    /// Views that show each other's frames: the best one of most is another view's, and of hardly two the
-    /// same.
+    /// Returns a permutation of views: the best frame of most is another view's, and hardly two share one.
     fn permutation(&self) -> Option<(FrameOrder, f64)> {
         let best = |(view, by_frame): (&Looked, &BTreeMap<u32, f64>)| {
             let (&shown, psnr) = by_frame.iter().max_by(|a, b| a.1.total_cmp(b.1))?;

@@ -1,4 +1,4 @@
-//! Views that lie up to a few pixels beside the ground truth, as by pixel centres at corners.
+//! Detection of views shifted by up to a few pixels, for example with pixel centres at corners.
 
 use std::ops::Range;
 
@@ -11,29 +11,28 @@ use super::{
 };
 use crate::metrics::ViewPair;
 
-/// Parts of the longitudes (or of the width) and of the rows that are looked at by themselves.
+/// Parts of the longitudes (or of the width) and of the rows that are examined separately.
 const COLUMNS: usize = 4;
 const ROWS: usize = 2;
-/// Largest shift that is looked for, pixels.
+/// Largest detectable shift, pixels.
 const REACH: i64 = 6;
-/// Images with fewer rows are not looked at.
+/// Least number of rows of an examined image.
 const LEAST_HEIGHT: usize = 64;
-/// Shift from which it is told, pixels.
+/// Least shift of a finding, pixels.
 const TELLING_PIXELS: f64 = 0.35;
-/// Share of the parts of all views in which a shift has to be found.
+/// Least share of the parts of all views with a known shift.
 const KNOWN: f64 = 0.75;
-/// A view of another camera is shifted too, but in another way in every part of the image and in
-/// every view: medians of most views and of most parts have to lie this near to the median of all, pixels.
+/// A view of another camera is shifted too, but differently in every part of the image and in every view. Medians of
+/// most views and of most parts must lie this near to the median of all, pixels.
 const AGREEING_VIEW_PIXELS: f64 = 0.3;
 const AGREEING_PART_PIXELS: f64 = 0.35;
 const AGREEING_VIEWS: f64 = 0.8;
 const AGREEING_PARTS: f64 = 0.75;
-/// Gain in dB of every view from which a shift is told: one that is found and helps nothing is no
-/// matter of convention.
+/// Least gain in dB of every view by a shift: one without a gain is no matter of convention.
 const TELLING_GAIN_DB: f64 = 0.2;
 
-/// The shift (right, down) in pixels of every part of a prediction against the ground truth, row by
-/// row; `None` where it cannot be told. Columns wrap where `wraps` says so. Small images have no parts.
+/// Returns the shift (right, down) in pixels of every part of a prediction against the ground truth, row by row; `None`
+/// if it cannot be determined. Columns wrap if `wraps` is true. Small images have no parts.
 pub(super) fn by_part(pair: &ViewPair, wraps: bool) -> Vec<Option<[f64; 2]>> {
     let [width, height] = pair.size();
     if height < LEAST_HEIGHT || width < LEAST_HEIGHT {
@@ -75,8 +74,8 @@ struct Part {
     columns: Range<usize>,
 }
 
-/// Both images of a pair in grey, without their finest detail, in which noise lies and a shift by half a
-/// pixel would be a blur.
+/// Both images of a pair in grey, without their finest detail, which contains noise and would make a blur of a shift by
+/// half a pixel.
 struct Smoothed<'a> {
     pair: &'a ViewPair,
     /// Padded by the reach.
@@ -85,8 +84,8 @@ struct Smoothed<'a> {
 }
 
 impl Smoothed<'_> {
-    /// The shift of the prediction in a part, first along the rows, then along the columns, then along the
-    /// rows again.
+    /// Returns the shift of the prediction in a part: first along the rows, then along the columns, then along the rows
+    /// again.
     fn shift(&self, part: &Part) -> Option<[f64; 2]> {
         let along =
             |error: &dyn Fn(i64) -> f64| -> Vec<f64> { (-REACH..=REACH).map(error).collect() };
@@ -101,7 +100,7 @@ impl Smoothed<'_> {
         Some([vertex(&by_column)?, vertex(&by_row)?])
     }
 
-    /// Mean squared error in a part of the prediction moved back by whole pixels, up to the reach.
+    /// Returns the mean squared error in a part of the prediction moved back by whole pixels, up to the reach.
     fn error(&self, part: &Part, [right, down]: [i64; 2]) -> f64 {
         let [width, height] = self.pair.size();
         let (mut sum, mut count) = (0.0, 0_usize);
@@ -123,8 +122,8 @@ impl Smoothed<'_> {
     }
 }
 
-/// Gives an image the mean and the deviation of another one: a darker image lies less wrong a little
-/// beside, where it is brighter.
+/// Gives an image the mean and the deviation of another one: a darker image would fit better a little to the side,
+/// where it is brighter.
 fn match_exposure(image: &mut [f32], other: &[f32]) {
     let moments = |values: &[f32]| {
         let average = mean(values.iter().copied().map(f64::from));
@@ -140,7 +139,7 @@ fn match_exposure(image: &mut [f32], other: &[f32]) {
     }
 }
 
-/// An image of rows of `width` values with the values of the other end before and behind every row.
+/// Returns an image of rows of `width` values with the values of the other end before and behind every row.
 fn padded(image: &[f32], width: usize) -> Vec<f32> {
     let reach = REACH as usize;
     let rows = image.chunks_exact(width);
@@ -148,7 +147,7 @@ fn padded(image: &[f32], width: usize) -> Vec<f32> {
         .collect()
 }
 
-/// Grey values under a binomial filter of 5 x 5 pixels; columns wrap, rows end.
+/// Returns grey values under a binomial filter of 5 x 5 pixels; columns wrap, rows end.
 fn smoothed(bytes: &[u8], [width, height]: [usize; 2]) -> Vec<f32> {
     const WEIGHTS: [f32; 5] = [0.0625, 0.25, 0.375, 0.25, 0.0625];
     let grey = |pixel: &[u8; 3]| pixel.iter().map(|&byte| f32::from(byte)).sum::<f32>() / 3.0;
@@ -174,7 +173,7 @@ fn smoothed(bytes: &[u8], [width, height]: [usize; 2]) -> Vec<f32> {
     out
 }
 
-/// The shift (right, down) of the views in half pixels, where all have the same one.
+/// Returns the shift (right, down) of the views in half pixels, if all share one.
 pub(super) fn common(views: &[Looked]) -> Option<[i32; 2]> {
     let by_view: Vec<&[Option<[f64; 2]>]> = views.iter().map(|view| &view.shifts[..]).collect();
     let parts = by_view.first()?.len();
@@ -209,13 +208,13 @@ pub(super) fn common(views: &[Looked]) -> Option<[i32; 2]> {
     (agrees && tells).then(|| middle.map(|pixels| (2.0 * pixels).round() as i32))
 }
 
-/// Medians of both coordinates; `None` of none.
+/// Returns medians of both coordinates; `None` without values.
 fn medians(found: &[[f64; 2]]) -> Option<[f64; 2]> {
     let of = |axis: usize| median(&found.iter().map(|shift| shift[axis]).collect::<Vec<_>>());
     Some([of(0)?, of(1)?])
 }
 
-/// The gain in dB of a prediction that is moved back by half pixels (right, down).
+/// Returns the gain in dB of a prediction that is moved back by half pixels (right, down).
 pub(super) fn gain_db(pair: &ViewPair, half_pixels: [i32; 2]) -> f64 {
     let [width, height] = pair.size().map(|side| side as i64);
     // Between two pixels their mean is taken.
@@ -248,7 +247,7 @@ pub(super) fn gain_db(pair: &ViewPair, half_pixels: [i32; 2]) -> f64 {
     psnr_db(after / values) - psnr_db(before / values)
 }
 
-/// The mean gain in dB of views by a shift, where every one gains.
+/// Returns the mean gain in dB of views by a shift, if every one gains.
 pub(super) fn telling_gain(gains: &[f64]) -> Option<f64> {
     let tells = !gains.is_empty() && least(gains.iter().copied()) >= TELLING_GAIN_DB;
     tells.then(|| mean(gains.iter().copied()))

@@ -1,4 +1,4 @@
-//! Findings in panoramas that are made here, and views without any.
+//! Findings in synthetic panoramas, and views without any.
 #![expect(clippy::unwrap_used, reason = "a failed set-up step fails the test")]
 
 use super::{
@@ -27,7 +27,7 @@ fn given() -> Vec<u32> {
     (0..FRAMES).filter(|frame| !NOVEL.contains(frame)).collect()
 }
 
-/// A number in [0, 1) of three others.
+/// Returns a number in [0, 1) of three others.
 fn scattered(i: u32, j: u32, seed: u32) -> f64 {
     let mut hash =
         i.wrapping_mul(0x9E37_79B1) ^ j.wrapping_mul(0x85EB_CA77) ^ seed.wrapping_mul(0xC2B2_AE3D);
@@ -39,8 +39,8 @@ fn scattered(i: u32, j: u32, seed: u32) -> f64 {
     f64::from(hash) / 4_294_967_296.0
 }
 
-/// Smooth noise in [0, 1] of a place in [0, 1) x [0, 1): random values in `cells` cells of the
-/// longitude, which wraps, and half as many of the latitude.
+/// Returns smooth noise in [0, 1] of a place in [0, 1) x [0, 1): random values in `cells` cells of the longitude, which
+/// wraps, and half as many of the latitude.
 fn noise(x: f64, y: f64, cells: u32, seed: u32) -> f64 {
     let (x, y) = (x * f64::from(cells), 0.5 * y * f64::from(cells));
     let (i, j) = (x as u32, y as u32);
@@ -56,7 +56,7 @@ fn byte(value: f64) -> u8 {
     (value + 0.5).floor().clamp(0.0, 255.0) as u8
 }
 
-/// Bytes of an image of which every pixel is made of its column and row.
+/// Bytes of an image whose pixels are a function of column and row.
 fn image(pixel: impl Fn(usize, usize) -> [f64; 3]) -> Vec<u8> {
     let pixels = (0..HEIGHT).flat_map(|row| (0..WIDTH).map(move |column| (column, row)));
     pixels
@@ -64,7 +64,7 @@ fn image(pixel: impl Fn(usize, usize) -> [f64; 3]) -> Vec<u8> {
         .collect()
 }
 
-/// Ground and sky as a camera sees them that walks on: what is near moves more.
+/// Returns ground and sky in the view of a walking camera: near content moves more.
 fn panorama(frame: u32) -> Vec<u8> {
     image(|column, row| {
         let y = (row as f64 + 0.5) / HEIGHT as f64;
@@ -93,7 +93,7 @@ fn panorama(frame: u32) -> Vec<u8> {
     })
 }
 
-/// A frame as a trained model renders it: blurred, noisy and of uneven colour, 32 dB.
+/// Returns a frame as a trained model renders it: blurred, noisy and of uneven colour, 32 dB.
 fn rendered(frame: u32) -> Vec<u8> {
     let truth = panorama(frame);
     image(|column, row| {
@@ -423,7 +423,7 @@ fn frames_that_are_given_and_held_out_are_counted() {
     let given = given();
     assert_eq!(copies::repeated_frames(&NOVEL, &given, &truths), None);
     truths.insert(9, truth(&panorama(8)));
-    // What compression leaves of the frame behind it.
+    // Compression artefacts on the frame behind it.
     truths.insert(
         14,
         truth(&with_values(&panorama(15), |value, at| {

@@ -1,4 +1,4 @@
-//! The record of a run that failed before it could leave one.
+//! Record of a run that failed without leaving one.
 
 use std::path::{Path, PathBuf};
 
@@ -12,7 +12,7 @@ use omnilife_schemas::{
 use super::{EXTERNAL_RUN_FILE, INPUT_FOLDER, NOVEL_FOLDER, STAGE};
 use crate::{error::BenchError, split};
 
-/// Which run failed, why, and where the record goes.
+/// A failed run, its reason, and the place of the record.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct FailureRequest {
     /// Id of the method.
@@ -23,27 +23,27 @@ pub struct FailureRequest {
     pub split: PathBuf,
     /// Random seed of the run.
     pub seed: u64,
-    /// Why it failed, in one line.
+    /// Reason of the failure, in one line.
     pub reason: String,
-    /// Folder of the run. Where an `external-run.json` there tells of a failure of this run, its reason,
-    /// environment and commands are taken over.
+    /// Folder of the run. If an `external-run.json` there records a failure of this run, its reason, environment and
+    /// commands are taken over.
     pub run: Option<PathBuf>,
-    /// Folder of the record; made where it is missing.
+    /// Folder of the record; created if missing.
     pub out: PathBuf,
 }
 
-/// Writes an `external-run.json` without predictions: scored, every view of it is a failure, so that
-/// the run is a row of the tables.
+/// Writes an `external-run.json` without predictions. When scored, every view of it is a failure, so that the run is a
+/// row of the tables.
 ///
 /// # Errors
-/// When scene and split are unusable or do not belong together, a file that is no record of ours is in
-/// the way, or a file cannot be written.
+/// When scene and split are unusable or do not belong together, a foreign file is in the way, or a file cannot be
+/// written.
 pub fn record_failure(request: &FailureRequest) -> Result<PathBuf, BenchError> {
     let scene: Scene = store::read_record(&request.scene)?;
     let split: Split = store::read_record(&request.split)?;
     split::check_split(&request.split, &split, &scene)?;
     let file = request.out.join(EXTERNAL_RUN_FILE);
-    // The record of a run may be replaced by that of its failure, nothing else may.
+    // The record of a run may be replaced only by that of its failure.
     store::create_folder(&request.out)?;
     StagePlan::new(&request.out, STAGE).claim([EXTERNAL_RUN_FILE])?;
     for folder in [NOVEL_FOLDER, INPUT_FOLDER] {
@@ -74,8 +74,8 @@ pub fn record_failure(request: &FailureRequest) -> Result<PathBuf, BenchError> {
     Ok(file)
 }
 
-/// The record that a failed run left itself, without its predictions; `None` where it left none, or one of
-/// another run or of one that ended well.
+/// Returns the failed run's own record, without its predictions; `None` without one, or for one of another or a
+/// successful run.
 fn failed_run(run: &Path, expected: &ExternalRun) -> Option<ExternalRun> {
     let file = run.join(EXTERNAL_RUN_FILE);
     let record: ExternalRun = file.is_file().then(|| store::read_record(&file).ok())??;

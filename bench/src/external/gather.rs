@@ -1,4 +1,4 @@
-//! From where a method left its views to where scoring looks for them.
+//! Copies of a method's views at the places where scoring expects them.
 
 use std::path::Path;
 
@@ -14,7 +14,7 @@ use super::{
 };
 use crate::prediction;
 
-/// The views that were found.
+/// The gathered views.
 pub(super) struct Gathered {
     /// Relative to the run's folder.
     pub(super) files: Vec<String>,
@@ -22,7 +22,7 @@ pub(super) struct Gathered {
 }
 
 impl Gathered {
-    /// No views, with what the manifest says to readers of scores.
+    /// Returns no views, with the manifest's notes for readers of scores.
     pub(super) fn notes_of(manifest: &Manifest) -> Self {
         Self {
             files: Vec::new(),
@@ -31,9 +31,8 @@ impl Gathered {
     }
 }
 
-/// Copies every view that the method left, byte for byte, to `predictions/<kind>/<frame>.png`,
-/// or `.npy` where it wrote an array.
-/// Whether a file is a usable image is for scoring to say; one that is missing is not made up.
+/// Copies every view of the method, byte for byte, to `predictions/<kind>/<frame>.png`, or `.npy` for an array. Scoring
+/// decides whether a file is a usable image; missing ones are not replaced.
 pub(super) fn gather(
     manifest: &Manifest,
     places: &Places,
@@ -79,7 +78,7 @@ pub(super) fn gather(
     Ok(gathered)
 }
 
-/// Number of the first group that has a frame; 0 where none has.
+/// Returns the number of the first group that has a frame; 0 if none has.
 fn group_of(split: &Split, frame: u32) -> usize {
     let mut groups = split.groups.iter();
     groups

@@ -1,4 +1,4 @@
-//! `method.toml`: what a method is and how it is run.
+//! `method.toml`: description of a method and its commands.
 //!
 //! ```toml
 //! id = "mine"                        # its name in the tables
@@ -48,21 +48,21 @@ use crate::error::BenchError;
 pub struct Manifest {
     /// Its name in the tables: lower-case letters, digits, `-`, `_` and `.`.
     pub id: String,
-    /// Where its code is.
+    /// Address of its code.
     pub source: Option<String>,
     /// Its licence.
     pub licence: Option<String>,
-    /// What a reader should know: conventions, resolution, how its views are converted.
+    /// Notes for readers: conventions, resolution, conversion of its views.
     pub notes: Option<String>,
     /// Limit of each command, seconds; positive.
     pub time_limit_seconds: Option<f64>,
-    /// Where its commands run.
+    /// Environment of its commands.
     #[serde(default)]
     pub environment: Environment,
     prepare: Option<Command>,
     train: Option<Command>,
     render: Command,
-    /// Where its views are.
+    /// Places of its views.
     pub predictions: PredictionFiles,
 }
 
@@ -76,33 +76,32 @@ struct Command {
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct PredictionFiles {
-    /// Of a novel view.
+    /// Pattern of a novel view.
     pub novel: String,
-    /// Of an input view, where the method renders them.
+    /// Pattern of an input view, if the method renders them.
     pub input: Option<String>,
 }
 
-/// Where a method's commands run.
+/// Environment of a method's commands.
 #[derive(Debug, Clone, PartialEq, Default, Deserialize)]
 #[serde(tag = "kind", rename_all = "kebab-case", deny_unknown_fields)]
 pub enum Environment {
-    /// As they are.
+    /// No special environment.
     #[default]
     Plain,
-    /// In a Python virtual environment.
+    /// A Python virtual environment.
     Venv {
         /// Its folder.
         path: String,
     },
-    /// In a conda environment, through `conda run`.
+    /// A conda environment, through `conda run`.
     Conda {
         /// Its name.
         name: String,
     },
-    /// In a container that sees the scene, the split and the manifest's folder for reading and the
-    /// work folder for writing, under their own paths. It is run with `--rm`, `--init` and a `--name` of
-    /// its own, unless the options have one; where its command fails or is ended, `kill` and that name
-    /// end the container.
+    /// A container that sees the scene, the split and the manifest's folder for reading and the work folder for
+    /// writing, under their own paths. It is run with `--rm`, `--init` and a `--name` of its own, unless the options
+    /// have one. If its command fails or is ended, `kill` and that name end the container.
     Container {
         /// The image.
         image: String,
@@ -123,17 +122,17 @@ impl Manifest {
     /// Reads and checks a `method.toml`.
     ///
     /// # Errors
-    /// When it cannot be read, is not TOML, holds an unknown entry or placeholder, or a pattern
-    /// cannot tell two views apart.
+    /// When it cannot be read, is not TOML, has an unknown entry or placeholder, or a pattern cannot tell two views
+    /// apart.
     pub fn read(path: &Path) -> Result<Self, BenchError> {
         let bytes = fs::read(path).map_err(|source| StoreError::read(path, source))?;
         Self::from_bytes(path, &bytes)
     }
 
-    /// [`Manifest::read`] of a file's bytes; `path` names it.
+    /// Reads and checks the bytes of a file; `path` names it.
     ///
     /// # Errors
-    /// As there.
+    /// Those of [`Manifest::read`].
     pub fn from_bytes(path: &Path, bytes: &[u8]) -> Result<Self, BenchError> {
         let text =
             std::str::from_utf8(bytes).map_err(|_| BenchError::mismatch(path, "is not UTF-8"))?;
@@ -191,7 +190,7 @@ impl Manifest {
         Ok(())
     }
 
-    /// Its commands in the order in which they run.
+    /// Returns its commands in order of execution.
     pub(super) fn phases(&self) -> impl Iterator<Item = (PhaseName, &Vec<String>)> {
         [
             (PhaseName::Prepare, self.prepare.as_ref()),
@@ -217,8 +216,8 @@ impl Environment {
         }
     }
 
-    /// The container that one command runs in, where it does: named by the user's options, or by a name
-    /// that no other has.
+    /// Returns the container for one command, if the environment has one: named by the user's options, or by a unique
+    /// name.
     pub(super) fn container(&self) -> Option<Container> {
         let Self::Container {
             runtime, options, ..
@@ -237,7 +236,7 @@ impl Environment {
         })
     }
 
-    /// The command that runs `command` in this environment, and in this container.
+    /// Returns the command that runs `command` in this environment, and in this container.
     pub(super) fn wrap(
         &self,
         command: Vec<String>,
@@ -255,7 +254,7 @@ impl Environment {
                 options,
             } => {
                 let work = places.work.display();
-                // A process of its own that hands signals on, and waits for orphans.
+                // A process of its own that forwards signals, and reaps orphans.
                 let mut words: Vec<String> = [runtime.as_str(), "run", "--rm", "--init"]
                     .map(str::to_owned)
                     .into();
@@ -276,7 +275,7 @@ impl Environment {
         words
     }
 
-    /// Environment variables that are set for the commands.
+    /// Returns environment variables for the commands.
     pub(super) fn variables(&self) -> BTreeMap<String, String> {
         let Self::Venv { path } = self else {
             return BTreeMap::new();
@@ -290,7 +289,7 @@ impl Environment {
     }
 }
 
-/// The name that a container is given by the options of its runtime; the last one counts.
+/// Returns the container's name in the options of its runtime; the last one counts.
 fn name_in(options: &[String]) -> Option<String> {
     let mut options = options.iter();
     let mut name = None;

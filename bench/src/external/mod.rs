@@ -1,9 +1,8 @@
 //! An external method: the commands of a `method.toml`, run on a scene and measured.
 //!
-//! [`manifest`] says what a `method.toml` holds, `placeholders` what its texts may refer to,
-//! `gather` brings the views from where the method left them to
-//! where scoring looks for them. A method that fails is no error: the record says why, its views stay
-//! where it left them, and each becomes a failure in the result.
+//! [`manifest`] defines the content of a `method.toml`, `placeholders` the variables in its texts, `gather` copies the
+//! views from the method's output to the places where scoring expects them. A failing method is not an error: the
+//! record gives the reason, its views stay in place, and each becomes a failure in the result.
 
 mod failure;
 mod gather;
@@ -36,14 +35,14 @@ use placeholders::Places;
 pub const EXTERNAL_RUN_FILE: &str = "external-run.json";
 /// Name of the stage in the run's folder.
 const STAGE: &str = "external";
-/// Folder that a method may fill as it likes, relative to the run's folder.
+/// Folder for the method's own use, relative to the run's folder.
 const WORK_FOLDER: &str = "work";
 const LOG_FOLDER: &str = "logs";
 const PREDICTIONS_FOLDER: &str = "predictions";
 const INPUT_FOLDER: &str = "predictions/input";
 const NOVEL_FOLDER: &str = "predictions/novel";
 
-/// What to run, on what, and where to.
+/// A run's method, inputs and output.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct ExternalRequest {
     /// The `method.toml`.
@@ -52,21 +51,21 @@ pub struct ExternalRequest {
     pub scene: PathBuf,
     /// The `split.json` of that scene.
     pub split: PathBuf,
-    /// Seed that is handed to the method.
+    /// Seed for the method.
     pub seed: u64,
-    /// Folder of the run; made where it is missing.
+    /// Folder of the run; created if missing.
     pub out: PathBuf,
 }
 
-/// Runs a method's commands on a scene and gathers its views, or returns the stored record when
-/// nothing has changed. A run that failed is tried again.
+/// Runs a method's commands on a scene and gathers its views, or returns the stored record if nothing has changed. A
+/// failed run is repeated.
 ///
 /// Writes into `request.out`: `external-run.json`, `logs/<phase>.log`, `predictions/`, and the
 /// method's own `work/`.
 ///
 /// # Errors
-/// When manifest, scene and split are unusable or do not belong together, or a file cannot be
-/// written. A command that fails, or that does not exist, is told in the record instead.
+/// When manifest, scene and split are unusable or do not belong together, or a file cannot be written. A command that
+/// fails, or that does not exist, is noted in the record instead.
 pub fn run_external(
     request: &ExternalRequest,
     progress: &dyn Progress,
@@ -95,7 +94,7 @@ pub fn run_external(
     let _lock = FolderLock::take(&request.out, progress)?;
     refuse_foreign_folders(&request.out, &plan)?;
     plan.claim([EXTERNAL_RUN_FILE])?;
-    // What an earlier run left must not be taken for the views of this one.
+    // Views of an earlier run must not be taken for those of this one.
     for old in [
         EXTERNAL_RUN_FILE,
         WORK_FOLDER,
@@ -108,7 +107,7 @@ pub fn run_external(
         store::create_folder(&request.out.join(folder))?;
     }
     let (phases, failure) = run_phases(&manifest, &places, &request.out, &label, progress)?;
-    // The views of a run that failed stay in its work folder: their state is unknown.
+    // The views of a failed run stay in its work folder: their state is unknown.
     let gathered = match failure {
         Some(_) => gather::Gathered::notes_of(&manifest),
         None => gather::gather(&manifest, &places, &scene, &split, &request.out)?,
@@ -148,7 +147,7 @@ pub fn run_external(
     Ok(record)
 }
 
-/// Refuses a folder that holds what a run would clear away, and no run of ours.
+/// Refuses a folder without a run of ours whose files a run would remove.
 fn refuse_foreign_folders(out: &Path, plan: &StagePlan) -> Result<(), BenchError> {
     for name in [WORK_FOLDER, LOG_FOLDER, PREDICTIONS_FOLDER] {
         let path = path_inside(out, name)?;
@@ -184,7 +183,7 @@ fn with_own_files(
     Ok(plan)
 }
 
-/// Runs the commands one after another until one fails; tells why it did.
+/// Runs the commands one after another until one fails; returns the reason.
 fn run_phases(
     manifest: &Manifest,
     places: &Places,

@@ -1,13 +1,11 @@
-//! What the texts of a `method.toml` may refer to.
+//! Placeholders in the texts of a `method.toml`.
 //!
-//! In commands: `{scene}` (the `scene.json`), `{scene_folder}` (its folder), `{split}` (the
-//! `split.json`), `{work}` (an empty
-//! folder for the method, also its working directory), `{seed}`, `{folder}` (the manifest's
-//! folder) and `{omnilife}` (this program). In patterns of predictions also `{frame}` (number in
-//! the scene), `{index}` (place among the split's views of that kind, from 0), `{group}` (number of
-//! the first group that has the view, from 0; 0 in splits without groups) and `{stem}` (name of the
-//! scene's image without its extension); `{frame:06}` pads with zeros to 6 digits. All paths
-//! are absolute.
+//! In commands: `{scene}` (the `scene.json`), `{scene_folder}` (its folder), `{split}` (the `split.json`), `{work}` (an
+//! empty folder for the method, also its working directory), `{seed}`, `{folder}` (the manifest's folder) and
+//! `{omnilife}` (this program). In patterns of predictions also `{frame}` (number in the scene), `{index}` (index among
+//! the split's views of that kind, from 0), `{group}` (number of the first group with the view, from 0; 0 in splits
+//! without groups) and `{stem}` (name of the scene's image without its extension). `{frame:06}` pads with zeros to 6
+//! digits. All paths are absolute.
 #![cfg_attr(
     not(test),
     deny(clippy::indexing_slicing, clippy::arithmetic_side_effects)
@@ -31,7 +29,7 @@ pub(super) struct Places {
     seed: u64,
 }
 
-/// A view as a pattern may refer to it.
+/// Values of a view's placeholders.
 pub(super) struct ViewName<'a> {
     pub(super) frame: u32,
     pub(super) index: usize,
@@ -48,7 +46,7 @@ const IN_COMMANDS: [&str; 7] = [
     "folder",
     "omnilife",
 ];
-/// Those that tell views apart, and whether they are numbers.
+/// Placeholders that tell views apart, each with true if it is a number.
 const OF_VIEWS: [(&str, bool); 4] = [
     ("frame", true),
     ("index", true),
@@ -71,7 +69,7 @@ impl Places {
         })
     }
 
-    /// Folders that a method reads from.
+    /// Returns folders that a method reads from.
     pub(super) fn readable_folders(&self) -> Vec<&Path> {
         let mut folders: Vec<&Path> = [self.scene.parent(), self.split.parent()]
             .into_iter()
@@ -83,12 +81,12 @@ impl Places {
         folders
     }
 
-    /// A word of a command with its placeholders filled in.
+    /// Returns a word of a command with its placeholders filled in.
     pub(super) fn fill(&self, word: &str) -> String {
         replace(word, |name, _| self.value(name))
     }
 
-    /// The file of a view.
+    /// Returns the file of a view.
     pub(super) fn fill_pattern(&self, pattern: &str, view: &ViewName<'_>) -> PathBuf {
         PathBuf::from(replace(pattern, |name, digits| match name {
             "frame" => Some(format!("{:0digits$}", view.frame)),
@@ -110,7 +108,7 @@ impl Places {
             "work" => self.work.display().to_string(),
             "folder" => self.folder.display().to_string(),
             "seed" => self.seed.to_string(),
-            // Where the system does not tell, the program is looked up by its name.
+            // If the system does not report it, the program is found by its name.
             "omnilife" => std::env::current_exe()
                 .map_or_else(|_| "omnilife".to_owned(), |path| path.display().to_string()),
             _ => return None,
@@ -118,13 +116,13 @@ impl Places {
     }
 }
 
-/// Refuses placeholders that a command does not know.
+/// Refuses unknown placeholders in a command.
 pub(super) fn check_command(word: &str) -> Result<(), String> {
     placeholders::check(word, &known(&[]))
 }
 
-/// Refuses placeholders that a pattern does not know, and patterns that name one file for all views
-/// or that are relative to nobody knows what.
+/// Refuses unknown placeholders in a pattern, and patterns that name one file for all views or are relative to an
+/// unknown folder.
 pub(super) fn check_pattern(pattern: &str) -> Result<(), String> {
     placeholders::check(pattern, &known(&OF_VIEWS))?;
     let tells_apart = placeholders::names(pattern)?
@@ -141,7 +139,7 @@ pub(super) fn check_pattern(pattern: &str) -> Result<(), String> {
     Ok(())
 }
 
-/// The placeholders that a text may hold, and whether they are numbers.
+/// Returns the placeholders of a text, each with true if it is a number.
 fn known(of_views: &[(&'static str, bool)]) -> Vec<(&'static str, bool)> {
     let plain = IN_COMMANDS.iter().map(|&name| (name, false));
     plain.chain(of_views.iter().copied()).collect()

@@ -1,4 +1,4 @@
-//! The two backbones of LPIPS, as far as its five stages reach.
+//! The two backbones of LPIPS, up to the last of its five stages.
 
 use omnilife_networks::{Convolution, Kernel, Weights, WeightsError};
 
@@ -21,8 +21,8 @@ pub(super) struct Stage {
 }
 
 impl Stage {
-    /// Whether all convolutions are 3x3 with a pixel of padding, so that a row of output depends on
-    /// as many rows above and below as there are convolutions.
+    /// Returns true if all convolutions are 3x3 with a pixel of padding, so that a row of output depends on as many
+    /// rows above and below as there are convolutions.
     pub(super) fn keeps_size(&self) -> bool {
         self.keeps_size
     }
@@ -51,7 +51,7 @@ const VGG: [&[(Geometry, usize)]; 5] = [
 ];
 
 impl Backbone {
-    /// Name of the weights; `scripts/setup --models` knows it too.
+    /// Returns the name of the weights; `scripts/setup --models` knows it too.
     pub fn weights(self) -> &'static str {
         match self {
             Self::Alex => "lpips-alex",
@@ -59,7 +59,7 @@ impl Backbone {
         }
     }
 
-    /// SHA-256 of the converted weights.
+    /// Returns the SHA-256 of the converted weights.
     pub(crate) fn weights_sha256(self) -> &'static str {
         match self {
             Self::Alex => "81f8da78ffa7638f7b2b46a791d52fc3cf68d88e0b618efd70b963a773970ebb",
@@ -67,15 +67,15 @@ impl Backbone {
         }
     }
 
-    /// The published weights, as `scripts/setup --models` leaves them.
+    /// Returns the published weights, as `scripts/setup --models` leaves them.
     ///
     /// # Errors
-    /// Where they are missing or others.
+    /// When they are missing or differ from the published ones.
     pub fn published_weights(self) -> Result<Weights, WeightsError> {
         Weights::load_published(self.weights(), self.weights_sha256())
     }
 
-    /// The least rows and columns for which every stage has a pixel.
+    /// Returns the least rows and columns for which every stage has a pixel.
     pub fn smallest_side(self) -> usize {
         match self {
             Self::Alex => 31,
@@ -83,7 +83,7 @@ impl Backbone {
         }
     }
 
-    /// Side and stride of the pooling before a stage, counted from 0; `None` where there is none.
+    /// Returns side and stride of the pooling before a stage, counted from 0; `None` without pooling.
     pub(super) fn pooling(self, stage: usize) -> Option<[usize; 2]> {
         match self {
             Self::Alex => [1, 2].contains(&stage).then_some([3, 2]),

@@ -1,14 +1,13 @@
-//! LPIPS: how different two images look to a network that was trained to recognize things
-//! (Zhang, Isola, Efros, Shechtman and Wang, "The unreasonable effectiveness of deep features as a
-//! perceptual metric", 2018; version 0.1 of the linear layers).
+//! LPIPS: perceptual difference of two images in the features of a recognition network (Zhang, Isola, Efros, Shechtman
+//! and Wang, "The unreasonable effectiveness of deep features as a perceptual metric", 2018; version 0.1 of the linear
+//! layers).
 //!
-//! Both images go through a backbone; after each of its five stages the features of every pixel
-//! are scaled to unit length, their squared differences weighted by channel and averaged over the
-//! image. The distance is the sum over the stages.
+//! Both images go through a backbone. After each of its five stages the features of every pixel are scaled to unit
+//! length, their squared differences weighted by channel and averaged over the image. The distance is the sum over the
+//! stages.
 //!
-//! Convolutions are in f32 and round differently on processors with other vector instructions:
-//! between machines the sixth decimal may differ. On one machine a distance is the same number for
-//! every number of threads.
+//! Convolutions are in f32 and round differently on processors with other vector instructions: between machines the
+//! sixth decimal may differ. On one machine a distance does not depend on the number of threads.
 
 mod backbone;
 mod distance;
@@ -20,7 +19,7 @@ use omnilife_networks::{Features, WeightsError};
 pub use backbone::Backbone;
 use backbone::Stage;
 
-/// Which numbers a network is given for bytes.
+/// Input range of a network for bytes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum InputRange {
     /// [-1, 1], for which the constants of the network are made: `lpips` by its authors.
@@ -29,7 +28,7 @@ pub enum InputRange {
     Unsigned,
 }
 
-/// What the stages of a network make of an image.
+/// Features of an image in all stages of a network.
 #[derive(Debug, Clone)]
 pub struct ImageFeatures {
     stages: Vec<Features>,
@@ -40,11 +39,10 @@ pub struct ImageFeatures {
 const SHIFT: [f32; 3] = [-0.030, -0.088, -0.188];
 const SCALE: [f32; 3] = [0.458, 0.448, 0.450];
 
-/// Rows of a stage that are worked on together, where the stage keeps the size of its input. A
-/// multiple of what a tile of the convolutions and a window of the pooling cover.
+/// Rows of a stage that are processed together, if the stage keeps the size of its input. A multiple of the tiles of
+/// the convolutions and of the windows of the pooling.
 const STRIP: usize = 64;
-/// Rows above and below a strip that its convolutions look at: one for each, brought to whole
-/// tiles.
+/// Rows above and below a strip that its convolutions need: one for each, rounded up to whole tiles.
 const HALO: usize = 4;
 
 /// A backbone with its linear layers.
@@ -55,10 +53,10 @@ pub struct Lpips {
 }
 
 impl Lpips {
-    /// The network with its published weights, read once per process.
+    /// Returns the network with its published weights, read once per process.
     ///
     /// # Errors
-    /// Where the weights were not fetched or are others.
+    /// When the weights were not fetched or differ from the published ones.
     pub fn published(backbone: Backbone) -> Result<&'static Self, WeightsError> {
         static LOADED: [OnceLock<Lpips>; 2] = [const { OnceLock::new() }; 2];
         let slot = &LOADED[backbone as usize];
@@ -73,7 +71,7 @@ impl Lpips {
         Ok(slot.get_or_init(|| network))
     }
 
-    /// The distance of two 8-bit RGB images, 0 for equal ones; `None` where they are smaller than
+    /// Returns the distance of two 8-bit RGB images, 0 for equal ones; `None` if they are smaller than
     /// [`Backbone::smallest_side`].
     ///
     /// # Panics
@@ -100,8 +98,8 @@ impl Lpips {
         Some(sum)
     }
 
-    /// The features of an 8-bit RGB image, all stages at once: for images that are compared with
-    /// several others. `None` where it is smaller than [`Backbone::smallest_side`].
+    /// Returns the features of an 8-bit RGB image, all stages at once: for images that are compared with several
+    /// others. `None` if it is smaller than [`Backbone::smallest_side`].
     ///
     /// # Panics
     /// When the image does not hold `width * height * 3` bytes.
@@ -128,10 +126,10 @@ impl Lpips {
         Some(ImageFeatures { stages })
     }
 
-    /// [`Self::distance`] of two images of one size, to the last bit, from their features.
+    /// Returns [`Self::distance`] of two images of one size, to the last bit, from their features.
     ///
     /// # Panics
-    /// When the features are of images of two sizes.
+    /// When the features belong to images of two sizes.
     pub fn distance_of_features(&self, images: [&ImageFeatures; 2]) -> f64 {
         let [left, right] = images.map(|image| image.stages.iter());
         let stages = self.stages.iter().zip(left.zip(right));
@@ -151,7 +149,7 @@ impl Lpips {
         distances.sum()
     }
 
-    /// About how much memory the features of an image take, bytes.
+    /// Returns the approximate memory of an image's features, bytes.
     pub fn features_bytes(&self, [width, height]: [usize; 2]) -> usize {
         let bytes_per_pixel = match self.backbone {
             // Channels of the stages over the pixels of the image for each of theirs.
@@ -161,13 +159,13 @@ impl Lpips {
         width * height * bytes_per_pixel
     }
 
-    /// About how much memory a distance takes, bytes.
+    /// Returns the approximate memory of a distance computation, bytes.
     pub fn memory_bytes(&self, [width, height]: [usize; 2]) -> usize {
         let pixels = width * height;
         match self.backbone {
             // Colours, stage one at a quarter of the rows and columns, its pooled features.
             Backbone::Alex => pixels * (24 + 60),
-            // Colours, pooled features of two stages, and what a strip needs.
+            // Colours, pooled features of two stages, and buffers of a strip.
             Backbone::Vgg => pixels * (24 + 128 + 64) + (STRIP + 2 * HALO) * width * 64 * 4 * 5,
         }
     }
@@ -191,10 +189,10 @@ fn input([width, height]: [usize; 2], images: &[&[u8]], range: InputRange) -> Fe
     features
 }
 
-/// A stage's distance, and its output pooled for the next stage into `pooled`.
+/// Returns a stage's distance, and its output pooled for the next stage into `pooled`.
 ///
-/// Stages that keep the size of their input are worked through in strips of rows, so that memory
-/// is that of the pooled features.
+/// Stages that keep the size of their input are processed in strips of rows, so that only the pooled features take
+/// memory.
 fn apply(
     stage: &Stage,
     input: &Features,
@@ -228,7 +226,7 @@ fn apply(
         distance += distance::weighted(images, row_len, rows.clone(), &stage.linear);
         pixels += rows.len() * features.width;
         if top == 0 {
-            // Of a stage without strips the height is known now.
+            // Without strips the height of the stage is known now.
             let height = if stage.keeps_size() {
                 input.height
             } else {

@@ -43,7 +43,7 @@ fn psnr(sample: &Sample<'_>) -> Result<f64, Undefined> {
             decibels(sum / (3 * face.counted_pixels()) as f64)
         })
         .collect();
-    // Some face has a pixel that counts, as the image has.
+    // Some face has a pixel that counts, because the image has one.
     mean(&scores)
 }
 

@@ -1,4 +1,4 @@
-//! `depth-abs-rel` and `depth-delta`: how far predicted distances are from true ones.
+//! `depth-abs-rel` and `depth-delta`: errors of predicted distances.
 
 use omnilife_schemas::records::Direction;
 
@@ -18,7 +18,7 @@ pub(super) const ABS_REL: Metric = Metric {
     function: |sample| mean(sample, |predicted, truth| (predicted - truth).abs() / truth),
 };
 
-/// Share of pixels that are about right.
+/// Share of pixels within a factor of the true depth.
 pub(super) const DELTA: Metric = Metric {
     id: "depth-delta",
     title: "δ < 1.25",

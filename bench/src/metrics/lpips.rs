@@ -1,5 +1,4 @@
-//! `lpips-vgg`, `lpips-alex` and the two that are published under the same name: perceptual
-//! distance.
+//! `lpips-vgg`, `lpips-alex` and the two that are published under the same name: perceptual distance.
 
 use omnilife_schemas::records::Direction;
 
@@ -74,20 +73,20 @@ fn distance(sample: &Sample<'_>, backbone: Backbone, range: InputRange) -> Resul
         .ok_or(TOO_SMALL)
 }
 
-/// What `AlexNet` makes of both images in [-1, 1].
+/// Returns the features of both images in [-1, 1] by `AlexNet`.
 pub(super) fn features(pair: &ViewPair) -> Result<&PairFeatures, Undefined> {
     network(Backbone::Alex)?;
     pair.alex_features().ok_or(TOO_SMALL)
 }
 
-/// `lpips-alex` of two images of which the features are known.
+/// Returns `lpips-alex` of two images with known features.
 pub(super) fn of_features(images: [&ImageFeatures; 2]) -> Result<f64, Undefined> {
     Ok(network(Backbone::Alex)?.distance_of_features(images))
 }
 
 const TOO_SMALL: Undefined = Undefined("the image is too small for the network");
 
-/// Where weights are missing, metrics that need them are not asked.
+/// Returns a network; metrics with missing weights are not computed at all.
 fn network(backbone: Backbone) -> Result<&'static Lpips, Undefined> {
     Lpips::published(backbone).map_err(|_| Undefined("the weights of the network are missing"))
 }

@@ -1,4 +1,4 @@
-//! PSNR and SSIM of a part of the image: what stands still, what moves, the objects of a class.
+//! PSNR and SSIM of a part of the image: static content, moving content, the objects of a class.
 
 use omnilife_schemas::{records::Direction, rgb::Mask};
 
@@ -6,7 +6,7 @@ use super::{Metric, Need, Sample, Undefined, decibels};
 
 /// People, the class of `psnr-human`.
 const HUMAN: &str = "human";
-/// Cars and the like, the class of `psnr-vehicle`.
+/// Cars and other vehicles, the class of `psnr-vehicle`.
 const VEHICLE: &str = "vehicle";
 
 const PSNR_SOURCE: &str = "-10 log10(MSE), MSE over the channels of the pixels inside the mask \

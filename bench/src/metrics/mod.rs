@@ -1,20 +1,19 @@
-//! The metrics: what a score is.
+//! The metrics: definitions of scores.
 //!
 //! To add one: a file with a [`Metric`], a line in [`METRICS`], and golden values through
 //! `scripts/golden/metrics.py`, an implementation apart from this one.
 //!
-//! All metrics compare 8-bit images, as 3DGS's `metrics.py` does, which reads rendered and
-//! captured views back from PNG files: prediction and ground truth are both quantized. Against
-//! scores of unquantized renderings (ODGS and PVG during training) this matters above about 45 dB.
-//! Values are `byte / 255` in f64 and sums are taken in a fixed order, so that a score is the same
-//! on every machine and for every number of threads; for LPIPS see [`crate::lpips`].
+//! All metrics compare 8-bit images, as 3DGS's `metrics.py` does, which reads rendered and captured views back from PNG
+//! files: prediction and ground truth are both quantized. Against scores of unquantized renderings (ODGS and PVG during
+//! training) this matters above about 45 dB. Values are `byte / 255` in f64 and sums are taken in a fixed order. So a
+//! score is the same on every machine and for every number of threads; for LPIPS see [`crate::lpips`].
 //!
-//! What a scene marks as no part of it does not count: the ground truth stands there in both images of a
-//! [`ViewPair`], for windows and networks that reach over it, and means are over the other pixels (LPIPS is
-//! divided by their share, temporal LPIPS is not).
+//! Pixels that a scene marks as outside of it do not count. There both images of a [`ViewPair`] have the ground truth,
+//! for windows and networks that reach over it. Means are over the other pixels (LPIPS is divided by their share,
+//! temporal LPIPS is not).
 //!
-//! A metric is given a [`Sample`], everything that is known of a view, declares what it needs of
-//! it ([`Need`]), and may be [`Undefined`] for a view.
+//! A metric is given a [`Sample`], all data of a view, declares its requirements ([`Need`]), and may be [`Undefined`]
+//! for a view.
 
 mod cube;
 mod cube_faces;
@@ -55,31 +54,30 @@ pub struct Metric {
     pub title: &'static str,
     /// Unit; empty for plain numbers.
     pub unit: &'static str,
-    /// Which of two scores is the better one; `None` for a number that is only to be read beside
-    /// another.
+    /// Direction of better scores; `None` for a number that only complements another.
     pub direction: Option<Direction>,
     /// Lowest and highest possible value.
     pub range: [f64; 2],
-    /// The definition: formula, conventions and where they are published.
+    /// The definition: formula, conventions and publication.
     pub source: &'static str,
-    /// What it needs beside prediction and ground truth. Where that is missing altogether the
-    /// metric is unavailable, where it is missing for a view it is undefined.
+    /// Requirements beside prediction and ground truth. Without them the metric is unavailable if none exist at all,
+    /// and undefined for a view if only that lacks them.
     pub needs: &'static [Need],
-    /// Computes it; deterministic, finite where it is defined.
+    /// Computes it; deterministic, finite if defined.
     pub function: Function,
 }
 
 /// Computes a metric of a view.
 pub type Function = fn(&Sample<'_>) -> Result<f64, Undefined>;
 
-/// What a metric needs beside a predicted view and its ground truth.
+/// A requirement of a metric beside a predicted view and its ground truth.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Need {
     /// The weights of a network.
     Network(Backbone),
     /// Images of the whole sphere: an ERP camera.
     Sphere,
-    /// Masks of what moves.
+    /// Masks of moving content.
     DynamicMask,
     /// Masks of the objects of a class.
     ClassMask(&'static str),
@@ -126,7 +124,7 @@ pub static METRICS: &[Metric] = &[
     depth::DELTA,
 ];
 
-/// The metrics that a protocol asks for, in its order.
+/// Returns the metrics of a protocol, in its order.
 ///
 /// # Errors
 /// [`BenchError::UnknownMetric`], which lists the known ids.
@@ -148,7 +146,7 @@ pub fn of_protocol(protocol: &Protocol) -> Result<Vec<&'static Metric>, BenchErr
 /// The mean squared error, in squared `[0, 1]` units, below which PSNR values are cut off.
 const MSE_FLOOR: f64 = 1e-10;
 
-/// PSNR in decibels, in [0, 100], of a mean squared error in squared `[0, 1]` units.
+/// Returns the PSNR in decibels, in [0, 100], of a mean squared error in squared `[0, 1]` units.
 fn decibels(mse: f64) -> f64 {
     // Subtracted from zero, so that an error of 1 gives 0 and not -0.
     0.0 - 10.0 * mse.clamp(MSE_FLOOR, 1.0).log10()

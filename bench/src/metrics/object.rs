@@ -1,5 +1,5 @@
-//! PSNR and SSIM of single objects: in the box of an object's mask, as it is or with everything outside of
-//! the mask black.
+//! PSNR and SSIM of single objects: in the box of an object's mask, unchanged or with everything outside of the mask
+//! black.
 
 use omnilife_schemas::{records::Direction, rgb::Mask};
 
@@ -53,12 +53,12 @@ struct Crop {
     size: [usize; 2],
     prediction: Vec<f64>,
     truth: Vec<f64>,
-    /// Which pixels count.
+    /// Pixels that count.
     counted: Vec<bool>,
 }
 
 impl Crop {
-    /// `None` for a mask that shows nothing that counts.
+    /// Returns `None` for a mask without any pixel that counts.
     fn of(sample: &Sample<'_>, mask: &Mask, is_masked: bool) -> Option<Self> {
         let [width, _] = sample.pair.size();
         let inside = |at: &usize| mask.data[*at] != 0 && sample.pair.counts(*at);
@@ -108,7 +108,7 @@ impl Crop {
     }
 }
 
-/// The mean over the objects of a view for which a score is defined.
+/// Returns the mean over the objects of a view with a defined score.
 fn mean(
     sample: &Sample<'_>,
     score: impl Fn(&Crop) -> Option<f64>,

@@ -1,4 +1,4 @@
-//! Everything that is known of one predicted view.
+//! All data of one predicted view.
 
 use std::{collections::BTreeMap, sync::OnceLock};
 
@@ -14,14 +14,14 @@ use super::{
 /// Predicted and true distance along the ray, in units of the world frame.
 #[derive(Debug, Clone, PartialEq)]
 pub struct DepthPair {
-    /// One value per pixel, row-major; without depth: 0.
+    /// One value per pixel, row-major; 0 without depth.
     pub prediction: Vec<f32>,
-    /// One value per pixel, row-major; unknown: 0.
+    /// One value per pixel, row-major; 0 if unknown.
     pub truth: Vec<f32>,
 }
 
-/// What a metric is given: a predicted view beside its ground truth, with what else is known of
-/// it. What several metrics need is computed once.
+/// Input of a metric: a predicted view beside its ground truth, with all other data of it. Shared intermediate results
+/// are computed once.
 ///
 /// Masks and depth have the size of the images.
 #[derive(Debug)]
@@ -30,7 +30,7 @@ pub struct Sample<'a> {
     pub pair: &'a ViewPair,
     /// The view of the same kind before it in time.
     pub previous: Option<&'a ViewPair>,
-    /// Marks what moves.
+    /// Marks moving content.
     pub dynamic: Option<&'a Mask>,
     /// Marks the objects of a class, by its name.
     pub classes: BTreeMap<&'a str, &'a Mask>,
@@ -43,23 +43,23 @@ pub struct Sample<'a> {
     temporal_lpips: OnceLock<Result<TemporalLpips, Undefined>>,
 }
 
-/// How far a view is from the one before it.
+/// Perceptual distances of a view to the one before it.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct TemporalLpips {
-    /// As predicted.
+    /// Predicted.
     pub(super) prediction: f64,
-    /// In truth.
+    /// True.
     pub(super) truth: f64,
 }
 
-/// Why a metric has no value for a view. Neither 0 nor infinity would be true, so the view does not
-/// count in its mean.
+/// Reason why a metric has no value for a view. Neither 0 nor infinity would be true, so the view does not count in its
+/// mean.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 #[error("{0}")]
 pub struct Undefined(pub &'static str);
 
 impl<'a> Sample<'a> {
-    /// A view of which nothing else is known.
+    /// Creates a view without further data.
     pub fn new(pair: &'a ViewPair) -> Self {
         Self {
             pair,
@@ -74,23 +74,23 @@ impl<'a> Sample<'a> {
         }
     }
 
-    /// The mask of what moves.
+    /// Returns the mask of moving content.
     pub(super) fn dynamic(&self) -> Result<&'a Mask, Undefined> {
         self.dynamic.ok_or(Undefined("the frame has no mask"))
     }
 
-    /// The mask of a class.
+    /// Returns the mask of a class.
     pub(super) fn class(&self, name: &str) -> Result<&'a Mask, Undefined> {
         let mask = self.classes.get(name).copied();
         mask.ok_or(Undefined("the frame has no mask of the class"))
     }
 
-    /// The depth.
+    /// Returns the depth.
     pub(super) fn depth(&self) -> Result<&'a DepthPair, Undefined> {
         self.depth.ok_or(Undefined("the frame has no depth"))
     }
 
-    /// SSIM of every pixel.
+    /// Returns the SSIM of every pixel.
     pub(super) fn ssim_map(&self) -> &SsimMap {
         self.ssim_map.get_or_init(|| {
             let [prediction, truth] = self.pair.unit_values();
@@ -98,13 +98,13 @@ impl<'a> Sample<'a> {
         })
     }
 
-    /// The six faces of the cube around the camera.
+    /// Returns the six faces of the cube around the camera.
     pub(super) fn cube_faces(&self) -> &[Face] {
         self.cube_faces
             .get_or_init(|| cube_faces::render(self.pair))
     }
 
-    /// LPIPS from the view before it.
+    /// Returns the LPIPS from the view before it.
     pub(super) fn temporal_lpips(&self) -> Result<TemporalLpips, Undefined> {
         *self.temporal_lpips.get_or_init(|| {
             let before = self

@@ -1,4 +1,4 @@
-//! `ssim`: structural similarity as the 3DGS code computes it.
+//! `ssim`: structural similarity as in the 3DGS code.
 
 use omnilife_schemas::records::Direction;
 

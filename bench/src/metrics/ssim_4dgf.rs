@@ -1,4 +1,4 @@
-//! `ssim-4dgf`: structural similarity as papers on dynamic urban scenes compute it.
+//! `ssim-4dgf`: structural similarity as in papers on dynamic urban scenes.
 
 use omnilife_schemas::records::Direction;
 
@@ -6,8 +6,8 @@ use super::{Metric, Sample, Undefined};
 
 /// SSIM as 4DGF and its successors on UAV video publish it for whole images.
 ///
-/// Their code holds variances at 0 and the covariance within the variances' geometric mean, which rounding in
-/// f32 can leave. In f64 that changes no value by more than 1e-12.
+/// Their code clamps variances to at least 0 and the covariance to the variances' geometric mean, which rounding in f32
+/// can exceed. In f64 that changes no value by more than 1e-12.
 pub(super) const METRIC: Metric = Metric {
     id: "ssim-4dgf",
     title: "SSIM (4DGF)",

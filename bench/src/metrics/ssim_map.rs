@@ -11,31 +11,31 @@ const SIGMA: f64 = 1.5;
 const C1: f64 = 0.01 * 0.01;
 const C2: f64 = 0.03 * 0.03;
 
-/// n / (n - 1) for the 121 pixels of a window: what makes biased moments unbiased.
+/// Factor n / (n - 1) for the 121 pixels of a window: it makes biased moments unbiased.
 const UNBIASED: f64 = (WINDOW * WINDOW) as f64 / (WINDOW * WINDOW - 1) as f64;
 
-/// The map of an image pair, in the three conventions that are published.
+/// The map of an image pair, in the three published conventions.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct SsimMap {
     /// Mean over the channels for every pixel, row-major: biased moments, zeros around the image.
     pub(super) zero_padded: Vec<f64>,
-    /// Mean over channels and the pixels whose window lies within the image, with unbiased
-    /// moments; `None` where no window does.
+    /// Mean over channels and the pixels whose window lies within the image, with unbiased moments; `None` if no window
+    /// does.
     pub(super) valid_mean: Option<f64>,
     /// The same with biased moments.
     pub(super) valid_biased_mean: Option<f64>,
 }
 
 impl SsimMap {
-    /// Images of `height * width * 3` values in [0, 1], row-major; `counted` says which pixels the means
-    /// are over, `None` for all.
+    /// Computes the map of images of `height * width * 3` values in [0, 1], row-major; `counted` marks the pixels of
+    /// the means, `None` for all.
     pub(super) fn new(
         [width, height]: [usize; 2],
         [prediction, truth]: [&[f64]; 2],
         counted: Option<&[bool]>,
     ) -> Self {
         let window = gaussian_window();
-        // Sums of rows are collected and added in order: scores do not depend on the scheduling.
+        // Sums of rows are collected and added in order, so that scores do not depend on the scheduling.
         let rows: Vec<Row> = (0..height)
             .into_par_iter()
             .map(|row| {
@@ -65,7 +65,7 @@ struct Row {
     zero_padded: Vec<f64>,
     valid_sum: f64,
     valid_biased_sum: f64,
-    /// How many pixels the sums are over.
+    /// Number of pixels in the sums.
     valid_pixels: usize,
 }
 
@@ -83,9 +83,9 @@ fn gaussian_window() -> [f64; WINDOW] {
 /// no more, because only the sum of the variances appears in it.
 type Moments = [Vec<f64>; 4];
 
-/// The window is separable: the rows around this one are filtered vertically into one row of
-/// moments, which is filtered horizontally. Memory is a few rows whatever the image's size, and
-/// every inner loop runs over contiguous values.
+/// Computes a row of the map. The window is separable: the rows around this one are filtered vertically into one row of
+/// moments, which is filtered horizontally. Memory is a few rows for any size of images, and every inner loop runs over
+/// contiguous values.
 fn row_of_map(
     [width, height]: [usize; 2],
     images: [&[f64]; 2],
@@ -174,8 +174,7 @@ fn horizontal_mean(moment: &[f64], window: &[f64; WINDOW]) -> Vec<f64> {
     means
 }
 
-/// The map at one pixel of one channel, from local means; variances and covariance are taken times
-/// `factor`.
+/// Returns the map at one pixel of one channel, from local means; variances and covariance are taken times `factor`.
 #[inline(always)]
 fn similarity(x: f64, y: f64, squares: f64, products: f64, factor: f64) -> f64 {
     let variances = factor * (squares - (x * x + y * y));

@@ -1,4 +1,4 @@
-//! `ssim-skimage`: structural similarity as scikit-image computes it.
+//! `ssim-skimage`: structural similarity as in scikit-image.
 
 use omnilife_schemas::records::Direction;
 

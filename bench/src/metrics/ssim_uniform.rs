@@ -1,4 +1,4 @@
-//! `ssim-skimage-uniform`: structural similarity as scikit-image computes it where nothing is asked of it.
+//! `ssim-skimage-uniform`: structural similarity as in scikit-image with default options.
 
 use omnilife_schemas::records::Direction;
 
@@ -27,7 +27,7 @@ pub(super) const METRIC: Metric = Metric {
     },
 };
 
-/// Why an image has no such score.
+/// Reason why an image has no such score.
 const TOO_SMALL: Undefined = Undefined("the image is smaller than 7x7 pixels");
 /// Pixels of the window across.
 const WINDOW: usize = 7;
@@ -35,8 +35,8 @@ const WINDOW: usize = 7;
 const C1: f64 = 0.01 * 0.01;
 const C2: f64 = 0.03 * 0.03;
 
-/// The mean over the windows of two images of three channels in [0, 1], row by row, in whose middle a counted
-/// pixel is (all are, without `counted`); `None` where no such window fits.
+/// Returns the mean over the windows of two images of three channels in [0, 1], row by row. The middle of each window
+/// is a counted pixel (all are, without `counted`); `None` if no such window fits.
 pub(super) fn of_images(
     [x, y]: [&[f64]; 2],
     [width, height]: [usize; 2],

@@ -1,4 +1,4 @@
-//! Temporal LPIPS: how much a video changes from view to view, to a network.
+//! Temporal LPIPS: perceptual change of a video from view to view.
 
 use omnilife_schemas::records::Direction;
 
@@ -7,7 +7,7 @@ use crate::lpips::Backbone;
 
 const NEEDS: &[Need] = &[Need::Network(Backbone::Alex), Need::PreviousView];
 
-/// Of the prediction.
+/// Temporal LPIPS of the prediction.
 pub(super) const PREDICTION: Metric = Metric {
     id: "temporal-lpips",
     title: "T-LPIPS",
@@ -23,7 +23,7 @@ pub(super) const PREDICTION: Metric = Metric {
     function: |sample| Ok(sample.temporal_lpips()?.prediction),
 };
 
-/// Of the ground truth.
+/// Temporal LPIPS of the ground truth.
 pub(super) const TRUTH: Metric = Metric {
     id: "temporal-lpips-truth",
     title: "T-LPIPS of the ground truth",
@@ -37,7 +37,7 @@ pub(super) const TRUTH: Metric = Metric {
     function: |sample| Ok(sample.temporal_lpips()?.truth),
 };
 
-/// Of one against the other.
+/// Difference of the two.
 pub(super) const ERROR: Metric = Metric {
     id: "temporal-lpips-error",
     title: "T-LPIPS error",

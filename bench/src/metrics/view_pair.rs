@@ -8,20 +8,20 @@ use crate::lpips::{Backbone, ImageFeatures, InputRange, Lpips};
 
 /// A predicted view and its ground truth: two 8-bit RGB images of the same size.
 ///
-/// Of pixels that no score counts the prediction is the ground truth's, so that windows and networks that
-/// reach over them see no error there; means are over the other pixels.
+/// Pixels that no score counts have the ground truth as their prediction, so that windows and networks that reach over
+/// them see no error there; means are over the other pixels.
 #[derive(Debug, Clone)]
 pub struct ViewPair {
     width: usize,
     height: usize,
     prediction: Vec<u8>,
     truth: Vec<u8>,
-    /// Which pixels count, row-major, and the prediction as it is; `None` where all do.
+    /// Pixels that count, row-major, and the unchanged prediction; `None` if all do.
     counted: Option<(Vec<bool>, Vec<u8>)>,
     alex_features: OnceLock<Option<PairFeatures>>,
 }
 
-/// What a network makes of both images of a pair.
+/// Features of both images of a pair by a network.
 #[derive(Debug, Clone)]
 pub(crate) struct PairFeatures {
     pub(super) prediction: ImageFeatures,
@@ -29,9 +29,9 @@ pub(crate) struct PairFeatures {
 }
 
 impl ViewPair {
-    /// Two images of `width` x `height` pixels, row-major, three interleaved channels.
+    /// Pairs two images of `width` x `height` pixels, row-major, three interleaved channels.
     ///
-    /// `None` when an image does not hold `width * height * 3` bytes or holds none.
+    /// Returns `None` when an image does not hold `width * height * 3` bytes or is empty.
     pub fn new(width: usize, height: usize, prediction: Vec<u8>, truth: Vec<u8>) -> Option<Self> {
         let bytes = width.checked_mul(height)?.checked_mul(3)?;
         (bytes > 0 && prediction.len() == bytes && truth.len() == bytes).then_some(Self {
@@ -44,9 +44,9 @@ impl ViewPair {
         })
     }
 
-    /// The pair without the pixels that a mask marks (not zero): no score counts them.
+    /// Excludes the pixels that a mask marks (not zero): no score counts them.
     ///
-    /// `None` when the mask is of another size or marks every pixel.
+    /// Returns `None` when the mask is of another size or marks every pixel.
     pub fn ignoring(mut self, mask: &Mask) -> Option<Self> {
         let counted: Vec<bool> = mask.data.iter().map(|&value| value == 0).collect();
         if [mask.width, mask.height] != self.size() || !counted.contains(&true) {
@@ -65,17 +65,17 @@ impl ViewPair {
         Some(self)
     }
 
-    /// Which pixels count, row-major; `None` where all do.
+    /// Returns the pixels that count, row-major; `None` if all do.
     pub(super) fn counted(&self) -> Option<&[bool]> {
         self.counted.as_ref().map(|(counted, _)| counted.as_slice())
     }
 
-    /// Whether a pixel counts.
+    /// Returns true if a pixel counts.
     pub(crate) fn counts(&self, pixel: usize) -> bool {
         self.counted().is_none_or(|counted| counted[pixel])
     }
 
-    /// How many pixels of a row count (0 at the top).
+    /// Returns the number of pixels of a row that count (0 at the top).
     pub(super) fn counted_in_row(&self, row: usize) -> usize {
         match self.counted() {
             None => self.width,
@@ -86,22 +86,22 @@ impl ViewPair {
         }
     }
 
-    /// How many pixels count, at least 1.
+    /// Returns the number of pixels that count, at least 1.
     pub(super) fn counted_pixels(&self) -> usize {
         (0..self.height).map(|row| self.counted_in_row(row)).sum()
     }
 
-    /// Share of the pixels that count, above 0.
+    /// Returns the share of the pixels that count, above 0.
     pub(super) fn counted_share(&self) -> f64 {
         self.counted_pixels() as f64 / (self.width * self.height) as f64
     }
 
-    /// What `AlexNet` makes of both images in [-1, 1], computed once: `lpips-alex` compares them
-    /// with each other, temporal LPIPS with those of the view before and of the view after. `None`
-    /// where the weights are missing or the images are too small.
+    /// Returns the features of both images in [-1, 1] by `AlexNet`, computed once: `lpips-alex` compares them with each
+    /// other, temporal LPIPS with those of the view before and of the view after. `None` if the weights are missing or
+    /// the images are too small.
     ///
-    /// Views that share a pair must not be the first to ask on several threads: what computes
-    /// works on other tasks while it waits for its own.
+    /// Views that share a pair must not request it first on several threads: a computing thread works on other tasks
+    /// while it waits for its own.
     pub(crate) fn alex_features(&self) -> Option<&PairFeatures> {
         let compute = || {
             let network = Lpips::published(Backbone::Alex).ok()?;
@@ -119,7 +119,7 @@ impl ViewPair {
         self.width
     }
 
-    /// Rows, at least 1.
+    /// Returns the number of rows, at least 1.
     pub fn height(&self) -> usize {
         self.height
     }
@@ -129,23 +129,22 @@ impl ViewPair {
         [self.width, self.height]
     }
 
-    /// `height * width * 3` bytes of the prediction, also of pixels that do not count.
+    /// Returns `height * width * 3` bytes of the prediction, also for pixels that do not count.
     pub fn as_predicted(&self) -> &[u8] {
         (self.counted.as_ref()).map_or(&self.prediction, |(_, as_it_is)| as_it_is)
     }
 
-    /// `height * width * 3` bytes of the prediction as it is scored: the ground truth's where pixels do not
-    /// count.
+    /// Returns `height * width * 3` bytes of the scored prediction: the ground truth's for pixels that do not count.
     pub fn prediction(&self) -> &[u8] {
         &self.prediction
     }
 
-    /// `height * width * 3` bytes of the ground truth.
+    /// Returns `height * width * 3` bytes of the ground truth.
     pub fn truth(&self) -> &[u8] {
         &self.truth
     }
 
-    /// Prediction and ground truth in `[0, 1]`.
+    /// Returns prediction and ground truth in `[0, 1]`.
     pub(super) fn unit_values(&self) -> [Vec<f64>; 2] {
         [&self.prediction, &self.truth].map(|bytes| {
             let values = bytes.iter().map(|&byte| f64::from(byte) / 255.0);
@@ -153,7 +152,7 @@ impl ViewPair {
         })
     }
 
-    /// Sum over one row (0 at the top) of the squared byte differences of channels 0, 1 and 2:
+    /// Returns the sum over one row (0 at the top) of the squared byte differences of channels 0, 1 and 2. They are
     /// exact integers, so that no order of summation can change a score.
     pub(super) fn row_squared_errors(&self, row: usize) -> [u64; 3] {
         let range = row * self.width * 3..(row + 1) * self.width * 3;
@@ -169,15 +168,15 @@ impl ViewPair {
         sums
     }
 
-    /// Sum over the whole image of the squared byte differences of channels 0, 1 and 2.
+    /// Returns the sum over the whole image of the squared byte differences of channels 0, 1 and 2.
     pub(super) fn squared_errors(&self) -> [u64; 3] {
         (0..self.height)
             .map(|row| self.row_squared_errors(row))
             .fold([0; 3], |sums, row| [0, 1, 2].map(|c| sums[c] + row[c]))
     }
 
-    /// Sum of the squared byte differences of all channels over the pixels that `mask` marks and that
-    /// count, and how many there are.
+    /// Returns the sum of the squared byte differences of all channels over the counted pixels that `mask` marks, and
+    /// their number.
     pub(super) fn squared_errors_inside(&self, mask: impl Iterator<Item = bool>) -> (u64, u64) {
         let pixels = self
             .prediction
@@ -193,7 +192,7 @@ impl ViewPair {
     }
 }
 
-/// Squared byte differences of a pixel.
+/// Returns the squared byte differences of a pixel.
 fn squared_errors(predicted: &[u8], true_value: &[u8]) -> [u64; 3] {
     [0, 1, 2].map(|channel| {
         let difference = u64::from(predicted[channel].abs_diff(true_value[channel]));

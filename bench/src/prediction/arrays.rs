@@ -2,14 +2,14 @@
 
 use omnilife_schemas::{npy::Array, padded_frame::PaddedFrame};
 
-/// Values up to this far outside of [0, 1] are those of a renderer that overshoots.
+/// Largest excess outside of [0, 1] of a renderer that overshoots.
 const OVERSHOOT: f64 = 0.02;
-/// Share of values further outside from which an array is of another range: views of a renderer with
-/// noise or a tenth too bright have 10 % at most, [-1, 1] and the normalization of `ImageNet` 50 % and more.
+/// Share of values further outside that shows another range. Views of a renderer with noise or a tenth too bright have
+/// 10 % at most, [-1, 1] and the normalization of `ImageNet` 50 % and more.
 const ANOTHER_RANGE: f64 = 0.25;
 
-/// The image of an array that fills a padded frame, of shape (height, width) or (height, width, channels); arrays of
-/// another size as they are.
+/// Returns the image of an array that fills a padded frame, of shape (height, width) or (height, width, channels);
+/// arrays of another size unchanged.
 pub(super) fn without_padding(array: Array, padded: Option<PaddedFrame>) -> Array {
     let (Some(frame), [rows, columns, others @ ..]) = (padded, array.shape.as_slice()) else {
         return array;
@@ -31,14 +31,13 @@ pub(super) fn outside_share(array: &Array) -> f64 {
     outside as f64 / array.values.len().max(1) as f64
 }
 
-/// The bytes that are scored of an array of shape (height, width, 3) with values in [0, 1]: 255 times the value, rounded
-/// to nearest, half up, so that a method loses nothing and gains nothing by not writing a PNG.
-/// Values outside of [0, 1] become the nearest that an image can hold.
+/// Returns the scored bytes of an array of shape (height, width, 3) with values in [0, 1]: 255 times the value, rounded
+/// to nearest, half up. So arrays have neither an advantage nor a disadvantage over PNG. Values outside of [0, 1]
+/// become the nearest possible ones.
 ///
 /// # Errors
-/// The reason, without the file: another shape, a value that is no finite number, or values that
-/// are of another range, which a mean above 1, whole numbers above 1, or more than a quarter of
-/// the values outside of [0, 1] by more than 0.02 show.
+/// The reason, without the file: another shape, a value that is not finite, or values in another range. That shows in a
+/// mean above 1, whole numbers above 1, or more than a quarter of the values outside of [0, 1] by more than 0.02.
 pub fn scored_bytes(array: &Array, width: u32, height: u32) -> Result<Vec<u8>, String> {
     let Array { shape, values } = array;
     let expected = [height as usize, width as usize, 3];

@@ -4,8 +4,8 @@ use omnilife_schemas::records::{Colour, Padding, Protocol, Resampling, ScoredVie
 
 use super::{ProtocolEntry, metric_list};
 
-/// What dynamic scenes from few frames a second ask for: a method that only remembers what it was given
-/// shows what moves in the wrong place.
+/// Setting for dynamic scenes of few frames per second: a method that only memorizes its input shows moving content in
+/// the wrong place.
 pub(super) const ENTRY: ProtocolEntry = ProtocolEntry {
     id: "alternate-frames",
     description: "Dynamic scenes in view and time: of every two posed frames the first is given and the \

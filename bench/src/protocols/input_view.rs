@@ -1,11 +1,11 @@
-//! `input-view`: a method reproduces the views that it was given.
+//! `input-view`: a method reproduces its input views.
 
 use omnilife_schemas::records::{Colour, Padding, Protocol, Resampling, ScoredViews, SplitRule};
 
 use super::{ProtocolEntry, metric_list};
 
-/// What the papers on UAV video and on neural atlases score: how faithfully training views come
-/// back. It says nothing about views that a method has not seen.
+/// Setting of the papers on UAV video and on neural atlases: fidelity of training views. It says nothing about unseen
+/// views.
 pub(super) const ENTRY: ProtocolEntry = ProtocolEntry {
     id: "input-view",
     description: "Fidelity to what was given: every posed frame is given and every one is scored, \

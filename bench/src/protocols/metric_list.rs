@@ -1,7 +1,7 @@
-//! The metrics that the protocols ask for.
+//! The metrics of the protocols.
 
-/// All that a table of OmniLife360 or of the papers beside it needs. What a scene or a machine
-/// cannot give (masks, depth, weights) is unavailable in the result, with the reason.
+/// All metrics of the tables of OmniLife360 and of related papers. Metrics without their data on a scene or a machine
+/// (masks, depth, weights) are unavailable in the result, with the reason.
 const METRICS: [&str; 25] = [
     "psnr",
     "psnr-channels",
@@ -30,7 +30,7 @@ const METRICS: [&str; 25] = [
     "depth-delta",
 ];
 
-/// What papers on UAV video and on the decomposition of clips add: SSIM as each of them computes it, and
+/// Further metrics of papers on UAV video and on the decomposition of clips: SSIM in the variant of each of them, and
 /// single objects.
 const OF_INPUT_VIEWS: [&str; 6] = [
     "ssim-4dgf",
@@ -41,13 +41,13 @@ const OF_INPUT_VIEWS: [&str; 6] = [
     "ssim-object-masked",
 ];
 
-/// The same with those that papers which score input views add.
+/// Returns all metrics with those of papers that score input views.
 pub(super) fn of_input_views() -> Vec<String> {
     let names = METRICS.iter().chain(&OF_INPUT_VIEWS);
     names.map(|&id| id.to_owned()).collect()
 }
 
-/// Their ids, as a protocol holds them.
+/// Returns their ids, in the form of a protocol.
 pub(super) fn all() -> Vec<String> {
     METRICS.map(str::to_owned).to_vec()
 }

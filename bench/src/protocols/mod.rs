@@ -1,7 +1,7 @@
-//! The protocols: what exactly is scored.
+//! The protocols: rules of scoring.
 //!
-//! To add one: a file with a [`ProtocolEntry`] and a line in [`PROTOCOLS`]. A protocol's hash
-//! covers all of its rules and is pinned by a test: whoever changes a rule raises the version.
+//! To add one: a file with a [`ProtocolEntry`] and a line in [`PROTOCOLS`]. A protocol's hash covers all of its rules
+//! and is pinned by a test: every change of a rule needs a new version.
 
 mod alternate_frames;
 mod input_view;
@@ -15,12 +15,12 @@ use omnilife_schemas::{names, records::Protocol};
 
 use crate::error::BenchError;
 
-/// A protocol that is known by name.
+/// A named protocol.
 #[derive(Debug, Clone, Copy)]
 pub struct ProtocolEntry {
     /// Id, unique in [`PROTOCOLS`].
     pub id: &'static str,
-    /// What it measures and where it comes from.
+    /// Its purpose and source.
     pub description: &'static str,
     /// Makes its rules.
     pub protocol: fn() -> Protocol,
@@ -36,7 +36,7 @@ pub static PROTOCOLS: &[ProtocolEntry] = &[
     published::ENTRY,
 ];
 
-/// The protocol of this id.
+/// Returns the protocol of this id.
 ///
 /// # Errors
 /// [`BenchError::Unknown`], which lists the known ids.
@@ -45,7 +45,7 @@ pub fn protocol(id: &str) -> Result<Protocol, BenchError> {
     Ok((entry.protocol)())
 }
 
-/// `<id>/<version>`, as printed beside scores.
+/// Returns `<id>/<version>`, as printed beside scores.
 pub fn title(protocol: &Protocol) -> String {
     format!("{}/{}", protocol.id, protocol.version)
 }

@@ -4,8 +4,8 @@ use omnilife_schemas::records::{Colour, Padding, Protocol, Resampling, ScoredVie
 
 use super::{ProtocolEntry, metric_list};
 
-/// The 0.8/0.2 split of OmniLife360's per-scene tables. The paper does not say which frames are
-/// held out; every fifth, at offset 4, is this project's reading.
+/// The 0.8/0.2 split of OmniLife360's per-scene tables. The paper does not state the held-out frames; every fifth, at
+/// offset 4, is this project's reading.
 pub(super) const ENTRY: ProtocolEntry = ProtocolEntry {
     id: "per-scene",
     description: "Per-scene optimization: of every five posed frames the first four are given and \

@@ -1,11 +1,11 @@
-//! `published`: the split that a data set is published with.
+//! `published`: the published split of a data set.
 
 use omnilife_schemas::records::{Colour, Padding, Protocol, Resampling, ScoredViews, SplitRule};
 
 use super::{ProtocolEntry, metric_list};
 
-/// The setting of the tables of data sets that come with lists of images for training and for testing, of which
-/// they score the latter.
+/// Setting of the tables of data sets with lists of images for training and for testing, of which they score the
+/// latter.
 pub(super) const ENTRY: ProtocolEntry = ProtocolEntry {
     id: "published",
     description: "The split that a data set is published with: its images for training are given, its images \

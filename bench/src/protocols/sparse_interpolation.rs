@@ -4,9 +4,9 @@ use omnilife_schemas::records::{Colour, Padding, Protocol, Resampling, ScoredVie
 
 use super::{ProtocolEntry, metric_list};
 
-/// The sparse-view protocol of OmniLife360's feed-forward tables. The paper says "groups of 10";
-/// that groups share no frame, and that a group with a frame without pose is left out whole, is this
-/// project's reading. At most 1024x512 is what the published feed-forward methods are run at.
+/// The sparse-view protocol of OmniLife360's feed-forward tables. The paper says "groups of 10". This project's reading
+/// is that groups share no frame, and that a group with a frame without pose is omitted. The published feed-forward
+/// methods run at no more than 1024x512.
 pub(super) const ENTRY: ProtocolEntry = ProtocolEntry {
     id: "sparse-interpolation",
     description: "Feed-forward reconstruction: of every group of ten consecutive frames the first \

@@ -4,8 +4,8 @@ use omnilife_schemas::records::{Colour, Padding, Protocol, Resampling, ScoredVie
 
 use super::{ProtocolEntry, metric_list};
 
-/// The setting of PanoGS: a place is known by some panoramas, ten in its tables. Which ones is not
-/// said there; here they are spread evenly over the posed frames, from the first on.
+/// Setting of PanoGS: some panoramas of a place are given, ten in its tables. It does not state which; here they are
+/// spread evenly over the posed frames, from the first on.
 pub(super) const ENTRY: ProtocolEntry = ProtocolEntry {
     id: "sparse-panoramas",
     description: "Reconstruction from a few panoramas: ten posed frames, spread evenly from the first \

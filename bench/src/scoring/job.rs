@@ -25,13 +25,13 @@ use crate::{
     statement::Statement,
 };
 
-/// Folder of the predictions: `<folder>/<frame, 6 digits>.png`, 8-bit RGB at the protocol's size (of padded frames
-/// with or without the padding), or the same name with `.npy` for values in [0, 1] of shape (height, width, 3);
-/// frame numbers as in the split.
+/// Folder of the predictions: `<folder>/<frame, 6 digits>.png`, 8-bit RGB at the protocol's size (padded frames with or
+/// without the padding). Or the same name with `.npy` for values in [0, 1] of shape (height, width, 3). Frame numbers
+/// are those of the split.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Predictions {
-    /// Folders from any method. A kind of view without a folder is not scored, and the result
-    /// says so; at least one is needed.
+    /// Folders from any method. A kind of view without a folder is not scored, and the result says so; at least one is
+    /// needed.
     Folders {
         /// Predictions of the input views.
         input_views: Option<PathBuf>,
@@ -43,7 +43,7 @@ pub enum Predictions {
     Run(PathBuf),
 }
 
-/// What to score.
+/// Input and options of scoring.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ScoreRequest {
     /// The `scene.json` with the ground truth.
@@ -52,25 +52,24 @@ pub struct ScoreRequest {
     pub split: PathBuf,
     /// The predictions.
     pub predictions: Predictions,
-    /// Id of the method, as it will stand in the tables.
+    /// Id of the method in the tables.
     pub method: String,
-    /// Facts about the run that no record of it has.
+    /// Facts about the run that are not in its record.
     pub statement: Statement,
-    /// Folder for `result.json`, `scoring.json`, `frames.csv` and `comparisons/`; made where it
-    /// is missing.
+    /// Folder for `result.json`, `scoring.json`, `frames.csv` and `comparisons/`; created if missing.
     pub out: PathBuf,
-    /// About how much memory views may take together, bytes. It decides how many are scored at
-    /// once, one at least, and changes no score.
+    /// Approximate limit of the memory of all views, bytes. It determines how many are scored at once, at least one,
+    /// and changes no score.
     pub memory_bytes: u64,
-    /// Which metrics are computed.
+    /// Metrics to compute.
     pub metrics: MetricChoice,
 }
 
-/// What scoring takes at most where nothing else is asked for: 2 GB.
+/// Default memory limit of scoring: 2 GB.
 pub const DEFAULT_MEMORY_BYTES: u64 = 2_000_000_000;
 
 impl ScoreRequest {
-    /// A request for a run, with the method's id from its record.
+    /// Creates a request for a run, with the method's id from its record.
     ///
     /// # Errors
     /// When `run` cannot be read.
@@ -89,7 +88,7 @@ impl ScoreRequest {
     }
 }
 
-/// Whether a method was given a view or had to predict it.
+/// Kind of a view: given to a method or predicted by it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum ViewKind {
     Input,
@@ -117,13 +116,13 @@ pub(crate) struct View {
 pub(crate) struct ViewOutcome {
     /// The view.
     pub(crate) view: View,
-    /// One value per available metric of the protocol, or why there are none.
+    /// One value per available metric of the protocol, or the reason for their absence.
     pub(crate) scores: Result<Vec<Result<f64, Undefined>>, String>,
-    /// Whether the prediction is the ground truth, byte for byte.
+    /// True if the prediction is the ground truth, byte for byte.
     pub(crate) is_identical: bool,
-    /// True where a mask marks any of its pixels as no part of the scene.
+    /// True if a mask marks any of its pixels as outside the scene.
     pub(crate) ignores_pixels: bool,
-    /// True where the ground truth shows nothing.
+    /// True if the ground truth shows nothing.
     pub(crate) is_truth_single_colour: bool,
     /// Comparison image relative to the output folder.
     pub(crate) comparison: Option<String>,
@@ -138,13 +137,13 @@ pub(crate) struct ScoreKey {
 }
 
 impl ScoreKey {
-    /// Whether it is of this kind of view and metric.
+    /// Returns true for a score of this kind of view and metric.
     pub(crate) fn is_of(&self, view: &str, metric: &str) -> bool {
         self.view == view && self.metric == metric
     }
 }
 
-/// Everything that scoring needs, consistent.
+/// Consistent inputs of scoring.
 pub(crate) struct ScoringJob {
     pub(crate) method: String,
     pub(crate) statement: Statement,
@@ -156,7 +155,7 @@ pub(crate) struct ScoringJob {
     /// Width and height of the scored images in pixels.
     pub(crate) size: [u32; 2],
     pub(crate) run: Option<RunFacts>,
-    /// What moves, where the scene has no masks of it and tracks lie beside the split.
+    /// Moving regions, if the scene has no masks of them and tracks lie beside the split.
     pub(crate) regions: Option<TrackedRegions>,
     scene_file: PathBuf,
     split_file: PathBuf,
@@ -168,7 +167,7 @@ pub(crate) struct ScoringJob {
 /// A metric of the protocol.
 pub(crate) struct JobMetric {
     pub(crate) metric: &'static Metric,
-    /// Why it cannot be computed for any view.
+    /// Reason why it cannot be computed for any view.
     pub(crate) unavailable: Option<String>,
 }
 
@@ -243,7 +242,7 @@ impl ScoringJob {
         let metrics = asked
             .into_iter()
             .map(|metric| {
-                // What is left out needs no weights.
+                // Omitted metrics need no weights.
                 let unavailable = match request.metrics.why_not(metric) {
                     Some(reason) => Some(reason),
                     None => {
@@ -274,19 +273,19 @@ impl ScoringJob {
         })
     }
 
-    /// Whether any metric that is computed needs this.
+    /// Returns true if any computed metric has this need.
     pub(crate) fn needs(&self, need: Need) -> bool {
         self.computed().any(|metric| metric.needs.contains(&need))
     }
 
-    /// Whether any metric that is computed needs masks of this class.
+    /// Returns true if any computed metric needs masks of this class.
     pub(crate) fn needs_class(&self, class: &str) -> bool {
         self.computed()
             .flat_map(|metric| metric.needs)
             .any(|need| matches!(need, Need::ClassMask(name) if *name == class))
     }
 
-    /// The metrics that are available.
+    /// Returns the available metrics.
     pub(crate) fn computed(&self) -> impl Iterator<Item = &'static Metric> {
         let metrics = self.metrics.iter();
         metrics
@@ -294,8 +293,8 @@ impl ScoringJob {
             .map(|metric| metric.metric)
     }
 
-    /// The views to score: input views, then novel views, in the split's order. Those that the
-    /// protocol does not score are left out, whatever predictions there are.
+    /// Returns the views to score: input views, then novel views, in the split's order. Views that the protocol does
+    /// not score are omitted, even with predictions.
     pub(crate) fn views(&self) -> Vec<View> {
         let of = |kind, frames: &[u32], folder: &Option<PredictionFolder>| {
             let count = if folder.is_some() { frames.len() } else { 0 };
@@ -313,7 +312,7 @@ impl ScoringJob {
         views
     }
 
-    /// The folder of the predictions of a kind that is scored.
+    /// Returns the folder of the predictions of a scored kind.
     pub(crate) fn folder(&self, kind: ViewKind) -> Option<&PredictionFolder> {
         match kind {
             ViewKind::Input => self.input_folder.as_ref(),
@@ -321,7 +320,7 @@ impl ScoringJob {
         }
     }
 
-    /// Images among the predictions that are of no view that is scored.
+    /// Returns images among the predictions that belong to no scored view.
     pub(crate) fn strays(&self) -> impl Iterator<Item = &str> {
         let folders = [&self.input_folder, &self.novel_folder]
             .into_iter()
@@ -329,12 +328,12 @@ impl ScoringJob {
         folders.flat_map(|folder| folder.strays.iter().map(String::as_str))
     }
 
-    /// A file of the scene.
+    /// Returns a file of the scene.
     pub(crate) fn scene_file(&self, name: &str) -> PathBuf {
         self.scene_file.with_file_name(name)
     }
 
-    /// What a reader of the scores should know beside the numbers.
+    /// Returns warnings for readers of the scores.
     pub(crate) fn warnings(&self) -> Vec<String> {
         let mut warnings = Vec::new();
         let scored = self.split.protocol.scored;
@@ -389,7 +388,7 @@ impl ScoringJob {
         warnings
     }
 
-    /// The stage with every input: records, ground truth (in the scene's identity), predictions.
+    /// Returns the stage with every input: records, ground truth (in the scene's identity), predictions.
     pub(crate) fn stage(&self, out: &Path) -> Result<StagePlan, BenchError> {
         let mut plan = StagePlan::new(out, "score")
             .with_text("method", &self.method)
@@ -437,7 +436,7 @@ impl ScoringJob {
     }
 }
 
-/// A prediction's hash, or why it has none: a missing prediction is a state like any other.
+/// Returns a prediction's hash, or the reason without one: a missing prediction is a state like any other.
 fn fingerprint(file: &Path) -> String {
     match store::sha256_file(file) {
         Ok(sha256) => sha256,
@@ -469,7 +468,7 @@ fn check_run(
             ));
         }
     }
-    // What was held out in training must be what is scored as held out.
+    // The frames held out in training must be those scored as held out.
     let given = store::sha256_file(&request.split)?;
     if let Some(trained) = run.split_sha256.as_ref().filter(|sha256| **sha256 != given) {
         return Err(BenchError::mismatch(

@@ -1,8 +1,8 @@
 //! Scoring: folders of predicted views against a scene's images.
 //!
-//! Everything a method could get wrong with its files (a missing frame, another size, a truncated
-//! PNG) becomes a row in the result's failures; everything wrong with the scene, the split or the
-//! disk is an error. Nothing is resized, skipped or replaced to make a score come out.
+//! Every fault of a method's files (a missing frame, another size, a truncated PNG) becomes a row in the result's
+//! failures. Every fault of the scene, the split or the disk is an error. Nothing is resized, skipped or replaced to
+//! obtain a score.
 
 mod choice;
 pub(crate) mod job;
@@ -15,7 +15,7 @@ use std::{
 
 use omnilife_schemas::{
     frame_scores::FRAME_SCORES_FILE,
-    layout::{RESULT_FILE, SCORING_FILE},
+    layout::{CURVE_FILE, RESULT_FILE, SCORING_FILE},
     lock::FolderLock,
     progress::Progress,
     provenance,
@@ -25,7 +25,7 @@ use omnilife_schemas::{
 use rayon::prelude::*;
 
 use crate::{
-    curve::scored::{self, CURVE_FILE},
+    curve::scored,
     diagnosis,
     error::BenchError,
     frames_table,
@@ -50,16 +50,15 @@ pub use job::{DEFAULT_MEMORY_BYTES, Predictions, ScoreRequest};
 /// * `comparisons/novel-<frame>.png`: prediction left, ground truth right, of every novel view
 ///   whose prediction could be read.
 ///
-/// Frames are scored in parallel; the files are the same for every number of threads. Metrics that
-/// cannot be computed (weights, masks or depth are missing) are listed in the result with the
-/// reason, and never stand as a number. Where
-/// scene, split, predictions and ground truth have not changed since the last time, nothing is
-/// computed, a note says so and the stored result is returned.
+/// Frames are scored in parallel; the files are the same for every number of threads. Metrics that cannot be computed
+/// (weights, masks or depth are missing) are listed in the result with the reason, and never given as a number. If
+/// scene, split, predictions and ground truth are unchanged, nothing is computed, a note says so and the stored result
+/// is returned.
 ///
 /// # Errors
-/// When scene, split or run do not belong together, a ground truth image is unusable, a folder of
-/// predictions is not there, the output folder holds the result of another method, scene or
-/// protocol, or files that scoring has not made, or a file cannot be written.
+/// When scene, split or run do not belong together, a ground truth image is unusable, a folder of predictions is
+/// missing, or a file cannot be written. Also when the output folder holds the result of another method, scene or
+/// protocol, or foreign files.
 pub fn score(request: &ScoreRequest, progress: &dyn Progress) -> Result<ResultRecord, BenchError> {
     if request.method.trim().is_empty() {
         let reason = "the method must have a name, for the tables".to_owned();
@@ -78,7 +77,7 @@ pub fn score(request: &ScoreRequest, progress: &dyn Progress) -> Result<ResultRe
     let started = Instant::now();
     let views = job.views();
     plan.claim(planned_files(&views))?;
-    // A result whose inputs have changed must not be found by a leaderboard if scoring fails now.
+    // A leaderboard must not find a result with changed inputs if scoring fails now.
     store::remove(&result_file)?;
     plan.own_files().remove(|file| file == CURVE_FILE)?;
     side_by_side::prepare_folder(&request.out, &plan.own_files())?;
@@ -99,7 +98,7 @@ pub fn score(request: &ScoreRequest, progress: &dyn Progress) -> Result<ResultRe
         .chain(without_content)
     {
         progress.note(&format!("{label}: {line}"));
-        // A run of ours has told of its masks.
+        // A run of ours has reported its masks.
         if !result.warnings.contains(&line) {
             result.warnings.push(line);
         }
@@ -123,7 +122,7 @@ pub fn score(request: &ScoreRequest, progress: &dyn Progress) -> Result<ResultRe
     Ok(result)
 }
 
-/// What takes most of the time.
+/// Returns the name of the slowest part.
 fn slowest(job: &ScoringJob) -> String {
     let networks: Vec<&str> = [Backbone::Vgg, Backbone::Alex]
         .into_iter()
@@ -137,7 +136,7 @@ fn slowest(job: &ScoringJob) -> String {
     }
 }
 
-/// What scoring may write, relative to the output folder.
+/// Lists the files that scoring may write, relative to the output folder.
 fn planned_files(views: &[View]) -> impl Iterator<Item = String> {
     let images = views
         .iter()
@@ -149,7 +148,7 @@ fn planned_files(views: &[View]) -> impl Iterator<Item = String> {
         .chain(images)
 }
 
-/// Writes what differs from one computation of the same scores to the next.
+/// Writes facts that vary between computations of the same scores.
 fn write_scoring_record(
     out: &Path,
     result_file: &Path,
@@ -182,7 +181,7 @@ fn score_views(
             .par_iter()
             .map(|&view| go_on(progress).and_then(|()| LoadedView::read(job, view)))
             .collect();
-        // The first error in the order of views, whichever thread met one first.
+        // The first error in the order of views, independently of threads.
         let mut loaded = loaded.into_iter().collect::<Result<Vec<_>, _>>()?;
         let scored: Vec<Result<ViewOutcome, BenchError>> = loaded
             .par_iter()
@@ -204,7 +203,7 @@ fn score_views(
     Ok(outcomes)
 }
 
-/// An error once the work was given up.
+/// Returns an error once the work is cancelled.
 fn go_on(progress: &dyn Progress) -> Result<(), BenchError> {
     if progress.is_interrupted() {
         return Err(BenchError::Interrupted);
@@ -260,7 +259,7 @@ fn score_view(
     })
 }
 
-/// A folder belongs to one method, scene and protocol: the scores of another are not overwritten.
+/// Refuses a folder of another method, scene or protocol: its scores are not overwritten.
 fn refuse_another_result(job: &ScoringJob, result_file: &Path) -> Result<(), BenchError> {
     if !result_file.exists() {
         return Ok(());

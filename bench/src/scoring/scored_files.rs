@@ -1,4 +1,4 @@
-//! The predictions that a result is of: names, hashes and places.
+//! The predictions of a result: names, hashes and places.
 
 use std::path::{Component, Path, PathBuf};
 
@@ -10,10 +10,10 @@ use omnilife_schemas::{
 use super::job::{ScoringJob, ViewKind};
 use crate::{metrics::Need, prediction::PredictionFolder};
 
-/// Lists the files that were scored. Those of a run that failed are not among them.
+/// Lists the scored files, without those of a failed run.
 ///
 /// # Errors
-/// When a file that is there cannot be hashed.
+/// When an existing file cannot be hashed.
 pub(super) fn of_job(job: &ScoringJob, out: &Path) -> Result<ScoredPredictions, StoreError> {
     let mut files = Vec::new();
     let with_depth = job.needs(Need::Depth);
@@ -43,7 +43,7 @@ pub(super) fn of_job(job: &ScoringJob, out: &Path) -> Result<ScoredPredictions, 
     })
 }
 
-/// A folder as seen from another one, with `/` between names; as it is where the two share no root.
+/// Returns a folder relative to another one, with `/` between names; unchanged if the two share no root.
 fn relative(folder: &Path, from: &Path) -> String {
     let absolute = |path: &Path| {
         let located = path.canonicalize().or_else(|_| std::path::absolute(path));

@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use omnilife_schemas::{assignment::assign, records::Detection};
 use serde::Serialize;
 
-/// A box in a frame, with what is known of its object.
+/// A box in a frame, with its object.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct TrackBox {
     /// Number of the frame in the scene.
@@ -16,23 +16,23 @@ pub struct TrackBox {
     pub box_pixels: [f64; 4],
 }
 
-/// Least intersection over union of boxes that are of one object.
+/// Least intersection over union of matching boxes.
 pub const LEAST_OVERLAP: f64 = 0.3;
 
-/// What was counted.
+/// Counts and scores.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize)]
 pub struct TrackScores {
     /// Boxes that should have been found.
     pub true_boxes: u32,
-    /// Boxes that were.
+    /// Boxes that were found.
     pub found_boxes: u32,
     /// True boxes without a match.
     pub misses: u32,
     /// Found boxes without a match.
     pub false_positives: u32,
-    /// Matches with another object than the one before.
+    /// Matches with another object than before.
     pub switches: u32,
-    /// Times that a matched object was lost and found again.
+    /// Number of times that a matched object was lost and found again.
     pub fragmentations: u32,
     /// Multiple object tracking accuracy.
     pub mota: f64,
@@ -42,7 +42,7 @@ pub struct TrackScores {
     pub overlap: f64,
 }
 
-/// Intersection over union of two boxes.
+/// Returns the intersection over union of two boxes.
 pub fn overlap(a: [f64; 4], b: [f64; 4]) -> f64 {
     let side = |axis: usize| {
         let from = a[axis].max(b[axis]);
@@ -97,7 +97,7 @@ pub fn score_boxes(truth: &[TrackBox], found: &[TrackBox]) -> TrackScores {
                     scores.fragmentations += 1;
                 }
             } else if before.is_none() {
-                // Not yet found: finding it later is no fragmentation.
+                // Not yet found, so finding it later is not a fragmentation.
                 was_matched.remove(&one.id);
             }
         }
@@ -157,7 +157,7 @@ fn matched(
     matches
 }
 
-/// F1 of the best one-to-one matching of identities.
+/// Returns the F1 of the best one-to-one matching of identities.
 fn identity_f1(
     truth: &[TrackBox],
     found: &[TrackBox],
@@ -196,20 +196,20 @@ fn identity_f1(
     if all > 0.0 { 2.0 * agreed / all } else { 1.0 }
 }
 
-/// How many of the true boxes a detector finds, whatever becomes of them.
+/// Share of the true boxes that a detector finds, without regard to identities.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct DetectionScores {
     /// Boxes that should have been found.
     pub true_boxes: u32,
     /// Boxes that were.
     pub found_boxes: u32,
-    /// Share of the true boxes that a found one overlaps by [`LEAST_OVERLAP`]; 1 without any.
+    /// Share of the true boxes overlapped by a found one by [`LEAST_OVERLAP`]; 1 without any.
     pub recall: f64,
-    /// Share of the found boxes that are of a true one; 1 without any.
+    /// Share of the found boxes that match a true one; 1 without any.
     pub precision: f64,
 }
 
-/// Scores detections frame by frame, whatever they are of.
+/// Scores detections frame by frame, without regard to identities.
 pub fn score_detections(truth: &[Detection], found: &[Detection]) -> DetectionScores {
     let mut frames: BTreeMap<u32, [Vec<TrackBox>; 2]> = BTreeMap::new();
     for (side, boxes) in [truth, found].into_iter().enumerate() {
@@ -270,7 +270,7 @@ mod tests {
             .collect();
         assert_eq!(score_boxes(&truth, &truth).mota, 1.0);
         assert_eq!(score_boxes(&truth, &truth).idf1, 1.0);
-        // 1 is found as 7 in three frames, then as 8; 2 is missed in frames 1 and 2; one box is of nothing.
+        // Object 1 is found as 7 in three frames, then as 8; 2 is missed in frames 1 and 2; one box is false.
         let found = vec![
             one(0, 7, 1.0),
             one(1, 7, 1.0),
@@ -287,7 +287,7 @@ mod tests {
         );
         assert_eq!(scores.fragmentations, 1);
         assert!((scores.mota - 0.5).abs() < 1e-12);
-        // Identities that agree: 3 boxes of 1 as 7, 2 of 2 as 9.
+        // Matching identities: 3 boxes of 1 as 7, 2 of 2 as 9.
         assert!((scores.idf1 - 10.0 / 15.0).abs() < 1e-12);
     }
 

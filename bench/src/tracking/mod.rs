@@ -1,9 +1,9 @@
-//! Scores of tracks beside true ones: who is found, who is confused with whom, how far off on the ground.
+//! Scores of tracks beside true ones: detection, confusion of identities, errors on the ground.
 //!
-//! Per frame true and found objects are matched by their boxes in the image (CLEAR MOT, Bernardin and
-//! Stiefelhagen 2008): pairs that were matched before stay matched while their boxes overlap enough, and
-//! of the others as many as possible are, those that overlap most first. Identities over the clip (IDF1,
-//! Ristani et al. 2016) are matched one to one so that as many boxes as possible agree.
+//! Per frame true and found objects are matched by their boxes in the image (CLEAR MOT, Bernardin and Stiefelhagen
+//! 2008). Pairs matched before stay matched while their boxes overlap enough; then as many others as possible are
+//! matched, the largest overlaps first. Identities over the clip (IDF1, Ristani et al. 2016) are matched one to one so
+//! that as many boxes as possible agree.
 //!
 //! ```text
 //! MOTA = 1 - (misses + false positives + switches) / true boxes
@@ -28,21 +28,21 @@ use paths::PathScores;
 /// Scores of tracks against true ones.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct TrackReport {
-    /// Said where true boxes are of another size of the image and were brought to that of the tracks.
+    /// Note if true boxes refer to another size of the image and were rescaled to that of the tracks.
     pub rescaled: Option<String>,
-    /// Of everything that was detected, in a track or not.
+    /// Scores of all detections, in a track or not.
     pub detections: DetectionScores,
-    /// In the images.
+    /// Scores in the images.
     pub boxes: TrackScores,
-    /// In space; none where no path is near a true one.
+    /// Scores in space; none if no path is near a true one.
     pub paths: Option<PathScores>,
 }
 
-/// Scores tracks against the true ones of a file, in the frames that were looked at. Boxes without a track
-/// count as detections alone.
+/// Scores tracks against the true ones of a file, in the frames of the tracks. Boxes without a track count only as
+/// detections.
 ///
 /// # Errors
-/// When a file cannot be read or has tracks that cannot be used, or true boxes are in images of another shape.
+/// When a file cannot be read or has unusable tracks, or true boxes are in images of another aspect ratio.
 pub fn compare_tracks(
     tracks_file: &Path,
     truth_file: &Path,
@@ -69,7 +69,7 @@ pub fn compare_tracks(
         };
         boxes.iter().filter_map(of_track).collect()
     };
-    // What fills a gap was not detected.
+    // A box that fills a gap was not detected.
     let detected: Vec<Detection> = found_boxes
         .iter()
         .filter(|one| one.confidence > 0.0)
@@ -83,7 +83,7 @@ pub fn compare_tracks(
     })
 }
 
-/// Tracks that can be scored.
+/// Reads tracks that can be scored.
 fn read_tracks(file: &Path) -> Result<Tracks, BenchError> {
     let tracks: Tracks = store::read_record(file)?;
     match tracks.fault() {
@@ -92,7 +92,7 @@ fn read_tracks(file: &Path) -> Result<Tracks, BenchError> {
     }
 }
 
-/// Brings boxes to another size of the same image, and says so; why not, where its shape differs.
+/// Rescales boxes to another size of the same image, with a note; the reason if its aspect ratio differs.
 fn bring_to_size(tracks: &mut Tracks, size: [u32; 2]) -> Result<Option<String>, String> {
     let own = tracks.image_size;
     if own == size {

@@ -8,10 +8,10 @@ use omnilife_schemas::{
 };
 use serde::Serialize;
 
-/// Errors of paths in space; `None` where no true object is near any.
+/// Errors of paths in space; `None` if no true object is near any.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct PathScores {
-    /// Sightings that were compared.
+    /// Number of compared sightings.
     pub samples: u32,
     /// Sightings of true moving objects without a path within [`REACH_METRES`].
     pub missing: u32,
@@ -23,12 +23,12 @@ pub struct PathScores {
     pub length_metres: f64,
 }
 
-/// A path is of the true object that is the nearest within this, metres.
+/// Largest distance of a path from its true object, the nearest one, metres.
 pub const REACH_METRES: f64 = 3.0;
-/// Below this speed an object stands, metres per second.
+/// Speed below which an object stands, metres per second.
 const LEAST_SPEED: f64 = 0.5;
 
-/// Scores paths at the times at which true objects are seen.
+/// Scores paths at the times of the true objects' sightings.
 pub fn score_paths(truth: &Tracks, found: &Tracks, scene: &Scene) -> Option<PathScores> {
     let up = DVec3::from_array(found.up);
     let axes = [

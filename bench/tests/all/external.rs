@@ -1,12 +1,13 @@
-//! Methods of others, run by their own commands: stand-ins are shell scripts.
+//! External methods, run by their own commands: stand-ins are shell scripts.
 
-use std::{fs, path::PathBuf, sync::Mutex};
+use std::{fs, path::PathBuf};
 
 use omnilife_bench::{ExternalRequest, Predictions, ScoreRequest, run_external, score, validate};
 use omnilife_schemas::{
     Classified, ErrorKind,
-    progress::{Progress, Silent},
+    progress::Silent,
     records::{ExternalRun, PhaseName},
+    testing::Notes,
 };
 use scenes::scene;
 use scoring::Bench;
@@ -103,27 +104,17 @@ fn a_method_is_run_measured_and_scored() {
 
 #[test]
 fn an_unchanged_run_is_skipped_and_a_changed_seed_is_not() {
-    struct Notes(Mutex<Vec<String>>);
-    impl Progress for Notes {
-        fn begin(&self, _: &str, _: Option<u64>) {}
-        fn advance(&self, _: u64) {}
-        fn status(&self, _: &str) {}
-        fn end(&self) {}
-        fn note(&self, line: &str) {
-            self.0.lock().unwrap().push(line.to_owned());
-        }
-    }
     let mut stand = copying_stand();
     let first = stand.run();
-    let notes = Notes(Mutex::default());
+    let notes = Notes::default();
     assert_eq!(run_external(&stand.request, &notes).unwrap(), first);
-    assert_eq!(notes.0.lock().unwrap().len(), 1);
+    assert_eq!(notes.take().len(), 1);
     stand.request.seed = 8;
     let again = run_external(&stand.request, &notes).unwrap();
-    assert_eq!((again.seed, notes.0.lock().unwrap().len()), (8, 1));
+    assert_eq!((again.seed, notes.take().len()), (8, 0));
 }
 
-/// What fails is a row of the tables, with the reason, and is tried again.
+/// A failed method is a row of the tables, with the reason, and is run again.
 #[test]
 fn a_failed_method_is_scored_as_failures() {
     let stand = Stand::new(
@@ -169,8 +160,7 @@ novel = "{work}/{frame}.png"
     assert_eq!(stand.run().failure, None);
 }
 
-/// What a program has started ends with it, by the time limit and by itself: the next one has the
-/// machine for itself.
+/// Child processes of a program end with it, by the time limit and by itself: the next one has the machine for itself.
 #[test]
 fn children_of_a_program_end_with_it() {
     for (rest, limit) in [("wait", "time_limit_seconds = 0.2"), ("exit 0", "")] {
@@ -244,7 +234,7 @@ command = ["true"]
 novel = "{work}/{frame}.png"
 "#,
     );
-    // Whether conda is missing or has no such environment, the run has failed.
+    // Without conda, or without the environment, the run has failed.
     let run = stand.run();
     assert!(run.failure.is_some());
     assert_eq!(run.phases[0].command[..2], ["conda", "run"]);

@@ -1,4 +1,4 @@
-//! Scoring takes only records that belong together and keeps results apart.
+//! Scoring accepts only records that belong together and keeps results apart.
 
 use std::{fs, path::Path};
 
@@ -44,6 +44,7 @@ fn run_record(bench: &Bench) -> RunRecord {
         planning_cpu_seconds: None,
         evaluation_seconds: 0.0,
         rendering_seconds: 1.0,
+        rendering_cpu_seconds: None,
         seconds_per_group: None,
         peak_memory_bytes: None,
         up: None,

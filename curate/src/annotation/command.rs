@@ -19,9 +19,9 @@
 //! { "caption": "A walk through a market at night.", "scene": "night-market", "action": "walking" }
 //! ```
 //!
-//! `scene` and `action` have to be among those listed. Exit code 0 means success; what it writes to
-//! standard error is shown when it fails. It is ended after the timeout (SIGTERM, and SIGKILL after five
-//! seconds), and what it has started ends with it.
+//! `scene` and `action` must be among those listed. Exit code 0 means success; the standard error of a failed program
+//! is shown. It is ended after the timeout (SIGTERM, and SIGKILL after five seconds), together with its child
+//! processes.
 
 use std::{
     io::{self, Read, Write},
@@ -45,13 +45,13 @@ use crate::error::CurateError;
 
 /// Frames that are shown at most, spread evenly over the sequence.
 const SHOWN_FRAMES: usize = 8;
-/// How often a running program is looked at.
+/// Interval at which a running program is polled.
 const POLL: Duration = Duration::from_millis(20);
-/// A longer answer is no caption.
+/// Maximum size of an answer.
 const MOST_ANSWER_BYTES: usize = 1 << 20;
-/// How much of what a program says when it fails is looked at.
+/// Maximum size of the error output that is read.
 const SHOWN_ERROR_BYTES: usize = 64 << 10;
-/// How long the pipes of a program that has ended are read on.
+/// Time for which the pipes of an ended program are still read.
 const PIPE_GRACE: Duration = Duration::from_secs(1);
 
 /// A captioning program.
@@ -61,7 +61,7 @@ pub struct CaptionCommand {
     pub program: String,
     /// Its arguments.
     pub arguments: Vec<String>,
-    /// How long it may take for a sequence.
+    /// Time limit per sequence.
     pub timeout: Duration,
 }
 
@@ -90,12 +90,10 @@ struct Answer {
 }
 
 impl CaptionCommand {
-    /// Has a sequence captioned. The author is the program's file name: where it is installed
-    /// differs from machine to machine.
+    /// Captions a sequence. The author is the program's file name: its folder differs from machine to machine.
     ///
     /// # Errors
-    /// [`CurateError::Input`] when the program cannot be run, fails, takes too long or answers
-    /// something else.
+    /// [`CurateError::Input`] when the program cannot be run, fails, takes too long or gives a malformed answer.
     pub fn run(
         &self,
         folder: &Path,
@@ -127,7 +125,7 @@ impl CaptionCommand {
         })
     }
 
-    /// Runs the program on a request and returns what it wrote.
+    /// Runs the program on a request and returns its output.
     fn exchange(&self, request: Vec<u8>, progress: &dyn Progress) -> Result<Vec<u8>, String> {
         let mut command = Command::new(&self.program);
         command
@@ -142,7 +140,7 @@ impl CaptionCommand {
             (child.stdin.take(), child.stdout.take(), child.stderr.take());
         // All three pipes at once: a program that fills one waits for its reader.
         thread::spawn(move || {
-            // One that does not read its input has decided so; its answer counts.
+            // A program need not read its input; its answer counts all the same.
             let _ = input.map(|mut pipe| pipe.write_all(&request));
         });
         let output = in_background(move || read_at_most(output, MOST_ANSWER_BYTES + 1));
@@ -151,8 +149,8 @@ impl CaptionCommand {
         for what in group.end(GRACE).lines() {
             progress.note(&format!("{} left running: {what}", self.program));
         }
-        // What a program starts ends with it, and with that the other ends of the pipes; those of a
-        // process that could not be found are not waited for.
+        // Child processes end with the program, and so do the other ends of the pipes. Pipes held by a process that
+        // could not be found are not waited for.
         let output = output.recv_timeout(PIPE_GRACE).unwrap_or_default();
         let errors = errors.recv_timeout(PIPE_GRACE).unwrap_or_default();
         if output.len() > MOST_ANSWER_BYTES {
@@ -179,7 +177,7 @@ impl CaptionCommand {
     }
 }
 
-/// The result of a thread of its own.
+/// Runs work in a thread of its own; its result arrives by the receiver.
 fn in_background<T: Send + 'static>(work: impl FnOnce() -> T + Send + 'static) -> Receiver<T> {
     let (sender, receiver) = mpsc::channel();
     thread::spawn(move || {
@@ -189,10 +187,10 @@ fn in_background<T: Send + 'static>(work: impl FnOnce() -> T + Send + 'static) -
     receiver
 }
 
-/// The first bytes of a pipe, which is closed behind them.
+/// Returns the first bytes of a pipe and closes it.
 fn read_at_most(pipe: Option<impl Read>, most: usize) -> Vec<u8> {
     let mut bytes = Vec::new();
-    // What came before a broken pipe is judged like any answer.
+    // Bytes before a broken pipe are judged like any answer.
     let _ = pipe.map(|pipe| pipe.take(most as u64).read_to_end(&mut bytes));
     bytes
 }

@@ -1,10 +1,9 @@
-//! Measuring how the camera moves and how much else does.
+//! Measurement of camera motion and of dynamic content.
 //!
-//! The camera's turn and the parallax of the scene are measured in the frames; with poses and points
-//! the speed is measured too, in scene depths per second, which needs no scale (and in metres per
-//! second where the scale is known). The classes follow from limits that were set by what the
-//! words mean, on a handful of clips; they are written down beside every value, and the values stay
-//! true where the limits do not please.
+//! The camera's rotation and the parallax of the scene are measured in the frames. With poses and points the speed is
+//! measured as well: in scene depths per second, which needs no scale, and in metres per second if the scale is known.
+//! The limits of the classes follow the meaning of the words and were checked on a handful of clips. They are recorded
+//! beside every value, so that values remain usable with other limits.
 
 use std::path::Path;
 
@@ -24,11 +23,11 @@ use crate::{
     motion::{GreySphere, align, explain, flow},
 };
 
-/// Where one class of motion ends and the next begins.
+/// Limits between classes of motion.
 struct Limits {
     /// Turns faster than this are abrupt, degrees per second, 90th percentile.
     extreme_turn: f64,
-    /// A camera that turns no faster than this may be static, degrees per second, median.
+    /// A camera that rotates no faster than this may be static, degrees per second, median.
     static_turn: f64,
     /// A camera whose surroundings pass no faster than this may be static, degrees per second,
     /// median over the sphere.
@@ -39,7 +38,7 @@ struct Limits {
     fast_speed: f64,
     /// Less of the sphere moving than this is a low level of dynamic content.
     low_dynamics: f64,
-    /// More than this is a high one.
+    /// More than this is a high level.
     high_dynamics: f64,
 }
 
@@ -67,7 +66,7 @@ const GRID: ErpCamera = ErpCamera {
 /// Points whose distance is measured at most, per camera.
 const DEPTH_SAMPLES: usize = 500;
 
-/// What was measured; `None` where nothing can be.
+/// Measured classes; `None` where a class cannot be measured.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Motion {
     /// Ego-motion class.
@@ -277,7 +276,7 @@ fn ego_motion(values: &Values, speed: Option<Speed>) -> Option<Measured> {
     }
     let relative = speed.and_then(|speed| speed.depths_per_second);
     if let Some(speed) = relative {
-        // The limit in other words: how fast the surroundings pass at this speed.
+        // The same limit as an angular speed of the surroundings.
         let limit = LIMITS.fast_parallax.to_radians();
         found.push(evidence(
             "depths_per_second",
@@ -298,7 +297,7 @@ fn ego_motion(values: &Values, speed: Option<Speed>) -> Option<Measured> {
     })
 }
 
-/// From the masks of the sequence where there are some, else from the flow that is left over.
+/// Measures from the masks of the sequence, else from the residual flow.
 fn dynamics(folder: &Path, values: &Values) -> Result<Option<Dynamics>, CurateError> {
     let record = folder.join(DYNAMIC_MASKS_FOLDER).join(DYNAMIC_MASKS_FILE);
     let (shares, from) = if record.is_file() {

@@ -1,10 +1,9 @@
-//! What sequences show and how they move.
+//! Annotation of sequences: content and motion.
 //!
-//! Tags and captions come from people, who label segments in the video's ledger or write tables
-//! ([`tags`]), from any program ([`command`]) or any model behind an endpoint ([`endpoint`]); names are
-//! those of the [`taxonomy`]. Ego-motion and the level of dynamic content are measured ([`measure`]). All
-//! of it goes into the sequence's `annotation.json`, each statement with who made it; nothing of it
-//! touches the geometry.
+//! Tags and captions come from people, who label segments in the video's ledger or write tables ([`tags`]), from any
+//! program ([`command`]) or from a model behind an endpoint ([`endpoint`]). Names are those of the [`taxonomy`].
+//! Ego-motion and the level of dynamic content are measured ([`measure`]). All of it goes into the sequence's
+//! `annotation.json`, each statement with its author; the geometry is never changed.
 
 pub mod command;
 pub mod endpoint;
@@ -32,29 +31,29 @@ use crate::{
     ledger::{Ledger, labels},
 };
 
-/// Where annotations come from.
+/// Sources of annotations.
 #[derive(Debug, Clone, Default)]
 pub struct AnnotateSettings {
-    /// Taxonomy file; the built-in one where none is given.
+    /// Taxonomy file; the built-in one if `None`.
     pub taxonomy: Option<PathBuf>,
     /// Tables of tags and captions by people, CSV or JSON.
     pub tags: Vec<PathBuf>,
-    /// A program that captions.
+    /// Captioning program.
     pub command: Option<CaptionCommand>,
-    /// A model that captions.
+    /// Captioning model.
     pub endpoint: Option<CaptionEndpoint>,
 }
 
 /// Annotates all sequences of the dataset in `folder`; returns how many there are.
 ///
-/// What an earlier run wrote stays where nothing new is said. Labels of the ledgers are entered first,
-/// then the rows of tables, then what the program says; the last one counts. The measurements are made again, of
-/// poses and masks where there are some by now.
+/// Statements of earlier runs stay unless replaced. Labels of the ledgers are entered first, then rows of tables, then
+/// the program's answers; the last one counts. Measurements are repeated, with poses and masks if there are some by
+/// now.
 ///
 /// # Errors
-/// [`CurateError::Input`] for tags outside the taxonomy or for no sequence of the dataset, and for a
-/// captioning command or endpoint that cannot be run or reached, fails, takes too long or answers with
-/// something else than what is documented; [`CurateError::Store`] when a file cannot be read or written.
+/// [`CurateError::Input`] for tags outside the taxonomy or for an unknown sequence, and for a captioning command or
+/// endpoint that cannot be reached, fails, takes too long or gives a malformed answer.
+/// [`CurateError::Store`] when a file cannot be read or written.
 pub fn annotate_dataset(
     folder: &Path,
     settings: &AnnotateSettings,
@@ -130,7 +129,7 @@ pub fn annotate_dataset(
     Ok(sequences.len())
 }
 
-/// What the ledger of its video says of a sequence, what counts more behind what counts less.
+/// Returns the ledger's labels of a sequence, in increasing order of precedence.
 fn labels_of(ledger: &Path, sequence: &Sequence) -> Result<Vec<TagRow>, CurateError> {
     if !ledger.is_file() {
         return Ok(Vec::new());
@@ -156,7 +155,7 @@ fn labels_of(ledger: &Path, sequence: &Sequence) -> Result<Vec<TagRow>, CurateEr
         .collect())
 }
 
-/// Enters what somebody said; `source` is named in errors.
+/// Enters the statements of one author; `source` is named in errors.
 fn apply(
     annotation: &mut Annotation,
     row: &TagRow,

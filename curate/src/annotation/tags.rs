@@ -11,13 +11,13 @@ use serde::{Deserialize, Deserializer};
 
 use crate::error::CurateError;
 
-/// One row: what somebody says of a sequence. Empty cells say nothing.
+/// One row: the statements of one author on a sequence. Empty cells state nothing.
 #[derive(Debug, Clone, PartialEq, Eq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct TagRow {
     /// Id of the sequence, `<video>/<seq-NNN>`.
     pub sequence: String,
-    /// Who says so.
+    /// Author.
     pub author: String,
     /// Scene category.
     #[serde(default, deserialize_with = "filled")]
@@ -25,7 +25,7 @@ pub struct TagRow {
     /// Action class.
     #[serde(default, deserialize_with = "filled")]
     pub action: Option<String>,
-    /// Whether it is a seamless traversal between indoors and outdoors.
+    /// True for a seamless traversal between indoors and outdoors.
     #[serde(default)]
     pub traversal: Option<bool>,
     /// A description.
@@ -33,13 +33,13 @@ pub struct TagRow {
     pub caption: Option<String>,
 }
 
-/// An empty cell is no value.
+/// Deserializes an empty cell as `None`.
 fn filled<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Option<String>, D::Error> {
     let text = Option::<String>::deserialize(deserializer)?;
     Ok(text.filter(|text| !text.trim().is_empty()))
 }
 
-/// Reads a table; its extension says which kind.
+/// Reads a table; its extension gives the format.
 ///
 /// # Errors
 /// When it is missing or malformed.
@@ -48,7 +48,7 @@ pub fn read(path: &Path) -> Result<Vec<TagRow>, CurateError> {
     from_bytes(path, &bytes)
 }
 
-/// [`read`] of a file's bytes; `path` names it.
+/// Reads the bytes of a table; `path` names it.
 ///
 /// # Errors
 /// When they are malformed.
@@ -68,7 +68,7 @@ pub fn from_bytes(path: &Path, bytes: &[u8]) -> Result<Vec<TagRow>, CurateError>
             .deserialize()
             .collect::<Result<_, _>>()
             .map_err(unreadable)?;
-        // Without a row nothing else has looked at the head.
+        // Without rows nothing else has checked the header.
         let lacks = |name: &&&str| !head.iter().any(|column| column == **name);
         if let Some(missing) = ["sequence", "author"].iter().find(lacks) {
             return Err(malformed(format!("has no column {missing}")).into());

@@ -1,4 +1,4 @@
-//! The taxonomy: which scene categories and actions there are, and how they are grouped.
+//! The taxonomy: scene categories and actions, and their groups.
 
 use std::{collections::BTreeSet, path::Path};
 
@@ -12,7 +12,7 @@ use omnilife_schemas::{
 /// classes and a few of the categories; the others were chosen to fill its counts.
 const BUILT_IN: &str = include_str!("../../data/taxonomy.json");
 
-/// The taxonomy in `file`, or the built-in one.
+/// Loads the taxonomy in `file`, or the built-in one.
 ///
 /// # Errors
 /// When the file is missing, malformed, or has a name twice.
@@ -37,7 +37,7 @@ pub fn load(file: Option<&Path>) -> Result<Taxonomy, StoreError> {
     Ok(taxonomy)
 }
 
-/// The first name that occurs twice, as a group or as a member of any group.
+/// Returns the first name that occurs twice, as a group or as a member of any group.
 fn repeated(groups: &[NameGroup]) -> Option<&str> {
     let mut group_names = BTreeSet::new();
     let mut members = BTreeSet::new();
@@ -53,7 +53,7 @@ fn repeated(groups: &[NameGroup]) -> Option<&str> {
         .map(String::as_str)
 }
 
-/// Name of the group that a name belongs to.
+/// Returns the name of the group that a name belongs to.
 pub(super) fn group_of<'a>(groups: &'a [NameGroup], name: &str) -> Option<&'a str> {
     groups
         .iter()

@@ -16,7 +16,7 @@ const INSIDE: usize = 8;
 /// Most frames of the overview.
 const OVERVIEW: usize = 48;
 
-/// Which frames are shown where.
+/// Frames of the strips and of the overview.
 pub(super) struct Filmstrips {
     strips: Vec<Vec<usize>>,
     overview: Vec<usize>,
@@ -48,16 +48,17 @@ impl Filmstrips {
         }
     }
 
-    /// Frames that are shown somewhere, in order.
+    /// Returns all frames that are shown, in order.
+    /// Returns the images of the strips and of the overview.
     pub(super) fn frames(&self) -> BTreeSet<usize> {
         let strips = self.strips.iter().flatten();
         strips.chain(&self.overview).copied().collect()
     }
 
-    /// The images of the strips and of the overview.
+    /// Returns the images of the strips and of the overview.
     ///
     /// # Errors
-    /// The frame that is shown and has no image.
+    /// The index of a shown frame without an image.
     pub(super) fn filled(
         &self,
         images: &BTreeMap<usize, Image>,
@@ -71,7 +72,7 @@ impl Filmstrips {
     }
 }
 
-/// At most `count` numbers from `first` up to `last`, evenly, with both.
+/// Returns at most `count` evenly spaced numbers from `first` to `last`, both included.
 fn spread(first: usize, last: usize, count: usize) -> impl Iterator<Item = usize> {
     let steps = (last - first).min(count.saturating_sub(1));
     (0..=steps).map(move |step| first + (last - first) * step / steps.max(1))

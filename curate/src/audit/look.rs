@@ -1,4 +1,4 @@
-//! One decode of a video for everything that the page shows of it.
+//! One decode of a video for all images of its page.
 
 use std::{collections::BTreeMap, path::Path};
 
@@ -19,18 +19,18 @@ use crate::{
     video::{Converter, Scaling, VideoReader},
 };
 
-/// What a page shows of its video.
+/// Content of a page that comes from its video.
 pub(super) struct Look {
     /// Frames around each candidate, in the order of the candidates.
     pub(super) filmstrips: Vec<Vec<Image>>,
     /// Frames spread over the video.
     pub(super) overview: Vec<Image>,
     pub(super) proxy: Proxy,
-    /// Where the camera may pass between indoors and outdoors.
+    /// Suggested boundaries between indoors and outdoors.
     pub(super) suggestions: Vec<Boundary>,
 }
 
-/// What is looked at, and for which page.
+/// Input of the decode.
 pub(super) struct Looking<'a> {
     pub(super) video: &'a Path,
     pub(super) page: &'a Path,
@@ -38,7 +38,7 @@ pub(super) struct Looking<'a> {
     /// Timestamps of all frames, seconds.
     pub(super) times: &'a [f64],
     pub(super) strips: &'a Filmstrips,
-    /// A small video up to this size goes into the page.
+    /// A small video up to this size is embedded in the page.
     pub(super) embedded_bytes: u64,
 }
 

@@ -1,11 +1,9 @@
-//! The audit page: one self-contained HTML file on which a person plays a small copy of a video,
-//! marks boundaries and segments, labels segments by the taxonomy, and, as an expert, accepts,
-//! rejects and moves what others proposed.
+//! The audit page: one self-contained HTML file on which a person plays a small copy of a video, marks boundaries and
+//! segments, and labels segments by the taxonomy. An expert also accepts, rejects and moves proposals.
 //!
-//! The page needs no network and saves an [`AuditDecisions`] file, which `ledger::merge` takes. Its
-//! script is in `page/`; what it shows is in one JSON object in the page, see `PageData`. Where the
-//! camera may pass between indoors and outdoors is suggested by
-//! [`indoor_outdoor`]: nothing of that is in a ledger before somebody accepts it.
+//! The page needs no network and saves an [`AuditDecisions`] file, which `ledger::merge` takes. Its script is in
+//! `page/`; its data is one JSON object in the page, see `PageData`. [`indoor_outdoor`] suggests passages between
+//! indoors and outdoors: no suggestion enters a ledger before a person accepts it.
 
 mod filmstrip;
 mod look;
@@ -44,7 +42,7 @@ const SCRIPT: [&str; 5] = [
     include_str!("page/main.js"),
 ];
 
-/// What a page is made of.
+/// Input of a page.
 #[derive(Debug, Clone)]
 pub struct PageRequest<'a> {
     /// Folder of a curated video.
@@ -55,11 +53,11 @@ pub struct PageRequest<'a> {
     pub page: &'a Path,
     /// Taxonomy file; the built-in one where none is given.
     pub taxonomy: Option<&'a Path>,
-    /// A small video of more bytes than this lies beside the page: [`EMBEDDED_BYTES`].
+    /// A small video of more bytes than this is written beside the page: [`EMBEDDED_BYTES`].
     pub embedded_bytes: u64,
 }
 
-/// What the page shows.
+/// Data of the page.
 #[derive(Serialize)]
 struct PageData<'a> {
     /// Schema of the file that the page saves.
@@ -67,7 +65,7 @@ struct PageData<'a> {
     source: &'a SourceVideo,
     /// Timestamps of all frames, seconds.
     times: &'a [f64],
-    /// Where the last frame ends.
+    /// End of the last frame.
     end_seconds: f64,
     kinds: [&'static str; 4],
     roles: [PersonRole; 2],
@@ -79,7 +77,7 @@ struct PageData<'a> {
     filmstrips: Vec<Vec<Image>>,
     /// Frames spread over the video.
     overview: Vec<Image>,
-    /// Path of the small video beside the page, where it is not in it.
+    /// Path of the small video beside the page, unless it is embedded.
     proxy_file: Option<String>,
 }
 
@@ -109,8 +107,8 @@ struct Image {
 /// Writes the audit page of a curated video and returns the number of boundaries on it.
 ///
 /// # Errors
-/// When the folder holds no curated video, `video` is another file than the one it was curated
-/// from, or the page or its small video cannot be written.
+/// When the folder holds no curated video, `video` differs from the file it was curated from, or the page or its small
+/// video cannot be written.
 pub fn write_page(
     request: &PageRequest<'_>,
     progress: &dyn Progress,
@@ -183,7 +181,7 @@ pub fn write_page(
         proxy_file,
     };
     let json = serde_json::to_string(&data).map_err(|error| CurateError::internal(page, error))?;
-    // Inside a script element only this could end it early.
+    // Inside a script element only `<` could end it early.
     let json = json.replace('<', "\\u003c");
     let html = template
         .replace("/*STYLE*/", include_str!("page/page.css"))

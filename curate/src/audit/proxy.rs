@@ -1,4 +1,4 @@
-//! The small video of the page: every frame of the original at its time, few bits.
+//! The small video of the page: every frame of the original at its time, at a low bit rate.
 
 use std::{
     fs,
@@ -16,27 +16,27 @@ use crate::{
 
 /// Width of the small video at most, pixels.
 pub(super) const WIDTH_PIXELS: u32 = 640;
-/// A small video up to this size stands in the page itself. Phones hold a page whole in memory.
+/// A small video up to this size is embedded in the page. Phones hold a page whole in memory.
 pub const EMBEDDED_BYTES: u64 = 24 << 20;
 
 /// Encodes the small video while the original is decoded.
 pub(super) struct ProxyWriter {
-    /// Where it is written before its place is known.
+    /// File while its final place is unknown.
     temporary: PathBuf,
     first_seconds: f64,
     video: Option<ViewVideoWriter>,
 }
 
-/// Where the small video of a page is.
+/// Place of the small video of a page.
 pub(super) enum Proxy {
-    /// In the page, as Base64.
+    /// Embedded in the page, as Base64.
     Embedded(String),
     /// Beside the page, by this path relative to it, with `/` between folders.
     Beside { file: String, bytes: u64 },
 }
 
 impl ProxyWriter {
-    /// A video for the page at `page`, whose first frame is shown at `first_seconds`.
+    /// Starts a video for the page at `page`, whose first frame is shown at `first_seconds`.
     pub(super) fn new(page: &Path, first_seconds: f64) -> Self {
         let mut name = page.file_name().unwrap_or_default().to_owned();
         name.push(".mp4");
@@ -63,8 +63,8 @@ impl ProxyWriter {
         video.push(&image.data, seconds - self.first_seconds)
     }
 
-    /// Ends the video and puts it where it fits: into the page, or into the folder
-    /// `<page>-proxy` beside it, under a name that says its content.
+    /// Ends the video and moves it into the page, or into the folder `<page>-proxy` beside it under a name made from
+    /// its content's hash.
     pub(super) fn finish(
         self,
         page: &Path,
@@ -94,7 +94,7 @@ fn place(video: &Path, page: &Path, embedded_bytes: u64) -> Result<Proxy, StoreE
     let stem = page.file_stem().unwrap_or_default().to_string_lossy();
     let (folder, name) = (format!("{stem}-proxy"), format!("{}.mp4", &sha256[..16]));
     let file = page.with_file_name(&folder).join(&name);
-    // What is there already under the name of its content is that content, or somebody else's.
+    // A file under the name of its content is that content, or foreign.
     if file.exists() {
         if store::sha256_file(&file)? != sha256 {
             return Err(StoreError::refused(

@@ -3,11 +3,10 @@
 //! Distances between frames are shares of the image's weight that changed its colour bin, 0 to 1;
 //! see `descriptor.rs`.
 //!
-//! Cuts are single frames whose distance stands out from its neighbourhood; gradual transitions are
-//! runs of moderately raised distances whose two ends differ, the twin comparison of Zhang,
-//! Kankanhalli and Smoliar ("Automatic partitioning of full-motion video", 1993). Both are refused
-//! where the layout of the image survives, whatever way the camera faces afterwards: then the
-//! light changed, not the shot.
+//! Cuts are single frames whose distance stands out from its neighbourhood. Gradual transitions are runs of moderately
+//! raised distances whose two ends differ, the twin comparison of Zhang, Kankanhalli and Smoliar ("Automatic
+//! partitioning of full-motion video", 1993). Both are refused if the layout of the image survives, whichever way the
+//! camera faces afterwards: then the light changed, not the shot.
 
 use std::collections::VecDeque;
 
@@ -45,7 +44,7 @@ struct Settings {
     /// Half the spans over which layouts are compared. A change is judged by the first that covers
     /// it, a cut by the first of all.
     layout_reach_seconds: [f64; LAYOUTS.len()],
-    /// Correlation of layouts above which the shot is the same whatever its colours do.
+    /// Correlation of layouts above which the shot is the same, whatever its colours.
     same_layout: f32,
     /// A cut changes at least this much from one frame to the next ...
     cut_distance: f32,
@@ -186,28 +185,28 @@ impl HistogramPass {
         self.due += 1;
     }
 
-    /// Correlation of the layouts `reach_seconds` before and after an instant.
+    /// Returns the correlation of the layouts `reach_seconds` before and after an instant.
     fn layouts_around(&self, now: f64, reach_seconds: f64) -> f32 {
         let before = self.last_until(now - reach_seconds);
         let after = self.first_from(now + reach_seconds);
         correlation(&self.window[before].layout, &self.window[after].layout)
     }
 
-    /// Index of the last frame at or before an instant, or of the first frame.
+    /// Returns the index of the last frame at or before an instant, or of the first frame.
     fn last_until(&self, seconds: f64) -> usize {
         self.window
             .partition_point(|frame| frame.time_seconds <= seconds)
             .saturating_sub(1)
     }
 
-    /// Index of the first frame at or after an instant, or of the last frame.
+    /// Returns the index of the first frame at or after an instant, or of the last frame.
     fn first_from(&self, seconds: f64) -> usize {
         self.window
             .partition_point(|frame| frame.time_seconds < seconds)
             .min(self.window.len() - 1)
     }
 
-    /// Mean histogram of the frames between two instants, or of the frame nearest to them.
+    /// Returns the mean histogram of the frames between two instants, or of the nearest frame.
     fn mean_between(&self, begin: f64, end: f64) -> Vec<f32> {
         let first = self.first_from(begin);
         let last = self.last_until(end).max(first);
@@ -258,7 +257,7 @@ struct Table<'a> {
 }
 
 impl Table<'_> {
-    /// Runs of frames that differ from the frame before as only a new shot does; cuts closer than
+    /// Returns runs of frames that differ from the frame before as only a new shot does. Cuts closer than
     /// `merge_seconds` are one run.
     fn sudden(&self) -> Vec<Run> {
         let mut runs: Vec<Run> = Vec::new();
@@ -290,8 +289,8 @@ impl Table<'_> {
         runs
     }
 
-    /// Correlation of the layouts before and after a run, over the first span that covers it or
-    /// one of the next two: what a flash leaves behind lies a little further off.
+    /// Returns the correlation of the layouts before and after a run, over the first span that covers it or one of the
+    /// next two: a flash leaves traces a little further off.
     fn layout_around(&self, run: &Run) -> f32 {
         let half = 0.5 * (self.times[*run.end()] - self.times[run.start().saturating_sub(1)]);
         let reaches = &SETTINGS.layout_reach_seconds;

@@ -1,4 +1,4 @@
-//! Shot boundaries: where one continuous take ends and the next begins.
+//! Shot boundaries: the ends of continuous takes.
 //!
 //! A detector works in two steps. Its [`SignalPass`] sees every frame of the analysis pass once and
 //! leaves a row of numbers; [`Detector::decide`] turns the finished table into boundaries and can
@@ -10,7 +10,6 @@
 mod descriptor;
 pub mod histogram;
 pub mod indoor_outdoor;
-pub mod key_frame_prefilter;
 mod parquet_pages;
 pub mod signals;
 pub mod transnetv2;
@@ -26,30 +25,30 @@ use crate::{
     video::{Rgb8Image, Scaling},
 };
 
-/// A way of finding boundaries.
+/// A boundary detector.
 pub struct Detector {
     /// Unique id, recorded in the boundary ledger.
     pub id: &'static str,
-    /// What it looks at, in one sentence.
+    /// Its principle, in one sentence.
     pub summary: &'static str,
-    /// Its settings in words, recorded with its boundaries and part of what stages depend on.
+    /// Its settings in words, recorded with its boundaries and part of the cache key of stages.
     pub settings: fn() -> String,
-    /// How the images are scaled that it sees.
+    /// Scaling of its input images.
     pub images: Scaling,
-    /// Begins a pass over a video. Fails where something is missing that the detector needs.
+    /// Starts a pass over a video. Fails if a requirement of the detector is missing.
     pub start: fn() -> Result<Box<dyn SignalPass>, CurateError>,
     /// Boundaries in order of time from the signals of a whole video.
     pub decide: fn(&Signals) -> Result<Vec<Boundary>, MissingSignal>,
 }
 
 impl Detector {
-    /// The detector and its settings in one line.
+    /// Returns the detector and its settings in one line.
     pub fn description(&self) -> String {
         format!("{}: {}", self.id, (self.settings)())
     }
 
-    /// The detector as an author: its id, and the beginning of the SHA-256 of its settings, which
-    /// tells it from itself with others. `boundaries.json` has the settings in words.
+    /// Returns the detector as an author: its id and the first digits of the SHA-256 of its settings, which change with
+    /// them. `boundaries.json` has the settings in words.
     pub fn author_name(&self) -> String {
         let hash = store::sha256_bytes((self.settings)().as_bytes());
         format!("{}@{}", self.id, &hash[..8])
@@ -64,7 +63,7 @@ pub trait SignalPass {
     /// One line when an image operation fails.
     fn observe(&mut self, time_seconds: f64, image: &Rgb8Image) -> Result<(), String>;
 
-    /// The signals, one row per frame.
+    /// Returns the signals, one row per frame.
     fn finish(self: Box<Self>) -> Signals;
 }
 
@@ -75,17 +74,17 @@ pub static DETECTORS: &[Detector] = &[
     indoor_outdoor::DETECTOR,
 ];
 
-/// The detector that is used where none is named.
+/// The default detector.
 pub const DEFAULT_DETECTOR: &str = histogram::DETECTOR.id;
 
-/// The detector that left a table of signals, with its boundaries.
+/// Returns the detector that left a table of signals, with its boundaries.
 pub fn detected(signals: &Signals) -> Option<(&'static Detector, Vec<Boundary>)> {
     DETECTORS
         .iter()
         .find_map(|detector| Some((detector, (detector.decide)(signals).ok()?)))
 }
 
-/// The detector with this id. `video` is named in the error.
+/// Returns the detector with this id. `video` is named in the error.
 ///
 /// # Errors
 /// [`CurateError::Input`] that lists the known ids.

@@ -1,4 +1,4 @@
-//! Pages of a Parquet column whose headers are held against what they hold, before a reader allocates by them.
+//! Pages of a Parquet column whose headers are checked against their content, before a reader allocates by them.
 #![cfg_attr(
     not(test),
     deny(clippy::indexing_slicing, clippy::arithmetic_side_effects)
@@ -12,14 +12,14 @@ use parquet::{
 /// Bytes of the smallest number that a dictionary holds.
 const LEAST_BYTES: usize = 4;
 
-/// Pages of a column of numbers, none of which states more values than can be in it.
+/// Pages of a column of numbers, none of which states more values than it can hold.
 pub(super) struct BoundedPages {
     pages: Box<dyn PageReader>,
     most_values: u32,
 }
 
 impl BoundedPages {
-    /// `most_values`: those of a whole column, however they are encoded.
+    /// Wraps `pages`; `most_values` limits a whole column, however it is encoded.
     pub(super) fn new(pages: Box<dyn PageReader>, most_values: u32) -> Self {
         Self { pages, most_values }
     }

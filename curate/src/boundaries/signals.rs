@@ -40,8 +40,7 @@ pub struct Signals {
     pub columns: Vec<(String, Vec<f32>)>,
 }
 
-/// A table lacks a signal that a detector decides by: another detector left it, or the file was
-/// changed.
+/// Error: a table lacks a signal that a detector needs, because another detector left it or the file was changed.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("the signals have no column {name} with one value per frame")]
 pub struct MissingSignal {
@@ -50,10 +49,10 @@ pub struct MissingSignal {
 }
 
 impl Signals {
-    /// The signal with this name, one value per frame.
+    /// Returns the signal with this name, one value per frame.
     ///
     /// # Errors
-    /// [`MissingSignal`] where there is none.
+    /// [`MissingSignal`] if the table lacks it.
     pub fn column(&self, name: &str) -> Result<&[f32], MissingSignal> {
         self.columns
             .iter()
@@ -64,7 +63,7 @@ impl Signals {
             })
     }
 
-    /// Writes the table, whole or not at all.
+    /// Writes the table atomically.
     ///
     /// # Errors
     /// When the file cannot be written.
@@ -87,7 +86,7 @@ impl Signals {
         let signals = guarded(|| Self::of_parquet(file))
             .map_err(not_a_table)?
             .map_err(|error| match error {
-                // The machine's fault, such as too many open files, is not the file's.
+                // Machine faults, such as too many open files, are not faults of the file.
                 ParquetError::External(source) => match source.downcast::<io::Error>() {
                     Ok(source) => store::StoreError::read(path, *source).into(),
                     Err(other) => not_a_table(other.to_string()),
@@ -155,7 +154,7 @@ impl Signals {
         Ok(signals)
     }
 
-    /// The values of a signal, which begins empty.
+    /// Values of a signal, initially empty.
     #[expect(
         clippy::indexing_slicing,
         reason = "the column was found, or was just added"
@@ -170,7 +169,7 @@ impl Signals {
     }
 }
 
-/// Refuses numbers by which a reader would allocate more than signals can take.
+/// Refuses a file by whose numbers a reader would allocate more than signals can take.
 fn refuse_impossible_sizes(metadata: &ParquetMetaData) -> Result<(), ParquetError> {
     let mut sizes = vec![(metadata.file_metadata().num_rows(), MOST_ROWS)];
     for group in metadata.row_groups() {
@@ -203,7 +202,7 @@ fn write_column<T: DataType>(
     column.close()
 }
 
-/// Appends up to `count` values of a column; where there are none for some rows, there are fewer.
+/// Appends up to `count` values of a column, fewer if some rows have none.
 fn read_column<T: DataType>(
     mut column: ColumnReaderImpl<T>,
     count: usize,

@@ -1,4 +1,4 @@
-//! Is it long enough?
+//! Duration check.
 
 use super::{Check, outcome};
 

@@ -1,4 +1,4 @@
-//! Criteria of one's own, as a TOML file.
+//! User-defined criteria, as a TOML file.
 //!
 //! ```toml
 //! name = "our-lab"                    # in records, beside every outcome
@@ -13,7 +13,7 @@
 //! largest_mosaic_share = 0.1
 //! ```
 //!
-//! What is not named is not asked for.
+//! Criteria that are not named are not checked.
 #![cfg_attr(
     not(test),
     deny(clippy::indexing_slicing, clippy::arithmetic_side_effects)
@@ -43,7 +43,7 @@ pub(super) fn read(path: &Path) -> Result<Criteria, CurateError> {
             file.name
         ));
     }
-    // A record says by its name what a video was held against.
+    // A record states by its name which criteria a video was checked against.
     if PROFILES.iter().any(|profile| profile.id == file.name) {
         return refuse(format!("{} is the name of published criteria", file.name));
     }

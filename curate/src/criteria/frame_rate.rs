@@ -1,4 +1,4 @@
-//! Is its frame rate high enough?
+//! Frame rate check.
 
 use super::{Check, outcome};
 

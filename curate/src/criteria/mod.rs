@@ -1,7 +1,7 @@
-//! Admission criteria: which videos a dataset takes, as named profiles.
+//! Admission criteria of datasets, as named profiles.
 //!
-//! To add a check: one file, and one line in [`CHECKS`]. A [`Profile`] names the checks it asks
-//! for with their thresholds; a file can do so too ([`criteria`]).
+//! To add a check: one file, and one line in [`CHECKS`]. A [`Profile`] names its checks with their thresholds; a file
+//! can do so too ([`criteria`]).
 
 mod duration;
 mod file;
@@ -20,20 +20,20 @@ use serde::Deserialize;
 
 use crate::error::CurateError;
 
-/// What a check looks at. Entries of the analysis pass are `None` before it.
+/// Input of a check. Entries of the analysis pass are `None` before it.
 #[derive(Debug, Clone, Copy)]
 pub struct Candidate<'a> {
     /// The probe.
     pub probe: &'a Probe,
-    /// The ERP projection in force; it says itself whether the user overrode the evidence.
+    /// The ERP projection in force; it records whether the user overrode the evidence.
     pub projection: Option<&'a DetectedProjection>,
     /// Damaged frames.
     pub damaged_frames: Option<u64>,
-    /// What stays in the image.
+    /// Persistent overlays.
     pub overlays: Option<&'a OverlayReport>,
 }
 
-/// The thresholds of a profile. A check whose threshold is `None` is not asked for.
+/// The thresholds of a profile. A check whose threshold is `None` is not evaluated.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Thresholds {
@@ -49,8 +49,7 @@ pub struct Thresholds {
     pub undamaged: bool,
     /// Largest artificial overlay, steradians.
     pub largest_overlay_steradians: Option<f64>,
-    /// Share of the looked-at frames in which a larger mosaic may be seen that moves; none where it is
-    /// not named.
+    /// Largest share of the examined frames with a larger moving mosaic; zero if `None`.
     pub largest_mosaic_share: Option<f64>,
 }
 
@@ -59,16 +58,15 @@ pub struct Thresholds {
 pub struct Profile {
     /// Unique name, as on the command line.
     pub id: &'static str,
-    /// What it is for and where it comes from.
+    /// Purpose and source.
     pub summary: &'static str,
     /// The thresholds.
     pub thresholds: Thresholds,
 }
 
-/// The criteria of the OmniLife360 dataset (section 3.1 of its paper: native ERP, at least 4K, at
-/// least 30 fps, raw duration over 30 s, no prominent artificial overlays). 4K is 3840 pixels of
-/// width, the narrowest that carries the name. What size of overlay is prominent, for how long a
-/// mosaic may show, and that the video decodes undamaged, is ours.
+/// The criteria of the OmniLife360 dataset (section 3.1 of its paper): native ERP, at least 4K, at least 30 fps, raw
+/// duration over 30 s, no prominent artificial overlays. 4K means a width of 3840 pixels, the narrowest that carries
+/// the name. Ours are: the prominent size of an overlay, the time limit of mosaics, undamaged decoding.
 pub const OMNILIFE360: Profile = Profile {
     id: "omnilife360",
     summary: "The OmniLife360 dataset, section 3.1 of its paper: native ERP, 4K, 30 fps, over 30 s.",
@@ -108,10 +106,9 @@ pub static PROFILES: &[Profile] = &[OMNILIFE360, NONE];
 pub struct Check {
     /// Unique id.
     pub id: &'static str,
-    /// What it asks, in one sentence.
+    /// Its condition, in one sentence.
     pub summary: &'static str,
-    /// Its outcome; `None` where the profile does not ask for it or what it looks at is not known
-    /// yet.
+    /// Returns its outcome; `None` if the profile does not require it or its input is not known yet.
     pub evaluate: fn(&Thresholds, &Candidate<'_>) -> Option<CheckOutcome>,
 }
 
@@ -125,7 +122,7 @@ pub static CHECKS: &[Check] = &[
     overlays::CHECK,
 ];
 
-/// The criteria that a video is held against.
+/// Criteria that videos are checked against.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Criteria {
     /// Name for the records.
@@ -134,10 +131,10 @@ pub struct Criteria {
     pub thresholds: Thresholds,
 }
 
-/// The profile of this name, or the criteria in this `.toml` file. `video` is named in the error.
+/// Returns the profile of this name, or the criteria in this `.toml` file. `video` is named in the error.
 ///
 /// # Errors
-/// [`CurateError::Input`] that lists the known names, or says what is wrong with the file.
+/// [`CurateError::Input`] that lists the known names or the fault in the file.
 pub fn criteria(name: &str, video: &Path) -> Result<Criteria, CurateError> {
     let path = Path::new(name);
     if path
@@ -165,7 +162,7 @@ pub fn criteria(name: &str, video: &Path) -> Result<Criteria, CurateError> {
     })
 }
 
-/// Evaluates every check that is asked for and can be evaluated.
+/// Evaluates every required check whose input is known.
 pub fn admit(criteria: &Criteria, candidate: &Candidate<'_>, enforced: bool) -> Admission {
     let checks: Vec<CheckOutcome> = CHECKS
         .iter()
@@ -179,18 +176,18 @@ pub fn admit(criteria: &Criteria, candidate: &Candidate<'_>, enforced: bool) -> 
     }
 }
 
-/// The checks that failed.
+/// Returns the checks that failed.
 pub fn failed(admission: &Admission) -> impl Iterator<Item = &CheckOutcome> {
     admission.checks.iter().filter(|check| !check.passed)
 }
 
-/// The failed checks in one line; `None` where all passed.
+/// Returns the failed checks in one line; `None` where all passed.
 pub fn failures(admission: &Admission) -> Option<String> {
     let failed: Vec<&CheckOutcome> = failed(admission).collect();
     (!failed.is_empty()).then(|| in_words(failed))
 }
 
-/// Failed checks with their values and thresholds in one line.
+/// Returns the failed checks with their values and thresholds in one line.
 pub(crate) fn in_words<'a>(failed: impl IntoIterator<Item = &'a CheckOutcome>) -> String {
     let words = failed.into_iter().map(|check| {
         format!(

@@ -1,4 +1,4 @@
-//! Is it native ERP?
+//! Native ERP check.
 
 use omnilife_schemas::records::{DetectedProjection, VideoProjection};
 

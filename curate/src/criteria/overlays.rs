@@ -1,4 +1,4 @@
-//! Is it free of prominent artificial overlays?
+//! Check for prominent artificial overlays.
 
 use omnilife_schemas::records::{Overlay, OverlayReport};
 
@@ -27,7 +27,7 @@ pub(super) const CHECK: Check = Check {
     },
 };
 
-/// Whether a video passes, and what was found in it.
+/// Returns the outcome and the overlays that were found.
 fn judged(report: &OverlayReport, thresholds: &Thresholds, most_steradians: f64) -> (bool, String) {
     let largest = report
         .overlays
@@ -46,7 +46,7 @@ fn judged(report: &OverlayReport, thresholds: &Thresholds, most_steradians: f64)
     (passed, value)
 }
 
-/// Whether an overlay hides what could be reconstructed, for long enough.
+/// Returns true if an overlay hides reconstructible content for long enough.
 fn spoils(overlay: &Overlay, thresholds: &Thresholds) -> bool {
     let most_share = thresholds.largest_mosaic_share.unwrap_or(0.0);
     let lasts = overlay
@@ -121,7 +121,7 @@ mod tests {
             let told = format!("seen in {seen_frames} of 100 frames");
             assert_eq!(value.ends_with(&told), seen_frames > 5, "{value}");
         }
-        // Who names no share takes none.
+        // Without a named share no mosaic is allowed.
         let anywhere = Thresholds::default();
         assert!(spoils(&moving_mosaic(0.03, 3), &anywhere));
     }

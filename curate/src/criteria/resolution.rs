@@ -1,4 +1,4 @@
-//! Is it large enough?
+//! Resolution check.
 
 use super::{Check, outcome};
 

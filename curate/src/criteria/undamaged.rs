@@ -1,4 +1,4 @@
-//! Does it decode without damage?
+//! Damage check.
 
 use super::{Check, outcome};
 

@@ -1,4 +1,4 @@
-//! What a view says of a place has to be what others say of it.
+//! Consistency of depths between views.
 
 use glam::DVec3;
 use omnilife_schemas::camera::{CameraModel, PinholeCamera};
@@ -6,23 +6,23 @@ use rayon::prelude::*;
 
 use crate::posed_view::PosedView;
 
-/// Depths of one place by two views may differ by this share.
+/// Largest relative difference between the depths of one place in two views.
 const TOLERANCE: f64 = 0.01;
-/// Views that have to confirm a depth; all where it was compared with fewer.
+/// Confirmations that a depth needs; all if it was compared with fewer views.
 const CONFIRMATIONS: usize = 2;
 
 /// The depth of every pixel of a view.
 #[derive(Debug, Clone)]
 pub(super) struct DepthMap {
     pub(super) camera: PinholeCamera,
-    /// The view at its own camera; only its place is used.
+    /// The view at its own camera; only its pose is used.
     pub(super) view: PosedView,
     /// Along the viewing direction, world units, row by row.
     pub(super) depths: Vec<f32>,
 }
 
 impl DepthMap {
-    /// The world point of a pixel.
+    /// Returns the world point of a pixel.
     pub(super) fn point(&self, pixel: usize) -> DVec3 {
         let width = self.camera.width as usize;
         let place = glam::dvec2((pixel % width) as f64 + 0.5, (pixel / width) as f64 + 0.5);
@@ -30,12 +30,12 @@ impl DepthMap {
         self.view.centre + self.view.to_world * ray * (f64::from(self.depths[pixel]) / ray.z)
     }
 
-    /// Distance along the ray of a pixel.
+    /// Returns the distance along the ray of a pixel.
     pub(super) fn distance(&self, pixel: usize) -> f32 {
         self.point(pixel).distance(self.view.centre) as f32
     }
 
-    /// Whether it has a world point at the depth at which it would see it.
+    /// Returns true if its own depth agrees with that of a world point.
     fn confirms(&self, point: DVec3) -> bool {
         let seen = self.view.in_camera(point);
         let Some(place) = self.camera.project(seen) else {
@@ -58,7 +58,7 @@ impl DepthMap {
     }
 }
 
-/// For every pixel, the share of its witnesses that confirm its depth; 0 where they are too few.
+/// Returns per pixel the share of witnesses that confirm its depth; 0 if too few do.
 pub(super) fn confirmed(map: &DepthMap, others: &[&DepthMap]) -> Vec<f32> {
     let needed = CONFIRMATIONS.min(others.len());
     (0..map.depths.len())

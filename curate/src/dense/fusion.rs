@@ -1,11 +1,11 @@
-//! One point for every small cube of space that views agree on.
+//! Fusion: one point for every small cube of space on which views agree.
 
 use std::collections::HashMap;
 
 use glam::{DVec3, I64Vec3};
 use omnilife_schemas::points::PointCloud;
 
-/// Points by the cube that they are in.
+/// Points by their cube.
 #[derive(Debug)]
 pub(super) struct Cubes {
     edge: f64,
@@ -20,7 +20,7 @@ struct Sum {
 }
 
 impl Cubes {
-    /// None yet, of this edge in world units.
+    /// Creates an empty set of cubes of this edge in world units.
     pub(super) fn new(edge: f64) -> Self {
         Self {
             edge,
@@ -41,8 +41,8 @@ impl Cubes {
         sum.count += 1.0;
     }
 
-    /// Joins cubes until they are no more than a number: two along every axis become one. Those around the
-    /// origin stay eight.
+    /// Merges cubes until there are at most `most`: two along every axis become one. Those around the origin stay
+    /// eight.
     pub(super) fn joined(mut self, most: usize) -> Self {
         while self.cubes.len() > most.max(8) {
             let mut wider = Self::new(2.0 * self.edge);
@@ -59,7 +59,7 @@ impl Cubes {
         self
     }
 
-    /// The mean of every cube, in order of place.
+    /// Returns the mean of every cube, in order of place.
     pub(super) fn cloud(&self) -> PointCloud {
         let mut cloud = PointCloud::default();
         for key in self.keys() {
@@ -74,7 +74,7 @@ impl Cubes {
         cloud
     }
 
-    /// Where there are cubes, in order.
+    /// Returns the occupied cubes, in order.
     fn keys(&self) -> Vec<I64Vec3> {
         let mut keys: Vec<I64Vec3> = self.cubes.keys().copied().collect();
         keys.sort_unstable_by_key(I64Vec3::to_array);

@@ -1,4 +1,4 @@
-//! The depths of a scene's views: what each is compared with, the sweep, and what the others say of it.
+//! Depths of a scene's views: choice of neighbours, sweep, and mutual confirmation.
 
 use std::path::Path;
 
@@ -20,21 +20,21 @@ use super::{
 };
 use crate::{error::CurateError, posed_view::PosedView};
 
-/// Points that a view has to see for their depths to say where to search.
+/// Least number of points seen by a view for them to limit its search.
 pub(super) const LEAST_SEEN: usize = 50;
-/// Shares of the depths of a view's points between which it is searched, and how far beyond, as factors.
+/// Quantiles of the depths of a view's points that limit its search, with factors beyond.
 const RANGE: [(f64, f64); 2] = [(0.99, 1.25), (0.01, 0.8)];
-/// A scene without points is searched from infinity to this many distances between the cameras.
+/// Near limit of the search in a scene without points, in distances between the cameras; the far limit is infinity.
 const NEAREST_BASELINES: f64 = 1.25;
-/// Of the pixels of a first search, every one of this many gives a point.
+/// Every this many pixels of a first search give one point.
 const FIRST_STRIDE: usize = 7;
 
-/// The making of it.
+/// Depth measurement of a scene.
 pub(super) struct Stereo<'a> {
     pub(super) folder: &'a Path,
     pub(super) scene: &'a Scene,
     pub(super) views: Vec<PosedView>,
-    /// Points that say roughly how deep the scene is, world.
+    /// Points of approximate scene depth, world.
     pub(super) points: Vec<DVec3>,
 }
 
@@ -44,10 +44,10 @@ pub(super) struct Sized {
     pixels: [usize; 2],
 }
 
-/// The depths of a view, with what they rest on.
+/// The depths of a view, with their confidence.
 pub(super) struct Measured {
     pub(super) map: DepthMap,
-    /// Share of the views compared with that confirm each pixel; 0 where it is not known.
+    /// Share of the compared views that confirm each pixel; 0 if unknown.
     pub(super) confidence: Vec<f32>,
     pub(super) colours: Vec<u8>,
     pub(super) compared_with: Vec<usize>,
@@ -71,7 +71,7 @@ impl Stereo<'_> {
         }
     }
 
-    /// A first idea of a scene without points: every frame against the ones around it, from infinity to a
+    /// Returns approximate points of a scene without any: every frame against the ones around it, from infinity to a
     /// little beyond the distance between them.
     pub(super) fn first_points(
         &self,
@@ -113,7 +113,7 @@ impl Stereo<'_> {
         Ok((points.len() >= LEAST_SEEN).then_some(points))
     }
 
-    /// The depths of all views; `None` where none can be compared with another.
+    /// Measures the depths of all views; `None` if no two can be compared.
     pub(super) fn measure(
         &self,
         sized: &Sized,
@@ -129,7 +129,7 @@ impl Stereo<'_> {
         Ok(Some(self.measure_against(sized, chosen, progress)?))
     }
 
-    /// What a view is compared with, and the inverse depths between which it is searched.
+    /// Returns the neighbours of a view and the limits of its inverse depths.
     fn choose(&self, index: usize) -> (Neighbours, [f64; 2]) {
         let view = &self.views[index];
         let seen: Vec<DVec3> = self
@@ -148,7 +148,7 @@ impl Stereo<'_> {
         (neighbours(index, &self.views, &seen), range)
     }
 
-    /// The depths of all views against chosen others.
+    /// Returns the depths of all views against chosen others.
     fn measure_against(
         &self,
         sized: &Sized,
@@ -177,7 +177,7 @@ impl Stereo<'_> {
         Ok(measured)
     }
 
-    /// The images of all views at the size of the search, 8-bit RGB.
+    /// Returns the images of all views at the size of the search, 8-bit RGB.
     fn read_images(&self, sized: &Sized) -> Result<Vec<Vec<u8>>, CurateError> {
         let [width, height] = sized.pixels;
         let read = |view: &PosedView| {
@@ -196,7 +196,7 @@ impl Stereo<'_> {
         self.views.par_iter().map(read).collect()
     }
 
-    /// The depths of one view, which no other has confirmed yet.
+    /// Returns the depths of one view, not yet confirmed by others.
     fn swept(
         &self,
         index: usize,
@@ -245,7 +245,7 @@ impl Stereo<'_> {
         }
     }
 
-    /// Nothing is known of what masks cover.
+    /// Depths under masks are unknown.
     fn unmasked(
         &self,
         view: &Measured,

@@ -2,9 +2,9 @@
 //!
 //! ```text
 //! measure       for every frame:
-//! neighbours    which frames it is compared with
+//! neighbours    the frames it is compared with
 //! sweep         the depth of its pixels against them
-//! consistency   what the frames say of each other's depths
+//! consistency   confirmation of each other's depths
 //! fusion        one point for every small cube that frames agree on
 //! ```
 
@@ -39,19 +39,19 @@ use crate::{
 use fusion::Cubes;
 use measure::{LEAST_SEEN, Measured, Stereo};
 
-/// Width at which depth is searched where nothing else is said, pixels.
+/// Default width at which depth is searched, pixels.
 pub const SEARCH_WIDTH: u32 = 640;
-/// Width at which a scene without points is searched for a first idea of its depth, pixels.
+/// Width at which a scene without points is searched for approximate depth, pixels.
 const FIRST_WIDTH: u32 = 320;
-/// Points are never more than this.
+/// Maximum number of points.
 const MOST_POINTS: usize = 1_000_000;
 
-/// What to measure, and where to write it.
+/// Input and output of a measurement.
 #[derive(Debug, Clone, PartialEq)]
 pub struct DenseRequest {
     /// Folder of the scene.
     pub scene_folder: PathBuf,
-    /// A split whose input views alone are looked at; all frames where none is given.
+    /// A split whose input views alone are used; all frames if `None`.
     pub split: Option<PathBuf>,
     /// Frames that are wider are searched at this width, pixels.
     pub width: u32,
@@ -59,10 +59,10 @@ pub struct DenseRequest {
     pub out: PathBuf,
 }
 
-/// A view should see a point in every so many of its pixels, for what moves to be told from what stands.
+/// A view should see a point in every so many of its pixels, to separate moving from static content.
 const PIXELS_PER_POINT: usize = 16;
 
-/// Why a scene's own points are too few to measure geometry with; `None` where they are enough.
+/// Returns why a scene's own points are too few to measure geometry with; `None` if they are enough.
 ///
 /// # Errors
 /// When they cannot be read.
@@ -79,8 +79,8 @@ pub fn few_points(scene: &Scene, folder: &Path) -> Result<Option<String>, Curate
 /// Measures the distances of a scene's frames; skipped, with a note, while nothing has changed.
 ///
 /// # Errors
-/// When the scene is missing, not of a pinhole or not posed, no two frames see one place from two places,
-/// or a file cannot be read or written.
+/// When the scene is missing, not a pinhole scene or not posed, no two frames overlap with parallax, or a file cannot
+/// be read or written.
 pub fn make_dense(
     request: &DenseRequest,
     progress: &dyn Progress,
@@ -147,7 +147,7 @@ pub fn make_dense(
 const NO_PARALLAX: &str = "no two of its frames see one place from two places: a camera that turns or hovers \
                            gives no depth";
 
-/// What the result depends on.
+/// Lists everything that the result depends on.
 fn plan(
     request: &DenseRequest,
     scene_path: &Path,
@@ -257,7 +257,7 @@ fn stage(
     })
 }
 
-/// The known pixels of all views as points, in cubes of two pixels' width at the median distance.
+/// Fuses the known pixels of all views into cubes of two pixels' width at the median distance.
 fn fused(measured: &[Measured]) -> Cubes {
     let pixels: Vec<f64> = measured
         .iter()

@@ -1,36 +1,36 @@
-//! Which frames a frame is compared with.
+//! Choice of the frames that a frame is compared with.
 
 use glam::DVec3;
 
 use crate::posed_view::PosedView;
 
-/// Frames that one is compared with, at most.
+/// Maximum number of frames to compare with.
 pub(super) const MOST: usize = 4;
-/// Frames whose depths confirm those of one, at most.
+/// Maximum number of frames whose depths confirm those of one.
 const MOST_WITNESSES: usize = 8;
-/// Angle between the rays of two frames at which depth is measured best, degrees: less is inaccurate, more
-/// looks different and is hidden more often.
+/// Angle between the rays of two frames at which depth is measured best, degrees. Less is inaccurate, more looks
+/// different and is hidden more often.
 const BEST_DEGREES: f64 = 10.0;
 /// Widths of the preference below and above it, degrees.
 const SPREAD_DEGREES: [f64; 2] = [4.0, 12.0];
-/// Less than this is no parallax, degrees.
+/// Smallest angle of parallax, degrees.
 const LEAST_DEGREES: f64 = 0.5;
-/// Points that are looked at.
+/// Number of sampled points.
 const SAMPLES: usize = 300;
-/// Least score; what is below sees another place, or the same without parallax.
+/// Least score; a lower one means another place, or no parallax.
 const LEAST_SCORE: f64 = 0.02;
 
-/// Views by what they say of another one's depth.
+/// Views that give evidence on the depth of another one.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub(super) struct Neighbours {
-    /// The views that it is compared with: up to [`MOST`], from before and from after it where there are
-    /// both, because what is hidden from one side is seen from the other.
+    /// Views to compare with: up to [`MOST`], from before and after it if there are both, because places hidden from
+    /// one side are seen from the other.
     pub(super) compared: Vec<usize>,
-    /// The views that have to confirm what comes out: those, and others, up to [`MOST_WITNESSES`].
+    /// Views that confirm the depths: those, and others, up to [`MOST_WITNESSES`].
     pub(super) witnesses: Vec<usize>,
 }
 
-/// The neighbours of the view with this number. `seen` are points that it sees.
+/// Returns the neighbours of the view with this number. `seen` are points that it sees.
 pub(super) fn neighbours(index: usize, views: &[PosedView], seen: &[DVec3]) -> Neighbours {
     let some: Vec<DVec3> = seen
         .iter()
@@ -67,7 +67,7 @@ pub(super) fn neighbours(index: usize, views: &[PosedView], seen: &[DVec3]) -> N
     }
 }
 
-/// The mean preference of the angles under which points are seen by both; 0 for those that one misses.
+/// Returns the mean preference for the angles under which both see points; 0 for points that one misses.
 fn score(view: &PosedView, other: &PosedView, points: &[DVec3]) -> f64 {
     let of_point = |&point: &DVec3| {
         if other.pixel(point).is_none() {
@@ -102,7 +102,7 @@ mod tests {
         }
     }
 
-    /// At a depth of 10, 1.76 is the way under 10 degrees.
+    /// At a depth of 10, 1.76 is the baseline under 10 degrees.
     #[test]
     fn frames_of_the_best_angle_on_both_sides_are_chosen() {
         let views: Vec<PosedView> = (0..21).map(|n| view(0.35 * f64::from(n))).collect();
@@ -136,7 +136,7 @@ mod tests {
         );
         let at_the_end = neighbours(0, &views, &points);
         assert_eq!(at_the_end.compared.len(), MOST);
-        // No parallax, or nothing in common: nothing.
+        // Without parallax or overlap no frame is chosen.
         let hover = [view(0.0), view(1e-4), view(500.0)];
         assert_eq!(neighbours(0, &hover, &points), Neighbours::default());
     }

@@ -1,10 +1,9 @@
 //! The depth of a view's pixels: a sweep of planes of equal depth (Collins 1996) against several others.
 //!
-//! A pixel whose viewing direction is `r` (with `r.z = 1`) at inverse depth `w` is seen by another camera in
-//! the direction `Q r + w s`, with the rotation `Q` between the cameras and this centre `s` in the other
-//! camera's frame. The other image is brought onto this one's grid for every `w` and compared there. Of the
-//! costs against several views the better half counts: what one side does not see, the other does (Kang,
-//! Szeliski, Chai, Handling occlusions in dense multi-view stereo, 2001).
+//! A pixel with viewing direction `r` (with `r.z = 1`) at inverse depth `w` is seen by another camera in the direction
+//! `Q r + w s`: `Q` is the rotation between the cameras, `s` this centre in the other camera's frame. For every `w` the
+//! other image is warped onto this one's grid and compared. Of the costs against several views the better half counts:
+//! one side sees where the other does not (Kang, Szeliski, Chai, Handling occlusions in dense multi-view stereo, 2001).
 
 use glam::{DMat3, DVec3, Mat3, Vec3, vec3};
 use omnilife_schemas::camera::PinholeCamera;
@@ -19,10 +18,10 @@ use super::neighbours::MOST;
 const STEP_PIXELS: f64 = 1.25;
 /// Hypotheses, at least and at most.
 const COUNT: (usize, usize) = (16, 192);
-/// The cost of what no other view shows.
+/// Cost of a pixel that no other view shows.
 const NOT_SHOWN: u8 = LARGEST_COST / 2;
 
-/// A view whose depth is searched, or that it is compared with.
+/// A view whose depth is searched, or its neighbour.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct SweptView<'a> {
     pub(super) camera: PinholeCamera,
@@ -32,7 +31,7 @@ pub(super) struct SweptView<'a> {
     pub(super) image: &'a GreyImage,
 }
 
-/// Inverse depths that are tried, in equal steps.
+/// Inverse depths to test, in equal steps.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Hypotheses {
     pub(super) count: usize,
@@ -41,7 +40,7 @@ pub(super) struct Hypotheses {
 }
 
 impl Hypotheses {
-    /// Between two inverse depths, so that no step moves a pixel of any of the others by more than
+    /// Creates steps between two inverse depths, so that none moves a pixel of any other view by more than
     /// [`STEP_PIXELS`], unless that would be too many.
     pub(super) fn new(
         inverse_depths: [f64; 2],
@@ -66,20 +65,20 @@ impl Hypotheses {
     }
 }
 
-/// How far the middle of an image moves in another one between two inverse depths, pixels.
+/// Returns the shift of an image's centre in another one between two inverse depths, pixels.
 fn parallax(view: &SweptView<'_>, other: &SweptView<'_>, inverse_depths: [f64; 2]) -> f64 {
     let (turn, shift) = between(view, other);
     let middle = turn * DVec3::Z;
     let [far, near] = inverse_depths.map(|inverse| {
         let seen = middle + inverse * shift;
-        // What is behind the other camera has no place in its image.
+        // Points behind the other camera have no place in its image.
         let depth = seen.z.max(0.1 * seen.length());
         glam::dvec2(other.camera.fx * seen.x, other.camera.fy * seen.y) / depth
     });
     far.distance(near)
 }
 
-/// Rotation and shift from a view's frame to another one's.
+/// Returns rotation and shift from a view's frame to another one's.
 fn between(view: &SweptView<'_>, other: &SweptView<'_>) -> (DMat3, DVec3) {
     let to_other = other.to_world.transpose();
     (
@@ -88,7 +87,7 @@ fn between(view: &SweptView<'_>, other: &SweptView<'_>) -> (DMat3, DVec3) {
     )
 }
 
-/// Depth of every pixel along the viewing direction, world units; infinite at inverse depth 0.
+/// Returns depth of every pixel along the viewing direction, world units; infinite at inverse depth 0.
 pub(super) fn depths(
     view: &SweptView<'_>,
     others: &[SweptView<'_>],
@@ -117,7 +116,7 @@ pub(super) fn depths(
     median(&depths, width)
 }
 
-/// The median of every pixel and its neighbours: a fraction of a step is less certain than a step.
+/// Returns the median of every pixel and its neighbours: a fraction of a step is less certain than a step.
 fn median(depths: &[f32], width: usize) -> Vec<f32> {
     let height = depths.len() / width;
     let of_pixel = |pixel: usize| {
@@ -133,8 +132,7 @@ fn median(depths: &[f32], width: usize) -> Vec<f32> {
     (0..depths.len()).into_par_iter().map(of_pixel).collect()
 }
 
-/// For every pixel, the mean of the better half of its costs against the views that show it, [`MOST`] at
-/// most.
+/// Returns per pixel the mean of the better half of its costs against the views that show it, at most [`MOST`].
 fn better_half(costs: &[Vec<u8>], pixels: usize) -> Vec<u8> {
     let of_pixel = |pixel: usize| {
         let mut sorted = [UNKNOWN_COST; MOST];
@@ -155,12 +153,12 @@ fn better_half(costs: &[Vec<u8>], pixels: usize) -> Vec<u8> {
     (0..pixels).map(of_pixel).collect()
 }
 
-/// Another view, ready to be brought onto a view's grid.
+/// Another view, ready to be warped onto a view's grid.
 struct Warp<'a> {
     image: &'a GreyImage,
     /// From the pixel (column, row, 1) of the view to the other's pixel, homogeneous, at infinity.
     homography: Mat3,
-    /// What an inverse depth of 1 adds to it.
+    /// Shift at inverse depth 1.
     shift: Vec3,
 }
 
@@ -182,7 +180,7 @@ impl<'a> Warp<'a> {
         }
     }
 
-    /// The other image on the view's grid; not a number where it does not show a pixel.
+    /// Returns the other image on the view's grid; NaN for pixels that it does not show.
     fn image(&self, inverse_depth: f64, width: usize, height: usize) -> Vec<[f32; 1]> {
         let mut warped = vec![[f32::NAN]; width * height];
         let shift = self.shift * inverse_depth as f32;
@@ -190,7 +188,7 @@ impl<'a> Warp<'a> {
             let begin = self.homography * vec3(0.5, row as f32 + 0.5, 1.0) + shift;
             for (column, pixel) in pixels.iter_mut().enumerate() {
                 let place = begin + self.homography.x_axis * column as f32;
-                // What is behind the other camera has no place in its image.
+                // Points behind the other camera have no place in its image.
                 if place.z > 0.0 {
                     let scale = 1.0 / place.z;
                     *pixel = [self.image.sample(place.x * scale, place.y * scale)];
@@ -210,7 +208,7 @@ pub(super) struct GreyImage {
 }
 
 impl GreyImage {
-    /// From 8-bit RGB.
+    /// Converts 8-bit RGB.
     pub(super) fn of_rgb8(width: usize, height: usize, bytes: &[u8]) -> Self {
         let grey = |[red, green, blue]: &[u8; 3]| {
             let [red, green, blue] = [*red, *green, *blue].map(f32::from);
@@ -223,7 +221,7 @@ impl GreyImage {
         }
     }
 
-    /// The bilinear value at a place; not a number outside of the image.
+    /// Returns the bilinear value at a place; NaN outside of the image.
     fn sample(&self, x: f32, y: f32) -> f32 {
         let (width, height) = (self.width as f32, self.height as f32);
         // Half a pixel beyond the outermost centres belongs to the image.

@@ -1,4 +1,4 @@
-//! A scene of ours as an export takes it: frames with a pose, their files, and which of them are for training.
+//! Scenes for exports: frames with a pose, their files, and the split.
 
 use std::{collections::BTreeMap, path::Path};
 
@@ -16,12 +16,11 @@ use omnilife_schemas::{
 use super::{ExportFrame, ExportRequest, ExportScene, SceneSource, file_name, stem};
 use crate::error::CurateError;
 
-/// The scene that a request is about, without the frames that it leaves out, and the frames that the protocol of its
-/// split puts images into.
+/// Returns the scene of a request without excluded frames, with the frames whose images the protocol of its split uses.
 ///
 /// # Errors
-/// When a file cannot be read or leads out of the scene's folder, two frames have one name, no frame has a pose, and
-/// when the split is that of another scene.
+/// When a file cannot be read or leads out of the scene's folder, two frames have one name, or no frame has a pose.
+/// Also when the split belongs to another scene.
 pub(super) fn collect(
     request: &ExportRequest<'_>,
     progress: &dyn Progress,
@@ -116,8 +115,8 @@ fn split_of(file: &Path, scene: &Scene) -> Result<Split, CurateError> {
     Ok(split)
 }
 
-/// Refuses files outside of the scene's folder, which are nobody's to hand on, and frames that would
-/// become one file: all images, and all masks, lie in one folder in an export.
+/// Refuses files outside of the scene's folder, which must not be distributed, and frames that would become one file:
+/// all images, and all masks, lie in one folder in an export.
 fn refuse_unusable_names(path: &Path, scene: &Scene) -> Result<(), CurateError> {
     let mut stems = BTreeMap::new();
     for (number, frame) in scene.frames.iter().enumerate() {

@@ -4,7 +4,7 @@
 //! ```text
 //! images/                  the frames
 //! masks/<image>.png        black where features are not to be taken (COLMAP's convention)
-//! ignore/<image>           white what is no part of the scene; black in masks/ as well
+//! ignore/<image>           white outside of the scene; black in masks/ as well
 //! sparse/0/cameras.txt     one camera
 //! sparse/0/images.txt      per frame: quaternion (w, x, y, z) and translation, world to camera
 //! sparse/0/points3D.txt    world points, without their tracks
@@ -84,7 +84,7 @@ fn export_binary(scene: &ExportScene, out: &Path) -> Result<(), CurateError> {
     )?)
 }
 
-/// Images, masks and the lists of the split; gives the folder of the model.
+/// Writes images, masks and the lists of the split; returns the folder of the model.
 fn export_images(scene: &ExportScene, out: &Path) -> Result<PathBuf, CurateError> {
     super::copy_images(scene, out)?;
     super::masks::write_black_masks(scene, &out.join("masks"), mask_name)?;
@@ -117,7 +117,7 @@ fn export(scene: &ExportScene, out: &Path) -> Result<(), CurateError> {
     store::write_bytes(&model.join("cameras.txt"), camera.as_bytes())?;
     store::write_with(&model.join("images.txt"), |writer| {
         for (id, frame) in (1..).zip(&scene.frames) {
-            // Valid poses have a rotation: they were chosen by that.
+            // Valid poses have a rotation: frames were selected by that.
             let q = frame.pose.rotation().unwrap_or_default().inverse();
             let t = -(q * frame.pose.centre());
             writeln!(
@@ -176,8 +176,8 @@ fn import(folder: &Path) -> Result<ForeignScene, CurateError> {
     })
 }
 
-/// The folder with the images of a model: the one that is given, or, where that is the model itself, one of the
-/// two that hold it (`sparse/0`).
+/// Returns the folder with the images of a model: the given one or, if that is the model itself (`sparse/0`), one of
+/// the two above it.
 fn root_of(folder: &Path, [cameras, ..]: &[PathBuf; 3]) -> PathBuf {
     let is_model = cameras.parent() == Some(folder);
     folder

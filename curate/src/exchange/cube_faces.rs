@@ -1,13 +1,13 @@
-//! A panoramic scene as a perspective one: every frame becomes the six faces of a cube, for trainers that
-//! know no equirectangular camera.
+//! A panoramic scene as a perspective one: every frame becomes the six faces of a cube, for trainers without an
+//! equirectangular camera.
 //!
 //! ```text
 //! images/front/000000.png ... images/down/000000.png     one folder per face, one name per frame
 //! rig_config.json         the faces as a rig of COLMAP (colmap rig_configurator), front first
 //! ```
 //!
-//! A face pixel is the mean of as many bilinear samples as it has pixels of the panorama along a side in the
-//! middle of the face; a mask pixel is that of the mask at its centre.
+//! A face pixel is a mean of bilinear samples: per side, as many as the panorama has pixels there in the middle of the
+//! face. A mask pixel is that of the mask at its centre.
 
 use std::{
     f64::consts::{PI, TAU},
@@ -32,13 +32,13 @@ use serde::Serialize;
 use super::{ExportFrame, ExportScene};
 use crate::error::CurateError;
 
-/// Faces and sky that an export asks for.
+/// Faces and sky of an export.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct CubeFaces {
     /// Width and height of a face in pixels.
     pub side: u32,
-    /// Points on a far sphere around the cameras, with the colours seen there: what has no points of
-    /// its own, the sky above all, has none from structure from motion either.
+    /// Points on a far sphere around the cameras, with the colours seen there. Content without points of its own, above
+    /// all the sky, has none from structure from motion either.
     pub sky_points: usize,
 }
 
@@ -51,10 +51,10 @@ const MOST_SAMPLES: u32 = 8;
 /// Radius of the sky, over the distance of the farthest tenth of the points or of the cameras.
 const SKY_RADIUS: f64 = 3.0;
 
-/// Draws the faces of every frame into `scratch`, and gives the scene that they are.
+/// Draws the faces of every frame into `scratch`, and returns their scene.
 ///
 /// # Errors
-/// For a perspective scene, a size that is no size, and images that cannot be read or written.
+/// For a perspective scene, an invalid size, and images that cannot be read or written.
 pub(super) fn as_faces(
     scene: &ExportScene,
     faces: CubeFaces,
@@ -98,7 +98,7 @@ pub(super) fn as_faces(
     })
 }
 
-/// The six faces; `None` for those that show nothing of the scene.
+/// Returns the six faces; `None` for those that show nothing of the scene.
 fn faces_of(
     frame: &ExportFrame,
     camera: ErpCamera,
@@ -108,10 +108,10 @@ fn faces_of(
     let panorama = RgbImage::read(&frame.image)?;
     let mask = frame.mask.as_deref().map(Mask::read).transpose()?;
     let ignored = frame.ignore_mask.as_deref().map(Mask::read).transpose()?;
-    // At the resolution of a face, so that nothing thin gets lost between its pixels.
+    // At the resolution of a face, so that thin masks are not lost between its pixels.
     let ignored = ignored.map(|mask| mask.resized_to_any(4 * side as usize, 2 * side as usize));
     let stem = super::stem(&frame.name);
-    // Valid poses have a rotation: they were chosen by that.
+    // Valid poses have a rotation: frames were selected by that.
     let rotation = frame.pose.rotation().unwrap_or_default();
     CUBE_FACES
         .iter()
@@ -147,7 +147,7 @@ fn faces_of(
         .collect()
 }
 
-/// The perspective view of a face, `side` pixels square; every pixel is a mean over its area.
+/// Returns the perspective view of a face, `side` pixels square; every pixel is a mean over its area.
 pub(crate) fn face_image(panorama: &RgbImage, face: &CubeFace, side: u32) -> RgbImage {
     let camera = ErpCamera {
         width: panorama.width as u32,
@@ -197,14 +197,14 @@ fn face_mask(mask: &Mask, camera: ErpCamera, face: &CubeFace, side: u32) -> Mask
     }
 }
 
-/// The upper left corner of a pixel.
+/// Returns the upper left corner of a pixel.
 fn corner(pixel: usize, side: u32) -> DVec2 {
     let pixel = pixel as u32;
     dvec2(f64::from(pixel % side), f64::from(pixel / side))
 }
 
-/// Adds a shell of points as far as the farthest of the scene and more, in the colours of the first frame
-/// that is for training; none where it shows nothing of the scene.
+/// Adds a shell of points beyond the farthest points of the scene, in the colours of the first training frame; none
+/// where that shows nothing of the scene.
 fn add_sky(
     scene: &ExportScene,
     camera: ErpCamera,
@@ -309,7 +309,7 @@ pub(super) fn write_rig(out: &Path) -> Result<PathBuf, CurateError> {
 mod tests {
     use super::*;
 
-    /// The colour of a panorama's pixel is its direction.
+    /// Returns a panorama whose pixels have their direction as colour.
     fn panorama(width: u32) -> RgbImage {
         let camera = ErpCamera {
             width,

@@ -1,7 +1,7 @@
 //! True distances of imported frames: from another tool's file to one of the scene.
 //!
-//! A scene gets arrays of f32 along the rays, which keep what floats in a file say. What is infinite, or as far
-//! away as a data set puts its sky, is not known.
+//! A scene gets f32 arrays of distances along the rays, which keep the float values of a file. Infinite distances, and
+//! those of a data set's sky, are unknown.
 #![cfg_attr(
     not(test),
     deny(clippy::indexing_slicing, clippy::arithmetic_side_effects)
@@ -23,7 +23,7 @@ use omnilife_schemas::{
 use super::{ForeignFrame, ForeignScene, left_out};
 use crate::error::CurateError;
 
-/// True distances of what a frame shows, in another tool's file of the frame's size.
+/// True distances of a frame, in another tool's file of the frame's size.
 #[derive(Debug, Clone)]
 pub struct ForeignDistance {
     /// The file.
@@ -34,7 +34,7 @@ pub struct ForeignDistance {
     pub unit: f64,
     /// Line that a distance is measured along.
     pub convention: DistanceConvention,
-    /// Values, in those of the file, from which on they stand for the sky; infinite where none does.
+    /// File values from which on they stand for the sky; infinite if none does.
     pub sky_from: f64,
 }
 
@@ -48,7 +48,7 @@ pub enum DistanceEncoding {
     FloatInBgra,
 }
 
-/// Returns a line on the frames without distances, where others have them.
+/// Returns a line on frames without distances if others have them.
 pub(super) fn missing(scene: &ForeignScene) -> Option<String> {
     let without = scene.frames.iter().filter(|frame| frame.distance.is_none());
     let names: Vec<String> = without
@@ -64,8 +64,8 @@ pub(super) fn missing(scene: &ForeignScene) -> Option<String> {
 /// there.
 ///
 /// # Errors
-/// When the file is damaged, not of the frame's size, has a value that is negative or NaN, or the frame's lens is
-/// taken out.
+/// When the file is damaged, not of the frame's size, or has a negative or NaN value. Also when the frame's lens is
+/// removed by resampling.
 pub(super) fn import(
     scene: &ForeignScene,
     frame: &ForeignFrame,
@@ -87,7 +87,7 @@ pub(super) fn import(
     Ok(Some(DepthImage { file, unit: 1.0 }))
 }
 
-/// Distances along the rays of a camera, in units of the world frame; 0 where they are not known.
+/// Returns distances along the rays of a camera, in units of the world frame; 0 if unknown.
 fn along_rays(given: &ForeignDistance, camera: &Camera) -> Result<DistanceImage, StoreError> {
     let is_panorama = matches!(camera, Camera::Erp(_));
     let mut image = match given.encoding {
@@ -174,7 +174,7 @@ mod tests {
             ..given(png, DistanceEncoding::Values)
         };
         let found = along_rays(&millimetres, &PANORAMA.into()).unwrap();
-        // Of 60 m and more nothing is known.
+        // Distances from 60 m on are unknown.
         assert_eq!(
             found.values,
             [0.0, 0.001, 0.002, 0.003, 40.0, 50.0, 0.0, 0.0]

@@ -1,4 +1,4 @@
-//! Scenes as readers of other tools' formats find them.
+//! Scenes as read from other tools' formats.
 
 use std::{
     collections::BTreeMap,
@@ -15,40 +15,39 @@ use omnilife_schemas::{
 use super::{ForeignDistance, ForeignSplit};
 use crate::{poses::frame_camera::FrameCamera, stills::Still};
 
-/// A scene of another program, as a reader found it.
+/// A scene of another program.
 #[derive(Debug, Clone)]
 pub struct ForeignScene {
     /// The camera of all frames, with their lens.
     pub camera: FrameCamera,
-    /// Frames whose images are there, in whatever order.
+    /// Frames with existing images, in any order.
     pub frames: Vec<ForeignFrame>,
-    /// Length of a unit of the world, as far as the format says.
+    /// Length of a unit of the world, if the format states it.
     pub scale: Scale,
     /// World points; empty where the format has none.
     pub points: PointCloud,
-    /// Source of the poses, where it is not the format itself.
+    /// Source of the poses, unless it is the format itself.
     pub pose_source: Option<PoseSource>,
-    /// The folder that `times.csv` and `ignore/` lie in.
+    /// Folder of `times.csv` and `ignore/`.
     pub root: PathBuf,
-    /// Folders that may hold images which are no frames, beside those of the frames.
+    /// Further folders that may hold images which are not frames.
     pub image_folders: Vec<PathBuf>,
-    /// Names of images that have a pose and are not there.
+    /// Names of missing images that have a pose.
     pub missing_images: Vec<String>,
     /// The split that the scene is published with.
     pub published_split: Option<ForeignSplit>,
-    /// Times of the frames where there is neither a `times.csv` nor a frame rate given; `None` where one of them
-    /// is needed.
+    /// Times of the frames without a `times.csv` and a given frame rate; `None` if one of them is required.
     pub frame_rate: Option<FrameRate>,
     /// Stills without poses by their image, with the seconds since the first.
     pub(crate) stills: BTreeMap<PathBuf, (Still, f64)>,
-    /// A line on where these seconds come from; empty without stills.
+    /// A line on the source of these seconds; empty without stills.
     pub(crate) stills_note: String,
-    /// Lines on what the reader decided and left out.
+    /// Lines on decisions and omissions of the reader.
     pub notes: Vec<String>,
 }
 
 impl ForeignScene {
-    /// Returns a scene of frames in a folder, of which nothing else is known.
+    /// Returns a scene of frames in a folder, with everything else unknown.
     pub(super) fn new(camera: FrameCamera, frames: Vec<ForeignFrame>, root: &Path) -> Self {
         Self {
             camera,
@@ -68,24 +67,24 @@ impl ForeignScene {
     }
 }
 
-/// A frame rate that follows from the format.
+/// A frame rate implied by the format.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct FrameRate {
     /// Frames per second, positive.
     pub frames_per_second: f64,
-    /// Reason in the line that says so.
+    /// Reason, for messages.
     pub reason: &'static str,
 }
 
 impl FrameRate {
-    /// That of scenes in which nothing moves: times are but an order.
+    /// Rate of static scenes: times only give an order.
     pub const STATIC: Self = Self {
         frames_per_second: 1.0,
         reason: "nothing in the scene moves, and no file says when the frames were shown",
     };
 }
 
-/// A frame that a reader found.
+/// A frame found by a reader.
 #[derive(Debug, Clone)]
 pub struct ForeignFrame {
     /// The image.
@@ -98,7 +97,7 @@ pub struct ForeignFrame {
     pub pose: Option<Pose>,
     /// True distances, where they are known.
     pub distance: Option<ForeignDistance>,
-    /// Frames with the same number here were taken at once.
+    /// Frames with the same number here were taken simultaneously.
     pub moment: Option<u32>,
 }
 
@@ -107,13 +106,13 @@ pub struct ForeignFrame {
 pub struct ForeignMask {
     /// The image.
     pub file: PathBuf,
-    /// True where black (instead of white) is what moves: a mask of what to look at, with all outside the scene
-    /// in black, too.
+    /// True if black (instead of white) marks moving content: a mask of pixels to use, with everything outside the
+    /// scene in black, too.
     pub black_is_dynamic: bool,
 }
 
 impl ForeignMask {
-    /// Greys that it marks, moving or not. Black is all that tools leave out by masks of what to look at.
+    /// Returns the greys that it marks, moving or not. In masks of pixels to use, black is everything excluded.
     pub(super) fn marked_greys(&self) -> MarkedGreys {
         if self.black_is_dynamic {
             MarkedGreys::NotBlack

@@ -1,7 +1,7 @@
-//! Images of imported frames: copied byte for byte where every program sees them alike, written anew where not.
+//! Images of imported frames: copied byte for byte if every program shows them alike, otherwise rewritten.
 //!
-//! Transparent pixels become black and are ignored; images that EXIF data ask to be turned are turned. Poses and
-//! masks of such frames are taken to be of the images as viewers show them.
+//! Transparent pixels become black and ignored; images are turned by their EXIF orientation. Poses and masks of such
+//! frames are taken to refer to the images as viewers show them.
 
 use std::path::Path;
 
@@ -23,23 +23,21 @@ use crate::{
 pub(super) struct FrameImage {
     /// The file, relative to the folder.
     pub(super) file: String,
-    /// Marks what the image that it was made of does not show: what is transparent, or outside of its part of the
-    /// sphere.
+    /// Marks pixels without content in the source image: transparent ones, or those outside of its part of the sphere.
     pub(super) ignored: Option<Mask>,
-    /// True where that image is transparent in places.
+    /// True if the source image is transparent in places.
     pub(super) is_transparent: bool,
-    /// True where it was turned or mirrored.
+    /// True if it was turned or mirrored.
     pub(super) is_turned: bool,
-    /// True where it shows nothing.
+    /// True if it shows nothing.
     pub(super) is_single_colour: bool,
 }
 
 impl FrameImage {
-    /// Copies the image of a frame into the folder of a scene, writes it anew as an opaque RGB PNG, or takes its lens
-    /// out.
+    /// Copies the image of a frame into the folder of a scene, rewrites it as an opaque RGB PNG, or undistorts it.
     ///
     /// # Errors
-    /// When it is damaged, has a lens and is transparent in places or to be turned, or cannot be written.
+    /// When it is damaged, cannot be written, or has a lens and is transparent in places or to be turned.
     pub(super) fn import(
         frame: &ForeignFrame,
         name: &str,
@@ -87,7 +85,7 @@ impl FrameImage {
     }
 }
 
-/// Frames whose images are not as others.
+/// Frames whose images needed special treatment.
 #[derive(Default)]
 pub(super) struct UnusualFrames {
     transparent: Vec<String>,
@@ -107,7 +105,7 @@ impl UnusualFrames {
         }
     }
 
-    /// Returns a line for each kind of which there are any.
+    /// Returns a line for each kind that occurs.
     pub(super) fn notes(&self) -> Vec<String> {
         let kinds = [
             (

@@ -1,4 +1,4 @@
-//! The order of frames that come as files, and their times by the numbers in their names.
+//! The order of frames in image files, and their times by the numbers in their names.
 //!
 //! Names are in natural order: a run of digits counts as the number that it is, so `2.png` comes before
 //! `10.png`. The number of a frame is the last run of digits in its name.
@@ -49,17 +49,17 @@ fn pieces(name: &str) -> Vec<Piece<'_>> {
     pieces
 }
 
-/// The order of two names or paths.
+/// Returns the order of two names or paths.
 pub(super) fn natural(a: &str, b: &str) -> Ordering {
     pieces(a).cmp(&pieces(b)).then_with(|| a.cmp(b))
 }
 
-/// The order of two files.
+/// Returns the order of two files.
 pub(super) fn natural_paths(a: &Path, b: &Path) -> Ordering {
     natural(&a.to_string_lossy(), &b.to_string_lossy())
 }
 
-/// The number of a frame by its file.
+/// Returns the number of a frame by its file.
 pub(super) fn number(file: &Path) -> Option<u64> {
     let stem = file.file_stem()?.to_string_lossy();
     let last = pieces(&stem)
@@ -75,7 +75,7 @@ pub(super) fn number(file: &Path) -> Option<u64> {
     last.parse().ok()
 }
 
-/// The name of a file without its folder, up to the last run of digits.
+/// Returns the name of a file without its folder, up to the last run of digits.
 fn before_number(file: &Path) -> String {
     let stem = file.file_stem().unwrap_or_default().to_string_lossy();
     let is_digit = |letter: char| letter.is_ascii_digit();
@@ -89,7 +89,7 @@ fn differ_before_numbers<'a>(files: impl IntoIterator<Item = &'a Path>) -> bool 
     begins.len() > 1
 }
 
-/// The images of a folder, PNG or JPEG, in natural order.
+/// Returns the images of a folder, PNG or JPEG, in natural order.
 pub(crate) fn images_in(folder: &Path) -> Result<Vec<PathBuf>, StoreError> {
     let mut files = store::paths_in(folder)?;
     files.retain(|file| has_extension(file, &["png", "jpg", "jpeg"]));
@@ -103,7 +103,7 @@ pub(super) fn has_extension(file: &Path, known: &[&str]) -> bool {
     known.iter().any(|known| extension == *known)
 }
 
-/// Returns true where files in natural order are numbered 0, 1, ... or 1, 2, ...
+/// Returns true if files in natural order are numbered 0, 1, ... or 1, 2, ...
 pub(super) fn are_counted(files: &[PathBuf]) -> bool {
     let numbers: Option<Vec<u64>> = files.iter().map(|file| number(file)).collect();
     let is_one_count = !differ_before_numbers(files.iter().map(PathBuf::as_path));
@@ -117,13 +117,13 @@ pub(super) fn are_counted(files: &[PathBuf]) -> bool {
 pub(super) struct NumberedTimes {
     /// Seconds, one for each file.
     pub(super) seconds: Vec<f64>,
-    /// A line where names alone do not say the times.
+    /// A note if names alone do not determine the times.
     pub(super) note: Option<String>,
 }
 
-/// The times of files in natural order at so many frames per second: the lowest number, of these files and of
-/// `others` beside them, is shown at 0, and gaps in the numbers stay gaps. Where a name has no number, two of
-/// a folder have the same one, or names differ before it (`clip1_5`, `clip2_1`), the order of the names counts.
+/// Returns the times of files in natural order at so many frames per second. The lowest number, of these files and of
+/// `others` beside them, is shown at 0; gaps in the numbers stay gaps. The order of names counts if one has no number,
+/// two of a folder share one, or names differ before it (`clip1_5`, `clip2_1`).
 pub(super) fn times_at(
     frames_per_second: f64,
     files: &[&Path],

@@ -1,4 +1,4 @@
-//! When the frames of an import were shown: by a table, by a frame rate, or in order alone.
+//! Times of imported frames: by a table, by a frame rate, or by order alone.
 
 use std::{
     collections::BTreeMap,
@@ -12,19 +12,19 @@ use super::{
 };
 use crate::error::CurateError;
 
-/// When frames were shown.
+/// Times of frames.
 pub(super) struct FrameTimes {
     /// Seconds, one for each frame.
     pub(super) seconds: Vec<f64>,
-    /// Lines on what is not plain.
+    /// Notes on assumptions.
     pub(super) notes: Vec<String>,
 }
 
-/// Reads times from `times.csv`, else counts them by the frame rate given, or that of the format. `beside` are images that are no frames.
+/// Reads times from `times.csv`, else counts them by the given frame rate, or that of the format. `beside` are images
+/// that are not frames.
 ///
 /// # Errors
-/// When the table does not fit, there is neither a table nor a frame rate, or frames that were
-/// taken at once have different times.
+/// When the table does not fit, there is neither a table nor a frame rate, or simultaneous frames have different times.
 pub(super) fn frame_times(
     request: &ImportRequest<'_>,
     scene: &ForeignScene,
@@ -94,7 +94,7 @@ pub(super) fn frame_times(
     })
 }
 
-/// A line on frames of several folders that have one time by their numbers, and are no views of a rig.
+/// Returns a line on frames of several folders that share times by their numbers but are no views of a rig.
 fn shared_by_folders(frames: &[ForeignFrame], times: &[f64]) -> Option<String> {
     let alone = frames
         .iter()
@@ -122,7 +122,7 @@ fn of_stills(scene: &ForeignScene) -> Option<Vec<f64>> {
     times
 }
 
-/// Refuses frames that were taken at once and have different times by their names.
+/// Refuses simultaneous frames with different times by their names.
 fn expect_shared_times(
     folder: &Path,
     frames: &[ForeignFrame],

@@ -1,31 +1,31 @@
-//! A clip as a folder of frames: ours, which holds all of a scene, and those of others, with masks of objects.
+//! A clip as a folder of frames: ours, which hold all of a scene, and those of others, with masks of objects.
 //!
 //! ```text
 //! rgb/00000.jpg ...             the frames, in the order of their names and numbers (or images/)
 //! mask/00000.png ...            white where the object is, by the frames' names (DAVIS), or
-//! objects/swan/00000.png ...    the same for each object, by its name; no file where it is not seen
+//! objects/swan/00000.png ...    the same for each object, by its name; no file for frames without it
 //! camera.json                   {"focal": F}, the focal length in pixels, where it is known
 //! poses.json                    poses, one for each frame, where they are known, and the camera
 //! train.txt, test.txt           names of the frames for training and for testing, where a split is given
 //! ```
 //!
-//! Exports have in addition what these cannot say, and with it the whole scene comes back:
+//! Exports add the rest of the scene, so that an import restores all of it:
 //!
 //! ```text
 //! scene.json                    the record of the scene, which names the files below by frames
 //! unposed/                      frames without a pose
-//! mask/                         white where something moves, whatever it is
-//! ignore/                       white what is no part of the scene
-//! classes/human/                white what is of a class
+//! mask/                         white for moving content
+//! ignore/                       white outside of the scene
+//! classes/human/                white for objects of a class
 //! depth/, depth-prior/          true and estimated distances
 //! ```
 //!
-//! Where `scene.json` is there, it alone says which file belongs to which frame; other poses or times beside it, and
-//! files that it does not name, are refused.
+//! If `scene.json` exists, it alone assigns files to frames; different poses or times beside it, and files that it does
+//! not name, are refused.
 //!
-//! Without poses the camera is taken to turn where it stands ([`crate::motion::pinhole_turns`]): each frame
-//! is registered to the one before it. It stands still where that succeeds and finds less than two pixels
-//! of motion. Where it fails, the best turns that were found are kept, and the scene says so.
+//! Without poses the camera is assumed to rotate in place ([`crate::motion::pinhole_turns`]): each frame is registered
+//! to the one before it. If that finds less than two pixels of motion, the camera stands still. If it fails, the best
+//! rotations found are kept, and the scene says so.
 
 mod export;
 mod recorded;
@@ -66,17 +66,17 @@ pub const FORMAT: Format = Format {
     import,
 };
 
-/// Poses of a clip.
+/// Poses file of a clip.
 const POSES_FILE: &str = "poses.json";
 /// Folder of the frames.
 const IMAGES_FOLDER: &str = "rgb";
 /// Folder of frames without a pose: poses belong to the others by their order.
 const UNPOSED_FOLDER: &str = "unposed";
-/// Folder of the masks of what moves.
+/// Folder of the masks of moving content.
 const MASK_FOLDER: &str = "mask";
 /// Folder of the folders of masks of single objects.
 const OBJECTS_FOLDER: &str = "objects";
-/// Images that are looked at to tell a perspective clip from panoramas, about.
+/// Approximate number of images examined to tell a perspective clip from panoramas.
 const FEW_IMAGES: usize = 4;
 
 #[derive(Deserialize)]
@@ -85,7 +85,7 @@ struct CameraFile {
     focal: f64,
 }
 
-/// The record of a scene in a folder of frames; `None` where it has none.
+/// Returns the record of a scene in a folder of frames; `None` where it has none.
 ///
 /// # Errors
 /// When it is malformed.
@@ -98,7 +98,7 @@ pub(super) fn record(folder: &Path) -> Result<Option<Scene>, StoreError> {
     }
 }
 
-/// Refuses a name of an object or a class that is no name of one folder.
+/// Refuses a name of an object or a class that is not a folder name.
 ///
 /// # Errors
 /// Names `folder`, that of the scene.
@@ -130,7 +130,7 @@ fn import(folder: &Path) -> Result<ForeignScene, CurateError> {
         registered(&images, &objects, size, focal_of(folder)?)?
     };
     let mask_of = |stem: &String| {
-        // Of one object what moves is that object.
+        // With a single object, moving content is that object.
         let (1, Some(masks)) = (objects.len(), objects.values().next()) else {
             return None;
         };
@@ -236,7 +236,7 @@ fn focal_of(folder: &Path) -> Result<Option<f64>, CurateError> {
     Ok(Some(camera.focal))
 }
 
-/// The poses of a `poses.json`, one for each frame; its camera, or that of a `camera.json`.
+/// Returns the poses of a `poses.json`, one for each frame; its camera, or that of a `camera.json`.
 fn given_poses(
     folder: &Path,
     path: &Path,
@@ -252,7 +252,7 @@ fn given_poses(
         );
         return Err(CurateError::input(path, reason));
     }
-    // Poses without names belong to frames by their number, or where there is but one order of names.
+    // Poses without names belong to frames by number, or if names have only one order.
     if !images.is_sorted() && !frame_order::are_counted(images) {
         let reason = "has poses in an order that frames do not tell: number their names from 0 or 1 on, with as \
                       many digits each";
@@ -293,7 +293,7 @@ fn given_poses(
     })
 }
 
-/// Refuses panoramas, which nothing but poses would tell from a perspective clip.
+/// Refuses panoramas, which only their poses would tell from a perspective clip.
 fn refuse_panoramas(
     folder: &Path,
     images: &[PathBuf],
@@ -303,7 +303,7 @@ fn refuse_panoramas(
     let opaque = |path: &&Path| -> Result<bool, StoreError> {
         Ok(ImageFile::open(path)?.decode_shown()?.transparent.is_none())
     };
-    // A few tell, and those that are transparent in places are looked at by their import.
+    // A few suffice; images that are transparent in places are checked by their import.
     let mut few = Vec::new();
     for path in paths
         .iter()
@@ -323,7 +323,7 @@ fn refuse_panoramas(
     Err(CurateError::input(folder, reason))
 }
 
-/// The turns of a camera that stands, from the images.
+/// Estimates the rotations of a camera in place, from the images.
 fn registered(
     images: &[PathBuf],
     objects: &BTreeMap<String, BTreeMap<String, PathBuf>>,
@@ -353,7 +353,7 @@ fn grey_frame(
     size: [usize; 2],
 ) -> Result<GreyFrame, CurateError> {
     let [width, height] = size;
-    // As the import writes it.
+    // In the form that the import writes.
     let shown = ImageFile::open(image)?.decode_shown()?;
     if shown.size != size {
         let [found_width, found_height] = shown.size;

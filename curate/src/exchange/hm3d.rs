@@ -1,4 +1,4 @@
-//! Folders of panoramas in the form in which Splatter-360 and its successors keep HM3D and Replica
+//! Folders of panoramas in the layout in which Splatter-360 and its successors keep HM3D and Replica
 //! (`preprocess/dataset_generation`, `src/dataset/dataset_hm3d.py` of Splatter-360).
 //!
 //! ```text
@@ -64,7 +64,7 @@ struct Origin {
     origin: [f64; 3],
 }
 
-/// The place around which f32 holds the cameras; `None` where that is the world's origin.
+/// Returns the place around which f32 holds the cameras; `None` if that is the world's origin.
 fn origin(scene: &ExportScene) -> Option<DVec3> {
     let frames = scene.frames.iter();
     let centres: Vec<DVec3> = frames.map(|frame| frame.pose.centre()).collect();
@@ -73,7 +73,7 @@ fn origin(scene: &ExportScene) -> Option<DVec3> {
         .map(|around| DVec3::from_array(around.offset))
 }
 
-/// From our camera axes to the format's, and back.
+/// Converts our camera axes to the format's, and back.
 fn turned(rotation: DMat3) -> DMat3 {
     rotation * DMat3::from_diagonal(DVec3::new(-1.0, -1.0, 1.0))
 }
@@ -112,7 +112,7 @@ fn export(scene: &ExportScene, out: &Path) -> Result<(), CurateError> {
             super::copy(mask, &masks.join(&name))?;
         }
         super::masks::copy_ignore_mask(frame, &name, out)?;
-        // Valid poses have a rotation: they were chosen by that.
+        // Valid poses have a rotation: frames were selected by that.
         let rotation = turned(DMat3::from_quat(frame.pose.rotation().unwrap_or_default()));
         rotations.extend(rotation.transpose().to_cols_array().map(|v| v as f32));
         let centre = frame.pose.centre() - origin.unwrap_or_default();

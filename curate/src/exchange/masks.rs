@@ -1,7 +1,7 @@
-//! Masks in exports: what moves, and what is no part of the scene.
+//! Masks in exports: moving content, and pixels outside the scene.
 //!
-//! Most formats know one kind of masks, which is what not to look at, and get both in it. What is no part of the
-//! scene lies in a folder of its own as well, under the names of the images, whatever the format: so it comes back.
+//! Most formats know a single kind of mask, for pixels to ignore, and get both in it. Pixels outside the scene are also
+//! marked in a folder of their own, under the names of the images, so that an import restores them.
 
 use std::path::{Path, PathBuf};
 
@@ -14,12 +14,12 @@ use super::{ExportFrame, ExportScene, ForeignMask};
 use crate::error::CurateError;
 
 impl ExportFrame {
-    /// Whether anything of it is hidden from methods that know one kind of masks.
+    /// Returns true if anything is hidden from methods that know one kind of masks.
     pub(super) fn is_masked(&self) -> bool {
         self.mask.is_some() || self.ignore_mask.is_some()
     }
 
-    /// Marks what moves and what is no part of the scene; `None` without masks.
+    /// Marks moving content and pixels outside the scene; `None` without masks.
     fn hidden(&self) -> Result<Option<Mask>, CurateError> {
         let mut hidden: Option<Mask> = None;
         for file in self.mask.iter().chain(&self.ignore_mask) {
@@ -33,7 +33,7 @@ impl ExportFrame {
     }
 }
 
-/// Tells what was assumed of the masks of a scene.
+/// Returns notes on assumptions about the masks of a scene.
 pub(super) fn notes(scene: &ExportScene) -> Result<Vec<String>, StoreError> {
     let mut survey = MaskSurvey::default();
     for frame in &scene.frames {
@@ -44,8 +44,8 @@ pub(super) fn notes(scene: &ExportScene) -> Result<Vec<String>, StoreError> {
     Ok(survey.notes())
 }
 
-/// Writes the masks of a scene with what moves and what is no part of the scene in black, as tools have it
-/// that take masks for what to look at. `name` gives the file name of a frame's mask.
+/// Writes the masks of a scene with moving content and pixels outside the scene in black, for tools whose masks mark
+/// pixels to use. `name` gives the file name of a frame's mask.
 pub(super) fn write_black_masks(
     scene: &ExportScene,
     folder: &Path,
@@ -59,8 +59,8 @@ pub(super) fn write_black_masks(
     Ok(())
 }
 
-/// Writes white masks for the frames that hide nothing, for tools that take masks of all frames or of none. Nothing
-/// is written where no frame hides anything; returns whether one does.
+/// Writes white masks for the frames that hide nothing, for tools that need masks of all frames or none. Nothing is
+/// written if no frame hides anything; returns true if one does.
 pub(super) fn write_white_masks(
     scene: &ExportScene,
     folder: &Path,
@@ -87,8 +87,8 @@ fn write_mask(mask: &Mask, path: &Path) -> Result<(), CurateError> {
     Ok(mask.write_png(path)?)
 }
 
-/// Copies the mask of what is no part of the scene (white) to its place for an image of this name, whatever the
-/// format: an import finds it there.
+/// Copies the mask of pixels outside the scene (white) to its place for an image of this name, whatever the format: an
+/// import finds it there.
 pub(super) fn copy_ignore_mask(
     frame: &ExportFrame,
     name: &str,
@@ -102,14 +102,14 @@ pub(super) fn copy_ignore_mask(
     super::copy(mask, &path)
 }
 
-/// Where the mask of what is no part of the scene lies for a frame of this name.
+/// Returns the place of a frame's mask of pixels outside the scene, by the frame's name.
 pub(super) fn ignore_mask_path(folder: &Path, name: &str) -> PathBuf {
     folder
         .join(IGNORE_MASKS_FOLDER)
         .join(format!("{}.png", super::stem(name)))
 }
 
-/// The mask in `folder` of the frame with this name, if there is one.
+/// Returns the mask in `folder` of the frame with this name, if there is one.
 pub(super) fn black_mask(folder: &Path, name: &str) -> Option<ForeignMask> {
     let file = folder.join(name);
     file.is_file().then_some(ForeignMask {

@@ -1,9 +1,8 @@
-//! Scenes in other tools' formats: writing what they read, and reading the same back.
+//! Scenes in other tools' formats: export and import.
 //!
-//! To add a format: one file with a reader and, unless it is the layout of a data set, a writer, whose head
-//! states the format's axes, and one line in [`FORMATS`]. Poses survive the round trip to 1e-6 of the scene's
-//! size. No format but ours knows when a frame was shown, so every export has a `times.csv` beside it, which
-//! others ignore.
+//! To add a format: one file with a reader and, unless it is the layout of a data set, a writer, and one line in
+//! [`FORMATS`]. The module doc states the format's axes. Poses survive the round trip to 1e-6 of the scene's size. Only
+//! our format holds the times of frames, so every export has a `times.csv` beside it, which others ignore.
 
 mod collect;
 pub mod colmap;
@@ -59,12 +58,12 @@ use crate::error::CurateError;
 pub struct Writer {
     /// Writes a scene into an empty folder.
     pub write: fn(&ExportScene, &Path) -> Result<(), CurateError>,
-    /// Parts of a scene that are written; an export says which of the others it leaves out.
+    /// Parts of a scene that are written; an export lists the parts it omits.
     pub holds: &'static [Part],
 }
 
 impl Writer {
-    /// Parts of a scene that are written, with its images as they are or drawn anew: as faces, or padded.
+    /// Returns the parts of a scene that are written, with its images unchanged or redrawn: as faces, or padded.
     fn held(&self, is_redrawn: bool) -> Vec<Part> {
         let parts = self.holds.iter().copied();
         parts
@@ -78,13 +77,13 @@ impl Writer {
 pub struct Format {
     /// Name on the command line.
     pub id: &'static str,
-    /// One line: who reads it, and what it cannot hold.
+    /// One line: its readers and its limits.
     pub about: &'static str,
-    /// Whether its readers know perspective rigs, so that it can hold the faces of cubes.
+    /// True if its readers know perspective rigs, so that it can hold the faces of cubes.
     pub holds_cube_faces: bool,
-    /// True where it says where in an image a panorama lies, so that it can hold padded ones.
+    /// True if it states the place of a panorama in an image, so that it can hold padded ones.
     pub holds_padded_panoramas: bool,
-    /// Writes a scene into an empty folder; `None` for layouts of data sets, which are read alone.
+    /// Writes a scene into an empty folder; `None` for layouts of data sets, which are only read.
     pub export: Option<Writer>,
     /// Reads a folder.
     pub import: fn(&Path) -> Result<ForeignScene, CurateError>,
@@ -107,7 +106,7 @@ pub const FORMATS: &[Format] = &[
     panoramas::FORMAT,
 ];
 
-/// Returns the formats that exports can have.
+/// Returns the formats that can be exported.
 pub fn written_formats() -> impl Iterator<Item = &'static Format> {
     FORMATS.iter().filter(|format| format.export.is_some())
 }
@@ -143,15 +142,15 @@ pub struct ExportFrame {
     pub name: String,
     /// The image.
     pub image: PathBuf,
-    /// The mask, white where something moves.
+    /// The mask, white for moving content.
     pub mask: Option<PathBuf>,
-    /// The mask of what is no part of the scene (white).
+    /// The mask of pixels outside the scene (white).
     pub ignore_mask: Option<PathBuf>,
     /// The camera.
     pub pose: Pose,
     /// Timestamp in the source video, seconds.
     pub time_seconds: f64,
-    /// Whether methods may use it; the others are for scoring.
+    /// True if methods may use it; the others are for scoring.
     pub is_input: bool,
 }
 
@@ -166,53 +165,51 @@ pub struct ExportScene {
     pub frames: Vec<ExportFrame>,
     /// World points.
     pub points: PointCloud,
-    /// Whether a split says which frames are for training; without one all are.
+    /// True if a split selects the training frames; without one all are.
     pub has_split: bool,
-    /// Whether the frames are the faces of cubes, each in the folder of its face.
+    /// True if the frames are the faces of cubes, each in the folder of its face.
     pub is_rig: bool,
     /// Length of a unit of the world.
     pub scale: Scale,
-    /// All that is known of the scene; `None` where its images are drawn anew.
+    /// The full source; `None` if the images are redrawn.
     pub source: Option<SceneSource>,
 }
 
-/// The scene that an export is made of.
+/// Source scene of an export.
 #[derive(Debug, Clone)]
 pub struct SceneSource {
     /// Folder of the scene.
     pub folder: PathBuf,
-    /// Its record, without frames that are left out as those for testing.
+    /// Its record, without frames excluded as test frames.
     pub record: Scene,
 }
 
-/// What to export, and how.
+/// Input and options of an export.
 #[derive(Debug, Clone, Copy)]
 pub struct ExportRequest<'a> {
     /// Folder of the scene.
     pub scene_folder: &'a Path,
     /// Name of the format.
     pub format: &'a str,
-    /// Decides which frames are for training and which for testing, where the format can say so; without
-    /// one all are for training.
+    /// Selects training and test frames, if the format can express it; without a split all are for training.
     pub split: Option<&'a Path>,
-    /// Leaves out the views that are for testing: not every trainer knows of them.
+    /// Omits the test views: not every trainer knows of them.
     pub given_only: bool,
     /// Writes the faces of cubes in place of panoramas.
     pub cube_faces: Option<CubeFaces>,
-    /// Resizes images to fit into frames of this width and height in pixels, and pads them; without it, as the
-    /// protocol of the split says.
+    /// Resizes images to fit into frames of this width and height in pixels, and pads them; by default as the protocol
+    /// of the split requires.
     pub pad_to: Option<[u32; 2]>,
     /// Folder to fill; it must not exist or be empty.
     pub out: &'a Path,
 }
 
-/// Exports a scene, with a note on every part of it that the format does not hold.
+/// Exports a scene, with a note on every part of it that the format cannot hold.
 ///
 /// # Errors
-/// [`CurateError::Input`] for an unknown format or one that is only read, a scene without posed frames, cube faces of a
-/// perspective scene or in a format that has none, padded panoramas in a format that takes them for whole spheres,
-/// and an output folder that holds something;
-/// [`CurateError::Store`] when a file cannot be read or written.
+/// [`CurateError::Input`] for an unknown or read-only format, a scene without posed frames, and a non-empty output
+/// folder. Also for cube faces of a perspective scene or in a format without them, and padded panoramas in a format
+/// that takes them for whole spheres. [`CurateError::Store`] when a file cannot be read or written.
 pub fn export(
     request: &ExportRequest<'_>,
     progress: &dyn Progress,
@@ -264,7 +261,7 @@ pub fn export(
     Ok(scene)
 }
 
-/// The writer of a format.
+/// Returns the writer of a format.
 fn writer(format: &Format, out: &Path) -> Result<Writer, CurateError> {
     format.export.ok_or_else(|| {
         let can: Vec<&str> = written_formats().map(|format| format.id).collect();
@@ -277,7 +274,7 @@ fn writer(format: &Format, out: &Path) -> Result<Writer, CurateError> {
     })
 }
 
-/// Fills a folder through `fill`, whole or not at all. `out` must not exist or be empty.
+/// Fills a folder through `fill`, atomically. `out` must be missing or empty.
 fn fill_folder<T>(
     out: &Path,
     fill: impl FnOnce(&Path) -> Result<T, CurateError>,
@@ -294,13 +291,13 @@ fn fill_folder<T>(
         Ok(value)
     })();
     filled.map_err(|error| {
-        // The work has failed already: what cannot be removed is hidden and harmless.
+        // The work has failed already: a file that cannot be removed is hidden and harmless.
         drop(store::remove(&temporary));
         error.in_place_of(&temporary, out)
     })
 }
 
-/// Refuses an output folder that holds something; removes what killed processes left beside it.
+/// Refuses a non-empty output folder; removes leftovers of killed processes beside it.
 fn refuse_filled(out: &Path) -> Result<(), CurateError> {
     if let Some(parent) = out.parent().filter(|parent| parent.is_dir()) {
         store::remove_abandoned(parent)?;
@@ -327,7 +324,7 @@ fn refuse_filled(out: &Path) -> Result<(), CurateError> {
     Ok(())
 }
 
-/// A file that another tool's record names, which must lie in the folder of the record.
+/// Returns a file that another tool's record names, which must lie in the folder of the record.
 fn file_of(folder: &Path, file: &str) -> Result<PathBuf, CurateError> {
     let path = folder.join(file);
     let canonical = |path: &Path| fs::canonicalize(path).map_err(|e| StoreError::read(path, e));
@@ -340,7 +337,7 @@ fn file_of(folder: &Path, file: &str) -> Result<PathBuf, CurateError> {
     Ok(path)
 }
 
-/// An image that another tool's record names, which must lie in the folder; `None` where it is not there.
+/// Returns an image that another tool's record names, which must lie in the folder; `None` if it is missing.
 fn image_of(folder: &Path, file: &str) -> Result<Option<PathBuf>, CurateError> {
     if !folder.join(file).is_file() {
         return Ok(None);
@@ -362,23 +359,23 @@ fn create_parent(path: &Path) -> Result<(), StoreError> {
     path.parent().map_or(Ok(()), store::create_folder)
 }
 
-/// The last part of a path in a record.
+/// Returns the last part of a path in a record.
 fn file_name(path: &str) -> String {
     path.rsplit(['/', '\\']).next().unwrap_or(path).to_owned()
 }
 
-/// A file name without its extension.
+/// Returns a file name without its extension.
 fn stem(name: &str) -> &str {
     name.rsplit_once('.').map_or(name, |(stem, _)| stem)
 }
 
-/// Copies a file, whole or not at all.
+/// Copies a file atomically.
 fn copy(from: &Path, to: &Path) -> Result<(), StoreError> {
     let bytes = fs::read(from).map_err(|error| StoreError::read(from, error))?;
     store::write_bytes(to, &bytes)
 }
 
-/// Copies the images of a scene into `images`, under their names, and beside it what is no part of the scene.
+/// Copies the images of a scene into `images`, under their names, and beside it the masks of pixels outside the scene.
 fn copy_images(scene: &ExportScene, out: &Path) -> Result<(), CurateError> {
     let folder = out.join("images");
     store::create_folder(&folder)?;
@@ -392,7 +389,7 @@ fn copy_images(scene: &ExportScene, out: &Path) -> Result<(), CurateError> {
     Ok(())
 }
 
-/// The images for training and for testing, one per line, where a split says so.
+/// Writes the images for training and for testing, one per line, if there is a split.
 fn write_split_lists(scene: &ExportScene, out: &Path) -> Result<(), StoreError> {
     if !scene.has_split {
         return Ok(());

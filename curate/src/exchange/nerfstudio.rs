@@ -9,12 +9,12 @@
 //! points.ply               world points
 //! ```
 //!
-//! Axes: nerfstudio's cameras have x right, y up and z back (OpenGL); its equirectangular image has
-//! -z in the centre, which is our +z (`nerfstudio/cameras/cameras.py`, `EQUIRECTANGULAR`, with
-//! `fl_x = w / 2` and `fl_y = h`; of a padded panorama w and h are its own, and `cx` and `cy` its middle). So the y and z columns of camera-to-world change their signs. The world
-//! is not turned: nerfstudio levels it by itself unless told otherwise. A pinhole's principal point is
-//! taken as it stands; the centre of the first pixel is at (1/2, 1/2) there too. `ns-process-data` has turned
-//! its cameras by `applied_transform`, and the points of `ply_file_path` alike: their world is kept.
+//! Axes: nerfstudio's cameras have x right, y up and z back (OpenGL). Its equirectangular image has -z in the centre,
+//! which is our +z (`nerfstudio/cameras/cameras.py`, `EQUIRECTANGULAR`, with `fl_x = w / 2` and `fl_y = h`). For a
+//! padded panorama w and h are its own, and `cx` and `cy` its middle. So the y and z columns of camera-to-world change
+//! their signs. The world is not turned: nerfstudio levels it by default. A pinhole's principal point is taken as it
+//! stands; the centre of the first pixel is at (1/2, 1/2) there too. `ns-process-data` has turned its cameras by
+//! `applied_transform`, and the points of `ply_file_path` alike: their world is kept.
 #![cfg_attr(
     not(test),
     deny(clippy::indexing_slicing, clippy::arithmetic_side_effects)
@@ -70,7 +70,7 @@ struct Transforms {
     cy: f64,
     #[serde(skip_serializing_if = "Option::is_none")]
     ply_file_path: Option<String>,
-    /// Files of the split, as the data parser of nerfstudio takes them.
+    /// Files of the split, in the form of nerfstudio's data parser.
     #[serde(skip_serializing_if = "Option::is_none")]
     train_filenames: Option<Vec<String>>,
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -101,12 +101,12 @@ struct Frame {
     others: Entries,
 }
 
-/// From our camera axes to OpenGL's, and back.
+/// Converts our camera axes to OpenGL's, and back.
 fn opengl(rotation: DMat3) -> DMat3 {
     rotation * DMat3::from_diagonal(DVec3::new(1.0, -1.0, -1.0))
 }
 
-/// The pose of a camera-to-world matrix, by rows; `None` for one that is no rigid transform.
+/// Returns the pose of a camera-to-world matrix, by rows; `None` unless it is a rigid transform.
 pub(super) fn pose_of(transform_matrix: &[[f64; 4]; 4]) -> Option<Pose> {
     let matrix = DMat4::from_cols_array_2d(transform_matrix).transpose();
     let rotation = opengl(DMat3::from_mat4(matrix));
@@ -140,7 +140,7 @@ fn export(scene: &ExportScene, out: &Path) -> Result<(), CurateError> {
         scene.points.write_ply(&out.join(POINTS_FILE))?;
     }
     let frames = scene.frames.iter().map(|frame| {
-        // Valid poses have a rotation: they were chosen by that.
+        // Valid poses have a rotation: frames were selected by that.
         let rotation = DMat3::from_quat(frame.pose.rotation().unwrap_or_default());
         let mut matrix = DMat4::from_mat3(opengl(rotation));
         matrix.w_axis = frame.pose.centre().extend(1.0);

@@ -6,7 +6,7 @@
 //! images/                the frames
 //! images/<stem>_mask.png black where something moves (OpenMVG's convention)
 //! train.txt, test.txt    stems of the frames for training and for testing, one per line
-//! pcd.ply                world points with (zero) normals, which their reader asks for
+//! pcd.ply                world points with (zero) normals, which their reader requires
 //! ```
 //!
 //! A folder with OpenMVG's own `sfm_data.json`, which holds views and extrinsics, is read too. Without `pcd.ply` the
@@ -63,7 +63,7 @@ const SPHERICAL: &str = "spherical";
 const PINHOLE: &str = "pinhole";
 /// cereal marks the first object of a polymorphic type with the highest bit.
 const FIRST_OF_ITS_KIND: u32 = 1 << 31;
-/// OpenMVG's key of what a view does not have.
+/// OpenMVG's key of a missing part of a view.
 const UNDEFINED: u32 = u32::MAX;
 /// cereal's mark for an object of the static type.
 const STATIC_TYPE: u32 = 1 << 30;
@@ -116,7 +116,7 @@ struct View {
     id_pose: u32,
 }
 
-/// How cereal has an intrinsic: a spherical one inside of its base class, a pinhole flat.
+/// Intrinsic as serialized by cereal: a spherical one inside of its base class, a pinhole flat.
 #[derive(Serialize)]
 #[serde(untagged)]
 enum Intrinsic {
@@ -187,7 +187,7 @@ fn export(scene: &ExportScene, out: &Path) -> Result<(), CurateError> {
                 },
             },
         });
-        // Valid poses have a rotation: they were chosen by that.
+        // Valid poses have a rotation: frames were selected by that.
         let camera_to_world = DMat3::from_quat(frame.pose.rotation().unwrap_or_default());
         // Columns of camera-to-world are the rows of world-to-camera.
         extrinsics.extrinsics.push(Keyed {
@@ -252,7 +252,7 @@ fn mask_name(image: &str) -> String {
     format!("{}_mask.png", stem(image))
 }
 
-/// A PLY with the columns that 3DGS's reader asks for.
+/// Writes a PLY with the columns that 3DGS's reader requires.
 fn write_points(path: &Path, cloud: &PointCloud) -> Result<(), StoreError> {
     let coordinates = Coordinates::of(&cloud.positions);
     store::write_with(path, |writer| {
@@ -278,10 +278,10 @@ fn write_points(path: &Path, cloud: &PointCloud) -> Result<(), StoreError> {
     })
 }
 
-/// The camera of all views. Intrinsics that no view has do not count.
+/// Returns the camera of all views. Intrinsics that no view uses do not count.
 ///
 /// # Errors
-/// When views differ in their size or camera, or theirs cannot be read; says why.
+/// When views differ in their size or camera, or their camera cannot be read, with the reason.
 fn common_camera(data: &records::SfmData) -> Result<FrameCamera, String> {
     let cameras = records::cameras(data);
     let mut common: Option<(FrameCamera, &str)> = None;

@@ -1,4 +1,4 @@
-//! The record that an export in a format of ours has of its scene: what no other format says comes from it.
+//! The scene record in an export of our format: source of everything that no other format holds.
 
 use std::{
     collections::BTreeMap,
@@ -13,7 +13,7 @@ use omnilife_schemas::{
 use super::{ForeignFrame, Format, Part, frame_times::FrameTimes, frames};
 use crate::error::CurateError;
 
-/// The record of a folder in a format that holds all of a scene.
+/// Record of a folder in a format that holds all of a scene.
 pub(super) struct OwnRecord {
     folder: PathBuf,
     scene: Scene,
@@ -22,7 +22,7 @@ pub(super) struct OwnRecord {
 }
 
 impl OwnRecord {
-    /// Reads the record of a folder; `None` where the format has none, or the folder.
+    /// Reads the record of a folder; `None` if the format or the folder has none.
     ///
     /// # Errors
     /// When it is malformed.
@@ -50,9 +50,9 @@ impl OwnRecord {
         self.scene.frames.get(*number)
     }
 
-    /// When frames were shown.
+    /// Returns the times of frames.
     pub(super) fn times(&self, frames: &[ForeignFrame]) -> FrameTimes {
-        // A reader of the record gives no other frames.
+        // Readers of the record return no other frames.
         let known = frames.iter().filter_map(|frame| self.frame(frame));
         FrameTimes {
             seconds: known.map(|frame| frame.time_seconds).collect(),
@@ -60,7 +60,7 @@ impl OwnRecord {
         }
     }
 
-    /// The mask of what is no part of the scene in a frame.
+    /// Returns the mask of pixels outside the scene in a frame.
     pub(super) fn ignore_mask(&self, frame: &ForeignFrame) -> Option<PathBuf> {
         let file = self.frame(frame)?.ignore_mask.as_ref()?;
         Some(self.folder.join(file))
@@ -109,8 +109,8 @@ impl OwnRecord {
         Ok(())
     }
 
-    /// The validation of the scene's poses, with what an import has `found` out. Of other frames than those of the
-    /// record it holds no longer.
+    /// Returns the validation of the scene's poses, with the import's findings (`found`). It does not apply to other
+    /// frames than those of the record.
     pub(super) fn validation(&self, found: PoseValidation) -> PoseValidation {
         let known = &self.scene.validation;
         if found.total_frames != known.total_frames {
@@ -128,8 +128,7 @@ impl OwnRecord {
     }
 }
 
-/// Returns the id of a scene that is to be imported: that of its own record, where the folder has one, else the
-/// folder's name.
+/// Returns the id of a scene to be imported: that of its own record, if the folder has one, else the folder's name.
 ///
 /// # Errors
 /// For an unknown format and a malformed record.
@@ -139,7 +138,7 @@ pub fn scene_id(format: &str, folder: &Path) -> Result<String, CurateError> {
     Ok(own.map_or_else(|| name.to_string_lossy().into_owned(), |own| own.scene.id))
 }
 
-/// The extension of a file of distances, which are a PNG or an array.
+/// Returns the extension of a distance file, PNG or array.
 pub(super) fn extension(file: &str) -> &str {
     file.rsplit_once('.')
         .map_or("png", |(_, extension)| extension)

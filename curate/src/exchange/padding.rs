@@ -1,8 +1,8 @@
-//! Images of a scene in the middle of frames of one size, for methods that take no other.
+//! Padding of images to frames of one size, for methods that require it.
 //!
-//! The padding is black, and ignored by masks. The camera of a perspective scene becomes
-//! that of the frame. A panorama in a padded frame is no whole sphere: only formats that say where in the image it
-//! lies can hold it; readers of the others would take the frame for the sphere, and its rows for other latitudes.
+//! The padding is black, and ignored by masks. The camera of a perspective scene becomes that of the frame. A panorama
+//! in a padded frame is no whole sphere: only formats that state its place in the image can hold it. Readers of the
+//! others would take the frame for the sphere, and its rows for other latitudes.
 
 use std::path::{Path, PathBuf};
 
@@ -20,17 +20,17 @@ use rayon::prelude::*;
 use super::{ExportFrame, ExportRequest, ExportScene, Format, formats_where};
 use crate::error::CurateError;
 
-/// Folders of files that are being made.
+/// Folders for temporary files.
 const IMAGE: &str = "image";
 const MOVING: &str = "moving";
 const IGNORED: &str = "ignored";
 
-/// The frame that the images of `camera` are to be put into: the one of the request, or that of the split; `None`
-/// where they stay as they are.
+/// Returns the frame into which the images of `camera` are padded: that of the request, or of the split; `None` if they
+/// stay unchanged.
 ///
 /// # Errors
-/// For frames that are no size or other ones than those of the split, padded cube faces, and padded panoramas in a
-/// format that cannot say where they lie.
+/// For invalid frame sizes or ones that contradict the split, padded cube faces, and padded panoramas in a format that
+/// cannot state their place.
 pub(super) fn frame(
     request: &ExportRequest<'_>,
     format: &Format,
@@ -87,12 +87,12 @@ pub(super) fn frame(
     Ok(Some(frame))
 }
 
-/// Returns true where images of a size do not stay as they are.
+/// Returns true if images of a size are changed.
 fn changes(frame: PaddedFrame, own_size: [u32; 2]) -> bool {
     frame.is_padded() || frame.image() != own_size
 }
 
-/// Draws every frame into `scratch`, and gives the scene that they are.
+/// Draws every frame into `scratch`, and returns their scene.
 ///
 /// # Errors
 /// For images of another size than the scene's, and those that cannot be read or written.
@@ -137,7 +137,7 @@ fn in_frame(
     let name = format!("{}.png", super::stem(&one.name));
     let image = scratch.join(IMAGE).join(&name);
     let own = RgbImage::decode(ImageFile::open(&one.image)?.expect_size(own_size)?)?;
-    // As scoring brings ground truth to this size.
+    // With the same resampling as scoring of ground truth.
     let resized = own.resized_by_area(image_width, image_height).to_rgb8();
     rgb::write_rgb8_png(&image, width, height, &frame.pad(&resized, 3, 0))?;
     let write =

@@ -1,7 +1,7 @@
-//! Still panoramas without poses: a folder of equirectangular images as cameras and phones write them.
+//! Still panoramas without poses: a folder of equirectangular images from cameras and phones.
 //!
-//! Times are those of the EXIF data, where all images have them; a part of a sphere is put at the place that its
-//! GPano metadata say. Poses are attached later.
+//! Times are those of the EXIF data, if all images have them; a part of a sphere is put at the place in its GPano
+//! metadata. Poses are attached later.
 
 use std::{collections::BTreeMap, path::Path};
 

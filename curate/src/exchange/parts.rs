@@ -1,4 +1,4 @@
-//! Parts of a scene that not every format holds, and lines on those that an export leaves out.
+//! Parts of a scene that only some formats hold, and lines on those omitted from an export.
 
 use std::collections::BTreeSet;
 
@@ -9,8 +9,7 @@ use omnilife_schemas::{
 
 use super::Format;
 
-/// A part of a scene that not every format holds. All hold images, poses, the camera, masks and, in `times.csv`,
-/// times.
+/// A part of a scene that only some formats hold. All hold images, poses, the camera, masks and, in `times.csv`, times.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Part {
     /// World points.
@@ -27,11 +26,11 @@ pub enum Part {
     EstimatedDistances,
     /// The statement that a unit of the world is a metre.
     Scale,
-    /// Frames whose pose is not known.
+    /// Frames without a known pose.
     UnposedFrames,
     /// The split that the scene is published with.
     PublishedSplit,
-    /// Facts that the files of stills state.
+    /// Metadata in the files of stills.
     Captures,
 }
 
@@ -50,13 +49,13 @@ impl Part {
         Self::Captures,
     ];
 
-    /// Returns true where images that are drawn anew can have it: the others are of frames as they were, or stand in
-    /// the record of the scene alone.
+    /// Returns true if redrawn images can have it: the others refer to the original frames, or stand in the record of
+    /// the scene alone.
     pub(super) fn is_of_any_images(self) -> bool {
         matches!(self, Self::Points | Self::Names | Self::Scale)
     }
 
-    /// Says what of the part a scene has, which is left out; `None` where it has nothing of it.
+    /// Describes the content of the part in a scene, which is omitted; `None` if it is empty.
     fn left_out(self, scene: &Scene) -> Option<String> {
         let frames_with = |has: &dyn Fn(&SceneFrame) -> bool, what: &str| {
             let count = scene.frames.iter().filter(|&frame| has(frame)).count();
@@ -106,12 +105,12 @@ impl Part {
     }
 }
 
-/// The name of an image in formats that number them.
+/// Returns the name of an image in formats that number them.
 pub(super) fn numbered_name(number: usize) -> String {
     format!("{number:05}.png")
 }
 
-/// Counts and names things of which a format holds none.
+/// Counts and names things that a format cannot hold.
 fn names<'a>(what: &str, all: impl Iterator<Item = &'a String>) -> Option<String> {
     let distinct: BTreeSet<&String> = all.collect();
     let names: Vec<String> = distinct.into_iter().cloned().collect();
@@ -119,8 +118,7 @@ fn names<'a>(what: &str, all: impl Iterator<Item = &'a String>) -> Option<String
     (!names.is_empty()).then(|| format!("no {what}: {} are left out ({first})", names.len()))
 }
 
-/// Lines on the parts of a scene that an export in a format does not hold, one for each of which the scene has
-/// something.
+/// Returns lines on the parts of a scene that an export in a format omits, one for each non-empty part.
 pub(super) fn left_out(format: &Format, holds: &[Part], scene: &Scene) -> Vec<String> {
     let others = Part::ALL.iter().filter(|part| !holds.contains(part));
     others

@@ -27,10 +27,10 @@ pub struct ForeignSplit {
 }
 
 impl ForeignSplit {
-    /// Reads two lists of images, one name a line; `None`, with a line in `notes`, where neither is there.
+    /// Reads two lists of images, one name a line; `None`, with a line in `notes`, if neither exists.
     ///
     /// # Errors
-    /// When one of them is missing or cannot be read.
+    /// When only one of them exists, or one cannot be read.
     pub(super) fn from_lists(
         publisher: &str,
         [input, novel]: [&Path; 2],
@@ -68,7 +68,7 @@ pub(super) struct SplitFrames {
 }
 
 impl SplitFrames {
-    /// The split of the scene, whose frames are in order of `times`, one for each frame in natural order.
+    /// Returns the split of the scene, whose frames are in order of `times`, one for each frame in natural order.
     pub(super) fn record(&self, times: &[f64]) -> PublishedSplit {
         let mut order: Vec<(usize, &f64)> = times.iter().enumerate().collect();
         order.sort_by(|a, b| a.1.total_cmp(b.1));
@@ -87,20 +87,19 @@ impl SplitFrames {
     }
 }
 
-/// A published split as far as its images are there.
+/// A published split whose images were looked up.
 #[derive(Default)]
 pub(super) struct FoundSplit {
-    /// Its frames; `None` where an image of it is not there, or no split was published.
+    /// Its frames; `None` if one of its images is missing, or no split was published.
     pub(super) frames: Option<SplitFrames>,
-    /// A line on what is left out.
+    /// A note on omissions.
     pub(super) note: Option<String>,
 }
 
-/// Finds the frames of a scene's published split. A split of which images are missing would be another one, and
-/// is left out.
+/// Finds the frames of a scene's published split. A split with missing images would be another one, and is omitted.
 ///
 /// # Errors
-/// When a list is empty, names an image twice, or one that is no frame, and when both have one.
+/// When a list is empty, or names an image twice or one that is not a frame, or both name the same image.
 pub(super) fn find(scene: &ForeignScene) -> Result<FoundSplit, CurateError> {
     let Some(split) = &scene.published_split else {
         return Ok(FoundSplit::default());
@@ -169,7 +168,7 @@ pub(super) fn find(scene: &ForeignScene) -> Result<FoundSplit, CurateError> {
     })
 }
 
-/// The numbers of frames by all their names; `None` for a name that several have.
+/// Returns the numbers of frames by all their names; `None` for ambiguous names.
 fn numbers_by_name(scene: &ForeignScene) -> BTreeMap<String, Option<usize>> {
     let mut numbers = BTreeMap::new();
     for (number, frame) in scene.frames.iter().enumerate() {

@@ -1,4 +1,4 @@
-//! From a scene in another tool's format to ours.
+//! Import of a scene from another tool's format.
 
 use std::{
     collections::{BTreeMap, BTreeSet},
@@ -29,7 +29,7 @@ use crate::{
     poses::{given, lens::Straightening},
 };
 
-/// What to import.
+/// Input and options of an import.
 #[derive(Debug, Clone)]
 pub struct ImportRequest<'a> {
     /// Folder in the other tool's format.
@@ -38,34 +38,33 @@ pub struct ImportRequest<'a> {
     pub format: &'a str,
     /// Name of the scene.
     pub id: &'a str,
-    /// Frames per second, where the folder has no `times.csv`.
+    /// Frames per second, if the folder has no `times.csv`.
     pub frames_per_second: Option<f64>,
-    /// What the masks mark, of formats that have one kind of masks.
+    /// Meaning of masks in formats with one kind of masks.
     pub masks: MaskMeaning,
     /// Folder to fill; must not exist or be empty.
     pub out: &'a Path,
 }
 
-/// What masks mark.
+/// Meaning of masks.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum MaskMeaning {
-    /// What moves: part of the scene.
+    /// Moving content: part of the scene.
     Moving,
-    /// What is no part of the scene, such as who holds the camera.
+    /// Pixels outside the scene, such as the camera operator.
     Ignored,
 }
 
 /// Imports a scene: `scene.json`, `frames/`, `masks/`, `depth/` and `points.ply`.
 ///
-/// Poses are taken as they are and marked unchecked, unless the folder has a record of ours, of which everything is
-/// kept. The scale is arbitrary where the format does not say what it is. Images are copied, but for those with a
-/// lens, which are straightened, those that are transparent in places, which becomes no part of the scene, and those
-/// that are to be turned. What was decided, assumed and left out is among the problems of the scene's validation, a
-/// line each.
+/// Poses are taken as they are and marked unchecked; a record of ours in the folder is kept entirely. The scale is
+/// arbitrary unless the format states it. Images are copied, with three exceptions: a lens is undistorted, transparent
+/// pixels become no part of the scene, and images are turned by their orientation. Decisions, assumptions and omissions
+/// are listed as problems in the scene's validation, a line each.
 ///
 /// # Errors
-/// [`CurateError::Input`] for an unknown format, missing times, images that are not there or of another size
-/// and an output that holds something; [`CurateError::Store`] for malformed files.
+/// [`CurateError::Input`] for an unknown format, missing times, images that are missing or of another size, and a
+/// non-empty output; [`CurateError::Store`] for malformed files.
 pub fn import(request: &ImportRequest<'_>) -> Result<Scene, CurateError> {
     let format = format(request.format, request.folder)?;
     super::refuse_filled(request.out)?;
@@ -121,7 +120,7 @@ pub fn import(request: &ImportRequest<'_>) -> Result<Scene, CurateError> {
     })
 }
 
-/// A line on images that were registered to each other, where that failed.
+/// Returns a line on images whose registration to each other failed.
 fn failed_registration(scene: &ForeignScene) -> Option<String> {
     match &scene.pose_source {
         Some(PoseSource::Registered {
@@ -132,7 +131,7 @@ fn failed_registration(scene: &ForeignScene) -> Option<String> {
     }
 }
 
-/// A scene as it was found, and how its frames become those of a camera without a lens.
+/// A scene as read, with the resampling of its frames to a camera without a lens.
 struct Source<'a> {
     scene: &'a ForeignScene,
     straightening: Option<Straightening>,
@@ -171,7 +170,7 @@ fn write(
         let mut entry = SceneFrame {
             image: image.file,
             time_seconds: *time_seconds,
-            // Nothing is to be learned from a frame that shows nothing of the scene, or to be scored.
+            // A frame that shows nothing of the scene can be neither learned from nor scored.
             pose: frame
                 .pose
                 .filter(|_| !ignored.as_ref().is_some_and(Mask::is_full)),
@@ -241,11 +240,11 @@ pub(super) fn file_name(file: &Path) -> String {
     name.to_string_lossy().into_owned()
 }
 
-/// File names that the frames get in one folder: their own, and where those collide (faces of cubes)
-/// with that of their folder before it. Frames that are straightened become PNG files.
+/// Returns the file names of the frames in one folder: their own, with that of their folder before it if those collide
+/// (faces of cubes). Undistorted frames become PNG files.
 ///
 /// # Errors
-/// Where that does not tell them apart either.
+/// If names still collide.
 fn image_names(folder: &Path, source: &Source<'_>) -> Result<Vec<String>, CurateError> {
     let written = |name: String| match source.straightening {
         Some(_) => format!("{}.png", super::stem(&name)),
@@ -273,7 +272,7 @@ fn image_names(folder: &Path, source: &Source<'_>) -> Result<Vec<String>, Curate
     }
 }
 
-/// The file with the folder that it lies in, `front/000000.png`.
+/// Returns the file with the folder that it lies in, `front/000000.png`.
 pub(super) fn name_with_folder(image: &Path) -> String {
     let folder = image.parent().and_then(Path::file_name);
     format!(
@@ -283,7 +282,7 @@ pub(super) fn name_with_folder(image: &Path) -> String {
     )
 }
 
-/// The place of a file in the folder of a scene.
+/// Returns the place of a file in the folder of a scene.
 fn below(scene: &ForeignScene, file: &Path) -> String {
     let place = file.strip_prefix(&scene.root).unwrap_or(file);
     place.display().to_string()
@@ -291,7 +290,7 @@ fn below(scene: &ForeignScene, file: &Path) -> String {
 
 fn check_size(scene: &ForeignScene, frame: &ForeignFrame) -> Result<(), CurateError> {
     if scene.stills.contains_key(&frame.image) {
-        // They have been looked at, and may show a part of their sphere.
+        // Checked already; they may show a part of their sphere.
         return Ok(());
     }
     let [width, height] = ImageFile::open(&frame.image)?.shown_size()?;
@@ -309,8 +308,8 @@ fn check_size(scene: &ForeignScene, frame: &ForeignFrame) -> Result<(), CurateEr
     ))
 }
 
-/// What is no part of the scene in a frame: the mask that one of our exports has of it, or the frame's one
-/// mask, where that is what masks are said to mark.
+/// Returns the pixels outside the scene in a frame: the mask of one of our exports, or the frame's one mask, if masks
+/// are declared to mark them.
 fn ignored(
     source: &Source<'_>,
     frame: &ForeignFrame,
@@ -332,7 +331,7 @@ fn ignored(
     }
 }
 
-/// The mask that one of our exports has of what is no part of the scene in a frame.
+/// Returns the mask of pixels outside the scene in a frame of one of our exports.
 fn own_ignore_mask(source: &Source<'_>, frame: &ForeignFrame) -> Option<PathBuf> {
     if let Some(own) = &source.own {
         return own.ignore_mask(frame);
@@ -347,7 +346,7 @@ fn own_ignore_mask(source: &Source<'_>, frame: &ForeignFrame) -> Option<PathBuf>
     own.is_file().then_some(own)
 }
 
-/// Marks what either of two masks does.
+/// Returns the union of two masks.
 fn united(one: Option<Mask>, other: Option<Mask>) -> Option<Mask> {
     match (one, other) {
         (Some(one), Some(other)) => Some(one.united(&other)),
@@ -355,7 +354,7 @@ fn united(one: Option<Mask>, other: Option<Mask>) -> Option<Mask> {
     }
 }
 
-/// Finds out what is assumed of the masks that a frame comes with.
+/// Determines the assumptions about the masks of a frame.
 fn look_at_masks(
     source: &Source<'_>,
     frame: &ForeignFrame,
@@ -372,7 +371,7 @@ fn look_at_masks(
     Ok(())
 }
 
-/// The one mask that a frame comes with.
+/// Returns the one mask of a frame.
 fn given_mask(source: &Source<'_>, frame: &ForeignFrame) -> Result<Option<Mask>, CurateError> {
     let Some(found) = &frame.mask else {
         return Ok(None);
@@ -385,7 +384,7 @@ fn given_mask(source: &Source<'_>, frame: &ForeignFrame) -> Result<Option<Mask>,
     }))
 }
 
-/// A mask as the scene has it, without the lens.
+/// Reads a mask, with the lens undistorted.
 fn read_mask(source: &Source<'_>, file: &Path, greys: MarkedGreys) -> Result<Mask, CurateError> {
     let image = ImageFile::open(file)?;
     if image.size() != source.scene.camera.camera().size() {
@@ -398,7 +397,7 @@ fn read_mask(source: &Source<'_>, file: &Path, greys: MarkedGreys) -> Result<Mas
     })
 }
 
-/// What moves in a frame.
+/// Returns the moving content of a frame.
 fn import_mask(
     source: &Source<'_>,
     (frame, name): (&ForeignFrame, &str),
@@ -413,7 +412,7 @@ fn import_mask(
     if !says_where_to_look {
         return write_mask(mask, SCENE_MASKS_FOLDER, name, out);
     }
-    // Masks of what to look at have both kinds in them, and are there where nothing is hidden, too.
+    // Masks of pixels to use have both kinds in them, and exist even if nothing is hidden.
     let mask = match ignored {
         Some(ignored) => mask.map(|mask| mask.without(ignored)),
         None => mask,
@@ -438,7 +437,7 @@ fn write_mask(
     Ok(Some(file))
 }
 
-/// Copies the masks of a frame's objects; those that show nothing are left out, unless the scene's record has them.
+/// Copies the masks of a frame's objects; empty ones are left out, unless the scene's record has them.
 fn import_objects(
     source: &Source<'_>,
     (frame, name): (&ForeignFrame, &str),

@@ -1,4 +1,4 @@
-//! `times.csv`: when each exported frame was shown, which no foreign format says.
+//! `times.csv`: the time of each exported frame, which no foreign format holds.
 #![cfg_attr(
     not(test),
     deny(clippy::indexing_slicing, clippy::arithmetic_side_effects)
@@ -38,16 +38,16 @@ pub(super) struct TimeTable {
     rows: Vec<(String, f64)>,
 }
 
-/// The times of frames by a table.
+/// Times of frames from a table.
 pub(super) struct TableTimes {
     /// Seconds, one for each frame.
     pub(super) seconds: Vec<f64>,
-    /// A line where the table names other images.
+    /// A note if the table names other images.
     pub(super) note: Option<String>,
 }
 
 impl TimeTable {
-    /// The table of a folder, where it has one.
+    /// Returns the table of a folder, if it has one.
     ///
     /// # Errors
     /// When the table is malformed.
@@ -71,18 +71,18 @@ impl TimeTable {
         Ok(Some(Self { path, rows }))
     }
 
-    /// The time of an image by its name in the table.
+    /// Returns the time of an image by its name in the table.
     pub(super) fn seconds_of(&self, image: &str) -> Option<f64> {
         let mut rows = self.rows.iter();
         rows.find(|(name, _)| name == image).map(|(_, time)| *time)
     }
 
-    /// The times of frames, each by one of its two names: that of its file, and that with the folder before it.
-    /// `others` are images that are there as well and may have a row. A table that names none of all and has a
-    /// row for every frame is taken in its order: formats that number their frames have renamed them.
+    /// Returns the times of frames, each by one of its two names: that of its file, and that with the folder before it.
+    /// `others` are images that exist as well and may have a row. A table with unknown names and a row for every frame
+    /// is taken in its order: formats that number their frames have renamed them.
     ///
     /// # Errors
-    /// For a frame without a row, and a row of no image.
+    /// For a frame without a row, and a row without an image.
     pub(super) fn of(
         &self,
         frames: &[[String; 2]],
@@ -149,7 +149,7 @@ mod tests {
                 .map_err(|error| error.to_string())
         };
         assert_eq!(of(&["8.png", "7.png"], &[]), Ok(vec![0.5, 2.5]));
-        // Of images that a format has numbered anew.
+        // Images that a format has renumbered.
         assert_eq!(of(&["000.png", "001.png"], &[]), Ok(vec![2.5, 0.5]));
         // An image without a pose may have a row.
         assert_eq!(of(&["8.png"], &["7.png"]), Ok(vec![0.5]));

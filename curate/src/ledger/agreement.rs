@@ -1,4 +1,4 @@
-//! How far two lists of boundaries agree, at a stated tolerance.
+//! Agreement between two lists of boundaries, at a stated tolerance.
 
 use std::collections::BTreeMap;
 
@@ -7,7 +7,7 @@ use serde::Serialize;
 
 use super::{Ledger, gap_seconds, resolve};
 
-/// How far `found` agrees with `reference`.
+/// Agreement of `found` with `reference`.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Agreement {
     /// Boundaries closer than this count as the same, seconds.
@@ -16,26 +16,26 @@ pub struct Agreement {
     pub reference: usize,
     /// Boundaries of the other list.
     pub found: usize,
-    /// Pairs that are the same; each boundary is in one pair at most.
+    /// Pairs that agree; each boundary is in one pair at most.
     pub matched: usize,
-    /// Share of what was found that is in the reference; 1 where nothing was found.
+    /// Share of `found` that is in the reference; 1 if `found` is empty.
     pub precision: f64,
-    /// Share of the reference that was found; 1 where there is none.
+    /// Share of the reference that was found; 1 if the reference is empty.
     pub recall: f64,
     /// Harmonic mean of precision and recall; 0 where both are 0.
     pub f1: f64,
-    /// Cohen's kappa over segments of twice the tolerance, each with a boundary or without:
-    /// 1 for full agreement, 0 for what chance gives.
+    /// Cohen's kappa over segments of twice the tolerance, each with a boundary or without: 1 for full agreement, 0 for
+    /// chance.
     pub kappa: f64,
 }
 
-/// The agreement of every author of a ledger with what the ledger amounts to, and of every pair of
-/// authors, in order of name.
+/// The agreement of every author of a ledger with the ledger's resolution, and of every pair of authors, in order of
+/// name.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct AgreementEntry {
-    /// Whose boundaries count as the truth; `null` is the ledger's resolution.
+    /// Author whose boundaries count as the truth; `null` is the ledger's resolution.
     pub reference: Option<Author>,
-    /// Whose are compared with them.
+    /// Author compared with it.
     pub author: Author,
     /// The numbers.
     #[serde(flatten)]
@@ -81,7 +81,7 @@ pub fn compare(
     }
 }
 
-/// Pairs of indices of boundaries that are the same: as many as can be paired in order of time.
+/// Returns pairs of indices of boundaries that agree: as many as can be paired in order of time.
 ///
 /// Both lists are in order and the tolerance is one number, so pairing each boundary of the
 /// reference with the first free one within reach pairs as many as any other rule.
@@ -106,7 +106,7 @@ pub fn matches(
     pairs
 }
 
-/// Cohen's kappa of a table of segments: both say boundary, one alone does, neither does.
+/// Returns Cohen's kappa of a table of segments: boundary in both, in one alone, in neither.
 fn kappa(
     reference: usize,
     found: usize,
@@ -121,14 +121,14 @@ fn kappa(
     let (p, q) = (share(reference), share(found));
     let by_chance = p * q + (1.0 - p) * (1.0 - q);
     if by_chance >= 1.0 {
-        // Both always say the same.
+        // Both always agree.
         1.0
     } else {
         (observed - by_chance) / (1.0 - by_chance)
     }
 }
 
-/// Agreement of all authors who proposed or decided on boundaries.
+/// Returns the agreement of all authors with proposals or decisions on boundaries.
 pub fn of_ledger(ledger: &Ledger, tolerance_seconds: f64) -> Vec<AgreementEntry> {
     let mut authors: Vec<&Author> = ledger
         .entries()
@@ -164,8 +164,8 @@ pub fn of_ledger(ledger: &Ledger, tolerance_seconds: f64) -> Vec<AgreementEntry>
     table
 }
 
-/// The boundaries that an author says are there, in order of time: those that they proposed, accepted
-/// or moved, whoever proposed them, without those that they rejected later.
+/// Returns the boundaries of an author, in order of time: those that they proposed, and those of any author that they
+/// accepted or moved, without those that they rejected later.
 fn stands_for(ledger: &Ledger, author: &Author) -> Vec<Boundary> {
     let proposed: BTreeMap<u64, &Boundary> = (ledger.entries().iter())
         .filter_map(|entry| match &entry.action {
@@ -173,7 +173,7 @@ fn stands_for(ledger: &Ledger, author: &Author) -> Vec<Boundary> {
             _ => None,
         })
         .collect();
-    // By the line that proposed it.
+    // By the line of its proposal.
     let mut held: BTreeMap<u64, Boundary> = BTreeMap::new();
     for entry in ledger
         .entries()

@@ -1,11 +1,11 @@
-//! What a list of boundaries must be to enter a ledger.
+//! Validation of boundaries and labels that enter a ledger.
 
 use omnilife_schemas::records::{Boundary, SegmentLabel, TimeRange};
 
 /// Timestamps are compared with this slack, seconds: files round them.
 const ROUNDING_SECONDS: f64 = 1e-3;
 
-/// Refuses a boundary that is no segment of the video.
+/// Refuses a boundary that is not a segment of the video.
 pub(super) fn boundary(boundary: &Boundary, range: TimeRange) -> Result<(), String> {
     let (begin, end) = (boundary.begin_seconds, boundary.end_seconds);
     if !(begin.is_finite() && end.is_finite()) {
@@ -30,7 +30,7 @@ pub(super) fn boundary(boundary: &Boundary, range: TimeRange) -> Result<(), Stri
     Ok(())
 }
 
-/// Refuses a label that is about no segment of the video, or says nothing.
+/// Refuses a label of an invalid segment, or without content.
 pub(super) fn label(label: &SegmentLabel, range: TimeRange) -> Result<(), String> {
     let (begin, end) = (label.range.begin_seconds, label.range.end_seconds);
     if !(begin.is_finite() && end.is_finite() && begin < end) {
@@ -60,7 +60,7 @@ pub(super) fn label(label: &SegmentLabel, range: TimeRange) -> Result<(), String
     Ok(())
 }
 
-/// Puts the boundaries of one author into their order and refuses those that overlap.
+/// Sorts the boundaries of one author and refuses those that overlap.
 pub(super) fn boundaries(
     mut list: Vec<Boundary>,
     range: TimeRange,

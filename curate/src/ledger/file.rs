@@ -16,16 +16,16 @@ use omnilife_schemas::{
 use super::check;
 use crate::error::CurateError;
 
-/// What an author adds to a ledger: a [`LedgerEntry`] without what the ledger knows itself.
+/// An author's addition to a ledger: a [`LedgerEntry`] without the fields that the ledger fills in.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Statement {
-    /// Who says so.
+    /// Author.
     pub author: Author,
-    /// When (RFC 3339), for people.
+    /// Time (RFC 3339), for people.
     pub time: Option<String>,
-    /// Why.
+    /// Reason.
     pub reason: Option<String>,
-    /// What.
+    /// Action.
     pub action: LedgerAction,
 }
 
@@ -41,7 +41,7 @@ pub struct Ledger {
 }
 
 impl Ledger {
-    /// A new ledger, in memory alone until [`Ledger::write`].
+    /// Starts a ledger in memory, until [`Ledger::write`].
     ///
     /// # Errors
     /// When its first line cannot be serialized.
@@ -66,8 +66,8 @@ impl Ledger {
         Ok(ledger)
     }
 
-    /// Reads a ledger and checks it: schema and chain of every line, boundaries inside the video,
-    /// decisions about lines that proposed something.
+    /// Reads a ledger and checks it: schema and chain of every line, boundaries inside the video, decisions about lines
+    /// with a proposal.
     ///
     /// # Errors
     /// [`CurateError::Store`] that names the line.
@@ -117,27 +117,26 @@ impl Ledger {
         ledger.ok_or_else(|| StoreError::malformed(path, "is empty").into())
     }
 
-    /// All lines.
+    /// Returns all lines.
     pub fn entries(&self) -> &[LedgerEntry] {
         &self.entries
     }
 
-    /// The video.
+    /// Returns the video.
     pub fn source(&self) -> &SourceVideo {
         &self.source
     }
 
-    /// The video's whole time range.
+    /// Returns the video's whole time range.
     pub fn range(&self) -> TimeRange {
         self.range
     }
 
-    /// Appends the boundaries of one author, in order of time; those that the author proposed
-    /// already are left out. Returns the number of new lines.
+    /// Appends the boundaries of one author, in order of time, without the author's existing proposals. Returns the
+    /// number of new lines.
     ///
     /// # Errors
-    /// [`CurateError::Input`] when one lies outside the video or two overlap; nothing is appended
-    /// then.
+    /// [`CurateError::Input`] when one lies outside the video or two overlap; then nothing is appended.
     pub fn propose(
         &mut self,
         author: &Author,
@@ -164,13 +163,11 @@ impl Ledger {
         Ok(added)
     }
 
-    /// Appends what was decided on an audit page; decisions that stand already are left out.
-    /// Returns the number of new lines.
+    /// Appends the decisions of an audit page, without those that hold already. Returns the number of new lines.
     ///
     /// # Errors
-    /// [`CurateError::Input`] when the decisions are about another video or about lines that
-    /// proposed nothing, and where an annotator decides on what others proposed; nothing is appended
-    /// then.
+    /// [`CurateError::Input`] when the decisions concern another video or lines without a proposal, or an annotator
+    /// decides on proposals of others; then nothing is appended.
     pub fn decide(&mut self, audit: &AuditDecisions) -> Result<usize, CurateError> {
         if audit.source_sha256 != self.source.sha256 {
             return Err(CurateError::input(
@@ -222,14 +219,14 @@ impl Ledger {
     /// Appends one line.
     ///
     /// # Errors
-    /// [`CurateError::Input`] when it cannot follow.
+    /// [`CurateError::Input`] when it is invalid as the next line.
     pub fn append(&mut self, statement: Statement) -> Result<(), CurateError> {
         self.check(&statement.action)
             .map_err(|reason| CurateError::input(&self.path, reason))?;
         self.push(statement)
     }
 
-    /// Boundaries that an author proposed.
+    /// Returns the boundaries that an author proposed.
     pub fn proposals_of<'a>(&'a self, author: &'a Author) -> impl Iterator<Item = &'a Boundary> {
         self.entries
             .iter()
@@ -239,16 +236,16 @@ impl Ledger {
             })
     }
 
-    /// SHA-256 of the whole file.
+    /// Returns the SHA-256 of the whole file.
     pub fn sha256(&self) -> String {
         store::sha256_bytes(self.text().as_bytes())
     }
 
-    /// Writes the ledger, whole or not at all.
+    /// Writes the ledger atomically.
     ///
     /// # Errors
-    /// [`CurateError::Input`] when the file on disk holds lines that this ledger does not begin
-    /// with: somebody else appended meanwhile.
+    /// [`CurateError::Input`] when the file on disk does not start with this ledger's lines: another process has
+    /// appended.
     pub fn write(&self) -> Result<(), CurateError> {
         let text = self.text();
         match fs::read_to_string(&self.path) {
@@ -267,7 +264,7 @@ impl Ledger {
         self.lines.iter().map(|line| format!("{line}\n")).collect()
     }
 
-    /// Whether an action makes sense as the next line.
+    /// Checks that an action is valid as the next line.
     fn check(&self, action: &LedgerAction) -> Result<(), String> {
         let proposed = |id: u64| {
             let entry = usize::try_from(id).ok().and_then(|id| self.entries.get(id));

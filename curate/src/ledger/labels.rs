@@ -1,11 +1,11 @@
-//! What people say that segments show, and which of it is about a sequence.
+//! Labels of people on segments, and their assignment to sequences.
 
 use omnilife_schemas::records::{Author, LedgerAction, LedgerEntry, SegmentLabel, TimeRange};
 
-/// A label is about a sequence of which it covers more than this share.
+/// A label belongs to a sequence if it covers more than this share of it.
 const LEAST_SHARE: f64 = 0.5;
 
-/// All labels with who gave them, in the order in which they were given.
+/// Returns all labels with their authors, in the order in which they were given.
 pub fn all(entries: &[LedgerEntry]) -> impl Iterator<Item = (&Author, &SegmentLabel)> {
     entries.iter().filter_map(|entry| match &entry.action {
         LedgerAction::Label(label) => Some((&entry.author, label)),
@@ -13,12 +13,12 @@ pub fn all(entries: &[LedgerEntry]) -> impl Iterator<Item = (&Author, &SegmentLa
     })
 }
 
-/// Whether people leave a segment of the video out: what the label that counts most says of it.
+/// Returns true if people exclude a segment of the video, by the label of highest precedence.
 pub fn leaves_out(entries: &[LedgerEntry], range: TimeRange) -> bool {
     leave_out(entries, range) == Some(true)
 }
 
-/// Returns true where people keep a segment of the video, whatever it shows, by the label that counts most.
+/// Returns true if people keep a segment of the video, by the label of highest precedence.
 pub fn keeps(entries: &[LedgerEntry], range: TimeRange) -> bool {
     leave_out(entries, range) == Some(false)
 }
@@ -28,8 +28,7 @@ fn leave_out(entries: &[LedgerEntry], range: TimeRange) -> Option<bool> {
     labels.filter_map(|(_, label)| label.leave_out).next()
 }
 
-/// The labels of a segment of the video, those that count more behind those that count less:
-/// later ones, and experts'.
+/// Returns the labels of a segment of the video in increasing precedence: later ones, and experts', come last.
 pub fn of_segment(entries: &[LedgerEntry], range: TimeRange) -> Vec<(&Author, &SegmentLabel)> {
     let covers = |label: &SegmentLabel| {
         let begin = label.range.begin_seconds.max(range.begin_seconds);

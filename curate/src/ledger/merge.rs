@@ -1,4 +1,4 @@
-//! A curated video's ledger: beginning it, merging files into it, and what curation takes from it.
+//! A curated video's ledger: creation, merging of files, and its use in curation.
 
 use std::{fs, path::Path};
 
@@ -19,7 +19,7 @@ use crate::{
     error::CurateError,
 };
 
-/// In which role an author speaks.
+/// Role of an author.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Role {
     /// A program.
@@ -31,7 +31,7 @@ pub enum Role {
 }
 
 impl Role {
-    /// The author of this name in this role.
+    /// Returns the author of this name in this role.
     pub fn author(self, name: &str) -> Author {
         match self {
             Self::Detector => Author::Detector(name.to_owned()),
@@ -41,18 +41,18 @@ impl Role {
     }
 }
 
-/// Who says what stands in files of boundaries.
+/// Origin of merged boundary files.
 #[derive(Debug, Clone)]
 pub struct MergeRequest {
     /// The author.
     pub author: Author,
-    /// When it was said (RFC 3339).
+    /// Time of the statement (RFC 3339).
     pub time: Option<String>,
-    /// Why.
+    /// Reason.
     pub reason: Option<String>,
 }
 
-/// What curation found out about a video: the base of its ledger.
+/// Results of curation for a video: the base of its ledger.
 #[derive(Debug, Clone)]
 pub struct Evidence {
     /// The analysis.
@@ -72,7 +72,7 @@ impl Evidence {
         Ok(Self { analysis, signals })
     }
 
-    /// The timestamps of all frames.
+    /// Returns the timestamps of all frames.
     pub fn frames(&self) -> Frames<'_> {
         Frames {
             times: &self.signals.times,
@@ -80,8 +80,7 @@ impl Evidence {
         }
     }
 
-    /// The ledger of the video; where there is none yet, a new one with the detector's boundaries,
-    /// in memory alone.
+    /// Returns the ledger of the video; if it has none yet, a new one with the detector's boundaries, in memory alone.
     ///
     /// # Errors
     /// When the ledger is damaged or about another video.
@@ -112,9 +111,8 @@ impl Evidence {
     }
 }
 
-/// Merges files into the ledger of a curated video: boundaries in any of the [`formats`] as said by
-/// the author of the request, or what was decided on an audit page, which names its author itself.
-/// All files or none are merged.
+/// Merges files into the ledger of a curated video: boundaries in any of the [`formats`] by the author of the request,
+/// or decisions of an audit page, which names its author itself. All files or none are merged.
 ///
 /// # Errors
 /// [`CurateError::Input`] that names the file, for boundaries outside the video, overlapping ones,
@@ -153,10 +151,10 @@ pub fn merge(
     Ok(ledger)
 }
 
-/// The boundaries that hold of a curated video, in the format with this id.
+/// Returns the boundaries in force of a curated video, in the format with this id.
 ///
 /// # Errors
-/// [`CurateError::Input`] where the format is not known or cannot express them.
+/// [`CurateError::Input`] if the format is unknown or cannot express them.
 pub fn export(folder: &Path, format: &str) -> Result<String, CurateError> {
     let refused = |reason: String| CurateError::input(folder, reason);
     let format = formats::format(format).map_err(refused)?;
@@ -165,7 +163,7 @@ pub fn export(folder: &Path, format: &str) -> Result<String, CurateError> {
     (format.write)(&resolve(ledger.entries()), &evidence.frames()).map_err(refused)
 }
 
-/// The ledger of a video; `None` where the folder holds none.
+/// Returns the ledger of a video; `None` if the folder has none.
 ///
 /// # Errors
 /// When the ledger is damaged or about another video.

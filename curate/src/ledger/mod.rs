@@ -1,10 +1,9 @@
-//! The boundary ledger: who said what about the boundaries of a video, and what follows.
+//! The boundary ledger: statements of authors on the boundaries of a video, and their resolution.
 //!
-//! `ledger.jsonl` in a video's folder holds one [`omnilife_schemas::records::LedgerEntry`] per line and only ever grows.
-//! Detectors and annotators propose boundaries, experts accept, reject, move and add
-//! ([`Ledger::append`]); [`resolve()`] says which boundaries hold, and [`agreement`] how far the
-//! authors agree. People also label segments ([`labels`]). [`formats`] reads and writes what other
-//! tools use.
+//! `ledger.jsonl` in a video's folder holds one [`omnilife_schemas::records::LedgerEntry`] per line and only ever
+//! grows. Detectors and annotators propose boundaries, experts accept, reject, move and add ([`Ledger::append`]).
+//! [`resolve()`] derives the boundaries in force, and [`agreement`] the agreement between authors. People also label
+//! segments ([`labels`]). [`formats`] reads and writes formats of other tools.
 
 pub mod agreement;
 mod check;

@@ -1,29 +1,28 @@
-//! What a ledger's lines amount to: candidates, each with all who proposed it, and which hold.
+//! Resolution of a ledger: candidates, each with its authors, and the boundaries in force.
 //!
 //! The rules, in the order of their weight:
-//! 1. The last decision of an expert on a boundary counts: accepted, rejected or moved. What an
-//!    expert proposed is accepted.
-//! 2. A seamless traversal that was not rejected keeps its segment whole: what detectors alone
-//!    found in it does not hold.
-//! 3. Everything else that anybody proposed holds: predictions and annotations are merged.
+//! 1. The last decision of an expert on a boundary counts: accepted, rejected or moved. Proposals of experts are
+//!    accepted.
+//! 2. A seamless traversal that was not rejected keeps its segment whole: boundaries of detectors alone inside it do
+//!    not hold.
+//! 3. Every other proposal holds: predictions and annotations are merged.
 //!
-//! Proposals of different authors that lie within a tolerance are one candidate. Its time is
-//! an expert's, else a detector's (frame-accurate, where people are late), else an annotator's;
-//! its kind is a person's where the person says more than "cut" or "gradual".
+//! Proposals of different authors that lie within a tolerance are one candidate. Its time is an expert's, else a
+//! detector's (frame-accurate, where people are late), else an annotator's. Its kind is a person's if that is more
+//! specific than "cut" or "gradual".
 
 use omnilife_schemas::records::{Author, Boundary, BoundaryKind, LedgerAction, LedgerEntry};
 
 use super::gap_seconds;
 
-/// Proposals of different authors closer than this are one boundary, seconds: people press keys
-/// about this late.
+/// Proposals of different authors closer than this are one boundary, seconds: about the delay of people pressing keys.
 pub const MERGE_SECONDS: f64 = 0.5;
 
-/// What became of a candidate.
+/// Status of a candidate.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Status {
-    /// Nobody decided on it; it holds.
+    /// Undecided; it holds.
     Proposed,
     /// An expert accepted, moved or added it.
     Accepted,
@@ -33,23 +32,23 @@ pub enum Status {
     KeptWhole,
 }
 
-/// One boundary with all who proposed it.
+/// One boundary with all its authors.
 #[derive(Debug, Clone, PartialEq, serde::Serialize)]
 pub struct Candidate {
     /// Line of its first proposal: its id on the audit page.
     pub id: u64,
     /// Lines of all its proposals.
     pub lines: Vec<u64>,
-    /// Who proposed it.
+    /// Authors of its proposals.
     pub authors: Vec<Author>,
-    /// How it is.
+    /// The boundary itself.
     pub boundary: Boundary,
-    /// What became of it.
+    /// Its status.
     pub status: Status,
 }
 
 impl Candidate {
-    /// Whether it is a boundary as far as is known.
+    /// Returns true if it counts as a boundary.
     pub fn holds(&self) -> bool {
         matches!(self.status, Status::Proposed | Status::Accepted)
     }
@@ -61,8 +60,7 @@ impl Candidate {
     }
 }
 
-/// The boundaries that hold and at which the video is cut, in order of time; what overlaps is
-/// joined into one.
+/// Returns the boundaries in force, at which the video is cut, in order of time; overlapping ones are joined.
 pub fn resolve(entries: &[LedgerEntry]) -> Vec<Boundary> {
     let mut holding: Vec<Boundary> = candidates(entries, MERGE_SECONDS)
         .into_iter()
@@ -89,7 +87,7 @@ pub fn resolve(entries: &[LedgerEntry]) -> Vec<Boundary> {
     joined
 }
 
-/// All candidates with what became of them, in order of time.
+/// Returns all candidates with their status, in order of time.
 pub fn candidates(entries: &[LedgerEntry], merge_seconds: f64) -> Vec<Candidate> {
     let mut found: Vec<Candidate> = Vec::new();
     for entry in entries {
@@ -134,7 +132,7 @@ pub fn candidates(entries: &[LedgerEntry], merge_seconds: f64) -> Vec<Candidate>
     found
 }
 
-/// Joins the nearest candidate that another author proposed, or begins a new one.
+/// Joins the nearest candidate of another author, or creates a new one.
 fn propose(
     found: &mut Vec<Candidate>,
     entry: &LedgerEntry,
@@ -188,7 +186,7 @@ fn propose(
     candidate.authors.push(entry.author.clone());
 }
 
-/// The kind that says more; the first where neither does.
+/// Returns the more specific kind; the first if neither is.
 fn more_telling(first: BoundaryKind, second: BoundaryKind) -> BoundaryKind {
     let says_place = |kind| !matches!(kind, BoundaryKind::Cut | BoundaryKind::Gradual);
     if says_place(second) && !says_place(first) {

@@ -1,4 +1,4 @@
-//! Numbers on the pixels of an equirectangular image, smoothed around the seam.
+//! Scalar fields on the pixels of an equirectangular image, smoothed around the seam.
 
 use std::f64::consts::PI;
 
@@ -11,8 +11,8 @@ pub(super) struct Field {
 }
 
 impl Field {
-    /// The weighted mean of each value's neighbours along its row and column, by a Gaussian of this
-    /// standard deviation in pixels.
+    /// Returns the weighted mean of each value's neighbours along its row and column, by a Gaussian of this standard
+    /// deviation in pixels.
     pub(super) fn blurred(&self, sigma_pixels: f32) -> Self {
         let reach = (3.0 * sigma_pixels).ceil() as i32;
         let gauss = |offset: i32| (-0.5 * (offset as f32 / sigma_pixels).powi(2)).exp();
@@ -24,7 +24,7 @@ impl Field {
         self.filtered(&vec![1.0; 2 * reach + 1])
     }
 
-    /// The field filtered along rows and along columns by weights around their middle.
+    /// Returns the field filtered along rows and along columns by weights around their middle.
     fn filtered(&self, weights: &[f32]) -> Self {
         let total: f32 = weights.iter().sum();
         let weights: Vec<f32> = weights.iter().map(|weight| weight / total).collect();
@@ -58,7 +58,7 @@ impl Field {
         Self { values, ..*self }
     }
 
-    /// Lengths of the differences between the neighbours on both sides, halved.
+    /// Returns half the lengths of the differences between the neighbours on both sides.
     pub(super) fn slopes(&self) -> Self {
         let (width, height) = (self.width, self.height);
         let at = |x: usize, y: usize| self.values[y * width + x];
@@ -73,7 +73,7 @@ impl Field {
         Self { values, ..*self }
     }
 
-    /// The smaller of two fields of one size, everywhere.
+    /// Returns the minimum of two fields of one size.
     pub(super) fn smaller(mut self, other: &Self) -> Self {
         for (value, other) in self.values.iter_mut().zip(&other.values) {
             *value = value.min(*other);
@@ -81,7 +81,7 @@ impl Field {
         self
     }
 
-    /// The value that half of the sphere's area is below; 0 for an empty field.
+    /// Returns the area-weighted median over the sphere; 0 for an empty field.
     pub(super) fn median_on_sphere(&self) -> f32 {
         let mut weighted: Vec<(f32, f64)> = self
             .values

@@ -1,5 +1,5 @@
-//! Masks of what moves in a sequence: from files, from what things are ([`deeplab`]), or from motion
-//! that the camera's own does not explain ([`residual`]).
+//! Masks of moving content in a sequence: from files, by class ([`deeplab`]), or from motion that the camera's own does
+//! not explain ([`residual`]).
 //!
 //! They are written as `dynamic-masks/NNNNNN.png` with a `masks.json`, which
 //! `omnilife curate poses --masks` takes. A method is one entry in [`METHODS`].
@@ -25,10 +25,10 @@ use omnilife_schemas::{
 
 use crate::{error::CurateError, poses, staging::Staging};
 
-/// Where masks come from.
+/// Source of masks.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum MaskSource {
-    /// Images that somebody supplies, named as the frames; white is what moves.
+    /// Given images, named as the frames; white is moving content.
     Files(PathBuf),
     /// A method of [`METHODS`].
     Method(String),
@@ -37,7 +37,7 @@ pub enum MaskSource {
 /// Finds the masks of the sequence in a folder.
 pub type FindMasks = fn(&Path, &Sequence, &dyn Progress) -> Result<Vec<Mask>, CurateError>;
 
-/// A way of finding what moves.
+/// A method of finding moving content.
 #[derive(Debug, Clone, Copy)]
 pub struct MaskMethod {
     /// Name on the command line.
@@ -46,18 +46,18 @@ pub struct MaskMethod {
     pub about: &'static str,
     /// Settings, for the record.
     pub settings: fn() -> String,
-    /// One mask per frame of the sequence in a folder, at frame size.
+    /// Returns one mask per frame of the sequence in a folder, at frame size.
     pub find: FindMasks,
 }
 
 /// All methods.
 pub const METHODS: &[MaskMethod] = &[residual::METHOD, deeplab::METHOD];
 
-/// Writes the masks of a sequence; skipped, with a note, while frames and source have not changed.
+/// Writes the masks of a sequence; skipped, with a note, if frames and source are unchanged.
 ///
 /// # Errors
-/// [`CurateError::Input`] for an unknown method and for files that fit no frame,
-/// [`CurateError::Store`] when a file cannot be read or written.
+/// [`CurateError::Input`] for an unknown method and for files that fit no frame, [`CurateError::Store`] when a file
+/// cannot be read or written.
 pub fn write_masks(
     folder: &Path,
     source: &MaskSource,
@@ -163,7 +163,7 @@ fn read_masks(files: &[PathBuf], sequence: &Sequence) -> Result<Vec<Mask>, Curat
         .iter()
         .map(|file| {
             let mask = Mask::read(file)?;
-            // Another shape is another projection, or another frame.
+            // Another aspect ratio means another projection, or another frame.
             if mask.width * size.1 != mask.height * size.0 {
                 return Err(CurateError::input(file, "has not the shape of its frame"));
             }
@@ -172,7 +172,7 @@ fn read_masks(files: &[PathBuf], sequence: &Sequence) -> Result<Vec<Mask>, Curat
         .collect()
 }
 
-/// Returns lines on what was assumed of masks that somebody supplies, and on those of no frame.
+/// Returns lines on assumptions about given masks, and on masks of no frame.
 fn notes(files: &[PathBuf], sequence: &Sequence) -> Result<Vec<String>, CurateError> {
     let camera = ErpCamera {
         width: sequence.frames.width,
@@ -193,37 +193,17 @@ fn stem(file: &str) -> String {
     stem.to_string_lossy().into_owned()
 }
 
-/// Share of the pixels of an image that a mask marks.
+/// Returns the share of the pixels of an image that a mask marks.
 fn marked_share(mask: &Mask) -> f64 {
     let marked = mask.data.iter().filter(|&&pixel| pixel != 0).count();
     marked as f64 / mask.data.len().max(1) as f64
 }
 
-/// Share of the sphere that a mask covers: every pixel counts by its solid angle.
+/// Returns the share of the sphere that a mask covers: every pixel counts by its solid angle.
 pub fn dynamic_share(mask: &Mask) -> f64 {
     let camera = ErpCamera {
         width: mask.width as u32,
         height: mask.height as u32,
     };
     mask.marked_share(&camera.into())
-}
-
-/// Intersection over union of two masks of one size on the sphere; 1 where both are empty.
-pub fn intersection_over_union(a: &Mask, b: &Mask) -> f64 {
-    let combined = |both: fn(u8, u8) -> u8| Mask {
-        width: a.width,
-        height: a.height,
-        data: a
-            .data
-            .iter()
-            .zip(&b.data)
-            .map(|(&a, &b)| both(a, b))
-            .collect(),
-    };
-    let union = dynamic_share(&combined(|a, b| a | b));
-    if union > 0.0 {
-        dynamic_share(&combined(|a, b| a & b)) / union
-    } else {
-        1.0
-    }
 }

@@ -1,17 +1,16 @@
-//! What moves: what no still scene explains.
+//! Moving content: pixels that no static scene explains.
 //!
-//! The motion of the camera between a frame and others a little before and after it is found first
-//! (`motion`). It leaves each point of a still scene one unknown, its distance, and so one arc along
-//! which it can have gone. The frame's images are compared with those along the arc, at all
-//! distances ("plane sweep", Collins, "A space-sweep approach to true multi-image matching", 1996);
-//! where even the best one does not fit, before and after, something moves. Being hidden in one of
-//! the two is no motion, and neither thin things nor repeated patterns are: they fit somewhere.
+//! The motion of the camera between a frame and others a little before and after it is estimated first (`motion`). It
+//! leaves each point of a static scene one unknown, its distance, and so one arc along which it can have gone. The
+//! frame's images are compared with those along the arc, at all distances ("plane sweep", Collins, "A space-sweep
+//! approach to true multi-image matching", 1996). Content moves if even the best one does not fit, before and after.
+//! Occlusion in one of the two does not count as motion, and neither do thin structures or repeated patterns: they fit
+//! somewhere.
 //!
-//! What moves along its own arc as a still thing at another distance would is not told from one. A
-//! person at eye level who walks in the same plane as the camera does so; what gives them away is
-//! that they come nearer and that their limbs move. Both take time to show: frames are compared
-//! that are a fifth of a second apart at least. It needs no weights and knows no classes; where there
-//! are masks of a segmentation network, those are better.
+//! Content that moves along its own arc like a static point at another distance is not detected. An example is a person
+//! at eye level who walks in the same plane as the camera. Approach and moving limbs give them away, but take time to
+//! show: the compared frames are at least a fifth of a second apart. The method needs no weights and knows no classes;
+//! masks of a segmentation network are better.
 
 use std::path::Path;
 
@@ -41,21 +40,21 @@ pub const METHOD: MaskMethod = MaskMethod {
 
 /// Columns of the images that are compared.
 const IMAGE_WIDTH: usize = 512;
-/// They are smoothed by this much, pixels: what is finer differs by how it is sampled.
+/// Smoothing, pixels: finer detail differs by its sampling.
 const SMOOTHING_PIXELS: f32 = 0.7;
 /// Frames are compared over at least this long, seconds: slow motion needs time to show.
 const LEAST_GAP_SECONDS: f64 = 0.2;
 /// Images are compared in squares that reach this far, pixels.
 const REACH_PIXELS: usize = 2;
-/// A difference of grey values, of [0, 1], above this counts as this.
+/// Differences of grey values, of [0, 1], are clamped to this.
 const LARGEST_DIFFERENCE: f32 = 0.25;
-/// What does not fit is looked at over this radius: limbs and the torso between them, radians.
+/// Radius over which misfit is combined, radians: limbs and the torso between them.
 const EXTENT_RADIANS: f32 = 0.055;
-/// What a still scene differs by: this much anywhere, of [0, 1] ...
+/// Misfit that a static scene may have: this much anywhere, of [0, 1] ...
 const NOISE: f32 = 0.01;
 /// ... and as the slope of the image times this many pixels.
 const MISPLACED_PIXELS: f32 = 0.3;
-/// What fits this many times worse than half of the sphere moves.
+/// Factor over the sphere's median misfit from which on content moves.
 const OVER_MEDIAN: f32 = 2.5;
 
 fn settings() -> String {
@@ -104,8 +103,7 @@ fn find(
     masks
 }
 
-/// The nearest frames that are far enough before and after one; the farthest there is where the
-/// sequence is too short.
+/// Returns the nearest frames that are far enough before and after one; the farthest ones if the sequence is too short.
 fn compared_with(times: &[f64], index: usize) -> Vec<usize> {
     let now = times[index];
     let before = (0..index)
@@ -149,7 +147,7 @@ impl<'a> Images<'a> {
         self.held[index].as_ref()
     }
 
-    /// Drops what no later frame is compared with.
+    /// Drops images that no later frame is compared with.
     fn forget_before(&mut self, times: &[f64], index: usize) {
         let next = (index + 1).min(times.len() - 1);
         let oldest = compared_with(times, next).into_iter().min().unwrap_or(next);
@@ -174,7 +172,7 @@ fn luma(sphere: &GreySphere) -> Field {
     }
 }
 
-/// What moves in an image, compared with others of the same scene.
+/// Marks moving content in an image, compared with others of the same scene.
 fn moving(this: &GreySphere, others: &[&GreySphere]) -> Mask {
     let directions = directions(this.width(0));
     let misfit = others
@@ -221,10 +219,10 @@ fn directions(width: usize) -> Vec<Vec3> {
         .collect()
 }
 
-/// Mean difference of grey values around each pixel at the distance at which it fits best.
+/// Returns the mean difference of grey values around each pixel at the distance with the best fit.
 ///
-/// A still point in direction `d` at distance `z` is seen in direction `d - t b / z` after the camera
-/// went by `b` towards `t`; the sweep is over `b / z`, in steps of a pixel.
+/// A static point in direction `d` at distance `z` is seen in direction `d - t b / z` after the camera went by `b`
+/// towards `t`. The sweep is over `b / z`, in steps of a pixel.
 fn still_misfit(
     this: &GreySphere,
     that: &GreySphere,
@@ -253,7 +251,7 @@ fn still_misfit(
         })
 }
 
-/// Differences of grey values if every point were as far away as makes it shift by `shift`.
+/// Returns differences of grey values if every point were at the distance of this `shift`.
 fn difference(
     this: &GreySphere,
     that: &GreySphere,

@@ -1,5 +1,4 @@
-//! The whole motion of the camera between two images: turn, heading, and how far still things
-//! shift.
+//! Camera motion between two images: rotation, heading, and parallax of static content.
 
 use glam::{Quat, Vec3};
 
@@ -9,30 +8,28 @@ use super::{
     residual::NEAR_EPIPOLE,
 };
 
-/// Directions at which flow is looked for.
+/// Number of directions at which flow is estimated.
 const POINTS: usize = 4000;
-/// The nearest things that are looked for shift this many times as far as those that a flow was
-/// found for.
+/// Nearest static content to consider, as a factor over the largest shift that was found.
 const BEYOND_SEEN: f32 = 1.25;
-/// Share of the flow that is taken for that of still things, from the shortest.
+/// Share of the flow taken as static, from the shortest.
 const STILL_SHARE: f64 = 0.98;
-/// However near, nothing is taken to shift by more, radians.
+/// Upper limit of the parallax, however near the content, radians.
 const MOST_PARALLAX_RADIANS: f32 = 0.6;
 
-/// How the camera moved.
+/// Motion of the camera.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct CameraMotion {
-    /// Takes directions of the first camera to the second.
+    /// Maps directions of the first camera to the second.
     pub rotation: Quat,
-    /// Where the camera went, a unit direction in the first camera's frame; `None` where it did not
-    /// move.
+    /// Unit direction of the translation in the first camera's frame; `None` if it did not move.
     pub heading: Option<Vec3>,
-    /// How far the nearest still things at right angles to the heading shift: the way of the camera
-    /// over their distance.
+    /// Largest shift of static content at right angles to the heading: the camera's translation over the nearest
+    /// distance.
     pub largest_parallax: f32,
 }
 
-/// The motion of the camera from one image to another.
+/// Estimates the motion of the camera from one image to another.
 pub fn camera_motion(from: &GreySphere, to: &GreySphere) -> CameraMotion {
     let aligned = align(from, to);
     let directions: Vec<Vec3> = even_directions(POINTS).collect();

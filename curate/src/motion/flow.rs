@@ -12,24 +12,22 @@ const REACH: i32 = 3;
 const STEPS: usize = 5;
 /// Levels of the pyramid that are used, from the largest.
 const LEVELS: usize = 3;
-/// A patch whose weaker direction has less contrast than this (grey values per sample, RMS) has no
-/// flow that can be told.
+/// A patch whose weaker direction has less contrast than this (grey values per sample, RMS) has no determinable flow.
 const LEAST_CONTRAST: f32 = 0.008;
-/// Mean difference of grey values above which a match is none.
+/// Mean difference of grey values above which a match is rejected.
 const LARGEST_DIFFERENCE: f32 = 0.08;
 
 /// Flow at one direction.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Flow {
-    /// Where, in the first image's camera frame; of length 1.
+    /// Direction in the first image's camera frame; of length 1.
     pub direction: Vec3,
-    /// Displacement in the tangent plane after the rotation is undone, radians; `None` where it
-    /// cannot be told.
+    /// Displacement in the tangent plane after the rotation is undone, radians; `None` if it cannot be determined.
     pub moved: Option<Vec3>,
 }
 
-/// Flow from one image to the other at every direction given, beyond what `rotation` (first to
-/// second camera) explains.
+/// Returns the flow from one image to the other at every given direction, beyond that of `rotation` (first to second
+/// camera).
 pub fn flow(from: &GreySphere, to: &GreySphere, rotation: Quat, directions: &[Vec3]) -> Vec<Flow> {
     directions
         .par_iter()
@@ -54,7 +52,7 @@ fn track(from: &GreySphere, to: &GreySphere, rotation: Quat, direction: Vec3) ->
     Some(moved.x * e + moved.y * f)
 }
 
-/// One level: `frame` is the direction and its tangents, `start` the displacement so far.
+/// Tracks on one level: `frame` is the direction and its tangents, `start` the displacement so far.
 fn track_level(
     from: &GreySphere,
     to: &GreySphere,
@@ -111,7 +109,7 @@ fn track_level(
             }
         }
         let change = -(inverse * right) * step;
-        // A patch that runs away is lost.
+        // A patch that diverges is lost.
         if !change.is_finite() || (moved + change - start).length() > 4.0 * step {
             return Err(());
         }

@@ -1,10 +1,10 @@
-//! How a perspective camera turns from frame to frame, from the images alone.
+//! Rotations of a perspective camera from frame to frame, from the images alone.
 //!
-//! A camera that only turns maps images to each other by the homography `K R K^-1`. Neighbouring frames are
-//! registered by it directly: the sum of robust squared differences of luma is minimized over the rotation
-//! vector by Gauss-Newton, from coarse images to fine ones, over pixels that nothing covers in the first
-//! frame. The focal length is the one of a grid whose registrations leave least. Where the camera moves from
-//! its place too, what is found is the turn that explains most of it.
+//! A rotating camera maps images to each other by the homography `K R K^-1`. Neighbouring frames are registered by it
+//! directly: Gauss-Newton minimizes the sum of robust squared differences of luma over the rotation vector. It goes
+//! from coarse images to fine ones, over pixels without masks in the first frame. The focal length is the one of a grid
+//! whose registrations leave the least cost. If the camera also translates, the result is the rotation that explains
+//! most of it.
 
 use glam::{DMat3, DQuat, DVec2, DVec3};
 use rayon::prelude::*;
@@ -17,12 +17,12 @@ const COARSEST: usize = 40;
 pub const FOCALS: [f64; 8] = [0.6, 0.75, 0.9, 1.1, 1.35, 1.65, 2.0, 2.5];
 /// A difference of luma beyond which a pixel counts less, of 255.
 const HUBER: f64 = 6.0;
-/// A pixel fits whose difference is below this, of 255.
+/// Difference of luma below which a pixel fits, of 255.
 const FITS: f64 = 16.0;
 /// Steps of Gauss-Newton at each size of images.
 const STEPS: usize = 12;
 
-/// A grey image with where it may be looked at.
+/// A grey image with its usable pixels.
 #[derive(Debug, Clone)]
 pub struct GreyFrame {
     /// Pixels per row.
@@ -31,11 +31,11 @@ pub struct GreyFrame {
     pub height: usize,
     /// Luma, [0, 255].
     pub luma: Vec<f32>,
-    /// Pixels that nothing covers that moves by itself.
+    /// Pixels that no moving content covers.
     pub open: Vec<bool>,
 }
 
-/// The turns of a clip.
+/// The rotations of a clip.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Turns {
     /// Camera to the first frame's camera.
@@ -44,11 +44,11 @@ pub struct Turns {
     pub focal: f64,
     /// The least share of pixels that fit, over all neighbouring frames.
     pub least_fit: f64,
-    /// The sum of the steps of the image's middle, in widths.
+    /// Sum of the shifts of the image's middle, in widths.
     pub path: f64,
 }
 
-/// A frame at half the size, as often as wanted.
+/// A frame and its copies, each at half the size of the one before.
 struct Pyramid(Vec<GreyFrame>);
 
 impl GreyFrame {
@@ -73,9 +73,9 @@ impl GreyFrame {
         }
     }
 
-    /// Luma and its derivatives at a place in pixels (whole numbers are centres); `None` at the border and
-    /// where something covers one of the four pixels around it: half of the outline of what moves by itself
-    /// lies outside of where it is in the other frame, and its edge would pull.
+    /// Returns luma and its derivatives at a place in pixels (whole numbers are centres). `None` at the border and if
+    /// moving content covers one of the four pixels around it. Half of its outline lies outside of its place in the
+    /// other frame, and its edge would bias the result.
     fn sample(&self, at: DVec2) -> Option<(f64, DVec2)> {
         let floor = at.floor();
         let is_inside = floor.x >= 0.0
@@ -113,7 +113,7 @@ impl Pyramid {
     }
 }
 
-/// What a registration leaves.
+/// Result of a registration.
 #[derive(Debug, Clone, Copy)]
 struct Fit {
     /// From the first camera to the second.
@@ -124,7 +124,7 @@ struct Fit {
     share: f64,
 }
 
-/// Cost, share that fits, and the normal equations at a rotation from the first frame to the second.
+/// Returns cost, fitting share, and the normal equations at a rotation from the first frame to the second.
 fn normal_equations(
     first: &GreyFrame,
     second: &GreyFrame,
@@ -174,7 +174,7 @@ fn normal_equations(
     (cost / count, fitting / count, matrix, right)
 }
 
-/// Registers the second frame to the first, beginning from a guess.
+/// Registers the second frame to the first, starting from a guess.
 fn register(first: &Pyramid, second: &Pyramid, focal: f64, guess: DQuat) -> Fit {
     let mut rotation = guess;
     let mut last = Fit {
@@ -213,13 +213,13 @@ fn register(first: &Pyramid, second: &Pyramid, focal: f64, guess: DQuat) -> Fit 
     last
 }
 
-/// The chain of registrations at a focal length.
+/// Returns the chain of registrations at a focal length.
 fn chain(pyramids: &[Pyramid], focal: f64) -> Vec<Fit> {
     let mut guess = DQuat::IDENTITY;
     pyramids
         .windows(2)
         .map(|pair| {
-            // From where the last pair left off, or from nothing: cameras begin and stop.
+            // From the last pair's result, or from zero: cameras start and stop.
             let kept = register(&pair[0], &pair[1], focal, guess);
             let anew = register(&pair[0], &pair[1], focal, DQuat::IDENTITY);
             let fit = if kept.cost <= anew.cost { kept } else { anew };
@@ -229,7 +229,7 @@ fn chain(pyramids: &[Pyramid], focal: f64) -> Vec<Fit> {
         .collect()
 }
 
-/// The turns of a clip. `focal` is the focal length over the width where it is known.
+/// Estimates the rotations of a clip. `focal` is the focal length over the width if known.
 pub fn turns(frames: &[GreyFrame], focal: Option<f64>) -> Turns {
     let pyramids: Vec<Pyramid> = frames.par_iter().map(Pyramid::of).collect();
     let cost = |fits: &[Fit]| fits.iter().map(|fit| fit.cost).sum::<f64>();
@@ -242,7 +242,7 @@ pub fn turns(frames: &[GreyFrame], focal: Option<f64>) -> Turns {
         .iter()
         .map(|(_, fits)| cost(fits))
         .fold(f64::INFINITY, f64::min);
-    // A camera that stands still does not say its focal length: then it is the one nearest to a width.
+    // A static camera does not determine its focal length: then it is the one nearest to a width.
     let from_width = |focal: f64| focal.ln().abs();
     let found = chains
         .into_iter()
@@ -273,7 +273,7 @@ mod tests {
     const WIDTH: usize = 96;
     const HEIGHT: usize = 64;
 
-    /// What a camera sees of a texture at infinity; a square in the middle moves by itself.
+    /// Returns the view of a texture at infinity; a square in the middle moves by itself.
     fn frame(rotation: DQuat, focal: f64, number: usize) -> GreyFrame {
         let middle = 0.5 * DVec2::new(WIDTH as f64 - 1.0, HEIGHT as f64 - 1.0);
         let mut open = vec![true; WIDTH * HEIGHT];

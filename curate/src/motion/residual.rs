@@ -1,9 +1,8 @@
-//! What of a flow the camera's own motion explains, and what it does not.
+//! Separation of a flow into the camera's own motion and a remainder.
 //!
-//! A still point in direction `d` (unit) at distance `z`, seen by a camera that moves by `t` and
-//! turns by a small `w` more than was undone, has the flow
-//! `u = -(t - (t.d) d) / z - w x d`: on the great circle through `d` and `t`, away from where the
-//! camera goes. What lies across that circle, or points the other way, moves by itself.
+//! A static point in direction `d` (unit) at distance `z` is seen by a camera that moves by `t` and turns by a small
+//! `w` more than was undone. Its flow is `u = -(t - (t.d) d) / z - w x d`: on the great circle through `d` and `t`,
+//! away from the camera's heading. Flow across that circle, or in the opposite direction, is motion of the scene.
 
 use glam::{Mat3, Vec3};
 use omnilife_schemas::statistics;
@@ -12,35 +11,33 @@ use super::flow::Flow;
 
 /// Rounds of re-weighting.
 const ROUNDS: usize = 12;
-/// Where the camera goes to or comes from (sine of the angle to it), still points hardly move at
-/// all, and every direction of flow is across.
+/// Near the heading and its opposite (sine of the angle) static points hardly move, and every direction of flow is
+/// across.
 pub(super) const NEAR_EPIPOLE: f32 = 0.15;
-/// A residual this many times the usual one is motion.
+/// Residuals above this factor over the usual one are motion.
 const OUTLIER_RATIO: f64 = 4.0;
 /// A camera whose median flow is below this many pixels does not move.
 const STILL_PIXELS: f64 = 0.15;
 /// Residuals below this many pixels are never motion.
 const LEAST_PIXELS: f64 = 0.35;
 
-/// What two frames say about motion.
+/// Motion between two frames.
 #[derive(Debug, Clone)]
 pub struct PairMotion {
-    /// Where the camera moves, a unit direction in the first camera's frame; `None` where it does
-    /// not move.
+    /// Unit direction of the camera's translation in the first camera's frame; `None` if it does not move.
     pub heading: Option<Vec3>,
-    /// Rotation that was left, radians: part of the camera's turn.
+    /// Remaining rotation, radians: part of the camera's rotation.
     pub turn: Vec3,
-    /// Median flow of still points after all rotation is undone, radians: parallax.
+    /// Median flow of static points after all rotation is undone, radians: parallax.
     pub parallax_radians: f64,
-    /// Per flow vector, the length in radians that the camera's motion does not explain; `None`
-    /// where there is no flow.
+    /// Length of each flow vector, in radians, that the camera's motion does not explain; `None` without flow.
     pub unexplained: Vec<Option<f32>>,
     /// Residuals above this are motion in the scene, radians.
     pub limit_radians: f64,
 }
 
 impl PairMotion {
-    /// Whether a flow vector is motion in the scene; `None` where it has no flow.
+    /// Returns true if a flow vector is motion in the scene; `None` without flow.
     pub fn is_dynamic(&self, index: usize) -> Option<bool> {
         self.unexplained[index].map(|residual| f64::from(residual) > self.limit_radians)
     }
@@ -69,7 +66,7 @@ pub fn explain(flow: &[Flow], pixel_radians: f32) -> PairMotion {
         let residuals = residuals(&known, turn, heading);
         let scale = spread(&residuals).max(0.1 * pixel);
         for (weight, residual) in weights.iter_mut().zip(&residuals) {
-            // Tukey's biweight: what moves by itself has no say.
+            // Tukey's biweight: moving content has no weight.
             let ratio = (f64::from(*residual) / (4.7 * scale)).min(1.0);
             *weight = (1.0 - ratio * ratio).powi(2) as f32;
         }
@@ -95,19 +92,19 @@ pub fn explain(flow: &[Flow], pixel_radians: f32) -> PairMotion {
     }
 }
 
-/// Robust standard deviation of residuals, which are lengths.
+/// Returns the robust standard deviation of residuals, which are lengths.
 fn spread(residuals: &[f32]) -> f64 {
     let lengths: Vec<f64> = residuals.iter().map(|&r| f64::from(r)).collect();
     1.4826 * statistics::median(&lengths).unwrap_or(0.0)
 }
 
-/// `t` with `t . (u x d) = 0` for all still points: the weakest eigenvector of the weighted sum of
-/// `(u x d) (u x d)^T`, by inverse iteration; its sign such that most points move away from it.
+/// Finds `t` with `t . (u x d) = 0` for all static points: the weakest eigenvector of the weighted sum of `(u x d) (u x
+/// d)^T`, by inverse iteration. Its sign is such that most points move away from it.
 fn find_heading(flow: &[(Vec3, Vec3)], weights: &[f32]) -> Option<Vec3> {
     let mut sum = Mat3::ZERO;
     for (&(d, u), &weight) in flow.iter().zip(weights) {
         let a = u.cross(d).normalize_or_zero();
-        // Long flow tells its direction better.
+        // Longer flow determines its direction better.
         let weight = weight * u.length();
         sum += weight * Mat3::from_cols(a * a.x, a * a.y, a * a.z);
     }
@@ -128,8 +125,8 @@ fn find_heading(flow: &[(Vec3, Vec3)], weights: &[f32]) -> Option<Vec3> {
     (heading != Vec3::ZERO).then_some(heading * votes.signum())
 }
 
-/// The rotation left in a flow, by least squares over what lies across the great circles through
-/// `heading`; over all of it without a heading.
+/// Finds the rotation left in a flow, by least squares over the part across the great circles through `heading`; over
+/// all of it without a heading.
 fn find_turn(flow: &[(Vec3, Vec3)], weights: &[f32], heading: Option<Vec3>) -> Vec3 {
     let mut normal = Mat3::ZERO;
     let mut right = Vec3::ZERO;
@@ -160,7 +157,7 @@ fn find_turn(flow: &[(Vec3, Vec3)], weights: &[f32], heading: Option<Vec3>) -> V
     normal.inverse() * right
 }
 
-/// Lengths that a turn and a heading leave unexplained.
+/// Returns the lengths that a rotation and a heading leave unexplained.
 fn residuals(known: &[(Vec3, Vec3)], turn: Vec3, heading: Option<Vec3>) -> Vec<f32> {
     known
         .iter()
@@ -173,7 +170,7 @@ fn residuals(known: &[(Vec3, Vec3)], turn: Vec3, heading: Option<Vec3>) -> Vec<f
             if along.length() < NEAR_EPIPOLE {
                 return left.length();
             }
-            // Still points move against the camera's way; the other way is unexplained.
+            // Static points move against the camera's motion; the opposite direction is unexplained.
             let against = -left.dot(along.normalize());
             let across = (left.length_squared() - against * against).max(0.0).sqrt();
             across.hypot(against.min(0.0))

@@ -16,9 +16,9 @@ const HUBER: f32 = 0.05;
 /// finer ones.
 const LEVELS: usize = 3;
 
-/// The rotation that takes directions in `from` to directions in `to`, by Gauss-Newton on the
-/// difference of grey values, from coarse to fine. It begins at the best of all yaws, so that turns
-/// about the vertical of any size are found; other turns up to about a radian.
+/// Finds the rotation that takes directions in `from` to directions in `to`, by Gauss-Newton on the difference of grey
+/// values, from coarse to fine. It starts at the best of all yaws, so that rotations about the vertical of any size are
+/// found; other ones up to about a radian.
 pub fn align(from: &GreySphere, to: &GreySphere) -> Quat {
     let directions: Vec<Vec3> = even_directions(SAMPLES).collect();
     let coarsest = from.levels() - 1;
@@ -88,7 +88,7 @@ fn refine(
                 );
             right += weight * residual * jacobian;
         }
-        // An image without any detail says nothing.
+        // An image without any detail determines nothing.
         if normal.determinant().abs() < 1e-12 {
             return rotation;
         }

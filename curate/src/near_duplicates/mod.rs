@@ -1,9 +1,8 @@
-//! Videos that show the same footage though their files differ: encoded again, scaled, cropped in
-//! time, turned about the vertical.
+//! Videos with the same footage in different files: re-encoded, scaled, cropped in time, turned about the vertical.
 //!
-//! Signatures of two videos are laid over each other at every shift in time. Where they are of one
-//! footage, they differ by little against how they change over time; of another part of the same
-//! place they differ by as much. Nothing is dropped: pairs are reported.
+//! Signatures of two videos are compared at every shift in time. For the same footage they differ by little relative to
+//! their change over time; for another part of the same place they differ by as much. Nothing is dropped: pairs are
+//! reported.
 
 pub(crate) mod signature;
 
@@ -19,12 +18,12 @@ use crate::{boundaries::Signals, error::CurateError};
 pub use signature::SignaturePass;
 use signature::{NUMBERS, Numbers, WINDOW_SECONDS, rows};
 
-/// Mean squared difference of two signatures over their variance in time, below which they are of one
-/// footage; set on the clips that `docs/results/curation.md` names.
+/// Mean squared difference of two signatures over their variance in time, below which they show the same footage; set
+/// on the clips that `docs/results/curation.md` names.
 pub const LIMIT: f64 = 0.8;
-/// Standard deviation that a codec leaves where nothing changes; levels are 0 to 1.
+/// Standard deviation that a codec leaves in static content; levels are 0 to 1.
 const FLOOR: f64 = 0.004;
-/// Shorter overlaps say nothing, windows.
+/// Shortest overlap that is compared, windows.
 const LEAST_WINDOWS: usize = 12;
 
 /// Two videos with footage in common.
@@ -34,19 +33,19 @@ pub struct NearDuplicate {
     pub video: usize,
     /// Number of the video before it.
     pub of: usize,
-    /// Where the common footage begins in the later video, seconds after its first frame.
+    /// Start of the common footage in the later video, seconds after its first frame.
     pub begin_seconds: f64,
-    /// Where it begins in the other.
+    /// Its start in the other video.
     pub begin_in_other_seconds: f64,
-    /// How long it is.
+    /// Its length.
     pub seconds: f64,
     /// The ratio that is below [`LIMIT`].
     pub difference: f64,
-    /// Whether so little changes over time that another part of the same still place looks the same.
+    /// True if so little changes over time that another part of the same static place looks the same.
     pub is_still: bool,
 }
 
-/// How two signatures lie over each other best.
+/// Best alignment of two signatures.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Overlay {
     /// First windows of both, and how many.
@@ -56,8 +55,8 @@ struct Overlay {
     is_still: bool,
 }
 
-/// Pairs of curated videos of the dataset in `out` with footage in common, in order of the videos. A
-/// folder without a signature, as older versions made them, is left out.
+/// Returns pairs of curated videos of the dataset in `out` with footage in common, in order of the videos. A folder of
+/// an older version without a signature is left out.
 ///
 /// # Errors
 /// When a signature cannot be read.
@@ -99,7 +98,7 @@ pub fn find(dataset: &Dataset, out: &Path) -> Result<Vec<NearDuplicate>, CurateE
     Ok(found.collect())
 }
 
-/// The overlay with the smallest difference, where that is below the limit.
+/// Returns the overlay with the smallest difference, if that is below the limit.
 fn best_overlay(a: &[Numbers], b: &[Numbers]) -> Option<Overlay> {
     let (moments_a, moments_b) = (Moments::of(a), Moments::of(b));
     let least = LEAST_WINDOWS;
@@ -127,7 +126,7 @@ fn best_overlay(a: &[Numbers], b: &[Numbers]) -> Option<Overlay> {
         .min_by(|a, b| a.difference.total_cmp(&b.difference))
 }
 
-/// `None` where it is not below a limit, which most pairs of rows show after a few.
+/// Returns `None` from a limit on, which most pairs of rows reach after a few.
 fn mean_square_difference(a: &[Numbers], b: &[Numbers], limit: f64) -> Option<f64> {
     let count = (a.len() * NUMBERS) as f64;
     let mut sum = 0.0;
@@ -162,7 +161,7 @@ impl Moments {
         Self { sums, squares }
     }
 
-    /// Variance in time of a part, mean over the numbers.
+    /// Returns the variance in time of a part, mean over the numbers.
     fn variance(&self, first: usize, count: usize) -> f64 {
         let n = count as f64;
         let square = (self.squares[first + count] - self.squares[first]) / n;
@@ -180,7 +179,7 @@ mod tests {
 
     use super::*;
 
-    /// A made-up signature that wanders.
+    /// Returns a synthetic signature that wanders.
     fn footage(seed: u64, windows: usize) -> Vec<Numbers> {
         let mut random = Pcg64Mcg::seed_from_u64(seed);
         let mut row = [0.5; NUMBERS];

@@ -1,9 +1,9 @@
-//! What a video looks like over time in few numbers that hardly change when it is encoded again,
-//! scaled or turned about the vertical.
+//! Signature of a video over time: few numbers that hardly change under re-encoding, scaling or a rotation about the
+//! vertical.
 //!
-//! The sphere is divided into bands of equal solid angle. Of each band the mean colour is taken, and
-//! the magnitudes of the first orders of luminance around the vertical: a turn changes their phases
-//! alone. All means are weighted by solid angle, and over [`WINDOW_SECONDS`] in time.
+//! The sphere is divided into bands of equal solid angle. A band contributes its mean colour and the magnitudes of the
+//! first orders of luminance around the vertical: a rotation changes only their phases. All means are weighted by solid
+//! angle, and over [`WINDOW_SECONDS`] in time.
 
 use std::{
     collections::BTreeMap,
@@ -12,7 +12,7 @@ use std::{
 
 use crate::{boundaries::Signals, video::Rgb8Image};
 
-/// Width of the images that signatures are made of, pixels.
+/// Width of the images from which signatures are computed, pixels.
 pub(crate) const WIDTH_PIXELS: u32 = 64;
 /// Bands of equal solid angle.
 const BANDS: usize = 6;
@@ -27,13 +27,12 @@ pub(super) const WINDOW_SECONDS: f64 = 0.5;
 /// ... and there is one for every such step with frames.
 const STEP_SECONDS: f64 = 0.25;
 const STEPS_PER_WINDOW: u64 = 2;
-/// Frames closer than this to the last that was looked at are left out.
+/// Frames closer than this to the last used one are skipped.
 const FRAME_SECONDS: f64 = 0.09;
-/// What the last window may lack at its end: frames are looked at up to this far apart at the usual
-/// rates.
+/// Time that the last window may lack at its end: used frames are up to this far apart at the usual rates.
 const LAST_FRAME_SECONDS: f64 = 0.15;
 
-/// What a signature depends on, for stages.
+/// Settings in the cache key of stages.
 pub(crate) const SETTINGS: &str =
     "6 bands, colour and 3 orders, windows of 0.5 s every 0.25 s, frames 0.09 s apart";
 
@@ -47,18 +46,18 @@ pub struct SignaturePass {
 }
 
 impl SignaturePass {
-    /// Whether the frame at this time is looked at.
+    /// Returns true if the frame at this time is used.
     pub(crate) fn wants(&self, time_seconds: f64) -> bool {
         let last = self.frames.last();
         last.is_none_or(|(last, _)| time_seconds - last >= FRAME_SECONDS)
     }
 
-    /// Looks at an equirectangular image.
+    /// Adds an equirectangular image.
     pub(crate) fn observe(&mut self, time_seconds: f64, image: &Rgb8Image) {
         self.frames.push((time_seconds, numbers(image)));
     }
 
-    /// The signature as a table: one row per window, by the time since the first frame.
+    /// Returns the signature as a table: one row per window, by the time since the first frame.
     pub(crate) fn finish(&self) -> Signals {
         let begin = self.frames.first().map_or(0.0, |(time, _)| *time);
         let end = self.frames.last().map_or(0.0, |(time, _)| *time);
@@ -132,7 +131,7 @@ fn numbers(image: &Rgb8Image) -> Numbers {
     numbers
 }
 
-/// The rows of a table that [`SignaturePass::finish`] left; `None` where it is another table.
+/// Returns the rows of a table that [`SignaturePass::finish`] left; `None` for another table.
 pub(super) fn rows(signals: &Signals) -> Option<Vec<Numbers>> {
     if signals.columns.len() != NUMBERS {
         return None;

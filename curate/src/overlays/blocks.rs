@@ -1,4 +1,4 @@
-//! The blocks between the lines of a grid: whether they are those of a mosaic, and how far they go.
+//! Blocks between the lines of a grid: detection and extent of a mosaic.
 
 use super::line_profiles::{LineProfiles, Lines, Window, lines};
 use crate::video::LumaImage;
@@ -6,32 +6,32 @@ use crate::video::LumaImage;
 /// Periods of the two directions differ by at most this share, or one pixel's rounding.
 const MOST_PERIOD_DIFFERENCE: f32 = 0.06;
 
-/// A block is flat when its pixels deviate from their mean by at most this many 8-bit levels, or
-/// this share of the mean step between blocks.
+/// A block is flat when its pixels deviate from their mean by at most this many 8-bit levels, or this share of the mean
+/// step between blocks.
 const MOST_DEVIATION_LEVELS: f32 = 1.6;
 const MOST_DEVIATION_SHARE: f32 = 0.2;
 const LEAST_FLAT_SHARE: f32 = 0.8;
-/// Fewer blocks can be flat by chance.
+/// Least number of blocks: fewer can be flat by chance.
 const LEAST_BLOCKS: f32 = 25.0;
-/// Rows and columns of blocks that one patch takes; what is larger is found in parts.
+/// Rows and columns of blocks in one patch; larger mosaics are found in parts.
 const MOST_BLOCKS_PER_SIDE: usize = 64;
-/// Neighbouring blocks differ by this many levels, nearly all of them.
+/// Nearly all neighbouring blocks differ by this many levels.
 const LEAST_STEP_LEVELS: f32 = 3.0;
 const LEAST_STEP_SHARE: f32 = 0.6;
 /// Their mean difference is at least this, levels.
 const LEAST_MEAN_STEP_LEVELS: f32 = 6.0;
-/// Blocks two to four apart differ by at least this share of what neighbours do: patterns repeat.
+/// Blocks two to four apart differ by at least this share of neighbours' differences: patterns repeat.
 const LEAST_FAR_DIFFERENCES: [(usize, f32); 3] = [(2, 0.7), (3, 0.3), (4, 0.3)];
-/// Pixels at a line lie between the levels at its sides: by at most this share of the mean step, or
-/// so many levels, they do not. Joints between tiles do.
+/// Pixels at a line lie between the levels at its sides, to at most this share of the mean step or so many levels.
+/// Joints between tiles do not.
 const MOST_RIDGE_SHARE: f32 = 0.25;
 const MOST_RIDGE_LEVELS: f32 = 2.0;
 /// Blocks are at least this large, pixels: codecs have smaller ones.
 const LEAST_BLOCK_PIXELS: f32 = 4.6;
 /// Two-coloured patterns leave less than this share of the blocks' variance unexplained.
 const LEAST_TWO_LEVEL_RESIDUAL: f64 = 0.06;
-/// The blocks of codecs, pixels. The steps of a mosaic on their grid are at least this many times
-/// what codec's blocks show all over the image.
+/// Block sizes of codecs, pixels. The steps of a mosaic on their grid must exceed the image's own codec blocks by this
+/// factor.
 const CODEC_BLOCKS: [usize; 5] = [4, 8, 16, 32, 64];
 const LEAST_OVER_BLOCKING: f32 = 5.0;
 
@@ -42,16 +42,16 @@ pub(super) struct Area {
     pub(super) left: usize,
     /// First row.
     pub(super) top: usize,
-    /// Columns; may go on over the seam.
+    /// Columns; may continue over the seam.
     pub(super) width: usize,
     /// Rows.
     pub(super) height: usize,
 }
 
-/// What is pixelated in one frame.
+/// Pixelated area of one frame.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Patch {
-    /// Where.
+    /// Its rectangle.
     pub(super) area: Area,
     /// Side of a block, pixels.
     pub(super) block_pixels: f32,
@@ -86,7 +86,7 @@ impl Block {
     }
 }
 
-/// The pixels between two lines each way, without those at the lines, which compression blurs.
+/// Returns the block between two lines each way, without the pixels at the lines, which compression blurs.
 fn block(image: &LumaImage, xs: [usize; 2], ys: [usize; 2]) -> Block {
     let inside = |[begin, end]: [usize; 2]| {
         let border = match end - begin {
@@ -132,7 +132,7 @@ impl Grid {
         })
     }
 
-    /// Whether the blocks are flat with steps between them, and not a codec's.
+    /// Returns true if the blocks are flat with steps between them, and not a codec's.
     pub(super) fn looks_pixelated(&self, image: &LumaImage, profiles: &LineProfiles) -> bool {
         let blocks = self.blocks(image);
         let step = mean_step(&blocks);
@@ -151,7 +151,7 @@ impl Grid {
             .collect()
     }
 
-    /// The grid with the columns and rows of blocks around it that continue it.
+    /// Extends the grid by the columns and rows of blocks around it that continue it.
     pub(super) fn grown(mut self, image: &LumaImage) -> Self {
         let step = mean_step(&self.blocks(image));
         loop {
@@ -188,7 +188,7 @@ impl Grid {
         }
     }
 
-    /// Whether its lines are those of a codec whose blocks show all over the image.
+    /// Returns true if its lines are those of a codec whose blocks show all over the image.
     fn is_of_a_codec(&self, step_levels: f32, profiles: &LineProfiles) -> bool {
         CODEC_BLOCKS.iter().any(|&side| {
             let is_on_line = |cut: &usize| {
@@ -213,7 +213,7 @@ impl Grid {
         })
     }
 
-    /// By how many levels the pixels at lines lie beyond the levels of the blocks at both sides.
+    /// Returns by how many levels the pixels at lines lie beyond the blocks at both sides.
     fn ridge(&self, image: &LumaImage, blocks: &[Vec<Block>]) -> f32 {
         let mut beyond = 0.0;
         let mut count = 0.0_f32;
@@ -239,7 +239,7 @@ impl Grid {
         beyond / count.max(1.0)
     }
 
-    /// What the blocks are, where they are those of a mosaic.
+    /// Returns the patch of the blocks if they are a mosaic.
     pub(super) fn patch(&self, image: &LumaImage) -> Option<Patch> {
         let blocks = self.blocks(image);
         let step_levels = mean_step(&blocks);
@@ -271,7 +271,7 @@ struct Next {
 
 fn next_cut(cuts: &[usize], at_end: bool, period: f32, limit: usize) -> Option<Next> {
     let (first, last) = (*cuts.first()?, *cuts.last()?);
-    // Distances are taken over the whole grid: roundings do not add up.
+    // Distances span the whole grid, so that roundings do not add up.
     let reach = cuts.len() as f32 * (last - first) as f32 / (cuts.len() - 1) as f32;
     debug_assert!((reach / cuts.len() as f32 - period).abs() < 1.5);
     if at_end {
@@ -294,7 +294,7 @@ fn insert(cuts: &mut Vec<usize>, cut: usize, at_end: bool) {
     cuts.insert(at, cut);
 }
 
-/// Whether blocks side by side are flat and differ.
+/// Returns true if blocks side by side are flat and differ.
 fn continues(cells: &[Block], step: f32) -> bool {
     let flat = cells.iter().filter(|cell| cell.is_flat(step)).count() as f32;
     let steps = cells
@@ -305,7 +305,7 @@ fn continues(cells: &[Block], step: f32) -> bool {
         && steps >= LEAST_STEP_SHARE * (cells.len() as f32 - 1.0)
 }
 
-/// Differences of blocks so many columns apart, and rows.
+/// Returns differences of blocks so many columns apart, and rows.
 fn differences(blocks: &[Vec<Block>], distance: usize) -> [Vec<f32>; 2] {
     let apart = |a: &Block, b: &Block| (a.mean - b.mean).abs();
     let across = blocks
@@ -331,7 +331,7 @@ fn mean_step(blocks: &[Vec<Block>]) -> f32 {
     0.5 * (mean(&across) + mean(&down))
 }
 
-/// Whether nearly all blocks are flat and differ from their neighbours.
+/// Returns true if nearly all blocks are flat and differ from their neighbours.
 fn is_flat_with_steps(blocks: &[Vec<Block>], step: f32) -> bool {
     let (mut flat, mut count) = (0.0, 0.0);
     for block in blocks.iter().flatten() {
@@ -348,7 +348,7 @@ fn is_flat_with_steps(blocks: &[Vec<Block>], step: f32) -> bool {
         && seen >= LEAST_STEP_SHARE * steps.len() as f32
 }
 
-/// Whether blocks a few rows or columns apart are alike.
+/// Returns true if blocks a few rows or columns apart are alike.
 fn repeats(blocks: &[Vec<Block>]) -> bool {
     let near = differences(blocks, 1);
     LEAST_FAR_DIFFERENCES.into_iter().any(|(distance, share)| {
@@ -359,7 +359,7 @@ fn repeats(blocks: &[Vec<Block>]) -> bool {
     })
 }
 
-/// Whether the blocks have two levels: the best division in two leaves little variance.
+/// Returns true if the blocks have two levels: the best division in two leaves little variance.
 fn has_two_levels(blocks: &[Vec<Block>]) -> bool {
     let mut levels: Vec<f32> = blocks.iter().flatten().map(|block| block.mean).collect();
     levels.sort_by(f32::total_cmp);
@@ -389,7 +389,7 @@ impl Area {
         (self.left + self.width / 2, self.top + self.height / 2)
     }
 
-    /// Whether a column, counted on over the seam, and row are in it.
+    /// Returns true if it contains a column, counted on over the seam, and row.
     pub(super) fn contains(&self, x: usize, y: usize, image_width: usize) -> bool {
         let from_left = (x + image_width - self.left) % image_width;
         from_left < self.width && (self.top..self.top + self.height).contains(&y)

@@ -1,24 +1,26 @@
-//! Lines of a common period in the luminance of one frame: where in a window the steps of a grid
-//! lie, along rows and along columns.
+//! Lines of a common period in the luminance of one frame: the steps of a grid in a window, along rows and along
+//! columns.
+
+use omnilife_schemas::statistics;
 
 use crate::video::LumaImage;
 
 /// Windows begin and end at multiples of this many pixels.
 pub(super) const STRIP_PIXELS: usize = 16;
 
-/// Columns whose gradients are at least this many times those of the columns that are no lines, and
-/// at least this share of the mean line's, are lines.
+/// Columns are lines if their gradients reach this factor of those of the other columns, and this share of the mean
+/// line's.
 const LINE_CONTRAST: f32 = 2.5;
 const LEAST_LINE_SHARE: f32 = 0.25;
 /// Pixels that a line spreads over at most, after compression or scaling.
 const MOST_LINE_PIXELS: usize = 3;
-/// Mean gradient over the whole window, in 8-bit levels, below which there is nothing to see.
+/// Mean gradient over the whole window, in 8-bit levels, below which a window is plain.
 const LEAST_MEAN_LEVELS: f32 = 0.35;
-/// Share of the columns that are more than the mean: fewer than half.
+/// Largest share of columns above the mean: fewer than half.
 const MOST_LINE_COLUMNS: f32 = 0.45;
-/// A line is at most this far from where the period wants it, pixels.
+/// Largest distance of a line from its place by the period, pixels.
 const MOST_DEVIATION_PIXELS: f32 = 0.6;
-/// Lines that have to be there, and the share of those that the period wants.
+/// Least number of lines, and least share of those expected by the period.
 const LEAST_LINES: usize = 4;
 const LEAST_PRESENT_SHARE: f32 = 0.75;
 
@@ -50,7 +52,7 @@ impl Window {
 }
 
 impl LineProfiles {
-    /// Measures an image, margin included. Reuses what is allocated.
+    /// Measures an image, margin included. Reuses allocated memory.
     pub(super) fn measure(&mut self, image: &LumaImage) {
         self.columns = image.stride() / STRIP_PIXELS * STRIP_PIXELS;
         self.rows = image.height / STRIP_PIXELS * STRIP_PIXELS;
@@ -100,7 +102,7 @@ impl LineProfiles {
         }
     }
 
-    /// All windows of this size, so many pixels apart.
+    /// Returns all windows of this size, so many pixels apart.
     pub(super) fn windows(&self, size: usize, step: usize) -> impl Iterator<Item = Window> {
         let tops = (0..(self.rows + 1).saturating_sub(size)).step_by(step);
         let columns = self.columns;
@@ -111,24 +113,24 @@ impl LineProfiles {
         })
     }
 
-    /// Absolute difference of each column of a window to the next, summed over its rows.
+    /// Sums the absolute difference of each column of a window to the next over its rows.
     pub(super) fn across(&self, window: Window, into: &mut Vec<u32>) {
         let row = |y: usize| y / STRIP_PIXELS * self.columns + window.left;
         let (above, below) = (row(window.top), row(window.top + window.size));
         subtracted(&self.across, above, below, window.size, into);
     }
 
-    /// Absolute difference of each row of a window to the next, summed over its columns.
+    /// Sums the absolute difference of each row of a window to the next over its columns.
     pub(super) fn down(&self, window: Window, into: &mut Vec<u32>) {
         let column = |x: usize| x / STRIP_PIXELS * self.rows + window.top;
         let (left, right) = (column(window.left), column(window.left + window.size));
         subtracted(&self.down, left, right, window.size, into);
     }
 
-    /// How much of a codec's blocks shows, 8-bit levels: by how much the mean difference is larger
-    /// on every `period`-th column, counted from the image's left border, than elsewhere; in the
-    /// strips of rows where it shows most, but a tenth of them. What is a fifth of the image's width
-    /// or more, and on that grid, counts as blocks of the codec itself.
+    /// Returns how visible a codec's blocks are, 8-bit levels: by how much the mean difference is larger on every
+    /// `period`-th column, counted from the image's left border, than elsewhere. It is taken over the most visible
+    /// strips of rows, without the top tenth. Blocks over a fifth of the image's width or more, on that grid, count as
+    /// the codec's own.
     pub(super) fn blocking_levels(&self, period: usize) -> f32 {
         let strips = self.rows / STRIP_PIXELS;
         let samples = |columns: usize| (columns * STRIP_PIXELS) as f32;
@@ -170,18 +172,16 @@ pub(super) struct Lines {
     pub(super) cuts: Vec<usize>,
 }
 
-/// The lines of a square window's profile (entry `i` is the sum of gradients between `i` and
-/// `i + 1`), where it has lines of one period between the limits, nearly all of them, and nothing
-/// else.
+/// Returns the lines of a square window's profile (entry `i` is the sum of gradients between `i` and `i + 1`). It must
+/// have nearly all lines of one period between the limits, and nothing else.
 pub(super) fn lines(profile: &[u32], least_period: f32, most_period: f32) -> Option<Lines> {
     let threshold = line_threshold(profile)?;
     let places = peaks(profile, threshold)?;
     if places.len() < LEAST_LINES {
         return None;
     }
-    let mut distances: Vec<f32> = places.windows(2).map(|pair| pair[1] - pair[0]).collect();
-    distances.sort_by(f32::total_cmp);
-    let typical = distances[distances.len() / 2];
+    let distances: Vec<f32> = places.windows(2).map(|pair| pair[1] - pair[0]).collect();
+    let typical = statistics::median(&distances)?;
     let (first, last) = (places[0], places[places.len() - 1]);
     let intervals = ((last - first) / typical).round();
     let period = (last - first) / intervals;
@@ -205,14 +205,14 @@ pub(super) fn lines(profile: &[u32], least_period: f32, most_period: f32) -> Opt
     Some(Lines { period, cuts })
 }
 
-/// What lines exceed; `None` where the profile has no few columns that stand out.
+/// Returns the threshold of lines; `None` unless few columns of the profile stand out.
 ///
-/// Nearly all windows end here: whole numbers, which processors add several at once.
+/// Nearly all windows end here, so it uses whole numbers: processors add several at once.
 fn line_threshold(profile: &[u32]) -> Option<u32> {
     let count = profile.len() as u32;
     let total: u32 = profile.iter().sum();
     let mean = total / count;
-    // As many samples as there are columns make up each sum.
+    // Each sum has as many samples as there are columns.
     if mean as f32 <= LEAST_MEAN_LEVELS * count as f32 {
         return None;
     }
@@ -228,7 +228,7 @@ fn line_threshold(profile: &[u32]) -> Option<u32> {
         .then_some(threshold as u32)
 }
 
-/// Centres of the runs of columns above the threshold; `None` where one is no sharp line.
+/// Returns centres of the runs of columns above the threshold; `None` if one is not a sharp line.
 fn peaks(profile: &[u32], threshold: u32) -> Option<Vec<f32>> {
     let mut places = Vec::new();
     let mut at = 0;

@@ -1,13 +1,12 @@
-//! Overlays: what is painted over the image, and what is always in it.
+//! Overlays: content painted over the image, or always in it.
 //!
-//! A camera that moves changes the image everywhere but where something moves with it. The pass
-//! (`stability`) measures, per pixel and over frames between which the scene moved, how much of
-//! the image's gradients stays; `regions` gathers what stays into regions of the sphere and
-//! says what each of them is. A tripod or the wearer's helmet (class `rig`) stays too, and is part
-//! of the scene.
+//! A moving camera changes the image everywhere except where something moves with it. The pass (`stability`) measures,
+//! per pixel and over frames between which the scene moved, the share of the image's gradients that stays. `regions`
+//! gathers stable pixels into regions of the sphere and classifies them. A tripod or the wearer's helmet (class `rig`)
+//! stays too, and is part of the scene.
 //!
-//! A mosaic that follows a face stays nowhere, but shows in single frames: `pixelation` finds its
-//! grid in one, `moving_mosaics` gathers what many show.
+//! A mosaic that follows a face stays nowhere, but shows in single frames: `pixelation` finds its grid in one frame,
+//! `moving_mosaics` gathers the finds of many.
 
 mod blocks;
 mod line_profiles;
@@ -21,10 +20,10 @@ pub use stability::OverlayPass;
 
 use omnilife_schemas::records::{Overlay, OverlayReport};
 
-/// Frames between which the scene moved that are needed for a judgement.
+/// Least number of frames between which the scene moved for a judgement.
 const LEAST_MOVING_STEPS: u32 = 5;
 
-/// Says which overlays the passes over an equirectangular video have found.
+/// Reports the overlays found by the passes over an equirectangular video.
 pub fn report(pass: &OverlayPass, mosaics: &MosaicPass) -> OverlayReport {
     let mut report = what_stays(pass);
     let is_known = |seen: &Overlay| {

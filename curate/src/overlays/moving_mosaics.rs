@@ -1,4 +1,4 @@
-//! Mosaics that follow what they hide: seen in single frames, told of whole videos.
+//! Mosaics that follow the content they hide: found in single frames, reported for whole videos.
 
 use std::{
     f64::consts::{PI, TAU},
@@ -6,7 +6,10 @@ use std::{
 };
 
 use ffmpeg_next::frame;
-use omnilife_schemas::records::{Overlay, OverlayClass, Sightings};
+use omnilife_schemas::{
+    records::{Overlay, OverlayClass, Sightings},
+    statistics,
+};
 
 use super::{
     blocks::{Area, Patch},
@@ -14,15 +17,15 @@ use super::{
 };
 use crate::{error::CurateError, video::LumaImage};
 
-/// Distance of the frames that are looked at, at their full size, seconds. A look costs by its
-/// pixels: above two million of them looks are rarer.
+/// Interval of the frames examined at full size, seconds. The cost grows with their pixels: above two million of them
+/// the interval is longer.
 const STEP_SECONDS: f64 = 0.8;
 const MOST_STEP_SECONDS: f64 = 2.4;
 const PIXELS_OF_STEP: f64 = 2048.0 * 1024.0;
-/// A mosaic is told of when it was seen in this many frames; chance does not repeat itself so often.
+/// Least number of frames in which a reported mosaic was seen; chance does not repeat itself so often.
 const LEAST_SEEN_FRAMES: usize = 3;
 
-/// Looks for pixelation in frames of a video. Keeps a few numbers per frame that shows some.
+/// Finds pixelation in frames of a video. Keeps a few numbers per frame with any.
 #[derive(Debug, Default)]
 pub struct MosaicPass {
     next_seconds: Option<f64>,
@@ -32,7 +35,7 @@ pub struct MosaicPass {
     seen: Vec<SeenFrame>,
 }
 
-/// What one frame shows of mosaics, all together.
+/// Summary of one frame's mosaics.
 #[derive(Debug, Clone, Copy)]
 struct SeenFrame {
     steradians: f64,
@@ -45,19 +48,19 @@ struct SeenFrame {
     saturated_share: f64,
 }
 
-/// Distance of looks at images of this size.
+/// Returns the interval of examined frames for images of this size.
 fn step_seconds(width: u32, height: u32) -> f64 {
     let pixels = f64::from(width) * f64::from(height);
     (STEP_SECONDS * pixels / PIXELS_OF_STEP).clamp(STEP_SECONDS, MOST_STEP_SECONDS)
 }
 
 impl MosaicPass {
-    /// Whether the frame at this time is one to be looked at.
+    /// Returns true if the frame at this time is to be examined.
     pub(crate) fn wants(&self, time_seconds: f64) -> bool {
         self.next_seconds.is_none_or(|next| time_seconds >= next)
     }
 
-    /// Looks at a frame of the video at `path`, turned clockwise by quarter turns.
+    /// Examines a frame of the video at `path`, turned clockwise by quarter turns.
     ///
     /// # Errors
     /// [`CurateError::Video`] when the pixel format cannot be converted.
@@ -81,7 +84,7 @@ impl MosaicPass {
         self.seen.extend(SeenFrame::of(&patches, size));
     }
 
-    /// The mosaic of the video, where there is one.
+    /// Returns the mosaic of the video, if it has one.
     pub(super) fn overlay(&self) -> Option<Overlay> {
         if self.seen.len() < LEAST_SEEN_FRAMES {
             return None;
@@ -99,8 +102,7 @@ impl MosaicPass {
             .iter()
             .map(|seen| angle(unit(seen.direction), centre))
             .fold(0.0, f64::max);
-        let mut blocks: Vec<f64> = self.seen.iter().map(|seen| seen.block_pixels).collect();
-        blocks.sort_by(f64::total_cmp);
+        let blocks: Vec<f64> = self.seen.iter().map(|seen| seen.block_pixels).collect();
         let level = mean(|seen| seen.level);
         let variance = self
             .seen
@@ -122,13 +124,13 @@ impl MosaicPass {
                 seen_frames: self.seen.len() as u32,
                 looked_at_frames: self.looked_at_frames,
                 reach_degrees: reach.to_degrees(),
-                block_pixels: blocks[blocks.len() / 2],
+                block_pixels: statistics::median(&blocks)?,
             }),
         })
     }
 }
 
-/// Whether what was seen in single frames is this mosaic, which stays where it is.
+/// Returns true if the mosaic seen in single frames is this one, which stays in place.
 pub(super) fn is_same(standing: &Overlay, seen: &Overlay) -> bool {
     let direction = |overlay: &Overlay| {
         let (longitude, latitude) = (
@@ -148,7 +150,7 @@ pub(super) fn is_same(standing: &Overlay, seen: &Overlay) -> bool {
 }
 
 impl SeenFrame {
-    /// `None` where there is nothing to see in a frame of this size.
+    /// Returns `None` for a frame of this size without patches.
     fn of(patches: &[Patch], size: (usize, usize)) -> Option<Self> {
         let largest = patches
             .iter()
@@ -180,7 +182,7 @@ impl SeenFrame {
     }
 }
 
-/// Latitude of the upper border of a row, radians.
+/// Returns the latitude of the upper border of a row, radians.
 fn latitude(y: f64, height: usize) -> f64 {
     (0.5 - y / height as f64) * PI
 }
@@ -191,7 +193,7 @@ fn steradians(area: &Area, (width, height): (usize, usize)) -> f64 {
     area.width as f64 / width as f64 * TAU * (top.sin() - bottom.sin())
 }
 
-/// Direction of the middle of a rectangle: x right, y up, z to the image's middle.
+/// Returns the direction of the middle of a rectangle: x right, y up, z to the image's middle.
 fn direction(area: &Area, (width, height): (usize, usize)) -> [f64; 3] {
     let x = area.left as f64 + 0.5 * area.width as f64;
     let longitude = (x / width as f64 - 0.5) * TAU;

@@ -1,9 +1,9 @@
 //! Pixelation in a single frame: regions made of flat square blocks in place of the image.
 //!
-//! A window of a mosaic has steps on the lines of a grid of one period, the same in both directions,
-//! and next to nothing between them. Facades, tiles and bricks can have that too, but their tiles
-//! repeat, or have two colours; those of a mosaic are the means of what was there. The blocks of a
-//! codec lie on the image's own grid, and all over the image.
+//! A window of a mosaic has steps on the lines of a grid of one period, the same in both directions, and next to
+//! nothing between them. Facades, tiles and bricks can have that too, but their tiles repeat, or have two colours;
+//! those of a mosaic are the means of the hidden content. The blocks of a codec lie on the image's own grid, and all
+//! over the image.
 
 use super::{
     blocks::{Area, Grid, Patch},
@@ -11,11 +11,9 @@ use super::{
 };
 use crate::video::LumaImage;
 
-/// Sides of the windows that are looked at, in halves of the smallest one. In each, blocks of an
-/// eighth to a quarter of it can be seen.
+/// Sides of the search windows, in halves of the smallest one. Each shows blocks of an eighth to a quarter of its side.
 const WINDOW_HALVES: [usize; 5] = [2, 3, 4, 6, 8];
-/// The smallest window is about this share of an image's width (6 degrees), and no smaller than so
-/// many pixels.
+/// Windows of the smallest size around the image (6 degrees each), and its least side in pixels.
 const WINDOWS_PER_TURN: usize = 64;
 const LEAST_WINDOW_PIXELS: usize = 32;
 
@@ -39,7 +37,7 @@ pub(super) fn margin_pixels(image_width: usize) -> usize {
 }
 
 impl PixelationFinder {
-    /// Rectangles that do not overlap, in no order.
+    /// Returns rectangles that do not overlap, unordered.
     pub(super) fn find(&mut self, image: &LumaImage) -> Vec<Patch> {
         self.profiles.measure(image);
         let mut patches: Vec<Patch> = Vec::new();
@@ -47,7 +45,7 @@ impl PixelationFinder {
         for size in window_pixels(image.width) {
             let step = (size / 3).max(STRIP_PIXELS) / STRIP_PIXELS * STRIP_PIXELS;
             for window in self.profiles.windows(size, step) {
-                // The margin shows once more what is at the left.
+                // The margin repeats the left of the image.
                 if window.left >= image.width {
                     continue;
                 }
@@ -60,7 +58,7 @@ impl PixelationFinder {
                 if known.any(|area| area.contains(x, y, image.width)) {
                     continue;
                 }
-                // What is seen in the window says whether it is a mosaic, and growth how large.
+                // The window decides whether it is a mosaic, growth gives its size.
                 if !grid.looks_pixelated(image, &self.profiles) {
                     continue;
                 }
@@ -80,8 +78,7 @@ impl PixelationFinder {
     }
 }
 
-/// Levels of an image with detail everywhere, but for flat blocks of random levels where `block`
-/// names one.
+/// Returns levels of an image with detail everywhere, except for flat blocks of random levels where `block` names one.
 #[cfg(test)]
 pub(super) fn textured(
     (width, height): (usize, usize),
@@ -123,7 +120,7 @@ mod tests {
         PixelationFinder::default().find(&image)
     }
 
-    /// Wherever the grid begins, and also on the grid of codecs.
+    /// At any offset of the grid, and also on the grid of codecs.
     #[test]
     fn boxes_of_blocks_are_found_with_their_size() {
         for (side, left, top) in [

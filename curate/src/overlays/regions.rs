@@ -1,4 +1,4 @@
-//! Regions of the sphere that stay, and what they are.
+//! Stable regions of the sphere, and their classes.
 
 use std::f64::consts::{PI, TAU};
 
@@ -8,19 +8,19 @@ use super::stability::{PixelStability, Stability};
 
 /// Mean gradient, in 8-bit levels per pixel, from which a pixel can belong to an overlay.
 const LEAST_STRENGTH: f32 = 5.0;
-/// A pixel stays when this share of its detail stays from one look to the next. Scenes that flow by
-/// keep the direction of their gradients for long, but not the gradients.
+/// A pixel is stable when this share of its detail stays from one examined frame to the next. Scenes that flow by keep
+/// the direction of their gradients for long, but not the gradients.
 const LEAST_STAYED: f32 = 0.75;
-/// What stays over the whole video has gradients this constant; captions change.
+/// Least constancy of gradients for content that stays over the whole video; captions change.
 const LEAST_CONSTANCY: f64 = 0.93;
 /// Pixels of one region are at most this many pixels apart; the lines of a grid are farther.
 const REACH_PIXELS: usize = 4;
 const GRID_REACH_PIXELS: usize = 12;
-/// Of the lines of a grid, at least this share runs each way.
+/// Least share of a grid's lines in each direction.
 const LEAST_GRID_SHARE: f64 = 0.2;
 /// Smaller regions are left out, steradians: a spot of two degrees.
 const LEAST_STERADIANS: f64 = 1e-3;
-/// Share of a region's pixels that have to stay; the rest is what its parts surround.
+/// Least share of stable pixels in a region; the rest is surrounded by its parts.
 const LEAST_FILL: f64 = 0.05;
 
 /// A line of a grid has this many times the mean difference of the lines beside it.
@@ -32,16 +32,16 @@ const MOST_GRID_CONSTANCY: f32 = 0.6;
 const NADIR_DEGREES: f64 = -78.0;
 /// Share of all longitudes at which the border of a patch stays.
 const LEAST_BORDER_SHARE: f64 = 0.4;
-/// What is found this little above the border of a patch belongs to the border, degrees.
+/// Finds less than this above the border of a patch belong to the border, degrees.
 const PATCH_BORDER_DEGREES: f64 = 3.0;
 /// A painted patch varies by less than this over time, 8-bit levels.
 const PAINTED_VARIATION: f64 = 4.0;
-/// Captions are at least this many times as wide as high.
+/// Least ratio of width to height of captions.
 const CAPTION_ASPECT: f64 = 3.0;
-/// A region as large as this below the horizon is a body and no sign, steradians.
+/// A region at least this large below the horizon is a body and no sign, steradians.
 const BODY_STERADIANS: f64 = 0.25;
 
-/// Everything that stays.
+/// Finds all stable regions.
 pub(super) fn find(stability: &Stability) -> Vec<Overlay> {
     let grid = Grid {
         width: stability.width,
@@ -56,7 +56,7 @@ pub(super) fn find(stability: &Stability) -> Vec<Overlay> {
         .filter_map(|region| region.overlay(&grid, stability, &constant, None))
         .collect();
     if let Some((patch, latitude)) = nadir_patch(&grid, stability) {
-        // Its border is found again piece by piece, and what is painted on it is part of it.
+        // Its border is found again piece by piece, and anything painted on it is part of it.
         found.retain(|overlay| overlay.latitude_degrees > latitude + PATCH_BORDER_DEGREES);
         found.push(patch);
     }
@@ -78,8 +78,8 @@ pub(super) fn find(stability: &Stability) -> Vec<Overlay> {
     found
 }
 
-/// A painted cap over the nadir, and the latitude of its border in degrees: rows that are the same
-/// in every frame, up to a border that stays all around.
+/// Returns a painted cap over the nadir, and the latitude of its border in degrees: rows that are the same in every
+/// frame, up to a border that is stable all around.
 fn nadir_patch(grid: &Grid, stability: &Stability) -> Option<(Overlay, f64)> {
     let row = |y: usize| &stability.pixels[y * grid.width..(y + 1) * grid.width];
     let mean = |y: usize, of: fn(&PixelStability) -> f32| {
@@ -137,7 +137,7 @@ fn nadir_patch(grid: &Grid, stability: &Stability) -> Option<(Overlay, f64)> {
     Some((overlay, grid.latitude(top).to_degrees()))
 }
 
-/// Nearly black or nearly white.
+/// Returns true for a nearly black or nearly white pixel.
 fn is_extreme(pixel: &PixelStability) -> bool {
     !(25.0..=230.0).contains(&pixel.level)
 }
@@ -194,7 +194,7 @@ struct Grid {
     height: usize,
 }
 
-/// Pixels that belong together.
+/// Connected pixels.
 struct Region {
     pixels: Vec<usize>,
 }
@@ -208,7 +208,7 @@ impl Grid {
         ((x as f64 + 0.5) / self.width as f64 - 0.5) * TAU
     }
 
-    /// Solid angle of a pixel, steradians.
+    /// Returns the solid angle of a pixel, steradians.
     fn steradians(&self, y: usize) -> f64 {
         TAU / self.width as f64 * PI / self.height as f64 * self.latitude(y).cos()
     }
@@ -249,7 +249,7 @@ impl Grid {
         regions
     }
 
-    /// Everything within so many rows and columns of a mark.
+    /// Returns everything within so many rows and columns of a mark.
     fn grown(&self, marks: &[bool], reach: usize) -> Vec<bool> {
         let mut wide = vec![false; marks.len()];
         for at in (0..marks.len()).filter(|&at| marks[at]) {
@@ -336,7 +336,7 @@ impl Region {
     }
 }
 
-/// What the class of a region is decided by.
+/// Features that decide the class of a region.
 struct Shape {
     steradians: f64,
     reaches_nadir: bool,
@@ -351,7 +351,7 @@ impl Shape {
         if self.reaches_nadir {
             return OverlayClass::Rig;
         }
-        // The light on a body changes; what is painted is the same in every frame.
+        // The light on a body changes; painted content is the same in every frame.
         let is_body = self.is_below_horizon && self.constancy < LEAST_CONSTANCY;
         if is_body && self.steradians > BODY_STERADIANS {
             return OverlayClass::Rig;

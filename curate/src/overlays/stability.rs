@@ -1,13 +1,13 @@
-//! What stays in the image while the scene moves, per pixel.
+//! Per-pixel stability of the image while the scene moves.
 
 use crate::video::Rgb8Image;
 
-/// Distance of the frames that are looked at, seconds: long enough for a walking camera to move the
-/// image, short enough for a caption to last.
+/// Interval of the examined frames, seconds: long enough for a walking camera to move the image, short enough for a
+/// caption to last.
 const STEP_SECONDS: f64 = 0.4;
 /// Gradient, in 8-bit levels per pixel, from which a pixel has detail.
 const DETAIL_LEVELS: f32 = 6.0;
-/// A gradient has stayed when it changed by less than this share of its length.
+/// A gradient is stable when it changed by less than this share of its length.
 const STAYED_SHARE: f32 = 0.35;
 /// The scene moved between two frames when at most this share of the detail stayed.
 const STILL_SHARE: f64 = 0.5;
@@ -51,21 +51,21 @@ struct Sums {
     stayed: u16,
 }
 
-/// What a pass gives, per pixel of an image of this size.
+/// Result of a pass, per pixel of an image of this size.
 pub(super) struct Stability {
     pub(super) width: usize,
     pub(super) height: usize,
     pub(super) pixels: Vec<PixelStability>,
 }
 
-/// How a pixel behaves over time.
+/// Behaviour of a pixel over time.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct PixelStability {
     /// Length of the mean gradient over the mean length of the gradient: 1 where it never changes.
     pub(super) constancy: f32,
     /// Mean length of the gradient, 8-bit levels per pixel.
     pub(super) strength: f32,
-    /// Share of the steps with detail at which the detail stayed; 0 where most have none.
+    /// Share of the steps with detail at which the detail was stable; 0 if most have none.
     pub(super) stayed: f32,
     /// Mean absolute differences to the pixels to the right and below.
     pub(super) absolute: [f32; 2],
@@ -76,16 +76,16 @@ pub(super) struct PixelStability {
 }
 
 impl OverlayPass {
-    /// Whether the frame at this time is one to be looked at.
+    /// Returns true if the frame at this time is to be examined.
     pub(crate) fn wants(&self, time_seconds: f64) -> bool {
         self.next_seconds.is_none_or(|next| time_seconds >= next)
     }
 
-    /// Looks at a frame, about 512 pixels wide.
+    /// Examines a frame, about 512 pixels wide.
     pub(crate) fn observe(&mut self, time_seconds: f64, image: &Rgb8Image) {
         self.next_seconds = Some(time_seconds + STEP_SECONDS);
         let samples = samples(image);
-        // A change of size begins anew.
+        // A change of size restarts it.
         if (image.width, image.height) != (self.width, self.height) {
             *self = Self {
                 width: image.width,
@@ -116,17 +116,17 @@ impl OverlayPass {
         self.last = samples;
     }
 
-    /// Pairs of frames that were compared.
+    /// Returns the number of compared pairs of frames.
     pub(super) fn steps(&self) -> u32 {
         self.steps
     }
 
-    /// Those of them between which the scene moved.
+    /// Returns the number of those between which the scene moved.
     pub(super) fn moving_steps(&self) -> u32 {
         self.moving_steps
     }
 
-    /// `None` before the scene has moved.
+    /// Returns `None` before the scene has moved.
     pub(super) fn stability(&self) -> Option<Stability> {
         let count = self.moving_steps as f32;
         (self.moving_steps > 0).then(|| Stability {
@@ -160,7 +160,7 @@ impl Sums {
         PixelStability {
             constancy: self.gradient[0].hypot(self.gradient[1]) / self.strength.max(1e-3),
             strength: self.strength / count,
-            // Detail that is there now and then is no part of an overlay.
+            // Intermittent detail is no part of an overlay.
             stayed: if 2.0 * f32::from(self.detailed) >= count {
                 f32::from(self.stayed) / f32::from(self.detailed.max(1))
             } else {

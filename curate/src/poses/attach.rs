@@ -1,7 +1,7 @@
-//! Files that are attached to a scene, wherever it came from: masks, distances, and poses where it has none.
+//! Files attached to a scene of any origin: masks, distances, and poses if it has none.
 //!
-//! A scene that `curate poses` made keeps its done-record. Any other, such as one that was imported, gets a record of
-//! the files that it names, so that what is attached later replaces what was attached before.
+//! A scene made by `curate poses` keeps its done-record. Any other, such as an imported one, gets a record of the files
+//! that it names, so that later attachments replace earlier ones.
 
 use std::{
     collections::BTreeSet,
@@ -29,30 +29,30 @@ use super::{
 };
 use crate::{error::CurateError, staging::Staging};
 
-/// Name of the stage that keeps the files of scenes which `curate poses` has not made.
+/// Name of the stage that keeps the files of scenes not made by `curate poses`.
 const OWN_STAGE: &str = "attach";
 
-/// The line on the program that made the masks begins with this.
+/// Start of the line on the program that made the masks.
 const MASKS_BY: &str = "masks of what moves are by ";
 
 /// Files and programs of a request to attach.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct AttachRequest {
-    /// Poses for a scene that has none, in any form that [`PoseRequest::Given`](super::PoseRequest::Given) has.
+    /// Poses for a scene that has none, in any form of [`PoseRequest::Given`](super::PoseRequest::Given).
     pub poses: Option<PathBuf>,
     /// Masks and distances.
     pub given: GivenTruth,
-    /// Programs that make what is not there yet.
+    /// Programs that make missing files.
     pub programs: FramePrograms,
 }
 
-/// Attaches files to the scene in a folder: masks, distances, and poses where no frame has one. What it has of the
-/// same kind already is replaced, with a note; images, times and poses stay. Returns the scene.
+/// Attaches files to the scene in a folder: masks, distances, and poses if no frame has one. Files of the same kind are
+/// replaced, with a note; images, times and poses stay. Returns the scene.
 ///
 /// # Errors
-/// When nothing is given, the scene has poses already and is given some, a program fails, the scene or a file cannot be
-/// read, a frame is without its file, a file does not fit the frames, or one would be replaced that was not made here.
-/// Nothing has changed then.
+/// When nothing is given, a posed scene is given poses, a program fails, or the scene or a file cannot be read. Also
+/// when a frame lacks its file, a file does not fit the frames, or a foreign file would be replaced. Nothing has
+/// changed then.
 pub fn attach(
     folder: &Path,
     request: &AttachRequest,
@@ -71,7 +71,7 @@ pub fn attach(
     if gets_poses {
         refuse_posed(&scene_path, &scene)?;
     }
-    // Before a program takes its hours.
+    // Before a program runs for hours.
     let files = request.given.find(&frames)?;
     let mut staging = Staging::new(folder, "attached")?;
     let made = (request.programs).run((folder, &scene), &frames, &staging, progress)?;
@@ -85,7 +85,7 @@ pub fn attach(
     }
     target.adopt()?;
     if !replaced.is_empty() {
-        // A process that is killed while files change must not leave a scene with new files that it takes for old ones.
+        // A process killed while files change must not leave a scene that takes new files for old ones.
         store::write_record(&scene_path, &bare)?;
     }
     let mut outputs = target.plan.publish(&staging.folder, &staging.files)?;
@@ -136,7 +136,7 @@ fn new_poses(
     Ok(posed)
 }
 
-/// Reads the poses that are given, or that a program left.
+/// Reads given poses, or those that a program left.
 fn poses_of(
     request: &AttachRequest,
     frames: &FrameList,
@@ -154,20 +154,20 @@ fn poses_of(
     }
 }
 
-/// Files that are attached, found and looked through.
+/// Attached files, found and checked.
 struct Attachment {
-    /// True with ignore masks in the request; `files` always has what the video does not store.
+    /// True with ignore masks in the request; `files` always has the directions that the video does not store.
     has_ignored: bool,
     files: TruthFiles,
     posed: Option<PosedSequence>,
-    /// Lines on who made masks, and what was assumed of them.
+    /// Lines on the makers of masks, and on assumptions about these.
     notes: Vec<String>,
-    /// The mask of what moves of every frame that gets one.
+    /// The mask of moving content of every frame that gets one.
     moving: Vec<Option<PathBuf>>,
 }
 
 impl Attachment {
-    /// Adds what programs made to the files that are given, and looks through all of it.
+    /// Adds the output of programs to the given files, and checks all of it.
     fn of(
         (scene_path, scene): (&Path, &Scene),
         request: &AttachRequest,
@@ -213,7 +213,7 @@ impl Attachment {
         self.moving.iter().any(Option::is_some)
     }
 
-    /// The scene without what it has of the kinds that are attached, and those kinds in words.
+    /// Returns the scene without its earlier files of the attached kinds, and those kinds in words.
     fn without_earlier(&self, scene: &Scene) -> (Scene, BTreeSet<String>) {
         let mut bare = scene.clone();
         let mut had = BTreeSet::new();
@@ -279,7 +279,7 @@ impl Attachment {
     }
 }
 
-/// Enters poses in a scene without; returns the lines of their validation. Earlier lines stay, but for the one that
+/// Enters poses in a scene without; returns the lines of their validation. Earlier lines stay, except for the one that
 /// says that poses are missing.
 fn enter_poses(scene: &mut Scene, posed: PosedSequence) -> Vec<String> {
     let missing = given::unchecked(&vec![None; scene.frames.len()]).problems;
@@ -333,7 +333,7 @@ impl Target {
         })
     }
 
-    /// Refuses to replace what was not made here, before anything has changed.
+    /// Refuses to replace foreign files, before anything has changed.
     fn refuse_foreign(&self, staging: &Staging) -> Result<(), CurateError> {
         for file in &staging.files {
             let sha256 = store::sha256_file(&staging.folder.join(file))?;

@@ -1,4 +1,4 @@
-//! COLMAP's models, text or binary: where their files lie, and what they hold.
+//! COLMAP's models, text or binary: places and content of their files.
 #![cfg_attr(
     not(test),
     deny(clippy::indexing_slicing, clippy::arithmetic_side_effects)
@@ -27,7 +27,7 @@ use super::{
 /// A reconstruction with one camera.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ColmapModel {
-    /// The camera of all images. Observations are where its straight images show them.
+    /// The camera of all images. Observations are at their places in its undistorted images.
     pub camera: FrameCamera,
     /// Registered images by their id.
     pub images: BTreeMap<u32, ColmapImage>,
@@ -43,7 +43,7 @@ pub(super) enum ModelCamera {
 }
 
 impl ModelCamera {
-    /// Returns true where two cameras are one but for rounding: to a millionth of the width, and 1e-9 of the distortion.
+    /// Returns true if two cameras agree up to rounding: to a millionth of the width, and 1e-9 of the distortion.
     fn agrees(&self, other: &Self) -> bool {
         match (self, other) {
             (Self::Erp(a), Self::Erp(b)) => a == b,
@@ -71,15 +71,14 @@ pub(super) type ImagesByCamera = BTreeMap<u32, (u32, ColmapImage)>;
 
 /// The content of a model's files.
 pub(super) struct ModelParts {
-    /// By their id; with the reason where one cannot be read, which matters where an image has it.
+    /// By their id; an unreadable one with the reason, which matters only if an image uses it.
     pub(super) cameras: BTreeMap<u32, Result<ModelCamera, String>>,
     pub(super) images: ImagesByCamera,
     pub(super) points: BTreeMap<u64, ColmapPoint>,
 }
 
 impl ModelParts {
-    /// The camera of all images. COLMAP keeps the cameras of images that it did not register: those do not
-    /// count.
+    /// Returns the camera of all images. COLMAP keeps the cameras of unregistered images: those do not count.
     fn camera(&self) -> Result<ModelCamera, String> {
         let mut common: Option<(ModelCamera, u32, &str)> = None;
         for (id, image) in self.images.values() {
@@ -117,7 +116,7 @@ pub struct ColmapImage {
 }
 
 impl ColmapImage {
-    /// The pose in the convention of the records.
+    /// Returns the pose in the convention of the records.
     pub fn pose(&self) -> Pose {
         Pose::new(self.rotation, self.centre)
     }
@@ -139,13 +138,13 @@ pub struct ColmapPoint {
 pub struct ModelFiles {
     /// Cameras, images and points.
     pub paths: [PathBuf; 3],
-    /// A line on the other models of the folder, where there are several.
+    /// A line on the other models of the folder, if there are several.
     pub note: Option<String>,
 }
 
-/// Files of the model in a folder, or below it in `sparse/N`, `N` (COLMAP numbers its models) or `sparse`:
-/// the binary ones where they are there, as COLMAP itself reads them, else those of a text model. Of several
-/// numbered models it is the one with most images.
+/// Returns the files of the model in a folder, or below it in `sparse/N`, `N` (COLMAP numbers its models) or `sparse`.
+/// The binary ones are preferred, as in COLMAP itself, to those of a text model. Of several numbered models it is the
+/// one with most images.
 ///
 /// # Errors
 /// When the folder cannot be listed, or the images of several models cannot be counted.
@@ -189,7 +188,7 @@ fn model_in(folder: &Path) -> Option<[PathBuf; 3]> {
         .find(|[cameras, ..]| cameras.is_file())
 }
 
-/// The model with most images, the first of equals.
+/// Returns the model with most images, the first of equals.
 fn largest(folder: &Path, models: Vec<[PathBuf; 3]>) -> Result<ModelFiles, StoreError> {
     if let [only] = models.as_slice() {
         return Ok(ModelFiles {
@@ -234,7 +233,7 @@ fn image_count([_, images, _]: &[PathBuf; 3]) -> Result<usize, StoreError> {
     }
 }
 
-/// Reads the images of a text model whatever their cameras are, in order of id.
+/// Reads the images of a text model, with any cameras, in order of id.
 ///
 /// # Errors
 /// When the file is missing or malformed.
@@ -251,7 +250,7 @@ pub(crate) fn text_points(path: &Path) -> Result<PointCloud, StoreError> {
     Ok(cloud_of(&colmap_text::read_points(path)?))
 }
 
-/// A coloured cloud, in order of id.
+/// Returns a coloured cloud, in order of id.
 fn cloud_of(points: &BTreeMap<u64, ColmapPoint>) -> PointCloud {
     let positions = points.values().map(|point| point.position.to_array());
     PointCloud {
@@ -264,7 +263,7 @@ impl ColmapModel {
     /// Reads the model in a folder or below it, text or binary ([`files`]).
     ///
     /// # Errors
-    /// When a file is missing or malformed, the images have different cameras, or theirs is neither
+    /// When a file is missing or malformed, or the images have different cameras. Also when their camera is neither
     /// `EQUIRECTANGULAR` nor perspective with a lens that [`Lens`] knows.
     pub fn read(folder: &Path) -> Result<Self, StoreError> {
         Self::read_files(&files(folder)?.paths)
@@ -284,7 +283,7 @@ impl ColmapModel {
         Self::new(parts).map_err(|reason| StoreError::malformed(cameras, reason))
     }
 
-    /// A model of images as they are: what the lens does to them is taken out.
+    /// Creates a model of undistorted images.
     fn new(parts: ModelParts) -> Result<Self, String> {
         let camera = match parts.camera()? {
             ModelCamera::Erp(camera) => FrameCamera::Straight(camera.into()),
@@ -316,26 +315,26 @@ impl ColmapModel {
         }
     }
 
-    /// The points as a coloured cloud, in order of id.
+    /// Returns the points as a coloured cloud, in order of id.
     pub fn cloud(&self) -> PointCloud {
         cloud_of(&self.points)
     }
 }
 
-/// Returns the reason to refuse parameters that no camera of a model has.
+/// Returns the reason to refuse invalid parameters of a model.
 pub(super) fn impossible_parameters(model: &str) -> String {
     format!(
         "the parameters of {model}: focal lengths must be positive, all finite, and in the model's range"
     )
 }
 
-/// Returns the reason to refuse a camera model that is not known.
+/// Returns the reason to refuse an unknown camera model.
 pub(super) fn unknown_model(name: &str) -> String {
     let known = LensModel::names();
     format!("camera model {name}; known are EQUIRECTANGULAR, {known}")
 }
 
-/// An image by its pose: quaternion (w, x, y, z) and translation, world to camera.
+/// Returns an image by its pose: quaternion (w, x, y, z) and translation, world to camera.
 pub(super) fn image_of(
     [w, x, y, z, tx, ty, tz]: [f64; 7],
     name: String,
@@ -354,7 +353,7 @@ pub(super) fn image_of(
     })
 }
 
-/// A point, which has to fit into the f32 of clouds.
+/// Returns a point, which must fit into the f32 of clouds.
 pub(super) fn point_of(
     position: DVec3,
     colour: [u8; 3],

@@ -39,7 +39,7 @@ use super::{
 /// Names of the files.
 pub(crate) const FILES: [&str; 3] = ["cameras.bin", "images.bin", "points3D.bin"];
 
-/// COLMAP's numbers of the camera models that are written (`CameraModelId`).
+/// COLMAP's numbers of the written camera models (`CameraModelId`).
 const PINHOLE: i32 = 1;
 const EQUIRECTANGULAR: i32 = 17;
 
@@ -52,7 +52,7 @@ pub(super) fn read([cameras, images, points]: &[PathBuf; 3]) -> Result<ModelPart
     })
 }
 
-/// Number of images of a model, as its file says.
+/// Returns the number of images stated in a model's file.
 pub(super) fn image_count(images: &Path) -> Result<usize, StoreError> {
     let bytes = fs::read(images).map_err(|error| StoreError::read(images, error))?;
     let count = Bytes { rest: &bytes }.u64();
@@ -91,7 +91,7 @@ pub(crate) fn write(
     store::write_with(&images_file, |writer| {
         writer.write_all(&(images.len() as u64).to_le_bytes())?;
         for (id, (name, pose)) in (1_u32..).zip(images) {
-            // Valid poses have a rotation: they were chosen by that.
+            // Valid poses have a rotation: frames were selected by that.
             let q = pose.rotation().unwrap_or_default().inverse();
             let t = -(q * pose.centre());
             writer.write_all(&id.to_le_bytes())?;
@@ -124,7 +124,7 @@ fn numbers(writer: &mut dyn Write, values: &[f64]) -> std::io::Result<()> {
         .try_for_each(|value| writer.write_all(&value.to_le_bytes()))
 }
 
-/// What is left of a file.
+/// Unread rest of a file.
 pub(super) struct Bytes<'a> {
     rest: &'a [u8],
 }
@@ -155,7 +155,7 @@ impl<'a> Bytes<'a> {
         Ok(numbers)
     }
 
-    /// Up to the next zero.
+    /// Reads up to the next zero.
     fn name(&mut self) -> Result<String, String> {
         let mut parts = self.rest.splitn(2, |&byte| byte == 0);
         let (Some(name), Some(rest)) = (parts.next(), parts.next()) else {
@@ -198,7 +198,7 @@ fn read_cameras(
     Ok(cameras)
 }
 
-/// A camera, or what keeps it from being read where an image uses it.
+/// Reads a camera, or the reason why it cannot be used if an image refers to it.
 fn read_camera(bytes: &mut Bytes<'_>, id: u32) -> Result<Result<ModelCamera, String>, String> {
     let number = i32::from_le_bytes(bytes.take()?);
     let mut side = || -> Result<u32, String> {

@@ -1,4 +1,4 @@
-//! COLMAP's `frames.txt` and `frames.bin` (since 3.12): which images a rig of several cameras took at once.
+//! COLMAP's `frames.txt` and `frames.bin` (since 3.12): simultaneous images of a rig of several cameras.
 //!
 //! ```text
 //! frames.txt     frame, rig, qw qx qy qz tx ty tz, count, then sensor type, sensor, image
@@ -22,8 +22,8 @@ use super::{
     colmap_text,
 };
 
-/// The images that were taken together with others, by their id, each with the id of its frame. Empty where
-/// the model has no such file, or no rig of several cameras.
+/// Returns the simultaneous images, by their id, each with the id of its frame. Empty if the model has no such file, or
+/// no rig of several cameras.
 ///
 /// # Errors
 /// When the file is malformed.

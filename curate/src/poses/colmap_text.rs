@@ -27,7 +27,7 @@ use super::{
 
 /// Names of the files.
 pub(super) const FILES: [&str; 3] = ["cameras.txt", "images.txt", "points3D.txt"];
-/// A panorama in COLMAP, and in forks of it that had one before.
+/// Panoramas in COLMAP, and in its earlier forks.
 const SPHERES: [&str; 3] = ["EQUIRECTANGULAR", "SPHERICAL", "SPHERE"];
 
 /// Reads a text model.
@@ -59,12 +59,12 @@ impl Line<'_> {
             .ok_or_else(|| self.malformed(&format!("no {what}")))
     }
 
-    /// The words from a field on.
+    /// Returns the words from a field on.
     pub(super) fn words_from(&self, first: usize) -> Vec<&str> {
         self.text.split_whitespace().skip(first).collect()
     }
 
-    /// The rest of the line from a field on, with the spaces within it.
+    /// Returns the rest of the line from a field on, with the spaces within it.
     fn rest_from(&self, first: usize) -> &str {
         (0..first).fold(self.text.trim(), |rest, _| {
             rest.split_once(char::is_whitespace)
@@ -86,7 +86,7 @@ impl Line<'_> {
     }
 }
 
-/// All lines but comments. Empty lines stay: an image without features has an empty second line.
+/// Returns all lines except comments. Empty lines stay: an image without features has an empty second line.
 fn lines<'a>(path: &'a Path, text: &'a str) -> impl Iterator<Item = Line<'a>> {
     text.lines()
         .enumerate()
@@ -98,7 +98,7 @@ fn lines<'a>(path: &'a Path, text: &'a str) -> impl Iterator<Item = Line<'a>> {
         })
 }
 
-/// The lines that hold something.
+/// Returns the lines that are not empty.
 pub(super) fn filled_lines<'a>(path: &'a Path, text: &'a str) -> impl Iterator<Item = Line<'a>> {
     lines(path, text).filter(|line| !line.text.trim().is_empty())
 }
@@ -115,7 +115,7 @@ fn read_cameras(path: &Path) -> Result<BTreeMap<u32, Result<ModelCamera, String>
     Ok(cameras)
 }
 
-/// The camera of a line, or what keeps it from being read where an image uses it.
+/// Returns the camera of a line, or the reason why it cannot be used if an image refers to it.
 fn camera_of(line: &Line<'_>) -> Result<Result<ModelCamera, String>, StoreError> {
     let name: String = line.field(1, "camera model")?;
     let size: [u32; 2] = [
@@ -161,8 +161,8 @@ fn camera_of(line: &Line<'_>) -> Result<Result<ModelCamera, String>, StoreError>
     Ok(usable.map_err(|reason| format!("line {}: {reason}", line.number)))
 }
 
-/// A panorama by its parameters: width and height, or, in a fork, a focal length without effect and the
-/// centre, with as many pixels for a degree in height as in width.
+/// Returns a panorama by its parameters: width and height, or, in a fork, a focal length without effect and the centre.
+/// It must have as many pixels for a degree in height as in width.
 fn whole_sphere([width, height]: [u32; 2], parameters: &[f64]) -> Option<ErpCamera> {
     let (w, h) = (f64::from(width), f64::from(height));
     let is_whole = match parameters {
@@ -173,7 +173,7 @@ fn whole_sphere([width, height]: [u32; 2], parameters: &[f64]) -> Option<ErpCame
     is_whole.then_some(ErpCamera { width, height })
 }
 
-/// Number of images of a model.
+/// Returns the number of images of a model.
 pub(super) fn image_count(path: &Path) -> Result<usize, StoreError> {
     Ok(read_images(path)?.len())
 }

@@ -1,4 +1,4 @@
-//! Masks of what moves, entered into a scene that is posed already.
+//! Masks of moving content, entered into a scene that is posed already.
 
 use std::path::{Path, PathBuf};
 
@@ -20,16 +20,16 @@ use crate::{error::CurateError, staging::Staging};
 pub enum MasksEntry {
     /// The scene has them now.
     Entered,
-    /// The scene is as it was, with the reason.
+    /// The scene is unchanged, with the reason.
     Left(String),
 }
 
-/// Enters one mask per frame into the scene of a sequence; poses, points and frames stay as they are. A scene
-/// that has masks already keeps them.
+/// Enters one mask per frame into the scene of a sequence; poses, points and frames stay unchanged. A scene that has
+/// masks already keeps them.
 ///
 /// # Errors
-/// When the sequence, its scene or a mask cannot be read, a file that posing has not made would be replaced, or
-/// one cannot be written.
+/// When the sequence, its scene or a mask cannot be read, a file that posing has not made would be replaced, or one
+/// cannot be written.
 pub fn enter_masks(
     folder: &Path,
     files: &[PathBuf],
@@ -80,7 +80,7 @@ pub fn enter_masks(
     Ok(MasksEntry::Entered)
 }
 
-/// Returns true where the masks of a scene mark the pixels that `files` do, frame by frame.
+/// Returns true if the masks of a scene equal those of `files`, frame by frame.
 fn has_these(folder: &Path, scene: &Scene, files: &[PathBuf]) -> Result<bool, CurateError> {
     if scene.frames.len() != files.len() {
         return Ok(false);

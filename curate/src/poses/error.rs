@@ -1,19 +1,19 @@
-//! Why structure from motion fails.
+//! Errors of structure from motion.
 
 use std::path::PathBuf;
 
 use omnilife_schemas::{Classified, ErrorKind};
 
-/// What goes wrong with structure from motion.
+/// An error of structure from motion.
 #[derive(Debug, thiserror::Error)]
 pub enum SfmError {
     /// There is no interpreter with pycolmap.
     #[error("structure from motion is not installed; run scripts/setup --sfm ({reason})")]
     NotInstalled {
-        /// What was looked for, and what was found.
+        /// Searched places, and the result.
         reason: String,
     },
-    /// No attempt registered two frames, and one of them did not come to its end.
+    /// No attempt registered two frames, and one of them crashed.
     #[error("{sequence}: structure from motion broke: {reason}")]
     Broken {
         /// Id of the sequence.
@@ -43,7 +43,7 @@ impl Classified for SfmError {
     fn error_kind(&self) -> ErrorKind {
         match self {
             Self::Broken { .. } | Self::Run { .. } => ErrorKind::Internal,
-            // As weights that were not fetched: whoever runs the program can mend it.
+            // Like missing weights: the user can fix it.
             Self::NotInstalled { .. } | Self::NoPoses { .. } => ErrorKind::User,
         }
     }

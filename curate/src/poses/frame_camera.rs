@@ -1,4 +1,4 @@
-//! The camera of frames: as they are, and as a scene shows them.
+//! The camera of frames: distorted, and as a scene shows them.
 
 use std::path::Path;
 
@@ -11,18 +11,18 @@ use omnilife_schemas::{
 
 use super::lens::{Distortion, Lens, Projection, Straightening};
 
-/// The camera of frames as files, which may have a lens that a scene does not know.
+/// The camera of frame files, which may have a lens that a scene does not support.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum FrameCamera {
-    /// The frames are those of a camera without a lens.
+    /// Frames of a camera without a lens.
     Straight(Camera),
-    /// A lens that moves no pixel by a quarter of one, and stays in the frames.
+    /// A lens that moves no pixel by more than a quarter of one, and stays in the frames.
     Weak(Lens),
-    /// A lens that is taken out of the frames.
+    /// A lens that is removed from the frames.
     Distorted {
-        /// Size, intrinsics and distortion of the frames as they are.
+        /// Size, intrinsics and distortion of the original frames.
         lens: Lens,
-        /// The camera of the frames without the distortion, of the same size.
+        /// The camera of the undistorted frames, of the same size.
         straight: PinholeCamera,
     },
 }
@@ -34,10 +34,10 @@ impl From<Camera> for FrameCamera {
 }
 
 impl FrameCamera {
-    /// The camera of frames with this lens.
+    /// Returns the camera of frames with this lens.
     ///
     /// # Errors
-    /// When the lens shows no straight image; says why.
+    /// When the lens has no undistorted image, with the reason.
     pub fn behind(lens: Lens) -> Result<Self, String> {
         if lens.distortion == Distortion::default() {
             return Ok(Self::Straight(lens.camera.into()));
@@ -62,7 +62,7 @@ impl FrameCamera {
         }
     }
 
-    /// The camera of the frames in a scene, without a lens.
+    /// Returns the camera of the frames in a scene, without a lens.
     pub fn camera(&self) -> Camera {
         match self {
             Self::Straight(camera) => *camera,
@@ -71,7 +71,7 @@ impl FrameCamera {
         }
     }
 
-    /// The lens that has to be taken out of the frames; `None` where they stay as they are.
+    /// Returns the lens that must be removed from the frames; `None` if they stay unchanged.
     pub fn lens(&self) -> Option<Lens> {
         match self {
             Self::Distorted { lens, .. } => Some(*lens),
@@ -79,7 +79,7 @@ impl FrameCamera {
         }
     }
 
-    /// The same camera with frames of another size.
+    /// Returns the same camera with frames of another size.
     #[must_use]
     pub fn resized(&self, width: u32, height: u32) -> Self {
         match self {
@@ -96,7 +96,7 @@ impl FrameCamera {
         }
     }
 
-    /// A line on the lens, where there is one.
+    /// Returns a line on the lens, if there is one.
     pub(crate) fn remark(&self) -> Option<String> {
         match self {
             Self::Straight(_) => None,
@@ -121,7 +121,7 @@ impl FrameCamera {
         }
     }
 
-    /// Prepares frames of a scene; `None` where the files are those already.
+    /// Prepares the undistortion of frames; `None` if the files need none.
     pub(crate) fn straightening(&self) -> Option<Straightening> {
         match self {
             Self::Distorted { lens, straight } => Some(lens.straightening(straight)),
@@ -130,10 +130,10 @@ impl FrameCamera {
     }
 }
 
-/// Writes a frame without its lens as a PNG.
+/// Writes an undistorted frame as a PNG.
 ///
 /// # Errors
-/// When the frame cannot be read, has not the size of its camera, or the PNG cannot be written.
+/// When the frame cannot be read, differs in size from its camera, or the PNG cannot be written.
 pub(crate) fn write_straight(
     straightening: &Straightening,
     frame: &Path,

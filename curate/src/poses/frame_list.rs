@@ -9,9 +9,9 @@ use omnilife_schemas::{
 
 use crate::sphere_layouts;
 
-/// Poses are those of a frame this far from its time where nothing says how far apart frames are, seconds.
+/// Largest time difference between a frame and its pose if the frame interval is unknown, seconds.
 const LEAST_TOLERANCE_SECONDS: f64 = 1e-3;
-/// Two cameras are one where they show no corner of the image farther apart, pixels.
+/// Two cameras are equal if the image's corners differ by no more than this, pixels.
 const LARGEST_SHIFT_PIXELS: f64 = 0.25;
 
 /// Frames as readers of poses, masks and distances need them.
@@ -25,7 +25,7 @@ pub(super) struct FrameList {
     pub(super) entries: Vec<FrameEntry>,
     /// True for perspective images.
     pub(super) is_pinhole: bool,
-    /// The camera, where it is known before the poses are.
+    /// The camera, if it is known before the poses are.
     pub(super) camera: Option<Camera>,
     /// Largest difference between the times of a frame and of its pose, seconds.
     pub(super) tolerance_seconds: f64,
@@ -34,7 +34,7 @@ pub(super) struct FrameList {
 }
 
 impl FrameList {
-    /// Lists the frames of a sequence, whose poses are to be within half the source's frame interval.
+    /// Lists the frames of a sequence; their poses must lie within half the source's frame interval.
     pub(super) fn of_sequence(sequence: &Sequence) -> Self {
         let size = [sequence.frames.width, sequence.frames.height];
         let rate = sequence.probe.frames_per_second;
@@ -53,8 +53,8 @@ impl FrameList {
         }
     }
 
-    /// Lists the frames of a scene, whose poses are to be within half the shortest interval between two frames.
-    /// `sequence` is the one that the scene was made of, where it was made of one.
+    /// Lists the frames of a scene; their poses must lie within half the shortest interval between two frames.
+    /// `sequence` is the source of the scene, if it has one.
     pub(super) fn of_scene(scene: &Scene, sequence: Option<&Sequence>) -> Self {
         let entries = scene.frames.iter().map(|frame| FrameEntry {
             file: frame.image.clone(),
@@ -89,8 +89,8 @@ impl FrameList {
     /// Returns the camera of the frames from the one that their poses come with.
     ///
     /// # Errors
-    /// The reason: the frames are ERP and the camera is a pinhole, or the other way round, they have not the same
-    /// shape, or the frames have another camera already.
+    /// The reason: frames and camera differ in projection (ERP or pinhole) or aspect ratio, or the frames have another
+    /// camera already.
     pub(super) fn camera_with(&self, given: Option<Camera>) -> Result<Camera, String> {
         let ([width, height], id) = (self.size, &self.id);
         match (self.is_pinhole, given, self.camera) {
@@ -105,7 +105,7 @@ impl FrameList {
                  \"model\": \"pinhole\", width, height, fx, fy, cx and cy"
             )),
             (true, Some(camera @ Camera::Pinhole(_)), known) => {
-                // A row that rounding took or gave is no other shape.
+                // A row gained or lost by rounding is no other aspect ratio.
                 let rows =
                     f64::from(width) * f64::from(camera.height()) / f64::from(camera.width());
                 if (rows - f64::from(height)).abs() > 1.0 {
@@ -128,14 +128,14 @@ impl FrameList {
     }
 }
 
-/// The part of its frames that the video of a sequence does not store.
+/// Returns the directions that the video of a sequence does not store.
 fn unrecorded(sequence: &Sequence) -> Option<Mask> {
     let size = [sequence.frames.width, sequence.frames.height].map(|side| side as usize);
     let layout = sequence.frames.converted_from?;
     sphere_layouts::unrecorded(layout, sequence.probe.upright_size(), size)
 }
 
-/// Returns true where two cameras of one size see the same at the corners of the image.
+/// Returns true if two cameras of one size see the same at the corners of the image.
 fn is_same(one: &Camera, other: &Camera) -> bool {
     let (width, height) = (f64::from(one.width()), f64::from(one.height()));
     [(0.0, 0.0), (width, 0.0), (0.0, height), (width, height)]

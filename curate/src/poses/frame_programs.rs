@@ -1,15 +1,15 @@
-//! Programs of others that make masks, distances or poses of a scene's frames: networks, for most.
+//! External programs that make masks, distances or poses of a scene's frames: mostly networks.
 //!
 //! A command is words between blanks, with these placeholders, all absolute paths:
 //!
-//! - `{frames}`: a folder with the frames and nothing else, each called by its number in the scene (`000012.png`), so
-//!   that their order is that of their names;
+//! - `{frames}`: a folder with exactly the frames, each named by its number in the scene (`000012.png`), so that the
+//!   order of names is that of frames;
 //! - `{out}`: an empty folder, for masks and distances named like the frames, or for poses as `poses.json` or
 //!   `all_poses.npy`;
 //! - `{times}`: a CSV with the columns `image` and `time_seconds`, which a `poses.json` needs; optional.
 //!
-//! It is started where this process was, and has failed where its exit code is not 0. At its time limit it is ended with
-//! everything that it has started.
+//! It starts in this process's directory, and has failed if its exit code is not 0. At its time limit it is ended with
+//! all its child processes.
 
 use std::{
     collections::BTreeMap,
@@ -31,7 +31,7 @@ use omnilife_schemas::{
 use super::{frame_list::FrameList, prior::GivenPrior};
 use crate::{error::CurateError, staging::Staging};
 
-/// Placeholders of a command; none is a number.
+/// Placeholders of a command, each with true if it is a number.
 const PLACEHOLDERS: [(&str, bool); 3] = [("frames", false), ("out", false), ("times", false)];
 /// Names that poses may have in the folder of a program.
 const POSE_FILES: [&str; 2] = ["poses.json", "all_poses.npy"];
@@ -57,7 +57,7 @@ impl FromStr for FrameCommand {
     }
 }
 
-/// A program that estimates distances, and what its files hold.
+/// A program that estimates distances, and the format of its files.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PriorProgram {
     /// The program.
@@ -73,13 +73,13 @@ pub struct PriorProgram {
 /// Programs that are run on the frames of a scene, whose files are attached to it.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct FramePrograms {
-    /// Masks what moves.
+    /// Masks moving content.
     pub masks: Option<FrameCommand>,
     /// Estimates distances.
     pub prior: Option<PriorProgram>,
     /// Finds the poses.
     pub poses: Option<FrameCommand>,
-    /// Time that each may take; without end where none is given.
+    /// Time limit of each; no limit if `None`.
     pub time_limit: Option<Duration>,
 }
 
@@ -97,7 +97,7 @@ impl FramePrograms {
     /// Runs the programs on copies of a scene's frames, in a folder that is removed afterwards.
     ///
     /// # Errors
-    /// When a frame cannot be copied, a program fails, or one leaves no poses or two files of them.
+    /// When a frame cannot be copied, a program fails, or a program for poses leaves none or two files of them.
     pub(super) fn run(
         &self,
         (scene_folder, scene): (&Path, &Scene),
@@ -144,7 +144,7 @@ impl FramePrograms {
     }
 }
 
-/// The frames as programs see them, each called by its number.
+/// Returns the frames as programs see them, each named by its number.
 fn numbered(frames: &FrameList) -> FrameList {
     let entries = frames.entries.iter().enumerate().map(|(number, entry)| {
         let kind = Path::new(&entry.file).extension().unwrap_or_default();
@@ -160,7 +160,7 @@ fn numbered(frames: &FrameList) -> FrameList {
     }
 }
 
-/// The one file of poses that a program has left.
+/// Returns the one file of poses that a program has left.
 fn pose_file(out: &Path, command: &FrameCommand) -> Result<PathBuf, CurateError> {
     let files = POSE_FILES.map(|name| out.join(name));
     let mut found = files.into_iter().filter(|file| file.is_file());
@@ -175,7 +175,7 @@ fn pose_file(out: &Path, command: &FrameCommand) -> Result<PathBuf, CurateError>
     }
 }
 
-/// Poses that a program found are its own.
+/// Records a program as the source of its poses.
 pub(super) fn source_of_program(source: PoseSource, command: String) -> PoseSource {
     match source {
         PoseSource::Given { file } => PoseSource::Program {
@@ -192,7 +192,7 @@ pub(super) fn source_of_program(source: PoseSource, command: String) -> PoseSour
     }
 }
 
-/// The folder that programs work in.
+/// Working folder of programs.
 struct Room {
     folder: PathBuf,
     frames: PathBuf,
@@ -228,7 +228,7 @@ impl Room {
         Ok(room)
     }
 
-    /// Runs a command; returns the folder with what it left.
+    /// Runs a command; returns the folder with its output.
     fn run(
         &self,
         command: &FrameCommand,

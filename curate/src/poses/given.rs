@@ -1,4 +1,4 @@
-//! Poses that somebody supplies: a `poses.json`, a folder with a COLMAP model, or matrices as `.npy`.
+//! Poses given by the user: a `poses.json`, a folder with a COLMAP model, or matrices as `.npy`.
 
 use std::{
     collections::BTreeMap,
@@ -27,7 +27,7 @@ use super::{
 };
 use crate::error::CurateError;
 
-/// Every file that given poses consist of, for the stage's inputs.
+/// Lists every file of given poses, for the stage's inputs.
 pub(super) fn files(path: &Path) -> Result<Vec<PathBuf>, CurateError> {
     if path.is_dir() {
         return Ok(colmap::files(path)?.paths.to_vec());
@@ -48,11 +48,11 @@ fn named_files<'a>(path: &'a Path, poses: &'a Poses) -> impl Iterator<Item = Pat
     files.map(move |file| beside(path, file))
 }
 
-/// Checks given poses as far as that needs no sequence: they can be read and make sense, and what they name
-/// is there.
+/// Checks given poses as far as possible without a sequence: they are readable and valid, and the files they name
+/// exist.
 ///
 /// # Errors
-/// When a file is missing or malformed, or matrices come without what they map.
+/// When a file is missing or malformed, or matrices come without a convention.
 pub fn check(path: &Path, convention: Option<PoseConvention>) -> Result<(), CurateError> {
     refuse_missing(path)?;
     if let Some(convention) = matrix_convention(path, convention)? {
@@ -70,11 +70,11 @@ pub fn check(path: &Path, convention: Option<PoseConvention>) -> Result<(), Cura
     Ok(())
 }
 
-/// Reads given poses and matches them to frames. `convention` says what matrices map, and belongs to them alone.
+/// Reads given poses and matches them to frames. `convention` is the direction of matrices, and belongs to them alone.
 ///
 /// # Errors
-/// When the files are missing or malformed, no frame gets a pose, or matrices have no convention or something else has
-/// one.
+/// When the files are missing or malformed, no frame gets a pose, or a convention is missing for matrices or given for
+/// other poses.
 pub(super) fn read(
     path: &Path,
     convention: Option<PoseConvention>,
@@ -109,10 +109,10 @@ fn is_array(path: &Path) -> bool {
     !path.is_dir() && extension.is_some_and(|extension| extension.eq_ignore_ascii_case("npy"))
 }
 
-/// Returns what matrices map; `None` where poses are given otherwise.
+/// Returns the direction of matrices; `None` for other poses.
 ///
 /// # Errors
-/// When matrices have no convention, or something else has one.
+/// When a convention is missing for matrices, or given for other poses.
 pub(super) fn matrix_convention(
     path: &Path,
     convention: Option<PoseConvention>,
@@ -138,7 +138,7 @@ fn beside(path: &Path, file: &str) -> PathBuf {
 /// Reads a record of poses, its frames in order of time.
 ///
 /// # Errors
-/// When it cannot be read, a pose is not finite or has no rotation, or two are of one instant.
+/// When it cannot be read, a pose is not finite or has no rotation, or two share one instant.
 fn sorted_record(path: &Path) -> Result<Poses, CurateError> {
     let mut record: Poses = store::read_record(path)?;
     if let Some(bad) = record
@@ -172,7 +172,7 @@ fn sorted_record(path: &Path) -> Result<Poses, CurateError> {
     Ok(record)
 }
 
-/// Matrices are those of the frames in their order.
+/// Matches matrices to frames by their order.
 fn from_matrices(
     path: &Path,
     convention: PoseConvention,
@@ -199,7 +199,7 @@ fn from_matrices(
     })
 }
 
-/// Frames are matched by time, within the tolerance of theirs.
+/// Matches frames by time, within their tolerance.
 fn from_record(path: &Path, frames: &FrameList) -> Result<PosedSequence, CurateError> {
     let record = sorted_record(path)?;
     let camera = camera_of_frames(path, record.camera, frames)?;
@@ -242,7 +242,7 @@ fn from_record(path: &Path, frames: &FrameList) -> Result<PosedSequence, CurateE
     })
 }
 
-/// The camera of frames from the one that is given with their poses.
+/// Returns the camera of frames from the one given with their poses.
 ///
 /// # Errors
 /// Those of [`FrameList::camera_with`].
@@ -255,7 +255,7 @@ pub(super) fn camera_of_frames(
     camera.map_err(|reason| CurateError::input(path, reason))
 }
 
-/// The pose nearest to an instant, if it is within the tolerance. `given` is sorted by time.
+/// Returns the pose nearest to an instant, if it is within the tolerance. `given` is sorted by time.
 fn nearest(given: &[PosedFrame], seconds: f64, tolerance: f64) -> Option<&PosedFrame> {
     let after = given.partition_point(|frame| frame.time_seconds < seconds);
     given[after.saturating_sub(1)..(after + 1).min(given.len())]
@@ -266,7 +266,7 @@ fn nearest(given: &[PosedFrame], seconds: f64, tolerance: f64) -> Option<&PosedF
         .map(|(_, frame)| frame)
 }
 
-/// Frames are matched by file name, whatever their folder.
+/// Matches frames by file name, regardless of their folder.
 fn from_colmap(folder: &Path, frames: &FrameList) -> Result<PosedSequence, CurateError> {
     let model = ColmapModel::read(folder)?;
     let camera = camera_of_frames(folder, Some(model.camera.camera()), frames)?;
@@ -310,7 +310,7 @@ fn from_colmap(folder: &Path, frames: &FrameList) -> Result<PosedSequence, Curat
     })
 }
 
-/// Only the name: records must not change where a dataset is moved.
+/// Returns the source. Only the name: records must not change if a dataset is moved.
 fn given_by(path: &Path) -> PoseSource {
     PoseSource::Given {
         file: own_name(path),
@@ -326,12 +326,12 @@ fn file_name(path: &str) -> String {
     path.rsplit(['/', '\\']).next().unwrap_or(path).to_owned()
 }
 
-/// File names of frames.
+/// Returns the file names of frames.
 pub(super) fn frame_names(frames: &[FrameEntry]) -> Vec<String> {
     frames.iter().map(|entry| file_name(&entry.file)).collect()
 }
 
-/// Validation of poses that there is nothing to check by.
+/// Returns the validation of poses that cannot be checked.
 pub(crate) fn unchecked(poses: &[Option<Pose>]) -> PoseValidation {
     let registered = poses.iter().flatten().count();
     let mut problems = Vec::new();

@@ -1,4 +1,4 @@
-//! The scale of a world whose poses leave it open, by what is known of the flight.
+//! Scale of a world whose poses leave it open, by known data of the flight.
 
 use glam::DVec3;
 use omnilife_schemas::{Pose, camera::Camera, records::Scale, statistics};
@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 use super::PosedSequence;
 use crate::ground_plane::Plane;
 
-/// Something known of perspective frames over ground.
+/// A known quantity of perspective frames over ground.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum GroundScale {
@@ -18,11 +18,10 @@ pub enum GroundScale {
 }
 
 impl GroundScale {
-    /// Brings poses and points to metres.
+    /// Scales poses and points to metres.
     ///
     /// # Errors
-    /// The reason: a number that is not positive, poses in metres already, panoramas, or points that give
-    /// no ground.
+    /// The reason: a number that is not positive, poses in metres already, panoramas, or points without a ground.
     pub(super) fn apply(self, posed: &mut PosedSequence) -> Result<(), String> {
         let (Self::Altitude(metres) | Self::PixelOnGround(metres)) = self;
         if !(metres.is_finite() && metres > 0.0) {

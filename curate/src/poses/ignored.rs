@@ -1,5 +1,5 @@
-//! What is no part of the scene in the frames of a sequence: who holds the camera, a tripod, directions that
-//! the video does not store.
+//! Pixels outside the scene in the frames of a sequence: the operator, a tripod, directions that the video does not
+//! store.
 
 use std::{
     path::{Path, PathBuf},
@@ -14,10 +14,10 @@ use omnilife_schemas::{
 use super::{frame_list::FrameList, lens::Straightening, masks, truth};
 use crate::{error::CurateError, staging::Staging};
 
-/// Where something is no part of the scene.
+/// Region outside the scene.
 #[derive(Debug, Clone, PartialEq)]
 pub enum IgnoredRegion {
-    /// White in an image for all frames, or in those of a folder with one per frame.
+    /// White in an image for all frames, or in a folder with one image per frame.
     Masks(PathBuf),
     /// In panoramas, within an angle of the direction straight down from the camera: a tripod, a logo.
     Nadir {
@@ -29,7 +29,7 @@ pub enum IgnoredRegion {
 impl FromStr for IgnoredRegion {
     type Err = String;
 
-    /// `nadir:DEGREES`, or the path of masks.
+    /// Parses `nadir:DEGREES`, or the path of masks.
     fn from_str(text: &str) -> Result<Self, String> {
         let Some(angle) = text.strip_prefix("nadir:") else {
             return Ok(Self::Masks(PathBuf::from(text)));
@@ -42,10 +42,10 @@ impl FromStr for IgnoredRegion {
     }
 }
 
-/// Masks of a sequence's frames, white where something is no part of the scene.
+/// Masks of a sequence's frames, white for pixels outside the scene.
 #[derive(Debug, Clone)]
 pub(super) struct IgnoredPixels {
-    /// Of all frames, whatever is given of each: directions that the video does not store, and what is below.
+    /// Mask of all frames, in addition to those of each: directions that the video does not store, and the nadir.
     of_all: Option<Mask>,
     given: GivenMasks,
     /// Columns and rows of the frames.
@@ -55,17 +55,17 @@ pub(super) struct IgnoredPixels {
 #[derive(Debug, Clone)]
 enum GivenMasks {
     None,
-    /// One image for all frames: what is fixed to the camera.
+    /// One image for all frames: objects fixed to the camera.
     OfCamera(PathBuf),
     /// One image per frame.
     OfFrames(Vec<PathBuf>),
 }
 
 impl IgnoredPixels {
-    /// Finds what is given, and what the layout of the frames' video leaves open.
+    /// Finds the given files, and the directions that the layout of the frames' video does not store.
     ///
     /// # Errors
-    /// When a folder cannot be read or lacks the mask of some frame, or perspective frames are to have a nadir.
+    /// When a folder cannot be read or lacks the mask of some frame, or a nadir is given for perspective frames.
     pub(super) fn find(
         given: Option<&IgnoredRegion>,
         frames: &FrameList,
@@ -104,7 +104,7 @@ impl IgnoredPixels {
         Ok(found)
     }
 
-    /// Files that somebody supplies, one of all frames or one of each.
+    /// Returns the given files, one of all frames or one of each.
     pub(super) fn given_files(&self) -> &[PathBuf] {
         match &self.given {
             GivenMasks::None => &[],
@@ -113,7 +113,7 @@ impl IgnoredPixels {
         }
     }
 
-    /// Files that somebody supplies, one of each frame.
+    /// Returns the given files, one of each frame.
     pub(super) fn files_of_frames(&self) -> &[PathBuf] {
         match &self.given {
             GivenMasks::OfFrames(files) => files.as_slice(),
@@ -121,7 +121,7 @@ impl IgnoredPixels {
         }
     }
 
-    /// Adds what they depend on to a plan.
+    /// Adds their dependencies to a plan.
     pub(super) fn add_inputs(&self, plan: StagePlan) -> Result<StagePlan, CurateError> {
         let files = self.given_files();
         let rows_of_all = self.of_all.as_ref().map(|mask| {
@@ -136,10 +136,10 @@ impl IgnoredPixels {
         (files.iter()).try_fold(plan, |plan, file| Ok(plan.with_file(file)?))
     }
 
-    /// The mask of a frame at the size of the frames; `None` where all of it is of the scene.
+    /// Returns the mask of a frame at the size of the frames; `None` if all of it is part of the scene.
     ///
     /// # Errors
-    /// When a mask cannot be read, has another shape than the frame or leaves nothing of it.
+    /// When a mask cannot be read, has another aspect ratio than the frame or leaves nothing of it.
     pub(super) fn of_frame(&self, number: usize) -> Result<Option<Mask>, CurateError> {
         let file = match &self.given {
             GivenMasks::None => None,
@@ -161,7 +161,7 @@ impl IgnoredPixels {
         }
     }
 
-    /// A mask at the size of the frames: a pixel is marked where any that lies in it is.
+    /// Reads a mask at the size of the frames: a pixel is marked if any inside it is.
     fn read(&self, file: &Path) -> Result<Mask, CurateError> {
         let [width, height] = self.size;
         let mask = Mask::read(file)?;
@@ -175,11 +175,11 @@ impl IgnoredPixels {
         Ok(mask.resized_to_any(width, height))
     }
 
-    /// Stages the masks and enters them in the frames of a scene. With a lens that is taken out of the frames it
-    /// is taken out of the masks.
+    /// Stages the masks and enters them in the frames of a scene. A lens that is removed from the frames is removed
+    /// from the masks as well.
     ///
     /// # Errors
-    /// When a mask cannot be read or written, or lies where the staged ones go.
+    /// When a mask cannot be read or written, or lies at the place of a staged one.
     pub(super) fn stage(
         &self,
         staging: &mut Staging,
@@ -215,7 +215,7 @@ impl IgnoredPixels {
     }
 }
 
-/// Marks the rows of a panorama of which any part is within an angle of straight down.
+/// Marks the rows of a panorama that lie at least partly within an angle of straight down.
 fn nadir([width, height]: [usize; 2], degrees: f64) -> Mask {
     // The lower border of row j is 180 (j + 1) / height degrees from straight up.
     let is_marked = |row: usize| 180.0 * (row + 1) as f64 / height as f64 > 180.0 - degrees;

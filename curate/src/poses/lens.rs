@@ -1,4 +1,4 @@
-//! Lenses of cameras, and taking them out of frames.
+//! Lenses of cameras, and their removal from frames.
 
 mod distortion;
 mod models;
@@ -10,12 +10,12 @@ use rayon::prelude::*;
 pub use distortion::{Distortion, Projection};
 pub(super) use models::LensModel;
 
-/// A lens that moves no pixel by more than this is none, pixels.
+/// A lens that moves no pixel by more than this is negligible, pixels.
 const LEAST_SHIFT_PIXELS: f64 = 0.25;
-/// The straight camera's focal length is at most this factor of that of the frames, and at least one by it.
+/// Largest ratio between the focal lengths of the undistorted and the original camera, either way.
 const LARGEST_ZOOM: f64 = 4.0;
-/// The same factor at least where the lens does not project in perspective: the middle keeps its resolution,
-/// and what a wider image would spread over its border is cut off.
+/// Least ratio if the projection of the lens is not perspective. The middle keeps its resolution, and the border of a
+/// wider image, which would be stretched, is cut off.
 const LEAST_ZOOM_OF_WIDE_LENSES: f64 = 1.0;
 /// Steps of a bisection of the zoom.
 const BISECTIONS: usize = 40;
@@ -26,36 +26,36 @@ const MOST_PLACES: u32 = 4096;
 /// A pinhole camera behind a lens.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Lens {
-    /// Size and intrinsics of the frames as they are.
+    /// Size and intrinsics of the original frames.
     pub camera: PinholeCamera,
-    /// What the lens does.
+    /// Distortion of the lens.
     pub distortion: Distortion,
 }
 
 impl Lens {
-    /// The largest distance by which it moves a pixel of the frame's border.
+    /// Returns the largest distance by which it moves a pixel of the frame's border.
     pub fn largest_shift_pixels(&self) -> f64 {
         border(&self.camera)
             .map(|pixel| self.source(&self.camera, pixel).distance(pixel))
-            // A direction that the lens does not show is moved without end.
+            // A direction outside the lens's image counts as an infinite shift.
             .map(|shift| if shift.is_nan() { f64::INFINITY } else { shift })
             .fold(0.0, f64::max)
     }
 
-    /// Returns the angle across the middle row of a straight camera, degrees.
+    /// Returns the angle across the middle row of an undistorted camera, degrees.
     pub(super) fn angle_across_degrees(straight: &PinholeCamera) -> f64 {
         let angle = |pixels: f64| (pixels / straight.fx).atan();
         (angle(straight.cx) + angle(f64::from(straight.width) - straight.cx)).to_degrees()
     }
 
-    /// Whether frames look the same without it.
+    /// Returns true if frames look the same without it.
     pub fn is_negligible(&self) -> bool {
         self.largest_shift_pixels() < LEAST_SHIFT_PIXELS
     }
 
-    /// Returns the camera of the frames without the distortion: of the same size and principal point, with
-    /// the shortest focal length at which every pixel is one that the lens shows, and not below that of the
-    /// lens where this is a fisheye; `None` for a lens that no such camera fits.
+    /// Returns the camera of the undistorted frames, of the same size and principal point. It has the shortest focal
+    /// length at which the lens shows every pixel; for a fisheye it is not below that of the lens. `None` if no such
+    /// camera fits.
     pub fn straight(&self) -> Option<PinholeCamera> {
         let zoomed = |zoom: f64| PinholeCamera {
             fx: zoom * self.camera.fx,
@@ -93,7 +93,7 @@ impl Lens {
         Some(zoomed(most))
     }
 
-    /// Where a frame shows what is at a pixel of a straight camera.
+    /// Returns the pixel in a frame that corresponds to one of an undistorted camera.
     pub fn source(&self, straight: &PinholeCamera, pixel: DVec2) -> DVec2 {
         let seen = self.distortion.distorted(at_depth_one(straight, pixel));
         dvec2(
@@ -102,7 +102,7 @@ impl Lens {
         )
     }
 
-    /// Returns the place in a straight camera of what a pixel of a frame shows; not a number where it cannot.
+    /// Returns the place in an undistorted camera of a frame's pixel; NaN if there is none.
     pub fn straightened(&self, straight: &PinholeCamera, pixel: DVec2) -> DVec2 {
         let place = self
             .distortion
@@ -113,7 +113,7 @@ impl Lens {
         )
     }
 
-    /// The same lens before frames of another size.
+    /// Returns the same lens for frames of another size.
     #[must_use]
     pub fn resized(&self, width: u32, height: u32) -> Self {
         let (x, y) = (
@@ -133,7 +133,7 @@ impl Lens {
         }
     }
 
-    /// Prepares frames of a straight camera.
+    /// Prepares frames of an undistorted camera.
     pub(crate) fn straightening(&self, straight: &PinholeCamera) -> Straightening {
         let (width, height) = (straight.width as usize, straight.height as usize);
         let place = |pixel: usize| {
@@ -155,7 +155,7 @@ fn at_depth_one(camera: &PinholeCamera, pixel: DVec2) -> DVec2 {
     )
 }
 
-/// Places along the border of a frame, a pixel apart in frames of up to 4096 pixels.
+/// Returns places along the border of a frame, a pixel apart in frames of up to 4096 pixels.
 fn border(camera: &PinholeCamera) -> impl Iterator<Item = DVec2> {
     let (width, height) = (camera.width, camera.height);
     let (right, bottom) = (f64::from(width), f64::from(height));
@@ -169,7 +169,7 @@ fn border(camera: &PinholeCamera) -> impl Iterator<Item = DVec2> {
         .chain(along(height).flat_map(move |y| [dvec2(0.0, y), dvec2(right, y)]))
 }
 
-/// Where every pixel of a straight frame is in the one as it is.
+/// Map from every pixel of an undistorted frame to its place in the original one.
 pub(crate) struct Straightening {
     width: usize,
     height: usize,
@@ -177,12 +177,12 @@ pub(crate) struct Straightening {
 }
 
 impl Straightening {
-    /// Width and height of the frames, pixels.
+    /// Returns width and height of the frames, pixels.
     pub(crate) fn size(&self) -> [usize; 2] {
         [self.width, self.height]
     }
 
-    /// A frame without the distortion. Both have the size of the camera.
+    /// Returns the undistorted frame. Both have the size of the camera.
     pub(crate) fn image(&self, frame: &RgbImage) -> RgbImage {
         let mut straight = RgbImage::black(self.width, self.height);
         let pixels = straight.data.as_chunks_mut::<3>().0;
@@ -192,7 +192,7 @@ impl Straightening {
         straight
     }
 
-    /// The same of a mask: the nearest of its pixels.
+    /// Returns the undistorted mask, by nearest pixels.
     pub(crate) fn mask(&self, mask: &Mask) -> Mask {
         let nearest = |&[x, y]: &[f32; 2]| {
             let column = (x.max(0.0) as usize).min(mask.width - 1);

@@ -8,14 +8,14 @@ use crate::ground_plane::Plane;
 
 /// World up after levelling: the world's y points down, as the cameras' does.
 pub const UP: DVec3 = DVec3::NEG_Y;
-/// Below this length of the mean of the cameras' unit up vectors they agree on no up.
+/// Cameras agree on no up below this length of the mean of their unit up vectors.
 pub const LEAST_AGREEMENT: f64 = 0.5;
-/// A plane that so many points are on is the ground of a perspective flight...
+/// Least share of points on a plane that is the ground of a perspective flight...
 const LEAST_GROUND_SHARE: f64 = 0.3;
-/// ...where cameras look down at it, on average by this sine of the angle.
+/// ...if cameras look down at it, on average by this sine of the angle.
 const LEAST_DOWNWARD: f64 = 0.35;
 
-/// What levelling did.
+/// Result of levelling.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Levelling {
     /// The normal of the ground became up.
@@ -28,18 +28,18 @@ pub enum Levelling {
         /// Length of the mean of their unit up vectors, 0 (no common up) to 1 (all the same).
         agreement: f64,
     },
-    /// The cameras agree on no up: the world stays as it is.
+    /// The cameras agree on no up: the world is unchanged.
     None {
-        /// The same, too low.
+        /// The same measure, too low.
         agreement: f64,
     },
 }
 
-/// Turns the world so that its up becomes [`UP`].
+/// Rotates the world so that its up becomes [`UP`].
 ///
-/// People and stabilizers hold 360-degree cameras upright on average, so the mean up is gravity to
-/// a few degrees. Where the cameras tumble it is not, and the world stays as it is. A drone's camera
-/// looks down, and its up says little; the ground under it does.
+/// People and stabilizers hold 360-degree cameras upright on average, so the mean up is vertical to a few degrees. If
+/// the cameras tumble it is not, and the world is unchanged. A drone's camera looks down, so that its up says little;
+/// the ground under it gives the vertical.
 pub fn level(model: &mut ColmapModel) -> Levelling {
     if let Some((plane, share)) = ground(model) {
         model.rotate_world(DQuat::from_rotation_arc(plane.normal, UP));
@@ -62,7 +62,7 @@ pub fn level(model: &mut ColmapModel) -> Levelling {
     Levelling::ByCameras { agreement }
 }
 
-/// The ground that perspective cameras look down at, and the share of the points that are on it.
+/// Returns the ground that perspective cameras look down at, and the share of the points on it.
 fn ground(model: &ColmapModel) -> Option<(Plane, f64)> {
     if !matches!(model.camera.camera(), Camera::Pinhole(_)) {
         return None;

@@ -1,4 +1,4 @@
-//! Mask images: finding those of a sequence's frames and writing them at frame size.
+//! Mask images of a sequence's frames: finding and resizing.
 
 use std::{
     collections::{BTreeMap, BTreeSet},
@@ -18,19 +18,18 @@ use omnilife_schemas::{
 use super::{ignored::IgnoredPixels, lens::Straightening};
 use crate::{error::CurateError, staging::Staging};
 
-/// Radius in pixels by which masks grow before features are left out under them: outlines of
-/// moving objects give features too.
+/// Radius in pixels by which masks grow before features are excluded: outlines of moving objects give features too.
 const GROWTH_PIXELS: usize = 4;
 
 /// File name extensions of mask images, in lower case.
 const EXTENSIONS: &[&str] = &["png", "jpg", "jpeg"];
 
-/// The image files of a folder, sorted.
+/// Lists the image files of a folder, sorted.
 pub(super) fn files(folder: &Path) -> Result<Vec<PathBuf>, CurateError> {
     files_of(folder, EXTENSIONS)
 }
 
-/// The files of a folder with one of these extensions (lower case), sorted.
+/// Lists the files of a folder with one of these extensions (lower case), sorted.
 fn files_of(folder: &Path, extensions: &[&str]) -> Result<Vec<PathBuf>, CurateError> {
     Ok(store::paths_in(folder)?
         .into_iter()
@@ -44,8 +43,8 @@ fn files_of(folder: &Path, extensions: &[&str]) -> Result<Vec<PathBuf>, CurateEr
         .collect())
 }
 
-/// For every frame, the file in `folder` with its name, stem or number and one of these extensions, where there
-/// is one.
+/// Returns for every frame the file in `folder` with its name, stem or number and one of these extensions, if there is
+/// one.
 ///
 /// # Errors
 /// When the folder cannot be read, or has two files for one frame.
@@ -67,7 +66,7 @@ pub(super) fn find_some(
     Ok(frames.iter().map(of_frame).collect())
 }
 
-/// The stem of a file's name; of a number without the zeros before it, so that `0007.png` is of frame
+/// Returns the stem of a file's name; for a number without leading zeros, so that `0007.png` belongs to frame
 /// `000007.jpg`.
 fn frame_name(file: &Path) -> OsString {
     let stem = file.file_stem().unwrap_or_default();
@@ -80,7 +79,7 @@ fn frame_name(file: &Path) -> OsString {
     }
 }
 
-/// For every frame, the image in `folder` with its name or stem.
+/// Returns for every frame the image in `folder` with its name or stem.
 ///
 /// # Errors
 /// When the folder cannot be read, lacks the image of some frame, or has two for one.
@@ -103,8 +102,7 @@ pub(crate) fn find(folder: &Path, frames: &[FrameEntry]) -> Result<Vec<PathBuf>,
     ))
 }
 
-/// Returns a line on the images beside `files`, one or none of each frame, that are of no frame; `what` says what
-/// they are.
+/// Returns a line on images beside `files` (at most one per frame) that belong to no frame; `what` describes them.
 ///
 /// # Errors
 /// When the folder cannot be read.
@@ -129,14 +127,12 @@ pub(crate) fn surplus(files: &[&Path], what: &str) -> Result<Option<String>, Cur
     }))
 }
 
-/// Reads masks and stages them at frame size; pixels are taken from the nearest of the given mask.
-/// Returns the mask of every frame, relative to the sequence's folder. A mask that has its place and
-/// size already is used as it lies there. With a lens that is taken out of the frames it is taken out of
-/// the masks.
+/// Reads masks and stages them at frame size, by nearest pixels. Returns the mask of every frame, relative to the
+/// sequence's folder. A mask at its place and size already is used unchanged. A lens that is removed from the frames is
+/// removed from the masks as well.
 ///
 /// # Errors
-/// When a mask cannot be read or written, or when one lies in the very folder that masks go to
-/// without having its place and size.
+/// When a mask cannot be read or written, or lies in the folder of staged masks without having its place and size.
 pub(super) fn stage(
     staging: &mut Staging,
     sequence_folder: &Path,
@@ -171,14 +167,14 @@ pub(super) fn stage(
     Ok(files)
 }
 
-/// The path of a file below a folder; `None` where it lies elsewhere.
+/// Returns the path of a file below a folder; `None` if it lies elsewhere.
 fn relative_to(file: &Path, folder: Option<&Path>) -> Option<PathBuf> {
     let path = fs::canonicalize(file).ok()?;
     path.strip_prefix(folder?).ok().map(Path::to_owned)
 }
 
-/// Writes masks as COLMAP reads them: `<image file name>.png`, black where features are ignored,
-/// grown by a few pixels. Returns whether there are any.
+/// Writes masks as COLMAP reads them: `<image file name>.png`, black where features are ignored, grown by a few pixels.
+/// Returns true if there are any.
 pub(super) fn write_for_colmap(
     folder: &Path,
     moving: Option<&[PathBuf]>,
@@ -256,7 +252,7 @@ mod tests {
         assert_eq!(grown.data[27], 0);
     }
 
-    /// Every frame has its one mask, or none is taken.
+    /// Either every frame has a mask, or none is used.
     #[test]
     fn masks_are_found_by_name_and_missing_ones_named() {
         let temp = tempfile::tempdir().unwrap();

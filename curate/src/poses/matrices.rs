@@ -1,13 +1,13 @@
 //! Camera poses as matrices: a `NumPy` array of N x 4 x 4 or N x 3 x 4, f32 or f64, a matrix for every frame in their
 //! order.
 //!
-//! The axes of the camera are x right, y down, z forward. Nothing in the file says whether a matrix leads from the
-//! camera to the world or back, so that is stated beside it ([`PoseConvention`]).
+//! The axes of the camera are x right, y down, z forward. The file does not tell camera-to-world from world-to-camera,
+//! so the direction is stated beside it ([`PoseConvention`]).
 //!
-//! Networks write them, `PanoVGGT` for one: `poses/all_poses.npy` holds its `camera_poses`
-//! (`YijingGuo-June/PanoVGGT`, `inference.py`, commit 1925645), N x 4 x 4 in f32. They take points of the camera to the
-//! world, and the ray of pixel (u, v) is that of the project, with centres at half pixels (`stdcall0/PanoVGGT`,
-//! `panovggt/models/panovggt_model.py`, commit 0f38571: `_get_direction_vectors` and `world_points`).
+//! Networks write them, `PanoVGGT` for one: `poses/all_poses.npy` holds its `camera_poses` (`YijingGuo-June/PanoVGGT`,
+//! `inference.py`, commit 1925645), N x 4 x 4 in f32. They are camera-to-world, and the ray of pixel (u, v) is ours,
+//! with centres at half pixels (`stdcall0/PanoVGGT`, `panovggt/models/panovggt_model.py`, commit 0f38571:
+//! `_get_direction_vectors` and `world_points`).
 #![cfg_attr(
     not(test),
     deny(clippy::indexing_slicing, clippy::arithmetic_side_effects)
@@ -22,25 +22,25 @@ use omnilife_schemas::{
     store::{self, StoreError},
 };
 
-/// A larger file is refused before it is taken apart, bytes: half a million poses.
+/// Maximum file size, bytes: half a million poses.
 const MOST_BYTES: u64 = 64 << 20;
-/// The last row of a rigid motion, to this much.
+/// Tolerance of the last row of a rigid motion.
 const LAST_ROW_TOLERANCE: f64 = 1e-6;
 
 /// Reads the pose of every frame.
 ///
 /// # Errors
-/// When the file is missing, too large or no array of matrices, or a matrix has entries that are not finite or is not a
-/// rotation with a place; names the file and the matrix.
+/// When the file is missing, too large or no array of matrices, or a matrix is not finite or not a rotation with a
+/// place. Names the file and the matrix.
 pub fn read(path: &Path, convention: PoseConvention) -> Result<Vec<Pose>, StoreError> {
     let bytes = store::read_limited(path, MOST_BYTES)?;
     from_bytes(&bytes, convention).map_err(|reason| StoreError::malformed(path, reason))
 }
 
-/// [`read`] of a file's bytes.
+/// Reads the bytes of a file.
 ///
 /// # Errors
-/// The reason, as there.
+/// The reason, as in [`read`].
 pub fn from_bytes(bytes: &[u8], convention: PoseConvention) -> Result<Vec<Pose>, String> {
     let array = npy::from_bytes(bytes)?;
     match array.shape.as_slice() {
@@ -76,7 +76,7 @@ pub fn from_bytes(bytes: &[u8], convention: PoseConvention) -> Result<Vec<Pose>,
     }
 }
 
-/// The pose of three rows of a matrix.
+/// Returns the pose of three rows of a matrix.
 fn pose(number: usize, rows: &[f64; 12], convention: PoseConvention) -> Result<Pose, String> {
     if let Some(value) = rows.iter().find(|value| !value.is_finite()) {
         return Err(format!("matrix {number} has the entry {value}"));
@@ -103,7 +103,7 @@ mod tests {
 
     use super::*;
 
-    /// The rows of a matrix, four each.
+    /// Returns the rows of a matrix, four each.
     fn rows(pose: &Pose, convention: PoseConvention) -> [f32; 12] {
         let to_world = DMat3::from_quat(pose.rotation().unwrap());
         let (rotation, place) = match convention {
@@ -167,7 +167,7 @@ mod tests {
             )
         };
         assert_eq!(with(0, 1.0).unwrap()[1].centre, [-5.0, -6.0, -7.0]);
-        // A reflection, a shear, a scale, and what is not finite.
+        // A reflection, a shear, a scale, and non-finite values.
         for (entry, value) in [
             (0, -1.0),
             (1, 0.1),

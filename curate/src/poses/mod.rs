@@ -1,9 +1,8 @@
 //! Camera poses of a sequence: given by the user, or found by structure from motion.
 //!
-//! [`pose_sequence`] turns `sequence.json` into `scene.json`, with `points.ply`, `masks/`, `ignore/`, `depth/`,
-//! `classes/` and `depth-prior/` where there are points, masks of what moves and of what is no part of the scene,
-//! distances, masks of classes and estimated
-//! distances.
+//! [`pose_sequence`] turns `sequence.json` into `scene.json`, with further files for known data. These are
+//! `points.ply`, `masks/` of moving content, `ignore/` of pixels outside the scene, `depth/` of distances, `classes/`
+//! of masks of classes, and `depth-prior/` of estimated distances.
 
 mod attach;
 pub mod colmap;
@@ -65,7 +64,7 @@ pub use validate::ValidationLimits;
 /// Name of the stage in the sequence's folder.
 const STAGE: &str = "poses";
 
-/// Where the poses of a sequence come from.
+/// Source of the poses of a sequence.
 #[derive(Debug, Clone, PartialEq)]
 pub enum PoseRequest {
     /// A `poses.json` (`omnilife/poses/2`), a folder with a COLMAP model, or matrices as `.npy` ([`matrices`]).
@@ -75,8 +74,8 @@ pub enum PoseRequest {
 }
 
 impl PoseRequest {
-    /// Checks the files that it names, as far as that needs no sequence; `convention` is that of matrices. Whether
-    /// structure from motion is there is not looked at: poses that stand need none.
+    /// Checks the files that it names, as far as possible without a sequence; `convention` is that of matrices. The
+    /// installation of structure from motion is not checked: existing poses need none.
     ///
     /// # Errors
     /// When one is missing or malformed.
@@ -88,7 +87,7 @@ impl PoseRequest {
     }
 }
 
-/// Refuses a file or folder that is not there.
+/// Refuses a missing file or folder.
 fn refuse_missing(path: &Path) -> Result<(), CurateError> {
     if path.exists() {
         return Ok(());
@@ -103,7 +102,7 @@ pub(crate) struct PosedSequence {
     pub(crate) camera: FrameCamera,
     /// One entry per frame of the sequence.
     pub(crate) poses: Vec<Option<Pose>>,
-    /// Mask file per frame, wherever the user keeps it.
+    /// Mask file per frame, at the user's place.
     pub(crate) masks: Vec<Option<PathBuf>>,
     pub(crate) points: Option<PointCloud>,
     pub(crate) scale: Scale,
@@ -111,13 +110,13 @@ pub(crate) struct PosedSequence {
     pub(crate) validation: PoseValidation,
 }
 
-/// Poses the sequence in `sequence_folder` and writes its scene; skipped, with a note, while the
-/// sequence and the request have not changed.
+/// Poses the sequence in `sequence_folder` and writes its scene; skipped, with a note, while the sequence and the
+/// request are unchanged.
 ///
 /// # Errors
-/// When the folder holds no sequence, the given poses are malformed or fit no frame, structure from
-/// motion is not installed or registers fewer than two frames, a file would have to be replaced that
-/// posing has not made, or one cannot be written.
+/// When the folder holds no sequence, the given poses are malformed or fit no frame, or a file cannot be written. Also
+/// when structure from motion is not installed or registers fewer than two frames, or a file that posing has not made
+/// would be replaced.
 pub fn pose_sequence(
     sequence_folder: &Path,
     request: &PoseRequest,
@@ -126,10 +125,10 @@ pub fn pose_sequence(
     pose_sequence_with(sequence_folder, request, &GivenTruth::default(), progress)
 }
 
-/// [`pose_sequence`] with what is known of the frames beside their cameras.
+/// Poses a sequence as [`pose_sequence`], with further given data of the frames.
 ///
 /// # Errors
-/// As there, and when a file of the truth is missing or not usable.
+/// Those of [`pose_sequence`], or a missing or unusable file of the given data.
 pub fn pose_sequence_with(
     sequence_folder: &Path,
     request: &PoseRequest,
@@ -158,7 +157,7 @@ pub fn pose_sequence_with(
     }
     let _lock = FolderLock::take(sequence_folder, progress)?;
     plan.claim([SCENE_FILE])?;
-    // If posing fails now, the scene of earlier poses must not be taken for these.
+    // If posing fails now, an earlier scene must not be taken for the result.
     store::remove(&scene_path)?;
     let started = Stopwatch::start();
     let mut posed = match request {
@@ -200,8 +199,8 @@ pub fn pose_sequence_with(
     Ok(scene)
 }
 
-/// Moves what was staged to its places, and removes what earlier poses left of their own that the
-/// scene does not refer to. Returns the outputs of the stage.
+/// Moves staged files to their places, and removes files of earlier poses that the scene does not refer to. Returns the
+/// outputs of the stage.
 fn put_in_place(
     plan: &StagePlan,
     staging: &Staging,
@@ -211,7 +210,7 @@ fn put_in_place(
     let mut outputs = plan.publish(&staging.folder, &staging.files)?;
     let own = plan.own_files();
     own.remove(|file| !referred.contains(&file.to_owned()))?;
-    // A mask of earlier poses that is given for these, in its place, is still ours.
+    // A mask of earlier poses that is given for these, at its place, is still ours.
     for file in referred {
         if !outputs.contains(file) && own.standing(file)? == Standing::Ours {
             outputs.push(file.clone());
@@ -238,14 +237,14 @@ fn files_named_by(scene: &Scene) -> BTreeSet<&String> {
     of_frames.chain(&scene.points).collect()
 }
 
-/// What the poses depend on. No path is part of it: a dataset may be moved.
+/// Lists everything that the poses depend on. No path is part of it: a dataset may be moved.
 fn plan(
     sequence_folder: &Path,
     sequence: &Sequence,
     request: &PoseRequest,
     progress: &dyn Progress,
 ) -> Result<StagePlan, CurateError> {
-    // Other entries of the sequence, such as its admission, change no pose.
+    // Other entries of the sequence, such as its admission, do not affect poses.
     let plan = StagePlan::new(sequence_folder, STAGE)
         .with_text("sequence", &sequence.id)
         .with_hash("video", sequence.source.sha256.clone())
@@ -262,8 +261,7 @@ fn plan(
     }
 }
 
-/// The version that poses are or were found with. Poses that stand stay good on a machine that
-/// could not find them.
+/// Returns the version of pycolmap for new or existing poses. Existing poses stay valid on a machine without it.
 fn pycolmap_version(
     sequence_folder: &Path,
     sequence: &Sequence,
@@ -287,7 +285,7 @@ fn pycolmap_version(
     }
 }
 
-/// Stages points, masks and what else is known of the frames; returns the scene.
+/// Stages points, masks and other data of the frames; returns the scene.
 fn stage_scene(
     staging: &mut Staging,
     folder: &Path,

@@ -1,8 +1,8 @@
-//! Whether frames of a perspective camera show any parallax.
+//! Parallax test for frames of a perspective camera.
 //!
-//! Structure from motion of a camera that hovers can end in poses that look sound: with another focal length and a
-//! lens that is not there, turns become paths. So what its points are seen by is explained once more by turns alone,
-//! of a camera without a lens: where that leaves no more than a pixel, there is no parallax.
+//! Structure from motion of a hovering camera can end in poses that look sound: with a wrong focal length and a
+//! spurious lens, rotations become paths. So its observations are fitted once more by rotations alone, of a camera
+//! without a lens. If the residual is at most a pixel, there is no parallax.
 
 use std::collections::BTreeMap;
 
@@ -11,28 +11,28 @@ use omnilife_schemas::{camera::Camera, statistics::median};
 
 use super::colmap::{ColmapImage, ColmapModel};
 
-/// Where turns alone leave no more than this, pixels, a camera has none but turns.
+/// Largest residual of rotations alone, pixels, of a camera that only rotates.
 pub(super) const TURNS_PIXELS: f64 = 1.0;
-/// Focal lengths that are tried, over the width: from, to, and by which factor apart; then so much finer.
+/// Focal lengths to test, over the width: from, to, and their ratio; then so much finer.
 const FOCALS: [f64; 3] = [0.4, 3.0, 1.05];
 const FINER: f64 = 1.004;
-/// Pairs of frames that are looked at, at most; each shares this many points at least.
+/// Maximum number of tested pairs of frames; each shares this many points at least.
 const PAIRS: usize = 12;
 const LEAST_SHARED: usize = 50;
-/// Steps to the turn of a pair.
+/// Steps to the rotation of a pair.
 const STEPS: usize = 12;
 
-/// Where turns alone, of a camera without a lens, show the points of a model.
+/// Fit of a model by rotations alone, of a camera without a lens.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct TurnsAlone {
-    /// Median distance from where they are seen in the pair of frames that fits worst, pixels.
+    /// Median distance from observations in the pair of frames with the worst fit, pixels.
     pub(super) pixels: f64,
     /// The focal length that fits best, pixels.
     pub(super) focal: f64,
 }
 
-/// How well turns explain a model; `names` are the frames in order of time. `None` for panoramas, and where no
-/// two frames far apart share enough points.
+/// Fits a model by rotations alone; `names` are the frames in order of time. `None` for panoramas, and if no two frames
+/// far apart share enough points.
 pub(super) fn turns_alone(model: &ColmapModel, names: &[String]) -> Option<TurnsAlone> {
     let Camera::Pinhole(straight) = model.camera.camera() else {
         return None;
@@ -53,7 +53,7 @@ pub(super) fn turns_alone(model: &ColmapModel, names: &[String]) -> Option<Turns
     };
     let by_name = |name: &String| model.images.values().find(|image| image.name == *name);
     let path: Vec<BTreeMap<u64, DVec2>> = names.iter().filter_map(by_name).map(seen).collect();
-    // The farther apart in time, the farther a camera that moves has come.
+    // The larger the interval, the farther a moving camera has come.
     let gap = (path.len() / 3).max(1);
     let step = path.len().saturating_sub(gap).div_ceil(PAIRS).max(1);
     let pairs: Vec<Vec<[DVec2; 2]>> = (0..path.len().saturating_sub(gap))
@@ -88,7 +88,7 @@ pub(super) fn turns_alone(model: &ColmapModel, names: &[String]) -> Option<Turns
     best_of(finer.collect())
 }
 
-/// What the turn that fits a pair of frames best leaves, pixels: the median over the points that both see.
+/// Returns the residual of the best rotation for a pair of frames, pixels: the median over the points that both see.
 fn left_by_turn(pair: &[[DVec2; 2]], focal: f64) -> f64 {
     let rays: Vec<[DVec3; 2]> = pair
         .iter()
@@ -96,7 +96,7 @@ fn left_by_turn(pair: &[[DVec2; 2]], focal: f64) -> f64 {
         .collect();
     let mut turn = DQuat::IDENTITY;
     for _ in 0..STEPS {
-        // Least squares over small turns that bring the first rays onto the second.
+        // Least squares over small rotations that bring the first rays onto the second.
         let (mut matrix, mut right) = (DMat3::ZERO, DVec3::ZERO);
         for [one, other] in &rays {
             let turned = turn * *one;
@@ -130,7 +130,7 @@ mod tests {
 
     use super::*;
 
-    /// A clip over a road with houses; the camera turns, and moves by `step` from frame to frame.
+    /// Returns a clip over a road with houses; the camera turns, and moves by `step` from frame to frame.
     fn model(step: f64) -> (ColmapModel, Vec<String>) {
         let camera = PinholeCamera::with_horizontal_field_of_view(640, 360, 1.1);
         let down = DMat3::from_cols(DVec3::X, -DVec3::Y, -DVec3::Z);

@@ -1,6 +1,6 @@
-//! Estimated distances of a sequence's frames: of a network, a sensor, another program.
+//! Estimated distances of a sequence's frames: from a network, a sensor, another program.
 //!
-//! They are given to methods, never scored against ([`super::truth`] has what is true).
+//! They are given to methods, never scored against ([`super::truth`] holds true ones).
 
 use std::path::{Path, PathBuf};
 
@@ -19,15 +19,15 @@ use crate::{error::CurateError, staging::Staging};
 /// Files of distances, named like the frames.
 #[derive(Debug, Clone, PartialEq)]
 pub struct GivenPrior {
-    /// Folder of 16-bit grey PNG or `.npy` files; 0 where the distance is not known.
+    /// Folder of 16-bit grey PNG or `.npy` files; 0 for an unknown distance.
     pub folder: PathBuf,
-    /// What a step of 1 in the files means, in units of the world frame.
+    /// Length of a step of 1 in the files, in units of the world frame.
     pub unit: f64,
-    /// Where their pixels are.
+    /// Grid of their pixels.
     pub grid: DistanceGrid,
-    /// What their distances are measured along.
+    /// Line along which their distances are measured.
     pub convention: DistanceConvention,
-    /// Who estimated them.
+    /// Estimator.
     pub source: String,
 }
 
@@ -43,7 +43,7 @@ impl GivenPrior {
     /// Finds the files.
     ///
     /// # Errors
-    /// When no frame has one, two files are of one frame, or the unit is not positive.
+    /// When no frame has one, two files belong to one frame, or the unit is not positive.
     pub(super) fn find(&self, frames: &[FrameEntry]) -> Result<PriorFiles, CurateError> {
         if !(self.unit.is_finite() && self.unit > 0.0) {
             let reason = format!("{}: is no unit of distances", self.unit);
@@ -70,12 +70,12 @@ impl GivenPrior {
 }
 
 impl PriorFiles {
-    /// The files of the frames that have one.
+    /// Returns the files of the frames that have one.
     pub(super) fn files(&self) -> impl Iterator<Item = &PathBuf> {
         self.files.iter().flatten()
     }
 
-    /// Adds what they depend on to a plan.
+    /// Adds their dependencies to a plan.
     pub(super) fn add_inputs(&self, plan: StagePlan) -> Result<StagePlan, CurateError> {
         let GivenPrior {
             unit,
@@ -99,11 +99,10 @@ impl PriorFiles {
         Ok(plan)
     }
 
-    /// Stages them on the project's grid as f32 arrays, at their own size, and enters them in the frames
-    /// of a scene.
+    /// Stages them on the project's grid as f32 arrays, at their own size, and enters them in the frames of a scene.
     ///
     /// # Errors
-    /// When a file is not usable, has another ratio of sides than the frames, or cannot be written.
+    /// When a file is not usable, has another aspect ratio than the frames, or cannot be written.
     pub(super) fn stage(
         &self,
         staging: &mut Staging,

@@ -1,4 +1,4 @@
-//! Frames without the distortion of their lens, as files of the scene.
+//! Undistorted frames, as files of the scene.
 
 use std::path::Path;
 
@@ -13,7 +13,7 @@ use crate::{error::CurateError, staging::Staging};
 /// Stages the frames of a sequence; returns their files, relative to its folder.
 ///
 /// # Errors
-/// When a frame cannot be read, has not the size of the others, or cannot be written.
+/// When a frame cannot be read, differs in size from the others, or cannot be written.
 pub(super) fn stage(
     staging: &mut Staging,
     folder: &Path,

@@ -1,6 +1,6 @@
-//! What is known of a sequence's frames beside their cameras: distances, and masks of classes.
+//! Known data of a sequence's frames beside their cameras: distances, and masks of classes.
 //!
-//! Metrics ask for them: errors of depth, and scores within the masks of a class.
+//! Metrics need them: errors of depth, and scores within the masks of a class.
 
 use std::{
     collections::BTreeMap,
@@ -32,21 +32,21 @@ use super::{
 };
 use crate::{error::CurateError, staging::Staging};
 
-/// Files that a user has of a sequence's frames, named like the frames.
+/// The user's files for a sequence's frames, named like the frames.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct GivenTruth {
-    /// Folder of masks, white where something moves, where poses are given; masks of a poses.json go
-    /// before them. Structure from motion has masks of its own.
+    /// Folder of masks, white for moving content, if poses are given; masks of a poses.json take precedence. Structure
+    /// from motion has masks of its own.
     pub masks: Option<PathBuf>,
-    /// What is no part of the scene.
+    /// Region outside the scene.
     pub ignored: Option<IgnoredRegion>,
     /// Distances.
     pub depth: Option<GivenDepth>,
-    /// Folder of masks by the name of the class: white where its objects are.
+    /// Folder of masks by the name of the class: white for its objects.
     pub classes: BTreeMap<String, PathBuf>,
     /// Estimated distances, which methods may use and no score does.
     pub prior: Option<GivenPrior>,
-    /// What says how large the world is, where the poses do not.
+    /// Known size of the world, if the poses do not give it.
     pub scale: Option<GroundScale>,
     /// Direction of the matrices, for poses that are given as matrices.
     pub pose_convention: Option<PoseConvention>,
@@ -55,9 +55,9 @@ pub struct GivenTruth {
 /// Images of distances along the rays.
 #[derive(Debug, Clone, PartialEq)]
 pub struct GivenDepth {
-    /// Folder of 16-bit grey PNG files; 0 where the distance is not known.
+    /// Folder of 16-bit grey PNG files; 0 for an unknown distance.
     pub folder: PathBuf,
-    /// What a step of 1 in the images means, in units of the world frame.
+    /// Length of a step of 1 in the images, in units of the world frame.
     pub unit: f64,
 }
 
@@ -71,7 +71,7 @@ pub(super) struct TruthFiles {
 }
 
 impl GivenTruth {
-    /// Checks what needs no sequence.
+    /// Checks everything that needs no sequence.
     ///
     /// # Errors
     /// When a file or folder is missing, a class has a name other than a plain word, or a unit is not
@@ -128,7 +128,7 @@ impl GivenTruth {
     }
 }
 
-/// Refuses a name of a class other than a plain word.
+/// Refuses a name of a class that is not a plain word.
 fn refuse_class(name: &str, folder: &Path) -> Result<(), CurateError> {
     let is_word = |byte: u8| byte.is_ascii_lowercase() || byte.is_ascii_digit();
     if !name.is_empty() && name.bytes().all(|byte| is_word(byte) || byte == b'-') {
@@ -139,12 +139,12 @@ fn refuse_class(name: &str, folder: &Path) -> Result<(), CurateError> {
 }
 
 impl TruthFiles {
-    /// Whether there are images of anything but masks of what moves.
+    /// Returns true if there are images of anything except masks of moving content.
     pub(super) fn has_images(&self) -> bool {
         self.depth.is_some() || !self.classes.is_empty() || self.prior.is_some()
     }
 
-    /// Adds masks of what moves, a file for every frame.
+    /// Adds masks of moving content, a file for every frame.
     pub(super) fn set_masks(&mut self, files: Vec<PathBuf>) {
         self.masks = Some(files);
     }
@@ -154,7 +154,7 @@ impl TruthFiles {
         self.prior = Some(prior);
     }
 
-    /// Takes distances and masks of classes out of a frame that it is to get anew; returns what it had, in words.
+    /// Removes the distances and masks of classes of a frame that are to be replaced; returns their kinds, in words.
     pub(super) fn take_from(&self, frame: &mut SceneFrame) -> Vec<String> {
         let mut had = Vec::new();
         if self.depth.is_some() && frame.depth.take().is_some() {
@@ -171,7 +171,7 @@ impl TruthFiles {
         had
     }
 
-    /// Adds what they depend on to a plan.
+    /// Adds their dependencies to a plan.
     pub(super) fn add_inputs(&self, mut plan: StagePlan) -> Result<StagePlan, CurateError> {
         for file in self.masks.iter().flatten() {
             plan = plan.with_file(file)?;
@@ -195,15 +195,15 @@ impl TruthFiles {
         }
     }
 
-    /// Gives every frame its mask that has none yet.
+    /// Gives a mask to every frame that has none yet.
     pub(super) fn complete_masks(&self, masks: &mut [Option<PathBuf>]) {
         for (mask, given) in masks.iter_mut().zip(self.masks.iter().flatten()) {
             mask.get_or_insert_with(|| given.clone());
         }
     }
 
-    /// Lines on what was assumed of these masks, those of what moves among them, where what is ignored looks
-    /// inverted, and on files beside those of the frames.
+    /// Returns lines on assumptions about these masks and those of moving content, on ignore masks that look inverted,
+    /// and on surplus files beside those of the frames.
     ///
     /// # Errors
     /// When a mask or a folder cannot be read.
@@ -228,7 +228,7 @@ impl TruthFiles {
         Ok(notes)
     }
 
-    /// Lines on files that are of no frame.
+    /// Returns lines on files that belong to no frame.
     fn surplus(&self) -> Result<Vec<String>, CurateError> {
         let depth = self.depth.iter().flat_map(|(files, _)| files);
         let prior = self.prior.iter().flat_map(PriorFiles::files);
@@ -252,8 +252,7 @@ impl TruthFiles {
         Ok(lines)
     }
 
-    /// Stages them at the size of the frames, every pixel that of the nearest one, and enters them in
-    /// the frames of a scene.
+    /// Stages them at the size of the frames, by nearest pixels, and enters them in the frames of a scene.
     ///
     /// # Errors
     /// When an image is not usable, or a file cannot be written.
@@ -295,7 +294,7 @@ impl TruthFiles {
     }
 }
 
-/// Refuses files that lie in the very folder that the staged ones go to.
+/// Refuses files that lie in the folder of staged ones.
 pub(super) fn refuse_own<'a>(
     files: impl Iterator<Item = &'a PathBuf>,
     folder: &Path,
@@ -313,7 +312,7 @@ pub(super) fn refuse_own<'a>(
     Ok(())
 }
 
-/// Tells which of `all` files of distances hold none, as those of a sky do.
+/// Reports which of `all` files of distances hold none, such as those of a sky.
 ///
 /// # Errors
 /// When none of them holds any.
@@ -337,7 +336,7 @@ fn tell_unknown_distances(
     Ok(())
 }
 
-/// Writes the values of an image at a size; returns false where all of them are 0, which is an unknown distance.
+/// Writes the values of an image at a size; returns false if all of them are 0, which is an unknown distance.
 fn write_depth(source: &Path, size: [usize; 2], path: &Path) -> Result<bool, CurateError> {
     let malformed = |reason: String| CurateError::input(source, reason);
     let image = ImageFile::open(source)?;

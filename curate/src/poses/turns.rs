@@ -1,4 +1,4 @@
-//! Poses of a camera that turns where it stands, or hovers: its images show no parallax.
+//! Poses of a rotating or hovering camera: its images show no parallax.
 
 use std::path::Path;
 
@@ -18,24 +18,24 @@ use crate::{
     motion::pinhole_turns::{GreyFrame, turns},
 };
 
-/// Neighbouring frames are registered where at least this share of the pixels fits.
+/// Least share of fitting pixels at which neighbouring frames count as registered.
 const GOOD_FIT: f64 = 0.8;
-/// A path of the image's middle below this is no motion, pixels.
+/// A path of the image's middle below this is static, pixels.
 const STILL: f64 = 2.0;
 
-/// The turns of a clip as poses.
+/// The rotations of a clip as poses.
 pub(crate) struct RegisteredTurns {
     /// With square pixels and a centred principal point.
     pub(crate) camera: Camera,
     /// One per frame, all in one place.
     pub(crate) poses: Vec<Option<Pose>>,
-    /// What was found, and how well it fits.
+    /// Result and quality of the fit.
     pub(crate) reason: String,
-    /// Whether enough of the images fits everywhere.
+    /// True if enough of the images fits everywhere.
     pub(crate) succeeded: bool,
 }
 
-/// A pinhole with square pixels and a centred principal point; the focal length in pixels.
+/// Returns a pinhole with square pixels and a centred principal point; the focal length is in pixels.
 pub(crate) fn pinhole([width, height]: [usize; 2], focal: f64) -> Camera {
     PinholeCamera {
         width: width as u32,
@@ -48,7 +48,7 @@ pub(crate) fn pinhole([width, height]: [usize; 2], focal: f64) -> Camera {
     .into()
 }
 
-/// Luma of [0, 255] with where it may be looked at.
+/// Returns luma of [0, 255] with the usable pixels.
 pub(crate) fn grey_frame(image: &RgbImage, open: Vec<bool>) -> GreyFrame {
     let pixels = image.data.as_chunks::<3>().0.iter();
     GreyFrame {
@@ -61,7 +61,7 @@ pub(crate) fn grey_frame(image: &RgbImage, open: Vec<bool>) -> GreyFrame {
     }
 }
 
-/// The turns of a camera that stands, from frames of one size; its focal length in pixels where it is known.
+/// Estimates the rotations of a camera in place, from frames of one size; its focal length is in pixels, if known.
 pub(crate) fn registered(
     frames: &[GreyFrame],
     size: [usize; 2],
@@ -102,8 +102,8 @@ pub(crate) fn registered(
     }
 }
 
-/// The poses of a hovering camera in place of those that structure from motion did not find, or found without
-/// parallax; `None` where the images are no turns either, or the poses are sound.
+/// Returns the poses of a hovering camera if structure from motion found none, or found them without parallax. `None`
+/// if the images do not fit rotations either, or the poses are sound.
 pub(super) fn of_hovering(
     folder: &Path,
     sequence: &Sequence,

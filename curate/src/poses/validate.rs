@@ -1,5 +1,5 @@
-//! Can poses from structure from motion be trusted? Errors are angles, not pixels: a pixel near the
-//! poles of an ERP image is next to nothing.
+//! Validation of poses from structure from motion. Errors are angles, not pixels: a pixel near the poles of an ERP
+//! image has hardly any width.
 
 use std::collections::BTreeMap;
 
@@ -15,8 +15,8 @@ use serde::{Deserialize, Serialize};
 
 use super::colmap::{ColmapImage, ColmapModel};
 
-/// What valid poses keep to. The defaults were set on rendered scenes with known poses: of 18
-/// degraded runs they flag 14, and the other four were accurate.
+/// Limits of valid poses. The defaults were set on rendered scenes with known poses: of 18 degraded runs they flag 14,
+/// and the other four were accurate.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct ValidationLimits {
     /// Least share of frames in one model.
@@ -156,7 +156,7 @@ impl Report {
         relation: &str,
         holds: impl Fn(f64) -> bool,
     ) {
-        // A value that is not finite must not reach JSON, which has no word for it.
+        // A value that is not finite must not reach JSON, which cannot express it.
         let Some(value) = value.filter(|value| value.is_finite()) else {
             self.problems.push(format!("{name} cannot be measured"));
             return;
@@ -174,7 +174,7 @@ fn angle_degrees(a: DVec3, b: DVec3) -> f64 {
     a.cross(b).length().atan2(a.dot(b)).to_degrees()
 }
 
-/// Angle between the ray of every feature and the direction of its point, degrees.
+/// Returns the angle between the ray of every feature and the direction of its point, degrees.
 fn reprojection_errors_degrees(model: &ColmapModel) -> Vec<f64> {
     let camera = model.camera.camera();
     let mut errors = Vec::new();
@@ -193,7 +193,7 @@ fn reprojection_errors_degrees(model: &ColmapModel) -> Vec<f64> {
     errors
 }
 
-/// Widest angle under which a point sees the first, middle and last camera of its track, degrees.
+/// Returns the widest angle under which a point sees the first, middle and last camera of its track, degrees.
 fn triangulation_degrees(model: &ColmapModel) -> Vec<f64> {
     let stride = (model.points.len() / TRIANGULATION_SAMPLES).max(1);
     model
@@ -218,8 +218,8 @@ fn triangulation_degrees(model: &ColmapModel) -> Vec<f64> {
         .collect()
 }
 
-/// Largest step between consecutive registered frames over the median step around it. Steps over
-/// frames that are missing count per frame.
+/// Returns the largest step between consecutive registered frames over the median step around it. Steps over missing
+/// frames count per frame.
 fn step_ratio(path: &[(usize, &ColmapImage)]) -> Option<f64> {
     let steps: Vec<f64> = path
         .windows(2)
@@ -238,7 +238,7 @@ fn step_ratio(path: &[(usize, &ColmapImage)]) -> Option<f64> {
         .max_by(f64::total_cmp)
 }
 
-/// Largest change between consecutive inter-frame rotations over the median change.
+/// Returns the largest change between consecutive inter-frame rotations over the median change.
 fn rotation_change_ratio(path: &[(usize, &ColmapImage)]) -> Option<f64> {
     let turns: Vec<(usize, DQuat)> = path
         .windows(2)

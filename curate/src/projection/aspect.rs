@@ -20,7 +20,7 @@ fn deviation(probe: &Probe) -> f64 {
     (f64::from(width) / (2.0 * f64::from(height)) - 1.0).abs()
 }
 
-/// Whether the stored size is 2:1 to the test's limit.
+/// Returns true if the stored size is 2:1 to the test's limit.
 pub(crate) fn is_two_to_one(probe: &Probe) -> bool {
     deviation(probe) <= TEST.limit
 }

@@ -6,10 +6,10 @@ use omnilife_schemas::statistics;
 
 /// 8-bit level up to which a pixel counts as black: limited-range black with compression noise.
 const BLACK_LEVEL: u8 = 24;
-/// Share of a line that has to be black. Not all of it: subtitles and noise reach into borders.
+/// Least black share of a line. Not all of it: subtitles and noise reach into borders.
 const BLACK_SHARE: f64 = 0.98;
 const LIMIT: f64 = 0.01;
-/// Step at the end of a border: lines have less black than the border by this share of their length at least.
+/// Least drop of the black share of lines at the end of a border.
 const LEAST_STEP: f64 = 0.5;
 
 /// Black columns at the sides.
@@ -65,7 +65,7 @@ impl Border {
         bottom: 0,
     };
 
-    /// The sides and rows that are wide enough to count; `None` where there are none.
+    /// Keeps the sides and rows that are wide enough to count; `None` if there are none.
     ///
     /// Black above or below alone stays: it may be a patch over a pole.
     fn of_some_width(mut self, image: &Rgb8Image) -> Option<Self> {
@@ -78,11 +78,11 @@ impl Border {
         (self != Self::NONE).then_some(self)
     }
 
-    /// The sides and rows that end at a sharp edge.
+    /// Keeps the sides and rows that end at a sharp edge.
     fn with_sharp_edges(mut self, image: &Rgb8Image) -> Self {
         let column = |x| black_share_of_column(image, x);
         let row = |y| black_share_of_row(image, y);
-        // From the last line of the border to the first inside of it.
+        // From the last line of the border to the first one inside it.
         let is_sharp =
             |width: usize, outside: f64, inside: f64| width == 0 || outside - inside >= LEAST_STEP;
         let (right, bottom) = (image.width - self.right, image.height - self.bottom);
@@ -110,7 +110,7 @@ impl Border {
         self
     }
 
-    /// The image inside of it; `None` where hardly anything is left.
+    /// Returns the image inside of it; `None` if hardly anything is left.
     fn inside(&self, image: &Rgb8Image) -> Option<Rgb8Image> {
         let columns = self.left..image.width.checked_sub(self.right)?;
         let rows = self.top..image.height.checked_sub(self.bottom)?;
@@ -137,7 +137,7 @@ fn black_share_of_row(image: &Rgb8Image, y: usize) -> f64 {
     black.count() as f64 / image.width as f64
 }
 
-/// `None` for a frame that is black as a whole.
+/// Returns `None` for an entirely black frame.
 fn border(image: &Rgb8Image) -> Option<Border> {
     let (width, height) = (image.width, image.height);
     let is_black_column = |x: &usize| black_share_of_column(image, *x) >= BLACK_SHARE;
@@ -152,7 +152,7 @@ fn border(image: &Rgb8Image) -> Option<Border> {
     })
 }
 
-/// The images without the border that most of them have; `None` where there is none.
+/// Returns the images without the border that most of them have; `None` without such a border.
 pub(super) fn without_border(samples: &[Rgb8Image]) -> Option<Vec<Rgb8Image>> {
     let first = samples.first()?;
     let borders: Vec<Border> = samples.iter().filter_map(border).collect();
@@ -175,8 +175,8 @@ pub(super) fn without_border(samples: &[Rgb8Image]) -> Option<Vec<Rgb8Image>> {
     )
 }
 
-/// One image without its border; `None` where there is none that ends at sharp edges. What is dark at the edges of a
-/// scene fades into the rest of it.
+/// Returns one image without its border; `None` unless that ends at sharp edges. Dark edges of a scene fade into the
+/// rest of it.
 pub(super) fn without_sharp_border(image: &Rgb8Image) -> Option<Rgb8Image> {
     border(image)?
         .of_some_width(image)?

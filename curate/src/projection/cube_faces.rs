@@ -1,21 +1,19 @@
-//! Is the image made of cube faces: equi-angular (EAC) or plain, in whatever order and turned
-//! whichever way?
+//! Detection of cube faces: equi-angular (EAC) or plain, in any order and orientation.
 //!
-//! Two things give cube faces away. Where the layout puts faces beside each other that are no
-//! neighbours on the cube, the image breaks along a straight line; and every edge at the
-//! image's border is continued by some edge of another face.
+//! Two things reveal cube faces. If the layout puts faces beside each other that are no neighbours on the cube, the
+//! image breaks along a straight line. And every edge at the image's border is continued by some edge of another face.
 
 use super::{ProjectionTest, median_over};
 use crate::video::Rgb8Image;
 use omnilife_schemas::statistics;
 
-/// Columns and rows of the layouts that are tried. 3x2 is that of EAC and of most cube maps.
+/// Columns and rows of the tested layouts. 3x2 is that of EAC and of most cube maps.
 const LAYOUTS: [(usize, usize); 4] = [(3, 2), (6, 1), (1, 6), (2, 3)];
-/// Points along an edge that are compared.
+/// Number of compared points along an edge.
 const EDGE_POINTS: usize = 48;
 /// Mean deviation along an edge, in 8-bit levels, below which it resembles every other plain edge.
 const LEAST_EDGE_CONTRAST_LEVELS: f64 = 6.0;
-/// Outer edges with contrast that a layout needs to be judged.
+/// Least number of outer edges with contrast for judging a layout.
 const LEAST_EDGES: usize = 5;
 /// Difference, in 8-bit levels, between far and near lines below which an image is too plain.
 const LEAST_CONTRAST_LEVELS: f64 = 1.5;
@@ -43,8 +41,8 @@ pub(super) const FACE_BREAKS: ProjectionTest = ProjectionTest {
     measure: |_, samples| median_over(samples, |image| best_layout(image).map(|best| best.1)),
 };
 
-/// Outer edge distance and break of the layout whose outer edges fit best, of those that break
-/// where their faces meet if there are such.
+/// Returns outer edge distance and break of the layout whose outer edges fit best; layouts that break where their faces
+/// meet take precedence.
 fn best_layout(image: &Rgb8Image) -> Option<(f64, f64)> {
     LAYOUTS
         .iter()
@@ -109,7 +107,7 @@ fn outer_edge_distance(image: &Rgb8Image, columns: usize, rows: usize) -> Option
     Some(statistics::median(&found)?.max(0.0))
 }
 
-/// The four edges of every face.
+/// Returns the four edges of every face.
 fn edges(image: &Rgb8Image, columns: usize, rows: usize) -> Vec<Edge> {
     let mut edges = Vec::new();
     for face in 0..columns * rows {
@@ -161,7 +159,7 @@ fn strip(line: std::ops::Range<usize>, pixel: impl Fn(usize) -> [u8; 3]) -> Stri
     })
 }
 
-/// Mean absolute difference of two strips in 8-bit levels, one of them backwards if asked for.
+/// Returns the mean absolute difference of two strips in 8-bit levels, optionally with one of them reversed.
 fn distance(a: &Strip, b: &Strip, backwards: bool) -> f64 {
     let mut sum = 0.0;
     for (index, one) in a.iter().enumerate() {
@@ -179,7 +177,7 @@ fn distance(a: &Strip, b: &Strip, backwards: bool) -> f64 {
     sum / (3 * EDGE_POINTS) as f64
 }
 
-/// Mean absolute deviation from the strip's mean colour.
+/// Returns the mean absolute deviation from the strip's mean colour.
 fn contrast(strip: &Strip) -> f64 {
     let mut mean = [0.0; 3];
     for point in strip {
@@ -190,7 +188,7 @@ fn contrast(strip: &Strip) -> f64 {
     distance(strip, &[mean; EDGE_POINTS], false)
 }
 
-/// Break along the rows or along the columns on which faces of a layout meet, the larger one.
+/// Returns the break along the rows or along the columns on which faces of a layout meet, the larger one.
 fn line_break(image: &Rgb8Image, columns: usize, rows: usize) -> Option<f64> {
     let row_difference = |a: usize, b: usize| {
         mean_difference(image.width, |x| (image.pixel(x, a), image.pixel(x, b)))
@@ -206,7 +204,7 @@ fn line_break(image: &Rgb8Image, columns: usize, rows: usize) -> Option<f64> {
     }
 }
 
-/// Median break at the lines that divide `length` lines into `parts`.
+/// Returns the median break at the lines that divide `length` lines into `parts`.
 fn breaks(length: usize, parts: usize, difference: impl Fn(usize, usize) -> f64) -> Option<f64> {
     if parts < 2 || length < 16 {
         return None;

@@ -1,4 +1,4 @@
-//! Fisheye circles: black around them, or two of them that see the same rim.
+//! Detection of fisheye circles: black around them, or two of them that see the same rim.
 
 use omnilife_schemas::statistics;
 use std::f64::consts::TAU;
@@ -6,24 +6,22 @@ use std::f64::consts::TAU;
 use super::{ProjectionTest, black_border::is_black, median_over};
 use crate::video::Rgb8Image;
 
-/// Radii that are tried, as shares of half the image (of half of each half for two circles): from
-/// this to 1 in so many steps.
+/// Tested radii, as shares of half the image (of half of each half for two circles): from this to 1 in so many steps.
 const SMALLEST_RADIUS: f64 = 0.8;
 const RADIUS_STEPS: u32 = 40;
-/// Width of the ring inside a circle that must show an image.
+/// Width of the ring inside a circle that must contain image.
 const RING: f64 = 0.1;
-/// Half the width of the border between circle and surroundings that is left out.
+/// Half the width of the ignored border between circle and surroundings.
 const BORDER: f64 = 0.02;
 
 /// Points on a rim.
 const RIM_POINTS: usize = 180;
-/// Turns of one lens against the other that are tried, in rim points of 2 degrees.
+/// Largest tested rotation of one lens against the other, in rim points of 2 degrees.
 const LARGEST_TURN: usize = 3;
-/// Radius in rim points of the mean that is taken out: bright above and dark below is the rim of
-/// everything.
+/// Radius in rim points of the mean that is removed: any rim is bright above and dark below.
 const RIM_DETAIL_RADIUS: usize = 10;
 
-/// The correlation stands out by this much at the right radius.
+/// Least peak of the correlation at the right radius.
 const LEAST_PEAK: f64 = 0.15;
 
 /// Black around one or two circles.
@@ -54,7 +52,7 @@ fn radii() -> impl Iterator<Item = f64> {
     })
 }
 
-/// `None` for a frame without black or of black alone, which tells nothing.
+/// Returns `None` for a frame without black or of black alone, which gives no evidence.
 fn black_around(image: &Rgb8Image) -> Option<f64> {
     let black: Vec<bool> = (0..image.width * image.height)
         .map(|at| is_black(image.pixel(at % image.width, at / image.width)))
@@ -94,12 +92,12 @@ fn black_around(image: &Rgb8Image) -> Option<f64> {
     Some(best)
 }
 
-/// `None` where the rims have no detail, or where every radius says the same: then the image is so
-/// plain that all its circles look alike.
+/// Returns `None` if the rims have no detail, or all radii agree: then the image is so plain that all its circles look
+/// alike.
 fn common_rim(image: &Rgb8Image) -> Option<f64> {
     let by_radius: Vec<f64> = radii()
         .filter_map(|radius| {
-            // The lenses look opposite ways: what is right in one is left in the other.
+            // The lenses look opposite ways: the right of one is the left of the other.
             let left = detail(&rim(image, 0.25, radius, 1.0))?;
             let right = detail(&rim(image, 0.75, radius, -1.0))?;
             (0..=2 * LARGEST_TURN)
@@ -111,7 +109,7 @@ fn common_rim(image: &Rgb8Image) -> Option<f64> {
     (best - statistics::median(&by_radius)? >= LEAST_PEAK).then_some(best)
 }
 
-/// Correlation of two rims, the second turned by `turn - LARGEST_TURN` points.
+/// Returns the correlation of two rims, the second turned by `turn - LARGEST_TURN` points.
 fn turned_correlation(left: &[[f64; 3]], right: &[[f64; 3]], turn: usize) -> f64 {
     (0..RIM_POINTS)
         .map(|at| {
@@ -151,8 +149,8 @@ fn bilinear(image: &Rgb8Image, x: f64, y: f64) -> [f64; 3] {
     })
 }
 
-/// Colours along a closed curve without their means over `radius` points to either side; `radius` is no more than
-/// there are points.
+/// Returns colours along a closed curve without their means over `radius` points to either side; `radius` must not
+/// exceed the number of points.
 pub(crate) fn without_local_mean(curve: &[[f64; 3]], radius: usize) -> Vec<[f64; 3]> {
     let count = 2 * radius + 1;
     let points = curve.len();
@@ -170,7 +168,7 @@ pub(crate) fn without_local_mean(curve: &[[f64; 3]], radius: usize) -> Vec<[f64;
         .collect()
 }
 
-/// A rim without its local mean, of unit norm.
+/// Returns a rim without its local mean, of unit norm.
 fn detail(rim: &[[f64; 3]]) -> Option<Vec<[f64; 3]>> {
     let mut detail = without_local_mean(rim, RIM_DETAIL_RADIUS);
     let norm = detail
@@ -179,7 +177,7 @@ fn detail(rim: &[[f64; 3]]) -> Option<Vec<[f64; 3]>> {
         .map(|level| level * level)
         .sum::<f64>()
         .sqrt();
-    // A level and a half on average.
+    // 1.5 levels on average.
     if norm < 1.5 * ((3 * RIM_POINTS) as f64).sqrt() {
         return None;
     }

@@ -1,8 +1,8 @@
-//! Is this video equirectangular, and in which layout?
+//! Detection of the projection: is a video equirectangular, and in which layout?
 //!
-//! Every test of [`TESTS`] measures one thing on frames spread over the video; [`judge`] combines
-//! them and keeps all values as evidence. Pixels decide; metadata is consulted where they do not,
-//! and a disagreement is recorded. Where nothing decides, the projection is `unsure`.
+//! Every test of [`TESTS`] measures one thing on frames spread over the video; [`judge`] combines them and keeps all
+//! values as evidence. Pixels decide; otherwise metadata does, and a disagreement is recorded. If nothing decides, the
+//! projection is `unsure`.
 //!
 //! To add a test: one file, and one line in [`TESTS`].
 
@@ -31,20 +31,20 @@ use crate::video::Rgb8Image;
 pub struct ProjectionTest {
     /// Unique id, recorded as evidence.
     pub id: &'static str,
-    /// What is measured and how it is to be read, in one sentence.
+    /// The measured quantity and its reading, in one sentence.
     pub summary: &'static str,
     /// The value that divides the readings.
     pub limit: f64,
-    /// What a value at most the limit says.
+    /// Reading of a value up to the limit.
     pub at_most: &'static str,
-    /// What a value above the limit says.
+    /// Reading of a value above the limit.
     pub above: &'static str,
-    /// Measures; `None` where the test has nothing to look at.
+    /// Measures; `None` if the test does not apply to the frames.
     pub measure: fn(&Probe, &[Rgb8Image]) -> Option<f64>,
 }
 
 impl ProjectionTest {
-    /// Returns the part that it looks at: inside of a border, unless it is about borders.
+    /// Returns the image that it examines: inside of a border, unless it is about borders.
     fn looked_at<'a>(
         &self,
         samples: &'a [Rgb8Image],
@@ -87,7 +87,7 @@ pub static TESTS: &[ProjectionTest] = &[
     cube_faces::FACE_BREAKS,
 ];
 
-/// Tests that are quick enough for every frame by which shots are judged.
+/// Tests that are quick enough for every sampled frame of shots.
 pub(crate) static FRAME_TESTS: &[ProjectionTest] = &[
     black_border::SIDES,
     black_border::ROWS,
@@ -97,7 +97,7 @@ pub(crate) static FRAME_TESTS: &[ProjectionTest] = &[
     pole_rows::BOTTOM,
 ];
 
-/// Tells of turns that the container states: frames are as they are stored.
+/// Notes rotations that the container states: frames are used as stored.
 pub(crate) fn note_turns(video: &Path, probe: &Probe, progress: &dyn Progress) {
     let Some(stated) = &probe.spherical else {
         return;
@@ -126,8 +126,8 @@ pub(crate) fn note_turns(video: &Path, probe: &Probe, progress: &dyn Progress) {
 
 /// Judges a video by its probe and frames spread over it.
 ///
-/// Where the frames have a black border, what is inside of it is judged: a whole sphere in there is
-/// still no ERP as it is stored, and the projection is `unsure` with the border as its evidence.
+/// If the frames have a black border, their inside is judged. A whole sphere inside is still no ERP as stored, and the
+/// projection is `unsure` with the border as its evidence.
 pub fn judge(probe: &Probe, samples: &[Rgb8Image]) -> DetectedProjection {
     let samples = &spread_over(samples);
     let inside = black_border::without_border(samples);
@@ -172,7 +172,7 @@ pub fn judge(probe: &Probe, samples: &[Rgb8Image]) -> DetectedProjection {
     }
 }
 
-/// Measures [`FRAME_TESTS`] on one frame, in their order. A border is cut off where it ends at sharp edges.
+/// Measures [`FRAME_TESTS`] on one frame, in their order. A border that ends at sharp edges is cut off.
 pub(crate) fn measure_frame(probe: &Probe, image: &Rgb8Image) -> impl Iterator<Item = Option<f64>> {
     let inside = black_border::without_sharp_border(image);
     FRAME_TESTS.iter().map(move |test| {
@@ -189,7 +189,7 @@ pub(crate) enum Proof {
     Sphere,
     /// They are those of an ordinary camera; `seam` is the wrap seam, above [`FLAT_SEAM`].
     Flat { seam: f64 },
-    /// Too little.
+    /// Too little evidence.
     Nothing,
 }
 
@@ -210,7 +210,7 @@ pub(crate) fn proof(readings: impl Iterator<Item = Option<f64>>) -> Proof {
     }
 }
 
-/// Some of the samples, evenly.
+/// Returns some of the samples, evenly spaced.
 fn spread_over(samples: &[Rgb8Image]) -> Vec<Rgb8Image> {
     let step = samples.len().div_ceil(MOST_SAMPLES).max(1);
     samples.iter().step_by(step).cloned().collect()
@@ -220,7 +220,7 @@ fn agree(stated: VideoProjection, pixels: VideoProjection) -> bool {
     stated == pixels || (stated.is_monoscopic_erp() && pixels.is_monoscopic_erp())
 }
 
-/// What the container's spherical metadata claims, and its words.
+/// Returns the projection in the container's spherical metadata, and its words.
 fn by_metadata(probe: &Probe) -> Option<(VideoProjection, String)> {
     let metadata = probe.spherical.as_ref()?;
     let stereo = metadata.stereo.as_deref().unwrap_or("2D");
@@ -236,7 +236,7 @@ fn by_metadata(probe: &Probe) -> Option<(VideoProjection, String)> {
         ("cubemap" | "equiangular cubemap", _) => VideoProjection::Eac,
         ("fisheye", _) => VideoProjection::Fisheye,
         ("rectilinear", _) => VideoProjection::Rectilinear,
-        // A mesh maps the image onto the sphere as it pleases; nothing here reads it.
+        // A mesh is an arbitrary map from image to sphere; nothing here reads it.
         ("mesh", _) => VideoProjection::Unsure,
         _ => return None,
     };
@@ -251,7 +251,7 @@ impl<'a> Readings<'a> {
         Self(evidence)
     }
 
-    /// Value over limit, or `None` where the test had nothing to look at.
+    /// Returns value over limit, or `None` if the test did not apply.
     fn ratio(&self, test: &ProjectionTest) -> Option<f64> {
         self.0
             .iter()
@@ -267,7 +267,7 @@ impl<'a> Readings<'a> {
         self.ratio(test).is_some_and(|ratio| ratio > 1.0)
     }
 
-    /// Whether the limit is missed by so much that the opposite is sure.
+    /// Returns true if the limit is missed by so much that the opposite is certain.
     fn far_exceeds(&self, test: &ProjectionTest) -> bool {
         self.ratio(test).is_some_and(|ratio| ratio > CLEARLY)
     }
@@ -284,7 +284,7 @@ impl<'a> Readings<'a> {
         projection
     }
 
-    /// The projection of the image without its border.
+    /// Returns the projection of the image without its border.
     fn projection(&self) -> VideoProjection {
         let wraps = self.holds(&wrap_seam::WHOLE);
         let has_caps = self.holds(&pole_rows::TOP) && self.holds(&pole_rows::BOTTOM);
@@ -309,7 +309,7 @@ impl<'a> Readings<'a> {
         }
         let has_no_caps = self.exceeds(&pole_rows::TOP) || self.exceeds(&pole_rows::BOTTOM);
         if wraps || !has_no_caps {
-            // A panorama that is cropped in one direction, or too plain to tell.
+            // A panorama that is cropped in one direction, or too plain to decide.
             return VideoProjection::Unsure;
         }
         if self.holds(&cube_faces::OUTER_EDGES) && self.exceeds(&cube_faces::FACE_BREAKS) {
@@ -325,7 +325,7 @@ impl<'a> Readings<'a> {
     }
 }
 
-/// Tests that look at the whole image where the others look inside of its border.
+/// Tests that examine the whole image while the others examine the inside of its border.
 const LOOK_AT_BORDERS: &[&str] = &[
     aspect::TEST.id,
     black_border::SIDES.id,
@@ -333,14 +333,14 @@ const LOOK_AT_BORDERS: &[&str] = &[
     fisheye_circles::BLACK_AROUND.id,
 ];
 
-/// Frames that are looked at: a median over more says the same.
+/// Maximum number of examined frames: a median over more is no better.
 const MOST_SAMPLES: usize = 8;
-/// How many times its limit a value must reach to prove the opposite.
+/// Factor over its limit from which on a value proves the opposite.
 const CLEARLY: f64 = 1.5;
 /// The wrap seam above which an image without poles is flat.
 pub(crate) const FLAT_SEAM: f64 = CLEARLY * wrap_seam::WHOLE.limit;
 
-/// Median over the samples of a measurement that may have nothing to look at.
+/// Returns the median over the samples of a measurement that may not apply.
 fn median_over(samples: &[Rgb8Image], measure: impl Fn(&Rgb8Image) -> Option<f64>) -> Option<f64> {
     let values: Vec<f64> = samples.iter().filter_map(measure).collect();
     statistics::median(&values)

@@ -1,4 +1,4 @@
-//! Are the outermost rows a single point of the sphere?
+//! Test of the outermost rows for poles: single points of the sphere.
 
 use super::{ProjectionTest, median_over};
 use crate::video::Rgb8Image;
@@ -31,9 +31,9 @@ pub(super) const BOTTOM: ProjectionTest = ProjectionTest {
     measure: |_, samples| median_over(samples, |image| relative_spread(image, image.height - 1)),
 };
 
-/// How little like a pole a row is: the geometric mean of its spread and of its detail, each over
-/// the median of the rows away from the edges. Near a pole a row is stretched, so that its pixels
-/// differ little from their neighbours; at the pole itself they do not differ at all.
+/// Returns how little a row resembles a pole: the geometric mean of its spread and of its detail, each over the median
+/// of the rows away from the edges. Near a pole a row is stretched, so that its pixels differ little from their
+/// neighbours; at the pole itself they do not differ at all.
 fn relative_spread(image: &Rgb8Image, row: usize) -> Option<f64> {
     if image.height < 16 {
         return None;
@@ -51,7 +51,7 @@ fn relative_spread(image: &Rgb8Image, row: usize) -> Option<f64> {
     Some(product.sqrt())
 }
 
-/// Mean absolute difference of neighbouring pixels of a row in 8-bit levels.
+/// Returns the mean absolute difference of neighbouring pixels of a row in 8-bit levels.
 fn detail(image: &Rgb8Image, y: usize) -> f64 {
     let mut sum = 0_u64;
     for x in 0..image.width {
@@ -65,7 +65,7 @@ fn detail(image: &Rgb8Image, y: usize) -> f64 {
     sum as f64 / (3 * image.width) as f64
 }
 
-/// Mean absolute deviation from the row's mean colour in 8-bit levels.
+/// Returns the mean absolute deviation from the row's mean colour in 8-bit levels.
 fn spread(image: &Rgb8Image, y: usize) -> f64 {
     let count = image.width as f64;
     let mut mean = [0.0; 3];

@@ -1,16 +1,16 @@
-//! The few frames of a video that the ERP projection looks at.
+//! Frames of a video that are sampled for its projection.
 
 use crate::video::Rgb8Image;
 
-/// At this many frames every other one is let go.
+/// At this many frames every other one is dropped.
 const MOST: usize = 24;
-/// Distance of the first frames, seconds.
+/// Interval of the first frames, seconds.
 const FIRST_INTERVAL_SECONDS: f64 = 0.25;
 
 /// Frames spread evenly over a video of any length: 12 to 24 once it is long enough.
 ///
-/// Built as the video streams by: whenever there are 24, every other one is dropped and the
-/// distance doubles. So neither the length of the video nor a correct header is needed.
+/// It is built while the video streams by: whenever there are 24, every other one is dropped and the interval doubles.
+/// This needs neither the length of the video nor a correct header.
 pub struct FrameSamples {
     images: Vec<Rgb8Image>,
     interval_seconds: f64,
@@ -38,12 +38,12 @@ impl std::fmt::Debug for FrameSamples {
 }
 
 impl FrameSamples {
-    /// Whether the time of a frame has come.
+    /// Returns true if a frame at this time is due.
     pub(crate) fn wants(&self, time_seconds: f64) -> bool {
         self.next_seconds.is_none_or(|next| time_seconds >= next)
     }
 
-    /// Takes the image of a frame if its time has come.
+    /// Takes the image of a frame if it is due.
     pub(crate) fn offer(&mut self, time_seconds: f64, image: Rgb8Image) {
         if !self.wants(time_seconds) {
             return;
@@ -60,7 +60,7 @@ impl FrameSamples {
         self.next_seconds = Some(time_seconds + self.interval_seconds);
     }
 
-    /// The frames in order of time.
+    /// Returns the frames in order of time.
     pub fn images(&self) -> &[Rgb8Image] {
         &self.images
     }

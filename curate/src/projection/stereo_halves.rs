@@ -1,4 +1,4 @@
-//! Do two halves of the image show the same scene?
+//! Test for two halves of the image with the same scene.
 
 use super::{ProjectionTest, median_over};
 use crate::video::Rgb8Image;
@@ -7,11 +7,11 @@ use omnilife_schemas::statistics;
 /// Size of the compared blocks in pixels.
 const BLOCK_WIDTH: usize = 32;
 const BLOCK_HEIGHT: usize = 16;
-/// Largest disparity that is tried, as a share of an image's width: 0.023 is 8 degrees, more than
-/// human eye distance gives anything farther than half a metre away.
+/// Largest tested disparity, as a share of an image's width: 0.023 is 8 degrees, more than human eye distance gives for
+/// anything farther than half a metre away.
 const LARGEST_DISPARITY: f64 = 0.023;
-/// Radius in pixels of the neighbourhood whose mean is taken out before blocks are compared: plain
-/// gradients resemble each other everywhere, details do not.
+/// Radius in pixels of the neighbourhood whose mean is removed before blocks are compared: plain gradients resemble
+/// each other everywhere, details do not.
 const DETAIL_RADIUS: usize = 4;
 /// Blocks with less root mean square detail than this, in 8-bit levels, are left out.
 const LEAST_DETAIL_LEVELS: f32 = 2.0;
@@ -125,8 +125,8 @@ impl Detail {
     }
 }
 
-/// Mean over `DETAIL_RADIUS` neighbours on both sides along lines of `length` values `step` apart;
-/// the lines begin `stride` apart. Lines are cut off at their ends.
+/// Returns the mean over `DETAIL_RADIUS` neighbours on both sides along lines of `length` values `step` apart; the
+/// lines start `stride` apart. Lines are cut off at their ends.
 fn running_mean(data: &[f32], length: usize, lines: usize, step: usize, stride: usize) -> Vec<f32> {
     let mut means = vec![0.0; data.len()];
     for line in 0..lines {

@@ -1,4 +1,4 @@
-//! Does the image go on over its left and right edge?
+//! Test for continuity across the left and right edge.
 
 use omnilife_schemas::statistics;
 use std::f64::consts::PI;
@@ -6,11 +6,10 @@ use std::f64::consts::PI;
 use super::{ProjectionTest, median_over};
 use crate::video::Rgb8Image;
 
-/// Differences, in 8-bit levels, between far and neighbouring columns below which an image is too
-/// plain to tell whether it wraps.
+/// Differences, in 8-bit levels, between far and neighbouring columns below which an image is too plain for the test.
 const LEAST_CONTRAST_LEVELS: f64 = 1.5;
 
-/// Pairs of columns at either edge that say how rich in detail the image is there.
+/// Pairs of columns at either edge that measure the detail of the image there.
 const EDGE_PAIRS: usize = 4;
 
 /// The wrap seam of the whole image.
@@ -34,7 +33,7 @@ pub(super) const LEFT_HALF: ProjectionTest = ProjectionTest {
     measure: |_, samples| median_over(samples, |image| seam(image, image.width / 2)),
 };
 
-/// Seam of the leftmost `width` columns.
+/// Returns the seam of the leftmost `width` columns.
 fn seam(image: &Rgb8Image, width: usize) -> Option<f64> {
     if width < 16 {
         return None;
@@ -49,7 +48,7 @@ fn seam(image: &Rgb8Image, width: usize) -> Option<f64> {
         .flat_map(|x| [width / 4, width / 3, width / 2].map(|shift| (x, (x + shift) % width)))
         .map(|(a, b)| column_difference(a, b))
         .collect();
-    // Detail happens to be rich or poor at the edges; a real seam continues what is there.
+    // Detail may be rich or poor at the edges; a real seam continues it.
     let at_edges: Vec<f64> = neighbours[..EDGE_PAIRS]
         .iter()
         .chain(&neighbours[neighbours.len() - EDGE_PAIRS..])
@@ -61,15 +60,14 @@ fn seam(image: &Rgb8Image, width: usize) -> Option<f64> {
         .then(|| ((column_difference(width - 1, 0) - near) / (far - near)).max(0.0))
 }
 
-/// Shares of the rows: the cosine of their latitude, so that the poles, where everything agrees, do
-/// not drown the rest.
+/// Returns weights of the rows: the cosine of their latitude, so that the poles, which always agree, do not dominate.
 fn row_shares(height: usize) -> Vec<f64> {
     let cosine = |y: usize| ((0.5 - (y as f64 + 0.5) / height as f64) * PI).cos();
     let total: f64 = (0..height).map(cosine).sum();
     (0..height).map(|y| cosine(y) / total).collect()
 }
 
-/// Mean absolute difference of two columns in 8-bit levels.
+/// Returns the mean absolute difference of two columns in 8-bit levels.
 fn column_difference(image: &Rgb8Image, shares: &[f64], a: usize, b: usize) -> f64 {
     shares
         .iter()

@@ -1,4 +1,4 @@
-//! The dataset card: what the dataset is, in Markdown.
+//! The dataset card: a description of the dataset, in Markdown.
 
 use std::fmt::Write;
 
@@ -13,7 +13,7 @@ use super::{
     statistics::{DISTRIBUTIONS, Statistics},
 };
 
-/// Writes the card. The head between dashes is what dataset hubs read.
+/// Writes the card. Dataset hubs read the head between dashes.
 pub(super) fn card(
     about: &About,
     dataset: &Dataset,
@@ -57,7 +57,7 @@ pub(super) fn card(
     text
 }
 
-/// What hubs search and show: the kind of task, the words, and the table of their viewer.
+/// Metadata for search and display on hubs: the kind of task, the keywords, and the table of their viewer.
 const HEAD: &str = "\
 task_categories:
 - image-to-3d
@@ -103,7 +103,7 @@ const HUB_LICENCES: &[&str] = &[
     "cdla-permissive-2.0",
 ];
 
-/// The licence as hubs read it: an identifier of theirs, or `other` with the name as it was given.
+/// Returns the licence in the form of hubs: their identifier, or `other` with the given name.
 fn licence_lines(text: &mut String, licence: Option<&str>) {
     let Some(licence) = licence else {
         return;
@@ -117,7 +117,7 @@ fn licence_lines(text: &mut String, licence: Option<&str>) {
     }
 }
 
-/// The hub's class of a number of rows.
+/// Returns the hub's class of a number of rows.
 fn size_category(rows: usize) -> &'static str {
     match rows {
         0..1_000 => "n<1K",
@@ -208,12 +208,12 @@ fn sources(text: &mut String, dataset: &Dataset) {
     origins(text, dataset);
 }
 
-/// The name of a video, also of a record of older versions, which hold paths.
+/// Returns the name of a video, also from records of older versions, which hold paths.
 fn name(video: &VideoEntry) -> String {
     for_markdown(&without_folders(&video.file))
 }
 
-/// Where the videos came from, where somebody says so.
+/// Adds the origins of the videos, if given.
 fn origins(text: &mut String, dataset: &Dataset) {
     let stated = || {
         let videos = dataset.videos.iter();
@@ -250,7 +250,7 @@ fn origins(text: &mut String, dataset: &Dataset) {
     text.push('\n');
 }
 
-/// A YAML string; JSON's quoting is a part of YAML's.
+/// Returns a YAML string; JSON's quoting is a part of YAML's.
 fn quoted(text: &str) -> String {
     serde_json::Value::from(text).to_string()
 }

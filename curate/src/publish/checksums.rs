@@ -29,7 +29,7 @@ pub(super) fn write(folder: &Path, progress: &dyn Progress) -> Result<(), Curate
     )?)
 }
 
-/// The checksums as written: hash by file.
+/// Reads the checksums: hash by file.
 pub(super) fn read(folder: &Path) -> Result<BTreeMap<String, String>, StoreError> {
     let path = folder.join(CHECKSUMS_FILE);
     let text = fs::read_to_string(&path).map_err(|error| StoreError::read(&path, error))?;
@@ -46,8 +46,8 @@ pub(super) fn read(folder: &Path) -> Result<BTreeMap<String, String>, StoreError
         .collect()
 }
 
-/// All files of a dataset relative to it, with `/` between folders, sorted; without hidden ones,
-/// which are this machine's notes of what need not be done again, and without the checksums.
+/// Returns all files of a dataset relative to it, with `/` between folders, sorted. Hidden files, this machine's
+/// records of finished stages, and the checksums are left out.
 pub(super) fn files(folder: &Path) -> Result<Vec<String>, CurateError> {
     let mut found = Vec::new();
     let mut pending = vec![(folder.to_owned(), String::new())];
@@ -62,7 +62,7 @@ pub(super) fn files(folder: &Path) -> Result<Vec<String>, CurateError> {
                     "its name is not UTF-8; a dataset cannot hold it",
                 )
             })?;
-            // `sha256sum` would escape them, and half of its readers not understand that.
+            // `sha256sum` would escape them, and half of its readers do not support that.
             if name.contains(['\n', '\r', '\\']) {
                 return Err(CurateError::input(
                     &entry.path(),

@@ -2,7 +2,7 @@
 //! (<https://docs.mlcommons.org/croissant/docs/croissant-spec.html>, with the responsible-AI fields of
 //! <https://docs.mlcommons.org/croissant/docs/croissant-rai-spec.html>).
 //!
-//! What nobody has said is not guessed: a field that asks for it says so in words.
+//! Unknown facts are not guessed: a required field is then filled with a note.
 
 use omnilife_schemas::{layout::STATISTICS_FOLDER, records::About, store::sha256_bytes};
 use serde_json::{Value, json};
@@ -12,7 +12,7 @@ use super::statistics::Statistics;
 /// Name of the file in a published dataset.
 pub(super) const FILE: &str = "croissant.json";
 
-/// Columns of `sequences.csv` with their types in the vocabulary of schema.org, and what they hold.
+/// Columns of `sequences.csv` with their types in the vocabulary of schema.org, and their content.
 const COLUMNS: &[(&str, &str, &str)] = &[
     ("sequence", "sc:Text", "id of the sequence"),
     ("folder", "sc:Text", "its folder in the dataset"),
@@ -52,7 +52,7 @@ const COLUMNS: &[(&str, &str, &str)] = &[
     ),
 ];
 
-/// The metadata; `sequences_csv` is the table that its record set reads.
+/// Returns the metadata; `sequences_csv` is the table that its record set reads.
 pub(super) fn metadata(about: &About, statistics: &Statistics, sequences_csv: &str) -> String {
     let unstated = "not stated by the makers of the dataset";
     let description = about
@@ -119,7 +119,7 @@ pub(super) fn metadata(about: &About, statistics: &Statistics, sequences_csv: &s
     format!("{dataset:#}\n")
 }
 
-/// The names that the specification asks every file to define.
+/// Returns the names that the specification requires in every file.
 fn context() -> Value {
     json!({
         "@language": "en",

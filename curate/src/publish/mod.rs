@@ -1,4 +1,4 @@
-//! Publishing a dataset: statistics, figures, a card and checksums, and the check of all of it.
+//! Publication of a dataset: statistics, figures, a card and checksums, and their verification.
 //!
 //! [`publish`] adds to the folder that curation filled:
 //!
@@ -10,11 +10,11 @@
 //! statistics/*.svg             the distributions as figures
 //! README.md                    the dataset card
 //! croissant.json               the same for loaders of machine-learning data
-//! shards/frames-*.tar          the frames as WebDataset shards, where they are asked for
+//! shards/frames-*.tar          the frames as WebDataset shards, if requested
 //! SHA256SUMS                   of every file, as `sha256sum -c` reads it
 //! ```
 //!
-//! [`select`] finds a subset that is like the whole. [`verify`] says in one line each what is wrong with such a folder.
+//! [`select`] finds a representative subset. [`verify`] returns one line per fault of such a folder.
 
 mod card;
 mod checksums;
@@ -42,25 +42,24 @@ pub use verify::verify;
 
 use crate::error::CurateError;
 
-/// What is said of a dataset beside what is measured; `None` keeps what was said before.
+/// Statements on a dataset beside its measurements; `None` keeps an earlier one.
 #[derive(Debug, Clone, Default)]
 pub struct PublishSettings {
-    /// Name of the dataset; the folder's name where none was ever given.
+    /// Name of the dataset; the folder's name if none was ever given.
     pub name: Option<String>,
     /// Licence of the whole.
     pub licence: Option<String>,
-    /// What it is.
+    /// Description.
     pub description: Option<String>,
-    /// About how large the shards of frames are, bytes; `None` for no shards, and those of before are
-    /// removed.
+    /// Approximate size of the shards of frames, bytes; `None` for no shards, and earlier ones are removed.
     pub shard_bytes: Option<u64>,
 }
 
 /// Writes statistics, figures, card and checksums of the dataset in `folder`.
 ///
 /// # Errors
-/// When the folder holds no dataset, a record of it is missing or malformed, a file that is not ours
-/// or was changed since is in the way, or a file cannot be written.
+/// When the folder holds no dataset, a record of it is missing or malformed, a foreign or changed file is in the way,
+/// or a file cannot be written.
 pub fn publish(
     folder: &Path,
     settings: &PublishSettings,
@@ -77,7 +76,7 @@ pub fn publish(
     let started = Instant::now();
     let stage = StagePlan::new(folder, "publish");
     for (file, content) in &derived {
-        // The card is meant to be read, so somebody may have written into it.
+        // The card is meant for reading, so somebody may have edited it.
         let sha256 = store::sha256_bytes(content.as_bytes());
         stage.own_files().refuse_changed(file, &sha256)?;
     }
@@ -85,7 +84,7 @@ pub fn publish(
     let archives = shards.iter().map(|shard| shard.file.as_str());
     let files: Vec<&str> = files.chain(archives).chain([CHECKSUMS_FILE]).collect();
     stage.claim(&files)?;
-    // From here on the old checksums may be wrong: none are better.
+    // From here on the old checksums may be wrong: it is better to have none.
     store::remove(&folder.join(CHECKSUMS_FILE))?;
     store::write_record(&folder.join(ABOUT_FILE), &about)?;
     stage.own_files().remove(|file| !files.contains(&file))?;
@@ -99,7 +98,7 @@ pub fn publish(
     Ok(statistics)
 }
 
-/// Everything that follows from the records: file names with their contents.
+/// Returns everything that follows from the records: file names with their contents.
 fn derived_files(
     about: &About,
     dataset: &Dataset,
@@ -122,7 +121,7 @@ fn derived_files(
     Ok(files)
 }
 
-/// What was said before, with what is said now.
+/// Returns the earlier statements, updated by the new ones.
 fn about(folder: &Path, settings: &PublishSettings) -> Result<About, CurateError> {
     let path = folder.join(ABOUT_FILE);
     let before = if path.is_file() {

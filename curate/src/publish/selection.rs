@@ -1,9 +1,9 @@
-//! A subset of a dataset that is like the whole: as many sequences of every class as its share asks for, in
-//! all properties at once.
+//! Representative subset of a dataset: the sequences of every class in proportion to its share, in all properties at
+//! once.
 //!
-//! Sequences are taken one after another, each the one after which the counts of all classes are nearest to
-//! their shares (the sum of squared differences); then two are exchanged as long as that brings them nearer.
-//! Among equals the one whose source video has given fewest is taken, then the one that a shuffle put first.
+//! Sequences are taken one after another: each time the one that brings the counts of all classes nearest to their
+//! shares (the sum of squared differences). Then pairs are exchanged as long as that brings them nearer. Ties go to the
+//! source video with the fewest sequences so far, then to the first in a shuffled order.
 
 use std::{collections::BTreeMap, path::Path, time::Instant};
 
@@ -28,28 +28,28 @@ const SEQUENCES_FILE: &str = "sequences.csv";
 /// Table of the shares of all classes, in the whole and in the subset.
 const COMPARISON_FILE: &str = "comparison.csv";
 
-/// What to select.
+/// Parameters of a selection.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct SelectRequest {
-    /// How many sequences.
+    /// Number of sequences.
     pub count: usize,
     /// Properties whose classes keep their shares; see [`properties`].
     pub stratify: Vec<String>,
-    /// Decides between equals.
+    /// Seed for ties.
     pub seed: u64,
-    /// Leaves out sequences whose poses were not found valid.
+    /// Excludes sequences without valid poses.
     pub posed_only: bool,
 }
 
-/// A subset and how it compares to what it was selected from.
+/// A subset and its comparison to the whole.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Selection {
     /// The selected sequences, in the dataset's order.
     pub rows: Vec<SequenceRow>,
-    /// How many there were to select from.
+    /// Number of sequences to select from.
     pub candidates: usize,
-    /// For every property by which a dataset is counted, how far the shares are apart: half of the sum of
-    /// their differences, 0 for equal ones and 1 for nothing in common.
+    /// For every property by which a dataset is counted, the distance of the shares: half of the sum of their
+    /// differences, 0 for equal ones and 1 for disjoint ones.
     pub distances: Vec<(&'static str, f64)>,
     comparison: Vec<ComparisonRow>,
 }
@@ -73,8 +73,8 @@ pub fn properties() -> impl Iterator<Item = &'static str> {
 /// Selects sequences of the dataset in `folder`, and writes both tables into `out`.
 ///
 /// # Errors
-/// For an unknown property, more sequences than there are, a dataset that cannot be read, and a file in
-/// the way that is not ours.
+/// For an unknown property, more sequences than there are, a dataset that cannot be read, and a foreign file in the
+/// way.
 pub fn select(
     folder: &Path,
     request: &SelectRequest,
@@ -104,7 +104,7 @@ pub fn select(
 }
 
 /// # Errors
-/// What cannot be asked for, in one line.
+/// The reason why the request cannot be met, in one line.
 fn choose(rows: &[SequenceRow], request: &SelectRequest) -> Result<Selection, String> {
     let chosen: Result<Vec<&Distribution>, String> = request
         .stratify
@@ -149,10 +149,10 @@ struct Balance<'a> {
     rows: &'a [&'a SequenceRow],
     /// For every sequence the numbers of its classes, over all properties.
     classes: Vec<Vec<usize>>,
-    /// How many of every class there should be.
+    /// Target counts of every class.
     targets: Vec<f64>,
     counts: Vec<f64>,
-    /// Order among equals.
+    /// Order of ties.
     shuffled: Vec<usize>,
     is_taken: Vec<bool>,
     from_source: BTreeMap<&'a str, usize>,
@@ -197,7 +197,7 @@ impl<'a> Balance<'a> {
         }
     }
 
-    /// By how much the sum of squared differences changes when a class has `change` more.
+    /// Returns the change of the sum of squared differences if a class has `change` more.
     fn gain(&self, index: usize, change: f64) -> f64 {
         let of_class =
             |&class: &usize| change * (2.0 * (self.counts[class] - self.targets[class]) + change);
@@ -243,7 +243,7 @@ impl<'a> Balance<'a> {
         }
     }
 
-    /// Exchanges one for another while that brings the counts nearer to their targets.
+    /// Exchanges pairs while that brings the counts nearer to their targets.
     fn exchange(&mut self) {
         for out in self.shuffled.clone() {
             if !self.is_taken[out] {
@@ -336,7 +336,7 @@ mod tests {
         }
     }
 
-    /// 200 sequences: scenes 60, 30 and 10 %, motions half each, rare scenes with one motion alone.
+    /// Returns 200 sequences: scenes 60, 30 and 10 %, motions half each, rare scenes with one motion alone.
     fn rows() -> Vec<SequenceRow> {
         (0..200)
             .map(|index| {

@@ -4,14 +4,14 @@
 //! ```text
 //! shards/frames-000000.tar
 //!   street/seq-000/000004.png        the frame
-//!   street/seq-000/000004.mask.png   what moves, where every frame of the dataset has a mask
-//!   street/seq-000/000004.ignore.png what is no part of the scene, where every frame says so
+//!   street/seq-000/000004.mask.png   moving content, if every frame of the dataset has a mask
+//!   street/seq-000/000004.ignore.png pixels outside the scene, if every frame has such a mask
 //!   street/seq-000/000004.json       sequence, time, camera, pose and tags
 //! ```
 //!
-//! All that stands before the first point of a name is the key of a sample, so that points in names of
-//! videos are written as `%2E`. Loaders want the same kinds of files for every sample. The bytes depend on
-//! the dataset alone: archives know no time, user or machine.
+//! Everything before the first point of a name is the key of a sample, so points in names of videos are written as
+//! `%2E`. Loaders need the same kinds of files for every sample. The bytes depend on the dataset alone: archives hold
+//! no time, user or machine.
 
 use std::{
     collections::BTreeMap,
@@ -35,10 +35,10 @@ use crate::error::CurateError;
 
 /// Folder of the shards, in the dataset.
 const FOLDER: &str = "shards";
-/// Bytes of a header of an archive, and what every entry is padded to.
+/// Bytes of a header of an archive, and alignment of every entry.
 const BLOCK: u64 = 512;
 
-/// A shard: its file in the dataset and what goes into it.
+/// A shard: its file in the dataset and its samples.
 pub(super) struct Shard {
     pub(super) file: String,
     samples: Vec<Sample>,
@@ -47,12 +47,12 @@ pub(super) struct Shard {
 /// One frame with all that belongs to it.
 struct Sample {
     key: String,
-    /// Endings with the files that they are of.
+    /// Endings with their files.
     files: Vec<(&'static str, PathBuf)>,
     json: Vec<u8>,
 }
 
-/// What stands beside a frame.
+/// Metadata of a frame.
 #[derive(Serialize)]
 struct Description<'a> {
     /// Id of the sequence.
@@ -61,9 +61,9 @@ struct Description<'a> {
     frame: usize,
     /// Presentation timestamp in the source, seconds.
     time_seconds: f64,
-    /// Where there is a scene.
+    /// Camera, if there is a scene.
     camera: Option<&'a Camera>,
-    /// Where the frame has one.
+    /// Pose, if the frame has one.
     pose: Option<Pose>,
     /// Unit of the pose's centre.
     scale: Option<Scale>,
@@ -74,8 +74,7 @@ struct Description<'a> {
     dynamics: &'a str,
 }
 
-/// Plans the shards of a dataset: frames in its order, as many to a shard as keep it within `bytes`, one
-/// at least.
+/// Plans the shards of a dataset: frames in its order, as many to a shard as fit in `bytes`, at least one.
 ///
 /// # Errors
 /// When a record or frame is missing or malformed.
@@ -114,7 +113,7 @@ pub(super) fn plan(
     Ok(shards)
 }
 
-/// Whether a dataset has shards.
+/// Returns true if a dataset has shards.
 pub(super) fn are_in(folder: &Path) -> bool {
     folder.join(file_name(0)).exists()
 }
@@ -151,7 +150,7 @@ pub(super) fn write(
     Ok(())
 }
 
-/// The frames of one sequence, in its order.
+/// Returns the frames of one sequence, in its order.
 fn samples_of(folder: &Path, row: &SequenceRow) -> Result<Vec<Sample>, CurateError> {
     let place = folder.join(&row.folder);
     let sequence: Sequence = store::read_record(&place.join(SEQUENCE_FILE))?;
@@ -201,14 +200,14 @@ fn samples_of(folder: &Path, row: &SequenceRow) -> Result<Vec<Sample>, CurateErr
         .collect()
 }
 
-/// The key of a frame; no two sequences have the same.
+/// Returns the key of a frame; no two sequences have the same.
 fn key(sequence: &str, frame: usize) -> String {
     let id = sequence.replace('%', "%25").replace('.', "%2E");
     format!("{id}/{frame:06}")
 }
 
 impl Sample {
-    /// What it takes of an archive.
+    /// Returns its size in an archive.
     fn archived_bytes(&self) -> Result<u64, CurateError> {
         let mut bytes = archived(self.json.len() as u64);
         for (_, file) in &self.files {

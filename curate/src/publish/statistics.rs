@@ -1,4 +1,4 @@
-//! What a dataset holds, in numbers.
+//! Statistics of a dataset.
 
 use std::{collections::BTreeMap, path::Path};
 
@@ -14,7 +14,7 @@ use crate::error::CurateError;
 
 /// Sequences longer than this are counted apart, seconds (the paper's "two minutes").
 const LONG_SECONDS: f64 = 120.0;
-/// The class of what nobody has annotated.
+/// Class of sequences without annotation.
 const UNKNOWN: &str = "not annotated";
 
 /// One sequence of a dataset.
@@ -29,11 +29,11 @@ pub struct SequenceRow {
     /// File name of the source video.
     #[serde(serialize_with = "serialize_for_spreadsheet")]
     pub source: String,
-    /// Where it begins in the source, seconds.
+    /// Its start in the source, seconds.
     pub begin_seconds: f64,
-    /// Where it ends in the source, seconds.
+    /// Its end in the source, seconds.
     pub end_seconds: f64,
-    /// How long it is, seconds.
+    /// Its length, seconds.
     pub duration_seconds: f64,
     /// Width of the source in pixels.
     pub source_width: u32,
@@ -60,7 +60,7 @@ pub struct SequenceRow {
     pub poses: String,
 }
 
-/// How many sequences and hours a class has.
+/// Number and length of the sequences of a class.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Tally {
     /// Sequences.
@@ -175,7 +175,7 @@ impl Statistics {
         })
     }
 
-    /// Length of all sequences, seconds.
+    /// Returns the length of all sequences, seconds.
     pub fn seconds(&self) -> f64 {
         // The sum of nothing is -0, which prints its sign.
         self.rows
@@ -185,12 +185,12 @@ impl Statistics {
             + 0.0
     }
 
-    /// Mean length of a sequence, seconds; 0 of none.
+    /// Returns the mean length of a sequence, seconds; 0 without sequences.
     pub fn mean_seconds(&self) -> f64 {
         self.seconds() / self.rows.len().max(1) as f64
     }
 
-    /// Share of the sequences that are longer than two minutes; 0 of none.
+    /// Returns the share of the sequences that are longer than two minutes; 0 without sequences.
     pub fn long_share(&self) -> f64 {
         let long = self
             .rows
@@ -274,7 +274,7 @@ impl Statistics {
     }
 }
 
-/// Rows as CSV with a head.
+/// Returns rows as CSV with a header.
 pub(super) fn table(rows: impl IntoIterator<Item = impl Serialize>) -> Result<String, CurateError> {
     let failed = |error: String| CurateError::internal(Path::new("statistics"), error);
     let mut table = csv::Writer::from_writer(Vec::new());
@@ -287,7 +287,7 @@ pub(super) fn table(rows: impl IntoIterator<Item = impl Serialize>) -> Result<St
         .into_inner()
         .map_err(|error| failed(error.to_string()))?;
     let text = String::from_utf8(bytes).map_err(|error| failed(error.to_string()))?;
-    // A table without rows has no head, and a file without a line looks cut off.
+    // A table without rows has no header, and an empty file looks truncated.
     Ok(if text.is_empty() {
         "\n".to_owned()
     } else {
@@ -330,7 +330,7 @@ fn row(folder: &Path, name: &str) -> Result<SequenceRow, CurateError> {
     })
 }
 
-/// Outcome of a pose validation in tables.
+/// Returns the outcome of a pose validation in tables.
 pub(super) fn status_name(status: ValidationStatus) -> &'static str {
     match status {
         ValidationStatus::Valid => "valid",
@@ -339,7 +339,7 @@ pub(super) fn status_name(status: ValidationStatus) -> &'static str {
     }
 }
 
-/// A record that need not be there.
+/// Reads an optional record.
 fn optional<T: store::Record>(path: &Path) -> Result<Option<T>, CurateError> {
     if path.is_file() {
         Ok(Some(store::read_record(path)?))

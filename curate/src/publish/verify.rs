@@ -1,4 +1,4 @@
-//! Is a published dataset whole and true to itself?
+//! Verification of a published dataset: complete and consistent.
 
 use std::path::Path;
 
@@ -22,12 +22,13 @@ const TIME_TOLERANCE_SECONDS: f64 = 1e-9;
 /// Sums of durations agree to this, seconds: they are added in another order.
 const FUNNEL_TOLERANCE_SECONDS: f64 = 1e-6;
 
-/// Checks a published dataset and returns one line per fault; none means that it is sound.
+/// Checks a published dataset and returns one line per fault; an empty list means that it is sound.
 ///
-/// Checked are: a checksum of every file, no file missing and none too many; every record against
-/// its schema; sequences and frames that the records name; that the segments of every video add up
-/// to its duration and the funnel to the sequences; that every slice lasts as long as its segment; and that statistics and card say
-/// what the records say.
+/// Checks:
+/// * a checksum of every file, no file missing and none too many; every record against its schema;
+/// * sequences and frames that the records name; segments add up to the duration of their video and the funnel to the
+///   sequences; every slice lasts as long as its segment;
+/// * statistics and card agree with the records.
 ///
 /// # Errors
 /// When `folder` cannot be read or holds no dataset.
@@ -36,7 +37,7 @@ pub fn verify(folder: &Path, progress: &dyn Progress) -> Result<Vec<String>, Cur
     let dataset: Dataset = store::read_record(&folder.join(DATASET_FILE))?;
     let files = checksums::files(folder)?;
     check_sums(folder, &files, &mut faults, progress);
-    // Croissant's file is in a format of others; like all that is derived it is made again below.
+    // Croissant's file is in a foreign format; like all derived files it is regenerated below.
     let is_record = |file: &&String| file.ends_with(".json") && *file != croissant::FILE;
     for file in files.iter().filter(is_record) {
         faults.note(check_file(&folder.join(file)));
@@ -55,7 +56,7 @@ pub fn verify(folder: &Path, progress: &dyn Progress) -> Result<Vec<String>, Cur
     if let Some(rows) = faults.note(read_funnel(folder)) {
         check_funnel(folder, &dataset, &rows, &mut faults);
     }
-    // Without sound records the statistics cannot be made again, and that is known by now.
+    // Without sound records the statistics cannot be regenerated, and those faults are listed already.
     if faults.lines.is_empty() {
         check_derived(folder, &dataset, &mut faults)?;
     }
@@ -119,7 +120,7 @@ fn check_sums(folder: &Path, files: &[String], faults: &mut Faults, progress: &d
     }
 }
 
-/// Sequences, frames and segments of one video.
+/// Checks sequences, frames and segments of one video.
 fn check_video(folder: &Path, sequences: &[String], sha256: Option<&str>, faults: &mut Faults) {
     let mut kept = Vec::new();
     let mut video_folder = None;
@@ -190,7 +191,7 @@ fn check_video(folder: &Path, sequences: &[String], sha256: Option<&str>, faults
     }
 }
 
-/// What is read of a row of the funnel.
+/// The columns of the funnel that are read.
 #[derive(Deserialize)]
 struct FunnelRow {
     step: String,
@@ -209,8 +210,8 @@ fn read_funnel(folder: &Path) -> Result<Vec<FunnelRow>, store::StoreError> {
         .map_err(|error: csv::Error| store::StoreError::malformed(&path, error.to_string()))
 }
 
-/// Each step has to leave what the one before left less what it removed, and the last one what the
-/// sequences last.
+/// Checks that each step leaves the remainder of the one before less its removals, and the last one the length of the
+/// sequences.
 fn check_funnel(folder: &Path, dataset: &Dataset, rows: &[FunnelRow], faults: &mut Faults) {
     for pair in rows.windows(2) {
         let (before, after) = (&pair[0], &pair[1]);
@@ -236,7 +237,7 @@ fn check_funnel(folder: &Path, dataset: &Dataset, rows: &[FunnelRow], faults: &m
     }
 }
 
-/// Segments have to cover the video from its beginning to its end without gaps or overlaps.
+/// Checks that segments cover the video from start to end without gaps or overlaps.
 fn check_partition(slices: &Slices, name: &str, faults: &mut Faults) {
     let mut reached = slices.range.begin_seconds;
     for segment in &slices.segments {
@@ -275,7 +276,7 @@ fn check_slice(folder: &Path, slice: &SliceFile, duration_seconds: f64, faults: 
     }
 }
 
-/// Statistics, figures and card have to be what the records give.
+/// Checks that statistics, figures and card follow from the records.
 fn check_derived(folder: &Path, dataset: &Dataset, faults: &mut Faults) -> Result<(), CurateError> {
     let about: About = store::read_record(&folder.join(ABOUT_FILE))?;
     let statistics = Statistics::collect(folder, dataset)?;

@@ -1,4 +1,4 @@
-//! Numbers of one frame that tell a scene from a single colour and from letters on one.
+//! Measures of one frame that tell a scene from a single colour and from text on one.
 
 use crate::video::Rgb8Image;
 
@@ -6,11 +6,11 @@ use crate::video::Rgb8Image;
 const CELLS_ACROSS: usize = 128;
 /// The background is searched for in blocks of a 32nd of the width.
 const BLOCKS_ACROSS: usize = 32;
-/// A block is flat whose luma spans at most this many 8-bit levels.
+/// Largest span of luma in a flat block, 8-bit levels.
 const FLAT_LEVELS: u8 = 6;
-/// Flat blocks are of one colour whose means differ by at most this much from it, 8-bit levels.
+/// Largest deviation of flat blocks of one colour from its mean, 8-bit levels.
 const SAME_LEVELS: usize = 3;
-/// A cell has changed that differs by more than this from the sample before, 8-bit levels.
+/// Difference from the sample before beyond which a cell has changed, 8-bit levels.
 const CHANGED_LEVELS: f32 = 12.0;
 
 /// Measures of one frame.
@@ -18,7 +18,7 @@ const CHANGED_LEVELS: f32 = 12.0;
 pub(super) struct Content {
     /// From the darkest to the brightest cell, 8-bit levels.
     pub(super) spread_levels: f32,
-    /// Share of the blocks, 0 to 1, that are flat and of the one colour that most flat blocks have.
+    /// Share of the blocks, 0 to 1, that are flat and of the most frequent flat colour.
     pub(super) background_share: f32,
     /// Mean luma of the cells, 8-bit levels, by rows.
     pub(super) cells: Vec<f32>,
@@ -39,7 +39,7 @@ impl Content {
         }
     }
 
-    /// Share of the cells, 0 to 1, that have changed since an earlier frame of the same size.
+    /// Returns the share of the cells, 0 to 1, that have changed since an earlier frame of the same size.
     pub(super) fn changed_share(&self, earlier: &[f32]) -> f32 {
         let pairs = self.cells.iter().zip(earlier);
         let changed = pairs.filter(|(now, before)| (*now - *before).abs() > CHANGED_LEVELS);
@@ -47,7 +47,7 @@ impl Content {
     }
 }
 
-/// Luma in 8-bit levels by the weights of BT.601.
+/// Returns luma in 8-bit levels by the weights of BT.601.
 fn luma(image: &Rgb8Image) -> Vec<u8> {
     let pixels = image.data.as_chunks::<3>().0.iter();
     pixels
@@ -65,7 +65,7 @@ struct Square {
     brightest: u8,
 }
 
-/// The whole squares of a `width / across`th of an image, by rows.
+/// Returns the whole squares of a `width / across`th of an image, by rows.
 fn squares(luma: &[u8], width: usize, across: usize) -> impl Iterator<Item = Square> {
     let width = width.max(1);
     let height = luma.len() / width;

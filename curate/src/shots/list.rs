@@ -19,17 +19,17 @@ use crate::{
 
 /// Boundaries and shots of a video.
 pub(crate) struct ShotList {
-    /// SHA-256 of the ledger whose resolution the boundaries are.
+    /// SHA-256 of the ledger from which the boundaries were resolved.
     pub(crate) ledger_sha256: Option<String>,
     pub(crate) boundaries: Vec<Boundary>,
     pub(crate) shots: Shots,
-    /// Share of the time of the shots that are long enough and show something, 0 to 1, that whole spheres last by
-    /// their own frames.
+    /// Share, 0 to 1, of whole spheres by their own frames in the time of all shots that are long enough and show
+    /// something.
     pub(crate) sphere_share: f64,
 }
 
 impl ShotList {
-    /// Cuts and judges. A shot that people keep by a label is not judged.
+    /// Cuts and judges the shots. A shot that people keep by a label is not judged.
     ///
     /// # Errors
     /// When the ledger cannot be read, or the signals are not those of the detector.
@@ -77,7 +77,7 @@ impl ShotList {
     }
 }
 
-/// Returns true where shots are judged by their projection. The user's own is of the whole video, and half a sphere
+/// Returns true if shots are judged by their projection. The user's own applies to the whole video, and half a sphere
 /// neither closes around nor fills its frame.
 fn judges_projection(settings: &CurateSettings, layout: Option<SphereLayout>) -> bool {
     let is_half = layout.is_some_and(sphere_layouts::is_half);

@@ -1,10 +1,8 @@
-//! The judgement of single shots: those that show nothing, a title card or another projection than their video
-//! become no sequence.
+//! Rejection of single shots: those without content, title cards, and those in another projection than their video.
 //!
-//! The analysis keeps numbers of a frame every 0.4 s (`samples.rs`). Once boundaries are known, the checks of
-//! [`CHECKS`] look at those inside of each shot, and a shot is rejected where they prove something, not where they
-//! prove nothing: dark, foggy, still and short shots stay. `scripts/calibrate/shots.py` has the same limits and
-//! counts how often they are right.
+//! The analysis keeps measures of a frame every 0.4 s (`samples.rs`). Once boundaries are known, the checks of
+//! [`CHECKS`] examine the samples of each shot. A shot is rejected on proof only: dark, foggy, still and short shots
+//! stay. `scripts/calibrate/shots.py` has the same limits and counts how often they are right.
 
 mod content;
 mod list;
@@ -21,18 +19,17 @@ pub(crate) use samples::{SETTINGS, Samples};
 
 use crate::projection::{FLAT_SEAM, Proof, proof};
 
-/// Darkest and brightest part of a frame that differ by less show one colour, 8-bit levels.
+/// Least difference between the darkest and brightest part of a frame that is not a single colour, 8-bit levels.
 const LEAST_SPREAD_LEVELS: f64 = 8.0;
-/// A shot shows as much as its better quarter of frames does.
+/// Quantile of the frames that decides on the content of a shot.
 const BETTER_SHARE: f64 = 0.75;
-/// Share of the blocks of a frame that a title card's background covers at least.
+/// Least share of a frame's blocks in the background of a title card.
 const CARD_BACKGROUND_SHARE: f64 = 0.6;
 /// Letters stand out by this much, 8-bit levels; dark shots do not span it, and their blacks may be of one level.
 const CARD_SPREAD_LEVELS: f64 = 64.0;
-/// Share of the cells that may change from one sample to the next in a shot that is still for most of the time: cards
-/// fade in and out.
+/// Largest share of cells that change from one sample to the next in a mostly still shot: cards fade in and out.
 const STILL_SHARE: f64 = 0.002;
-/// A projection is judged by this many frames at least.
+/// Least number of frames for judging a projection.
 const LEAST_SAMPLES: usize = 2;
 
 /// Statistics of the samples of a shot.
@@ -49,15 +46,15 @@ struct Numbers {
 pub struct ShotCheck {
     /// Unique id, recorded in `boundaries.json`, `slices.json` and `attrition.csv`.
     pub id: &'static str,
-    /// Which shots fail it, in one sentence.
+    /// Condition of failure, in one sentence.
     pub summary: &'static str,
     /// Content of a shot that fails it, and meaning of the value.
     pub reading: &'static str,
     /// The limit that the value is beyond.
     pub limit: f64,
-    /// True for a check of the projection, which the user may state.
+    /// True for a check of the projection, which the user may override.
     is_of_projection: bool,
-    /// The value of a shot that fails it.
+    /// Returns the value of a shot that fails it.
     failing: fn(&Numbers) -> Option<f64>,
 }
 
@@ -105,7 +102,7 @@ pub static CHECKS: &[ShotCheck] = &[
 ];
 
 impl Samples {
-    /// Returns the statistics of a shot's samples; `None` where none lies in it.
+    /// Returns the statistics of a shot's samples; `None` without samples.
     fn numbers(&self, shot: TimeRange) -> Option<Numbers> {
         let inside = self.inside(shot);
         Some(Numbers {
@@ -120,8 +117,7 @@ impl Samples {
         })
     }
 
-    /// The first check that a shot fails, of those that are not about the projection where `judges_projection` does
-    /// not hold.
+    /// Returns the first check that a shot fails; without `judges_projection`, those about the projection do not count.
     pub(crate) fn rejected(
         &self,
         shot: TimeRange,
@@ -142,7 +138,7 @@ impl Samples {
             })
     }
 
-    /// Share of the time of some shots, 0 to 1, that whole spheres last by their own frames.
+    /// Returns the share of time, 0 to 1, of shots that are whole spheres by their own frames.
     fn sphere_share(&self, shots: &[TimeRange]) -> f64 {
         let is_sphere = |shot: TimeRange| {
             self.numbers(shot)
@@ -159,17 +155,17 @@ impl Samples {
     }
 }
 
-/// Words for what a rejected shot shows, with its value.
+/// Describes the content of a rejected shot, with its value.
 pub(crate) fn described(shot: &RejectedShot) -> String {
     format!("{} {:.3}", shot.reading, shot.value)
 }
 
-/// Words for the limit of a check of shots.
+/// Describes the limit of a check of shots.
 pub(crate) fn limit(shot: &RejectedShot) -> String {
     format!("a limit of {}", shot.limit)
 }
 
-/// The checks that rejected shots fail, the one that takes most time first.
+/// Returns the failed checks of rejected shots, in decreasing order of their time.
 pub(crate) fn outcomes(rejected: &[RejectedShot]) -> Vec<CheckOutcome> {
     let mut by_time: Vec<(f64, CheckOutcome)> = CHECKS
         .iter()
@@ -252,7 +248,7 @@ mod tests {
             .rejected(from_to(1.0, 2.0), true)
             .map(|shot| shot.check);
         assert_eq!(rejected.as_deref(), Some("title-card"));
-        // One sample does not tell whether it is still, and no sample tells anything.
+        // One sample does not show whether it is still, and no sample shows anything.
         assert_eq!(found.rejected(from_to(1.0, 1.4), true), None);
         assert_eq!(found.rejected(from_to(1.1, 1.4), true), None);
     }

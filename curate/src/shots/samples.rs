@@ -1,7 +1,7 @@
-//! The table of numbers by which shots are judged: one row per sampled frame, `samples.parquet`.
+//! Table of measures for judging shots: one row per sampled frame, `samples.parquet`.
 //!
-//! Frames are looked at while the video is decoded, before its boundaries are known, and a ledger may change those
-//! later. So a row says what its frame shows, and shots gather the rows that lie in them.
+//! Frames are measured while the video is decoded, before its boundaries are known, and a ledger may change those
+//! later. So a row describes its frame, and shots gather the rows inside them.
 
 use std::{ops::Range, path::Path};
 
@@ -18,7 +18,7 @@ use crate::{
     video::Rgb8Image,
 };
 
-/// Distance of the samples, seconds: a shot of a second has two at any rate from 10 frames per second on.
+/// Interval of the samples, seconds: a shot of a second has two at any rate from 10 frames per second on.
 const INTERVAL_SECONDS: f64 = 0.4;
 /// Settings of samples, for stages.
 pub(crate) const SETTINGS: &str =
@@ -52,13 +52,13 @@ impl Default for SamplePass {
 }
 
 impl SamplePass {
-    /// Returns true where the frame at this time is to be looked at.
+    /// Returns true if the frame at this time is to be measured.
     pub(crate) fn wants(&self, time_seconds: f64) -> bool {
         let last = self.table.times.last();
         last.is_none_or(|last| time_seconds - last >= INTERVAL_SECONDS)
     }
 
-    /// Looks at a frame, equirectangular where it is known how the video stores the sphere.
+    /// Measures a frame, equirectangular if the video's sphere layout is known.
     pub(crate) fn observe(&mut self, probe: &Probe, time_seconds: f64, image: &Rgb8Image) {
         let content = Content::of(image);
         let changed = (!self.table.times.is_empty()).then(|| content.changed_share(&self.cells));
@@ -74,24 +74,24 @@ impl SamplePass {
         self.cells = content.cells;
     }
 
-    /// The samples so far.
+    /// Returns the samples so far.
     pub(crate) fn finish(self) -> Samples {
         Samples(self.table)
     }
 }
 
-/// The samples of a video; what a frame has no number for is NaN.
+/// The samples of a video; NaN for missing values.
 #[derive(Debug)]
 pub(crate) struct Samples(Signals);
 
-/// The samples that lie in one shot.
+/// The samples inside one shot.
 pub(super) struct Inside<'a> {
     samples: &'a Samples,
     range: Range<usize>,
 }
 
 impl Samples {
-    /// Writes the table, whole or not at all.
+    /// Writes the table atomically.
     ///
     /// # Errors
     /// When the file cannot be written.
@@ -99,7 +99,7 @@ impl Samples {
         self.0.write_parquet(path)
     }
 
-    /// Reads what [`Samples::write`] left.
+    /// Reads a table of [`Samples::write`].
     ///
     /// # Errors
     /// When the file is missing or another table.
@@ -112,7 +112,7 @@ impl Samples {
         Ok(Self(table))
     }
 
-    /// Returns true where some sample by itself is a whole sphere.
+    /// Returns true if some single sample is a whole sphere.
     pub(crate) fn show_spheres(&self) -> bool {
         let all = Inside {
             samples: self,
@@ -126,7 +126,7 @@ impl Samples {
         (0..all.count()).any(|at| proof(of_frame(at)) == Proof::Sphere)
     }
 
-    /// The samples in a part of the video.
+    /// Returns the samples in a part of the video.
     pub(super) fn inside(&self, range: TimeRange) -> Inside<'_> {
         let times = &self.0.times;
         let first = times.partition_point(|&time| time < range.begin_seconds);
@@ -144,23 +144,23 @@ impl Inside<'_> {
         self.range.len()
     }
 
-    /// From the darkest to the brightest part of a frame, 8-bit levels.
+    /// Returns the spans from the darkest to the brightest part of a frame, 8-bit levels.
     pub(super) fn spreads_levels(&self) -> Vec<f64> {
         self.numbers(SPREAD).flatten().collect()
     }
 
-    /// Share of the one flat colour that most of a frame has.
+    /// Returns the share of the most frequent flat colour per frame.
     pub(super) fn background_shares(&self) -> Vec<f64> {
         self.numbers(BACKGROUND).flatten().collect()
     }
 
     /// Shares of the cells that changed, from every sample of the shot to the next.
     pub(super) fn changed_shares(&self) -> Vec<f64> {
-        // What changed up to the first sample is the cut before it.
+        // A change up to the first sample is the cut before it.
         self.numbers(CHANGED).skip(1).flatten().collect()
     }
 
-    /// Medians of the readings of [`FRAME_TESTS`], in their order; `None` where fewer than half of the samples
+    /// Returns medians of the readings of [`FRAME_TESTS`], in their order; `None` if fewer than half of the samples
     /// have one.
     pub(super) fn readings(&self) -> impl Iterator<Item = Option<f64>> {
         FRAME_TESTS.iter().map(move |test| {

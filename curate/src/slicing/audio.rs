@@ -1,4 +1,4 @@
-//! Copying the sound that belongs to a slice.
+//! Copy of a slice's sound.
 
 use std::path::Path;
 
@@ -27,7 +27,7 @@ const MP4_CODECS: &[codec::Id] = &[
     codec::Id::ALAC,
 ];
 
-/// Whether a file has sound.
+/// Returns true if a file has sound.
 pub(super) fn has_audio(path: &Path) -> Result<bool, CurateError> {
     Ok(open_container(path)?
         .streams()
@@ -45,8 +45,8 @@ pub struct AudioTrack {
 }
 
 impl AudioTrack {
-    /// The best sound track of `video` in `range`. `None` where it has none; a codec that mp4
-    /// cannot hold is an `Err` with the reason.
+    /// Opens the best sound track of `video` in `range`. `None` if it has none; a codec that mp4 cannot hold is an
+    /// `Err` with the reason.
     pub fn open(
         video: &Path,
         range: TimeRange,
@@ -61,7 +61,7 @@ impl AudioTrack {
         }
         let (index, time_base) = (stream.index(), stream.time_base());
         let begin = (range.begin_seconds * f64::from(ffmpeg::ffi::AV_TIME_BASE)) as i64;
-        // Where seeking fails, reading begins at the start of the file, which only takes longer.
+        // If seeking fails, reading starts at the beginning of the file, which only takes longer.
         if input.seek(begin, ..begin).is_err() {
             input = open_container(video)?;
         }
@@ -74,7 +74,7 @@ impl AudioTrack {
         })))
     }
 
-    /// The next packet that begins inside the segment, with timestamps from its beginning.
+    /// Returns the next packet that starts inside the segment, with timestamps from the segment's start.
     fn next(&mut self) -> Option<(f64, Packet)> {
         loop {
             let mut packet = Packet::empty();
@@ -122,7 +122,7 @@ impl AudioCopy {
         Ok(Self { track, waiting })
     }
 
-    /// Writes all packets up to `seconds` after the beginning of the slice.
+    /// Writes all packets up to `seconds` after the start of the slice.
     pub(super) fn write_until(
         &mut self,
         seconds: f64,
@@ -148,7 +148,7 @@ impl AudioCopy {
     }
 }
 
-/// Another container's tag for a codec may mean nothing, or something else, in mp4.
+/// Clears the codec tag: that of another container may mean nothing, or something else, in mp4.
 pub(super) fn clear_codec_tag(stream: &mut ffmpeg::StreamMut<'_>) {
     // SAFETY: the stream belongs to an output that is being set up; nothing else refers to it.
     unsafe {

@@ -1,4 +1,4 @@
-//! Slices as stream copies: the packets of the source, with timestamps from the slice's beginning.
+//! Slices as stream copies: the packets of the source, with timestamps from the slice's start.
 
 use std::path::Path;
 
@@ -16,8 +16,7 @@ use super::{
 };
 use crate::{error::CurateError, video::open_container};
 
-/// Copies runs of packets, in one pass over the source. `runs` are in order of time and name the
-/// request that each belongs to.
+/// Copies runs of packets, in one pass over the source. `runs` are in order of time and name their request.
 pub(super) fn copy_runs(
     source: &SliceSource<'_>,
     table: &PacketTable,
@@ -75,7 +74,7 @@ pub(super) fn copy_runs(
     copied
 }
 
-/// The next packet of a stream; `None` at the end of what can be read.
+/// Returns the next packet of a stream; `None` at the end of the readable part.
 fn next_of_stream(input: &mut ffmpeg::format::context::Input, index: usize) -> Option<Packet> {
     loop {
         let mut packet = Packet::empty();
@@ -181,7 +180,7 @@ impl CopiedSlice {
 
 impl Drop for CopiedSlice {
     fn drop(&mut self) {
-        // Present only where the work was given up, on a full disk; a leftover is hidden.
+        // Present only if the work was aborted, on a full disk; a leftover is hidden.
         drop(self.output.take());
         drop(std::fs::remove_file(&self.temporary));
     }

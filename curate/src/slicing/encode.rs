@@ -1,4 +1,4 @@
-//! Slices that are decoded and encoded again.
+//! Slices that are decoded and re-encoded.
 
 use ffmpeg::{Rational, frame};
 use ffmpeg_next as ffmpeg;
@@ -92,8 +92,7 @@ fn format_of(source: &SliceSource<'_>, first: &frame::Video, time_base: Rational
     }
 }
 
-/// The sound of a slice, where it is wanted, there is some, and mp4 can hold it; a note says why
-/// not.
+/// Returns the sound of a slice, if wanted, present and allowed in mp4; otherwise a note gives the reason.
 pub(super) fn audio_for(
     source: &SliceSource<'_>,
     request: &SliceRequest,

@@ -1,13 +1,12 @@
-//! From boundaries to slices: which segments of a video are kept, and an mp4 of each of them.
+//! From boundaries to slices: the kept segments of a video, and an mp4 of each of them.
 //!
-//! [`partition`] divides the whole of a video into shots that are kept and segments that are not.
-//! [`slice_video`] writes the kept ones as mp4, frame-accurately by presentation timestamp and with
-//! spherical metadata ([`spherical_boxes`]), so that players show them as 360-degree video.
+//! [`partition`] divides the whole of a video into kept shots and other segments. [`slice_video`] writes the kept ones
+//! as mp4, frame-accurately by presentation timestamp and with spherical metadata ([`spherical_boxes`]), so that
+//! players show them as 360-degree video.
 //!
-//! A slice is a stream copy where its frames are a run of packets that decode by themselves
-//! ([`packets`]). Everything else is re-encoded whole, visually lossless ([`mp4`]). Joining
-//! re-encoded ends to a copied middle would keep more of the original bits, but puts two sets of
-//! codec parameters into one track, which many hardware decoders do not play.
+//! A slice is a stream copy if its frames are a run of independently decodable packets ([`packets`]). Everything else
+//! is re-encoded whole, visually lossless ([`mp4`]). Joining re-encoded ends to a copied middle would keep more of the
+//! original bits. But it puts two sets of codec parameters into one track, which many hardware decoders do not play.
 
 mod audio;
 mod copy;
@@ -51,14 +50,14 @@ pub struct SliceRequest {
     pub name: String,
 }
 
-/// What all slices of a video have in common.
+/// Common data of all slices of a video.
 #[derive(Debug, Clone, Copy)]
 pub struct SliceSource<'a> {
     /// The video.
     pub video: &'a Path,
     /// Timestamps of all its frames in order, seconds.
     pub times: &'a [f64],
-    /// Turns that players give its frames.
+    /// Rotation that players apply to its frames.
     pub orientation: Orientation,
 }
 
@@ -71,8 +70,8 @@ impl SliceSource<'_> {
     }
 }
 
-/// Writes slices as mp4 and reads each of them back: it has to hold the frames of its segment and
-/// no others, at the same distances in time.
+/// Writes slices as mp4 and verifies each by reading: it must hold exactly the frames of its segment, at the same
+/// intervals.
 ///
 /// # Errors
 /// [`CurateError::Video`] when the source does not decode the same way again,
@@ -124,12 +123,12 @@ pub fn slice_video(
     Ok(files.into_iter().flatten().collect())
 }
 
-/// Writes one segment of a video to `out`, from its first frame where no beginning is given and to
-/// the end of its last where no end is.
+/// Writes one segment of a video to `out`. It starts at the first frame if no start is given, and ends at the end of
+/// the last one if no end is.
 ///
 /// # Errors
-/// As [`slice_video`], [`CurateError::Input`] for a segment without frames, and when there is a file
-/// under this name.
+/// Those of [`slice_video`], and [`CurateError::Input`] for a segment without frames, and when a file of this name
+/// exists.
 pub fn slice_segment(
     video: &Path,
     begin_seconds: Option<f64>,
@@ -164,7 +163,7 @@ pub fn slice_segment(
             ),
         ));
     };
-    // A slice begins with a frame and lasts until the next one.
+    // A slice starts with a frame and lasts until the next one.
     let next = times.iter().copied().find(|&t| t >= wanted.end_seconds);
     let request = SliceRequest {
         range: TimeRange {
@@ -174,7 +173,7 @@ pub fn slice_segment(
         path: store::temporary_beside(out),
         name: out.display().to_string(),
     };
-    // It gets its name when it has been read back.
+    // It gets its name after verification.
     let unchecked = Unchecked(&request.path);
     let source = SliceSource {
         video,
@@ -188,12 +187,12 @@ pub fn slice_segment(
     Ok(file)
 }
 
-/// A file that goes with its value unless it was renamed.
+/// A file that is removed on drop unless it was renamed.
 struct Unchecked<'a>(&'a Path);
 
 impl Drop for Unchecked<'_> {
     fn drop(&mut self) {
-        // One that cannot be removed is hidden.
+        // A file that cannot be removed is hidden.
         drop(store::remove(self.0));
     }
 }
@@ -212,7 +211,7 @@ fn describe(
     })
 }
 
-/// Reads a slice back; the error says in what it differs from its segment of the source.
+/// Verifies a slice by reading; the error gives its difference from its segment of the source.
 fn check(source: &SliceSource<'_>, request: &SliceRequest) -> Result<(), String> {
     let expected = source.times_in(request.range);
     let mut reader = VideoReader::open(&request.path).map_err(|error| error.to_string())?;

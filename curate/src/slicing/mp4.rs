@@ -27,20 +27,19 @@ use crate::{
 
 /// FFmpeg's name of the encoder.
 const ENCODER: &str = "libx264";
-/// Encoder and settings, for the record. No B-frames, so that timestamps begin at 0 without edit
-/// lists; a fixed number of threads, because x264's output depends on it.
+/// Encoder and settings, for the record. No B-frames, so that timestamps start at 0 without edit lists; a fixed number
+/// of threads, because x264's output depends on it.
 pub const ENCODER_SETTINGS: &str = "libx264 crf 16, preset fast, no B-frames, 4 threads";
 
-/// What the level is computed with; frames are shown at their own times.
+/// Frame rate for computing the level; frames are shown at their own times.
 const USUAL_FRAME_RATE: Rational = Rational(60, 1);
 
-/// What is kept of the images.
+/// Quality of the images.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Quality {
-    /// All that an eye sees: [`ENCODER_SETTINGS`].
+    /// Visually lossless: [`ENCODER_SETTINGS`].
     VisuallyLossless,
-    /// Enough to find one's way by: few bits, and key frames close together, so that a player can
-    /// jump to any frame.
+    /// A preview: few bits, and key frames close together, so that a player can jump to any frame.
     Proxy,
 }
 
@@ -53,7 +52,7 @@ impl Quality {
         }
     }
 
-    /// x264's constant rate factor and preset.
+    /// Returns x264's constant rate factor and preset.
     fn rate_and_preset(self) -> [(&'static str, &'static str); 2] {
         match self {
             Self::VisuallyLossless => [("crf", "16"), ("preset", "fast")],
@@ -62,7 +61,7 @@ impl Quality {
     }
 }
 
-/// What an encoder needs to know before its first frame.
+/// Parameters of an encoder, before its first frame.
 #[derive(Debug, Clone, Copy)]
 pub struct VideoFormat {
     /// Pixels per row.
@@ -77,11 +76,11 @@ pub struct VideoFormat {
     pub pixel_aspect: Rational,
     /// Meaning of the numbers.
     pub colour: Colour,
-    /// Turns that players give the frames.
+    /// Rotation that players apply to the frames.
     pub orientation: Orientation,
-    /// What the frames are images of.
+    /// Projection of the frames.
     pub projection: Projection,
-    /// What is kept of them.
+    /// Quality of the encoding.
     pub quality: Quality,
 }
 
@@ -95,10 +94,10 @@ impl VideoFormat {
     }
 }
 
-/// What frames are images of.
+/// Projection of frames.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Projection {
-    /// The whole sphere, equirectangular: the file says so in its spherical metadata.
+    /// The whole sphere, equirectangular: stated in the file's spherical metadata.
     Equirectangular,
     /// A part of the scene through a lens.
     Flat,
@@ -106,7 +105,7 @@ pub enum Projection {
 
 /// Writes one mp4 from frames with increasing timestamps.
 ///
-/// The file appears under its name when [`finish`](Self::finish) succeeds, and not before.
+/// The file appears under its name only when [`finish`](Self::finish) succeeds.
 pub struct Mp4Encoder {
     path: PathBuf,
     temporary: PathBuf,
@@ -114,7 +113,7 @@ pub struct Mp4Encoder {
     output: Option<Output>,
     encoder: encoder::video::Encoder,
     video: VideoFormat,
-    /// Brings frames into a pixel format that the encoder takes, where it does not take theirs.
+    /// Converts frames to a pixel format of the encoder if it does not support theirs.
     scaler: Option<Scaler>,
     audio: Option<AudioCopy>,
     /// The frame pushed last, which waits for its duration to be known.
@@ -124,7 +123,7 @@ pub struct Mp4Encoder {
 }
 
 impl Mp4Encoder {
-    /// Begins the file at `path`, with a copy of `audio` where there is some.
+    /// Creates the file at `path`, with a copy of `audio` if there is some.
     ///
     /// # Errors
     /// [`CurateError::Internal`] when FFmpeg was built without x264 or refuses the format,
@@ -156,7 +155,7 @@ impl Mp4Encoder {
         context.set_height(video.height);
         context.set_format(pixel);
         context.set_time_base(video.time_base);
-        // x264 takes the level from it, else from a frame a tick: then many players refuse the file.
+        // x264 derives the level from it, else from a frame per tick: then many players refuse the file.
         context.set_frame_rate(Some(USUAL_FRAME_RATE));
         context.set_aspect_ratio(video.pixel_aspect);
         context.set_colorspace(video.colour.space);
@@ -205,7 +204,7 @@ impl Mp4Encoder {
         })
     }
 
-    /// Adds a frame that is shown from `ticks` on.
+    /// Adds a frame shown from `ticks` on.
     ///
     /// # Errors
     /// When the frame has another size than the first, `ticks` does not increase, or the file
@@ -270,14 +269,14 @@ impl Mp4Encoder {
             Some(scaler) => scaler.run(&frame).map_err(internal)?,
         };
         frame.set_pts(Some(ticks));
-        // The encoder decides what becomes a key frame, not the source.
+        // Key frames are the encoder's decision, not the source's.
         clear_image_kind(&mut frame);
         self.encoder.send_frame(&frame).map_err(internal)?;
         self.inside.push_back((ticks, duration));
         self.drain()
     }
 
-    /// Writes what the encoder has ready.
+    /// Writes the encoder's finished packets.
     fn drain(&mut self) -> Result<(), CurateError> {
         let Some(output) = &mut self.output else {
             return Ok(());
@@ -309,12 +308,12 @@ impl Mp4Encoder {
 
 impl Drop for Mp4Encoder {
     fn drop(&mut self) {
-        // Present only where the work was given up; a leftover is hidden and harmless.
+        // Present only if the work was aborted; a leftover is hidden and harmless.
         drop(fs::remove_file(&self.temporary));
     }
 }
 
-/// The frames' own format where the encoder takes it, else 8-bit 4:2:0.
+/// Returns the frames' own format if the encoder supports it, else 8-bit 4:2:0.
 fn accepted_format(codec: ffmpeg::Codec, wanted: PixelFormat) -> Pixel {
     let formats = codec.video().ok().and_then(|video| video.formats());
     formats
@@ -338,7 +337,7 @@ fn mark(path: &Path, projection: Projection, orientation: Orientation) -> io::Re
     }
 }
 
-/// Ends an mp4 file, marks an image of the whole sphere as such and gives the file its final name.
+/// Ends an mp4 file, marks whole spheres in its metadata and gives the file its final name.
 pub(super) fn close_output(
     mut output: Output,
     temporary: &Path,
@@ -361,7 +360,7 @@ pub(super) fn close_output(
     })
 }
 
-/// A failure of FFmpeg's writer: the disk's, in all likelihood.
+/// Returns the error of FFmpeg's writer: in all likelihood the disk's.
 pub(super) fn unwritable(path: &Path, error: ffmpeg::Error) -> CurateError {
     StoreError::write(path, io::Error::other(error)).into()
 }

@@ -1,4 +1,4 @@
-//! The packets of a video stream, and which segments of it can be copied without re-encoding.
+//! The packets of a video stream, and the segments of it that can be copied without re-encoding.
 
 use std::path::Path;
 
@@ -14,14 +14,12 @@ use crate::{
 /// One packet of the video stream.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct PacketInfo {
-    /// Presentation timestamp in ticks, where there is one.
+    /// Presentation timestamp in ticks, if there is one.
     pub pts: Option<i64>,
-    /// Whether decoding can begin here.
+    /// True if decoding can start here.
     pub key: bool,
-    /// Whether the container says that the frame is decoded and not shown.
+    /// True if the container marks the frame as decoded but not shown.
     pub hidden: bool,
-    /// Size of the compressed image.
-    pub bytes: usize,
 }
 
 /// All packets of a video stream in order of decoding.
@@ -31,7 +29,7 @@ pub struct PacketTable {
     pub seconds_per_tick: f64,
     /// The packets.
     pub packets: Vec<PacketInfo>,
-    /// Whether mp4 can hold the stream's codec.
+    /// True if mp4 can hold the stream's codec.
     pub fits_mp4: bool,
 }
 
@@ -79,11 +77,9 @@ impl PacketTable {
                     pts: packet.pts(),
                     key: packet.is_key(),
                     hidden: is_hidden(&packet),
-                    bytes: packet.size(),
                 }),
                 Ok(()) => {}
-                // A file that breaks off has been found damaged by the analysis; what there is of
-                // it can still be cut.
+                // The analysis has found a file that breaks off damaged; its readable part can still be cut.
                 Err(_) => break,
             }
         }
@@ -94,7 +90,7 @@ impl PacketTable {
         })
     }
 
-    /// Timestamps of the frames that are shown, in order, seconds.
+    /// Returns timestamps of the shown frames, in order, seconds.
     pub fn times(&self) -> Vec<f64> {
         let shown = self.packets.iter().filter(|packet| !packet.hidden);
         let mut ticks: Vec<i64> = shown.filter_map(|packet| packet.pts).collect();
@@ -106,10 +102,10 @@ impl PacketTable {
             .collect()
     }
 
-    /// The packets that show exactly the frames of `range`, if they can be decoded by themselves.
+    /// Returns the packets that show exactly the frames of `range`, if they are independently decodable.
     ///
-    /// They can if the first frame is a key frame and the packets of the segment follow each other
-    /// in order of decoding: packets depend on earlier ones only, and none is missing or too many.
+    /// They are if the first frame is a key frame and the packets of the segment follow each other in order of
+    /// decoding. Then packets depend on earlier ones only, and none is missing or too many.
     pub fn copyable(&self, range: TimeRange) -> Option<Run> {
         if !self.fits_mp4 {
             return None;
@@ -141,7 +137,7 @@ impl PacketTable {
     }
 }
 
-/// Whether a packet is decoded and not shown, as before the beginning of an edit list.
+/// Returns true if a packet is decoded but not shown, as before the start of an edit list.
 fn is_hidden(packet: &Packet) -> bool {
     // SAFETY: the pointer is that of a live packet, and the flags are plain bits.
     unsafe { (*packet.as_ptr()).flags & ffi::AV_PKT_FLAG_DISCARD != 0 }
@@ -162,7 +158,6 @@ mod tests {
                     pts: word.trim_start_matches('k').parse().ok(),
                     key: word.starts_with('k'),
                     hidden: false,
-                    bytes: 1,
                 })
                 .collect(),
         }

@@ -1,5 +1,4 @@
-//! From boundaries to shots: the segments of a video that one continuous take covers, and what is
-//! left between them.
+//! From boundaries to shots: the continuous takes of a video, and the segments between them.
 
 use omnilife_schemas::records::{Boundary, RejectedShot, Segment, SegmentOutcome, TimeRange};
 
@@ -10,20 +9,20 @@ pub struct Shots {
     pub kept: Vec<TimeRange>,
     /// Too short.
     pub dropped: Vec<TimeRange>,
-    /// Long enough, and left out by people.
+    /// Long enough, but excluded by people.
     pub left_out: Vec<TimeRange>,
-    /// Long enough, and rejected by a check of single shots.
+    /// Long enough, but rejected by a check of single shots.
     pub rejected: Vec<RejectedShot>,
 }
 
 impl Shots {
-    /// Takes the shots out that are to be left out.
+    /// Moves shots that people exclude to the excluded ones.
     pub fn leave_out(&mut self, is_left_out: impl Fn(TimeRange) -> bool) {
         let kept = std::mem::take(&mut self.kept);
         (self.left_out, self.kept) = kept.into_iter().partition(|&shot| is_left_out(shot));
     }
 
-    /// Takes the shots out that fail a check.
+    /// Moves shots that fail a check to the rejected ones.
     pub fn reject(&mut self, check: impl Fn(TimeRange) -> Option<RejectedShot>) {
         for shot in std::mem::take(&mut self.kept) {
             match check(shot) {
@@ -36,10 +35,9 @@ impl Shots {
 
 /// Cuts a video into shots at its boundaries.
 ///
-/// `times` are the timestamps of all frames in order, `range` their whole segment, and `boundaries`
-/// are in order of time. The interior of a gradual transition belongs to no shot: the old one ends
-/// after the frame at `begin_seconds`, the new one begins with the frame at `end_seconds`. Shots
-/// shorter than `minimum_seconds` are dropped.
+/// `times` are the timestamps of all frames in order, `range` their whole segment, and `boundaries` are in order of
+/// time. The interior of a gradual transition belongs to no shot: the old one ends after the frame at `begin_seconds`,
+/// the new one starts with the frame at `end_seconds`. Shots shorter than `minimum_seconds` are dropped.
 pub fn shots(
     times: &[f64],
     range: TimeRange,
@@ -76,8 +74,8 @@ pub fn shots(
     }
 }
 
-/// The whole of `range` without gaps or overlaps: shots as [`shots`] finds them, and the interiors
-/// of the transitions between them. `name` gives the sequence of a kept shot by its number.
+/// Returns the whole of `range` without gaps or overlaps: shots as [`shots`] finds them, and the interiors of the
+/// transitions between them. `name` gives the sequence of a kept shot by its number.
 pub fn segments(range: TimeRange, shots: &Shots, name: impl Fn(usize) -> String) -> Vec<Segment> {
     let kept = shots
         .kept

@@ -2,8 +2,8 @@
 //! (<https://github.com/google/spatial-media/blob/master/docs/spherical-video-v2-rfc.md>), and the
 //! display rotation of the track header.
 //!
-//! They are put into a finished file. FFmpeg can write the boxes too, but through a programming
-//! interface that changed three times between its versions 5 and 8.
+//! They are inserted into a finished file. FFmpeg can write the boxes too, but by an API that changed three times
+//! between its versions 5 and 8.
 
 use std::{
     fs::OpenOptions,
@@ -15,16 +15,16 @@ use omnilife_schemas::records::{Probe, SphereTurn};
 
 use crate::video::mp4_boxes::{Span, VISUAL_ENTRY_BYTES, boxed, boxes, in_bytes};
 
-/// Boxes on the way to the sample descriptions.
+/// Path of boxes to the sample descriptions.
 const CONTAINERS: [&[u8; 4]; 5] = [b"moov", b"trak", b"mdia", b"minf", b"stbl"];
 /// Sample entries of video codecs.
 const VIDEO_ENTRIES: [&[u8; 4]; 8] = [
     b"avc1", b"avc3", b"hvc1", b"hev1", b"vp09", b"av01", b"mp4v", b"vp08",
 ];
-/// Who says so, in the `svhd` box.
+/// Metadata source in the `svhd` box.
 const METADATA_SOURCE: &str = "omnilife";
 
-/// The turns that players give the frames of a video.
+/// The rotation that players apply to the frames of a video.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Orientation {
     /// Clockwise quarter turns of the image.
@@ -34,7 +34,7 @@ pub struct Orientation {
 }
 
 impl Orientation {
-    /// Reads what a video's container states.
+    /// Reads the orientation in a video's container.
     pub fn of(probe: &Probe) -> Self {
         Self {
             quarter_turns: (probe.rotation_degrees / 90.0).round() as u32,
@@ -42,7 +42,7 @@ impl Orientation {
         }
     }
 
-    /// Yaw, pitch and roll of the pose in 16.16 degrees.
+    /// Returns yaw, pitch and roll of the pose in 16.16 degrees.
     fn pose_numbers(self) -> [i32; 3] {
         let Some(pose) = self.pose else {
             return [0; 3];
@@ -74,8 +74,8 @@ pub fn mark_equirectangular(path: &Path, orientation: Orientation) -> io::Result
     file.sync_all()
 }
 
-/// Offset and length of `moov`, which has to be the last box: the frames before it keep their
-/// places when it grows.
+/// Returns offset and length of `moov`, which must be the last box: the frames before it keep their places when it
+/// grows.
 fn find_index(file: &mut std::fs::File) -> io::Result<(u64, usize)> {
     let end = file.seek(SeekFrom::End(0))?;
     let mut offset = 0;
@@ -97,7 +97,7 @@ fn broken(reason: &str) -> io::Error {
     io::Error::new(io::ErrorKind::InvalidData, reason)
 }
 
-/// The boxes in `bytes`, with the metadata added in all video tracks.
+/// Returns the boxes in `bytes`, with the metadata added in all video tracks.
 fn rewritten(bytes: &[u8], orientation: Orientation, marked: &mut usize) -> io::Result<Vec<u8>> {
     let quarter_turns = orientation.quarter_turns;
     let mut out = Vec::with_capacity(bytes.len() + 256);
@@ -128,7 +128,7 @@ fn rewritten(bytes: &[u8], orientation: Orientation, marked: &mut usize) -> io::
     Ok(out)
 }
 
-/// Whether the handler of a track is for video.
+/// Returns true if the handler of a track is for video.
 fn is_video_track(track: &[u8]) -> bool {
     // `hdlr`: version and flags, a reserved word, then the kind.
     track
@@ -136,7 +136,7 @@ fn is_video_track(track: &[u8]) -> bool {
         .any(|window| &window[..4] == b"hdlr" && &window[12..] == b"vide")
 }
 
-/// A track header with the matrix of a clockwise rotation (ISO 14496-12, 8.3.2).
+/// Returns a track header with the matrix of a clockwise rotation (ISO 14496-12, 8.3.2).
 fn turned_header(content: &[u8], quarter_turns: u32) -> io::Result<Vec<u8>> {
     let is_long = content.first() == Some(&1);
     let at = if is_long { 52 } else { 40 };
@@ -159,7 +159,7 @@ fn turned_header(content: &[u8], quarter_turns: u32) -> io::Result<Vec<u8>> {
     Ok(header)
 }
 
-/// Sample descriptions with the spherical boxes at the end of every video entry.
+/// Returns sample descriptions with the spherical boxes at the end of every video entry.
 fn marked_descriptions(
     content: &[u8],
     orientation: Orientation,
@@ -182,7 +182,7 @@ fn marked_descriptions(
     Ok(out)
 }
 
-/// A visual sample entry's content less any spherical boxes that a copy brought along.
+/// Returns a visual sample entry's content without the spherical boxes of a copied source.
 fn without_spherical_boxes(entry: &[u8]) -> io::Result<Vec<u8>> {
     let (fixed, children) = entry
         .split_at_checked(VISUAL_ENTRY_BYTES)
@@ -196,7 +196,7 @@ fn without_spherical_boxes(entry: &[u8]) -> io::Result<Vec<u8>> {
     Ok(out)
 }
 
-/// `st3d` (monoscopic) and `sv3d` (equirectangular, the whole sphere, with its pose).
+/// Returns `st3d` (monoscopic) and `sv3d` (equirectangular, the whole sphere, with its pose).
 fn spherical_boxes(orientation: Orientation) -> Vec<u8> {
     // Version and flags of a full box.
     let full = [0_u8; 4];

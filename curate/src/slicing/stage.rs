@@ -1,4 +1,4 @@
-//! The stage that records what became of every second of a video and writes its slices.
+//! The stage that records the fate of every second of a video and writes its slices.
 
 use std::{path::Path, time::Instant};
 
@@ -17,10 +17,10 @@ use crate::{error::CurateError, staging::Staging};
 /// Name of the stage.
 const STAGE: &str = "slices";
 
-/// How slices are written.
+/// Settings of slices.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub struct SliceSettings {
-    /// Whether sound is copied along.
+    /// True if sound is copied along.
     pub audio: bool,
 }
 
@@ -30,18 +30,18 @@ pub(crate) fn remove_slices(folder: &Path) -> Result<(), CurateError> {
     Ok(store::remove(&folder.join(SLICES_FILE))?)
 }
 
-/// Removes the slices that this stage has written, as long as they are as it wrote them.
+/// Removes the slices that this stage has written, if they are unchanged.
 fn remove_files(folder: &Path) -> Result<(), StoreError> {
     let own = StagePlan::new(folder, STAGE).own_files();
     own.remove(|file| file != SLICES_FILE)
 }
 
-/// Writes `slices.json` into a video's folder, and an mp4 per kept shot where `settings` asks for
-/// them; skipped, with a note, while the video, its shots and the settings have not changed. The record says
-/// `no_slices`, why those that were asked for cannot be had; `settings` asks for none then.
+/// Writes `slices.json` into a video's folder, and an mp4 per kept shot if `settings` requests them. Skipped, with a
+/// note, while the video, its shots and the settings are unchanged. `no_slices` is the reason why requested slices are
+/// impossible, for the record; `settings` then requests none.
 ///
 /// # Errors
-/// As [`slice_video`].
+/// Those of [`slice_video`].
 pub fn write_slices(
     folder: &Path,
     analysis: &VideoAnalysis,
@@ -78,7 +78,7 @@ pub fn write_slices(
         ));
         return Ok(store::read_record(&path)?);
     }
-    // The record is written without slices too, and is no mark of theirs.
+    // The record exists without slices too, so it does not mark them as ours.
     plan.claim::<&str>([])?;
     let started = Instant::now();
     let mut staging = Staging::new(folder, SLICES_FOLDER)?;

@@ -1,4 +1,4 @@
-//! Writing a video from RGB images, for rendered views.
+//! Video from RGB images, for rendered views.
 
 use std::path::Path;
 
@@ -39,7 +39,7 @@ pub struct ViewVideoWriter {
 }
 
 impl ViewVideoWriter {
-    /// Begins a video of images of `size` pixels (width and height).
+    /// Creates a video of images of `size` pixels (width and height).
     ///
     /// # Errors
     /// When a side is zero, FFmpeg has no H.264 encoder, or the file cannot be created.
@@ -51,7 +51,7 @@ impl ViewVideoWriter {
         Self::with_quality(path, size, projection, Quality::VisuallyLossless)
     }
 
-    /// [`create`](Self::create) with another quality.
+    /// Creates a video as [`create`](Self::create), with another quality.
     pub(crate) fn with_quality(
         path: &Path,
         size: [u32; 2],
@@ -134,7 +134,7 @@ fn ticks(seconds: f64) -> i64 {
     (seconds * f64::from(TICKS_PER_SECOND)).round() as i64
 }
 
-/// RGB to limited-range BT.709, the matrix that players take for video of this size.
+/// Returns a scaler from RGB to limited-range BT.709, the matrix that players assume for video of this size.
 fn to_bt709(width: u32, height: u32) -> Result<Scaler, ffmpeg::Error> {
     let shape = |format| FrameShape {
         format,

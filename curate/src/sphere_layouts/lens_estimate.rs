@@ -1,8 +1,8 @@
-//! What the two lenses of a camera are, from its frames: where their circles lie, by the black around them, and
-//! what they see, by what both see.
+//! Estimation of a camera's two lenses from its frames: their circles, from the black around them, and their field of
+//! view, from their overlap.
 //!
-//! Only pixels per radian decide where a direction is shown: where glare around a lens makes its circle seem
-//! larger, the field of view comes out larger by as much, and directions stay where they are.
+//! Only pixels per radian decide on the place of a direction. If glare around a lens makes its circle seem larger, the
+//! field of view grows by as much, and directions stay in place.
 
 use std::{f64::consts::TAU, path::Path};
 
@@ -19,42 +19,42 @@ use crate::{
     attrition,
     error::CurateError,
     projection::{FrameSamples, black_border::is_black, fisheye_circles::without_local_mean},
-    video::{Converter, PacketChoice, Rgb8Image, Scaling, VideoReader},
+    video::{Converter, Rgb8Image, Scaling, VideoReader},
 };
 
-/// Width of the frames that are looked at, pixels: finer than a quarter of a degree.
+/// Width of the examined frames, pixels: finer than a quarter of a degree.
 const WIDTH_PIXELS: u32 = 2048;
-/// Fields of view that are tried, degrees, in these steps.
+/// Tested fields of view, degrees, in these steps.
 const FIELDS_OF_VIEW_DEGREES: [f64; 2] = [183.0, 280.0];
 const STEP_DEGREES: f64 = 0.5;
-/// Rings around the plane between the lenses on which their images are compared, degrees to either side.
+/// Rings around the plane between the lenses, on which their images are compared, degrees to either side.
 const RINGS_DEGREES: [f64; 5] = [-2.0, -1.0, 0.0, 1.0, 2.0];
 /// Places on a ring.
 const RING_PLACES: usize = 360;
-/// Radius in places of the mean that is taken out of a ring: lenses differ in brightness at their rims.
+/// Radius in places of the mean that is removed from a ring: lenses differ in brightness at their rims.
 const DETAIL_RADIUS: usize = 10;
 /// The share of a circle's radius up to which its rim is sharp.
 const SHARP_SHARE: f64 = 0.985;
-/// Least correlation of both images at the right field of view, and least above that at most others.
+/// Least correlation of both images at the right field of view, and its least excess over most others.
 const LEAST_CORRELATION: f64 = 0.75;
 const LEAST_PEAK: f64 = 0.15;
 
-/// Rays along which the end of a circle is looked for, how many must meet one, and by how much they may miss
-/// the circle in the middle, as a share of its radius.
+/// Rays that search for the edge of a circle, the least number that must meet one, and their largest median distance
+/// from the circle, as a share of its radius.
 const CIRCLE_RAYS: usize = 360;
 const LEAST_CIRCLE_RAYS: usize = 120;
 const LARGEST_RESIDUAL: f64 = 0.01;
 
-/// The layout of a video of two fisheye circles whose lenses are not known.
+/// Estimates the layout of a video of two fisheye circles with unknown lenses.
 ///
 /// # Errors
-/// When the video cannot be decoded; a rejection where no field of view brings what both lenses see together.
+/// When the video cannot be decoded; a rejection if no field of view aligns the overlap of the lenses.
 pub(crate) fn estimated_dual_fisheye(
     video: &Path,
     probe: &Probe,
 ) -> Result<SphereLayout, CurateError> {
     let mut reader = VideoReader::open(video)?;
-    reader.choose(PacketChoice::KeyFrames);
+    reader.choose_key_frames();
     let mut converter = Converter::new(Scaling::MaxWidth(WIDTH_PIXELS));
     let turns = probe.clockwise_quarter_turns();
     let mut samples = FrameSamples::default();
@@ -78,7 +78,7 @@ pub(crate) fn estimated_dual_fisheye(
     })
 }
 
-/// The layout of these frames; an error says in words why there is none.
+/// Returns the layout of these frames; an error gives the reason in words.
 fn estimate(frames: &[Rgb8Image]) -> Result<SphereLayout, String> {
     let Some(first) = frames.first() else {
         return Err("none of its key frames can be decoded".to_owned());
@@ -96,7 +96,7 @@ fn estimate(frames: &[Rgb8Image]) -> Result<SphereLayout, String> {
     let best = (0..scores.len()).max_by(|&a, &b| scores[a].total_cmp(&scores[b]));
     let best = best.unwrap_or(0);
     let stands_out = scores[best] - statistics::median(&scores).unwrap_or(1.0);
-    // At an end of the range the best would lie beyond it.
+    // At an end of the range the best value would lie beyond it.
     let is_inside = best > 0 && best + 1 < scores.len();
     let fault = if scores[best] < LEAST_CORRELATION {
         Some(format!(
@@ -117,13 +117,13 @@ fn estimate(frames: &[Rgb8Image]) -> Result<SphereLayout, String> {
     }
     let between = peak(scores[best - 1], scores[best], scores[best + 1]);
     Ok(SphereLayout::DualFisheye {
-        // A tenth of a degree is less than what nearby things shift between the lenses.
+        // A tenth of a degree is less than the parallax of nearby objects between the lenses.
         field_of_view_degrees: (10.0 * (tried[best] + STEP_DEGREES * between)).round() / 10.0,
         circles,
     })
 }
 
-/// Where the parabola through three equally distant values has its peak, steps from the one in the middle.
+/// Returns the peak of the parabola through three equally distant values, in steps from the middle one.
 fn peak(before: f64, at: f64, after: f64) -> f64 {
     let bend = before - 2.0 * at + after;
     if bend < 0.0 {
@@ -133,7 +133,7 @@ fn peak(before: f64, at: f64, after: f64) -> f64 {
     }
 }
 
-/// How alike both lenses show the plane between them, -1 to 1.
+/// Returns the similarity of both lenses' images of the plane between them, -1 to 1.
 fn likeness(frames: &[Rgb8Image], size: DVec2, circles: &[FisheyeCircle; 2], field: f64) -> f64 {
     let lens = |number: usize| Lens {
         is_front: number == 1,
@@ -165,7 +165,7 @@ fn likeness(frames: &[Rgb8Image], size: DVec2, circles: &[FisheyeCircle; 2], fie
             }
         }
     }
-    // Without detail everything is alike.
+    // Without detail all images are alike.
     let values = 3 * RING_PLACES * frames.len();
     if squares.iter().any(|&sum| sum < values as f64) {
         return 0.0;
@@ -173,7 +173,7 @@ fn likeness(frames: &[Rgb8Image], size: DVec2, circles: &[FisheyeCircle; 2], fie
     product / (squares[0] * squares[1]).sqrt()
 }
 
-/// The colours of directions as a lens shows them.
+/// Returns the colours of directions in a lens's image.
 fn ring(frame: &Rgb8Image, size: DVec2, lens: &Lens, directions: &[DVec3]) -> Vec<[f64; 3]> {
     let colour = |direction: &DVec3| {
         let Some(place) = lens.place(size, *direction) else {
@@ -192,8 +192,8 @@ fn ring(frame: &Rgb8Image, size: DVec2, lens: &Lens, directions: &[DVec3]) -> Ve
     directions.iter().map(colour).collect()
 }
 
-/// The circle in a half of the frames by the black around it; `None` where there is none to be seen, or the
-/// half is no square.
+/// Returns the circle in a half of the frames by the black around it; `None` if none is visible, or the half is not
+/// square.
 fn circle(frames: &[Rgb8Image], half: usize) -> Option<FisheyeCircle> {
     let side = frames.first()?.height as f64;
     let width = frames.first()?.width / 2;
@@ -213,7 +213,7 @@ fn circle(frames: &[Rgb8Image], half: usize) -> Option<FisheyeCircle> {
         let mut at = most - 1.0;
         while at > 0.4 * side {
             if (0..4).all(|inward| is_lit(middle + (at - f64::from(inward)) * towards)) {
-                // What is lit up to the edge goes on beyond it.
+                // Light up to the edge continues beyond it.
                 return (at < most - 2.0).then_some(middle + (at + 0.5) * towards);
             }
             at -= 0.5;
@@ -229,7 +229,7 @@ fn circle(frames: &[Rgb8Image], half: usize) -> Option<FisheyeCircle> {
     })
 }
 
-/// The circle through most of these places.
+/// Fits the circle through most of these places.
 fn fitted(mut places: Vec<DVec2>) -> Option<(DVec2, f64)> {
     for _ in 0..4 {
         if places.len() < LEAST_CIRCLE_RAYS {
@@ -248,7 +248,7 @@ fn fitted(mut places: Vec<DVec2>) -> Option<(DVec2, f64)> {
     None
 }
 
-/// Centre and radius of the circle of least squares, `x^2 + y^2 = 2 a x + 2 b y + c`.
+/// Returns centre and radius of the least-squares circle, `x^2 + y^2 = 2 a x + 2 b y + c`.
 fn through(places: &[DVec2]) -> Option<(DVec2, f64)> {
     let mut normal = DMat3::ZERO;
     let mut right = DVec3::ZERO;
@@ -269,7 +269,7 @@ mod tests {
 
     const HALF: usize = 512;
 
-    /// Something to see in every direction, a few degrees wide.
+    /// Returns a texture in every direction, a few degrees wide.
     fn world(direction: DVec3, turn: f64) -> [u8; 3] {
         let d = glam::DQuat::from_rotation_y(turn) * direction;
         let detail = (21.0 * d.x + 6.0 * d.y).sin() * (17.0 * d.z - 5.0 * d.y).cos()
@@ -277,7 +277,7 @@ mod tests {
         [0.0, 0.6, 1.3].map(|phase| (130.0 + 60.0 * (detail + phase).sin()) as u8)
     }
 
-    /// What two lenses with these circles show, black around them; `surround` lights what lies outside.
+    /// Returns an image of two lenses with these circles, black around them; `surround` lights the outside.
     fn frame(field_degrees: f64, circles: [FisheyeCircle; 2], turn: f64) -> Rgb8Image {
         let pixels = (0..2 * HALF * HALF).map(|at| {
             let (x, y) = (at % (2 * HALF), at / (2 * HALF));

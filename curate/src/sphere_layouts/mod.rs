@@ -1,8 +1,9 @@
-//! Frames whose sphere is stored otherwise than as one equirectangular image, made into one on the way.
+//! Conversion of frames with other sphere layouts to equirectangular ones.
 //!
-//! Of stereo the left eye's image is cut out; cube faces, fisheye circles and halves of the sphere are sampled on
-//! the sphere (`sampler`), each pixel by as many rays as it has stored pixels below it. `places` says where a direction is
-//! stored, `lens_estimate` what the lenses of a camera with two are. `FFmpeg`'s filter `v360` has the same layouts and is what a test holds them against.
+//! For stereo the left eye's image is cut out. Cube faces, fisheye circles and halves of the sphere are sampled on the
+//! sphere (`sampler`), each pixel by as many rays as it covers stored pixels. `places` maps directions to their place
+//! in the frame, `lens_estimate` estimates the lenses of a dual fisheye camera. A test compares with the same layouts
+//! of `FFmpeg`'s filter `v360`.
 
 mod lens_estimate;
 mod places;
@@ -19,14 +20,14 @@ pub(crate) use lens_estimate::estimated_dual_fisheye;
 use crate::video::Rgb8Image;
 use sampler::SphereSampler;
 
-/// Two lenses that see as little as two can: no others have a wider sphere in as many pixels.
+/// Two lenses with the least possible field of view: no others have a wider sphere in as many pixels.
 pub(crate) const NARROWEST_DUAL_FISHEYE: SphereLayout = SphereLayout::DualFisheye {
     field_of_view_degrees: 180.0,
     circles: [FisheyeCircle::WHOLE; 2],
 };
 
-/// Width over height of frames that a layout is stored in, from the narrowest to the widest. Players and cameras store
-/// some squeezed, two eyes at half their width or cube faces at 16:9.
+/// Returns the limits of width over height for frames of a layout. Players and cameras store some squeezed, two eyes at
+/// half their width or cube faces at 16:9.
 fn aspects(layout: SphereLayout) -> [f64; 2] {
     match layout {
         SphereLayout::StereoTopBottom => [0.9, 2.2],
@@ -41,10 +42,10 @@ fn aspects(layout: SphereLayout) -> [f64; 2] {
     }
 }
 
-/// Refuses frames of a shape that a layout is never stored in.
+/// Refuses frames of an aspect ratio that a layout never has.
 ///
 /// # Errors
-/// One line with both shapes.
+/// One line with both aspect ratios.
 pub(crate) fn expect_shape(
     layout: SphereLayout,
     (width, height): (u32, u32),
@@ -59,7 +60,7 @@ pub(crate) fn expect_shape(
     ))
 }
 
-/// Makes equirectangular images of the frames of one video.
+/// Converter of the frames of one video to equirectangular images.
 #[derive(Debug)]
 pub(crate) struct ToErp {
     layout: SphereLayout,
@@ -67,7 +68,7 @@ pub(crate) struct ToErp {
 }
 
 impl ToErp {
-    /// For frames of a layout.
+    /// Creates a converter for frames of a layout.
     pub(crate) fn new(layout: SphereLayout) -> Self {
         Self {
             layout,
@@ -75,7 +76,7 @@ impl ToErp {
         }
     }
 
-    /// The equirectangular image of a frame, upright as it is shown, `width` pixels wide and half as high.
+    /// Returns the equirectangular image of a frame, upright as shown, `width` pixels wide and half as high.
     pub(crate) fn convert(&mut self, frame: &Rgb8Image, width: usize) -> Rgb8Image {
         let size = [width, width / 2];
         if let Some(eye) = left_eye(self.layout, frame) {
@@ -92,7 +93,7 @@ impl ToErp {
     }
 }
 
-/// An equirectangular image at another size, by area averaging.
+/// Returns an equirectangular image at another size, by area averaging.
 fn resized(image: Rgb8Image, [width, height]: [usize; 2]) -> Rgb8Image {
     if [image.width, image.height] == [width, height] {
         return image;
@@ -107,7 +108,7 @@ fn resized(image: Rgb8Image, [width, height]: [usize; 2]) -> Rgb8Image {
     }
 }
 
-/// The left eye's half of a stereo frame; `None` of other layouts.
+/// Returns the left eye's half of a stereo frame; `None` for other layouts.
 fn left_eye(layout: SphereLayout, frame: &Rgb8Image) -> Option<Rgb8Image> {
     let (width, height) = match layout {
         SphereLayout::StereoTopBottom => (frame.width, frame.height / 2),
@@ -122,13 +123,13 @@ fn left_eye(layout: SphereLayout, frame: &Rgb8Image) -> Option<Rgb8Image> {
     })
 }
 
-/// Returns true for a layout that stores the half of the sphere ahead alone.
+/// Returns true for a layout that stores only the front half of the sphere.
 pub(crate) fn is_half(layout: SphereLayout) -> bool {
     projection(layout) == VideoProjection::HalfErp
 }
 
-/// Marks the pixels of equirectangular images of `size` that frames of `stored` pixels do not show all of; `None`
-/// where the layout stores the whole sphere.
+/// Marks the pixels of equirectangular images of `size` that frames of `stored` pixels do not fully cover; `None` if
+/// the layout stores the whole sphere.
 pub(crate) fn unrecorded(
     layout: SphereLayout,
     (columns, rows): (u32, u32),
@@ -140,8 +141,8 @@ pub(crate) fn unrecorded(
     })
 }
 
-/// Width in pixels of the equirectangular image that has as many pixels around the horizon as a frame of
-/// `width` x `height` pixels has.
+/// Returns the width in pixels of the equirectangular image with the horizontal resolution of a frame of `width` x
+/// `height` pixels at the horizon.
 pub(crate) fn erp_width(layout: SphereLayout, (width, height): (u32, u32)) -> u32 {
     match layout {
         SphereLayout::StereoTopBottom => width,
@@ -161,15 +162,14 @@ pub(crate) fn erp_width(layout: SphereLayout, (width, height): (u32, u32)) -> u3
     }
 }
 
-/// Width in pixels that frames need so that their equirectangular image of `width` pixels has no fewer of its
-/// own.
+/// Returns the width in pixels that frames need so that their equirectangular image of `width` pixels is not upsampled.
 pub(crate) fn stored_width(layout: SphereLayout, width: u32, stored: (u32, u32)) -> u32 {
     let native = erp_width(layout, stored).max(1);
     let share = f64::from(width) / f64::from(native);
     (f64::from(stored.0) * share).ceil() as u32
 }
 
-/// What is known as a projection.
+/// Returns the projection of a layout.
 pub(crate) fn projection(layout: SphereLayout) -> VideoProjection {
     match layout {
         SphereLayout::StereoTopBottom => VideoProjection::ErpStereoTb,
@@ -182,11 +182,11 @@ pub(crate) fn projection(layout: SphereLayout) -> VideoProjection {
     }
 }
 
-/// The layout that the evidence leaves no doubt of: stereo, and equi-angular faces and halves of the sphere where
-/// the container says so. How other faces lie and what a lens sees, no image says.
+/// Returns the layout if the evidence leaves no doubt: stereo, and equi-angular faces and halves of the sphere if
+/// stated by the container. No image shows the order of other faces or the field of view of a lens.
 pub(crate) fn evident(found: &DetectedProjection, probe: &Probe) -> Option<SphereLayout> {
-    // Where halves are alike and their borders dark, seams and poles of a half look like those of a whole; a
-    // single image that closes around and has caps is none.
+    // If halves are alike and their borders dark, seams and poles of a half look like those of a whole. A single image
+    // that closes around and has caps is not stereo.
     if let Some(half) = stated_half(probe).filter(|_| found.projection != VideoProjection::Erp) {
         return Some(half);
     }
@@ -198,7 +198,7 @@ pub(crate) fn evident(found: &DetectedProjection, probe: &Probe) -> Option<Spher
     }
 }
 
-/// The layout that the container alone states, before any frame is looked at.
+/// Returns the layout that the container alone states, before any frame is decoded.
 pub(crate) fn stated(probe: &Probe) -> Option<SphereLayout> {
     let spherical = probe.spherical.as_ref()?;
     let whole = spherical.projection == "equiangular cubemap" && !spherical.is_cropped;
@@ -207,7 +207,7 @@ pub(crate) fn stated(probe: &Probe) -> Option<SphereLayout> {
         .or_else(|| stated_half(probe))
 }
 
-/// The half of the sphere that the container states.
+/// Returns the half of the sphere that the container states.
 fn stated_half(probe: &Probe) -> Option<SphereLayout> {
     let spherical = probe.spherical.as_ref()?;
     if spherical.projection != "equirectangular" || !spherical.is_front_half {
@@ -251,7 +251,7 @@ mod tests {
         }
     }
 
-    /// What two lenses back to back see.
+    /// Returns an image of two lenses back to back.
     fn fisheye(degrees: f64, [width, height]: [usize; 2]) -> Rgb8Image {
         let half = width / 2;
         let pixels = (0..width * height).map(|at| {
@@ -270,8 +270,8 @@ mod tests {
         }
     }
 
-    /// Every pixel of cube faces gets the colour of the direction whose place is nearest to its centre, found by
-    /// walking over many directions.
+    /// Gives every pixel of cube faces the colour of the direction whose place is nearest to its centre, found by a
+    /// walk over many directions.
     fn stored(layout: SphereLayout, [width, height]: [usize; 2]) -> Rgb8Image {
         let camera = ErpCamera {
             width: 1600,
@@ -325,7 +325,7 @@ mod tests {
             assert_eq!([found.width, found.height], [WIDTH, WIDTH / 2]);
             let errors = found.data.iter().zip(&truth.data);
             let worst = errors.map(|(a, b)| a.abs_diff(*b)).max();
-            // A pixel and a half where faces end.
+            // A pixel and a half at the edges of faces.
             assert!(worst.is_some_and(|worst| worst <= 5), "{name}: {worst:?}");
         }
         Ok(())

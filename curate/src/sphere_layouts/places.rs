@@ -1,4 +1,4 @@
-//! Where a direction is stored in a frame.
+//! Places of directions in a frame.
 
 use std::f64::consts::{FRAC_1_PI, FRAC_2_PI, PI};
 
@@ -8,20 +8,20 @@ use omnilife_schemas::{
     records::{FisheyeCircle, SphereLayout},
 };
 
-/// Pixels around each row of faces of an equi-angular cubemap that repeat what is next to them
-/// (`libavfilter/vf_v360.c`, `pixel_pad`).
+/// Pixels around each row of faces of an equi-angular cubemap that repeat their neighbours (`libavfilter/vf_v360.c`,
+/// `pixel_pad`).
 const EQUIANGULAR_PADDING: f64 = 2.0;
 
 /// A place in a frame, pixels from its corner.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Place {
     pub(super) at: DVec2,
-    /// First and last corner of the part of the frame that goes on without a break around the place.
+    /// First and last corner of the continuous part of the frame around the place.
     pub(super) part: [DVec2; 2],
 }
 
-/// Where a direction (x right, y down, z forward, not zero) is in a frame of `[width, height]` pixels; `None` where
-/// the layout does not store it, or is one of whole equirectangular images.
+/// Returns the place of a direction (x right, y down, z forward, not zero) in a frame of `[width, height]` pixels.
+/// `None` if the layout does not store it, or is one of whole equirectangular images.
 pub(super) fn place(
     layout: SphereLayout,
     [width, height]: [usize; 2],
@@ -56,8 +56,8 @@ pub(super) fn place(
     }
 }
 
-/// Where a direction is in an equirectangular image of the half of the sphere ahead, in the upper left corner of a
-/// frame; `None` behind.
+/// Returns the place of a direction in an equirectangular image of the front half of the sphere, in the upper left
+/// corner of a frame; `None` behind.
 fn in_half(size: DVec2, direction: DVec3) -> Option<Place> {
     let across = direction.x.atan2(direction.z) * FRAC_1_PI;
     let down = (direction.y / direction.length()).asin() * FRAC_1_PI;
@@ -67,8 +67,8 @@ fn in_half(size: DVec2, direction: DVec3) -> Option<Place> {
     })
 }
 
-/// Number of the face of [`CUBE_FACES`] that a direction meets, and where, right and down from its middle, both
-/// in [-1, 1].
+/// Returns the number of the face of [`CUBE_FACES`] that a direction meets, and its place there, right and down from
+/// the middle, both in [-1, 1].
 fn on_cube(direction: DVec3) -> (usize, DVec2) {
     let ahead = |face: &usize| direction.dot(CUBE_FACES[*face].to_camera.z_axis);
     let nearest = (0..CUBE_FACES.len()).max_by(|a, b| ahead(a).total_cmp(&ahead(b)));
@@ -77,7 +77,7 @@ fn on_cube(direction: DVec3) -> (usize, DVec2) {
     (face, dvec2(within.x, within.y) / within.z)
 }
 
-/// A place on the face that lies in a cell of the grid of faces; `margin` is around every row of them.
+/// Returns a place on the face in a cell of the grid of faces; `margin` is around every row of them.
 fn in_cell(cell: DVec2, on_face: DVec2, face_size: DVec2, margin: DVec2) -> Place {
     let corner = cell * face_size + margin;
     Place {
@@ -86,8 +86,8 @@ fn in_cell(cell: DVec2, on_face: DVec2, face_size: DVec2, margin: DVec2) -> Plac
     }
 }
 
-/// The cell of each face of [`CUBE_FACES`] in an equi-angular cubemap, and the directions on the face in which the
-/// frame's columns and rows run.
+/// The cell of each face of [`CUBE_FACES`] in an equi-angular cubemap, and the directions on the face of the frame's
+/// columns and rows.
 const EQUIANGULAR_CELLS: [([f64; 2], DVec2, DVec2); 6] = [
     ([1.0, 0.0], DVec2::X, DVec2::Y),
     ([2.0, 0.0], DVec2::X, DVec2::Y),
@@ -116,17 +116,17 @@ fn in_equiangular(size: DVec2, direction: DVec3) -> Place {
 /// One of two lenses back to back.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Lens {
-    /// Whether it looks ahead; its circle is on the right.
+    /// True if it looks ahead; its circle is on the right.
     pub(super) is_front: bool,
-    /// Angle that its circle shows from edge to edge, radians.
+    /// Field of view of its circle from edge to edge, radians.
     pub(super) field_of_view: f64,
     pub(super) circle: FisheyeCircle,
 }
 
 impl Lens {
-    /// Where a direction is in a frame of `size` pixels; `None` where the lens does not see it.
+    /// Returns the place of a direction in a frame of `size` pixels; `None` outside the lens's field of view.
     pub(super) fn place(&self, size: DVec2, direction: DVec3) -> Option<Place> {
-        // Seen by the lens at the back, right is where the camera has left.
+        // For the lens at the back, right is the camera's left.
         let (ahead, right, first) = if self.is_front {
             (direction.z, direction.x, 0.5 * size.x)
         } else {

@@ -1,4 +1,4 @@
-//! Equirectangular images by looking up, for rays spread over each pixel, what is stored in their direction.
+//! Equirectangular sampling: lookup of the stored frame for rays spread over each pixel.
 
 use glam::{DVec2, dvec2};
 use omnilife_schemas::{
@@ -15,19 +15,19 @@ use crate::video::Rgb8Image;
 /// Rays along a side of a pixel at most.
 const MOST_RAYS: usize = 4;
 
-/// Where the rays of an equirectangular image meet frames of one layout and size.
+/// Map from the rays of an equirectangular image to frames of one layout and size.
 #[derive(Debug)]
 pub(super) struct SphereSampler {
     stored: [usize; 2],
     size: [usize; 2],
     /// Rays of one pixel.
     rays: usize,
-    /// Places in a frame, pixels from its corner, by pixel and ray; NaN where nothing is stored.
+    /// Places in a frame, pixels from its corner, by pixel and ray; NaN for directions that are not stored.
     places: Vec<[f32; 2]>,
 }
 
 impl SphereSampler {
-    /// For frames of `stored` pixels and images of `size`.
+    /// Creates a sampler from frames of `stored` pixels to images of `size`.
     pub(super) fn new(layout: SphereLayout, stored: [usize; 2], size: [usize; 2]) -> Self {
         let [width, height] = size;
         let native = erp_width(layout, (stored[0] as u32, stored[1] as u32)) as usize;
@@ -41,7 +41,7 @@ impl SphereSampler {
             let within = dvec2((ray % side) as f64, (ray / side) as f64) + 0.5;
             let direction = camera.unproject(corner + within / side as f64);
             places::place(layout, stored, direction).map_or([f32::NAN; 2], |place| {
-                // What lies beyond the part belongs to another direction.
+                // Pixels beyond the part belong to another direction.
                 let [first, last] = place.part;
                 let at = place.at.clamp(first + 0.5, last - 0.5);
                 [at.x as f32, at.y as f32]
@@ -59,12 +59,12 @@ impl SphereSampler {
         }
     }
 
-    /// Whether it is for frames of `stored` pixels and images of `size`.
+    /// Returns true if it is for frames of `stored` pixels and images of `size`.
     pub(super) fn is_for(&self, stored: [usize; 2], size: [usize; 2]) -> bool {
         self.stored == stored && self.size == size
     }
 
-    /// Marks the pixels with a ray where nothing is stored.
+    /// Marks the pixels with a ray in a direction that is not stored.
     pub(super) fn unrecorded(&self) -> Mask {
         let [width, height] = self.size;
         let is_open = |places: &[[f32; 2]]| places.iter().any(|place| place[0].is_nan());
@@ -78,7 +78,7 @@ impl SphereSampler {
         }
     }
 
-    /// The image of a frame; black where nothing is stored.
+    /// Returns the image of a frame; black for directions that are not stored.
     pub(super) fn apply(&self, frame: &Rgb8Image) -> Rgb8Image {
         let [width, height] = self.size;
         let mut data = vec![0; 3 * width * height];

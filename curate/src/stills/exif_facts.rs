@@ -7,16 +7,16 @@
 use exif::{Exif, In, Rational, Reader, Tag, Value};
 use omnilife_schemas::records::Capture;
 
-/// When a still was taken.
+/// Capture time of a still.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct TakenAt {
-    /// Seconds since 1970 by the camera's clock, in UTC where it wrote its offset and local time where not.
+    /// Seconds since 1970 by the camera's clock, in UTC if it wrote its offset, else in local time.
     pub(crate) seconds: f64,
-    /// True where the offset from UTC is known.
+    /// True if the offset from UTC is known.
     pub(crate) is_utc: bool,
 }
 
-/// Facts of EXIF data (a TIFF structure); none of what cannot be read.
+/// Reads facts from EXIF data (a TIFF structure); unreadable ones are left out.
 ///
 /// # Errors
 /// When the data are no EXIF data; one line.
@@ -60,7 +60,7 @@ fn number(exif: &Exif, tag: Tag) -> Option<f64> {
     number.is_finite().then_some(number)
 }
 
-/// Degrees, minutes and seconds, negative where the reference begins with `negative`.
+/// Returns degrees from degrees, minutes and seconds, negative if the reference starts with `negative`.
 fn angle(exif: &Exif, tag: Tag, reference: Tag, negative: u8, most: f64) -> Option<f64> {
     let [degrees, minutes, seconds] = rationals(exif, tag)? else {
         return None;
@@ -80,14 +80,14 @@ fn altitude(exif: &Exif) -> Option<f64> {
     Some(if is_below { -metres } else { metres })
 }
 
-/// The time as text and in seconds; `None` for a clock that was never set, too.
+/// Returns the time as text and in seconds; `None` also for a clock that was never set.
 #[expect(
     clippy::arithmetic_side_effects,
     reason = "numbers of a date are at most four digits"
 )]
 fn time(exif: &Exif) -> Option<(String, TakenAt)> {
     let mut date = exif::DateTime::from_ascii(ascii(exif, Tag::DateTimeOriginal)?).ok()?;
-    // Either is left out where it cannot be read.
+    // An unreadable one is left out.
     if let Some(text) = ascii(exif, Tag::SubSecTimeOriginal) {
         drop(date.parse_subsec(text));
     }
@@ -127,13 +127,13 @@ fn time(exif: &Exif) -> Option<(String, TakenAt)> {
     ))
 }
 
-/// Days from 1970-01-01 to a date of the Gregorian calendar.
+/// Returns days from 1970-01-01 to a date of the Gregorian calendar.
 #[expect(
     clippy::arithmetic_side_effects,
     reason = "years are at most four digits"
 )]
 fn days_since_1970(year: i64, month: i64, day: i64) -> i64 {
-    // Years that begin in March have their leap day at their end.
+    // Years that start in March have their leap day at their end.
     let (year, month) = if month > 2 {
         (year, month - 3)
     } else {

@@ -1,5 +1,5 @@
-//! Google's panorama metadata (GPano) in the XMP data of a still: which part of the sphere it shows, and how
-//! its middle is turned.
+//! Google's panorama metadata (GPano) in the XMP data of a still: its part of the sphere, and the orientation of its
+//! middle.
 //!
 //! (<https://developers.google.com/streetview/spherical-metadata>.) The properties are attributes of an
 //! `rdf:Description` or elements in it.
@@ -15,22 +15,22 @@ use omnilife_schemas::image_file::MOST_PIXELS;
 use super::placement::Placement;
 
 const NAMESPACE: &str = "http://ns.google.com/photos/1.0/panorama/";
-/// Largest XMP data that are looked at, bytes: those of a panorama are a few thousand.
+/// Maximum size of XMP data, bytes: those of a panorama are a few thousand.
 const MOST_BYTES: usize = 1 << 20;
 
 /// Properties of a panorama.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Panorama {
-    /// The part of the sphere that the image shows, where it is not all of it.
+    /// The image's part of the sphere, unless it is all of it.
     pub(crate) placement: Option<Placement>,
-    /// Heading, pitch and roll of the sphere's middle, degrees, where one is stated.
+    /// Heading, pitch and roll of the sphere's middle, degrees, if stated.
     pub(crate) pose_degrees: Option<[f64; 3]>,
 }
 
-/// Reads XMP data of an image of `size` pixels; `None` where they say nothing of a panorama.
+/// Reads XMP data of an image of `size` pixels; `None` if they do not describe a panorama.
 ///
 /// # Errors
-/// For another projection than equirectangular, and numbers that cannot be; one line.
+/// For another projection than equirectangular, and invalid numbers; one line.
 pub(crate) fn read(data: &[u8], size: [u32; 2]) -> Result<Option<Panorama>, String> {
     if data.len() > MOST_BYTES {
         return Err(format!(
@@ -77,7 +77,7 @@ pub(crate) fn read(data: &[u8], size: [u32; 2]) -> Result<Option<Panorama>, Stri
     }))
 }
 
-/// The number of a property.
+/// Returns the number of a property.
 ///
 /// # Errors
 /// When the property is not a finite number.
@@ -131,7 +131,7 @@ fn placement(
     }
     let is_whole = [cropped_width, cropped_height] == [full_width, full_height];
     if is_whole && corner.iter().all(|at| at.unwrap_or_default() == 0) {
-        // The whole sphere, perhaps at another size since.
+        // The whole sphere, perhaps rescaled since.
         return Ok(None);
     }
     let [Some(left), Some(top)] = corner else {
@@ -211,7 +211,7 @@ mod tests {
             .expect("sound")
             .expect("a panorama");
         assert_eq!(found.placement, None);
-        // Scaled since, with the metadata of before.
+        // Rescaled since, with the original metadata.
         let scaled = read(whole.as_bytes(), [100, 50]);
         assert!(scaled.is_err(), "no crop is stated: {scaled:?}");
         let both = format!(

@@ -13,7 +13,7 @@ use crate::{error::CurateError, exchange::frame_order};
 pub(crate) use placement::Placement;
 pub(crate) use sequence::{are_panoramas, curate, identify};
 
-/// Seconds between two stills whose files do not say when they were taken.
+/// Seconds between two stills without a known capture time.
 const SECONDS_APART: f64 = 1.0;
 
 /// A still panorama.
@@ -22,9 +22,9 @@ pub(crate) struct Still {
     pub(crate) path: PathBuf,
     /// Width and height of the whole sphere, pixels, as viewers show it.
     pub(crate) size: [u32; 2],
-    /// Facts that its file states.
+    /// Metadata of its file.
     pub(crate) capture: Capture,
-    /// The part of the sphere that it shows, where it is not all of it.
+    /// Its part of the sphere, unless it is all of it.
     pub(crate) placement: Option<Placement>,
     taken: Option<exif_facts::TakenAt>,
 }
@@ -35,9 +35,9 @@ pub(crate) struct Stills {
     pub(crate) stills: Vec<Still>,
     /// Seconds since the first, one for each.
     pub(crate) times: Vec<f64>,
-    /// A line on where the times come from.
+    /// A line on the source of the times.
     pub(crate) times_note: String,
-    /// Lines on what else was decided.
+    /// Lines on other decisions.
     pub(crate) notes: Vec<String>,
 }
 
@@ -120,8 +120,8 @@ impl Still {
     }
 }
 
-/// Seconds since the first still, and a line on where they come from: EXIF data, where all have times in their
-/// order by one kind of clock, else their order.
+/// Returns seconds since the first still, and a line on their source: EXIF data, if all have times in their order by
+/// one kind of clock, else their order.
 fn times(stills: &[Still]) -> (Vec<f64>, String) {
     let taken: Option<Vec<exif_facts::TakenAt>> = stills.iter().map(|still| still.taken).collect();
     if let Some(taken) = &taken
@@ -173,7 +173,7 @@ fn poses_note(stills: &[Still]) -> Option<String> {
     })
 }
 
-/// SHA-256 of a folder of stills: of the hashes of its images in their order.
+/// Returns the SHA-256 of a folder of stills: of the hashes of its images in their order.
 fn sha256(images: &[PathBuf]) -> Result<String, CurateError> {
     let hashes = images
         .iter()

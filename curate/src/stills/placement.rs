@@ -17,7 +17,7 @@ impl Placement {
     /// Returns the place of a part; `None` for the whole image.
     ///
     /// # Errors
-    /// For a whole image that is not twice as wide as high, and a part that is not within it; one line.
+    /// For a whole image that is not twice as wide as high, and a part outside of it; one line.
     pub(crate) fn new(
         full: [u32; 2],
         size: [u32; 2],
@@ -46,7 +46,7 @@ impl Placement {
         self.full
     }
 
-    /// Returns the whole image, black where the part is not, and a mask that marks that.
+    /// Returns the whole image, black outside the part, and a mask that marks the outside.
     pub(crate) fn whole(&self, part: &[u8], ignored: Option<&Mask>) -> (Vec<u8>, Mask) {
         let [full_width, full_height] = self.full.map(|side| side as usize);
         let [width, height] = self.size.map(|side| side as usize);
@@ -92,7 +92,7 @@ mod tests {
         assert_eq!(Placement::new([8, 4], [8, 4], [0, 0]), Ok(None));
         assert!(Placement::new([8, 4], [8, 4], [0, 1]).is_err());
         assert!(Placement::new([8, 5], [8, 4], [0, 0]).is_err());
-        // A whole sphere whose left edge is elsewhere is turned.
+        // A whole sphere whose left edge is elsewhere is rotated.
         assert!(Placement::new([8, 4], [8, 4], [2, 0]).is_ok_and(|place| place.is_some()));
     }
 }

@@ -1,4 +1,4 @@
-//! From a folder of still panoramas to a sequence, as a video becomes several.
+//! From a folder of still panoramas to its one sequence.
 //!
 //! The folder holds `analysis.json`, `boundaries.json` without boundaries, and `seq-000/sequence.json` with the
 //! stills in `seq-000/frames/`.
@@ -31,11 +31,11 @@ use crate::{
     settings::CurateSettings, staging::Staging, video::Rgb8Image,
 };
 
-/// Width in pixels of the images that the projection is judged by.
+/// Width in pixels of the images from which the projection is judged.
 const SAMPLE_WIDTH_PIXELS: usize = 512;
-/// Stills that the projection is judged by, at most.
+/// Maximum number of stills from which the projection is judged.
 const MOST_SAMPLES: usize = 12;
-/// Container and codec of stills, which have none.
+/// Container and codec in records of stills, which have neither.
 const STILLS: &str = "stills";
 
 /// Identifies a folder of stills by its images.
@@ -63,9 +63,8 @@ pub(crate) fn identify(folder: &Path) -> Result<SourceVideo, CurateError> {
 /// Curates a folder of stills into `folder` and returns the name of its one sequence.
 ///
 /// # Errors
-/// [`CurateError::Rejected`] for stills that their projection keeps out,
-/// [`CurateError::Input`] for images that are no panoramas of one size and for parts of spheres,
-/// [`CurateError::Store`] when files cannot be read or written.
+/// [`CurateError::Rejected`] for stills excluded by their projection, [`CurateError::Input`] for images that are not
+/// panoramas of one size and for parts of spheres, [`CurateError::Store`] when files cannot be read or written.
 pub(crate) fn curate(
     input: &Path,
     source: &SourceVideo,
@@ -116,7 +115,7 @@ pub(crate) fn curate(
     work.run(progress)
 }
 
-/// Facts of all stills as if they were frames of a video.
+/// Returns the analysis of all stills as if they were frames of a video.
 fn analyse(stills: &Stills, source: &SourceVideo) -> Result<VideoAnalysis, CurateError> {
     let interval = frame_interval(&stills.times).unwrap_or(SECONDS_APART);
     let last = stills.times.last().copied().unwrap_or_default();
@@ -149,7 +148,7 @@ fn analyse(stills: &Stills, source: &SourceVideo) -> Result<VideoAnalysis, Curat
     })
 }
 
-/// The probe of images of `size` that are no frames of a video.
+/// Returns the probe of images of `size` that are not frames of a video.
 fn probe_of([width, height]: [u32; 2]) -> Probe {
     Probe {
         container: STILLS.to_owned(),
@@ -181,7 +180,7 @@ fn judge(images: &[&Path], probe: &Probe) -> Result<DetectedProjection, CurateEr
     Ok(projection::judge(probe, &samples))
 }
 
-/// Returns true where images of `size` are panoramas by their pixels.
+/// Returns true if images of `size` are panoramas by their pixels.
 ///
 /// # Errors
 /// When one cannot be decoded, or is transparent in places.
@@ -191,7 +190,7 @@ pub(crate) fn are_panoramas(images: &[&Path], size: [u32; 2]) -> Result<bool, Cu
     Ok(may_be && judge(images, &probe)?.projection.is_monoscopic_erp())
 }
 
-/// A small image of a still.
+/// Returns a small image of a still.
 fn sample(path: &Path) -> Result<Rgb8Image, CurateError> {
     let image = image(path)?;
     let width = SAMPLE_WIDTH_PIXELS.min(image.width);
@@ -204,7 +203,7 @@ fn sample(path: &Path) -> Result<Rgb8Image, CurateError> {
     })
 }
 
-/// A still as viewers show it.
+/// Returns a still as viewers show it.
 ///
 /// # Errors
 /// When it cannot be decoded, or is transparent in places.
@@ -231,7 +230,7 @@ fn no_boundaries(analysis: &VideoAnalysis) -> BoundaryLedger {
     }
 }
 
-/// All stills are one segment, of which there is no video.
+/// Returns one segment of all stills, without a video.
 fn no_slices(analysis: &VideoAnalysis, settings: &CurateSettings) -> Slices {
     Slices {
         source: analysis.source.clone(),
@@ -249,7 +248,7 @@ fn no_slices(analysis: &VideoAnalysis, settings: &CurateSettings) -> Slices {
     }
 }
 
-/// The stills that are taken with their times. A number of frames per second is of videos: all are taken.
+/// Returns the chosen stills with their times. A frame rate applies to videos only: all are taken.
 fn chosen<'a>(
     stills: &'a Stills,
     analysis: &VideoAnalysis,

@@ -1,9 +1,9 @@
-//! Estimated distances brought to the scale of a scene: `1/D = scale/E + shift`.
+//! Alignment of estimated distances to the scale of a scene: `1/D = scale/E + shift`.
 //!
-//! Networks estimate distances, or inverse distances, up to a scale and mostly a shift of the inverse
-//! (Ranftl et al., "Towards Robust Monocular Depth Estimation", 2020, section 5). Both are found from points of known
-//! distance by RANSAC over pairs of them, then by least squares with Huber weights over those that agree. Where
-//! all distances are nearly alike nothing tells scale from shift, and the scale alone is found.
+//! Networks estimate distances, or inverse distances, up to a scale and mostly a shift of the inverse (Ranftl et al.,
+//! "Towards Robust Monocular Depth Estimation", 2020, section 5). Both are estimated from points of known distance by
+//! RANSAC over pairs of them, then by least squares with Huber weights over the inliers. If all distances are nearly
+//! alike, scale and shift are ambiguous, and the scale alone is estimated.
 
 use omnilife_schemas::statistics::{median, quantile};
 use rand::{RngExt, SeedableRng};
@@ -11,50 +11,49 @@ use rand_pcg::Pcg64Mcg;
 
 /// Draws of two points.
 const DRAWS: usize = 200;
-/// A point agrees whose distance is met within this share.
+/// Largest relative error of an inlier's distance.
 const AGREES: f64 = 0.05;
-/// Fewer points that agree say nothing.
+/// Least number of inliers of an alignment.
 pub const LEAST_INLIERS: usize = 50;
-/// From the 5th to the 95th percentile inverse distances differ by less than this, over their median, where a
-/// scene is flat.
+/// Least difference of the 5th and 95th percentile of inverse distances, over their median; below, a scene is flat.
 const FLAT_SPREAD: f64 = 0.1;
-/// Or the estimates tell scale from shift worse than this: ratio of the singular values of the two columns.
+/// Largest ratio of the singular values of the two columns; above, scale and shift are ambiguous.
 const WORST_CONDITION: f64 = 100.0;
-/// Rounds of least squares, and from how many standard deviations on a point counts less.
+/// Rounds of least squares, and the number of standard deviations from which on a point counts less.
 const ROUNDS: usize = 20;
 const HUBER: f64 = 1.345;
 
-/// A point whose distance is known and estimated.
+/// A point with known and estimated distance.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Pair {
-    /// Along the ray, in whatever the estimates are in.
+    /// Along the ray, in the unit of the estimates.
     pub estimate: f64,
     /// Along the ray, world units.
     pub distance: f64,
 }
 
-/// How estimates of a frame become distances.
+/// Map from estimates of a frame to distances.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Alignment {
-    /// Of inverse estimates.
+    /// Factor of inverse estimates.
     pub scale: f64,
     /// Added to them, one over a world unit; 0 where the scene is flat.
     pub shift: f64,
-    /// Points that agree.
+    /// Number of inliers.
     pub inliers: usize,
-    /// Whether the scene is flat, so that the scale alone was found.
+    /// True if the scene is flat, so that only the scale was estimated.
     pub is_flat: bool,
 }
 
 impl Alignment {
-    /// The distance of an estimate, world units; `None` where it is behind infinity.
+    /// Returns the distance of an estimate, world units; `None` if it is behind infinity.
     pub fn distance(&self, estimate: f64) -> Option<f64> {
         let inverse = self.scale / estimate + self.shift;
         let distance = 1.0 / inverse;
         (inverse > 0.0 && distance.is_finite()).then_some(distance)
     }
 
-    /// How many of some points it agrees with.
+    /// Returns how many points are its inliers.
     pub fn agreeing(&self, pairs: &[Pair]) -> usize {
         pairs.iter().filter(|pair| self.agrees(pair)).count()
     }
@@ -65,8 +64,8 @@ impl Alignment {
     }
 }
 
-/// The alignment of a frame; `None` where fewer than [`LEAST_INLIERS`] points agree on any. `scale_alone`
-/// holds the shift at zero, as estimates of metric networks ask for.
+/// Estimates the alignment of a frame; `None` if no alignment has [`LEAST_INLIERS`] inliers. `scale_alone` fixes the
+/// shift at zero, as required for estimates of metric networks.
 pub fn align(pairs: &[Pair], scale_alone: bool) -> Option<Alignment> {
     let usable = |pair: &&Pair| {
         let sound = |value: f64| value.is_finite() && value > 0.0 && (1.0 / value).is_finite();
@@ -94,7 +93,7 @@ pub fn align(pairs: &[Pair], scale_alone: bool) -> Option<Alignment> {
         .collect();
     let refined = refined(&agreeing, best);
     let inliers = refined.agreeing(&pairs);
-    // What least squares makes worse stays as it was drawn.
+    // If least squares makes it worse, the drawn one stays.
     if inliers >= best.inliers / 2 {
         Some(Alignment { inliers, ..refined })
     } else {
@@ -102,7 +101,7 @@ pub fn align(pairs: &[Pair], scale_alone: bool) -> Option<Alignment> {
     }
 }
 
-/// Whether nothing tells scale from shift.
+/// Returns true if scale and shift are ambiguous.
 fn is_flat(pairs: &[Pair]) -> bool {
     let inverse: Vec<f64> = pairs.iter().map(|pair| 1.0 / pair.distance).collect();
     let at = |share: f64| quantile(&inverse, share).unwrap_or(0.0);
@@ -125,11 +124,11 @@ fn is_flat(pairs: &[Pair]) -> bool {
         .max(0.0)
         .sqrt();
     let [least, largest] = [(half - root).max(0.0).sqrt(), (half + root).sqrt()];
-    // Without any number there is nothing to tell either.
+    // Without any number they are ambiguous, too.
     largest.is_nan() || largest > WORST_CONDITION * least
 }
 
-/// The alignment that meets two points, or one.
+/// Returns the alignment through two points, or one.
 fn through(one: Pair, other: Pair, is_flat: bool) -> Option<Alignment> {
     let [x, other_x] = [one, other].map(|pair| 1.0 / pair.estimate);
     let [y, other_y] = [one, other].map(|pair| 1.0 / pair.distance);
@@ -148,7 +147,7 @@ fn through(one: Pair, other: Pair, is_flat: bool) -> Option<Alignment> {
     })
 }
 
-/// Least squares of the relative error of the inverse distance, with Huber weights.
+/// Refines by least squares of the relative error of the inverse distance, with Huber weights.
 fn refined(pairs: &[Pair], begin: Alignment) -> Alignment {
     let mut found = begin;
     for _ in 0..ROUNDS {
@@ -193,9 +192,9 @@ fn refined(pairs: &[Pair], begin: Alignment) -> Alignment {
     found
 }
 
-/// Alignments of neighbouring frames, in order: scale and shift are the medians over five frames where that
-/// agrees with nearly as many points, and frames without an alignment take that of the nearest frame. Says
-/// which; empty where no frame has one.
+/// Returns alignments of neighbouring frames, in order. Scale and shift are the medians over five frames if those have
+/// nearly as many inliers, and frames without an alignment take that of the nearest frame. Also returns which; empty if
+/// no frame has one.
 pub fn smoothed(found: &[Option<Alignment>], pairs: &[Vec<Pair>]) -> (Vec<Alignment>, Vec<usize>) {
     const HALF: usize = 2;
     let known: Vec<usize> = (0..found.len()).filter(|&at| found[at].is_some()).collect();
@@ -221,7 +220,7 @@ pub fn smoothed(found: &[Option<Alignment>], pairs: &[Vec<Pair>]) -> (Vec<Alignm
             ..own
         };
         let inliers = even.agreeing(&pairs[at]);
-        // Networks without a scale of their own give every frame another one.
+        // Networks without an absolute scale give every frame another one.
         if inliers * 100 >= own.inliers * 95 {
             Some(Alignment { inliers, ..even })
         } else {
@@ -270,7 +269,7 @@ mod tests {
         assert!((1150..1400).contains(&found.inliers), "{}", found.inliers);
     }
 
-    /// Straight down at a flat road nothing tells the two apart: one of them is left out, and it is said.
+    /// Straight down at a flat road the two are ambiguous: one of them is omitted, with a note.
     #[test]
     fn a_flat_scene_has_a_scale_alone() {
         let flat = align(&pairs(2000, 49.0, 51.0), false).expect("agrees");
@@ -278,7 +277,7 @@ mod tests {
         let estimate = SCALE / (1.0 / 50.0 - SHIFT);
         let own = flat.distance(estimate).expect("in front");
         assert!((own / 50.0 - 1.0).abs() < 0.01, "{own}");
-        // All alike to the last bit, and told to.
+        // All equal to the last bit, and fixed to zero shift.
         let alike = vec![
             Pair {
                 estimate: 2.0,
@@ -315,7 +314,7 @@ mod tests {
         let (found, borrowed) = smoothed(&[None, good, good, None], &all);
         assert_eq!((found.len(), borrowed), (4, vec![0, 3]));
         assert!(smoothed(&[None; 4], &all).0.is_empty());
-        // A frame of another scale keeps it.
+        // A frame with another scale keeps it.
         let other = good.map(|one| Alignment {
             scale: 2.0 * one.scale,
             ..one

@@ -11,7 +11,7 @@ pub struct BandMatrix {
 }
 
 impl BandMatrix {
-    /// Zeros.
+    /// Creates a matrix of zeros.
     pub fn new(size: usize, reach: usize) -> Self {
         Self {
             size,
@@ -24,19 +24,19 @@ impl BandMatrix {
         row * (self.reach + 1) + self.reach + column - row
     }
 
-    /// Adds to the entry in `row` and `column`, which is not above the diagonal, and to its mirror image.
+    /// Adds to the entry in `row` and `column`, which must not be above the diagonal, and to its mirror image.
     pub fn add(&mut self, row: usize, column: usize, value: f64) {
         debug_assert!(column <= row && row - column <= self.reach);
         let place = self.place(row, column);
         self.rows[place] += value;
     }
 
-    /// The diagonal entry of a row.
+    /// Returns the diagonal entry of a row.
     pub fn diagonal(&self, row: usize) -> f64 {
         self.rows[self.place(row, row)]
     }
 
-    /// Solves `A x = right` by Cholesky's decomposition; `None` where the matrix is not positive definite.
+    /// Solves `A x = right` by Cholesky's decomposition; `None` if the matrix is not positive definite.
     pub fn solve(mut self, right: &[f64]) -> Option<Vec<f64>> {
         for row in 0..self.size {
             let first = row.saturating_sub(self.reach);

@@ -1,23 +1,24 @@
-//! Where an object heads, and how large it is.
+//! Heading and size of objects.
 
 use glam::{DMat3, DVec2, DVec3};
 use omnilife_schemas::{
     oriented_box::OrientedBox,
+    statistics,
     trajectory::{BSpline, GroundAxes, ObjectPath, nearest_turn},
 };
 
 use crate::posed_view::PosedView;
 
-/// Headings are those of the velocity above this speed, metres per second; below it they are held.
+/// Least speed at which the heading is that of the velocity, metres per second; below it, the heading is kept.
 const LEAST_SPEED: f64 = 0.5;
 /// Headings are sampled this often, seconds.
 const HEADING_INTERVAL_SECONDS: f64 = 0.25;
-/// Detections whose boxes the size is fitted to, at most, evenly from all.
+/// Maximum number of detections, evenly spaced, whose boxes the size is fitted to.
 const MOST_BOXES: usize = 24;
-/// Longest of what is called a car, metres.
+/// Largest length of a car, metres.
 const LONGEST_CAR: f64 = 5.2;
 
-/// The path of something on the ground that heads where it goes.
+/// Returns the path of an object on the ground with its headings along the motion.
 pub fn with_headings(centre: BSpline, axes: &GroundAxes, metres_per_unit: f64) -> ObjectPath {
     let [begin, end] = centre.range();
     let samples = ((end - begin) / HEADING_INTERVAL_SECONDS).ceil().max(1.0) as usize;
@@ -38,7 +39,7 @@ pub fn with_headings(centre: BSpline, axes: &GroundAxes, metres_per_unit: f64) -
         }
     }
     if headings.is_empty() {
-        // It never moves fast enough to say: along the way that it makes.
+        // Too slow throughout: the heading is that of its displacement.
         let way = centre.position(end) - centre.position(begin);
         (seconds, headings) = (vec![begin], vec![axes.heading(way)]);
     }
@@ -49,8 +50,8 @@ pub fn with_headings(centre: BSpline, axes: &GroundAxes, metres_per_unit: f64) -
     }
 }
 
-/// The box of an object in an image: left, top, width and height of the hull of its corners; `None` where
-/// a corner is not in front of the camera.
+/// Returns the box of an object in an image: left, top, width and height of the hull of its corners. `None` if a corner
+/// is not in front of the camera.
 pub fn projected_box(
     view: &PosedView,
     centre: DVec3,
@@ -73,9 +74,8 @@ pub fn projected_box(
     Some([low.x, low.y, size.x, size.y])
 }
 
-/// Length, width and height (metres) of the vehicle whose boxes are the nearest to those that were
-/// detected while it went along a path: the median difference of their sides is the least. Its height is
-/// that of its class; from above it cannot be seen.
+/// Returns length, width and height (metres) of the vehicle whose boxes along a path fit the detected ones best: the
+/// median difference of their sides is the least. Its height is that of its class; it is not visible from above.
 pub fn dimensions(
     path: &ObjectPath,
     axes: &GroundAxes,
@@ -86,7 +86,7 @@ pub fn dimensions(
     let some: Vec<_> = boxes.iter().step_by(step).collect();
     let misfit = |dimensions: [f64; 3]| -> f64 {
         let sides = dimensions.map(|metres| metres / metres_per_unit);
-        let mut differences: Vec<f64> = some
+        let differences: Vec<f64> = some
             .iter()
             .filter_map(|(view, detected)| {
                 let (centre, heading) = path.at(view.seconds)?;
@@ -95,11 +95,7 @@ pub fn dimensions(
                 Some((width - detected[2]).abs() + (height - detected[3]).abs())
             })
             .collect();
-        differences.sort_by(f64::total_cmp);
-        differences
-            .get(differences.len() / 2)
-            .copied()
-            .unwrap_or(0.0)
+        statistics::median(&differences).unwrap_or(0.0)
     };
     candidates()
         .into_iter()
@@ -108,10 +104,10 @@ pub fn dimensions(
         .map_or(CAR, |(_, dimensions)| dimensions)
 }
 
-/// What a vehicle is taken for while nothing is known of its size, metres.
+/// Size of a vehicle of unknown size, metres.
 pub const CAR: [f64; 3] = [4.5, 1.8, 1.5];
 
-/// Sizes of vehicles, from the one of which there are most.
+/// Returns sizes of vehicles, the most frequent first.
 fn candidates() -> Vec<[f64; 3]> {
     let mut all = vec![CAR];
     let mut length = 3.5;

@@ -1,4 +1,4 @@
-//! What tracking a scene comes to, decided as tracks are made, and told without leaving any.
+//! Dry run of tracking: the decisions for a scene, reported without writing tracks.
 
 use std::time::Instant;
 
@@ -12,28 +12,28 @@ use omnilife_schemas::{
 use super::{Asked, TrackRequest, distance};
 use crate::error::CurateError;
 
-/// What is used, what is left out, and on what evidence.
+/// Used and omitted components, with the evidence.
 #[derive(Debug, Clone, PartialEq)]
 pub struct TracksPlan {
     /// Id of the scene.
     pub scene: String,
     /// Component by component.
     pub decisions: Vec<ComponentDecision>,
-    /// What the tracks would say beside: objects that are static among it.
+    /// Further remarks of the tracks, for example on objects that are static.
     pub remarks: Vec<String>,
     /// Vehicles that move.
     pub moving: usize,
-    /// Whether there were tracks of the same already, which were looked at instead of the frames.
+    /// True if tracks of the same inputs existed, which were read instead of the frames.
     pub is_known: bool,
-    /// Wall-clock time of looking, seconds.
+    /// Wall-clock time of the analysis, seconds.
     pub wall_seconds: f64,
 }
 
-/// Decides how a scene is tracked. The evidence is in its frames: they are looked at as for tracks, unless tracks
-/// of the same are there; what the program of the detector `command` found is kept, and nothing else is written.
+/// Decides how a scene is tracked. The evidence is in its frames: they are analysed as for tracks, unless tracks of the
+/// same inputs exist. The output of the detector `command` is kept, and nothing else is written.
 ///
 /// # Errors
-/// As [`super::make_tracks`].
+/// Those of [`super::make_tracks`].
 pub fn plan_tracks(
     request: &TrackRequest,
     progress: &dyn Progress,
@@ -130,7 +130,7 @@ fn decisions(request: &TrackRequest, asked: &Asked, tracks: &Tracks) -> Vec<Comp
 }
 
 impl TracksPlan {
-    /// The decisions as a Markdown table, and what becomes static.
+    /// Returns the decisions as a Markdown table, and the static objects.
     pub fn text(&self) -> String {
         let mut text = format!("tracks of {}\n\n", self.scene);
         text += "| Component | Used | Evidence |\n|---|---|---|\n";

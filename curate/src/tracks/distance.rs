@@ -1,4 +1,4 @@
-//! How far away detections are: on the ground, or by distances that a network estimated.
+//! Distances of detections: on the ground, or by estimates of a network.
 
 use std::path::Path;
 
@@ -18,16 +18,16 @@ use super::{
 };
 use crate::{error::CurateError, ground_plane::Plane, posed_view::PosedView};
 
-/// A way of finding distances.
+/// A method of finding distances.
 #[derive(Debug, Clone, Copy)]
 pub struct DistanceMethod {
     /// Name on the command line.
     pub id: &'static str,
-    /// What it does and when it is right.
+    /// Its principle and its use.
     pub about: &'static str,
 }
 
-/// Whichever the evidence speaks for.
+/// The method that the evidence supports.
 pub const AUTO: &str = "auto";
 pub(super) const GROUND: &str = "ground";
 const MONOCULAR: &str = "monocular";
@@ -54,36 +54,36 @@ pub const DISTANCES: &[DistanceMethod] = &[
     },
 ];
 
-/// A plane in a ring holds points that are this near to it, metres.
+/// Largest distance of a point from the plane of its ring, metres.
 const RING_REACH: f64 = 0.1;
-/// What is measured of a vehicle is so high above the ground: half of a car's height, metres.
+/// Height of a detection's middle above the ground: half of a car's height, metres.
 const HALF_HEIGHT: f64 = 0.75;
-/// Relative standard deviation of a distance to the ground, and of one that a network estimated.
+/// Relative standard deviation of a distance to the ground, and of one estimated by a network.
 const SIGMA_GROUND: f64 = 0.005;
 const SIGMA_MONOCULAR: f64 = 0.02;
-/// Where so large a share of the detections has ground under it, no estimates are used.
+/// Share of detections with ground under them from which on no estimates are used.
 const ENOUGH_GROUND: f64 = 0.95;
-/// Points of a frame that estimates are aligned by, at most.
+/// Maximum number of points of a frame for aligning estimates.
 const MOST_PAIRS: usize = 4000;
-/// A point is hidden where something is nearer than this share of its distance.
+/// A point is hidden if a surface is nearer than this share of its distance.
 const HIDDEN: f64 = 0.97;
 /// Steps down along a ray are never longer than those at this slope.
 const LEAST_SLOPE: f64 = 0.5;
 
-/// How the distances of detections were found.
+/// Method and quality of the distances of detections.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Lifted {
     /// One of [`DISTANCES`].
     pub(super) method: &'static str,
-    /// On what evidence.
+    /// The evidence.
     pub(super) reason: String,
     /// Relative standard deviation of a distance.
     pub(super) sigma: f64,
-    /// What was not as it should be.
+    /// Warnings.
     pub(super) warnings: Vec<String>,
 }
 
-/// What distances to the ground rest on.
+/// Sources of distances to the ground.
 #[derive(Default)]
 struct GroundUse {
     rings: usize,
@@ -110,16 +110,16 @@ impl GroundUse {
     }
 }
 
-/// Whether any frame that is looked at has estimated distances.
+/// Returns true if any used frame has estimated distances.
 pub(super) fn has_estimates(scene: &Scene, views: &[PosedView]) -> bool {
     let prior = |view: &PosedView| scene.frames.get(view.frame as usize)?.depth_prior.as_ref();
     views.iter().any(|view| prior(view).is_some())
 }
 
-/// Refuses to find distances in a way that needs estimates where there are none.
+/// Refuses a method that needs estimates without any.
 ///
 /// # Errors
-/// Then.
+/// Without estimates.
 pub(super) fn check_estimates(
     scene_path: &Path,
     scene: &Scene,
@@ -140,7 +140,7 @@ impl Tracking<'_> {
     /// Gives detections their distances and places.
     ///
     /// # Errors
-    /// When estimates are damaged, or agree with the points of no frame.
+    /// When estimates are damaged, or fit the points of no frame.
     pub(super) fn lift(
         &self,
         detections: &mut [Detection],
@@ -209,7 +209,7 @@ impl Tracking<'_> {
         counts
     }
 
-    /// By estimates, which are aligned frame by frame to the points that it sees.
+    /// Uses estimates, aligned frame by frame to the visible points.
     fn lift_by_estimates(
         &self,
         detections: &mut [Detection],
@@ -268,7 +268,7 @@ impl Tracking<'_> {
             };
             let view = &views[at];
             let ray = view.ray(middle(detection.box_pixels));
-            // What is seen is the roof; the middle is half of the height below.
+            // The visible point is on the roof; the middle is half of the height below.
             let slope = self.plane.normal.dot(ray).abs().max(LEAST_SLOPE);
             put(
                 detection,
@@ -296,7 +296,7 @@ impl Tracking<'_> {
         })
     }
 
-    /// Points whose distance is known and estimated, outside of what may move and of edges.
+    /// Returns points with known and estimated distances, away from edges and content that may move.
     fn pairs(
         &self,
         view: &PosedView,
@@ -337,7 +337,7 @@ impl Tracking<'_> {
     }
 }
 
-/// A pixel's estimate where those around it are of the same surface.
+/// Returns a pixel's estimate if those around it belong to the same surface.
 fn even_value(image: &DistanceImage, column: usize, row: usize) -> Option<f64> {
     let (mut least, mut most) = (f32::INFINITY, 0.0_f32);
     for row in row.saturating_sub(1)..=(row + 1).min(image.height - 1) {
@@ -351,7 +351,7 @@ fn even_value(image: &DistanceImage, column: usize, row: usize) -> Option<f64> {
     (least > 0.0 && most < EDGE_RATIO * least).then_some(f64::from(value))
 }
 
-/// The middle of the estimates in the inner half of a box.
+/// Returns the median of the estimates in the inner half of a box.
 fn estimate(
     view: &PosedView,
     image: &DistanceImage,
@@ -374,7 +374,7 @@ fn estimate(
     median(&known)
 }
 
-/// What estimates came to, in words.
+/// Describes the alignment of estimates, in words.
 fn said(alignments: &[Alignment], pairs: &[Vec<Pair>], scale_alone: bool, lost: usize) -> String {
     let all: usize = pairs.iter().map(Vec::len).sum();
     let inliers: usize = alignments.iter().map(|one| one.inliers).sum();

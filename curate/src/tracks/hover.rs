@@ -1,27 +1,27 @@
-//! A camera that hovers sees no parallax: images of different times differ by a homography, and that of a plane
-//! at any distance is the same. So what stands still is taken for a plane across the viewing direction, at a
-//! distance of 1, and everything else of tracking is as it is over true ground.
+//! Tracking with a hovering camera. It sees no parallax: images of different times differ by a homography, and that of
+//! a plane at any distance is the same. So static content is modelled as a plane across the viewing direction, at a
+//! distance of 1; the rest of tracking is the same as over true ground.
 
 use glam::DVec3;
 use omnilife_schemas::records::{PoseSource, Scene};
 
 use crate::posed_view::PosedView;
 
-/// Pixels from one point of the plane to the next, at least.
+/// Least distance between neighbouring points of the plane, pixels.
 const SPACING: usize = 4;
-/// Frames whose view the plane is filled by, at most.
+/// Maximum number of frames whose views the plane covers.
 const MOST_FRAMES: usize = 12;
-/// The plane ends where rays are farther from its normal than this cosine: 75 degrees.
+/// Least cosine between rays and the normal of the plane, at its end: 75 degrees.
 const LEAST_COSINE: f64 = 0.26;
 
-/// Whether a scene's poses are turns of a camera in one place.
+/// Returns true if a scene's poses are rotations of a camera in one place.
 pub(super) fn is_hovering(scene: &Scene, views: &[PosedView]) -> bool {
     let is_registered = matches!(scene.pose_source, PoseSource::Registered { .. });
     let first = views.first().map(|view| view.centre);
     is_registered && views.iter().all(|view| Some(view.centre) == first)
 }
 
-/// Points of the plane, wherever any of the views sees it.
+/// Returns points of the plane that any of the views sees.
 pub(super) fn plane_points(views: &[PosedView]) -> Vec<DVec3> {
     let axis = |view: &PosedView| view.to_world.z_axis;
     let Some(normal) = views.iter().map(axis).sum::<DVec3>().try_normalize() else {

@@ -1,9 +1,9 @@
-//! What moves through a posed scene: from boxes in its images to paths in its world.
+//! Tracking of moving objects in a posed scene: from boxes in its images to paths in its world.
 //!
 //! Stages, each with its evidence in the record: a detector ([`detectors`]), the distance of each detection
-//! ([`distance`], on the ground by [`rings`] or by [`alignment`] of estimates), which of them are of one object
-//! ([`association`]), its path ([`spline_fit`]), where it heads and how large it is ([`boxes`]). What does not
-//! move is left to what is static. A camera that hovers has a plane in place of a scene (`hover`).
+//! ([`distance`], on the ground by [`rings`] or by [`alignment`] of estimates), the grouping by object
+//! ([`association`]), its path ([`spline_fit`]), its heading and size ([`boxes`]). Objects that do not move remain part
+//! of the static scene. For a hovering camera a plane replaces the scene (`hover`).
 
 pub mod alignment;
 pub mod appearance;
@@ -52,18 +52,18 @@ use detectors::{DETECTORS, Detector, DetectorInput};
 use distance::DISTANCES;
 use image_boxes::{is_cut, middle, within_image};
 
-/// The page to look at, beside the tracks.
+/// The page for viewing, beside the tracks.
 pub const PAGE_FILE: &str = "tracks.html";
-/// The frames with what was found drawn over, beside the tracks.
+/// The frames with overlaid detections and tracks, beside the tracks.
 pub const OVERLAY_FILE: &str = "tracks.mp4";
 const FILES: [&str; 3] = [TRACKS_FILE, PAGE_FILE, OVERLAY_FILE];
 
-/// What to track, and how.
+/// Input and options of tracking.
 #[derive(Debug, Clone, PartialEq)]
 pub struct TrackRequest {
     /// Folder of the scene.
     pub scene_folder: PathBuf,
-    /// A split whose input views alone are looked at; all frames where none is given.
+    /// A split whose input views alone are used; all frames if `None`.
     pub split: Option<PathBuf>,
     /// Name of the detector, of [`DETECTORS`].
     pub detector: String,
@@ -71,17 +71,17 @@ pub struct TrackRequest {
     pub detections: Option<PathBuf>,
     /// A TOML of a program that finds boxes.
     pub program: Option<PathBuf>,
-    /// Name of the way to find distances, of [`DISTANCES`].
+    /// Name of the distance method, of [`DISTANCES`].
     pub distance: String,
-    /// Name of the way to find what is of one object, of [`ASSOCIATIONS`].
+    /// Name of the association method, of [`ASSOCIATIONS`].
     pub association: String,
-    /// Metres in a unit of the world, where the scene does not say.
+    /// Metres per unit of the world, if the scene does not state it.
     pub metres_per_unit: Option<f64>,
     /// Folder of the result.
     pub out: PathBuf,
 }
 
-/// Tracks what moves in a scene; skipped, with a note, while nothing has changed.
+/// Tracks moving objects in a scene; skipped, with a note, while nothing has changed.
 ///
 /// # Errors
 /// When the scene is missing, not posed or of unknown scale, boxes do not fit its frames, or a file
@@ -118,21 +118,21 @@ pub fn make_tracks(request: &TrackRequest, progress: &dyn Progress) -> Result<Tr
     Ok(tracks)
 }
 
-/// Writes something to look at: to a path, from a scene's folder, the scene, its views and its tracks.
+/// Writes a view for people: to a path, from a scene's folder, the scene, its views and its tracks.
 type WriteView = fn(&Path, &Path, &Scene, &[PosedView], &Tracks) -> Result<(), CurateError>;
 
-/// A request with what it is about, read and checked.
+/// A request with its inputs, read and checked.
 struct Asked {
     scene_path: PathBuf,
     scene: Scene,
-    /// Numbers of the frames that may be looked at.
+    /// Numbers of the usable frames.
     frames: Vec<u32>,
-    /// Those of them that have a pose.
+    /// Those of them with a pose.
     views: Vec<PosedView>,
     detector: &'static Detector,
-    /// Metres in a unit of the world, where anybody says it.
+    /// Metres per unit of the world, if stated.
     known_scale: Option<f64>,
-    /// Points of what stands still.
+    /// Points of static content.
     points: Option<ScenePoints>,
 }
 
@@ -169,12 +169,12 @@ impl Asked {
         })
     }
 
-    /// The file of the tracks.
+    /// Returns the file of the tracks.
     fn record(&self, request: &TrackRequest) -> PathBuf {
         request.out.join(TRACKS_FILE)
     }
 
-    /// What tracks depend on.
+    /// Lists everything that tracks depend on.
     fn stage(&self, request: &TrackRequest) -> Result<StagePlan, CurateError> {
         let mut plan = StagePlan::new(&request.out, "tracks")
             .with_file(&self.scene_path)?
@@ -204,7 +204,7 @@ impl Asked {
         }
     }
 
-    /// Points of what stands still, and what is to be told of them.
+    /// Returns points of static content, and remarks on them.
     fn static_points(&self) -> Result<(Vec<DVec3>, Vec<String>), CurateError> {
         match &self.points {
             Some(points) => {
@@ -220,14 +220,14 @@ impl Asked {
         }
     }
 
-    /// The tracks, in no file.
+    /// Computes the tracks, without writing them.
     fn track(
         &self,
         request: &TrackRequest,
         progress: &dyn Progress,
     ) -> Result<Tracks, CurateError> {
         if request.association == association::DEEPSORT {
-            // Before the boxes are looked for whose appearance it compares.
+            // Fails before the search for boxes, whose appearance it compares.
             appearance::published_weights()?;
         }
         let (points, warnings) = self.static_points()?;
@@ -276,7 +276,7 @@ impl Asked {
     }
 }
 
-/// Metres in a unit of the world, as far as somebody says it.
+/// Returns metres per unit of the world, if stated.
 fn metres_per_unit(
     path: &Path,
     scene: &Scene,
@@ -293,7 +293,7 @@ fn metres_per_unit(
     }
 }
 
-/// A stage that has ended.
+/// Returns the record of a finished stage.
 fn stage(stage: &str, method: &str, reason: String, begun: Stopwatch) -> TrackStage {
     TrackStage {
         stage: stage.to_owned(),
@@ -303,7 +303,7 @@ fn stage(stage: &str, method: &str, reason: String, begun: Stopwatch) -> TrackSt
     }
 }
 
-/// The making of tracks.
+/// A run of tracking.
 struct Tracking<'a> {
     scene: &'a Scene,
     views: &'a [PosedView],
@@ -312,7 +312,7 @@ struct Tracking<'a> {
     plane: Plane,
     metres_per_unit: f64,
     request: &'a TrackRequest,
-    /// What is to be told of the scene.
+    /// Warnings on the scene.
     warnings: Vec<String>,
 }
 
@@ -434,13 +434,13 @@ impl Tracking<'_> {
             .collect()
     }
 
-    /// Groups detections as `DeepSORT` does, and whether what they look like changed anything.
+    /// Groups detections as `DeepSORT` does, and returns whether their appearance changed anything.
     fn associate_by_appearance(
         &self,
         detections: &[Detection],
         input: &DetectorInput<'_>,
     ) -> Result<(Vec<Vec<usize>>, String), CurateError> {
-        // What has no place cannot be of a path.
+        // A detection without a place cannot belong to a path.
         let numbers: Vec<usize> = (0..detections.len())
             .filter(|&number| detections[number].position.is_some())
             .collect();
@@ -469,7 +469,7 @@ impl Tracking<'_> {
         Ok((groups.into_iter().map(in_all).collect(), said))
     }
 
-    /// A lifted detection as it is associated with others.
+    /// Returns a lifted detection as input of the association.
     fn sighting(&self, view: &PosedView, detection: &Detection, axes: &GroundAxes) -> Sighting {
         let position = detection.position.map_or(DVec3::ZERO, DVec3::from_array);
         let own = axes.to_world.transpose() * position;

@@ -1,4 +1,4 @@
-//! `tracks.mp4`: every frame that was looked at, with what was found in it drawn over.
+//! `tracks.mp4`: every used frame, with its detections and tracks drawn over.
 
 use std::path::Path;
 
@@ -23,19 +23,19 @@ use crate::{
     slicing::{Projection, ViewVideoWriter},
 };
 
-/// Width of the video at most, pixels.
+/// Maximum width of the video, pixels.
 const WIDTH: usize = 1280;
-/// How long a frame is shown where no other says it, seconds.
+/// Duration of a single frame, seconds.
 const ONLY_FRAME_SECONDS: f64 = 1.0;
-/// How much of the way behind an object is drawn, seconds.
+/// Length of the trail behind an object, seconds.
 const TRAIL_SECONDS: f64 = 3.0;
-/// Steps of that way.
+/// Steps of that trail.
 const TRAIL_STEPS: u32 = 24;
-/// Places are drawn to a sixteenth of a pixel.
+/// Fractional bits of drawn places: a sixteenth of a pixel.
 const PLACE_BITS: i32 = 4;
 
-/// Writes the video, whole or not at all. Thin boxes are as detected, in white where they are of no object;
-/// boxes in space are as tracked, with the number of the object and the way behind it.
+/// Writes the video atomically. Thin boxes are as detected, in white if they belong to no object; boxes in space are as
+/// tracked, with the number of the object and the trail behind it.
 ///
 /// # Errors
 /// When a frame cannot be read or the video cannot be written.
@@ -69,7 +69,7 @@ pub(super) fn write(
     video.finish(last - first + of_frame)
 }
 
-/// An image with everything drawn over it, 8-bit RGB.
+/// Returns an image with everything drawn over it, 8-bit RGB.
 fn drawn(image: &RgbImage, view: &PosedView, tracks: &Tracks) -> opencv::Result<Vec<u8>> {
     let bytes = image.to_rgb8();
     let pixels = Mat::from_slice(&bytes)?;
@@ -92,7 +92,7 @@ fn drawn(image: &RgbImage, view: &PosedView, tracks: &Tracks) -> opencv::Result<
     Ok(drawing.pixels.data_bytes()?.to_vec())
 }
 
-/// The colour of an object, as on the page.
+/// Returns the colour of an object, as on the page.
 fn colour(id: u32) -> [f64; 3] {
     const SATURATION: f64 = 0.85;
     const LIGHTNESS: f64 = 0.5;
@@ -112,7 +112,7 @@ struct Drawing<'a> {
 }
 
 impl Drawing<'_> {
-    /// A line between two places of the view, pixels; none across the seam of a panorama.
+    /// Draws a line between two places of the view, pixels; none across the seam of a panorama.
     fn line(
         &mut self,
         [from, to]: [DVec2; 2],
@@ -155,11 +155,11 @@ impl Drawing<'_> {
         (0..4).try_for_each(|side| self.line([corners[side], corners[(side + 1) % 4]], colour, 1))
     }
 
-    /// Text that ends no line; `place` is its lower left corner.
+    /// Draws text without a line break; `place` is its lower left corner.
     fn text(&mut self, place: DVec2, text: &str, colour: [f64; 3]) -> opencv::Result<()> {
         let place = place * self.scale;
         let place = Point::new(place.x.round() as i32, place.y.round() as i32);
-        // A dark edge, to be read over anything.
+        // A dark outline, readable over anything.
         for (colour, thickness) in [([0.0; 3], 3), (colour, 1)] {
             imgproc::put_text(
                 &mut self.pixels,
@@ -176,7 +176,7 @@ impl Drawing<'_> {
         Ok(())
     }
 
-    /// The box of an object in space, its number and the way behind it; nothing while it is not there.
+    /// Draws the box of an object in space, its number and its trail; nothing outside of its life.
     fn track(&mut self, track: &Track, axes: &GroundAxes) -> opencv::Result<()> {
         let now = self.view.seconds;
         let Some((centre, heading)) = track.path.at(now) else {
@@ -211,7 +211,7 @@ impl Drawing<'_> {
                 }
             }
         }
-        // What is ahead of it: from the middle of its roof to the middle of its front.
+        // Its heading: from the middle of its roof to the middle of its front.
         let roof = centre + foot;
         let front = roof + rotation.x_axis * (0.5 * track.dimensions[0]);
         if let (Some(roof), Some(front)) = (image(roof), image(front)) {

@@ -15,14 +15,14 @@ use omnilife_schemas::{
 use super::boxes::projected_box;
 use crate::{error::CurateError, posed_view::PosedView};
 
-/// Frames that are shown, evenly from all.
+/// Number of shown frames, evenly spaced.
 const FRAMES: usize = 8;
-/// Their width at most, pixels.
+/// Their maximum width, pixels.
 const WIDTH: usize = 640;
 /// Side of the plan, pixels.
 const PLAN: f64 = 640.0;
 
-/// Writes the page, whole or not at all.
+/// Writes the page atomically.
 ///
 /// # Errors
 /// When a frame cannot be read or the page cannot be written.
@@ -66,12 +66,12 @@ fn escaped(text: &str) -> String {
     text.replace('&', "&amp;").replace('<', "&lt;")
 }
 
-/// The hue of the colour of each id: neighbouring ones are far from each other.
+/// Returns the hue of an id's colour: neighbouring ids differ clearly.
 pub(super) fn hue_degrees(id: u32) -> f64 {
     (f64::from(id) * 137.508) % 360.0
 }
 
-/// A colour for each id.
+/// Returns a colour for each id.
 fn colour(id: u32) -> String {
     format!("hsl({}, 85%, 42%)", hue_degrees(id))
 }

@@ -1,4 +1,4 @@
-//! From the detections of an object to its path: where it is while it lasts.
+//! From the detections of an object to its path and its life.
 
 use omnilife_schemas::{
     records::{Detection, Track},
@@ -13,21 +13,21 @@ use super::{
 };
 use crate::ground_plane::Plane;
 
-/// The middle of a box that the border of the image cuts off is so much less certain than of others.
+/// Factor on the uncertainty of a box cut off by the border of the image.
 const SLACK_CUT: f64 = 6.0;
-/// Boxes that are cut off at an end of a path are left out of its fit where they are within this of a whole
-/// one, seconds: that it goes on straight is nearer to the truth than their middles are.
+/// Longest time to a whole box for leaving boxes cut off at an end of a path out of its fit, seconds. Straight
+/// continuation is nearer to the truth than their middles.
 const LONGEST_CUT: f64 = 2.0;
-/// Boxes that a fit keeps at least.
+/// Least number of boxes in a fit.
 const LEAST_WHOLE: usize = 4;
-/// Paths go on before and after their detections for this long at most, seconds.
+/// Longest extension of paths before and after their detections, seconds.
 const LONGEST_EXTENSION: f64 = 1.0;
-/// What stays within this of where it was first seen does not move, metres.
+/// Largest displacement of a static object, metres.
 const LEAST_DISPLACEMENT: f64 = 1.0;
 
 impl Tracking<'_> {
-    /// The track of a group of detections, whose distances have a relative standard deviation; why there is none,
-    /// where it does not move.
+    /// Returns the track of a group of detections, whose distances have a relative standard deviation; the reason if it
+    /// does not move.
     pub(super) fn track(
         &self,
         id: u32,
@@ -90,13 +90,13 @@ impl Tracking<'_> {
         })
     }
 
-    /// From when to when something is there, seconds: in the frames before and after its detections it was
-    /// not seen, and it came and went in between.
+    /// Returns start and end of an object's life, seconds. It was missing in the frames before and after its
+    /// detections, and came and went in between.
     fn life(&self, observations: &[Observation<'_>]) -> [f64; 2] {
         let times = || self.views.iter().map(|view| view.seconds);
         let first = observations.first().map_or(0.0, |one| one.view.seconds);
         let last = observations.last().map_or(0.0, |one| one.view.seconds);
-        // Where there are no such frames nothing speaks for an end.
+        // Without such frames there is no evidence of an end.
         let extension = |gap: f64| {
             if gap.is_finite() {
                 (0.95 * gap).min(LONGEST_EXTENSION)
@@ -114,7 +114,7 @@ impl Tracking<'_> {
         ]
     }
 
-    /// Boxes of a track in the frames of its life in which it was not detected.
+    /// Returns boxes of a track in the frames of its life without a detection.
     pub(super) fn filled(
         &self,
         track: &Track,
@@ -148,7 +148,7 @@ impl Tracking<'_> {
         filled.collect()
     }
 
-    /// Median distance of lifted detections from their path.
+    /// Returns the median distance of lifted detections from their path.
     fn spread(
         &self,
         observations: &[Observation<'_>],
@@ -162,8 +162,7 @@ impl Tracking<'_> {
     }
 }
 
-/// Observations without those of boxes that are cut off at either end, where enough remain and whole ones
-/// are near in time.
+/// Returns observations without those of boxes cut off at either end, if enough remain and whole ones are near in time.
 fn without_cut_ends<'o, 'v>(observations: &'o [Observation<'v>]) -> &'o [Observation<'v>] {
     let is_whole = |one: &Observation<'_>| one.slack <= 1.0;
     let (Some(mut first), Some(mut last)) = (

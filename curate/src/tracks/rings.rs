@@ -1,17 +1,17 @@
-//! The points around things, where views see them.
+//! Points around objects, in the images of views.
 
 use glam::{DVec2, DVec3};
 
 use crate::posed_view::PosedView;
 
-/// A ring of this many times a box's sides is looked at around it.
+/// Size of the ring around a box, over its sides.
 const RING: f64 = 1.5;
-/// Points that a plane in a ring needs.
+/// Least number of points for a plane in a ring.
 pub const LEAST_RING_POINTS: usize = 20;
-/// Points of a ring are looked at up to this many.
+/// Maximum number of used points of a ring.
 const MOST_RING_POINTS: usize = 400;
 
-/// The points of a scene where a view sees them, by squares of its image.
+/// Projected points of a scene in a view, by squares of its image.
 #[derive(Debug)]
 pub struct PointsInView {
     columns: usize,

@@ -1,18 +1,17 @@
-//! `trajectory-spline`: the path of an object from what its detections say.
+//! `trajectory-spline`: the path of an object from its detections.
 //!
-//! A cubic B-spline `S(t)` in space is held to the detections in pixels `p_t` and to their distances
-//! `d_t`, under Huber's loss (Eq. 1 of "dynamic urban scenes from UAV video", whose free displacements
-//! are the residuals here: as printed, an interpolating spline makes it 0):
+//! A cubic B-spline `S(t)` in space is fitted to the detections in pixels `p_t` and to their distances `d_t`, under
+//! Huber's loss (Eq. 1 of "dynamic urban scenes from UAV video", whose free displacements are the residuals here: as
+//! printed, an interpolating spline makes it 0):
 //!
 //! ```text
 //! sum_t rho(|proj(S(t)) - p_t| / sigma_p) + rho((|S(t) - c_t| / d_t - 1) / sigma_d)
 //! rho(r) = r^2 up to 1.5, then 3 |r| - 1.5^2
 //! ```
 //!
-//! Knots are clamped and uniform in time. How many coefficients `n` there are is decided by
-//! `BIC = sum rho + 3 n ln(3 T)` for `T` detections. Fewer than four give a spline of lower degree.
-//! Pixels are compared as angles between rays over the angle of a pixel there, which is the same for
-//! any camera and has no seam.
+//! Knots are clamped and uniform in time. The number of coefficients `n` minimizes `BIC = sum rho + 3 n ln(3 T)` for
+//! `T` detections. Fewer than four give a spline of lower degree. Pixels are compared as angles between rays over the
+//! angle of a pixel there, which is the same for any camera and has no seam.
 
 use glam::{DVec2, DVec3};
 use omnilife_schemas::trajectory::BSpline;
@@ -25,10 +24,10 @@ const SIGMA_PIXELS: f64 = 2.0;
 /// Beyond this many standard deviations residuals count linearly.
 const HUBER: f64 = 1.5;
 const ITERATIONS: usize = 25;
-/// How much less than a detection an even path weighs where the fit begins.
+/// Weight of an even path, over that of a detection, at the start of the fit.
 const LIFT_PULL: f64 = 1e-6;
 
-/// What a detection says of its object's place.
+/// A detection's measurement of its object's place.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Observation<'a> {
     /// The frame.
@@ -37,12 +36,12 @@ pub struct Observation<'a> {
     pub pixel: DVec2,
     /// Distance from the camera.
     pub distance: f64,
-    /// Its standard deviations are so many times those of others; 1 for a box that is whole.
+    /// Factor on its standard deviations; 1 for a whole box.
     pub slack: f64,
 }
 
 impl Observation<'_> {
-    /// Where it lifts the middle of its box to.
+    /// Returns the middle of its box, lifted to its distance.
     pub fn position(&self) -> DVec3 {
         self.view.centre + self.view.ray(self.pixel) * self.distance
     }
@@ -53,9 +52,9 @@ impl Observation<'_> {
 pub struct FittedPath {
     /// The path.
     pub spline: BSpline,
-    /// Root mean square of what is left, in standard deviations.
+    /// Root mean square of the residuals, in standard deviations.
     pub residual: f64,
-    /// What the number of coefficients was decided by.
+    /// Criterion for the number of coefficients.
     pub bic: f64,
 }
 
@@ -65,7 +64,7 @@ pub fn fit(observations: &[Observation<'_>], sigma_distance: f64) -> Option<Fitt
     let count = observations.len();
     let (first, last) = (observations.first()?, observations.last()?);
     if last.view.seconds - first.view.seconds < LEAST_SPAN_SECONDS {
-        // Detections at one time say where the vehicle is and not how it moves.
+        // Simultaneous detections give the place of the vehicle and not its motion.
         return fit_with(observations, 0, 1, sigma_distance);
     }
     let degree = count.checked_sub(1)?.min(3);
@@ -88,7 +87,7 @@ pub fn fit(observations: &[Observation<'_>], sigma_distance: f64) -> Option<Fitt
     fits.min_by(|a, b| a.bic.total_cmp(&b.bic))
 }
 
-/// Observations closer than this are of one time, seconds; a path lasts at least as long.
+/// Largest interval of simultaneous observations, seconds; a path lasts at least as long.
 const LEAST_SPAN_SECONDS: f64 = 1e-3;
 
 /// Fits a path with this many coefficients.
@@ -137,9 +136,9 @@ pub fn fit_with(
     })
 }
 
-/// The spline that is nearest to the lifted places, in least squares, to begin with; `pull` is the weight of
-/// [`smooth`]. Solved around the first of them: the pull of few coefficients is to no place in the world, and
-/// coordinates of millions of units lose no digits.
+/// Fits the spline to the lifted places by least squares, as a start; `pull` is the weight of [`smooth`]. It is solved
+/// around the first of them. So the pull on few coefficients is to no place in the world, and coordinates of millions
+/// of units lose no digits.
 fn lift(spline: &mut BSpline, observations: &[Observation<'_>], pull: f64) -> Option<()> {
     let reach = 3 * spline.degree + 2;
     let size = spline.coefficients.len();
@@ -171,8 +170,8 @@ fn lift(spline: &mut BSpline, observations: &[Observation<'_>], pull: f64) -> Op
     Some(())
 }
 
-/// A weak pull of each coefficient to the middle of its neighbours: what no detection says anything of
-/// goes on evenly. With coefficients that are there already, the gradient of the pull goes to `right`.
+/// Adds a weak pull of each coefficient to the middle of its neighbours: parts without detections continue evenly. With
+/// existing coefficients, the gradient of the pull goes to `right`.
 fn smooth(
     matrix: &mut BandMatrix,
     spline: &BSpline,
@@ -219,7 +218,7 @@ fn residuals(
     let steps = view.ray_steps(observation.pixel);
     let across = steps.map(|step| {
         let length = step.length().max(f64::MIN_POSITIVE);
-        // Orthogonal to the ray: a step along it is none.
+        // Orthogonal to the ray: a step along it has no effect.
         let axis = step / length;
         let axis = (axis - ray * ray.dot(axis)).normalize_or_zero();
         let scale = 1.0 / (length * SIGMA_PIXELS * observation.slack);
@@ -256,7 +255,7 @@ fn total_loss(spline: &BSpline, observations: &[Observation<'_>], sigma_distance
         .sum()
 }
 
-/// One step of Levenberg and Marquardt on the reweighted residuals.
+/// Takes one step of Levenberg and Marquardt on the reweighted residuals.
 fn stepped(
     spline: &BSpline,
     observations: &[Observation<'_>],

@@ -14,7 +14,7 @@ use super::{
 };
 use crate::{ground_plane::Plane, posed_view::PosedView};
 
-/// A case: its id, what it is, what is done about it, and what judges it: why it fails.
+/// A case: its id, its description, its remedy, and a check that returns the reason of a failure.
 type Case = (
     &'static str,
     &'static str,
@@ -62,7 +62,7 @@ const CASES: &[Case] = &[
     ),
 ];
 
-/// The rows of the catalogue, judged on the CPU.
+/// Returns the rows of the catalogue, evaluated on the CPU.
 pub fn rows() -> Vec<StabilityRow> {
     let row = |(id, title, action, judge): &Case| {
         let fault = judge();
@@ -99,13 +99,13 @@ fn camera() -> PinholeCamera {
     PinholeCamera::with_horizontal_field_of_view(640, 360, 1.1)
 }
 
-/// Something that goes along x at `speed` below `origin`, seen at some times.
+/// Returns observations of an object that goes along x at `speed` below `origin`.
 fn seen(times: &[f64], speed: f64, origin: DVec3, camera: PinholeCamera) -> Vec<PosedView> {
     let at = |&seconds: &f64| view(seconds, origin + DVec3::X * (speed * seconds), camera);
     times.iter().map(at).collect()
 }
 
-/// What is straight below each view.
+/// Returns the points straight below each view.
 fn below(views: &[PosedView]) -> Vec<Observation<'_>> {
     let observe = |view| Observation {
         view,
@@ -116,7 +116,7 @@ fn below(views: &[PosedView]) -> Vec<Observation<'_>> {
     views.iter().map(observe).collect()
 }
 
-/// How far a fitted path is off where it was seen; why it is none.
+/// Returns the error of a fitted path at its observations; the reason if there is no path.
 fn error_of(views: &[PosedView], coefficients: Option<usize>) -> Result<f64, String> {
     let observations = below(views);
     let path = match coefficients {
@@ -200,7 +200,7 @@ fn trajectory_camera() -> Option<String> {
         let views = seen(&times, 7.0, DVec3::ZERO, camera);
         (name.to_owned(), error_of(&views, None))
     });
-    // The principal point is outside of the image: what is straight below is not in it.
+    // The principal point is outside of the image, and so are points straight below.
     let views = seen(&times, 7.0, DVec3::ZERO, with(500.0, -900.0));
     let observations: Vec<Observation<'_>> = views
         .iter()

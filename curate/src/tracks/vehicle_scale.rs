@@ -1,4 +1,4 @@
-//! The scale of a world that nobody knows the scale of, by the vehicles in it.
+//! Estimation of an unknown scale of the world, by the vehicles in it.
 
 use std::path::Path;
 
@@ -13,17 +13,17 @@ use crate::{error::CurateError, ground_plane::Plane, posed_view::PosedView};
 
 /// Length of a car, metres: the median of new cars in Europe and of those in traffic counts from the air.
 const VEHICLE_METRES: f64 = 4.5;
-/// Where a drone is before anything is known, metres above the ground.
+/// Initial guess of a drone's height above the ground, metres.
 const FIRST_ALTITUDE_METRES: f64 = 50.0;
-/// Detectors look for vehicles by their size: after this many rounds it is found with the scale that it gives.
+/// Rounds of detection: detectors search vehicles by their size, each round with the scale of the one before.
 const ROUNDS: usize = 3;
-/// Fewer boxes say nothing.
+/// Least number of boxes for an estimate.
 const LEAST_BOXES: usize = 10;
 
-/// Metres in a unit of the world, with the evidence.
+/// Returns metres per unit of the world, with the evidence.
 ///
 /// # Errors
-/// When a detector fails, or finds too few whole vehicles to go by.
+/// When a detector fails, or finds too few whole vehicles.
 pub(super) fn by_vehicles(
     scene_path: &Path,
     plane: Plane,
@@ -72,8 +72,8 @@ pub(super) fn by_vehicles(
     Ok((metres_per_unit, evidence))
 }
 
-/// The longer side of a box on the ground, world units; `None` where the border of the image cuts it off.
-/// A vehicle across the image's axes has a box of nearly the same longer side.
+/// Returns the longer side of a box on the ground, world units; `None` if the border of the image cuts it off. A
+/// vehicle across the image's axes has a box of nearly the same longer side.
 fn length(detection: &Detection, views: &[PosedView], plane: Plane) -> Option<f64> {
     let view = views.iter().find(|view| view.frame == detection.frame)?;
     if is_cut(view, detection.box_pixels) {

@@ -2,7 +2,6 @@
 
 use std::{
     num::NonZero,
-    ops::Range,
     path::{Path, PathBuf},
     thread,
 };
@@ -19,14 +18,13 @@ use ffmpeg_next as ffmpeg;
 use super::CodecId;
 use crate::error::CurateError;
 
-/// Every thread holds frames; beyond this many, decoding is no faster.
+/// Maximum number of threads. Every thread holds frames; more do not decode faster.
 const MOST_THREADS: usize = 16;
 
-/// FFmpeg's names of the containers that are read. Nothing that refers to other files is among them:
-/// no playlist, no list of images, no device.
+/// FFmpeg's names of supported containers. None refers to other files: no playlist, no list of images, no device.
 const CONTAINERS: &str = "mov,mp4,m4a,3gp,3g2,mj2,matroska,webm,avi,mpegts,mpeg,mpegvideo,flv,ogg,asf,\
                           mxf,ivf,yuv4mpegpipe,h264,hevc,av1,obu,nut,gif,dv,rm,swf,m4v,wtv";
-/// Codecs that are decoded: those in which video is made and passed on today.
+/// Supported codecs: those in which video is recorded and distributed today.
 const CODECS: &[codec::Id] = &[
     codec::Id::H264,
     codec::Id::HEVC,
@@ -75,35 +73,7 @@ pub struct VideoReader {
     damaged: u64,
     last_packet_is_partial: bool,
     draining: bool,
-    choice: PacketChoice,
-    /// Packets of the stream that were read.
-    packets: usize,
-}
-
-/// Which packets of the stream are decoded.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub enum PacketChoice {
-    /// All.
-    All,
-    /// Key frames, which decode by themselves.
-    KeyFrames,
-    /// Those with these numbers, counted from 0 in order of decoding; the first is a key frame.
-    Run(Range<usize>),
-}
-
-impl PacketChoice {
-    fn takes(&self, number: usize, is_key: bool) -> bool {
-        match self {
-            Self::All => true,
-            Self::KeyFrames => is_key,
-            Self::Run(run) => run.contains(&number),
-        }
-    }
-
-    /// Whether nothing follows after this many packets.
-    fn is_over(&self, packets: usize) -> bool {
-        matches!(self, Self::Run(run) if packets >= run.end)
-    }
+    only_key_frames: bool,
 }
 
 /// A decoded frame in the source's pixel format.
@@ -138,8 +108,7 @@ impl VideoReader {
         }
         let mut codec = codec::Context::from_parameters(stream.parameters())
             .map_err(|error| CurateError::internal(path, error))?;
-        // One more than there are cores, as FFmpeg does by itself: threads wait for rows of the frames
-        // that theirs lean on.
+        // One more than there are cores, as in FFmpeg's default: threads wait for rows of frames that theirs depend on.
         let cores = thread::available_parallelism().map_or(1, NonZero::get);
         codec.set_threading(threading::Config {
             kind: threading::Type::Frame,
@@ -168,55 +137,54 @@ impl VideoReader {
             damaged: 0,
             last_packet_is_partial: false,
             draining: false,
-            choice: PacketChoice::All,
-            packets: 0,
+            only_key_frames: false,
             input,
         })
     }
 
-    /// Leaves out packets from here on. What is decoded is no longer the whole video: its damage and
-    /// its end mean nothing.
-    pub fn choose(&mut self, choice: PacketChoice) {
-        self.choice = choice;
+    /// Leaves out all but key frames, which decode by themselves, from here on. Damage and the end of the video
+    /// are not reported reliably then.
+    pub fn choose_key_frames(&mut self) {
+        self.only_key_frames = true;
     }
 
-    /// The container, for [`probe`](mod@super::probe).
+    /// Returns the container, for [`probe`](mod@super::probe).
     pub(super) fn input(&self) -> &context::Input {
         &self.input
     }
 
-    /// The decoder, for [`probe`](mod@super::probe).
+    /// Returns the decoder, for [`probe`](mod@super::probe).
     pub(super) fn decoder(&self) -> &ffmpeg::decoder::Video {
         &self.decoder
     }
 
-    /// The stream that is read.
+    /// Returns the stream being read.
     pub(crate) fn stream(&self) -> Option<ffmpeg::Stream<'_>> {
         self.input.stream(self.stream_index)
     }
 
-    /// The file that is read.
+    /// Returns the file being read.
     pub fn path(&self) -> &Path {
         &self.path
     }
 
-    /// Frames and packets so far that were damaged: patched up by the decoder, or left out because
-    /// they cannot be decoded or their timestamps run backwards.
+    /// Returns the number of damaged frames and packets so far: patched up by the decoder, or left out because they are
+    /// undecodable or their timestamps run backwards.
     pub fn damaged(&self) -> u64 {
         self.damaged
     }
 
-    /// The unit of the source's timestamps, seconds.
+    /// Returns the unit of the source's timestamps, seconds.
     pub fn seconds_per_tick(&self) -> f64 {
         self.seconds_per_tick
     }
 
-    /// Whether the last packet of the stream was cut off, as in a truncated file.
+    /// Returns true if the last packet of the stream was cut off, as in a truncated file.
     pub fn ends_in_partial_packet(&self) -> bool {
         self.last_packet_is_partial
     }
 
-    /// The next frame in order of presentation, or `None` after the last.
+    /// Returns the next frame in order of presentation, or `None` after the last.
     ///
     /// # Errors
     /// [`CurateError::Video`] when the container breaks off or the decoder gives up.
@@ -244,17 +212,14 @@ impl VideoReader {
     /// Hands the decoder its next packet, or the end of the stream.
     fn feed(&mut self) -> Result<(), CurateError> {
         let packet = loop {
-            if self.choice.is_over(self.packets) && !self.draining {
-                return self.drain();
-            }
             // A new one every time: reading into a filled packet would leak what it holds.
             let mut packet = ffmpeg::Packet::empty();
             match packet.read(&mut self.input) {
-                Ok(()) if packet.stream() == self.stream_index => {
-                    self.packets += 1;
-                    if self.choice.takes(self.packets - 1, packet.is_key()) {
-                        break packet;
-                    }
+                Ok(())
+                    if packet.stream() == self.stream_index
+                        && (packet.is_key() || !self.only_key_frames) =>
+                {
+                    break packet;
                 }
                 Ok(()) => {}
                 Err(ffmpeg::Error::Eof) if self.draining => {
@@ -275,11 +240,11 @@ impl VideoReader {
         }
     }
 
-    /// Has the decoder give what it still holds.
+    /// Takes the remaining frames from the decoder.
     fn drain(&mut self) -> Result<(), CurateError> {
         self.draining = true;
         match self.decoder.send_eof() {
-            // The end has been taken; what is told is a packet before it, when it is decoded only now.
+            // The decoder is at its end already; the error belongs to an earlier packet that is decoded only now.
             Err(ffmpeg::Error::InvalidData) => {
                 self.damaged += 1;
                 Ok(())
@@ -288,8 +253,8 @@ impl VideoReader {
         }
     }
 
-    /// The timestamp of a frame in seconds; frames without an increasing one are counted as damaged
-    /// and left out.
+    /// Returns the timestamp of a frame in seconds; frames without an increasing one are counted as damaged and left
+    /// out.
     fn accept(&mut self, image: &ffmpeg::frame::Video) -> Option<f64> {
         let time_seconds = image
             .timestamp()
@@ -316,7 +281,7 @@ impl VideoReader {
     }
 }
 
-/// What FFmpeg could not do is the video's fault, unless the machine has nothing left to do it with.
+/// Returns the error of an FFmpeg failure: the video's fault, unless the machine is out of resources.
 fn failure(path: &Path, error: ffmpeg::Error, reason: String) -> CurateError {
     match error {
         ffmpeg::Error::Other {

@@ -1,4 +1,4 @@
-//! Luminance of frames at the size they are decoded at, for what scaling would blur away.
+//! Luminance of frames at decoded size, for details that scaling would blur away.
 
 use std::path::Path;
 
@@ -7,11 +7,11 @@ use ffmpeg_next as ffmpeg;
 use super::{Converter, PixelFormat, Scaling, planes::Plane};
 use crate::error::CurateError;
 
-/// Luminance of a frame: 8 bits as they are stored, in the stream's own range. Its first columns stand
-/// once more at the right of its last: what lies across the seam is whole there.
+/// Luminance of a frame: 8 bits as stored, in the stream's own range. Its first columns are repeated to the right of
+/// its last, so that content across the seam is whole there.
 #[derive(Debug, Default)]
 pub(crate) struct LumaImage {
-    /// Pixels per row, without those that are repeated.
+    /// Pixels per row, without repeated ones.
     pub(crate) width: usize,
     /// Rows.
     pub(crate) height: usize,
@@ -19,7 +19,7 @@ pub(crate) struct LumaImage {
     levels: Vec<u8>,
 }
 
-/// How luminance lies in a plane.
+/// Storage of luminance in a plane.
 enum Samples {
     Bytes,
     /// 10 bits in two bytes, the lower first.
@@ -27,7 +27,7 @@ enum Samples {
 }
 
 impl Samples {
-    /// `None` where the first plane is no luminance.
+    /// Returns `None` if the first plane is not luminance.
     fn of(format: PixelFormat) -> Option<Self> {
         match format {
             PixelFormat::GRAY8
@@ -47,18 +47,18 @@ impl Samples {
 }
 
 impl LumaImage {
-    /// Pixels per row, with those that are repeated.
+    /// Returns pixels per row, with repeated ones.
     pub(crate) fn stride(&self) -> usize {
         self.width + self.margin
     }
 
-    /// A row, with the pixels that are repeated.
+    /// Returns a row, with its repeated pixels.
     pub(crate) fn row(&self, y: usize) -> &[u8] {
         &self.levels[y * self.stride()..(y + 1) * self.stride()]
     }
 
-    /// Takes an image of other levels; `margin` says how many columns of one of that width are
-    /// repeated. What is allocated is used again.
+    /// Takes an image of other levels; `margin` gives the number of repeated columns for its width. Reuses allocated
+    /// memory.
     pub(crate) fn fill<'a>(
         &mut self,
         (width, height): (usize, usize),

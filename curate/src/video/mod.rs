@@ -1,8 +1,8 @@
-//! Reading videos with FFmpeg: what a file says about itself ([`probe`](mod@probe)), its frames as
-//! a stream ([`decode`]) and their conversion to RGB ([`convert`]).
+//! Reading of videos with FFmpeg: the metadata of a file ([`probe`](mod@probe)), its frames as a stream ([`decode`])
+//! and their conversion to RGB ([`convert`]).
 //!
-//! What a file decides about FFmpeg's structures is read through three files: `raw_fields.rs`
-//! (numbers that C declares as enums), `planes.rs` (pixels) and `scaler.rs`.
+//! Values in FFmpeg's structures that a file controls are read through three files: `raw_fields.rs` (numbers that C
+//! declares as enums), `planes.rs` (pixels) and `scaler.rs`.
 
 pub mod convert;
 pub mod decode;
@@ -17,7 +17,7 @@ mod scaler;
 mod spherical_boxes;
 
 pub use convert::{Converter, Rgb8Image, Scaling};
-pub use decode::{PacketChoice, VideoReader};
+pub use decode::VideoReader;
 pub(crate) use decode::{begin_ffmpeg, open_container};
 pub(crate) use luma::LumaImage;
 pub use pixel_format::PixelFormat;

@@ -1,4 +1,4 @@
-//! Boxes of MP4 and MOV files (ISO 14496-12, 4.2): walking over them, and making them.
+//! Boxes of MP4 and MOV files (ISO 14496-12, 4.2): reading and writing.
 #![cfg_attr(
     not(test),
     deny(clippy::indexing_slicing, clippy::arithmetic_side_effects)
@@ -8,10 +8,10 @@ use std::io::{self, Cursor, Read, Seek, SeekFrom};
 
 /// Bytes of a visual sample entry before the boxes in it, its own header not counted (12.1.3).
 pub(crate) const VISUAL_ENTRY_BYTES: usize = 78;
-/// What holds more boxes than this is not searched to its end.
+/// Maximum number of boxes that are searched in one part.
 const MOST_BOXES: usize = 10_000;
 
-/// Four characters that say what a box is.
+/// Four-character type of a box.
 pub(crate) type Kind = [u8; 4];
 
 /// A part of the file, in bytes.
@@ -21,7 +21,7 @@ pub(crate) struct Span {
     pub(crate) end: u64,
 }
 
-/// The payloads of the boxes of one kind directly in a part.
+/// Returns the payloads of the boxes of one kind directly in a part.
 pub(crate) fn children(
     file: &mut (impl Read + Seek),
     span: Span,
@@ -66,7 +66,7 @@ fn array<const N: usize>(file: &mut impl Read) -> io::Result<[u8; N]> {
     Ok(bytes)
 }
 
-/// `N` bytes of a part from an offset, where it is that long.
+/// Returns `N` bytes of a part from an offset, if it is that long.
 pub(crate) fn bytes_at<const N: usize>(
     file: &mut (impl Read + Seek),
     span: Span,
@@ -80,8 +80,8 @@ pub(crate) fn bytes_at<const N: usize>(
     array(file).map(Some)
 }
 
-/// Kinds and payloads of the boxes that `bytes` consist of; some files end a list of boxes by four
-/// zero bytes, which are left out.
+/// Returns kinds and payloads of the boxes in `bytes`; some files end a list of boxes by four zero bytes, which are
+/// left out.
 ///
 /// # Errors
 /// When a box is longer than `bytes`.
@@ -104,7 +104,7 @@ pub(crate) fn in_bytes(bytes: &[u8]) -> io::Result<Vec<(Kind, &[u8])>> {
         .collect())
 }
 
-/// A box of this content.
+/// Returns a box with this content.
 #[expect(clippy::arithmetic_side_effects, reason = "boxes of our own are short")]
 pub(crate) fn boxed(kind: Kind, content: &[u8]) -> Vec<u8> {
     let mut bytes = Vec::with_capacity(content.len() + 8);

@@ -8,7 +8,7 @@ use std::{
 use ffmpeg::ffi::{self, AVPixelFormat};
 use ffmpeg_next as ffmpeg;
 
-// Declared again with an integer in the place of the enum, which is what the C functions take.
+// Declared again with an integer in place of the enum, as the C functions take.
 unsafe extern "C" {
     fn av_get_pix_fmt_name(format: c_int) -> *const c_char;
     fn av_pix_fmt_desc_get(format: c_int) -> *const ffi::AVPixFmtDescriptor;
@@ -61,13 +61,13 @@ impl PixelFormat {
         self.0
     }
 
-    /// The format of a decoded frame.
+    /// Returns the format of a decoded frame.
     pub fn of(frame: &ffmpeg::frame::Video) -> Self {
         // SAFETY: the frame is live, and the field is an integer.
         Self(unsafe { (*frame.as_ptr()).format })
     }
 
-    /// FFmpeg's name of it, `unknown` where it has none.
+    /// Returns FFmpeg's name of it, `unknown` if it has none.
     pub fn name(self) -> &'static str {
         // SAFETY: the function takes any integer and returns null or a static string.
         let name = unsafe {
@@ -94,8 +94,8 @@ impl PixelFormat {
         height.div_ceil(1 << halvings.min(31))
     }
 
-    /// Bytes of a row of a plane of a frame of this many pixels per row, without what is between
-    /// rows; `None` for an unknown format, or where the plane is none of its.
+    /// Returns the bytes of a row of a plane with this many pixels per row, without padding between rows. `None` for an
+    /// unknown format, or a plane that it does not have.
     pub(super) fn row_bytes(self, plane: usize, width: usize) -> Option<usize> {
         const MOST_PLANES: usize = 4;
         if plane >= MOST_PLANES {

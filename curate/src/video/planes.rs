@@ -29,8 +29,8 @@ pub(super) struct Plane<'a> {
 }
 
 impl<'a> Plane<'a> {
-    /// A plane of a frame; `None` where the frame has no such plane, its format is not known, or what
-    /// it states of the plane does not fit its format.
+    /// Returns a plane of a frame; `None` if the frame has no such plane, its format is unknown, or its stated plane
+    /// does not fit its format.
     pub(super) fn of(frame: &'a Video, plane: usize) -> Option<Self> {
         let format = PixelFormat::of(frame);
         // SAFETY: the frame is live; the fields are integers and pointers.
@@ -55,12 +55,12 @@ impl<'a> Plane<'a> {
         })
     }
 
-    /// Rows.
+    /// Returns the number of rows.
     pub(super) fn rows(&self) -> usize {
         self.rows
     }
 
-    /// The bytes of a row; empty below the last row.
+    /// Returns the bytes of a row; empty below the last row.
     #[expect(
         clippy::arithmetic_side_effects,
         reason = "the row is one of the plane's"
@@ -78,10 +78,10 @@ impl<'a> Plane<'a> {
     }
 }
 
-/// A frame with pixels of its own, which mean nothing yet.
+/// Allocates a frame with undefined pixels of its own.
 ///
 /// # Errors
-/// When the format is not known, a side is zero or too large, or there is not enough memory.
+/// When the format is unknown, a side is zero or too large, or there is not enough memory.
 pub(crate) fn allocated(
     format: PixelFormat,
     width: u32,
@@ -112,10 +112,10 @@ fn out_of_memory() -> ffmpeg::Error {
     }
 }
 
-/// The rows of a plane of a frame that [`allocated`] made, to be written.
+/// Returns the rows of a plane of a frame from [`allocated`], for writing.
 ///
 /// # Errors
-/// As [`Plane::of`].
+/// Those of [`Plane::of`].
 #[expect(
     clippy::arithmetic_side_effects,
     reason = "rows are those of the plane"

@@ -1,4 +1,4 @@
-//! What a file says about itself.
+//! Metadata of a video file.
 #![cfg_attr(
     not(test),
     deny(clippy::indexing_slicing, clippy::arithmetic_side_effects)
@@ -31,7 +31,7 @@ pub fn probe(path: &Path) -> Result<Probe, CurateError> {
     describe(&VideoReader::open(path)?)
 }
 
-/// The probe of a video that is open already.
+/// Returns the probe of an open video.
 pub(crate) fn describe(reader: &VideoReader) -> Result<Probe, CurateError> {
     let path = reader.path();
     let stream = reader
@@ -80,7 +80,7 @@ pub(crate) fn describe(reader: &VideoReader) -> Result<Probe, CurateError> {
     })
 }
 
-/// The stream's duration, else the container's, else 0.
+/// Returns the stream's duration, else the container's, else 0.
 fn duration_seconds(reader: &VideoReader, stream: &ffmpeg::Stream<'_>) -> f64 {
     if stream.duration() > 0 {
         return stream.duration() as f64 * f64::from(stream.time_base());
@@ -101,8 +101,7 @@ fn pixel_aspect_ratio(decoder: &ffmpeg::decoder::Video) -> f64 {
     }
 }
 
-/// Refuses a file with further video streams of the size of the one that is read: it holds a sphere of which
-/// that one is a part.
+/// Refuses a file with further video streams of the same size as the read one: it holds a sphere in several parts.
 fn refuse_other_halves(
     reader: &VideoReader,
     stream: &ffmpeg::Stream<'_>,
@@ -126,20 +125,20 @@ fn refuse_other_halves(
     ))
 }
 
-/// The display matrix, row by row, where the stream has one.
+/// Returns the display matrix, row by row, if the stream has one.
 fn display_matrix(stream: &ffmpeg::Stream<'_>) -> Option<[i32; 9]> {
     let data = raw_fields::side_data(stream, SideData::DisplayMatrix)?;
     let values = data.as_chunks::<4>().0.first_chunk::<9>()?;
     Some(values.map(i32::from_ne_bytes))
 }
 
-/// Returns whether a display matrix shows the image mirrored: its determinant is negative.
+/// Returns true if a display matrix mirrors the image: its determinant is negative.
 fn mirrors(&[a, b, _, c, d, ..]: &[i32; 9]) -> bool {
     let [a, b, c, d] = [a, b, c, d].map(f64::from);
     a * d - b * c < 0.0
 }
 
-/// Clockwise display rotation in [0, 360), rounded to a hundredth of a degree.
+/// Returns the clockwise display rotation in [0, 360), rounded to a hundredth of a degree.
 fn rotation_degrees(matrix: &[i32; 9]) -> f64 {
     // SAFETY: the function reads nine integers.
     let counter_clockwise = unsafe { ffi::av_display_rotation_get(matrix.as_ptr()) };
@@ -150,7 +149,7 @@ fn rotation_degrees(matrix: &[i32; 9]) -> f64 {
     }
 }
 
-/// Spherical metadata: the file's own boxes where it has such, else what FFmpeg finds.
+/// Returns spherical metadata: the file's own boxes if it has some, else FFmpeg's.
 fn spherical(
     path: &Path,
     container: &str,
@@ -167,7 +166,7 @@ fn spherical(
     Ok(side_data_of(stream))
 }
 
-/// Version 2 wins, entry by entry.
+/// Merges both versions; version 2 wins, entry by entry.
 fn resolved(SphericalBoxes { v1, v2 }: SphericalBoxes) -> Option<SphericalMetadata> {
     let words = |statement: &Statement| {
         format!(
@@ -208,9 +207,9 @@ fn resolved(SphericalBoxes { v1, v2 }: SphericalBoxes) -> Option<SphericalMetada
     })
 }
 
-/// The turn of these yaw, pitch and roll in 16.16 degrees, where they are not zero, or a line that calls it `name`
-/// and says that it is out of range. The ranges are those of `prhd` in
-/// `docs/spherical-video-v2-rfc.md` of `google/spatial-media`.
+/// Returns the rotation of these yaw, pitch and roll in 16.16 degrees, unless they are zero. If they are out of range,
+/// a line that calls it `name` says so. The ranges are those of `prhd` in `docs/spherical-video-v2-rfc.md` of
+/// `google/spatial-media`.
 fn turn(name: &str, stated: Option<[i32; 3]>) -> (Option<SphereTurn>, Option<String>) {
     let Some(numbers) = stated.filter(|numbers| *numbers != [0; 3]) else {
         return (None, None);
@@ -232,7 +231,7 @@ fn turn(name: &str, stated: Option<[i32; 3]>) -> (Option<SphereTurn>, Option<Str
     (Some(turn), None)
 }
 
-/// Spherical and stereo side data as FFmpeg parses them.
+/// Returns spherical and stereo side data as FFmpeg parses them.
 fn side_data_of(stream: &ffmpeg::Stream<'_>) -> Option<SphericalMetadata> {
     let mapping = raw_fields::side_data(stream, SideData::Spherical)?;
     let projection = raw_fields::projection_name(&mapping)?;

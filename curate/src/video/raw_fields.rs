@@ -1,8 +1,8 @@
-//! Fields of FFmpeg's structures whose values a file decides.
+//! Fields of FFmpeg's structures whose values a file controls.
 //!
-//! FFmpeg declares them as C enums and copies whatever integer a container or a bit stream states.
-//! A Rust enum that holds an unknown value is undefined behaviour, so they are read here as the
-//! integers that they are, and nowhere as enums; values that are not known become "unknown".
+//! FFmpeg declares them as C enums and copies whatever integer a container or a bit stream states. A Rust enum with an
+//! unknown value is undefined behaviour, so they are read here as integers, and nowhere as enums; unknown values become
+//! "unknown".
 #![cfg_attr(
     not(test),
     deny(clippy::indexing_slicing, clippy::arithmetic_side_effects)
@@ -19,10 +19,10 @@ use ffmpeg_next as ffmpeg;
 
 use super::PixelFormat;
 
-/// Name of what no table of FFmpeg's knows.
+/// Name of values that FFmpeg's tables do not know.
 const UNKNOWN: &str = "unknown";
 
-// Declared again with integers in the place of enums, which is what the C functions take.
+// Declared again with integers in place of enums, as the C functions take.
 unsafe extern "C" {
     fn avcodec_find_decoder(id: c_uint) -> *const ffi::AVCodec;
     fn avcodec_get_name(id: c_uint) -> *const c_char;
@@ -31,7 +31,7 @@ unsafe extern "C" {
     fn av_stereo3d_type_name(layout: c_uint) -> *const c_char;
 }
 
-/// Colour description of a frame; what the frame states and nobody knows is unspecified.
+/// Colour description of a frame; unknown values become unspecified.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Colour {
     /// Matrix.
@@ -45,7 +45,7 @@ pub struct Colour {
 }
 
 impl Colour {
-    /// The description that a decoded frame carries.
+    /// Returns the description that a decoded frame carries.
     pub fn of(frame: &ffmpeg::frame::Video) -> Self {
         // SAFETY: the frame is live; the fields have the size of a C enum, an integer of 32 bits, and
         // are read as such.
@@ -141,7 +141,7 @@ fn transfer_of(value: c_uint) -> color::TransferCharacteristic {
     .unwrap_or(Transfer::Unspecified)
 }
 
-/// FFmpeg's name of the transfer function that a decoder states.
+/// Returns FFmpeg's name of the transfer function that a decoder states.
 pub(super) fn transfer_name(decoder: &ffmpeg::decoder::Video) -> &'static str {
     // SAFETY: the decoder is live; the field is an integer of 32 bits and read as such. The function
     // takes any integer and returns null or a string of a static table.
@@ -152,7 +152,7 @@ pub(super) fn transfer_name(decoder: &ffmpeg::decoder::Video) -> &'static str {
     .unwrap_or(UNKNOWN)
 }
 
-/// Format of the frames that a decoder expects to give.
+/// Returns the format of the frames that a decoder expects to output.
 pub(super) fn pixel_format(decoder: &ffmpeg::decoder::Video) -> PixelFormat {
     // SAFETY: the decoder is live; the field is an integer of 32 bits and read as such.
     PixelFormat::from_raw(unsafe { addr_of!((*decoder.as_ptr()).pix_fmt).cast::<c_int>().read() })
@@ -163,7 +163,7 @@ pub(super) fn pixel_format(decoder: &ffmpeg::decoder::Video) -> PixelFormat {
 pub(crate) struct CodecId(c_uint);
 
 impl CodecId {
-    /// What the container says of the stream.
+    /// Returns the codec that the container states for the stream.
     pub(crate) fn of(stream: &ffmpeg::Stream<'_>) -> Self {
         let parameters = stream.parameters();
         // SAFETY: the parameters are live; the field is an integer of 32 bits and read as such.
@@ -174,20 +174,20 @@ impl CodecId {
         })
     }
 
-    /// Whether it is one of these.
+    /// Returns true if it is one of these.
     pub(crate) fn is_among(self, known: &[ffmpeg::codec::Id]) -> bool {
         known
             .iter()
             .any(|&id| ffi::AVCodecID::from(id) as c_uint == self.0)
     }
 
-    /// FFmpeg's name of it.
+    /// Returns FFmpeg's name of it.
     pub(crate) fn name(self) -> &'static str {
         // SAFETY: the function takes any integer and returns a static string.
         unsafe { static_name(avcodec_get_name(self.0)) }.unwrap_or(UNKNOWN)
     }
 
-    /// FFmpeg's decoder of it, where there is one.
+    /// Returns FFmpeg's decoder of it, if there is one.
     pub(super) fn decoder(self) -> Option<ffmpeg::Codec> {
         // SAFETY: the function takes any integer and returns null or one of FFmpeg's static codecs.
         unsafe {
@@ -197,7 +197,7 @@ impl CodecId {
     }
 }
 
-/// Width and height that a container states of a stream, pixels; `None` where it is no video.
+/// Returns width and height that a container states of a stream, pixels; `None` unless it is video.
 pub(super) fn video_size(stream: &ffmpeg::Stream<'_>) -> Option<[c_int; 2]> {
     let parameters = stream.parameters();
     // SAFETY: the parameters are live; the kind is an integer of 32 bits and read as such.
@@ -209,7 +209,7 @@ pub(super) fn video_size(stream: &ffmpeg::Stream<'_>) -> Option<[c_int; 2]> {
     (kind == ffi::AVMediaType::AVMEDIA_TYPE_VIDEO as c_int).then_some(size)
 }
 
-/// Kinds of side data that are read.
+/// Supported kinds of side data.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum SideData {
     /// Nine integers, see `av_display_rotation_get`.
@@ -239,15 +239,15 @@ pub(super) fn side_data(stream: &ffmpeg::Stream<'_>, kind: SideData) -> Option<V
         .map(|data| data.data().to_vec())
 }
 
-/// FFmpeg's name of the projection in the bytes of an `AVSphericalMapping`.
+/// Returns FFmpeg's name of the projection in the bytes of an `AVSphericalMapping`.
 pub(super) fn projection_name(mapping: &[u8]) -> Option<&'static str> {
     let projection = integer_at(mapping, offset_of!(ffi::AVSphericalMapping, projection))?;
     // SAFETY: the function takes any integer and returns a static string.
     unsafe { static_name(av_spherical_projection_name(projection)) }
 }
 
-/// What the bytes of an `AVSphericalMapping` leave out of the sphere on the left, at the top, on the right and at
-/// the bottom, shares in 0.32.
+/// Returns the cropped shares of the sphere in the bytes of an `AVSphericalMapping`: on the left, at the top, on the
+/// right and at the bottom, in 0.32.
 pub(super) fn bounds(mapping: &[u8]) -> Option<[u32; 4]> {
     let at = |offset| integer_at(mapping, offset);
     Some([
@@ -258,7 +258,7 @@ pub(super) fn bounds(mapping: &[u8]) -> Option<[u32; 4]> {
     ])
 }
 
-/// Yaw, pitch and roll in the bytes of an `AVSphericalMapping`, degrees in 16.16.
+/// Returns yaw, pitch and roll in the bytes of an `AVSphericalMapping`, degrees in 16.16.
 pub(super) fn pose(mapping: &[u8]) -> Option<[i32; 3]> {
     let at = |offset| {
         let bits = integer_at(mapping, offset)?;
@@ -271,7 +271,7 @@ pub(super) fn pose(mapping: &[u8]) -> Option<[i32; 3]> {
     ])
 }
 
-/// FFmpeg's name of the layout in the bytes of an `AVStereo3D`.
+/// Returns FFmpeg's name of the layout in the bytes of an `AVStereo3D`.
 pub(super) fn stereo_name(stereo: &[u8]) -> Option<&'static str> {
     let layout = integer_at(stereo, offset_of!(ffi::AVStereo3D, type_))?;
     // SAFETY: the function takes any integer and returns a static string.
@@ -283,7 +283,7 @@ fn integer_at(bytes: &[u8], offset: usize) -> Option<c_uint> {
     bytes.try_into().ok().map(c_uint::from_ne_bytes)
 }
 
-/// Has a frame that is handed to an encoder state no kind of image.
+/// Clears the kind of image of a frame for an encoder.
 pub(crate) fn clear_image_kind(frame: &mut ffmpeg::frame::Video) {
     // SAFETY: the frame is live and borrowed exclusively; 0 is `AV_PICTURE_TYPE_NONE`.
     unsafe {

@@ -1,8 +1,7 @@
-//! Large frames made smaller by whole factors, before colours are converted.
+//! Reduction of large frames by whole factors, before colours are converted.
 //!
-//! A detector that looks at images of 128 pixels needs no colours of 8 million. Blocks of samples
-//! are averaged plane by plane, in the source's own YUV; what is left for the general scaler is a
-//! small image.
+//! A detector on images of 128 pixels does not need the colours of 8 million. Blocks of samples are averaged plane by
+//! plane, in the source's own YUV; the general scaler gets a small image.
 
 use ffmpeg_next as ffmpeg;
 
@@ -12,21 +11,20 @@ use super::{
     scaler::FrameShape,
 };
 
-/// Rows of samples that are averaged into one, at least, where there are that many.
+/// Least number of rows that are averaged into one, if there are that many.
 const ROWS_AVERAGED: u32 = 4;
 
-/// How frames of one format and size are made smaller.
+/// Reduction of frames of one format and size.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct Reduction {
     source: PlaneLayout,
-    /// What comes out: of the source's depth.
+    /// Output shape, with the source's depth.
     pub(super) target: FrameShape,
     /// Columns and rows of luma samples that become one.
     factor: u32,
     /// Columns and rows of chroma samples that become one.
     chroma_factor: [u32; 2],
-    /// Of this many rows one is read. A detector sees no difference, and the time goes with the
-    /// samples that are read.
+    /// One row of this many is read. A detector sees no difference, and the time depends on the samples read.
     row_step: u32,
 }
 
@@ -62,15 +60,15 @@ impl PlaneLayout {
 }
 
 impl Reduction {
-    /// The largest whole factor that leaves at least `width_limit` pixels per row and no remainder;
-    /// `None` where there is none above 1 or the format is none of plain planes.
+    /// Returns the reduction by the largest whole factor that leaves at least `width_limit` pixels per row and no
+    /// remainder. `None` if that is 1 or the format does not have plain planes.
     pub(super) fn new(shape: FrameShape, width_limit: u32) -> Option<Self> {
         let FrameShape { width, height, .. } = shape;
         let source = PlaneLayout::of(shape.format)?;
         let [across, down] = source.subsampling;
         let (chroma_width, chroma_height) = (width.div_ceil(across), height.div_ceil(down));
         (2..=width / width_limit.max(1)).rev().find_map(|factor| {
-            // With an even factor every pixel gets chroma of its own, else as many as before.
+            // With an even factor every pixel gets its own chroma, else as many as before.
             let (format, chroma_factor) =
                 if factor.is_multiple_of(across) && factor.is_multiple_of(down) {
                     (source.full, [factor / across, factor / down])
@@ -97,7 +95,7 @@ impl Reduction {
         })
     }
 
-    /// The smaller frame of one that has the format and size that this was made for.
+    /// Returns the reduction of a frame of the format and size for which it was created.
     ///
     /// # Errors
     /// When the frame's planes are not those of its format, or there is not enough memory.
@@ -145,7 +143,7 @@ struct Blocks {
     across: usize,
     /// Rows of a block.
     down: usize,
-    /// Of this many rows one is read.
+    /// One row of this many is read.
     row_step: usize,
     /// Blocks per row.
     columns: usize,
@@ -166,7 +164,7 @@ impl Blocks {
         }
     }
 
-    /// The same for samples of 10 bits in two bytes, the lower first.
+    /// Averages samples of 10 bits in two bytes, the lower first.
     fn average_words<'a>(&self, source: Plane<'_>, target: impl Iterator<Item = &'a mut [u8]>) {
         let mut sums = vec![0_u16; self.across * self.columns];
         for (row, target) in target.enumerate() {
@@ -182,8 +180,8 @@ impl Blocks {
         }
     }
 
-    /// Has `add_row` add the rows of a row of blocks that are read to `sums`, and counts them. At
-    /// most 7 rows of 10 bits are: 16 bits hold their sum.
+    /// Adds the rows that are read of a row of blocks to `sums` by `add_row`, and counts them. These are at most 7 rows
+    /// of 10 bits: 16 bits hold their sum.
     fn sum_rows(
         &self,
         row: usize,
@@ -198,14 +196,14 @@ impl Blocks {
     }
 }
 
-/// Without checks for overflow, which cannot happen and keeps processors from adding eight at once.
+/// Adds without checks for overflow, which cannot happen; checks would keep processors from adding eight at once.
 fn add(sums: &mut [u16], samples: impl Iterator<Item = u16>) {
     for (sum, sample) in sums.iter_mut().zip(samples) {
         *sum = sum.wrapping_add(sample);
     }
 }
 
-/// Rounded means of blocks of columns, each the sum of `rows` samples.
+/// Returns rounded means of blocks of columns, each the sum of `rows` samples.
 fn means(sums: &[u16], across: usize, rows: u32) -> impl Iterator<Item = u32> {
     let count = rows * across as u32;
     sums.chunks_exact(across).map(move |block| {
@@ -234,7 +232,7 @@ mod tests {
         )
     }
 
-    /// A frame whose samples are what `value` says of plane, column and row.
+    /// Creates a frame whose samples are `value` of plane, column and row.
     fn frame(
         format: Pixel,
         (width, height): (u32, u32),
@@ -256,7 +254,7 @@ mod tests {
         frame
     }
 
-    /// What every sample of a reduced frame should be, by the definition.
+    /// Asserts that every sample of a reduced frame is right, by the definition.
     fn assert_means(format: Pixel, size: (u32, u32), limit: u32, levels: u16) -> Reduction {
         let value = |plane: usize, x: usize, y: usize| {
             ((x * 7 + y * 13 + x * y % 31 + plane * 50) % usize::from(levels)) as u16

@@ -1,4 +1,4 @@
-//! FFmpeg's scaler, for frames of formats and sizes that files decide.
+//! FFmpeg's scaler, for frames whose formats and sizes a file controls.
 
 use std::{
     ffi::{c_double, c_int},
@@ -10,7 +10,7 @@ use ffmpeg_next as ffmpeg;
 
 use super::{PixelFormat, planes};
 
-// Declared again with integers in the place of enums, which is what the C function takes.
+// Declared again with integers in place of enums, as the C function takes.
 unsafe extern "C" {
     fn sws_getContext(
         source_width: c_int,
@@ -96,8 +96,8 @@ impl Scaler {
         })
     }
 
-    /// Sets the matrix of both sides, and whether each is of full range. Formats without a matrix
-    /// (RGB, grey) need none and are left as they are.
+    /// Sets the matrix of both sides, and whether each is of full range. Formats without a matrix (RGB, grey) need none
+    /// and stay unchanged.
     pub(crate) fn set_colours(
         &mut self,
         matrix: Matrix,
@@ -129,8 +129,7 @@ impl Scaler {
     }
 
     /// # Errors
-    /// When the frame is of another shape, or holds not what its shape says, or there is not enough
-    /// memory.
+    /// When the frame is of another shape, its content does not match its shape, or there is not enough memory.
     pub(crate) fn run(&mut self, frame: &Video) -> Result<Video, ffmpeg::Error> {
         if FrameShape::of(frame) != self.source {
             return Err(ffmpeg::Error::InputChanged);

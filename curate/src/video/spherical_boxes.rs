@@ -1,8 +1,8 @@
-//! Google's spherical metadata in MP4 and MOV files, as it stands in the file.
+//! Google's spherical metadata in MP4 and MOV files, as stored.
 //!
-//! Version 1 is an XML document in a `uuid` box of the track, version 2 the boxes `st3d` and `sv3d`
-//! in the sample description (<https://github.com/google/spatial-media/tree/master/docs>). A file
-//! may hold both, and they may differ; FFmpeg hands on one without saying which.
+//! Version 1 is an XML document in a `uuid` box of the track, version 2 the boxes `st3d` and `sv3d` in the sample
+//! description (<https://github.com/google/spatial-media/tree/master/docs>). A file may hold both, and they may differ;
+//! FFmpeg returns one without saying which.
 #![cfg_attr(
     not(test),
     deny(clippy::indexing_slicing, clippy::arithmetic_side_effects)
@@ -23,21 +23,20 @@ const V1_UUID: [u8; 16] = [
 /// An XML document longer than this is not read.
 const MOST_XML_BYTES: u64 = 1 << 20;
 
-/// What one version of the metadata says, in FFmpeg's names.
+/// Content of one version of the metadata, in FFmpeg's names.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub(super) struct Statement {
-    /// Projection, where it is stated.
+    /// Projection, if stated.
     pub(super) projection: Option<String>,
-    /// Stereo layout, where it is stated.
+    /// Stereo layout, if stated.
     pub(super) stereo: Option<String>,
-    /// What of the sphere the image covers.
+    /// The image's part of the sphere.
     pub(super) extent: Extent,
-    /// Yaw, pitch and roll in 16.16 degrees, where they are stated: of the initial view in version 1, of the pose in
-    /// version 2.
+    /// Yaw, pitch and roll in 16.16 degrees, if stated: of the initial view in version 1, of the pose in version 2.
     pub(super) turn: Option<[i32; 3]>,
 }
 
-/// What of the sphere an image covers.
+/// Part of the sphere in an image.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub(super) enum Extent {
     /// All of it.
@@ -50,14 +49,14 @@ pub(super) enum Extent {
 }
 
 impl Extent {
-    /// Of an image that leaves out these shares of the sphere on its left, at its top, on its right and at its
-    /// bottom, in 0.32.
+    /// Returns the extent of an image that omits these shares of the sphere on its left, at its top, on its right and
+    /// at its bottom, in 0.32.
     pub(super) fn of_bounds(bounds: [u32; 4]) -> Self {
         let [left, top, right, bottom] = bounds.map(|share| f64::from(share) / 2_f64.powi(32));
         Self::of_shares([left, right], top + bottom > 0.0)
     }
 
-    /// Of an image that leaves out these shares of the turn on its left and right.
+    /// Returns the extent of an image that omits these shares of the turn on its left and right.
     fn of_shares([left, right]: [f64; 2], is_less_high: bool) -> Self {
         // A quarter on each side; widths are whole pixels.
         let is_quarter = |share: f64| (share - 0.25).abs() < 0.01;
@@ -71,15 +70,15 @@ impl Extent {
     }
 }
 
-/// Both versions, as far as the file holds them.
+/// Both versions, if the file holds them.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub(super) struct SphericalBoxes {
     pub(super) v1: Option<Statement>,
     pub(super) v2: Option<Statement>,
 }
 
-/// Reads the boxes of the track with this id, or of any track where no id fits. A malformed file
-/// gives what comes before the fault.
+/// Reads the boxes of the track with this id, or of any track if no id fits. For a malformed file it returns the
+/// content before the fault.
 pub(super) fn read(path: &Path, track_id: u32) -> io::Result<SphericalBoxes> {
     read_from(BufReader::new(File::open(path)?), track_id)
 }
@@ -99,10 +98,10 @@ fn read_from(mut file: impl Read + Seek, track_id: u32) -> io::Result<SphericalB
     Ok(found)
 }
 
-/// How many of the two versions the boxes of an MP4 file, given by its bytes, state for a track.
+/// Returns how many of the two versions the boxes of an MP4 file, given by its bytes, state for a track.
 ///
 /// # Errors
-/// When a box ends before what it has to hold.
+/// When a box ends before its required content.
 pub fn count_statements(bytes: &[u8], track_id: u32) -> io::Result<usize> {
     let SphericalBoxes { v1, v2 } = read_from(io::Cursor::new(bytes), track_id)?;
     Ok([v1.is_some(), v2.is_some()]
@@ -163,7 +162,7 @@ fn v1_statement(xml: &str) -> Option<Statement> {
     let is_less_high = share("CroppedAreaImageHeightPixels", "FullPanoHeightPixels").is_some();
     let degrees = |axis: &str| {
         let value: f64 = entry(&format!("InitialView{axis}Degrees"))?.parse().ok()?;
-        // The cast saturates, and what is out of range stays so.
+        // The cast saturates, so that values out of range stay so.
         value.is_finite().then(|| (value * 65536.0).round() as i32)
     };
     let view = ["Heading", "Pitch", "Roll"].map(degrees);
@@ -233,7 +232,7 @@ fn stereo_mode(mode: Option<[u8; 1]>) -> Option<String> {
     Some(name.to_owned())
 }
 
-/// Yaw, pitch and roll of the projection header of an `sv3d` box, in 16.16 degrees.
+/// Returns yaw, pitch and roll of the projection header of an `sv3d` box, in 16.16 degrees.
 fn pose(file: &mut (impl Read + Seek), sv3d: Span) -> io::Result<Option<[i32; 3]>> {
     for projection in children(file, sv3d, b"proj")? {
         for header in children(file, projection, b"prhd")? {
@@ -249,14 +248,14 @@ fn pose(file: &mut (impl Read + Seek), sv3d: Span) -> io::Result<Option<[i32; 3]
     Ok(None)
 }
 
-/// Projection of an `sv3d` box, and what its bounds leave of the sphere.
+/// Returns the projection of an `sv3d` box, and the part of the sphere inside its bounds.
 fn projection(file: &mut (impl Read + Seek), sv3d: Span) -> io::Result<(Option<String>, Extent)> {
     for projection in children(file, sv3d, b"proj")? {
         for (kind, span) in boxes(file, projection)? {
             match &kind {
                 b"equi" => {
-                    // Version and flags, then what is left out at the top, the bottom, on the left and on
-                    // the right, as shares of the sphere in 0.32.
+                    // Version and flags, then the omissions at the top, the bottom, on the left and on the right, as
+                    // shares of the sphere in 0.32.
                     let bounds: [u8; 16] = bytes_at(file, span, 4)?.unwrap_or_default();
                     let shares = bounds.as_chunks::<4>().0.iter();
                     let shares: Vec<u32> = shares.map(|bytes| u32::from_be_bytes(*bytes)).collect();
@@ -358,7 +357,7 @@ mod tests {
         assert_eq!(other.v1, None);
     }
 
-    /// As Google's `spatial-media` and cameras of VR180 write it.
+    /// Boxes as written by Google's `spatial-media` and cameras of VR180.
     #[test]
     fn the_half_ahead_is_told_from_other_parts() {
         let of_xml = |[width, left, height]: [u32; 3]| {
@@ -425,7 +424,7 @@ mod tests {
         assert_eq!(of_header(&header[..15]), None);
     }
 
-    /// Whatever the bytes are, reading ends.
+    /// Reading ends for any bytes.
     #[test]
     fn malformed_files_give_nothing() {
         for file in [

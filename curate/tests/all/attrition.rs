@@ -12,8 +12,9 @@ use omnilife_schemas::{
         AuditDecision, AuditDecisions, LedgerAction, PersonRole, SegmentLabel, TimeRange,
         VideoStatus,
     },
+    testing::Notes,
 };
-use support::{Clip, Notes, erp_clip, erp_direction, world_colour};
+use support::{Clip, erp_clip, erp_direction, world_colour};
 
 use crate::support;
 

@@ -13,8 +13,9 @@ use omnilife_schemas::{
     progress::Silent,
     records::{DistanceConvention, DistanceGrid, PosedFrame, Poses, Scale, Scene},
     store,
+    testing::Notes,
 };
-use support::{Notes, erp_clip};
+use support::erp_clip;
 
 use crate::support;
 

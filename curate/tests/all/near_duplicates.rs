@@ -12,8 +12,9 @@ use omnilife_curate::{
 use omnilife_schemas::{
     progress::Silent,
     records::{Sampling, VideoStatus},
+    testing::Notes,
 };
-use support::{Clip, Notes, erp_direction, world_colour};
+use support::{Clip, erp_direction, world_colour};
 
 use crate::support;
 

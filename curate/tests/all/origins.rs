@@ -1,4 +1,4 @@
-//! Where videos came from, from a list into the dataset, its card, and the next run.
+//! Origins of videos, from a list into the dataset, its card, and the next run.
 
 use std::fs;
 
@@ -11,8 +11,9 @@ use omnilife_schemas::{
     progress::Silent,
     records::{Dataset, OriginKind, Sampling},
     store,
+    testing::Notes,
 };
-use support::{Notes, erp_clip};
+use support::erp_clip;
 
 use crate::support;
 

@@ -11,8 +11,9 @@ use omnilife_schemas::{
     progress::Silent,
     records::{BoundaryKind, BoundaryLedger, Sampling, Sequence, VideoAnalysis, VideoProjection},
     store,
+    testing::Notes,
 };
-use support::{Clip, Notes, TICK_SECONDS, erp_clip, erp_direction, world_colour};
+use support::{Clip, TICK_SECONDS, erp_clip, erp_direction, world_colour};
 
 use crate::support;
 
@@ -176,7 +177,7 @@ fn what_was_made_from_frames_is_never_deleted() {
         ..settings.clone()
     };
     let notes = Notes::default();
-    // What a killed process has left goes without a word.
+    // Leftovers of a killed process are removed without a note.
     let own = store::temporary_beside(&out.join("sequences"));
     let own = own.to_str().unwrap();
     // An id that no process has.
@@ -200,8 +201,7 @@ fn what_was_made_from_frames_is_never_deleted() {
     assert_eq!(sequence(&out, "seq-000").frames.entries.len(), 40);
 }
 
-/// A video that newer criteria keep out leaves what it would have left had they always done so; work
-/// of others is set aside.
+/// A video that newer criteria exclude leaves the same as if they had always excluded it; work of others is set aside.
 #[test]
 fn a_video_that_is_kept_out_later_takes_its_sequences_back() {
     let temp = tempfile::tempdir().unwrap();
@@ -280,7 +280,7 @@ fn short_shots_are_recorded_as_dropped() {
         ..lenient()
     };
     let error = curate_video(&video, &out, &strict, &Silent).unwrap_err();
-    assert!(error.is_rejection(), "{error}");
+    assert!(error.failed_checks().is_some(), "{error}");
 }
 
 /// The squeezed image is widened to 2:1, and nothing is turned or mirrored on the way.
@@ -330,7 +330,7 @@ fn enforced_criteria_and_wrong_projections_reject_with_a_hint() {
     let error = curate_video(&video, &out, &CurateSettings::default(), &Silent).unwrap_err();
     let message = error.to_string();
     assert!(
-        error.is_rejection() && message.contains("resolution is 256x128"),
+        error.failed_checks().is_some() && message.contains("resolution is 256x128"),
         "{message}"
     );
     assert!(

@@ -15,8 +15,9 @@ use omnilife_schemas::{
     progress::Silent,
     records::{Sampling, Sequence, SphereTurn, SphericalMetadata},
     store,
+    testing::Notes,
 };
-use support::{Notes, erp_clip};
+use support::erp_clip;
 
 use crate::support;
 

@@ -1,5 +1,4 @@
-//! The tables and their columns. A new column is one entry here: files, questions and the documentation
-//! walk these lists.
+//! The tables and their columns. A new column is one entry here: files, queries and the documentation walk these lists.
 
 use crate::rows::{Beside, Loaded, Row, ValueOf, View};
 
@@ -8,13 +7,13 @@ use crate::rows::{Beside, Loaded, Row, ValueOf, View};
 pub struct Table {
     /// Name on the command line, and of its file without `.parquet`.
     pub name: &'static str,
-    /// One line: what a row is.
+    /// One line: the meaning of a row.
     pub about: &'static str,
     /// Columns after the common ones, [`COMMON`].
     pub own: &'static [Column],
-    /// Columns that a question always groups by.
+    /// Columns that a query always groups by.
     pub(crate) always: &'static [&'static str],
-    /// True where every result should have the file that it is made of.
+    /// True if every result should have its source file.
     pub of_every_result: bool,
     /// File that is read beside every result.
     pub(crate) beside: Beside,
@@ -25,7 +24,7 @@ pub struct Table {
 /// A column.
 #[derive(Debug, Clone, Copy)]
 pub struct Column {
-    /// Name in the file; questions may write `-` for `_`.
+    /// Name in the file; queries may write `-` for `_`.
     pub name: &'static str,
     /// One line.
     pub about: &'static str,
@@ -33,7 +32,7 @@ pub struct Column {
     pub(crate) values: Getter,
 }
 
-/// Gives the value of a row; `None` where there is no such value.
+/// Gives the value of a row; `None` if it has none.
 #[derive(Debug, Clone, Copy)]
 pub(crate) enum Getter {
     Text(for<'a> fn(&Row<'a>) -> Option<&'a str>),
@@ -156,7 +155,7 @@ impl Table {
         format!("{}.parquet", self.name)
     }
 
-    /// Returns the usual name of the file beside a result that it is made of.
+    /// Returns the usual name of its source file beside a result.
     pub fn source_file(&self) -> &'static str {
         self.beside.file()
     }
@@ -215,7 +214,7 @@ pub const COMMON: &[Column] = &[
     Column::number("value", "The score.", |row| Some(row.value)),
 ];
 
-/// Columns of all tables that a dataset tells, empty without one.
+/// Columns of all tables that come from a dataset, empty without one.
 pub const OF_DATASET: &[Column] = &[
     Column::text(
         "category",

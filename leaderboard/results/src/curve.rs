@@ -1,40 +1,37 @@
-//! Curves of error against run time, as scoring leaves them beside results.
+//! Curves of error against run time in the files that scoring writes beside results.
 
 use std::{io, path::Path};
 
-use omnilife_schemas::store::StoreError;
+use omnilife_schemas::{layout::CURVE_FILE, store::StoreError};
 use serde::Deserialize;
 
 use crate::error::ResultsError;
-
-/// File beside a result.
-pub const CURVE_FILE: &str = "curve.csv";
 
 /// A row that has a score of novel views.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct CurvePoint {
     /// Wall-clock time of the training steps so far.
     pub seconds: f64,
-    /// CPU time of the training steps so far, seconds, where it was measured.
+    /// CPU time of the training steps so far, seconds, if measured.
     pub cpu_seconds: Option<f64>,
     /// Iterations done.
     pub iteration: u64,
-    /// Primitives of the model, where they are counted.
+    /// Primitives of the model, if counted.
     pub primitives: Option<u64>,
     /// Mean over novel views, dB.
     pub psnr_db: f64,
     /// Mean over novel views.
     pub ssim: Option<f64>,
-    /// Mean LPIPS (`AlexNet`) over novel views, where it was computed.
+    /// Mean LPIPS (`AlexNet`) over novel views, if computed.
     pub lpips_alex: Option<f64>,
-    /// Mean over novel views where nothing moves, dB.
+    /// Mean over static regions of novel views, dB.
     pub psnr_static_db: Option<f64>,
-    /// Mean over novel views where something moves, dB.
+    /// Mean over dynamic regions of novel views, dB.
     pub psnr_dynamic_db: Option<f64>,
 }
 
 impl CurvePoint {
-    /// Returns its scores that are there: metric, region, value.
+    /// Returns its existing scores: metric, region, value.
     pub(crate) fn scores(&self) -> impl Iterator<Item = (&'static str, &'static str, f64)> {
         let all = [
             ("psnr", "whole", Some(self.psnr_db)),
@@ -69,7 +66,7 @@ struct Row {
 }
 
 impl Row {
-    /// Returns true where every number of it is finite and its time is not before the start.
+    /// Returns true if every number of it is finite and its time is not before the start.
     fn is_possible(&self) -> bool {
         let others = [
             self.cpu_seconds,
@@ -84,10 +81,10 @@ impl Row {
     }
 }
 
-/// Reads the scored rows of the curve beside a result; none where there is no such file.
+/// Reads the scored rows of the curve beside a result; none without such a file.
 ///
 /// # Errors
-/// [`ResultsError::Store`] when it cannot be read, [`ResultsError::Impossible`] for numbers that cannot be.
+/// [`ResultsError::Store`] when it cannot be read, [`ResultsError::Impossible`] for impossible numbers.
 pub fn read(folder: &Path) -> Result<Vec<CurvePoint>, ResultsError> {
     let path = folder.join(CURVE_FILE);
     let text = match std::fs::read(&path) {
@@ -143,7 +140,7 @@ mod tests {
             .collect();
         assert_eq!(found, [(1.0, 10, 20.0, Some(0.5)), (4.0, 30, 23.0, None)]);
         assert_eq!(points[0].scores().count(), 2);
-        // Before the first step, of a run that plans nothing.
+        // Before the first step, for a run without planning.
         std::fs::write(
             folder.path().join(CURVE_FILE),
             "wall_seconds,iteration,novel_psnr_db,novel_lpips_alex\n0,0,12,0.75\n",

@@ -4,13 +4,13 @@ use std::path::PathBuf;
 
 use omnilife_schemas::{Classified, ErrorKind, store::StoreError};
 
-/// Failure to make a table of results, or to answer a question.
+/// Failure to make a table of results, or to answer a query.
 #[derive(Debug, thiserror::Error)]
 pub enum ResultsError {
     /// A file beside a result, or a record of a dataset.
     #[error(transparent)]
     Store(#[from] StoreError),
-    /// A file beside a result that holds numbers that cannot be.
+    /// A file beside a result with impossible numbers.
     #[error("{}: {reason}", path.display())]
     Impossible {
         /// The file.
@@ -18,10 +18,10 @@ pub enum ResultsError {
         /// One line.
         reason: String,
     },
-    /// A question that cannot be asked.
+    /// An invalid query.
     #[error("{0}")]
     Question(String),
-    /// A library of tables failed on a table of ours.
+    /// A library of tables failed on one of our tables.
     #[error("a table of results: {0}")]
     Table(String),
 }

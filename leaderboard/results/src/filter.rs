@@ -8,7 +8,7 @@ use crate::{
     rows::Row,
 };
 
-/// Operators, the longer ones first: `<=` begins like `<`.
+/// Operators, the longer ones first: `<=` starts like `<`.
 const OPERATORS: [(&str, Operator); 6] = [
     ("!=", Operator::Differs),
     ("<=", Operator::AtMost),
@@ -52,7 +52,7 @@ impl Filter {
     /// with `<`, `<=`, `>` or `>=` of a column of numbers.
     ///
     /// # Errors
-    /// [`ResultsError::Question`] with what must hold.
+    /// [`ResultsError::Question`] with the required form.
     pub fn parse(text: &str, table: &Table) -> Result<Self, ResultsError> {
         let refuse = |reason: &str| Err(ResultsError::Question(format!("{text:?}: {reason}")));
         let found = OPERATORS
@@ -88,7 +88,7 @@ impl Filter {
         &self.text
     }
 
-    /// Returns true where a row meets the condition.
+    /// Returns true if a row meets the condition.
     pub(crate) fn accepts(&self, row: &Row<'_>) -> bool {
         let of_row = match self.column.values {
             Getter::Text(get) => {

@@ -1,4 +1,4 @@
-//! Frames of Polars made of results: the columns that a question needs, of the rows that it wants.
+//! Polars frames of results: the columns and rows of a query.
 
 use polars::prelude::{Column as PolarsColumn, DataFrame, NamedFrom, Series};
 
@@ -9,14 +9,14 @@ use crate::{
     rows::{Loaded, Row},
 };
 
-/// A column of a frame: one of the table, its numbers in steps of `step` where that is given.
+/// A column of a frame: one of the table, its numbers in steps of `step` if given.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Selected {
     pub(crate) column: &'static Column,
     pub(crate) step: Option<f64>,
 }
 
-/// Number of the result that a row is of.
+/// Number of the row's result.
 pub(crate) const RESULT: &str = "result_number";
 
 /// Makes the frame of `loaded` results, the first of which has the number `first`. Its columns are
@@ -46,16 +46,16 @@ pub(crate) fn frame(
     Ok(DataFrame::new(height, columns)?)
 }
 
-/// Returns the beginning of the step that a value is in. Rounding moves no value below the step that it begins.
+/// Returns the start of a value's step. Rounding moves no value below the start of its step.
 fn step_of(value: f64, step: f64) -> f64 {
     let steps = value / step;
     let number = (steps + 4.0 * f64::EPSILON * steps.abs()).floor();
-    // 6 steps of 0.1 are 0.6, and not the sum of what 0.1 is in binary.
+    // 6 steps of 0.1 are 0.6, and not a sum of binary approximations of 0.1.
     let begin = number * step;
     format!("{begin:.12e}").parse().unwrap_or(begin)
 }
 
-/// A column as it grows.
+/// Builder of a column.
 struct Builder<'a> {
     selected: Selected,
     values: Growing<'a>,

@@ -1,8 +1,8 @@
-//! Tables of results, and questions to them.
+//! Tables of results, and queries on them.
 //!
-//! Three tidy tables, one row per value: [`RESULTS`] has the means of every result, [`VIEWS`] the scores of
-//! every view, [`CURVES`] the scores along a training. Their columns are listed in [`columns`]. They are made
-//! of validated records, written as Parquet files beside a leaderboard, and asked by a [`Query`].
+//! Three tidy tables, one row per value: [`RESULTS`] has the means of every result, [`VIEWS`] the scores of every view,
+//! [`CURVES`] the scores along a training. Their columns are listed in [`columns`]. They are made of validated records,
+//! written as Parquet files beside a leaderboard, and queried by a [`Query`].
 
 pub mod columns;
 mod curve;
@@ -17,11 +17,11 @@ mod scene_facts;
 mod source;
 
 pub use columns::{CURVES, RESULTS, TABLES, Table, VIEWS, table};
-pub use curve::{CURVE_FILE, CurvePoint, read as read_curve};
+pub use curve::{CurvePoint, read as read_curve};
 pub use error::ResultsError;
 pub use filter::Filter;
 pub use output::{AnswerFormat, render};
 pub use parquet_file::{Written, write as write_table};
 pub use query::{Answer, AnswerColumn, Query, Values, ask};
 pub use scene_facts::{SceneFacts, read as read_scene_facts};
-pub use source::Source;
+pub use source::{Source, scenes_of_other_regions};

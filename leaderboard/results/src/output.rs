@@ -8,10 +8,10 @@ use crate::{
     query::{Answer, AnswerColumn, Values},
 };
 
-/// A form of answers.
+/// A format of answers.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum AnswerFormat {
-    /// A table to read; columns of one value stand in a line above it.
+    /// A table for people; columns with a single value become a line above it.
     Table,
     /// Comma-separated values with a header.
     Csv,
@@ -21,17 +21,17 @@ pub enum AnswerFormat {
     Parquet,
 }
 
-/// Columns that stand above a table where all rows have one value.
+/// Columns that appear above a table if all rows have one value.
 const CAPTION: [&str; 5] = ["protocol", "protocol_hash", "view", "region", "of_scenes"];
-/// Digits of a hash in a table to read.
+/// Digits of a hash in a table for people.
 const HASH_DIGITS: usize = 12;
-/// Digits of numbers in a table to read.
+/// Digits of numbers in a table for people.
 const DIGITS: usize = 3;
 
 /// Renders an answer.
 ///
 /// # Errors
-/// [`ResultsError::Table`] where a library fails.
+/// [`ResultsError::Table`] when a library fails.
 pub fn render(answer: &Answer, format: AnswerFormat) -> Result<Vec<u8>, ResultsError> {
     match format {
         AnswerFormat::Table => Ok(table(answer).into_bytes()),
@@ -71,7 +71,7 @@ fn json(answer: &Answer) -> Result<Vec<u8>, ResultsError> {
     Ok(bytes)
 }
 
-/// A Markdown table, its columns aligned.
+/// Returns a Markdown table, its columns aligned.
 fn table(answer: &Answer) -> String {
     let (caption, columns): (Vec<&AnswerColumn>, Vec<&AnswerColumn>) = answer
         .columns
@@ -123,7 +123,7 @@ fn table(answer: &Answer) -> String {
 }
 
 impl AnswerColumn {
-    /// Returns the text of a value in a table to read: hashes by their first digits.
+    /// Returns the text of a value in a table for people: hashes by their first digits.
     fn shown(&self, row: usize) -> String {
         let cell = self.cell(row, Some(DIGITS));
         match self.name.as_str() {
@@ -132,7 +132,7 @@ impl AnswerColumn {
         }
     }
 
-    /// Returns the text of a value, empty where there is none.
+    /// Returns the text of a value, empty without one.
     fn cell(&self, row: usize, digits: Option<usize>) -> String {
         match &self.values {
             Values::Text(values) => values[row].clone().unwrap_or_default(),
@@ -147,7 +147,7 @@ impl AnswerColumn {
         }
     }
 
-    /// JSON has no infinite numbers: they are texts, `inf`.
+    /// Returns a JSON value. JSON has no infinite numbers: they are texts, `inf`.
     fn json(&self, row: usize) -> serde_json::Value {
         match &self.values {
             Values::Text(values) => values[row].clone().into(),

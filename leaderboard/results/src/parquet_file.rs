@@ -21,7 +21,7 @@ use crate::{
     source::Source,
 };
 
-/// Results whose rows are one row group.
+/// Number of results per row group.
 const CHUNK: usize = 1024;
 
 /// A table as a file.
@@ -29,7 +29,7 @@ const CHUNK: usize = 1024;
 pub struct Written {
     /// Content of the file; `None` without rows.
     pub bytes: Option<Vec<u8>>,
-    /// Results without the file beside them that the table is made of.
+    /// Number of results without the table's source file.
     pub without: usize,
 }
 
@@ -82,7 +82,7 @@ pub fn write(table: &Table, sources: &[Source<'_>]) -> Result<Written, ResultsEr
 /// Writes an answer.
 ///
 /// # Errors
-/// [`ResultsError::Table`] where the library fails.
+/// [`ResultsError::Table`] when the library fails.
 pub(crate) fn of_answer(columns: &[AnswerColumn]) -> Result<Vec<u8>, ResultsError> {
     let fields = columns.iter().map(|column| {
         let kind = match column.values {
@@ -166,7 +166,7 @@ fn write_rows(
     }
 }
 
-/// Writes the next column, empty where a value is `None`.
+/// Writes the next column, empty for values that are `None`.
 fn write_column<T: DataType>(
     group: &mut SerializedRowGroupWriter<'_, Vec<u8>>,
     values: impl Iterator<Item = Option<T::T>>,

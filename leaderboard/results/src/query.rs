@@ -1,8 +1,8 @@
-//! Questions to the tables: means by any columns, of scores that may be averaged.
+//! Queries on the tables: means by any columns, of scores that may be averaged.
 //!
-//! Scores of different protocols, methods, kinds of view, regions or metrics are never averaged: rows of an
-//! answer are of one each. Within a row every view of a result weighs the same, then every repetition on a
-//! scene, then every scene, as in the tables of a leaderboard.
+//! Scores of different protocols, methods, kinds of view, regions or metrics are never averaged: each row of an answer
+//! has one of each. Within a row every view of a result has the same weight, then every repetition on a scene, then
+//! every scene, as in the tables of a leaderboard.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -19,26 +19,26 @@ use crate::{
     filter::{self, Filter},
     frame::{self, RESULT, Selected},
     rows::Loaded,
-    source::Source,
+    source::{Source, scenes_of_other_regions},
 };
 
-/// Columns that every row of an answer is of one value of.
+/// Columns of which every row of an answer has a single value.
 const ALONE: [&str; 5] = ["protocol", "protocol_hash", "view", "region", "method"];
 /// Results that are read at a time.
 const CHUNK: usize = 1024;
-/// Column of the scenes that any method of a row's group has.
+/// Column with the number of scenes on which any method of a row's group has scores.
 const OF_SCENES: &str = "of_scenes";
 
-/// A question.
+/// A query.
 #[derive(Debug, Clone)]
 pub struct Query {
-    /// The table that is asked.
+    /// The queried table.
     pub table: &'static Table,
     /// Columns to group by; a column of numbers may have a step, `distance_to_given:0.5`.
     pub by: Vec<String>,
     /// Metrics to average, without regions.
     pub metrics: Vec<String>,
-    /// Conditions, all of which a row has to meet.
+    /// Conditions, all of which a row must meet.
     pub filters: Vec<Filter>,
 }
 
@@ -47,7 +47,7 @@ pub struct Query {
 pub struct Answer {
     /// Columns of one length.
     pub columns: Vec<AnswerColumn>,
-    /// Lines on what was left out.
+    /// Lines on omissions.
     pub notes: Vec<String>,
 }
 
@@ -87,11 +87,11 @@ impl Answer {
     }
 }
 
-/// Answers a question of results.
+/// Answers a query on results.
 ///
 /// # Errors
-/// [`ResultsError::Question`] for unknown columns and metrics, and where no row is left;
-/// [`ResultsError::Store`] and [`ResultsError::Impossible`] for files beside results.
+/// [`ResultsError::Question`] for unknown columns and metrics, and if no row remains; [`ResultsError::Store`] and
+/// [`ResultsError::Impossible`] for files beside results.
 pub fn ask(query: &Query, sources: &[Source<'_>]) -> Result<Answer, ResultsError> {
     let by = query
         .by
@@ -134,10 +134,10 @@ fn selected(table: &Table, text: &str) -> Result<Selected, ResultsError> {
     }
 }
 
-/// Results that are of one row each time: of one protocol, scene and method.
+/// Key of repetitions: protocol, scene and method.
 type Repetitions<'a> = (&'a str, &'a str, &'a str);
 
-/// The results that a question is asked of: complete ones, unless it speaks of that. Of a method on a scene all
+/// Returns the results for a query: complete ones, unless it has a condition on that. Of a method on a scene all
 /// repetitions count or none, as in the tables of a board.
 fn complete<'a>(
     query: &Query,
@@ -172,29 +172,15 @@ fn complete<'a>(
     complete
 }
 
-/// Source and SHA-256 of what tells regions apart.
-type Regions<'a> = (&'a str, &'a str);
-
 /// Marks results of scenes that methods were scored on with other regions: their scores by region do not compare.
 fn mark_other_regions(sources: &mut [Source<'_>], notes: &mut Vec<String>) {
-    let mut by_scene: BTreeMap<(&str, &str), BTreeSet<Option<Regions<'_>>>> = BTreeMap::new();
-    for result in sources.iter().map(|source| source.result) {
-        if result.scores_regions() {
-            let regions = result.regions.as_ref();
-            let regions = regions.map(|regions| (regions.source.as_str(), regions.sha256.as_str()));
-            let scene = (result.protocol_hash.as_str(), result.scene.as_str());
-            by_scene.entry(scene).or_default().insert(regions);
-        }
-    }
-    by_scene.retain(|_, regions| regions.len() > 1);
+    let differ = scenes_of_other_regions(sources.iter().map(|source| source.result));
     for source in sources {
-        let scene = (
-            source.result.protocol_hash.as_str(),
-            source.result.scene.as_str(),
-        );
-        source.has_other_regions = by_scene.contains_key(&scene);
+        let result = source.result;
+        let scene = (result.protocol_hash.as_str(), result.scene.as_str());
+        source.has_other_regions = differ.contains(&scene);
     }
-    let scenes: BTreeSet<&str> = by_scene.keys().map(|(_, scene)| *scene).collect();
+    let scenes: BTreeSet<&str> = differ.iter().map(|(_, scene)| *scene).collect();
     if !scenes.is_empty() {
         let scenes: Vec<String> = scenes.into_iter().map(str::to_owned).collect();
         notes.push(format!(
@@ -204,7 +190,7 @@ fn mark_other_regions(sources: &mut [Source<'_>], notes: &mut Vec<String>) {
     }
 }
 
-/// Says so where a question is of columns that a dataset tells, and it tells nothing of some results.
+/// Notes if a query uses columns of a dataset, and it has no facts for some results.
 fn note_missing_facts(
     query: &Query,
     by: &[Selected],
@@ -226,7 +212,7 @@ fn note_missing_facts(
     }
 }
 
-/// Returns the direction of every metric, of novel views where both kinds have it.
+/// Returns the direction of every metric, that of novel views if both kinds have it.
 fn directions(sources: &[Source<'_>], metrics: &[String]) -> BTreeMap<String, Direction> {
     let mut found = BTreeMap::new();
     for metric in metrics {
@@ -246,7 +232,7 @@ fn directions(sources: &[Source<'_>], metrics: &[String]) -> BTreeMap<String, Di
 
 /// Columns of the steps from rows to an answer.
 struct Plan {
-    /// Columns that rows of the answer differ by, in its order.
+    /// Columns that distinguish rows of the answer, in its order.
     keys: Vec<Selected>,
     metrics: Vec<String>,
 }
@@ -464,8 +450,7 @@ fn is_metric(metric: &str) -> Expr {
     col("metric").eq(lit(metric.to_owned()))
 }
 
-/// Returns the names of the columns of a metric: its mean, standard deviation over scenes, and the scenes that
-/// went in.
+/// Returns the names of the columns of a metric: its mean, standard deviation over scenes, and the number of scenes.
 fn columns_of(metric: &str) -> [String; 3] {
     [
         metric.to_owned(),
@@ -474,7 +459,7 @@ fn columns_of(metric: &str) -> [String; 3] {
     ]
 }
 
-/// Leaves out columns that stand there already.
+/// Leaves out duplicate columns.
 fn unique(columns: Vec<Expr>) -> Vec<Expr> {
     let mut unique: Vec<Expr> = Vec::new();
     for column in columns {

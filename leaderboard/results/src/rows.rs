@@ -1,21 +1,17 @@
-//! Rows of the tables: one value each, with all that a column can say of it.
+//! Rows of the tables: one value each, with the data of all columns.
 
 use omnilife_schemas::{
     frame_scores::{FRAME_SCORES_FILE, FrameScores},
-    layout::RESULT_FILE,
+    layout::{CURVE_FILE, RESULT_FILE},
     records::{ResultRecord, Summary},
 };
 
-use crate::{
-    curve::{CURVE_FILE, CurvePoint},
-    error::ResultsError,
-    source::Source,
-};
+use crate::{curve::CurvePoint, error::ResultsError, source::Source};
 
 /// One value.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Row<'a> {
-    /// The result that it is of.
+    /// Its result.
     pub(crate) source: &'a Source<'a>,
     /// `input` or `novel`.
     pub(crate) view: &'a str,
@@ -25,12 +21,12 @@ pub(crate) struct Row<'a> {
     pub(crate) region: &'static str,
     /// The score.
     pub(crate) value: f64,
-    /// Views of the value.
+    /// Views over which the value is taken.
     pub(crate) of: ValueOf,
 }
 
 impl Row<'_> {
-    /// Returns true where other methods on the scene have scores of the same region.
+    /// Returns true if other methods on the scene have scores of the same region.
     pub(crate) fn compares(&self) -> bool {
         self.region == WHOLE || !self.source.has_other_regions
     }
@@ -52,7 +48,7 @@ pub(crate) enum ValueOf {
 pub(crate) struct View {
     pub(crate) frame: u32,
     pub(crate) time_seconds: f64,
-    /// 1 to 3: the third of the time from the first view to the last one that it lies in.
+    /// 1 to 3: its third of the time from the first view to the last one.
     pub(crate) third: Option<i64>,
     /// World units from its camera to the nearest camera of a given view.
     pub(crate) distance_to_given: Option<f64>,
@@ -100,7 +96,7 @@ impl<'a> Loaded<'a> {
         })
     }
 
-    /// Returns true where the file that a table reads lies beside the result; a run that failed needs none.
+    /// Returns true if the file that a table reads lies beside the result; a failed run needs none.
     pub(crate) fn has(&self, beside: Beside) -> bool {
         if self.source.result.run_failure.is_some() {
             return true;
@@ -172,7 +168,7 @@ impl<'a> Loaded<'a> {
     }
 }
 
-/// Kind of view, metric and mean of everything that a result scores. A run that failed scores nothing.
+/// Returns kind of view, metric and mean of all scores of a result. A failed run has none.
 fn means(result: &ResultRecord) -> impl Iterator<Item = (&str, &str, &Summary)> {
     let kinds = [
         ("input", &result.input_views),
@@ -196,7 +192,7 @@ fn split_region(metric: &str) -> (&str, &'static str) {
     (metric, WHOLE)
 }
 
-/// The time that the views of a result cover, seconds.
+/// The time covered by the views of a result, seconds.
 struct Thirds {
     first: f64,
     last: f64,
@@ -211,7 +207,7 @@ impl Thirds {
         }
     }
 
-    /// Returns 1, 2 or 3; `None` where all views are of one moment.
+    /// Returns 1, 2 or 3; `None` if all views are simultaneous.
     fn of_time(&self, time: f64) -> Option<i64> {
         let span = self.last - self.first;
         (span > 0.0).then(|| ((3.0 * (time - self.first) / span) as i64).min(2) + 1)

@@ -1,4 +1,4 @@
-//! Facts of scenes, from the records of a dataset: how long they are and how much moves.
+//! Facts of scenes, from the records of a dataset: duration and dynamic content.
 
 use std::{collections::BTreeMap, path::Path};
 
@@ -10,14 +10,14 @@ use omnilife_schemas::{
 
 use crate::error::ResultsError;
 
-/// Facts of a scene, as far as its records are there.
+/// Facts of a scene, if its records exist.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct SceneFacts {
     /// Length in seconds.
     pub duration_seconds: Option<f64>,
     /// Measured class of the camera's motion.
     pub ego_motion: Option<String>,
-    /// Measured class of how much moves beside the camera.
+    /// Measured class of motion beside the camera's.
     pub dynamics: Option<String>,
     /// Category of the scene.
     pub category: Option<String>,
@@ -27,8 +27,7 @@ pub struct SceneFacts {
     pub action: Option<String>,
 }
 
-/// Reads the facts of all scenes, by id. Sequences lie beside the `file` of the dataset; what has moved away
-/// has none.
+/// Reads the facts of all scenes, by id. Sequences lie beside the `file` of the dataset; moved ones have no facts.
 ///
 /// # Errors
 /// [`ResultsError::Store`] when a record cannot be read.

@@ -1,6 +1,9 @@
-//! One result with what lies beside it.
+//! A result with the files beside it.
 
-use std::path::Path;
+use std::{
+    collections::{BTreeMap, BTreeSet},
+    path::Path,
+};
 
 use omnilife_schemas::{
     bootstrap::place,
@@ -15,24 +18,24 @@ use crate::{
     scene_facts::SceneFacts,
 };
 
-/// A result, where it lies, and facts of its scene.
+/// A result, its file, and facts of its scene.
 #[derive(Debug, Clone)]
 pub struct Source<'a> {
     /// The file `result.json`.
     pub file: &'a Path,
     /// The result.
     pub result: &'a ResultRecord,
-    /// Facts of its scene, where a dataset is known.
+    /// Facts of its scene, if a dataset is known.
     pub facts: Option<&'a SceneFacts>,
-    /// Random seed of the run, as text: a number of 64 bits is no number of every table.
+    /// Random seed of the run, as text: not every table can hold a number of 64 bits.
     pub(crate) seed: Option<String>,
-    /// True where other results of the scene have regions by other tracks, so that its scores by region compare
-    /// with none.
+    /// True if other results of the scene have regions by other tracks, so that its scores by region are not
+    /// comparable.
     pub(crate) has_other_regions: bool,
 }
 
 impl<'a> Source<'a> {
-    /// Returns a result as a source, with what a dataset says of its scene.
+    /// Returns a result as a source, with a dataset's facts of its scene.
     pub fn new(file: &'a Path, result: &'a ResultRecord, facts: Option<&'a SceneFacts>) -> Self {
         Self {
             file,
@@ -48,7 +51,7 @@ impl<'a> Source<'a> {
         place(&self.result.scene)
     }
 
-    /// Returns the way the method came to its views, as records name it.
+    /// Returns the kind of training of the method, as named in records.
     pub(crate) fn training(&self) -> Option<&'static str> {
         self.result.training.map(|kind| match kind {
             TrainingKind::PerScene => "per-scene",
@@ -56,12 +59,11 @@ impl<'a> Source<'a> {
         })
     }
 
-    /// Returns the table of scores of every view; `None` where there is no such file beside the result, and of a
-    /// run that failed.
+    /// Returns the table of scores of every view; `None` without such a file beside the result, and for a failed run.
     ///
     /// # Errors
-    /// [`ResultsError::Store`] for a file that cannot be read or is no such table,
-    /// [`ResultsError::Impossible`] for a name that leads out of the folder.
+    /// [`ResultsError::Store`] for a file that cannot be read or is another table, [`ResultsError::Impossible`] for a
+    /// name that leads out of the folder.
     pub(crate) fn views(&self) -> Result<Option<FrameScores>, ResultsError> {
         if self.result.run_failure.is_some() {
             return Ok(None);
@@ -79,11 +81,31 @@ impl<'a> Source<'a> {
         Ok(Some(FrameScores::read(&path)?))
     }
 
-    /// Returns the points of its curve; none where there is no such file.
+    /// Returns the points of its curve; none without such a file.
     ///
     /// # Errors
     /// Those of [`curve::read`].
     pub(crate) fn curve(&self) -> Result<Vec<CurvePoint>, ResultsError> {
         self.file.parent().map_or(Ok(Vec::new()), curve::read)
     }
+}
+
+/// Returns the scenes, each behind the hash of its protocol, whose results have regions by different tracks:
+/// their scores by region do not compare.
+pub fn scenes_of_other_regions<'a>(
+    results: impl IntoIterator<Item = &'a ResultRecord>,
+) -> BTreeSet<(&'a str, &'a str)> {
+    let mut first: BTreeMap<(&str, &str), &ResultRecord> = BTreeMap::new();
+    let mut scenes = BTreeSet::new();
+    for result in results.into_iter().filter(|result| result.scores_regions()) {
+        let scene = (result.protocol_hash.as_str(), result.scene.as_str());
+        if first
+            .entry(scene)
+            .or_insert(result)
+            .has_other_regions(result)
+        {
+            scenes.insert(scene);
+        }
+    }
+    scenes
 }

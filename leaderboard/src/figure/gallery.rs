@@ -1,4 +1,4 @@
-//! The gallery of a dataset: a frame of every kind of sequence, and below it what moves.
+//! The gallery of a dataset: a frame of every kind of sequence, and below it its moving content.
 
 use std::{
     collections::BTreeMap,
@@ -19,21 +19,20 @@ use super::{
 };
 use crate::error::LeaderboardError;
 
-/// Colour over what a mask marks, and how much of it.
+/// Colour over the pixels of a mask, and its opacity.
 const TINT: [f32; 3] = [1.0, 0.25, 0.1];
 const TINT_SHARE: f32 = 0.6;
 
-/// What to draw.
+/// Content and files of a gallery.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct GalleryRequest {
     /// Folder of a dataset, or its `dataset.json`.
     pub dataset: PathBuf,
     /// The figure without its ending: `.png` and `.svg` are written.
     pub out: PathBuf,
-    /// Ids of the sequences that are shown; as many kinds of scene and motion as there are where none are
-    /// given.
+    /// Ids of the shown sequences; if empty, as many kinds of scene and motion as there are.
     pub sequences: Vec<String>,
-    /// Sequences that are shown where none are given, at most.
+    /// Maximum number of sequences if none are given.
     pub most: usize,
     /// Sequences beside each other.
     pub columns: usize,
@@ -54,7 +53,7 @@ pub struct Gallery {
     pub of: usize,
 }
 
-/// What is known of a sequence without looking at its frames.
+/// Facts of a sequence that need no frames.
 struct Entry {
     id: String,
     folder: PathBuf,
@@ -68,8 +67,8 @@ struct Entry {
 /// Draws a gallery.
 ///
 /// # Errors
-/// When there is no such dataset or sequence, a record or an image cannot be read, or a file of that
-/// name is there already.
+/// When there is no such dataset or sequence, a record or an image cannot be read, or a file of that name exists
+/// already.
 pub fn gallery(request: &GalleryRequest) -> Result<Gallery, LeaderboardError> {
     let file = if request.dataset.is_dir() {
         request.dataset.join(DATASET_FILE)
@@ -84,7 +83,7 @@ pub fn gallery(request: &GalleryRequest) -> Result<Gallery, LeaderboardError> {
         .par_iter()
         .map(|entry| Panels::read(entry, request.panel_width))
         .collect();
-    // In the order of the sequences, so that always the first broken one is named.
+    // In the order of the sequences, so that the named broken one is always the first.
     let panels = panels.into_iter().collect::<Result<Vec<_>, _>>()?;
     let sheet = Sheet::of(
         &panels,
@@ -104,7 +103,7 @@ pub fn gallery(request: &GalleryRequest) -> Result<Gallery, LeaderboardError> {
     })
 }
 
-/// All sequences beside the file of a dataset that are still there, in its order.
+/// Returns all existing sequences beside the file of a dataset, in its order.
 fn entries(file: &Path, dataset: &Dataset) -> Result<Vec<Entry>, LeaderboardError> {
     let curated = dataset
         .videos
@@ -120,7 +119,7 @@ fn entries(file: &Path, dataset: &Dataset) -> Result<Vec<Entry>, LeaderboardErro
         .collect()
 }
 
-/// A sequence in a folder; none without frames.
+/// Returns a sequence in a folder; none without frames.
 fn entry(folder: PathBuf) -> Result<Option<Entry>, LeaderboardError> {
     let sequence: Sequence = store::read_record(&folder.join(SEQUENCE_FILE))?;
     let optional = |name: &str| Some(folder.join(name)).filter(|file| file.is_file());
@@ -157,7 +156,7 @@ fn entry(folder: PathBuf) -> Result<Option<Entry>, LeaderboardError> {
 }
 
 impl Entry {
-    /// Two lines: where it was taken, and how the camera moves for how long.
+    /// Returns two lines: the place, and motion and duration.
     fn label(&self) -> [String; 2] {
         let [group, category, motion] = &self.kind;
         let place = match (category, group) {
@@ -171,7 +170,7 @@ impl Entry {
     }
 }
 
-/// The sequences that were asked for; else one of every kind, then a second one, sorted by kind.
+/// Returns the requested sequences; else one of every kind, then a second one, sorted by kind.
 fn chosen(
     request: &GalleryRequest,
     file: &Path,
@@ -206,7 +205,7 @@ fn chosen(
     Ok(ranked.into_iter().map(|(_, entry)| entry).collect())
 }
 
-/// A frame, and the same with what moves in colour where a mask is known.
+/// A frame, and the same with its moving content in colour if a mask is known.
 struct Panels {
     frame: RgbImage,
     marked: Option<RgbImage>,
@@ -225,7 +224,7 @@ impl Panels {
     }
 }
 
-/// Colours what a mask marks. Masks may be of another size than the image.
+/// Colours the pixels of a mask. Masks may be of another size than the image.
 fn marked(mut image: RgbImage, mask: &Mask) -> RgbImage {
     let mask = mask.resized_to_nearest(image.width, image.height);
     for (pixel, &marks) in image.data.chunks_exact_mut(3).zip(&mask.data) {
@@ -247,7 +246,7 @@ pub(super) struct Sheet {
     /// Sequences beside each other.
     pub(super) columns: usize,
     pub(super) panel_width: usize,
-    /// Upper edges of the rows, and how high they are.
+    /// Upper edges of the rows, and their heights.
     pub(super) rows: Vec<[usize; 2]>,
 }
 

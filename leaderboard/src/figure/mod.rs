@@ -1,8 +1,7 @@
 //! Figures for papers: rendered views of several methods beside the ground truth, with a part of them
 //! enlarged and their errors; and the gallery of a dataset.
 //!
-//! The images are those that scoring left beside results, and frames of sequences. The one place of this
-//! crate that decodes any.
+//! The images are comparison images of scoring, and frames of sequences. Only this module of the crate decodes any.
 
 mod gallery;
 mod panels;
@@ -29,24 +28,23 @@ use panels::{Canvas, Region, Views};
 
 pub use gallery::{Gallery, GalleryRequest, gallery};
 
-/// What to draw.
+/// Content and files of a figure.
 #[derive(Debug, Clone, PartialEq)]
 pub struct FigureRequest {
-    /// Folder that is searched for `result.json` files.
+    /// Folder to search for `result.json` files.
     pub results: PathBuf,
     /// The figure without its ending: `.png` and `.svg` are written.
     pub out: PathBuf,
-    /// Id of a protocol, `per-scene`; the first one where none is given.
+    /// Id of a protocol, `per-scene`; the first one if `None`.
     pub protocol: Option<String>,
-    /// Rows; all scenes with views where none are given.
+    /// Rows; all scenes with views if empty.
     pub scenes: Vec<String>,
-    /// Columns after the ground truth; where none are given all methods with complete results, class by
-    /// class and by rank.
+    /// Columns after the ground truth; if empty all methods with complete results, class by class and by rank.
     pub methods: Vec<String>,
-    /// Frame of the novel views; the first one that all methods have where none is given.
+    /// Frame of the novel views; the first one that all methods have if `None`.
     pub frame: Option<u32>,
-    /// What is enlarged: left and upper edge and width as shares of the image's width; height is half of
-    /// the width. Where the methods differ most where none is given.
+    /// The enlarged part: left and upper edge and width as shares of the image's width; height is half of the width. If
+    /// `None`, the part in which the methods differ most.
     pub inset: Option<[f64; 3]>,
     /// Width of a panel in pixels.
     pub panel_width: usize,
@@ -71,8 +69,8 @@ const TRUTH: &str = "Ground truth";
 /// Draws a figure.
 ///
 /// # Errors
-/// When there are no results with such views, a name is unknown, an image cannot be read, or a file of
-/// that name that is another figure is there already.
+/// When there are no results with such views, a name is unknown, an image cannot be read, or another figure of that
+/// name exists already.
 pub fn figure(request: &FigureRequest) -> Result<Figure, LeaderboardError> {
     let results = RecordFiles::below(&request.results)?.results()?;
     let groups = group::groups(&results)?;
@@ -111,10 +109,10 @@ pub fn figure(request: &FigureRequest) -> Result<Figure, LeaderboardError> {
     })
 }
 
-/// Writes an image as OUT.png, and what `svg` makes of that file's bytes as OUT.svg.
+/// Writes an image as OUT.png, and the result of `svg` on that file's bytes as OUT.svg.
 ///
 /// # Errors
-/// When a file of that name that is another one is there already, or one cannot be written.
+/// When another file of that name exists already, or one cannot be written.
 fn write_both(
     out: &Path,
     [width, height]: [usize; 2],
@@ -136,7 +134,7 @@ fn write_both(
     let drawing = svg(&pixels).into_bytes();
     let contents = [pixels, drawing];
     for (file, bytes) in names.iter().zip(&contents) {
-        // The same is one that was interrupted between its files.
+        // An equal file comes from a run interrupted between its files.
         if file.exists() && std::fs::read(file).ok().as_ref() != Some(bytes) {
             let reason = "is there already; name another figure";
             return Err(unusable(file, reason.to_owned()));
@@ -228,8 +226,8 @@ fn known_names(
     }
 }
 
-/// The frame and what the methods made of it; nothing where a scene was not asked for by name and some
-/// method has no views of it.
+/// Returns the frame and the methods' views of it; none for a scene not requested by name if some method has no views
+/// of it.
 fn views_of(
     request: &FigureRequest,
     group: &Group<'_>,
@@ -287,7 +285,7 @@ fn file_name(frame: u32) -> String {
     format!("novel-{frame:06}.png")
 }
 
-/// Frames of the novel views of a folder, sorted; none where it is missing.
+/// Returns frames of the novel views of a folder, sorted; none if it is missing.
 fn frames_in(folder: &Path) -> Result<Vec<u32>, StoreError> {
     if !folder.is_dir() {
         return Ok(Vec::new());

@@ -1,30 +1,30 @@
-//! The pixels of a figure: rows of panels, below each what is enlarged and the error.
+//! The pixels of a figure: rows of panels, each with its enlarged part and its error below.
 
 use omnilife_schemas::rgb::RgbImage;
 
 /// White between panels, pixels.
 pub(super) const GAP: usize = 6;
 
-/// Error maps are this many times as bright as the difference of the images.
+/// Brightness of error maps, over the difference of the images.
 pub(super) const ERROR_GAIN: f32 = 4.0;
 
 /// Candidates for the enlarged part, along the width.
 const TILES: usize = 8;
 
-/// Width of the enlarged part where none is given, as share of the image's.
+/// Default width of the enlarged part, as share of the image's.
 const TILE_WIDTH: f64 = 0.16;
 
-/// Colour of the frame around what is enlarged.
+/// Colour of the frame around the enlarged part.
 const FRAME: [u8; 3] = [255, 214, 0];
 
-/// One scene's view: the ground truth and what the methods made of it, of one size.
+/// One scene's view: the ground truth and the methods' renderings, of one size.
 pub(super) struct Views {
     truth: RgbImage,
     rendered: Vec<RgbImage>,
 }
 
 impl Views {
-    /// From images as scoring leaves them: rendering, a line `separator` pixels wide, truth.
+    /// Splits comparison images of scoring: rendering, a line `separator` pixels wide, truth.
     pub(super) fn of(pairs: &[(RgbImage, [u32; 2])], separator: usize) -> Self {
         let half = |pair: &RgbImage, left: usize, [width, height]: [u32; 2]| {
             crop(pair, [left, 0], [width as usize, height as usize])
@@ -38,7 +38,7 @@ impl Views {
         }
     }
 
-    /// The tile in which the methods' errors differ most; of one method, that of its largest error.
+    /// Returns the tile in which the methods' errors differ most; for one method, that of its largest error.
     fn most_telling(&self) -> Region {
         let mut best = (f64::NEG_INFINITY, Region::from([0.0, 0.0, TILE_WIDTH]));
         for row in 0..TILES / 2 {
@@ -186,7 +186,7 @@ fn crop(image: &RgbImage, [left, top]: [usize; 2], [width, height]: [usize; 2]) 
     }
 }
 
-/// Every pixel as large as it takes: an enlarged part shows what is there and no more.
+/// Enlarges an image by nearest pixels: an enlarged part shows its pixels and no more.
 fn enlarged(image: &RgbImage, width: usize, height: usize) -> RgbImage {
     let mut data = Vec::with_capacity(width * height * 3);
     for row in 0..height {
@@ -213,7 +213,7 @@ fn difference(truth: &RgbImage, view: &RgbImage) -> RgbImage {
     }
 }
 
-/// Mean absolute difference.
+/// Returns the mean absolute difference.
 fn error(truth: &RgbImage, view: &RgbImage) -> f64 {
     let values = truth.data.iter().zip(&view.data);
     let sum: f64 = values
@@ -222,7 +222,7 @@ fn error(truth: &RgbImage, view: &RgbImage) -> f64 {
     sum / truth.data.len() as f64
 }
 
-/// A line of two pixels around a region.
+/// Draws a line of two pixels around a region.
 fn frame(panel: &mut RgbImage, region: Region) {
     const LINE: usize = 2;
     let ([left, top], [width, height]) = region.pixels(panel.width, panel.height);
@@ -244,7 +244,7 @@ fn frame(panel: &mut RgbImage, region: Region) {
 mod tests {
     use super::*;
 
-    /// Two methods on a grey image: the second has a bright spot where nobody else has.
+    /// Returns two methods on a grey image: only the second has a bright spot.
     fn views() -> Views {
         let (width, height) = (64, 32);
         let pair = |spot: bool| {

@@ -1,4 +1,4 @@
-//! Variants of a method that leave a component out, beside the whole: OmniLife360, Table 6.
+//! Variants of a method without a component, beside the whole: OmniLife360, Table 6.
 //!
 //! A method `omni4dgs-without-motion` is the variant of `omni4dgs` without `motion`.
 
@@ -11,7 +11,7 @@ use crate::{
     table::{Cell, Column, Mark, Row, Table, cost_cells, cost_columns, method_score},
 };
 
-/// One table for every method that has variants.
+/// Returns one table for every method that has variants.
 pub(super) fn tables(group: &Group<'_>, papers: &[Paper]) -> Vec<Table> {
     group
         .methods

@@ -1,5 +1,5 @@
-//! Assets for web viewers: counts, sizes and export times as in PanoGS, Tables 2 and 3, and what each level
-//! of detail is worth.
+//! Assets for web viewers: counts, sizes and export times as in PanoGS, Tables 2 and 3, and the quality of each level
+//! of detail.
 
 use std::collections::BTreeSet;
 
@@ -14,12 +14,12 @@ use crate::{
 };
 
 const PAPER: &str = "panogs";
-/// The levels of the paper, by the names that ours have.
+/// The levels of the paper, by our names.
 const LEVELS: [&str; 3] = ["1M", "5M", "full"];
 /// Bytes in a megabyte, as the paper counts them.
 const MEGABYTE: f64 = 1e6;
 
-/// Two tables: assets, and their levels. None without assets.
+/// Returns two tables: assets, and their levels. None without assets.
 pub(crate) fn tables(assets: &[FoundAsset], papers: &[Paper]) -> Vec<Table> {
     if assets.is_empty() {
         return Vec::new();
@@ -147,7 +147,7 @@ fn of_levels(assets: &[FoundAsset]) -> Table {
     }
 }
 
-/// Scene and method; an asset of a file of Gaussians has neither.
+/// Returns scene and method; an asset of a file of Gaussians has neither.
 fn names(record: &Asset) -> Vec<String> {
     let source = &record.source;
     [&source.scene, &source.method]
@@ -159,7 +159,7 @@ fn megabytes(level: &AssetLevel) -> f64 {
     level.bytes as f64 / MEGABYTE
 }
 
-/// The rows of a published table whose numbers begin in column `first`.
+/// Returns the rows of a published table whose numbers start in column `first`.
 fn published(paper: &Paper, table: &PublishedTable, first: usize) -> PublishedBlock {
     let rows = table.rows.iter().map(|row| {
         let numbers = row.cells.iter().enumerate().skip(first);

@@ -14,7 +14,7 @@ use crate::{
     table::{Cell, Column, Holds, Mark, Row, Table, mark_standings},
 };
 
-/// Places side by side; further ones go to further tables.
+/// Maximum number of places side by side; others go to further tables.
 const PLACES: usize = 8;
 
 /// Rows are methods and metrics; the first column is the average over all places.
@@ -72,7 +72,7 @@ struct PlaceMeans<'a> {
     scenes: BTreeMap<&'a str, usize>,
 }
 
-/// What one method has in one place.
+/// Scores of one method in one place.
 struct PlaceSum {
     /// Sums over scenes, in the order of the metrics given.
     scores: Vec<Option<f64>>,
@@ -108,8 +108,8 @@ impl<'a> PlaceMeans<'a> {
         }
     }
 
-    /// Returns the mean, and whether all scenes of the place went in. Of several scenes there is none
-    /// where a result is not complete.
+    /// Returns the mean, and true if all scenes of the place are included. For several scenes there is none if a result
+    /// is not complete.
     fn mean(&self, method: &'a str, place: &'a str, metric: usize) -> Option<(f64, bool)> {
         let sum = self.sums.get(&(method, place))?;
         if !sum.complete && sum.scenes > 1 {
@@ -119,9 +119,8 @@ impl<'a> PlaceMeans<'a> {
         Some((sum.scores[metric]? / sum.scenes as f64, complete))
     }
 
-    /// Returns the mean over the columns of all places, as the paper's averages are, and whether each of
-    /// them has all its scenes: a place of many scenes weighs as much as any other. There is none
-    /// where a result is not complete.
+    /// Returns the mean over the columns of all places, as in the paper's averages, and true if each of them has all
+    /// its scenes. A place of many scenes has the same weight as any other. There is none if a result is not complete.
     fn average(&self, method: &'a str, metric: usize) -> Option<(f64, bool)> {
         let column = |place: &&'a str| {
             let is_complete = self.sums.get(&(method, *place))?.complete;
@@ -266,7 +265,7 @@ fn row<'a>(
     }
 }
 
-/// Marks the best of one metric in every class, column by column: methods may be complete in some places alone.
+/// Marks the best of one metric in every class, column by column: methods may be complete in only some places.
 #[expect(
     clippy::too_many_arguments,
     reason = "one step of `table`, which has them all at hand"

@@ -1,4 +1,4 @@
-//! All results, class by class and scene by scene: the table that is printed, `table.md`.
+//! All results, class by class and scene by scene: the printed table, `table.md`.
 
 use std::collections::BTreeSet;
 
@@ -16,8 +16,7 @@ use crate::{
 pub(crate) const REGION_METRICS: [&str; 4] =
     ["psnr-static", "ssim-static", "psnr-dynamic", "ssim-dynamic"];
 
-/// One row per scene and method, then the means where there are several scenes; every class by
-/// itself.
+/// Returns one row per scene and method, then the means if there are several scenes; every class by itself.
 pub(crate) fn table(group: &Group<'_>) -> Table {
     let columns = Columns::of(group);
     let classes: BTreeSet<MethodClass> = group.scene_rows.iter().map(|row| row.class).collect();
@@ -44,9 +43,9 @@ pub(crate) fn table(group: &Group<'_>) -> Table {
 }
 
 struct Columns {
-    /// Quantities of the group that the first columns are of.
+    /// Quantities of the group in the first columns.
     sources: Vec<usize>,
-    /// True where a scene has several results of one method.
+    /// True if a scene has several results of one method.
     seeds: bool,
     columns: Vec<Column>,
 }
@@ -149,7 +148,7 @@ fn rows_of_means(group: &Group<'_>, class: MethodClass, columns: &Columns) -> Ve
     rows
 }
 
-/// Scores of what stands still and of what moves: indices of the group's quantities.
+/// Returns scores of static and dynamic regions: indices of the group's quantities.
 fn region_metrics(group: &Group<'_>, kind: ViewKind) -> Vec<usize> {
     REGION_METRICS
         .iter()
@@ -157,7 +156,7 @@ fn region_metrics(group: &Group<'_>, kind: ViewKind) -> Vec<usize> {
         .collect()
 }
 
-/// Scored input and novel views.
+/// Returns the scored input and novel views.
 fn views(result: &ResultRecord) -> String {
     let scored = ViewKind::ALL.map(|kind| {
         let views = kind.scores(result).values().map(|summary| summary.views);
@@ -166,7 +165,7 @@ fn views(result: &ResultRecord) -> String {
     format!("{} + {}", scored[0], scored[1])
 }
 
-/// Notes: facts to know before any score, the making of the numbers, and what else results remark.
+/// Returns notes: facts to know before any score, the origin of the numbers, and other remarks of results.
 fn notes(group: &Group<'_>) -> Vec<String> {
     let remarks = remarks_of(group);
     let mut lines: Vec<String> = remarks.serious().cloned().collect();

@@ -7,13 +7,13 @@ use crate::{
     table::Table,
 };
 
-/// Returns true where the protocol is that of the paper's table, and novel views alone were scored.
+/// Returns true if the protocol is that of the paper's table, and only novel views were scored.
 pub(super) fn is_of(group: &Group<'_>) -> bool {
     let is_protocol = PublishedLayout::FeedForward.is_of(group.protocol);
     is_protocol && group.has(ViewKind::Novel) && !group.has(ViewKind::Input)
 }
 
-/// One table.
+/// Returns one table.
 pub(super) fn tables(group: &Group<'_>, papers: &[Paper]) -> Vec<Table> {
     if !is_of(group) {
         return Vec::new();

@@ -1,5 +1,5 @@
-//! The layouts of the papers' tables. A new one is one file and one line in [`LAYOUTS`]; [`assets`] are of
-//! no protocol and have tables of their own.
+//! The layouts of the papers' tables. A new one is one file and one line in [`LAYOUTS`]; [`assets`] belong to no
+//! protocol and have tables of their own.
 
 mod ablation;
 pub(crate) mod assets;
@@ -27,7 +27,7 @@ pub(crate) use order::{best_first, order_in_words, ranked_by, standings};
 pub(crate) struct Layout {
     /// Name of its files, and of its section on the site.
     pub(crate) id: &'static str,
-    /// Makes its tables; none where the results give no reason for them.
+    /// Makes its tables; none if the results do not call for them.
     pub(crate) tables: fn(&Group<'_>, &[Paper]) -> Vec<Table>,
 }
 
@@ -55,13 +55,13 @@ pub(crate) const LAYOUTS: &[Layout] = &[
     },
 ];
 
-/// The methods that are no variants.
+/// Returns the methods without variants.
 pub(crate) fn main_methods<'g, 'a>(group: &'g Group<'a>) -> Vec<&'g MethodRow<'a>> {
     let methods = group.methods.iter();
     methods.filter(|method| !method.is_variant).collect()
 }
 
-/// Marks the best of every class: methods of different classes were given different things.
+/// Marks the best of every class: methods of different classes have different inputs.
 pub(crate) fn mark_classes(
     rows: &mut [Row],
     contestants: &[(MethodClass, bool)],
@@ -96,7 +96,7 @@ pub(crate) fn published_metrics(group: &Group<'_>, kind: ViewKind) -> Vec<usize>
     found.into_iter().map(|(_, index)| index).collect()
 }
 
-/// The column that published LPIPS scores go to, beside the measured variants.
+/// Returns the column of published LPIPS scores, beside the measured variants.
 pub(crate) fn published_lpips(kind: ViewKind, with_kind: bool) -> Column {
     Column {
         group: with_kind.then(|| format::kind_title(kind)),
@@ -113,8 +113,7 @@ pub(crate) fn published_lpips(kind: ViewKind, with_kind: bool) -> Column {
     }
 }
 
-/// Notes under every table of means: facts to know before any score, then how the
-/// numbers came about.
+/// Returns notes under every table of means: facts to know before any score, then the origin of the numbers.
 pub(crate) fn common_notes(group: &Group<'_>) -> Vec<String> {
     let places: BTreeSet<&str> = group
         .scenes
@@ -156,7 +155,7 @@ pub(crate) fn remarks_of(group: &Group<'_>) -> Remarks {
     Remarks::of(&rows)
 }
 
-/// Returns what the marks of rows and numbers mean, as far as there are any.
+/// Returns the meanings of the marks of rows and numbers, if there are any.
 pub(crate) fn mark_notes(group: &Group<'_>) -> Vec<String> {
     let numbers = || group.scene_rows.iter().map(|row| &row.numbers);
     let mut notes = Vec::new();
@@ -186,7 +185,7 @@ pub(crate) fn mark_notes(group: &Group<'_>) -> Vec<String> {
     notes
 }
 
-/// How rows of other classes and budgets are told apart, where there are several.
+/// Explains the marks of other classes and budgets, if there are several.
 fn class_note(group: &Group<'_>) -> Option<String> {
     let methods = main_methods(group);
     let classes: BTreeSet<MethodClass> = methods.iter().map(|method| method.class).collect();
@@ -217,10 +216,10 @@ fn class_note(group: &Group<'_>) -> Option<String> {
     (!sentences.is_empty()).then(|| sentences.join(" "))
 }
 
-/// Below this many clusters percentile intervals are known to be too short.
+/// Number of clusters below which percentile intervals are known to be too short.
 const FEW_VIDEOS: usize = 10;
 
-/// How many variants and metrics a table leaves out, and where they are.
+/// Returns the numbers of omitted variants and metrics, and their places.
 fn left_out(group: &Group<'_>) -> Vec<String> {
     let shown: Vec<usize> = ViewKind::ALL
         .into_iter()
@@ -241,7 +240,7 @@ fn left_out(group: &Group<'_>) -> Vec<String> {
     notes
 }
 
-/// How many variants a table leaves out, and where they are.
+/// Returns the number of omitted variants, and their place.
 pub(crate) fn variants_note(group: &Group<'_>) -> Option<String> {
     let variants = group.methods.len() - main_methods(group).len();
     let stand = if variants == 1 { "stands" } else { "stand" };

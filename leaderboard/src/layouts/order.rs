@@ -1,4 +1,4 @@
-//! The order of methods, as the titles of tables say it: class by class, the best first.
+//! The order of methods, as stated in the titles of tables: class by class, the best first.
 
 use std::cmp::Ordering;
 
@@ -11,13 +11,12 @@ use crate::{
     numbers::Numbers,
 };
 
-/// The score by which methods are ranked: PSNR of novel views, the only one that all papers print.
+/// Returns the score by which methods are ranked: PSNR of novel views, the only one that all papers print.
 pub(crate) fn ranked_by(group: &Group<'_>) -> Option<usize> {
     group.quantity(ViewKind::Novel, "psnr")
 }
 
-/// Returns the score that methods stand in the order of: the one that they are ranked by, or else PSNR
-/// of input views.
+/// Returns the score that orders methods: the ranked one, or else PSNR of input views.
 fn ordered_by(group: &Group<'_>) -> Option<usize> {
     ranked_by(group).or_else(|| group.quantity(ViewKind::Input, "psnr"))
 }
@@ -60,8 +59,8 @@ pub(super) fn better_first(
     }
 }
 
-/// Returns the methods that are no variants in the order of the tables; those that lack a scene or a
-/// complete result come last in their class.
+/// Returns the methods without variants in the order of the tables; those that lack a scene or a complete result come
+/// last in their class.
 pub(crate) fn standings<'g, 'a>(group: &'g Group<'a>) -> Vec<&'g MethodRow<'a>> {
     let best_first = best_first(group);
     let mut methods = main_methods(group);

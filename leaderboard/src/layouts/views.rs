@@ -12,7 +12,7 @@ use crate::{
     table::{Cell, Column, Mark, Row, Table, cost_cells, cost_columns, method_rank, method_score},
 };
 
-/// One table, of the kinds of view that were scored.
+/// Returns one table, of the scored kinds of view.
 pub(super) fn tables(group: &Group<'_>, papers: &[Paper]) -> Vec<Table> {
     let kinds = ViewKind::ALL.into_iter().filter(|&kind| group.has(kind));
     let kinds: Vec<ViewKind> = kinds.collect();

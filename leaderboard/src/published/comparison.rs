@@ -7,7 +7,7 @@ use crate::{
     table::{Cell, Column, Holds, PublishedBlock, Row, Score, Standing},
 };
 
-/// Layouts that have a published counterpart, all in OmniLife360.
+/// Layouts with a published counterpart, all in OmniLife360.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum PublishedLayout {
     Views,
@@ -17,7 +17,7 @@ pub(crate) enum PublishedLayout {
     Ablation,
 }
 
-/// What a published table adds to a measured one.
+/// Additions of a published table to a measured one.
 #[derive(Default)]
 pub(crate) struct PublishedRows {
     pub(crate) blocks: Vec<PublishedBlock>,
@@ -27,12 +27,12 @@ pub(crate) struct PublishedRows {
 
 const PAPER: &str = "omnilife360";
 
-/// Stands with all published figures.
+/// Note on all published figures.
 pub(crate) const NOT_COMPARABLE: &str = "Figures of other scenes, as their authors print them: not \
                                          comparable with what was measured here.";
 
 impl PublishedLayout {
-    /// Number of the table in the paper.
+    /// Returns the number of the table in the paper.
     fn number(self) -> u32 {
         match self {
             Self::Views => 2,
@@ -43,7 +43,7 @@ impl PublishedLayout {
         }
     }
 
-    /// Returns true where the paper's table is of this protocol, `per-scene/2`.
+    /// Returns true if the paper's table has this protocol, `per-scene/2`.
     pub(crate) fn is_of(self, protocol: &str) -> bool {
         let id = protocol.split_once('/').map_or(protocol, |(id, _)| id);
         match self {
@@ -53,8 +53,8 @@ impl PublishedLayout {
     }
 }
 
-/// The published rows that have something to say in these columns, where the paper's table is of the
-/// protocol. `names` is the number of leading columns of names, 1 or 2 (method and metric).
+/// Returns the published rows with values in these columns, if the paper's table has the protocol. `names` is the
+/// number of leading columns of names, 1 or 2 (method and metric).
 pub(crate) fn published_rows(
     papers: &[Paper],
     layout: &PublishedLayout,
@@ -171,7 +171,6 @@ fn cell(table: &PublishedTable, row: &PublishedRow, column: &Column) -> Cell {
             interval: None,
             standing: Standing::Other,
         }),
-        PublishedCell::Empty => Cell::Missing,
-        other => Cell::Text(other.printed(decimals)),
+        PublishedCell::Text(text) => Cell::Text(text.clone()),
     }
 }

@@ -1,38 +1,23 @@
-//! The tables of the papers that this project implements, as data.
+//! The tables of papers whose rows stand beside measured ones, as data.
 //!
-//! `published/*.json` holds them as printed: every row names the line of the paper's text version
-//! that it was taken from. They are shown beside measured scores and never ranked with them.
-//! `published/findings.json` says what adds up in them and what does not; `scripts/published-tables`
-//! checks both.
+//! `published/*.json` holds them as printed. They are never ranked with measured scores.
 
 mod comparison;
 
-use serde::{Deserialize, de::DeserializeOwned};
-
-use omnilife_schemas::records::Direction;
+use serde::Deserialize;
 
 pub(crate) use comparison::{NOT_COMPARABLE, PublishedLayout, published_rows};
 
 use crate::error::LeaderboardError;
 
 /// The embedded files with their names.
-const FILES: [(&str, &str); 4] = [
+const FILES: [(&str, &str); 2] = [
     (
         "omnilife360.json",
         include_str!("../../published/omnilife360.json"),
     ),
     ("panogs.json", include_str!("../../published/panogs.json")),
-    (
-        "uav-urban.json",
-        include_str!("../../published/uav-urban.json"),
-    ),
-    (
-        "neural-atlas-graphs.json",
-        include_str!("../../published/neural-atlas-graphs.json"),
-    ),
 ];
-
-const FINDINGS: &str = include_str!("../../published/findings.json");
 
 /// The tables of one paper.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
@@ -42,12 +27,10 @@ pub struct Paper {
     pub id: String,
     /// Title.
     pub title: String,
-    /// What its scores were measured on, as far as it says.
-    pub about: String,
     /// What its tables call `Ours`, where they do.
     #[serde(default)]
     pub own_method: Option<String>,
-    /// All its tables, in order.
+    /// Those of its tables that are shown, in order.
     pub tables: Vec<PublishedTable>,
 }
 
@@ -57,12 +40,8 @@ pub struct Paper {
 pub struct PublishedTable {
     /// Number in the paper.
     pub number: u32,
-    /// What it shows.
+    /// Content.
     pub title: String,
-    /// Line of the caption in the paper's text version, from 1.
-    pub line: usize,
-    /// What a reader of the numbers should know.
-    pub notes: Vec<String>,
     /// Columns from the left; the first ones hold names.
     pub columns: Vec<PublishedColumn>,
     /// Rows from the top.
@@ -77,7 +56,7 @@ pub struct PublishedColumn {
     pub name: String,
     /// Heading over several columns.
     pub group: Option<String>,
-    /// What its numbers are, unless the rows say so.
+    /// Quantity of its numbers, unless the rows state it.
     pub of: Option<PublishedQuantity>,
 }
 
@@ -85,27 +64,18 @@ pub struct PublishedColumn {
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct PublishedRow {
-    /// Line in the paper's text version, from 1.
-    pub line: usize,
     /// One cell per column.
     pub cells: Vec<PublishedCell>,
-    /// What its numbers are, where the columns do not say so.
+    /// Quantity of its numbers, if the columns do not state it.
     pub of: Option<PublishedQuantity>,
-    /// Columns that are underlined (second best), counted from 0.
-    #[serde(default)]
-    pub underlined: Vec<usize>,
 }
 
-/// What a number is.
+/// Quantity of a number.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct PublishedQuantity {
     /// Metric, by its name in the field: the papers do not tell variants apart.
     pub metric: String,
-    /// `dB`, `ratio`, `distance`, `count`, `MB`, `s`, `min`.
-    pub unit: String,
-    /// Which of two values is the better one, where one is.
-    pub direction: Option<Direction>,
     /// Digits after the point, as printed.
     pub decimals: usize,
 }
@@ -116,47 +86,31 @@ pub struct PublishedQuantity {
 pub enum PublishedCell {
     /// A number.
     Number(f64),
-    /// A mean and its standard deviation.
-    Spread([f64; 2]),
     /// Words.
     Text(String),
-    /// Nothing, or not applicable.
-    Empty,
 }
 
 impl PublishedCell {
-    /// The number, without its spread.
+    /// The number.
     pub fn number(&self) -> Option<f64> {
         match self {
-            Self::Number(value) | Self::Spread([value, _]) => Some(*value),
-            Self::Text(_) | Self::Empty => None,
+            Self::Number(value) => Some(*value),
+            Self::Text(_) => None,
         }
     }
 
-    /// The words.
+    /// Returns the words.
     pub fn text(&self) -> Option<&str> {
         match self {
             Self::Text(text) => Some(text),
-            _ => None,
-        }
-    }
-
-    /// As printed, with `decimals` digits after the point.
-    pub fn printed(&self, decimals: usize) -> String {
-        match self {
-            Self::Number(value) => format!("{value:.decimals$}"),
-            Self::Spread([mean, deviation]) => {
-                format!("{mean:.decimals$} ± {deviation:.decimals$}")
-            }
-            Self::Text(text) => text.clone(),
-            Self::Empty => "–".to_owned(),
+            Self::Number(_) => None,
         }
     }
 }
 
 impl Paper {
-    /// A name of its tables as it reads outside of the paper: `Ours` is a method by its name, with the
-    /// word that its figures are its authors', as is what the paper calls `(Ours)`.
+    /// Returns a name of its tables for use outside of the paper: `Ours` becomes the method's name, marked as its
+    /// authors' figures; so does a name with `(Ours)`.
     pub fn name_outside(&self, printed: &str) -> String {
         if let Some(name) = printed.strip_suffix(" (Ours)") {
             return format!("{name} (authors)");
@@ -167,14 +121,14 @@ impl Paper {
         }
     }
 
-    /// A table by its number.
+    /// Returns a table by its number.
     pub fn table(&self, number: u32) -> Option<&PublishedTable> {
         self.tables.iter().find(|table| table.number == number)
     }
 }
 
 impl PublishedTable {
-    /// What the number in a cell is.
+    /// Returns the quantity of the number in a cell.
     pub fn quantity<'a>(
         &'a self,
         row: &'a PublishedRow,
@@ -182,29 +136,10 @@ impl PublishedTable {
     ) -> Option<&'a PublishedQuantity> {
         row.of.as_ref().or(self.columns[column].of.as_ref())
     }
-
-    /// Number in the row that begins with `name` and in a column counted from 0.
-    pub fn number(&self, name: &str, column: usize) -> Option<f64> {
-        self.row(name)?.cells.get(column)?.number()
-    }
-
-    /// The first row that begins with `name`.
-    pub fn row(&self, name: &str) -> Option<&PublishedRow> {
-        self.rows.iter().find(|row| row.name() == name)
-    }
-
-    /// A column's whole heading.
-    pub fn heading(&self, column: usize) -> String {
-        let column = &self.columns[column];
-        match &column.group {
-            Some(group) => format!("{group} {}", column.name),
-            None => column.name.clone(),
-        }
-    }
 }
 
 impl PublishedRow {
-    /// The first cell.
+    /// Returns the first cell.
     pub fn name(&self) -> &str {
         self.cells
             .first()
@@ -213,43 +148,18 @@ impl PublishedRow {
     }
 }
 
-/// Something that was checked in the tables of a paper.
-#[derive(Debug, Clone, PartialEq, Deserialize)]
-pub struct Finding {
-    /// Id of the paper.
-    pub paper: String,
-    /// Where, such as `Table 4`.
-    pub place: String,
-    /// Whether the paper is consistent here.
-    pub holds: bool,
-    /// What was found, with the numbers.
-    pub text: String,
-    /// What the paper says, to the letter.
-    pub quotes: Vec<String>,
-}
-
 /// All papers.
 ///
 /// # Errors
-/// When an embedded file is not what it should be, which a test rules out.
+/// When an embedded file is invalid, which a test rules out.
 pub fn papers() -> Result<Vec<Paper>, LeaderboardError> {
     FILES
         .into_iter()
-        .map(|(file, text)| parsed(file, text))
+        .map(|(file, text)| {
+            serde_json::from_str(text).map_err(|error| LeaderboardError::Published {
+                file,
+                reason: error.to_string(),
+            })
+        })
         .collect()
-}
-
-/// The findings about all papers, in order of the papers.
-///
-/// # Errors
-/// As [`papers`].
-pub fn findings() -> Result<Vec<Finding>, LeaderboardError> {
-    parsed("findings.json", FINDINGS)
-}
-
-fn parsed<T: DeserializeOwned>(file: &'static str, text: &str) -> Result<T, LeaderboardError> {
-    serde_json::from_str(text).map_err(|error| LeaderboardError::Published {
-        file,
-        reason: error.to_string(),
-    })
 }

@@ -29,7 +29,7 @@ const HEADER: [&str; 14] = [
     "text",
 ];
 
-/// All tables of a layout, one row per cell. `path` is named in errors.
+/// Returns all tables of a layout, one row per cell. `path` is named in errors.
 pub(crate) fn render(tables: &[Table], path: &Path) -> Result<Vec<u8>, StoreError> {
     let failed = |error: csv::Error| StoreError::write(path, io::Error::other(error));
     let mut writer = csv::Writer::from_writer(Vec::new());
@@ -87,7 +87,7 @@ fn records(table: &Table, origin: &str, source: &str, row: &Row) -> Vec<[String;
         .collect()
 }
 
-/// Value, interval, standing, interval of the rank, text; `None` where there is nothing to say.
+/// Returns value, interval, standing, interval of the rank, text; `None` for an empty cell.
 fn fields(cell: &Cell) -> Option<[String; 7]> {
     let empty = String::new;
     Some(match cell {
@@ -148,7 +148,7 @@ fn bounds(score: &Score) -> [String; 2] {
     )
 }
 
-/// Six digits after the point, which is more than scores have.
+/// Formats with six digits after the point, which is more than scores have.
 pub(crate) fn number(value: f64) -> String {
     format!("{value:.6}")
 }

@@ -7,7 +7,7 @@ use crate::{
     table::{Cell, Row, Standing, Table},
 };
 
-/// A whole `table` environment.
+/// Returns a whole `table` environment.
 pub(crate) fn render(table: &Table) -> String {
     let width = table.names.len() + table.columns.len();
     let mut text = String::from("% Needs \\usepackage{booktabs}.\n\\begin{table}\n  \\centering\n");
@@ -41,7 +41,7 @@ pub(crate) fn render(table: &Table) -> String {
     text
 }
 
-/// Rows below a rule, under their heading where they have one.
+/// Returns rows below a rule, under their heading if they have one.
 fn block(rows: &[Row], heading: Option<&str>, width: usize) -> String {
     let mut text = String::from("    \\midrule\n");
     if let Some(heading) = heading {
@@ -54,7 +54,7 @@ fn block(rows: &[Row], heading: Option<&str>, width: usize) -> String {
     text
 }
 
-/// The line of headings over several columns, with their rules; nothing without any.
+/// Returns the line of headings over several columns, with their rules; nothing without any.
 fn group_header(table: &Table) -> String {
     if table.columns.iter().all(|column| column.group.is_none()) {
         return String::new();
@@ -77,7 +77,7 @@ fn group_header(table: &Table) -> String {
     format!("{}    {rules}\n", line(&cells))
 }
 
-/// A row. After the end of the row above, a star or a bracket would be taken as its argument.
+/// Returns a row. After the end of the row above, a star or a bracket would be taken as its argument.
 fn line(cells: &[String]) -> String {
     let row = cells.join(" & ");
     let guard = if row.starts_with(['[', '*']) {
@@ -111,7 +111,7 @@ fn cell(cell: &Cell) -> String {
     }
 }
 
-/// Text in which nothing is a command.
+/// Escapes text so that nothing is a command.
 fn escape(text: &str) -> String {
     let mut escaped = String::with_capacity(text.len());
     for character in text.chars() {

@@ -1,4 +1,4 @@
-//! Rendered views beside their ground truth, as scoring leaves them.
+//! Rendered views beside their ground truth, in the comparison images of scoring.
 
 use std::{
     collections::{BTreeMap, BTreeSet},
@@ -18,7 +18,7 @@ use crate::group::{Group, SceneRow};
 /// Folder of the images beside a result: prediction left, ground truth right.
 pub(crate) const COMPARISONS: &str = "comparisons";
 
-/// A score that only views of the whole sphere have.
+/// A score that exists only for views of the whole sphere.
 const SPHERE_SCORE: &str = "ws-psnr";
 
 /// Width of the line between the two halves in pixels.
@@ -32,34 +32,34 @@ pub(super) struct ComparisonImage {
     pub(super) view: String,
     /// Relative to the folder of scene pages.
     pub(super) file: String,
-    /// Where it is copied from.
+    /// Its source file.
     pub(super) source: PathBuf,
     /// Width and height of one half in pixels.
     pub(super) half: [u32; 2],
-    /// Whether it shows the whole sphere, which a scene of perspective images does not.
+    /// True if it shows the whole sphere; false for scenes of perspective images.
     pub(super) is_sphere: bool,
 }
 
 impl ComparisonImage {
-    /// Width of the whole image over that of one half.
+    /// Returns the width of the whole image over that of one half.
     pub(super) fn width_ratio(&self) -> f64 {
         f64::from(2 * self.half[0] + SEPARATOR) / f64::from(self.half[0])
     }
 
-    /// How far right of the first half the second one begins, in widths of a half.
+    /// Returns the offset of the second half from the left edge of the first, in widths of a half.
     pub(super) fn truth_offset(&self) -> f64 {
         f64::from(self.half[0] + SEPARATOR) / f64::from(self.half[0])
     }
 }
 
-/// The images of one scene, and what is not shown.
+/// The images of one scene, and the omissions.
 #[derive(Default)]
 pub(super) struct Comparisons {
     /// By view.
     pub(super) by_view: BTreeMap<String, Vec<ComparisonImage>>,
     /// Views that have images, by protocol's hash.
     pub(super) views: BTreeMap<String, usize>,
-    /// Files that are no such images, with the reason.
+    /// Files that are not such images, with the reason.
     pub(super) left_out: Vec<String>,
 }
 
@@ -69,21 +69,21 @@ impl Comparisons {
     }
 }
 
-/// Finds the images of a scene's results: at most `most` views of every protocol, spread evenly,
-/// novel views before input views, and of each method the first seed.
+/// Finds the images of a scene's results: at most `most` views of every protocol, evenly spaced, novel views before
+/// input views, and for each method the first seed.
 pub(super) fn find(
     rows: &[(&Group<'_>, &SceneRow<'_>)],
     request: &SiteRequest<'_>,
     most: usize,
 ) -> Result<Comparisons, StoreError> {
     let mut all: BTreeMap<String, Vec<ComparisonImage>> = BTreeMap::new();
-    // Protocols split a scene in other ways: each has views of its own.
+    // Protocols split a scene differently: each has views of its own.
     let mut by_protocol: BTreeMap<String, BTreeSet<String>> = BTreeMap::new();
     let mut left_out = Vec::new();
     for (group, row) in rows {
         let result = row.results[0];
         let folder = request.folder(result);
-        // Views that a failed run left are not shown beside those of others.
+        // Views of a failed run are not shown beside those of others.
         let Some(folder) = folder.filter(|_| result.run_failure.is_none()) else {
             continue;
         };
@@ -134,7 +134,7 @@ pub(super) fn find(
     })
 }
 
-/// At most `most` views of a protocol: of novel views where there are any, evenly spread.
+/// Returns at most `most` views of a protocol: novel views if there are any, evenly spaced.
 fn spread(all: &BTreeSet<String>, most: usize) -> Vec<String> {
     let novel: Vec<&String> = all
         .iter()
@@ -151,14 +151,14 @@ fn spread(all: &BTreeSet<String>, most: usize) -> Vec<String> {
         .collect()
 }
 
-/// Whether views are whole spheres: twice as wide as high, and no score that needs a sphere is refused.
+/// Returns true if views are whole spheres: twice as wide as high, with no score refused that needs a sphere.
 fn is_sphere(result: &ResultRecord) -> bool {
     let [width, height] = result.scored_size;
     let mut unavailable = result.unavailable.iter();
     width == 2 * height && !unavailable.any(|score| score.metric == SPHERE_SCORE)
 }
 
-/// `novel-000004` is novel view 4.
+/// Returns the title of a view: `novel-000004` is novel view 4.
 fn view_title(name: &str) -> String {
     let parts = name.split_once('-');
     let frame = parts.and_then(|(kind, digits)| Some((kind, digits.parse::<u32>().ok()?)));
@@ -168,7 +168,7 @@ fn view_title(name: &str) -> String {
     )
 }
 
-/// PNG files of a folder, sorted; none where the folder is missing.
+/// Returns PNG files of a folder, sorted; none if the folder is missing.
 fn images_in(folder: &Path) -> Result<Vec<PathBuf>, StoreError> {
     if !folder.is_dir() {
         return Ok(Vec::new());
@@ -184,8 +184,8 @@ fn images_in(folder: &Path) -> Result<Vec<PathBuf>, StoreError> {
     Ok(images)
 }
 
-/// Whether a file is a PNG as wide as two halves and the line between them (PNG specification,
-/// sections 5.2 and 11.2.1: signature, then the header chunk with width and height).
+/// Checks that a file is a PNG as wide as two halves and the line between them (PNG specification, sections 5.2 and
+/// 11.2.1: signature, then the header chunk with width and height).
 pub(crate) fn check_size(path: &Path, half: [u32; 2]) -> Result<Result<(), String>, StoreError> {
     let failed = |source| StoreError::read(path, source);
     let mut head = Vec::with_capacity(24);

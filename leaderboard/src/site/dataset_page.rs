@@ -1,4 +1,4 @@
-//! The dataset: what became of every video.
+//! The page of a dataset: the fate of every video.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -9,7 +9,7 @@ use omnilife_schemas::records::{Dataset, Origin, OriginKind, VideoStatus};
 use super::{SiteRequest, chart, chart::Bar, layout, layout::Place};
 use crate::{error::LeaderboardError, format};
 
-/// Folder that paths of sequences begin with and ids of scenes do not.
+/// Folder prefix of paths of sequences, which ids of scenes lack.
 const VIDEOS: &str = "videos/";
 
 pub(super) fn render(
@@ -81,7 +81,7 @@ pub(super) fn render(
     Ok(layout::page(request, Place::Dataset, "Dataset", content))
 }
 
-/// URLs are text: pages of a site lead nowhere else.
+/// Returns a table of origins. URLs are text: pages of a site have no external links.
 fn origins_table(origins: &[(&str, &Origin)]) -> Markup {
     let text = |text: &'_ Option<String>| text.clone().unwrap_or_default();
     html! {
@@ -120,7 +120,7 @@ struct Counts<'a> {
     per_video: BTreeMap<usize, u64>,
     /// File, outcome and reason.
     lost: Vec<(&'a str, &'static str, &'a str)>,
-    /// Files of which it is stated where they came from.
+    /// Files with a stated origin.
     origins: Vec<(&'a str, &'a Origin)>,
 }
 

@@ -1,4 +1,4 @@
-//! Tables that sort, filter, rank by another score, and show their further columns when asked.
+//! Tables that sort, filter, rank by another score, and show further columns on request.
 
 use std::{collections::BTreeMap, ops::Range};
 
@@ -12,35 +12,35 @@ use crate::{
     table::{Cell, Column, PublishedBlock, Row, Score, Standing, Table},
 };
 
-/// Tables below this many rows can be read without a filter, on a phone at least.
+/// Number of rows below which tables need no filter, at least on a phone.
 const SHORT: usize = 10;
 
-/// What a page adds to a table.
+/// A page's additions to a table.
 pub(super) struct Addition<'a> {
     /// Unique on the page.
     pub(super) id: &'a str,
-    /// Columns that are shown at first; the others follow when asked for. All where it is none.
+    /// Number of columns shown at first; the others follow on request. All if `None`.
     pub(super) first_columns: Option<usize>,
-    /// What is added to a row, by its place in the table.
+    /// Additions to a row, by its index in the table.
     pub(super) of_row: &'a dyn Fn(usize) -> RowAddition,
-    /// Whether the first name is a rank, which another choice of score replaces.
+    /// True if the first name is a rank, which another choice of score replaces.
     pub(super) is_ranking: bool,
 }
 
-/// What a page adds to a row.
+/// A page's additions to a row.
 #[derive(Default)]
 pub(super) struct RowAddition {
     /// Page of the first name, or of the second beside a rank.
     pub(super) page: Option<String>,
     /// A second line below the name.
     pub(super) detail: Option<String>,
-    /// Texts and addresses of what the row was made from.
+    /// Texts and addresses of the row's sources.
     pub(super) links: Vec<(&'static str, String)>,
-    /// True where it is ranked among the rows of its class.
+    /// True if it is ranked among the rows of its class.
     pub(super) is_ranked: bool,
 }
 
-/// A table as it is.
+/// Returns a table without additions.
 pub(super) fn plain(table: &Table, id: &str) -> Markup {
     render(
         table,
@@ -53,7 +53,7 @@ pub(super) fn plain(table: &Table, id: &str) -> Markup {
     )
 }
 
-/// A table with its notes, class by class; published figures are folded away below.
+/// Returns a table with its notes, class by class; published figures are collapsed below.
 pub(super) fn render(table: &Table, addition: &Addition<'_>) -> Markup {
     let notes = format!("{}-notes", addition.id);
     let first = addition.first_columns.unwrap_or(table.columns.len());
@@ -96,7 +96,7 @@ pub(super) fn render(table: &Table, addition: &Addition<'_>) -> Markup {
 struct Part<'a> {
     table: &'a Table,
     rows: &'a [Row],
-    /// Place of the first of them in the table.
+    /// Index of the first of them in the table.
     from: usize,
     id: String,
 }
@@ -107,7 +107,7 @@ impl Part<'_> {
         class.map(MethodClass::title)
     }
 
-    /// The title, with the class where there is one.
+    /// Returns the title, with the class if there is one.
     fn title(&self) -> String {
         let title = &self.table.title;
         match self.class() {
@@ -116,7 +116,7 @@ impl Part<'_> {
         }
     }
 
-    /// With its tools.
+    /// Renders it with its tools.
     fn render(
         &self,
         addition: &Addition<'_>,
@@ -165,7 +165,7 @@ impl Part<'_> {
     }
 }
 
-/// The scores that a table can be ranked by.
+/// Returns the choice of scores for ranking a table.
 fn ranking_choice(table: &Table, id: &str) -> Markup {
     let names = table.names.len();
     html! {
@@ -187,7 +187,7 @@ fn is_scored(table: &Table, column: usize) -> bool {
     cells.any(|cell| matches!(cell, Cell::Score(_)))
 }
 
-/// Why cells of a table hold a dash, by column.
+/// Reasons for dashes in cells of a table, by column.
 struct Dashes<'a> {
     reasons: BTreeMap<usize, (&'a str, &'a str)>,
 }
@@ -218,7 +218,7 @@ impl<'a> Dashes<'a> {
         self.reasons.range(column..).next().is_some()
     }
 
-    /// One line per reason, with those of the columns that have it.
+    /// Returns one line per reason, with its columns.
     fn footnotes(&self, columns: Range<usize>) -> Markup {
         let mut by_reason: BTreeMap<&str, Vec<&str>> = BTreeMap::new();
         for (_, (name, reason)) in self.reasons.range(columns) {
@@ -316,7 +316,7 @@ fn measured_row(
     }
 }
 
-/// A rank without its interval; nothing where there is none.
+/// Returns a rank without its interval; nothing without a rank.
 fn rank_value(rank: &str) -> &str {
     let rank = rank.split_once(' ').map_or(rank, |(rank, _)| rank);
     if rank.parse::<usize>().is_ok() {
@@ -326,17 +326,17 @@ fn rank_value(rank: &str) -> &str {
     }
 }
 
-/// A dash that says why.
+/// Returns a dash with its reason.
 fn dash(reason: &str) -> Markup {
     html! { span.dash title=(reason) { "–" span.visually-hidden { " " (reason) } } }
 }
 
-/// Digits after the point of the numbers that rows are sorted by.
+/// Digits after the point of the sort keys of rows.
 const SORTED_DIGITS: usize = 6;
 
 fn measured_cell(cell: &Cell, later: bool, reason: &str) -> Markup {
-    // What a row is sorted by, where that is not the text of the cell. Missing values have no number and
-    // stay at the end, whichever way the column is sorted.
+    // Sort key of a row, if it differs from the text of the cell. Missing values have no number and stay at the end,
+    // whichever way the column is sorted.
     let value = match cell {
         Cell::Score(Score { value, .. }) | Cell::Number { value, .. } => {
             Some(format!("{value:.SORTED_DIGITS$}"))
@@ -367,7 +367,7 @@ fn content(cell: &Cell) -> Markup {
     }
 }
 
-/// Figures of a paper, closed until they are asked for.
+/// Returns figures of a paper, initially collapsed.
 fn published(block: &PublishedBlock, table: &Table) -> Markup {
     let columns = block.columns();
     let names = block.rows.first().map_or(0, |row| row.names.len());

@@ -17,7 +17,7 @@ use crate::{
     tables::CSV_FILE,
 };
 
-/// Layouts whose numbers the first table has.
+/// Layouts whose numbers are in the first table.
 const IN_FIRST_TABLE: [&str; 2] = ["views", "feed-forward"];
 
 pub(super) fn render(
@@ -73,7 +73,7 @@ pub(super) fn render(
     ))
 }
 
-/// A view by the first method of the first protocol that has one, to look around in.
+/// Returns a view by the first method of the first protocol that has one, as a panorama viewer.
 fn best_view(request: &SiteRequest<'_>, views: &SceneViews) -> Markup {
     let found = request.groups.iter().find_map(|group| {
         let index = ranked_by(group)?;

@@ -1,4 +1,4 @@
-//! What all pages share.
+//! Common parts of all pages.
 
 use std::collections::BTreeSet;
 
@@ -11,14 +11,13 @@ use crate::format;
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Place {
     Index,
-    Published,
     Dataset,
     Scene,
     Method,
 }
 
 impl Place {
-    /// The way to the first folder of the site.
+    /// Returns the relative path to the first folder of the site.
     fn root(self) -> &'static str {
         match self {
             Self::Scene | Self::Method => "../",
@@ -27,7 +26,7 @@ impl Place {
     }
 }
 
-/// A whole page.
+/// Returns a whole page.
 pub(super) fn page(
     request: &SiteRequest<'_>,
     place: Place,
@@ -48,7 +47,7 @@ pub(super) fn page(
                 meta name="viewport" content="width=device-width, initial-scale=1";
                 meta name="color-scheme" content="light dark";
                 title { (title) " · OmniLife360 leaderboard" }
-                // No icon: without this a browser asks for one that is not there.
+                // No icon: otherwise browsers request a missing one.
                 link rel="icon" href="data:,";
                 link rel="stylesheet" href={ (root) "style.css" };
                 script src={ (root) "script.js" } defer {}
@@ -59,7 +58,6 @@ pub(super) fn page(
                     p.name { "OmniLife360 leaderboard" }
                     nav aria-label="Pages" {
                         (link(Place::Index, "index.html", "Leaderboard"))
-                        (link(Place::Published, "published.html", "Published figures"))
                         @if request.dataset.is_some() {
                             (link(Place::Dataset, "dataset.html", "Dataset"))
                         }
@@ -75,7 +73,7 @@ pub(super) fn page(
     }
 }
 
-/// By what, from what, and what may be done with it.
+/// Returns the program, the sources and the licence of the site.
 fn made_from(request: &SiteRequest<'_>) -> Markup {
     let rows = || request.groups.iter().flat_map(|group| &group.scene_rows);
     let results = || rows().flat_map(|row| &row.results);
@@ -104,7 +102,7 @@ fn made_from(request: &SiteRequest<'_>) -> Markup {
     }
 }
 
-/// The day of a time.
+/// Returns the day of a time.
 fn date(time: &str) -> &str {
     time.split_once(' ').map_or(time, |(day, _)| day)
 }

@@ -1,9 +1,11 @@
-//! Ways from a page to records beside which it was made.
+//! Links from pages to the records of their results.
 
 use std::path::{Component, Path, PathBuf};
 
-use omnilife_results::CURVE_FILE;
-use omnilife_schemas::{layout::RESULT_FILE, records::ResultRecord};
+use omnilife_schemas::{
+    layout::{CURVE_FILE, RESULT_FILE},
+    records::ResultRecord,
+};
 
 /// Files in the folder of a run, which lies beside that of its scores.
 const RUN_FILES: [(&str, &str); 2] = [
@@ -11,10 +13,10 @@ const RUN_FILES: [(&str, &str); 2] = [
     ("Gaussians", "../run/gaussians.ply"),
 ];
 
-/// From pages to files of results. There is no way where both do not lie together: such a site goes
-/// elsewhere, and its links would lead nowhere.
+/// Links from pages to files of results. There are none unless both lie together: such a site is published elsewhere,
+/// and its links would be dead.
 pub(super) struct Links {
-    /// The folder of results as it was searched, and its absolute path.
+    /// The searched folder of results, and its absolute path.
     results: Option<[PathBuf; 2]>,
     /// Absolute path of the site.
     site: PathBuf,
@@ -39,7 +41,7 @@ impl Links {
         }
     }
 
-    /// What a run and its scoring left in the folder of a result, as far as it lies beside the site.
+    /// Returns existing files of a run and its scoring in the folder of a result, if they lie beside the site.
     pub(super) fn of_result(
         &self,
         folder: &Path,
@@ -58,7 +60,7 @@ impl Links {
             .collect()
     }
 
-    /// The way from a page in a folder of the site to a file below the results that exists.
+    /// Returns the relative path from a page in a folder of the site to an existing file below the results.
     fn to(&self, file: &Path) -> Option<String> {
         let [searched, results] = self.results.as_ref()?;
         let target = normal(&results.join(file.strip_prefix(searched).ok()?));
@@ -79,7 +81,7 @@ impl Links {
     }
 }
 
-/// A path without `.` and `..`, links not followed.
+/// Returns a path without `.` and `..`, links not followed.
 fn normal(path: &Path) -> PathBuf {
     let mut normal = PathBuf::new();
     for part in path.components() {
@@ -94,7 +96,7 @@ fn normal(path: &Path) -> PathBuf {
     normal
 }
 
-/// A part of a path in an address (RFC 3986, section 2.3: unreserved characters stay).
+/// Encodes a part of a path for an address (RFC 3986, section 2.3: unreserved characters stay).
 fn encoded(part: &str) -> String {
     let mut text = String::with_capacity(part.len());
     for byte in part.bytes() {

@@ -13,8 +13,8 @@ pub(super) struct MeanPoint {
     pub(super) psnr_db: f64,
 }
 
-/// Returns the mean at the iterations that all curves have, of those after time 0, which a logarithmic axis does not
-/// have; nothing unless all have points.
+/// Returns the mean at the common iterations of all curves after time 0, which a logarithmic axis cannot show; nothing
+/// unless all have points.
 pub(super) fn mean(curves: &[&[CurvePoint]]) -> Vec<MeanPoint> {
     let mut sums: BTreeMap<u64, (usize, f64, f64)> = BTreeMap::new();
     let timed = |point: &&CurvePoint| point.seconds > 0.0;

@@ -1,14 +1,14 @@
-//! Who made the methods that others handed in, and what they ran on.
+//! Authors and machines of submitted methods.
 
 use std::collections::BTreeMap;
 
 use maud::{Markup, html};
 use omnilife_schemas::records::{MethodCard, Verification};
 
-/// Counts of results that were scored again, by method.
+/// Counts of verified results, by method.
 type Verifications = BTreeMap<String, Verification>;
 
-/// One block per card; nothing where nobody handed anything in.
+/// Returns one block per card; nothing without submissions.
 pub(super) fn render(cards: &[MethodCard], verifications: &Verifications) -> Markup {
     html! {
         @if !cards.is_empty() {
@@ -19,7 +19,7 @@ pub(super) fn render(cards: &[MethodCard], verifications: &Verifications) -> Mar
     }
 }
 
-/// One card.
+/// Returns one card.
 pub(super) fn block(card: &MethodCard, verification: Option<&Verification>, open: bool) -> Markup {
     html! {
         details.card open[open] {
@@ -45,7 +45,7 @@ pub(super) fn block(card: &MethodCard, verification: Option<&Verification>, open
     }
 }
 
-/// A link where it is an address of the web; other schemes could run scripts.
+/// Returns a link for an address of the web; other schemes could run scripts.
 pub(super) fn code(address: Option<&str>) -> Markup {
     match address {
         None => html! { "not public" },

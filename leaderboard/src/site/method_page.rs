@@ -1,4 +1,4 @@
-//! One method: its card, how it stands, what it scores on every scene, its curves and records.
+//! The page of a method: its card, its standing, its scores on every scene, its curves and records.
 
 use std::collections::BTreeSet;
 
@@ -21,7 +21,7 @@ use crate::{
     remarks::Remarks,
 };
 
-/// A method's page relative to the site.
+/// Returns a method's page relative to the site.
 pub(super) fn file(method: &str) -> String {
     format!("methods/{}.html", unique_slug(method))
 }
@@ -53,7 +53,7 @@ pub(super) fn render(
     Ok(layout::page(request, Place::Method, method, content))
 }
 
-/// Machines and code of the runs, as far as records or authors say.
+/// Returns machines and code of the runs, from records or statements of authors.
 fn facts(rows: &[&SceneRow<'_>]) -> Markup {
     let results = || rows.iter().flat_map(|row| row.results.iter().copied());
     let machines: BTreeSet<String> = results().filter_map(scene_page::machine).collect();
@@ -77,7 +77,7 @@ fn facts(rows: &[&SceneRow<'_>]) -> Markup {
     }
 }
 
-/// The first view that the site shows of it.
+/// Returns its first view on the site.
 fn picture(method: &str, views: &SceneViews) -> Markup {
     let found = views.iter().find_map(|(scene, found)| {
         let mut images = found.images();
@@ -147,7 +147,7 @@ fn section(
     })
 }
 
-/// Class, budget and rank in a sentence.
+/// Returns class, budget and rank in a sentence.
 fn standing(group: &Group<'_>, method: &MethodRow<'_>) -> Markup {
     let rank = ranked_by(group)
         .and_then(|index| Some((method.confidence[index].rank?, method.ranked[index])));

@@ -12,7 +12,6 @@ mod method_cards;
 mod method_page;
 mod panorama;
 mod protocol;
-mod published_page;
 mod run_time;
 mod scene_cards;
 mod scene_page;
@@ -48,33 +47,33 @@ use crate::{
 /// Folder of the site.
 const FOLDER: &str = "site";
 
-/// Where to begin reading.
+/// First page.
 pub(crate) const FIRST_PAGE: &str = "site/index.html";
 
 /// Comparisons by scene.
 type SceneViews = BTreeMap<String, Comparisons>;
 
-/// What is beside the files of results.
+/// Files beside the results.
 pub(crate) struct Surroundings {
-    /// Results are told apart by their address: they are borrowed, not copied.
+    /// Results are keyed by their address: they are borrowed, not copied.
     results: HashMap<usize, BesideResult>,
-    /// When the newest result was scored, as far as records say.
+    /// Scoring time of the newest result, if recorded.
     newest: Option<String>,
     facts: BTreeMap<String, SceneFacts>,
 }
 
-/// What is beside a result.
+/// Files beside a result.
 struct BesideResult {
     folder: PathBuf,
     curve: Vec<CurvePoint>,
     /// Texts and addresses of its files, from a page in a folder of the site.
     links: Vec<(&'static str, String)>,
-    /// When it was scored, as far as a record says.
+    /// Scoring time, if recorded.
     scored_at: Option<String>,
 }
 
 impl Surroundings {
-    /// Looks around all results. The site goes into `out`.
+    /// Reads the files beside all results. The site goes into `out`.
     ///
     /// # Errors
     /// When a curve, or a record beside the dataset's, is broken.
@@ -98,7 +97,7 @@ impl Surroundings {
             .collect();
         let mut found = HashMap::new();
         let mut newest = None;
-        // In the order of the files, so that always the first broken one is named.
+        // In the order of the files, so that the named broken one is always the first.
         for ((_, result), read) in files.iter().zip(read) {
             let read: Result<BesideResult, LeaderboardError> = read;
             let beside = read?;
@@ -116,23 +115,23 @@ impl Surroundings {
     }
 }
 
-/// What the site is made of.
+/// Input of the site.
 pub(crate) struct SiteRequest<'a> {
     pub(crate) groups: &'a [Group<'a>],
     pub(crate) surroundings: &'a Surroundings,
     pub(crate) papers: &'a [Paper],
     /// Tables of assets.
     pub(crate) assets: &'a [Table],
-    /// Protocols by hash, as far as they are known.
+    /// Known protocols by hash.
     pub(crate) protocols: &'a BTreeMap<String, Protocol>,
-    /// Of the methods that others handed in.
+    /// Cards of submitted methods.
     pub(crate) cards: &'a [MethodCard],
-    /// Counts of their results that were scored again, by method.
+    /// Counts of their verified results, by method.
     pub(crate) verifications: &'a BTreeMap<String, Verification>,
     pub(crate) dataset: Option<&'a Dataset>,
-    /// Rendered views per scene and method, at most.
+    /// Maximum number of rendered views per scene and method.
     pub(crate) views: usize,
-    /// The foot of all pages, which the first one makes: it looks at every result.
+    /// The footer of all pages, made by the first one: it examines every result.
     pub(crate) footer: OnceLock<String>,
 }
 
@@ -141,12 +140,12 @@ pub(crate) fn file(name: &str) -> String {
     format!("{FOLDER}/{name}")
 }
 
-/// Whether a path of the outputs is the site's.
+/// Returns true if a path of the outputs belongs to the site.
 pub(crate) fn is_of_site(path: &str) -> bool {
     path.starts_with("site/")
 }
 
-/// Adds all pages and what they show.
+/// Adds all pages and their images.
 pub(crate) fn add(
     outputs: &mut Outputs,
     request: &SiteRequest<'_>,
@@ -158,7 +157,7 @@ pub(crate) fn add(
             Ok(((*scene).to_owned(), found))
         })
         .collect();
-    // In the order of the scenes, so that always the first broken one is named.
+    // In the order of the scenes, so that the named broken one is always the first.
     let views = views.into_iter().collect::<Result<SceneViews, _>>()?;
     let mut page = |name: String, markup: maud::Markup| {
         outputs.add(format!("{FOLDER}/{name}"), markup.into_string());
@@ -166,10 +165,6 @@ pub(crate) fn add(
     page(
         "index.html".to_owned(),
         index_page::render(request, &views)?,
-    );
-    page(
-        "published.html".to_owned(),
-        published_page::render(request)?,
     );
     if let Some(dataset) = request.dataset {
         let markup = dataset_page::render(request, dataset)?;
@@ -203,12 +198,12 @@ impl SiteRequest<'_> {
         self.surroundings.results.get(&address(result))
     }
 
-    /// Folder of a result.
+    /// Returns the folder of a result.
     fn folder(&self, result: &ResultRecord) -> Option<&Path> {
         self.beside(result).map(|beside| beside.folder.as_path())
     }
 
-    /// Error against run time of a result; empty where its run left none.
+    /// Returns error against run time of a result; empty if its run left none.
     fn curve(&self, result: &ResultRecord) -> &[CurvePoint] {
         self.beside(result).map_or(&[], |beside| &beside.curve)
     }
@@ -220,7 +215,7 @@ impl SiteRequest<'_> {
     }
 }
 
-/// When the result in a folder was scored, where the record of that is there and says so.
+/// Returns the scoring time of the result in a folder, if its record exists and states it.
 fn scored_at(folder: &Path) -> Result<Option<String>, LeaderboardError> {
     let file = folder.join(SCORING_FILE);
     if !file.is_file() {
@@ -229,12 +224,12 @@ fn scored_at(folder: &Path) -> Result<Option<String>, LeaderboardError> {
     Ok(store::read_record::<ScoringRecord>(&file)?.scored_at)
 }
 
-/// What tells results apart.
+/// Returns the key that distinguishes results.
 fn address(result: &ResultRecord) -> usize {
     std::ptr::from_ref(result).addr()
 }
 
-/// Every scene with its rows under all protocols.
+/// Returns every scene with its rows under all protocols.
 fn scenes<'a>(
     groups: &'a [Group<'a>],
 ) -> BTreeMap<&'a str, Vec<(&'a Group<'a>, &'a SceneRow<'a>)>> {
@@ -247,18 +242,18 @@ fn scenes<'a>(
     scenes
 }
 
-/// A scene's page relative to the site. The hash keeps ids apart that read alike.
+/// Returns a scene's page relative to the site. The hash distinguishes similar ids.
 fn scene_file(scene: &str) -> String {
     format!("scenes/{}.html", unique_slug(scene))
 }
 
-/// A name for files that no other text has.
+/// Returns a file name that is unique to a text.
 fn unique_slug(text: &str) -> String {
     let hash = store::sha256_bytes(text.as_bytes());
     format!("{}-{}", slug(text), &hash[..8])
 }
 
-/// All methods of all groups.
+/// Returns all methods of all groups.
 fn methods<'a>(groups: &'a [Group<'a>]) -> BTreeSet<&'a str> {
     groups
         .iter()

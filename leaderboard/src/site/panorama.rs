@@ -1,5 +1,5 @@
-//! A rendered view over its ground truth, to look around in: the markup. `panorama.js` draws it in
-//! perspective; without scripts both halves are there as they were scored.
+//! Markup of a panorama viewer with a rendered view over its ground truth. `panorama.js` draws it in perspective;
+//! without scripts both halves are shown as scored.
 
 use maud::{Markup, html};
 
@@ -19,7 +19,7 @@ pub(super) fn tools() -> Markup {
     }
 }
 
-/// The view that the first page begins with; `standing` is the method's rank in words.
+/// Returns the first view of the first page; `standing` is the method's rank in words.
 pub(super) fn hero(image: &ComparisonImage, scene: &str, standing: &str) -> Markup {
     let caption = html! {
         span {
@@ -33,8 +33,7 @@ pub(super) fn hero(image: &ComparisonImage, scene: &str, standing: &str) -> Mark
     }
 }
 
-/// Both halves on top of each other, cut at the slider's position. `folder` leads from the page to the
-/// images.
+/// Returns both halves on top of each other, cut at the slider's position. `folder` leads from the page to the images.
 pub(super) fn figure(image: &ComparisonImage, folder: &str, caption: &Markup) -> Markup {
     let [width, height] = image.half;
     let what = format!("{} by {}", image.view, image.method);

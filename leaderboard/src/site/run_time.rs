@@ -1,8 +1,9 @@
-//! Error against run time: of every method a curve, a point where its training left none, or a level
-//! where it learns nothing.
+//! Error against run time: a curve for every method, a point if its training left none, or a level if it does not
+//! train.
 
 use maud::{Markup, html};
 
+use omnilife_charts::Titles;
 use omnilife_results::CurvePoint;
 use omnilife_schemas::records::{Direction, ResultRecord};
 
@@ -22,7 +23,7 @@ use crate::{
 /// The metric of the charts.
 const ERROR_METRIC: &str = "psnr";
 
-/// Above this many methods, those behind the first ones are left to the table.
+/// Maximum number of methods in a chart; the others are only in the table.
 const MOST_SERIES: usize = 40;
 
 /// Means over scenes of every complete method.
@@ -70,7 +71,7 @@ pub(super) fn of_group(
     })
 }
 
-/// One scene, or one method on its scenes: a series for each of the given.
+/// Draws one scene, or one method on its scenes: a series for each of the given results.
 pub(super) fn of_results(
     request: &SiteRequest<'_>,
     title: &str,
@@ -153,8 +154,10 @@ fn drawn(
     let series: Vec<Series> = series.into_iter().map(|(_, series)| series).collect();
     let drawing = chart::run_time(
         title,
-        "Training time per scene (s), logarithmic",
-        "PSNR of novel views (dB)",
+        &Titles {
+            x: "Training time per scene (s), logarithmic",
+            y: "PSNR of novel views (dB)",
+        },
         &series,
     )?;
     let has = |of: &dyn Fn(&Series) -> bool| series.iter().any(of);
@@ -181,7 +184,7 @@ fn drawn(
     })
 }
 
-/// The first names of a list and how many more there are.
+/// Returns the first names of a list and how many more there are.
 fn shortened_list(names: &[&str]) -> String {
     const SHOWN: usize = 12;
     let mut text = names[..names.len().min(SHOWN)].join(", ");
@@ -191,7 +194,7 @@ fn shortened_list(names: &[&str]) -> String {
     text
 }
 
-/// A method is on the front when none of its class ends at least as soon and at least as well, and better
+/// Marks the front: a method is on it when no other of its class ends at least as soon and at least as well, and better
 /// in one.
 fn mark_front(series: &mut [(MethodClass, Series)], direction: Direction) {
     let ends: Vec<(MethodClass, f64, f64)> = (series.iter())

@@ -1,4 +1,4 @@
-//! The scenes, each with a view, what it is and the best method of every class on it.
+//! The scenes, each with a view, its description and the best method of every class on it.
 
 use std::collections::BTreeSet;
 
@@ -12,7 +12,7 @@ use crate::{
     layouts::{best_first, ranked_by},
 };
 
-/// Above this many scenes the cards have no views: the page would load as many images.
+/// Number of scenes above which the cards have no views: the page would load as many images.
 const MOST_VIEWS: usize = 200;
 
 pub(super) fn render(
@@ -41,7 +41,7 @@ pub(super) fn render(
     }
 }
 
-/// The ground truth of a view, as wide as the card.
+/// Returns the ground truth of a view, as wide as the card.
 fn thumbnail(image: &ComparisonImage, scene: &str) -> Markup {
     let [width, height] = image.half;
     let style = format!(
@@ -76,7 +76,7 @@ fn facts(facts: Option<&SceneFacts>) -> Markup {
     html! { (parts.join(", ")) }
 }
 
-/// Views, and the best of every class under the first protocol that has complete scores of the scene.
+/// Returns the number of views, and the best of every class under the first protocol with complete scores of the scene.
 fn best(request: &SiteRequest<'_>, scene: &str) -> Markup {
     let found = request.groups.iter().find_map(|group| {
         let index = ranked_by(group)?;

@@ -1,4 +1,4 @@
-//! One scene: rendered views over their ground truth, scores, curves, and what failed.
+//! The page of a scene: rendered views over their ground truth, scores, curves, and failures.
 
 use std::collections::BTreeMap;
 
@@ -24,7 +24,7 @@ use crate::{
     table::{Cell, Column, Mark, Row, Table, cost_cells, cost_columns},
 };
 
-/// What a row of a table is named by, the method on a scene, and one of its results.
+/// Name of a table's row, the method on a scene, and one of its results.
 pub(super) type Run<'a> = (&'a str, &'a SceneRow<'a>, &'a ResultRecord);
 
 pub(super) fn render(
@@ -62,7 +62,7 @@ pub(super) fn warning_box(remarks: &Remarks) -> Markup {
     }
 }
 
-/// The other warnings of the runs.
+/// Returns the other warnings of the runs.
 pub(super) fn other_warnings(remarks: &Remarks) -> Markup {
     html! {
         @if !remarks.warnings.is_empty() {
@@ -101,7 +101,7 @@ fn section(
         &runs,
         true,
     );
-    // Of several seeds the first, which the images are of as well.
+    // The first of several seeds, as for the images.
     let curves: Vec<(&str, MethodClass, &ResultRecord)> = (rows.iter())
         .map(|row| (row.method, row.class, row.results[0]))
         .collect();
@@ -125,7 +125,7 @@ fn section(
     })
 }
 
-/// Methods by class, then by what they are ranked by; incomplete ones come last.
+/// Sorts methods by class, then by their ranking score; incomplete ones come last.
 fn by_score<'a>(
     group: &Group<'_>,
     rows: &[(&'a Group<'a>, &'a SceneRow<'a>)],
@@ -139,12 +139,12 @@ fn by_score<'a>(
     rows
 }
 
-/// How many columns of [`table`] are shown at first: the first scores, training time, iterations.
+/// Returns how many columns of [`table`] are shown at first: the first scores, training time, iterations.
 pub(super) fn first_columns(group: &Group<'_>) -> usize {
     first_scores(group).len() + 2
 }
 
-/// One row per run, the scores that a reader looks for first.
+/// Returns one row per run, the most important scores first.
 pub(super) fn table(
     group: &Group<'_>,
     title: &str,
@@ -224,7 +224,7 @@ fn text(text: Option<String>) -> Cell {
     text.map_or(Cell::Missing, Cell::Text)
 }
 
-/// Returns the machine of a run, as measured or else as its authors state it.
+/// Returns the machine of a run, measured or else stated by its authors.
 pub(super) fn machine(result: &ResultRecord) -> Option<String> {
     let measured = result.hardware.as_ref().map(format::machine);
     measured.or_else(|| {
@@ -233,7 +233,7 @@ pub(super) fn machine(result: &ResultRecord) -> Option<String> {
     })
 }
 
-/// The commit of the program that made the predictions, or else of the one that scored them.
+/// Returns the commit of the program that made the predictions, or else of the one that scored them.
 pub(super) fn commit(result: &ResultRecord) -> Option<&str> {
     let versions = [&result.run_versions, &result.versions];
     versions.into_iter().find_map(provenance::commit_in)

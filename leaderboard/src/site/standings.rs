@@ -23,10 +23,10 @@ use crate::{
     table::{Cell, Column, Mark, Row, Table, cost_cells, cost_columns, method_rank, method_score},
 };
 
-/// The LPIPS that stands in the first columns, where it was measured: the metric's own convention.
+/// The LPIPS in the first columns, if measured: the metric's own convention.
 const FIRST_LPIPS: &str = "lpips-vgg";
 
-/// One method per row, with its page; nothing where no novel views were scored.
+/// Returns one method per row, with its page; nothing without scored novel views.
 pub(super) fn render(request: &SiteRequest<'_>, group: &Group<'_>, id: &str) -> Option<Markup> {
     let ranked = ranked_by(group)?;
     let methods = standings(group);
@@ -53,19 +53,19 @@ pub(super) fn render(request: &SiteRequest<'_>, group: &Group<'_>, id: &str) -> 
     ))
 }
 
-/// What a column is made of.
+/// Source of a column.
 enum Source {
     Score(usize),
-    /// LPIPS as published, which no result has, or a measured one that no result has.
+    /// LPIPS without a result: the published one, or a missing measured variant.
     Unmeasured,
 }
 
-/// A column with what it is made of.
+/// A column with its source.
 type ScoreColumn = (Source, Column);
 
 struct Columns {
     scores: Vec<ScoreColumn>,
-    /// How many columns, training time and iterations among them, are shown at first.
+    /// Number of columns shown at first, training time and iterations among them.
     first: usize,
 }
 
@@ -89,14 +89,14 @@ impl Columns {
         Self { scores, first }
     }
 
-    /// Scores of the first columns, and the others.
+    /// Returns the first columns of scores, and the others.
     fn split(&self) -> (&[ScoreColumn], &[ScoreColumn]) {
         self.scores.split_at(self.first - FIRST_COSTS.len())
     }
 }
 
-/// Scores that a reader looks for first, as far as they were measured: PSNR, SSIM and one LPIPS of novel
-/// views, as indices of the group's quantities.
+/// Returns the most important measured scores: PSNR, SSIM and one LPIPS of novel views, as indices of the group's
+/// quantities.
 pub(super) fn first_scores(group: &Group<'_>) -> Vec<usize> {
     let novel = published_metrics(group, ViewKind::Novel);
     let name = |index: usize| group.quantities[index].0.metric.as_str();
@@ -107,7 +107,7 @@ pub(super) fn first_scores(group: &Group<'_>) -> Vec<usize> {
     others.chain(lpips).collect()
 }
 
-/// A column that says which views it is of.
+/// Returns a column that names its kind of view.
 pub(super) fn full_column(group: &Group<'_>, index: usize) -> Column {
     let mut column = Column::of_score(group, index, true);
     let kind = column.group.take().unwrap_or_default();
@@ -115,10 +115,10 @@ pub(super) fn full_column(group: &Group<'_>, index: usize) -> Column {
     column
 }
 
-/// Costs in the first columns, as places in [`cost_columns`]: training time, iterations.
+/// Costs in the first columns, as indices of [`cost_columns`]: training time, iterations.
 const FIRST_COSTS: [usize; 2] = [0, 3];
 
-/// The column of a metric that the protocol has and nobody could score.
+/// Returns the column of a metric of the protocol without any score.
 fn unmeasured_lpips(group: &Group<'_>) -> Column {
     let reason = group.why_unavailable(ViewKind::Novel, FIRST_LPIPS);
     Column {
@@ -212,7 +212,7 @@ fn table(
     }
 }
 
-/// Returns the budget, and why a method is not ranked.
+/// Returns the budget, and the reason why a method is not ranked.
 fn detail(
     group: &Group<'_>,
     method: &MethodRow<'_>,

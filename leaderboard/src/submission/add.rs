@@ -1,4 +1,4 @@
-//! Takes a submission in.
+//! Acceptance of submissions.
 
 use std::path::{Path, PathBuf};
 
@@ -12,13 +12,11 @@ use super::{
 };
 use crate::{collect, error::LeaderboardError, format::slug, validate};
 
-/// Copies the results of a verified submission, without its predictions and the places where these lay, into a
-/// folder of results, and returns where they are. They appear there at once or not at all, with the record of
-/// what was scored again.
+/// Copies the results of a verified submission into a folder of results, without predictions and their former paths,
+/// and returns their new paths. They appear there atomically, with the record of their verification.
 ///
 /// # Errors
-/// When the folder holds results that they contradict, or that claim the same rows, or a file
-/// cannot be written.
+/// When the folder holds results that contradict them, or that claim the same rows, or a file cannot be written.
 pub fn add(
     verified: &Verified,
     verification: &Verification,

@@ -1,10 +1,9 @@
-//! Results that others hand in.
+//! Submissions of results.
 //!
-//! A submission is a folder: `submission.json` with the method's card and the hash of every file,
-//! and per result `results/<n>/` with `result.json`, the table of its views and the predicted views
-//! themselves. [`pack`] makes one, [`verify`] checks one without ground truth, [`add`] takes one in.
-//! With ground truth the predictions can be scored again, which is the caller's: this crate reads
-//! no images.
+//! A submission is a folder: `submission.json` with the method's card and the hash of every file, and per result
+//! `results/<n>/` with `result.json`, the table of its views and the predicted views themselves. [`pack`] makes one,
+//! [`verify`] checks one without ground truth, [`add`] accepts one. With ground truth the caller can score the
+//! predictions again: this crate reads no images.
 
 mod add;
 mod pack;
@@ -27,14 +26,13 @@ pub use verify::{Verified, verify};
 
 /// Name of the record in a submission's folder.
 pub const SUBMISSION_FILE: &str = "submission.json";
-/// Name of the record of what was scored again, beside a submission that was taken in.
+/// Name of the verification record beside an accepted submission.
 pub const VERIFICATION_FILE: &str = "verified.json";
 
-/// All files below a folder, relative to it, sorted.
+/// Returns all files below a folder, relative to it, sorted.
 ///
 /// # Errors
-/// When a folder cannot be listed, or holds a link or something else that is no file: a submission is
-/// what it holds itself.
+/// When a folder cannot be listed, or holds a link or another special file: a submission must be self-contained.
 fn files_below(folder: &Path) -> Result<Vec<String>, LeaderboardError> {
     let mut found = Vec::new();
     let mut folders = vec![(folder.to_owned(), String::new())];
@@ -63,14 +61,14 @@ fn files_below(folder: &Path) -> Result<Vec<String>, LeaderboardError> {
     Ok(found)
 }
 
-/// Size of a file in bytes.
+/// Returns the size of a file in bytes.
 fn size(folder: &Path, file: &str) -> Result<u64, StoreError> {
     let path = folder.join(file);
     let metadata = fs::metadata(&path).map_err(|source| StoreError::read(&path, source))?;
     Ok(metadata.len())
 }
 
-/// A file as it is now.
+/// Describes a file in its present state.
 fn described(folder: &Path, file: &str) -> Result<SubmittedFile, StoreError> {
     Ok(SubmittedFile {
         file: file.to_owned(),
@@ -79,7 +77,7 @@ fn described(folder: &Path, file: &str) -> Result<SubmittedFile, StoreError> {
     })
 }
 
-/// Copies a file whole or not at all, and makes its folder.
+/// Copies a file atomically, and creates its folder.
 fn copy(from: &Path, to: &Path) -> Result<(), StoreError> {
     if let Some(folder) = to.parent() {
         store::create_folder(folder)?;

@@ -1,4 +1,4 @@
-//! Packs a method's results for handing in.
+//! Packing of a method's results for submission.
 
 use std::{
     fs,
@@ -20,30 +20,29 @@ use crate::{collect, error::LeaderboardError, validate};
 
 /// Folder of the results in a submission.
 const RESULTS_FOLDER: &str = "results";
-/// Lists the files of a submission that is moved to its place; gone when it is whole.
+/// List of the files of a submission while it is moved to its place; removed when it is complete.
 const UNFINISHED_FILE: &str = ".omnilife-unfinished.json";
 
-/// What to pack.
+/// Input and output of packing.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct PackRequest {
-    /// Folder that is searched for results of the card's method.
+    /// Folder to search for results of the card's method.
     pub results: PathBuf,
     /// The card, TOML.
     pub card: PathBuf,
-    /// Folder of the submission; made, or empty.
+    /// Folder of the submission; created, or empty.
     pub out: PathBuf,
-    /// True where results that are not complete are packed too. They are rows of failures in tables.
+    /// True to pack incomplete results too. They are rows of failures in tables.
     pub with_failures: bool,
 }
 
-/// Packs all results of a method with the predictions that were scored. Where these are stands in the results;
-/// of results of older versions it is found through the record of the run beside the scores
-/// (`../run/run.json` or `../run/external-run.json`).
+/// Packs all results of a method with the scored predictions. Their folders are stated in the results; for results of
+/// older versions they are found through the record of the run beside the scores (`../run/run.json` or
+/// `../run/external-run.json`).
 ///
 /// # Errors
-/// When the card cannot be read, there are no results of its method, a result is not complete and that is not
-/// allowed, a prediction is missing or was changed since it was scored, a result is impossible, or the folder
-/// is not empty.
+/// When the card cannot be read, there are no results of its method, or the folder is not empty. Also when a result is
+/// impossible, or incomplete without permission, or a prediction is missing or was changed since scoring.
 pub fn pack(request: &PackRequest) -> Result<Submission, LeaderboardError> {
     let card = read_card(&request.card)?;
     let mut results = collect(&request.results)?;
@@ -102,13 +101,13 @@ pub fn pack(request: &PackRequest) -> Result<Submission, LeaderboardError> {
             Ok(submission)
         });
     if packed.is_err() {
-        // The work has failed already: what cannot be removed is hidden and harmless.
+        // The work has failed already: leftovers are hidden and harmless.
         drop(store::remove(&beside));
     }
     packed
 }
 
-/// Moves the results to their place and writes the record, last: a folder with the record is whole.
+/// Moves the results to their place and writes the record last: a folder with the record is complete.
 fn publish(out: &Path, beside: &Path, submission: &Submission) -> Result<(), StoreError> {
     let unfinished = out.join(UNFINISHED_FILE);
     let files = submission.results.iter().flat_map(|result| {
@@ -127,7 +126,7 @@ fn publish(out: &Path, beside: &Path, submission: &Submission) -> Result<(), Sto
     store::remove(&unfinished)
 }
 
-/// Removes what a packing that was interrupted has left.
+/// Removes leftovers of an interrupted packing.
 fn clear_unfinished(out: &Path) -> Result<(), StoreError> {
     store::remove_abandoned(out)?;
     let unfinished = out.join(UNFINISHED_FILE);
@@ -170,7 +169,7 @@ fn pack_result(
         Some(predictions) => copy_scored(file, predictions, &folder)?,
         None => copy_found(file, &folder)?,
     };
-    // Places on the machine that packs are private; those in the submission replace them.
+    // Paths on the packing machine are private; those in the submission replace them.
     let predictions = (result.predictions.clone()).map(|predictions| ScoredPredictions {
         input_views: input_views.clone(),
         novel_views: novel_views.clone(),
@@ -197,13 +196,12 @@ fn pack_result(
     })
 }
 
-/// Name of the folder of a kind of view in a packed result.
+/// Returns the name of the folder of a kind of view in a packed result.
 fn packed_views(kind: &str) -> String {
     format!("predictions/{kind}")
 }
 
-/// Copies the predictions that a result lists, as they were scored; returns the folders of input and novel
-/// views in `target`.
+/// Copies the predictions in a result's list, as scored; returns the folders of input and novel views in `target`.
 fn copy_scored(
     result: &Path,
     predictions: &ScoredPredictions,
@@ -216,7 +214,7 @@ fn copy_scored(
     ];
     for ((kind, source), packed) in of_kinds.into_iter().zip(&mut folders) {
         let Some(source) = source else { continue };
-        // A relative folder is as seen from the result.
+        // A relative folder is relative to the result.
         let source = result.parent().unwrap_or(Path::new(".")).join(source);
         let to = packed_views(kind);
         for scored in predictions.files.iter().filter(|file| file.view == kind) {
@@ -235,15 +233,14 @@ fn copy_scored(
             }
             copy(&from, &target.join(&to).join(&scored.file))?;
         }
-        // Views that are all missing are a folder without files, which scoring finds as well.
+        // If all views are missing, the folder has no files, which scoring accepts as well.
         store::create_folder(&target.join(&to))?;
         *packed = Some(to);
     }
     Ok(folders)
 }
 
-/// Copies the predicted images of a result that does not list them; returns the folders of input and novel views
-/// in `target`.
+/// Copies the predicted images of a result without a list; returns the folders of input and novel views in `target`.
 fn copy_found(result: &Path, target: &Path) -> Result<[Option<String>; 2], LeaderboardError> {
     let mut folders = [None, None];
     let sources = ["input", "novel"].into_iter().zip(predictions(result)?);
@@ -263,7 +260,7 @@ fn copy_found(result: &Path, target: &Path) -> Result<[Option<String>; 2], Leade
     Ok(folders)
 }
 
-/// Folders of the predicted input and novel views that a result was made from.
+/// Returns folders of the predicted input and novel views of a result.
 fn predictions(result: &Path) -> Result<[Option<PathBuf>; 2], LeaderboardError> {
     let run = result
         .parent()

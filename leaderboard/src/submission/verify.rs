@@ -1,5 +1,5 @@
-//! What can be said of a submission without ground truth: its files are those that were packed, its
-//! numbers are possible, and its means are those of its views.
+//! Verification of a submission without ground truth: its files are the packed ones, its numbers are possible, and its
+//! means are those of its views.
 #![cfg_attr(
     not(test),
     deny(clippy::indexing_slicing, clippy::arithmetic_side_effects)
@@ -17,7 +17,7 @@ use omnilife_schemas::{
 use super::{RESULT_FILE, SUBMISSION_FILE, described, files_below, pack::submission_error, size};
 use crate::{error::LeaderboardError, group::ViewKind, validate};
 
-/// How far a mean may be from that of its views: both are f64 sums, in whatever order.
+/// Largest relative difference of a mean from that of its views: both are f64 sums, in any order.
 const TOLERANCE: f64 = 1e-9;
 
 /// A submission whose files and numbers agree.
@@ -34,11 +34,11 @@ pub struct Verified {
 /// Checks a submission's files against its record, and its results against themselves.
 ///
 /// # Errors
-/// When it holds no results or a link, a file is missing, changed or beside what was packed, a result
-/// is impossible or of another method, or a mean is not that of the views.
+/// When it holds no results or a link, a file is missing, changed or additional, a result is impossible or of another
+/// method, or a mean is not that of the views.
 pub fn verify(folder: &Path) -> Result<Verified, LeaderboardError> {
     let file = folder.join(SUBMISSION_FILE);
-    // Nothing is opened before it is known that no link leads out of the folder, or round in it.
+    // No file is opened before it is certain that no link leads out of the folder, or round in it.
     files_below(folder)?;
     let submission: Submission = store::read_record(&file)?;
     if submission.results.is_empty() {
@@ -78,7 +78,7 @@ pub fn verify(folder: &Path) -> Result<Verified, LeaderboardError> {
                 entry.folder
             ));
         }
-        // Tables show no scores of such a result, and so nothing else looks at them.
+        // Tables show no scores of such a result, so nothing else checks them.
         let has_scores = !(result.input_views.is_empty() && result.novel_views.is_empty());
         if result.run_failure.is_some() && has_scores {
             return Err(submission_error(
@@ -157,7 +157,7 @@ fn difference(scores: &[f64], summary: &Summary) -> Option<String> {
     }
     let mean = scores.iter().sum::<f64>() / scores.len() as f64;
     let off = (mean - summary.mean).abs();
-    // Not "above": what is not a number is wrong too.
+    // Not "above": NaN is wrong too.
     let agrees = off <= TOLERANCE * summary.mean.abs().max(1.0);
     (!agrees).then(|| format!("is {}, its table gives {mean}", summary.mean))
 }

@@ -292,7 +292,7 @@ def main():
     site, wide = map(pathlib.Path, sys.argv[1:3])
     images = pathlib.Path(sys.argv[3]) if len(sys.argv) > 3 else None
     with browser() as page:
-        for name in ("index.html", "published.html", "dataset.html"):
+        for name in ("index.html", "dataset.html"):
             page.open(site / name)
             check_page(page, name)
         for below in sorted([*site.glob("scenes/*.html"), *site.glob("methods/*.html")]):
@@ -315,7 +315,7 @@ def take_screenshots(page, site, scene, folder):
     """Whole pages, as far as 4,000 pixels."""
     for name, file in (("index", site / "index.html"), ("scene", scene),
                        ("method", next(site.glob("methods/*.html"))),
-                       ("dataset", site / "dataset.html"), ("published", site / "published.html")):
+                       ("dataset", site / "dataset.html")):
         for scheme in ("light", "dark"):
             page.colours(scheme)
             for width, height, phone in (LAPTOP, PHONE):

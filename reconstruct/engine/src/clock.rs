@@ -1,13 +1,14 @@
-//! Time in frames: what temporal parameters are measured in.
+//! Time in frames, the unit of all temporal parameters.
 //!
 //! Times of views are seconds in f64, and so is their difference from the clip's middle, in frames.
-//! Parameters are f32: exact to a thousandth of a frame in clips of ten thousand frames, wherever on
-//! its source's time line the clip begins. Only the difference of the two is rounded again: a moment
-//! that is rounded first puts a life of a quarter of a frame elsewhere.
+//! Parameters are f32: exact to a thousandth of a frame in clips of ten thousand frames, wherever on its
+//! source's time line the clip begins. Only the final difference of view time and parameter is rounded to
+//! f32. Rounding the view time first would displace a lifespan of a quarter of a frame.
 
+use omnilife_schemas::statistics;
 use serde::{Deserialize, Serialize};
 
-/// From seconds to frames.
+/// Conversion from seconds to frames.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Clock {
     /// The middle of the clip, seconds.
@@ -18,19 +19,19 @@ pub struct Clock {
     pub duration_frames: f32,
 }
 
-/// The time in which something is known to change.
+/// Time span.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct TimeSpan {
-    /// Its first moment, seconds.
+    /// First moment, seconds.
     pub begin_seconds: f64,
-    /// Its last moment, seconds.
+    /// Last moment, seconds.
     pub end_seconds: f64,
-    /// Frames in it, where it is that of a clip.
+    /// Number of frames, if the span is that of a clip.
     pub frames: Option<usize>,
 }
 
 impl TimeSpan {
-    /// The span of both.
+    /// Returns the smallest span that contains both.
     #[must_use]
     pub fn union(self, other: Self) -> Self {
         Self {
@@ -40,12 +41,12 @@ impl TimeSpan {
         }
     }
 
-    /// The moment half-way.
+    /// Returns the moment half-way, seconds.
     pub fn middle_seconds(&self) -> f64 {
         0.5 * (self.begin_seconds + self.end_seconds)
     }
 
-    /// Moments that are evenly apart, the first and the last among them; the middle where there is to be one.
+    /// Returns `count` evenly spaced moments from the first to the last, seconds; the middle if `count` is 1.
     pub fn moments(&self, count: usize) -> Vec<f64> {
         if count < 2 {
             return vec![self.middle_seconds()];
@@ -58,15 +59,14 @@ impl TimeSpan {
 }
 
 impl Clock {
-    /// The clock of increasing times in seconds. One frame alone lasts a second.
+    /// Creates the clock of increasing times in seconds. A single frame lasts one second.
     pub fn from_times(times: &[f64]) -> Self {
         let (first, last) = match (times.first(), times.last()) {
             (Some(&first), Some(&last)) => (first, last),
             _ => (0.0, 0.0),
         };
-        let mut steps: Vec<f64> = times.windows(2).map(|pair| pair[1] - pair[0]).collect();
-        steps.sort_by(f64::total_cmp);
-        let frame_seconds = steps.get(steps.len() / 2).copied().unwrap_or(1.0);
+        let steps: Vec<f64> = times.windows(2).map(|pair| pair[1] - pair[0]).collect();
+        let frame_seconds = statistics::median(&steps).unwrap_or(1.0);
         Self {
             origin_seconds: first + 0.5 * (last - first),
             frame_seconds,
@@ -74,7 +74,7 @@ impl Clock {
         }
     }
 
-    /// From the clip's first frame to its last.
+    /// Returns the span from the clip's first frame to its last.
     pub fn span(&self) -> TimeSpan {
         let half = 0.5 * f64::from(self.duration_frames) * self.frame_seconds;
         TimeSpan {
@@ -84,7 +84,7 @@ impl Clock {
         }
     }
 
-    /// A time in frames from the clip's middle.
+    /// Returns a time in frames from the clip's middle.
     pub fn frame(&self, seconds: f64) -> f64 {
         (seconds - self.origin_seconds) / self.frame_seconds
     }

@@ -1,4 +1,4 @@
-//! Why a step, a render or a device failed.
+//! Errors of this crate.
 
 use omnilife_schemas::{Classified, ErrorKind};
 
@@ -10,18 +10,18 @@ pub enum EngineError {
     /// The GPU failed.
     #[error(transparent)]
     Gpu(#[from] GpuError),
-    /// The backend asked for cannot do the work.
+    /// The requested backend cannot do the work.
     #[error("{reason}")]
     Backend {
-        /// Why not.
+        /// Reason.
         reason: String,
     },
     /// A loss was not finite.
     #[error("diverged at iteration {iteration}: {what}")]
     Diverged {
-        /// Iteration of the first bad value.
+        /// Iteration of the first value that was not finite.
         iteration: u64,
-        /// What was not finite.
+        /// Name of that value.
         what: String,
     },
 }

@@ -1,10 +1,9 @@
-//! What there is of this crate on each backend.
+//! Catalogue of this crate's computations on each backend.
 
-/// A piece of computation with its file on the CPU and, where it has one, its twin on a GPU; both from
-/// `src`.
+/// A computation with its file on the CPU and its twin on a GPU, if any; paths are relative to `src`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct KernelTwins {
-    /// What it does.
+    /// Description.
     pub name: &'static str,
     /// The file on the CPU.
     pub cpu: &'static str,
@@ -16,7 +15,7 @@ const fn twins(name: &'static str, cpu: &'static str, gpu: Option<&'static str>)
     KernelTwins { name, cpu, gpu }
 }
 
-/// Parameterizations, in the order in which they were published.
+/// Parameterizations, in the order of their publication.
 pub const PARAMETERIZATIONS: &[KernelTwins] = &[
     twins(
         "static",
@@ -36,7 +35,7 @@ pub const PARAMETERIZATIONS: &[KernelTwins] = &[
     twins("tracked", "gaussians/tracked.rs", None),
 ];
 
-/// Everything else, in the order of a training step.
+/// All other kernels, in the order of a training step.
 pub const KERNELS: &[KernelTwins] = &[
     twins(
         "projection and its gradient",
@@ -149,7 +148,7 @@ mod tests {
         }
     }
 
-    /// Files of kernels that belong to a listed one, or that several share.
+    /// Kernel files that belong to a listed one, or that several share.
     const HELPERS: [&str; 5] = [
         "density/moving.wgsl",
         "device/scan.wgsl",
@@ -158,7 +157,7 @@ mod tests {
         "render/raster/raster_vjp_subgroups.wgsl",
     ];
 
-    /// Files with entry points below a folder, by their paths from `src`.
+    /// Finds files with entry points below a folder, as paths relative to `src`.
     fn kernel_files(folder: &Path, src: &Path, found: &mut BTreeSet<String>) {
         for entry in fs::read_dir(folder).expect("a folder") {
             let path = entry.expect("an entry").path();

@@ -1,14 +1,14 @@
-//! Renders Gaussians, differentiates the renders and optimizes what made them.
+//! Differentiable rendering of Gaussians, and optimization of their parameters.
 //!
-//! This crate knows no scene file, no method, no plan and no report. Its modules, from the top down (each
-//! imports only from those below it; a test holds that):
+//! This crate knows nothing of scene files, methods, plans or reports. Its modules, from the top down (each
+//! imports only from those below it, which a test checks):
 //!
 //! * [`step`]: one training step on one view, on the CPU or a GPU.
-//! * [`density`]: when Gaussians are cloned, split, pruned and reordered.
-//! * [`model`]: what training changes, and its layers.
-//! * [`render`]: project, sort, bin, raster; [`losses`]: what renders are held to.
-//! * [`gaussians`]: one file per parameterization, from raw parameters to what a renderer sees.
-//! * [`surfaces`]: textured planes and the sphere, rays that hit them, layers.
+//! * [`density`]: cloning, splitting, pruning and reordering of Gaussians.
+//! * [`model`]: the trained parameters and their layers.
+//! * [`render`]: project, sort, bin, raster; [`losses`]: training losses.
+//! * [`gaussians`]: one file per parameterization, from raw parameters to activated Gaussians.
+//! * [`surfaces`]: textured planes and the sphere, ray intersections, layers.
 //! * [`trajectories`]: rigid motion between knots. [`fields`]: networks and hash grids. [`parameters`]:
 //!   tables, Adam.
 //! * [`camera`]: Jacobians and VJPs. [`device`]: a GPU. [`clock`], [`schedule`], [`training_view`].

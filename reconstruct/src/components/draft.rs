@@ -4,7 +4,7 @@ use omnilife_schemas::records::ComponentDecision;
 
 use crate::{
     baseline,
-    components::{COMPONENTS, Component, Decision, Supported, Turn},
+    components::{COMPONENTS, Component, Decision, DecisionLog, Supported, Turn},
     error::ReconstructError,
     evidence::{self, SceneEvidence, masks::MaskEvidence},
     request::{MethodRequest, PlanChoice},
@@ -36,7 +36,7 @@ pub struct Draft<'a> {
     /// Gaussians without temporal parameters.
     pub(crate) fixed: InitialGaussians,
     /// The decisions so far.
-    pub(crate) plan: Vec<ComponentDecision>,
+    pub(crate) plan: DecisionLog<'a>,
     motion: MotionEvidenceUse,
 }
 
@@ -89,7 +89,7 @@ impl<'a> Draft<'a> {
             points: InitialGaussians::default(),
             point_indices: Vec::new(),
             fixed: InitialGaussians::default(),
-            plan: Vec::new(),
+            plan: DecisionLog::new(request),
             motion,
         };
         let resets = baseline::reset_decision(&draft.settings, request);
@@ -99,16 +99,12 @@ impl<'a> Draft<'a> {
 
     /// Decides on a part of the method itself, and writes the decision down.
     pub(crate) fn decide(&mut self, component: &str, decision: Decision) -> bool {
-        let decision = decision.resolved(component, self.request);
-        let used = decision.used;
-        self.plan.push(decision);
-        used
+        self.plan.decide(component, decision)
     }
 
     /// Whether a component was decided on and is used.
     pub(crate) fn is_used(&self, component: &str) -> bool {
-        let mut decisions = self.plan.iter();
-        decisions.any(|decision| decision.component == component && decision.used)
+        self.plan.is_used(component)
     }
 
     /// The component where it is not used: what others cannot be without.
@@ -167,17 +163,7 @@ impl<'a> Draft<'a> {
             MotionEvidenceUse::Decides => self.evidence.masks.warnings(),
             MotionEvidenceUse::None => Vec::new(),
         };
-        let refused = self
-            .plan
-            .iter()
-            .filter(|decision| !decision.used && self.request.asks_for(&decision.component));
-        let refused = refused.map(|decision| {
-            format!(
-                "{} was asked for and is not used: {}",
-                decision.component, decision.reason
-            )
-        });
-        masks.into_iter().chain(refused).collect()
+        masks.into_iter().chain(self.plan.refusals()).collect()
     }
 }
 

@@ -11,6 +11,7 @@
 //! To add one: its file, a line in [`COMPONENTS`], and its id in the lists of the methods that can have it.
 
 mod decision;
+mod decision_log;
 pub mod denser_points;
 pub(crate) mod draft;
 pub mod dropout;
@@ -24,6 +25,7 @@ pub mod swept_points;
 pub mod view_dependent_colour;
 
 pub use decision::Decision;
+pub(crate) use decision_log::DecisionLog;
 pub use draft::Draft;
 
 use omnilife_schemas::records::ComponentDecision;

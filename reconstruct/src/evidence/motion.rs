@@ -10,6 +10,7 @@
 
 use std::fmt;
 
+use omnilife_schemas::statistics;
 use rayon::prelude::*;
 use serde::Serialize;
 
@@ -169,12 +170,7 @@ fn deviations(residuals: &[f32]) -> impl Iterator<Item = f32> {
     } else {
         &[]
     };
-    let mut values = seen.to_vec();
-    let middle = values.len() / 2;
-    let median = match seen {
-        [] => 0.0,
-        _ => *values.select_nth_unstable_by(middle, f32::total_cmp).1,
-    };
+    let median = statistics::median(seen).unwrap_or(0.0);
     seen.iter().map(move |residual| (residual - median).abs())
 }
 

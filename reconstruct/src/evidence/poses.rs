@@ -25,6 +25,7 @@
 use std::{f64::consts::TAU, fmt};
 
 use glam::{DVec3, Vec3};
+use omnilife_schemas::statistics;
 use serde::Serialize;
 
 use crate::evidence::{LEAST_VIEWS, PER_MEDIAN, PILOT_ITERATIONS, pilot::WIDTH};
@@ -334,14 +335,14 @@ fn subtract_medians(views: &mut [(Vec3, Vec<Option<PoseObservation>>)]) {
     for point in 0..points {
         let mut medians = [f32::NAN; 3];
         for (channel, median) in medians.iter_mut().enumerate() {
-            let mut residuals: Vec<f32> = views
+            let residuals: Vec<f32> = views
                 .iter()
                 .filter_map(|(_, observations)| {
                     Some(observations[point].as_ref()?.residual[channel])
                 })
                 .collect();
             if residuals.len() >= LEAST_VIEWS {
-                *median = middle(&mut residuals);
+                *median = statistics::median(&residuals).unwrap_or(0.0);
             }
         }
         for (_, observations) in views.iter_mut() {
@@ -354,14 +355,6 @@ fn subtract_medians(views: &mut [(Vec3, Vec<Option<PoseObservation>>)]) {
             }
         }
     }
-}
-
-fn middle(values: &mut [f32]) -> f32 {
-    if values.is_empty() {
-        return 0.0;
-    }
-    let place = values.len() / 2;
-    *values.select_nth_unstable_by(place, f32::total_cmp).1
 }
 
 /// A view's correction.
@@ -385,8 +378,9 @@ impl NormalEquations {
     /// Weighted by what `twist` leaves of the residuals.
     fn of(rows: &[Row<'_>], twist: &Twist) -> Self {
         let left = |row: &Row<'_>| row.1 - dot(row.0, twist);
-        let mut sizes: Vec<f32> = rows.iter().map(|row| left(row).abs() as f32).collect();
-        let scale = f64::from(PER_MEDIAN * middle(&mut sizes)).max(LEAST_NOISE);
+        let sizes: Vec<f32> = rows.iter().map(|row| left(row).abs() as f32).collect();
+        let median = statistics::median(&sizes).unwrap_or(0.0);
+        let scale = f64::from(PER_MEDIAN * median).max(LEAST_NOISE);
         let mut sums = Self::default();
         for row in rows {
             let residual = left(row);

@@ -1,11 +1,10 @@
 //! A feed-forward method on one scene: the novel views of every group from its two given ones.
 
 use omnilife_schemas::{
-    RgbImage, Similarity,
+    RgbImage,
     camera::{Camera, ErpCamera},
-    elapsed::Elapsed,
     progress::Progress,
-    records::{Backend, Scene, Split, ViewPredictions},
+    records::{RunRecord, Scene, Split},
     stage::StagePlan,
     store,
 };
@@ -13,9 +12,7 @@ use serde::Serialize;
 
 use crate::{
     error::ReconstructError,
-    jobs::reconstruct::{
-        MadeViews, NOVEL_FOLDER, ReconstructRequest, prepare_predictions, view_file,
-    },
+    jobs::reconstruct::{NOVEL_FOLDER, ReconstructRequest, prepare_predictions, view_file},
     methods::{
         InterpolateGroup,
         feed_forward::{CameraPose, ContextView, Group, GroupFrames, groups},
@@ -70,7 +67,8 @@ impl<'a> Frames<'a> {
         })
     }
 
-    /// Predicts the novel views of all groups into the run's folder.
+    /// Predicts the novel views of all groups into the run's folder and completes the run's record; returns the files
+    /// relative to that folder.
     ///
     /// # Errors
     /// When the split gives fewer than two views, an image cannot be read or a file cannot be
@@ -78,11 +76,11 @@ impl<'a> Frames<'a> {
     pub(crate) fn make_views(
         &self,
         method: &str,
-        configuration: serde_json::Value,
         interpolate: InterpolateGroup,
         stage: &StagePlan,
         progress: &dyn Progress,
-    ) -> Result<MadeViews, ReconstructError> {
+        record: &mut RunRecord,
+    ) -> Result<Vec<String>, ReconstructError> {
         let out = &self.request.out;
         let groups = groups(self.split).ok_or_else(|| {
             let reason = "gives fewer than two views to predict from";
@@ -100,43 +98,17 @@ impl<'a> Frames<'a> {
         store::write_csv_rows(&out.join(GROUPS_FILE), &rows)?;
         let analysis_seconds: f64 = rows.iter().map(|row| row.analysis_seconds).sum();
         let rendering_seconds: f64 = rows.iter().map(|row| row.rendering_seconds).sum();
-        Ok(MadeViews {
-            backend: Backend::Cpu {
-                threads: rayon::current_num_threads() as u32,
-            },
-            configuration,
-            plan: Vec::new(),
-            evidence: None,
-            planning: Elapsed::default(),
-            iterations: 0,
-            primitives: rows.iter().map(|row| row.gaussians).max().unwrap_or(0),
-            training_seconds: analysis_seconds,
-            training_cpu_seconds: None,
-            evaluation_seconds: 0.0,
-            rendering: rendering_seconds.into(),
-            seconds_per_group: (!rows.is_empty())
-                .then(|| (analysis_seconds + rendering_seconds) / rows.len() as f64),
-            normalization: Similarity {
-                offset: [0.0; 3],
-                scale: 1.0,
-            },
-            trace: None,
-            trace_views: None,
-            surfaces: None,
-            predictions: ViewPredictions {
-                input_views: None,
-                novel_views: NOVEL_FOLDER.to_owned(),
-            },
-            warnings: made
-                .iter()
-                .flat_map(|group| group.warnings.clone())
-                .collect(),
-            outputs: made
-                .into_iter()
-                .flat_map(|group| group.files)
-                .chain([GROUPS_FILE.to_owned()])
-                .collect(),
-        })
+        record.primitives = rows.iter().map(|row| row.gaussians).max().unwrap_or(0);
+        record.training_seconds = analysis_seconds;
+        record.rendering_seconds = rendering_seconds;
+        record.seconds_per_group =
+            (!rows.is_empty()).then(|| (analysis_seconds + rendering_seconds) / rows.len() as f64);
+        record.warnings = made
+            .iter()
+            .flat_map(|group| group.warnings.clone())
+            .collect();
+        let files = made.into_iter().flat_map(|group| group.files);
+        Ok(files.chain([GROUPS_FILE.to_owned()]).collect())
     }
 
     fn make_group(

@@ -10,3 +10,4 @@ pub mod reconstruct;
 pub mod render;
 mod stage_times;
 mod trace_folder;
+mod training;

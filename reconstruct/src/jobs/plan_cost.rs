@@ -48,7 +48,7 @@ pub fn decisions(
     let mut scene = TrainingScene::load(scene, split, method.camera_extent())?;
     let points = components::complete_points(&mut scene, method.supported(), request);
     let prepared = method.prepare(&scene, request, BackendChoice::Cpu)?;
-    Ok(points.into_iter().chain(prepared.plan).collect())
+    Ok(points.into_iter().chain(prepared.findings.plan).collect())
 }
 
 /// Decides a method's components on a scene, and measures them against all of them.
@@ -84,7 +84,7 @@ pub fn plan(
     Ok(ScenePlan {
         method: method.id.to_owned(),
         scene: scene.id.clone(),
-        decisions: points.into_iter().chain(planned.plan).collect(),
+        decisions: points.into_iter().chain(planned.findings.plan).collect(),
         planned: planned_size,
         full: full_size,
         steps,
@@ -94,7 +94,11 @@ pub fn plan(
 /// Returns true for plans that use the same components with the same settings on first models of one size.
 fn are_the_same(left: &Prepared<'_>, right: &Prepared<'_>) -> bool {
     let used = |prepared: &Prepared<'_>| -> BTreeSet<String> {
-        let decisions = prepared.plan.iter().filter(|decision| decision.used);
+        let decisions = prepared
+            .findings
+            .plan
+            .iter()
+            .filter(|decision| decision.used);
         decisions
             .map(|decision| decision.component.clone())
             .collect()

@@ -46,10 +46,10 @@ use omnilife_engine::training_view::TrainingView;
 pub const CHECKPOINT_FILE: &str = "checkpoint.bin";
 /// What became of lifted pixels, in the folder of a run that began with them.
 pub const LIFT_FILE: &str = "lift.json";
-const TRACE_FILE: &str = "trace.csv";
+pub(super) const TRACE_FILE: &str = "trace.csv";
 /// Files of a training beside views, the record and the model.
 const TRAINING_FILES: [&str; 3] = [TRACE_FILE, LIFT_FILE, CHECKPOINT_FILE];
-const INPUT_FOLDER: &str = "predictions/input";
+pub(super) const INPUT_FOLDER: &str = "predictions/input";
 pub(crate) const NOVEL_FOLDER: &str = "predictions/novel";
 
 /// What to reconstruct, how, and where to.
@@ -83,33 +83,6 @@ pub fn check(
     backend: BackendChoice,
 ) -> Result<(), ReconstructError> {
     methods::find(method)?.check(settings, backend)
-}
-
-/// What a method made of a scene, as far as its kind decides it.
-pub(crate) struct MadeViews {
-    pub(crate) backend: Backend,
-    /// Every setting as resolved.
-    pub(crate) configuration: serde_json::Value,
-    pub(crate) plan: Vec<ComponentDecision>,
-    /// What the scene showed of itself, where the method asked.
-    pub(crate) evidence: Option<serde_json::Value>,
-    /// What deciding and placing first primitives took; part of the training's time.
-    pub(crate) planning: Elapsed,
-    pub(crate) iterations: u64,
-    pub(crate) primitives: u64,
-    pub(crate) training_seconds: f64,
-    pub(crate) training_cpu_seconds: Option<f64>,
-    pub(crate) evaluation_seconds: f64,
-    pub(crate) rendering: Elapsed,
-    pub(crate) seconds_per_group: Option<f64>,
-    pub(crate) normalization: Similarity,
-    pub(crate) trace: Option<String>,
-    pub(crate) trace_views: Option<KeptViews>,
-    pub(crate) surfaces: Option<SurfaceFaults>,
-    pub(crate) predictions: ViewPredictions,
-    pub(crate) warnings: Vec<String>,
-    /// Files relative to the run's folder.
-    pub(crate) outputs: Vec<String>,
 }
 
 /// Runs one method on one scene, or returns the stored record when nothing has changed. A training
@@ -152,68 +125,83 @@ pub fn reconstruct(
     for line in &notes {
         progress.note(line);
     }
-    let mut made = match method.kind {
-        MethodKind::Trained { .. } => train(method, request, &split, &stage, progress)?,
+    let mut record = begun_record(method, request, (&scene, &split), inputs);
+    let outputs = match method.kind {
+        MethodKind::Trained { .. } => {
+            training::train(method, request, &split, &stage, progress, &mut record)?
+        }
         MethodKind::FeedForward {
             settings,
             interpolate,
         } => {
+            record.configuration = settings();
             let frames = Frames::new(request, &scene, &split)?;
-            frames.make_views(method.id, settings(), interpolate, &stage, progress)?
+            frames.make_views(method.id, interpolate, &stage, progress, &mut record)?
         }
     };
-    made.warnings.extend(notes);
-    let mut stages = stage_times::of_request(request, method, &scene)?;
-    stages.extend(stage_times::of_run(
-        made.planning,
-        Elapsed {
-            wall_seconds: made.training_seconds,
-            cpu_seconds: made.training_cpu_seconds,
-        },
-        made.rendering,
-    ));
-    let can_be_edited = method.model().is_some_and(|model| model.edit.is_some());
+    record.warnings.extend(notes);
+    record.stages = stage_times::of_request(request, method, &scene)?;
+    record.peak_memory_bytes = process::peak_memory_bytes();
+    store::write_record(&record_path, &record)?;
+    let outputs = outputs.into_iter().chain([RUN_FILE.to_owned()]);
+    stage.finish(outputs, begun.elapsed().as_secs_f64())?;
+    store::remove(&request.out.join(CHECKPOINT_FILE))?;
+    Ok(record)
+}
+
+/// Returns the record of a run that has done nothing yet.
+fn begun_record(
+    method: &Method,
+    request: &ReconstructRequest,
+    (scene, split): (&Scene, &Split),
+    inputs: BTreeMap<String, String>,
+) -> RunRecord {
     let variant = Variant::of(method, &request.settings).to_string();
-    let record = RunRecord {
+    let can_be_edited = method.model().is_some_and(|model| model.edit.is_some());
+    RunRecord {
         method: method.id.to_owned(),
         variant: (variant != method.id).then_some(variant),
         scene: scene.id.clone(),
         protocol_hash: split.protocol_hash.clone(),
         seed: request.settings.seed,
-        backend: made.backend,
-        configuration: made.configuration,
-        plan: made.plan,
-        evidence: made.evidence,
-        planning_seconds: made.planning.wall_seconds,
-        planning_cpu_seconds: made.planning.cpu_seconds,
+        backend: Backend::Cpu {
+            threads: rayon::current_num_threads() as u32,
+        },
+        configuration: serde_json::Value::Null,
+        plan: Vec::new(),
+        evidence: None,
+        planning_seconds: 0.0,
+        planning_cpu_seconds: None,
         hardware: Some(provenance::Hardware::here()),
         versions: provenance::versions(),
         inputs,
-        iterations: made.iterations,
-        primitives: made.primitives,
-        training_seconds: made.training_seconds,
-        training_cpu_seconds: made.training_cpu_seconds,
-        evaluation_seconds: made.evaluation_seconds,
-        rendering_seconds: made.rendering.wall_seconds,
-        stages,
-        seconds_per_group: made.seconds_per_group,
-        peak_memory_bytes: process::peak_memory_bytes(),
-        normalization: made.normalization,
-        up: run_views::up(&scene, &split),
-        clip_seconds: run_views::clip_seconds(&scene, &split),
-        views: can_be_edited.then(|| run_views::poses(&scene, &split)),
-        trace: made.trace,
-        trace_views: made.trace_views,
-        surfaces: made.surfaces,
-        predictions: made.predictions,
-        warnings: made.warnings,
+        iterations: 0,
+        primitives: 0,
+        training_seconds: 0.0,
+        training_cpu_seconds: None,
+        evaluation_seconds: 0.0,
+        rendering_seconds: 0.0,
+        rendering_cpu_seconds: None,
+        stages: Vec::new(),
+        seconds_per_group: None,
+        peak_memory_bytes: None,
+        normalization: Similarity {
+            offset: [0.0; 3],
+            scale: 1.0,
+        },
+        up: run_views::up(scene, split),
+        clip_seconds: run_views::clip_seconds(scene, split),
+        views: can_be_edited.then(|| run_views::poses(scene, split)),
+        trace: None,
+        trace_views: None,
+        surfaces: None,
+        predictions: ViewPredictions {
+            input_views: None,
+            novel_views: NOVEL_FOLDER.to_owned(),
+        },
+        warnings: Vec::new(),
         edits: Edits::default(),
-    };
-    store::write_record(&record_path, &record)?;
-    let outputs = made.outputs.into_iter().chain([RUN_FILE.to_owned()]);
-    stage.finish(outputs, begun.elapsed().as_secs_f64())?;
-    store::remove(&request.out.join(CHECKPOINT_FILE))?;
-    Ok(record)
+    }
 }
 
 /// Refuses a scene whose camera turns where it stands to a method that needs places in space.
@@ -229,97 +217,6 @@ fn refuse_without_parallax(method: &Method, scene: &Scene) -> Result<(), Reconst
         return Err(ReconstructError::Request { reason });
     }
     Ok(())
-}
-
-/// Trains a method, and leaves its model, views and trace in the run's folder.
-fn train(
-    method: &Method,
-    request: &ReconstructRequest,
-    split: &Split,
-    stage: &StagePlan,
-    progress: &dyn Progress,
-) -> Result<MadeViews, ReconstructError> {
-    let trace_path = request.out.join(TRACE_FILE);
-    let mut scene = TrainingScene::load(&request.scene, &request.split, method.camera_extent())?;
-    let begun = Stopwatch::of_own_process();
-    progress.begin("completing points", None);
-    let points = components::complete_points(&mut scene, method.supported(), &request.settings);
-    progress.end();
-    let planning = begun.elapsed();
-    let kept = TraceViews::new(
-        request.out.join(TRACE_FOLDER),
-        &split.novel_views,
-        request.trace_views,
-    );
-    let session = Session {
-        progress,
-        files: Some(TrainingFiles {
-            trace: trace_path.clone(),
-            trace_views: Some(kept.clone()),
-            checkpoint: request.out.join(CHECKPOINT_FILE),
-            checkpoint_every: request.checkpoint_every,
-            inputs_sha256: stage.inputs_sha256(),
-        }),
-        backend: request.backend,
-        planning,
-    };
-    let mut outcome = method.train(&scene, &request.settings, &session)?;
-    let rendering = Stopwatch::of_own_process();
-    let mut outputs = render_predictions(&scene, &mut outcome, stage, &request.out, progress)?;
-    let rendering = rendering.elapsed();
-    let warnings = warnings(&scene, split, &outcome);
-    let lift_path = request.out.join(LIFT_FILE);
-    match &outcome.lift {
-        Some(lift) => {
-            store::write_record(&lift_path, lift)?;
-            outputs.push(LIFT_FILE.to_owned());
-        }
-        None => store::remove(&lift_path)?,
-    }
-    let (training, learner) = (&outcome.training, &mut outcome.learner);
-    let model = learner.export(&request.out)?;
-    let obsolete =
-        |file: &str| methods::model_files().contains(file) && !model.iter().any(|new| new == file);
-    stage.own_files().remove(obsolete)?;
-    outputs.extend(model);
-    trace::write_csv(&trace_path, &training.state.trace)?;
-    let evidence = outcome.evidence.as_ref().map(serde_json::to_value);
-    let evidence = evidence.transpose().map_err(|error| {
-        StoreError::write(&request.out.join(RUN_FILE), std::io::Error::other(error))
-    })?;
-    outputs.push(TRACE_FILE.to_owned());
-    outputs.extend(trace_folder::files(&training.state.trace, &kept.frames));
-    // Views of an earlier run's rows.
-    stage
-        .own_files()
-        .remove(|file| trace_folder::holds(file) && !outputs.iter().any(|new| new == file))?;
-    Ok(MadeViews {
-        backend: learner.backend(),
-        primitives: learner.size().primitives,
-        configuration: outcome.configuration,
-        plan: points.into_iter().chain(outcome.plan).collect(),
-        evidence,
-        planning: outcome.planning,
-        iterations: training.state.iteration,
-        training_seconds: training.state.training.as_secs_f64(),
-        training_cpu_seconds: training.state.training_cpu.map(|time| time.as_secs_f64()),
-        evaluation_seconds: training.state.evaluation.as_secs_f64(),
-        rendering,
-        seconds_per_group: None,
-        normalization: scene.normalization,
-        trace: Some(TRACE_FILE.to_owned()),
-        trace_views: Some(KeptViews {
-            folder: TRACE_FOLDER.to_owned(),
-            frames: kept.frames,
-        }),
-        surfaces: training.state.trace.last().and_then(|row| row.surfaces),
-        predictions: ViewPredictions {
-            input_views: Some(INPUT_FOLDER.to_owned()),
-            novel_views: NOVEL_FOLDER.to_owned(),
-        },
-        warnings,
-        outputs,
-    })
 }
 
 /// What a run may leave, relative to its folder; its checkpoint goes at the end.
@@ -389,35 +286,6 @@ fn plan_stage(
     Ok((stage, inputs))
 }
 
-/// Renders all views of the split; returns the files relative to the run's folder.
-fn render_predictions(
-    scene: &TrainingScene,
-    outcome: &mut MethodOutcome<'_>,
-    stage: &StagePlan,
-    out: &Path,
-    progress: &dyn Progress,
-) -> Result<Vec<String>, ReconstructError> {
-    let learner = &mut outcome.learner;
-    let total = scene.input_views.len() + scene.novel_views.len();
-    progress.begin("rendering", Some(total as u64));
-    let mut files = Vec::with_capacity(total);
-    let mut render = |views: &[TrainingView], name: &str| -> Result<(), ReconstructError> {
-        prepare_predictions(stage, out, name)?;
-        for view in views {
-            let file = view_file(name, view.frame);
-            let image = learner.image(&view.view)?;
-            image.write_png(&out.join(&file))?;
-            files.push(file);
-            progress.advance(1);
-        }
-        Ok(())
-    };
-    let outcome = render(&scene.input_views, INPUT_FOLDER)
-        .and_then(|()| render(&scene.novel_views, NOVEL_FOLDER));
-    progress.end();
-    outcome.map(|()| files)
-}
-
 /// Makes a folder of views, and removes those of an earlier run, which another split would score by
 /// mistake, and nothing else.
 pub(crate) fn prepare_predictions(
@@ -428,53 +296,4 @@ pub(crate) fn prepare_predictions(
     let is_view = |file: &str| file.rsplit_once('/').is_some_and(|(of, _)| of == folder);
     stage.own_files().remove(is_view)?;
     store::create_folder(&out.join(folder))
-}
-
-fn warnings(scene: &TrainingScene, split: &Split, outcome: &MethodOutcome<'_>) -> Vec<String> {
-    let training = &outcome.training;
-    let mut warnings = training.warnings.clone();
-    warnings.extend(scene.seen_for_points.clone());
-    if split.groups.len() > 1 {
-        warnings.push(format!(
-            "one model was trained on the given views of all {} groups at once",
-            split.groups.len()
-        ));
-    }
-    let masked = scene
-        .input_views
-        .iter()
-        .filter(|view| view.mask.is_some())
-        .count();
-    if masked > 0 && masked < scene.input_views.len() && outcome.learner.size().with_times > 0 {
-        warnings.push(format!(
-            "{} of {} input views have no mask; nothing is known of what moves in them",
-            scene.input_views.len() - masked,
-            scene.input_views.len()
-        ));
-    }
-    if scene.points.is_empty() && outcome.learner.begins_with_points() {
-        warnings
-            .push("the scene has no points; training began from the sky shell alone".to_owned());
-    }
-    warnings.extend(outcome.learner.warnings());
-    if scene.is_normalized_by_points {
-        warnings.push(
-            "the cameras hardly move in a scene of this size; it is normalized by its points"
-                .to_owned(),
-        );
-    }
-    let refused: u64 = training.state.refused.iter().sum();
-    if refused > 0 {
-        warnings.push(format!(
-            "{refused} gradient values were not finite and were not applied; the trace counts them \
-             by array"
-        ));
-    }
-    if training.stopped_by_budget {
-        warnings.push(format!(
-            "the time budget ended training after {} of {} iterations",
-            training.state.iteration, outcome.iterations
-        ));
-    }
-    warnings
 }

@@ -1,11 +1,10 @@
-//! What the way from a video to a model took, as the records of its stages tell it.
+//! Times of the stages before a run, from their records.
 
 use std::path::Path;
 
 use omnilife_schemas::{
-    elapsed::Elapsed,
     layout::{DENSE_FOLDER, TRACKS_FILE},
-    records::{PLANNING, PoseSource, RENDERING, Scene, StageTime, TRAINING, Tracks},
+    records::{PoseSource, Scene, StageTime, Tracks},
     scene_points::ScenePoints,
     stage::StagePlan,
     store::{self, StoreError},
@@ -22,7 +21,7 @@ const POSES: &str = "poses";
 /// The stage of a folder of dense points.
 const DENSE: &str = "dense";
 
-/// What the scene, its points and, where the method takes them, its tracks took.
+/// Returns the times of the scene, its points and, where the method takes them, its tracks.
 pub(super) fn of_request(
     request: &ReconstructRequest,
     method: &Method,
@@ -43,8 +42,7 @@ pub(super) fn of_request(
     ))
 }
 
-/// Stages of what a run is given, as far as their records are there. Poses that a user gave, and tracks that others
-/// wrote, took what nobody knows.
+/// Returns the stages of a run's inputs that have a record: given poses and tracks of other programs have none.
 fn of_inputs(
     scene: &Scene,
     [scene_folder, split_folder]: [&Path; 2],
@@ -79,35 +77,11 @@ fn of_inputs(
     stages
 }
 
-/// Stages of a run itself, as far as it has them: planning is a part of its training time, and told apart here.
-pub(super) fn of_run(planning: Elapsed, training: Elapsed, rendering: Elapsed) -> Vec<StageTime> {
-    let left = |all: f64, part: f64| (all - part).max(0.0);
-    let steps = Elapsed {
-        wall_seconds: left(training.wall_seconds, planning.wall_seconds),
-        cpu_seconds: training
-            .cpu_seconds
-            .map(|all| left(all, planning.cpu_seconds.unwrap_or(0.0))),
-    };
-    let stage = |(stage, took): (&str, Elapsed)| StageTime {
-        stage: stage.to_owned(),
-        method: None,
-        took,
-    };
-    [
-        (PLANNING, planning),
-        (TRAINING, steps),
-        (RENDERING, rendering),
-    ]
-    .map(stage)
-    .into_iter()
-    .filter(|stage| stage.took.wall_seconds > 0.0)
-    .collect()
-}
-
 #[cfg(test)]
 mod tests {
     use omnilife_schemas::{
         camera::ErpCamera,
+        elapsed::Elapsed,
         records::{PoseValidation, Scale, TrackStage, ValidationStatus},
     };
 
@@ -190,20 +164,5 @@ mod tests {
         assert!(all.iter().all(|stage| !stage.is_of_run()));
         // Points that came with the poses, and a method without tracks.
         assert_eq!(names(&stages(Vec::new(), None)), [POSES]);
-    }
-
-    #[test]
-    fn planning_is_no_part_of_the_steps() {
-        let took = |wall_seconds: f64, cpu_seconds: f64| Elapsed {
-            wall_seconds,
-            cpu_seconds: Some(cpu_seconds),
-        };
-        let stages = of_run(took(2.0, 3.0), took(12.0, 21.0), 1.5.into());
-        let expected = [took(2.0, 3.0), took(10.0, 18.0), 1.5.into()];
-        assert_eq!(
-            stages.iter().map(|stage| stage.took).collect::<Vec<_>>(),
-            expected
-        );
-        assert!(stages.iter().all(StageTime::is_of_run));
     }
 }

@@ -53,12 +53,8 @@ pub struct MethodOutcome<'a> {
     pub iterations: u64,
     /// Every setting as resolved.
     pub configuration: serde_json::Value,
-    /// Components used and left out, with reasons.
-    pub plan: Vec<ComponentDecision>,
-    /// What the scene shows of itself, where the method asks.
-    pub evidence: Option<SceneEvidence>,
-    /// What became of lifted pixels, where it began with them.
-    pub lift: Option<Lift>,
+    /// Decisions and their evidence; its warnings are among those of the training.
+    pub findings: Findings,
     /// What deciding and placing the first Gaussians took, the pilot fit included; training time
     /// includes it.
     pub planning: Elapsed,
@@ -73,11 +69,18 @@ pub struct Prepared<'a> {
     pub length: LoopSettings,
     /// Every setting as resolved, for the run's record.
     pub configuration: serde_json::Value,
+    /// Decisions and their evidence.
+    pub findings: Findings,
+}
+
+/// Decisions that a method makes on a scene before it trains, with their evidence.
+#[derive(Debug, Default)]
+pub struct Findings {
     /// Components used and left out, with reasons.
     pub plan: Vec<ComponentDecision>,
-    /// What the scene shows of itself, where the method asks.
+    /// Evidence of the scene, where the method gathers it.
     pub evidence: Option<SceneEvidence>,
-    /// What became of lifted pixels, where it begins with them.
+    /// Counts of lifted pixels, where the method begins with them.
     pub lift: Option<Lift>,
     /// Lines that a reader of the scores should know.
     pub warnings: Vec<String>,
@@ -90,14 +93,8 @@ pub struct PreparedGaussians {
     pub model: Model,
     /// Every setting as resolved.
     pub settings: TrainSettings,
-    /// Components used and left out, with reasons.
-    pub plan: Vec<ComponentDecision>,
-    /// What the scene shows of itself, where the method asks.
-    pub evidence: Option<SceneEvidence>,
-    /// What became of lifted pixels, where it begins with them.
-    pub lift: Option<Lift>,
-    /// Lines that a reader of the scores should know.
-    pub warnings: Vec<String>,
+    /// Decisions and their evidence.
+    pub findings: Findings,
 }
 
 impl PreparedGaussians {
@@ -116,16 +113,13 @@ impl PreparedGaussians {
             })?;
         let length = LoopSettings::from(&self.settings);
         let learner = GaussianLearner::new(scene, self.model, self.settings, backend)?;
-        let mut warnings = self.warnings;
-        warnings.extend(learner.room());
+        let mut findings = self.findings;
+        findings.warnings.extend(learner.room());
         Ok(Prepared {
             length,
             learner: Box::new(learner),
             configuration,
-            plan: self.plan,
-            evidence: self.evidence,
-            lift: self.lift,
-            warnings,
+            findings,
         })
     }
 }
@@ -259,12 +253,9 @@ impl Method {
             mut learner,
             length,
             configuration,
-            plan,
-            evidence,
-            lift,
-            warnings,
+            findings,
         } = prepared?;
-        for warning in &warnings {
+        for warning in &findings.warnings {
             session.progress.note(warning);
         }
         let planning = session.planning.plus(planning);
@@ -273,15 +264,13 @@ impl Method {
             ..session.clone()
         };
         let mut training = train::train(scene, &mut *learner, length, &session)?;
-        training.warnings.extend(warnings);
+        training.warnings.extend(findings.warnings.iter().cloned());
         Ok(MethodOutcome {
             learner,
             training,
             iterations: length.iterations,
             configuration,
-            plan,
-            evidence,
-            lift,
+            findings,
             planning,
         })
     }

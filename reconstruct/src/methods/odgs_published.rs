@@ -13,7 +13,7 @@ use crate::{
     seeds::points,
 };
 use crate::{
-    methods::{Method, MethodKind, ON_CPU, PreparedGaussians, odgs},
+    methods::{Findings, Method, MethodKind, ON_CPU, PreparedGaussians, odgs},
     options,
     request::MethodRequest,
 };
@@ -131,9 +131,9 @@ fn prepare(
     Ok(PreparedGaussians {
         model: static_gaussians::table(&initial, 0).into(),
         settings,
-        plan,
-        evidence: None,
-        lift: None,
-        warnings: Vec::new(),
+        findings: Findings {
+            plan,
+            ..Findings::default()
+        },
     })
 }

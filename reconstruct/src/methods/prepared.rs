@@ -1,6 +1,9 @@
 //! From a draft to what a method of Gaussians begins with.
 
-use crate::{components::Draft, methods::PreparedGaussians};
+use crate::{
+    components::Draft,
+    methods::{Findings, PreparedGaussians},
+};
 use omnilife_engine::model::{Model, pose_corrections::PoseCorrections};
 
 impl PreparedGaussians {
@@ -15,10 +18,12 @@ impl PreparedGaussians {
         Self {
             model,
             settings: draft.settings,
-            plan: draft.plan,
-            evidence: Some(draft.evidence),
-            lift: None,
-            warnings,
+            findings: Findings {
+                plan: draft.plan.into_decisions(),
+                evidence: Some(draft.evidence),
+                lift: None,
+                warnings,
+            },
         }
     }
 }

@@ -1,7 +1,7 @@
 //! Similarity that brings a scene's cameras and points to the size that training works in.
 
 use glam::{DVec3, Vec3};
-use omnilife_schemas::{Similarity, points::PointCloud};
+use omnilife_schemas::{Similarity, points::PointCloud, statistics};
 
 /// Median distance of the points from the mean camera, in camera radii, above which the cameras do
 /// not give the scale.
@@ -30,14 +30,13 @@ impl CameraExtent {
 /// The cameras' similarity; where they hardly move (a tripod), one that puts the median point at
 /// [`FARTHEST_MEDIAN_POINT`].
 pub(super) fn normalization(cameras: Similarity, points: &PointCloud) -> Similarity {
-    let mut distances: Vec<f64> = points
+    let distances: Vec<f64> = points
         .positions
         .iter()
         .map(|&position| cameras.normalize(DVec3::from_array(position)).length())
         .collect();
-    distances.sort_by(f64::total_cmp);
-    match distances.get(distances.len() / 2) {
-        Some(&median) if median > FARTHEST_MEDIAN_POINT => Similarity {
+    match statistics::median(&distances) {
+        Some(median) if median > FARTHEST_MEDIAN_POINT => Similarity {
             scale: cameras.scale * FARTHEST_MEDIAN_POINT / median,
             ..cameras
         },

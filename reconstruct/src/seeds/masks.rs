@@ -16,7 +16,7 @@
 use std::f32::consts::PI;
 
 use glam::Vec3;
-use omnilife_schemas::camera::CameraModel;
+use omnilife_schemas::{camera::CameraModel, statistics};
 use rayon::prelude::*;
 
 use crate::scene::TrainingScene;
@@ -263,12 +263,9 @@ fn components(scene: &TrainingScene, view: &TrainingView) -> Vec<ConnectedCompon
         }
     }
     let distances: Vec<Option<f32>> = points.into_iter().map(near_distance).collect();
-    let mut known: Vec<f32> = distances.iter().flatten().copied().collect();
-    known.sort_by(f32::total_cmp);
-    let otherwise = known
-        .get(known.len() / 2)
-        .copied()
-        .unwrap_or_else(|| scene.median_point_distance().max(1.0));
+    let known: Vec<f32> = distances.iter().flatten().copied().collect();
+    let otherwise =
+        statistics::median(&known).unwrap_or_else(|| scene.median_point_distance().max(1.0));
     let mut components: Vec<ConnectedComponent> = distances
         .into_iter()
         .map(|distance| ConnectedComponent {

@@ -1,6 +1,6 @@
 //! First Gaussians from a point cloud.
 
-use omnilife_schemas::points::PointCloud;
+use omnilife_schemas::{points::PointCloud, statistics};
 use rayon::prelude::*;
 use rstar::RTree;
 
@@ -76,12 +76,8 @@ pub fn from_points(points: &PointCloud<f32>, spread: f32) -> InitialGaussians {
             }
         })
         .collect();
-    let mut sorted = scales.clone();
-    sorted.sort_by(f32::total_cmp);
     // All points in one place have no scale of their own: a hundredth of a camera radius.
-    let median = sorted
-        .get(sorted.len() / 2)
-        .copied()
+    let median = statistics::median(&scales)
         .filter(|&median| median > 0.0)
         .unwrap_or(0.01);
     for scale in &mut scales {

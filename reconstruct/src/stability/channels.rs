@@ -123,7 +123,7 @@ impl ChannelCase {
     /// When the device fails.
     pub fn row(&self, device: &Device) -> Result<StabilityRow, ReconstructError> {
         let (view, gaussians) = self.setup();
-        let measures = measure(&view, &gaussians, device, self.limits.forward)?;
+        let measures = measure(&view, &gaussians, device, self.limits)?;
         let fault = super::fault(super::cases::Expectation::Agrees, &measures, &self.limits);
         Ok(StabilityRow {
             case: self.id.to_owned(),
@@ -262,7 +262,7 @@ fn measure(
     view: &RefView,
     gaussians: &[Gaussian],
     device: &Device,
-    forward_limit: f64,
+    limits: Limits,
 ) -> Result<StabilityMeasures, ReconstructError> {
     let values = view.camera.width() as usize * view.camera.height() as usize;
     let weights = Device::weights(values * (3 + gaussians[0].features.len()));
@@ -283,7 +283,7 @@ fn measure(
         .zip(expected)
         .map(|(value, expected)| (f64::from(*value) - expected).abs())
         .collect();
-    let beyond = differences.iter().filter(|&&d| d > forward_limit).count();
+    let beyond = differences.iter().filter(|&&d| d > limits.forward).count();
     let dot = |values: &[f64], weights: &[f32]| -> f64 {
         let pairs = values.iter().zip(weights);
         pairs
@@ -304,7 +304,9 @@ fn measure(
     Ok(StabilityMeasures {
         forward_error: finite(differences.iter().copied().fold(0.0, f64::max)),
         forward_share: finite(beyond as f64 / differences.len() as f64),
+        forward_limit: Some(limits.forward),
         gradient_error: finite(largest_error(&gaussians[0], &found, &by_reference)),
+        gradient_limit: Some(limits.gradient),
         is_finite,
         drawn: made.drawn as u64,
         gaussians: gaussians.len() as u64,

@@ -167,7 +167,9 @@ fn compared(
     let measures = StabilityMeasures {
         forward_error: Some((value - expected).abs()),
         forward_share: Some(0.0),
+        forward_limit: Some(limits.forward),
         gradient_error: Some(errors.fold(0.0, largest_or_nan) / largest.max(f64::MIN_POSITIVE)),
+        gradient_limit: Some(limits.gradient),
         is_finite: value.is_finite() && gradient.iter().all(|g| g.is_finite()),
         drawn: 0,
         gaussians: 0,

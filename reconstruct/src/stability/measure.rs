@@ -4,6 +4,7 @@ use omnilife_schemas::records::StabilityMeasures;
 
 use crate::error::ReconstructError;
 use crate::stability::{
+    Limits,
     devices::Device,
     parameterizations::{Parameterization, STATIC_VALUES},
     setup::Setup,
@@ -29,7 +30,7 @@ const STEP: f64 = 1e-3;
 
 /// Renders a setup on a device and compares image and gradients with the reference, for which the
 /// last `degenerate` Gaussians do not exist: only Adam, which refuses them, sees their gradients.
-/// Colour values that differ by more than `forward_limit` are counted.
+/// Colour values that differ by more than their limit are counted.
 ///
 /// # Errors
 /// When the device fails.
@@ -38,7 +39,7 @@ pub fn measure(
     parameterization: &Parameterization,
     device: &Device,
     degenerate: usize,
-    forward_limit: f64,
+    limits: Limits,
 ) -> Result<Measured, ReconstructError> {
     let table = (parameterization.table)(setup);
     let sound = setup.gaussians.len() - degenerate;
@@ -54,7 +55,7 @@ pub fn measure(
     let largest = differences.iter().copied().fold(0.0, f64::max);
     let beyond = differences
         .iter()
-        .filter(|&&difference| difference > forward_limit)
+        .filter(|&&difference| difference > limits.forward)
         .count();
     let gradients = made
         .table
@@ -66,7 +67,9 @@ pub fn measure(
     let measures = StabilityMeasures {
         forward_error: finite(largest),
         forward_share: finite(beyond as f64 / differences.len() as f64),
+        forward_limit: Some(limits.forward),
         gradient_error: finite(reference.gradient_error(&made.table, &decisions)),
+        gradient_limit: Some(limits.gradient),
         is_finite,
         drawn: made.drawn as u64,
         gaussians: setup.gaussians.len() as u64,

@@ -151,7 +151,10 @@ fn row(
         Expectation::LeavesOut { degenerate } => degenerate,
         Expectation::Agrees | Expectation::ImageAgrees => 0,
     };
-    let measured = measure(&setup, parameterization, device, degenerate, limits.forward)?;
+    let mut measured = measure(&setup, parameterization, device, degenerate, limits)?;
+    if case.expectation == Expectation::ImageAgrees {
+        measured.measures.gradient_limit = None;
+    }
     let harm = if degenerate > 0 {
         damage_of(&setup, degenerate, parameterization, device, &measured)?
     } else {

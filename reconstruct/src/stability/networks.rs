@@ -156,7 +156,9 @@ fn published_network() -> Judgement {
     let measures = StabilityMeasures {
         forward_error: Some(forward.fold(0.0, largest_or_nan)),
         forward_share: Some(0.0),
+        forward_limit: Some(PUBLISHED_LIMIT),
         gradient_error: Some((found - by_direction).abs() / by_direction.abs()),
+        gradient_limit: Some(PUBLISHED_LIMIT),
         is_finite: outputs
             .iter()
             .chain(&gradient)

@@ -116,7 +116,9 @@ fn judge(shapes: Vec<Shape>, size: f64) -> Judgement {
         measured: Some(StabilityMeasures {
             forward_error: None,
             forward_share: None,
+            forward_limit: None,
             gradient_error: worst.is_finite().then_some(worst),
+            gradient_limit: Some(LIMIT),
             is_finite,
             drawn: gaussians.len() as u64,
             gaussians: gaussians.len() as u64,

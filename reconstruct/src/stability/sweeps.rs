@@ -165,7 +165,7 @@ impl Sweep {
             .map(|&condition| {
                 let setup = (self.setup)(condition);
                 let limits = self.limits_at(condition);
-                let measured = measure(&setup, &self.parameterization, device, 0, limits.forward)?;
+                let measured = measure(&setup, &self.parameterization, device, 0, limits)?;
                 Ok(StabilityPoint {
                     backend: device.kind().id().to_owned(),
                     condition,

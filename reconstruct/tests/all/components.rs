@@ -56,7 +56,11 @@ fn odgs_takes_exposure_and_poses_one_by_one_and_together() {
                 (EXPOSURE, settings.exposure.is_some()),
                 (POSES, settings.pose_refinement.is_some()),
             ] {
-                let decision = outcome.plan.iter().find(|part| part.component == component);
+                let decision = outcome
+                    .findings
+                    .plan
+                    .iter()
+                    .find(|part| part.component == component);
                 assert_eq!(decision.is_some(), with.contains(&component));
                 assert_eq!(has, decision.is_some_and(|decision| decision.used));
             }
@@ -141,7 +145,11 @@ fn larger_steps_get_further_in_a_short_schedule_and_are_left_out_of_a_published_
             ..asked_for(&[], iterations)
         };
         let prepared = ours.prepare(&moving, &request, BackendChoice::Cpu).unwrap();
-        let decision = prepared.plan.iter().find(|part| part.component == SHORT);
+        let decision = prepared
+            .findings
+            .plan
+            .iter()
+            .find(|part| part.component == SHORT);
         let decision = decision.unwrap();
         assert_eq!(decision.used, used, "{decision:?}");
     }
@@ -163,7 +171,7 @@ fn steps_leave_gaussians_out_where_few_views_see_most_points() {
         scene.input_views = (0..views).map(view).collect();
         scene.novel_views.clear();
         let prepared = ours.prepare(&scene, &asked_for(&[], 100), BackendChoice::Cpu);
-        let plan = prepared.unwrap().plan;
+        let plan = prepared.unwrap().findings.plan;
         let decision = plan.into_iter().find(|part| part.component == "dropout");
         decision.unwrap()
     };
@@ -195,7 +203,7 @@ fn every_optional_component_of_every_method_trains() {
         let mut outcome = train(&scene, method.id, &request);
         // Points come before a method: tests/swept_points.rs.
         for component in with.iter().filter(|name| **name != denser_points::ID) {
-            let mut plan = outcome.plan.iter();
+            let mut plan = outcome.findings.plan.iter();
             let decision = plan.find(|part| part.component == *component).unwrap();
             assert!(
                 decision.used && decision.reason.starts_with("asked for"),

@@ -151,12 +151,14 @@ fn what_is_left_out_has_no_arrays() {
         assert_eq!(model.parts[0].table.arrays.len(), 5);
         // Seeds that never vanish would stay for the whole clip.
         let seeded = outcome
+            .findings
             .plan
             .iter()
             .any(|part| part.component == "mask-seeds" && part.used);
         assert_eq!(seeded, !without.contains(&"temporal-opacity"));
         for name in without {
             let decision = outcome
+                .findings
                 .plan
                 .iter()
                 .find(|part| part.component == *name)

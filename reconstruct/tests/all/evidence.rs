@@ -134,7 +134,7 @@ fn gains_of_the_camera_are_found_and_compensated() {
     assert!(with > without + 1.0, "{with} {without}");
 
     let still = moving_ball::scene();
-    let decisions = train(&still, "omni4dgs-plus", &request(6)).plan;
+    let decisions = train(&still, "omni4dgs-plus", &request(6)).findings.plan;
     let decision = decisions
         .iter()
         .find(|part| part.component == "exposure-compensation");
@@ -182,6 +182,7 @@ fn without_masks_residuals_tell_whether_something_moves() {
     for (scene, moves) in [(&still, false), (&moving, true)] {
         let outcome = train(scene, "omni4dgs", &request(2));
         let decision = outcome
+            .findings
             .plan
             .iter()
             .find(|part| part.component == "temporal-motion");
@@ -202,11 +203,11 @@ fn empty_masks_do_not_hide_what_moves() {
     }
     let outcome = train(&scene, "omni4dgs", &request(2));
     let used = |component: &str| {
-        let mut plan = outcome.plan.iter();
+        let mut plan = outcome.findings.plan.iter();
         plan.any(|part| part.component == component && part.used)
     };
     assert!(used("temporal-motion") && !used("mask-seeds") && !used("static-table"));
-    let evidence = outcome.evidence.unwrap();
+    let evidence = outcome.findings.evidence.unwrap();
     assert!(evidence.moves() && evidence.masks.coverage == Some(0.0));
 }
 
@@ -241,14 +242,14 @@ fn a_speck_in_one_mask_does_not_make_a_still_scene_move() {
     }
     for method in ["omni4dgs", "omni4dgs-plus"] {
         let outcome = train(&scene, method, &request(2));
-        let evidence = outcome.evidence.as_ref().unwrap();
+        let evidence = outcome.findings.evidence.as_ref().unwrap();
         assert!(evidence.masks.coverage > Some(0.0) && evidence.masks.showing_views < 2);
         assert!(
             evidence.pilot.is_some() && !evidence.moves(),
             "{evidence:?}"
         );
         let is_used = |names: &[&str]| {
-            let mut plan = outcome.plan.iter();
+            let mut plan = outcome.findings.plan.iter();
             plan.any(|part| part.used && names.contains(&&*part.component))
         };
         assert!(!is_used(&["temporal-motion", "dynamic-mask", "mask-seeds"]));
@@ -306,6 +307,7 @@ fn gloss_is_found_and_drawn() {
         };
         let mut outcome = train(&scene, "omni4dgs-plus", &request);
         let decision = outcome
+            .findings
             .plan
             .iter()
             .find(|part| part.component == "view-dependent-colour")
@@ -389,7 +391,7 @@ fn scenes_that_show_little_are_planned_without_a_fault() {
                 .all(|row| row.train_loss.is_none_or(f64::is_finite)),
             "{name}"
         );
-        for part in &outcome.plan {
+        for part in &outcome.findings.plan {
             assert!(
                 !part.reason.is_empty()
                     && !part.reason.contains("NaN")

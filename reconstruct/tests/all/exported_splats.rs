@@ -3,7 +3,6 @@
 use std::{
     fs,
     path::{Path, PathBuf},
-    sync::Mutex,
 };
 
 use glam::{DQuat, DVec3};
@@ -19,6 +18,7 @@ use omnilife_schemas::{
     progress::{Progress, Silent},
     records::{AssetPlacement, InvalidGaussians, PosedFrame, Poses, Scale},
     store,
+    testing::Notes,
 };
 use proptest::prelude::*;
 use rand::{RngExt, SeedableRng};
@@ -137,20 +137,6 @@ proptest! {
     }
 }
 
-/// Lines that were told.
-#[derive(Default)]
-struct Notes(Mutex<Vec<String>>);
-
-impl Progress for Notes {
-    fn begin(&self, _: &str, _: Option<u64>) {}
-    fn advance(&self, _: u64) {}
-    fn status(&self, _: &str) {}
-    fn end(&self) {}
-    fn note(&self, line: &str) {
-        self.0.lock().unwrap().push(line.to_owned());
-    }
-}
-
 /// An image of a model from the origin.
 fn drawn(model: &Path, folder: &Path, progress: &dyn Progress) -> RgbImage {
     let poses = folder.join("poses.json");
@@ -234,12 +220,12 @@ fn odd_values_are_drawn_as_they_are_meant_and_so_is_what_is_exported() {
     let told = Notes::default();
     let [odd, meant] = [&paths[0], &paths[1]].map(|path| drawn(path, folder.path(), &told));
     // Padding, opacities of 0 and quaternions of zeros of the one file, nothing of the other.
-    assert_eq!(told.0.lock().unwrap().len(), 3);
+    assert_eq!(told.take().len(), 3);
     assert!(odd.data.iter().any(|value| *value > 0.2));
     assert_eq!(odd.data, meant.data);
     let told = Notes::default();
     let asset = exported(&paths[0], folder.path().join("asset"), &told).asset;
-    assert_eq!(told.0.lock().unwrap().len(), 3);
+    assert_eq!(told.take().len(), 3);
     let expected = InvalidGaussians {
         padding: 40,
         transparent: 28,

@@ -14,15 +14,14 @@ use omnilife_engine::{
         cpu::Renderer,
         gpu::GpuRenderer,
         raster::{Raster, RasterGradient},
-        settings::{Footprint, RenderSettings},
+        settings::Footprint,
     },
 };
-use omnilife_schemas::camera::{ErpCamera, PinholeCamera};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 use support::{
     reference::{self, Gaussian, RefView, instant},
-    scenes::{Richness, at, scene, turned},
+    scenes::{Richness, at, erp, pinhole, scene, settings, turned},
 };
 
 use crate::support;
@@ -32,30 +31,6 @@ const PLAIN: Richness = Richness {
     sh_degree: 0,
     features: 0,
 };
-
-fn erp(width: u32) -> Camera {
-    Camera::Erp(ErpCamera {
-        width,
-        height: width / 2,
-    })
-}
-
-fn pinhole(width: u32, height: u32) -> Camera {
-    let camera = PinholeCamera::with_horizontal_field_of_view(width, height, 1.6);
-    Camera::Pinhole(PinholeCamera {
-        cx: camera.cx + 1.3,
-        fy: camera.fy * 1.1,
-        ..camera
-    })
-}
-
-fn settings(footprint: Footprint) -> RenderSettings {
-    RenderSettings {
-        background: [0.1, 0.3, 0.2],
-        footprint,
-        ..RenderSettings::new(0.01)
-    }
-}
 
 fn view(camera: Camera, rotation: DQuat, footprint: Footprint) -> RefView {
     RefView::new(

@@ -1,5 +1,5 @@
-//! Density control on a GPU against that in memory: the same Gaussians are cloned, split and removed, whole
-//! rows come out the same, and nothing of the Gaussians is read back.
+//! Density control on a GPU compared with that in memory: the same Gaussians are cloned, split and removed,
+//! whole rows are equal, and no Gaussians are read back.
 
 use crate::support::{device, random_models, same_gaussians};
 use std::sync::Arc;
@@ -22,7 +22,7 @@ use random_models::{
 };
 use same_gaussians::assert_same_gaussians;
 
-/// Bytes that the host reads of each part: how many clones, how many copies, how many that are left.
+/// Bytes that the host reads per part: numbers of clones, of all copies and of remaining rows.
 const BYTES_OF_PART: u64 = 12;
 
 struct Case<'a> {
@@ -32,7 +32,7 @@ struct Case<'a> {
     last_view: usize,
 }
 
-/// Densifies a model on a device and in memory; returns what was done and the device's model.
+/// Densifies a model on a device and in memory; returns the counts and the device's model.
 fn compare(gpu: &Arc<Gpu>, scene: &Scene, model: &Model, case: &Case<'_>) -> (Densified, Model) {
     let what = case.what;
     let settings = train_settings(scene);
@@ -128,7 +128,7 @@ fn cases() -> Vec<Case<'static>> {
         case(
             "no room",
             DensifySettings {
-                // What is pruned makes none.
+                // Pruned Gaussians make no room.
                 maximum_gaussians: 1_000,
                 ..density()
             },
@@ -147,7 +147,7 @@ fn the_device_decides_as_the_host_does() {
         assert!(done.pruned > 0, "{}", case.what);
         assert_eq!(done.cloned + done.split > 0, case.what != "no room");
         if case.what == "three children" {
-            // One device gives the same bits again.
+            // A device reproduces the same bits.
             let (_, again) = compare(&gpu, &scene, &model, &case);
             let bits = |model: &Model| -> Vec<u32> {
                 let arrays = model.parts.iter().flat_map(|part| &part.table.arrays);
@@ -172,7 +172,7 @@ fn none_or_all_may_grow_and_none_or_all_may_go() {
         scheduled: 10,
         last_view: 0,
     };
-    // Fewer than a workgroup, and none of what moves.
+    // Fewer than a workgroup, and no moving Gaussians.
     let mut model = random_model(&scene, [37, 0], 2);
     for part in &mut model.parts {
         part.statistics.sums.fill(0.0);
@@ -206,7 +206,7 @@ fn densifications_within_a_training_read_nothing_of_the_gaussians() {
     densify_within_a_training(&gpu, &scene, &settings, random_deformed(&scene, 500, 5));
 }
 
-/// Training goes on from what the device decided: the first time into larger buffers, then within them.
+/// Trains on from the device's decision: first into larger buffers, then within them.
 fn densify_within_a_training(
     gpu: &Arc<Gpu>,
     scene: &Scene,
@@ -240,7 +240,7 @@ fn densify_within_a_training(
         let settings = DensifySettings {
             gradient_threshold: Threshold::constant(1e-6),
             maximum_gaussians: before.len() as u64 + growing,
-            // Below what opacities are set down to.
+            // Below the upper bound of an opacity reset.
             prune_opacity: 0.003,
             ..density()
         };
@@ -279,7 +279,7 @@ fn densify_within_a_training(
         assert_eq!(gpu.bytes_read(), begun);
         assert!(*stepper.model().unwrap() == expected, "{what}");
         steps(&mut stepper, first);
-        // As in buffers without further room.
+        // The same as in buffers without spare capacity.
         let mut anew = made_of(expected);
         steps(&mut anew, first);
         assert!(

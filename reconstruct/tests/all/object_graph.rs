@@ -92,6 +92,7 @@ fn what_moves_is_better_than_a_static_scene_has_it_and_can_be_taken_out() {
     );
     let used = |name: &str| {
         graph
+            .findings
             .plan
             .iter()
             .any(|one| one.component == name && one.used)

@@ -69,6 +69,7 @@ fn remaining(views: &[TrainingView], exact: &[TrainingView], model: &Model) -> f
 /// Whether poses are refined, and why.
 fn decision(outcome: &MethodOutcome<'_>) -> (bool, String) {
     let decision = outcome
+        .findings
         .plan
         .iter()
         .find(|part| part.component == "pose-refinement");
@@ -137,7 +138,11 @@ fn poses_are_refined_where_nothing_moves_too() {
     let exact = balls::scene();
     let scene = disturbed(exact.clone());
     let mut outcome = refined(&scene, 150, &[]);
-    assert!(settings(&outcome).dynamics.is_none(), "{:?}", outcome.plan);
+    assert!(
+        settings(&outcome).dynamics.is_none(),
+        "{:?}",
+        outcome.findings.plan
+    );
     assert_refined(&mut outcome, &scene, &exact);
 }
 

@@ -16,7 +16,7 @@ use omnilife_engine::{
 };
 use omnilife_reconstruct::{
     ReconstructError, baseline,
-    methods::{Method, MethodKind, ON_CPU, ON_CPU_AND_GPU, PreparedGaussians},
+    methods::{Findings, Method, MethodKind, ON_CPU, ON_CPU_AND_GPU, PreparedGaussians},
     models::gaussians::GAUSSIANS,
     request::{DefaultPlan, MethodRequest},
     scene::{CameraExtent, TrainingScene},
@@ -129,10 +129,7 @@ fn prepare(
     Ok(PreparedGaussians {
         model: Model::new(vec![Part::new(drifting, table)]),
         settings,
-        plan: Vec::new(),
-        evidence: None,
-        lift: None,
-        warnings: Vec::new(),
+        findings: Findings::default(),
     })
 }
 

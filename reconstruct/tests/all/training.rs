@@ -15,7 +15,7 @@ use crate::support::{balls, novel_views};
 
 /// Whether open sky was found.
 fn sky<'o>(outcome: &'o MethodOutcome<'_>) -> &'o ComponentDecision {
-    let mut plan = outcome.plan.iter();
+    let mut plan = outcome.findings.plan.iter();
     plan.find(|part| part.component == "sky-shell").unwrap()
 }
 
@@ -91,6 +91,7 @@ fn a_limit_on_the_gaussians_thins_the_points() {
     };
     let outcome = train_as(&scene, &request);
     let thinned = outcome
+        .findings
         .plan
         .iter()
         .find(|part| part.component == "all-points");

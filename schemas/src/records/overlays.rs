@@ -79,11 +79,6 @@ pub enum OverlayClass {
 }
 
 impl OverlayClass {
-    /// Whether it was put over the image afterwards.
-    pub fn is_artificial(self) -> bool {
-        self != Self::Rig
-    }
-
     /// Whether it hides what could be reconstructed or puts patterns where there are none. What
     /// covers the nadir hides the tripod.
     pub fn spoils_geometry(self) -> bool {

@@ -65,6 +65,9 @@ pub struct RunRecord {
     pub evaluation_seconds: f64,
     /// Rendering time of all predictions in wall-clock seconds.
     pub rendering_seconds: f64,
+    /// CPU time of that (user and system, all threads), seconds, where the system tells.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub rendering_cpu_seconds: Option<f64>,
     /// Mean time of a group from its given views to its novel ones, rendering included, seconds;
     /// of methods that work group by group.
     #[serde(default)]
@@ -79,8 +82,8 @@ pub struct RunRecord {
     /// versions have none.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub clip_seconds: Option<[f64; 2]>,
-    /// What the way from the video took so far as records tell, stage by stage, rendering of predictions included;
-    /// records of older versions have none.
+    /// Times of the stages before the run, from the video to its inputs, as far as records have them;
+    /// [`RunRecord::stage_times`] adds those of the run itself.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub stages: Vec<StageTime>,
     /// The cameras of these views, in the world, of runs with objects that can be moved: whether a moved one is in any
@@ -138,6 +141,41 @@ impl RunRecord {
         self.trace_views = None;
         self.surfaces = None;
         self
+    }
+}
+
+impl RunRecord {
+    /// Returns the times of all stages from the video to rendered predictions; planning is apart from training here.
+    pub fn stage_times(&self) -> Vec<StageTime> {
+        let left = |all: f64, part: f64| (all - part).max(0.0);
+        let cpu = |all: f64| left(all, self.planning_cpu_seconds.unwrap_or(0.0));
+        let own = [
+            (PLANNING, self.planning_seconds, self.planning_cpu_seconds),
+            (
+                TRAINING,
+                left(self.training_seconds, self.planning_seconds),
+                self.training_cpu_seconds.map(cpu),
+            ),
+            (
+                RENDERING,
+                self.rendering_seconds,
+                self.rendering_cpu_seconds,
+            ),
+        ];
+        let own = own
+            .into_iter()
+            .filter(|(_, wall_seconds, _)| *wall_seconds > 0.0);
+        let own = own.map(|(stage, wall_seconds, cpu_seconds)| StageTime {
+            stage: stage.to_owned(),
+            method: None,
+            took: Elapsed {
+                wall_seconds,
+                cpu_seconds,
+            },
+        });
+        // Records of older versions have their own stages among those before.
+        let before = self.stages.iter().filter(|stage| !stage.is_of_run());
+        before.cloned().chain(own).collect()
     }
 }
 
@@ -247,4 +285,38 @@ pub struct ViewPredictions {
     pub input_views: Option<String>,
     /// Folder of predicted novel views.
     pub novel_views: String,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn planning_is_apart_from_training_and_older_records_repeat_nothing() {
+        let record: RunRecord = serde_json::from_value(serde_json::json!({
+            "method": "odgs", "scene": "walk", "protocol_hash": "", "seed": 0,
+            "backend": {"kind": "cpu", "threads": 2}, "configuration": null, "plan": [], "versions": {}, "inputs": {},
+            "iterations": 10, "primitives": 5, "planning_seconds": 2.0, "planning_cpu_seconds": 3.0,
+            "training_seconds": 12.0, "training_cpu_seconds": 21.0, "rendering_seconds": 1.5,
+            "peak_memory_bytes": null, "normalization": {"offset": [0.0, 0.0, 0.0], "scale": 1.0}, "trace": null,
+            "predictions": {"input_views": null, "novel_views": "novel"}, "warnings": [],
+            "stages": [
+                {"stage": "poses", "method": "sfm", "wall_seconds": 31.5},
+                {"stage": "planning", "wall_seconds": 2.0}, {"stage": "training", "wall_seconds": 10.0}
+            ]
+        }))
+        .expect("a record");
+        let stages = record.stage_times();
+        let times = stages.iter().map(|stage| {
+            let took = stage.took;
+            (stage.stage.as_str(), took.wall_seconds, took.cpu_seconds)
+        });
+        let expected = [
+            ("poses", 31.5, None),
+            (PLANNING, 2.0, Some(3.0)),
+            (TRAINING, 10.0, Some(18.0)),
+            (RENDERING, 1.5, None),
+        ];
+        assert_eq!(times.collect::<Vec<_>>(), expected);
+    }
 }

@@ -59,9 +59,13 @@ pub struct StabilityMeasures {
     /// Share of the colour values that differ by more than the case's limit: those of pixels that a
     /// Gaussian's edge misses by a rounding error.
     pub forward_share: Option<f64>,
+    /// Limit of `forward_error`; none where it has no limit, and in records of older versions.
+    pub forward_limit: Option<f64>,
     /// Largest difference of a gradient value from the f64 reference, relative to its own size or to
     /// the typical size in its parameter array, whichever is larger.
     pub gradient_error: Option<f64>,
+    /// Limit of `gradient_error`; none where it has no limit, and in records of older versions.
+    pub gradient_limit: Option<f64>,
     /// Whether every colour and every gradient value is finite.
     pub is_finite: bool,
     /// Gaussians that were drawn.

@@ -1,4 +1,4 @@
-//! What Slurm's programs print.
+//! Parsers of the output of Slurm's programs.
 #![cfg_attr(
     not(test),
     deny(clippy::indexing_slicing, clippy::arithmetic_side_effects)
@@ -6,7 +6,7 @@
 
 use std::collections::BTreeSet;
 
-/// `MaxArraySize` of `scontrol show config`: one more than the highest index of an array's tasks.
+/// Returns `MaxArraySize` of `scontrol show config`: one more than the highest index of an array's tasks.
 pub fn max_array_size(text: &str) -> Option<usize> {
     let mut lines = text.lines();
     let rest = lines.find_map(|line| line.trim().strip_prefix("MaxArraySize"))?;
@@ -14,12 +14,12 @@ pub fn max_array_size(text: &str) -> Option<usize> {
     (size > 0).then_some(size)
 }
 
-/// Tasks of `squeue --format=%F_%K`, as `<array>_<task>`.
+/// Returns tasks of `squeue --format=%F_%K`, as `<array>_<task>`.
 pub fn queued_tasks(text: &str) -> BTreeSet<String> {
     text.lines().map(|line| line.trim().to_owned()).collect()
 }
 
-/// The job of `sbatch --parsable`: `<id>` or `<id>;<cluster>`.
+/// Returns the job of `sbatch --parsable`: `<id>` or `<id>;<cluster>`.
 pub fn job_id(text: &str) -> Option<String> {
     let id = text.trim().split(';').next()?;
     (!id.is_empty()).then(|| id.to_owned())

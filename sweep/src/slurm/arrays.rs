@@ -1,4 +1,4 @@
-//! Which units go into which job array, and what each array asks for.
+//! Assignment of units to job arrays, and the resources of each array.
 
 use std::{collections::BTreeMap, time::Duration};
 
@@ -6,14 +6,14 @@ use omnilife_schemas::records::SweepUnit;
 
 use crate::history::History;
 
-/// Room above the longest time measured.
+/// Margin above the longest measured time.
 const TIME_MARGIN: f64 = 1.5;
-/// The least time asked for, minutes: nodes take a while to begin and to end.
+/// Least requested time, minutes: nodes take a while to start and to end.
 const LEAST_MINUTES: u64 = 5;
-/// Memory is asked for in steps, so that groups that need about the same share an array.
+/// Memory is requested in steps, so that groups with similar needs share an array.
 const MEMORY_STEP_MEBIBYTES: u64 = 256;
 
-/// What every task of an array asks for.
+/// Requested resources of every task of an array.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub struct JobNeeds {
     /// GPUs.
@@ -26,17 +26,17 @@ pub struct JobNeeds {
     pub minutes: u64,
 }
 
-/// Units that ask for the same.
+/// Units with the same requested resources.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct JobArray {
-    /// What each asks for.
+    /// Resources of each.
     pub needs: JobNeeds,
     /// Their ids, in the order of the plan; the first is task 0.
     pub units: Vec<String>,
 }
 
-/// Splits units into arrays of at most `most` tasks that ask for what their groups were measured to
-/// need, and for `unmeasured` time where nothing was.
+/// Splits units into arrays of at most `most` tasks. They request the measured needs of their groups, and `unmeasured`
+/// time without a measurement.
 pub(super) fn arrays(
     units: &[&SweepUnit],
     history: &History,
@@ -76,7 +76,7 @@ fn needs(unit: &SweepUnit, history: &History, unmeasured: Duration) -> JobNeeds 
     }
 }
 
-/// How many tasks of each array may run at a time, so that all arrays together keep to `most`: in
+/// Returns how many tasks of each array may run at a time, so that all arrays together stay within `most`: in
 /// proportion to their sizes, and at least one.
 pub(super) fn throttles(arrays: &[JobArray], most: Option<usize>) -> Vec<Option<usize>> {
     let all: usize = arrays.iter().map(|array| array.units.len()).sum();
@@ -151,7 +151,7 @@ mod tests {
         assert_eq!(throttles(&made, None), [None, None, None]);
     }
 
-    /// Time from those that were done, memory from those too that were killed for it.
+    /// Time comes from completed units, memory also from those killed for it.
     #[test]
     fn needs_come_from_what_was_measured() {
         let mut history = History::default();

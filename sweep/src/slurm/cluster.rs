@@ -9,20 +9,20 @@ use std::{
 use super::answers;
 use crate::error::SweepError;
 
-/// One more than the highest index of an array's tasks, and with it the most tasks of an array.
+/// Returns one more than the highest index of an array's tasks, and thereby the most tasks of an array.
 ///
 /// # Errors
-/// When Slurm does not tell.
+/// When Slurm does not report it.
 pub(super) fn max_array_size() -> Result<usize, SweepError> {
     let text = output("scontrol", &["show", "config"], None)?;
     answers::max_array_size(&text)
         .ok_or_else(|| failed("scontrol show config", "does not say MaxArraySize"))
 }
 
-/// All array tasks that wait or run, as `<array>_<task>`.
+/// Returns all array tasks that wait or run, as `<array>_<task>`.
 ///
 /// # Errors
-/// When Slurm does not tell.
+/// When Slurm does not report them.
 pub(super) fn queued_tasks() -> Result<BTreeSet<String>, SweepError> {
     let text = output("squeue", &["--noheader", "--array", "--format=%F_%K"], None)?;
     Ok(answers::queued_tasks(&text))

@@ -1,9 +1,9 @@
 //! A sweep's missing units as Slurm job arrays.
 //!
-//! Slurm queues and places; what is done is in the sweep's records alone, so neither accounting nor
-//! a database is needed. An array task runs `omnilife sweep run SWEEP --list FILE --line TASK`: it
-//! locks its unit, so that one that was submitted twice is not done twice at a time. Some time before a job's limit Slurm signals the runner;
-//! the unit writes its checkpoint, and the task goes back into the queue.
+//! Slurm queues and places; the sweep's records alone state what is done, so neither accounting nor a database is
+//! needed. An array task runs `omnilife sweep run SWEEP --list FILE --line TASK`. It locks its unit, so that one that
+//! was submitted twice is not done twice at a time. Some time before a job's limit Slurm signals the runner; the unit
+//! writes its checkpoint, and the task goes back into the queue.
 
 pub mod answers;
 mod arrays;
@@ -26,38 +26,38 @@ use crate::{
 };
 pub use arrays::{JobArray, JobNeeds};
 
-/// Folder of what was submitted, in a sweep's folder.
+/// Folder of submissions, in a sweep's folder.
 const SUBMISSIONS_FOLDER: &str = "submissions";
 
-/// What to ask of Slurm.
+/// Options of a submission.
 #[derive(Debug, Clone)]
 pub struct SubmitRequest {
     /// The sweep's folder.
     pub folder: PathBuf,
-    /// This program, as the nodes find it.
+    /// This program, at its path on the nodes.
     pub program: PathBuf,
-    /// Tasks that run at a time, of all arrays together.
+    /// Maximum number of simultaneous tasks of all arrays together.
     pub throttle: Option<usize>,
-    /// Wall-clock time of units of which none was measured and that have no limit.
+    /// Wall-clock time of units without a measurement in their group and without a limit.
     pub unmeasured: Duration,
-    /// How long before a job's end its unit is told to write its checkpoint.
+    /// Time before a job's end at which its unit is asked to write its checkpoint.
     pub signal_before: Duration,
     /// Further options of every `sbatch` (partition, account ...).
     pub options: Vec<String>,
-    /// Whether a job that reduces follows.
+    /// True to submit a job for the reduction afterwards.
     pub reduce: bool,
-    /// Whether to submit; otherwise the arrays are returned alone.
+    /// True to submit; otherwise the arrays are only returned.
     pub submit: bool,
 }
 
-/// What was submitted, or would be.
+/// Submitted jobs, or planned ones.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Submission {
-    /// The arrays, each with its job id where it was submitted.
+    /// The arrays, each with its job id if submitted.
     pub arrays: Vec<(JobArray, Option<String>)>,
     /// Units left out because an earlier submission has them in the queue.
     pub queued: usize,
-    /// The job that reduces.
+    /// The job of the reduction.
     pub reduce: Option<String>,
 }
 
@@ -95,7 +95,7 @@ pub fn submit(request: &SubmitRequest) -> Result<Submission, SweepError> {
     let folder = new_folder(&submissions)?;
     let shares = arrays::throttles(&arrays, request.throttle);
     for (number, (array, throttle)) in arrays.into_iter().zip(shares).enumerate() {
-        // Where there are more arrays than tasks may run, each waits for one before it.
+        // With more arrays than tasks may run, each waits for one before it.
         let before = request.throttle.and_then(|most| number.checked_sub(most));
         let before = before.and_then(|before| submission.arrays[before].1.clone());
         let job = Job {
@@ -120,7 +120,7 @@ pub fn submit(request: &SubmitRequest) -> Result<Submission, SweepError> {
     Ok(submission)
 }
 
-/// Puts the array task that this process is back into the queue, to go on later.
+/// Puts the array task of this process back into the queue, to continue later.
 ///
 /// # Errors
 /// When this is no job, or Slurm refuses.
@@ -134,7 +134,7 @@ pub fn requeue() -> Result<String, SweepError> {
     }
 }
 
-/// The unit at a line of a list, counted from 0.
+/// Returns the unit at a line of a list, counted from 0.
 ///
 /// # Errors
 /// When the list cannot be read or is shorter.
@@ -144,7 +144,7 @@ pub fn unit_in_list(list: &Path, line: usize) -> Result<String, StoreError> {
     id.ok_or_else(|| StoreError::malformed(list, format!("has no line {line}")))
 }
 
-/// One submission in the making.
+/// A submission in progress.
 struct Job<'a> {
     request: &'a SubmitRequest,
     sweep: &'a Sweep,
@@ -172,8 +172,8 @@ impl Job<'_> {
             format!("--cpus-per-task={}", needs.cores),
             format!("--mem={}M", needs.memory_mebibytes),
             format!("--time={}", needs.minutes),
-            // To the runner alone, which stands in for the batch shell and tells its unit. Another
-            // signal than that of a job that is cancelled: this one comes back.
+            // To the runner alone, in place of the batch shell; it asks its unit to end. The signal differs from that
+            // of a cancelled job: this one comes back.
             format!("--signal=B:USR1@{}", self.request.signal_before.as_secs()),
             "--requeue".to_owned(),
             "--open-mode=append".to_owned(),
@@ -194,7 +194,7 @@ impl Job<'_> {
         Ok(id)
     }
 
-    /// Submits the job that reduces when the arrays are over, however they ended.
+    /// Submits the job of the reduction for the end of the arrays, successful or not.
     fn reduce(&self, arrays: &[&str]) -> Result<String, SweepError> {
         let options = vec![
             format!("--dependency=afterany:{}", arrays.join(":")),
@@ -221,12 +221,12 @@ impl Job<'_> {
     }
 }
 
-/// A path as one word of a shell.
+/// Returns a path as one word of a shell.
 fn quoted(path: &Path) -> String {
     format!("'{}'", path.display().to_string().replace('\'', "'\\''"))
 }
 
-/// A folder for the next submission, numbered from 1.
+/// Creates a folder for the next submission, numbered from 1.
 fn new_folder(submissions: &Path) -> Result<PathBuf, StoreError> {
     store::create_folder(submissions)?;
     let names = store::names_in(submissions)?;
@@ -236,7 +236,7 @@ fn new_folder(submissions: &Path) -> Result<PathBuf, StoreError> {
     Ok(folder)
 }
 
-/// Ids of units that earlier submissions have in the queue, waiting or running.
+/// Returns ids of units of earlier submissions in the queue, waiting or running.
 fn queued_units(submissions: &Path) -> Result<BTreeSet<String>, SweepError> {
     let mut units = BTreeSet::new();
     if !submissions.is_dir() {

@@ -42,7 +42,7 @@ fn run(points: &[(f64, f64)], memory: u64) -> TracedRun {
     }
 }
 
-/// A run with this quality over time at these times.
+/// Returns a run with this quality over time at these times.
 fn sampled(times: &[f64], quality: impl Fn(f64) -> f64) -> TracedRun {
     let points: Vec<(f64, f64)> = times.iter().map(|&time| (time, quality(time))).collect();
     run(&points, 1)
@@ -115,10 +115,10 @@ fn a_curve_over_log_time_is_measured_the_same_at_any_spacing() {
 fn a_quality_has_a_time_only_where_it_is_crossed() {
     let curve = curve_of(&run(&[(5.0, 23.0), (20.0, 22.5), (80.0, 27.0)], 1), None);
     let of_20_to_30 = &curve.to_quality;
-    // There from the first row on, though the second one is below.
+    // Reached from the first row on, though the second one is below.
     assert_eq!(of_20_to_30[0], Crossing::AtMost { seconds: 5.0 });
     assert_eq!(of_20_to_30[1], Crossing::AtMost { seconds: 5.0 });
-    // A third of the way, in equal ratios.
+    // At a third of the interval, in equal ratios.
     let expected = 20.0 * 4_f64.powf(1.5 / 4.5);
     assert!((of_20_to_30[2].seconds().unwrap_or(0.0) - expected).abs() < 1e-9);
     assert_eq!(of_20_to_30[4..], [Crossing::Never; 2]);
@@ -162,7 +162,7 @@ fn a_run_without_rows_is_its_end() {
     let curves = measured(&[unknown, run(&[(8.0, 20.0)], 1)], None);
     assert_eq!(curves[0].to_quality, [Crossing::Never; 6]);
     assert_eq!(curves[0].at_moment, [None; 5]);
-    // Better and smaller, but nothing says how long it took.
+    // Better and smaller, but of unknown duration.
     assert!(!curves[0].on_front && curves[1].on_front);
 }
 
@@ -201,7 +201,7 @@ fn the_front_weighs_time_quality_and_memory() {
     assert_eq!(front, [true, true, false, true]);
 }
 
-/// Times from 1 to 512 with one between 2^k and 2^(k + 1/2) for every k, wherever `shares` say.
+/// Times from 1 to 512 with one between 2^k and 2^(k + 1/2) for every k, placed by `shares`.
 fn times(shares: &[f64]) -> Vec<f64> {
     let within = shares.iter().zip(1_u32..);
     let within = within.map(|(share, octave)| (f64::from(octave) + 0.5 * share).exp2());

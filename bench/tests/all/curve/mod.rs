@@ -7,10 +7,11 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use omnilife_bench::curve::{self, CURVE_FILE, CURVES_FILE, Clock, POINTS_FILE, Region};
+use omnilife_bench::curve::{self, CURVES_FILE, Clock, POINTS_FILE, Region};
 use omnilife_schemas::{
     Classified, ErrorKind,
     elapsed::Elapsed,
+    layout::CURVE_FILE,
     records::{Backend, ResultRecord, StageTime},
     store,
 };

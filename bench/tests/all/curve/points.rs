@@ -74,7 +74,7 @@ fn runs_without_a_trace_are_points() {
     assert_eq!(front, [false, true, true, false]);
     assert_eq!(curves[1].to_quality[3], Crossing::AtMost { seconds: 60.0 });
     assert_eq!(curves[2].to_quality[0].seconds(), Some(0.0));
-    // One curve alone has no area, and it is told which run has no time.
+    // One curve alone has no area, and a note names the run without a time.
     assert_eq!((found[0].span, found[0].notes.len()), (None, 2));
     assert!(curves.iter().all(|curve| curve.log_area_db.is_none()));
     let table = curve::curves_table(&found);
@@ -165,7 +165,7 @@ fn a_result_that_is_not_complete_is_no_point() {
     let error = curve::read_run(&run, Clock::Wall, Region::Whole).unwrap_err();
     assert_eq!(error.error_kind(), ErrorKind::User);
     assert!(error.to_string().contains("is black"), "{error}");
-    // Nor is one without a score of what is asked for.
+    // Nor is one without the requested score.
     let run = write_record(&folder.path().join("b"), &scored("odgs", 25.0), None);
     let error = curve::read_run(&run, Clock::Wall, Region::Dynamic).unwrap_err();
     assert!(error.to_string().contains("psnr-dynamic"), "{error}");

@@ -1,8 +1,8 @@
-//! One question to a chat-completions endpoint over HTTP or HTTPS, with patience and limits.
+//! Requests to a chat-completions endpoint over HTTP or HTTPS, with retries and limits.
 //!
-//! Retried are refusals that pass (status 429 and 5xx) and connections that fail or time out, a
-//! bounded number of times, each time after twice as long or as long as the server asks for. Nothing
-//! is followed to another address, so that the key goes nowhere else; the key is in no message.
+//! Retried are temporary refusals (status 429 and 5xx) and connections that fail or time out: a bounded number of
+//! times, with doubled waits or after the server's `Retry-After`. Redirects are not followed, so that the key goes
+//! nowhere else; no message contains the key.
 
 use std::{fmt, net::IpAddr, str::FromStr, sync::Arc, thread, time::Duration};
 
@@ -14,15 +14,15 @@ use ureq::{
     tls::{Certificate, RootCerts, TlsConfig},
 };
 
-/// A longer answer is no caption.
+/// Maximum response size.
 const MOST_ANSWER_BYTES: u64 = 1 << 20;
-/// A longer caption is none.
+/// Maximum length of a caption.
 const MOST_CAPTION_CHARACTERS: usize = 8_000;
-/// How much of what a server says about a refusal is shown.
+/// Maximum length of a server's error text in messages.
 const SHOWN_CHARACTERS: usize = 200;
-/// A server that asks to be left alone for longer is not waited for.
+/// Longest `Retry-After` that is honoured.
 const LONGEST_WAIT: Duration = Duration::from_secs(60);
-/// What the path of the protocol ends with.
+/// End of the protocol's path.
 const PATH: &str = "/chat/completions";
 
 /// Address of a chat-completions endpoint.
@@ -36,7 +36,7 @@ pub struct Endpoint {
 impl FromStr for Endpoint {
     type Err = String;
 
-    /// An address up to `/v1` or up to `/chat/completions`.
+    /// Parses an address up to `/v1` or up to `/chat/completions`.
     fn from_str(text: &str) -> Result<Self, String> {
         let uri: Uri = text
             .parse()
@@ -78,13 +78,13 @@ impl fmt::Display for Endpoint {
     }
 }
 
-/// A secret: it can be sent, and neither printed nor recorded.
+/// A secret: it can be sent, but neither printed nor recorded.
 #[derive(Clone, PartialEq, Eq)]
 pub struct Key(String);
 
 impl Key {
     /// # Errors
-    /// When it cannot stand in a header. The error does not hold it.
+    /// When it cannot stand in a header. The error does not contain it.
     pub fn new(text: &str) -> Result<Self, String> {
         let text = text.trim();
         if text.is_empty() || !text.bytes().all(|byte| byte.is_ascii_graphic()) {
@@ -100,14 +100,14 @@ impl fmt::Debug for Key {
     }
 }
 
-/// How long and how often an endpoint is asked.
+/// Time limits and retries of requests.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Patience {
-    /// For one answer, from the connection to its last byte.
+    /// Time limit of one answer, from the connection to its last byte.
     pub timeout: Duration,
     /// Attempts in all, at least one.
     pub attempts: u32,
-    /// Before the second attempt; doubled before every further one.
+    /// Wait before the second attempt; doubled before every further one.
     pub first_wait: Duration,
 }
 
@@ -121,7 +121,7 @@ impl Default for Patience {
     }
 }
 
-/// What is asked.
+/// Body of a request.
 #[derive(Debug, Serialize)]
 pub(super) struct ChatRequest<'a> {
     model: &'a str,
@@ -147,7 +147,7 @@ struct ImageUrl<'a> {
 }
 
 impl<'a> ChatRequest<'a> {
-    /// A question about images, which are data URLs.
+    /// Creates a request about images, which are data URLs.
     pub(super) fn new(model: &'a str, prompt: &'a str, images: &'a [String]) -> Self {
         let text = [Part::Text { text: prompt }].into_iter();
         let images = images.iter().map(|url| Part::ImageUrl {
@@ -179,7 +179,7 @@ struct Said {
     content: Option<String>,
 }
 
-/// What servers say about a refusal.
+/// Body of a refusal.
 #[derive(Deserialize)]
 struct Refusal {
     error: RefusalReason,
@@ -192,11 +192,11 @@ enum RefusalReason {
     Text(String),
 }
 
-/// What came of one attempt that gave no caption.
+/// Failure of one attempt.
 enum Setback {
-    /// It may go better next time; the server may have said when.
+    /// May succeed later; the server may have stated a wait.
     Passing(String, Option<Duration>),
-    /// It will not.
+    /// Not to be retried.
     Final(String),
 }
 
@@ -210,8 +210,8 @@ pub(super) struct ChatClient<'a> {
 
 impl<'a> ChatClient<'a> {
     /// # Errors
-    /// One line: a key would go over the network unencrypted, or this machine has no certificates to
-    /// know servers by.
+    /// One line: the key would go over the network unencrypted, or this machine has no certificates to verify servers
+    /// by.
     pub(super) fn new(
         endpoint: &'a Endpoint,
         key: Option<&'a Key>,
@@ -241,7 +241,7 @@ impl<'a> ChatClient<'a> {
         })
     }
 
-    /// The model's answer.
+    /// Returns the model's answer.
     ///
     /// # Errors
     /// One line.
@@ -304,7 +304,7 @@ impl<'a> ChatClient<'a> {
         })
     }
 
-    /// Servers repeat keys that they do not know.
+    /// Removes the key from a text: servers repeat keys that they do not know.
     fn without_key(&self, text: &str) -> String {
         match self.key {
             Some(Key(key)) => text.replace(key.as_str(), "(the key)"),
@@ -313,7 +313,7 @@ impl<'a> ChatClient<'a> {
     }
 }
 
-/// Encryption by the certificates of this machine.
+/// Configures encryption by the certificates of this machine.
 fn tls() -> Result<TlsConfig, String> {
     let found = rustls_native_certs::load_native_certs();
     if found.certs.is_empty() {
@@ -352,7 +352,7 @@ fn seconds_asked_for<T>(response: &Response<T>) -> Option<Duration> {
     Duration::try_from_secs_f64(seconds).ok()
 }
 
-/// The caption in an answer.
+/// Returns the caption in an answer.
 fn caption(content: &[u8]) -> Result<String, String> {
     let answer: Answer = serde_json::from_slice(content)
         .map_err(|error| format!("its answer is no chat completion: {error}"))?;
@@ -375,7 +375,7 @@ fn caption(content: &[u8]) -> Result<String, String> {
     Ok(text)
 }
 
-/// What a refusal says, on one line.
+/// Returns the error text of a refusal, on one line.
 fn said(content: &[u8]) -> String {
     let text = match serde_json::from_slice::<Refusal>(content) {
         Ok(Refusal { error }) => match error {

@@ -1,7 +1,7 @@
-//! Answers that are kept, so that nothing is asked for twice.
+//! Cache of answers, so that no request is sent twice.
 //!
-//! They lie in the hidden folder [`FOLDER`] of the dataset, one record per question. The name is the
-//! hash of the question: other images, another prompt, model or endpoint is another question.
+//! Answers lie in the hidden folder [`FOLDER`] of the dataset, one record per request, named by the request's hash.
+//! Other images, another prompt, model or endpoint make another request.
 
 use std::path::{Path, PathBuf};
 
@@ -15,7 +15,7 @@ use super::Endpoint;
 /// Relative to the dataset.
 const FOLDER: &str = ".captions";
 
-/// Where the answer to a question is kept.
+/// Returns the file of the answer to a request.
 pub(super) fn file(
     dataset: &Path,
     endpoint: &Endpoint,

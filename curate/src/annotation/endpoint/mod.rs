@@ -1,10 +1,9 @@
 //! Captions by any endpoint that speaks the chat-completions protocol: vLLM, Ollama, llama.cpp, hosted
 //! models.
 //!
-//! Language models know photographs, so a panorama is shown to them as four perspective views around
-//! the horizon (`views`). An answer is kept under the hash of what it was asked by (`kept`): a run
-//! that was interrupted, or is repeated, asks for nothing twice. What goes over the network is in
-//! `client`.
+//! Language models know photographs, so a panorama is shown as four perspective views around the horizon (`views`).
+//! Answers are cached under the hash of their request (`kept`): an interrupted or repeated run sends no request twice.
+//! Network access is in `client`.
 
 pub mod client;
 mod kept;
@@ -22,7 +21,7 @@ use crate::error::CurateError;
 use client::{ChatClient, ChatRequest};
 pub use client::{Endpoint, Key, Patience};
 
-/// What a model is asked about the views of a sequence.
+/// Prompt about the views of a sequence.
 pub const PROMPT: &str = "These images are frames of one 360-degree video in order of time. Each moment is \
 shown by four views around the camera: front, right, back, left. Describe the video in two to four plain \
 sentences: the place, what moves, how the camera moves, light and weather. Say only what can be seen. Answer \
@@ -31,19 +30,18 @@ with the description alone.";
 /// A model behind an endpoint.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct CaptionEndpoint {
-    /// Where it answers.
+    /// Address.
     pub endpoint: Endpoint,
-    /// Its name there.
+    /// Name of the model there.
     pub model: String,
-    /// What it is asked with; never written anywhere.
+    /// Secret sent with requests; never written anywhere.
     pub key: Option<Key>,
-    /// How long and how often it is asked.
+    /// Time limits and retries.
     pub patience: Patience,
 }
 
 impl CaptionEndpoint {
-    /// Has a sequence captioned, or takes the answer that is kept in the dataset's folder. The author
-    /// is the model.
+    /// Captions a sequence, or takes the cached answer from the dataset's folder. The author is the model.
     ///
     /// # Errors
     /// [`CurateError::Input`] when the endpoint cannot be reached, refuses, or answers something else

@@ -18,14 +18,14 @@ use super::clip::Clip;
 const DILATIONS: [usize; 4] = [1, 2, 4, 8];
 /// Taps of a convolution over time.
 const TAPS: usize = 3;
-/// What batch normalization adds to the variance.
+/// Added to the variance by batch normalization.
 const EPSILON: f64 = 1e-3;
 /// Pixels (direct) and tiles (Winograd) that are worked on together: intermediate values stay in
 /// the cache.
 const PIXELS_TOGETHER: usize = 8;
 const TILES_TOGETHER: usize = 2;
 
-/// How a block convolves in space.
+/// Spatial convolution of a block.
 enum Kernel {
     /// Nine pixels of all channels times one matrix.
     Direct(Vec<f32>),
@@ -170,7 +170,7 @@ impl Block {
         }
     }
 
-    /// The row of tiles `tile_row`; `rows` are its pixel rows, four or what the image has left.
+    /// Convolves the row of tiles `tile_row`; `rows` are its pixel rows, four or the rest of the image.
     fn winograd(&self, matrices: &[Vec<f32>], input: &Clip, tile_row: usize, rows: &mut [f32]) {
         let frames = input.frames;
         let pixel_len = frames * self.outputs();

@@ -1,5 +1,5 @@
-//! TransNetV2 with its published weights, as its authors use it: images of 48x27 pixels, windows
-//! of 100 frames every 50, of which the frames 25 to 75 count, and a threshold of 0.5.
+//! TransNetV2 with its published weights, used as by its authors: images of 48x27 pixels, a threshold of 0.5, and
+//! windows of 100 frames every 50. Of each window the frames 25 to 75 count.
 
 mod block;
 mod clip;
@@ -52,10 +52,10 @@ fn start() -> Result<Box<dyn SignalPass>, CurateError> {
     }))
 }
 
-/// The published weights, as `scripts/setup --models` leaves them.
+/// Returns the published weights, as `scripts/setup --models` leaves them.
 ///
 /// # Errors
-/// Where they are missing or others.
+/// When they are missing or differ from the published ones.
 pub fn published_weights() -> Result<Weights, WeightsError> {
     Weights::load_published(WEIGHTS, WEIGHTS_SHA256)
 }
@@ -117,9 +117,8 @@ impl TransNetPass {
     }
 }
 
-/// A transition is a run of frames whose middle score is above the threshold, as in the authors'
-/// code; its extent is that of the frames around it that belong to a transition. The frame at which
-/// a cut is scored is the last of the old shot.
+/// Finds transitions: runs of frames whose middle score is above the threshold, as in the authors' code. The extent is
+/// that of the surrounding frames that belong to a transition. A cut is scored at the last frame of the old shot.
 fn decide(signals: &Signals) -> Result<Vec<Boundary>, MissingSignal> {
     let (middle, any) = (signals.column(MIDDLE)?, signals.column(ANY)?);
     let mut boundaries = Vec::new();

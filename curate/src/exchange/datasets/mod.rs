@@ -1,6 +1,6 @@
 //! Layouts in which data sets of panoramas are published. They are read and not written.
 //!
-//! To add one: a file whose head states the layout with its axes and the loader that defines it, and a line in
+//! To add one: a file whose module doc gives the layout, its axes and the loader that defines it, and a line in
 //! [`super::FORMATS`].
 #![cfg_attr(
     not(test),
@@ -30,10 +30,10 @@ use omnilife_schemas::{
 use super::{ForeignDistance, ForeignFrame, left_out};
 use crate::{error::CurateError, poses::frame_camera::FrameCamera};
 
-/// The camera of panoramas of the whole sphere, by the first of them.
+/// Returns the camera of full panoramas, from the first of them.
 ///
 /// # Errors
-/// For a folder without panoramas, and one whose first panorama is not twice as wide as high.
+/// For a folder without panoramas, or if the first is not twice as wide as high.
 fn panorama_camera(
     folder: &Path,
     frames: &[ForeignFrame],
@@ -56,7 +56,7 @@ fn panorama_camera(
     Ok(FrameCamera::Straight(ErpCamera { width, height }.into()))
 }
 
-/// A frame without masks.
+/// Returns a frame without masks.
 fn plain_frame(image: PathBuf, pose: Pose, distance: Option<ForeignDistance>) -> ForeignFrame {
     ForeignFrame {
         image,
@@ -68,7 +68,7 @@ fn plain_frame(image: PathBuf, pose: Pose, distance: Option<ForeignDistance>) ->
     }
 }
 
-/// A line on the folders beside those that are read.
+/// Returns a line on the folders beside those that are read.
 ///
 /// # Errors
 /// When the folder cannot be listed.

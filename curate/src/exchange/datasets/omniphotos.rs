@@ -8,10 +8,9 @@
 //! Capture/openvslam/map.msg    the map in MessagePack, of which the landmarks are read
 //! ```
 //!
-//! (`Python/preprocessing/readme.md`, section 4.1.2, and `src/Core/Loaders/OpenVSLAMLoader.cpp` of
-//! `cr333/OmniPhotos`.) A line of the trajectory has index, file name, place (x, y, z) and quaternion
-//! (x, y, z, w), camera to world. Lines with `#` or a negative index are skipped, and of the file name what is up
-//! to the first `/`, as the loader does.
+//! (`Python/preprocessing/readme.md`, section 4.1.2, and `src/Core/Loaders/OpenVSLAMLoader.cpp` of `cr333/OmniPhotos`.)
+//! A line of the trajectory has index, file name, place (x, y, z) and quaternion (x, y, z, w), camera to world. As in
+//! the loader, lines with `#` or a negative index are skipped, and the file name ends at its first `/`.
 //!
 //! Axes: OpenVSLAM's panorama has `lon = (u / W - 1/2) 2 pi`, `lat = -(v / H - 1/2) pi` and
 //! `p = (cos lat sin lon, -sin lat, cos lat cos lon)` (`src/openvslam/camera/equirectangular.cc` of
@@ -21,8 +20,8 @@
 //!
 //! Numbers in the names of images count the frames of a video, whose rate the import is to be given.
 //!
-//! Split: the authors publish none; their viewer's clip and sampling of cameras (`Config/*.yaml`) are no split and
-//! are not applied. The data of ODGS, with OpenMVG's poses and a split, are the format `openmvg`.
+//! Split: the authors publish none. Their viewer's clip and sampling of cameras (`Config/*.yaml`) are no split and not
+//! applied. The data of ODGS, with OpenMVG's poses and a split, are the format `openmvg`.
 #![cfg_attr(
     not(test),
     deny(clippy::indexing_slicing, clippy::arithmetic_side_effects)
@@ -132,7 +131,7 @@ struct Posed<'a> {
 /// Parses a line of the trajectory; `None` for those that the loader skips.
 ///
 /// # Errors
-/// Says what the line is not.
+/// Names the malformed part of the line.
 fn posed(line: &str) -> Result<Option<Posed<'_>>, String> {
     if line.starts_with('#') || line.trim().is_empty() {
         return Ok(None);
@@ -219,7 +218,7 @@ fn import(folder: &Path) -> Result<ForeignScene, CurateError> {
     })
 }
 
-/// The landmarks of a map, grey.
+/// Reads the landmarks of a map, grey.
 fn read_landmarks(path: &Path) -> Result<PointCloud, StoreError> {
     let bytes = store::read_limited(path, MOST_MAP_BYTES)?;
     let positions =

@@ -9,10 +9,10 @@
 //! train.txt, test.txt                names of images without their extension
 //! ```
 //!
-//! Axes: the loader turns cameras by `rays2cam`, from those of COLMAP (x right, y down, z forward), which are ours,
-//! to those of its rays, and brings all centres to a mean distance of 1 from their middle. Poses are taken here as
-//! `images.txt` has them. An image there is the PNG of its name up to the first point. Whatever `cameras.txt` says
-//! does not count: the images are panoramas.
+//! Axes: the loader turns cameras by `rays2cam`, from those of COLMAP (x right, y down, z forward), which are ours, to
+//! those of its rays. It also scales all centres to a mean distance of 1 from their middle. Here poses are taken as
+//! `images.txt` has them. The image of an entry is the PNG of its name up to the first point. `cameras.txt` is ignored:
+//! the images are panoramas.
 
 use std::path::Path;
 

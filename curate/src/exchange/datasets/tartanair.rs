@@ -7,14 +7,14 @@
 //! ENV/Data_easy/P000/pose_lcam_front.txt      tx ty tz qx qy qz qw for every frame, camera to world
 //! ```
 //!
-//! Axes: the poses are those of the front camera, in north, east and down, its body with x forward, y right and z
-//! down; the world is kept so. A panorama has the front camera's axis at three quarters of its width, as Unreal
-//! Engine has it (`image_sampler/full_view_rotation.py`), so that its middle looks to the left. On the published
-//! data that was measured against the images of the front camera, and so was that distances are along the rays
+//! Axes: the poses are those of the front camera, in north, east and down, its body with x forward, y right and z down;
+//! the world is kept so. A panorama has the front camera's axis at three quarters of its width, as in Unreal Engine
+//! (`image_sampler/full_view_rotation.py`), so that its middle looks to the left. On the published data this was
+//! measured against the images of the front camera, and distances were measured to be along the rays
 //! (`data-pipeline/conectoma/vision/panorama.py` of `fsantibanezleal/CAOS_RES_Conectoma`).
 //!
-//! A distance is a float in the four bytes of a pixel, in the order in which `OpenCV` has them in memory. The sky
-//! is "a very large value", 65504 m at most; from 10 km on nothing is known. No split is published.
+//! A distance is a float in the four bytes of a pixel, in the order in which `OpenCV` has them in memory. The sky is "a
+//! very large value", 65504 m at most; distances from 10 km on are unknown. No split is published.
 
 use std::{
     collections::{BTreeMap, BTreeSet},
@@ -47,9 +47,9 @@ pub const FORMAT: Format = Format {
 const POSE_FILE: &str = "pose_lcam_front.txt";
 const IMAGES_FOLDER: &str = "image_lcam_equirect";
 const DEPTH_FOLDER: &str = "depth_lcam_equirect";
-/// Metres from which on a distance is that of the sky.
+/// Distance from which on a value stands for the sky, metres.
 const SKY_FROM_METRES: f64 = 1e4;
-/// That of `docs/modalities.rst`.
+/// From `docs/modalities.rst`.
 const FRAME_RATE: FrameRate = FrameRate {
     frames_per_second: 10.0,
     reason: "TartanAir is sampled at 10 Hz",
@@ -98,7 +98,7 @@ fn import(folder: &Path) -> Result<ForeignScene, CurateError> {
     })
 }
 
-/// Files of distances by the numbers in their names; none without the folder.
+/// Returns files of distances by the numbers in their names; empty without the folder.
 fn distances_by_number(folder: &Path) -> Result<BTreeMap<u64, PathBuf>, StoreError> {
     if !folder.is_dir() {
         return Ok(BTreeMap::new());
@@ -109,7 +109,7 @@ fn distances_by_number(folder: &Path) -> Result<BTreeMap<u64, PathBuf>, StoreErr
         .collect())
 }
 
-/// The poses of the panoramas, one for each line.
+/// Returns the poses of the panoramas, one for each line.
 fn read_poses(path: &Path) -> Result<Vec<Pose>, StoreError> {
     let text = store::read_text(path)?;
     let lines = (1_usize..).zip(text.lines());
@@ -126,7 +126,7 @@ fn read_poses(path: &Path) -> Result<Vec<Pose>, StoreError> {
         .collect()
 }
 
-/// The pose of the panorama at the front camera of a line.
+/// Returns the pose of the panorama at the front camera of a line.
 fn pose_of(line: &str) -> Option<Pose> {
     let numbers: Vec<f64> = line
         .split_whitespace()

@@ -1,4 +1,4 @@
-//! Text files of other programs, read up to a size that none of them needs.
+//! Text files of other programs, read up to a generous size limit.
 #![cfg_attr(
     not(test),
     deny(clippy::indexing_slicing, clippy::arithmetic_side_effects)
@@ -8,7 +8,7 @@ use std::path::Path;
 
 use omnilife_schemas::store::{self, StoreError};
 
-/// A hundred thousand poses as JSON.
+/// Size of about a hundred thousand poses as JSON.
 const MOST_BYTES: u64 = 1 << 26;
 
 /// Reads the text of a file, without a byte order mark.
@@ -30,7 +30,7 @@ pub(super) fn read(path: &Path) -> Result<String, StoreError> {
 /// Parses a JSON file of another program.
 ///
 /// # Errors
-/// Those of [`read`], and where the content is not what the type asks for.
+/// Those of [`read`], or malformed content.
 pub(super) fn read_json<T: serde::de::DeserializeOwned>(path: &Path) -> Result<T, StoreError> {
     serde_json::from_str(&read(path)?).map_err(|error| {
         StoreError::malformed(path, format!("not what the format asks for: {error}"))

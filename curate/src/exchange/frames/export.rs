@@ -1,4 +1,4 @@
-//! Writing a scene as a folder of frames, with everything that its record knows.
+//! Export of a scene as a folder of frames, with everything in its record.
 
 use std::{
     collections::BTreeMap,
@@ -67,7 +67,7 @@ fn write_all(source: &SceneSource, points: Option<String>, out: &Path) -> Result
     Ok(store::write_record(&out.join(SCENE_FILE), &record)?)
 }
 
-/// Writes images that were drawn anew, and their masks.
+/// Writes redrawn images and their masks.
 fn write_frames(scene: &ExportScene, out: &Path) -> Result<(), CurateError> {
     let place = |file: String| -> Result<PathBuf, CurateError> {
         let path = out.join(file);
@@ -156,7 +156,7 @@ impl Files<'_> {
         Ok(copies)
     }
 
-    /// Copies distances, which are a PNG or an array.
+    /// Copies distances, in a PNG or an array.
     fn distances(&self, file: &str, folder: &str, stem: &str) -> Result<String, CurateError> {
         self.copy(file, format!("{folder}/{stem}.{}", extension(file)))
     }

@@ -1,4 +1,4 @@
-//! A folder of frames with the record of its scene, as exports write it: all of the scene comes back.
+//! Import of a folder of frames with the record of its scene, as exports write it: all of the scene is restored.
 #![cfg_attr(
     not(test),
     deny(clippy::indexing_slicing, clippy::arithmetic_side_effects)
@@ -40,7 +40,7 @@ const FOLDERS_OF_FRAMES: [&str; 6] = [
 /// Reads a folder of frames by its record.
 ///
 /// # Errors
-/// When a file is missing, malformed or not in the folder, and when another file says something else than the record.
+/// When a file is missing, malformed or outside the folder, or another file contradicts the record.
 pub(super) fn import(folder: &Path, record: &Scene) -> Result<ForeignScene, CurateError> {
     if record.frames.is_empty() {
         return Err(StoreError::malformed(&folder.join(SCENE_FILE), "has no frames").into());
@@ -96,7 +96,7 @@ fn foreign_frame(
     })
 }
 
-/// The published split by the names of images.
+/// Returns the published split by the names of images.
 fn named_split(
     folder: &Path,
     record: &Scene,
@@ -119,8 +119,8 @@ fn named_split(
     })
 }
 
-/// Refuses poses, times, masks and distances beside the record that are not those of the record: one of them is
-/// outdated, and which one nothing says.
+/// Refuses poses, times, masks and distances beside the record that differ from it: one of the two is outdated, and it
+/// is unknown which.
 fn expect_agreement(folder: &Path, record: &Scene) -> Result<(), CurateError> {
     let refuse = |path: &Path, what: String| {
         let reason =

@@ -22,7 +22,7 @@ use crate::poses::{
 /// Entries of a file or a frame that have no field of their own.
 pub(super) type Entries = Map<String, Value>;
 
-/// Entries that are read as the camera, and what is meant where one is missing.
+/// Entries that are read as the camera, with the default of a missing one.
 const CAMERA_ENTRIES: [(&str, Option<f64>); 12] = [
     ("w", None),
     ("h", None),
@@ -42,8 +42,8 @@ const MODEL_ENTRY: &str = "camera_model";
 const FISHEYE_ENTRY: &str = "is_fisheye";
 /// Fields of view, which instant-ngp writes beside the focal lengths that they follow from.
 const ANGLE_ENTRIES: [&str; 2] = ["camera_angle_x", "camera_angle_y"];
-/// Entries that say nothing of what is imported. The transform and the scale have been applied already, to the
-/// cameras and to the points of `ply_file_path` alike.
+/// Entries without effect on the import. The transform and the scale have been applied already, to the cameras and to
+/// the points of `ply_file_path` alike.
 const HARMLESS_ENTRIES: [&str; 13] = [
     "applied_transform",
     "applied_scale",
@@ -59,7 +59,7 @@ const HARMLESS_ENTRIES: [&str; 13] = [
     "n_extra_learnable_dims",
     "version",
 ];
-/// Names of entries that speak of a camera: whole names, and parts of them.
+/// Names of entries about a camera: whole names, and parts of them.
 const CAMERA_NAMES: [&str; 10] = [
     "width",
     "height",
@@ -89,7 +89,7 @@ const CAMERA_PARTS: [&str; 14] = [
     "projection",
 ];
 
-/// A camera with the models that are read.
+/// Supported camera models.
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Model {
     Sphere,
@@ -97,7 +97,7 @@ enum Model {
     Fisheye,
 }
 
-/// Entries of a frame that speak of its camera.
+/// Entries of a frame about its camera.
 struct Stated<'a> {
     file: &'a str,
     model: Model,
@@ -105,10 +105,10 @@ struct Stated<'a> {
     numbers: [Option<f64>; 12],
 }
 
-/// The camera of all frames, and the names of entries that are not read and say nothing of it.
+/// Returns the camera of all frames, and the names of unread entries that do not concern it.
 ///
 /// # Errors
-/// For other models, entries that are missing or not known, and frames whose cameras differ; says why.
+/// For other models, entries that are missing or unknown, and frames whose cameras differ, with the reason.
 pub(super) fn camera(
     entries: &Entries,
     frames: &[Frame],
@@ -130,7 +130,7 @@ pub(super) fn camera(
 /// Entries that are not read.
 ///
 /// # Errors
-/// For one that speaks of a camera.
+/// For an unread entry about a camera.
 fn unread(place: &str, entries: &Entries) -> Result<BTreeSet<String>, String> {
     let is_known = |name: &str| {
         CAMERA_ENTRIES.iter().any(|(known, _)| *known == name)
@@ -163,10 +163,10 @@ fn speaks_of_a_camera(name: &str) -> bool {
 }
 
 impl<'a> Stated<'a> {
-    /// The camera of a frame: its own entries, and those of the file for what it does not say.
+    /// Reads the camera of a frame: its own entries, and those of the file for missing ones.
     ///
     /// # Errors
-    /// When both say different things, and when an entry is not of its kind.
+    /// When the two contradict each other, or an entry is malformed.
     fn of(entries: &Entries, frame: &'a Frame) -> Result<Self, String> {
         let file = frame.file_path.as_str();
         let entry = |name: &str| -> Result<Option<&Value>, String> {
@@ -250,7 +250,7 @@ impl<'a> Stated<'a> {
     }
 
     /// # Errors
-    /// For what no frame says and is needed, and what is no camera.
+    /// For missing required entries, and an invalid camera.
     fn camera(&self) -> Result<FrameCamera, String> {
         let [w, h, fl_x, fl_y, cx, cy, k1, k2, k3, k4, p1, p2] = self.numbers;
         let (width, height) = (side("w", w)?, side("h", h)?);
@@ -304,7 +304,7 @@ impl<'a> Stated<'a> {
     }
 }
 
-/// A number of pixels, which some programs write with a point.
+/// Returns a number of pixels, which some programs write with a point.
 fn side(name: &str, value: Option<f64>) -> Result<u32, String> {
     let value = value.ok_or_else(|| format!("has no {name}"))?;
     let pixels = value as u32;
@@ -316,7 +316,7 @@ fn side(name: &str, value: Option<f64>) -> Result<u32, String> {
     Ok(pixels)
 }
 
-/// Returns true where two entries say the same.
+/// Returns true if two entries are equal.
 fn same(a: &Value, b: &Value) -> bool {
     match (a.as_f64(), b.as_f64()) {
         (Some(a), Some(b)) => close(a, b),

@@ -13,12 +13,12 @@ use crate::error::CurateError;
 /// Names of the lists, for training and for testing.
 pub(super) const FILES: [&str; 2] = ["train.txt", "test.txt"];
 
-/// Reads the split of a folder whose views have these image files; `None` where there are no lists, as in OpenMVG's
-/// own folders, and where no view is for testing, as in our exports without a split. Names that no view has are left
-/// out, as ODGS does, with a line in `notes`.
+/// Reads the split of a folder whose views have these image files. `None` without lists, as in OpenMVG's own folders,
+/// and without test views, as in our exports without a split. Names of no view are left out, as in ODGS, with a line in
+/// `notes`.
 ///
 /// # Errors
-/// When one list is there without the other, or cannot be read.
+/// When only one of the lists exists, or one cannot be read.
 pub(super) fn published_split<'a>(
     folder: &Path,
     images: impl Iterator<Item = &'a str>,

@@ -74,7 +74,7 @@ pub(super) struct Intrinsic {
     focal_length: Option<f64>,
     #[serde(default)]
     principal_point: Option<[f64; 2]>,
-    /// A lens among them.
+    /// Further entries, a lens among them.
     #[serde(flatten)]
     others: BTreeMap<String, Value>,
 }
@@ -140,7 +140,7 @@ fn fisheye(terms: &[f64]) -> Distortion {
     }
 }
 
-/// The cameras of intrinsics by their key, or what keeps one from being read where a view uses it.
+/// Returns the cameras of intrinsics by their key, or the reason why one cannot be read if a view uses it.
 pub(super) fn cameras(data: &SfmData) -> BTreeMap<u32, Result<FrameCamera, String>> {
     let views = data.views.iter().map(|view| &view.value);
     let mut names: BTreeMap<u32, &str> = views
@@ -167,7 +167,7 @@ pub(super) fn cameras(data: &SfmData) -> BTreeMap<u32, Result<FrameCamera, Strin
 
 impl Intrinsic {
     /// # Errors
-    /// For unknown kinds, and where something is missing or not known.
+    /// For unknown kinds, and missing or unknown entries.
     fn camera(&self, name: &str) -> Result<FrameCamera, String> {
         let (width, height) = match &self.value0 {
             Some(size) => (size.width, size.height),

@@ -1,9 +1,9 @@
 //! Boundaries in the formats of other tools, in and out.
 //!
-//! Most of them count frames and know no timestamps, so reading and writing take the timestamps of
-//! all frames of the video; times in files are put on the nearest frame. Frames are numbered from 0
-//! here. The kinds of boundary survive in `csv`, `json` and `label-studio` alone; elsewhere
-//! a boundary between neighbouring frames is a cut and a longer one is gradual.
+//! Most of them count frames and know no timestamps, so reading and writing need the timestamps of all frames of the
+//! video; times in files are put on the nearest frame. Frames are numbered from 0 here. Only `csv`, `json` and
+//! `label-studio` keep the kinds of boundary; elsewhere a boundary between neighbouring frames is a cut and a longer
+//! one is gradual.
 //!
 //! To add a format: one file, and one line in [`FORMATS`].
 #![cfg_attr(
@@ -24,17 +24,17 @@ use omnilife_schemas::records::{Boundary, BoundaryKind};
 pub struct Format {
     /// Unique id.
     pub id: &'static str,
-    /// What it is, in one sentence.
+    /// Description in one sentence.
     pub summary: &'static str,
-    /// Whether a text looks like this format.
+    /// Returns true if a text looks like this format.
     pub recognises: fn(&str) -> bool,
     /// Reads boundaries; errors are one line.
     pub read: fn(&str, &Frames<'_>) -> Result<Vec<Boundary>, String>,
-    /// Writes boundaries that are in order of time.
+    /// Writes boundaries in order of time.
     pub write: fn(&[Boundary], &Frames<'_>) -> Result<String, String>,
 }
 
-/// All formats, in the order in which texts are offered to them; tests walk it.
+/// All formats, in the order in which they are tried on a text; tests walk it.
 pub static FORMATS: &[Format] = &[
     label_studio::FORMAT,
     json::FORMAT,
@@ -44,7 +44,7 @@ pub static FORMATS: &[Format] = &[
     transnetv2_scenes::FORMAT,
 ];
 
-/// The format with this id; the error lists those there are.
+/// Returns the format with this id; the error lists the known ones.
 pub fn format(id: &str) -> Result<&'static Format, String> {
     FORMATS
         .iter()
@@ -55,7 +55,7 @@ pub fn format(id: &str) -> Result<&'static Format, String> {
         })
 }
 
-/// Reads boundaries of whatever format a text is in.
+/// Reads boundaries from a text of any known format.
 ///
 /// # Errors
 /// One line without the file's name.
@@ -79,7 +79,7 @@ pub struct Frames<'a> {
 }
 
 impl Frames<'_> {
-    /// The frame nearest to an instant. Instants more than one frame outside the video are errors.
+    /// Returns the frame nearest to an instant. Instants more than one frame outside the video are errors.
     fn nearest(&self, seconds: f64) -> Result<usize, String> {
         let (Some(&first), Some(&last)) = (self.times.first(), self.times.last()) else {
             return Err("the video has no frames".to_owned());
@@ -97,7 +97,7 @@ impl Frames<'_> {
         Ok(if is_before { before } else { after })
     }
 
-    /// Timestamp of a frame.
+    /// Returns the timestamp of a frame.
     fn time(&self, frame: usize) -> Result<f64, String> {
         self.times.get(frame).copied().ok_or_else(|| {
             format!(
@@ -107,7 +107,7 @@ impl Frames<'_> {
         })
     }
 
-    /// Mean frame rate.
+    /// Returns the mean frame rate.
     fn frames_per_second(&self) -> f64 {
         match (self.times.first(), self.times.last()) {
             (Some(first), Some(last)) if last > first => {
@@ -117,7 +117,7 @@ impl Frames<'_> {
         }
     }
 
-    /// The boundary between the last frame of the old shot and the first of the new one.
+    /// Returns the boundary between the last frame of the old shot and the first of the new one.
     fn between(&self, last: usize, first: usize) -> Result<Boundary, String> {
         if first <= last {
             return Err(format!(
@@ -136,8 +136,7 @@ impl Frames<'_> {
         })
     }
 
-    /// The boundary on whole frames whose instants are these; a moment is the first frame of the
-    /// new shot.
+    /// Returns the boundary on whole frames between two instants; for one instant, the first frame of the new shot.
     fn between_seconds(&self, begin: f64, end: f64) -> Result<Boundary, String> {
         let first = self.nearest(end)?;
         let last = self.nearest(begin)?;
@@ -148,7 +147,7 @@ impl Frames<'_> {
         self.between(last, first)
     }
 
-    /// First and last frames, both inside, of the shots between boundaries.
+    /// Returns first and last frames, both inside, of the shots between boundaries.
     fn shots(&self, boundaries: &[Boundary]) -> Result<Vec<(usize, usize)>, String> {
         let mut shots = Vec::new();
         let mut begin = 0;
@@ -180,7 +179,7 @@ impl Frames<'_> {
     }
 }
 
-/// The kind with this name.
+/// Returns the kind with this name.
 fn kind(name: &str) -> Result<BoundaryKind, String> {
     BoundaryKind::ALL
         .into_iter()

@@ -1,8 +1,7 @@
-//! Perspective views of a panorama: what a network for photographs looks at, and how its answers
-//! come back to the sphere.
+//! Perspective views of a panorama for a network for photographs, and the return of its scores to the sphere.
 //!
-//! Views overlap, so that nothing is cut by the seam, a pole or the edge of a view: near its edge a
-//! view counts for little, where another has it in its middle.
+//! Views overlap, so that nothing is cut by the seam, a pole or the edge of a view. Near its edge a view has little
+//! weight, where another has it in its middle.
 
 use glam::{DMat3, DQuat, DVec3, dvec3};
 use omnilife_schemas::{
@@ -11,13 +10,13 @@ use omnilife_schemas::{
     interpolation::Edges,
 };
 
-/// Half the field of view of every crop, as a slope: 103 degrees in all, so that the six around the
-/// horizon and the two at the poles leave no hole between them.
+/// Half the field of view of every crop, as a slope: 103 degrees in all. So the six around the horizon and the two at
+/// the poles leave no hole between them.
 const REACH: f64 = 1.25;
 /// Crops around the horizon.
 const AROUND: usize = 6;
 
-/// Views from the camera's frame to the view's.
+/// Returns the rotations from the camera's frame to the views'.
 pub(super) fn views() -> Vec<DMat3> {
     let around = (0..AROUND).map(|index| {
         let yaw = index as f64 / AROUND as f64 * std::f64::consts::TAU;
@@ -27,8 +26,8 @@ pub(super) fn views() -> Vec<DMat3> {
     around.chain(poles).map(DMat3::from_quat).collect()
 }
 
-/// Where a direction in a view's frame stands in its image, in [0, 1] from the left and the top;
-/// `None` outside.
+/// Returns the place in a view's image of a direction in its frame, in [0, 1] from the left and the top; `None`
+/// outside.
 pub(super) fn place(direction: DVec3) -> Option<[f64; 2]> {
     let DVec3 { x, y, z } = direction;
     let reach = REACH * z;
@@ -36,14 +35,14 @@ pub(super) fn place(direction: DVec3) -> Option<[f64; 2]> {
         .then(|| [x / reach, y / reach].map(|at| 0.5 * (at + 1.0)))
 }
 
-/// How much a view counts at a place: 1 in its middle, 0 at its edge.
+/// Returns the weight of a view at a place: 1 in its middle, 0 at its edge.
 pub(super) fn weight([x, y]: [f64; 2]) -> f64 {
     let from_edge = [x, y].map(|at| 1.0 - (2.0 * at - 1.0).abs());
     from_edge[0] * from_edge[1]
 }
 
-/// The image of a view, `side` pixels square, interleaved RGB. The corners of the image are
-/// centres of pixels, as the network's grid has it.
+/// Returns the image of a view, `side` pixels square, interleaved RGB. The corners of the image are centres of pixels,
+/// as in the network's grid.
 pub(super) fn crop(panorama: &RgbImage, view: &DMat3, side: usize) -> Vec<u8> {
     let camera = ErpCamera {
         width: panorama.width as u32,

@@ -1,8 +1,7 @@
-//! What can move, by what it is: people, animals and vehicles, found by DeepLabV3 in perspective
-//! views of the panorama.
+//! Masks by class: people, animals and vehicles, found by DeepLabV3 in perspective views of the panorama.
 //!
-//! A parked car is marked like a driving one. What moves and is none of the classes, shadows and
-//! reflections among it, is not.
+//! A parked car is marked like a driving one. Moving content outside the classes, such as shadows and reflections, is
+//! not.
 
 mod crops;
 pub mod network;
@@ -39,7 +38,7 @@ const WEIGHTS_SHA256: &str = "78bd5c9301dec8055023a3a9f89ad45572d67e274f83421018
 /// Classes of Pascal VOC that can move: aeroplane, bicycle, bird, boat, bus, car, cat, cow, dog,
 /// horse, motorbike, person, sheep, train.
 const MOVABLE: [usize; 14] = [1, 2, 3, 4, 6, 7, 8, 10, 12, 13, 14, 15, 17, 19];
-/// A pixel is marked where something that can move is at least this probable.
+/// Probability of movable classes from which on a pixel is marked.
 const PROBABILITY: f32 = 0.5;
 
 fn settings() -> String {
@@ -67,15 +66,15 @@ fn find(
     masks
 }
 
-/// The published weights, as `scripts/setup --models` leaves them.
+/// Returns the published weights, as `scripts/setup --models` leaves them.
 ///
 /// # Errors
-/// Where they are missing or others.
+/// When they are missing or differ from the published ones.
 pub fn published_weights() -> Result<Weights, WeightsError> {
     Weights::load_published(WEIGHTS, WEIGHTS_SHA256)
 }
 
-/// Where something that can move stands in a panorama.
+/// Marks movable content in a panorama.
 pub fn movable(network: &Network, panorama: &RgbImage) -> Mask {
     let views = crops::views();
     let probabilities: Vec<Vec<f32>> = views
@@ -109,7 +108,7 @@ pub fn movable(network: &Network, panorama: &RgbImage) -> Mask {
     }
 }
 
-/// Probability of all movable classes together, per place of the scores.
+/// Returns the probability of all movable classes together, per place of the scores.
 fn movable_probability(scores: &Matrix) -> Vec<f32> {
     scores
         .data
@@ -123,7 +122,7 @@ fn movable_probability(scores: &Matrix) -> Vec<f32> {
         .collect()
 }
 
-/// Bilinear on the scores' grid, whose corners are the corners of the view.
+/// Interpolates bilinearly on the scores' grid, whose corners are the corners of the view.
 fn interpolated(values: &[f32], place: [f64; 2]) -> f32 {
     let [x, y] = place.map(|at| at * (SCORE_SIDE - 1) as f64);
     let [column, row] = [x, y].map(|at| (at as usize).min(SCORE_SIDE - 2));

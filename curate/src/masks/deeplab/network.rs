@@ -20,7 +20,7 @@ pub const SCORE_SIDE: usize = 65;
 /// Classes of Pascal VOC, background included.
 pub const CLASSES: usize = 21;
 
-/// The strides of MobileNetV2 after the fourth are replaced by dilation.
+/// Shapes of the blocks; the strides of MobileNetV2 after the fourth are replaced by dilation.
 const BLOCKS: [BlockShape; 17] = [
     BlockShape {
         channels: [32, 16],
@@ -49,7 +49,7 @@ const BLOCKS: [BlockShape; 17] = [
 const FIRST: usize = 32;
 const HEAD: usize = 256;
 
-/// A convolution with a window of one pixel, by the names of its kernel and offsets.
+/// Returns a 1x1 convolution, by the names of its kernel and offsets.
 fn pointwise(
     weights: &Weights,
     [kernel, offset]: [&str; 2],
@@ -67,7 +67,7 @@ fn pointwise(
     })
 }
 
-/// A convolution whose normalization is folded into it, by the name of its scope.
+/// Returns a convolution with folded normalization, by the name of its scope.
 fn folded(
     weights: &Weights,
     scope: &str,
@@ -139,10 +139,10 @@ pub struct Network {
 }
 
 impl Network {
-    /// Takes the network from its weights.
+    /// Loads the network from its weights.
     ///
     /// # Errors
-    /// Where a tensor is missing or has another shape.
+    /// When a tensor is missing or has another shape.
     pub fn load(weights: &Weights) -> Result<Self, WeightsError> {
         let first = "MobilenetV2/Conv";
         let blocks = BLOCKS.iter().enumerate();

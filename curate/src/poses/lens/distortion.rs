@@ -1,6 +1,6 @@
 //! Distortion of lenses as COLMAP, nerfstudio and OpenMVG model it.
 //!
-//! A direction `(x, y, 1)` is projected to a place `u` of the image plane ([`Projection`]), which terms move.
+//! A direction `(x, y, 1)` is projected to a place `u` of the image plane ([`Projection`]), which the terms below move.
 //! With `q = |u|^2` and `(a, b) = u`:
 //!
 //! ```text
@@ -9,18 +9,18 @@
 //! b' = b c + 2 p2 a b + p1 (q + 2 b^2) + s3 q + s4 q^2
 //! ```
 //!
-//! (COLMAP, `src/colmap/sensor/models.h`; a model has some of these terms. Its `RAD_TAN_THIN_PRISM_FISHEYE`
-//! has the terms with p and s of the place that the radial ones give.)
+//! (COLMAP, `src/colmap/sensor/models.h`; a model has some of these terms. Its `RAD_TAN_THIN_PRISM_FISHEYE` applies the
+//! terms with p and s to the result of the radial ones.)
 
 use glam::{DMat2, DVec2, dvec2};
 
-/// Steps of Newton's method that undo the terms, at most.
+/// Maximum number of Newton steps that undo the terms.
 const STEPS: usize = 50;
 /// Step of its numerical derivatives.
 const DERIVATIVE_STEP: f64 = 1e-7;
-/// Places between the middle and one whose order is looked at.
+/// Number of places between the middle and another one at which their order is checked.
 const ORDERED_PLACES: u32 = 16;
-/// Largest angle to the axis that has a place at depth 1, radians.
+/// Largest angle to the axis of a place at depth 1, radians.
 const LARGEST_ANGLE: f64 = 1.57;
 
 /// Projection of directions to the image plane, before the terms of a distortion. All have a magnification
@@ -65,7 +65,7 @@ pub struct Distortion {
     pub tangential: [f64; 2],
     /// s1 to s4.
     pub prism: [f64; 4],
-    /// True where the terms with p and s are of the place that the radial terms give.
+    /// True if the terms with p and s apply to the result of the radial terms.
     pub is_sequential: bool,
 }
 
@@ -89,7 +89,7 @@ impl Projection {
         }
     }
 
-    /// Returns the place at depth 1 that is projected to a place; not a number where there is none.
+    /// Returns the place at depth 1 that is projected to a place; NaN if there is none.
     fn unproject(self, u: DVec2) -> DVec2 {
         let d = u.length();
         if d == 0.0 {
@@ -129,8 +129,7 @@ impl Distortion {
         self.moved(self.projection.project(p))
     }
 
-    /// Returns the place at depth 1 of the direction that is shown at a place; not a number where the terms
-    /// cannot be undone.
+    /// Returns the place at depth 1 of the direction shown at a place; NaN if the terms cannot be undone.
     pub(super) fn straightened(&self, seen: DVec2) -> DVec2 {
         let mut place = seen;
         for _ in 0..STEPS {
@@ -165,8 +164,8 @@ impl Distortion {
             )
     }
 
-    /// Returns true where places between the middle and that of a direction stay in their order; beyond
-    /// where they do not, the terms say nothing of a lens.
+    /// Returns true if places between the middle and that of a direction keep their order; beyond that the terms do not
+    /// describe a lens.
     pub(super) fn keeps_order(&self, p: DVec2) -> bool {
         let u = self.projection.project(p);
         let along = |step: u32| {
@@ -177,7 +176,7 @@ impl Distortion {
             && (0..ORDERED_PLACES).all(|step| along(step) < along(step + 1) || u == DVec2::ZERO)
     }
 
-    /// Returns all of its numbers, by which two are compared.
+    /// Returns all of its numbers, for comparison.
     pub(in crate::poses) fn numbers(self) -> impl Iterator<Item = f64> {
         (self.projection.numbers().into_iter())
             .chain(self.radial)

@@ -34,7 +34,7 @@ const fn model(
     }
 }
 
-/// All models with an image plane, which the sphere has not.
+/// All models with an image plane; the sphere has none.
 const MODELS: [LensModel; 17] = [
     model("SIMPLE_PINHOLE", 0, 3, 1, radial),
     model("PINHOLE", 1, 4, 2, radial),
@@ -71,8 +71,8 @@ impl LensModel {
         MODELS.map(|model| model.name).join(", ")
     }
 
-    /// Returns the lens of a camera; `None` for parameters that are not of the model, are not finite, or have
-    /// a focal length that is not positive.
+    /// Returns the lens of a camera; `None` for parameters that do not belong to the model, are not finite, or have a
+    /// focal length that is not positive.
     pub(in crate::poses) fn lens(
         &self,
         [width, height]: [u32; 2],
@@ -100,7 +100,7 @@ impl LensModel {
     }
 }
 
-/// The first terms, those that are not there 0.
+/// Returns the first terms, 0 for missing ones.
 fn first<const N: usize>(terms: &[f64]) -> [f64; N] {
     std::array::from_fn(|at| terms.get(at).copied().unwrap_or(0.0))
 }
@@ -141,7 +141,7 @@ fn full_opencv(terms: &[f64]) -> Option<Distortion> {
 
 fn field_of_view(terms: &[f64]) -> Option<Distortion> {
     let &[omega] = terms else { return None };
-    // As much as COLMAP itself takes for a perspective image.
+    // COLMAP's own limit for a perspective image.
     let is_perspective = omega.abs() < 1e-9;
     (0.0..std::f64::consts::PI)
         .contains(&omega)
@@ -171,7 +171,7 @@ fn sequential_fisheye(terms: &[f64]) -> Option<Distortion> {
     Some(Distortion {
         projection: Projection::Equidistant,
         radial: [k1, k2, k3, k4, k5, k6],
-        // Numbered the other way round than in the other models.
+        // In reverse order of the other models.
         tangential: [p1, p0],
         prism: [s0, s1, s2, s3],
         is_sequential: true,

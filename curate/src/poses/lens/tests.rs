@@ -81,7 +81,7 @@ fn frames_and_masks_are_straightened_alike() {
     let lens = lens([-0.3, 0.0], [0.0; 2]);
     let straight = lens.straight().expect("a straight camera");
     let straightening = lens.straightening(&straight);
-    // A disc about the principal point stays one, of another radius.
+    // A disc about the principal point stays one, with another radius.
     let is_inside = |pixel: usize| {
         let centre = dvec2((pixel % 320) as f64 + 0.5, (pixel / 320) as f64 + 0.5);
         centre.distance(dvec2(158.0, 93.0)) < 60.0
@@ -119,7 +119,7 @@ fn frames_and_masks_are_straightened_alike() {
     );
 }
 
-/// What `scripts/golden/lens.py` has from OpenCV.
+/// Output of `scripts/golden/lens.py` with OpenCV.
 #[derive(Deserialize)]
 struct Golden {
     width: u32,
@@ -132,7 +132,7 @@ struct Golden {
 
 #[derive(Deserialize)]
 struct GoldenLens {
-    /// k1, k2, p1, p2.
+    /// The terms k1, k2, p1, p2.
     terms: [f64; 4],
     distorted: Vec<DVec2>,
     straightened: Vec<DVec2>,

@@ -9,7 +9,7 @@ use omnilife_schemas::store;
 
 use crate::poses::error::SfmError;
 
-/// Names the Python interpreter that has pycolmap.
+/// Environment variable for the Python interpreter that has pycolmap.
 pub const PYTHON_VARIABLE: &str = "OMNILIFE_SFM_PYTHON";
 /// First version whose EQUIRECTANGULAR camera works.
 const LEAST_VERSION: (u32, u32) = (4, 1);
@@ -23,11 +23,11 @@ pub struct SfmInstallation {
     pub version: String,
 }
 
-/// Looks for an interpreter with pycolmap: `$OMNILIFE_SFM_PYTHON`, else the virtual environment
-/// that `scripts/setup --sfm` makes in the data folder.
+/// Looks for an interpreter with pycolmap: `$OMNILIFE_SFM_PYTHON`, else the virtual environment of `scripts/setup
+/// --sfm` in the data folder.
 ///
 /// # Errors
-/// [`SfmError::NotInstalled`] that says what is missing.
+/// [`SfmError::NotInstalled`] that names the missing part.
 pub fn installation() -> Result<SfmInstallation, SfmError> {
     let python = interpreter().ok_or_else(|| SfmError::NotInstalled {
         reason: "neither OMNILIFE_DATA, XDG_DATA_HOME nor HOME is set".to_owned(),

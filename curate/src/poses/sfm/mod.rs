@@ -1,8 +1,8 @@
 //! Structure from motion by COLMAP, driven by one small Python script.
 //!
-//! The script (`sfm.py`, part of this binary) only calls COLMAP and leaves a text model; all
-//! else is done here. Configurations of [`FALLBACK_CONFIGURATIONS`] are tried in order until one is valid; each runs
-//! in its own process and is recorded in `sfm/attempts.json`.
+//! The script (`sfm.py`, part of this binary) only calls COLMAP and leaves a text model; the rest is done here.
+//! Configurations of [`FALLBACK_CONFIGURATIONS`] are tried in order until one is valid; each runs in its own process
+//! and is recorded in `sfm/attempts.json`.
 
 mod installation;
 mod workspace;
@@ -38,32 +38,32 @@ use super::{
 };
 use crate::error::CurateError;
 
-/// Measures of how well turns of the camera alone explain what is seen ([`parallax`]).
+/// Measure of the fit by rotations of the camera alone ([`parallax`]).
 pub(super) const TURNS_MEASURE: &str = "turns_alone_pixels";
 pub(super) const TURNS_FOCAL_MEASURE: &str = "turns_alone_focal_pixels";
 
 /// Name of the program in records, before its version.
 pub(super) const TOOL: &str = "pycolmap";
 
-/// How structure from motion is done.
+/// Settings of structure from motion.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct SfmSettings {
     /// Folder of mask images named after the frames; white pixels give no features.
     pub masks: Option<PathBuf>,
-    /// Threads; one per core where none are given.
+    /// Threads; one per core if `None`.
     pub threads: Option<usize>,
     /// Seed of COLMAP's random numbers.
     pub seed: u32,
-    /// What valid poses keep to.
+    /// Limits of valid poses.
     pub limits: ValidationLimits,
 }
 
-/// One way of running COLMAP.
+/// A configuration of COLMAP.
 #[derive(Debug, Clone, Copy)]
 pub struct Configuration {
     /// Unique id, recorded with the attempt.
     pub id: &'static str,
-    /// What it does and when it helps.
+    /// Its effect and its use.
     pub summary: &'static str,
     mapper: &'static str,
     features: u32,
@@ -89,8 +89,7 @@ pub static FALLBACK_CONFIGURATIONS: &[Configuration] = &[
     },
 ];
 
-/// Adds everything that the poses depend on to a stage's inputs. Threads are left out: they say how
-/// fast it goes.
+/// Adds everything that the poses depend on to a stage's inputs. Threads are left out: they affect only the speed.
 pub(super) fn add_inputs(
     plan: StagePlan,
     settings: &SfmSettings,
@@ -104,7 +103,7 @@ pub(super) fn add_inputs(
         .with_text(TOOL, version);
     if let Some(folder) = &settings.masks {
         for file in masks::files(folder)? {
-            // A mask is of the frame whose name it has.
+            // A mask belongs to the frame whose name it has.
             let name = file.file_name().unwrap_or_default().to_string_lossy();
             plan = plan.with_text("mask name", &name).with_file(&file)?;
         }
@@ -112,7 +111,7 @@ pub(super) fn add_inputs(
     Ok(plan)
 }
 
-/// Poses a sequence by structure from motion; what is no part of the scene gives no features.
+/// Poses a sequence by structure from motion; pixels outside the scene give no features.
 pub(super) fn run(
     sequence_folder: &Path,
     sequence: &Sequence,
@@ -128,7 +127,7 @@ pub(super) fn run(
     )
 }
 
-/// The same with a given interpreter.
+/// Poses a sequence as [`run`], with a given interpreter.
 fn run_with(
     installation: &SfmInstallation,
     sequence_folder: &Path,
@@ -197,7 +196,7 @@ fn no_poses(sequence: &Sequence, report: &SfmReport, any_broken: bool) -> SfmErr
     }
 }
 
-/// The chosen model, levelled, as poses of the sequence's frames.
+/// Returns the chosen model, levelled, as poses of the sequence's frames.
 fn posed(
     sequence_folder: &Path,
     sequence: &Sequence,
@@ -294,7 +293,7 @@ fn is_valid(attempt: &SfmAttempt) -> bool {
         .is_some_and(|validation| validation.status == ValidationStatus::Valid)
 }
 
-/// Valid before unstable, then more frames, then fewer missed limits.
+/// Ranks valid before unstable, then more frames, then fewer missed limits.
 fn rank(attempt: &SfmAttempt) -> (bool, u32, std::cmp::Reverse<usize>) {
     let (frames, problems) = attempt
         .validation

@@ -27,7 +27,7 @@ fn nothing_ignored(sequence: &Sequence) -> IgnoredPixels {
     IgnoredPixels::find(None, &FrameList::of_sequence(sequence)).unwrap()
 }
 
-/// A sequence of these frames, 64 pixels wide.
+/// Returns a sequence of these frames, 64 pixels wide.
 fn sequence_of(entries: Vec<FrameEntry>) -> Sequence {
     Sequence {
         id: "walk/seq-000".to_owned(),
@@ -80,8 +80,8 @@ fn sequence_of(entries: Vec<FrameEntry>) -> Sequence {
     }
 }
 
-/// An interpreter that ignores the Python script it is given and runs these shell lines instead;
-/// `$OUT` is where the model is expected.
+/// Returns an interpreter that ignores the Python script it is given and runs these shell lines instead; `$OUT` is
+/// where the model is expected.
 fn interpreter(folder: &Path, lines: &str) -> SfmInstallation {
     let python = folder.join("python");
     let script = format!(
@@ -105,7 +105,7 @@ fn every_failed_attempt_is_recorded_and_named() {
     let folder = temp.path().join("seq-000");
     fs::create_dir(&folder).unwrap();
     let settings = SfmSettings::default();
-    // Only frames that give no model are to blame; a killed or broken program is not their fault.
+    // Frames without a model are to blame themselves; a killed or broken program is not their fault.
     for (lines, reason, blame) in [
         (
             "printf '\\377\\n'; echo failed no features; exit 4",
@@ -158,7 +158,7 @@ fn every_failed_attempt_is_recorded_and_named() {
     }
 }
 
-/// A model that misses limits is taken when nothing better comes, and says that it is unstable.
+/// A model that misses limits is used if there is no better one, and is marked unstable.
 #[test]
 fn an_unstable_model_is_taken_with_its_problems() {
     let temp = tempfile::tempdir().unwrap();

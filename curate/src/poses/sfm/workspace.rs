@@ -1,4 +1,4 @@
-//! One attempt at structure from motion: a process of its own, and what it leaves.
+//! One attempt at structure from motion: a process of its own, and its results.
 
 use std::{
     fs,
@@ -31,10 +31,10 @@ pub(super) const SCRIPT: &str = include_str!("sfm.py");
 /// Folder of a text model.
 const MODEL_FOLDER: &str = "sparse";
 
-/// With this code the script says that the frames gave no model.
+/// Exit code of the script for frames without a model.
 const FAILED_EXIT_CODE: i32 = 4;
 
-/// The folder in which attempts are made.
+/// Working folder of attempts.
 pub(super) struct SfmWorkspace<'a> {
     frames: PathBuf,
     pub(super) folder: PathBuf,
@@ -54,7 +54,7 @@ impl<'a> SfmWorkspace<'a> {
         (settings, ignored): (&'a SfmSettings, &IgnoredPixels),
         installation: &'a SfmInstallation,
     ) -> Result<Self, CurateError> {
-        // COLMAP and its interpreter are run from anywhere.
+        // COLMAP and its interpreter may run in another directory.
         let sequence_folder = fs::canonicalize(sequence_folder)
             .map_err(|error| store::StoreError::read(sequence_folder, error))?;
         let folder = sequence_folder.join(SFM_FOLDER);
@@ -83,7 +83,7 @@ impl<'a> SfmWorkspace<'a> {
         Ok(workspace)
     }
 
-    /// Runs one configuration in its own process and looks at the model it leaves.
+    /// Runs one configuration in its own process and evaluates its model.
     pub(super) fn attempt(
         &self,
         configuration: &Configuration,
@@ -127,7 +127,7 @@ impl<'a> SfmWorkspace<'a> {
         })
     }
 
-    /// Runs the script and follows what it says.
+    /// Runs the script and parses its output.
     fn converse(
         &self,
         configuration: &Configuration,
@@ -222,8 +222,8 @@ impl<'a> SfmWorkspace<'a> {
     }
 }
 
-/// COLMAP's model of a sequence's camera. Perspective videos come without intrinsics: the focal length and
-/// one term of distortion are found with the poses.
+/// Returns COLMAP's model of a sequence's camera. Perspective videos come without intrinsics: the focal length and one
+/// term of distortion are found with the poses.
 fn camera_model(sequence: &Sequence) -> &'static str {
     if sequence.is_pinhole() {
         "SIMPLE_RADIAL"
@@ -234,32 +234,32 @@ fn camera_model(sequence: &Sequence) -> &'static str {
 
 impl Drop for SfmWorkspace<'_> {
     fn drop(&mut self) {
-        // Nothing depends on it any more; what cannot be removed is hidden and harmless.
+        // Nothing depends on it any more; leftovers are hidden and harmless.
         drop(fs::remove_dir_all(&self.scratch));
     }
 }
 
-/// One attempt, recorded, with what it found.
+/// One recorded attempt, with its model.
 pub(super) struct Attempted {
     pub(super) attempt: SfmAttempt,
     pub(super) found: Option<(ColmapModel, PoseValidation)>,
-    /// Whether it ended as no attempt should: killed, crashed, or with files that make no sense.
+    /// True if it was killed, crashed, or left invalid files.
     pub(super) is_broken: bool,
 }
 
-/// What the script said.
+/// Output of the script.
 struct Conversation {
     models: u32,
     ending: Ending,
 }
 
-/// How an attempt ended.
+/// Ending of an attempt.
 enum Ending {
     /// There is a model.
     Success,
     /// The frames gave no model.
     Failed(String),
-    /// The program broke, whatever the frames are.
+    /// The program broke, independently of the frames.
     Broken(String),
 }
 
@@ -274,7 +274,7 @@ impl Drop for Running {
     }
 }
 
-/// The last line of a log that is not empty, in parentheses; nothing where there is none.
+/// Returns the last non-empty line of a log, in parentheses; an empty text without one.
 fn last_line(path: &Path) -> String {
     let mut bytes = Vec::new();
     if fs::File::open(path)

@@ -1,4 +1,4 @@
-//! What vehicles look like: embeddings of their boxes by the network of `DeepSORT`.
+//! Appearance of vehicles: embeddings of their boxes by the network of `DeepSORT`.
 
 pub mod network;
 
@@ -21,18 +21,18 @@ const WEIGHTS: &str = "deepsort";
 /// SHA-256 of the converted weights.
 pub const WEIGHTS_SHA256: &str = "d03b3d5344285fc745f3d842db4cf93128412090ed6799fbc851ec6328182f4d";
 
-/// The published weights, as `scripts/setup --models` leaves them.
+/// Returns the published weights, as `scripts/setup --models` leaves them.
 ///
 /// # Errors
-/// Where they are missing or others.
+/// When they are missing or differ from the published ones.
 pub fn published_weights() -> Result<Weights, WeightsError> {
     Weights::load_published(WEIGHTS, WEIGHTS_SHA256)
 }
 
-/// The embedding of every detection, in their order.
+/// Returns the embedding of every detection, in their order.
 ///
 /// # Errors
-/// Where the weights are missing or an image cannot be read.
+/// When the weights are missing or an image cannot be read.
 pub(super) fn embeddings(
     input: &DetectorInput<'_>,
     detections: &[Detection],
@@ -75,7 +75,7 @@ pub struct Crop {
     pub pixels: Vec<u8>,
 }
 
-/// The part of an image in a box, whose sides are cut to whole pixels as the package does; at least a pixel.
+/// Returns the part of an image in a box, whose sides are cut to whole pixels as the package does; at least a pixel.
 fn crop(image: &RgbImage, [left, top, width, height]: [f64; 4]) -> Crop {
     let range = |from: f64, length: f64, all: usize| {
         let begin = (from.max(0.0) as usize).min(all - 1);
@@ -101,10 +101,10 @@ fn crop(image: &RgbImage, [left, top, width, height]: [f64; 4]) -> Crop {
     }
 }
 
-/// The embedding of what a crop shows, brought to the network's size as the package does.
+/// Returns the embedding of a crop, resized to the network's size as the package does.
 ///
 /// # Errors
-/// Where OpenCV fails, with the file that was worked on.
+/// When OpenCV fails, with the file being worked on.
 pub fn embedding(network: &Network, crop: &Crop, file: &Path) -> Result<Vec<f32>, CurateError> {
     let resized = resized(crop).map_err(|error| CurateError::Internal {
         path: file.to_owned(),
@@ -139,7 +139,7 @@ mod tests {
         assert_eq!(reds, [7, 8, 13, 14]);
         let cut = crop(&image, [-2.0, -1.0, 4.0, 3.0]);
         assert_eq!((cut.width, cut.height), (2, 2));
-        // Less than a pixel is one.
+        // A box smaller than a pixel becomes one.
         let sliver = crop(&image, [5.9, 3.5, 0.5, 0.4]);
         assert_eq!((sliver.width, sliver.height), (1, 1));
         assert_eq!(sliver.pixels, [23; 3]);

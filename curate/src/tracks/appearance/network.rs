@@ -17,7 +17,7 @@ const FIRST: usize = 32;
 /// Means and standard deviations of `ImageNet`'s colours, of [0, 1].
 const COLOUR_MEAN: [f32; 3] = [0.485, 0.456, 0.406];
 const COLOUR_DEVIATION: [f32; 3] = [0.229, 0.224, 0.225];
-/// What batch normalizations add to a variance.
+/// Added to the variance by batch normalizations.
 const EPSILON: f64 = 1e-5;
 
 const BLOCKS: [BlockShape; 17] = [
@@ -45,7 +45,7 @@ const BLOCKS: [BlockShape; 17] = [
     BlockShape::new([160, 320], 1, 1),
 ];
 
-/// A kernel without the batch normalization behind it: what it multiplies each output channel by, and adds.
+/// Batch normalization folded into the kernel before it: factor and offset of each output channel.
 struct Normalization {
     scales: Vec<f32>,
     offsets: Vec<f32>,
@@ -71,7 +71,7 @@ impl Normalization {
     }
 }
 
-/// A convolution of all channels by all, with its normalization: `PyTorch` keeps (output, input, row, column),
+/// Returns a convolution of all channels by all, with its normalization. `PyTorch` keeps (output, input, row, column);
 /// here rows are (row, column, input) and columns outputs.
 fn dense(
     weights: &Weights,
@@ -114,7 +114,7 @@ fn depthwise(
     })
 }
 
-/// Block `number`, counted from 1 as its name is.
+/// Returns block `number`, counted from 1 as in its name.
 fn block(weights: &Weights, number: usize, shape: &BlockShape) -> Result<Block, WeightsError> {
     let name = |part: usize| format!("features.{number}.conv.{part}");
     let [from, to] = shape.channels;
@@ -150,10 +150,10 @@ pub struct Network {
 }
 
 impl Network {
-    /// Takes the network from its weights.
+    /// Loads the network from its weights.
     ///
     /// # Errors
-    /// Where a tensor is missing or has another shape.
+    /// When a tensor is missing or has another shape.
     pub fn load(weights: &Weights) -> Result<Self, WeightsError> {
         let first = ["features.0.0", "features.0.1"];
         let last = ["features.18.0", "features.18.1"];
@@ -167,7 +167,7 @@ impl Network {
         })
     }
 
-    /// The embedding of an image: [`LENGTH`] numbers.
+    /// Returns the embedding of an image: [`LENGTH`] numbers.
     ///
     /// # Panics
     /// When `image` is not `SIDE * SIDE` pixels of interleaved RGB.

@@ -1,18 +1,18 @@
-//! `deepsort`: boxes from frame to frame in the image, by how they move and by what they look like (Wojke,
-//! Bewley and Paulus, "Simple Online and Realtime Tracking with a Deep Association Metric", 2017), with the
-//! constants of PyPI `deep-sort-realtime` 1.3.2.
+//! `deepsort`: association of boxes in the image from frame to frame, by motion and appearance (Wojke, Bewley and
+//! Paulus, "Simple Online and Realtime Tracking with a Deep Association Metric", 2017), with the constants of PyPI
+//! `deep-sort-realtime` 1.3.2.
 //!
-//! A Kalman filter foresees the centre, ratio of sides and height of every box. Confirmed chains take boxes
-//! inside their gate first, those that were seen last first of all; what is left is matched by overlap. The
-//! cost of a box is the paper's Eq. 5 with `lambda` = 0, the least cosine distance of embeddings, or, without
-//! appearance, with `lambda` = 1, the squared Mahalanobis distance.
+//! A Kalman filter predicts the centre, aspect ratio and height of every box. Confirmed chains take boxes inside their
+//! gate first, the most recently seen ones before others; the rest is matched by overlap. The cost of a box is the
+//! paper's Eq. 5 with `lambda` = 0, the least cosine distance of embeddings. Without appearance it is that with
+//! `lambda` = 1, the squared Mahalanobis distance.
 
 use omnilife_schemas::assignment::assign;
 
 /// Standard deviations of a place and of a velocity, over the height of the box.
 const PLACE: f64 = 1.0 / 20.0;
 const VELOCITY: f64 = 1.0 / 160.0;
-/// The same of the ratio of sides, as it is; and as it is measured.
+/// Absolute standard deviation of the aspect ratio, of the state and of a measurement.
 const ASPECT: f64 = 1e-2;
 const ASPECT_VELOCITY: f64 = 1e-5;
 const ASPECT_MEASURED: f64 = 1e-1;
@@ -20,15 +20,15 @@ const ASPECT_MEASURED: f64 = 1e-1;
 const GATE: f64 = 9.4877;
 /// Largest cosine distance of embeddings.
 const LARGEST_COSINE: f64 = 0.2;
-/// Largest share of two boxes that is of one alone.
+/// Largest share of two boxes outside of their overlap.
 const LARGEST_REST: f64 = 0.7;
 /// Frames without a box after which a chain ends.
 const MOST_AGE: usize = 30;
 /// Boxes that confirm a chain.
 const CONFIRMED: usize = 3;
 
-/// Groups boxes by object; `frames` holds, in order of time, the numbers of the boxes of each frame. Every group
-/// is in order of time and of a chain that was confirmed.
+/// Groups boxes by object; `frames` holds, in order of time, the numbers of the boxes of each frame. Every group is in
+/// order of time and comes from a confirmed chain.
 ///
 /// `appearance` has an embedding per box.
 pub fn associate(
@@ -52,7 +52,7 @@ pub fn associate(
         .collect()
 }
 
-/// An embedding of length 1; of zeros where it says nothing.
+/// Normalizes an embedding to length 1; to zeros if it has no information.
 fn unit(embedding: &[f32]) -> Vec<f64> {
     let length = embedding
         .iter()
@@ -66,7 +66,7 @@ fn unit(embedding: &[f32]) -> Vec<f64> {
         .collect()
 }
 
-/// A number that is measured, its velocity per frame, and their variances.
+/// A measured number, its velocity per frame, and their variances.
 #[derive(Debug, Clone, Copy)]
 struct Coordinate {
     value: f64,
@@ -76,12 +76,11 @@ struct Coordinate {
     mixed: f64,
 }
 
-/// Centre across and down, ratio of sides, height: each is filtered by itself, because noise of none depends
-/// on another one's error.
+/// Centre across and down, aspect ratio, height: each is filtered by itself, because their errors are independent.
 #[derive(Debug, Clone, Copy)]
 struct Filter([Coordinate; 4]);
 
-/// What is measured of a box.
+/// Returns the measured numbers of a box.
 fn measured([left, top, width, height]: [f64; 4]) -> [f64; 4] {
     [
         left + 0.5 * width,
@@ -91,7 +90,7 @@ fn measured([left, top, width, height]: [f64; 4]) -> [f64; 4] {
     ]
 }
 
-/// Standard deviations of the four numbers at a height of the box: `aspect` for the third.
+/// Returns standard deviations of the four numbers at a height of the box: `aspect` for the third.
 fn deviations(height: f64, share: f64, aspect: f64) -> [f64; 4] {
     [share * height, share * height, aspect, share * height]
 }
@@ -110,7 +109,7 @@ impl Filter {
         }))
     }
 
-    /// A frame later.
+    /// Advances by a frame.
     fn advance(&mut self) {
         let height = self.0[3].value;
         let of_values = deviations(height, PLACE, ASPECT);
@@ -123,13 +122,13 @@ impl Filter {
         }
     }
 
-    /// Variances of the four numbers as they are measured.
+    /// Returns variances of the four measured numbers.
     fn variances(&self) -> [f64; 4] {
         let noise = deviations(self.0[3].value, PLACE, ASPECT_MEASURED);
         std::array::from_fn(|axis| self.0[axis].of_value + noise[axis].powi(2))
     }
 
-    /// Squared Mahalanobis distance of a box.
+    /// Returns the squared Mahalanobis distance of a box.
     fn distance(&self, sides: [f64; 4]) -> f64 {
         let (values, variances) = (measured(sides), self.variances());
         (0..4)
@@ -150,7 +149,7 @@ impl Filter {
         }
     }
 
-    /// Left, top, width and height.
+    /// Returns left, top, width and height.
     fn sides(&self) -> [f64; 4] {
         let [x, y, aspect, height] = self.0.map(|one| one.value);
         let width = aspect * height;
@@ -176,7 +175,7 @@ impl Chain {
 
 struct Tracker<'a> {
     boxes: &'a [[f64; 4]],
-    /// Of length 1.
+    /// Embeddings of length 1.
     appearance: Option<Vec<Vec<f64>>>,
     chains: Vec<Chain>,
 }
@@ -206,7 +205,7 @@ impl Tracker<'_> {
         }
         let is_matched =
             |at: usize, matches: &[(usize, usize)]| matches.iter().any(|&(chain, _)| chain == at);
-        // Chains that are not confirmed first, as the package lists them; it is the order of what costs as much.
+        // Unconfirmed chains first, as the package lists them; this decides ties.
         let mut by_overlap = open(self, &|chain| !chain.is_confirmed());
         let recent = open(self, &|chain| chain.is_confirmed() && chain.age == 1);
         by_overlap.extend(recent.into_iter().filter(|&at| !is_matched(at, &matches)));
@@ -234,7 +233,7 @@ impl Tracker<'_> {
         }));
     }
 
-    /// What it costs a chain to take a box; infinite outside of its gate.
+    /// Returns the cost of a box for a chain; infinite outside of its gate.
     fn cost(&self, chain: usize, number: usize) -> f64 {
         let chain = &self.chains[chain];
         let squared = chain.filter.distance(self.boxes[number]);
@@ -252,7 +251,7 @@ impl Tracker<'_> {
     }
 }
 
-/// Intersection over union.
+/// Returns the intersection over union.
 fn overlap(a: [f64; 4], b: [f64; 4]) -> f64 {
     let side = |axis: usize| {
         let from = a[axis].max(b[axis]);
@@ -263,15 +262,15 @@ fn overlap(a: [f64; 4], b: [f64; 4]) -> f64 {
     common / (a[2] * a[3] + b[2] * b[3] - common)
 }
 
-/// The pairs of chains and boxes that cost least in all, none more than `limit`; boxes that are in one are no
-/// longer left.
+/// Returns the pairs of chains and boxes with the least total cost, none above `limit`, and removes their boxes from
+/// the unmatched ones.
 fn least(
     chains: &[usize],
     left: &mut Vec<usize>,
     limit: f64,
     cost: impl Fn(usize, usize) -> f64,
 ) -> Vec<(usize, usize)> {
-    // What is too dear costs all the same.
+    // Costs above the limit are clamped.
     let costs: Vec<Vec<f64>> = chains
         .iter()
         .map(|&chain| {

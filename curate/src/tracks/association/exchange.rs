@@ -1,25 +1,25 @@
-//! Exchanges between chains that make all of them together likelier: choosing the best chain first takes
-//! sightings that another one needs more.
+//! Exchanges between chains that raise their total likelihood: a greedy choice of the best chain takes sightings that
+//! another one needs more.
 
 use super::{LEAST_DETECTIONS, LONGEST_GAP_SECONDS, Search};
 
-/// Sightings before and after an exchange that say whether it is one for the better.
+/// Sightings before and after an exchange that decide whether it is an improvement.
 const WINDOW: usize = 6;
-/// Least gain of an exchange: rounding is none.
+/// Smallest gain that counts (above rounding error).
 const LEAST_GAIN: f64 = 1e-6;
-/// Rounds at most; each makes all chains together likelier.
+/// Maximum number of rounds; each raises the total likelihood.
 const ROUNDS: usize = 10;
-/// Passes over all pairs of a round at most. What is gained is that of windows, so that long chains could
-/// be exchanged back and forth.
+/// Maximum number of passes over all pairs per round. Gains are measured in windows, so that long chains could be
+/// exchanged back and forth.
 const PASSES: usize = 20;
-/// What follows is this near to where a chain went: for the places as they are measured, metres, and for
-/// what speeds up and turns, metres per square second.
+/// Largest distance of a continuation from a chain's prediction: for measurement errors, metres, and for acceleration
+/// and turns, metres per square second.
 const MEASURED: f64 = 1.5;
 const TURNED: f64 = 3.0;
 
 impl Search<'_> {
-    /// The same sightings in likelier chains: tails are exchanged, cut off and joined, sightings change
-    /// places, come and go, as long as the sum of the scores grows.
+    /// Rearranges the sightings into likelier chains: tails are exchanged, cut off and joined, sightings are swapped,
+    /// added and removed, as long as the sum of the scores grows.
     pub(super) fn exchanged(&self, mut chains: Vec<Vec<usize>>) -> Vec<Vec<usize>> {
         for _ in 0..ROUNDS {
             let before = chains.clone();
@@ -34,8 +34,8 @@ impl Search<'_> {
         chains
     }
 
-    /// How much likelier a chain is than nothing; what is too short is nothing, and what cannot be is
-    /// infinitely unlikely.
+    /// Returns the log likelihood of a chain against no chain; 0 for an empty chain, minus infinity for an impossible
+    /// one.
     fn score(&self, chain: &[usize]) -> f64 {
         let Some((&first, rest)) = chain.split_first() else {
             return 0.0;
@@ -47,7 +47,7 @@ impl Search<'_> {
         end.map_or(f64::NEG_INFINITY, |chain| chain.score)
     }
 
-    /// The score of `before` followed by `after`, as far as it is of what is near where they meet.
+    /// Returns the score of `before` followed by `after`, near their junction.
     fn joined(&self, before: &[usize], after: &[usize]) -> f64 {
         let whole = before.len() + after.len();
         if whole < LEAST_DETECTIONS {
@@ -61,13 +61,13 @@ impl Search<'_> {
         self.score(&near)
     }
 
-    /// Exchanges tails where that is for the better, and cuts them off where they do not belong.
+    /// Exchanges tails if that is an improvement, and cuts them off if they do not belong.
     fn exchange_tails(&self, chains: &mut Vec<Vec<usize>>) {
         let mut is_new = vec![true; chains.len()];
         for _ in 0..PASSES {
             let was_new = std::mem::replace(&mut is_new, vec![false; chains.len()]);
             for a in 0..was_new.len() {
-                // A chain and nothing: its tail becomes a chain of its own.
+                // A chain and an empty one: its tail becomes a chain of its own.
                 if was_new[a]
                     && let Some([i, _]) = self.best_cut(&chains[a], &[])
                 {
@@ -97,7 +97,7 @@ impl Search<'_> {
         chains.retain(|chain| !chain.is_empty());
     }
 
-    /// The cut of two chains whose exchange of tails gains most; `None` where none does.
+    /// Returns the cut of two chains whose exchange of tails gains most; `None` if none gains.
     fn best_cut(&self, one: &[usize], other: &[usize]) -> Option<[usize; 2]> {
         let range = |chain: &[usize]| {
             let seconds = |at: Option<&usize>| at.map(|&number| self.sightings[number].seconds);
@@ -118,7 +118,7 @@ impl Search<'_> {
             .map(|(_, cut)| cut)
     }
 
-    /// Where two chains can be cut at one time: how many sightings are before it in each.
+    /// Returns common cuts of two chains in time: the number of sightings before each cut in either.
     fn cuts(&self, one: &[usize], other: &[usize]) -> Vec<[usize; 2]> {
         let frame = |chain: &[usize], at: usize| chain.get(at).map(|&number| self.frame_of[number]);
         let mut cuts = Vec::new();
@@ -140,8 +140,8 @@ impl Search<'_> {
         cuts
     }
 
-    /// Whether the last of one is near enough to the first of another: within reach, and about where it
-    /// went.
+    /// Returns true if the last sighting of one is near enough to the first of another: within reach, and near its
+    /// prediction.
     fn may_follow(&self, before: &[usize], after: &[usize]) -> bool {
         let (Some(&last), Some(&first)) = (before.last(), after.first()) else {
             return true;
@@ -168,7 +168,7 @@ impl Search<'_> {
         new - old
     }
 
-    /// Two chains exchange what they have in one frame.
+    /// Swaps the sightings of two chains in one frame.
     fn exchange_sightings(&self, chains: &mut [Vec<usize>]) {
         for a in 0..chains.len() {
             for b in 0..a {
@@ -201,13 +201,13 @@ impl Search<'_> {
         }
     }
 
-    /// The score of a chain around one of its sightings.
+    /// Returns the score of a chain around one of its sightings.
     fn around(&self, chain: &[usize], at: usize) -> f64 {
         let end = (at + WINDOW + 1).min(chain.len());
         self.score(&chain[at.saturating_sub(WINDOW)..end])
     }
 
-    /// Sightings that are in no chain come to where they are likely, and those that are unlikely go.
+    /// Adds unassigned sightings to likely chains, and removes unlikely ones.
     fn take_in(&self, chains: &mut [Vec<usize>]) {
         let mut is_used = vec![false; self.sightings.len()];
         chains
@@ -260,7 +260,7 @@ mod tests {
     use super::*;
     use crate::tracks::association::Sighting;
 
-    /// Two cars that pass each other, sightings 0, 2, 4, ... of one and 1, 3, 5, ... of the other.
+    /// Returns two cars that pass each other, sightings 0, 2, 4, ... of one and 1, 3, 5, ... of the other.
     fn passing() -> (Vec<Sighting>, Vec<Vec<usize>>) {
         let sightings = (0..20).map(|number| {
             let seconds = f64::from(number / 2);

@@ -1,6 +1,5 @@
-//! A Kalman filter on the ground: the state is place and velocity in metres and metres per second, and
-//! velocities are constant but for white acceleration. Both axes are alike, so that one covariance of
-//! place and velocity along an axis is that of both.
+//! A Kalman filter on the ground: the state is place and velocity in metres and metres per second, with constant
+//! velocity and white acceleration. Both axes are alike, so that they share one covariance of place and velocity.
 
 use glam::DVec2;
 
@@ -10,7 +9,7 @@ const ACCELERATION: f64 = 2.0;
 /// Standard deviation of the first velocity, metres per second.
 const FIRST_SPEED: f64 = 6.0;
 
-/// What is known of an object at a time.
+/// Estimated motion of an object at a time.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Filter {
     seconds: f64,
@@ -23,7 +22,7 @@ pub(super) struct Filter {
 }
 
 impl Filter {
-    /// Of something that was seen once, with the standard deviation of its place in metres.
+    /// Starts a filter from one sighting, with the standard deviation of its place in metres.
     pub(super) fn new(seconds: f64, place: DVec2, sigma: f64) -> Self {
         Self {
             seconds,
@@ -35,7 +34,7 @@ impl Filter {
         }
     }
 
-    /// Where it will be, or was.
+    /// Predicts the state, forwards or backwards in time.
     pub(super) fn at(&self, seconds: f64) -> Self {
         let dt = seconds - self.seconds;
         // White acceleration, integrated once and twice.
@@ -53,29 +52,29 @@ impl Filter {
         }
     }
 
-    /// The place, metres.
+    /// Returns the place, metres.
     pub(super) fn place(&self) -> DVec2 {
         self.place
     }
 
-    /// Metres per second.
+    /// Returns the speed, metres per second.
     pub(super) fn speed(&self) -> f64 {
         self.velocity.length()
     }
 
-    /// Variance of the place along an axis, square metres.
+    /// Returns the variance of the place along an axis, square metres.
     pub(super) fn spread(&self) -> f64 {
         self.of_place
     }
 
-    /// Squared Mahalanobis distance of a place measured with a standard deviation, and the variance along
+    /// Returns the squared Mahalanobis distance of a place measured with a standard deviation, and the variance along
     /// an axis.
     pub(super) fn distance(&self, place: DVec2, sigma: f64) -> (f64, f64) {
         let variance = self.of_place + sigma * sigma;
         (place.distance_squared(self.place) / variance, variance)
     }
 
-    /// With a measured place taken in.
+    /// Returns the filter updated by a measured place.
     pub(super) fn updated(&self, place: DVec2, sigma: f64) -> Self {
         let variance = self.of_place + sigma * sigma;
         let (to_place, to_velocity) = (self.of_place / variance, self.mixed / variance);

@@ -1,22 +1,20 @@
-//! Which detections are of one object: the chains over the clip that are the most likely.
+//! Association of detections by object: the most likely chains over the clip.
 //!
-//! What moves two car lengths from frame to frame has no overlapping boxes in the image, and still is
-//! where its velocity on the ground says. Which of two cars is meant shows a frame later, when only one
-//! of the two goes on evenly. So nothing is decided from frame to frame: every sighting keeps several
-//! chains that end at it, each with a Kalman filter (`filter`), and whole chains are chosen by how much
-//! more likely they are than as many sightings of nothing (the score of multiple hypothesis tracking;
-//! Blackman 2004, Eq. 4):
+//! Objects that move two car lengths from frame to frame have no overlapping boxes in the image, but still follow their
+//! velocity on the ground. Ambiguities between two cars resolve a frame later, when only one of the chains continues
+//! evenly. So nothing is decided from frame to frame: every sighting keeps several chains that end at it, each with a
+//! Kalman filter (`filter`). Whole chains are chosen by their likelihood ratio against as many false sightings (the
+//! score of multiple hypothesis tracking; Blackman 2004, Eq. 4):
 //!
 //! ```text
 //! score = sum_k ln(P N(z_k; predicted, S_k) / rho) + ln(sizes) + gaps ln(1 - P)
 //! ```
 //!
-//! with the probability of detection `P` and the density `rho` of sightings on the ground; sizes
-//! count by how likely they are of one object over of two. Colours do not count: where one vehicle hides
-//! another, boxes show the wrong one. The chain
-//! with the best score is taken with its sightings, then the best of the others, until none is left that
-//! is likelier than nothing. Chains then exchange sightings as long as that makes all of them together
-//! likelier (`exchange`). What stopped for longer than a chain may have gaps is joined at the end.
+//! with the probability of detection `P` and the density `rho` of sightings on the ground; sizes enter by the
+//! likelihood ratio of one object against two. Colours are not used: if one vehicle hides another, boxes show the wrong
+//! one. The chain with the best score is taken with its sightings, then the best of the others, until none is likelier
+//! than chance. Chains then exchange sightings as long as that raises their total likelihood (`exchange`). Chains of an
+//! object that stopped for longer than the largest gap are joined at the end.
 
 pub mod deepsort;
 mod exchange;
@@ -31,44 +29,44 @@ use filter::Filter;
 const DETECTED: f64 = 0.85;
 /// Largest squared Mahalanobis distance of a link: 99 % of a chi-squared variable of 2 degrees.
 const GATE: f64 = 9.21;
-/// Nothing on a road is faster, metres per second.
+/// Largest speed of an object on a road, metres per second.
 const FASTEST: f64 = 30.0;
-/// Objects are looked for so long after they were seen last, seconds.
+/// Longest time for which a lost object is searched, seconds.
 const LONGEST_GAP_SECONDS: f64 = 3.0;
-/// And over so many frames at most while chains are made; longer gaps are stitched.
+/// Largest number of missed frames within a chain; longer gaps are stitched.
 const MOST_MISSES: usize = 4;
 /// Standard deviation of the logarithm of a size on the ground from frame to frame: boxes are upright in
 /// the image, and cars turn.
 const SIZE_SPREAD: f64 = 0.35;
-/// Sizes of anything differ by this factor's logarithm, either way.
+/// Logarithm of the largest factor between sizes of any objects, either way.
 const SIZE_RANGE: f64 = 1.2;
 /// Standard deviation of a measured place, metres.
 const MEASUREMENT: f64 = 0.4;
-/// Of one whose box is cut off by the border of the image: its middle is not that of the object.
+/// The same for a box cut off by the border of the image: its middle is not that of the object.
 const MEASUREMENT_CUT: f64 = 1.2;
-/// Each frame of a gap after the first: misses come together.
+/// Log likelihood of each missed frame of a gap after the first: misses come together.
 const NEXT_MISS: f64 = -0.3;
-/// Chains that are kept at a sighting.
+/// Number of chains kept at a sighting.
 const KEPT: usize = 6;
 /// Least score of a chain.
 const LEAST_SCORE: f64 = 0.5;
-/// Detections that an object needs.
+/// Least number of detections of an object.
 const LEAST_DETECTIONS: usize = 3;
-/// Least area that sightings are taken to be spread over, square metres.
+/// Least area over which sightings are assumed to be spread, square metres.
 const LEAST_AREA: f64 = 400.0;
 
-/// A way of finding which detections are of one object.
+/// A method of association.
 #[derive(Debug, Clone, Copy)]
 pub struct Association {
     /// Name on the command line.
     pub id: &'static str,
-    /// What it does and when it is right.
+    /// Its principle and its use.
     pub about: &'static str,
 }
 
 /// The default.
 pub const GROUND_CHAINS: &str = "ground-chains";
-/// That of a network.
+/// The association by a network.
 pub const DEEPSORT: &str = "deepsort";
 
 /// All of them.
@@ -84,7 +82,7 @@ pub const ASSOCIATIONS: &[Association] = &[
     },
 ];
 
-/// How many of `count` sightings belong to another set of sightings in one grouping than in another.
+/// Returns how many of `count` sightings belong to another set of sightings in one grouping than in the other.
 pub fn changed(one: &[Vec<usize>], other: &[Vec<usize>], count: usize) -> usize {
     let group_of = |groups: &[Vec<usize>]| {
         let mut group_of: Vec<Option<Vec<usize>>> = vec![None; count];
@@ -108,12 +106,12 @@ pub struct Sighting {
     pub place: DVec2,
     /// Square root of the area of its box on the ground, metres.
     pub size: f64,
-    /// Whether the border of the image cuts it off.
+    /// True if the border of the image cuts it off.
     pub is_cut: bool,
 }
 
 impl Sighting {
-    /// Standard deviation of the place, metres.
+    /// Returns the standard deviation of the place, metres.
     fn sigma(&self) -> f64 {
         if self.is_cut {
             MEASUREMENT_CUT
@@ -122,7 +120,7 @@ impl Sighting {
         }
     }
 
-    /// How much likelier a size is of one object than of two, as a logarithm.
+    /// Returns the log likelihood ratio of a size for one object against two.
     fn size_likeness(&self, other: &Self) -> f64 {
         if self.is_cut || other.is_cut {
             return 0.0;
@@ -133,8 +131,8 @@ impl Sighting {
     }
 }
 
-/// Groups sightings by object; `frames` holds, in order of time, the numbers of the sightings of each
-/// frame. Every group is in order of time; sightings of nothing that lasts are in none.
+/// Groups sightings by object; `frames` holds, in order of time, the numbers of the sightings of each frame. Every
+/// group is in order of time; false sightings are in none.
 pub fn associate(sightings: &[Sighting], frames: &[Vec<usize>]) -> Vec<Vec<usize>> {
     let mut search = Search::new(sightings, frames);
     let mut chains = Vec::new();
@@ -159,9 +157,9 @@ pub fn associate(sightings: &[Sighting], frames: &[Vec<usize>]) -> Vec<Vec<usize
 /// A chain of sightings that ends at one.
 #[derive(Debug, Clone, Copy)]
 struct Hypothesis {
-    /// The sighting that it ends at.
+    /// Its last sighting.
     last: usize,
-    /// The chain before that, among all.
+    /// The chain before that, in the list of all.
     before: Option<usize>,
     filter: Filter,
     score: f64,
@@ -174,7 +172,7 @@ struct Search<'a> {
     frames: &'a [Vec<usize>],
     /// The frame of each sighting.
     frame_of: Vec<usize>,
-    /// Seconds of each frame; `None` where nothing was seen.
+    /// Seconds of each frame; `None` for a frame without sightings.
     seconds: Vec<Option<f64>>,
     /// Logarithm of the density of sightings, per square metre and frame.
     log_density: f64,
@@ -211,8 +209,8 @@ impl<'a> Search<'a> {
         }
     }
 
-    /// The likeliest chains of what is not used, no two of which share a sighting, the best first. Chains
-    /// that lost a sighting to a better one are not among them: they are looked for again.
+    /// Returns the likeliest chains of unused sightings, no two of which share one, the best first. Chains that lost a
+    /// sighting to a better one are left out: they are searched again.
     fn best(&self) -> Vec<Vec<usize>> {
         let all = self.hypotheses();
         let mut order: Vec<usize> = (0..all.len())
@@ -233,10 +231,10 @@ impl<'a> Search<'a> {
         chains
     }
 
-    /// For each sighting the likeliest chains that end at it.
+    /// Returns for each sighting the likeliest chains that end at it.
     fn hypotheses(&self) -> Vec<Hypothesis> {
         let mut all: Vec<Hypothesis> = Vec::new();
-        // Where the hypotheses of each frame begin.
+        // Index of the first hypothesis of each frame.
         let mut begins: Vec<usize> = Vec::new();
         for (frame, seen) in self.frames.iter().enumerate() {
             begins.push(all.len());
@@ -270,7 +268,7 @@ impl<'a> Search<'a> {
         all
     }
 
-    /// A chain of one sighting.
+    /// Starts a chain of one sighting.
     fn first(&self, number: usize) -> Hypothesis {
         let sighting = &self.sightings[number];
         Hypothesis {
@@ -282,7 +280,7 @@ impl<'a> Search<'a> {
         }
     }
 
-    /// Whether anything could go from one sighting to a later one.
+    /// Returns true if an object could move from one sighting to a later one.
     fn is_in_reach(&self, earlier: usize, later: usize) -> bool {
         if self.frame_of[later] > self.frame_of[earlier] + MOST_MISSES + 1 {
             return false;
@@ -295,7 +293,7 @@ impl<'a> Search<'a> {
             && later.place.distance_squared(earlier.place) <= reach * reach
     }
 
-    /// Whether two sightings of one frame could be taken for each other.
+    /// Returns true if two sightings of one frame could be confused.
     fn is_near(&self, one: usize, other: usize) -> bool {
         let apart = self.sightings[one]
             .place
@@ -303,7 +301,7 @@ impl<'a> Search<'a> {
         apart <= 4.0 * MEASUREMENT_CUT
     }
 
-    /// A chain with a sighting behind it; `None` where it cannot be of it.
+    /// Returns a chain with a sighting appended; `None` if it cannot belong to it.
     fn linked(&self, chain: &Hypothesis, number: usize) -> Option<Hypothesis> {
         if !self.is_in_reach(chain.last, number) {
             return None;
@@ -333,7 +331,7 @@ impl<'a> Search<'a> {
     }
 }
 
-/// The sightings of a chain, in order of time.
+/// Returns the sightings of a chain, in order of time.
 fn members(all: &[Hypothesis], at: usize) -> Vec<usize> {
     let mut numbers: Vec<usize> =
         std::iter::successors(Some(&all[at]), |one| one.before.map(|before| &all[before]))

@@ -1,18 +1,18 @@
-//! Chains that are of one object with a gap between them.
+//! Joining of chains of one object with a gap between them.
 
 use super::{FASTEST, GATE, LONGEST_GAP_SECONDS, Sighting, filter::Filter};
 
-/// What stands is seen again at its place within this, seconds.
+/// Longest time without sightings of a stopped object, seconds.
 const LONGEST_STOP_SECONDS: f64 = 8.0;
-/// What stood has not moved by more than this, metres.
+/// Largest movement of a stopped object, metres.
 const STOPPED_METRES: f64 = 3.0;
-/// Before it stopped or after it set off it was no faster, metres per second: filters lag behind.
+/// Largest speed before a stop and after it, metres per second: filters lag behind.
 const STOPPED_SPEED: f64 = 4.0;
 
-/// Sightings of a chain that say where it goes at an end.
+/// Sightings of a chain that give its motion at an end.
 const END: usize = 8;
 
-/// Chains whose end and beginning fit each other, as one: those that fit best first.
+/// Joins chains whose end and start fit each other: the best fits first.
 pub(super) fn stitched(sightings: &[Sighting], chains: Vec<Vec<usize>>) -> Vec<Vec<usize>> {
     let mut fits = Vec::new();
     for (before, one) in chains.iter().enumerate() {
@@ -41,17 +41,17 @@ pub(super) fn stitched(sightings: &[Sighting], chains: Vec<Vec<usize>>) -> Vec<V
         .collect()
 }
 
-/// How badly the end of a chain and the beginning of another fit; `None` where they cannot be one.
+/// Returns the misfit of the end of a chain and the start of another; `None` if they cannot be one.
 ///
-/// Two ways to be one: both go towards each other, evenly, within a few seconds (the squared Mahalanobis
-/// distance halfway between them in time), or the first stopped where the second sets off.
+/// Chains join in two ways: both lead towards each other, evenly, within a few seconds (the squared Mahalanobis
+/// distance halfway between them in time), or the first stopped where the second starts.
 fn gap_cost(sightings: &[Sighting], before: &[usize], after: &[usize]) -> Option<f64> {
     let (last, first) = (&sightings[*before.last()?], &sightings[*after.first()?]);
     let gap = first.seconds - last.seconds;
     if gap <= 0.0 || gap > LONGEST_STOP_SECONDS {
         return None;
     }
-    // Another size is another vehicle, wherever it is.
+    // Another size is another vehicle, at any place.
     let unlike = -first.size_likeness(last).min(0.0);
     let between = first.place.distance(last.place);
     if between > STOPPED_METRES && (gap > LONGEST_GAP_SECONDS || between > FASTEST * gap) {
@@ -75,7 +75,7 @@ fn gap_cost(sightings: &[Sighting], before: &[usize], after: &[usize]) -> Option
     (cost <= GATE).then_some(cost)
 }
 
-/// A filter that has seen all of some sightings, in their order, be it back in time.
+/// Returns a filter updated by some sightings, in their order, which may be backwards in time.
 fn filtered(sightings: &[Sighting], mut members: impl Iterator<Item = usize>) -> Option<Filter> {
     let first = &sightings[members.next()?];
     let begin = Filter::new(first.seconds, first.place, first.sigma());

@@ -75,7 +75,7 @@ fn what_is_seen_once_or_twice_is_nothing() {
     }
 }
 
-/// Every chain that there is, for a case that can be listed.
+/// Lists every possible chain, for a small case.
 #[test]
 fn the_first_chain_is_the_best_of_all() {
     let objects = [
@@ -107,7 +107,7 @@ fn the_first_chain_is_the_best_of_all() {
     assert_eq!(search.best().first().cloned(), best);
 }
 
-/// A car that is not seen while it waits at a light is one car; another one that comes later is not.
+/// A car that is not seen while it waits at a light is one car; another that comes later is not the same.
 #[test]
 fn what_stops_is_found_again_at_its_place() {
     // 6 m/s, down to nothing from 4 s to 6 s, and up again from 12 s to 14 s.

@@ -1,4 +1,4 @@
-//! `command`: boxes that another program finds when it is run, any YOLO for one. A TOML says how:
+//! `command`: boxes of another program that is run for this, such as any YOLO. A TOML describes it:
 //!
 //! ```toml
 //! id = "yolov8-visdrone"              # its name in the record
@@ -12,11 +12,11 @@
 //! van = "vehicle"
 //! ```
 //!
-//! Placeholders of the command, all absolute: `{frames}` (a folder with the frames that may be looked at and no
-//! others, each called by its number in the scene, as `000012.png`), `{boxes}` (the file that the program
-//! writes), `{work}` (its working directory, removed afterwards) and `{folder}` (that of the TOML). COCO JSON names
-//! frames by their files; MOT text numbers them from 1 on in the order of their names, and its classes are the
-//! numbers of its eighth column. Without `[classes]` every box counts, as a vehicle.
+//! Placeholders of the command, all absolute: `{frames}` (a folder with exactly the usable frames, each named by its
+//! number in the scene, as `000012.png`), `{boxes}` (the program's output file), `{work}` (its working directory,
+//! removed afterwards) and `{folder}` (that of the TOML). COCO JSON names frames by their files. MOT text numbers them
+//! from 1 on in the order of their names, and its classes are the numbers of its eighth column. Without `[classes]`
+//! every box counts, as a vehicle.
 #![cfg_attr(
     not(test),
     deny(clippy::indexing_slicing, clippy::arithmetic_side_effects)
@@ -62,7 +62,7 @@ const STAGE: &str = "detector-command";
 const FRAMES_FOLDER: &str = "frames";
 const WORK_FOLDER: &str = "work";
 const LOG_FILE: &str = "log.txt";
-/// What a command may refer to; none is a number.
+/// Placeholders of a command, each with true if it is a number.
 const PLACEHOLDERS: [(&str, bool); 4] = [
     ("frames", false),
     ("boxes", false),
@@ -70,7 +70,7 @@ const PLACEHOLDERS: [(&str, bool); 4] = [
     ("folder", false),
 ];
 
-/// What the TOML says.
+/// Content of the TOML.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Program {
@@ -122,7 +122,7 @@ impl Program {
         Ok(())
     }
 
-    /// The class that a box counts as; `None` where it does not.
+    /// Returns the class that a box counts as; `None` if it does not count.
     fn class_of(&self, class: &str) -> Option<String> {
         match &self.classes {
             None => Some("vehicle".to_owned()),
@@ -161,7 +161,7 @@ fn detect(input: &DetectorInput<'_>, progress: &dyn Progress) -> Result<Detected
     Ok(Detected { boxes: kept, said })
 }
 
-/// The files beside the TOML that a command names: scripts and weights of the program's own.
+/// Returns the files beside the TOML that a command names: scripts and weights of the program's own.
 fn own_files(program: &Program, folder: &Path) -> impl Iterator<Item = PathBuf> {
     let words = program
         .command
@@ -175,7 +175,7 @@ fn own_files(program: &Program, folder: &Path) -> impl Iterator<Item = PathBuf> 
         .filter(|path| path.is_file())
 }
 
-/// What detections by a TOML depend on beside the frames: itself, and the files that it names.
+/// Adds the dependencies of detections by a TOML beside the frames: itself, and the files that it names.
 ///
 /// # Errors
 /// When one cannot be read.
@@ -202,7 +202,7 @@ fn folder_of(toml: &Path) -> Result<PathBuf, StoreError> {
         .to_owned())
 }
 
-/// The boxes of the program, which is run unless it was before on the same.
+/// Returns the boxes of the program, which is run unless it has run on the same inputs.
 fn boxes_file(
     program: &Program,
     toml: &Path,

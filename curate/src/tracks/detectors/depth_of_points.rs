@@ -1,11 +1,11 @@
-//! How far the surface is that a view sees, from points on it.
+//! Distances of the surface in a view, from points on it.
 
 use glam::DVec3;
 use rayon::prelude::*;
 
 use crate::{posed_view::PosedView, tracks::detectors::pixels_around::around};
 
-/// Distances along the rays of a view's pixels; infinite where nothing is known.
+/// Distances along the rays of a view's pixels; infinite if unknown.
 #[derive(Debug, Clone, PartialEq)]
 pub struct DistanceMap {
     /// Pixels per row.
@@ -16,7 +16,7 @@ pub struct DistanceMap {
     pub values: Vec<f32>,
 }
 
-/// Replaces values by those of others that are less, or larger.
+/// Replaces values by smaller, or larger, ones of others.
 type Pick = fn(&mut [f32], &[f32]);
 
 #[multiversion::multiversion(targets("x86_64+avx2"))]
@@ -37,8 +37,8 @@ fn largest(values: &mut [f32], others: &[f32]) {
 const FILLING_ROUNDS: usize = 64;
 
 impl DistanceMap {
-    /// The nearest point in every pixel and its eight neighbours; pixels without any take the mean of the
-    /// nearest that have one.
+    /// Takes the nearest point in every pixel and its eight neighbours; pixels without any take the mean of the nearest
+    /// known ones.
     pub fn new(view: &PosedView, points: &[DVec3]) -> Self {
         let [width, height] = view.camera.size();
         let mut values = vec![f32::INFINITY; width * height];
@@ -64,13 +64,12 @@ impl DistanceMap {
         map
     }
 
-    /// The least and the largest of the values that are within some pixels of each, columns and rows;
-    /// infinite where nothing is known.
+    /// Returns the least and the largest value within some pixels of each, columns and rows; infinite if unknown.
     pub fn around(&self, radius: usize) -> [Vec<f32>; 2] {
         [least as Pick, largest].map(|pick| self.picked(radius, pick))
     }
 
-    /// Of the values within some pixels of each the one that is picked.
+    /// Returns the picked value of those within some pixels of each.
     fn picked(&self, radius: usize, pick: Pick) -> Vec<f32> {
         let (width, height) = (self.width, self.height);
         let mut along_rows = self.values.clone();
@@ -110,7 +109,7 @@ impl DistanceMap {
         let mut border: Vec<usize> = (0..self.values.len())
             .filter(|&pixel| is_hole(self.values[pixel]) && is_beside_known(pixel))
             .collect();
-        // What is known or has been filled, or is about to be.
+        // Known or filled pixels, and those about to be.
         let mut is_taken: Vec<bool> = self.values.iter().map(|&value| !is_hole(value)).collect();
         border.iter().for_each(|&pixel| is_taken[pixel] = true);
         for _ in 0..FILLING_ROUNDS {

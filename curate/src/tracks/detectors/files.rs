@@ -46,7 +46,7 @@ pub const DETECTOR: Detector = Detector {
         };
         let frames = NamedFrames::of_scene(input.scene);
         let mut found = read(file, format, &frames, input)?;
-        // What is not looked at was read all the same: a broken file is broken.
+        // Boxes of unused frames are read all the same: a broken file is an error.
         let looked_at: BTreeSet<u32> = input.views.iter().map(|view| view.frame).collect();
         found.retain(|one| looked_at.contains(&one.frame));
         for one in &mut found {
@@ -58,7 +58,7 @@ pub const DETECTOR: Detector = Detector {
     },
 };
 
-/// How a program writes boxes.
+/// Format of boxes in files.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub(super) enum BoxFormat {
@@ -66,7 +66,7 @@ pub(super) enum BoxFormat {
     Coco,
 }
 
-/// The frames that a file of boxes may be of.
+/// The frames to which a file of boxes may refer.
 pub(super) struct NamedFrames {
     /// Their numbers in the scene, in the order in which MOT text counts them from 1 on.
     in_order: Vec<u32>,
@@ -75,7 +75,7 @@ pub(super) struct NamedFrames {
 }
 
 impl NamedFrames {
-    /// All frames of a scene, by the names of its images.
+    /// Collects all frames of a scene, by the names of its images.
     fn of_scene(scene: &Scene) -> Self {
         let numbered = (0..).zip(&scene.frames);
         let by_stem = numbered.map(|(number, frame)| (stem(&frame.image), number));
@@ -85,7 +85,7 @@ impl NamedFrames {
         }
     }
 
-    /// Some frames of a scene whose files are called by their numbers.
+    /// Collects some frames of a scene whose files are named by their numbers.
     pub(super) fn called_by_number(views: &[PosedView]) -> Self {
         let mut in_order: Vec<u32> = views.iter().map(|view| view.frame).collect();
         in_order.sort_unstable();
@@ -97,10 +97,10 @@ impl NamedFrames {
     }
 }
 
-/// Reads a file of boxes; classes are as the file has them, empty where it has none.
+/// Reads a file of boxes; classes are as in the file, empty if it has none.
 ///
 /// # Errors
-/// When it cannot be read, or holds what is no box in one of the frames.
+/// When it cannot be read, or has an invalid box in one of the frames.
 pub(super) fn read(
     file: &Path,
     format: BoxFormat,
@@ -144,7 +144,7 @@ fn detection(frame: u32, sides: [f64; 4], confidence: f64, class: &str) -> Detec
     Detection {
         frame,
         box_pixels: sides,
-        // MOT's ground truth has 1 or -1 for "not said".
+        // MOT's ground truth has 1, or -1 for an unknown confidence.
         confidence: if confidence < 0.0 {
             1.0
         } else {

@@ -1,4 +1,4 @@
-//! What finds vehicles in images: one file each, one line in [`DETECTORS`].
+//! Detectors of vehicles in images: one file each, one line in [`DETECTORS`].
 
 pub mod command;
 pub mod depth_of_points;
@@ -17,35 +17,35 @@ use omnilife_schemas::{
 use super::TrackRequest;
 use crate::{error::CurateError, ground_plane::Plane, posed_view::PosedView};
 
-/// What a detector is given.
+/// Input of a detector.
 #[derive(Debug)]
 pub struct DetectorInput<'a> {
     /// The scene's folder.
     pub folder: &'a Path,
     /// The scene.
     pub scene: &'a Scene,
-    /// The frames to look at, in order of time.
+    /// The frames to search, in order of time.
     pub views: &'a [PosedView],
-    /// Points of what stands still, world.
+    /// Points of static content, world.
     pub points: &'a [DVec3],
     /// The ground of most of the scene.
     pub ground: Plane,
-    /// Metres in a unit of the world.
+    /// Metres per unit of the world.
     pub metres_per_unit: f64,
     /// A file of boxes, for those that read one.
     pub file: Option<&'a PathBuf>,
     /// A TOML of a program, for those that run one.
     pub program: Option<&'a PathBuf>,
-    /// The folder of the tracks, where a detector may keep what it has found.
+    /// The folder of the tracks, where a detector may keep its output.
     pub out: &'a Path,
 }
 
-/// What was detected.
+/// Output of a detector.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Detected {
     /// Boxes of vehicles.
     pub boxes: Vec<Detection>,
-    /// What the record should say of how they were found; empty where the detector's name says it.
+    /// The record's text on the detection; empty if the detector's name is enough.
     pub said: String,
 }
 
@@ -59,21 +59,21 @@ impl From<Vec<Detection>> for Detected {
 /// Finds vehicles in frames.
 pub type Detect = fn(&DetectorInput<'_>, &dyn Progress) -> Result<Detected, CurateError>;
 
-/// A way of finding vehicles.
+/// A method of finding vehicles.
 #[derive(Debug, Clone, Copy)]
 pub struct Detector {
     /// Name on the command line.
     pub id: &'static str,
-    /// What it does and when it is right.
+    /// Its principle and its use.
     pub about: &'static str,
-    /// Whether it leaves files in the folder of the tracks.
+    /// True if it leaves files in the folder of the tracks.
     pub keeps_files: bool,
     /// Finds them.
     pub detect: Detect,
 }
 
 impl Detector {
-    /// Checks that it is given the files that it needs, and none that only another one reads.
+    /// Checks that it has the files it needs, and none that only another one reads.
     pub(super) fn check_files(&self, request: &TrackRequest) -> Result<(), String> {
         let is_command = self.id == command::ID;
         if request.program.is_some() && !is_command {

@@ -1,4 +1,4 @@
-//! The pixels around one.
+//! The neighbourhood of a pixel.
 
 /// Calls with a pixel and with those beside it in an image of so many columns and rows, row by row.
 #[inline]

@@ -44,7 +44,7 @@ fn pinhole() -> Camera {
     PinholeCamera::with_horizontal_field_of_view(640, 360, 1.14).into()
 }
 
-/// A car that comes, stops for four seconds and turns away.
+/// Returns a car that comes, stops for four seconds and turns away.
 fn truth(seconds: f64) -> DVec3 {
     let along = |seconds: f64| 6.0 * seconds.min(6.0) + 6.0 * (seconds - 10.0).max(0.0);
     let turned = (seconds - 12.0).max(0.0);
@@ -103,7 +103,7 @@ fn a_path_without_noise_is_recovered_by_any_camera() {
     }
 }
 
-/// From one detection, which says where, to as many as have a cubic path; a whole fit, and where it begins.
+/// From one detection, which gives only a place, to as many as have a cubic path; a whole fit, and its start.
 #[test]
 fn paths_far_from_the_origin_are_those_near_it() {
     let offset = dvec3(5e5, 5e6, 0.0);
@@ -203,7 +203,7 @@ fn gaps_and_detections_at_one_time_do_no_harm() {
     assert!(path.spline.position(3.0).distance(truth(3.0)) < 0.1);
 }
 
-/// What `scripts/golden/spline.py` has from `SciPy`.
+/// Output of `scripts/golden/spline.py` with `SciPy`.
 #[derive(Deserialize)]
 struct Golden {
     intrinsics: [f64; 4],
@@ -219,7 +219,7 @@ struct Golden {
 #[derive(Deserialize)]
 struct GoldenFit {
     knots: Vec<f64>,
-    /// Of `make_lsq_spline` through the lifted places.
+    /// Coefficients of `make_lsq_spline` through the lifted places.
     coefficients: Vec<[f64; 3]>,
     /// The least sum of Huber losses that `least_squares` finds.
     huber: f64,

@@ -1,14 +1,14 @@
-//! Exports in our own format hold all of a scene; others say what they leave out.
+//! Exports in our own format hold all of a scene; others list their omissions.
 
-use std::{collections::BTreeSet, sync::Mutex};
+use std::collections::BTreeSet;
 
 use omnilife_curate::exchange::scene_id;
 use omnilife_schemas::{
-    progress::Progress,
     records::{
         Capture, Colour, DepthImage, DepthPrior, DistanceConvention, Padding, Protocol,
         PublishedSplit, Resampling, ScoredViews, Split, SplitRule,
     },
+    testing::Notes,
 };
 use proptest::prelude::*;
 
@@ -362,7 +362,7 @@ fn resized_frames_have_no_record() {
         out: &out,
     };
     export(&request, &notes).unwrap();
-    let lines = notes.0.into_inner().unwrap();
+    let lines = notes.take();
     let told = |part: &str| lines.iter().any(|line| line.contains(part));
     for part in ["objects", "classes", "no distances", "estimated distances"] {
         assert!(told(part), "{part}: {lines:?}");
@@ -378,20 +378,6 @@ fn resized_frames_have_no_record() {
         assert_eq!(frame.pose, expected.pose);
         assert!(frame.mask.is_some());
         assert_eq!(frame.depth, None);
-    }
-}
-
-/// Keeps every note.
-#[derive(Default)]
-struct Notes(Mutex<Vec<String>>);
-
-impl Progress for Notes {
-    fn begin(&self, _: &str, _: Option<u64>) {}
-    fn advance(&self, _: u64) {}
-    fn status(&self, _: &str) {}
-    fn end(&self) {}
-    fn note(&self, line: &str) {
-        self.0.lock().unwrap().push(line.to_owned());
     }
 }
 
@@ -427,7 +413,7 @@ fn exports_say_what_they_leave_out() {
             out: &out,
         };
         export(&request, &notes).unwrap();
-        let lines = notes.0.into_inner().unwrap();
+        let lines = notes.take();
         let said: BTreeSet<&str> = parts
             .into_iter()
             .filter(|part| {
@@ -454,7 +440,7 @@ fn exports_say_what_they_leave_out() {
         out: &out,
     };
     export(&request, &notes).unwrap();
-    let lines = notes.0.into_inner().unwrap();
+    let lines = notes.take();
     let objects = lines
         .iter()
         .filter(|line| line.contains(" 2 ") && line.contains("car 2, walker é"));

@@ -1,14 +1,12 @@
-//! What curation finds in footage: projections, boundaries, overlays. The real clips are beside the
-//! checkout; each is analysed once for all tests.
+//! Results of curation on footage: projections, boundaries, overlays. The real clips are beside the checkout; each is
+//! analysed once for all tests.
 
-mod key_frame_prefilter;
 mod overlays;
 mod projections;
 mod real_clips;
 
 use std::{
     collections::BTreeMap,
-    path::Path,
     sync::{Arc, Mutex, OnceLock},
 };
 
@@ -23,10 +21,11 @@ use crate::support;
 /// Analyses of real clips by name, each made by the first test that asks for it.
 static ANALYSES: Mutex<BTreeMap<String, Arc<OnceLock<Analysis>>>> = Mutex::new(BTreeMap::new());
 
-/// What `use_it` makes of the analysis of a real clip; `None` where the clip is not there.
-fn of_real_clip<T>(name: &str, use_it: impl FnOnce(&Path, &Analysis) -> T) -> Option<T> {
-    let path = support::shared_data(name)?;
+/// Calls `check` with the analysis of a real clip, where the clip is there.
+fn of_real_clip(name: &str, check: impl FnOnce(&Analysis)) {
+    let Some(path) = support::shared_data(name) else {
+        return;
+    };
     let slot = Arc::clone(ANALYSES.lock().unwrap().entry(name.to_owned()).or_default());
-    let analysis = slot.get_or_init(|| analyse(&path, &DETECTORS[0], None, &Silent).unwrap());
-    Some(use_it(&path, analysis))
+    check(slot.get_or_init(|| analyse(&path, &DETECTORS[0], None, &Silent).unwrap()));
 }

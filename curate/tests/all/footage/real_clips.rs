@@ -60,7 +60,7 @@ fn frames(analysis: &Analysis, boundary: &Boundary) -> (usize, usize) {
 #[test]
 fn projections_and_boundaries() {
     for expected in CLIPS {
-        of_real_clip(expected.file, |_, analysis| {
+        of_real_clip(expected.file, |analysis| {
             assert_as_expected(expected, analysis);
         });
     }

@@ -13,12 +13,10 @@
 use std::{
     f64::consts::{PI, TAU},
     path::{Path, PathBuf},
-    sync::Mutex,
 };
 
 use ffmpeg::{Dictionary, Packet, codec, encoder, format, format::Pixel, frame, software::scaling};
 use ffmpeg_next as ffmpeg;
-use omnilife_schemas::progress::Progress;
 
 /// Timestamps of written clips are multiples of this many seconds.
 pub const TICK_SECONDS: f64 = 1.0 / 60_000.0;
@@ -169,26 +167,6 @@ pub fn erp_clip(
         )
     });
     path
-}
-
-/// Keeps every note.
-#[derive(Default)]
-pub struct Notes(pub Mutex<Vec<String>>);
-
-impl Notes {
-    pub fn take(&self) -> Vec<String> {
-        std::mem::take(&mut self.0.lock().unwrap())
-    }
-}
-
-impl Progress for Notes {
-    fn begin(&self, _: &str, _: Option<u64>) {}
-    fn advance(&self, _: u64) {}
-    fn status(&self, _: &str) {}
-    fn end(&self) {}
-    fn note(&self, line: &str) {
-        self.0.lock().unwrap().push(line.to_owned());
-    }
 }
 
 /// A file of the shared data beside the checkout, or `None` with a printed reason.

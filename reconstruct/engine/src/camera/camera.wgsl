@@ -1,4 +1,4 @@
-// The camera of a view, and which model it has.
+// Camera of a view and its model.
 
 const PI: f32 = 3.14159265358979;
 const TAU: f32 = 6.28318530717959;
@@ -22,7 +22,7 @@ struct View {
     width: u32,
     height: u32,
     camera: u32,
-    // Degree of the harmonics that are stored, and of those that are used.
+    // Degrees of the stored harmonics and of those in use.
     stored_sh_degree: u32,
     sh_degree: u32,
     // Number of Gaussians.
@@ -39,7 +39,7 @@ struct View {
 
 @group(0) @binding(0) var<uniform> view: View;
 
-// A point's image and the two rows of the Jacobian of (u, v) by the point.
+// Image of a point, and the two rows of the Jacobian of (u, v) with respect to the point.
 struct Projection {
     pixel: vec2<f32>,
     jacobian_u: vec3<f32>,
@@ -59,7 +59,7 @@ fn to_world(vector: vec3<f32>) -> vec3<f32> {
         + view.rotation[2].xyz * vector.z;
 }
 
-// Whether a point of the camera frame is drawn. `distance` is its length and finite.
+// True if a point of the camera frame is drawn. `distance` is its length and finite.
 fn sees(point: vec3<f32>, distance: f32) -> bool {
     return distance > view.near && (view.camera == ERP || point.z > view.near);
 }
@@ -71,7 +71,7 @@ fn project(point: vec3<f32>, distance: f32) -> Projection {
     return project_pinhole(point);
 }
 
-// The gradient by the point from gradients by the pixel and by the two rows of the Jacobian.
+// Gradient by the point from gradients by the pixel and by the two rows of the Jacobian.
 fn project_vjp(
     point: vec3<f32>,
     distance: f32,
@@ -83,7 +83,7 @@ fn project_vjp(
     return project_pinhole_vjp(point, by);
 }
 
-// atan2 to the last bits: WGSL's own may be off by 4096 of them, a fiftieth of a pixel.
+// atan2 to the last bits. WGSL's built-in may be off by 4096 of them, a fiftieth of a pixel.
 fn arc_tangent(y: f32, x: f32) -> f32 {
     let larger = max(abs(x), abs(y));
     if larger == 0.0 {
@@ -91,7 +91,7 @@ fn arc_tangent(y: f32, x: f32) -> f32 {
     }
     var t = min(abs(x), abs(y)) / larger;
     var angle = 0.0;
-    // tan(pi/8): beyond it around pi/4.
+    // Above tan(pi/8): expand around pi/4.
     if t > 0.41421356 {
         t = (t - 1.0) / (t + 1.0);
         angle = 0.25 * PI;
@@ -113,7 +113,7 @@ fn arc_tangent(y: f32, x: f32) -> f32 {
 // (towards growing longitude), `[1]` points down.
 fn tangent_frame(n: vec3<f32>) -> array<vec3<f32>, 2> {
     let rho = length(n.xz);
-    // At an exact pole longitude is arbitrary: that of +z.
+    // At a pole longitude is arbitrary; take that of +z.
     var sin_cos = vec2(0.0, 1.0);
     if rho > 0.0 {
         sin_cos = n.xz / rho;
@@ -124,7 +124,7 @@ fn tangent_frame(n: vec3<f32>) -> array<vec3<f32>, 2> {
     );
 }
 
-// The image of a unit direction.
+// Image of a unit direction, pixels.
 fn image_of(n: vec3<f32>) -> vec2<f32> {
     if view.camera == ERP {
         return image_of_erp(n);
@@ -132,8 +132,8 @@ fn image_of(n: vec3<f32>) -> vec2<f32> {
     return view.focal * n.xy / n.z + view.principal;
 }
 
-// How a unit direction moves with its image: dn/du and dn/dv, radians per pixel. Within CONE_RHO of
-// a pole of an ERP image, dn/du stops shrinking.
+// Derivatives of a unit direction by its image: dn/du and dn/dv, radians per pixel. Within CONE_RHO of a pole
+// of an ERP image, dn/du stops shrinking.
 fn pixel_step(n: vec3<f32>) -> array<vec3<f32>, 2> {
     if view.camera == ERP {
         let frame = tangent_frame(n);
@@ -149,19 +149,19 @@ fn pixel_step(n: vec3<f32>) -> array<vec3<f32>, 2> {
     );
 }
 
-// A rectangle of the image in pixels; columns of an ERP image count on beyond both sides.
+// Rectangle of the image in pixels; columns of an ERP image continue past both edges.
 struct PixelBox {
     centre: vec2<f32>,
     // Half width and half height.
     extent: vec2<f32>,
 }
 
-// More than any image.
+// Larger than any image.
 fn everything() -> PixelBox {
     return PixelBox(vec2<f32>(), vec2(1e9));
 }
 
-// A rectangle around the cap around the unit direction `n` with this tangent of its radius.
+// Bounding rectangle of the cap around the unit direction `n`; `tangent` is that of its angular radius.
 fn cap_box(n: vec3<f32>, tangent: f32) -> PixelBox {
     if !is_finite(tangent) || tangent > 1e6 {
         return everything();
@@ -170,7 +170,7 @@ fn cap_box(n: vec3<f32>, tangent: f32) -> PixelBox {
     if view.camera == ERP {
         let rho = length(n.xz);
         let half_height = arc_tangent(tangent, 1.0) / PI * f32(view.height);
-        // The widest point of a cap that holds no pole; one that does is everywhere.
+        // Widest point of a cap without a pole; a cap with a pole covers every column.
         var half_width = everything().extent.x;
         if sine < rho {
             let share = sine / rho;
@@ -183,7 +183,7 @@ fn cap_box(n: vec3<f32>, tangent: f32) -> PixelBox {
     if n.z <= 0.0 || denominator <= 0.0 {
         return everything();
     }
-    // The planes through the camera that touch the cap: (x - u z)^2 = (1 + u^2) sin^2.
+    // Planes through the camera tangent to the cap: (x - u z)^2 = (1 + u^2) sin^2.
     let root = sine * sqrt(max(n.xy * n.xy + denominator, vec2<f32>()));
     return PixelBox(
         n.xy * n.z / denominator * view.focal + view.principal,

@@ -1,8 +1,7 @@
 //! The equirectangular camera: projection, its Jacobian, and the VJP of both.
 //!
-//! Source: OmniGS `cuda_rasterizer/forward.cu`; the same first-order footprint as
-//! ODGS's tangent plane. With `p = (x, y, z)`, `d = |p|`, `rho = hypot(x, z)`, `kx = W / 2pi`,
-//! `ky = H / pi`:
+//! Source: OmniGS `cuda_rasterizer/forward.cu`; the same first-order footprint as ODGS's tangent plane. With
+//! `p = (x, y, z)`, `d = |p|`, `rho = hypot(x, z)`, `kx = W / 2pi`, `ky = H / pi`:
 //!
 //! ```text
 //! u = (atan2(x, z) / 2pi + 1/2) W          v = (1/2 - atan2(-y, rho) / pi) H
@@ -10,8 +9,8 @@
 //!     [ -ky x y/(rho d^2)  ky rho/d^2   -ky y z/(rho d^2) ]
 //! ```
 //!
-//! Everything is evaluated on the unit direction `p / d` and divided by powers of `d` at the end,
-//! so that no power of a very small or very large distance is ever formed.
+//! All is evaluated on the unit direction `p / d` and divided by powers of `d` at the end, which avoids
+//! powers of extreme distances.
 
 use std::f32::consts::{PI, TAU};
 
@@ -24,7 +23,7 @@ use crate::camera::{
     lanes::{self, Vec3x8},
 };
 
-/// The image of a direction.
+/// Returns the image of a direction, pixels.
 pub fn pixel(camera: &ErpCamera, n: Vec3) -> Vec2 {
     let (longitude, latitude) = (n.x.atan2(n.z), (-n.y).atan2(horizontal(n)));
     vec2(
@@ -33,7 +32,7 @@ pub fn pixel(camera: &ErpCamera, n: Vec3) -> Vec2 {
     )
 }
 
-/// The images of points of the camera frame.
+/// Returns the images of points of the camera frame, pixels.
 #[inline(always)]
 pub(crate) fn pixels<S: Simd>(camera: &ErpCamera, point: Vec3x8<S>) -> [f32x8<S>; 2] {
     let longitude = lanes::atan2(point.x, point.z);
@@ -44,7 +43,7 @@ pub(crate) fn pixels<S: Simd>(camera: &ErpCamera, point: Vec3x8<S>) -> [f32x8<S>
     ]
 }
 
-/// The unit direction, its distance from the vertical axis, and the tangents to east and down.
+/// Returns the unit direction, its distance from the vertical axis, and the tangents to east and down.
 #[inline(always)]
 fn frame<S: Simd>(
     point: Vec3x8<S>,
@@ -67,7 +66,7 @@ fn frame<S: Simd>(
     (n, rho, [east, down])
 }
 
-/// The Jacobian of the image at points of the camera frame that are not on the vertical axis.
+/// Returns the Jacobian of the image at points of the camera frame off the vertical axis.
 #[inline(always)]
 pub(crate) fn jacobian<S: Simd>(
     camera: &ErpCamera,
@@ -81,8 +80,8 @@ pub(crate) fn jacobian<S: Simd>(
     }
 }
 
-/// VJP of [`pixels`] and [`jacobian`]: the gradient by the point from gradients by the pixel and by
-/// the two rows of the Jacobian.
+/// Returns the VJP of [`pixels`] and [`jacobian`]: the gradient by the point from gradients by the pixel and
+/// by the two rows of the Jacobian.
 #[inline(always)]
 pub(crate) fn vjp<S: Simd>(
     camera: &ErpCamera,
@@ -137,7 +136,7 @@ mod tests {
         height: 512,
     };
 
-    /// The Jacobian of the f64 definition by central differences.
+    /// Returns the Jacobian of the f64 definition by central differences.
     fn reference_jacobian(p: DVec3) -> [DVec3; 2] {
         let h = 1e-6 * p.length();
         let mut rows = [DVec3::ZERO; 2];
@@ -211,7 +210,7 @@ mod tests {
             (vec2(0.7, -1.3), vec3(0.9, -0.4, 1.1), vec3(-0.6, 0.8, 0.5));
         for p in points() {
             let d = p.length();
-            // The loss weighs each output so that all of them matter at every distance.
+            // The loss weights the outputs so that all of them matter at every distance.
             let loss = |q: DVec3| {
                 let pixel = CAMERA.project(q).expect("not the centre");
                 let [ju, jv] = reference_jacobian_analytic(q);
@@ -244,8 +243,8 @@ mod tests {
         }
     }
 
-    /// The Jacobian written out from the module's formula, in f64; `jacobian_is_that_of_the_definition`
-    /// holds the f32 one against the definition itself.
+    /// Returns the Jacobian written out from the module's formula, in f64.
+    /// `jacobian_is_that_of_the_definition` checks the f32 one against the definition itself.
     fn reference_jacobian_analytic(p: DVec3) -> [DVec3; 2] {
         let (kx, ky) = (1024.0 / std::f64::consts::TAU, 512.0 / std::f64::consts::PI);
         let (d2, rho) = (p.length_squared(), p.x.hypot(p.z));

@@ -1,4 +1,4 @@
-// The equirectangular camera.
+// Equirectangular camera.
 
 fn image_of_erp(n: vec3<f32>) -> vec2<f32> {
     let longitude = arc_tangent(n.x, n.z);
@@ -19,7 +19,7 @@ fn project_erp(point: vec3<f32>, distance: f32) -> Projection {
     );
 }
 
-// The point is not on the vertical axis.
+// `point` must not lie on the vertical axis.
 fn project_erp_vjp(point: vec3<f32>, distance: f32, by: Projection) -> vec3<f32> {
     let kx = f32(view.width) / TAU;
     let ky = f32(view.height) / PI;

@@ -1,12 +1,12 @@
-//! Geometry of 8 points at once. Every lane is a point of its own: results do not depend on which
-//! points stand beside each other.
+//! Geometry of 8 points at once. Lanes are independent: the result for a point does not depend on its
+//! neighbours.
 
 use std::f32::consts::{FRAC_PI_2, PI};
 
 use fearless_simd::{Simd, f32x8, prelude::*};
 use glam::{Mat3, Vec3, vec3};
 
-/// Points worked on at once.
+/// Points processed at once.
 pub(crate) const LANES: usize = 8;
 
 /// Eight vectors.
@@ -18,7 +18,7 @@ pub(crate) struct Vec3x8<S: Simd> {
 }
 
 impl<S: Simd> Vec3x8<S> {
-    /// One vector per lane.
+    /// Gathers one vector per lane.
     #[inline(always)]
     pub(crate) fn gather(simd: S, rows: &[[f32; 3]; LANES]) -> Self {
         let axis = |axis: usize| f32x8::simd_from(simd, rows.map(|row| row[axis]));
@@ -29,7 +29,7 @@ impl<S: Simd> Vec3x8<S> {
         }
     }
 
-    /// The vectors, one per lane.
+    /// Returns the vectors, one per lane.
     #[inline(always)]
     pub(crate) fn scatter(self) -> [[f32; 3]; LANES] {
         let [x, y, z]: [[f32; LANES]; 3] = [self.x.into(), self.y.into(), self.z.into()];
@@ -58,7 +58,7 @@ impl<S: Simd> Vec3x8<S> {
         }
     }
 
-    /// `self factor + other`.
+    /// Returns `self factor + other`.
     #[inline(always)]
     pub(crate) fn times_plus(self, factor: f32x8<S>, other: Self) -> Self {
         Self {
@@ -88,7 +88,7 @@ impl<S: Simd> Vec3x8<S> {
         }
     }
 
-    /// `matrix self`.
+    /// Returns `matrix self`.
     #[inline(always)]
     pub(crate) fn transformed(self, matrix: &Mat3) -> Self {
         let row = |row: Vec3| {
@@ -103,13 +103,13 @@ impl<S: Simd> Vec3x8<S> {
     }
 }
 
-/// Distance from the vertical axis, as [`crate::camera::horizontal`].
+/// Returns the distance from the vertical axis, as [`crate::camera::horizontal`].
 #[inline(always)]
 pub(crate) fn horizontal<S: Simd>(point: Vec3x8<S>) -> f32x8<S> {
     point.x.mul_add(point.x, point.z * point.z).sqrt()
 }
 
-/// The angle of `(x, y)` from the first axis, in [-pi, pi], to 2 units in the last place of pi; 0
+/// Returns the angle of `(x, y)` from the first axis, in [-pi, pi], to 2 units in the last place of pi; 0
 /// where both are 0.
 #[inline(always)]
 pub(crate) fn atan2<S: Simd>(y: f32x8<S>, x: f32x8<S>) -> f32x8<S> {
@@ -119,11 +119,11 @@ pub(crate) fn atan2<S: Simd>(y: f32x8<S>, x: f32x8<S>) -> f32x8<S> {
     let (ax, ay) = (x.abs(), y.abs());
     let (small, large) = (ax.min(ay), ax.max(ay));
     let t = large.simd_gt(0.0).select(small / large, zero);
-    // Beyond pi / 8: atan t = pi / 4 + atan((t - 1) / (t + 1)).
+    // Above pi / 8: atan t = pi / 4 + atan((t - 1) / (t + 1)).
     let is_beyond = t.simd_gt(TAN_EIGHTH);
     let t = is_beyond.select((t - 1.0) / (t + 1.0), t);
     let square = t * t;
-    // Least error on [0, tan(pi / 8)] of an odd polynomial of degree 9 (Cephes, `atanf`).
+    // Odd minimax polynomial of degree 9 on [0, tan(pi / 8)] (Cephes, `atanf`).
     let coefficient = |value: f32| f32x8::splat(simd, value);
     let p = coefficient(8.053_744_5e-2)
         .mul_add(square, coefficient(-0.138_776_86))

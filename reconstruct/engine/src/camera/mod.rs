@@ -1,7 +1,7 @@
 //! Jacobians and vector-Jacobian products (VJPs) of the camera models, in f32.
 //!
-//! The models themselves are defined in f64 in [`omnilife_schemas::camera`]; tests hold each file
-//! here against its definition by finite differences.
+//! The models themselves are defined in f64 in [`omnilife_schemas::camera`]. Tests compare each file here
+//! with its definition by finite differences.
 
 pub mod erp;
 pub(crate) mod lanes;
@@ -21,14 +21,14 @@ use crate::camera::lanes::{LANES, Vec3x8};
 
 /// Added to the diagonal of the projected covariance, square pixels (3DGS `forward.cu`).
 pub const LOW_PASS: f32 = 0.3;
-/// `cos(85 degrees)`: nearer to a pole of an ERP image than this (`hypot(x, z) < CONE_RHO d`) the
-/// ellipse in the image means nothing, and the footprint is a cone.
+/// `cos(85 degrees)`. Nearer to a pole of an ERP image than this (`hypot(x, z) < CONE_RHO d`) the linearized
+/// ellipse is meaningless, and the footprint is a cone.
 pub const CONE_RHO: f32 = 0.087_155_744;
-/// An ellipse whose standard deviation along the columns of an ERP image is more than this share of
-/// the width (six of them cover a quarter turn) is too wide for the image's plane: a cone.
+/// Largest standard deviation of an ellipse along the columns of an ERP image, as a share of the width (six
+/// of them cover a quarter turn). A wider footprint is a cone.
 pub const CONE_WIDTH: f32 = 1.0 / 24.0;
 
-/// The two rows of the Jacobian of `(u, v)` by a point, for 8 points.
+/// The two rows of the Jacobian of `(u, v)` with respect to a point, for 8 points.
 #[derive(Clone, Copy)]
 pub(crate) struct Jacobian<S: Simd> {
     /// `du/dp`, pixels per unit.
@@ -37,37 +37,37 @@ pub(crate) struct Jacobian<S: Simd> {
     pub(crate) v: Vec3x8<S>,
 }
 
-/// What the kernels need of a camera, in f32.
+/// Camera functions for the kernels, in f32.
 pub trait CameraKernels {
-    /// Whether a point of the camera frame is drawn: its `distance` (radial) is beyond `near`, and
+    /// Returns true if a point of the camera frame is drawn: its `distance` (radial) is beyond `near`, and
     /// for a pinhole so is its depth `z`. False for NaN.
     fn sees(&self, point: Vec3, distance: f32, near: f32) -> bool;
 
-    /// The image of a direction that the camera sees, pixels; for an ERP camera `u` is in [0, W].
+    /// Returns the image of a direction that the camera sees, pixels; for an ERP camera `u` is in [0, W].
     fn pixel(&self, n: Vec3) -> Vec2;
 
-    /// The rows of the Jacobian of [`CameraKernels::pixel`] at a point of the camera frame that the camera
-    /// sees, pixels per unit.
+    /// Returns the rows of the Jacobian of [`CameraKernels::pixel`] at a visible point of the camera frame,
+    /// pixels per unit.
     fn pixel_jacobian(&self, point: Vec3) -> [Vec3; 2];
 
-    /// Column and row of the pixel that shows a point of the camera frame, `distance` from it; `None` where
-    /// none does.
+    /// Returns the column and row of the pixel that shows a point of the camera frame at `distance`; `None`
+    /// for a point outside the image.
     fn pixel_of(&self, point: Vec3, distance: f32) -> Option<[usize; 2]>;
 
-    /// Angle that a pixel at the image centre subtends, radians: by its height for an ERP camera, by the
-    /// geometric mean of its sides for a pinhole.
+    /// Returns the angle that a pixel at the image centre subtends, radians: by its height for an ERP camera,
+    /// by the geometric mean of its sides for a pinhole.
     fn pixel_radians(&self) -> f32;
 
-    /// Square of the low-pass filter's standard deviation as an angle, radians squared: the
+    /// Returns the squared standard deviation of the low-pass filter as an angle, radians squared: the
     /// [`LOW_PASS`] of a pixel at the image centre.
     fn angular_low_pass(&self) -> f32;
 
-    /// How a unit direction moves with its image: `dn/du` and `dn/dv`, radians per pixel. Within
-    /// [`CONE_RHO`] of a pole of an ERP image, `dn/du` stops shrinking.
+    /// Returns the derivatives of a unit direction by its image: `dn/du` and `dn/dv`, radians per pixel.
+    /// Within [`CONE_RHO`] of a pole of an ERP image, `dn/du` stops shrinking.
     fn pixel_step(&self, n: Vec3) -> [Vec3; 2];
 
-    /// A rectangle around the cap of `radius` radians around the unit direction `n`, whose image is
-    /// `pixel`. NaN gives everything.
+    /// Returns a rectangle around the cap of `radius` radians around the unit direction `n`, whose image is
+    /// `pixel`. NaN gives [`PixelBox::EVERYTHING`].
     fn cap_box(&self, n: Vec3, pixel: Vec2, radius: f32) -> PixelBox;
 }
 
@@ -104,7 +104,7 @@ impl CameraKernels for Camera {
         let pixel = self.pixel(point);
         let [width, height] = self.size();
         match self {
-            // The last column and row end where others begin.
+            // The image's far edges belong to the last column and row.
             Self::Erp(_) => Some([
                 (pixel.x as usize).min(width - 1),
                 (pixel.y as usize).min(height - 1),
@@ -158,7 +158,7 @@ impl CameraKernels for Camera {
             Self::Erp(camera) => {
                 let rho = horizontal(n);
                 let half_height = radius / PI * camera.height as f32;
-                // The widest point of a cap that holds no pole; one that does is everywhere.
+                // Widest point of a cap without a pole; a cap with a pole covers every column.
                 let half_width = if sin < rho {
                     (sin / rho).asin() / TAU * camera.width as f32
                 } else {
@@ -193,19 +193,19 @@ impl CameraKernels for Camera {
     }
 }
 
-/// What the projection needs of a camera, for 8 points at once.
+/// Camera functions for the projection, for 8 points at once.
 pub(crate) trait CameraLanes {
-    /// [`CameraKernels::sees`].
+    /// Computes [`CameraKernels::sees`] for 8 points.
     fn see<S: Simd>(&self, point: Vec3x8<S>, distance: f32x8<S>, near: f32) -> mask32x8<S>;
 
-    /// The images of directions that the camera sees.
+    /// Returns the images of directions that the camera sees, pixels.
     fn pixels<S: Simd>(&self, n: Vec3x8<S>) -> [f32x8<S>; 2];
 
-    /// The Jacobian of [`CameraLanes::pixels`].
+    /// Returns the Jacobian of [`CameraLanes::pixels`].
     fn jacobians<S: Simd>(&self, point: Vec3x8<S>, inverse_distance: f32x8<S>) -> Jacobian<S>;
 
-    /// VJP of [`CameraLanes::pixels`] and [`CameraLanes::jacobians`]: the gradient by the points from
-    /// gradients by the pixels and by the two rows of the Jacobian.
+    /// Returns the VJP of [`CameraLanes::pixels`] and [`CameraLanes::jacobians`]: the gradient by the points
+    /// from gradients by the pixels and by the two rows of the Jacobian.
     fn vjp<S: Simd>(
         &self,
         point: Vec3x8<S>,
@@ -256,17 +256,17 @@ impl CameraLanes for Camera {
     }
 }
 
-/// Distance from the vertical axis. Directions and distances are in ranges where squares neither
-/// overflow nor vanish: `hypot` is not needed, and several times slower.
+/// Returns the distance from the vertical axis. Squares neither overflow nor vanish in the range of distances
+/// used here, so that `hypot`, several times slower, is not needed.
 pub fn horizontal(point: Vec3) -> f32 {
     (point.x * point.x + point.z * point.z).sqrt()
 }
 
-/// Two directions orthogonal to the unit direction `n` and to each other, `[e_1, e_2]` with
+/// Returns two directions orthogonal to the unit direction `n` and to each other, `[e_1, e_2]` with
 /// `e_1 x e_2 = n`: `e_1` is horizontal (towards growing longitude), `e_2` points down.
 pub fn tangent_frame(n: Vec3) -> [Vec3; 2] {
     let rho = horizontal(n);
-    // At an exact pole longitude is arbitrary: `atan2(0, 0)` is 0, so is this frame's.
+    // At a pole longitude is arbitrary: `atan2(0, 0)` is 0, and so is this frame's.
     let (sin, cos) = if rho > 0.0 {
         (n.x / rho, n.z / rho)
     } else {
@@ -275,26 +275,26 @@ pub fn tangent_frame(n: Vec3) -> [Vec3; 2] {
     [vec3(cos, 0.0, -sin), vec3(-n.y * sin, rho, -n.y * cos)]
 }
 
-/// A rectangle of the image in pixels; columns of an ERP image count on beyond both sides.
+/// Rectangle of the image in pixels; columns of an ERP image continue past both edges.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PixelBox {
-    /// Middle.
+    /// Centre.
     pub centre: [f32; 2],
     /// Half width and half height.
     pub extent: [f32; 2],
 }
 
 impl PixelBox {
-    /// More than any image.
+    /// Larger than any image.
     pub const EVERYTHING: Self = Self {
         centre: [0.0; 2],
         extent: [1e9; 2],
     };
 }
 
-/// Range of `x / z` over a cap around a unit direction with the coordinates `x`, `z`, from the
-/// planes through the centre that touch the cap: `(x - u z)^2 = (1 + u^2) sin^2`. `None` where the
-/// cap reaches `z = 0`.
+/// Returns the range of `x / z` over a cap around a unit direction with the coordinates `x`, `z`. It follows
+/// from the planes through the centre tangent to the cap: `(x - u z)^2 = (1 + u^2) sin^2`. `None` if the cap
+/// reaches `z = 0`.
 fn slopes_of_cap(x: f32, z: f32, sin: f32) -> Option<(f32, f32)> {
     let denominator = z * z - sin * sin;
     if z <= 0.0 || denominator <= 0.0 {
@@ -304,7 +304,7 @@ fn slopes_of_cap(x: f32, z: f32, sin: f32) -> Option<(f32, f32)> {
     Some(((x * z - root) / denominator, (x * z + root) / denominator))
 }
 
-/// A camera in a normalized scene, ready for the kernels.
+/// Camera in a normalized scene, ready for the kernels.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct View {
     /// Image size and model.
@@ -318,7 +318,7 @@ pub struct View {
 }
 
 impl View {
-    /// A view of the normalized scene. `None` when the pose is not usable.
+    /// Creates a view of the normalized scene. `None` for a pose that is not usable.
     pub fn new(
         camera: impl Into<Camera>,
         pose: &Pose,

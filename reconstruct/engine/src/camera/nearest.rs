@@ -1,11 +1,11 @@
-//! Where a view sees a place of the world: millions of places, nothing differentiated.
+//! Nearest-pixel lookup of world points in a view: fast, for millions of points, not differentiable.
 
 use std::f32::consts::{PI, TAU};
 
 use super::{Camera, View, horizontal};
 use glam::{Mat3, Vec3};
 
-/// A camera ready for many places.
+/// Camera prepared for projecting many points.
 #[derive(Debug, Clone, Copy)]
 pub struct Projector {
     camera: Camera,
@@ -14,7 +14,7 @@ pub struct Projector {
 }
 
 impl Projector {
-    /// That of a view.
+    /// Creates the projector of a view.
     pub fn new(view: &View) -> Self {
         Self {
             camera: view.camera,
@@ -23,22 +23,22 @@ impl Projector {
         }
     }
 
-    /// The pixel that shows a place, counted row by row, and the place's distance from the camera;
-    /// `None` where the camera stands there or does not look there.
+    /// Returns the pixel that shows a world point (row-major index) and the point's distance from the camera.
+    /// `None` at the camera centre and outside the image.
     pub fn pixel(&self, place: Vec3) -> Option<(usize, f32)> {
         let (image, distance) = self.image(place)?;
         Some((self.pixel_at(image), distance))
     }
 
-    /// The pixel at a place in the image, counted row by row.
+    /// Returns the row-major index of the pixel at an image position in pixels.
     pub fn pixel_at(&self, [u, v]: [f32; 2]) -> usize {
         let [width, height] = self.camera.size();
-        // The last column of a panorama ends where the first begins, the last row at the pole.
+        // On the far edges, the last column of a panorama wraps to the first, and the last row is clamped.
         (v as usize).min(height - 1) * width + u as usize % width
     }
 
-    /// Where in its image a camera shows a place, pixels, and the place's distance from it; `None` where
-    /// it stands there or does not look there.
+    /// Returns the image of a world point, pixels, and its distance from the camera. `None` at the camera
+    /// centre and outside the image.
     pub fn image(&self, place: Vec3) -> Option<([f32; 2], f32)> {
         let point = self.rotation * (place - self.centre);
         let distance = point.length();

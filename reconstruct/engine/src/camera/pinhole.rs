@@ -6,9 +6,9 @@
 //!     [ 0     fy/z  -fy ty/z ]
 //! ```
 //!
-//! In the Jacobian alone the slopes `x/z` and `y/z` are clamped to the image widened by 15 % on
-//! either side, because the linearization of what stands far outside the image explodes (3DGS
-//! `forward.cu`: 1.3 times the half image). A clamped slope counts as constant in the VJP.
+//! In the Jacobian alone the slopes `x/z` and `y/z` are clamped to the image widened by 15 % on either side
+//! (3DGS `forward.cu`: 1.3 times the half image). Farther outside the linearization explodes. A clamped slope
+//! counts as constant in the VJP.
 
 use fearless_simd::{Simd, f32x8, prelude::*};
 use glam::{Vec2, Vec3, vec2};
@@ -16,13 +16,13 @@ use omnilife_schemas::camera::PinholeCamera;
 
 use crate::camera::{Jacobian, lanes::Vec3x8};
 
-/// Share of the image's size by which the range of slopes in the Jacobian is widened on each side.
+/// Margin added to each side of the range of slopes in the Jacobian, as a share of the image's size.
 pub(crate) const SLOPE_MARGIN: f32 = 0.15;
 
 /// A slope in the Jacobian.
 struct Slope<S: Simd> {
     clamped: f32x8<S>,
-    /// 1 where it is inside its range, 0 where it is clamped.
+    /// 1 inside the range, 0 where the slope is clamped.
     is_free: f32x8<S>,
 }
 
@@ -40,7 +40,7 @@ impl<S: Simd> Slope<S> {
         }
     }
 
-    /// Of `x / z` and of `y / z`.
+    /// Returns the slopes `x / z` and `y / z`.
     #[inline(always)]
     fn both(camera: &PinholeCamera, point: Vec3x8<S>, inverse_z: f32x8<S>) -> [Self; 2] {
         [
@@ -55,7 +55,7 @@ fn inverse_z<S: Simd>(point: Vec3x8<S>) -> f32x8<S> {
     f32x8::splat(point.z.simd, 1.0) / point.z
 }
 
-/// The image of a direction with `z > 0`.
+/// Returns the image of a direction with `z > 0`, pixels.
 pub fn pixel(camera: &PinholeCamera, n: Vec3) -> Vec2 {
     vec2(
         camera.fx as f32 * (n.x / n.z) + camera.cx as f32,
@@ -63,7 +63,7 @@ pub fn pixel(camera: &PinholeCamera, n: Vec3) -> Vec2 {
     )
 }
 
-/// The images of points of the camera frame with `z > 0`.
+/// Returns the images of points of the camera frame with `z > 0`, pixels.
 #[inline(always)]
 pub(crate) fn pixels<S: Simd>(camera: &PinholeCamera, point: Vec3x8<S>) -> [f32x8<S>; 2] {
     let inverse_z = inverse_z(point);
@@ -73,7 +73,7 @@ pub(crate) fn pixels<S: Simd>(camera: &PinholeCamera, point: Vec3x8<S>) -> [f32x
     ]
 }
 
-/// The Jacobian of the image at points of the camera frame with `z > 0`.
+/// Returns the Jacobian of the image at points of the camera frame with `z > 0`.
 #[inline(always)]
 pub(crate) fn jacobian<S: Simd>(camera: &PinholeCamera, point: Vec3x8<S>) -> Jacobian<S> {
     let inverse_z = inverse_z(point);
@@ -94,8 +94,8 @@ pub(crate) fn jacobian<S: Simd>(camera: &PinholeCamera, point: Vec3x8<S>) -> Jac
     }
 }
 
-/// VJP of [`pixels`] and [`jacobian`]: the gradient by the point from gradients by the pixel and by
-/// the two rows of the Jacobian.
+/// Returns the VJP of [`pixels`] and [`jacobian`]: the gradient by the point from gradients by the pixel and
+/// by the two rows of the Jacobian.
 #[inline(always)]
 pub(crate) fn vjp<S: Simd>(
     camera: &PinholeCamera,
@@ -138,7 +138,7 @@ mod tests {
         }
     }
 
-    /// Inside the image, and beside it where slopes are clamped in `u`, in `v`.
+    /// Inside the image, and outside where slopes are clamped in `u` or in `v`.
     const POINTS: [[f64; 3]; 4] = [
         [0.3, -0.2, 1.0],
         [-0.9, 0.7, 2.4],
@@ -176,7 +176,7 @@ mod tests {
                 assert!((image.as_dvec2() - expected).length() < 1e-4);
             }
         }
-        // Where nothing is clamped the Jacobian is the derivative.
+        // An unclamped Jacobian is the derivative.
         let p = dvec3(0.3, -0.2, 1.0);
         let rows = jacobian(&camera(), p);
         for axis in 0..3 {

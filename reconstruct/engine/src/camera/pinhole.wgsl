@@ -3,7 +3,7 @@
 struct Slopes {
     // x/z and y/z, clamped.
     slope: vec2<f32>,
-    // Whether each is inside its range.
+    // True for a slope inside its range.
     is_free: vec2<bool>,
 }
 

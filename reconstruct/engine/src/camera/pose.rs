@@ -4,17 +4,17 @@ use glam::{Mat3, Quat, Vec3};
 
 use super::View;
 
-/// What is done to a pose.
+/// Correction of a camera pose.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct PoseCorrection {
-    /// World rotation about the centre, a rotation vector, radians.
+    /// World rotation about the camera centre, a rotation vector in radians.
     pub rotation: Vec3,
     /// Shift of the centre, normalized units.
     pub centre: Vec3,
 }
 
 impl PoseCorrection {
-    /// The view after the correction.
+    /// Returns the corrected view.
     pub fn apply(&self, view: &View) -> View {
         View {
             // World to camera: the inverse of the rotation comes first.

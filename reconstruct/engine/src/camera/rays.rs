@@ -6,7 +6,7 @@ use glam::{Vec3, vec3};
 
 use crate::camera::Camera;
 
-/// Readable entries beyond the last column, so that whole vectors can be loaded anywhere.
+/// Padding entries after the last column, so that whole vectors can be loaded from any column.
 pub const PADDING: usize = 16;
 
 /// Rays through the centres of all pixels, separated into columns and rows: the ray of pixel
@@ -14,7 +14,7 @@ pub const PADDING: usize = 16;
 /// (`s = cos(lat)`), for a pinhole `z = 1` (`s = 1`).
 #[derive(Debug, Clone, PartialEq)]
 pub struct Rays {
-    /// The camera that they belong to.
+    /// Camera of the rays.
     pub camera: Camera,
     /// `x_i`, one per column, and [`PADDING`] more.
     pub x: Vec<f32>,
@@ -27,7 +27,7 @@ pub struct Rays {
 }
 
 impl Rays {
-    /// The rays of a camera.
+    /// Computes the rays of a camera.
     pub fn new(camera: Camera) -> Self {
         let columns = (0..camera.width() as usize + PADDING).map(|column| column as f64 + 0.5);
         let rows = (0..camera.height()).map(|row| f64::from(row) + 0.5);
@@ -58,7 +58,7 @@ impl Rays {
         }
     }
 
-    /// The ray through the centre of one pixel.
+    /// Returns the ray through the centre of one pixel.
     pub fn ray(&self, column: usize, row: usize) -> Vec3 {
         let scale = self.scale[row];
         vec3(scale * self.x[column], self.y[row], scale * self.z[column])

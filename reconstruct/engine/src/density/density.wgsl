@@ -1,67 +1,67 @@
-// Density control, one thread per Gaussian: which are copied, which are removed, where they go.
+// Density control, one thread per Gaussian: selects clones, splits and prunes, and places the new rows.
 //
-// What the table would be after copying has extended rows: the Gaussians that there are, then the clones,
-// then the children of splits, each by the numbers of what they come from. Nothing is copied before it is
-// known which of them stay.
+// Rows are first numbered in an extended table: the existing Gaussians, then the clones, then the children of
+// splits, each in the order of their parents. This table is virtual: rows are copied only after it is decided
+// which of them stay.
 
 struct DensityStep {
-    // Gaussians, and how many there is room for.
+    // Gaussians, and the capacity of the table.
     rows: u32,
     capacity: u32,
-    // Clones, and extended rows altogether.
+    // Clones, and rows of the extended table.
     clones: u32,
     extended_rows: u32,
     // Rows of the new table.
     new_rows: u32,
-    // How many may be cloned or split.
+    // Number of Gaussians that may be cloned or split.
     room: u32,
     // Children of a split.
     siblings: u32,
-    // All views, and those whose latitudes a threshold depends on.
+    // Number of all views; the views whose latitudes a threshold depends on.
     views: u32,
     first_view: u32,
     threshold_views: u32,
-    // Where arrays begin in the table, counted in values.
+    // Offsets of the arrays in the table, in values.
     positions: u32,
     log_scales: u32,
     quaternions: u32,
     opacity_logits: u32,
     peaks: u32,
     log_lifespans: u32,
-    // Whether Gaussians have times of their own, and whether splits shorten lifespans.
+    // 1 if Gaussians have their own times; 1 if splits shorten lifespans.
     has_times: u32,
     shortens: u32,
-    // Whether Gaussians are pruned for their size.
+    // 1 if Gaussians are pruned by size.
     prunes_sizes: u32,
     threshold_equator: f32,
     threshold_pole: f32,
     // In units of length.
     clone_size: f32,
     prune_size: f32,
-    // The unit; 0 where it is the distance from the nearest view, at least `least_distance`.
+    // The unit; 0 selects the distance from the nearest view, at least `least_distance`.
     unit_length: f32,
     least_distance: f32,
     prune_opacity: f32,
     prune_logit: f32,
-    // Density control in time: |dL/dtau| per frame, frames.
+    // Threshold of density control in time: |dL/dtau| per frame, frames.
     time_threshold: f32,
     clone_lifespan: f32,
-    // Half the clip, and the farthest peak from its middle; frames.
+    // Half the clip, and the largest distance of a peak from its middle; frames.
     half_clip: f32,
     farthest_peak: f32,
-    // Where the sphere that Gaussians are ordered along has its centre.
+    // Centre of the sphere along which Gaussians are ordered.
     centre: vec3<f32>,
 }
 
 struct DensityView {
-    // Rows of the rotation from the world to the camera, each with a coordinate of its centre.
+    // Rows of the world-to-camera rotation, each with one coordinate of the camera centre in w.
     rotation_and_centre: array<vec4<f32>, 3>,
-    // 1 where the view has poles.
+    // 1 for a view with poles (ERP).
     is_erp: vec4<f32>,
 }
 
-// A child of a split where it is put. Before, in place of its position and its peak, are numbers drawn
-// from the standard normal distribution.
+// Child of a split. Before placement, position and peak time hold draws from the standard normal
+// distribution.
 struct Child {
     position: vec3<f32>,
     peak: f32,
@@ -73,9 +73,9 @@ const KEEP: u32 = 0u;
 const CLONE: u32 = 1u;
 const SPLIT: u32 = 2u;
 
-// Key of what is no candidate.
+// Key of a Gaussian below its threshold.
 const NO_CANDIDATE: u32 = 0xffffffffu;
-// Beside the number of an old row: it is copied.
+// Flag in the number of an old row: the row is copied.
 const COPY: u32 = 0x80000000u;
 
 // Bindings 0 and 1 are the temporal parameters and the table's values.
@@ -90,23 +90,23 @@ const COPY: u32 = 0x80000000u;
 @group(0) @binding(4) var<storage, read> sorted_keys: array<u32>;
 @group(0) @binding(5) var<storage, read> sorted_items: array<u32>;
 @group(0) @binding(6) var<storage, read_write> growth: array<u32>;
-// One number: how many grow for their gradient in the image.
+// One number: Gaussians that grow because of their image-space gradient.
 @group(0) @binding(7) var<storage, read_write> grown: array<atomic<u32>>;
 
 @group(0) @binding(4) var<storage, read> grows: array<u32>;
-// Of extended rows: the Gaussian that they come from.
+// Parent of each extended row, the number of a Gaussian.
 @group(0) @binding(5) var<storage, read> origins: array<u32>;
 @group(0) @binding(6) var<storage, read_write> children: array<Child>;
-// Of extended rows whether they stay, and after the scan how many before them do.
+// 1 for each extended row that stays; after the scan, the number of staying rows before it.
 @group(0) @binding(7) var<storage, read_write> stays: array<u32>;
 
 @group(0) @binding(3) var<storage, read> places_of_kept: array<u32>;
 @group(0) @binding(4) var<storage, read> placed_children: array<Child>;
 
-// Of kernels that read no values.
+// Binding of kernels that read no values.
 @group(0) @binding(0) var<uniform> decided: DensityStep;
 @group(0) @binding(1) var<storage, read> decided_growth: array<u32>;
-// By Gaussian the copies, then by Gaussian the children; after the scan their places behind the Gaussians.
+// Clones per Gaussian, then children per Gaussian; after the scan, their row offsets past the Gaussians.
 @group(0) @binding(2) var<storage, read_write> copies: array<u32>;
 @group(0) @binding(3) var<storage, read_write> copied_origins: array<u32>;
 
@@ -116,19 +116,19 @@ const COPY: u32 = 0x80000000u;
 @group(0) @binding(2) var<storage, read> moved_children: array<Child>;
 @group(0) @binding(3) var<storage, read_write> moved_values: array<f32>;
 
-// A comparison that is false for what is not a number, whatever a compiler assumes.
+// Comparison that is false for NaN, even if the compiler assumes that no NaN exists.
 fn is_at_least(value: f32, limit: f32) -> bool {
     return !is_nan(value) && !is_nan(limit) && value >= limit;
 }
 
-// Written so that a NaN opacity or size is pruned.
+// A NaN opacity or size fails the comparison and is pruned.
 fn is_useful(opacity_logit: f32, largest_log_scale: f32, position: vec3<f32>) -> bool {
     return is_at_least(opacity_logit, density.prune_logit)
         && (density.prunes_sizes == 0u
             || is_at_most(largest_log_scale, position, density.prune_size));
 }
 
-// The Gaussians to clone or split. Keys fall with the factor by which a gradient exceeds its threshold.
+// Selects the Gaussians to clone or split. Keys fall as the ratio of gradient to threshold rises.
 @compute @workgroup_size(256)
 fn find_candidates(
     @builtin(workgroup_id) group: vec3<u32>,
@@ -151,7 +151,7 @@ fn key_of_excess(seen: u32, excess: f32) -> u32 {
     return select(NO_CANDIDATE, ~bitcast<u32>(excess), seen > 0u && is_at_least(excess, 1.0));
 }
 
-// The gradient from which a Gaussian at `position` is cloned or split.
+// Gradient at which a Gaussian at `position` is cloned or split.
 fn threshold(position: vec3<f32>) -> f32 {
     if density.threshold_equator == density.threshold_pole {
         return density.threshold_equator;
@@ -185,8 +185,8 @@ fn cos_latitude(position: vec3<f32>, view: u32) -> f32 {
     return length(vec2(x, z)) / max(length(vec3(x, y, z)), 1.17549435e-38);
 }
 
-// The candidates whose excess is the largest, as many as there is room for: small ones are cloned, large
-// ones split.
+// Takes the candidates with the largest ratios until the room is used up. Small ones are cloned, large ones
+// split.
 @compute @workgroup_size(256)
 fn grow_in_space(
     @builtin(workgroup_id) group: vec3<u32>,
@@ -204,7 +204,7 @@ fn grow_in_space(
     atomicAdd(&grown[0], 1u);
 }
 
-// Writes how many rows each Gaussian adds.
+// Writes the number of rows that each Gaussian adds.
 @compute @workgroup_size(256)
 fn count_copies(
     @builtin(workgroup_id) group: vec3<u32>,
@@ -223,7 +223,7 @@ fn count_copies(
     copies[decided.capacity + index] = select(0u, decided.siblings, grows == SPLIT);
 }
 
-// Writes where the extended rows come from.
+// Writes the parent of each extended row.
 @compute @workgroup_size(256)
 fn append_copies(
     @builtin(workgroup_id) group: vec3<u32>,
@@ -246,7 +246,7 @@ fn append_copies(
     }
 }
 
-// Puts children in their places, and says of all extended rows which stay.
+// Places the children, and marks the extended rows that stay.
 @compute @workgroup_size(256)
 fn judge_rows(
     @builtin(workgroup_id) group: vec3<u32>,
@@ -286,7 +286,7 @@ fn log_scales_of(index: u32) -> vec3<f32> {
     return table_vector(density.log_scales, index);
 }
 
-// The largest of three numbers, of those that are any.
+// Largest of three numbers, ignoring NaN.
 fn largest_scale(log_scales: vec3<f32>) -> f32 {
     var largest = log_scales.x;
     for (var axis = 1u; axis < 3u; axis++) {
@@ -301,7 +301,7 @@ fn largest_of(index: u32) -> f32 {
     return largest_scale(log_scales_of(index));
 }
 
-// Whether the largest axis of a Gaussian is so many units at most; false for one that is not a number.
+// True if the largest axis of a Gaussian is at most `limit` units; false for NaN.
 fn is_at_most(largest_log_scale: f32, position: vec3<f32>, limit: f32) -> bool {
     if is_nan(largest_log_scale) {
         return false;
@@ -314,7 +314,7 @@ fn is_at_most(largest_log_scale: f32, position: vec3<f32>, limit: f32) -> bool {
         || is_at_least(limit * nearest(position), largest);
 }
 
-// Distance from the nearest view; no number where the position is none.
+// Distance from the nearest view; NaN for a NaN position.
 fn nearest(position: vec3<f32>) -> f32 {
     var least = bitcast<f32>(0x7f7fffffu);
     for (var view = 0u; view < density.views; view++) {
@@ -328,7 +328,7 @@ fn nearest(position: vec3<f32>) -> f32 {
     return sqrt(least);
 }
 
-// A random place inside the ellipsoid of a Gaussian.
+// Random position inside the ellipsoid of a Gaussian.
 fn scattered(index: u32, normals: vec3<f32>) -> vec3<f32> {
     let first = density.quaternions + 4u * index;
     var q = vec4(values[first + 1u], values[first + 2u], values[first + 3u], values[first]);
@@ -355,7 +355,7 @@ fn scattered(index: u32, normals: vec3<f32>) -> vec3<f32> {
     return table_vector(temporal.positions, index) + offset;
 }
 
-// The extended rows that stay, one after another, with their places on the sphere.
+// Compacts the extended rows that stay, with their keys on the Z-order curve.
 @compute @workgroup_size(256)
 fn keep_rows(
     @builtin(workgroup_id) group: vec3<u32>,
@@ -381,7 +381,7 @@ fn keep_rows(
     items[place] = row;
 }
 
-// Where the rows of the new table come from in the old one.
+// Writes the old row of each row of the new table.
 @compute @workgroup_size(256)
 fn write_sources(
     @builtin(workgroup_id) group: vec3<u32>,
@@ -396,7 +396,7 @@ fn write_sources(
     sources[place] = ordered_origins[row] | select(0u, COPY, row >= decided.rows);
 }
 
-// What children have that their parents have not.
+// Writes the values of children that differ from their parents'.
 @compute @workgroup_size(256)
 fn write_children(
     @builtin(workgroup_id) group: vec3<u32>,

@@ -1,9 +1,9 @@
-//! Density control on a GPU: the device decides, and the host reads three numbers. The kernels are in
-//! `density.wgsl`, `moving.wgsl` and `order.wgsl`, as their twins are in `mod.rs` with `sizes.rs`, `moving.rs`
-//! and `order.rs`; the placement of rows and the programs are in `work.rs`.
+//! Density control on a GPU: the device decides, and the host reads three numbers. The kernels in
+//! `density.wgsl`, `moving.wgsl` and `order.wgsl` are twins of `mod.rs` with `sizes.rs`, of `moving.rs` and
+//! of `order.rs`. The placement of rows and the programs are in `work.rs`.
 //!
-//! The host draws the numbers by which the children of splits are scattered, in the order in which the CPU
-//! does: one seed means the same on both.
+//! The host draws the random offsets of the children of splits in the same order as the CPU twin, so that one
+//! seed gives the same result on both.
 
 mod work;
 
@@ -27,7 +27,7 @@ use crate::{
 };
 
 wgsl_struct! {
-    /// What a densification of a part depends on.
+    /// Parameters of one densification of a part.
     pub(crate) struct DensityStep {
         rows: u32,
         capacity: u32,
@@ -71,7 +71,7 @@ wgsl_struct! {
         is_erp: [f32; 4],
     }
 
-    /// Where a child is put; before, what is drawn for it.
+    /// Child of a split; before placement, its random draws.
     pub(crate) struct Child {
         position: [f32; 3],
         peak: f32,
@@ -100,7 +100,7 @@ pub(crate) fn shader() -> Shader {
     }
 }
 
-/// The kernels, which do not depend on the number of Gaussians, and the views that they go by.
+/// The kernels, which do not depend on the number of Gaussians, and the input views.
 #[derive(Debug)]
 pub(crate) struct DensityKernels {
     find_candidates: Kernel,
@@ -119,7 +119,7 @@ pub(crate) struct DensityKernels {
 }
 
 impl DensityKernels {
-    /// For these input views.
+    /// Compiles the kernels and uploads the input views.
     pub(crate) fn new(gpu: &Gpu, views: &[TrainingView]) -> Result<Self, GpuError> {
         let [
             find_candidates,
@@ -180,7 +180,7 @@ fn density_view(view: &View) -> DensityView {
     }
 }
 
-/// What the densification of a part asks for, but for the part's rows and arrays.
+/// Returns the parameters of a part's densification, except rows and array offsets.
 fn density_step(asked: &Densification<'_>, part: &Part, room: usize) -> DensityStep {
     let settings = asked.settings.of_part(part);
     let context = &asked.context;
@@ -230,7 +230,7 @@ fn density_step(asked: &Densification<'_>, part: &Part, room: usize) -> DensityS
     }
 }
 
-/// What is drawn for the children of splits, child by child.
+/// Draws the random numbers for the children of splits, child by child.
 fn draw(children: usize, in_time: bool, random: &mut Pcg64Mcg) -> Vec<Child> {
     let mut normal = || -> f32 { StandardNormal.sample(random) };
     let child = |_| Child {
@@ -241,8 +241,8 @@ fn draw(children: usize, in_time: bool, random: &mut Pcg64Mcg) -> Vec<Child> {
     (0..children).map(child).collect()
 }
 
-/// Decides of a part whose rows are on the device: what is copied and what is removed. Returns what was
-/// done, and how many rows are left; they are moved later. There may be `room` more than there are.
+/// Decides which rows of a part on the device are copied and which are removed. At most `room` rows are
+/// added. Returns the counts and the number of rows that remain; the rows are moved later.
 pub(crate) fn decide(
     gpu: &Gpu,
     work: &mut DensityWork,

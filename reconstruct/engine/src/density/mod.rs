@@ -1,9 +1,11 @@
 //! Adaptive density control of 3DGS: clone, split, prune, reset opacities.
 //!
-//! Source: 3DGS `scene/gaussian_model.py`, `train.py`. The screen-size prune is left out: it is dead
-//! code upstream. When any of it happens is in [`settings`]; what is different for Gaussians that
-//! depend on time is in `moving.rs`; what sizes are compared with in `sizes.rs`; where Gaussians lie in
-//! memory afterwards is in [`order`]. The twin of it all on a device is in `gpu.rs`.
+//! Source: 3DGS `scene/gaussian_model.py`, `train.py`. The screen-size prune is left out: it is dead code
+//! upstream.
+//!
+//! * [`settings`]: schedule and thresholds; `sizes.rs`: the unit of sizes.
+//! * `moving.rs`: rules for Gaussians that depend on time.
+//! * [`order`]: order of Gaussians in memory afterwards. `gpu.rs`: the twin of all this on a GPU.
 
 pub(crate) mod gpu;
 mod moving;
@@ -26,24 +28,24 @@ use crate::{
     parameters::ParameterTable,
 };
 
-/// A split's children are smaller than their parent by this factor (0.8 times 2 children).
+/// Factor by which a split's children are smaller than their parent (0.8 times 2 children).
 const SPLIT_SHRINK: f32 = 1.6;
-/// Opacities are set down to this at a reset.
+/// Upper bound of opacities after a reset.
 pub(crate) const RESET_OPACITY: f32 = 0.01;
 
-/// What a densification did.
+/// Counts of one densification.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Densified {
     /// Gaussians copied.
     pub cloned: usize,
-    /// Gaussians replaced by two.
+    /// Gaussians replaced by their children.
     pub split: usize,
     /// Gaussians removed.
     pub pruned: usize,
 }
 
 impl Densified {
-    /// Adds what was done to another part.
+    /// Adds the counts of another part.
     pub(crate) fn add(&mut self, other: Self) {
         self.cloned += other.cloned;
         self.split += other.split;
@@ -51,7 +53,7 @@ impl Densified {
     }
 }
 
-/// What density control may look at beside the model.
+/// Inputs of density control other than the model.
 #[derive(Debug, Clone, Copy)]
 pub struct DensityContext<'a> {
     /// The input views.
@@ -62,19 +64,19 @@ pub struct DensityContext<'a> {
     pub temporal: Option<TemporalDensity>,
 }
 
-/// One densification of a model.
+/// Densification of a model.
 #[derive(Debug, Clone, Copy)]
 pub struct Densification<'a> {
-    /// Of the run.
+    /// Settings of the run.
     pub settings: &'a DensifySettings,
     /// The iteration of the schedule.
     pub scheduled: u64,
-    /// What it may look at.
+    /// Inputs other than the model.
     pub context: DensityContext<'a>,
 }
 
 impl Densification<'_> {
-    /// Does it to a model in memory: [`densify`], then [`order::along_sphere`].
+    /// Densifies and reorders a model in memory: [`densify`], then [`order::along_sphere`].
     pub fn run(&self, model: &mut Model, random: &mut Pcg64Mcg) -> Densified {
         let done = densify(model, self.settings, self.scheduled, &self.context, random);
         order::along_sphere(model, self.context.views);
@@ -82,8 +84,8 @@ impl Densification<'_> {
     }
 }
 
-/// The parts of a model in the order in which they are densified: those that depend on time or move with
-/// an object come first.
+/// Returns the parts of a model in densification order: those that depend on time or move with an object come
+/// first.
 pub(crate) fn parts_in_order(model: &Model) -> Vec<usize> {
     let moves = |part: &Part| {
         part.parameterization.temporal().is_some() || part.parameterization.tracked().is_some()
@@ -94,9 +96,8 @@ pub(crate) fn parts_in_order(model: &Model) -> Vec<usize> {
     first
 }
 
-/// Clones, splits and prunes the model's Gaussians and begins its statistics anew. `scheduled` is
-/// the iteration of the schedule. Where there is no room for all, those that depend on time or move
-/// with an object come first.
+/// Clones, splits and prunes the model's Gaussians and resets its statistics. `scheduled` is the iteration of
+/// the schedule. If room is scarce, Gaussians that depend on time or move with an object take precedence.
 pub fn densify(
     model: &mut Model,
     settings: &DensifySettings,
@@ -128,7 +129,7 @@ pub fn densify(
     done
 }
 
-/// Density control in space alone.
+/// Densifies a part in space only.
 fn densify_static(
     part: &mut Part,
     settings: &DensifySettings,
@@ -172,7 +173,7 @@ fn densify_static(
     }
 }
 
-/// Removes `parents` and what is of no use; returns the number of the latter.
+/// Removes `parents` and prunes useless Gaussians; returns the number of the latter.
 fn remove(
     table: &mut ParameterTable,
     parents: &[usize],
@@ -193,7 +194,7 @@ fn remove(
     pruned
 }
 
-/// Written so that a NaN opacity or size is pruned.
+/// Returns false for a Gaussian to prune. A NaN opacity or size fails the comparison and is pruned.
 fn is_useful(
     table: &ParameterTable,
     index: usize,
@@ -206,8 +207,8 @@ fn is_useful(
             || sizes.is_at_most(table, index, settings.prune_size))
 }
 
-/// The Gaussians to clone or split, in order of their index. Where there is no `room` for all, those
-/// whose gradients exceed their threshold by the largest factor.
+/// Returns the Gaussians to clone or split, in order of their index. If `room` is scarce, those with the
+/// largest ratio of gradient to threshold.
 fn candidates(
     table: &ParameterTable,
     statistics: &Statistics,
@@ -230,7 +231,7 @@ fn candidates(
     strongest(candidates, room)
 }
 
-/// The `room` candidates whose excess over their threshold is the largest, in order of their index.
+/// Returns the `room` candidates with the largest ratios to their threshold, in order of their index.
 fn strongest(mut candidates: Vec<(usize, f32)>, room: usize) -> Vec<usize> {
     if candidates.len() > room {
         candidates.sort_by(|a, b| b.1.total_cmp(&a.1));
@@ -240,7 +241,7 @@ fn strongest(mut candidates: Vec<(usize, f32)>, room: usize) -> Vec<usize> {
     candidates.into_iter().map(|(index, _)| index).collect()
 }
 
-/// The gradient from which a Gaussian at `position` is cloned or split.
+/// Returns the gradient at which a Gaussian at `position` is cloned or split.
 fn threshold(position: [f32; 3], threshold: &Threshold, context: &DensityContext<'_>) -> f32 {
     if threshold.equator == threshold.pole {
         return threshold.equator;
@@ -259,8 +260,8 @@ fn threshold(position: [f32; 3], threshold: &Threshold, context: &DensityContext
     threshold.at(cosine)
 }
 
-/// Cosine of the latitude at which a view sees a point: `rho / d`. A pinhole stretches nothing as the
-/// poles of an ERP image are: all of it is equator.
+/// Returns the cosine of the latitude at which a view sees a point: `rho / d`; 1 for a pinhole, which
+/// stretches nothing the way an ERP image stretches its poles.
 fn cos_latitude(position: [f32; 3], view: &View) -> f32 {
     match view.camera {
         Camera::Erp(_) => {
@@ -271,7 +272,7 @@ fn cos_latitude(position: [f32; 3], view: &View) -> f32 {
     }
 }
 
-/// Sets all opacities down to 0.01 and forgets their moments.
+/// Clamps all opacities to at most 0.01 and clears their moments.
 pub fn reset_opacities(model: &mut Model) {
     for part in &mut model.parts {
         let array = &mut part.table.arrays[OPACITY_LOGITS];
@@ -288,7 +289,7 @@ fn row<const N: usize>(table: &ParameterTable, array: usize, index: usize) -> [f
     table.arrays[array].values.as_chunks::<N>().0[index]
 }
 
-/// Moves a child to a random place inside its parent's ellipsoid.
+/// Moves a child to a random position inside its parent's ellipsoid.
 fn scatter_child(table: &mut ParameterTable, child: usize, random: &mut Pcg64Mcg) {
     let log_scales: [f32; 3] = row(table, LOG_SCALES, child);
     let [w, x, y, z]: [f32; 4] = row(table, QUATERNIONS, child);
@@ -307,7 +308,7 @@ fn scatter_child(table: &mut ParameterTable, child: usize, random: &mut Pcg64Mcg
     *position = (Vec3::from_array(*position) + offset).to_array();
 }
 
-/// Makes a child smaller than its parent.
+/// Shrinks a child by [`SPLIT_SHRINK`].
 fn shrink(table: &mut ParameterTable, child: usize) {
     for log_scale in &mut table.arrays[LOG_SCALES].values.as_chunks_mut::<3>().0[child] {
         *log_scale -= SPLIT_SHRINK.ln();
@@ -338,7 +339,7 @@ mod tests {
         }
     }
 
-    /// Two upright views, one unit below and one above the origin.
+    /// Returns two upright views, one unit below and one above the origin.
     pub(super) fn views() -> [TrainingView; 2] {
         let camera = ErpCamera {
             width: 8,
@@ -359,7 +360,7 @@ mod tests {
         [view(-1.0), view(1.0)]
     }
 
-    /// A small one, a large one, a faint one and a huge one, with sums of gradients over some views.
+    /// Returns a small, a large, a faint and a huge Gaussian with sums of gradients over some views.
     pub(super) fn four(sums: [f32; 4], views: [u32; 4]) -> Model {
         let table = static_gaussians::table(
             &InitialGaussians::isotropic(
@@ -421,7 +422,7 @@ mod tests {
             prune_size: 0.1,
             ..settings()
         };
-        // 1 of 20 is small, 3 of 20 is large.
+        // 1 of 20 is small, 3 of 20 are large.
         let mut model = four([4.0, 4.0, 0.0, 4.0], [2, 2, 1, 2]);
         let done = densified(&mut model, &absolute, 3_000);
         assert_eq!((done.cloned, done.split, done.pruned), (2, 1, 1));

@@ -1,13 +1,13 @@
 //! Density control of Gaussians that depend on time (PVG `scene/gaussian_model.py`).
 //!
-//! Beside the rules of space, a Gaussian is cloned or split when its peak time is pulled about:
-//! `|dL/dtau|` is large. The children of a split lie elsewhere in time too: `tau'` is drawn from
-//! `N(tau, beta)`, and they are moved by `vbar (tau' - tau)` to where their parent would be then. In
-//! the second half of densification there are three of them, with shorter lives.
+//! In addition to the rules in space, a Gaussian is cloned or split when the gradient of its peak time is
+//! large: `|dL/dtau|`. The children of a split are displaced in time too: `tau'` is drawn from
+//! `N(tau, beta)`, and they move by `vbar (tau' - tau)` to their parent's position at that time. In the
+//! second half of densification a split has three children, with shorter lifespans.
 //!
-//! Departures: `|dL/dtau|` instead of the signed mean; peak times stay within the clip and a tenth of
-//! it on both sides; what is too faint at all times of the clip is pruned, because it would never get
-//! a gradient again.
+//! Departures: `|dL/dtau|` instead of the signed mean. Peak times stay within the clip and a tenth of it on
+//! both sides. Gaussians too faint at all times of the clip are pruned, because they would never get a
+//! gradient again.
 
 use glam::Vec3;
 use rand_distr::{Distribution, StandardNormal};
@@ -29,25 +29,25 @@ use crate::{
     parameters::ParameterTable,
 };
 
-/// A split's children live shorter than their parent by this factor (PVG: 0.8 times 2 children).
+/// Factor by which a split's children live shorter than their parent (PVG: 0.8 times 2 children).
 pub(super) const LIFESPAN_SHRINK: f32 = 1.6;
-/// Peak times may lie outside the clip by this share of it on both sides (PVG draws first ones from
-/// 1.2 times the clip).
+/// Margin of peak times on both sides of the clip, as a share of it (PVG draws initial ones from 1.2 times
+/// the clip).
 pub(super) const PEAK_MARGIN: f32 = 0.1;
 
-/// What density control of moving Gaussians goes by.
+/// Inputs of density control for Gaussians that depend on time.
 pub(super) struct MovingControl<'a> {
     pub(super) settings: &'a DensifySettings,
-    /// What sizes are compared with.
+    /// Unit of sizes.
     pub(super) sizes: &'a Sizes,
     pub(super) temporal: TemporalGaussians,
     pub(super) scheduled: u64,
     pub(super) context: &'a DensityContext<'a>,
-    /// How many Gaussians may be added.
+    /// Number of Gaussians that may be added.
     pub(super) room: usize,
 }
 
-/// What happens to a Gaussian.
+/// Growth of a Gaussian.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Growth {
     Clone,
@@ -55,7 +55,7 @@ enum Growth {
 }
 
 impl MovingControl<'_> {
-    /// Clones, splits and prunes, and begins the statistics anew.
+    /// Clones, splits and prunes, and resets the statistics.
     pub(super) fn densify(&self, part: &mut Part, random: &mut Pcg64Mcg) -> Densified {
         let (mut clones, mut parents) = (Vec::new(), Vec::new());
         for (index, growth) in self.growing(part) {
@@ -90,14 +90,14 @@ impl MovingControl<'_> {
         }
     }
 
-    /// Whether splits shorten lifespans by now.
+    /// Returns true if splits shorten lifespans at this iteration.
     fn shortens(&self) -> bool {
         self.context
             .temporal
             .is_some_and(|density| density.shortens(self.scheduled))
     }
 
-    /// Which Gaussians grow and how, in order of their index.
+    /// Returns the Gaussians that grow and their kind of growth, in order of their index.
     fn growing(&self, part: &Part) -> Vec<(usize, Growth)> {
         let Part {
             table, statistics, ..
@@ -141,7 +141,7 @@ impl MovingControl<'_> {
             .collect()
     }
 
-    /// Gaussians whose peak time is pulled about.
+    /// Returns the Gaussians with a large gradient of their peak time.
     fn restless(&self, part: &Part, density: &TemporalDensity, room: usize) -> Vec<usize> {
         let Statistics {
             views,
@@ -159,7 +159,7 @@ impl MovingControl<'_> {
     }
 
     fn temporal_parameters(&self, table: &ParameterTable, index: usize) -> TemporalParameters {
-        // Who looks hardly matters for where a child is put.
+        // The position of a child hardly depends on the view.
         let view = &self.context.views[self.context.last_view].view;
         let look = self.temporal.look(&Viewpoint::of_image(view));
         self.temporal
@@ -207,7 +207,7 @@ impl MovingControl<'_> {
         }
     }
 
-    /// Whether a Gaussian is opaque enough at some time of the clip.
+    /// Returns true if a Gaussian is opaque enough at some time of the clip.
     fn is_seen(&self, table: &ParameterTable, index: usize) -> bool {
         let temporal_parameters = self.temporal_parameters(table, index);
         let half = 0.5 * self.temporal.clock.duration_frames;
@@ -262,7 +262,7 @@ mod tests {
         }
     }
 
-    /// One per lifespan, all seen by two views, with sums of time gradients.
+    /// Returns one Gaussian per lifespan, each seen by two views, with sums of time gradients.
     fn moving(peaks: &[f32], lifespans: &[f32], time_gradients: &[f32]) -> Part {
         let len = peaks.len();
         let initial = InitialGaussians::isotropic(
@@ -314,11 +314,11 @@ mod tests {
         let mut model = moving(&[0.0; 3], &[0.4, 4.0, 4.0], &[3.0, 3.0, 1.0]);
         let done = densified(&mut model, 1, 10);
         assert_eq!((done.cloned, done.split, done.pruned), (1, 1, 0));
-        // The short one, the calm one, the copy, two children that live as long as their parent.
+        // The short one, the one without gradient, the copy, two children that live as long as their parent.
         let lifespans = column(&model, LOG_LIFESPANS);
         assert_eq!(lifespans.len(), 5);
         assert!((lifespans[3].exp() - 4.0).abs() < 1e-5);
-        // They lie where their parent was at their own times.
+        // Children lie at their parent's position at their own times.
         let peaks = column(&model, PEAK_TIMES);
         assert!(peaks[3] != peaks[4] && peaks[3] != 0.0);
         let steadiness = (-0.5_f32 * 0.4).exp();
@@ -371,7 +371,7 @@ mod tests {
         };
         let mut random = Pcg64Mcg::seed_from_u64(1);
         let done = densify(&mut model, &settings, 1, &context, &mut random);
-        // There is room for two, and all six would grow.
+        // There is room for two, but all six would grow.
         assert_eq!((done.cloned, done.split), (2, 0));
         assert_eq!(model.parts[1].table.len(), 4);
     }

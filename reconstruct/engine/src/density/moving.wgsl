@@ -1,4 +1,4 @@
-// Density control of Gaussians with times of their own, and where the children of splits are put.
+// Density control of Gaussians with their own times, and placement of the children of splits.
 
 @group(0) @binding(1) var<storage, read> seen_by: array<u32>;
 @group(0) @binding(2) var<storage, read> time_gradients: array<f32>;
@@ -9,7 +9,7 @@
 @group(0) @binding(4) var<storage, read> sorted_time_items: array<u32>;
 @group(0) @binding(5) var<storage, read_write> grown_in_space: array<atomic<u32>>;
 
-// Gaussians whose peak time is pulled about.
+// Selects Gaussians with a large gradient of their peak time.
 @compute @workgroup_size(256)
 fn find_restless(
     @builtin(workgroup_id) group: vec3<u32>,
@@ -26,7 +26,7 @@ fn find_restless(
     time_items[index] = index;
 }
 
-// As many of them as there is room for beside those that grow already.
+// Grows as many of them as there is room for, after those that grow already.
 @compute @workgroup_size(256)
 fn grow_in_time(
     @builtin(workgroup_id) group: vec3<u32>,
@@ -45,7 +45,7 @@ fn grow_in_time(
     }
 }
 
-// A child in space and time.
+// Places a child in space and time.
 fn placed_child(index: u32, drawn: Child, parameters: TemporalParameters) -> Child {
     let log_scales = log_scales_of(index);
     var child = Child(
@@ -83,7 +83,7 @@ fn placed_child(index: u32, drawn: Child, parameters: TemporalParameters) -> Chi
     return child;
 }
 
-// Whether a Gaussian is opaque enough at some time of the clip.
+// True if a Gaussian is opaque enough at some time of the clip.
 fn is_seen(opacity_logit: f32, parameters: TemporalParameters) -> bool {
     let distance = max(abs(parameters.peak) - density.half_clip, 0.0);
     let ratio = distance / parameters.lifespan;

@@ -1,7 +1,7 @@
-//! The order of Gaussians in memory: neighbours in the image are neighbours in the table, so that
-//! what the renderer gathers for a tile, and what it sums from a tile, lies together.
+//! Order of Gaussians in memory: neighbours in the image are neighbours in the table, so that the rows that a
+//! tile reads and the gradients that it sums lie together.
 //!
-//! Images do not depend on it but for Gaussians at exactly the same distance.
+//! Images do not depend on the order, except for Gaussians at exactly the same distance.
 
 use std::f32::consts::PI;
 
@@ -10,8 +10,8 @@ use glam::Vec3;
 use crate::training_view::TrainingView;
 use crate::{gaussians::static_gaussians::POSITIONS, model::Model, parameters::ParameterTable};
 
-/// Sorts the Gaussians of all parts along a Z-order curve over the sphere around the mean of the
-/// input views' centres. Statistics do not move along: this belongs where they begin anew.
+/// Sorts the Gaussians of all parts along a Z-order curve over the sphere around the mean of the input views'
+/// centres. Statistics are not moved: call this only where they are reset.
 pub fn along_sphere(model: &mut Model, views: &[TrainingView]) {
     let centre = centre(views);
     for part in &mut model.parts {
@@ -19,7 +19,7 @@ pub fn along_sphere(model: &mut Model, views: &[TrainingView]) {
     }
 }
 
-/// Where the sphere has its centre.
+/// Returns the centre of the sphere: the mean of the views' centres.
 pub(super) fn centre(views: &[TrainingView]) -> Vec3 {
     let sum: Vec3 = views.iter().map(|view| view.view.centre).sum();
     sum / views.len().max(1) as f32
@@ -32,12 +32,12 @@ fn sort(table: &mut ParameterTable, centre: Vec3) {
         .map(|&position| z_order(Vec3::from_array(position) - centre))
         .collect();
     let mut order: Vec<usize> = (0..keys.len()).collect();
-    // Stable: the same on every machine.
+    // Stable sort: the same order on every machine.
     order.sort_by_key(|&index| keys[index]);
     table.permute(&order);
 }
 
-/// Place of a direction, of any length, on a Z-order curve over longitude and latitude.
+/// Returns the position of a direction, of any length, on a Z-order curve over longitude and latitude.
 fn z_order(direction: Vec3) -> u32 {
     let across = direction.x.atan2(direction.z) / (2.0 * PI) + 0.5;
     let down = direction.y.atan2(direction.x.hypot(direction.z)) / PI + 0.5;
@@ -45,7 +45,7 @@ fn z_order(direction: Vec3) -> u32 {
     across | down << 1
 }
 
-/// The bits of a number at the even places.
+/// Spreads the bits of a number to the even positions.
 fn spread(bits: u16) -> u32 {
     let mut spread = u32::from(bits);
     for (shift, mask) in [

@@ -1,8 +1,8 @@
-// The order of Gaussians in memory: places on a Z-order curve over the sphere.
+// Order of Gaussians in memory: positions on a Z-order curve over the sphere.
 
 const QUARTER_TURN: f32 = 1.5707963267948966;
 
-// Angle whose tangent is `y / x`, to the last bits: built-in functions need not have more than eleven.
+// Angle whose tangent is `y / x`, to the last bits: built-in functions need only be right to eleven bits.
 // Polynomial of Cephes (`atanf.c`).
 fn angle_of(y: f32, x: f32) -> f32 {
     let least = min(abs(x), abs(y));
@@ -12,7 +12,7 @@ fn angle_of(y: f32, x: f32) -> f32 {
     }
     var t = least / largest;
     var angle = 0.0;
-    // The tangent of an eighth of half a turn.
+    // tan(pi / 8).
     if t > 0.41421356 {
         t = (t - 1.0) / (t + 1.0);
         angle = 0.5 * QUARTER_TURN;
@@ -29,7 +29,7 @@ fn angle_of(y: f32, x: f32) -> f32 {
     return select(angle, -angle, y < 0.0);
 }
 
-// Place of a direction, of any length, on a Z-order curve over longitude and latitude.
+// Position of a direction, of any length, on a Z-order curve over longitude and latitude.
 fn z_order(direction: vec3<f32>) -> u32 {
     let level = length(direction.xz);
     let across = angle_of(direction.x, direction.z) / (4.0 * QUARTER_TURN) + 0.5;
@@ -39,12 +39,12 @@ fn z_order(direction: vec3<f32>) -> u32 {
     return spread(cell(across, has_longitude)) | spread(cell(down, has_latitude)) << 1u;
 }
 
-// What is not a number is in the first cell.
+// NaN falls in the first cell.
 fn cell(share: f32, is_number: bool) -> u32 {
     return select(0u, u32(clamp(share * 65535.0, 0.0, 65535.0)), is_number && !is_nan(share));
 }
 
-// The bits of a number at the even places.
+// Spreads the bits of a number to the even positions.
 fn spread(bits: u32) -> u32 {
     var spread = bits;
     spread = (spread | spread << 8u) & 0x00ff00ffu;

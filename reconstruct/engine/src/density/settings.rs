@@ -1,37 +1,36 @@
-//! When Gaussians are added and removed.
+//! Schedule and thresholds of density control.
 
 use serde::{Deserialize, Serialize};
 
 use crate::{model::Part, schedule::Position};
 
-/// Density control of a run. Iterations are those of the schedule, intervals of densification real
-/// ones.
+/// Density control of a run. Iterations are those of the schedule; intervals of densification are real
+/// iterations.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct DensifySettings {
     /// First iteration at which Gaussians may be added or removed.
     pub begin_iteration: u64,
-    /// Last one.
+    /// Last iteration at which Gaussians may be added or removed.
     pub end_iteration: u64,
     /// Iterations from one densification to the next.
     pub interval_iterations: u64,
     /// Iterations from one opacity reset to the next; 0 never resets.
     pub opacity_reset_iterations: u64,
-    /// Real iterations that opacities must have to recover from a reset; without them there is none.
+    /// Real iterations between resets for opacities to recover; without as many, opacities are not reset.
     pub opacity_recovery_iterations: u64,
-    /// Mean image-space gradient (normalized device coordinates) from which a Gaussian is cloned
-    /// or split.
+    /// Mean image-space gradient (normalized device coordinates) at which a Gaussian is cloned or split.
     pub gradient_threshold: Threshold,
-    /// What sizes are compared with.
+    /// Unit of [`DensifySettings::clone_size`] and [`DensifySettings::prune_size`].
     pub size_unit: SizeUnit,
-    /// Largest axis up to which a Gaussian is cloned, above which it is split.
+    /// Largest axis up to which a Gaussian is cloned, and above which it is split.
     pub clone_size: f32,
     /// Largest axis above which a Gaussian is pruned.
     pub prune_size: f32,
-    /// Last iteration at which no Gaussian is pruned for its size.
+    /// Last iteration before Gaussians are pruned by size.
     pub prune_size_begin_iteration: u64,
     /// Opacity below which a Gaussian is pruned.
     pub prune_opacity: f32,
-    /// No Gaussian is added above this number.
+    /// Maximum number of Gaussians; none is added above it.
     pub maximum_gaussians: u64,
 }
 
@@ -39,40 +38,37 @@ pub struct DensifySettings {
 /// `scene/gaussian_model.py`).
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Threshold {
-    /// At the equator.
+    /// Gradient at the equator.
     pub equator: f32,
-    /// At the poles.
+    /// Gradient at the poles.
     pub pole: f32,
-    /// Whose latitude.
+    /// Source of the latitude.
     pub latitude: LatitudeOf,
 }
 
-/// Whose latitude a threshold depends on.
+/// Source of the latitude on which a threshold depends.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum LatitudeOf {
-    /// The Gaussian's own: the mean of `cos lat` over all input views.
+    /// The mean of `cos lat` of the Gaussian over all input views.
     AllViews,
-    /// As the view rendered last sees it, as ODGS publishes it, although the gradients come from
-    /// many views.
+    /// Latitude in the view rendered last, as in ODGS, although the gradients come from many views.
     LastView,
 }
 
-/// What sizes are compared with.
+/// Unit of sizes.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum SizeUnit {
-    /// The Gaussian's distance from the nearest input camera, that of neighbouring cameras at least: it
-    /// holds in scenes many times as large as the cameras' path, and on long paths past things that are
-    /// near.
+    /// The Gaussian's distance from the nearest input camera, at least the distance of neighbouring cameras.
+    /// It suits scenes many times as large as the cameras' path, and long paths past near objects.
     Distance,
-    /// A length in normalized units: the extent of the cameras in 3DGS, 100 world units more in
-    /// ODGS.
+    /// A length in normalized units: the extent of the cameras in 3DGS, that plus 100 world units in ODGS.
     Length(f32),
 }
 
 impl Threshold {
-    /// The same everywhere.
+    /// Creates a threshold that is the same at all latitudes.
     pub const fn constant(value: f32) -> Self {
         Self {
             equator: value,
@@ -81,14 +77,14 @@ impl Threshold {
         }
     }
 
-    /// The threshold where the cosine of the latitude is `cos_latitude`.
+    /// Returns the threshold at a cosine of the latitude.
     pub fn at(&self, cos_latitude: f32) -> f32 {
         self.equator + (1.0 - cos_latitude) * (self.pole - self.equator)
     }
 }
 
 impl DensifySettings {
-    /// Those of a part: its own unit of length, where it has one.
+    /// Returns the settings of a part: with its own unit of length, if it has one.
     pub(super) fn of_part(&self, part: &Part) -> Self {
         let unit = part.parameterization.unit_length();
         Self {
@@ -97,7 +93,7 @@ impl DensifySettings {
         }
     }
 
-    /// Whether Gaussians are to be added and removed now.
+    /// Returns true if Gaussians are to be added and removed at this iteration.
     pub fn is_due(&self, position: &Position) -> bool {
         (self.begin_iteration..=self.end_iteration).contains(&position.scheduled)
             && position
@@ -105,11 +101,10 @@ impl DensifySettings {
                 .is_multiple_of(self.interval_iterations.max(1))
     }
 
-    /// Whether opacities are to be reset now; `last` is the iteration of the schedule at which it was
-    /// done last.
+    /// Returns true if opacities are to be reset at this iteration; `last` is the schedule's iteration of the
+    /// previous reset.
     ///
-    /// Under a time budget the schedule may run so fast that opacities could not recover: then they
-    /// are not reset.
+    /// Under a time budget the schedule may run too fast for opacities to recover; then they are not reset.
     pub fn resets_opacities(&self, position: &Position, last: u64) -> bool {
         let every = self.opacity_reset_iterations;
         every > 0
@@ -123,7 +118,7 @@ impl DensifySettings {
 pub(crate) mod tests {
     use super::*;
 
-    /// The schedule of 3DGS over 30,000 iterations.
+    /// Returns the schedule of 3DGS over 30,000 iterations.
     pub(crate) fn published() -> DensifySettings {
         DensifySettings {
             begin_iteration: 500,
@@ -141,7 +136,7 @@ pub(crate) mod tests {
         }
     }
 
-    /// Iterations of resets where each takes a tenth of a second.
+    /// Returns the iterations of resets if each iteration takes a tenth of a second.
     fn resets(budget_seconds: Option<f64>) -> Vec<u64> {
         let (settings, iterations) = (published(), 30_000);
         let (mut last, mut resets) = (0, Vec::new());

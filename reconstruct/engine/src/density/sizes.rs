@@ -1,10 +1,11 @@
-//! What Gaussians' sizes are compared with.
+//! Unit of Gaussians' sizes.
 //!
-//! The limits of 3DGS are shares of one length, the extent of the cameras. Cameras of a video stand close
-//! together in a scene many times as large, or go a long way past things that are near: there sizes are compared
-//! with the distance from the nearest camera, which is what says how large a Gaussian is in an image.
+//! The limits of 3DGS are shares of one length, the extent of the cameras. Cameras of a video may stand close
+//! together in a scene many times as large, or travel far past near objects. There, sizes are relative to the
+//! distance from the nearest camera, which determines the size of a Gaussian in an image.
 
 use glam::Vec3;
+use omnilife_schemas::statistics;
 
 use super::{
     row,
@@ -16,13 +17,13 @@ use crate::{
     training_view::TrainingView,
 };
 
-/// The least distance is that of neighbouring cameras, within these bounds (the cameras' radius is 1).
+/// Bounds of the least distance, which is that of neighbouring cameras (the cameras' radius is 1).
 const LEAST_DISTANCE: [f32; 2] = [0.01, 1.0];
 
-/// A unit of length, for each Gaussian its own.
+/// Unit of length, per Gaussian.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) enum Sizes {
-    /// The distance from the nearest of the centres, `least` at least.
+    /// Distance from the nearest of the centres, at least `least`.
     Distance { centres: Vec<Vec3>, least: f32 },
     /// One length.
     Length(f32),
@@ -40,13 +41,13 @@ impl Sizes {
         }
     }
 
-    /// Whether the largest axis of a Gaussian is so many units at most; false for one that is not a number.
+    /// Returns true if the largest axis of a Gaussian is at most `limit` units; false for NaN.
     pub(super) fn is_at_most(&self, table: &ParameterTable, index: usize, limit: f32) -> bool {
         let [a, b, c] = row::<3>(table, LOG_SCALES, index);
         let largest = a.max(b).max(c).exp();
         match self {
             Self::Length(length) => largest / length <= limit,
-            // Most are small enough wherever they are: their distances are not asked for.
+            // Most Gaussians are within the limit at any distance: their distance need not be computed.
             Self::Distance { centres, least } => {
                 largest <= limit * least || {
                     let position = Vec3::from_array(row(table, POSITIONS, index));
@@ -65,14 +66,13 @@ fn nearest(centres: &[Vec3], position: Vec3) -> f32 {
     squared.fold(f32::NAN, f32::min).sqrt()
 }
 
-/// The median distance of neighbouring centres; 0 of fewer than two.
+/// Returns the median distance of neighbouring centres; 0 for fewer than two.
 fn median_step(centres: &[Vec3]) -> f32 {
-    let mut steps: Vec<f32> = centres
+    let steps: Vec<f32> = centres
         .windows(2)
         .map(|pair| pair[0].distance(pair[1]))
         .collect();
-    steps.sort_by(f32::total_cmp);
-    steps.get(steps.len() / 2).copied().unwrap_or_default()
+    statistics::median(&steps).unwrap_or_default()
 }
 
 #[cfg(test)]
@@ -97,7 +97,7 @@ mod tests {
     #[test]
     fn a_long_path_compares_with_the_nearest_camera() {
         let sizes = Sizes::new(&settings(), &along_a_line());
-        // As far from the mean camera, and three units and half a unit beside the path.
+        // Five, three and half a unit off the path.
         let places = vec![[0.0, 0.0, 5.0], [4.0, 0.0, 3.0], [5.0, 0.5, 0.0]];
         let colours = vec![[0.5; 3]; 3];
         let table = |size: f32| {
@@ -112,7 +112,7 @@ mod tests {
         };
         assert_eq!(small(0.4), [true, false, false]);
         assert_eq!(small(0.2), [true, true, false]);
-        // Between two cameras, which are one unit apart, distances count as that.
+        // Between two cameras one unit apart, any distance counts as one unit.
         assert_eq!(small(0.09), [true; 3]);
     }
 

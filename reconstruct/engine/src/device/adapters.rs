@@ -1,7 +1,7 @@
-//! Which GPUs this machine has.
+//! List of the GPUs of this machine.
 //!
-//! Listing them opens no device and needs no GPU: without a Vulkan loader (or Metal, or DX12) the
-//! list is empty.
+//! Listing them opens no device and needs no GPU: without a Vulkan loader (or Metal, or DX12) the list is
+//! empty.
 
 use std::fmt;
 
@@ -10,11 +10,11 @@ use std::fmt;
 pub struct AdapterSummary {
     /// The adapter's name as its driver gives it.
     pub name: String,
-    /// The interface it is reached through: `vulkan`, `metal` or `dx12`.
+    /// Graphics API: `vulkan`, `metal` or `dx12`.
     pub backend: String,
-    /// The driver's name and version, where it tells.
+    /// Name and version of the driver; empty if it does not report them.
     pub driver: String,
-    /// Whether it is hardware.
+    /// Hardware or software.
     pub kind: AdapterKind,
 }
 
@@ -32,7 +32,7 @@ impl AdapterSummary {
     }
 }
 
-/// What stands behind an adapter.
+/// Kind of device behind an adapter.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum AdapterKind {
     /// A GPU with memory of its own.
@@ -43,12 +43,12 @@ pub enum AdapterKind {
     VirtualGpu,
     /// A program on the CPU, such as Mesa's lavapipe.
     Software,
-    /// The driver does not say.
+    /// Not reported by the driver.
     Unknown,
 }
 
 impl AdapterKind {
-    /// Whether the work would run on the CPU.
+    /// Returns true if the work would run on the CPU.
     pub fn is_software(self) -> bool {
         self == Self::Software
     }
@@ -78,14 +78,14 @@ impl fmt::Display for AdapterKind {
     }
 }
 
-/// All adapters of the backends that this build can use, hardware first.
+/// Lists all adapters of the backends that this build can use, hardware first.
 ///
-/// Empty where there is no driver or no loader. Opens no device and prints nothing.
+/// Empty without a driver or loader. Opens no device and prints nothing.
 pub fn adapters() -> Vec<AdapterSummary> {
     wgpu_adapters().iter().map(AdapterSummary::of).collect()
 }
 
-/// The adapters behind [`adapters`], in the same order.
+/// Lists the adapters behind [`adapters`], in the same order.
 pub(crate) fn wgpu_adapters() -> Vec<wgpu::Adapter> {
     let backends = wgpu::Instance::enabled_backend_features();
     if backends.is_empty() {

@@ -6,10 +6,10 @@ use bytemuck::Pod;
 
 use crate::device::{device::Gpu, error::GpuError};
 
-/// Bytes of a buffer for reading back that is kept for the next time.
+/// Largest readback buffer that is kept for reuse, bytes.
 const LONGEST_KEPT: u64 = 256 << 20;
 
-/// `len` values of `T` in a storage buffer. New values are zero; a clone is the same buffer.
+/// `len` values of `T` in a storage buffer. New values are zero; a clone shares the buffer.
 #[derive(Debug, Clone)]
 pub(crate) struct DeviceBuffer<T> {
     pub(crate) raw: wgpu::Buffer,
@@ -19,12 +19,12 @@ pub(crate) struct DeviceBuffer<T> {
 }
 
 impl<T: Pod> DeviceBuffer<T> {
-    /// Zeros.
+    /// Allocates `len` zeros.
     pub(crate) fn zeros(gpu: &Gpu, label: &'static str, len: usize) -> Result<Self, GpuError> {
         Self::zeros_for(gpu, label, len, wgpu::BufferUsages::STORAGE)
     }
 
-    /// Zeros, of which some may say how many workgroups run a kernel.
+    /// Allocates `len` zeros that may also hold the workgroup counts of an indirect dispatch.
     pub(crate) fn indirect(gpu: &Gpu, label: &'static str, len: usize) -> Result<Self, GpuError> {
         let usage = wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::INDIRECT;
         Self::zeros_for(gpu, label, len, usage)
@@ -46,19 +46,19 @@ impl<T: Pod> DeviceBuffer<T> {
         })
     }
 
-    /// A copy of `values`.
+    /// Uploads a copy of `values`.
     pub(crate) fn of(gpu: &Gpu, label: &'static str, values: &[T]) -> Result<Self, GpuError> {
         let buffer = Self::zeros(gpu, label, values.len())?;
         buffer.write(gpu, 0, values);
         Ok(buffer)
     }
 
-    /// Number of values.
+    /// Returns the number of values.
     pub(crate) fn len(&self) -> usize {
         self.len
     }
 
-    /// Replaces the values from number `first` on, before everything that is submitted later.
+    /// Replaces the values from index `first` on, before everything that is submitted later.
     pub(crate) fn write(&self, gpu: &Gpu, first: usize, values: &[T]) {
         assert!(first + values.len() <= self.len, "{} is full", self.label);
         let offset = (first * size_of::<T>()) as u64;
@@ -71,13 +71,13 @@ impl<T: Pod> DeviceBuffer<T> {
         self.read_range(gpu, 0..self.len)
     }
 
-    /// Waits for the device and copies some values back; they begin at a multiple of four bytes.
+    /// Waits for the device and copies some values back; their range must begin at a multiple of four bytes.
     pub(crate) fn read_range(&self, gpu: &Gpu, range: Range<usize>) -> Result<Vec<T>, GpuError> {
         let mut read = Self::read_ranges(gpu, &[(self, range)])?;
         Ok(read.pop().unwrap_or_default())
     }
 
-    /// Waits once and copies ranges of several buffers back, each beginning at a multiple of four bytes.
+    /// Waits once and copies ranges of several buffers back; each must begin at a multiple of four bytes.
     pub(crate) fn read_ranges(
         gpu: &Gpu,
         ranges: &[(&Self, Range<usize>)],
@@ -106,7 +106,7 @@ impl<T: Pod> DeviceBuffer<T> {
     }
 }
 
-/// A part of a buffer that is read back, in bytes.
+/// Part of a buffer to read back, in bytes.
 struct Piece<'a> {
     buffer: &'a wgpu::Buffer,
     first: u64,
@@ -114,7 +114,7 @@ struct Piece<'a> {
 }
 
 impl Gpu {
-    /// Waits for the device and shows `read` the pieces one after another.
+    /// Waits for the device and passes the pieces to `read` one after another.
     fn read_pieces(&self, pieces: &[Piece<'_>], read: impl FnOnce(&[u8])) -> Result<(), GpuError> {
         let bytes: u64 = pieces.iter().map(|piece| piece.bytes).sum();
         if bytes == 0 {
@@ -126,7 +126,7 @@ impl Gpu {
         let staging = match kept.take() {
             Some(staging) if staging.size() >= bytes => staging,
             last => {
-                // It grows by doubling, and the last one goes first: both may not fit.
+                // The buffer grows by doubling. The old one is freed first, because both may not fit.
                 let doubled = last.map_or(0, |last| 2 * last.size());
                 let size = bytes.max(doubled.min(LONGEST_KEPT));
                 let usage = wgpu::BufferUsages::MAP_READ | wgpu::BufferUsages::COPY_DST;
@@ -143,7 +143,7 @@ impl Gpu {
         let (sender, receiver) = std::sync::mpsc::channel();
         let slice = staging.slice(..bytes);
         slice.map_async(wgpu::MapMode::Read, move |mapped| {
-            // Nobody listens any more only where reading was given up.
+            // Sending fails only if the reader has given up.
             let _ = sender.send(mapped);
         });
         self.wait()?;
@@ -164,7 +164,7 @@ impl Gpu {
     }
 }
 
-/// A uniform: one value of `T` that the host replaces between submissions.
+/// Uniform: one value of `T` that the host replaces between submissions.
 #[derive(Debug)]
 pub(crate) struct Uniform<T> {
     pub(crate) raw: wgpu::Buffer,

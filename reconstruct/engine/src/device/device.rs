@@ -1,7 +1,7 @@
-//! Opening an adapter, and what becomes of its errors.
+//! Opening of an adapter, and capture of its errors.
 //!
-//! wgpu reports errors beside the calls that cause them, and by default panics. Here they are
-//! caught: the first one is kept and every later wait for the device returns it.
+//! wgpu reports errors apart from the calls that cause them, and by default panics. Here they are caught: the
+//! first one is kept and every later wait for the device returns it.
 
 use std::sync::{
     Arc, Mutex, MutexGuard, PoisonError,
@@ -15,12 +15,12 @@ use crate::device::error::GpuError;
 
 /// Threads of every workgroup: one per pixel of a tile.
 pub(crate) const WORKGROUP: u32 = 256;
-/// Workgroup memory that the kernels use at most, bytes; what every WebGPU adapter has.
+/// Most workgroup memory that the kernels use, bytes; every WebGPU adapter has it.
 const WORKGROUP_MEMORY: u32 = 16 * 1024;
-/// Storage buffers that a kernel binds at most; what every WebGPU adapter has.
+/// Most storage buffers that a kernel binds; every WebGPU adapter allows them.
 const STORAGE_BUFFERS: u32 = 8;
 
-/// What kernels use where an adapter has it: subgroups to add up over pixels, clocks to measure with.
+/// Optional features: subgroups for sums over pixels, timestamps for measurements.
 const OPTIONAL_FEATURES: wgpu::Features =
     wgpu::Features::SUBGROUP.union(wgpu::Features::TIMESTAMP_QUERY);
 
@@ -35,13 +35,13 @@ pub struct Gpu {
     faults: Arc<Mutex<Faults>>,
     bytes_read: AtomicU64,
     made: AtomicU64,
-    /// Bytes of the largest buffer that memory suffices for.
+    /// Size above which allocation fails, bytes; `u64::MAX` except in tests.
     largest_made: AtomicU64,
-    /// What values are read back through.
+    /// Readback buffer.
     staging: Mutex<Option<wgpu::Buffer>>,
 }
 
-/// What went wrong on a device since it was opened.
+/// Errors of a device since it was opened.
 #[derive(Debug, Default)]
 struct Faults {
     lost: Option<String>,
@@ -49,23 +49,23 @@ struct Faults {
 }
 
 fn lock(faults: &Mutex<Faults>) -> MutexGuard<'_, Faults> {
-    // A panic elsewhere leaves two strings behind, which are as good as before.
+    // Two strings are valid even if a panic elsewhere poisoned the lock.
     faults.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 impl Gpu {
-    /// Opens the first adapter, hardware before software, with all that it offers of what kernels can use.
+    /// Opens the first adapter, hardware before software, with all optional features that it offers.
     ///
     /// # Errors
-    /// When there is none, it is too small, or its driver gives no device.
+    /// If no adapter is found, it is too small, or its driver gives no device.
     pub fn open() -> Result<Self, GpuError> {
         Self::open_with(OPTIONAL_FEATURES)
     }
 
-    /// The same as an adapter without subgroups would be: their kernels have twins, which tests ask for.
+    /// Opens the adapter as if it had no subgroups, to test the kernels' twins without them.
     ///
     /// # Errors
-    /// As [`Gpu::open`] has them.
+    /// See [`Gpu::open`].
     pub fn open_without_subgroups() -> Result<Self, GpuError> {
         Self::open_with(OPTIONAL_FEATURES - wgpu::Features::SUBGROUP)
     }
@@ -119,18 +119,18 @@ impl Gpu {
         })
     }
 
-    /// The adapter behind the device.
+    /// Returns the adapter behind the device.
     pub fn adapter(&self) -> &AdapterSummary {
         &self.summary
     }
 
-    /// Threads of the smallest subgroup, in which kernels add up over pixels; `None` where they do so in the
-    /// memory of workgroups.
+    /// Returns the threads of the smallest subgroup, in which kernels add up over pixels. `None` if they add
+    /// up in workgroup memory.
     pub fn subgroup_size(&self) -> Option<u32> {
         self.subgroup_size
     }
 
-    /// The limits that the kernels live within, by name, for the run record.
+    /// Returns the limits within which the kernels work, by name, for the run record.
     fn limits(&self) -> [(&'static str, u64); 4] {
         let limits = &self.limits;
         [
@@ -150,7 +150,7 @@ impl Gpu {
         ]
     }
 
-    /// This device in a run's record.
+    /// Returns the entry of this device in a run's record.
     pub fn record(&self) -> Backend {
         Backend::Gpu {
             adapter: self.summary.name.clone(),
@@ -165,14 +165,14 @@ impl Gpu {
         }
     }
 
-    /// Largest storage buffer that a kernel can see, bytes.
+    /// Returns the largest storage buffer that a kernel can bind, bytes.
     pub(crate) fn largest_buffer(&self) -> u64 {
         self.limits
             .max_storage_buffer_binding_size
             .min(self.limits.max_buffer_size)
     }
 
-    /// Bytes that the host has read back so far.
+    /// Returns the bytes that the host has read back so far.
     pub fn bytes_read(&self) -> u64 {
         self.bytes_read.load(Ordering::Relaxed)
     }
@@ -181,7 +181,7 @@ impl Gpu {
         self.bytes_read.fetch_add(bytes, Ordering::Relaxed);
     }
 
-    /// Buffers and bind groups that were made so far.
+    /// Returns the number of buffers and bind groups created so far.
     pub fn buffers_and_bind_groups_made(&self) -> u64 {
         self.made.load(Ordering::Relaxed)
     }
@@ -190,31 +190,31 @@ impl Gpu {
         self.made.fetch_add(1, Ordering::Relaxed);
     }
 
-    /// The buffer that values were read back through last, where there is one; held while it is in use.
+    /// Returns the last readback buffer, if any, locked while it is in use.
     pub(crate) fn staging(&self) -> MutexGuard<'_, Option<wgpu::Buffer>> {
-        // A panic elsewhere leaves none behind.
+        // A panic elsewhere leaves `None` or a valid buffer.
         self.staging.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Gives the device up; every later use of it is an error. For tests of a lost device.
+    /// Destroys the device; every later use of it is an error. For tests of a lost device.
     pub fn destroy(&self) {
         self.device.destroy();
     }
 
-    /// From now on memory suffices for no buffer of more bytes. For tests of memory that is used up.
+    /// Makes every later allocation of more than `bytes` fail. For tests of exhausted memory.
     pub fn exhaust_above(&self, bytes: u64) {
         self.largest_made.store(bytes, Ordering::Relaxed);
     }
 
-    /// Whether [`Gpu::exhaust_above`] leaves no memory for a buffer.
+    /// Returns true if [`Gpu::exhaust_above`] forbids a buffer of `bytes`.
     pub(crate) fn is_exhausted(&self, bytes: u64) -> bool {
         bytes > self.largest_made.load(Ordering::Relaxed)
     }
 
-    /// Waits until the device has done everything it was given.
+    /// Waits until the device has finished all submitted work.
     ///
     /// # Errors
-    /// When the device is lost, or anything it was given has failed.
+    /// If the device is lost, or any submitted work has failed.
     pub(crate) fn wait(&self) -> Result<(), GpuError> {
         let polled = self.device.poll(wgpu::PollType::wait_indefinitely());
         self.check()?;
@@ -223,7 +223,7 @@ impl Gpu {
             .map_err(|error| self.failed(&error.to_string()))
     }
 
-    /// The first thing that went wrong, if anything did.
+    /// Returns the first error, if any occurred.
     pub(crate) fn check(&self) -> Result<(), GpuError> {
         let faults = lock(&self.faults);
         let adapter = || self.summary.name.clone();
@@ -248,7 +248,7 @@ impl Gpu {
         }
     }
 
-    /// Runs calls that may fail for want of memory or by wgpu's validation, and returns its error.
+    /// Runs calls that may run out of memory or fail wgpu's validation, and returns its error.
     pub(crate) fn guarded<T>(&self, calls: impl FnOnce() -> T) -> Result<T, wgpu::Error> {
         let memory = self.device.push_error_scope(wgpu::ErrorFilter::OutOfMemory);
         let validation = self.device.push_error_scope(wgpu::ErrorFilter::Validation);
@@ -258,7 +258,7 @@ impl Gpu {
     }
 }
 
-/// The limits of every WebGPU adapter, with buffers as large as this adapter allows.
+/// Returns the limits of every WebGPU adapter, with buffers as large as this adapter allows.
 fn required_limits(adapter: &str, offered: &wgpu::Limits) -> Result<wgpu::Limits, GpuError> {
     let needs = [
         (
@@ -300,7 +300,7 @@ fn required_limits(adapter: &str, offered: &wgpu::Limits) -> Result<wgpu::Limits
     })
 }
 
-/// The beginning of a message on one line: wgpu's go from the general to the cause, line by line.
+/// Returns the beginning of a message on one line: wgpu's go from the general to the cause, line by line.
 fn on_one_line(message: &str) -> String {
     const LONGEST: usize = 400;
     let lines: Vec<&str> = message

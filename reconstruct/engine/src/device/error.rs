@@ -1,26 +1,26 @@
-//! Why something could not be computed on a GPU.
+//! Errors of the GPU backend.
 
 use omnilife_schemas::{Classified, ErrorKind};
 
 /// Errors of the GPU backend; messages are one line.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum GpuError {
-    /// There is no adapter, not even a software one.
+    /// No adapter was found, not even a software one.
     #[error(
         "there is no GPU: no Vulkan, Metal or DX12 driver answers (Mesa's \
          mesa-vulkan-drivers brings a software one); use the backend cpu"
     )]
     NoAdapter,
-    /// The adapter does less than the kernels need.
+    /// The adapter's limits are below those that the kernels need.
     #[error("the GPU {adapter} is too small: {what} needs {needed}, it offers {offered}")]
     TooSmall {
         /// Name of the adapter.
         adapter: String,
-        /// What does not fit.
+        /// The limit.
         what: String,
-        /// How much it needs.
+        /// Required value.
         needed: u64,
-        /// How much there is.
+        /// Value of the adapter.
         offered: u64,
     },
     /// The adapter gave no device.
@@ -31,14 +31,14 @@ pub enum GpuError {
         /// The driver's reason.
         reason: String,
     },
-    /// Its memory is used up.
+    /// The device is out of memory.
     #[error("the memory of the GPU {adapter} is used up ({what}, {bytes} bytes)")]
     OutOfMemory {
         /// Name of the adapter.
         adapter: String,
-        /// What was to be stored.
+        /// Name of the allocation.
         what: String,
-        /// How large it is.
+        /// Size of the allocation.
         bytes: u64,
     },
     /// The device went away: driver reset, unplugged, switched off.
@@ -49,12 +49,12 @@ pub enum GpuError {
         /// The driver's reason.
         reason: String,
     },
-    /// The driver or wgpu refused a command.
+    /// The driver or wgpu rejected a command.
     #[error("the GPU {adapter} failed: {reason}")]
     Failed {
         /// Name of the adapter.
         adapter: String,
-        /// The first line of what wgpu says.
+        /// First line of wgpu's message.
         reason: String,
     },
 }

@@ -1,13 +1,13 @@
-//! A GPU through wgpu: what every kernel is written with.
+//! GPU access through wgpu, shared by all kernels.
 //!
-//! * [`Gpu`]: an open device; its errors are [`GpuError`], never a panic. [`adapters`]: what there is.
+//! * [`Gpu`]: an open device; its errors are [`GpuError`], never a panic. [`adapters`]: list of adapters.
 //! * `buffer`, `shader`, `program`: typed buffers, WGSL modules, and recorded chains of kernels.
-//! * `scan`: prefix sums. [`timer`]: what stages cost.
+//! * `scan`: prefix sums. [`timer`]: cost of stages.
 //!
-//! A stage's WGSL lies beside its CPU twin `cpu.rs`, with the same names in the same order; `gpu.rs`
-//! there binds its buffers. No kernel needs an optional feature of the device: everything keeps within
-//! the limits that every WebGPU adapter has, but buffers may be as large as the adapter allows. Clocks
-//! are used where there are any, and subgroups by kernels that have a twin without.
+//! A stage's WGSL lies beside its CPU twin `cpu.rs`, with the same names in the same order; `gpu.rs` there
+//! binds its buffers. No kernel needs an optional feature of the device: all keep within the limits of every
+//! WebGPU adapter, but buffers may be as large as the adapter allows. Timestamps are optional, and every
+//! kernel with subgroups has a twin without them.
 
 pub mod adapters;
 mod buffer;
@@ -30,7 +30,7 @@ pub(crate) use program::{Kernel, Program, Rows, Threads, Workgroups};
 pub(crate) use scan::Scan;
 pub(crate) use shader::{Shader, wgsl_struct};
 
-/// A device for a test, or nothing and a line why on a machine without any adapter.
+/// Opens a device for a test; on a machine without any adapter returns `None` and prints the reason.
 #[cfg(test)]
 pub(crate) fn test_device() -> Option<Gpu> {
     match Gpu::open() {

@@ -1,7 +1,7 @@
-//! Kernels, and programs made of them.
+//! Kernels, and programs composed of them.
 //!
-//! A program is recorded once for given buffers and run as often as wanted: running it allocates
-//! nothing and looks nothing up.
+//! A program is recorded once for given buffers and run as often as wanted. Running it allocates nothing and
+//! looks nothing up.
 
 use std::sync::{
     Arc,
@@ -53,8 +53,8 @@ impl Kernel {
     }
 }
 
-/// How many rows of its buffers a program works on. A clone is the same number: programs that were recorded
-/// with it go by what it is when they run.
+/// Number of rows that a program works on. Clones share the number: a program recorded with it uses the value
+/// at the time it runs.
 #[derive(Debug, Clone)]
 pub(crate) struct Rows(Arc<AtomicUsize>);
 
@@ -72,12 +72,12 @@ impl Rows {
     }
 }
 
-/// How many threads run a kernel, at least.
+/// Minimum number of threads that run a kernel.
 #[derive(Debug, Clone, Copy)]
 pub(crate) enum Threads<'a> {
-    /// So many.
+    /// A fixed number.
     Fixed(usize),
-    /// So many for each row.
+    /// A number per row.
     ForRows(&'a Rows, usize),
 }
 
@@ -93,17 +93,17 @@ impl<'a> From<&'a Rows> for Threads<'a> {
     }
 }
 
-/// How many workgroups run a kernel; its `workgroup_number` counts them through.
+/// Number of workgroups that run a kernel; its `workgroup_number` counts them through.
 #[derive(Debug, Clone, Copy)]
 pub(crate) enum Workgroups<'a> {
-    /// At least so many, laid out in two dimensions where one is not enough.
+    /// At least this number, laid out in two dimensions if one is not enough.
     Fixed(usize),
-    /// One for so many rows.
+    /// One per this number of rows.
     ForRows(&'a Rows, usize),
-    /// So many for each row.
+    /// This number per row.
     ForEach(&'a Rows, usize),
-    /// As many as the device has written when it comes to it: three numbers, of which this is the first.
-    /// The buffer is one of [`DeviceBuffer::indirect`].
+    /// A count that the device writes before the kernel runs: three numbers, of which this is the index of
+    /// the first. The buffer is one of [`DeviceBuffer::indirect`].
     Counted(&'a DeviceBuffer<u32>, usize),
 }
 
@@ -113,11 +113,11 @@ impl From<usize> for Workgroups<'_> {
     }
 }
 
-/// The same in a program.
+/// The same as recorded in a program.
 #[derive(Debug, Clone)]
 enum Dispatch {
     Fixed(usize),
-    /// So many threads for each row, so many of which are a workgroup.
+    /// Threads per row, and threads per workgroup.
     ForRows {
         rows: Rows,
         threads: usize,
@@ -127,7 +127,7 @@ enum Dispatch {
 }
 
 impl Dispatch {
-    /// How many the host knows there are.
+    /// Returns the number of workgroups, if the host knows it.
     fn known(&self) -> Option<usize> {
         match self {
             Self::Counted(..) => None,
@@ -151,7 +151,7 @@ impl Dispatch {
     }
 }
 
-/// Commands in the order in which they run; each sees what those before it wrote.
+/// Commands in the order in which they run; each sees the writes of those before it.
 #[derive(Debug, Default)]
 pub(crate) struct Program {
     commands: Vec<Command>,
@@ -163,19 +163,19 @@ enum Command {
         pipeline: wgpu::ComputePipeline,
         bindings: wgpu::BindGroup,
         workgroups: Dispatch,
-        /// Of the buffers that are bound.
+        /// Bytes of the bound buffers.
         bytes: u64,
     },
     Clear(wgpu::Buffer),
-    /// From one buffer to another of the same size.
+    /// Copy between two buffers of the same size.
     Copy(wgpu::Buffer, wgpu::Buffer),
-    /// What follows is of this stage.
+    /// Beginning of a stage.
     Stage(&'static str),
 }
 
-/// The most workgroups in one dimension; what every WebGPU adapter has.
+/// Most workgroups in one dimension that every WebGPU adapter allows.
 const MOST_COLUMNS: usize = 65_535;
-/// Stage of commands before the first that is named.
+/// Stage of commands before the first named stage.
 const UNNAMED: &str = "other";
 
 impl Program {
@@ -257,7 +257,7 @@ impl Program {
         });
     }
 
-    /// Names what follows, for those who measure.
+    /// Begins a named stage, for measurements.
     pub(crate) fn begin_stage(&mut self, name: &'static str) {
         self.commands.push(Command::Stage(name));
     }
@@ -282,7 +282,7 @@ impl Program {
         self.encode_timed(encoder, &mut None);
     }
 
-    /// The same; where there is a timer it notes when stages begin and end.
+    /// Adds all commands to `encoder`; a timer records when stages begin and end.
     pub(crate) fn encode_timed(
         &self,
         encoder: &mut wgpu::CommandEncoder,
@@ -314,7 +314,7 @@ impl Program {
                 label: None,
                 timestamp_writes: timer.as_mut().and_then(|timer| timer.pass(stage)),
             });
-            // One pass goes on over stages that nobody times.
+            // Without a timer, one pass continues over several stages.
             while let Some(command) = commands.next_if(|command| match command {
                 Command::Run { .. } => true,
                 Command::Stage(_) => !is_timed,
@@ -335,7 +335,7 @@ impl Program {
         }
     }
 
-    /// Adds what its stages cost, but for their times, to others'.
+    /// Adds the costs of its stages, except their times, to `stages`.
     pub(crate) fn add_costs(&self, stages: &mut Stages) {
         let mut stage = UNNAMED;
         for command in &self.commands {
@@ -356,7 +356,7 @@ impl Program {
         }
     }
 
-    /// Gives all commands to the device, which works on them while the host goes on.
+    /// Submits all commands to the device; does not wait for them.
     pub(crate) fn submit(&self, gpu: &Gpu) {
         let mut encoder = gpu.device.create_command_encoder(&Default::default());
         self.encode(&mut encoder);

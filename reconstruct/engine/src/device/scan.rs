@@ -1,4 +1,4 @@
-//! Prefix sums on the device, for the stages that place things one after another.
+//! Prefix sums on the device, for stages with outputs of variable length.
 
 use crate::device::{
     buffer::{DeviceBuffer, Uniform},
@@ -44,8 +44,7 @@ impl Scan {
         })
     }
 
-    /// Replaces every value by the sum of those before it. Scanning one value more than there are
-    /// leaves the total in the last.
+    /// Replaces every value by the sum of those before it. Append one value to find the total in it.
     pub(crate) fn record(
         &self,
         gpu: &Gpu,

@@ -1,7 +1,7 @@
-// Exclusive prefix sums, in place. Sums saturate at 2^32 - 1, so that an overflow is seen.
+// Exclusive prefix sums, in place. Sums saturate at 2^32 - 1, so that an overflow can be detected.
 //
-// A workgroup scans its block of values; the blocks' totals are scanned the same way (by the same
-// kernels, level by level) and then added to the blocks.
+// A workgroup scans its block of values. The blocks' totals are scanned the same way, by the same kernels
+// level by level, and then added to the blocks.
 
 const VALUES_PER_THREAD: u32 = 4u;
 const BLOCK: u32 = WORKGROUP * VALUES_PER_THREAD;

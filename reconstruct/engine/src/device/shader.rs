@@ -1,18 +1,18 @@
-//! WGSL files put together, and structures that both sides read.
+//! Assembly of WGSL modules, and structures shared by Rust and WGSL.
 
-/// The source of a WGSL module: constants, then the files.
+/// Source of a WGSL module: constants, then the files.
 #[derive(Debug, Clone)]
 pub(crate) struct Shader {
     /// The kernel's file, for messages.
     pub(crate) file: &'static str,
     /// Its constants.
     pub(crate) constants: String,
-    /// Files that the kernel's file needs, and it as the last.
+    /// Files that the kernel's file needs, followed by that file.
     pub(crate) parts: &'static [&'static str],
 }
 
 impl Shader {
-    /// The whole module.
+    /// Returns the source of the whole module.
     pub(crate) fn text(&self) -> String {
         let mut text = self.constants.clone();
         for part in self.parts {
@@ -22,7 +22,7 @@ impl Shader {
     }
 }
 
-/// A structure that stands in Rust and in WGSL; a test compares the layouts.
+/// Structure declared in Rust and in WGSL; a test compares the layouts.
 #[cfg_attr(not(test), expect(dead_code, reason = "the layout is read by a test"))]
 pub(crate) trait WgslStruct: bytemuck::Pod {
     /// Names of the members with their offsets in bytes.
@@ -109,7 +109,7 @@ mod tests {
         shaders
     }
 
-    /// Those that a device with subgroups has in place of others, by its smallest subgroup.
+    /// Shaders that a device with subgroups uses in place of others, by its smallest subgroup.
     fn subgroup_shaders() -> impl Iterator<Item = Shader> {
         let shape = |features| buffers::RenderShape {
             gaussians: 1,
@@ -162,7 +162,7 @@ mod tests {
         }
     }
 
-    /// Compares every structure `T` in the modules with Rust's; returns how many there were.
+    /// Compares every WGSL structure named `name` with Rust's `T`; returns the number found.
     fn compare<T: WgslStruct>(modules: &[(&'static str, Module)], name: &str) -> usize {
         let mut found = 0;
         for (file, module) in modules {

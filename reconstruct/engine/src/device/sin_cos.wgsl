@@ -1,8 +1,8 @@
-// Sine and cosine of any angle in radians. The built-in functions need be right between -pi and pi
-// alone, and to eleven bits; encodings and cycles go far beyond. Polynomials of Cephes (`sinf.c`).
+// Sine and cosine of any angle in radians. The built-in functions need only be right between -pi and pi, and
+// to eleven bits; encodings and cycles go far beyond. Polynomials of Cephes (`sinf.c`).
 fn sin_cos(angle: f32) -> vec2<f32> {
     let quarters = round(angle * 0.63661977);
-    // Quarter turns in three parts, of which the products with the first are exact.
+    // Quarter turns in three parts; the products with the first are exact.
     let r = ((angle - quarters * 1.5703125) - quarters * 4.837512969970703e-4)
         - quarters * 7.549789948768648e-8;
     let z = r * r;

@@ -1,42 +1,42 @@
-//! Where a step's time goes on the device.
+//! Time of each stage of a step on the device.
 
 use std::{collections::BTreeMap, time::Instant};
 
 use crate::device::{buffer::DeviceBuffer, device::Gpu, error::GpuError};
 
-/// Passes that one step may have at most.
+/// Maximum number of timed passes in a step.
 const PASSES: u32 = 512;
 
-/// What a stage of a program costs.
+/// Cost of a stage of a program.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct StageCost {
-    /// Kernels that are started.
+    /// Number of kernels started.
     pub dispatches: u64,
-    /// Bytes of all buffers that these kernels are given, each as often as it is given to one: what a stage
-    /// moves at most, unless it reads a value several times.
+    /// Bytes of all buffers bound by these kernels, counted once per binding: an upper bound of the stage's
+    /// traffic, unless it reads a value several times.
     pub bytes: u64,
-    /// Time on the device, where the adapter has a clock for it.
+    /// Time on the device; `None` without timestamps.
     pub seconds: Option<f64>,
 }
 
-/// A stage with its cost, in the order in which stages begin.
+/// Stages with their costs, in the order in which they begin.
 pub type Stages = Vec<(&'static str, StageCost)>;
 
-/// Notes when passes begin and end.
+/// Records when passes begin and end.
 #[derive(Debug)]
 pub(crate) struct StageTimer {
     queries: wgpu::QuerySet,
     resolved: wgpu::Buffer,
     ticks: DeviceBuffer<u64>,
-    /// The stage of each pass.
+    /// Stage of each pass.
     passes: Vec<&'static str>,
 }
 
 impl StageTimer {
-    /// `None` where the adapter has no clock.
+    /// Creates a timer; `None` if the adapter has no timestamps.
     ///
     /// # Errors
-    /// When its memory does not suffice.
+    /// If memory does not suffice.
     pub(crate) fn new(gpu: &Gpu) -> Result<Option<Self>, GpuError> {
         if !gpu
             .device
@@ -64,7 +64,7 @@ impl StageTimer {
         }))
     }
 
-    /// What a pass of a stage has to write; nothing where there are too many.
+    /// Returns the timestamp writes of a pass of `stage`; `None` after [`PASSES`] passes.
     pub(crate) fn pass(
         &mut self,
         stage: &'static str,
@@ -81,7 +81,7 @@ impl StageTimer {
         })
     }
 
-    /// Closes what was encoded.
+    /// Resolves the encoded timestamps.
     pub(crate) fn resolve(&self, encoder: &mut wgpu::CommandEncoder) {
         let count = 2 * self.passes.len() as u32;
         encoder.resolve_query_set(&self.queries, 0..count, &self.resolved, 0);
@@ -89,7 +89,7 @@ impl StageTimer {
         encoder.copy_buffer_to_buffer(&self.resolved, 0, &self.ticks.raw, 0, bytes);
     }
 
-    /// Seconds of each stage of what was submitted since the last call; waits for it.
+    /// Waits for the device and returns the seconds of each stage submitted since the last call.
     pub(crate) fn take(&mut self, gpu: &Gpu) -> Result<BTreeMap<&'static str, f64>, GpuError> {
         let ticks = self.ticks.read(gpu)?;
         let second = f64::from(gpu.queue.get_timestamp_period()) * 1e-9;
@@ -102,10 +102,10 @@ impl StageTimer {
 }
 
 impl Gpu {
-    /// Bytes that the device copies in a second from one buffer to another, read and written.
+    /// Measures the bytes per second that the device copies from one buffer to another, read and written.
     ///
     /// # Errors
-    /// When the device fails or its memory does not suffice.
+    /// If the device fails or memory does not suffice.
     pub fn copied_per_second(&self) -> Result<f64, GpuError> {
         const COPIES: u32 = 8;
         let bytes = self.largest_buffer().min(256 << 20);

@@ -2,7 +2,7 @@
 
 var<workgroup> sums: array<f32, WORKGROUP>;
 
-// The sum of all threads' values, for all of them. Every thread has to come here.
+// Sum of all threads' values, returned to each of them. Must be called by every thread.
 fn workgroup_sum(value: f32, thread: u32) -> f32 {
     sums[thread] = value;
     workgroupBarrier();

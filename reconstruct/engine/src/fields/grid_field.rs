@@ -1,7 +1,7 @@
-//! A hash grid with a network behind it: a field over the unit square or cube.
+//! A hash grid followed by a network: a field over the unit square or cube.
 //!
-//! The network has no biases and an output layer of zeros at the start, so that the field is exactly 0
-//! until it is trained. (Neural Atlas Graphs subtracts the untrained network's mean instead.)
+//! The network has no biases and its output layer starts at zero, so that the field is exactly 0 until it is
+//! trained. Neural Atlas Graphs subtracts the untrained network's mean instead.
 
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
@@ -17,7 +17,7 @@ use super::{
 };
 use crate::parameters::{ParameterArray, SharedParameters, adam};
 
-/// Values of a table at the start are between this and its negative (tiny-cuda-nn).
+/// Initial values of the table are drawn between this and its negative (tiny-cuda-nn).
 const FIRST_FEATURES: f32 = 1e-4;
 
 /// Sizes of a field.
@@ -25,16 +25,16 @@ const FIRST_FEATURES: f32 = 1e-4;
 pub struct GridFieldShape {
     /// The grid.
     pub grid: HashGridShape,
-    /// Layers of the network that have an activation.
+    /// Hidden layers of the network.
     pub hidden_layers: usize,
-    /// Outputs of each of them.
+    /// Width of each hidden layer.
     pub width: usize,
     /// Outputs of the field.
     pub outputs: usize,
 }
 
 impl GridFieldShape {
-    /// Its network.
+    /// Returns the sizes of its network.
     pub fn network(&self) -> NetworkShape {
         NetworkShape {
             row_inputs: 4 * self.grid.levels,
@@ -47,13 +47,13 @@ impl GridFieldShape {
         }
     }
 
-    /// Values of table and network.
+    /// Returns the number of values of table and network.
     pub fn parameter_count(&self) -> usize {
         HashGrid::new(self.grid).parameter_count() + self.network().weight_count()
     }
 }
 
-/// A field with its parameters, and what its last evaluation left for the backward pass.
+/// A field with its parameters, and the state of its last evaluation for the backward pass.
 #[derive(Debug)]
 pub struct GridField {
     shape: GridFieldShape,
@@ -70,7 +70,7 @@ pub struct GridField {
 }
 
 impl GridField {
-    /// A field that is 0 everywhere.
+    /// Creates a field that is 0 everywhere.
     pub fn new(shape: GridFieldShape, seed: u64) -> Self {
         let grid = HashGrid::new(shape.grid);
         let network = shape.network();
@@ -87,10 +87,10 @@ impl GridField {
         Self::with_parameters(shape, table, weights)
     }
 
-    /// A field with these features and weights.
+    /// Creates a field with these features and weights.
     ///
     /// # Panics
-    /// When there are not as many of them as the sizes ask for.
+    /// If their numbers do not match the sizes.
     pub fn with_parameters(shape: GridFieldShape, table: Vec<f32>, weights: Vec<f32>) -> Self {
         let grid = HashGrid::new(shape.grid);
         let network = shape.network();
@@ -109,23 +109,23 @@ impl GridField {
         }
     }
 
-    /// Sizes.
+    /// Returns the sizes.
     pub fn shape(&self) -> &GridFieldShape {
         &self.shape
     }
 
-    /// Features of the grid.
+    /// Returns the number of features of the grid.
     pub fn features(&self) -> usize {
         self.grid.features()
     }
 
-    /// Table and weights.
+    /// Returns table and weights.
     pub fn arrays(&self) -> [&ParameterArray; 2] {
         [&self.table.array, &self.weights.array]
     }
 
-    /// The outputs at many positions, row by row; the first `active` features of the grid are used, the
-    /// others are 0. Keeps what [`GridField::backward`] needs.
+    /// Returns the outputs (rows of `outputs`) at positions (rows of `dimensions`). Only the first `active`
+    /// features of the grid are used, the others are 0. Keeps the state that [`GridField::backward`] needs.
     pub fn forward(&mut self, positions: &[f32], active: usize) -> Vec<f32> {
         self.positions.clear();
         self.positions.extend_from_slice(positions);
@@ -144,7 +144,7 @@ impl GridField {
         out
     }
 
-    /// As [`GridField::forward`]; nothing is kept.
+    /// Returns the outputs as [`GridField::forward`] does, but keeps no state.
     pub fn evaluate(&self, positions: &[f32], active: usize) -> Vec<f32> {
         let dimensions = self.shape.grid.dimensions;
         let rows = positions.len() / dimensions;
@@ -161,8 +161,8 @@ impl GridField {
         out
     }
 
-    /// Gradients by table and weights from those by the outputs of the last [`GridField::forward`];
-    /// returns those by the positions.
+    /// Computes gradients by table and weights from those by the outputs of the last [`GridField::forward`],
+    /// in its shape; returns those by the positions, in theirs.
     pub fn backward(&mut self, upstream: &[f32]) -> Vec<f32> {
         let dimensions = self.shape.grid.dimensions;
         let features = self.grid.features();
@@ -208,7 +208,8 @@ impl GridField {
         by_positions
     }
 
-    /// One step of Adam at these rates of table and weights; returns how many gradients were not finite.
+    /// Takes one step of Adam with these learning rates of table and weights; returns the number of gradients
+    /// that were not finite.
     pub fn step(&mut self, [table_rate, weight_rate]: [f32; 2]) -> usize {
         let parts = [
             (&mut self.table, table_rate),

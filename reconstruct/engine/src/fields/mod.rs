@@ -1,7 +1,6 @@
-//! Functions of position and time that are learnt.
+//! Learned functions of position and time.
 //!
-//! * [`mlp`]: networks. [`hash_grid`]: features read from tables. [`grid_field`]: both, one behind the
-//!   other.
+//! * [`mlp`]: networks. [`hash_grid`]: features read from tables. [`grid_field`]: a grid followed by a network.
 
 pub mod grid_field;
 pub mod hash_grid;

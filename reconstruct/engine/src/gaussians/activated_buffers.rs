@@ -1,11 +1,11 @@
-//! Activated Gaussians and the gradients by them, in the memory of a GPU.
+//! Activated Gaussians and their gradients in GPU memory.
 
 use crate::device::{DeviceBuffer, Gpu, GpuError, wgsl_struct};
 
 use super::ActivatedGaussians;
 
 wgsl_struct! {
-    /// An activated Gaussian, or the gradient by one; `Gaussian` in WGSL.
+    /// Activated Gaussian, or the gradient by one; `Gaussian` in WGSL.
     pub(crate) struct DeviceGaussian {
         position: [f32; 3],
         opacity: f32,
@@ -15,7 +15,7 @@ wgsl_struct! {
     }
 }
 
-/// What a parameterization fills, and what the renderer's gradient leaves for it.
+/// Outputs of a parameterization, and their gradients from the renderer.
 #[derive(Debug)]
 pub(crate) struct ActivatedBuffers {
     /// Number of Gaussians.
@@ -33,7 +33,7 @@ pub(crate) struct ActivatedBuffers {
 }
 
 impl ActivatedBuffers {
-    /// Room for `len` Gaussians.
+    /// Allocates buffers for `len` Gaussians.
     pub(crate) fn new(
         gpu: &Gpu,
         len: usize,
@@ -55,7 +55,7 @@ impl ActivatedBuffers {
         })
     }
 
-    /// Coefficients of each Gaussian, the constant one included.
+    /// Returns the coefficients per Gaussian, including the constant one.
     pub(crate) fn harmonics_per_gaussian(&self) -> usize {
         (self.sh_degree + 1) * (self.sh_degree + 1)
     }
@@ -76,7 +76,7 @@ impl ActivatedBuffers {
         self.feature_gradients.write(gpu, 0, &gradient.features);
     }
 
-    /// The constant coefficient and the rest of each Gaussian, as they stand on the device.
+    /// Joins the constant coefficient and the rest of each Gaussian in the device's layout.
     fn joined_harmonics(&self, instant: &ActivatedGaussians) -> Vec<f32> {
         let rest = self.harmonics_per_gaussian() - 1;
         let constants = instant.sh_constant.iter().enumerate();
@@ -139,8 +139,7 @@ impl ActivatedBuffers {
     }
 }
 
-/// Gaussians, or gradients by them, as they stand on the device; their harmonics and features stand
-/// elsewhere.
+/// Packs Gaussians, or their gradients, in the device's layout; harmonics and features are stored separately.
 fn packed(instant: &ActivatedGaussians) -> Vec<DeviceGaussian> {
     (0..instant.len())
         .map(|index| DeviceGaussian {

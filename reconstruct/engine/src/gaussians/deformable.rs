@@ -1,9 +1,9 @@
-//! Canonical Gaussians and a network that says where they are at a time (Deformable-GS).
+//! Canonical Gaussians deformed to a time by a network (Deformable-GS).
 //!
-//! Source: Yang et al., "Deformable 3D Gaussians for High-Fidelity Monocular Dynamic Scene
-//! Reconstruction", 2024, and its repository (ingra14m/Deformable-3D-Gaussians,
-//! `utils/time_utils.py`, `scene/deform_model.py`, `gaussian_renderer/__init__.py`). With the
-//! positional encodings `PE`, a length `u` and the time `t` in [0, 1]:
+//! Source: Yang et al., "Deformable 3D Gaussians for High-Fidelity Monocular Dynamic Scene Reconstruction",
+//! 2024, and its repository (ingra14m/Deformable-3D-Gaussians, `utils/time_utils.py`,
+//! `scene/deform_model.py`, `gaussian_renderer/__init__.py`). With the positional encodings `PE`, a length
+//! `u` and the time `t` in [0, 1]:
 //!
 //! ```text
 //! (dx, dq, ds) = f(PE(sg(mu) / u), PE(t))
@@ -11,9 +11,9 @@
 //! ```
 //!
 //! `sg`: no gradient flows through the encoded position. Opacities and colours do not depend on time.
-//! Departures: lengths are relative to `u`, because octaves up to `2^9 mu` say nothing in a scene
-//! hundreds of units across; quaternions are made unit ones again and scales stay positive, as the
-//! renderer expects them; the output layer begins at 0, so that the network comes in without a jump.
+//! Departures: lengths are relative to `u`, because octaves up to `2^9 mu` alias in a scene hundreds of units
+//! across. Quaternions are normalized again and scales stay positive, as the renderer expects. The output
+//! layer starts at 0, so that the network sets in without a jump.
 
 pub(crate) mod gpu;
 pub mod settings;
@@ -44,36 +44,36 @@ use crate::{
 /// Name of the network's weights among the arrays of a model.
 pub const DEFORMATION_WEIGHTS: &str = "deformation_weights";
 
-/// Outputs: added to the centre, to the quaternion, to the scales.
+/// Outputs: 3 added to the centre, 4 to the quaternion, 3 to the scales.
 const OUTPUTS: usize = 10;
 /// Least scale, relative to the length unit.
 const LEAST_SCALE: f32 = 1e-7;
-/// Least length of a quaternion that is made a unit one.
+/// Lower bound of a quaternion's length when it is normalized.
 const LEAST_QUATERNION_LENGTH: f32 = 1e-6;
-/// Activations are kept for the backward pass up to this size, which is that of about 130,000
-/// Gaussians; those of the others are computed twice.
+/// Activations kept for the backward pass, bytes: those of about 130,000 Gaussians. The others are computed
+/// twice.
 const LARGEST_ACTIVATIONS_BYTES: usize = 1 << 30;
 
 /// The network's sizes and its unit of length.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct DeformationModel {
-    /// Octaves that encode a position.
+    /// Octaves in the encoding of a position.
     pub position_octaves: usize,
-    /// Octaves that encode the time.
+    /// Octaves in the encoding of the time.
     pub time_octaves: usize,
-    /// Layers beside the output layer.
+    /// Hidden layers.
     pub depth: usize,
-    /// Outputs of each of them.
+    /// Width of each hidden layer.
     pub width: usize,
-    /// Number of the layer, from 0, after which the inputs come in again.
+    /// Hidden layer, from 0, whose output is concatenated with the inputs again.
     pub skip_after: usize,
-    /// The length that counts as 1, normalized units: positions are divided by it, what is added to
-    /// positions and scales is multiplied by it.
+    /// Unit of length, normalized units: positions are divided by it, offsets of positions and scales are
+    /// multiplied by it.
     pub length_unit: f32,
 }
 
 impl DeformationModel {
-    /// The published sizes for real scenes.
+    /// Returns the published sizes for real scenes.
     pub fn published(length_unit: f32) -> Self {
         Self {
             position_octaves: 10,
@@ -85,10 +85,10 @@ impl DeformationModel {
         }
     }
 
-    /// Refuses sizes that no network has: they may come from a file.
+    /// Validates sizes that may come from a file.
     ///
     /// # Errors
-    /// Which one, and what it is, in one line.
+    /// Returns a line with the invalid size and its value.
     pub fn check(&self) -> Result<(), String> {
         let sizes = [
             ("position_octaves", self.position_octaves, 0..=64),
@@ -111,7 +111,7 @@ impl DeformationModel {
         Ok(())
     }
 
-    /// The network.
+    /// Returns the shape of the network.
     pub fn network(&self) -> NetworkShape {
         NetworkShape {
             row_inputs: encoding::width(3, self.position_octaves),
@@ -124,8 +124,8 @@ impl DeformationModel {
         }
     }
 
-    /// Bytes of training beside the Gaussians: weights with gradients, moments and partial sums, and
-    /// the activations of so many Gaussians.
+    /// Returns the bytes of training besides the Gaussians: weights with gradients, moments and partial sums,
+    /// and the activations of `gaussians` Gaussians.
     pub fn training_bytes(&self, gaussians: u64) -> u64 {
         let network = self.network();
         let rows = usize::try_from(gaussians).unwrap_or(usize::MAX);
@@ -145,20 +145,20 @@ impl DeformationModel {
     }
 }
 
-/// Canonical Gaussians that a network deforms.
+/// Canonical Gaussians deformed by a network.
 #[derive(Debug)]
 pub struct Deformable {
-    /// The network, when it comes in, and the clip's clock.
+    /// Network, start of its training, and clock of the clip.
     pub settings: DeformationSettings,
     /// The network's weights.
     pub weights: SharedParameters,
     evaluation: Deformation,
-    /// Whether the network took part in what was activated last.
+    /// True if the last activation evaluated the network.
     took_part: bool,
 }
 
 impl Deformable {
-    /// With weights, as [`NetworkShape`] orders them.
+    /// Creates the parameterization with weights in the order of [`NetworkShape`].
     pub fn new(settings: DeformationSettings, weights: Vec<f32>) -> Self {
         Self {
             settings,
@@ -168,8 +168,8 @@ impl Deformable {
         }
     }
 
-    /// The network's time of a viewpoint, where the network takes part: in training after its warm-up,
-    /// in images once it has learnt anything.
+    /// Returns the network's time of a viewpoint in [0, 1], or `None` where the network is not evaluated. It
+    /// is evaluated in training after its warm-up, and in images once it has been trained.
     pub fn network_time(&self, at: &Viewpoint) -> Option<f32> {
         let takes_part = match at.scheduled {
             Some(scheduled) => scheduled > self.settings.warm_up_iterations,
@@ -197,7 +197,7 @@ impl Parameterization for Deformable {
         static_gaussians::activate_from(table, first, out);
         static_gaussians::write_static_features(features, first, table.len(), out);
         if let Some(time) = time {
-            // Images alone need no activations for a way back.
+            // Images without a backward pass need no activations.
             self.evaluation.keep_activations(at.scheduled.is_some());
             let (model, weights) = (&self.settings.model, &self.weights.array.values);
             self.evaluation
@@ -256,13 +256,13 @@ impl Parameterization for Deformable {
     }
 }
 
-/// What an evaluation fills anew: the network's outputs, and what their gradients need.
+/// State of an evaluation: the network's outputs, and the activations for their gradients.
 #[derive(Debug)]
 pub struct Deformation {
     activations: Activations,
     outputs: Vec<f32>,
     upstream: Vec<f32>,
-    /// Of the canonical Gaussians, activated.
+    /// Activated scales of the canonical Gaussians.
     scales: Vec<[f32; 3]>,
     rotations: Vec<[f32; 4]>,
 }
@@ -280,15 +280,7 @@ impl Default for Deformation {
 }
 
 impl Deformation {
-    /// For images alone: nothing is kept for gradients.
-    pub fn without_gradients() -> Self {
-        Self {
-            activations: Activations::new(0),
-            ..Self::default()
-        }
-    }
-
-    /// Sets whether the next evaluation keeps what a way back needs.
+    /// Sets whether the next evaluation keeps its activations for the backward pass.
     fn keep_activations(&mut self, keeps: bool) {
         let bytes = if keeps { LARGEST_ACTIVATIONS_BYTES } else { 0 };
         self.activations.set_limit_bytes(bytes);
@@ -307,7 +299,7 @@ impl Deformation {
         self.deform(model, weights, table, time, 0, out);
     }
 
-    /// Deforms the activated canonical Gaussians that begin with entry `first`.
+    /// Deforms the activated canonical Gaussians from entry `first` on.
     fn deform(
         &mut self,
         model: &DeformationModel,
@@ -345,7 +337,7 @@ impl Deformation {
                 for axis in 0..3 {
                     position[axis] += unit * output[axis];
                     scale[axis] += unit * output[7 + axis];
-                    // `max` would make a scale that is NaN the least one, and draw it.
+                    // `max` would replace a NaN scale by the least one, and draw it.
                     if scale[axis] < unit * LEAST_SCALE {
                         scale[axis] = unit * LEAST_SCALE;
                     }
@@ -355,10 +347,10 @@ impl Deformation {
             });
     }
 
-    /// VJP of [`Deformation::activate`] with the same arguments: overwrites the gradients of the
-    /// table and of the weights. `instant` and `gradient` are used up.
+    /// Computes the VJP of [`Deformation::activate`] with the same arguments: overwrites the gradients of the
+    /// table and of the weights. `instant` and `gradient` are consumed.
     ///
-    /// A Gaussian whose gradient is not finite does not take part in that of the weights.
+    /// A Gaussian whose gradient is not finite does not contribute to that of the weights.
     pub fn activate_vjp(
         &mut self,
         model: &DeformationModel,
@@ -371,8 +363,8 @@ impl Deformation {
         static_gaussians::activate_vjp(table, instant, gradient);
     }
 
-    /// VJP of [`Deformation::deform`]: leaves the canonical Gaussians, and the gradients by them, in the
-    /// entries of `instant` and `gradient`.
+    /// Computes the VJP of [`Deformation::deform`]: leaves the canonical Gaussians, and the gradients by
+    /// them, in the entries of `instant` and `gradient`.
     fn deform_vjp(
         &mut self,
         model: &DeformationModel,
@@ -434,7 +426,7 @@ impl Deformation {
     }
 }
 
-/// `q/|q| + dq` and its length.
+/// Returns `q/|q| + dq` and its length.
 fn deformed_quaternion(rotation: &[f32; 4], output: &[f32; OUTPUTS]) -> ([f32; 4], f32) {
     let sum = [0, 1, 2, 3].map(|axis| rotation[axis] + output[3 + axis]);
     let length = sum.iter().map(|value| value * value).sum::<f32>().sqrt();

@@ -1,9 +1,9 @@
-//! Dropout of Gaussians (`DropGaussian`, Park et al., CVPR 2025): another share of them is not drawn
-//! in every training step, and the others are more opaque to make up for it.
+//! Dropout of Gaussians (`DropGaussian`, Park et al., CVPR 2025): every training step leaves out a random
+//! share of them and makes the others more opaque to compensate.
 //!
-//! Where few views see a place, Gaussians in front of each other can agree on every one of these views and on
-//! no other. Any of them may be missing in the next step, so that each has to be right by itself. The share grows
-//! with the iterations, as they do: `r_t = r t / T`. Images are drawn with all Gaussians.
+//! In a region that few views see, Gaussians in front of each other can fit just these views and no other. If
+//! any of them may be missing in the next step, each has to be right by itself. The share grows with the
+//! iterations: `r_t = r t / T`. Images are drawn with all Gaussians.
 //!
 //! `dropout.wgsl` is the same for a GPU.
 
@@ -16,15 +16,15 @@ use super::ActivatedGaussians;
 /// Dropout of a run.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Dropout {
-    /// Share of the Gaussians that the last step leaves out, in [0, 1).
+    /// Share of the Gaussians that the last step drops, in [0, 1).
     pub last_share: f32,
     /// Iterations of the schedule over which the share grows from 0.
     pub iterations: u64,
-    /// Which ones: runs of one seed leave out the same.
+    /// Seed: runs of one seed drop the same Gaussians.
     pub seed: u32,
 }
 
-/// What one step leaves out.
+/// Dropout of one step.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct StepDropout {
     share: f32,
@@ -33,7 +33,7 @@ pub struct StepDropout {
 }
 
 impl Dropout {
-    /// What the step number `iteration` leaves out, which stands for the iteration `scheduled` of the schedule.
+    /// Returns the dropout of the step number `iteration` at the iteration `scheduled` of the schedule.
     pub fn of_step(&self, iteration: u64, scheduled: u64) -> StepDropout {
         let [low, high] = [iteration as u32, (iteration >> 32) as u32];
         let done = scheduled as f64 / self.iterations.max(1) as f64;
@@ -45,9 +45,9 @@ impl Dropout {
 }
 
 impl StepDropout {
-    /// By what the opacity of entry number `entry` is multiplied: 0, or one over the share that is drawn.
+    /// Returns the factor of the opacity of an entry: 0, or one over the share that is kept.
     pub fn weight(&self, entry: u32) -> f32 {
-        // 24 bits: what an f32 in [0, 1) holds.
+        // 24 bits, the precision of an f32 in [0, 1).
         let random = (pcg(entry ^ self.step) >> 8) as f32 / (1 << 24) as f32;
         if random < self.share {
             0.0
@@ -56,16 +56,15 @@ impl StepDropout {
         }
     }
 
-    /// Leaves Gaussians out. Opacities may be larger than 1 afterwards; what is drawn of them has a limit of
-    /// its own.
+    /// Drops Gaussians. Opacities may exceed 1 afterwards; the rasterizer limits the alpha that it draws.
     pub fn drop_out(&self, gaussians: &mut ActivatedGaussians) {
         for (entry, opacity) in gaussians.opacities.iter_mut().enumerate() {
             *opacity *= self.weight(entry as u32);
         }
     }
 
-    /// From the gradient by what was drawn to that by what there was, which it brings back where it was drawn;
-    /// Gaussians that were not drawn stay without opacity and have no gradient by it.
+    /// Turns gradients by the scaled Gaussians into those by the original ones, which it restores. Dropped
+    /// Gaussians keep opacity 0 and get no gradient by it.
     pub fn drop_out_vjp(
         &self,
         gaussians: &mut ActivatedGaussians,
@@ -82,7 +81,7 @@ impl StepDropout {
     }
 }
 
-/// The hash function PCG-RXS-M-XS of 32 bits (Jarzynski and Olano, JCGT 2020).
+/// Computes the hash function PCG-RXS-M-XS of 32 bits (Jarzynski and Olano, JCGT 2020).
 fn pcg(input: u32) -> u32 {
     let state = input.wrapping_mul(747_796_405).wrapping_add(2_891_336_453);
     let word = ((state >> ((state >> 28) + 4)) ^ state).wrapping_mul(277_803_737);
@@ -108,7 +107,7 @@ mod tests {
         let [first, second] = [1, 2].map(weights);
         for weights in [&first, &second] {
             let dropped = weights.iter().filter(|&&weight| weight == 0.0).count();
-            // 20 %, five standard deviations.
+            // 20 %, within five standard deviations.
             assert!(dropped.abs_diff(4_000) < 283, "{dropped}");
             assert!(weights.iter().all(|&w| w == 0.0 || (w - 1.25).abs() < 1e-6));
         }
@@ -131,7 +130,7 @@ mod tests {
         gaussians.opacities.clone_from(&before);
         let step = DROPOUT.of_step(7, 500);
         step.drop_out(&mut gaussians);
-        // A loss of `sum_i (i + 1) o_i` of what is drawn.
+        // Loss `sum_i (i + 1) o_i` of the scaled opacities.
         let mut gradient = ActivatedGaussians::default();
         gradient.reshape(50, 0, 0);
         gradient.opacities = (0..50).map(|entry| entry as f32 + 1.0).collect();

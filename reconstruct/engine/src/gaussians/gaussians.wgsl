@@ -1,5 +1,5 @@
-// What a renderer sees: activated Gaussians at one instant. Their harmonics stand in an array
-// beside them, constant first: `(coefficient * 3 + channel)` within a Gaussian.
+// Activated Gaussians at one instant, the renderer's input. Their harmonics are in a separate array, constant
+// first: `(coefficient * 3 + channel)` within a Gaussian.
 
 struct Gaussian {
     // Normalized world units.
@@ -12,7 +12,7 @@ struct Gaussian {
     rotation: vec4<f32>,
 }
 
-// Coefficients up to a degree, the constant one included.
+// Number of coefficients up to a degree, including the constant one.
 fn sh_count(degree: u32) -> u32 {
     return (degree + 1u) * (degree + 1u);
 }

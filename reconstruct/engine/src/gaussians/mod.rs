@@ -1,16 +1,15 @@
-//! Gaussians: a table of named parameter arrays, and parameterizations that turn it into what a
-//! renderer sees.
+//! Gaussians: a table of named parameter arrays, and parameterizations that activate it for the renderer.
 //!
-//! A parameterization reads raw (unconstrained) parameters and gives [`ActivatedGaussians`]; its VJP
-//! writes the gradients of the raw parameters. Renderers know neither time nor method.
+//! A parameterization reads raw (unconstrained) parameters and gives [`ActivatedGaussians`]; its VJP writes
+//! the gradients of the raw parameters. Renderers know neither time nor method.
 //!
 //! * [`parameterization`]: the trait that each implements, and how to add one.
-//! * [`static_gaussians`]: nothing depends on time. [`subset`]: some Gaussians alone.
+//! * [`static_gaussians`]: independent of time. [`subset`]: a selection of Gaussians.
 //! * [`temporal`]: a static table with the arrays of a motion, at one moment. The motion itself is in
 //!   [`periodic`] (PVG), the velocity of Omni4DGS in [`omni4dgs`].
-//! * [`deformable`]: a static table, and a network that moves it.
+//! * [`deformable`]: a static table deformed by a network.
 //! * [`tracked`]: Gaussians of rigid objects on paths.
-//! * [`dropout`]: steps of training in which some are not drawn.
+//! * [`dropout`]: training steps that leave out a share of the Gaussians.
 
 use std::ops::Range;
 
@@ -32,13 +31,13 @@ pub const SH_C0: f32 = 0.282_094_8;
 /// Highest degree of spherical harmonics.
 pub const MAX_SH_DEGREE: usize = 3;
 
-/// Coefficients beside the constant one up to `degree`: `(degree + 1)^2 - 1`.
+/// Returns the number of coefficients up to `degree` except the constant one: `(degree + 1)^2 - 1`.
 pub const fn sh_rest_count(degree: usize) -> usize {
     (degree + 1) * (degree + 1) - 1
 }
 
-/// What a renderer sees: activated Gaussians at one instant, one entry per Gaussian in each array
-/// (a run of entries in `sh_rest` and `features`).
+/// Activated Gaussians at one instant, the renderer's input: one entry per Gaussian in each array (a run of
+/// entries in `sh_rest` and `features`).
 ///
 /// Colour towards a Gaussian in the world direction `d` (unit, from the camera to its centre):
 /// `max(1/2 + sum_k Y_k(d) c_k, 0)` with the real spherical harmonics `Y_k` of 3DGS (see
@@ -60,26 +59,26 @@ pub struct ActivatedGaussians {
     /// The other coefficients: [`sh_rest_count`] entries per Gaussian, by degree and then by order
     /// (-l to l), each for red, green, blue.
     pub sh_rest: Vec<[f32; 3]>,
-    /// Feature channels per Gaussian.
+    /// Number of feature channels per Gaussian.
     pub feature_count: usize,
-    /// `feature_count` values per Gaussian, rendered like colours over a background of 0. A feature
-    /// of 1 renders the opacity map, one of the distance from the camera the radial depth.
+    /// `feature_count` values per Gaussian, composited like colours over a background of 0. A feature of 1
+    /// renders the opacity map; the distance from the camera renders the radial depth.
     pub features: Vec<f32>,
 }
 
 impl ActivatedGaussians {
-    /// Number of Gaussians.
+    /// Returns the number of Gaussians.
     pub fn len(&self) -> usize {
         self.positions.len()
     }
 
-    /// Whether there are none.
+    /// Returns true if there are no Gaussians.
     pub fn is_empty(&self) -> bool {
         self.positions.is_empty()
     }
 
-    /// Makes room for `len` Gaussians with harmonics up to `sh_degree` and `feature_count`
-    /// features. Entries that were there before keep arbitrary values.
+    /// Resizes to `len` Gaussians with harmonics up to `sh_degree` and `feature_count` features. Existing
+    /// entries have arbitrary values afterwards.
     pub fn reshape(&mut self, len: usize, sh_degree: usize, feature_count: usize) {
         self.positions.resize(len, [0.0; 3]);
         self.scales.resize(len, [0.0; 3]);
@@ -93,7 +92,7 @@ impl ActivatedGaussians {
         self.features.resize(len * feature_count, 0.0);
     }
 
-    /// The entries of `other` in a range, and nothing else.
+    /// Replaces the contents by the entries of `other` in a range.
     pub fn copy_entries(&mut self, other: &Self, entries: Range<usize>) {
         self.reshape(entries.len(), other.sh_degree, other.feature_count);
         let rest = sh_rest_count(other.sh_degree);
@@ -109,7 +108,7 @@ impl ActivatedGaussians {
         self.features.copy_from_slice(features);
     }
 
-    /// The shape of `other` with every entry zero: how a gradient begins.
+    /// Takes the shape of `other` with every entry zero: the initial state of a gradient.
     pub fn clear_to_zero(&mut self, other: &Self) {
         self.positions.clear();
         self.scales.clear();

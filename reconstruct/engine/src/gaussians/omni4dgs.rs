@@ -7,70 +7,69 @@
 //! projected:  v = muhat muhat^T v_r + (I - muhat muhat^T) v_t
 //! ```
 //!
-//! The paper takes `muhat_y` of the Gaussian's centre in the world, which presumes that the origin is
-//! where the cameras are and that the world's y axis is vertical. Here `c` and `down` are an
-//! [`Observer`]: the mean camera with the mean vertical of all cameras, or the camera that looks.
+//! The paper takes `muhat_y` of the Gaussian's centre in the world, which presumes that the origin is at the
+//! cameras and that the world's y axis is vertical. Here `c` and `down` are an [`Observer`]: either the mean
+//! camera with the mean vertical of all cameras, or the camera of the view.
 //!
-//! In the literal form `v_r` and `v_t` are two free vectors: the velocities that can be expressed are
-//! those of one vector, and so are the steps: Adam takes the scale of a gradient out, and the weights,
-//! whose sum is one, give each part the step of the whole. The projected form gives them their names'
-//! meaning; with the weights on top of it nothing on the equator could move radially, so there they
-//! scale gradients alone.
+//! In the literal form `v_r` and `v_t` are two free vectors. Their sum expresses no more than one vector
+//! would, and Adam steps no differently: it removes the scale of a gradient, and the weights sum to one. The
+//! projected form makes one radial and the other tangential. Weighting them as well would prevent radial
+//! motion on the equator; in this form the weights therefore scale the gradients only.
 //!
 //! No gradient flows through the weights: for `gamma < 1` their slope is infinite at the poles.
 
 use glam::Vec3;
 use serde::{Deserialize, Serialize};
 
-/// How two velocities make one.
+/// Decomposition of a velocity into two.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Decomposition {
     /// Exponent of the cosine of the latitude.
     pub gamma: f32,
-    /// Which of the two readings of Eq. 3.
+    /// Interpretation of Eq. 3.
     pub form: VelocityForm,
-    /// From where directions are taken.
+    /// Origin of directions.
     pub origin: DirectionOrigin,
 }
 
-/// The two readings of Eq. 3.
+/// Interpretation of Eq. 3.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum VelocityForm {
-    /// Two free vectors, weighted.
+    /// Weighted sum of two free vectors.
     Literal,
-    /// The radial part of one and the tangential part of the other.
+    /// Radial part of one vector plus tangential part of the other.
     Projected,
 }
 
-/// From where directions to Gaussians are taken.
+/// Origin of directions to Gaussians.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum DirectionOrigin {
     /// The mean camera: the origin of a normalized scene.
     World,
-    /// The camera of the view. A Gaussian's velocity then depends on who looks.
+    /// The camera of the view. A Gaussian's velocity then depends on the view.
     Camera,
 }
 
-/// Who looks.
+/// Observer of decomposed velocities.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Observer {
-    /// Where from, normalized units.
+    /// Position, normalized units.
     pub centre: Vec3,
-    /// The unit vector from zenith to nadir.
+    /// Unit vector from zenith to nadir.
     pub down: Vec3,
 }
 
-/// Directions to points nearer than this are not defined; they count as being on the equator.
+/// Least distance at which the direction to a point is defined; nearer points count as on the equator.
 pub(crate) const LEAST_DISTANCE: f32 = 1e-6;
-/// Least cosine of the latitude: a weight of 0 would never let go of its velocity.
+/// Least cosine of the latitude: with a weight of 0 a velocity could never change.
 pub(crate) const LEAST_COSINE: f32 = 1e-3;
-/// A velocity with less weight than this gets no gradient: Adam would make full steps of its rounding.
+/// Least weight at which a velocity gets a gradient: below it, Adam would amplify rounding to full steps.
 pub const LEAST_WEIGHT: f32 = 1e-3;
 
 impl Observer {
-    /// Unit direction to a point; zero at the observer itself.
+    /// Returns the unit direction to a point; zero at the observer itself.
     pub fn direction(&self, point: Vec3) -> Vec3 {
         let offset = point - self.centre;
         let distance = offset.length();
@@ -82,7 +81,7 @@ impl Observer {
     }
 }
 
-/// The decomposition at one Gaussian.
+/// Velocity weights of one Gaussian.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct VelocityWeights {
     direction: Vec3,
@@ -94,11 +93,11 @@ pub struct VelocityWeights {
 }
 
 impl Decomposition {
-    /// The weights of a Gaussian centred at `point`.
+    /// Returns the weights of a Gaussian centred at `point`.
     pub fn at(&self, observer: &Observer, point: Vec3) -> VelocityWeights {
         let direction = observer.direction(point);
-        // Of `1 - y^2` f32 keeps nothing within a thousandth of a radian of the poles; the cross
-        // product's length is the same cosine to the last bits.
+        // `1 - y^2` cancels in f32 within a thousandth of a radian of the poles; the cross product's length
+        // is the same cosine, accurate to the last bits.
         let cosine = if direction == Vec3::ZERO {
             1.0
         } else {
@@ -115,7 +114,7 @@ impl Decomposition {
 }
 
 impl VelocityWeights {
-    /// The velocity of a radial and a tangential one.
+    /// Combines a radial and a tangential velocity.
     pub fn combine(&self, radial: Vec3, tangential: Vec3) -> Vec3 {
         match self.form {
             VelocityForm::Literal => radial * self.radial + tangential * self.tangential,
@@ -125,7 +124,7 @@ impl VelocityWeights {
         }
     }
 
-    /// Gradients by the radial and the tangential velocity from that by their combination. In the
+    /// Returns gradients by the radial and the tangential velocity from that by their combination. In the
     /// projected form they are scaled by the weights.
     pub fn combine_vjp(&self, velocity: Vec3) -> [Vec3; 2] {
         let (along, across) = match self.form {
@@ -196,7 +195,8 @@ mod tests {
                 let error = (velocity.as_dvec3() - combine(radial, tangential)).length();
                 prop_assert!(error < 1e-5, "{form:?}: {error}");
                 let gradients = weights.combine_vjp(upstream.as_vec3());
-                // Linear: the gradient by a component is the upstream's share of its unit vector.
+                // The map is linear: the gradient by a component is the upstream gradient applied to its unit
+                // vector.
                 for (axis, unit) in DVec3::AXES.into_iter().enumerate() {
                     let by_radial = combine(unit, DVec3::ZERO).dot(upstream);
                     let by_tangential = combine(DVec3::ZERO, unit).dot(upstream);
@@ -226,7 +226,7 @@ mod tests {
         assert!((pole.tangential - 1e-3_f32.sqrt()).abs() < 1e-6, "{pole:?}");
         let half = at(Vec3::new(1.0, 0.0, 3.0_f32.sqrt()));
         assert!((half.tangential - 0.5_f32.sqrt()).abs() < 1e-5, "{half:?}");
-        // Where no direction is defined everything stays finite.
+        // All values stay finite where no direction is defined.
         for offset in [Vec3::ZERO, Vec3::splat(1e-9)] {
             assert_eq!(at(offset).tangential, 1.0);
         }

@@ -1,9 +1,8 @@
-//! What a parameterization is: from raw parameters to Gaussians as a renderer sees them, and back
-//! with gradients.
+//! Parameterization: the map from raw parameters to activated Gaussians, and its VJP.
 //!
-//! To add one: a type with the parameters' meaning in a file of its own that implements
-//! [`Parameterization`]; whoever builds a [`crate::model::Part`] with it trains it. Its GPU twin, where
-//! there is one, implements `DeviceParameterization` in a `gpu.rs` of its folder.
+//! To add one, implement [`Parameterization`] for a type in a file of its own, which documents the meaning of
+//! the parameters. A [`crate::model::Part`] built with it can be trained. Its GPU twin, if any, implements
+//! `DeviceParameterization` in a `gpu.rs` of its folder.
 
 use std::fmt;
 
@@ -21,23 +20,23 @@ use crate::{
     parameters::{ParameterTable, SharedParameters, device_table::TableBuffers},
 };
 
-/// When and from where Gaussians are looked at.
+/// Time and camera position at which Gaussians are activated.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Viewpoint {
     /// Presentation time of the view, seconds.
     pub seconds: f64,
-    /// How many frames before it the Gaussians are shown.
+    /// Temporal shift: frames before that time at which the Gaussians are activated.
     pub shift_frames: f32,
     /// Centre of the camera, normalized units.
     pub centre: Vec3,
     /// The camera's vertical in the world, from zenith to nadir; a unit vector.
     pub down: Vec3,
-    /// The iteration of the schedule, in training; images that nobody learns from have none.
+    /// Iteration of the schedule, in training; `None` for rendering without training.
     pub scheduled: Option<u64>,
 }
 
 impl Viewpoint {
-    /// Of an image that nobody learns from.
+    /// Creates the viewpoint of a view for rendering without training.
     pub fn of_image(view: &View) -> Self {
         Self {
             seconds: view.time_seconds,
@@ -48,7 +47,7 @@ impl Viewpoint {
         }
     }
 
-    /// Of a moment that nobody looks at from anywhere in particular.
+    /// Creates a viewpoint of a moment without a camera.
     pub fn of_moment(seconds: f64) -> Self {
         Self {
             seconds,
@@ -59,7 +58,7 @@ impl Viewpoint {
         }
     }
 
-    /// Of a training step.
+    /// Creates the viewpoint of a training step.
     pub fn of_step(view: &View, shift_frames: f32, scheduled: u64) -> Self {
         Self {
             shift_frames,
@@ -69,13 +68,14 @@ impl Viewpoint {
     }
 }
 
-/// From the raw parameters of a table, and those that all its Gaussians share, to activated Gaussians.
+/// Map from the raw parameters of a table, and from parameters shared by all its Gaussians, to activated
+/// Gaussians.
 pub trait Parameterization: fmt::Debug + Send {
-    /// Name in messages and checkpoints.
+    /// Returns the name in messages and checkpoints.
     fn id(&self) -> &'static str;
 
-    /// Activates a table into the entries of `out` that begin with number `first`; `out` has room for
-    /// them, and its feature channels are `features`.
+    /// Activates a table into the entries of `out` from `first` on, for which `out` has room; `features` are
+    /// its feature channels.
     fn activate(
         &mut self,
         table: &ParameterTable,
@@ -85,9 +85,9 @@ pub trait Parameterization: fmt::Debug + Send {
         out: &mut ActivatedGaussians,
     );
 
-    /// VJP of [`Parameterization::activate`], which was called last with the same arguments: overwrites
-    /// the gradients of the table and of the shared parameters. The entries of `activated` and
-    /// `gradient` are used up.
+    /// Computes the VJP of [`Parameterization::activate`], whose last call had the same arguments: overwrites
+    /// the gradients of the table and of the shared parameters. The entries of `activated` and `gradient` are
+    /// consumed.
     fn activate_backward(
         &mut self,
         table: &mut ParameterTable,
@@ -98,58 +98,57 @@ pub trait Parameterization: fmt::Debug + Send {
         gradient: &mut ActivatedGaussians,
     );
 
-    /// Puts values that a step moved out of their bounds back onto them.
+    /// Clamps values that a step moved out of their bounds.
     fn keep_within_bounds(&mut self, _table: &mut ParameterTable) {}
 
-    /// Parameters that all Gaussians of a table share: the weights of a network.
+    /// Returns parameters shared by all Gaussians of a table, such as the weights of a network.
     fn shared(&self) -> Option<&SharedParameters> {
         None
     }
 
-    /// The same, to be read from a file.
+    /// Returns the shared parameters for reading them from a file.
     fn shared_mut(&mut self) -> Option<&mut SharedParameters> {
         None
     }
 
-    /// The same, where the last step gave them gradients.
+    /// Returns the shared parameters if the last step gave them gradients.
     fn stepped_shared(&mut self) -> Option<&mut SharedParameters> {
         None
     }
 
-    /// What is known of time, where Gaussians have times of their own: density control in time, the
-    /// losses on velocities and lifespans and the layers static and dynamic ask for it.
+    /// Returns the temporal model of Gaussians with their own times, for density control in time, the losses
+    /// on velocities and lifespans, and the static and dynamic layers.
     fn temporal(&self) -> Option<&TemporalGaussians> {
         None
     }
 
-    /// The time in which its Gaussians change; `None` where they do not depend on it.
+    /// Returns the time in which its Gaussians change; `None` if they do not depend on it.
     fn time_span(&self) -> Option<TimeSpan> {
         None
     }
 
-    /// Whether each Gaussian by itself is static or dynamic: a network that moves all says nothing
-    /// about one.
+    /// Returns true if each Gaussian is either static or dynamic; false for a network that moves all of them.
     fn tells_static_from_dynamic(&self) -> bool {
         true
     }
 
-    /// What the sizes of its Gaussians are relative to in density control, in units of its table, where
-    /// those are not the scene's.
+    /// Returns the unit of its Gaussians' sizes in density control, in units of its table; `None` for the
+    /// scene's.
     fn unit_length(&self) -> Option<f32> {
         None
     }
 
-    /// The objects that its Gaussians are of, where they are of any that move as one.
+    /// Returns the rigid objects to which its Gaussians belong, if any.
     fn tracked(&self) -> Option<&TrackedGaussians> {
         None
     }
 
-    /// Its kernels on a GPU; `None` where it has none.
+    /// Returns its kernels on a GPU; `None` without GPU support.
     fn device_twin(&self) -> Option<DeviceTwin<'_>> {
         None
     }
 
-    /// A copy.
+    /// Returns a copy.
     fn boxed(&self) -> Box<dyn Parameterization>;
 }
 
@@ -159,11 +158,11 @@ impl Clone for Box<dyn Parameterization> {
     }
 }
 
-/// What a parameterization is on a GPU. Only those of this crate are anything there.
+/// GPU twin of a parameterization; only this crate can define one.
 #[derive(Debug, Clone, Copy)]
 pub struct DeviceTwin<'a>(pub(crate) DeviceKind<'a>);
 
-/// The kernels that there are.
+/// Existing kernels.
 #[derive(Debug, Clone, Copy)]
 pub(crate) enum DeviceKind<'a> {
     Static,
@@ -171,18 +170,19 @@ pub(crate) enum DeviceKind<'a> {
     Deformable(&'a Deformable),
 }
 
-/// Which of all activated Gaussians are those of a table.
+/// Range of a table's Gaussians within all activated ones.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) struct DeviceEntries {
-    /// The first one's number.
+    /// Index of the first.
     pub(crate) first: usize,
-    /// How many.
+    /// Number of Gaussians.
     pub(crate) len: usize,
 }
 
-/// A parameterization on a GPU. One implementation each, in its folder beside the WGSL.
+/// Parameterization on a GPU. Each has one implementation, in its folder beside the WGSL.
 pub(crate) trait DeviceParameterization: fmt::Debug {
-    /// Fills the rows' entries of `buffers.gaussians`, `buffers.harmonics` and `buffers.features`.
+    /// Records the activation into the rows' entries of `buffers.gaussians`, `buffers.harmonics` and
+    /// `buffers.features`.
     fn activate(
         &self,
         gpu: &Gpu,
@@ -191,7 +191,7 @@ pub(crate) trait DeviceParameterization: fmt::Debug {
         buffers: &ActivatedBuffers,
     ) -> Result<(), GpuError>;
 
-    /// Fills `table.gradients`.
+    /// Records the VJP into `table.gradients`.
     fn activate_vjp(
         &self,
         gpu: &Gpu,

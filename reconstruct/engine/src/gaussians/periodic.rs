@@ -1,38 +1,38 @@
 //! The motion of PVG: a Gaussian that appears around its peak time and vibrates about its centre.
 //!
 //! Source: Chen et al., "Periodic Vibration Gaussian", 2023, and its repository (fudan-zvg/PVG,
-//! `scene/gaussian_model.py`); Omni4DGS Eqs. 1 and 2 are the same. With the time `t`, the peak time
-//! `tau`, the lifespan `beta`, the velocity `v` and the cycle `l`, all times in frames:
+//! `scene/gaussian_model.py`); Omni4DGS Eqs. 1 and 2 are the same. With the time `t`, the peak time `tau`,
+//! the lifespan `beta`, the velocity `v` and the cycle `l`, all times in frames:
 //!
 //! ```text
 //! d = t - tau                              alpha(d) = l/(2 pi) sin(2 pi d / l)
 //! mu(t) = mu + alpha(d) v                  (1)
 //! o(t)  = o m(d),   m = exp(-(d/beta)^2/2) (2)
-//! rho   = beta / l                         staticness: small for what appears shortly
+//! rho   = beta / l                         staticness: small for short-lived ones
 //! vbar  = v exp(-rho/2)                    mean velocity
 //! ```
 //!
-//! PVG's temporal smoothing draws the state of the time `t - s`, moved on by `s vbar`, against the
-//! image of `t`: [`FrameTime::shift`] is `s`.
+//! PVG's temporal smoothing renders the state at the time `t - s`, moved on by `s vbar`, and compares it with
+//! the image at `t`: [`FrameTime::shift`] is `s`.
 //!
-//! A Gaussian whose opacity does not depend on time has an infinite lifespan: `m = 1`, `rho` is
-//! infinite, `vbar = 0`.
+//! A Gaussian whose opacity does not depend on time has an infinite lifespan: `m = 1`, `rho` is infinite,
+//! `vbar = 0`.
 
 use std::f32::consts::TAU;
 
 use glam::Vec3;
 
-/// When Gaussians are looked at.
+/// Time of an image, and shift of the state drawn in it.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct FrameTime {
     /// The image's time, frames.
     pub frame: f64,
-    /// How much earlier the drawn state is, frames; 0 outside temporal smoothing.
+    /// Shift of the drawn state into the past, frames; 0 without temporal smoothing.
     pub shift: f32,
 }
 
 impl FrameTime {
-    /// The state at a time itself.
+    /// Returns a time without shift.
     pub fn at(frame: f64) -> Self {
         Self { frame, shift: 0.0 }
     }
@@ -49,12 +49,12 @@ pub struct TemporalParameters {
     pub velocity: Vec3,
 }
 
-/// What a [`TemporalParameters`] is at one moment.
+/// State of a Gaussian with [`TemporalParameters`] at one moment.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct TemporalState {
-    /// Added to the centre.
+    /// Offset of the centre.
     pub displacement: Vec3,
-    /// Multiplied with the opacity.
+    /// Factor of the opacity, `m` in [0, 1].
     pub marginal: f32,
     /// `vbar`, units per frame.
     pub mean_velocity: Vec3,
@@ -63,16 +63,16 @@ pub struct TemporalState {
 /// Gradients by the parameters of a [`TemporalParameters`].
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct TemporalGradient {
-    /// By the peak time.
+    /// Gradient by the peak time.
     pub peak: f32,
-    /// By the logarithm of the lifespan.
+    /// Gradient by the logarithm of the lifespan.
     pub log_lifespan: f32,
-    /// By the velocity.
+    /// Gradient by the velocity.
     pub velocity: Vec3,
 }
 
-/// `l/(2 pi) sin(2 pi d / l)` and its derivative. Whole cycles are taken off in f64: with thousands of
-/// them between peak and moment, nothing would be left of the angle in f32.
+/// Returns `l/(2 pi) sin(2 pi d / l)` and its derivative. Whole cycles are removed in f64: after thousands of
+/// them between peak and moment, f32 would have no precision left for the angle.
 fn vibration(distance: f64, cycle: f32) -> (f32, f32) {
     let cycles = distance / f64::from(cycle);
     let angle = TAU * (cycles - cycles.round()) as f32;
@@ -80,28 +80,28 @@ fn vibration(distance: f64, cycle: f32) -> (f32, f32) {
 }
 
 impl TemporalParameters {
-    /// `rho`, the staticness.
+    /// Returns `rho`, the staticness.
     pub fn staticness(&self, cycle: f32) -> f32 {
         self.lifespan / cycle
     }
 
-    /// `d`, frames from the peak to what is drawn.
+    /// Returns `d`, frames from the peak to the drawn state.
     fn distance(&self, frame_time: FrameTime) -> f64 {
         frame_time.frame - f64::from(frame_time.shift) - f64::from(self.peak)
     }
 
-    /// `m` after `distance` frames from the peak.
+    /// Returns `m` after `distance` frames from the peak.
     pub fn marginal(&self, distance: f32) -> f32 {
         let ratio = distance / self.lifespan;
         (-0.5 * ratio * ratio).exp()
     }
 
-    /// `exp(-rho/2)`: what is left of the velocity on average.
+    /// Returns `exp(-rho/2)`, the ratio of mean velocity to velocity.
     pub fn steadiness(&self, cycle: f32) -> f32 {
         (-0.5 * self.staticness(cycle)).exp()
     }
 
-    /// The state at a moment; `cycle` is `l` in frames.
+    /// Returns the state at a moment; `cycle` is `l` in frames.
     pub fn at(&self, frame_time: FrameTime, cycle: f32) -> TemporalState {
         let distance = self.distance(frame_time);
         let mean_velocity = self.velocity * self.steadiness(cycle);
@@ -113,7 +113,7 @@ impl TemporalParameters {
         }
     }
 
-    /// VJP of [`TemporalParameters::at`] from the gradient by the state.
+    /// Computes the VJP of [`TemporalParameters::at`] from the gradient by the state.
     pub fn at_vjp(
         &self,
         frame_time: FrameTime,
@@ -133,7 +133,7 @@ impl TemporalParameters {
         } else {
             0.0
         };
-        // Where the exponential is 0 so are its derivatives, whatever the ratio has grown to.
+        // If the exponential underflows to 0, so do its derivatives, even if the ratio is infinite.
         let (by_distance, by_log_ratio) = if marginal > 0.0 {
             (
                 upstream.marginal * marginal * ratio / self.lifespan,
@@ -156,7 +156,7 @@ mod tests {
 
     use super::*;
 
-    /// The definition in f64: displacement, marginal, mean velocity.
+    /// Returns displacement, marginal and mean velocity by the definition in f64.
     fn reference(
         [peak, log_lifespan]: [f64; 2],
         v: [f64; 3],
@@ -281,8 +281,8 @@ mod tests {
         }
     }
 
-    /// In f32 a peak a million frames away leaves the angle three hundredths of a frame's worth of
-    /// error, and a cycle of a thousandth of a frame a ten-thousandth of a turn.
+    /// With a peak a million frames away, f32 would have an error of three hundredths of a frame. With a
+    /// cycle of a thousandth of a frame, it would have one of a ten-thousandth of a turn.
     #[test]
     fn many_cycles_between_peak_and_moment_leave_the_angle_exact() {
         for (peak, cycle, frame) in [

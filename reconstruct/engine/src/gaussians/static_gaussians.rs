@@ -1,7 +1,6 @@
-//! The static parameterization of 3DGS: nothing depends on time.
+//! The static parameterization of 3DGS, independent of time.
 //!
-//! `scale = exp(raw)`, `opacity = sigmoid(raw)`, `rotation = raw / |raw|`
-//! (3DGS `scene/gaussian_model.py`).
+//! `scale = exp(raw)`, `opacity = sigmoid(raw)`, `rotation = raw / |raw|` (3DGS `scene/gaussian_model.py`).
 
 pub(crate) mod gpu;
 
@@ -18,18 +17,18 @@ use crate::{
     parameters::{ArrayShape, ParameterArray, ParameterTable},
 };
 
-/// Position of `positions` (3 values) in the table.
+/// Index of the array `positions` (3 values).
 pub const POSITIONS: usize = 0;
-/// Position of `log_scales` (3 values) in the table.
+/// Index of the array `log_scales` (3 values).
 pub const LOG_SCALES: usize = 1;
-/// Position of `quaternions` (4 values, not normalized) in the table.
+/// Index of the array `quaternions` (4 values, not normalized).
 pub const QUATERNIONS: usize = 2;
-/// Position of `opacity_logits` (1 value) in the table.
+/// Index of the array `opacity_logits` (1 value).
 pub const OPACITY_LOGITS: usize = 3;
-/// Position of `sh_constant` (3 values) in the table.
+/// Index of the array `sh_constant` (3 values).
 pub const SH_CONSTANT: usize = 4;
-/// Position of `sh_rest` in the table of Gaussians of a degree above 0: 3 values for each of the
-/// degree's [`sh_rest_count`] further coefficients.
+/// Index of the array `sh_rest` of Gaussians of a degree above 0: 3 values for each of the degree's
+/// [`sh_rest_count`] further coefficients.
 pub const SH_REST: usize = 5;
 pub(crate) const SH_REST_NAME: &str = "sh_rest";
 /// Name of the array of constant harmonics.
@@ -37,11 +36,11 @@ pub(crate) const SH_CONSTANT_NAME: &str = "sh_constant";
 
 /// Bounds of the raw logarithmic scale: neither `exp` nor its square overflows or vanishes.
 const LOG_SCALE_RANGE: (f32, f32) = (-30.0, 20.0);
-/// Least length that a quaternion is divided by, so that a zero quaternion gives the identity, not
-/// NaN. A short one is not made longer by it: its rotation would not be one.
+/// Least divisor in the normalization of a quaternion, so that a zero quaternion gives the identity, not NaN.
+/// It must not lengthen a short quaternion, which would no longer be a rotation.
 const LEAST_QUATERNION_LENGTH: f32 = 1e-12;
 
-/// The quaternion of the axes of the world.
+/// Quaternion (w, x, y, z) of the identity rotation.
 pub const NO_ROTATION: [f32; 4] = [1.0, 0.0, 0.0, 0.0];
 
 /// Initial values of static Gaussians, one entry per Gaussian in each array.
@@ -60,10 +59,10 @@ pub struct InitialGaussians {
 }
 
 impl InitialGaussians {
-    /// Round Gaussians of these standard deviations.
+    /// Creates isotropic Gaussians of these standard deviations.
     ///
     /// # Panics
-    /// When the lists are not of one length.
+    /// If the lists differ in length.
     pub fn isotropic(
         positions: Vec<[f32; 3]>,
         scales: &[f32],
@@ -81,7 +80,7 @@ impl InitialGaussians {
         }
     }
 
-    /// Adds a round one.
+    /// Adds an isotropic Gaussian.
     pub fn push_isotropic(
         &mut self,
         position: [f32; 3],
@@ -96,7 +95,7 @@ impl InitialGaussians {
         self.opacities.push(opacity);
     }
 
-    /// Adds those of another list.
+    /// Adds the Gaussians of another list.
     pub fn append(&mut self, mut other: Self) {
         self.positions.append(&mut other.positions);
         self.scales.append(&mut other.scales);
@@ -105,7 +104,7 @@ impl InitialGaussians {
         self.opacities.append(&mut other.opacities);
     }
 
-    /// Those with these indices, in their order.
+    /// Returns the Gaussians with these indices, in their order.
     #[must_use]
     pub fn selected(&self, indices: &[usize]) -> Self {
         fn of<T: Copy>(values: &[T], indices: &[usize]) -> Vec<T> {
@@ -120,18 +119,18 @@ impl InitialGaussians {
         }
     }
 
-    /// Number of Gaussians.
+    /// Returns the number of Gaussians.
     pub fn len(&self) -> usize {
         self.positions.len()
     }
 
-    /// Whether there are none.
+    /// Returns true if there are no Gaussians.
     pub fn is_empty(&self) -> bool {
         self.positions.is_empty()
     }
 }
 
-/// The arrays of this parameterization with spherical harmonics up to `sh_degree`, in their order.
+/// Returns the arrays of this parameterization with spherical harmonics up to `sh_degree`, in their order.
 pub fn shapes(sh_degree: usize) -> Vec<ArrayShape> {
     let shape = |name, width| ArrayShape { name, width };
     let mut shapes = vec![
@@ -147,14 +146,14 @@ pub fn shapes(sh_degree: usize) -> Vec<ArrayShape> {
     shapes
 }
 
-/// The array of the coefficients beside the constant ones, where the table stores any: tables of
-/// other parameterizations have their own arrays after those of this one.
+/// Returns the array of the non-constant coefficients, if the table stores any. Tables of other
+/// parameterizations have further arrays after those of this one.
 fn sh_rest(table: &ParameterTable) -> Option<&ParameterArray> {
     let array = table.arrays.get(SH_REST)?;
     (array.name == SH_REST_NAME).then_some(array)
 }
 
-/// Degree of the spherical harmonics that a table with this parameterization's arrays stores.
+/// Returns the degree of the spherical harmonics stored in a table with this parameterization's arrays.
 pub fn sh_degree(table: &ParameterTable) -> usize {
     let width = sh_rest(table).map_or(0, |array| array.width);
     (0..MAX_SH_DEGREE)
@@ -162,8 +161,8 @@ pub fn sh_degree(table: &ParameterTable) -> usize {
         .unwrap_or(MAX_SH_DEGREE)
 }
 
-/// A table with this parameterization's arrays; the colour of a Gaussian does not depend on the
-/// direction at first. Learning rates are zero until a schedule sets them.
+/// Creates a table with this parameterization's arrays; the initial colour of a Gaussian does not depend on
+/// the direction. Learning rates are zero until a schedule sets them.
 pub fn table(initial: &InitialGaussians, sh_degree: usize) -> ParameterTable {
     let len = initial.len();
     let columns = [
@@ -191,7 +190,7 @@ pub fn table(initial: &InitialGaussians, sh_degree: usize) -> ParameterTable {
     table
 }
 
-/// Gaussians of which nothing depends on time.
+/// Parameterization of Gaussians that do not depend on time.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct StaticGaussians;
 
@@ -233,7 +232,7 @@ impl Parameterization for StaticGaussians {
     }
 }
 
-/// The feature channels of `len` Gaussians from number `first` on that rest and last for ever.
+/// Writes the feature channels of `len` Gaussians from `first` on: zero velocity and infinite lifespan.
 pub(super) fn write_static_features(
     features: &TemporalFeatures,
     first: usize,
@@ -248,13 +247,13 @@ pub(super) fn write_static_features(
     }
 }
 
-/// Inverse of the sigmoid; the opacity is clamped to [1e-6, 1 - 1e-6] first.
+/// Returns the inverse of the sigmoid; the opacity is clamped to [1e-6, 1 - 1e-6] first.
 pub fn logit(opacity: f32) -> f32 {
     let opacity = opacity.clamp(1e-6, 1.0 - 1e-6);
     (opacity / (1.0 - opacity)).ln()
 }
 
-/// The logistic function, without overflow.
+/// Returns the logistic function, without overflow.
 pub fn sigmoid(raw: f32) -> f32 {
     1.0 / (1.0 + (-raw).exp())
 }
@@ -265,8 +264,8 @@ pub fn activate(table: &ParameterTable, out: &mut ActivatedGaussians) {
     activate_from(table, 0, out);
 }
 
-/// Activates the table's parameters into the entries of `out` that begin with number `first`; `out`
-/// has room for them and harmonics of the table's degree.
+/// Activates the table's parameters into the entries of `out` from `first` on, for which `out` has room and
+/// harmonics of the table's degree.
 pub fn activate_from(table: &ParameterTable, first: usize, out: &mut ActivatedGaussians) {
     let arrays = &table.arrays;
     let entries = first..first + table.len();
@@ -307,8 +306,8 @@ fn quaternion_length(raw: &[f32; 4]) -> f32 {
     length.max(LEAST_QUATERNION_LENGTH)
 }
 
-/// VJP of [`activate`]: overwrites the table's gradients from gradients by the activated
-/// Gaussians. `instant` is what [`activate`] gave.
+/// Computes the VJP of [`activate`]: overwrites the table's gradients from gradients by the activated
+/// Gaussians. `instant` is the output of [`activate`].
 pub fn activate_vjp(
     table: &mut ParameterTable,
     instant: &ActivatedGaussians,
@@ -317,14 +316,14 @@ pub fn activate_vjp(
     activate_from_vjp(table, 0, instant, gradient);
 }
 
-/// A gradient that needs no rule, into an array that takes one.
+/// Copies a gradient to an array, unless the array is frozen.
 fn copy_unless_frozen(array: &mut ParameterArray, gradient: &[[f32; 3]]) {
     if !array.is_frozen() {
         array.gradients.copy_from_slice(gradient.as_flattened());
     }
 }
 
-/// [`activate_from_vjp`] of the sizes, rotations and opacities of a table that keeps some of them.
+/// Computes [`activate_from_vjp`] of the sizes, rotations and opacities of a table with frozen arrays.
 fn activate_partly_from_vjp(
     table: &mut ParameterTable,
     first: usize,
@@ -362,14 +361,14 @@ fn activate_partly_from_vjp(
     }
 }
 
-/// `d(q/|q|)`: removes the part along q, divides by the length.
+/// Returns the VJP of `q/|q|`: removes the part along q and divides by the length.
 fn quaternion_vjp(raw: &[f32; 4], unit: &[f32; 4], by: &[f32; 4]) -> [f32; 4] {
     let along: f32 = unit.iter().zip(by).map(|(u, g)| u * g).sum();
     let length = quaternion_length(raw);
     [0, 1, 2, 3].map(|axis| (by[axis] - unit[axis] * along) / length)
 }
 
-/// VJP of [`activate_from`].
+/// Computes the VJP of [`activate_from`].
 pub fn activate_from_vjp(
     table: &mut ParameterTable,
     first: usize,

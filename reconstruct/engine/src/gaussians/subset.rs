@@ -1,8 +1,8 @@
-//! Some of the Gaussians of a moment, to be rendered alone.
+//! Selection of a moment's Gaussians, for rendering them alone.
 
 use crate::gaussians::{ActivatedGaussians, sh_rest_count};
 
-/// Copies the entries of `all` into `out`, each with the one feature 1: it renders the opacity map.
+/// Copies the entries of `all` into `out`, each with a single feature of 1, which renders the opacity map.
 pub fn gather(all: &ActivatedGaussians, entries: &[usize], out: &mut ActivatedGaussians) {
     let rest = sh_rest_count(all.sh_degree);
     out.reshape(entries.len(), all.sh_degree, 1);
@@ -18,8 +18,8 @@ pub fn gather(all: &ActivatedGaussians, entries: &[usize], out: &mut ActivatedGa
     }
 }
 
-/// VJP of [`gather`]: adds the gradient by the copies to that by their originals. The feature is a
-/// constant.
+/// Computes the VJP of [`gather`]: adds the gradient by the copies to that by their originals. The feature is
+/// a constant.
 pub fn gather_vjp(part: &ActivatedGaussians, entries: &[usize], out: &mut ActivatedGaussians) {
     fn add<const N: usize>(sum: &mut [f32; N], values: &[f32; N]) {
         for (sum, value) in sum.iter_mut().zip(values) {
@@ -46,7 +46,7 @@ pub fn gather_vjp(part: &ActivatedGaussians, entries: &[usize], out: &mut Activa
 mod tests {
     use super::*;
 
-    /// Gaussians whose every value is another one.
+    /// Gaussians whose values all differ.
     fn numbered(len: usize, from: f32) -> ActivatedGaussians {
         let mut gaussians = ActivatedGaussians::default();
         gaussians.reshape(len, 1, 0);

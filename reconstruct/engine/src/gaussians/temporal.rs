@@ -1,9 +1,9 @@
 //! Gaussians that depend on time: the arrays of [`static_gaussians`] and those of a motion.
 //!
-//! The motion is that of [`periodic`](super::periodic), its velocity free (PVG) or composed as in
-//! [`omni4dgs`](super::omni4dgs). What a model leaves out has no array: without temporal opacity there
-//! are no lifespans, without motion no velocities, without both no peak times, and the table is that
-//! of static Gaussians.
+//! The motion is that of [`periodic`](super::periodic); its velocity is free (PVG) or composed as in
+//! [`omni4dgs`](super::omni4dgs). A component that a model lacks has no array: no lifespans without temporal
+//! opacity, no velocities without motion. A model without both has no peak times either: the table is that of
+//! static Gaussians.
 
 mod columns;
 pub(crate) mod gpu;
@@ -35,24 +35,24 @@ pub const RADIAL_VELOCITIES: &str = "radial_velocities";
 /// Name of the array of tangential velocities, units per frame (3 values).
 pub const TANGENTIAL_VELOCITIES: &str = "tangential_velocities";
 
-/// How Gaussians depend on time.
+/// Dependence of Gaussians on time.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct TimeModel {
     /// Cycle length `l`, frames.
     pub cycle_frames: f32,
-    /// Bounds of the lifespans; opacities do not depend on time where there are none.
+    /// Bounds of the lifespans; `None` for opacities that do not depend on time.
     pub lifespans: Option<LifespanRange>,
-    /// Where velocities come from.
+    /// Model of velocities.
     pub velocity: VelocityModel,
-    /// A Gaussian is not drawn where its opacity has fallen to this share of its peak's or less.
+    /// Share of its peak opacity at or below which a Gaussian is not drawn.
     pub least_marginal: f32,
 }
 
 impl TimeModel {
-    /// Refuses numbers that no model has: they may come from a file.
+    /// Validates numbers that may come from a file.
     ///
     /// # Errors
-    /// Which one, and what it is, in one line.
+    /// Returns a line with the invalid number and its value.
     pub fn check(&self) -> Result<(), String> {
         if !(self.cycle_frames.is_finite() && self.cycle_frames > 0.0) {
             return Err(format!("cycle_frames is {}", self.cycle_frames));
@@ -82,31 +82,31 @@ pub struct LifespanRange {
     pub largest_frames: f32,
 }
 
-/// Where velocities come from.
+/// Model of velocities.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum VelocityModel {
-    /// Nothing moves.
+    /// No motion.
     None,
     /// One free vector (PVG).
     Free,
-    /// A radial and a tangential one (Omni4DGS).
+    /// A radial and a tangential vector (Omni4DGS).
     Decomposed(Decomposition),
 }
 
-/// When Gaussians are looked at, and by whom.
+/// Time and observer of a view.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ViewContext {
-    /// When.
+    /// Time in frames.
     pub frame_time: FrameTime,
-    /// Who; matters where velocities are decomposed.
+    /// Observer; used if velocities are decomposed.
     pub observer: Observer,
 }
 
-/// Feature channels that temporal parameters are rendered into, in this order.
+/// Feature channels into which temporal parameters are rendered, in this order.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 pub struct TemporalFeatures {
-    /// Three channels: the mean velocity over this, units per frame.
+    /// Three channels: the mean velocity divided by this unit, units per frame.
     pub velocity_unit: Option<f32>,
     /// One channel: the lifespan.
     pub lifespan: Option<LifespanFeature>,
@@ -115,26 +115,26 @@ pub struct TemporalFeatures {
 /// A lifespan as a feature: `min(beta, largest) / unit`.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct LifespanFeature {
-    /// Frames that give 1.
+    /// Lifespan that gives 1, frames.
     pub unit_frames: f32,
-    /// Longer ones count as this, frames.
+    /// Upper bound of the lifespan, frames.
     pub largest_frames: f32,
 }
 
 impl LifespanFeature {
-    /// The channel's value.
+    /// Returns the channel's value.
     pub fn value(&self, lifespan: f32) -> f32 {
         lifespan.min(self.largest_frames) / self.unit_frames
     }
 }
 
 impl TemporalFeatures {
-    /// Number of channels.
+    /// Returns the number of channels.
     pub fn count(&self) -> usize {
         3 * usize::from(self.velocity_unit.is_some()) + usize::from(self.lifespan.is_some())
     }
 
-    /// Writes the channels of a Gaussian.
+    /// Writes the channels of a Gaussian into `out`, [`Self::count`] values.
     pub fn write(&self, mean_velocity: Vec3, lifespan: f32, out: &mut [f32]) {
         let mut at = 0;
         if let Some(unit) = self.velocity_unit {
@@ -146,7 +146,8 @@ impl TemporalFeatures {
         }
     }
 
-    /// Gradients by the mean velocity and by the logarithm of the lifespan from those by the channels.
+    /// Returns gradients by the mean velocity and by the logarithm of the lifespan from those by the
+    /// channels.
     fn vjp(&self, lifespan: f32, gradient: &[f32]) -> (Vec3, f32) {
         let (mut by_velocity, mut by_log_lifespan, mut at) = (Vec3::ZERO, 0.0, 0);
         if let Some(unit) = self.velocity_unit {
@@ -162,7 +163,7 @@ impl TemporalFeatures {
     }
 }
 
-/// First temporal parameters, one entry per Gaussian in each array.
+/// Initial temporal parameters, one entry per Gaussian in each array.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct InitialTimes {
     /// Peak times, frames.
@@ -174,7 +175,7 @@ pub struct InitialTimes {
 }
 
 impl InitialTimes {
-    /// The same for `len` Gaussians that do not move.
+    /// Returns the same parameters for `len` Gaussians that do not move.
     pub fn constant(len: usize, peak: f32, lifespan: f32) -> Self {
         Self {
             peaks: vec![peak; len],
@@ -183,7 +184,7 @@ impl InitialTimes {
         }
     }
 
-    /// Adds others.
+    /// Appends other parameters.
     pub fn extend(&mut self, others: Self) {
         self.peaks.extend(others.peaks);
         self.lifespans.extend(others.lifespans);
@@ -192,7 +193,7 @@ impl InitialTimes {
 }
 
 impl TimeModel {
-    /// The arrays beside those of static Gaussians, in their order.
+    /// Returns the arrays in addition to those of static Gaussians, in their order.
     pub fn shapes(&self) -> Vec<ArrayShape> {
         let mut shapes = Vec::new();
         let mut add = |name, width| shapes.push(ArrayShape { name, width });
@@ -213,7 +214,7 @@ impl TimeModel {
         shapes
     }
 
-    /// A table with all arrays; what the model leaves out of `times` is passed over.
+    /// Creates a table with all arrays; parameters in `times` that the model lacks are ignored.
     pub fn table(
         &self,
         initial: &InitialGaussians,
@@ -234,7 +235,7 @@ impl TimeModel {
         table
     }
 
-    /// Puts lifespans that left their bounds back onto them.
+    /// Clamps lifespans to their bounds.
     pub fn keep_within_bounds(&self, table: &mut ParameterTable) {
         if let Some(range) = self.lifespans
             && let Some(array) = table.position(LOG_LIFESPANS)
@@ -260,7 +261,7 @@ impl TimeModel {
         }
     }
 
-    /// Activates a table at a moment into the entries of `out` that begin with number `first`.
+    /// Activates a table at a moment into the entries of `out` from `first` on.
     pub fn activate_from(
         &self,
         table: &ParameterTable,
@@ -293,7 +294,7 @@ impl TimeModel {
         }
     }
 
-    /// VJP of [`TimeModel::activate_from`]: overwrites the table's gradients.
+    /// Computes the VJP of [`TimeModel::activate_from`]: overwrites the table's gradients.
     pub fn activate_from_vjp(
         &self,
         table: &mut ParameterTable,
@@ -365,7 +366,7 @@ impl LifespanRange {
     }
 }
 
-/// The temporal parameters of a table, as an observer has them.
+/// Temporal parameters of a table, seen by an observer.
 #[derive(Debug, Clone, Copy)]
 pub struct TemporalTable<'a> {
     model: &'a TimeModel,
@@ -375,7 +376,7 @@ pub struct TemporalTable<'a> {
 }
 
 impl TemporalTable<'_> {
-    /// Those of one Gaussian.
+    /// Returns the parameters of one Gaussian.
     pub fn temporal_parameters(&self, index: usize) -> TemporalParameters {
         let scalar = |array: usize| self.table.arrays[array].values[index];
         let vector = |array: usize| Vec3::from_slice(self.table.row(array, index));
@@ -399,23 +400,23 @@ impl TemporalTable<'_> {
         }
     }
 
-    /// Who looks.
+    /// Returns the observer.
     pub fn observer(&self) -> &Observer {
         &self.observer
     }
 
-    /// The centre at the peak time.
+    /// Returns the centre at the peak time.
     pub fn centre(&self, index: usize) -> Vec3 {
         Vec3::from_slice(self.table.row(POSITIONS, index))
     }
 
-    /// `rho` of one Gaussian.
+    /// Returns `rho` of one Gaussian.
     pub fn staticness(&self, index: usize) -> f32 {
         self.temporal_parameters(index)
             .staticness(self.model.cycle_frames)
     }
 
-    /// Gradients by raw parameters from those by [`TemporalTable::temporal_parameters`].
+    /// Returns gradients by raw parameters from those by [`TemporalTable::temporal_parameters`].
     pub fn raw_vjp(&self, index: usize, gradient: &TemporalGradient) -> RawGradient {
         let is_within = match (self.model.lifespans, self.columns.log_lifespans) {
             (Some(range), Some(array)) => {

@@ -1,4 +1,4 @@
-//! The parameterization of Gaussians with times of their own (PVG, Omni4DGS).
+//! The parameterization of Gaussians with their own times (PVG, Omni4DGS).
 
 use glam::Vec3;
 
@@ -14,12 +14,12 @@ use crate::{
     parameters::ParameterTable,
 };
 
-/// A table of [`super::temporal`] in a clip.
+/// Parameterization of a table of [`super::temporal`] in a clip.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct TemporalGaussians {
-    /// From seconds to frames.
+    /// Conversion from seconds to frames.
     pub clock: Clock,
-    /// How Gaussians depend on time.
+    /// Dependence of Gaussians on time.
     pub time: TimeModel,
     /// The mean vertical of the input cameras, from zenith to nadir.
     pub down: [f32; 3],
@@ -28,7 +28,7 @@ pub struct TemporalGaussians {
 }
 
 impl TemporalGaussians {
-    /// When a viewpoint looks, and who is taken for the observer of decomposed velocities.
+    /// Returns the time of a viewpoint in frames, and the observer of decomposed velocities.
     pub fn look(&self, at: &Viewpoint) -> ViewContext {
         let origin = match self.time.velocity {
             VelocityModel::Decomposed(decomposition) => decomposition.origin,
@@ -49,7 +49,7 @@ impl TemporalGaussians {
         }
     }
 
-    /// Who looks from the middle of the world.
+    /// Returns the observer at the origin of the world.
     pub fn world_observer(&self) -> Observer {
         Observer {
             centre: Vec3::ZERO,
@@ -57,7 +57,8 @@ impl TemporalGaussians {
         }
     }
 
-    /// Numbers of the Gaussians of a table whose staticness is below the threshold, or not below it.
+    /// Returns the indices of the Gaussians of a table whose staticness is below the threshold (`dynamic`),
+    /// or those of the others.
     pub fn members(&self, table: &ParameterTable, look: &ViewContext, dynamic: bool) -> Vec<usize> {
         let temporal_table = self.time.temporal_table(table, look.observer);
         (0..table.len())

@@ -2,22 +2,22 @@
 //! Gaussians rest.
 //!
 //! Source: Fischer et al., "Dynamic 3D Gaussian Fields for Urban Areas", 2024, and its repository (4DGF,
-//! `model/gauss_splat.py`, `get_object_geometry`). For a Gaussian `(x, s, q)` of an object whose box has
-//! the largest side `m`, at the pose `(R, X)` of its path ([`crate::trajectories::rigid_path`]):
+//! `model/gauss_splat.py`, `get_object_geometry`). For a Gaussian `(x, s, q)` of an object whose box has the
+//! largest side `m`, at the pose `(R, X)` of its path ([`crate::trajectories::rigid_path`]):
 //!
 //! ```text
 //! mu = m R x + X       scale = m exp(s)       rotation = q_R * q/|q|
 //! ```
 //!
-//! Gradients, with `g` that by `mu` and `G` that by the rotation:
+//! With `g` the gradient by `mu` and `G` that by the rotation:
 //!
 //! ```text
 //! dx = m R^T g     dX = sum g     d(q/|q|) = conj(q_R) * G     ds = scale . d(scale)
 //! dheading = sum g . (up x (mu - X)) + G . ((0, up)/2 * rotation)
 //! ```
 //!
-//! Colours are constant: an object turns, and harmonics would have to turn with it. Before and after
-//! its path an object is not there.
+//! Colours do not depend on direction, because harmonics would have to turn with the object. An object is
+//! invisible before and after its path.
 
 use glam::{Quat, Vec3};
 use rayon::prelude::*;
@@ -37,28 +37,28 @@ use crate::{
 
 /// Name of the corrections of the objects' paths among the arrays of a model.
 pub const OBJECT_POSES: &str = "object_poses";
-/// Name of the centres in the objects' coordinates.
+/// Name of the array of centres in the objects' coordinates.
 pub const OBJECT_POSITIONS: &str = "object_positions";
-/// Name of the array that holds the number of a Gaussian's object; nothing trains it.
+/// Name of the array with the object number of each Gaussian; it is not trained.
 pub const OBJECT_NUMBERS: &str = "object_numbers";
-/// Its position in the table.
+/// Index of [`OBJECT_NUMBERS`] in the table.
 const NUMBERS: usize = 5;
-/// Gaussians may lie outside of their object's box by this share of its sides.
+/// Margin of an object's box in which its Gaussians may lie, as a share of its sides.
 const MARGIN: f32 = 0.1;
 
 /// An object with its box.
 #[derive(Debug, Clone, PartialEq)]
 pub struct TrackedObject {
-    /// Its id in the tracks.
+    /// Id in the tracks.
     pub id: u32,
-    /// Length, width and height of its box, normalized units.
+    /// Length, width and height of the box, normalized units.
     pub dimensions: [f32; 3],
-    /// Where it is.
+    /// Path of the object.
     pub path: RigidPath,
 }
 
 impl TrackedObject {
-    /// Largest side of the box: the unit of its coordinates.
+    /// Returns the largest side of the box, which is the unit of the object's coordinates.
     pub fn unit(&self) -> f32 {
         self.dimensions
             .iter()
@@ -66,7 +66,7 @@ impl TrackedObject {
             .fold(f32::MIN_POSITIVE, f32::max)
     }
 
-    /// Half sides of the box in its coordinates.
+    /// Returns half the sides of the box, in the object's coordinates.
     pub fn half_box(&self) -> [f32; 3] {
         self.dimensions.map(|side| 0.5 * side / self.unit())
     }
@@ -77,15 +77,16 @@ impl TrackedObject {
 pub struct TrackedGaussians {
     /// The objects.
     pub objects: Vec<TrackedObject>,
-    /// Corrections of their paths, one object's after the other's.
+    /// Corrections of their paths, object after object.
     pub corrections: SharedParameters,
-    /// Whether corrections are learnt.
+    /// True if corrections are trained.
     pub refines_poses: bool,
-    /// Whether the last step was one of them.
+    /// True if the last step gave gradients to corrections.
     has_gradients: bool,
 }
 
-/// A table of Gaussians of objects: those of each in its own coordinates, with its number.
+/// Creates a table of Gaussians of objects, each in the coordinates of its object, whose number is in
+/// `numbers`.
 pub fn table(initial: &InitialGaussians, numbers: &[usize]) -> ParameterTable {
     let mut table = static_gaussians::table(initial, 0);
     table.arrays[POSITIONS].name = OBJECT_POSITIONS;
@@ -96,7 +97,7 @@ pub fn table(initial: &InitialGaussians, numbers: &[usize]) -> ParameterTable {
 }
 
 impl TrackedGaussians {
-    /// Objects on the paths that were given.
+    /// Creates objects on uncorrected paths.
     pub fn new(objects: Vec<TrackedObject>, refines_poses: bool) -> Self {
         let values = objects
             .iter()
@@ -110,7 +111,7 @@ impl TrackedGaussians {
         }
     }
 
-    /// Where every object's corrections are among all.
+    /// Returns the range of every object's corrections among all.
     fn correction_ranges(&self) -> Vec<std::ops::Range<usize>> {
         let mut begin = 0;
         let range = |object: &TrackedObject| {
@@ -121,7 +122,7 @@ impl TrackedGaussians {
         self.objects.iter().map(range).collect()
     }
 
-    /// Where the objects are at a time.
+    /// Returns the poses of the objects at a time; `None` for an object that is not on its path then.
     pub fn poses(&self, seconds: f64) -> Vec<Option<RigidPose>> {
         let values = &self.corrections.array.values;
         self.objects
@@ -131,14 +132,14 @@ impl TrackedGaussians {
             .collect()
     }
 
-    /// The ids of the objects of a table's Gaussians.
+    /// Returns the object ids of a table's Gaussians.
     pub fn ids(&self, table: &ParameterTable) -> Vec<u32> {
         self.numbers(table)
             .map(|number| self.objects[number].id)
             .collect()
     }
 
-    /// The numbers of the objects of a table's Gaussians.
+    /// Returns the object numbers of a table's Gaussians.
     pub fn numbers<'t>(&self, table: &'t ParameterTable) -> impl Iterator<Item = usize> + 't {
         let last = self.objects.len().saturating_sub(1);
         let numbers = table.arrays[NUMBERS].values.iter();
@@ -200,7 +201,7 @@ impl Parameterization for TrackedGaussians {
     ) {
         let poses = self.poses(at.seconds);
         let mut by_pose = vec![(Vec3::ZERO, 0.0_f32); self.objects.len()];
-        // One after another: the sums are the same on any number of threads.
+        // In order, so that the sums do not depend on the number of threads.
         for (entry, number) in (first..).zip(self.numbers(table)) {
             let object = &self.objects[number];
             let Some(pose) = &poses[number] else {

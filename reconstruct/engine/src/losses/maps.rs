@@ -1,19 +1,19 @@
-//! Losses of dynamic scenes beside the photometric one of [`crate::losses::photometric`]; each adds its
-//! gradient, times its weight, to what it is given and returns its unweighted value.
+//! Losses of dynamic scenes on rendered maps, in addition to [`crate::losses::photometric`]. Each adds its
+//! weighted gradient to the one passed in and returns its unweighted value.
 //!
-//! Means are over the pixels that count ([`Counted`]). Feature maps `F` are composited over 0; where PVG
-//! divides them by the accumulated opacity `A = 1 - T` (eps 1e-5), `A` counts as a constant: a gradient
-//! through it would pay for more opacity, not for less velocity.
+//! Means are over the pixels that are not ignored ([`Counted`]). Feature maps `F` are composited over 0. PVG
+//! divides some by the accumulated opacity `A = 1 - T` (eps 1e-5); there `A` counts as a constant, because a
+//! gradient through it would reward more opacity, not less velocity.
 
 pub(crate) mod gpu;
 
 /// Added to the accumulated opacity before maps are divided by it (PVG).
 const OPACITY_EPSILON: f32 = 1e-5;
 
-/// Which pixels of a view count: those that `ignored` does not mark (not zero).
+/// Pixels of a view that count: those not marked (non-zero) in `ignored`.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Counted<'a> {
-    /// `None` where all count.
+    /// `None` if all pixels count.
     pub ignored: Option<&'a [u8]>,
 }
 
@@ -22,7 +22,7 @@ impl Counted<'_> {
         self.ignored.is_none_or(|ignored| ignored[pixel] == 0)
     }
 
-    /// How many of so many; 1 where none counts, for what is divided by it is 0.
+    /// Returns the number that count among `pixels`; 1 if none does, because it is a divisor of 0.
     fn of(&self, pixels: usize) -> usize {
         let counted = self.ignored.map_or(pixels, |ignored| {
             ignored.iter().filter(|&&mark| mark == 0).count()
@@ -31,8 +31,8 @@ impl Counted<'_> {
     }
 }
 
-/// Velocity regularization (Omni4DGS Eq. 9; PVG with an empty mask): mean over pixels and the three
-/// planes of `|F / A| (1 - M)`.
+/// Computes the velocity regularization (Omni4DGS Eq. 9; PVG with an empty mask): mean over pixels and the
+/// three planes of `|F / A| (1 - M)`, with the mask `M` in [0, 1] per pixel.
 pub fn velocity_map(
     planes: &[f32],
     transmittance: &[f32],
@@ -59,8 +59,8 @@ pub fn velocity_map(
     sum / values as f64
 }
 
-/// Lifespan loss of PVG: minus the mean of `F / A` of the lifespan's plane, so that Gaussians live
-/// long.
+/// Computes the lifespan loss of PVG: minus the mean of `F / A` of the lifespan's plane, which favours long
+/// lifespans.
 pub fn lifespan_map(
     plane: &[f32],
     transmittance: &[f32],
@@ -80,7 +80,7 @@ pub fn lifespan_map(
     -sum / pixels as f64
 }
 
-/// Opacity loss of the dynamic Gaussians rendered alone (Omni4DGS Eq. 6): mean of `|O_d - M_d|`.
+/// Computes the opacity loss of the dynamic Gaussians rendered alone (Omni4DGS Eq. 6): mean of `|O_d - M_d|`.
 pub fn opacity_map(
     plane: &[f32],
     (mask, counted): (&[f32], Counted<'_>),
@@ -98,7 +98,7 @@ pub fn opacity_map(
     sum / pixels as f64
 }
 
-/// The derivative of the absolute value, 0 at 0.
+/// Returns the derivative of the absolute value, 0 at 0.
 fn sign(value: f32) -> f32 {
     if value == 0.0 { 0.0 } else { value.signum() }
 }
@@ -117,7 +117,7 @@ mod tests {
         (0..len).map(|_| random.random_range(low..high)).collect()
     }
 
-    /// Holds `gradient` against differences of `value`, which is linear between its kinks.
+    /// Compares `gradient` with differences of `value`, which is linear between its kinks.
     fn check(maps: &[f32], weight: f64, gradient: &[f32], value: impl Fn(&[f64]) -> f64) {
         let wide: Vec<f64> = maps.iter().map(|&v| f64::from(v)).collect();
         for index in 0..maps.len() {
@@ -241,7 +241,7 @@ mod tests {
             let at = |(v, m): (&f64, &f32)| (v - f64::from(*m)).abs();
             plane.iter().zip(&mask).map(at).sum::<f64>() / PIXELS as f64
         });
-        // An empty dynamic set before an empty mask: nothing to pay, nothing to change.
+        // Without dynamic Gaussians and with an empty mask, loss and gradient are 0.
         let mut gradient = vec![0.0; PIXELS];
         assert_eq!(
             opacity_map(

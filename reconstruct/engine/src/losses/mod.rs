@@ -1,6 +1,6 @@
-//! What renders are held to.
+//! Training losses.
 //!
-//! * [`photometric`]: L1 and SSIM against an image, the seam joined.
+//! * [`photometric`]: L1 and SSIM against an image, continuous across the seam.
 //! * [`maps`]: velocities, opacities and lifespans rendered as maps. [`motion`]: velocities of
 //!   Gaussians themselves.
 

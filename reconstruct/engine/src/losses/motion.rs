@@ -1,17 +1,17 @@
-//! Motion regularization of static Gaussians (Omni4DGS Eqs. 10 and 11): the direction in which a
-//! static Gaussian is seen may not change from one moment to the next.
+//! Motion regularization of static Gaussians (Omni4DGS Eqs. 10 and 11): penalizes changes of the direction in
+//! which a static Gaussian is seen.
 //!
 //! ```text
 //! d(t) = (mu(t) - c) / |mu(t) - c|         L_m = mean over G_s of |d(t + Dt) - d(t)|^2 / Dt^2
 //! ```
 //!
-//! with `Dt` = 1 frame: radians per frame, squared. The paper sums over nothing and divides by
-//! nothing; a mean of rates does not depend on the number of Gaussians or on the frame rate. `c` is
-//! the same at both moments.
+//! with `Dt` = 1 frame: radians per frame, squared. The paper gives neither a sum nor a divisor; a mean of
+//! rates depends neither on the number of Gaussians nor on the frame rate. `c` is the same at both moments.
 //!
-//! Directions of what is far away hardly differ, and those of what passes close by fast are all but opposite: neither
-//! may be told by differences of nearly equal numbers. With `n = |p|`, `n' = |p'|`, `s = p' - p` the step between both
-//! moments, and because places leave the centre `c0` along the velocity, as steps do (`p x s = c0 x s`):
+//! Directions of distant Gaussians hardly differ, and those of near, fast ones are almost opposite: both
+//! cases must avoid differences of nearly equal numbers. Let `n = |p|`, `n' = |p'|`, and `s = p' - p` the
+//! step between both moments. Positions leave the centre `c0` along the velocity, as steps do, so that
+//! `p x s = c0 x s`:
 //!
 //! ```text
 //! n' - n = s.(p + p') / (n + n')           e = d' - d = (s - (n' - n) d) / n'           w = d x d' = (c0 x s) / (n n')
@@ -31,10 +31,10 @@ use crate::gaussians::{
 
 /// `Dt`, frames.
 const STEP_FRAMES: f32 = 1.0;
-/// Directions to centres nearer than this to the observer are not defined and not constrained.
+/// Distance from the observer below which directions are not defined and not constrained.
 const LEAST_DISTANCE: f32 = 1e-6;
 
-/// Value, and the gradients times `weight` by raw parameters and centres of those `members` that
+/// Returns the value, and the gradients times `weight` by raw parameters and centres of those `members` that
 /// have any.
 pub fn motion(
     temporal_table: &TemporalTable<'_>,
@@ -72,8 +72,8 @@ pub fn motion(
     (sum / members.len().max(1) as f64, gradients.collect())
 }
 
-/// One Gaussian's `|d(t + Dt) - d(t)|^2 / Dt^2` and its gradients by temporal parameters and by the centre, which is
-/// relative to the observer; `None` where no direction is defined.
+/// Returns one Gaussian's `|d(t + Dt) - d(t)|^2 / Dt^2` and its gradients by temporal parameters and by the
+/// centre, relative to the observer; `None` if no direction is defined.
 pub fn of_one(
     temporal_parameters: &TemporalParameters,
     centre: Vec3,
@@ -121,7 +121,7 @@ mod tests {
 
     const CYCLE: f64 = 10.0;
 
-    /// The definition in f64 from centre, velocity and peak.
+    /// Returns the loss by its definition in f64, from centre, velocity and peak.
     fn reference(parameters: [f64; 7], frame: f64) -> f64 {
         let [x, y, z, vx, vy, vz, peak] = parameters;
         let direction = |t: f64| {
@@ -185,7 +185,7 @@ mod tests {
             (value, by_temporal.velocity, by_centre),
             (0.0, Vec3::ZERO, Vec3::ZERO)
         );
-        // Towards the observer and back: the direction does not change.
+        // Radial motion: the direction does not change.
         let radial = TemporalParameters {
             velocity: Vec3::X * 0.5,
             ..still

@@ -1,4 +1,4 @@
-//! The CPU's renderers behind one face.
+//! Common interface of the CPU renderers.
 
 use std::ops::Range;
 
@@ -18,7 +18,7 @@ use crate::{
     },
 };
 
-/// The renderer of the run's choice.
+/// Renderer chosen by the run.
 #[derive(Debug)]
 pub(crate) enum CpuRenderer {
     Exact(Box<Renderer>),
@@ -70,7 +70,10 @@ impl CpuRenderer {
         }
     }
 
-    /// Gradients by some consecutive Gaussians; the renderer as published has no such pass.
+    /// Computes gradients by some consecutive Gaussians from that by the image (HWC).
+    ///
+    /// # Errors
+    /// If the renderer is the published one, which does not implement it.
     pub(crate) fn backward_of(
         &mut self,
         learning: Range<usize>,
@@ -94,7 +97,7 @@ impl CpuRenderer {
         }
     }
 
-    /// Calls `each` for the Gaussians that the view rendered last shows.
+    /// Calls `each` for the Gaussians that are visible in the view rendered last.
     pub(crate) fn for_each_visible(&self, each: impl FnMut(Visible)) {
         match self {
             Self::Exact(renderer) => renderer.visible().for_each(each),

@@ -1,4 +1,4 @@
-//! What training knows of time; static methods have none of it.
+//! Training settings of dynamic methods; static methods have none.
 
 use glam::Vec3;
 use serde::{Deserialize, Serialize};
@@ -12,26 +12,26 @@ use crate::{
     },
 };
 
-/// Time, motion and what is demanded of them.
+/// Time, motion and their losses.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct DynamicSettings {
-    /// From seconds to frames.
+    /// Conversion from seconds to frames.
     pub clock: Clock,
-    /// How Gaussians depend on time.
+    /// Dependence of Gaussians on time.
     pub time: TimeModel,
     /// The mean vertical of the input cameras, from zenith to nadir.
     pub down: [f32; 3],
     /// `theta_dgm`: Gaussians whose staticness is below it are dynamic.
     pub dynamic_below_staticness: f32,
-    /// Dynamic Gaussians alone against the masked images.
+    /// Loss of the dynamic Gaussians alone against the masked images.
     pub dynamic_loss: Option<DynamicLoss>,
     /// Velocity regularization.
     pub velocity_loss: Option<VelocityLoss>,
-    /// Weight of the lifespan loss (PVG); 0 for none.
+    /// Weight of the lifespan loss (PVG); 0 disables it.
     pub lifespan_weight: f32,
-    /// What is rendered beside colours for these losses.
+    /// Feature channels that these losses need.
     pub features: TemporalFeatures,
-    /// Weight of the motion regularization of static Gaussians; 0 for none.
+    /// Weight of the motion regularization of static Gaussians; 0 disables it.
     pub motion_weight: f32,
     /// Temporal smoothing.
     pub smoothing: Option<TemporalSmoothing>,
@@ -46,49 +46,49 @@ pub struct DynamicLoss {
     pub weight: f32,
     /// Weight of `1 - SSIM` against L1 within `L_d`.
     pub ssim_weight: f32,
-    /// First iteration of the schedule that has it.
+    /// First iteration of the schedule with this loss.
     pub begin_iteration: u64,
 }
 
 /// `L_v` (Omni4DGS Eq. 9, PVG).
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct VelocityLoss {
-    /// Its weight.
+    /// Weight of the loss.
     pub weight: f32,
-    /// Whether it holds only outside the masks; elsewhere views without a mask do not have it.
+    /// True if it applies only outside the masks; then views without a mask do not have it.
     pub outside_masks: bool,
 }
 
-/// Renders of another moment, moved on, against a view's image (PVG).
+/// Temporal smoothing: renders of another moment, moved on, compared with a view's image (PVG).
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct TemporalSmoothing {
-    /// Share of the steps that have it.
+    /// Share of the steps with smoothing.
     pub probability: f64,
-    /// Moments are drawn evenly within this many frames before and after the view's.
+    /// Moments are drawn uniformly within this many frames before and after the view's.
     pub reach_frames: f32,
 }
 
-/// Density control in time (PVG `scene/gaussian_model.py`), with `|dL/dtau|`: the mean of signed
-/// gradients, which PVG takes, cancels what one view pulls against what another one pushes.
+/// Density control in time (PVG `scene/gaussian_model.py`), with `|dL/dtau|`. PVG takes the mean of signed
+/// gradients, in which opposite pulls of different views cancel.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct TemporalDensity {
-    /// Mean `|dL/dtau|` per frame from which a Gaussian is cloned or split.
+    /// Mean `|dL/dtau|` per frame at which a Gaussian is cloned or split.
     pub gradient_threshold: f32,
-    /// Lifespan up to which it is cloned, frames.
+    /// Lifespan up to which it is cloned, and above which it is split, frames.
     pub clone_lifespan_frames: f32,
     /// Iteration of the schedule from which a split shortens lifespans and has three children.
     pub shorten_from_iteration: u64,
 }
 
 impl TemporalDensity {
-    /// Whether splits shorten lifespans by an iteration of the schedule.
+    /// Returns true if splits shorten lifespans at an iteration of the schedule.
     pub(crate) fn shortens(&self, scheduled: u64) -> bool {
         scheduled >= self.shorten_from_iteration
     }
 }
 
 impl DynamicSettings {
-    /// The parameterization of the Gaussians that these settings are of.
+    /// Returns the parameterization of Gaussians with these settings.
     pub fn parameterization(&self) -> TemporalGaussians {
         TemporalGaussians {
             clock: self.clock,
@@ -99,7 +99,7 @@ impl DynamicSettings {
     }
 }
 
-/// The mean vertical of some views; the world's y axis where they cancel.
+/// Returns the mean vertical of some views, from zenith to nadir; the world's y axis where they cancel.
 pub fn mean_vertical<'a>(views: impl Iterator<Item = &'a View>) -> [f32; 3] {
     let sum: Vec3 = views.map(|view| view.rotation.transpose() * Vec3::Y).sum();
     sum.normalize_or(Vec3::Y).to_array()

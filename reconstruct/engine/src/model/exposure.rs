@@ -1,34 +1,32 @@
-//! How bright each view of a camera with automatic exposure is: gains over time.
+//! Exposure gains over time, for a camera with automatic exposure.
 //!
-//! A view's gain is the median, over places in its image, of the image over a static render of the same
-//! pixels, channel by channel. A gain of light is a gain of gamma-coded values too.
-//! Images are divided by the gain of their time before they are compared with Gaussians, and renders
-//! are multiplied with it before they are shown: what the Gaussians hold is the scene as the middle of
-//! all views has it. A saturated value has no level, only a least one: what losses make of that is in
-//! [`PixelMarks`](crate::losses::photometric::PixelMarks). Between the views that were looked at, and for
-//! novel views, the logarithm of the gain is interpolated in time.
+//! A view's gain is the median, over points of its image, of the image divided by a static render of the same
+//! pixels, per channel. A gain of light is a gain of gamma-coded values too. Images are divided by the gain
+//! of their time before they are compared with Gaussians, and renders are multiplied by it before they are
+//! shown. The Gaussians thus store the scene at the median gain of all views. A saturated value is only a
+//! lower bound; [`PixelMarks`](crate::losses::photometric::PixelMarks) handles it in losses. Between the
+//! estimated views, and for novel views, the logarithm of the gain is interpolated in time.
 
 use omnilife_schemas::statistics::median;
 use serde::{Deserialize, Serialize};
 
-/// Rendered levels in `[0, 1]` that say something of a gain: what is darker is as much noise as signal, what
-/// is brighter may be clipped.
+/// Rendered levels in `[0, 1]` used for the estimate: darker ones are noisy, brighter ones may be clipped.
 const USABLE_LEVELS: std::ops::Range<f32> = 0.05..0.9;
-/// Fewer places say little about a view.
+/// Least number of points for an estimate of a view's gain.
 const LEAST_PLACES: usize = 50;
 
 /// Gains over time.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Exposure {
-    /// Times of the views that were looked at, seconds, increasing.
+    /// Times of the estimated views, seconds, increasing.
     times_seconds: Vec<f64>,
     /// Natural logarithms of their gains, channel by channel; their median is 0.
     log_gains: Vec<[f32; 3]>,
 }
 
 impl Exposure {
-    /// Gains from what each view shows and what a static render has at the same places: time and pairs
-    /// of colours per view. Views with too few places have no say. `None` where none has.
+    /// Estimates gains from pairs of colours: per view its time, and the colours of the image and of a static
+    /// render at the same points. Views with too few points are ignored. `None` if no view remains.
     pub fn estimate(views: &[(f64, Vec<[[f32; 3]; 2]>)]) -> Option<Self> {
         let mut found: Vec<(f64, [f32; 3])> = views
             .iter()
@@ -47,19 +45,19 @@ impl Exposure {
         })
     }
 
-    /// Standard deviation of the gains, as a share: 0.02 are two in a hundred.
+    /// Returns the standard deviation of the gains, as a share: 0.02 is 2 %.
     pub fn drift(&self) -> f64 {
         let squares = self.log_gains.iter().flatten();
         let sum: f64 = squares.map(|&log| f64::from(log).powi(2)).sum();
         (sum / (3 * self.log_gains.len()).max(1) as f64).sqrt()
     }
 
-    /// How many views were looked at.
+    /// Returns the number of estimated views.
     pub fn views(&self) -> usize {
         self.times_seconds.len()
     }
 
-    /// The gain of each channel at a time.
+    /// Returns the gain of each channel at a time.
     pub fn gain(&self, seconds: f64) -> [f32; 3] {
         let after = self.times_seconds.partition_point(|&time| time < seconds);
         let last = self.times_seconds.len() - 1;
@@ -74,7 +72,7 @@ impl Exposure {
         [0, 1, 2].map(|channel| (from[channel] + share * (to[channel] - from[channel])).exp())
     }
 
-    /// Takes the gain of a time out of an image, RGB after RGB.
+    /// Removes the gain of a time from an image (HWC).
     pub fn normalize(&self, image: &mut [f32], seconds: f64) {
         let gain = self.gain(seconds);
         for rgb in image.as_chunks_mut::<3>().0 {
@@ -82,7 +80,7 @@ impl Exposure {
         }
     }
 
-    /// Puts the gain of a time onto a render, RGB after RGB.
+    /// Applies the gain of a time to a render (HWC).
     pub fn apply(&self, image: &mut [f32], seconds: f64) {
         let gain = self.gain(seconds);
         for rgb in image.as_chunks_mut::<3>().0 {
@@ -91,10 +89,10 @@ impl Exposure {
     }
 }
 
-/// The logarithms of the medians of `shown / rendered`; dark and bright renders are left out.
+/// Returns the logarithms of the medians of `shown / rendered`; dark and bright renders are left out.
 fn log_gain(pairs: &[[[f32; 3]; 2]]) -> Option<[f32; 3]> {
     let of_channel = |channel: usize| {
-        // Chosen by the render alone: of noisy values those that are large enough are too large.
+        // Selected by the render alone: selecting noisy image values by their level would bias the gain.
         let (levels, ratios): (Vec<f32>, Vec<f32>) = pairs
             .iter()
             .map(|[shown, rendered]| [shown[channel], rendered[channel]])
@@ -114,7 +112,7 @@ fn log_gain(pairs: &[[[f32; 3]; 2]]) -> Option<[f32; 3]> {
 mod tests {
     use super::*;
 
-    /// A view at a time whose light is a gain times that of the render.
+    /// Returns a view at a time whose light is a gain times that of the render.
     fn view(time: f64, gain: f32) -> (f64, Vec<[[f32; 3]; 2]>) {
         let level = |point: usize| 0.1 + 0.004 * point as f32;
         let pair = |point: usize| [[level(point) * gain; 3], [level(point); 3]];
@@ -123,11 +121,11 @@ mod tests {
 
     #[test]
     fn noise_in_the_dark_is_no_exposure() {
-        // Levels near the limit, in one view with noise: those that are dark by chance count too.
+        // Levels near the limit, in one view with noise that makes some darker than the limit.
         let views = [0.0, 0.04].map(|noise: f32| {
             let pair = |point: usize| {
                 let level = 0.045 + 0.0002 * (point % 100) as f32;
-                // The sum of two uniform numbers is near its middle most of the time.
+                // The sum of two uniform numbers concentrates around its middle.
                 let uniform = |step: usize| (point * step % 101) as f32 / 50.0 - 1.0;
                 let noise = noise * 0.5 * (uniform(37) + uniform(61));
                 [[level + noise; 3], [level; 3]]

@@ -1,7 +1,7 @@
-//! A model taken apart: what is static, what is dynamic, where it moves, how far it is.
+//! Layers of a model: static and dynamic Gaussians, objects, velocities, depth.
 
 use glam::Vec3;
-use omnilife_schemas::RgbImage;
+use omnilife_schemas::{RgbImage, statistics};
 
 use crate::{
     camera::View,
@@ -13,34 +13,34 @@ use crate::{
     render::{cpu::Renderer, settings::RenderSettings},
 };
 
-/// What of a model is shown.
+/// Layer of a model to render.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Layer {
-    /// Everything: the image.
+    /// All Gaussians: the image.
     #[default]
     All,
-    /// Static Gaussians alone: those without temporal parameters, and those whose staticness is not
-    /// below the method's threshold.
+    /// Static Gaussians alone: those without temporal parameters, and those whose staticness reaches the
+    /// method's threshold.
     Static,
     /// Dynamic Gaussians alone, on black.
     Dynamic,
-    /// The Gaussians of the object with this id alone, on black.
+    /// Gaussians of the object with this id alone, on black.
     Object(u32),
-    /// Mean velocities along the world's axes as red, green and blue: grey is still, and 0 and 1 are
-    /// minus and plus [`LayerRenderer::largest_speed`].
+    /// Mean velocities along the world's axes as red, green and blue, from minus to plus
+    /// [`LayerRenderer::largest_speed`]: grey is at rest.
     Velocity,
-    /// Radial depth `d` as `m / (m + d)` with the median distance `m` of the Gaussians: near is
-    /// white, far is black.
+    /// Radial depth `d` as `m / (m + d)` with the median distance `m` of the Gaussians: white is near, black
+    /// is far.
     Depth,
 }
 
 /// Added to the accumulated opacity before maps are divided by it.
 const OPACITY_EPSILON: f32 = 1e-5;
-/// Share of the dynamic Gaussians that are not faster than what velocity maps show at most.
+/// Share of the dynamic Gaussians with a speed within the range of velocity maps.
 const SLOWER_SHARE: f32 = 0.99;
 
 impl Layer {
-    /// Whether it tells Gaussians by their temporal parameters, which deformed ones do not have.
+    /// Returns true if the layer needs temporal parameters, which deformed Gaussians lack.
     pub fn is_of_time(self) -> bool {
         matches!(self, Self::Static | Self::Dynamic | Self::Velocity)
     }
@@ -58,21 +58,20 @@ pub struct LayerRenderer {
 }
 
 impl LayerRenderer {
-    /// For a model, with what it was trained with.
+    /// Creates a renderer of a model with the settings of its training.
     pub fn new(model: Model, settings: RenderSettings) -> Self {
         let of_static = model.parts.iter().filter(|part| {
             let parameterization = &part.parameterization;
             parameterization.temporal().is_none() && parameterization.tracked().is_none()
         });
-        let mut distances: Vec<f32> = of_static
+        let distances: Vec<f32> = of_static
             .flat_map(|part| {
                 (0..part.table.len()).map(|index| {
                     Vec3::from_slice(part.table.row(static_gaussians::POSITIONS, index)).length()
                 })
             })
             .collect();
-        distances.sort_by(f32::total_cmp);
-        let median = distances.get(distances.len() / 2).copied();
+        let median = statistics::median(&distances);
         Self {
             renderer: Renderer::new(settings),
             all: ActivatedGaussians::default(),
@@ -83,12 +82,12 @@ impl LayerRenderer {
         }
     }
 
-    /// The model.
+    /// Returns the model.
     pub fn model(&self) -> &Model {
         &self.model
     }
 
-    /// What velocity maps show at most, normalized units per frame; 1 where nothing moves.
+    /// Returns the largest speed in velocity maps, normalized units per frame; 1 if nothing moves.
     pub fn largest_speed(&self) -> f32 {
         self.largest_speed
     }
@@ -141,7 +140,7 @@ impl LayerRenderer {
         }
     }
 
-    /// Why a layer means nothing in this model; `None` where it does.
+    /// Returns the reason why this model has no such layer; `None` if it has.
     pub fn refusal(&self, layer: Layer) -> Option<&'static str> {
         if let Layer::Object(id) = layer
             && self.members_of_object(id).is_empty()
@@ -160,7 +159,7 @@ impl LayerRenderer {
         self.model.activate(&at, features, &mut self.all);
     }
 
-    /// The dynamic or the static Gaussians.
+    /// Returns the indices of the dynamic or of the static Gaussians.
     fn members(&self, view: &View, dynamic: bool) -> Vec<usize> {
         let (mut members, mut first) = (Vec::new(), 0);
         for part in &self.model.parts {
@@ -169,7 +168,7 @@ impl LayerRenderer {
                     let look = temporal.look(&Viewpoint::of_image(view));
                     temporal.members(&part.table, &look, dynamic)
                 }
-                // What is of an object moves with it.
+                // Gaussians of an object move with it.
                 None if part.parameterization.tracked().is_some() != dynamic => Vec::new(),
                 None => (0..part.table.len()).collect(),
             };
@@ -179,7 +178,7 @@ impl LayerRenderer {
         members
     }
 
-    /// The Gaussians of an object.
+    /// Returns the indices of an object's Gaussians.
     fn members_of_object(&self, id: u32) -> Vec<usize> {
         let (mut members, mut first) = (Vec::new(), 0);
         for part in &self.model.parts {
@@ -198,7 +197,7 @@ impl LayerRenderer {
         members
     }
 
-    /// The first feature maps over the accumulated opacity.
+    /// Renders the first feature maps, divided by the accumulated opacity.
     fn maps<const N: usize>(&mut self, view: &View) -> [Vec<f32>; N] {
         let raster = self.renderer.forward(view, &self.all);
         let pixels = raster.transmittance.len();
@@ -223,8 +222,7 @@ impl LayerRenderer {
     }
 }
 
-/// The speed below which [`SLOWER_SHARE`] of the Gaussians with times of their own are; 1 where there
-/// are none.
+/// Returns the speed below which [`SLOWER_SHARE`] of the Gaussians with their own times are; 1 without any.
 fn largest_speed(model: &Model) -> f32 {
     let mut speeds = Vec::new();
     for part in &model.parts {

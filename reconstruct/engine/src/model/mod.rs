@@ -1,9 +1,9 @@
-//! What training changes: parts, each a table of Gaussians with the parameterization that activates
-//! them, and corrections of poses.
+//! Trained model: parts, each a table of Gaussians with the parameterization that activates them, and
+//! corrections of poses.
 //!
 //! * [`exposure`]: gains of the views. [`pose_corrections`]: of the input views' poses.
-//! * [`layers`]: a model taken apart for people. [`saved`]: a model in a checkpoint.
-//! * [`dynamic_settings`]: what training knows of time.
+//! * [`layers`]: layers for viewing. [`saved`]: a model in a checkpoint.
+//! * [`dynamic_settings`]: training settings of dynamic methods.
 
 pub(crate) mod cpu_renderer;
 pub mod dynamic_settings;
@@ -29,18 +29,18 @@ use crate::{
 /// Gaussians of one kind.
 #[derive(Debug, Clone)]
 pub struct Part {
-    /// What their parameters mean.
+    /// Meaning of their parameters.
     pub parameterization: Box<dyn Parameterization>,
     /// Parameters with their moments.
     pub table: ParameterTable,
-    /// What their density control goes by.
+    /// Statistics for their density control.
     pub statistics: Statistics,
-    /// Steps of the optimizer on a shard, which may learn from some views alone; 0 of other parts.
+    /// Optimizer steps of a shard, which is not trained by every view; 0 for other parts.
     pub steps: u64,
 }
 
 impl Part {
-    /// Gaussians at the beginning of their training.
+    /// Creates a part at the start of its training.
     pub fn new(parameterization: impl Parameterization + 'static, table: ParameterTable) -> Self {
         let statistics = Statistics::new(table.len(), parameterization.temporal().is_some());
         Self {
@@ -51,7 +51,7 @@ impl Part {
         }
     }
 
-    /// Begins the statistics anew.
+    /// Resets the statistics.
     pub fn forget_statistics(&mut self) {
         let with_times = self.parameterization.temporal().is_some();
         self.statistics = Statistics::new(self.table.len(), with_times);
@@ -62,7 +62,7 @@ impl Part {
     }
 }
 
-/// Equal where the same would be trained on in the same way.
+/// Equal if training would continue in the same way.
 impl PartialEq for Part {
     fn eq(&self, other: &Self) -> bool {
         self.parameterization.id() == other.parameterization.id()
@@ -73,53 +73,53 @@ impl PartialEq for Part {
     }
 }
 
-/// What training changes.
+/// Trained model.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Model {
-    /// Gaussians by kind; in an activated model they follow each other in this order.
+    /// Gaussians by kind; an activated model concatenates them in this order.
     pub parts: Vec<Part>,
-    /// Corrections of the input views' poses, where they are refined.
+    /// Corrections of the input views' poses, if they are refined.
     pub poses: Option<PoseCorrections>,
 }
 
-/// Everything of one name that is trained.
+/// Trained arrays of one name.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct TrainedArray {
     /// Name, unique in a model.
     pub name: &'static str,
-    /// How many values there are of it at the moment.
+    /// Current number of values.
     pub values: usize,
 }
 
 impl Model {
-    /// A model of these parts.
+    /// Creates a model of these parts.
     pub fn new(parts: Vec<Part>) -> Self {
         Self { parts, poses: None }
     }
 
-    /// A model of static Gaussians.
+    /// Creates a model of static Gaussians.
     pub fn of_static(table: ParameterTable) -> Self {
         Self::new(vec![Part::new(StaticGaussians, table)])
     }
 
-    /// Number of Gaussians.
+    /// Returns the number of Gaussians.
     pub fn len(&self) -> usize {
         self.parts.iter().map(|part| part.table.len()).sum()
     }
 
-    /// Whether there are none.
+    /// Returns true if there are no Gaussians.
     pub fn is_empty(&self) -> bool {
         self.len() == 0
     }
 
-    /// How many of them have times of their own.
+    /// Returns the number of Gaussians with their own times.
     pub fn len_with_times(&self) -> usize {
         let with_times = |part: &&Part| part.parameterization.temporal().is_some();
         let parts = self.parts.iter().filter(with_times);
         parts.map(|part| part.table.len()).sum()
     }
 
-    /// Objects that move as one, where it tells any apart.
+    /// Returns the number of rigid objects; `None` for a model without tracked objects.
     pub fn objects(&self) -> Option<usize> {
         let tracked = self
             .parts
@@ -130,7 +130,7 @@ impl Model {
             .reduce(|all, more| all + more)
     }
 
-    /// The time in which its Gaussians change; `None` where nothing depends on it.
+    /// Returns the time in which its Gaussians change; `None` if nothing depends on it.
     pub fn time_span(&self) -> Option<TimeSpan> {
         let spans = self
             .parts
@@ -139,7 +139,7 @@ impl Model {
         spans.reduce(TimeSpan::union)
     }
 
-    /// A view of the scene with the pose that it is trained and shown with.
+    /// Returns a view with the corrected pose, for training and rendering.
     pub fn corrected(&self, view: &View) -> View {
         match &self.poses {
             Some(poses) => poses.apply(view),
@@ -147,8 +147,8 @@ impl Model {
         }
     }
 
-    /// Every array of a model with the rows that it has: tables of the parts, what their Gaussians
-    /// share, corrections of poses.
+    /// Iterates over all arrays with rows: tables of the parts, parameters shared by their Gaussians,
+    /// corrections of poses.
     fn arrays(&self) -> impl Iterator<Item = &ParameterArray> {
         let tables = self.parts.iter().flat_map(|part| &part.table.arrays);
         let shared = self.parts.iter().filter_map(Part::shared_array);
@@ -156,8 +156,8 @@ impl Model {
         tables.chain(shared).chain(poses)
     }
 
-    /// All arrays that are not frozen by name, in a fixed order; arrays of one name in several parts count
-    /// together.
+    /// Returns all arrays that are not frozen by name, in a fixed order; arrays of one name in several parts
+    /// are merged.
     pub fn trained_arrays(&self) -> Vec<TrainedArray> {
         let mut trained: Vec<TrainedArray> = Vec::new();
         for array in self.arrays().filter(|array| !array.is_frozen()) {
@@ -172,7 +172,7 @@ impl Model {
         trained
     }
 
-    /// Names and widths of all arrays, in the order of [`Model::trained_arrays`].
+    /// Returns names and widths of all arrays, in the order of [`Model::trained_arrays`].
     pub fn shapes(&self) -> Vec<ArrayShape> {
         let mut shapes: Vec<ArrayShape> = Vec::new();
         for ParameterArray { name, width, .. } in self.arrays() {
@@ -186,12 +186,12 @@ impl Model {
         shapes
     }
 
-    /// Bytes of parameters, gradients and moments.
+    /// Returns the bytes of parameters, gradients and moments.
     pub fn bytes(&self) -> u64 {
         self.arrays().map(ParameterArray::bytes).sum()
     }
 
-    /// The first value that is not finite, described.
+    /// Returns a description of the first value that is not finite.
     pub fn not_finite(&self) -> Option<String> {
         self.arrays().find_map(|array| {
             let columns = [&array.values, &array.first_moments, &array.second_moments];
@@ -205,7 +205,7 @@ impl Model {
         })
     }
 
-    /// All Gaussians as they are seen from a viewpoint, part after part.
+    /// Activates all Gaussians for a viewpoint, part after part.
     pub fn activate(
         &mut self,
         at: &Viewpoint,
@@ -225,8 +225,8 @@ impl Model {
         }
     }
 
-    /// VJP of [`Model::activate`], which was called last with the same arguments: overwrites the gradients
-    /// of all tables and of what their Gaussians share. `activated` and `gradient` are used up.
+    /// Computes the VJP of [`Model::activate`], whose last call had the same arguments: overwrites the
+    /// gradients of all tables and shared parameters. `activated` and `gradient` are consumed.
     pub fn activate_backward(
         &mut self,
         at: &Viewpoint,
@@ -253,17 +253,17 @@ impl From<ParameterTable> for Model {
 /// Image-space gradients since the last densification.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Statistics {
-    /// Sum over the views that saw the Gaussian of the length of its centre's gradient, in
-    /// normalized device coordinates.
+    /// Sum of the lengths of the centre's gradients over the views that saw the Gaussian, in normalized
+    /// device coordinates.
     pub sums: Vec<f32>,
-    /// How many views saw it.
+    /// Number of views that saw it.
     pub views: Vec<u32>,
-    /// Sum of `|dL/dtau|` over these views, where Gaussians have peak times `tau`; empty elsewhere.
+    /// Sum of `|dL/dtau|` over these views, for Gaussians with peak times `tau`; otherwise empty.
     pub time_gradients: Vec<f32>,
 }
 
 impl Statistics {
-    /// Nothing seen yet, for `len` Gaussians.
+    /// Creates zero statistics of `len` Gaussians.
     pub fn new(len: usize, with_times: bool) -> Self {
         Self {
             sums: vec![0.0; len],

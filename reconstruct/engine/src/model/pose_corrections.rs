@@ -1,22 +1,22 @@
 //! Corrections of the input views' poses, refined while a scene is trained.
 //!
-//! A correction is a world rotation `w` about the camera's centre, a rotation vector in radians, and a
-//! shift `t` of the centre in normalized units ([`crate::render::project::by_camera`]):
+//! A correction is a world rotation `w` about the camera's centre, a rotation vector in radians, and a shift
+//! `t` of the centre in normalized units ([`crate::render::project::by_camera`]):
 //!
 //! ```text
 //! R' = exp(w^) R     (camera to world)        c' = c + t
 //! ```
 //!
-//! Novel views, whose images must not be looked at, follow their neighbours in time, as far as these
-//! follow theirs: the correction between two input views is interpolated and scaled by the share in
-//! [0, 1] with which interpolation best predicts the corrections of the input views themselves from
-//! those of their neighbours. A drift is followed; a jitter, of which neighbours say nothing, is not.
+//! Images of novel views must not influence their poses. Their corrections are interpolated between the
+//! neighbouring input views in time, and scaled by a share in [0, 1]. It is the share with which
+//! interpolation best predicts the corrections of the input views from those of their neighbours. A drift is
+//! thus followed; a jitter, which neighbours do not predict, is not.
 //!
-//! Cameras and scene can turn and move together without any image changing. So the means of all
-//! rotations and of all shifts stay 0: the scene stays where the given poses have it on the whole.
+//! Cameras and scene can move together without any image changing. The means of all rotations and of all
+//! shifts are therefore kept at 0, so that the scene stays where the given poses have it on average.
 //!
-//! The gradient at a corrected pose is that by a further small rotation. It is taken for the gradient
-//! by the rotation vector, which it is but for a share of half the angle of the correction.
+//! The gradient at a corrected pose is that by a further small rotation. It is used as the gradient by the
+//! rotation vector; the relative error is half the angle of the correction.
 
 use glam::Vec3;
 
@@ -27,26 +27,26 @@ use crate::{
     render::project::by_camera::PoseGradient,
 };
 
-/// Rotation vectors, radians.
+/// Name of the array of rotation vectors, radians.
 pub const CAMERA_ROTATIONS: &str = "camera_rotations";
-/// Shifts of the centres, normalized units.
+/// Name of the array of shifts of the centres, normalized units.
 pub const CAMERA_CENTRES: &str = "camera_centres";
 
-/// Corrections of all input views with what their optimization needs.
+/// Corrections of all input views with the state of their optimization.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PoseCorrections {
-    /// Times of the input views by number, seconds.
+    /// Times of the input views by index, seconds.
     times_seconds: Vec<f64>,
-    /// Numbers of the input views in order of time.
+    /// Indices of the input views in order of time.
     by_time: Vec<usize>,
     /// [`CAMERA_ROTATIONS`] and [`CAMERA_CENTRES`], one row per input view.
     pub table: ParameterTable,
-    /// Steps of each view so far.
+    /// Optimizer steps of each view so far.
     pub steps: Vec<u64>,
 }
 
 impl PoseCorrections {
-    /// None yet, for input views at these times, by number.
+    /// Creates zero corrections for input views at these times, by index.
     pub fn new(times_seconds: Vec<f64>) -> Self {
         let views = times_seconds.len();
         let mut by_time: Vec<usize> = (0..views).collect();
@@ -63,7 +63,7 @@ impl PoseCorrections {
         }
     }
 
-    /// As many corrections for the same views, with other values.
+    /// Creates corrections of the same views with other values.
     pub fn with_values(&self, table: ParameterTable, steps: Vec<u64>) -> Self {
         Self {
             table,
@@ -72,13 +72,14 @@ impl PoseCorrections {
         }
     }
 
-    /// The correction of an input view.
+    /// Returns the correction of an input view.
     pub fn of_view(&self, view: usize) -> PoseCorrection {
         let [rotation, centre] = [0, 1].map(|array| Vec3::from_slice(self.table.row(array, view)));
         PoseCorrection { rotation, centre }
     }
 
-    /// The correction of a time: an input view's own, or what its neighbours in time say of it.
+    /// Returns the correction of a time: an input view's own, or the scaled interpolation of its neighbours
+    /// in time.
     pub fn at(&self, seconds: f64) -> PoseCorrection {
         let time = |place: usize| self.times_seconds[self.by_time[place]];
         let after = self
@@ -98,7 +99,7 @@ impl PoseCorrections {
         }
     }
 
-    /// Interpolated between two places in the order of time; outside of them the nearer one's.
+    /// Interpolates between two ranks in the order of time; outside of them takes the nearer one.
     fn between(&self, left: usize, right: usize, seconds: f64) -> PoseCorrection {
         let [from, to] = [left, right].map(|place| self.by_time[place]);
         let [begin, end] = [from, to].map(|view| self.times_seconds[view]);
@@ -114,8 +115,8 @@ impl PoseCorrections {
         }
     }
 
-    /// The factors in [0, 1] with which interpolated rotations and shifts are nearest to the input views'
-    /// own, in least squares: `sum(own . interpolated) / sum(interpolated^2)`.
+    /// Returns the factors in [0, 1] with which interpolated rotations and shifts are closest to the input
+    /// views' own in least squares: `sum(own . interpolated) / sum(interpolated^2)`.
     fn predictable_shares(&self) -> [f32; 2] {
         let mut sums = [[0.0_f64; 2]; 2];
         for place in 1..self.by_time.len().saturating_sub(1) {
@@ -137,14 +138,14 @@ impl PoseCorrections {
         })
     }
 
-    /// The view as the correction of its moment has it.
+    /// Returns the view with the correction of its time.
     pub fn apply(&self, view: &View) -> View {
         self.at(view.time_seconds).apply(view)
     }
 
-    /// A step of Adam on the correction of one view, whose steps alone count for it, with the step
-    /// sizes of both arrays. The others make room for its mean. Values of the gradient that are not
-    /// finite count as 0; returns how many there were by array.
+    /// Takes a step of Adam on the correction of one view, with the view's step count and the step sizes of
+    /// both arrays. Subtracts the new mean from all views. Gradient values that are not finite count as 0;
+    /// returns their number per array.
     pub fn step(&mut self, view: usize, gradient: &PoseGradient, rates: [f32; 2]) -> [usize; 2] {
         self.steps[view] += 1;
         let corrections = adam::corrections(self.steps[view], adam::SecondMomentDecay::PUBLISHED);
@@ -197,7 +198,7 @@ mod tests {
         }
     }
 
-    /// Three views, out of order.
+    /// Returns corrections of three views, out of order.
     fn corrections() -> PoseCorrections {
         let mut corrections = PoseCorrections::new(vec![4.0, 0.0, 2.0]);
         corrections.table.arrays[0].values = vec![0.4, 0.0, 0.0, 0.0, 0.1, 0.0, 0.2, 0.0, 0.0];
@@ -207,7 +208,7 @@ mod tests {
 
     #[test]
     fn moments_between_views_have_what_lies_between_their_corrections() {
-        // Rotations of a drift are predictable, alternating shifts are not.
+        // Rotations that drift are predictable, alternating shifts are not.
         let mut corrections = PoseCorrections::new(vec![3.0, 0.0, 1.0, 2.0, 4.0]);
         corrections.table.arrays[0].values = [0.3, 0.0, 0.1, 0.2, 0.4]
             .map(|along| [along, 0.0, 0.5])
@@ -238,7 +239,7 @@ mod tests {
     #[test]
     fn a_correction_turns_the_camera_in_the_world() {
         let corrected = corrections().apply(&view(4.0));
-        // What the camera looked at is turned by 0.4 about x, and so is what it looks at now.
+        // The camera's old viewing direction is turned by 0.4 about x, and so is the new one.
         let looked = view(4.0).rotation.transpose() * Vec3::Z;
         let looks = corrected.rotation.transpose() * Vec3::Z;
         assert!(looks.abs_diff_eq(Mat3::from_rotation_x(0.4) * looked, 1e-6));
@@ -256,7 +257,7 @@ mod tests {
         };
         assert_eq!(corrections.step(2, &gradient, [0.4, 0.8]), [0, 1]);
         assert_eq!(corrections.steps, [0, 0, 1, 0]);
-        // The first step of Adam is its step size, a quarter of which is the mean.
+        // The first step of Adam is its step size, of which the mean takes a quarter.
         let moved = corrections.of_view(2);
         assert!(moved.rotation.abs_diff_eq(vec3(-0.3, 0.3, 0.0), 1e-5));
         assert!(moved.centre.abs_diff_eq(vec3(0.0, 0.0, -0.6), 1e-5));

@@ -1,11 +1,10 @@
-//! A model in a checkpoint: a header in JSON, and a body of 32-bit words.
+//! Format of a model in a checkpoint: a header in JSON, and a body of 32-bit words.
 //!
 //! ```text
 //! body: f32, little-endian; for each part: of each array its values, first and second moments (of a frozen
-//!       one its values alone); then the
-//!       sums of its density statistics, their views as u32, and the sums of its time gradients, where
-//!       it has any; then what its Gaussians share, with moments. Then the corrections of poses with
-//!       theirs, array by array, where poses are refined.
+//!       one its values alone); then the sums of its density statistics, their views as u32, and the
+//!       sums of its time gradients, if it has any; then its shared parameters, with moments.
+//!       Then the corrections of poses with theirs, array by array, if poses are refined.
 //! ```
 //!
 //! Gradients are not kept: every step overwrites them.
@@ -15,11 +14,11 @@ use serde::{Deserialize, Serialize};
 use super::{Model, Part, Statistics};
 use crate::parameters::{ParameterArray, ParameterTable, SharedParameters};
 
-/// What the words of a body are.
+/// Header: layout of the body's words.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct SavedModel {
     parts: Vec<SavedPart>,
-    /// Steps of each input view's pose.
+    /// Optimizer steps of each input view's pose.
     pose_steps: Option<Vec<u64>>,
 }
 
@@ -30,7 +29,7 @@ struct SavedPart {
     arrays: Vec<SavedArray>,
     with_times: bool,
     shared: Option<SavedShared>,
-    /// Steps of a shard.
+    /// Optimizer steps of a shard.
     #[serde(default, skip_serializing_if = "is_zero")]
     steps: u64,
 }
@@ -47,7 +46,7 @@ fn is_zero(steps: &u64) -> bool {
 struct SavedArray {
     name: String,
     width: usize,
-    /// Without moments.
+    /// True for an array without moments.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     frozen: bool,
 }
@@ -58,17 +57,17 @@ struct SavedShared {
     steps: u64,
 }
 
-/// Why a saved model is not read.
+/// Error in restoring a saved model.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum LoadError {
-    /// It is a model of other parts.
+    /// The saved model has other parts.
     Other,
-    /// It cannot be used by anything; why.
+    /// The file is damaged; the reason.
     Damaged(String),
 }
 
 impl SavedModel {
-    /// The header and the body of a model.
+    /// Returns the header and the body of a model.
     pub fn of(model: &Model) -> (Self, Vec<u8>) {
         let header = Self {
             parts: model.parts.iter().map(saved_part).collect(),
@@ -94,11 +93,11 @@ impl SavedModel {
         (header, body)
     }
 
-    /// Puts what was saved into `model`, the model with which the run began: it says which parts and
-    /// arrays there must be.
+    /// Restores the saved values into `model`, which must have the same parts and arrays as at the start of
+    /// the run.
     ///
     /// # Errors
-    /// When it is of other parts, truncated or not finite; then `model` is not to be used.
+    /// If its parts differ, or the body is truncated or not finite; then `model` must not be used.
     pub fn restore(&self, body: &[u8], model: &mut Model) -> Result<(), LoadError> {
         let is_alike = self.parts.len() == model.parts.len()
             && self
@@ -145,9 +144,9 @@ impl SavedModel {
             .map_or(Ok(()), |reason| Err(LoadError::Damaged(reason)))
     }
 
-    /// Length of the body; `None` where no memory could hold it.
+    /// Returns the length of the body; `None` if it overflows.
     fn body_bytes(&self) -> Option<usize> {
-        // Values and two moments each.
+        // Each array has values and two moments.
         let poses = self.pose_steps.as_ref().map_or(0, Vec::len);
         let mut words = poses.checked_mul(3 * 6)?;
         for part in &self.parts {
@@ -155,7 +154,7 @@ impl SavedModel {
                 let columns = if array.frozen { 1 } else { 3 };
                 sum.checked_add(array.width.checked_mul(columns)?)
             })?;
-            // Sums and views.
+            // Each Gaussian also has a sum and a view count.
             let of_one = values.checked_add(2)?;
             let of_table = part.gaussians.checked_mul(of_one)?;
             let of_shared = part.shared.map_or(0, |shared| shared.values);
@@ -169,12 +168,12 @@ impl SavedModel {
 }
 
 impl SavedPart {
-    /// How many Gaussians have time gradients.
+    /// Returns the number of Gaussians with time gradients.
     fn times(&self) -> usize {
         if self.with_times { self.gaussians } else { 0 }
     }
 
-    /// Whether it is of the same kind, whatever the number of Gaussians.
+    /// Returns true if a part has the same kind, for any number of Gaussians.
     fn is_of(&self, part: &Part) -> bool {
         let shared = |saved: &Self| saved.shared.map(|shared| shared.values);
         let expected = saved_part(part);
@@ -214,7 +213,7 @@ fn push_floats(body: &mut Vec<u8>, values: &[f32]) {
     body.extend(values.iter().flat_map(|value| value.to_le_bytes()));
 }
 
-/// What is left of a body, which has the length that its header asks for.
+/// Unread words of a body, whose length matches its header.
 struct Words<'a>(std::slice::Iter<'a, [u8; 4]>);
 
 impl Words<'_> {
@@ -280,7 +279,7 @@ mod tests {
         }
     }
 
-    /// A part of each kind, and poses.
+    /// Returns a model with a part of each kind, and poses.
     fn model() -> Model {
         let temporal = TemporalGaussians {
             clock: CLOCK,

@@ -13,7 +13,7 @@ pub struct Decay {
 }
 
 impl Decay {
-    /// A rate that does not change.
+    /// Creates a constant rate.
     pub const fn constant(rate: f32) -> Self {
         Self {
             begin: rate,
@@ -21,7 +21,7 @@ impl Decay {
         }
     }
 
-    /// Rate after a share of the run in [0, 1].
+    /// Returns the rate after a share of the run in [0, 1].
     pub fn at(&self, share: f32) -> f32 {
         if self.begin == 0.0 && self.end == 0.0 {
             // 0 has no logarithm.

@@ -1,5 +1,5 @@
-//! A table of parameter arrays in the device's memory: array after array in four buffers, each with room for
-//! further Gaussians behind its last.
+//! Parameter table in GPU memory: its arrays are concatenated in four buffers, each with capacity for more
+//! Gaussians.
 
 use crate::device::{DeviceBuffer, Gpu, GpuError};
 use crate::parameters::{ParameterArray, adam::gpu::MAX_ARRAYS};
@@ -11,14 +11,14 @@ pub(crate) struct TableBuffers {
     pub(crate) gradients: DeviceBuffer<f32>,
     pub(crate) first_moments: DeviceBuffer<f32>,
     pub(crate) second_moments: DeviceBuffer<f32>,
-    /// Values of each array for a Gaussian.
+    /// Values per Gaussian of each array.
     pub(crate) widths: Vec<usize>,
-    /// Gaussians that there is room for.
+    /// Capacity in Gaussians.
     pub(crate) capacity: usize,
 }
 
 impl TableBuffers {
-    /// Zeros, for arrays with these values for each Gaussian.
+    /// Allocates zeros for arrays of these widths.
     pub(crate) fn zeros(gpu: &Gpu, widths: Vec<usize>, capacity: usize) -> Result<Self, GpuError> {
         assert!(widths.len() <= MAX_ARRAYS, "too many arrays");
         let len = widths.iter().sum::<usize>() * capacity;
@@ -41,7 +41,7 @@ impl TableBuffers {
         })
     }
 
-    /// A copy of a table's arrays, which have so many rows, with room for `capacity`.
+    /// Uploads a table's arrays of `rows` rows, with a capacity of `capacity`.
     pub(crate) fn new(
         gpu: &Gpu,
         arrays: &[ParameterArray],
@@ -53,7 +53,7 @@ impl TableBuffers {
             assert_eq!(array.values.len(), rows * array.width, "{}", array.name);
             let first = buffers.begin(number) as usize;
             buffers.values.write(gpu, first, &array.values);
-            // None of a frozen array, whose steps have no size.
+            // Empty for a frozen array, whose step size is zero.
             buffers
                 .first_moments
                 .write(gpu, first, &array.first_moments);
@@ -64,18 +64,18 @@ impl TableBuffers {
         Ok(buffers)
     }
 
-    /// Where array number `array` begins.
+    /// Returns the offset of array number `array`, in values.
     pub(crate) fn begin(&self, array: usize) -> u32 {
         let before: usize = self.widths[..array].iter().sum();
         (before * self.capacity) as u32
     }
 
-    /// Values of all arrays for a Gaussian.
+    /// Returns the values per Gaussian of all arrays.
     pub(crate) fn width(&self) -> usize {
         self.widths.iter().sum()
     }
 
-    /// Copies values and moments back into arrays of the same widths, as many as they have.
+    /// Copies values and moments back into arrays of the same widths, in their length.
     pub(crate) fn read(&self, gpu: &Gpu, arrays: &mut [ParameterArray]) -> Result<(), GpuError> {
         type Column = fn(&mut ParameterArray) -> &mut Vec<f32>;
         let columns: [(&DeviceBuffer<f32>, Column); 3] = [
@@ -89,7 +89,7 @@ impl TableBuffers {
         Ok(())
     }
 
-    /// Copies gradients back: every step makes them anew, and only those who judge it want them.
+    /// Copies gradients back, for tests: every step overwrites them.
     pub(crate) fn read_gradients(
         &self,
         gpu: &Gpu,
@@ -105,7 +105,7 @@ impl TableBuffers {
         arrays: &mut [ParameterArray],
         column: fn(&mut ParameterArray) -> &mut Vec<f32>,
     ) -> Result<(), GpuError> {
-        // None of a frozen array has gradients or moments.
+        // A frozen array has neither gradients nor moments.
         let ranges: Vec<_> = (0..)
             .zip(arrays.iter_mut())
             .map(|(number, array)| {

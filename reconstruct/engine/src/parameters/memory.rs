@@ -1,16 +1,15 @@
-//! How much memory a number of Gaussians takes, before it is taken.
+//! Memory estimates per number of Gaussians.
 
 use crate::parameters::ArrayShape;
 
-/// Bytes of a table of parameters: values, gradients and two moments, 4 bytes each.
+/// Returns the bytes of a table of parameters: values, gradients and two moments, 4 bytes each.
 pub fn table_bytes(gaussians: u64, arrays: &[ArrayShape]) -> u64 {
     let values: u64 = arrays.iter().map(|array| array.width as u64).sum();
     gaussians.saturating_mul(values).saturating_mul(16)
 }
 
-/// Bytes of training: the table; activated Gaussians and their gradients, which have the width of
-/// the table's values once each; the density statistics; and what the renderer keeps of each visible
-/// Gaussian and its entries in tile lists.
+/// Returns the bytes of training: table, activated Gaussians and their gradients (each as wide as the table's
+/// values), density statistics, and the renderer's data per visible Gaussian with its tile entries.
 pub fn training_bytes(gaussians: u64, arrays: &[ArrayShape]) -> u64 {
     let table = table_bytes(gaussians, arrays);
     let instants = table / 2;
@@ -19,8 +18,7 @@ pub fn training_bytes(gaussians: u64, arrays: &[ArrayShape]) -> u64 {
         .saturating_add(gaussians.saturating_mul(8 + RENDERER_BYTES))
 }
 
-/// Bytes of one Gaussian in the renderer: projected, its gradient, and about four entries in tile
-/// lists with theirs.
+/// Bytes per Gaussian in the renderer: projection, its gradient, and about four tile entries with theirs.
 const RENDERER_BYTES: u64 = 400;
 
 #[cfg(test)]

@@ -1,8 +1,8 @@
-//! Tables of named parameter arrays, and what optimizes them.
+//! Tables of named parameter arrays, and their optimizer.
 //!
-//! * [`adam`]: the optimizer; [`decay`]: how its step sizes fall; [`short_schedule`]: how they grow where
-//!   steps are few. [`memory`]: what tables take.
-//! * `device_table`: a table in the memory of a GPU; `rows`: its rows copied, removed and ordered there.
+//! * [`adam`]: the optimizer; [`decay`]: decay of its step sizes; [`short_schedule`]: larger step sizes for
+//!   shorter schedules. [`memory`]: memory of tables.
+//! * `device_table`: a table in GPU memory; `rows`: copying, removing and ordering its rows there.
 
 pub mod adam;
 pub mod decay;
@@ -11,8 +11,8 @@ pub mod memory;
 pub(crate) mod rows;
 pub mod short_schedule;
 
-/// One raw parameter of every Gaussian, with what its optimization needs. The weights of a network are
-/// one, too: a single row.
+/// One raw parameter of every Gaussian, with the state of its optimization. The weights of a network are also
+/// one, with a single row.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ParameterArray {
     /// Name, unique in its table.
@@ -21,8 +21,8 @@ pub struct ParameterArray {
     pub width: usize,
     /// `len * width` values.
     pub values: Vec<f32>,
-    /// `len * width` gradients of the loss; none of a frozen array, which has no moments either, and none of a
-    /// shard that waits for its turn.
+    /// `len * width` gradients of the loss; empty for a frozen array, which has no moments either, and for a
+    /// shard that is not being trained.
     pub gradients: Vec<f32>,
     /// Adam's first moments.
     pub first_moments: Vec<f32>,
@@ -33,31 +33,31 @@ pub struct ParameterArray {
 }
 
 impl ParameterArray {
-    /// Bytes of values, gradients and moments.
+    /// Returns the bytes of values, gradients and moments.
     pub fn bytes(&self) -> u64 {
         let moments = self.first_moments.len() + self.second_moments.len();
         let values = self.values.len() + self.gradients.len() + moments;
         (values * size_of::<f32>()) as u64
     }
 
-    /// Whether it keeps its values: it has neither gradients nor moments.
+    /// Returns true if its values are frozen: it has neither gradients nor moments.
     pub fn is_frozen(&self) -> bool {
         self.first_moments.len() < self.values.len()
     }
 }
 
-/// Parameters that all Gaussians of a table share, the weights of a network, with what their
-/// optimization needs.
+/// Parameters shared by all Gaussians of a table, such as the weights of a network, with the state of their
+/// optimization.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SharedParameters {
-    /// All of them, as a single row.
+    /// All values, as a single row.
     pub array: ParameterArray,
-    /// Steps that the optimizer has made on them: they may begin later than the Gaussians.
+    /// Optimizer steps so far; they may start later than those of the Gaussians.
     pub steps: u64,
 }
 
 impl SharedParameters {
-    /// Values that nothing was done with.
+    /// Creates parameters without gradients and steps.
     pub fn new(name: &'static str, values: Vec<f32>) -> Self {
         let zeros = vec![0.0; values.len()];
         Self {
@@ -75,11 +75,11 @@ impl SharedParameters {
     }
 }
 
-/// Memory of the gradients of a table, which another table may have when this one is done with it.
+/// Gradient memory of a table, which another table may reuse.
 #[derive(Debug, Default)]
 pub struct GradientMemory(Vec<Vec<f32>>);
 
-/// What a parameter array is, whatever the number of Gaussians.
+/// Name and width of a parameter array, for any number of Gaussians.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct ArrayShape {
     /// Name, unique in its table.
@@ -97,7 +97,7 @@ pub struct ParameterTable {
 }
 
 impl ParameterTable {
-    /// A table of `len` Gaussians without parameters.
+    /// Creates a table of `len` Gaussians without parameters.
     pub fn new(len: usize) -> Self {
         Self {
             arrays: Vec::new(),
@@ -105,20 +105,20 @@ impl ParameterTable {
         }
     }
 
-    /// Number of Gaussians.
+    /// Returns the number of Gaussians.
     pub fn len(&self) -> usize {
         self.len
     }
 
-    /// Whether there are none.
+    /// Returns true if there are no Gaussians.
     pub fn is_empty(&self) -> bool {
         self.len == 0
     }
 
-    /// Adds an array and returns its position in [`ParameterTable::arrays`].
+    /// Adds an array and returns its index in [`ParameterTable::arrays`].
     ///
     /// # Panics
-    /// When `values` does not hold `len * width` values.
+    /// If `values` does not hold `len * width` values.
     pub fn add(
         &mut self,
         name: &'static str,
@@ -127,7 +127,7 @@ impl ParameterTable {
         learning_rate: f32,
     ) -> usize {
         assert_eq!(values.len(), self.len * width, "array {name}");
-        // Each by itself: pages of zeros take no memory until they are written to.
+        // Separate allocations: pages of zeros take no memory until they are written.
         let zeros = || vec![0.0; values.len()];
         self.arrays.push(ParameterArray {
             name,
@@ -141,7 +141,7 @@ impl ParameterTable {
         self.arrays.len() - 1
     }
 
-    /// Keeps an array's values as they are from now on, without gradients and moments.
+    /// Freezes an array: its values stay, its gradients and moments are dropped.
     pub fn freeze(&mut self, array: usize) {
         let array = &mut self.arrays[array];
         array.gradients = Vec::new();
@@ -149,7 +149,7 @@ impl ParameterTable {
         array.second_moments = Vec::new();
     }
 
-    /// Takes the memory of the gradients, whose values are of no use any more, for another table.
+    /// Moves the memory of the gradients, whose values are lost, out for another table.
     pub fn take_gradients(&mut self, memory: &mut GradientMemory) {
         memory.0.resize(self.arrays.len(), Vec::new());
         for (array, kept) in self.arrays.iter_mut().zip(&mut memory.0) {
@@ -159,7 +159,7 @@ impl ParameterTable {
         }
     }
 
-    /// Makes room for the gradients of the arrays that learn; what they are is open.
+    /// Allocates gradients of the trained arrays from this memory; their values are arbitrary.
     pub fn lend_gradients(&mut self, memory: &mut GradientMemory) {
         memory.0.resize(self.arrays.len(), Vec::new());
         for (array, kept) in self.arrays.iter_mut().zip(&mut memory.0) {
@@ -170,8 +170,7 @@ impl ParameterTable {
         }
     }
 
-    /// The values of all Gaussians of several tables of the same arrays, one table after another; nothing of
-    /// them learns.
+    /// Concatenates the values of several tables with the same arrays; the result is not trainable.
     pub fn joined<'a>(tables: impl Iterator<Item = &'a Self> + Clone) -> Self {
         let mut joined = Self::new(tables.clone().map(Self::len).sum());
         let shapes = tables.clone().next().map(Self::shapes).unwrap_or_default();
@@ -185,13 +184,13 @@ impl ParameterTable {
         joined
     }
 
-    /// Values of one Gaussian in one array.
+    /// Returns the values of one Gaussian in one array.
     pub fn row(&self, array: usize, index: usize) -> &[f32] {
         let array = &self.arrays[array];
         &array.values[index * array.width..(index + 1) * array.width]
     }
 
-    /// Room for `len` Gaussians; what their values are is open.
+    /// Resizes to `len` Gaussians with arbitrary values.
     pub(crate) fn resize(&mut self, len: usize) {
         for array in &mut self.arrays {
             let is_frozen = array.is_frozen();
@@ -242,8 +241,7 @@ impl ParameterTable {
         self.len += sources.len();
     }
 
-    /// Brings the Gaussians, with their moments, into another order: row `i` becomes what row
-    /// `order[i]` was.
+    /// Permutes the Gaussians, with their moments: new row `i` is old row `order[i]`.
     pub fn permute(&mut self, order: &[usize]) {
         debug_assert_eq!(order.len(), self.len);
         for array in &mut self.arrays {
@@ -263,12 +261,12 @@ impl ParameterTable {
         }
     }
 
-    /// Where the array of this name is in [`ParameterTable::arrays`].
+    /// Returns the index of the array of this name in [`ParameterTable::arrays`].
     pub fn position(&self, name: &str) -> Option<usize> {
         self.arrays.iter().position(|array| array.name == name)
     }
 
-    /// Names and widths of all arrays.
+    /// Returns names and widths of all arrays.
     pub fn shapes(&self) -> Vec<ArrayShape> {
         self.arrays
             .iter()

@@ -1,4 +1,4 @@
-//! Rows of a table on a GPU from those of another, or in another order.
+//! Copying of table rows on a GPU, into another table or another order.
 
 use super::device_table::TableBuffers;
 use crate::device::{
@@ -6,7 +6,7 @@ use crate::device::{
 };
 
 wgsl_struct! {
-    /// What moves from which table to which.
+    /// Sizes and offsets of a move between two tables.
     pub(crate) struct RowMove {
         len: u32,
         rows: u32,
@@ -18,7 +18,7 @@ wgsl_struct! {
     }
 }
 
-/// Added to the number of an old row whose moments are not taken along.
+/// Flag in the number of an old row: its moments are not copied.
 #[cfg(test)]
 const COPY: u32 = 1 << 31;
 
@@ -33,25 +33,25 @@ pub(crate) fn shader() -> Shader {
     }
 }
 
-/// Moves rows.
+/// Kernel that moves rows.
 #[derive(Debug)]
 pub(crate) struct RowMover {
     move_rows: Kernel,
 }
 
-/// Rows of one table moved into another, or into itself; made once for two tables.
+/// Move of rows of one table into another, or within it; created once for two tables.
 #[derive(Debug)]
 pub(crate) struct RowMoves {
     program: Program,
     rows: Rows,
-    /// Of every new row: the old row, and above it whether the row is a copy, which has no moments yet.
+    /// Old row of every new row, with the flag [`COPY`] for a copy, which has no moments yet.
     pub(crate) sources: DeviceBuffer<u32>,
-    /// Of values and of moments.
+    /// Settings for values and for moments.
     settings: [Uniform<RowMove>; 2],
     template: RowMove,
 }
 
-/// Settings have a place for each array that a table may have.
+/// Packs a number per array into the fixed length of the settings.
 fn places(values: impl Iterator<Item = u32>) -> [[u32; 4]; 4] {
     let mut places = [[0; 4]; 4];
     for (place, value) in places.as_flattened_mut().iter_mut().zip(values) {
@@ -66,8 +66,8 @@ impl RowMover {
         Ok(Self { move_rows })
     }
 
-    /// From a table to another with the same arrays. What the gradients of the latter were is lost: every
-    /// step makes them anew, and until then their place is where rows are put in order.
+    /// Creates a move from a table to another with the same arrays. The latter's gradients are lost: their
+    /// memory is the buffer for reordering, and every step overwrites them.
     pub(crate) fn between(
         &self,
         gpu: &Gpu,
@@ -118,7 +118,7 @@ impl RowMover {
 }
 
 impl RowMoves {
-    /// Makes rows of all arrays, so many, of the `sources` on the device.
+    /// Writes the first `rows` rows of all arrays from the `sources` on the device.
     pub(crate) fn run(&self, gpu: &Gpu, rows: usize) {
         self.rows.set(rows);
         let width: u32 = self.template.widths.as_flattened().iter().sum();
@@ -161,7 +161,7 @@ mod tests {
         table.permute(&[4, 0, 2, 3, 1]);
         let sources = [1 | COPY, 0, 3, 4 | COPY, 2];
         let mut read = table.clone();
-        // Into a larger table, and into itself.
+        // Into a larger table, and within it.
         let larger = TableBuffers::zeros(&gpu, old.widths.clone(), 9).expect("fits");
         for moved in [&larger, &old] {
             let moves = mover.between(&gpu, &old, moved).expect("fits");

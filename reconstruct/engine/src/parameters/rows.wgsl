@@ -1,20 +1,20 @@
-// Rows of a table from those of another: density control copies, removes and orders Gaussians.
+// Copying of table rows: density control copies, removes and orders Gaussians.
 
 struct RowMove {
-    // Values of the new rows, and how many of these there are.
+    // Number of values of the new rows, and number of these rows.
     len: u32,
     rows: u32,
     arrays: u32,
-    // Whether it is moments that move: a copy has none.
+    // 1 if moments are moved: those of a copy are zero.
     moments: u32,
-    // By array: its values for each Gaussian, and where it begins in both tables.
+    // Per array: values per Gaussian, and offsets in both tables.
     widths: array<vec4<u32>, 4>,
     old_begins: array<vec4<u32>, 4>,
     begins: array<vec4<u32>, 4>,
 }
 
 @group(0) @binding(0) var<uniform> row_move: RowMove;
-// Of every new row: the old row, and above it whether the row is a copy.
+// Old row of every new row, with the flag COPY for a copy.
 @group(0) @binding(1) var<storage, read> sources: array<u32>;
 @group(0) @binding(2) var<storage, read> old_values: array<f32>;
 @group(0) @binding(3) var<storage, read_write> values: array<f32>;

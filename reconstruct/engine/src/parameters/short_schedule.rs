@@ -1,18 +1,18 @@
-//! Step sizes in schedules shorter than the one that they were published for.
+//! Step sizes in schedules shorter than the published one.
 //!
-//! Rates of 3DGS are made for 30,000 steps. In a schedule of `N` steps that is shorter, parameters have
-//! to come as far in fewer of them. With
+//! Rates of 3DGS are tuned for 30,000 steps. In a shorter schedule of `N` steps, parameters have to travel as
+//! far in fewer of them. With
 //!
 //! ```text
 //! f = sqrt(N_published / N), 1 at least and 7 at most
 //! rate = published rate * f^(b (1 - share) + e share)
 //! ```
 //!
-//! the published schedule stays as it is, and shorter ones go further with every step: with `b = e = 1` as
-//! far as a random walk would in the published number of steps. Constant rates end at `e = 1/2`, so that
-//! they settle; those of positions and peak times, which fall by two decades as published, fall by less than
-//! that; sizes, which begin far from what they come to, begin with more. The exponents were found by
-//! experiment (`docs/results/quality.md`).
+//! the published schedule is unchanged, and shorter ones take larger steps: with `b = e = 1` they go as far
+//! as a random walk of the published number of steps. Constant rates end at `e = 1/2`, so that they settle.
+//! Rates of positions and peak times, published to fall by two decades, fall by less. Sizes, which start far
+//! from their final values, start with larger steps. The exponents were found by experiment
+//! (`docs/results/quality.md`).
 
 use serde::{Deserialize, Serialize};
 
@@ -33,32 +33,32 @@ const EXPONENTS: &[(&str, f32, f32)] = &[
     ("tangential_velocities", 1.0, 0.5),
 ];
 
-/// Even fewer steps than 1/49 of the published ones gain nothing by larger ones: opacities overshoot, and
-/// Gaussians are pruned.
+/// Upper bound of `f`. Schedules below 1/49 of the published one do not gain from larger steps: opacities
+/// overshoot, and Gaussians are pruned.
 const LARGEST_FACTOR: f64 = 7.0;
 
 /// Larger steps in schedules shorter than the published one.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct ShortSchedule {
-    /// Steps of the schedule that the rates are published for.
+    /// Number of steps of the published schedule.
     pub published_iterations: f64,
 }
 
 impl ShortSchedule {
-    /// `f` for a run that takes this many steps in all.
+    /// Returns `f` for a run of this many steps.
     pub fn factor(&self, iterations: f64) -> f32 {
         let shorter = self.published_iterations / iterations.max(1.0);
         shorter.sqrt().clamp(1.0, LARGEST_FACTOR) as f32
     }
 
-    /// Second moments forget faster as steps grow: they remember the same share of a run, `f^2` times
+    /// Returns the decay of second moments, whose memory is shortened to the same share of a run: `f^2` times
     /// fewer steps.
     pub fn second_moments(&self, iterations: f64) -> SecondMomentDecay {
         let SecondMomentDecay(published) = SecondMomentDecay::PUBLISHED;
         SecondMomentDecay(1.0 - (1.0 - published) * self.factor(iterations).powi(2))
     }
 
-    /// Rate of an array after a share of a run that takes this many steps in all.
+    /// Returns the rate of an array after a share of a run of this many steps.
     pub fn rate(&self, array: &str, published: &Decay, share: f32, iterations: f64) -> f32 {
         let rate = published.at(share);
         let known = EXPONENTS.iter().find(|(name, ..)| *name == array);
@@ -114,7 +114,7 @@ mod tests {
         assert_eq!(rate("weights", 0.0), decay.at(0.0));
         assert!(near(rate("log_lifespans", 0.3), 5e-3));
         assert!(near(1.0 - SHORT.second_moments(1_200.0).0, 25.0 * 1e-3));
-        // No step at all is no reason to divide by zero.
+        // Zero steps must not divide by zero.
         for iterations in [0.0, 10.0, 500.0] {
             assert_eq!(SHORT.factor(iterations), 7.0);
         }

@@ -1,4 +1,4 @@
-//! What the stages of a render hand to each other, in the device's memory.
+//! Buffers between the stages of a render, in GPU memory.
 
 use std::cell::Cell;
 
@@ -15,7 +15,7 @@ use crate::{
 };
 
 wgsl_struct! {
-    /// The camera of a view and everything else that a render depends on; `View` in WGSL.
+    /// Camera and all other inputs of a render's kernels; `View` in WGSL.
     pub(crate) struct ViewUniform {
         rotation: [[f32; 4]; 3],
         centre: [f32; 3],
@@ -46,7 +46,7 @@ wgsl_struct! {
         shape: u32,
     }
 
-    /// What a device tells about its steps; `Status` in WGSL.
+    /// Status of the device's training steps; `Status` in WGSL.
     pub(crate) struct DeviceStatus {
         halted: u32,
         steps: u32,
@@ -58,21 +58,21 @@ wgsl_struct! {
 /// Side of a tile on the device, pixels: one thread per pixel.
 pub(crate) const TILE: usize = 16;
 
-/// Steps are taken; see `status.wgsl`.
+/// Status of a running device; see `status.wgsl`.
 pub(crate) const HALTED_RUNNING: u32 = 0;
-/// A view has more tile entries than there is room for.
+/// Status after a view with more tile entries than the buffers hold.
 pub(crate) const HALTED_FULL: u32 = 1;
 
-/// Room for tile entries per Gaussian at the beginning.
+/// Initial capacity of tile entries per Gaussian.
 const ENTRIES_PER_GAUSSIAN: usize = 4;
 
-/// Of distances as sort keys.
+/// Bits of distances as sort keys.
 pub(crate) const DISTANCE_BITS: u32 = 32;
 
-/// Numbers that sizes of buffers follow from.
+/// Numbers that determine the sizes of buffers.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) struct RenderShape {
-    /// Room for Gaussians.
+    /// Capacity in Gaussians.
     pub(crate) gaussians: usize,
     /// Degree of the stored harmonics.
     pub(crate) sh_degree: usize,
@@ -82,12 +82,12 @@ pub(crate) struct RenderShape {
     pub(crate) width: usize,
     /// Rows of pixels.
     pub(crate) height: usize,
-    /// (Splat, tile) pairs.
+    /// Capacity in (splat, tile) pairs.
     pub(crate) entries: usize,
 }
 
 impl RenderShape {
-    /// Room for entries to begin with.
+    /// Returns the initial capacity in entries.
     pub(crate) fn first_entries(gaussians: usize) -> usize {
         gaussians * ENTRIES_PER_GAUSSIAN
     }
@@ -104,34 +104,35 @@ impl RenderShape {
         self.width.div_ceil(TILE) * self.height.div_ceil(TILE)
     }
 
-    /// Of the tiles' numbers.
+    /// Returns the bits of the tiles' indices.
     pub(crate) fn tile_bits(&self) -> u32 {
         (usize::BITS - (self.tiles() - 1).leading_zeros()).max(1)
     }
 
-    /// Values of an image on the device: colour, transmittance, features.
+    /// Returns the values of an image on the device: colour, transmittance, features.
     pub(crate) fn image_values(&self) -> usize {
         self.pixels() * (1 + self.channels())
     }
 
-    /// Values that an entry sums up over its pixels: eleven moments and the channels.
+    /// Returns the values that an entry sums over its pixels: eleven moments and the channels.
     pub(crate) fn entry_sums(&self) -> usize {
         11 + self.channels()
     }
 
-    /// Values of a splat's gradient: a flag, shape (10), opacity, image of the centre (2), channels.
+    /// Returns the values of a splat's gradient: a flag, shape (10), opacity, image of the centre (2),
+    /// channels.
     pub(crate) fn splat_sums(&self) -> usize {
         14 + self.channels()
     }
 
-    /// Bytes of the largest buffer that grows with the Gaussians.
+    /// Returns the bytes of the largest buffer that grows with the Gaussians.
     pub(crate) fn largest_buffer(&self) -> usize {
         let harmonics = 3 * (self.sh_degree + 1) * (self.sh_degree + 1);
         let of_gaussians = self.gaussians * harmonics.max(self.splat_sums());
         size_of::<f32>() * of_gaussians.max(self.entries * self.entry_sums())
     }
 
-    /// Constants of the render kernels, so that no number stands twice.
+    /// Returns the constants of the render kernels, shared with Rust.
     pub(crate) fn constants(&self) -> String {
         let shared = format!(
             "const ALPHA_MIN: f32 = {ALPHA_MIN:e};\n\
@@ -157,29 +158,29 @@ impl RenderShape {
 #[derive(Debug)]
 pub(crate) struct RenderBuffers {
     pub(crate) shape: RenderShape,
-    /// Gaussians at the moment.
+    /// Current number of Gaussians.
     pub(crate) rows: Rows,
     pub(crate) view: Uniform<ViewUniform>,
     pub(crate) status: DeviceBuffer<DeviceStatus>,
     pub(crate) activated: ActivatedBuffers,
     pub(crate) splats: DeviceBuffer<DeviceSplat>,
     pub(crate) channels: DeviceBuffer<f32>,
-    /// Distances and numbers of the splats.
+    /// Distances and indices of the splats.
     pub(crate) by_distance: Pairs,
-    /// One number: the Gaussians.
+    /// One number: Gaussians.
     pub(crate) gaussian_count: DeviceBuffer<u32>,
     pub(crate) entry_starts: DeviceBuffer<u32>,
-    /// One number: the entries.
+    /// One number: entries.
     pub(crate) entry_count: DeviceBuffer<u32>,
-    /// Workgroups of the kernels that go over entries; see `bin.wgsl`.
+    /// Numbers of workgroups of the kernels over entries; see `bin.wgsl`.
     pub(crate) entry_workgroups: DeviceBuffer<u32>,
-    /// Tiles and numbers of the entries.
+    /// Tiles and indices of the entries.
     pub(crate) by_tile: Pairs,
     pub(crate) entry_splats: DeviceBuffer<u32>,
     pub(crate) tile_ranges: DeviceBuffer<[u32; 2]>,
-    /// Splats and numbers of the entries, tile by tile.
+    /// Splats and indices of the entries, tile by tile.
     pub(crate) items: DeviceBuffer<[u32; 2]>,
-    /// See `rays.wgsl`.
+    /// Rays of the pixels; see `rays.wgsl`.
     pub(crate) rays: DeviceBuffer<[f32; 2]>,
     rays_of: Cell<Option<Camera>>,
     pub(crate) image: DeviceBuffer<f32>,
@@ -188,7 +189,7 @@ pub(crate) struct RenderBuffers {
 }
 
 impl RenderBuffers {
-    /// For renders of so many Gaussians that halt with all others of this status.
+    /// Allocates buffers for renders that share `status`, by which all of them halt.
     pub(crate) fn new(
         gpu: &Gpu,
         (shape, gaussians): (RenderShape, usize),
@@ -222,7 +223,7 @@ impl RenderBuffers {
         })
     }
 
-    /// Distances and numbers of the splats, near to far.
+    /// Returns distances and indices of the splats, near to far.
     pub(crate) fn by_rank(&self) -> PairBuffers<'_> {
         self.by_distance.sorted(DISTANCE_BITS)
     }
@@ -275,7 +276,7 @@ impl RenderBuffers {
     }
 }
 
-/// `(x, z)` of every column, then `(scale, y)` of every row.
+/// Returns `(x, z)` of every column, then `(scale, y)` of every row.
 fn packed_rays(camera: Camera) -> Vec<[f32; 2]> {
     let rays = Rays::new(camera);
     let columns = rays.x.iter().zip(&rays.z).take(camera.width() as usize);

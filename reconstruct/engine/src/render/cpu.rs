@@ -1,4 +1,4 @@
-//! The chain of kernels that renders a view and takes its gradient back.
+//! CPU renderer: the chain of kernels that renders a view, and its backward pass.
 
 use std::ops::Range;
 
@@ -17,12 +17,12 @@ use crate::{
     },
 };
 
-/// Renders views on the CPU, keeping what the backward pass needs and its memory.
+/// Renders views on the CPU; keeps the state for the backward pass, and its memory.
 #[derive(Debug)]
 pub struct Renderer {
-    /// What is drawn and how; may be changed from view to view.
+    /// Render settings; may be changed from view to view.
     pub settings: RenderSettings,
-    /// Of the camera drawn last.
+    /// Tables of the camera drawn last.
     tables: Option<(Rays, Binner)>,
     splats: Splats,
     distances: Vec<f32>,
@@ -37,7 +37,7 @@ pub struct Renderer {
 }
 
 impl Renderer {
-    /// A renderer without memory yet.
+    /// Creates a renderer; memory is allocated by the first view.
     pub fn new(settings: RenderSettings) -> Self {
         Self {
             settings,
@@ -60,7 +60,7 @@ impl Renderer {
         self.forward_timed(view, gaussians, |_| {})
     }
 
-    /// [`Renderer::forward`], calling `done` with the name of each stage at its end.
+    /// Does the same as [`Renderer::forward`] and calls `done` with the name of each stage at its end.
     pub fn forward_timed(
         &mut self,
         view: &View,
@@ -106,11 +106,11 @@ impl Renderer {
         &self.raster
     }
 
-    /// Gradients by the Gaussians of the view rendered last, from the gradient by its raster.
-    /// `out` is overwritten.
+    /// Computes gradients by the Gaussians of the view rendered last, from the gradient by its raster. `out`
+    /// is overwritten.
     ///
     /// # Panics
-    /// When nothing was rendered before.
+    /// If no view was rendered before.
     pub fn backward(
         &mut self,
         view: &View,
@@ -121,12 +121,12 @@ impl Renderer {
         self.backward_of(0..gaussians.len(), view, gaussians, upstream, out);
     }
 
-    /// Gradients by some consecutive Gaussians of the view rendered last: those of [`Renderer::backward`], to
-    /// the last bit, with the memory and about the time of these alone. `out` is overwritten and begins with
-    /// the first of them.
+    /// Computes gradients by a range of Gaussians of the view rendered last: the same bits as
+    /// [`Renderer::backward`], with memory and time in proportion to the range. `out` is overwritten and
+    /// begins with the first of them.
     ///
     /// # Panics
-    /// When nothing was rendered before.
+    /// If no view was rendered before.
     pub fn backward_of(
         &mut self,
         learning: Range<usize>,
@@ -138,10 +138,10 @@ impl Renderer {
         self.backward_timed(learning, view, gaussians, upstream, out, |_| {});
     }
 
-    /// [`Renderer::backward_of`], calling `done` with the name of each stage at its end.
+    /// Does the same as [`Renderer::backward_of`] and calls `done` with the name of each stage at its end.
     ///
     /// # Panics
-    /// When nothing was rendered before.
+    /// If no view was rendered before.
     pub fn backward_timed(
         &mut self,
         learning: Range<usize>,
@@ -189,8 +189,7 @@ impl Renderer {
         done("project backward");
     }
 
-    /// What was drawn in the view rendered last, of the Gaussians whose gradients its last backward pass took,
-    /// with these.
+    /// Returns the visible Gaussians of the last backward pass, with their gradients.
     pub fn visible(&self) -> impl Iterator<Item = Visible> {
         let learning = self.learning.gaussians();
         (learning.start..)

@@ -1,4 +1,4 @@
-//! The chain of kernels that renders a view and takes its gradient back, on a GPU.
+//! GPU renderer: the chain of kernels that renders a view, and its backward pass.
 
 use std::sync::Arc;
 
@@ -20,10 +20,10 @@ use crate::{
     render::buffers::{DeviceStatus, HALTED_RUNNING, RenderBuffers, RenderShape},
 };
 
-/// Room for entries beyond what was found to be needed, so that growing is rare.
+/// Capacity in entries relative to the number needed, so that growing is rare.
 const ENTRY_SLACK: f64 = 1.5;
 
-/// The kernels of a render for a number of channels.
+/// Kernels of a render for a number of channels.
 #[derive(Debug)]
 struct Stages {
     channels: usize,
@@ -50,7 +50,7 @@ pub(crate) struct Chain {
     pub(crate) forward: Program,
 }
 
-/// Makes chains, compiling each kernel once.
+/// Creates chains, compiling each kernel once.
 #[derive(Debug, Default)]
 pub(crate) struct Chains {
     stages: Option<Stages>,
@@ -65,7 +65,8 @@ impl Chains {
         Ok(self.stages.insert(stages))
     }
 
-    /// A chain for so many Gaussians in buffers of this shape, which halts with all others of this status.
+    /// Creates a chain for this number of Gaussians in buffers of this shape; chains that share `status` halt
+    /// together.
     pub(crate) fn chain(
         &mut self,
         gpu: &Gpu,
@@ -83,7 +84,7 @@ impl Chains {
         Ok(Chain { buffers, forward })
     }
 
-    /// Adds the way back from `upstream`, the gradient by the image, to the Gaussians.
+    /// Records the backward pass from `upstream`, the gradient by the image, to the Gaussians.
     pub(crate) fn backward(
         &mut self,
         gpu: &Gpu,
@@ -102,7 +103,7 @@ impl Chains {
     }
 }
 
-/// A chain with its way back.
+/// A chain with its backward pass.
 #[derive(Debug)]
 struct RoundTrip {
     chain: Chain,
@@ -113,7 +114,7 @@ struct RoundTrip {
 /// Renders views on a GPU; the twin of [`crate::render::cpu::Renderer`].
 #[derive(Debug)]
 pub struct GpuRenderer {
-    /// What is drawn and how; may be changed from view to view.
+    /// Render settings; may be changed from view to view.
     pub settings: RenderSettings,
     gpu: Arc<Gpu>,
     chains: Chains,
@@ -121,7 +122,7 @@ pub struct GpuRenderer {
 }
 
 impl GpuRenderer {
-    /// A renderer without memory yet.
+    /// Creates a renderer; memory is allocated by the first view.
     pub fn new(gpu: Arc<Gpu>, settings: RenderSettings) -> Self {
         Self {
             settings,
@@ -134,7 +135,7 @@ impl GpuRenderer {
     /// Renders one view.
     ///
     /// # Errors
-    /// When the device fails or its memory does not suffice.
+    /// If the device fails or its memory does not suffice.
     pub fn forward(
         &mut self,
         view: &View,
@@ -169,7 +170,7 @@ impl GpuRenderer {
         }
     }
 
-    /// Makes buffers and programs of this shape, unless they are there.
+    /// Creates buffers and programs of this shape, unless they exist.
     fn fit(&mut self, shape: RenderShape) -> Result<(), GpuError> {
         let is_there = self
             .round_trip
@@ -178,7 +179,7 @@ impl GpuRenderer {
         if is_there {
             return Ok(());
         }
-        // Before the new one is made: both may not fit.
+        // Free the old one first: both may not fit.
         self.round_trip = None;
         let gpu = &*self.gpu;
         let status = DeviceBuffer::zeros(gpu, "status", 1)?;
@@ -195,14 +196,14 @@ impl GpuRenderer {
         Ok(())
     }
 
-    /// Gradients by the Gaussians of the view rendered last, from the gradient by its raster.
-    /// `out` is overwritten.
+    /// Computes gradients by the Gaussians of the view rendered last, from the gradient by its raster. `out`
+    /// is overwritten.
     ///
     /// # Errors
-    /// When the device fails.
+    /// If the device fails.
     ///
     /// # Panics
-    /// When no view was rendered before.
+    /// If no view was rendered before.
     pub fn backward(
         &mut self,
         upstream: &RasterGradient<'_>,
@@ -215,17 +216,17 @@ impl GpuRenderer {
         let pixels = last.chain.buffers.shape.pixels();
         let mut values = vec![0.0; last.upstream.len()];
         values[..pixels * 3].copy_from_slice(upstream.colour);
-        // Empty where the loss does not look at the features.
+        // Empty if the loss does not use the features.
         values[pixels * 4..][..upstream.features.len()].copy_from_slice(upstream.features);
         last.upstream.write(gpu, 0, &values);
         last.backward.submit(gpu);
         last.chain.buffers.activated.read_gradient(gpu, out)
     }
 
-    /// What was drawn in the view rendered last, with the gradients of its last backward pass.
+    /// Returns the visible Gaussians of the view rendered last, with the gradients of its last backward pass.
     ///
     /// # Errors
-    /// When the device fails.
+    /// If the device fails.
     pub fn visible(&self) -> Result<Vec<Visible>, GpuError> {
         let Some(RoundTrip { chain, .. }) = &self.round_trip else {
             return Ok(Vec::new());
@@ -245,7 +246,7 @@ impl GpuRenderer {
     /// Renders one view as an image clamped to `[0, 1]`.
     ///
     /// # Errors
-    /// When the device fails or its memory does not suffice.
+    /// If the device fails or its memory does not suffice.
     pub fn image(
         &mut self,
         view: &View,
@@ -264,7 +265,7 @@ impl GpuRenderer {
     }
 }
 
-/// Room for this many entries and some more.
+/// Returns a capacity with slack for this number of entries.
 pub(crate) fn with_slack(entries: u32) -> usize {
     (f64::from(entries) * ENTRY_SLACK) as usize
 }

@@ -1,6 +1,6 @@
-//! The renderer's definition in plain f64 loops: no tiles, no extents, no culling beyond the
-//! definition in `project/mod.rs` and `raster/mod.rs`. It judges the kernels, in tests
-//! and in the stability catalogue.
+//! Definition of the renderer in plain f64 loops: no tiles, no extents, no culling beyond the definition in
+//! `project/mod.rs` and `raster/mod.rs`. It is the reference for the kernels, in tests and in the stability
+//! catalogue.
 
 use std::f64::consts::{PI, TAU};
 
@@ -19,10 +19,10 @@ pub struct Gaussian {
     pub position: [f64; 3],
     /// Standard deviations along the axes.
     pub scale: [f64; 3],
-    /// (w, x, y, z), axes to world. Need not have length 1: the definition normalizes
-    /// it, and takes zero for the identity.
+    /// (w, x, y, z), axes to world. It need not have length 1: the definition normalizes it, and takes zero
+    /// for the identity.
     pub quaternion: [f64; 4],
-    /// In [0, 1].
+    /// Opacity in [0, 1].
     pub opacity: f64,
     /// Harmonics of colour: the constant coefficients first, then those of
     /// [`ActivatedGaussians::sh_rest`].
@@ -31,7 +31,7 @@ pub struct Gaussian {
     pub features: Vec<f64>,
 }
 
-/// Names and lengths of a Gaussian's parameter arrays, in the order of [`Gaussian::parameters`].
+/// Returns names and lengths of a Gaussian's parameter arrays, in the order of [`Gaussian::parameters`].
 pub fn parameter_arrays(gaussian: &Gaussian) -> Vec<(&'static str, usize)> {
     vec![
         ("positions", 3),
@@ -45,7 +45,7 @@ pub fn parameter_arrays(gaussian: &Gaussian) -> Vec<(&'static str, usize)> {
 }
 
 impl Gaussian {
-    /// All parameters, array by array.
+    /// Returns all parameters, array by array.
     pub fn parameters(&self) -> Vec<f64> {
         let mut all = Vec::new();
         all.extend(self.position);
@@ -57,7 +57,7 @@ impl Gaussian {
         all
     }
 
-    /// A Gaussian of the same shape with other parameters.
+    /// Returns a Gaussian of the same shape with other parameters.
     pub fn with_parameters(&self, all: &[f64]) -> Self {
         let sh = self.sh.len() * 3;
         Self {
@@ -70,7 +70,7 @@ impl Gaussian {
         }
     }
 
-    /// With parameters that f32 can hold: the reference must see what the kernels see.
+    /// Returns the Gaussian rounded to f32: the reference must have the same inputs as the kernels.
     pub fn rounded(&self) -> Self {
         let rounded: Vec<f64> = self
             .parameters()
@@ -81,7 +81,7 @@ impl Gaussian {
     }
 }
 
-/// The same Gaussians as the kernels take them; quaternions are normalized.
+/// Converts Gaussians for the kernels; quaternions are normalized.
 pub fn instant(gaussians: &[Gaussian]) -> ActivatedGaussians {
     let degree = (0..=MAX_SH_DEGREE)
         .find(|&degree| sh_rest_count(degree) + 1 == gaussians[0].sh.len())
@@ -121,12 +121,12 @@ pub struct RefView {
     pub rotation: DMat3,
     /// Camera centre in normalized world units.
     pub centre: DVec3,
-    /// What is drawn and how.
+    /// Render settings.
     pub settings: RenderSettings,
 }
 
 impl RefView {
-    /// A view whose rotation and centre f32 can hold.
+    /// Creates a view with rotation and centre rounded to f32.
     pub fn new(
         camera: impl Into<Camera>,
         rotation: DQuat,
@@ -141,7 +141,7 @@ impl RefView {
         }
     }
 
-    /// The same view as the kernels take it.
+    /// Converts the view for the kernels.
     pub fn view(&self) -> View {
         View {
             camera: self.camera,
@@ -152,27 +152,27 @@ impl RefView {
     }
 }
 
-/// The discrete decisions of a render: shapes, order and which Gaussians contribute to which pixel.
-/// Finite differences keep them fixed, because the definition jumps where they change.
+/// Discrete decisions of a render: shapes, order, and the Gaussians that contribute to each pixel. Finite
+/// differences keep them fixed, because the definition jumps where they change.
 #[derive(Debug, Clone)]
 pub struct Decisions {
     /// Indices of the Gaussians that are drawn, from near to far.
     pub order: Vec<usize>,
-    /// For each Gaussian, whether its footprint is a cone.
+    /// Per Gaussian, true if its footprint is a cone.
     pub is_cone: Vec<bool>,
-    /// For each pixel and each of `order`, whether it contributes.
+    /// Per pixel and entry of `order`, true if the Gaussian contributes.
     pub contributes: Vec<bool>,
-    /// For each pixel and each of `order`, by how much the opacity is above its clamp: the gradient
-    /// ignores the clamp, so the opacity moves freely about it.
+    /// Per pixel and entry of `order`, the excess of the opacity over its clamp. The gradient ignores the
+    /// clamp; differences therefore keep the excess fixed.
     pub excess: Vec<f64>,
 }
 
 /// A rendered view.
 #[derive(Debug, Clone)]
 pub struct Image {
-    /// HWC.
+    /// Colour, HWC.
     pub colour: Vec<f64>,
-    /// Plane after plane.
+    /// Feature planes, one after another.
     pub features: Vec<f64>,
 }
 
@@ -298,7 +298,7 @@ fn footprint(
     let distance = p.length();
     let near = f64::from(view.settings.near);
     let is_near = distance <= near || (matches!(view.camera, Camera::Pinhole(_)) && p.z <= near);
-    // Decided already: a step of a difference moves nothing across the limit.
+    // The decision is given: a finite difference must not cross the limit.
     if is_near && is_cone.is_none() {
         return None;
     }
@@ -332,7 +332,7 @@ fn footprint(
     Some((footprint, is_cone))
 }
 
-/// The falloff's exponent `q` in a pixel; infinite where the Gaussian is behind.
+/// Returns the exponent `q` of the falloff in a pixel; infinite behind the camera.
 fn exponent(view: &RefView, shape: &Shape, pixel: DVec2) -> f64 {
     match shape {
         Shape::Ellipse(centre, inverse) => {
@@ -360,7 +360,7 @@ fn exponent(view: &RefView, shape: &Shape, pixel: DVec2) -> f64 {
     }
 }
 
-/// Renders a view. With `decisions`, those are used instead of made.
+/// Renders a view. `decisions`, if given, are used in place of new ones.
 pub fn render(
     view: &RefView,
     gaussians: &[Gaussian],
@@ -450,7 +450,7 @@ pub fn render(
     (image, decisions)
 }
 
-/// Central differences of `loss` by every parameter of every Gaussian, with the decisions of the
+/// Returns central differences of `loss` by every parameter of every Gaussian, with the decisions of the
 /// unchanged render: `[gaussian][parameter]` in the order of [`Gaussian::parameters`].
 pub fn gradients(
     view: &RefView,

@@ -1,7 +1,7 @@
 //! Training steps on the CPU.
 //!
-//! A step renders all Gaussians as the view sees them, takes the losses and their gradients, and lets
-//! Adam move every part of the model. What only dynamic methods have is in `dynamic_losses.rs`.
+//! A step renders all Gaussians for the view, computes the losses and their gradients, and updates every part
+//! of the model with Adam. Losses of dynamic methods only are in `dynamic_losses.rs`.
 
 use omnilife_schemas::{RgbImage, records::Backend};
 
@@ -31,13 +31,13 @@ use crate::{
     training_view::InputViews,
 };
 
-/// The model in memory, and every buffer that a step fills anew.
+/// The model in memory, and all buffers that a step overwrites.
 #[derive(Debug)]
 pub struct CpuStepper<'a> {
     pub(super) inputs: InputViews<'a>,
     pub(super) ssim_weight: f32,
     pub(super) model: Model,
-    /// Of the model; learning rates and statistics are in this order.
+    /// Arrays of the model, in the order of learning rates and statistics.
     pub(super) arrays: Vec<TrainedArray>,
     pub(super) renderer: CpuRenderer,
     pub(super) activated: ActivatedGaussians,
@@ -50,14 +50,14 @@ pub struct CpuStepper<'a> {
     shards: Option<Shards>,
     pub(super) shard_memory: ShardMemory,
     pub(super) target: Vec<f32>,
-    /// Which values of the image are saturated, where gains are taken out of it.
+    /// True for saturated values of the image, if gains are removed from it.
     pub(super) saturated: Vec<bool>,
     mask: Vec<f32>,
     pub(super) statistics: StepStatistics,
 }
 
 impl<'a> CpuStepper<'a> {
-    /// Ready for the first step.
+    /// Creates a stepper before its first step.
     pub fn new(inputs: InputViews<'a>, mut model: Model, settings: &TrainSettings) -> Self {
         let [width, height] = inputs.size();
         if settings.shards.is_some() {
@@ -96,7 +96,7 @@ impl<'a> CpuStepper<'a> {
             .map_or_else(TemporalFeatures::default, DynamicLosses::features)
     }
 
-    /// Writes the image that a view's render is held to, its gain taken out.
+    /// Writes the image with which a view's render is compared, its gain removed.
     pub(super) fn write_target(&mut self, number: usize) {
         let view = &self.inputs.views[number];
         view.write_image(&mut self.target);
@@ -106,8 +106,8 @@ impl<'a> CpuStepper<'a> {
         }
     }
 
-    /// Takes the gradient of all losses by all Gaussians as they are drawn from `at`; returns the loss
-    /// and the mean squared error.
+    /// Computes the gradient of all losses by all Gaussians drawn from `at`; returns the loss and the mean
+    /// squared error.
     fn differentiate(
         &mut self,
         number: usize,
@@ -195,7 +195,7 @@ impl<'a> CpuStepper<'a> {
         }
     }
 
-    /// One step of Adam on all parts, whose arrays of one name have one step size.
+    /// Takes one step of Adam on all parts; arrays of one name share one step size.
     fn update(&mut self, schedule: &StepSchedule) {
         let Self {
             model,
@@ -209,7 +209,7 @@ impl<'a> CpuStepper<'a> {
     }
 }
 
-/// Step number `number` of Adam on a part. `arrays` are those of the model, in the order of step sizes.
+/// Takes step number `number` of Adam on a part. `arrays` are those of the model, in the order of step sizes.
 pub(super) fn update(
     part: &mut Part,
     number: u64,
@@ -239,7 +239,7 @@ pub(super) fn update(
     part.parameterization.keep_within_bounds(&mut part.table);
 }
 
-/// Ends a run whose loss is no number any more.
+/// Returns an error that ends the run if its loss is not finite.
 pub(super) fn require_finite(
     loss: f64,
     frame: u32,

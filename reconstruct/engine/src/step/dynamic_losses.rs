@@ -1,6 +1,6 @@
-//! What dynamic methods hold renders to beside the image: the losses of Omni4DGS Eq. 12 or of PVG.
+//! Losses of dynamic methods in addition to the photometric one: Omni4DGS Eq. 12 or PVG.
 //!
-//! Where masks supervise them, the dynamic Gaussians alone are rendered a second time.
+//! If masks supervise the dynamic Gaussians, these are rendered a second time, alone.
 
 use crate::{
     camera::View,
@@ -24,41 +24,41 @@ use crate::{
     schedule::StepSchedule,
 };
 
-/// The losses of one method, and every buffer that a step fills anew.
+/// Losses of one method, and all buffers that a step overwrites.
 #[derive(Debug)]
 pub(super) struct DynamicLosses {
     settings: DynamicSettings,
     alone: DynamicAlone,
-    /// By the feature maps.
+    /// Gradient by the feature maps.
     feature_gradient: Vec<f32>,
 }
 
-/// What a step is about.
+/// View of a step.
 pub(super) struct StepView<'a> {
-    /// The camera, its pose corrected.
+    /// Camera with corrected pose.
     pub(super) drawn: &'a View,
     pub(super) at: &'a Viewpoint,
     pub(super) schedule: &'a StepSchedule,
-    /// The view's image, exposure taken out.
+    /// Image of the view with the exposure removed, HWC.
     pub(super) target: &'a [f32],
-    /// Which values of the image are saturated; empty where gains are not taken out.
+    /// True for saturated values of the image; empty if gains are not removed.
     pub(super) saturated: &'a [bool],
-    /// Its mask, where it has one.
+    /// Mask, if the view has one.
     pub(super) mask: Option<&'a [f32]>,
-    /// Which pixels show something of the scene.
+    /// Pixels that count.
     pub(super) counted: Counted<'a>,
 }
 
-/// What renders the dynamic Gaussians alone.
+/// Renderer of the dynamic Gaussians alone.
 #[derive(Debug)]
 struct DynamicAlone {
     renderer: Renderer,
     activated: ActivatedGaussians,
     gradient: ActivatedGaussians,
-    /// Entries among all activated Gaussians.
+    /// Indices of the dynamic Gaussians among all activated ones.
     members: Vec<usize>,
     target: Vec<f32>,
-    /// Saturated values that the mask covers whole.
+    /// True for saturated values where the mask is 1.
     saturated: Vec<bool>,
     opacity_gradient: Vec<f32>,
 }
@@ -80,12 +80,12 @@ impl DynamicLosses {
         }
     }
 
-    /// What has to be rendered beside colours.
+    /// Returns the feature channels to render.
     pub(super) fn features(&self) -> TemporalFeatures {
         self.settings.features
     }
 
-    /// `L_v` and the lifespan loss on the feature maps of a render, and the gradient by the maps.
+    /// Returns `L_v` plus the lifespan loss on the feature maps of a render, and the gradient by the maps.
     pub(super) fn maps(&mut self, raster: &Raster, step: &StepView<'_>) -> (f64, &[f32]) {
         self.feature_gradient.clear();
         let mut total = 0.0;
@@ -101,8 +101,8 @@ impl DynamicLosses {
         (total, &self.feature_gradient)
     }
 
-    /// `L_dynamic`: adds its gradient to that by all Gaussians. An empty dynamic set has none, and
-    /// counts as a loss of 0.
+    /// Returns `L_dynamic` and adds its gradient to that by all Gaussians. Without dynamic Gaussians both are
+    /// 0.
     pub(super) fn supervise(
         &mut self,
         step: &StepView<'_>,
@@ -164,7 +164,7 @@ impl DynamicLosses {
         f64::from(dynamic.weight) * (value.total + opacity)
     }
 
-    /// `L_m`: adds its gradient to the raw ones of Gaussians with times of their own that are static.
+    /// Returns `L_m` and adds its gradient to the raw ones of static Gaussians with their own times.
     pub(super) fn regularize_motion(&self, at: &Viewpoint, model: &mut Model) -> f64 {
         let weight = self.settings.motion_weight;
         let mut total = 0.0;
@@ -191,7 +191,7 @@ impl DynamicLosses {
 }
 
 impl DynamicAlone {
-    /// The dynamic Gaussians that are drawn at all.
+    /// Finds the dynamic Gaussians that are drawn at all.
     fn find_members(&mut self, model: &Model, at: &Viewpoint, activated: &ActivatedGaussians) {
         self.members.clear();
         let mut first = 0;
@@ -208,8 +208,7 @@ impl DynamicAlone {
     }
 }
 
-/// `L_v` and the lifespan loss on feature maps and what light they leave; adds the gradients by the
-/// maps.
+/// Returns `L_v` plus the lifespan loss from feature maps and transmittance; adds the gradients by the maps.
 fn map_losses(
     settings: &DynamicSettings,
     (maps, transmittance): (&[f32], &[f32]),

@@ -1,26 +1,26 @@
-//! What a step on the CPU takes of memory, before it is taken.
+//! Memory estimate of a step on the CPU.
 
 use crate::{
     parameters::ArrayShape,
     render::project::{Cone, ConeGradient, Splat, SplatGradient},
 };
 
-/// Entries in tile lists of a Gaussian of about a pixel.
+/// Tile entries of a Gaussian of about a pixel.
 const ENTRIES: u64 = 2;
 
-/// Bytes of a Gaussian in a step.
+/// Bytes per Gaussian in a step.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct StepMemory {
-    /// Of one that is drawn: its parameters with their moments, what they are activated to, its splat, its places
-    /// in the order of distances and in tile lists, and what density control knows of it.
+    /// Bytes of a drawn Gaussian: parameters with moments, activated values, splat, places in the order of
+    /// distances and in tile lists, and statistics for density control.
     pub drawn: u64,
-    /// Of one that learns, beside that: gradients of its parameters, of what they are activated to and of its
-    /// entries.
+    /// Additional bytes of a trained Gaussian: gradients of its parameters, of the activated values and of
+    /// its entries.
     pub learning: u64,
 }
 
 impl StepMemory {
-    /// For Gaussians with these arrays, of which those named in `learns` learn.
+    /// Computes the bytes for Gaussians with these arrays, of which those named in `learns` are trained.
     pub fn of(arrays: &[ArrayShape], learns: &[&str]) -> Self {
         let bytes = |values: usize| (values * size_of::<f32>()) as u64;
         let values = bytes(arrays.iter().map(|array| array.width).sum());
@@ -28,11 +28,11 @@ impl StepMemory {
         let learnt = bytes(learnt.map(|array| array.width).sum());
         let splat = (size_of::<Splat>() + size_of::<Cone>()) as u64;
         let entry = (size_of::<SplatGradient>() + size_of::<ConeGradient>()) as u64;
-        // Distance, order, rank and the sort's two pairs; the beginning of its entries; two words for each.
+        // Distance, order, rank and the sort's two pairs; start of its entries; two words per entry.
         let places = bytes(3 + 4 + 1) + ENTRIES * bytes(2);
         // Sum of gradients and number of views.
         let statistics = bytes(2);
-        // Gradient of the centre's image; the place of each entry among those that learn.
+        // Gradient of the centre's image; index of each entry among the trained ones.
         let of_backward = bytes(2) + ENTRIES * (entry + bytes(1));
         Self {
             drawn: 2 * values + 2 * learnt + splat + places + statistics,
@@ -40,7 +40,7 @@ impl StepMemory {
         }
     }
 
-    /// Bytes of a step on `gaussians`, of which `learning` learn at a time.
+    /// Returns the bytes of a step on `gaussians`, of which `learning` are trained at a time.
     pub fn bytes(&self, gaussians: u64, learning: u64) -> u64 {
         gaussians
             .saturating_mul(self.drawn)

@@ -1,4 +1,4 @@
-//! What a backend does for the training loop: one step on one view.
+//! Training steps: the interface of a backend to the training loop, one step on one view.
 
 pub mod cpu;
 mod dynamic_losses;
@@ -26,7 +26,7 @@ use crate::{
     training_view::InputViews,
 };
 
-/// What computes training steps.
+/// Backend of training steps.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum BackendChoice {
@@ -37,11 +37,11 @@ pub enum BackendChoice {
     Gpu,
 }
 
-/// Training steps on a backend.
+/// Creates the training steps of a backend.
 ///
 /// # Errors
-/// When the backend cannot train this model under these settings: it says which part or component of
-/// a model has no kernels there. When there is no GPU, or its memory does not suffice.
+/// If the backend lacks kernels for this model under these settings; the error names the part or component. If
+/// there is no GPU, or its memory does not suffice.
 pub fn stepper<'a>(
     inputs: InputViews<'a>,
     model: Model,
@@ -61,7 +61,7 @@ pub fn stepper<'a>(
     }
 }
 
-/// What a GPU has no kernels for beside parameterizations.
+/// Returns an error for settings, other than parameterizations, without GPU kernels.
 fn check_gpu(settings: &TrainSettings) -> Result<(), EngineError> {
     if settings.shards.is_some() {
         return Err(EngineError::Backend {
@@ -77,16 +77,16 @@ fn check_gpu(settings: &TrainSettings) -> Result<(), EngineError> {
     })
 }
 
-/// Sums over some steps.
+/// Sums over several steps.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 pub struct StepStatistics {
-    /// Steps.
+    /// Number of steps.
     pub steps: u64,
-    /// Of the training loss.
+    /// Sum of the training loss.
     pub loss: f64,
-    /// Of the mean squared error.
+    /// Sum of the mean squared error.
     pub squared_error: f64,
-    /// Gradient values that were not finite and were not applied, for each array.
+    /// Number of gradient values per array that were not finite and were not applied.
     pub refused: Vec<u64>,
 }
 
@@ -104,57 +104,57 @@ impl StepStatistics {
     }
 }
 
-/// Carries out training steps and keeps the model where they need it: in memory, or on a device.
+/// Takes training steps and keeps the model in memory or on a device.
 ///
-/// One implementation per backend. A step renders an input view, takes the loss and its gradients,
-/// adds to the density statistics and lets Adam move every parameter. It need not be over when
-/// [`Stepper::step`] returns; all other calls wait for it.
+/// One implementation per backend. A step renders an input view, computes the loss and its gradients, adds to
+/// the density statistics and updates every parameter with Adam. It may still run when [`Stepper::step`]
+/// returns; all other calls wait for it.
 pub trait Stepper: fmt::Debug {
-    /// What computes, for the run's record.
+    /// Returns the backend for the run's record.
     fn backend(&self) -> Backend;
 
-    /// Number of Gaussians at the moment.
+    /// Returns the current number of Gaussians.
     fn gaussians(&self) -> usize;
 
-    /// How many of them have times of their own.
+    /// Returns the number of Gaussians with their own times.
     fn gaussians_with_times(&self) -> usize;
 
-    /// Objects that move as one, where the model tells any apart.
+    /// Returns the number of rigid objects; `None` for a model without tracked objects.
     fn objects(&self) -> Option<usize> {
         None
     }
 
-    /// All arrays of the model by name, with what there is of them at the moment.
+    /// Returns all trained arrays of the model by name, with their current sizes.
     fn arrays(&self) -> Vec<TrainedArray>;
 
-    /// One step on input view number `view` of the scene.
+    /// Takes one step on input view number `view` of the scene.
     ///
     /// # Errors
-    /// When the loss is found not to be finite, or the backend fails.
+    /// If the loss is found not to be finite, or the backend fails.
     fn step(&mut self, view: usize, schedule: &StepSchedule) -> Result<(), EngineError>;
 
-    /// Sums over the steps since the last call.
+    /// Returns the sums over the steps since the last call.
     ///
     /// # Errors
-    /// When a loss was not finite, or the backend fails.
+    /// If a loss was not finite, or the backend fails.
     fn take_statistics(&mut self) -> Result<StepStatistics, EngineError>;
 
-    /// The model as it stands, read back where it lives on a device.
+    /// Returns the current model, read back if it is on a device.
     ///
     /// # Errors
-    /// When the backend fails.
+    /// If the backend fails.
     fn model(&mut self) -> Result<&Model, EngineError>;
 
-    /// The model as it stands, to be changed: the next step goes on from the change.
+    /// Returns the current model for changes, from which the next step continues.
     ///
     /// # Errors
-    /// When the backend fails.
+    /// If the backend fails.
     fn model_mut(&mut self) -> Result<&mut Model, EngineError>;
 
     /// Densifies the model, as [`Densification::run`] does, for the stepper's input views.
     ///
     /// # Errors
-    /// When the backend fails.
+    /// If the backend fails.
     fn densify(
         &mut self,
         asked: &Densification<'_>,
@@ -163,24 +163,24 @@ pub trait Stepper: fmt::Debug {
         Ok(asked.run(self.model_mut()?, random))
     }
 
-    /// Sets all opacities down, as [`reset_opacities`] does.
+    /// Resets all opacities, as [`reset_opacities`] does.
     ///
     /// # Errors
-    /// When the backend fails.
+    /// If the backend fails.
     fn reset_opacities(&mut self) -> Result<(), EngineError> {
         reset_opacities(self.model_mut()?);
         Ok(())
     }
 
-    /// About how many Gaussians there can be, where that is limited by more than memory.
+    /// Returns the approximate maximum number of Gaussians, if more than memory limits it.
     fn most_gaussians(&self) -> Option<usize> {
         None
     }
 
-    /// Renders a view of the scene at a degree of spherical harmonics, clamped to `[0, 1]`; with its pose
-    /// corrected, where poses are refined.
+    /// Renders a view of the scene at a degree of spherical harmonics, clamped to `[0, 1]`; with its
+    /// corrected pose if poses are refined.
     ///
     /// # Errors
-    /// When the backend fails.
+    /// If the backend fails.
     fn image(&mut self, view: &View, sh_degree: usize) -> Result<RgbImage, EngineError>;
 }

@@ -1,10 +1,10 @@
-// Opacities set down, one thread per Gaussian; their moments are forgotten.
+// Opacity reset, one thread per Gaussian; clears the moments.
 
 struct OpacityReset {
-    // Where the logits of opacities begin in the table, counted in values, and how many there are.
+    // Offset of the opacity logits in the table, in values, and their number.
     begin: u32,
     len: u32,
-    // No logit is larger afterwards.
+    // Upper bound of the logits afterwards.
     largest: f32,
 }
 
@@ -24,7 +24,7 @@ fn reset_opacities(
         return;
     }
     let index = reset.begin + number;
-    // What is not a number becomes one, as on the CPU.
+    // NaN is replaced by the bound, as on the CPU.
     let is_less = !is_nan(values[index]) && values[index] < reset.largest;
     values[index] = select(reset.largest, values[index], is_less);
     first_moments[index] = 0.0;

@@ -1,4 +1,4 @@
-//! What training does with the pose of the view that it draws.
+//! Refinement of the pose of the view that a step draws.
 
 use serde::{Deserialize, Serialize};
 
@@ -9,15 +9,15 @@ use crate::{
 };
 use crate::{model::Model, schedule::StepSchedule, step::StepStatistics};
 
-/// When poses are refined.
+/// Schedule of pose refinement.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub struct PoseRefinement {
-    /// First iteration of the schedule that moves them.
+    /// First iteration of the schedule that refines poses.
     pub begin_iteration: u64,
 }
 
 impl PoseRefinement {
-    /// The gradient by the pose of the view that a step drew, where the step moves it.
+    /// Returns the gradient by the pose of the view that a step drew, if the step refines it.
     pub(super) fn gradient(
         settings: Option<Self>,
         schedule: &StepSchedule,
@@ -30,7 +30,7 @@ impl PoseRefinement {
     }
 }
 
-/// Moves the pose of input view number `view`.
+/// Updates the pose of input view number `view`.
 pub(super) fn move_pose(
     model: &mut Model,
     view: usize,
@@ -41,7 +41,7 @@ pub(super) fn move_pose(
     let (Some(poses), Some(gradient)) = (&mut model.poses, gradient) else {
         return;
     };
-    // Their arrays are the last ones of the model.
+    // Its arrays are the last ones of the model.
     let [.., of_rotation, of_centre] = schedule.learning_rates[..] else {
         return;
     };

@@ -1,8 +1,7 @@
-//! Everything the training loop needs to know, and where in its schedule a run stands.
+//! Settings of training.
 
 use std::collections::BTreeMap;
 
-use omnilife_schemas::RgbImage;
 use serde::{Deserialize, Serialize};
 
 use crate::render::settings::RendererChoice;
@@ -17,67 +16,59 @@ use crate::{
     step::{pose_refinement::PoseRefinement, shards::Shards},
 };
 
-/// Settings of a run as resolved; they stand in its record.
+/// Resolved settings of a run, as stored in its record.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct TrainSettings {
-    /// Steps of the optimizer.
+    /// Number of optimizer steps.
     pub iterations: u64,
-    /// Stops after this time in training steps, seconds of wall clock, whatever the iterations; what
-    /// the trace renders does not count.
+    /// Limit on the time in training steps, wall-clock seconds, if it ends before the iterations. Renders for
+    /// the trace do not count.
     pub budget_seconds: Option<f64>,
-    /// Seed of view order and split noise.
+    /// Seed of view order, split noise and other random choices.
     pub seed: u64,
     /// Weight of `1 - SSIM` against L1.
     pub ssim_weight: f32,
-    /// Which renderer makes images from Gaussians.
+    /// Renderer.
     pub renderer: RendererChoice,
-    /// How it does; its degree of spherical harmonics is that at the end of
-    /// their ramp.
+    /// Settings of the renderer; the degree of spherical harmonics is that at the end of their ramp.
     pub rendering: RenderSettings,
     /// Iterations after which the degree in use rises by one.
     pub sh_interval_iterations: u64,
     /// Step sizes by name of the parameter array.
     pub learning_rates: BTreeMap<String, Decay>,
-    /// Larger steps where the schedule is shorter than the published one; other runs keep the rates.
+    /// Larger steps for schedules shorter than the published one; `None` keeps the rates.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub short_schedule: Option<ShortSchedule>,
     /// Density control.
     pub densify: DensifySettings,
-    /// What is known of time; static methods have none of it.
+    /// Settings of dynamic methods; `None` for static ones.
     #[serde(default)]
     pub dynamics: Option<DynamicSettings>,
-    /// A network that deforms Gaussians; other methods have none.
+    /// Network that deforms Gaussians; `None` for other methods.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub deformation: Option<DeformationSettings>,
-    /// True where Gaussians belong to objects that move along paths of their own.
+    /// True if Gaussians belong to objects that move along paths.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub objects: bool,
-    /// Gains of the views, where they are compensated.
+    /// Exposure gains of the views, if they are compensated.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub exposure: Option<Exposure>,
-    /// Gaussians that steps leave out, where they do.
+    /// Dropout of Gaussians, if used.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub dropout: Option<Dropout>,
-    /// When poses are refined, where they are.
+    /// Refinement of poses, if used.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub pose_refinement: Option<PoseRefinement>,
-    /// Gaussians that learn shard by shard, where they do; the others learn all at once.
+    /// Shards that are trained one after another; `None` trains all Gaussians at once.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub shards: Option<Shards>,
-    /// Iterations from one row of the trace to the next; none: rows at equal ratios of iterations. Before the first
-    /// step and after the last one there are rows too.
+    /// Iterations between rows of the trace; `None` for rows at equal ratios of iterations. There is also a
+    /// row before the first step and after the last.
     pub trace_every: Option<u64>,
 }
 
 impl TrainSettings {
-    /// Puts the gain of a view's time onto its render, where gains are compensated.
-    pub fn expose(&self, image: &mut RgbImage, seconds: f64) {
-        if let Some(exposure) = &self.exposure {
-            exposure.apply(&mut image.data, seconds);
-        }
-    }
-
-    /// Where in the schedule `iteration` stands after `training_seconds` of training.
+    /// Returns the position in the schedule at `iteration` after `training_seconds` of training.
     pub fn position(&self, iteration: u64, training_seconds: f64) -> Position {
         Position::new(
             self.iterations,
@@ -87,7 +78,7 @@ impl TrainSettings {
         )
     }
 
-    /// Degree of the spherical harmonics in use.
+    /// Returns the degree of the spherical harmonics in use.
     pub fn active_sh_degree(&self, position: &Position) -> usize {
         let steps = position.scheduled / self.sh_interval_iterations.max(1);
         usize::try_from(steps)

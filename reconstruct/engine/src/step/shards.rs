@@ -1,8 +1,8 @@
-//! A step from which one shard of the Gaussians after another learns (PanoGS, Section 3.5).
+//! Training step in shards: one part of the Gaussians after another is trained (PanoGS, Section 3.5).
 //!
-//! A view is drawn once, with all Gaussians. Then each shard, a part of the model, takes its backward pass and
-//! its step of the optimizer: what a backward pass keeps of Gaussians and of their entries in tile lists is
-//! there of one shard at a time. The gradients are those of a backward pass of all, to the last bit.
+//! A view is drawn once, with all Gaussians. Then each shard, a part of the model, takes its backward pass
+//! and its optimizer step. Memory for gradients of Gaussians and tile entries is needed for one shard at a
+//! time. The gradients have the same bits as those of a backward pass over all Gaussians.
 
 use serde::{Deserialize, Serialize};
 
@@ -16,34 +16,34 @@ use crate::{
     schedule::StepSchedule,
 };
 
-/// Gaussians that learn shard by shard.
+/// Shards of Gaussians that are trained one after another.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Shards {
-    /// How many Gaussians each has; the parts of the model in their order.
+    /// Number of Gaussians per shard; shards are the parts of the model in their order.
     pub gaussians: Vec<u64>,
-    /// By shard the numbers of the input views that it learns from; all shards learn from all views where
-    /// nothing is said.
+    /// Per shard, the indices of the input views that train it; `None` trains all shards with all views.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub views: Option<Vec<Vec<u32>>>,
 }
 
 impl Shards {
-    /// Whether a shard learns from an input view.
+    /// Returns true if an input view trains a shard.
     pub fn learns_from(&self, shard: usize, view: usize) -> bool {
         let views = self.views.as_ref().and_then(|views| views.get(shard));
         views.is_none_or(|views| views.contains(&(view as u32)))
     }
 
-    /// Share of all Gaussians that the largest shard has.
+    /// Returns the share of all Gaussians in the largest shard.
     pub fn largest_share(&self) -> f64 {
         let largest = self.gaussians.iter().max().copied().unwrap_or(0);
         largest as f64 / self.gaussians.iter().sum::<u64>().max(1) as f64
     }
 
-    /// Refuses what a step in shards does not have: it knows static Gaussians and the loss on colours.
+    /// Refuses settings that a step in shards does not support: motion, dropout, refined poses, the published
+    /// renderer.
     ///
     /// # Errors
-    /// With the name of what it does not have.
+    /// Names the unsupported setting.
     pub(super) fn check(settings: &TrainSettings) -> Result<(), EngineError> {
         let missing = [
             (settings.dynamics.is_some(), "motion"),
@@ -63,7 +63,7 @@ impl Shards {
     }
 }
 
-/// Memory that one shard hands to the next.
+/// Memory passed from one shard to the next.
 #[derive(Debug, Default)]
 pub(super) struct ShardMemory {
     activated: ActivatedGaussians,
@@ -71,7 +71,7 @@ pub(super) struct ShardMemory {
 }
 
 impl CpuStepper<'_> {
-    /// One step on input view `number`.
+    /// Takes one step on input view `number`.
     pub(super) fn step_in_shards(
         &mut self,
         shards: &Shards,
@@ -181,7 +181,7 @@ mod tests {
         vec![view(0), view(1)]
     }
 
-    /// Gaussians all around that hide each other.
+    /// Returns Gaussians in all directions that occlude each other.
     fn gaussians() -> InitialGaussians {
         let place = |index: usize| {
             let (angle, height) = (0.61 * index as f32, (index % 7) as f32 / 3.0 - 1.0);
@@ -196,7 +196,7 @@ mod tests {
         )
     }
 
-    /// A model of parts with these numbers of Gaussians, of which sizes and rotations stay.
+    /// Returns a model of parts with these numbers of Gaussians and frozen sizes and rotations.
     fn model(lengths: &[usize]) -> Model {
         let (all, mut first) = (gaussians(), 0);
         let part = |&len: &usize| {
@@ -211,7 +211,7 @@ mod tests {
         Model::new(lengths.iter().map(part).collect())
     }
 
-    /// The parts after steps on some views.
+    /// Returns the parts after steps on some views.
     fn trained(lengths: &[usize], near: Option<Vec<Vec<u32>>>, order: &[usize]) -> Vec<Part> {
         let mut settings = settings(None);
         settings.shards = (lengths.len() > 1).then(|| Shards {

@@ -1,10 +1,10 @@
-// What closes a training step: its loss is noted, and what density control goes by.
+// Last kernels of a step: accumulation of its loss and of the statistics for density control.
 
 @group(0) @binding(0) var<storage, read> loss: array<vec4<f32>>;
 @group(0) @binding(1) var<storage, read_write> status: Status;
 // Losses of the steps since the host cleared the status.
 @group(0) @binding(2) var<storage, read_write> losses: array<vec4<f32>>;
-// One number: what the step's loss has beside the photometric one.
+// One number: the step's losses other than the photometric one.
 @group(0) @binding(3) var<storage, read_write> terms: array<f32>;
 
 @group(0) @binding(0) var<storage, read> partials: array<f32>;
@@ -15,27 +15,27 @@
 
 @group(0) @binding(0) var<uniform> view: StepView;
 @group(0) @binding(2) var<storage, read> splat_gradients: array<f32>;
-// Since the last densification: sums of the lengths of the gradients by the splats' centres, in
-// normalized device coordinates, and how many views saw the Gaussian.
+// Statistics since the last densification: sums of the lengths of the gradients by the splats' centres, in
+// normalized device coordinates, and number of views that saw the Gaussian.
 @group(0) @binding(3) var<storage, read_write> gradient_sums: array<f32>;
 @group(0) @binding(4) var<storage, read_write> view_counts: array<u32>;
-// By the table, and sums of the sizes of those by peak times.
+// Gradients by the table, and sums of the absolute values of those by peak times.
 @group(0) @binding(5) var<storage, read> gradients: array<f32>;
 @group(0) @binding(6) var<storage, read_write> time_gradients: array<f32>;
 
 struct StepView {
-    // Number of Gaussians of the table, and the entry of the first among all activated ones.
+    // Number of Gaussians of the table, and index of the first among all activated ones.
     gaussians: u32,
     first: u32,
     // Half the image's width and height.
     half_size: vec2<f32>,
-    // Where peak times begin in the table, counted in values; NO_PEAKS where there are none.
+    // Offset of peak times in the table, in values; NO_PEAKS without them.
     peaks: u32,
 }
 
 const NO_PEAKS: u32 = 0xffffffffu;
 
-// The sum of all partials, always in the same order.
+// Sum of all partial sums, always in the same order.
 fn sum_of_partials(thread: u32) -> f32 {
     var sum = 0.0;
     for (var index = thread; index < arrayLength(&partials); index += WORKGROUP) {
@@ -44,7 +44,7 @@ fn sum_of_partials(thread: u32) -> f32 {
     return workgroup_sum(sum, thread);
 }
 
-// Adds a loss that was taken in parts.
+// Adds a loss from its partial sums.
 @compute @workgroup_size(256)
 fn add_term(@builtin(local_invocation_index) thread: u32) {
     let sum = sum_of_partials(thread);
@@ -53,7 +53,7 @@ fn add_term(@builtin(local_invocation_index) thread: u32) {
     }
 }
 
-// Adds the losses of the dynamic Gaussians drawn alone; where there are none, nothing.
+// Adds the losses of the dynamic Gaussians drawn alone, if there are any.
 @compute @workgroup_size(256)
 fn add_alone(@builtin(local_invocation_index) thread: u32) {
     let sum = sum_of_partials(thread);

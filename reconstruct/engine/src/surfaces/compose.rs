@@ -1,12 +1,12 @@
-//! Layers of a ray, nearest first.
+//! Compositing of a ray's layers, nearest first.
 //!
 //! ```text
 //! C = sum_i T_i a_i c_i        T_i = prod_{j<i} (1 - a_j)
 //! dC/dc_i = T_i a_i            dC/da_i = T_i (c_i - B_i)        B_{i-1} = a_i c_i + (1 - a_i) B_i
 //! ```
 //!
-//! `B_i` is what lies behind layer `i`, 0 behind the last. Nothing is divided, so that the gradient holds
-//! where a layer is opaque.
+//! `B_i` is the colour behind layer `i`, 0 behind the last. The gradient contains no division, so that it
+//! holds for opaque layers.
 
 use glam::DVec3;
 
@@ -15,7 +15,7 @@ use glam::DVec3;
 pub struct Layer {
     /// Distance along the ray.
     pub distance: f64,
-    /// Number of the surface: the smaller one is in front where distances are equal.
+    /// Index of the surface; of layers at equal distance, the smaller index is in front.
     pub surface: usize,
     /// Its colour.
     pub colour: DVec3,
@@ -26,13 +26,13 @@ pub struct Layer {
 /// Gradient by a layer.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct LayerGradient {
-    /// By its colour.
+    /// Gradient by the colour.
     pub colour: DVec3,
-    /// By its opacity.
+    /// Gradient by the opacity.
     pub opacity: f64,
 }
 
-/// Sorts layers, nearest first, those of equal distance by the number of their surface.
+/// Sorts layers, nearest first, and those of equal distance by the index of their surface.
 pub fn sort(layers: &mut [Layer]) {
     layers.sort_by(|a, b| {
         a.distance
@@ -41,7 +41,7 @@ pub fn sort(layers: &mut [Layer]) {
     });
 }
 
-/// The colour of sorted layers.
+/// Returns the colour of sorted layers.
 pub fn compose(layers: &[Layer]) -> DVec3 {
     let (mut colour, mut transmittance) = (DVec3::ZERO, 1.0);
     for layer in layers {
@@ -51,12 +51,12 @@ pub fn compose(layers: &[Layer]) -> DVec3 {
     colour
 }
 
-/// Gradients by sorted layers from that by their colour.
+/// Computes gradients by sorted layers from that by their colour.
 pub fn compose_vjp(layers: &[Layer], upstream: DVec3, gradients: &mut Vec<LayerGradient>) {
     gradients.clear();
     let mut transmittance = 1.0;
     for layer in layers {
-        // The opacity's part waits for what lies behind.
+        // The gradient by the opacity needs the colour behind, and is set later.
         gradients.push(LayerGradient {
             colour: transmittance * layer.opacity * upstream,
             opacity: transmittance,

@@ -1,6 +1,6 @@
-//! Textured surfaces that rays hit, and how the hits of a ray make a colour.
+//! Textured surfaces, ray intersections, and compositing of a ray's hits.
 //!
-//! * [`plane`], [`sphere`]: hits and their gradients. [`view_angle`]: from where a surface is seen.
+//! * [`plane`], [`sphere`]: hits and their gradients. [`view_angle`]: direction from which a surface is seen.
 //! * [`texture`]: images on them. [`compose`]: layers, nearest first.
 
 pub mod compose;

@@ -1,63 +1,63 @@
-//! Rays and textured rectangles.
+//! Intersections of rays with textured rectangles.
 //!
 //! ```text
 //! tau = n.(c - o) / (n.d)        l = R^T (o + tau d - c)        uv = l_xy / s + 1/2
 //! ```
 //!
-//! The columns of `R` are the rectangle's x, y and normal `n`. A ray hits where `|n.d| >= 1e-6`, `tau > 0`
-//! and `uv` is in the unit square: inside is tested in the plane's own coordinates. (The published code
-//! tests the box around the corners, which a tilted plane does not fill.) Both sides are seen. Which of
-//! two planes is nearer, and whether a plane is hit, have no gradient.
+//! The columns of `R` are the rectangle's x, y and normal `n`. A ray hits if `|n.d| >= 1e-6`, `tau > 0` and
+//! `uv` is in the unit square. The published code tests the axis-aligned box of the corners instead, which a
+//! tilted plane does not fill. Both sides are visible. The order of two planes, and the existence of a hit,
+//! have no gradient.
 
 use glam::{DMat3, DVec2, DVec3};
 
 use crate::trajectories::rigid_spline::{PoseGradient, RigidPose};
 
-/// A ray is parallel to a plane below this cosine.
+/// Cosine below which a ray is parallel to a plane.
 const PARALLEL: f64 = 1e-6;
 
 /// A ray; the direction has unit length.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Ray {
-    /// Where it begins.
+    /// Starting point.
     pub origin: DVec3,
-    /// Where it goes.
+    /// Unit direction.
     pub direction: DVec3,
 }
 
 /// Gradient by a [`Ray`].
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct RayGradient {
-    /// By its origin.
+    /// Gradient by the origin.
     pub origin: DVec3,
-    /// By its direction.
+    /// Gradient by the direction.
     pub direction: DVec3,
 }
 
-/// Where a ray meets a rectangle.
+/// Intersection of a ray with a rectangle.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PlaneHit {
     /// Distance along the ray.
     pub distance: f64,
-    /// Place on the rectangle, [0, 1] both ways.
+    /// Position on the rectangle, [0, 1] both ways.
     pub uv: DVec2,
     /// The ray's direction in the plane's coordinates.
     pub direction: DVec3,
 }
 
-/// Gradient of a hit by what it depends on.
+/// Gradient of a hit by pose and ray.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct PlaneGradient {
-    /// By the pose, through the distance at which the ray meets the plane.
+    /// Gradient by the pose, through the distance at which the ray meets the plane.
     pub through_distance: PoseGradient,
-    /// By the pose where that distance is held, through the place on the rectangle.
+    /// Gradient by the pose at a fixed distance, through the position on the rectangle.
     pub through_place: PoseGradient,
-    /// By the ray.
+    /// Gradient by the ray.
     pub ray: RayGradient,
 }
 
 impl PlaneGradient {
-    /// By the pose.
+    /// Returns the total gradient by the pose.
     pub fn pose(&self) -> PoseGradient {
         let mut whole = self.through_place;
         whole.add(&self.through_distance);
@@ -65,12 +65,12 @@ impl PlaneGradient {
     }
 }
 
-/// The hit of a rectangle of `size` at `pose`; `None` where the ray misses it.
+/// Returns the hit of a rectangle of `size` at `pose`; `None` if the ray misses it.
 pub fn hit(ray: &Ray, pose: &RigidPose, size: DVec2) -> Option<PlaneHit> {
     let normal = pose.rotation.col(2);
     let slope = normal.dot(ray.direction);
     let distance = normal.dot(pose.centre - ray.origin) / slope;
-    // False for NaN too.
+    // Also false for NaN.
     let is_ahead = slope.abs() >= PARALLEL && distance > 0.0;
     if !is_ahead {
         return None;
@@ -87,7 +87,7 @@ pub fn hit(ray: &Ray, pose: &RigidPose, size: DVec2) -> Option<PlaneHit> {
     })
 }
 
-/// Gradients by pose and ray from those by a hit's `uv` and `direction`.
+/// Returns gradients by pose and ray from those by a hit's `uv` and `direction`.
 pub fn hit_vjp(
     ray: &Ray,
     pose: &RigidPose,
@@ -120,7 +120,7 @@ pub fn hit_vjp(
     }
 }
 
-/// `a b^T`.
+/// Returns `a b^T`.
 pub fn outer(a: DVec3, b: DVec3) -> DMat3 {
     DMat3::from_cols(a * b.x, a * b.y, a * b.z)
 }

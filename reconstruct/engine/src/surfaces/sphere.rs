@@ -1,11 +1,11 @@
-//! Rays and the sphere around the cameras.
+//! Intersections of rays with the sphere around the cameras.
 //!
 //! ```text
 //! tau = -b + sqrt(b^2 - c)        b = (o - m).d        c = |o - m|^2 - r^2        n = (o + tau d - m) / r
 //! ```
 //!
-//! From within there is always one hit ahead. Where `b > 0` the two terms cancel, and
-//! `tau = -c / (b + sqrt(b^2 - c))`.
+//! From within there is always one hit ahead. If `b > 0` the two terms cancel, and the equivalent
+//! `tau = -c / (b + sqrt(b^2 - c))` is used.
 
 use glam::DVec3;
 
@@ -14,13 +14,13 @@ use super::plane::{Ray, RayGradient};
 /// A sphere seen from within.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Sphere {
-    /// Its centre.
+    /// Centre.
     pub centre: DVec3,
-    /// Its radius.
+    /// Radius.
     pub radius: f64,
 }
 
-/// Where a ray meets a sphere.
+/// Intersection of a ray with a sphere.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SphereHit {
     /// Distance along the ray.
@@ -29,7 +29,7 @@ pub struct SphereHit {
     pub normal: DVec3,
 }
 
-/// The hit of a ray that begins within; `None` for any other.
+/// Returns the hit of a ray that starts within; `None` for any other.
 pub fn hit(ray: &Ray, sphere: &Sphere) -> Option<SphereHit> {
     let from = ray.origin - sphere.centre;
     let b = from.dot(ray.direction);
@@ -44,10 +44,10 @@ pub fn hit(ray: &Ray, sphere: &Sphere) -> Option<SphereHit> {
     normal.is_finite().then_some(SphereHit { distance, normal })
 }
 
-/// Gradient by the ray from that by a hit's normal.
+/// Returns the gradient by the ray from that by a hit's normal.
 pub fn hit_vjp(ray: &Ray, sphere: &Sphere, hit: &SphereHit, by_normal: DVec3) -> RayGradient {
     let by_point = by_normal / sphere.radius;
-    // |p|^2 = r^2 holds tau: n.(do + tau dd + d dtau) = 0.
+    // |p|^2 = r^2 determines tau: n.(do + tau dd + d dtau) = 0.
     let by_distance = ray.direction.dot(by_point);
     let along = by_distance / hit.normal.dot(ray.direction) * hit.normal;
     RayGradient {

@@ -1,4 +1,4 @@
-//! Hits, angles, layers and textures against golden values and central differences.
+//! Hits, angles, layers and textures compared with golden values and central differences.
 
 use glam::{DMat3, DQuat, DVec2, DVec3};
 
@@ -109,7 +109,7 @@ fn planes_that_cannot_be_seen_are_missed() {
     );
     assert!(!seen(&facing(-2.0 * DVec3::Z, 0.0)) && !seen(&facing(DVec3::ZERO, 0.0)));
     assert!(!seen(&facing(f64::NAN * DVec3::Z, 0.0)));
-    // On the border, and just beyond it.
+    // On the edge, and just beyond it.
     assert!(seen(&facing(DVec3::new(0.5, -0.5, 2.0), 0.0)));
     assert!(!seen(&facing(DVec3::new(0.5 + 1e-15, 0.0, 2.0), 0.0)));
     // Tilted by 80 degrees: within the box of its corners, but beyond its edge.
@@ -131,7 +131,7 @@ fn gradients_on_the_sphere_are_central_differences() {
         };
         let found = sphere::hit(&ray, &sphere).expect("a hit");
         let gradient = sphere::hit_vjp(&ray, &sphere, &found, upstream);
-        // Directions keep their length: the derivative along the ray is left out.
+        // Directions keep their length, so that the derivative along the ray is excluded.
         let across = |v: DVec3| v - v.dot(ray.direction) * ray.direction;
         for axis in 0..3 {
             let at = |step: f64, is_origin: bool| {
@@ -151,7 +151,7 @@ fn gradients_on_the_sphere_are_central_differences() {
             assert!((found - expected).abs() < 1e-8, "{found} {expected}");
         }
     }
-    // Nearly on the sphere, and looking outwards: the stable form.
+    // Nearly on the sphere, and looking outwards, where the stable form is needed.
     let ray = Ray {
         origin: sphere.centre + (3.0 - 1e-9) * DVec3::X,
         direction: DVec3::X,
@@ -286,7 +286,7 @@ fn textures_read_their_texels_and_have_central_differences() {
             assert!((found.by_u[1] - by_u).abs() < 1e-6 && (found.by_v[1] - by_v).abs() < 1e-6);
         }
     }
-    // On the sphere: across the seam and over a pole without a step.
+    // On the sphere, values are continuous across the seam and over a pole.
     let sphere = Texture {
         width: 8,
         height: 4,

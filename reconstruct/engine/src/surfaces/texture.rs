@@ -1,8 +1,8 @@
-//! Images on surfaces, read linearly between texels, and how what is read changes with the place.
+//! Images on surfaces, interpolated linearly between texels, with derivatives by the position.
 
 use glam::{DVec2, DVec3};
 
-/// What lies beyond the outermost texels.
+/// Values beyond the outermost texels.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Beyond {
     /// Zeros.
@@ -13,7 +13,7 @@ pub enum Beyond {
     Sphere,
 }
 
-/// An image with `C` channels, row by row.
+/// An image with `C` channels, row-major.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Texture<const C: usize> {
     /// Texels across.
@@ -24,19 +24,19 @@ pub struct Texture<const C: usize> {
     pub texels: Vec<[f32; C]>,
 }
 
-/// What is read at a place, with its derivatives by the place.
+/// Interpolated value at a position, with its derivatives by the position.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Sample<const C: usize> {
-    /// Channels.
+    /// Value per channel.
     pub value: [f64; C],
     /// Derivatives by the first coordinate.
     pub by_u: [f64; C],
-    /// Derivatives by the second one.
+    /// Derivatives by the second coordinate.
     pub by_v: [f64; C],
 }
 
 impl<const C: usize> Texture<C> {
-    /// A texture of one value.
+    /// Creates a texture of one value.
     pub fn constant(width: usize, height: usize, value: [f32; C]) -> Self {
         Self {
             width,
@@ -69,7 +69,7 @@ impl<const C: usize> Texture<C> {
         self.texels[(row * width + column) as usize]
     }
 
-    /// What is read at a place in texels: whole numbers are the centres of texels.
+    /// Interpolates at a position in texels; whole numbers are texel centres.
     fn sample_texels(&self, at: DVec2, beyond: Beyond) -> Sample<C> {
         let floor = at.floor();
         let [fx, fy] = (at - floor).to_array();
@@ -91,7 +91,7 @@ impl<const C: usize> Texture<C> {
         sample
     }
 
-    /// What is read at `uv`, of which 0 and 1 are the centres of the outermost texels.
+    /// Interpolates at `uv`; 0 and 1 are the centres of the outermost texels.
     pub fn sample(&self, uv: DVec2, beyond: Beyond) -> Sample<C> {
         let scale = DVec2::new(
             self.width.saturating_sub(1) as f64,
@@ -106,9 +106,9 @@ impl<const C: usize> Texture<C> {
         sample
     }
 
-    /// What is read in a unit direction of an ERP image: longitude `atan2(x, z)` grows to the right,
-    /// latitude `asin(-y)` upwards; texels have their centres at halves. The derivatives are those by the
-    /// direction's components along the horizon and down; see [`direction_gradient`].
+    /// Interpolates at a unit direction of an ERP image: longitude `atan2(x, z)` grows to the right, latitude
+    /// `asin(-y)` upwards; texel centres are at halves. The derivatives are those by the direction's
+    /// components along the horizon and down; see [`direction_gradient`].
     pub fn sample_direction(&self, direction: DVec3) -> Sample<C> {
         use std::f64::consts::{PI, TAU};
         let longitude = direction.x.atan2(direction.z);
@@ -127,7 +127,7 @@ impl<const C: usize> Texture<C> {
     }
 }
 
-/// The gradient by a unit direction from those along the horizon and down of
+/// Returns the gradient by a unit direction from those along the horizon and down of
 /// [`Texture::sample_direction`].
 pub fn direction_gradient(direction: DVec3, along: f64, down: f64) -> DVec3 {
     let across = direction.x.hypot(direction.z);

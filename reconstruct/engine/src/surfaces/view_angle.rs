@@ -1,18 +1,18 @@
-//! From where a plane is seen: the rotation vector from its normal to the ray.
+//! View angle of a plane: the rotation vector from its normal to the ray.
 //!
 //! ```text
 //! phi = theta/s (-y, x)        s = hypot(x, y)        theta = atan2(s, z)
 //! ```
 //!
-//! of the ray's unit direction in the plane's coordinates; its third component is 0. At `s = 0` it is 0:
-//! for a ray against the normal, where every axis would do, too (the published code sets 0 there for some
-//! axes only).
+//! `x, y, z` are the ray's unit direction in the plane's coordinates; the third component of `phi` is 0. At
+//! `s = 0`, `phi` is set to 0, even for a ray against the normal, where any axis would do. (The published
+//! code sets 0 there for some axes only.)
 
 use glam::{DVec2, DVec3};
 
 const STRAIGHT: f64 = 1e-7;
 
-/// The two components in the plane, radians.
+/// Returns the two components in the plane, radians.
 pub fn view_angle(direction: DVec3) -> DVec2 {
     let across = direction.truncate().length();
     if across < STRAIGHT {
@@ -21,7 +21,7 @@ pub fn view_angle(direction: DVec3) -> DVec2 {
     across.atan2(direction.z) / across * DVec2::new(-direction.y, direction.x)
 }
 
-/// Gradient by the direction from that by the angle.
+/// Returns the gradient by the direction from that by the angle.
 pub fn view_angle_vjp(direction: DVec3, upstream: DVec2) -> DVec3 {
     let across = direction.truncate().length();
     let turned = DVec2::new(upstream.y, -upstream.x);

@@ -1,49 +1,50 @@
-//! Cubic Hermite splines with Catmull-Rom tangents over equidistant knots (Neural Atlas Graphs,
-//! supplement A.1; `transforms/utils.py`).
+//! Cubic Hermite splines with Catmull-Rom tangents over equidistant knots (Neural Atlas Graphs, supplement
+//! A.1; `transforms/utils.py`).
 //!
 //! ```text
 //! S = p1 + w1 (p2 - p1) + w2 (p2 - p0)/2 + w3 (p3 - p1)/2
 //! w1 = 3x^2 - 2x^3        w2 = x^3 - 2x^2 + x        w3 = x^3 - x^2
 //! ```
 //!
-//! Knots beyond the ends mirror: `p_-1 = 2 p_0 - p_1`. Outside of the knots the line through the last two
-//! goes on. One knot is a constant. A spline is linear in its knots: a moment is a few knots with weights.
+//! Knots beyond the ends are mirrored: `p_-1 = 2 p_0 - p_1`. Outside of the knots the line through the last
+//! two is extrapolated. One knot is a constant. A spline is linear in its knots: its value is a weighted sum
+//! of a few of them.
 
 use glam::DVec3;
 
 /// Equidistant knots.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Knots {
-    /// Where the first is.
+    /// Time of the first knot.
     pub first: f64,
-    /// Where the last is.
+    /// Time of the last knot.
     pub last: f64,
-    /// How many there are, 1 or more.
+    /// Number of knots, 1 or more.
     pub count: usize,
 }
 
-/// Weights of the knots at a moment; knots that are not named have none.
+/// Weights of the knots at a time; all other knots have weight 0.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct KnotWeights {
-    /// Knots.
+    /// Indices of the knots.
     pub knots: [usize; 4],
-    /// Their weights; they add up to 1.
+    /// Weights of the knots, with sum 1.
     pub weights: [f64; 4],
 }
 
-/// A knot and the place between it and the next, in [0, 1].
+/// Position of a time among the knots.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum Place {
-    /// Between two knots.
+    /// After this knot, by a share in [0, 1] of the step to the next.
     Within(usize, f64),
-    /// Before the first, in steps from it; negative.
+    /// Before the first knot, in steps from it; negative.
     Before(f64),
-    /// Behind the last, in steps from it.
+    /// After the last knot, in steps from it.
     Behind(f64),
 }
 
 impl Knots {
-    /// So many on [0, 1].
+    /// Creates `count` knots on [0, 1].
     pub fn unit(count: usize) -> Self {
         Self {
             first: 0.0,
@@ -52,8 +53,8 @@ impl Knots {
         }
     }
 
-    /// Knots of offsets: one more beyond each end of `inner` knots on [0, 1], so that no moment there
-    /// needs a rule for ends. A single inner knot has its neighbours at -1 and 1.
+    /// Creates knots of offsets: one more beyond each end of `inner` knots on [0, 1], so that no time there
+    /// needs mirrored knots. A single inner knot has its neighbours at -1 and 1.
     pub fn with_neighbours(inner: usize) -> Self {
         let step = if inner > 1 {
             1.0 / (inner - 1) as f64
@@ -68,7 +69,7 @@ impl Knots {
         }
     }
 
-    /// Where a knot is.
+    /// Returns the time of a knot.
     pub fn time(&self, knot: usize) -> f64 {
         if self.count < 2 {
             return self.first;
@@ -76,7 +77,7 @@ impl Knots {
         self.first + (self.last - self.first) * knot as f64 / (self.count - 1) as f64
     }
 
-    /// Where a moment is among two knots or more.
+    /// Returns the position of a time among two knots or more.
     pub(super) fn place(&self, time: f64) -> Place {
         let steps = (time - self.first) / (self.last - self.first) * (self.count - 1) as f64;
         if time < self.first {
@@ -89,7 +90,7 @@ impl Knots {
         Place::Within(knot, steps - knot as f64)
     }
 
-    /// The weights of the knots at a moment.
+    /// Returns the weights of the knots at a time.
     pub fn weights(&self, time: f64) -> KnotWeights {
         let mut found = KnotWeights::default();
         if self.count < 2 {
@@ -128,14 +129,14 @@ impl Knots {
         found
     }
 
-    /// The position at a moment.
+    /// Returns the position at a time.
     pub fn position(&self, positions: &[DVec3], time: f64) -> DVec3 {
         self.weights(time).sum(positions)
     }
 }
 
 impl KnotWeights {
-    /// The weighted sum of the knots' values.
+    /// Returns the weighted sum of the knots' values.
     pub fn sum(&self, values: &[DVec3]) -> DVec3 {
         let terms = self.knots.iter().zip(self.weights);
         terms
@@ -145,7 +146,7 @@ impl KnotWeights {
     }
 }
 
-/// Weights of `p2 - p1` and of the two tangents at `x` in [0, 1].
+/// Returns the weights of `p2 - p1` and of the two tangents at `x` in [0, 1].
 pub(super) fn hermite(x: f64) -> [f64; 3] {
     let (square, cube) = (x * x, x * x * x);
     [
@@ -155,10 +156,10 @@ pub(super) fn hermite(x: f64) -> [f64; 3] {
     ]
 }
 
-/// The knots' positions that come nearest to samples `(time, position)`, by least squares.
+/// Fits the knots' positions to samples `(time, position)`, by least squares.
 ///
-/// Knots that no sample reaches follow their neighbours: the second differences of neighbouring knots are
-/// kept small, by a thousandth of what a sample weighs.
+/// Second differences of neighbouring knots are penalized with a thousandth of a sample's weight, so that
+/// knots without samples follow their neighbours.
 pub fn fit_positions(knots: Knots, samples: &[(f64, DVec3)]) -> Vec<DVec3> {
     let count = knots.count;
     let mut matrix = vec![0.0; count * count];
@@ -180,7 +181,7 @@ pub fn fit_positions(knots: Knots, samples: &[(f64, DVec3)]) -> Vec<DVec3> {
             }
         }
     }
-    // Two knots and one sample: nothing else holds the second.
+    // Two knots and one sample: nothing else determines the second.
     for knot in 0..count {
         matrix[knot * count + knot] += 1e-12;
     }

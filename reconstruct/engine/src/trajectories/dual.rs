@@ -1,8 +1,8 @@
-//! Numbers that carry their derivatives by some variables, for functions whose chain rule is long.
+//! Dual numbers: values with their derivatives by some variables, for functions with a long chain rule.
 
 use std::ops::{Add, Div, Mul, Neg, Sub};
 
-/// What the splines compute with: numbers, with or without derivatives.
+/// Scalar type of the splines: numbers with or without derivatives.
 pub(super) trait Number:
     Copy
     + Add<Output = Self>
@@ -13,7 +13,7 @@ pub(super) trait Number:
 {
     fn constant(value: f64) -> Self;
     fn value(self) -> f64;
-    /// A function of the value with its derivative there.
+    /// Applies a function, given its value and its derivative at this number.
     fn map(self, value: f64, derivative: f64) -> Self;
 
     fn sqrt(self) -> Self {

@@ -1,8 +1,8 @@
 //! Rigid motion in time: positions and rotations between knots, and their gradients.
 //!
-//! * [`catmull_rom`]: positions. [`rotation_spline`]: rotations. [`rigid_spline`]: both, as a trajectory
-//!   that is given and offsets that are learnt.
-//! * [`rigid_path`]: a given path on the ground with learnt corrections.
+//! * [`catmull_rom`]: positions. [`rotation_spline`]: rotations. [`rigid_spline`]: both, as a given trajectory
+//!   with trained offsets.
+//! * [`rigid_path`]: a given path on the ground with trained corrections.
 //! * `dual`: numbers with derivatives.
 
 pub mod catmull_rom;

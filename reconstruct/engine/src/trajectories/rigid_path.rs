@@ -1,14 +1,14 @@
-//! A given path of a rigid thing on the ground, and corrections of it that training learns.
+//! Given path of a rigid object on the ground, with trained corrections.
 //!
-//! With the given centre `X(t)` and heading `h(t)`, and corrections `(d_k, a_k)` at knots that are
-//! uniform in time, whose hat functions are `w_k`:
+//! With the given centre `X(t)` and heading `h(t)`, and corrections `(d_k, a_k)` at knots that are uniform in
+//! time, whose hat functions are `w_k`:
 //!
 //! ```text
 //! centre(t) = X(t) + sum_k w_k(t) d_k       heading(t) = h(t) + sum_k w_k(t) a_k / r
 //! ```
 //!
-//! `r` is a lever arm: a step of an `a_k` moves what is that far from the centre as a step of a `d_k`
-//! does, and one step size is right for both.
+//! `r` is a lever arm: the distance from the centre at which a step of `a_k` moves a point as far as a step
+//! of `d_k`. One step size thus suits both.
 
 use glam::{DVec3, Mat3, Quat, Vec3};
 use omnilife_schemas::{
@@ -19,14 +19,14 @@ use omnilife_schemas::{
 /// Values of a correction: three of the centre, one of the heading.
 pub const CORRECTION_VALUES: usize = 4;
 
-/// Where a thing is and how it is turned.
+/// Position and orientation of an object.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct RigidPose {
-    /// From its own axes (forward, left, up) to the world's.
+    /// Rotation from the object's axes (forward, left, up) to the world's.
     pub rotation: Mat3,
-    /// The same.
+    /// The same rotation.
     pub quaternion: Quat,
-    /// Its middle, normalized units.
+    /// Centre, normalized units.
     pub centre: Vec3,
 }
 
@@ -40,8 +40,8 @@ pub struct RigidPath {
 }
 
 impl RigidPath {
-    /// The path of something whose lever arm is `lever` (normalized units) in world units, with as many
-    /// knots of corrections; at least one.
+    /// Creates the path of an object from world units, with `knots` knots of corrections (at least one).
+    /// `lever` is its lever arm in normalized units.
     pub fn new(
         path: &ObjectPath,
         up: DVec3,
@@ -62,22 +62,22 @@ impl RigidPath {
         }
     }
 
-    /// Values of its corrections.
+    /// Returns the number of values of its corrections.
     pub fn correction_len(&self) -> usize {
         CORRECTION_VALUES * self.knots
     }
 
-    /// The lever arm of the heading's corrections, normalized units.
+    /// Returns the lever arm of the heading's corrections, normalized units.
     pub fn lever(&self) -> f32 {
         self.lever
     }
 
-    /// When it begins and ends, seconds.
+    /// Returns the begin and end of the path, seconds.
     pub fn range_seconds(&self) -> [f64; 2] {
         self.path.centre.range()
     }
 
-    /// The path as it was given, in world units.
+    /// Returns the given path in world units.
     pub fn in_world(&self, normalization: &Similarity) -> ObjectPath {
         let mut path = self.path.clone();
         for coefficient in &mut path.centre.coefficients {
@@ -87,12 +87,12 @@ impl RigidPath {
         path
     }
 
-    /// What points up.
+    /// Returns the unit vector that points up.
     pub fn up(&self) -> Vec3 {
         self.axes.to_world.z_axis.as_vec3()
     }
 
-    /// The corrections before and after a time, and the share of the latter.
+    /// Returns the knots of corrections before and after a time, and the weight of the latter.
     fn between_knots(&self, seconds: f64) -> ([usize; 2], f32) {
         let [begin, end] = self.path.centre.range();
         let pieces = self.knots - 1;
@@ -104,7 +104,8 @@ impl RigidPath {
         ([before, before + 1], (at - before as f64) as f32)
     }
 
-    /// The correction at a time: three values of the centre and the heading in radians.
+    /// Returns the correction at a time: three values of the centre and the heading in radians. `corrections`
+    /// has [`CORRECTION_VALUES`] per knot.
     fn correction(&self, seconds: f64, corrections: &[f32]) -> (Vec3, f32) {
         let ([before, after], share) = self.between_knots(seconds);
         let value = |index: usize| {
@@ -118,7 +119,7 @@ impl RigidPath {
         )
     }
 
-    /// Where it is at a time; `None` before and after its path.
+    /// Returns the pose at a time; `None` before and after the path.
     pub fn pose(&self, seconds: f64, corrections: &[f32]) -> Option<RigidPose> {
         let (centre, heading) = self.path.at(seconds)?;
         let (moved, turned) = self.correction(seconds, corrections);
@@ -146,8 +147,8 @@ impl RigidPath {
         }
     }
 
-    /// Takes the mean of the corrections out of them: the shape that moves along the path could be
-    /// displaced instead, and the two would drift against each other.
+    /// Subtracts the mean of the corrections: otherwise they and the shape that moves along the path could
+    /// drift against each other.
     pub fn fix_gauge(&self, corrections: &mut [f32]) {
         for index in 0..CORRECTION_VALUES {
             let values = || (0..self.knots).map(|knot| CORRECTION_VALUES * knot + index);
@@ -195,7 +196,7 @@ mod tests {
         let path = path();
         let corrections: Vec<f32> = (0..12).map(|n| 0.1 * (n as f32).sin()).collect();
         let (by_centre, by_heading) = (Vec3::new(0.7, -0.4, 1.1), 0.6_f32);
-        // The heading is read off the rotation, in f64.
+        // The heading is derived from the rotation, in f64.
         let loss = |corrections: &[f32], seconds: f64| {
             let pose = path.pose(seconds, corrections);
             let pose = pose.expect("within the path");

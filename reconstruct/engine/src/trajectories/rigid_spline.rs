@@ -1,5 +1,5 @@
-//! A rigid trajectory: knots that are given, and offsets that are learnt (Neural Atlas Graphs, supplement
-//! A.1; the rotations' offsets as in the published code, exponential first and spline behind).
+//! Rigid trajectory: given knots with trained offsets (Neural Atlas Graphs, supplement A.1; offsets of
+//! rotations as in the published code, with the spline applied to the exponentials).
 //!
 //! ```text
 //! T(t) = S(t, T0) + eta S(t, P)        R(t) = S_q(t, R0) S_q(t, { exp(eta Q_k) })        eta = 1/2
@@ -16,21 +16,21 @@ use super::{
 /// Weight of the offsets.
 pub const OFFSET_WEIGHT: f64 = 0.5;
 
-/// Where a rigid body is, and how it is turned: columns of the rotation are its axes in the world.
+/// Position and orientation of a rigid body: columns of the rotation are its axes in the world.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct RigidPose {
-    /// Its origin.
+    /// Origin of the body.
     pub centre: DVec3,
-    /// From its own coordinates to the world's.
+    /// Rotation from the body's coordinates to the world's.
     pub rotation: DMat3,
 }
 
 /// Gradient by a [`RigidPose`], entry by entry.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PoseGradient {
-    /// By the origin.
+    /// Gradient by the origin.
     pub centre: DVec3,
-    /// By the matrix.
+    /// Gradient by the matrix.
     pub rotation: DMat3,
 }
 
@@ -44,13 +44,13 @@ impl Default for PoseGradient {
 }
 
 impl PoseGradient {
-    /// Adds another one.
+    /// Adds another gradient.
     pub fn add(&mut self, other: &Self) {
         self.centre += other.centre;
         self.rotation += other.rotation;
     }
 
-    /// It, so many times.
+    /// Returns the gradient times a factor.
     pub fn scaled(&self, by: f64) -> Self {
         Self {
             centre: by * self.centre,
@@ -59,17 +59,17 @@ impl PoseGradient {
     }
 }
 
-/// Knots of a trajectory over [0, 1], without what is learnt.
+/// Given knots of a trajectory over [0, 1].
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct RigidSpline {
-    /// Positions.
+    /// Positions of the knots.
     pub positions: Vec<DVec3>,
-    /// Rotations; as many.
+    /// Rotations of the knots, as many.
     pub rotations: Vec<DQuat>,
 }
 
 impl RigidSpline {
-    /// The spline with so many knots that comes nearest to poses at moments in [0, 1].
+    /// Fits a spline with `count` knots to poses at times in [0, 1].
     pub fn fitted(count: usize, samples: &[(f64, DVec3, DQuat)]) -> Self {
         let knots = Knots::unit(count.max(1));
         let positions: Vec<_> = samples.iter().map(|&(time, at, _)| (time, at)).collect();
@@ -80,12 +80,12 @@ impl RigidSpline {
         }
     }
 
-    /// Knots of the given trajectory.
+    /// Returns the number of given knots.
     pub fn count(&self) -> usize {
         self.positions.len()
     }
 
-    /// The pose at a moment, without offsets.
+    /// Returns the pose at a time, without offsets.
     pub fn pose(&self, time: f64) -> RigidPose {
         let knots = Knots::unit(self.count());
         let turned = rotation(&knots, &self.rotations, time);
@@ -96,20 +96,20 @@ impl RigidSpline {
     }
 }
 
-/// What is learnt of a trajectory: offsets of positions and rotation vectors of rotations at the knots,
-/// with one knot more beyond each end of [0, 1].
+/// Trained offsets of a trajectory: of positions, and of rotations as rotation vectors, at the knots and at
+/// one more knot beyond each end of [0, 1].
 #[derive(Debug, Clone, PartialEq)]
 pub struct RigidOffsets {
-    /// What an offset of 1 is, units of the scene.
+    /// Length of an offset of 1, units of the scene.
     pub unit: f64,
-    /// Of positions.
+    /// Offsets of positions.
     pub positions: Vec<DVec3>,
-    /// Of rotations, radians; as many.
+    /// Offsets of rotations, radians; as many.
     pub vectors: Vec<DVec3>,
 }
 
 impl RigidOffsets {
-    /// Offsets of 0 for so many knots on [0, 1].
+    /// Creates zero offsets for `inner` knots on [0, 1].
     pub fn zero(inner: usize, unit: f64) -> Self {
         let count = Knots::with_neighbours(inner).count;
         Self {
@@ -119,12 +119,12 @@ impl RigidOffsets {
         }
     }
 
-    /// The knots.
+    /// Returns the knots.
     pub fn knots(&self) -> Knots {
         Knots::with_neighbours(self.positions.len() - 2)
     }
 
-    /// A pose of the given trajectory with the offsets of its moment.
+    /// Returns a pose of the given trajectory with the offsets at its time.
     pub fn applied(&self, given: &RigidPose, time: f64) -> RigidPose {
         let knots = self.knots();
         let turned = rotation_of_vectors(&knots, &self.vectors, OFFSET_WEIGHT, time);

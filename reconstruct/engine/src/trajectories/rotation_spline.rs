@@ -1,12 +1,12 @@
-//! Splines of rotations (Neural Atlas Graphs `transforms/utils.py`): the weights of positions' splines on
-//! rotation vectors.
+//! Splines of rotations (Neural Atlas Graphs `transforms/utils.py`): rotation vectors with the weights of the
+//! splines of positions.
 //!
 //! ```text
 //! S = exp( w1 log(q2 q1^-1) + w2 log(q2 q0^-1)/2 + w3 log(q3 q1^-1)/2 ) q1
 //! ```
 //!
-//! Knots beyond the ends mirror: `q_-1 = (q0 q1^-1) q0`. Outside of the knots the last rotation per step
-//! goes on. `log` takes the shorter way, so that the sign of a quaternion means nothing.
+//! Knots beyond the ends are mirrored: `q_-1 = (q0 q1^-1) q0`. Outside of the knots the last rotation per
+//! step is extrapolated. `log` takes the shorter way, so that the sign of a quaternion has no effect.
 
 use glam::{DMat3, DQuat, DVec3};
 
@@ -39,12 +39,12 @@ impl<T: Number> Quaternion<T> {
         ])
     }
 
-    /// The quaternion of a rotation vector.
+    /// Returns the quaternion of a rotation vector.
     fn exp(vector: [T; 3]) -> Self {
         let [x, y, z] = vector;
         let square = x * x + y * y + z * z;
         let (factor, w) = if square.value() < 1e-8 {
-            // sin(a/2)/a and cos(a/2) as series of a^2: right to the last bit here.
+            // Series of sin(a/2)/a and cos(a/2) in a^2, exact to the last bit here.
             let c = T::constant;
             (
                 c(0.5) - square * c(1.0 / 48.0) + square * square * c(1.0 / 3840.0),
@@ -58,7 +58,7 @@ impl<T: Number> Quaternion<T> {
         Self([x * factor, y * factor, z * factor, w])
     }
 
-    /// The rotation vector, of at most half a turn.
+    /// Returns the rotation vector, of at most half a turn.
     fn log(self) -> [T; 3] {
         let [x, y, z, w] = if self.0[3].value() < 0.0 {
             self.0.map(|value| -value)
@@ -82,7 +82,7 @@ impl<T: Number> Quaternion<T> {
         [x * factor, y * factor, z * factor]
     }
 
-    /// The rotation's matrix, row by row.
+    /// Returns the rotation matrix, row by row.
     fn matrix(self) -> [[T; 3]; 3] {
         let [x, y, z, w] = self.0;
         let (one, two) = (T::constant(1.0), T::constant(2.0));
@@ -114,18 +114,18 @@ fn added<T: Number>(a: [T; 3], b: [T; 3]) -> [T; 3] {
     std::array::from_fn(|at| a[at] + b[at])
 }
 
-/// From one quaternion to another.
+/// Returns the rotation vector from one quaternion to another.
 fn step<T: Number>(from: Quaternion<T>, to: Quaternion<T>) -> [T; 3] {
     to.times(from.conjugate()).log()
 }
 
-/// Up to four knots around a moment, and where it lies among them.
+/// Up to four knots around a time, and its position among them.
 #[derive(Clone, Copy)]
 enum Around {
     One(usize),
-    /// The line through two knots, in steps from the first.
+    /// Line through two knots, in steps from the first.
     Line([usize; 2], f64),
-    /// Between the second and the third; `None` mirrors.
+    /// Between the second and the third; `None` is a mirrored knot.
     Between([Option<usize>; 4], f64),
 }
 
@@ -150,7 +150,7 @@ impl Around {
         }
     }
 
-    /// The knots that take part, in the order in which [`Around::evaluate`] asks for them.
+    /// Returns the knots in the order in which [`Around::evaluate`] reads them.
     fn knots(&self) -> [Option<usize>; 4] {
         match *self {
             Self::One(knot) => [Some(knot), None, None, None],
@@ -159,7 +159,7 @@ impl Around {
         }
     }
 
-    /// The rotation between knots whose quaternions `at` gives.
+    /// Returns the rotation between knots whose quaternions `at` returns.
     fn evaluate<T: Number>(&self, at: impl Fn(usize) -> Quaternion<T>) -> Quaternion<T> {
         match *self {
             Self::One(knot) => at(knot),
@@ -188,14 +188,14 @@ impl Around {
     }
 }
 
-/// The rotation at a moment between knots of unit quaternions.
+/// Returns the rotation at a time between knots of unit quaternions.
 pub fn rotation(knots: &Knots, rotations: &[DQuat], time: f64) -> DQuat {
     let at = |knot: usize| Quaternion::<f64>::of(rotations[knot]);
     let Quaternion(q) = Around::of(knots, time).evaluate(at);
     DQuat::from_array(q)
 }
 
-/// The rotation at a moment between knots `exp(factor v)` of rotation vectors `v`.
+/// Returns the rotation at a time between knots `exp(factor v)` of rotation vectors `v`.
 pub fn rotation_of_vectors(knots: &Knots, vectors: &[DVec3], factor: f64, time: f64) -> DQuat {
     let at = |knot: usize| Quaternion::exp((factor * vectors[knot]).to_array());
     let Quaternion(q) = Around::of(knots, time).evaluate(at);
@@ -236,8 +236,8 @@ pub fn rotation_of_vectors_vjp(
     }
 }
 
-/// The knots' rotations that come nearest to samples `(time, rotation)`: three Gauss-Newton steps with the
-/// derivative of a spline of positions.
+/// Fits the knots' rotations to samples `(time, rotation)`, by three Gauss-Newton steps with the derivative
+/// of a spline of positions.
 pub fn fit_rotations(knots: Knots, samples: &[(f64, DQuat)]) -> Vec<DQuat> {
     let nearest = |time: f64| {
         let distance = |sample: &&(f64, DQuat)| (sample.0 - time).abs();

@@ -1,4 +1,4 @@
-//! Splines against golden values, central differences and what they have to reproduce.
+//! Splines compared with golden values, central differences and curves that they must reproduce.
 
 use glam::{DMat3, DQuat, DVec3};
 
@@ -79,7 +79,7 @@ fn constant_velocity_is_reproduced_within_and_beyond_the_knots() {
     assert_eq!(rotation(&one, &[DQuat::IDENTITY], 7.0), DQuat::IDENTITY);
 }
 
-/// Half a turn between knots, and no turn at all: something definite and finite.
+/// Half turns between knots, and no turn at all, must give finite values.
 #[test]
 fn half_turns_are_finite() {
     let half = DQuat::from_xyzw(1.0, 0.0, 0.0, 0.0);
@@ -118,7 +118,7 @@ fn gradients_by_offsets_are_central_differences() {
             centre: DVec3::new(0.3, -0.5, 0.8),
             rotation: DMat3::from_cols_array(&[0.1, 0.7, -0.3, 0.2, -0.9, 0.4, 0.5, 0.6, -0.8]),
         };
-        // Offsets of 0 are where training begins.
+        // Training starts with offsets of 0.
         for size in [0.0, 1.0] {
             let positions: Vec<DVec3> = wavy(inner, 0.9).iter().map(|&v| size * v).collect();
             let vectors: Vec<DVec3> = wavy(inner, 1.7).iter().map(|&v| size * v).collect();
@@ -189,7 +189,7 @@ fn a_fit_returns_the_spline_that_samples_were_taken_of() {
         let error = rotation(&knots, &found, time).angle_between(expected);
         assert!(error < 1e-2, "{time}: {error}");
     }
-    // One sample holds a constant.
+    // One sample determines a constant.
     let found = fit_positions(Knots::unit(2), &[(0.5, DVec3::X)]);
     assert!((0.5 * (found[0] + found[1]) - DVec3::X).length() < 1e-9);
 }

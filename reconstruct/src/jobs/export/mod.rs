@@ -1,13 +1,11 @@
 //! A run's Gaussians, or those of a PLY, as levels of detail for web viewers, with a record and a page.
 //!
 //! * `source`: what is exported. `moments`: of a scene that moves. `viewer_limits`: what viewers can draw.
-//!   [`levels`]: how many, which, how large. [`page`]: one HTML file with everything in it. [`serve`]: the same
-//!   from a server on this machine, for levels that no page holds.
+//!   [`levels`]: how many, which, how large. [`page`]: one HTML file with everything in it.
 
 pub mod levels;
 mod moments;
 pub mod page;
-pub mod serve;
 mod source;
 mod viewer_limits;
 
@@ -38,7 +36,7 @@ use crate::{
 };
 
 /// The page, in an asset's folder.
-pub const PAGE_FILE: &str = "index.html";
+const PAGE_FILE: &str = "index.html";
 /// What stands still in a scene that moves.
 const STILL_FILE: &str = "still.splat";
 
@@ -283,7 +281,7 @@ fn write_page(
     if inside.is_none() {
         notes.push(format!(
             "the page has no Gaussians inside: no level has {MOST_SPLATS_INSIDE} or fewer; open one in it, \
-             or `omnilife reconstruct serve {}`",
+             or `python3 -m http.server --bind 127.0.0.1 --directory {}`",
             out.display()
         ));
     }

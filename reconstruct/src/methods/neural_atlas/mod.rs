@@ -48,7 +48,7 @@ use self::{
 };
 use crate::{
     error::ReconstructError,
-    methods::{Method, MethodKind, ON_CPU, Prepared},
+    methods::{Findings, Method, MethodKind, ON_CPU, Prepared},
     options::{MethodOption, OptionValues},
     process,
     request::{BackendChoice, DefaultPlan, MethodRequest},
@@ -372,10 +372,11 @@ fn prepare<'a>(
         },
         learner: Box::new(begun.learner),
         configuration,
-        plan: begun.plan,
-        evidence: None,
-        lift: None,
-        warnings,
+        findings: Findings {
+            plan: begun.plan,
+            warnings,
+            ..Findings::default()
+        },
     })
 }
 

@@ -14,7 +14,10 @@ use super::{
     render::{Moment, Rays},
     shade::Detail,
 };
-use crate::{components::Decision, request::MethodRequest};
+use crate::{
+    components::{Decision, DecisionLog},
+    request::MethodRequest,
+};
 
 /// Component: textures move over their surface.
 pub const FLOW: &str = "flow";
@@ -88,16 +91,7 @@ impl Plan {
     pub fn of(clip: &Clip, graph: &mut Graph, request: &MethodRequest) -> Self {
         let noise = noise(clip);
         let measured = measure(clip, graph);
-        let mut decisions = Vec::new();
-        let mut decide = |component: &str, node: Option<&str>, decision: Decision| {
-            let mut line = decision.resolved(component, request);
-            if let Some(node) = node {
-                line.component = format!("{component}:{node}");
-            }
-            let used = line.used;
-            decisions.push(line);
-            used
-        };
+        let mut log = DecisionLog::new(request);
         let rms = |value: f64| format!("{:.2}/255", 255.0 * value);
         let mut nodes = Vec::with_capacity(graph.nodes.len());
         for (node, found) in graph.nodes.iter().zip(&measured) {
@@ -109,7 +103,7 @@ impl Plan {
             );
             let is_object = node.opacity.is_some();
             let is_plane = matches!(node.surface, Surface::Plane { .. });
-            let id = Some(node.id.as_str());
+            let id = node.id.as_str();
             let flow = Decision::new(is_unexplained, residual.clone());
             let view = Decision::new(
                 is_unexplained && found.span > LEAST_SPAN,
@@ -120,8 +114,8 @@ impl Plan {
             );
             let missing = (!is_plane).then_some("a plane: the sphere is seen from its middle");
             let mut of_node = OfNode {
-                flow: decide(FLOW, id, flow),
-                view: decide(VIEW, id, view.unless(missing)),
+                flow: log.decide_for(FLOW, id, flow),
+                view: log.decide_for(VIEW, id, view.unless(missing)),
                 ..OfNode::default()
             };
             if is_object {
@@ -129,12 +123,12 @@ impl Plan {
                     found.overlap < GOOD_OVERLAP,
                     format!("base opacity and masks overlap by {:.3}", found.overlap),
                 );
-                of_node.opacity = decide(OPACITY_FIELD, id, opacity);
+                of_node.opacity = log.decide_for(OPACITY_FIELD, id, opacity);
                 let rotation = Decision::new(
                     found.deviation > LEAST_DEVIATION,
                     format!("the mask's shape changes by {:.1} pixels", found.deviation),
                 );
-                of_node.rotation = decide(OBJECT_ROTATION, id, rotation);
+                of_node.rotation = log.decide_for(OBJECT_ROTATION, id, rotation);
             }
             nodes.push(of_node);
         }
@@ -161,11 +155,11 @@ impl Plan {
             },
         );
         Self {
-            camera_offsets: decide(CAMERA_OFFSETS, None, camera),
-            mask_loss: decide(MASK_LOSS, None, masks),
-            coarse_to_fine: decide(COARSE_TO_FINE, None, coarse),
+            camera_offsets: log.decide(CAMERA_OFFSETS, camera),
+            mask_loss: log.decide(MASK_LOSS, masks),
+            coarse_to_fine: log.decide(COARSE_TO_FINE, coarse),
             nodes,
-            decisions,
+            decisions: log.into_decisions(),
         }
     }
 }

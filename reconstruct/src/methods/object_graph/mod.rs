@@ -141,8 +141,9 @@ fn prepare(
         ));
     }
     let mut prepared = PreparedGaussians::new(draft, Model::new(parts));
-    prepared.warnings.extend(objects.warnings);
-    prepared.warnings.extend(scene.held_out_tracks());
+    let warnings = &mut prepared.findings.warnings;
+    warnings.extend(objects.warnings);
+    warnings.extend(scene.held_out_tracks());
     Ok(prepared)
 }
 

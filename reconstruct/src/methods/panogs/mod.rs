@@ -41,9 +41,9 @@ use self::{
 };
 use crate::{
     baseline,
-    components::{Decision, sky_shell},
+    components::{Decision, DecisionLog, sky_shell},
     error::ReconstructError,
-    methods::{Method, MethodKind, ON_CPU, PreparedGaussians},
+    methods::{Findings, Method, MethodKind, ON_CPU, PreparedGaussians},
     models, options, process,
     request::{BackendChoice, DefaultPlan, MethodRequest},
     scene::{CameraExtent, TrainingScene},
@@ -120,21 +120,6 @@ const CENTRE_REACH: f32 = 0.5;
 /// Weight of the scaffold's loss.
 const SCAFFOLD_WEIGHT: f32 = 0.1;
 
-/// Decisions in the order in which they were made.
-struct Plan<'a> {
-    request: &'a MethodRequest,
-    decisions: Vec<ComponentDecision>,
-}
-
-impl Plan<'_> {
-    fn decide(&mut self, component: &str, decision: Decision) -> bool {
-        let decision = decision.resolved(component, self.request);
-        let used = decision.used;
-        self.decisions.push(decision);
-        used
-    }
-}
-
 /// Which arrays learn, and what centres are held to.
 struct Learning {
     /// Arrays that keep their values.
@@ -148,10 +133,7 @@ fn prepare(
     request: &MethodRequest,
     _: BackendChoice,
 ) -> Result<PreparedGaussians, ReconstructError> {
-    let mut plan = Plan {
-        request,
-        decisions: Vec::new(),
-    };
+    let mut plan = DecisionLog::new(request);
     let mut samples = Samples::of(scene, &mut plan)?;
     let count = samples.gaussians.len() as u64;
     let learning = learning(&samples, &mut plan);
@@ -170,10 +152,12 @@ fn prepare(
     Ok(PreparedGaussians {
         model,
         settings,
-        plan: plan.decisions,
-        evidence: None,
-        lift: Some(samples.record),
-        warnings: samples.warnings,
+        findings: Findings {
+            plan: plan.into_decisions(),
+            evidence: None,
+            lift: Some(samples.record),
+            warnings: samples.warnings,
+        },
     })
 }
 
@@ -201,7 +185,7 @@ fn settings(
 }
 
 /// Decides what learns.
-fn learning(samples: &Samples, plan: &mut Plan<'_>) -> Learning {
+fn learning(samples: &Samples, plan: &mut DecisionLog<'_>) -> Learning {
     let warms_up = plan.decide(
         WARM_START,
         Decision::new(
@@ -285,7 +269,7 @@ fn model(
 }
 
 /// The fused surface, where there is a reason for it.
-fn surface(samples: &Samples, plan: &mut Plan<'_>, centres_move: bool) -> Option<Surface> {
+fn surface(samples: &Samples, plan: &mut DecisionLog<'_>, centres_move: bool) -> Option<Surface> {
     let missing = match (samples.views.len(), centres_move) {
         (0 | 1, _) => Some("a second view"),
         (_, false) => Some("centres that move"),

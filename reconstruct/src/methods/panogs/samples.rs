@@ -7,12 +7,12 @@ use omnilife_schemas::{
 };
 
 use super::{
-    DEPTH_REFINEMENT, DEPTH_SCALE, POLE_THINNING, Plan, REDUNDANT_SAMPLES, depth_refinement,
-    differ, manifest,
+    DEPTH_REFINEMENT, DEPTH_SCALE, POLE_THINNING, REDUNDANT_SAMPLES, depth_refinement, differ,
+    manifest,
     sources::{self, Sources},
 };
 use crate::{
-    components::{Decision, sky_shell},
+    components::{Decision, DecisionLog, sky_shell},
     error::ReconstructError,
     scene::TrainingScene,
     seeds::{
@@ -90,7 +90,10 @@ pub(super) struct Chosen {
 
 impl Samples {
     /// Lifts the distances of a scene's input views.
-    pub(super) fn of(scene: &TrainingScene, plan: &mut Plan<'_>) -> Result<Self, ReconstructError> {
+    pub(super) fn of(
+        scene: &TrainingScene,
+        plan: &mut DecisionLog<'_>,
+    ) -> Result<Self, ReconstructError> {
         let Sources {
             mut views,
             origin,
@@ -177,7 +180,12 @@ impl Samples {
     }
 
     /// A shell in the directions that no view knows a distance of.
-    fn add_sky(&mut self, scene: &TrainingScene, surfaces: PointCloud<f32>, plan: &mut Plan<'_>) {
+    fn add_sky(
+        &mut self,
+        scene: &TrainingScene,
+        surfaces: PointCloud<f32>,
+        plan: &mut DecisionLog<'_>,
+    ) {
         let with_points = TrainingScene {
             points: surfaces,
             ..scene.clone()
@@ -199,7 +207,7 @@ impl Samples {
     }
 
     /// No more Gaussians than asked for, evenly spread and larger for it.
-    fn thin(&mut self, plan: &Plan<'_>) {
+    fn thin(&mut self, plan: &DecisionLog<'_>) {
         let Some(maximum) = plan.request.options.maximum_gaussians() else {
             return;
         };
@@ -300,7 +308,7 @@ fn check(scene: &TrainingScene, views: &[SourceView]) -> Result<(), ReconstructE
 fn agreed(
     scene: &TrainingScene,
     views: &mut [SourceView],
-    plan: &mut Plan<'_>,
+    plan: &mut DecisionLog<'_>,
     warnings: &mut Vec<String>,
 ) -> Agreed {
     let fit: ScaleFit = fit_scales(&distance_views(views));
@@ -348,7 +356,12 @@ fn agreed(
 }
 
 /// Brings distances to the images' grids where those are finer.
-fn refine(scene: &TrainingScene, views: &mut [SourceView], size: [usize; 2], plan: &mut Plan<'_>) {
+fn refine(
+    scene: &TrainingScene,
+    views: &mut [SourceView],
+    size: [usize; 2],
+    plan: &mut DecisionLog<'_>,
+) {
     let image = scene.camera.size();
     let reason = format!("distances are {} pixels wide, images {}", size[0], image[0]);
     let coarse = size[0] < image[0];
@@ -364,7 +377,7 @@ fn refine(scene: &TrainingScene, views: &mut [SourceView], size: [usize; 2], pla
 }
 
 /// Whether pixels near the poles are left out.
-fn thins_poles(scene: &TrainingScene, views: &[SourceView], plan: &mut Plan<'_>) -> bool {
+fn thins_poles(scene: &TrainingScene, views: &[SourceView], plan: &mut DecisionLog<'_>) -> bool {
     let pixels: usize = views.iter().map(|view| view.distances.values.len()).sum();
     // The mean of cos(latitude) over the rows of a panorama is 2 / pi.
     let spared = (1.0 - std::f64::consts::FRAC_2_PI) * pixels as f64;
@@ -381,7 +394,7 @@ fn chosen(
     views: &[SourceView],
     lifted: Vec<Lifted>,
     disagreement: f64,
-    plan: &mut Plan<'_>,
+    plan: &mut DecisionLog<'_>,
     warnings: &mut Vec<String>,
 ) -> Chosen {
     let distance_views = distance_views(views);

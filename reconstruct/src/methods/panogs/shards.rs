@@ -15,8 +15,12 @@ use omnilife_engine::{
 };
 use omnilife_schemas::elapsed::Stopwatch;
 
-use super::{NEIGHBOUR_VIEWS, Plan, SHARDS, neighbour_views::NearViews, samples::Samples};
-use crate::{components::Decision, process, scene::TrainingScene};
+use super::{NEIGHBOUR_VIEWS, SHARDS, neighbour_views::NearViews, samples::Samples};
+use crate::{
+    components::{Decision, DecisionLog},
+    process,
+    scene::TrainingScene,
+};
 
 /// Share of the memory that is left which training may take: drawn and scored images come beside it.
 const SHARE_OF_MEMORY: f64 = 0.8;
@@ -44,7 +48,7 @@ impl Sharding {
         samples: &Samples,
         memory: StepMemory,
         rendering: RenderSettings,
-        plan: &mut Plan<'_>,
+        plan: &mut DecisionLog<'_>,
     ) -> Option<Self> {
         let count = samples.gaussians.len();
         let bytes = |shards: usize| memory.bytes(count as u64, count.div_ceil(shards) as u64);

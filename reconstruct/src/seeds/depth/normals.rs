@@ -4,7 +4,10 @@ use std::f64::consts::PI;
 
 use glam::{DMat3, DVec3, Vec3};
 use omnilife_engine::camera::{Camera, rays::Rays};
-use omnilife_schemas::distances::{DistanceImage, EDGE_RATIO};
+use omnilife_schemas::{
+    distances::{DistanceImage, EDGE_RATIO},
+    statistics,
+};
 use rayon::prelude::*;
 
 /// Half widths of the windows, pixels.
@@ -83,7 +86,7 @@ pub fn relative_noise(distances: &DistanceImage) -> f64 {
     }
     // A few ten thousand pixels are enough for a median.
     let rows = (0..height).step_by((height / 64).max(1));
-    let mut found: Vec<f64> = rows
+    let found: Vec<f64> = rows
         .flat_map(|row| {
             let row = &distances.values[row * width..(row + 1) * width];
             row.windows(3).filter_map(|three| {
@@ -93,8 +96,7 @@ pub fn relative_noise(distances: &DistanceImage) -> f64 {
             })
         })
         .collect();
-    found.sort_by(f64::total_cmp);
-    let median = found.get(found.len() / 2).copied().unwrap_or(0.0);
+    let median = statistics::median(&found).unwrap_or(0.0);
     MEDIAN_TO_DEVIATION * median / 6.0_f64.sqrt()
 }
 

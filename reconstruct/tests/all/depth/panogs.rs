@@ -107,7 +107,7 @@ fn refusal(scene: &TrainingScene) -> String {
 }
 
 pub(crate) fn is_used(prepared: &Prepared<'_>, component: &str) -> bool {
-    let mut plan = prepared.plan.iter();
+    let mut plan = prepared.findings.plan.iter();
     let decision = plan.find(|decision| decision.component == component);
     decision.unwrap_or_else(|| panic!("no {component}")).used
 }
@@ -170,7 +170,7 @@ fn the_record_of_the_lift_accounts_for_every_pixel() {
     });
     scene.input_views[1].mask = Some(vec![255; 128 * 64]);
     let prepared = prepared(&scene, &MethodRequest::new(10, 0));
-    let lift = prepared.lift.as_ref().unwrap();
+    let lift = prepared.findings.lift.as_ref().unwrap();
     assert!(lift.distances.contains("closed form"));
     assert_eq!(lift.views.len(), 4);
     for (number, view) in lift.views.iter().enumerate() {

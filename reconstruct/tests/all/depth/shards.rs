@@ -159,7 +159,7 @@ fn what_fits_into_memory_needs_no_shards_and_the_plan_says_what_they_would_save(
     let plain = prepared(&scene, &MethodRequest::new(10, 0));
     assert!(!is_used(&plain, "shards") && !is_used(&plain, "neighbour-views"));
     let reason = |component: &str| {
-        let mut plan = plain.plan.iter();
+        let mut plan = plain.findings.plan.iter();
         let decision = plan.find(|decision| decision.component == component);
         decision.unwrap().reason.clone()
     };

@@ -227,7 +227,7 @@ fn the_order_of_the_views_changes_no_bit_and_the_loss_has_the_gradient_that_diff
         fused(&views, &[0, 1, 2], voxel),
         fused(&views, &[2, 0, 1], voxel),
     );
-    assert_eq!(forward.block_count(), backward.block_count());
+    assert_eq!(forward.bytes(), backward.bytes());
     let places = places(&views[..1], 0.1);
     let centres: Vec<[f32; 3]> = places
         .iter()

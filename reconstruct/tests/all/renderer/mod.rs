@@ -5,51 +5,20 @@ mod sphere;
 
 use glam::{DQuat, DVec3, dvec3};
 use omnilife_engine::{
-    camera::Camera,
     gaussians::ActivatedGaussians,
-    render::{
-        Visible,
-        cpu::Renderer,
-        raster::RasterGradient,
-        settings::{Footprint, RenderSettings},
-    },
+    render::{Visible, cpu::Renderer, raster::RasterGradient, settings::Footprint},
 };
 use omnilife_reconstruct::stability::channels::gradient_rows;
-use omnilife_schemas::camera::{ErpCamera, PinholeCamera};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 use support::{
     reference::{self, Gaussian, RefView, instant, parameter_arrays},
-    scenes::{Richness, scene, turned},
+    scenes::{Richness, erp, pinhole, scene, settings, turned},
 };
 
 use crate::support;
 
 const FOOTPRINTS: [Footprint; 2] = [Footprint::Projected, Footprint::Ray];
-
-fn settings(footprint: Footprint) -> RenderSettings {
-    RenderSettings {
-        background: [0.1, 0.3, 0.2],
-        footprint,
-        ..RenderSettings::new(0.01)
-    }
-}
-
-fn erp(width: u32) -> Camera {
-    Camera::Erp(ErpCamera {
-        width,
-        height: width / 2,
-    })
-}
-
-fn pinhole(width: u32, height: u32) -> Camera {
-    let camera = PinholeCamera::with_horizontal_field_of_view(width, height, 1.6);
-    Camera::Pinhole(PinholeCamera {
-        cx: camera.cx + 1.3,
-        fy: camera.fy * 1.1,
-        ..camera
-    })
-}
 
 /// Compares values that may differ by more where a Gaussian's 1/255 edge or the end of compositing
 /// falls on either side in f32.

@@ -1,4 +1,4 @@
-//! Views of noise and models about which everything is random, as densifications meet them.
+//! Views of noise, and models with random parameters, moments and statistics, for tests of densification.
 
 use std::collections::BTreeMap;
 
@@ -30,7 +30,7 @@ use rand_pcg::Pcg64Mcg;
 /// Iteration of the schedule from which a split shortens lifespans and has three children.
 pub(crate) const SHORTEN_FROM: u64 = 100;
 
-/// Views along a path, of noise.
+/// Views of noise along a path.
 pub(crate) struct Scene {
     pub(crate) clock: Clock,
     pub(crate) camera: Camera,
@@ -170,7 +170,7 @@ fn initial(len: usize, random: &mut Pcg64Mcg) -> InitialGaussians {
     }
 }
 
-/// Two parts, everything about which is random: parameters, moments and statistics.
+/// Returns a model of two parts with random parameters, moments and statistics.
 pub(crate) fn random_model(scene: &Scene, lens: [usize; 2], seed: u64) -> Model {
     let random = &mut Pcg64Mcg::seed_from_u64(seed);
     let dynamics = dynamics(scene);
@@ -193,7 +193,7 @@ pub(crate) fn random_model(scene: &Scene, lens: [usize; 2], seed: u64) -> Model 
     model
 }
 
-/// Gaussians that a network deforms, everything about which is random, and the network's weights.
+/// Returns random Gaussians deformed by a network with random weights.
 pub(crate) fn random_deformed(scene: &Scene, len: usize, seed: u64) -> Model {
     let random = &mut Pcg64Mcg::seed_from_u64(seed);
     let model = DeformationModel {
@@ -217,7 +217,7 @@ pub(crate) fn random_deformed(scene: &Scene, len: usize, seed: u64) -> Model {
     model
 }
 
-/// Moments and statistics.
+/// Randomizes moments and statistics.
 fn make_random(model: &mut Model, random: &mut Pcg64Mcg) {
     for part in &mut model.parts {
         let statistics = &mut part.statistics;
@@ -243,7 +243,7 @@ fn make_random(model: &mut Model, random: &mut Pcg64Mcg) {
     }
 }
 
-/// Makes some of it no number.
+/// Replaces some values by NaN or infinity.
 pub(crate) fn spoil(model: &mut Model) {
     for part in &mut model.parts {
         part.statistics.sums[3] = f32::NAN;

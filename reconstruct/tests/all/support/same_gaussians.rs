@@ -1,4 +1,4 @@
-//! Whether two models have the same Gaussians.
+//! Comparison of the Gaussians of two models.
 
 use std::collections::HashMap;
 
@@ -7,7 +7,8 @@ use omnilife_engine::{gaussians::static_gaussians::OPACITY_LOGITS, model::Part};
 /// A row of all arrays, values before moments, as bits.
 type Row = Vec<u32>;
 
-/// Rows of a part by the bits of what no densification changes, which no two Gaussians share; copies apart.
+/// Groups rows of a part by the bits that densification does not change and that no two Gaussians share;
+/// copies are kept apart.
 fn families(part: &Part) -> HashMap<(Row, bool), Vec<Vec<f32>>> {
     let colour = part.table.position("sh_constant").unwrap();
     let mut families: HashMap<_, Vec<Vec<f32>>> = HashMap::new();
@@ -35,7 +36,8 @@ fn families(part: &Part) -> HashMap<(Row, bool), Vec<Vec<f32>>> {
     families
 }
 
-/// The same Gaussians: to the last bit but for where children lie and when, which are sums of exponentials.
+/// Asserts that both have the same bits, except for the positions and times of children, which are sums of
+/// exponentials.
 pub(crate) fn assert_same_gaussians(what: &str, found: &Part, expected: &Part) {
     assert_eq!(found.table.len(), expected.table.len(), "{what}");
     assert_eq!(found.statistics, expected.statistics, "{what}");
@@ -59,8 +61,8 @@ pub(crate) fn assert_same_gaussians(what: &str, found: &Part, expected: &Part) {
     assert_same_order(what, found, expected);
 }
 
-/// Neighbours on the sphere come together in the same order. Angles differ in their last bits, so that a few
-/// may be in the next cell.
+/// Asserts the same order on the sphere. Angles differ in their last bits, so that a few Gaussians may be in
+/// the next cell.
 fn assert_same_order(what: &str, found: &Part, expected: &Part) {
     let colours = |part: &Part| -> Vec<Row> {
         let colour = part.table.position("sh_constant").unwrap();

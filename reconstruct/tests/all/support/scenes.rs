@@ -1,6 +1,11 @@
 //! Scenes that make rendering hard, around a camera near the origin.
 
 use glam::{DQuat, DVec3, dvec3};
+use omnilife_engine::{
+    camera::Camera,
+    render::settings::{Footprint, RenderSettings},
+};
+use omnilife_schemas::camera::{ErpCamera, PinholeCamera};
 use rand::{Rng, RngExt};
 
 use super::reference::Gaussian;
@@ -86,4 +91,31 @@ pub(crate) fn scene(random: &mut impl Rng, count: usize, richness: Richness) -> 
 /// A camera that is not straight.
 pub(crate) fn turned() -> DQuat {
     DQuat::from_euler(glam::EulerRot::XYZ, 0.3, -1.1, 0.2)
+}
+
+/// A panorama of `width` columns.
+pub(crate) fn erp(width: u32) -> Camera {
+    Camera::Erp(ErpCamera {
+        width,
+        height: width / 2,
+    })
+}
+
+/// A pinhole camera with unequal focal lengths, off its middle.
+pub(crate) fn pinhole(width: u32, height: u32) -> Camera {
+    let camera = PinholeCamera::with_horizontal_field_of_view(width, height, 1.6);
+    Camera::Pinhole(PinholeCamera {
+        cx: camera.cx + 1.3,
+        fy: camera.fy * 1.1,
+        ..camera
+    })
+}
+
+/// Settings with a coloured background.
+pub(crate) fn settings(footprint: Footprint) -> RenderSettings {
+    RenderSettings {
+        background: [0.1, 0.3, 0.2],
+        footprint,
+        ..RenderSettings::new(0.01)
+    }
 }

@@ -1,4 +1,4 @@
-//! Frames of other times as they would look from here, and how far a frame is from them.
+//! Frames of other times warped to the view of a frame, and its differences from them.
 
 use rayon::prelude::*;
 
@@ -13,11 +13,11 @@ use super::{
 };
 use crate::{ground_plane::Plane, posed_view::PosedView, tracks::detectors::pixels_around::around};
 
-/// Fewer frames that show a pixel say nothing of it, where there are more.
+/// Least number of frames with a pixel for a decision on it, if there are as many.
 const LEAST_KNOWN: usize = 3;
-/// Places of a pixel in another frame that are farther apart than this are not known, pixels.
+/// Largest distance between possible places of a pixel in another frame, pixels; beyond, its place is unknown.
 const AMBIGUOUS: f32 = 2.5;
-/// What looks as much like the ground as this is not compared with other surfaces, of [0, 1].
+/// Largest difference from the ground, of [0, 1], at which other surfaces are not compared.
 const IS_GROUND: f32 = 0.01;
 
 /// The frame that is compared with others.
@@ -47,18 +47,18 @@ impl<'a> Here<'a> {
     }
 }
 
-/// A frame that another one is compared with, through the surface that the other one sees.
+/// A frame to compare with, through the surface in its own view.
 ///
-/// Beside edges the surface is not known to a pixel, and from another place another colour is behind them.
-/// Where the ground is one of the surfaces that may be there, what stands still looks like the other frame at
-/// one of them, and counts by the one that it is most like; elsewhere nothing is said.
+/// Beside edges the surface of a pixel is unknown, and from another place another colour is behind them. If the ground
+/// is one of the possible surfaces, static content looks like the other frame at one of them, and the best match
+/// counts. Otherwise nothing is known.
 pub(super) struct Background<'a> {
     texels: &'a Texels,
     transfer: Transfer,
 }
 
 impl<'a> Background<'a> {
-    /// Another frame, for one that looks from `here`.
+    /// Prepares another frame, for one with the view `here`.
     pub(super) fn new(here: &PosedView, view: &PosedView, texels: &'a Texels) -> Self {
         Self {
             texels,
@@ -66,7 +66,7 @@ impl<'a> Background<'a> {
         }
     }
 
-    /// What it shows of the static surface of a pixel; NaN where that is not known.
+    /// Returns its colour of the static surface of a pixel; NaN if that is unknown.
     pub(super) fn colour(&self, here: &Here<'_>, pixel: usize) -> [f32; 3] {
         let surface = if self.is_sure(here, pixel) {
             &here.surface.at
@@ -76,13 +76,13 @@ impl<'a> Background<'a> {
         self.through(here, surface, pixel)
     }
 
-    /// What it shows of a pixel through one of the surfaces that may be there; NaN where it does not.
+    /// Returns its colour of a pixel through one of the possible surfaces; NaN if it does not show it.
     fn through(&self, here: &Here<'_>, surface: &[f32], pixel: usize) -> [f32; 3] {
         let place = self.transfer.place(here.rays.at(pixel), surface[pixel]);
         self.texels.sample(place).unwrap_or([f32::NAN; 3])
     }
 
-    /// Whether it shows a pixel in one place, whichever surface is there.
+    /// Returns true if it shows a pixel in one place for any possible surface.
     fn is_sure(&self, here: &Here<'_>, pixel: usize) -> bool {
         let Surface {
             nearest, farthest, ..
@@ -96,13 +96,13 @@ impl<'a> Background<'a> {
         is_one_place([near[0], near[1]], [far[0], far[1]])
     }
 
-    /// How far each pixel is from it, through the ground where the surface is not known; NaN where nothing is said.
+    /// Returns each pixel's difference from it, through the ground if the surface is unknown; NaN if nothing is known.
     fn differences(&self, here: &Here<'_>) -> Vec<f32> {
         let (width, height) = (here.texels.width, here.texels.height);
         let mut differences = vec![f32::NAN; width * height];
         let mut warp = Warp::new(width);
         let mut extents = RowExtents::new(width);
-        // The rows above, in the same place and below go round.
+        // Buffers of the rows above, in the same place and below, used in rotation.
         let mut rows = [0; 3].map(|_| WarpedRow::unknown(width));
         warp.row(self, here, 0, &mut rows[0]);
         for (row, out) in differences.chunks_exact_mut(width).enumerate() {
@@ -125,7 +125,7 @@ impl<'a> Background<'a> {
         differences
     }
 
-    /// Looks at what may move beside edges through the other surfaces that may be there.
+    /// Compares content beside edges that may move through the other possible surfaces.
     fn look_beside_edges(&self, here: &Here<'_>, patch: &Patch, differences: &mut [f32]) {
         let Surface {
             at,
@@ -145,7 +145,7 @@ impl<'a> Background<'a> {
             for (&pixel, _) in inner.filter(|(_, colour)| !colour[0].is_nan()) {
                 let mut extent = Extent::NOTHING;
                 patch.numbers_around(pixel, |number| extent = extent.with(colours[number]));
-                // Without the ground nothing is said: nothing is less than NaN.
+                // Without the ground nothing is known: no value is less than NaN.
                 let value = extent.distance(here.texels.colour(pixel));
                 if value < differences[pixel] {
                     differences[pixel] = value;
@@ -155,18 +155,18 @@ impl<'a> Background<'a> {
     }
 }
 
-/// Whether two places, which are NaN where a point is not seen, are as good as one.
+/// Returns true if two places, which are NaN for a hidden point, are practically equal.
 #[inline(always)]
 fn is_one_place(near: [f32; 2], far: [f32; 2]) -> bool {
     let [x, y] = [near[0] - far[0], near[1] - far[1]];
     x * x + y * y <= AMBIGUOUS * AMBIGUOUS
 }
 
-/// A row of another frame as it would look from here.
+/// A row of another frame, warped to this view.
 struct WarpedRow {
-    /// Where the surface is known.
+    /// Colours of known surfaces.
     sure: RowColours,
-    /// Through the ground beside edges.
+    /// Colours through the ground beside edges.
     edges: RowColours,
 }
 
@@ -184,7 +184,7 @@ impl WarpedRow {
     }
 }
 
-/// What rows are warped with.
+/// Buffers for the warping of rows.
 struct Warp {
     near: Places,
     far: Places,
@@ -245,7 +245,7 @@ impl Warp {
     }
 }
 
-/// Of a row of pixels, whether another frame shows each in one place, and the distance at which it is looked at.
+/// Returns for a row of pixels whether another frame shows each in one place, and the distance to use.
 #[multiversion::multiversion(targets("x86_64+avx2"))]
 fn choose(
     nearest: &[f32],
@@ -265,9 +265,8 @@ fn choose(
     }
 }
 
-/// How far each pixel is from what stands still, as a mean over those beside it too: from the frames that are
-/// compared, a quarter of those that show it is nearer. NaN where nothing is known. Means above `least` are exact;
-/// others may be smaller yet.
+/// Returns each pixel's difference from static content, averaged with those beside it: the lower quartile over the
+/// frames that show it. NaN if unknown. Means above `least` are exact; others may be smaller yet.
 pub(super) fn differences(here: &Here<'_>, others: &[Background<'_>], least: f32) -> Vec<f32> {
     let (width, height) = (here.texels.width, here.texels.height);
     let mut of_each: Vec<Vec<f32>> = others
@@ -275,7 +274,7 @@ pub(super) fn differences(here: &Here<'_>, others: &[Background<'_>], least: f32
         .map(|other| other.differences(here))
         .collect();
     let mut ranks = ranked(&of_each);
-    // Other surfaces make differences smaller alone: through them is looked at what is large through the ground.
+    // Other surfaces only reduce differences, so they are tested only for large differences through the ground.
     let mut is_large = vec![false; ranks.len()];
     for (pixel, _) in blurred(&ranks, width)
         .into_iter()
@@ -299,14 +298,14 @@ pub(super) fn differences(here: &Here<'_>, others: &[Background<'_>], least: f32
     blurred(&ranks, width)
 }
 
-/// The smallest values of some pixels, in order, and how many are known of each.
+/// The smallest values of some pixels, in order, and the number of known ones of each.
 struct Ranks<const PIXELS: usize> {
     smallest: [[f32; PIXELS]; OTHERS / 4 + 1],
     known: [u32; PIXELS],
 }
 
 impl<const PIXELS: usize> Ranks<PIXELS> {
-    /// Of what several frames say, NaN where they say nothing.
+    /// Ranks the values of several frames, NaN for unknown ones.
     #[inline(always)]
     fn of(values: impl Iterator<Item = [f32; PIXELS]>) -> Self {
         let mut ranks = Self {
@@ -319,7 +318,7 @@ impl<const PIXELS: usize> Ranks<PIXELS> {
             }
             for rank in &mut ranks.smallest {
                 for (held, value) in rank.iter_mut().zip(&mut values) {
-                    // NaN is not less than any, and nothing is pushed on by it.
+                    // NaN is less than no value, and shifts none.
                     let is_less = *value < *held;
                     let (less, more) = if is_less {
                         (*value, *held)
@@ -333,7 +332,7 @@ impl<const PIXELS: usize> Ranks<PIXELS> {
         ranks
     }
 
-    /// The values that a quarter of those known are below; NaN where too few of the frames know a pixel.
+    /// Returns the lower quartile of the known values; NaN if too few of the frames know a pixel.
     #[inline(always)]
     fn chosen(&self, frames: usize) -> [f32; PIXELS] {
         let least = LEAST_KNOWN.min(frames).max(1) as u32;
@@ -348,10 +347,10 @@ impl<const PIXELS: usize> Ranks<PIXELS> {
     }
 }
 
-/// Pixels that are put in order together.
+/// Number of pixels that are sorted together.
 const LANES: usize = 16;
 
-/// For each pixel the difference that a quarter of those known are below; NaN where none is.
+/// Returns for each pixel the lower quartile of the known differences; NaN if none is known.
 fn ranked(differences: &[Vec<f32>]) -> Vec<f32> {
     let mut ranks = vec![f32::NAN; differences.first().map_or(0, Vec::len)];
     rank(differences, &mut ranks);
@@ -372,7 +371,7 @@ fn rank(differences: &[Vec<f32>], ranks: &mut [f32]) {
     }
 }
 
-/// Per channel the middle of what backgrounds show of a pixel; NaN where none shows it.
+/// Returns per channel the median colour of a pixel in the backgrounds; NaN if none shows it.
 pub(super) fn middle_colour(here: &Here<'_>, others: &[Background<'_>], pixel: usize) -> [f32; 3] {
     let shown: Vec<[f32; 3]> = others
         .iter()

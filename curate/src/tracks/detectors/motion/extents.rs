@@ -1,10 +1,10 @@
-//! How far colours are from all that a background has within a pixel of them.
+//! Distances of colours from the range of a background within a pixel.
 
-/// Colours of a row, channel by channel; NaN where nothing is known.
+/// Colours of a row, channel by channel; NaN if unknown.
 #[derive(Clone)]
 pub(super) struct RowColours {
     pub(super) channels: [Vec<f32>; 3],
-    /// Whether any is known.
+    /// True if any is known.
     pub(super) is_known: bool,
 }
 
@@ -32,7 +32,7 @@ impl RowColours {
     }
 }
 
-/// What is worked with, of the width of a row with a column before and one behind it.
+/// Buffers of the width of a row with a column before and one behind it.
 pub(super) struct RowExtents {
     low: Vec<f32>,
     high: Vec<f32>,
@@ -48,8 +48,8 @@ impl RowExtents {
         }
     }
 
-    /// How far the colours of a row are from all that a background has within a pixel, where it has any in the same
-    /// place; other values stay. `background` are the rows above, in the same place and below.
+    /// Computes the distances of a row's colours from the range of a background within a pixel, if it has any in the
+    /// same place; other values stay. `background` are the rows above, in the same place and below.
     pub(super) fn differences(
         &mut self,
         shown: [&[f32]; 3],
@@ -75,20 +75,20 @@ impl RowExtents {
     }
 }
 
-/// The lesser of two, where the first may be NaN: then the second.
+/// Returns the lesser of two; if the first is NaN, the second.
 #[inline(always)]
 pub(super) fn lesser(a: f32, b: f32) -> f32 {
     if a < b { a } else { b }
 }
 
-/// The larger of two, where the first may be NaN: then the second.
+/// Returns the larger of two; if the first is NaN, the second.
 #[inline(always)]
 pub(super) fn larger(a: f32, b: f32) -> f32 {
     if a > b { a } else { b }
 }
 
-/// Adds how far a channel of a row is outside of what three rows of a background have within a column. `low` and
-/// `high` have a column before and one behind the row's that say nothing.
+/// Adds the distances of a channel of a row from the range of three rows of a background within a column. `low` and
+/// `high` have a neutral column before and behind the row's.
 #[multiversion::multiversion(targets("x86_64+avx2"))]
 fn add_beyond(
     shown: &[f32],
@@ -131,7 +131,7 @@ impl Extent {
         }
     }
 
-    /// Mean over the channels of how far a colour is outside.
+    /// Returns the mean distance of a colour from the range over the channels.
     #[inline]
     pub(super) fn distance(&self, colour: [f32; 3]) -> f32 {
         let mut sum = 0.0;
@@ -149,7 +149,7 @@ mod tests {
     /// Colours of an image of 8 x 8, channel by channel.
     type Image = [Vec<f32>; 3];
 
-    /// What the rows of an image differ by from a background.
+    /// Returns the differences of an image's rows from a background.
     fn differences(image: &Image, background: &Image) -> Vec<f32> {
         let width = 8;
         let mut rows: Vec<RowColours> = (0..8)
@@ -179,7 +179,7 @@ mod tests {
             })
         };
         let (image, mut background) = (noise(3), noise(40));
-        // What was masked is known in no channel.
+        // A masked pixel is unknown in every channel.
         for at in [0, 9, 10, 30, 63] {
             background
                 .iter_mut()

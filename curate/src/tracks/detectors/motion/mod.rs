@@ -1,13 +1,12 @@
-//! `motion`: what the static geometry does not explain in other frames.
+//! `motion`: content that the static geometry does not explain in other frames.
 //!
-//! Frames of other times are warped into a frame through the distances of its static surface and the
-//! poses. What stands still looks the same in most of them, unless something else passes or hides it; what
-//! moves differs from nearly all. So the differences of a pixel are put in order, and one of the
-//! smaller ones counts: a pixel that agrees with more than a quarter of the other frames is static. The
-//! other frames are seconds apart, so that a car that waits for some seconds is still seen. Colours
-//! within a pixel of the warped place are no difference: that is how well the surface is known.
-//! Thresholds follow the image: the median and 8 x 1.4826 times the median absolute deviation. A cast
-//! shadow moves too; it is a darker copy of what is behind it, and is cut off.
+//! Frames of other times are warped into a frame through the distances of its static surface and the poses. Static
+//! content looks the same in most of them, unless something else passes or hides it; moving content differs from nearly
+//! all. So the differences of a pixel are sorted, and a low quantile counts: a pixel that agrees with more than a
+//! quarter of the other frames is static. The other frames are seconds apart, so that a car that waits for some seconds
+//! is still found. Colours within a pixel of the warped place are no difference: the surface is known to that accuracy.
+//! Thresholds follow the image: the median and 8 x 1.4826 times the median absolute deviation. A cast shadow moves too;
+//! it is a darker copy of its background, and is cut off.
 
 mod background;
 mod extents;
@@ -19,7 +18,7 @@ mod texels;
 mod transfer;
 
 use glam::DVec3;
-use omnilife_schemas::{RgbImage, progress::Progress, records::Detection, rgb::Mask};
+use omnilife_schemas::{RgbImage, progress::Progress, records::Detection, rgb::Mask, statistics};
 
 use super::{Detected, Detector, DetectorInput};
 use crate::{
@@ -46,20 +45,20 @@ const DEVIATIONS: f32 = 8.0;
 const LEAST_DIFFERENCE: f32 = 0.03;
 /// Least area on the ground, square metres.
 const LEAST_AREA: f64 = 2.0;
-/// The same of what the border of the image cuts off.
+/// The same for a vehicle cut off by the border of the image.
 const LEAST_CUT_AREA: f64 = 1.0;
-/// Largest area on the ground, square metres: beyond it is no vehicle.
+/// Largest area on the ground of a vehicle, square metres.
 const LARGEST_AREA: f64 = 60.0;
-/// A shadow's brightness, over that of what it falls on.
+/// A shadow's brightness, over that of its background.
 const SHADOW: std::ops::Range<f32> = 0.25..0.9;
-/// A shadow's colour differs so much from a darker copy, relatively.
+/// Largest relative difference of a shadow's colour from a darker copy.
 const SHADOW_COLOUR: f32 = 0.12;
 /// Share of a component that must be left without its shadow for the cut to count: a dark car on a bright
 /// road looks like its own shadow.
 const LEAST_REST: f64 = 0.3;
-/// Vehicles that are found as one are told apart where each shows at least this much, square metres.
+/// Least area of each part of merged vehicles for a separation, square metres.
 const LEAST_APART: f64 = 3.0;
-/// And the neck between them is no wider than twice this, metres.
+/// Half the largest width of the neck between them, metres.
 const DEEPEST_NECK: f64 = 0.9;
 
 fn detect(input: &DetectorInput<'_>, progress: &dyn Progress) -> Result<Detected, CurateError> {
@@ -110,7 +109,7 @@ fn detect(input: &DetectorInput<'_>, progress: &dyn Progress) -> Result<Detected
     outcome.map(|()| found.into())
 }
 
-/// A frame and how far away what stands still is in it.
+/// Reads a frame with the distances of static content in it.
 fn read(input: &DetectorInput<'_>, view: &PosedView) -> Result<Texels, CurateError> {
     let entry = &input.scene.frames[view.frame as usize];
     let mut image = RgbImage::read(&input.folder.join(&entry.image))?;
@@ -120,7 +119,7 @@ fn read(input: &DetectorInput<'_>, view: &PosedView) -> Result<Texels, CurateErr
     Ok(Texels::new(&image, &DistanceMap::new(view, input.points)))
 }
 
-/// Nothing is known of what is no part of the scene.
+/// Marks pixels outside the scene as unknown.
 fn forget(image: &mut RgbImage, ignored: &Mask) {
     let ignored = ignored.resized_to_any(image.width, image.height);
     let pixels = image.data.as_chunks_mut::<3>().0.iter_mut();
@@ -129,7 +128,7 @@ fn forget(image: &mut RgbImage, ignored: &Mask) {
     }
 }
 
-/// What moves in a frame.
+/// Returns the moving content of a frame.
 fn moving(here: &Here<'_>, others: &[Background<'_>], input: &DetectorInput<'_>) -> Vec<Detection> {
     let width = here.texels.width;
     let least = differences(here, others, LEAST_DIFFERENCE);
@@ -144,24 +143,20 @@ fn moving(here: &Here<'_>, others: &[Background<'_>], input: &DetectorInput<'_>)
         .collect()
 }
 
-/// Above which a difference is motion; `None` where nothing is known.
+/// Returns the least difference that is motion; `None` if nothing is known.
 fn threshold(values: &[f32]) -> Option<f32> {
-    let mut known: Vec<f32> = values
+    let known: Vec<f32> = values
         .iter()
         .copied()
         .filter(|value| !value.is_nan())
         .collect();
-    let middle = |values: &mut Vec<f32>| {
-        let at = values.len() / 2;
-        (!values.is_empty()).then(|| *values.select_nth_unstable_by(at, f32::total_cmp).1)
-    };
-    let median = middle(&mut known)?;
-    let mut deviations: Vec<f32> = known.iter().map(|value| (value - median).abs()).collect();
-    let deviation = middle(&mut deviations)?;
+    let median = statistics::median(&known)?;
+    let deviations: Vec<f32> = known.iter().map(|value| (value - median).abs()).collect();
+    let deviation = statistics::median(&deviations)?;
     Some((median + DEVIATIONS * 1.4826 * deviation).max(LEAST_DIFFERENCE))
 }
 
-/// The vehicles of a component, less their shadows.
+/// Returns the vehicles of a component, without their shadows.
 fn vehicles(
     here: &Here<'_>,
     others: &[Background<'_>],
@@ -187,7 +182,7 @@ fn vehicles(
     let mut found = Vec::new();
     for (number, part) in parts.into_iter().enumerate() {
         let pixel_area = pixel_area(here, &part, metres_per_unit);
-        // Beside the largest piece, what is as large as a vehicle.
+        // Beside the largest piece, those as large as a vehicle.
         let least_pixels = LEAST_APART / pixel_area;
         if number > 0 && (part.len() as f64) < least_pixels {
             continue;
@@ -203,7 +198,7 @@ fn vehicles(
     found
 }
 
-/// Square metres of the ground that a pixel in the middle of some shows, across its ray.
+/// Returns the area on the ground of the middle pixel of some, across its ray, square metres.
 fn pixel_area(here: &Here<'_>, pixels: &[usize], metres_per_unit: f64) -> f64 {
     let width = here.texels.width;
     let middle = pixels[pixels.len() / 2];
@@ -213,7 +208,7 @@ fn pixel_area(here: &Here<'_>, pixels: &[usize], metres_per_unit: f64) -> f64 {
     across * down * distance * distance
 }
 
-/// Some pixels as a detection; `None` where they are no vehicle by their size.
+/// Returns some pixels as a detection; `None` if their size is not that of a vehicle.
 fn detection(here: &Here<'_>, pixels: &[usize], metres_per_unit: f64) -> Option<Detection> {
     let width = here.texels.width;
     let area = pixels.len() as f64 * pixel_area(here, pixels, metres_per_unit);
@@ -236,7 +231,7 @@ fn detection(here: &Here<'_>, pixels: &[usize], metres_per_unit: f64) -> Option<
     })
 }
 
-/// Left, top, width and height of some pixels.
+/// Returns left, top, width and height of some pixels.
 fn box_of(pixels: &[usize], width: usize) -> Option<[f64; 4]> {
     let columns = pixels.iter().map(|pixel| pixel % width);
     let rows = pixels.iter().map(|pixel| pixel / width);
@@ -250,7 +245,7 @@ fn box_of(pixels: &[usize], width: usize) -> Option<[f64; 4]> {
     ])
 }
 
-/// Whether a colour is that of a shadow on another.
+/// Returns true if a colour is that of a shadow on another.
 fn darker_copy(shown: [f32; 3], background: [f32; 3]) -> bool {
     let ratios = [0, 1, 2].map(|channel| shown[channel] / background[channel].max(0.02));
     let mean = ratios.iter().sum::<f32>() / 3.0;

@@ -1,11 +1,11 @@
-//! Which frames one is compared with.
+//! Choice of the frames that one is compared with.
 
-/// Frames that one is compared with, at most.
+/// Maximum number of frames that one is compared with.
 pub(super) const OTHERS: usize = 8;
-/// They are at least this far apart, seconds; half of that from the frame itself.
+/// Least interval between them, seconds; half of that from the frame itself.
 const APART_SECONDS: f64 = 1.0;
 
-/// The frames that others are compared with: [`APART_SECONDS`] apart.
+/// Chooses the frames that others are compared with: [`APART_SECONDS`] apart.
 pub(super) fn background_frames(seconds: &[f64]) -> Vec<usize> {
     let mut chosen: Vec<usize> = Vec::new();
     for (number, &time) in seconds.iter().enumerate() {
@@ -20,8 +20,8 @@ pub(super) fn background_frames(seconds: &[f64]) -> Vec<usize> {
     chosen
 }
 
-/// The frames that one is compared with, the nearest first: every second of those of the background, on
-/// both sides as long as there are any. A short clip has no choice.
+/// Returns the frames that one is compared with, the nearest first: every second of those of the background, on both
+/// sides as long as there are any. A short clip has no choice.
 pub(super) fn compared_with(index: usize, seconds: &[f64], background: &[usize]) -> Vec<usize> {
     let apart = |other: usize| (seconds[other] - seconds[index]).abs();
     let far = background
@@ -66,7 +66,7 @@ mod tests {
         assert_eq!(others(77, 5.0, 151).len(), OTHERS);
         assert_eq!(others(0, 1.0, 5), [1, 2, 3, 4]);
         assert_eq!(others(1, 1.0, 2), [0]);
-        // Nothing is far enough: what there is.
+        // No frame is far enough: all are used.
         assert_eq!(others(0, 10.0, 3), [1, 2]);
     }
 }

@@ -8,14 +8,14 @@ pub(super) struct Patch {
     size: [usize; 2],
     pixels: Vec<usize>,
     inner: usize,
-    /// [`NOT_IN_IT`] of the others.
+    /// Index of each pixel; [`NOT_IN_IT`] for others.
     numbers: Vec<u32>,
 }
 
 const NOT_IN_IT: u32 = u32::MAX;
 
 impl Patch {
-    /// Of some pixels of an image of so many columns and rows.
+    /// Creates a patch of some pixels of an image of so many columns and rows.
     pub(super) fn new(inner: &[usize], size: [usize; 2]) -> Self {
         let mut patch = Self {
             size,
@@ -40,17 +40,17 @@ impl Patch {
         }
     }
 
-    /// All of them.
+    /// Returns all of them.
     pub(super) fn pixels(&self) -> &[usize] {
         &self.pixels
     }
 
-    /// Those that others are beside.
+    /// Returns those pixels whose neighbours belong to the patch.
     pub(super) fn inner(&self) -> &[usize] {
         &self.pixels[..self.inner]
     }
 
-    /// Calls with the numbers of a pixel and of those beside it, as far as they are here.
+    /// Calls with the indices of a pixel and of those beside it that belong to the patch.
     #[inline]
     pub(super) fn numbers_around(&self, pixel: usize, mut call: impl FnMut(usize)) {
         around(pixel, self.size, |beside| {

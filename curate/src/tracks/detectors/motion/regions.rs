@@ -4,11 +4,11 @@ use rayon::prelude::*;
 
 use crate::tracks::detectors::pixels_around::around;
 
-/// Radii of the square windows that open and close what was found, pixels.
+/// Radii of the square windows for opening and closing masks, pixels.
 const OPENING: usize = 1;
 const CLOSING: usize = 3;
 
-/// Means over each pixel and those beside it; NaN is left out, and stays where all are.
+/// Returns means over each pixel and those beside it; NaN is left out, and stays if all are.
 pub(super) fn blurred(values: &[f32], width: usize) -> Vec<f32> {
     let height = values.len() / width;
     let mut out = vec![f32::NAN; values.len()];
@@ -34,7 +34,7 @@ pub(super) fn blurred(values: &[f32], width: usize) -> Vec<f32> {
     out
 }
 
-/// Adds what is known of a row to sums and counts.
+/// Adds known values of a row to sums and counts.
 #[multiversion::multiversion(targets("x86_64+avx2"))]
 fn add_known(row: &[f32], sums: &mut [f32], counts: &mut [f32]) {
     for ((sum, count), value) in sums.iter_mut().zip(counts).zip(row) {
@@ -44,7 +44,7 @@ fn add_known(row: &[f32], sums: &mut [f32], counts: &mut [f32]) {
     }
 }
 
-/// Means over three neighbours of sums of so many; NaN where there are none.
+/// Computes means over three neighbours from sums of so many values; NaN without any.
 #[multiversion::multiversion(targets("x86_64+avx2"))]
 fn means_of_three(sums: &[f32], counts: &[f32], out: &mut [f32]) {
     let neighbours = sums.windows(3).zip(counts.windows(3));
@@ -54,7 +54,7 @@ fn means_of_three(sums: &[f32], counts: &[f32], out: &mut [f32]) {
     }
 }
 
-/// Whether any (or, `all`, every) pixel of the square around each is set.
+/// Returns for each pixel whether any (or, with `all`, every) pixel of the square around it is set.
 fn spread(mask: &[bool], width: usize, radius: usize, all: bool) -> Vec<bool> {
     let mut along_rows = mask.to_vec();
     let rows = along_rows.chunks_exact_mut(width);
@@ -73,7 +73,7 @@ fn spread(mask: &[bool], width: usize, radius: usize, all: bool) -> Vec<bool> {
     out
 }
 
-/// Sets, or, `all`, keeps what another mask has as well.
+/// Sets (or, with `all`, keeps) pixels that another mask has as well.
 fn combine(mask: &mut [bool], other: &[bool], all: bool) {
     let both = mask.iter_mut().zip(other);
     if all {
@@ -83,7 +83,7 @@ fn combine(mask: &mut [bool], other: &[bool], all: bool) {
     }
 }
 
-/// Without specks, and without gaps.
+/// Removes specks, then gaps.
 pub(super) fn opened_and_closed(mask: &[bool], width: usize) -> Vec<bool> {
     let opened = spread(&spread(mask, width, OPENING, true), width, OPENING, false);
     spread(
@@ -103,7 +103,7 @@ struct Part {
 }
 
 impl Part {
-    /// With so many pixels around them, as far as the image goes.
+    /// Cuts it out with so many pixels around them, as far as the image goes.
     fn around(pixels: &[usize], margin: usize, [width, height]: [usize; 2]) -> Option<Self> {
         let columns = || pixels.iter().map(|pixel| pixel % width);
         let rows = || pixels.iter().map(|pixel| pixel / width);
@@ -124,14 +124,14 @@ impl Part {
         })
     }
 
-    /// A pixel of the part in an image of some width.
+    /// Returns a pixel of the part in an image of some width.
     fn in_image(&self, at: usize, width: usize) -> usize {
         (at / self.width + self.top) * width + at % self.width + self.left
     }
 }
 
-/// The connected pieces of some pixels, without specks and gaps, the largest first; only the part of the image
-/// around them is looked at.
+/// Returns the connected pieces of some pixels, without specks and gaps, the largest first; only the part of the image
+/// around them is processed.
 pub(super) fn pieces(pixels: &[usize], width: usize, height: usize) -> Vec<Vec<usize>> {
     const MARGIN: usize = OPENING + CLOSING;
     let Some(part) = Part::around(pixels, MARGIN, [width, height]) else {
@@ -146,14 +146,13 @@ pub(super) fn pieces(pixels: &[usize], width: usize, height: usize) -> Vec<Vec<u
     pieces
 }
 
-/// Cores that are smaller than this many pixels are none.
+/// Least number of pixels of a core.
 const LEAST_CORE: usize = 8;
-/// The boxes of what is told apart cover at most this share of the box of all.
+/// Largest share of the bounding box that the boxes of separated parts may cover.
 const MOST_OF_BOX: f64 = 0.9;
 
-/// Some connected pixels told apart where they have a neck: by as much as it takes, up to `deepest` pixels, they
-/// are eaten away from their border until more than one core is left, and every pixel goes to the core that is the
-/// nearest. Parts have at least `least_pixels`.
+/// Separates connected pixels at a neck: they are eroded by up to `deepest` pixels until more than one core is left,
+/// and every pixel goes to the nearest core. Parts have at least `least_pixels`.
 pub(super) fn separated(
     pixels: Vec<usize>,
     width: usize,
@@ -207,7 +206,7 @@ pub(super) fn separated(
     vec![pixels]
 }
 
-/// Without its border: what has all eight neighbours.
+/// Erodes a mask: pixels with all eight neighbours stay.
 fn eaten(mask: &[bool], width: usize) -> Vec<bool> {
     let height = mask.len() / width;
     let is_inside = |at: usize| {
@@ -222,7 +221,7 @@ fn eaten(mask: &[bool], width: usize) -> Vec<bool> {
     (0..mask.len()).map(is_inside).collect()
 }
 
-/// Every pixel of a part with the core from which it is reached first.
+/// Assigns every pixel of a part to the core from which it is reached first.
 fn grown(part: &Part, cores: &[Vec<usize>]) -> Vec<Vec<usize>> {
     let (width, height) = (part.width, part.mask.len() / part.width);
     let mut is_open = part.mask.clone();
@@ -375,7 +374,7 @@ mod tests {
             assert!(own as f64 > 0.93 * truth.len() as f64 && piece.len() < truth.len() + 30);
         }
         assert_eq!(apart.iter().map(Vec::len).sum::<usize>(), both.len());
-        // One is one, however it is cut, and so are parts that are too small.
+        // One vehicle stays one, however it is eroded, and so do parts that are too small.
         assert_eq!(separated(one.collect(), width, 100.0, 8).len(), 1);
         assert_eq!(separated(both, width, 400.0, 8).len(), 1);
     }

@@ -1,4 +1,4 @@
-//! The static surface that a frame's pixels see.
+//! The static surface in the view of a frame's pixels.
 
 use glam::{DVec3, Vec3};
 
@@ -7,29 +7,29 @@ use crate::{
     ground_plane::Plane, posed_view::PosedView, tracks::detectors::depth_of_points::DistanceMap,
 };
 
-/// Radius in which the surface may be any that is there, pixels.
+/// Radius within which the surface of a pixel is ambiguous beside edges, pixels.
 const AROUND: usize = 4;
-/// The farthest surface around a pixel may be this much beyond the nearest where there is no edge.
+/// Largest ratio of the farthest to the nearest surface around a pixel without an edge.
 const EDGE: f32 = 1.005;
-/// The ground is between the nearest and the farthest surface when it is by this share beyond either.
+/// Tolerance of the ground's place between the nearest and the farthest surface, as a factor beyond either.
 const GROUND_REACH: f32 = 1.02;
-/// Rays that are as parallel to the ground as this do not meet it: the sine of the angle.
+/// Least slope of rays that meet the ground: the sine of the angle.
 const LEAST_SLOPE: f32 = 1e-3;
 
-/// Distances along the rays of a frame's pixels at which they may meet the static surface, row by row; NaN where
-/// there is none. Beside edges the surface is not known to a pixel: it may be any that is there.
+/// Distances along the rays of a frame's pixels to the static surface, row by row; NaN if unknown. Beside edges the
+/// surface of a pixel is ambiguous: it may be any nearby one.
 pub(super) struct Surface {
-    /// As the points say.
+    /// By the points.
     pub(super) at: Vec<f32>,
-    /// The nearest and the farthest one around a pixel, beside edges alone.
+    /// The nearest and the farthest one around a pixel, only beside edges.
     pub(super) nearest: Vec<f32>,
     pub(super) farthest: Vec<f32>,
-    /// The ground, beside edges where it is between the two.
+    /// The ground, beside edges if it lies between the two.
     pub(super) ground: Vec<f32>,
 }
 
 impl Surface {
-    /// That of a frame, by the distances of what stands still.
+    /// Computes that of a frame, by the distances of static content.
     pub(super) fn new(
         view: &PosedView,
         rays: &Rays,
@@ -120,7 +120,7 @@ mod tests {
             assert!(surface.nearest[pixel] < 31.0 && surface.farthest[pixel] > 39.0);
             assert!((surface.ground[pixel] - meet(pixel, ground)).abs() < 1e-3);
         }
-        // Nothing is known of what has nothing beside it.
+        // A pixel without known neighbours is unknown.
         assert!(surface.at[row + 47].is_nan() && surface.at[row + 60].is_nan());
     }
 }

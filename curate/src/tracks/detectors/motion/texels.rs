@@ -1,14 +1,13 @@
-//! Frames with how far the static surface is behind each pixel, as they are sampled from elsewhere.
+//! Frames with the distance of the static surface behind each pixel, for sampling from other views.
 
 use omnilife_schemas::RgbImage;
 
 use crate::tracks::detectors::depth_of_points::DistanceMap;
 
-/// Surfaces may be this much farther away than what is seen in their place, relatively: else they are hidden.
+/// Largest relative excess of a surface's distance over the visible one in its place; beyond, it is hidden.
 const OCCLUSION: f32 = 0.03;
 
-/// Red, green and blue, NaN where nothing is known of a pixel, and the distance of the static surface, infinite where
-/// that is not known.
+/// Red, green and blue, NaN for an unknown pixel, and the distance of the static surface, infinite if unknown.
 pub(super) struct Texels {
     pub(super) width: usize,
     pub(super) height: usize,
@@ -17,7 +16,7 @@ pub(super) struct Texels {
 }
 
 impl Texels {
-    /// Of an image and the distances of the same pixels.
+    /// Combines an image and the distances of the same pixels.
     pub(super) fn new(image: &RgbImage, distances: &DistanceMap) -> Self {
         let colours = image.data.as_chunks::<3>().0.iter();
         let pixels = colours.zip(&distances.values);
@@ -44,19 +43,19 @@ impl Texels {
         [0, 1, 2].map(|channel| self.values.iter().map(|texel| texel[channel]).collect())
     }
 
-    /// The distance of the static surface behind a pixel.
+    /// Returns the distance of the static surface behind a pixel.
     pub(super) fn distance(&self, pixel: usize) -> f32 {
         self.values[pixel][3]
     }
 
-    /// The colour of a pixel.
+    /// Returns the colour of a pixel.
     pub(super) fn colour(&self, pixel: usize) -> [f32; 3] {
         let [red, green, blue, _] = self.values[pixel];
         [red, green, blue]
     }
 
-    /// The colour, bilinear, at a column and a row, counted from the centre of the first pixel, of what is so far away;
-    /// `None` where it is hidden or outside, and where a place is NaN.
+    /// Returns the bilinear colour of a point at this distance, at a column and a row counted from the centre of the
+    /// first pixel. `None` if it is hidden or outside, or a coordinate is NaN.
     #[inline(always)]
     pub(super) fn sample(&self, [column, row, away]: [f32; 3]) -> Option<[f32; 3]> {
         let [last_column, last_row] = [self.width, self.height].map(|side| side as f32 - 1.0);
@@ -74,7 +73,7 @@ impl Texels {
         if top[0][3] < away * (1.0 - OCCLUSION) {
             return None;
         }
-        // All four channels alike: they are one register.
+        // All four channels at once: they fill one register.
         let mut colour = [0.0; 4];
         for (channel, value) in colour.iter_mut().enumerate() {
             let top = (1.0 - x) * top[0][channel] + x * top[1][channel];
@@ -90,7 +89,7 @@ impl Texels {
 mod tests {
     use super::*;
 
-    /// Red grows along columns, green along rows; everything is 10 m away.
+    /// Returns texels with red along columns and green along rows; everything is 10 m away.
     fn texels() -> Texels {
         let (width, height) = (6, 4);
         let pixels = (0..width * height).map(|at| ((at % width) as f32, (at / width) as f32));

@@ -1,4 +1,4 @@
-//! Where points on the rays of one frame are seen in another one.
+//! Transfer of points on the rays of one frame to the pixels of another.
 
 use glam::{DMat3, DVec3, Mat3, Vec3};
 use omnilife_schemas::camera::{Camera, CameraModel, PinholeCamera};
@@ -13,7 +13,7 @@ pub(super) struct Rays {
 }
 
 impl Rays {
-    /// Those through the centres of a camera's pixels.
+    /// Computes those through the centres of a camera's pixels.
     pub(super) fn of(camera: &Camera) -> Self {
         let [width, height] = camera.size();
         let mut axes = [0; 3].map(|_| Vec::with_capacity(width * height));
@@ -27,22 +27,22 @@ impl Rays {
         Self { width, axes }
     }
 
-    /// Of a pixel.
+    /// Returns the ray of a pixel.
     #[inline]
     pub(super) fn at(&self, pixel: usize) -> Vec3 {
         let [x, y, z] = &self.axes;
         Vec3::new(x[pixel], y[pixel], z[pixel])
     }
 
-    /// Those of a row.
+    /// Returns the rays of a row.
     fn row(&self, row: usize) -> [&[f32]; 3] {
         let pixels = row * self.width..(row + 1) * self.width;
         [0, 1, 2].map(|axis| &self.axes[axis][pixels.clone()])
     }
 }
 
-/// Where points are seen, of a row of pixels: column and row counted from the centre of the first pixel, and how far
-/// away they are. NaN where they are not seen.
+/// Projections of a row of points: column and row counted from the centre of the first pixel, and distance. NaN for
+/// points outside the image.
 pub(super) struct Places {
     pub(super) columns: Vec<f32>,
     pub(super) rows: Vec<f32>,
@@ -50,7 +50,7 @@ pub(super) struct Places {
 }
 
 impl Places {
-    /// Of nothing.
+    /// Creates an empty row.
     pub(super) fn new(width: usize) -> Self {
         let unknown = || vec![f32::NAN; width];
         Self {
@@ -63,15 +63,15 @@ impl Places {
 
 /// From points on the rays of one frame to the pixels of another.
 ///
-/// What lies far from the world's origin is known to f64; between two frames of one scene f32 is enough for a
-/// thousandth of a pixel.
+/// Places far from the world's origin are kept in f64; between two frames of one scene f32 is accurate to a thousandth
+/// of a pixel.
 pub(super) struct Transfer {
     rotation: Mat3,
     offset: Vec3,
     lens: Lens,
 }
 
-/// How points become pixels.
+/// Projection of points to pixels.
 enum Lens {
     Pinhole(PinholeLens),
     Other(Camera),
@@ -94,7 +94,7 @@ impl From<PinholeCamera> for PinholeLens {
 }
 
 impl Transfer {
-    /// From a frame to another.
+    /// Creates the transfer from a frame to another.
     pub(super) fn new(from: &PosedView, to: &PosedView) -> Self {
         let to_camera: DMat3 = to.to_world.transpose();
         let offset: DVec3 = to_camera * (from.centre - to.centre);
@@ -108,8 +108,8 @@ impl Transfer {
         }
     }
 
-    /// Where the point on a ray at a distance is seen, as [`Places`] count, with how far away it is; NaN where it is
-    /// not.
+    /// Returns the projection of the point on a ray at a distance, with the conventions of [`Places`]; NaN if there is
+    /// none.
     #[inline]
     pub(super) fn place(&self, ray: Vec3, distance: f32) -> [f32; 3] {
         let point = moved(self.rotation, self.offset, ray, distance);
@@ -119,7 +119,7 @@ impl Transfer {
         }
     }
 
-    /// The same of a row of pixels.
+    /// Projects a row of points.
     pub(super) fn row(&self, rays: &Rays, row: usize, distances: &[f32], places: &mut Places) {
         let rays = rays.row(row);
         match &self.lens {
@@ -153,7 +153,7 @@ fn moved(rotation: Mat3, offset: Vec3, ray: Vec3, distance: f32) -> Vec3 {
 
 #[inline(always)]
 fn pinhole_place(lens: PinholeLens, point: Vec3) -> [f32; 3] {
-    // What is not in front of the camera is not seen.
+    // Points behind the camera are not visible.
     let inverse = if point.z > 0.0 {
         1.0 / point.z
     } else {
@@ -200,7 +200,7 @@ mod tests {
 
     use super::*;
 
-    /// Two frames some way apart, far from the world's origin, as national grids are.
+    /// Returns two frames some way apart, far from the world's origin, as national grids are.
     fn views(camera: Camera) -> [PosedView; 2] {
         let looks_down = DMat3::from_cols(DVec3::X, -DVec3::Y, -DVec3::Z);
         let turned = DMat3::from_quat(DQuat::from_euler(glam::EulerRot::XYZ, 0.2, -0.1, 0.5));

@@ -1,5 +1,4 @@
-//! What density control of a part works on, and its programs. They hold for as many Gaussians as the table
-//! has room for.
+//! Buffers and programs of density control for one part, sized for the capacity of its table.
 
 use super::{Child, DensityKernels, DensityStep};
 use crate::{
@@ -15,10 +14,10 @@ use crate::{
     render::sort::gpu::{BLOCK, PairCount, Pairs},
 };
 
-/// Bits of the keys that rows are sorted by.
+/// Bits of the sort keys.
 const KEY_BITS: u32 = 32;
 
-/// A part on the device, as density control sees it.
+/// Input of density control: a part on the device.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct WorkInputs<'a> {
     /// The same table in memory.
@@ -26,15 +25,16 @@ pub(crate) struct WorkInputs<'a> {
     pub(crate) table: &'a TableBuffers,
     /// Moves rows within the table.
     pub(crate) moves: &'a RowMoves,
-    /// Statistics: sums of gradients, how many views saw a Gaussian, and sums of gradients by peak times.
+    /// Statistics per Gaussian: sum of gradients, number of views that saw it, and sum of gradients by its
+    /// peak time.
     pub(crate) gradient_sums: &'a DeviceBuffer<f32>,
     pub(crate) view_counts: &'a DeviceBuffer<u32>,
     pub(crate) time_gradients: &'a DeviceBuffer<f32>,
-    /// Where Gaussians have times of their own.
+    /// Set if Gaussians have their own times.
     pub(crate) time: Option<&'a DeviceTime>,
 }
 
-/// What the kernels work on.
+/// Working buffers of the kernels.
 #[derive(Debug)]
 struct WorkBuffers {
     step: Uniform<DensityStep>,
@@ -42,15 +42,15 @@ struct WorkBuffers {
     pair_count: DeviceBuffer<u32>,
     growth: DeviceBuffer<u32>,
     grown: DeviceBuffer<u32>,
-    /// By Gaussian the clones, by Gaussian the children, and the sum of both.
+    /// Clones per Gaussian, children per Gaussian, and the sum of both; 2 capacity + 1 values.
     copies: DeviceBuffer<u32>,
-    /// Of extended rows.
+    /// Parents of the extended rows.
     origins: DeviceBuffer<u32>,
     children: DeviceBuffer<Child>,
     stays: DeviceBuffer<u32>,
 }
 
-/// How many rows there are: at first, with copies, and at last.
+/// Numbers of rows: before, with copies, and after.
 #[derive(Debug)]
 struct RowCounts {
     rows: Rows,
@@ -58,11 +58,11 @@ struct RowCounts {
     new: Rows,
 }
 
-/// How rows come into a table once they are decided on.
+/// Programs that write the decided rows into a table.
 #[derive(Debug)]
 struct Placement {
     step: Uniform<DensityStep>,
-    /// Where the table's arrays begin.
+    /// Offsets of the table's arrays.
     places: DensityStep,
     sources: Program,
     children: Program,
@@ -73,12 +73,12 @@ struct Placement {
 pub(crate) struct DensityWork {
     buffers: WorkBuffers,
     counts: RowCounts,
-    /// What was asked last.
+    /// Parameters of the last call.
     step: DensityStep,
-    /// Arrays of peak times and of lifespans.
+    /// Index of the array of peak times and of that of lifespans.
     time_arrays: [Option<usize>; 2],
     grow_in_space: Program,
-    /// Where Gaussians have times of their own.
+    /// Set if Gaussians have their own times.
     grow_in_time: Option<Program>,
     append: Program,
     judge: Program,
@@ -91,7 +91,7 @@ impl WorkBuffers {
     fn new(gpu: &Gpu, capacity: usize, most_siblings: usize) -> Result<Self, GpuError> {
         let numbers = |label, len| DeviceBuffer::zeros(gpu, label, len);
         let most_children = most_siblings * capacity;
-        // A Gaussian is cloned or split.
+        // A Gaussian is either cloned or split.
         let extended = capacity + most_children;
         Ok(Self {
             step: Uniform::of(gpu, "densification", &DensityStep::default())?,
@@ -121,7 +121,7 @@ impl WorkBuffers {
     }
 }
 
-/// Where the arrays of a table begin.
+/// Returns the offsets of a table's arrays.
 fn places(table: &TableBuffers, time_arrays: [Option<usize>; 2]) -> DensityStep {
     let [peaks, log_lifespans] =
         time_arrays.map(|array| array.map_or(NONE, |array| table.begin(array)));
@@ -137,7 +137,7 @@ fn places(table: &TableBuffers, time_arrays: [Option<usize>; 2]) -> DensityStep 
     }
 }
 
-/// What was asked, for a table whose arrays begin elsewhere.
+/// Returns the parameters with the offsets of another table.
 fn placed(asked: &DensityStep, places: &DensityStep) -> DensityStep {
     DensityStep {
         capacity: places.capacity,
@@ -184,7 +184,7 @@ impl Placement {
     }
 }
 
-/// The temporal parameters of Gaussians that have none.
+/// Returns the temporal parameters of Gaussians without times.
 fn without_times(table: &TableBuffers) -> TemporalView {
     TemporalView {
         positions: table.begin(POSITIONS),
@@ -198,7 +198,7 @@ fn without_times(table: &TableBuffers) -> TemporalView {
 }
 
 impl DensityWork {
-    /// Of a part.
+    /// Creates buffers and programs for a part.
     pub(crate) fn new(
         gpu: &Gpu,
         kernels: &DensityKernels,
@@ -246,13 +246,13 @@ impl DensityWork {
         })
     }
 
-    /// Whether the children of splits have times that are drawn.
+    /// Returns true if the times of a split's children are drawn.
     pub(crate) fn draws_times(&self) -> bool {
         self.time_arrays.iter().all(Option::is_some)
     }
 
-    /// Decides which of so many rows are cloned and which are split; returns how many clones and children
-    /// there are: the first, and both.
+    /// Selects the clones and splits among the first `rows` rows. Returns the number of clones, and that of
+    /// clones and children together.
     pub(crate) fn grow(
         &mut self,
         gpu: &Gpu,
@@ -281,8 +281,8 @@ impl DensityWork {
         Ok([sum(0), sum(1)])
     }
 
-    /// Places the children of splits, for which something was drawn, and decides which rows stay. Returns
-    /// how many do.
+    /// Places the children of splits from their random draws and decides which rows stay. Returns the number
+    /// that do.
     pub(crate) fn judge(
         &mut self,
         gpu: &Gpu,
@@ -301,7 +301,7 @@ impl DensityWork {
         Ok(left as usize)
     }
 
-    /// Puts the rows that stay in order.
+    /// Orders the rows that stay.
     fn order(&self, gpu: &Gpu) {
         self.buffers.step.write(gpu, &self.step);
         self.counts.new.set(self.step.new_rows as usize);
@@ -309,14 +309,14 @@ impl DensityWork {
         self.order.submit(gpu);
     }
 
-    /// Does within the table what was decided, for which there is room, and begins the statistics anew.
+    /// Applies the decision within the table, whose capacity must suffice, and resets the statistics.
     pub(crate) fn follow(&self, gpu: &Gpu, moves: &RowMoves) {
         self.order(gpu);
         self.within.run(gpu, &self.step, moves);
         self.forget.submit(gpu);
     }
 
-    /// The same, but into another table.
+    /// Applies the decision into another table.
     pub(crate) fn follow_into(
         &self,
         gpu: &Gpu,

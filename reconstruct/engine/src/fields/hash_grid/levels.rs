@@ -1,47 +1,47 @@
-//! How large the levels of a hash grid are, and where their entries lie.
+//! Sizes of the levels of a hash grid, and the location of their entries.
 
 use serde::{Deserialize, Serialize};
 
-/// Features of an entry.
+/// Features per entry.
 pub const FEATURES: usize = 4;
-/// Dimensions of a position, at most.
+/// Maximum dimensions of a position.
 pub const MAX_DIMENSIONS: usize = 4;
 /// Factors of the hash, one per dimension (tiny-cuda-nn `common_device.h`).
 const PRIMES: [u32; MAX_DIMENSIONS] = [1, 2_654_435_761, 805_459_861, 3_674_653_429];
 
-/// What a corner beyond a level's last cell reads.
+/// Entry read by a corner beyond a level's last cell.
 ///
-/// A position reaches `scale + 1/2`: at levels whose scale has a fractional part of 0 or of 1/2 or more,
-/// the upper corners of the last cells are one beyond the resolution.
+/// A position reaches `scale + 1/2`. If the scale has a fractional part of 0 or of at least 1/2, the upper
+/// corners of the last cells are one beyond the resolution.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum UpperEdge {
-    /// The entry that the index happens to name, that of the next row's beginning (tiny-cuda-nn).
+    /// The entry at the computed index, which is the start of the next row (tiny-cuda-nn).
     Aliased,
-    /// Entries of its own: one more row and column of cells.
+    /// An entry of its own: the level has one more row and column of cells.
     Own,
 }
 
 /// Sizes of a hash grid.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct HashGridShape {
-    /// Of a position, 2 to 4.
+    /// Dimensions of a position, 2 to 4.
     pub dimensions: usize,
     /// Number of levels, 1 or more.
     pub levels: usize,
-    /// Binary logarithm of the entries of a level, at most.
+    /// Binary logarithm of the maximum number of entries of a level.
     pub log2_entries: u32,
     /// Cells across the coarsest level.
     pub base: f64,
-    /// Factor from the cells across a level to those across the next.
+    /// Ratio of the cells across a level to those across the previous one.
     pub growth: f64,
-    /// What corners beyond the last cells read.
+    /// Entry read by corners beyond the last cells.
     pub upper_edge: UpperEdge,
 }
 
 impl HashGridShape {
-    /// The published base and growth (`config/encoding_config.py` of Neural Atlas Graphs), and an upper
-    /// edge of its own.
+    /// Creates a shape with the published base and growth (`config/encoding_config.py` of Neural Atlas
+    /// Graphs) and [`UpperEdge::Own`].
     pub const fn new(dimensions: usize, levels: usize, log2_entries: u32) -> Self {
         Self {
             dimensions,
@@ -65,14 +65,14 @@ pub struct Level {
     stride: u32,
     /// Entries of the level.
     pub entries: u32,
-    /// Whether several corners share an entry.
+    /// True if several corners share an entry.
     pub is_hashed: bool,
-    /// Entries of all coarser levels.
+    /// Number of entries of all coarser levels.
     pub first_entry: usize,
 }
 
 impl Level {
-    /// The entry of a corner, counted from the level's first.
+    /// Returns the entry of a corner, relative to the level's first.
     #[inline]
     pub fn entry<const D: usize>(&self, corner: [u32; D]) -> u32 {
         if self.is_hashed {
@@ -82,7 +82,7 @@ impl Level {
                 .fold(0_u32, |hash, (&cell, prime)| {
                     hash ^ cell.wrapping_mul(prime)
                 });
-            // Sizes of hashed levels are powers of two.
+            // Hashed levels have a power of two of entries.
             return hash & (self.entries - 1);
         }
         let mut index = 0_u32;
@@ -102,15 +102,15 @@ impl Level {
 pub struct HashGrid {
     /// Sizes.
     pub shape: HashGridShape,
-    /// Coarse first.
+    /// Levels, coarse to fine.
     pub levels: Vec<Level>,
 }
 
 impl HashGrid {
-    /// The levels of these sizes.
+    /// Computes the levels.
     ///
     /// # Panics
-    /// When there are no levels, or dimensions other than 2 to 4.
+    /// If there are no levels, or dimensions other than 2 to 4.
     pub fn new(shape: HashGridShape) -> Self {
         assert!(
             (2..=MAX_DIMENSIONS).contains(&shape.dimensions) && shape.levels > 0,
@@ -143,19 +143,19 @@ impl HashGrid {
         Self { shape, levels }
     }
 
-    /// Features of a position.
+    /// Returns the number of features of a position.
     pub fn features(&self) -> usize {
         FEATURES * self.levels.len()
     }
 
-    /// Values of the table: [`FEATURES`] for each entry, level by level.
+    /// Returns the number of values of the table: [`FEATURES`] for each entry, level by level.
     pub fn parameter_count(&self) -> usize {
         let entries = self.levels.last();
         FEATURES * entries.map_or(0, |level| level.first_entry + level.entries as usize)
     }
 
-    /// Levels that a texture of so many texels along its longer side gives reason for: the finest has as
-    /// many cells, and no level is finer. At least 1, at most `most`.
+    /// Returns the number of levels for a texture of `texels` along its longer side: the finest level has
+    /// about as many cells. At least 1, at most `most`.
     pub fn levels_for(texels: f64, most: usize) -> usize {
         let shape = HashGridShape::new(2, 1, 1);
         let levels = 1.0 + (texels.max(shape.base) / shape.base).ln() / shape.growth.ln();

@@ -1,13 +1,13 @@
 //! Features of positions, and their gradients by the table and by the positions.
 //!
-//! Gradients by a table are summed level by level, rows in order, in f64: the sum does not depend on the
-//! number of threads, and a million rows in one cell lose nothing.
+//! Gradients by a table are summed level by level, rows in order, in f64. The sum does not depend on the
+//! number of threads, and is accurate for a million rows in one cell.
 
 use rayon::prelude::*;
 
 use super::levels::{FEATURES, HashGrid, Level, MAX_DIMENSIONS};
 
-/// Corners of a cell, at most.
+/// Maximum number of corners of a cell.
 const CORNERS: usize = 1 << MAX_DIMENSIONS;
 
 /// A level's cell around a position.
@@ -24,7 +24,7 @@ impl<const D: usize> Cell<D> {
             fraction: [0.0; D],
         };
         for (axis, value) in position.iter().enumerate() {
-            // Not below 1/2: what is cut off is the fraction.
+            // At least 1/2, so that truncation equals floor.
             let at = value.clamp(0.0, 1.0) * level.scale + 0.5;
             cell.first[axis] = at as u32;
             cell.fraction[axis] = at - cell.first[axis] as f32;
@@ -32,13 +32,13 @@ impl<const D: usize> Cell<D> {
         cell
     }
 
-    /// The corner with the upper cell along the axes whose bits are set.
+    /// Returns the corner with the upper cell along the axes whose bits are set.
     #[inline]
     fn corner(&self, bits: usize) -> [u32; D] {
         std::array::from_fn(|axis| self.first[axis] + ((bits >> axis) & 1) as u32)
     }
 
-    /// Weights of the corners, by their bits.
+    /// Returns the weights of the corners, by their bits.
     #[inline]
     fn weights(&self) -> [f32; CORNERS] {
         let mut weights = [1.0; CORNERS];
@@ -52,7 +52,7 @@ impl<const D: usize> Cell<D> {
         weights
     }
 
-    /// The derivative along an axis, per cell, of values that the corners have.
+    /// Returns the derivative along an axis, per cell, of the interpolated `values` of the corners.
     #[inline]
     fn derivative(&self, mut values: [f32; CORNERS], along: usize) -> f32 {
         for axis in (0..D).rev() {
@@ -79,8 +79,8 @@ fn position_of<const D: usize>(values: &[f32]) -> [f32; D] {
 }
 
 impl HashGrid {
-    /// The features of a position into `out`, the first `active` of them; the others, and those of a
-    /// position that is not finite, are 0.
+    /// Writes the first `active` features of a position (`dimensions` values) into `out` (`features()`
+    /// values). The others, and those of a position that is not finite, are 0.
     pub fn encode(&self, position: &[f32], table: &[f32], active: usize, out: &mut [f32]) {
         debug_assert_eq!(position.len(), self.shape.dimensions);
         match self.shape.dimensions {
@@ -118,13 +118,13 @@ impl HashGrid {
         out[active.min(self.features())..].fill(0.0);
     }
 
-    /// Levels that have an active feature.
+    /// Returns the levels with an active feature.
     fn used(&self, active: usize) -> impl Iterator<Item = &Level> {
         self.levels.iter().take(active.div_ceil(FEATURES))
     }
 
-    /// Gradients by the table from those by the features of many positions: overwrites `gradients`.
-    /// Positions that are not finite are left out.
+    /// Overwrites `gradients` by the table's from those by the features (rows of `features()`) at positions
+    /// (rows of `dimensions`). Positions that are not finite are skipped.
     pub fn backward_table(
         &self,
         positions: &[f32],
@@ -188,7 +188,7 @@ impl HashGrid {
             });
     }
 
-    /// Gradient by one position from that by its features; 0 along axes where it is clamped.
+    /// Writes the gradient by one position from that by its features; 0 along axes where it is clamped.
     pub fn backward_position(
         &self,
         position: &[f32],
@@ -239,7 +239,7 @@ impl HashGrid {
     }
 }
 
-/// A level's part of a table.
+/// Returns a level's part of a table.
 fn rows<'a>(level: &Level, table: &'a [f32]) -> &'a [[f32; FEATURES]] {
     let (rows, _) = table.as_chunks();
     &rows[level.first_entry..level.first_entry + level.entries as usize]

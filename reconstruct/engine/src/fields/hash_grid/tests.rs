@@ -36,7 +36,7 @@ fn corners_are_those_published() {
     for case in golden()["corners"].as_array().expect("cases") {
         let number = case["level"].as_u64().expect("level") as usize;
         let level = &grid.levels[number];
-        // A table that has 1 at one entry reads that entry's weight.
+        // A table that is 1 at one entry and 0 elsewhere reads that entry's weight.
         for corner in case["corners"].as_array().expect("corners") {
             let [entry, weight] = numbers(corner)[..] else {
                 panic!("a corner is two numbers");
@@ -75,7 +75,7 @@ fn features_and_gradients_by_position_are_golden() {
     }
 }
 
-/// Features are linear in the table: its gradient is that of a difference of any size.
+/// Features are linear in the table, so that finite differences of any step are exact.
 #[test]
 fn gradients_by_the_table_are_differences() {
     for dimensions in 2..=4 {
@@ -148,8 +148,8 @@ fn positions_outside_are_clamped_and_those_that_are_no_numbers_left_out() {
     assert!(gradient[0] == 0.0 && gradient[1] != 0.0);
 }
 
-/// With an upper edge of its own, a grid of dense levels is the same read from either side of a cell's
-/// border, up to the upper edge; the published one reads the next row's beginning there.
+/// With [`UpperEdge::Own`], a grid of dense levels is continuous across cell borders up to the upper edge;
+/// the published one reads the next row's beginning there.
 #[test]
 fn an_upper_edge_of_its_own_reads_no_other_row() {
     for (edge, is_own) in [(UpperEdge::Own, true), (UpperEdge::Aliased, false)] {
@@ -157,7 +157,7 @@ fn an_upper_edge_of_its_own_reads_no_other_row() {
             upper_edge: edge,
             ..HashGridShape::new(2, 1, 10)
         });
-        // 1 in the first column: what the last column reads of it is aliased.
+        // 1 in the first column: any of it that the last column reads is aliased.
         let mut table = vec![0.0; grid.parameter_count()];
         let stride = if is_own { 5 } else { 4 };
         for row in 0..stride {

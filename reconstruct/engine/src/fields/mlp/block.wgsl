@@ -1,8 +1,8 @@
 // Rows that go through a network together.
 struct BlockRows {
-    // The number of the first.
+    // Index of the first row.
     first: u32,
     rows: u32,
-    // Into how many parts a sum over the rows is dealt out.
+    // Number of parts into which a sum over the rows is divided.
     parts: u32,
 }

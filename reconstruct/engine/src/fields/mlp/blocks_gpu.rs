@@ -1,10 +1,10 @@
-//! Blocks of rows on a GPU. Buffers and programs are made for as many rows as there is room for, and run for as
-//! many as there are at the moment.
+//! Blocks of rows on a GPU. Buffers and programs are created for the capacity, and run for the current number
+//! of rows.
 
 use crate::device::{Gpu, GpuError, Rows, Uniform, wgsl_struct};
 use crate::fields::mlp::product_gpu::SIDE;
 
-/// Rows of a part of a sum over rows, at least, and how many parts there are, at most.
+/// Minimum rows of a partial sum, and maximum number of partial sums.
 const PART_ROWS: usize = 1024;
 pub(super) const PARTS: usize = 32;
 
@@ -17,12 +17,12 @@ wgsl_struct! {
     }
 }
 
-/// How many rows of a block kernels go over, each time that they do.
+/// Number of rows of a block in one pass of the kernels.
 #[derive(Debug)]
 pub(crate) struct BlockPass {
-    /// The rows.
+    /// Rows.
     pub(crate) rows: Rows,
-    /// Squares of a product, one below the other, that the rows take.
+    /// Tiles of [`SIDE`] rows that cover them.
     pub(super) squares: Rows,
 }
 
@@ -43,24 +43,24 @@ impl BlockPass {
 /// Rows that go through the layers together.
 #[derive(Debug)]
 pub(crate) struct Block {
-    /// Number of the first.
+    /// Index of the first row.
     pub(crate) first: usize,
-    /// The most rows.
+    /// Capacity in rows.
     pub(super) room: usize,
-    /// What kernels see of it.
+    /// Uniform with these sizes.
     pub(crate) uniform: Uniform<BlockRows>,
-    /// All rows, once.
+    /// Rows of the forward pass.
     pub(crate) once: BlockPass,
-    /// The same for the way back, or none where what the layers put out is still there.
+    /// Rows to evaluate again in the backward pass; 0 if the activations are still there.
     pub(crate) again: BlockPass,
-    /// Parts of a sum over the rows.
+    /// Number of partial sums over the rows.
     pub(super) parts: Rows,
-    /// 1, or 0 where the block has no rows and another one has.
+    /// 1, or 0 for a block without rows (except the first block).
     pub(super) is_used: Rows,
 }
 
 impl Block {
-    /// Without rows yet.
+    /// Creates a block without rows.
     pub(crate) fn new(gpu: &Gpu, first: usize, room: usize) -> Result<Self, GpuError> {
         Ok(Self {
             first,
@@ -73,8 +73,8 @@ impl Block {
         })
     }
 
-    /// Its rows, for everything that is submitted later. Sums over them are made in parts whose number depends
-    /// on the rows alone: a device gives the same bits again, whatever there is room for.
+    /// Sets its rows for everything that is submitted later. The number of partial sums depends on the rows
+    /// alone, so that a device reproduces the same bits at any capacity.
     fn set(&self, gpu: &Gpu, rows: usize, is_alone: bool) {
         let is_used = rows > 0 || self.first == 0;
         let parts = if is_used {
@@ -88,7 +88,7 @@ impl Block {
         }
     }
 
-    /// The same with so many parts.
+    /// Sets its rows and its number of partial sums.
     pub(crate) fn set_parts(&self, gpu: &Gpu, rows: usize, parts: usize) {
         assert!(rows <= self.room, "a block is full");
         let block = BlockRows {
@@ -109,14 +109,14 @@ impl Block {
 pub(super) struct Blocks(Vec<Block>);
 
 impl Blocks {
-    /// With room for so many rows, none of which are there yet, in blocks of at most `largest`.
+    /// Creates blocks of at most `largest` rows for a capacity of `room`, without rows.
     pub(super) fn new(gpu: &Gpu, room: usize, largest: usize) -> Result<Self, GpuError> {
         let firsts = (0..room.max(1)).step_by(largest);
         let block = |first| Block::new(gpu, first, largest.min(room - first));
         firsts.map(block).collect::<Result<_, _>>().map(Self)
     }
 
-    /// Makes so many rows of the room, for everything that is submitted later.
+    /// Sets the number of rows for everything that is submitted later.
     pub(super) fn place(&self, gpu: &Gpu, rows: usize) {
         let in_block = |block: &Block| rows.saturating_sub(block.first).min(block.room);
         let is_alone = self.0.iter().filter(|block| in_block(block) > 0).count() < 2;
@@ -125,12 +125,12 @@ impl Blocks {
         }
     }
 
-    /// In order.
+    /// Iterates over the blocks in order.
     pub(super) fn iter(&self) -> impl Iterator<Item = &Block> {
         self.0.iter()
     }
 
-    /// The most rows of a block.
+    /// Returns the largest capacity of a block.
     pub(super) fn largest(&self) -> usize {
         self.0.iter().map(|block| block.room).max().unwrap_or(0)
     }

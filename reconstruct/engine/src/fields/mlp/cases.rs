@@ -8,7 +8,7 @@ use crate::fields::mlp::{
     passes::{Activations, NetworkGradients},
 };
 
-/// Small, with every kind of layer.
+/// Small network with every kind of layer.
 pub(super) const SMALL: NetworkShape = NetworkShape {
     row_inputs: 5,
     shared_inputs: 3,
@@ -24,7 +24,7 @@ fn random(len: usize, seed: u64) -> Vec<f32> {
     (0..len).map(|_| random.random_range(-1.0..1.0)).collect()
 }
 
-/// A network and what goes in from both sides.
+/// A network with its inputs and its upstream gradients.
 pub(super) struct Case {
     pub(super) shape: NetworkShape,
     pub(super) rows: usize,
@@ -55,13 +55,14 @@ impl Case {
         &self.inputs[row * width..(row + 1) * width]
     }
 
-    /// Outputs and gradients by the weights, with activations of at most this size.
+    /// Returns outputs and gradients by the weights; activations are limited to `limit_bytes`.
     pub(super) fn on_cpu(&self, limit_bytes: usize) -> (Vec<f32>, Vec<f32>) {
         let (out, gradients, _) = self.with_input_gradients(limit_bytes);
         (out, gradients)
     }
 
-    /// Outputs and gradients by the weights and by the inputs, with activations of at most this size.
+    /// Returns outputs and gradients by the weights and by the inputs; activations are limited to
+    /// `limit_bytes`.
     pub(super) fn with_input_gradients(
         &self,
         limit_bytes: usize,

@@ -1,18 +1,18 @@
-//! Positional encoding: what a network of this size would smooth away otherwise.
+//! Positional encoding, without which a network of this size would smooth away detail.
 //!
 //! ```text
 //! PE(x) = (x, sin x, cos x, sin 2x, cos 2x, ..., sin 2^(L-1) x, cos 2^(L-1) x)
 //! ```
 //!
-//! for every component of `x` at once: all sines of an octave, then all cosines (Deformable-3D-Gaussians
+//! Components of `x` are grouped: all sines of an octave, then all cosines (Deformable-3D-Gaussians
 //! `utils/time_utils.py`).
 
-/// Number of values that encode a vector of `dimensions` with `octaves`.
+/// Returns the number of values that encode a vector of `dimensions` with `octaves`.
 pub const fn width(dimensions: usize, octaves: usize) -> usize {
     dimensions * (1 + 2 * octaves)
 }
 
-/// Encodes `values` into `out`, which has the [`width`] of as many dimensions and `octaves`.
+/// Encodes `values` into `out`, whose length must be [`width`] of their dimensions and `octaves`.
 pub fn encode(values: &[f32], octaves: usize, out: &mut [f32]) {
     debug_assert_eq!(out.len(), width(values.len(), octaves));
     let dimensions = values.len();

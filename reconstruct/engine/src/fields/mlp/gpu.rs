@@ -1,9 +1,8 @@
 //! A network's passes on a GPU; the twin of `passes.rs`.
 //!
-//! Rows go through the layers in blocks that bound the memory of activations. Where one block suffices they
-//! are kept for the backward pass; where not every block is evaluated once more. Sums over rows are made in
-//! parts, one after another: a device gives the same bits again. Buffers and programs are made for the most
-//! rows that there is room for.
+//! Rows go through the layers in blocks that bound the memory of activations. A single block keeps them for
+//! the backward pass; several blocks are evaluated once more. Sums over rows are divided into parts that are
+//! added in order: a device reproduces the same bits. Buffers and programs are sized for the capacity.
 
 use crate::device::{
     DeviceBuffer, Gpu, GpuError, Kernel, Program, Shader, Threads, Uniform, wgsl_struct,
@@ -18,7 +17,7 @@ use crate::fields::mlp::{
 const BLOCK: usize = 1 << 16;
 
 wgsl_struct! {
-    /// Where a layer's weights of shared inputs are.
+    /// Location of a layer's weights of shared inputs.
     pub(crate) struct SharedInputs {
         inputs: u32,
         outputs: u32,
@@ -26,13 +25,13 @@ wgsl_struct! {
         biases: u32,
     }
 
-    /// Rows of a block whose columns are summed up.
+    /// Rows of a block whose columns are summed.
     pub(crate) struct RowSums {
         columns: u32,
         begin: u32,
     }
 
-    /// Parts that are summed up.
+    /// Partial sums to add up.
     pub(crate) struct PartSums {
         len: u32,
         out_begin: u32,
@@ -62,7 +61,7 @@ pub(crate) struct Passes {
     sum_parts: Kernel,
 }
 
-/// What the passes of a network work on.
+/// Buffers of a network's passes.
 #[derive(Debug)]
 pub(crate) struct NetworkBuffers {
     shape: NetworkShape,
@@ -70,23 +69,23 @@ pub(crate) struct NetworkBuffers {
     blocks: Blocks,
     /// Inputs that all rows share; the host sets them.
     pub(crate) shared: DeviceBuffer<f32>,
-    /// Of all rows.
+    /// Outputs of all rows.
     pub(crate) outputs: DeviceBuffer<f32>,
     /// Gradients by the outputs.
     pub(crate) upstream: DeviceBuffer<f32>,
     /// Inputs of a block's rows.
     inputs: DeviceBuffer<f32>,
-    /// What layers with an activation put out, for a block.
+    /// Outputs of the hidden layers, for a block.
     hidden: Vec<DeviceBuffer<f32>>,
-    /// What biases and shared inputs add, layer by layer.
+    /// Contribution of biases and shared inputs, layer by layer.
     offsets: Vec<DeviceBuffer<f32>>,
-    /// Gradients by a layer's outputs and by those of the layer before, for a block.
+    /// Gradients by a layer's outputs and by those of the previous layer, for a block.
     by_output: [DeviceBuffer<f32>; 2],
     parts: DeviceBuffer<f32>,
 }
 
 impl NetworkBuffers {
-    /// Buffers with room for so many rows, of which there are none yet.
+    /// Allocates buffers for a capacity of `room` rows, without rows.
     pub(crate) fn new(gpu: &Gpu, shape: NetworkShape, room: usize) -> Result<Self, GpuError> {
         Self::with_blocks(gpu, shape, room, BLOCK)
     }
@@ -134,7 +133,7 @@ impl NetworkBuffers {
         })
     }
 
-    /// Makes so many rows of the room, for everything that is submitted later.
+    /// Sets the number of rows for everything that is submitted later.
     pub(crate) fn place(&self, gpu: &Gpu, rows: usize) {
         self.blocks.place(gpu, rows);
     }
@@ -148,11 +147,11 @@ impl NetworkBuffers {
     }
 }
 
-/// Records what writes the inputs of a block's rows into a buffer, from its beginning.
+/// Callback that records the writing of a block's inputs to the start of a buffer.
 pub(crate) type Encode<'a> =
     dyn Fn(&mut Program, (&Block, &BlockPass), &wgpu::Buffer) -> Result<(), GpuError> + 'a;
 
-/// What the commands of a pass are recorded with.
+/// Context in which the commands of a pass are recorded.
 pub(crate) struct Recording<'a> {
     pub(crate) gpu: &'a Gpu,
     pub(crate) program: &'a mut Program,
@@ -248,8 +247,8 @@ impl Passes {
         Ok(())
     }
 
-    /// Records the gradients by the weights, after [`Passes::forward`]: overwrites `gradients`. None
-    /// are taken by the inputs.
+    /// Records the gradients by the weights, after [`Passes::forward`]: overwrites `gradients`. Gradients by
+    /// the inputs are not computed.
     pub(crate) fn backward(
         &self,
         to: &mut Recording<'_>,
@@ -325,7 +324,7 @@ impl Passes {
         Ok(())
     }
 
-    /// Gradients by a layer's biases.
+    /// Records the gradients by a layer's biases.
     fn sum_rows(
         &self,
         to: &mut Recording<'_>,
@@ -349,7 +348,7 @@ impl Passes {
         self.sum_parts(to, buffers, block, layer.outputs, gradients)
     }
 
-    /// A product over a block's rows, as a sum of parts.
+    /// Records a product over a block's rows, as a sum of parts.
     fn sum_products(
         &self,
         to: &mut Recording<'_>,

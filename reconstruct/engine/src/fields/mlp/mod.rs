@@ -1,9 +1,9 @@
-//! A multilayer perceptron that every Gaussian goes through in every training step.
+//! Multilayer perceptron, evaluated for every Gaussian in every training step.
 //!
 //! * [`encoding`]: positional encoding of its inputs.
 //! * [`network`]: its layers and their weights; [`passes`]: forward and backward, block by block.
 //! * `product`: matrix products.
-//! * [`mod@reference`]: the definition in f64, that tests and the stability catalogue judge by.
+//! * [`mod@reference`]: the definition in f64, the reference for tests and the stability catalogue.
 //! * `gpu`, `product_gpu`, `blocks_gpu`: the same on a GPU.
 
 pub(crate) mod blocks_gpu;

@@ -1,16 +1,16 @@
-//! The layers of a network and where their weights are.
+//! The layers of a network and the location of their weights.
 //!
 //! ```text
 //! h_0 = relu(W_0 [x, s] + b_0)        h_i = relu(W_i h_(i-1) + b_i)        y = W h_last + b
 //! ```
 //!
-//! Every row has inputs `x` of its own; the inputs `s` are shared by all rows of an evaluation, so
-//! that what they add to a layer is one vector, computed once. After one of the layers both are put
-//! beside its output again (a skip connection), where the network has one.
+//! Every row has its own inputs `x`. The inputs `s` are shared by all rows of an evaluation, so that their
+//! contribution to a layer is one vector, computed once. With a skip connection, one layer's output is
+//! concatenated with both again.
 //!
-//! All weights are one array, layer by layer: those of hidden inputs, of row inputs, of shared inputs
-//! (each with a row per input and a column per output), then the biases, where the network has any. The
-//! output layer is the last.
+//! All weights are one array, layer by layer, the output layer last. A layer has the weights of hidden
+//! inputs, of row inputs and of shared inputs (each with a row per input and a column per output), then the
+//! biases, if any.
 
 use std::ops::Range;
 
@@ -20,30 +20,30 @@ use rand_pcg::Pcg64Mcg;
 /// Sizes of a network.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct NetworkShape {
-    /// Inputs that every row has of its own.
+    /// Inputs of each row.
     pub row_inputs: usize,
-    /// Inputs that are the same for all rows of an evaluation.
+    /// Inputs shared by all rows of an evaluation.
     pub shared_inputs: usize,
-    /// Layers with an activation, 1 or more.
+    /// Hidden layers, 1 or more.
     pub depth: usize,
-    /// Outputs of each of them.
+    /// Width of each hidden layer.
     pub width: usize,
-    /// The layer, from 0, after which the inputs are put beside its output; one before the last.
+    /// Layer, from 0 and before the last, whose output is concatenated with the inputs again.
     pub skip_after: Option<usize>,
-    /// Whether a constant is added to what a layer puts out.
+    /// True if layers add a bias.
     pub has_biases: bool,
     /// Outputs of the network.
     pub outputs: usize,
 }
 
-/// One layer: how many inputs of each kind it has, and where its weights begin.
+/// One layer: its number of inputs of each kind, and the offset of its weights.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Layer {
-    /// Outputs of the layer before that come in.
+    /// Inputs from the previous layer.
     pub hidden_inputs: usize,
-    /// Inputs of a row that come in.
+    /// Inputs of the row.
     pub row_inputs: usize,
-    /// Shared inputs that come in.
+    /// Shared inputs.
     pub shared_inputs: usize,
     /// Outputs.
     pub outputs: usize,
@@ -52,38 +52,38 @@ pub struct Layer {
 }
 
 impl Layer {
-    /// Where the weights of hidden inputs are.
+    /// Returns the range of the weights of hidden inputs.
     pub fn hidden_weights(&self) -> Range<usize> {
         self.begin..self.begin + self.hidden_inputs * self.outputs
     }
 
-    /// Where the weights of row inputs are.
+    /// Returns the range of the weights of row inputs.
     pub fn row_weights(&self) -> Range<usize> {
         let begin = self.hidden_weights().end;
         begin..begin + self.row_inputs * self.outputs
     }
 
-    /// Where the weights of shared inputs are.
+    /// Returns the range of the weights of shared inputs.
     pub fn shared_weights(&self) -> Range<usize> {
         let begin = self.row_weights().end;
         begin..begin + self.shared_inputs * self.outputs
     }
 
-    /// Where the biases are; empty where there are none.
+    /// Returns the range of the biases; empty for a network without them.
     pub fn biases(&self) -> Range<usize> {
         let begin = self.shared_weights().end;
         let count = if self.has_biases { self.outputs } else { 0 };
         begin..begin + count
     }
 
-    /// All inputs.
+    /// Returns the number of all inputs.
     pub fn inputs(&self) -> usize {
         self.hidden_inputs + self.row_inputs + self.shared_inputs
     }
 }
 
 impl NetworkShape {
-    /// All layers, the output layer last.
+    /// Returns all layers, the output layer last.
     pub fn layers(&self) -> Vec<Layer> {
         let mut begin = 0;
         (0..=self.depth)
@@ -105,13 +105,13 @@ impl NetworkShape {
             .collect()
     }
 
-    /// Number of weights and biases.
+    /// Returns the number of weights and biases.
     pub fn weight_count(&self) -> usize {
         self.layers().last().map_or(0, |layer| layer.biases().end)
     }
 
-    /// First weights: evenly from `+-1/sqrt(inputs)`, as `PyTorch` draws those of linear layers; 0 in the
-    /// output layer, so that the network says 0 until it is trained.
+    /// Returns initial weights: uniform in `+-1/sqrt(inputs)`, as in `PyTorch`'s linear layers; 0 in the
+    /// output layer, so that the network's output is 0 until it is trained.
     pub fn initial_weights(&self, seed: u64) -> Vec<f32> {
         let mut random = Pcg64Mcg::seed_from_u64(seed);
         let mut weights = vec![0.0; self.weight_count()];
@@ -128,7 +128,7 @@ impl NetworkShape {
 mod tests {
     use super::*;
 
-    /// The network of Deformable-3D-Gaussians, counted by hand.
+    /// Counts the weights of the network of Deformable-3D-Gaussians by hand.
     #[test]
     fn weights_lie_one_after_the_other() {
         let shape = NetworkShape {

@@ -1,9 +1,9 @@
 //! Forward and backward passes of a network over many rows.
 //!
-//! Rows go through all layers in blocks, so that a block's activations stay in the cache between one
-//! layer and the next. The backward pass needs them again: as many blocks as a limit of memory allows
-//! keep them, the others are evaluated once more. Gradients of the weights are summed up in a number
-//! of parts that does not depend on the number of threads, and so do not depend on it either.
+//! Rows go through all layers in blocks, so that a block's activations stay in the cache between one layer
+//! and the next. The backward pass needs them again: blocks keep them up to a memory limit, and the others
+//! are evaluated once more. Gradients of the weights are summed in a fixed number of parts, so that they do
+//! not depend on the number of threads.
 
 mod rows;
 
@@ -15,22 +15,22 @@ use crate::fields::mlp::{
     product::{Factor, multiply, multiply_add},
 };
 
-/// Rows of a block: its activations are a quarter of a mebibyte per layer of 256, and a layer's
-/// weights are used for as many rows.
+/// Rows of a block. Its activations are a quarter of a mebibyte per layer of 256, and a layer's weights are
+/// reused for as many rows.
 const BLOCK: usize = 256;
-/// Parts in which gradients are summed up.
+/// Number of partial sums of gradients.
 const PARTS: usize = 16;
 
-/// What the backward pass needs of the forward one.
+/// Activations of the forward pass, kept for the backward pass.
 #[derive(Debug)]
 pub struct Activations {
     limit_bytes: usize,
-    /// Block by block: the inputs of its rows, then the outputs of each layer.
+    /// Per block: the inputs of its rows, then the outputs of each layer.
     kept: Vec<f32>,
 }
 
 impl Activations {
-    /// Room for activations of at most this size.
+    /// Creates storage for at most `limit_bytes` of activations.
     pub fn new(limit_bytes: usize) -> Self {
         Self {
             limit_bytes,
@@ -38,23 +38,23 @@ impl Activations {
         }
     }
 
-    /// Sets what the next forward pass may keep.
+    /// Sets the limit of the next forward pass.
     pub fn set_limit_bytes(&mut self, limit_bytes: usize) {
         self.limit_bytes = limit_bytes;
     }
 }
 
-/// Where the gradients of a backward pass go; they overwrite what is there.
+/// Destination of the gradients of a backward pass, which overwrite it.
 #[derive(Debug)]
 pub struct NetworkGradients<'a> {
-    /// By every weight.
+    /// Gradient by each weight.
     pub weights: &'a mut [f32],
-    /// By the inputs of every row, where they are asked for.
+    /// Gradient by the inputs of each row, if wanted.
     pub inputs: Option<&'a mut [f32]>,
 }
 
 impl<'a> NetworkGradients<'a> {
-    /// By the weights alone.
+    /// Creates a destination without gradients by the inputs.
     pub fn by_weights(weights: &'a mut [f32]) -> Self {
         Self {
             weights,
@@ -63,22 +63,22 @@ impl<'a> NetworkGradients<'a> {
     }
 }
 
-/// A network with its weights at some shared inputs.
+/// A network with its weights, evaluated at given shared inputs.
 struct Evaluated<'a> {
     shape: NetworkShape,
     layers: Vec<Layer>,
     weights: &'a [f32],
-    /// What biases and shared inputs add to each layer.
+    /// Contribution of biases and shared inputs to each layer.
     offsets: Vec<Vec<f32>>,
 }
 
 impl NetworkShape {
-    /// Values that a block keeps.
+    /// Returns the number of values that a block keeps.
     fn block_len(&self) -> usize {
         BLOCK * (self.row_inputs + self.depth * self.width)
     }
 
-    /// Bytes of the activations of so many rows, at most `limit`.
+    /// Returns the bytes of the activations of `rows` rows, at most `limit`.
     pub fn activation_bytes(&self, rows: usize, limit: usize) -> usize {
         let blocks = rows.div_ceil(BLOCK);
         blocks
@@ -86,7 +86,7 @@ impl NetworkShape {
             .min(limit)
     }
 
-    /// The outputs of `out.len() / outputs` rows. `encode` writes the inputs of a row.
+    /// Computes the outputs of `out.len() / outputs` rows. `encode` writes the inputs of one.
     pub fn forward(
         &self,
         weights: &[f32],
@@ -117,7 +117,7 @@ impl NetworkShape {
         );
     }
 
-    /// Gradients from those by the outputs, after [`NetworkShape::forward`] with the same arguments.
+    /// Computes gradients from those by the outputs, after [`NetworkShape::forward`] with the same arguments.
     pub fn backward(
         &self,
         weights: &[f32],
@@ -176,7 +176,7 @@ impl NetworkShape {
 
 /// Buffers of one part of a backward pass.
 struct Scratch {
-    /// Activations that were not kept, or those of the rows that have a gradient.
+    /// Recomputed activations, or those of the rows that have a gradient.
     activations: Vec<f32>,
     gathered: Vec<f32>,
     upstream: Vec<f32>,
@@ -229,7 +229,7 @@ impl<'a> Evaluated<'a> {
         }
     }
 
-    /// The inputs of a block's rows, and the outputs of each layer.
+    /// Returns the inputs of a block's rows, and the outputs of each layer.
     fn split<'b>(&self, block: &'b [f32], rows: usize) -> (&'b [f32], Vec<&'b [f32]>) {
         let (inputs, hidden) = block.split_at(BLOCK * self.shape.row_inputs);
         let layers = hidden.chunks_exact(BLOCK * self.shape.width);
@@ -280,7 +280,7 @@ impl<'a> Evaluated<'a> {
         }
     }
 
-    /// The weighted inputs of a layer, without what is the same for all rows.
+    /// Computes the weighted inputs of a layer, without biases and shared inputs.
     fn weigh(&self, layer: &Layer, previous: Option<&[f32]>, inputs: &[f32], out: &mut [f32]) {
         let row_weights = || Factor::new(&self.weights[layer.row_weights()], layer.outputs);
         let inputs = || Factor::new(inputs, layer.row_inputs);
@@ -296,8 +296,8 @@ impl<'a> Evaluated<'a> {
         }
     }
 
-    /// Adds a block's gradients to those by the weights, and writes those by its inputs; those by weights of shared inputs come later. Rows without
-    /// a gradient, those of Gaussians that nobody saw, are left out.
+    /// Adds a block's gradients by the weights, and writes those by its inputs. Gradients by weights of
+    /// shared inputs are added later. Rows without a gradient (Gaussians outside the view) are skipped.
     fn backward_block(
         &self,
         first_row: usize,
@@ -360,7 +360,7 @@ impl<'a> Evaluated<'a> {
         }
     }
 
-    /// Copies the activations of some rows of a block, in the order of a block.
+    /// Copies the activations of some rows of a block, in the layout of a block.
     fn gather(&self, block: &[f32], rows: &[usize], out: &mut Vec<f32>) {
         let NetworkShape {
             row_inputs, width, ..
@@ -448,7 +448,7 @@ impl<'a> Evaluated<'a> {
         }
     }
 
-    /// A shared input is the same for all rows: its weights have the gradient of the bias times it.
+    /// Computes gradients by weights of shared inputs: each is the bias's gradient times the input.
     fn gradients_by_shared_weights(&self, shared: &[f32], gradients: &mut [f32]) {
         for layer in self.layers.iter().filter(|layer| layer.shared_inputs > 0) {
             let by_bias = gradients[layer.biases()].to_vec();

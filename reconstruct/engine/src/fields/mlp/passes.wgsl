@@ -1,26 +1,26 @@
-// What the passes of a network need beside products: shared inputs, and sums over rows and parts.
+// Kernels of a network's passes other than products: shared inputs, and sums over rows and parts.
 
 struct SharedInputs {
-    // Of the layer.
+    // Inputs of the layer.
     inputs: u32,
     outputs: u32,
-    // Where its weights of shared inputs and its biases begin.
+    // Offset of its weights of shared inputs, and of its biases.
     weights: u32,
     biases: u32,
 }
 
 struct RowSums {
     columns: u32,
-    // Where the rows of the block begin.
+    // Offset of the block's rows.
     begin: u32,
 }
 
 struct PartSums {
-    // Values of a part.
+    // Length of a partial sum.
     len: u32,
-    // Where the sum goes.
+    // Offset of the sum.
     out_begin: u32,
-    // Whether it is added to what is there.
+    // 1 to add to the existing values.
     is_added: u32,
 }
 
@@ -38,10 +38,10 @@ struct PartSums {
 @group(0) @binding(0) var<uniform> part_sums: PartSums;
 @group(0) @binding(1) var<storage, read> summands: array<f32>;
 
-// Of both sums.
+// Shared by both sums.
 @group(0) @binding(3) var<uniform> block: BlockRows;
 
-// What biases and shared inputs add to every row of a layer; one thread per output.
+// Contribution of biases and shared inputs to every row of a layer; one thread per output.
 @compute @workgroup_size(256)
 fn add_shared(
     @builtin(workgroup_id) group: vec3<u32>,
@@ -59,8 +59,8 @@ fn add_shared(
     offsets[output] = sum;
 }
 
-// A shared input is the same for all rows: its weights have the gradient of the bias times it. One
-// thread per weight.
+// A shared input is the same for all rows, so that the gradient of its weight is the bias's times the input.
+// One thread per weight.
 @compute @workgroup_size(256)
 fn shared_gradients(
     @builtin(workgroup_id) group: vec3<u32>,
@@ -75,7 +75,7 @@ fn shared_gradients(
     gradients[layer.weights + weight] = shared_inputs[weight / layer.outputs] * by_bias;
 }
 
-// Sums of columns over each part of the rows, which follow each other; one thread per part and column.
+// Column sums over each part of the rows, one part after another; one thread per part and column.
 @compute @workgroup_size(256)
 fn sum_rows(
     @builtin(workgroup_id) group: vec3<u32>,
@@ -96,7 +96,7 @@ fn sum_rows(
     parts[index] = sum;
 }
 
-// The sum of all parts; one thread per value.
+// Sum of all parts; one thread per value.
 @compute @workgroup_size(256)
 fn sum_parts(
     @builtin(workgroup_id) group: vec3<u32>,

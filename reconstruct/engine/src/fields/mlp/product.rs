@@ -11,7 +11,7 @@ pub(super) struct Factor<'a> {
 }
 
 impl<'a> Factor<'a> {
-    /// A row-major matrix with so many columns.
+    /// Creates a row-major matrix with `columns` columns.
     pub(super) fn new(values: &'a [f32], columns: usize) -> Self {
         assert_eq!(values.len() % columns, 0, "whole rows");
         Self {
@@ -23,7 +23,7 @@ impl<'a> Factor<'a> {
         }
     }
 
-    /// The transpose; nothing is copied.
+    /// Returns the transpose without copying.
     pub(super) fn transposed(self) -> Self {
         Self {
             rows: self.columns,
@@ -35,23 +35,23 @@ impl<'a> Factor<'a> {
     }
 }
 
-/// `product = left * right`, row-major.
+/// Computes `product = left * right`, row-major.
 pub(super) fn multiply(left: Factor<'_>, right: Factor<'_>, product: &mut [f32]) {
     multiply_onto(left, right, 0.0, product);
 }
 
-/// `product += left * right`, row-major.
+/// Computes `product += left * right`, row-major.
 pub(super) fn multiply_add(left: Factor<'_>, right: Factor<'_>, product: &mut [f32]) {
     multiply_onto(left, right, 1.0, product);
 }
 
-/// `product = left * right + kept * product`.
+/// Computes `product = left * right + kept * product`.
 fn multiply_onto(left: Factor<'_>, right: Factor<'_>, kept: f32, product: &mut [f32]) {
     assert_eq!(left.columns, right.rows, "inner sizes");
     assert_eq!(product.len(), left.rows * right.columns, "product");
     let stride = |stride: usize| stride as isize;
-    // SAFETY: every factor's strides stay within its values, as made by `Factor::new` and
-    // `Factor::transposed`; sizes were checked; the product is borrowed mutably and overlaps neither.
+    // SAFETY: `Factor::new` and `Factor::transposed` keep every factor's strides within its values; sizes
+    // were checked; the product is borrowed mutably and overlaps neither.
     unsafe {
         matrixmultiply::sgemm(
             left.rows,

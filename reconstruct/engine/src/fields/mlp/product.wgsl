@@ -1,35 +1,35 @@
-// Products of matrices: a workgroup of 256 threads makes a square of the product, a thread 4 by 4 of
-// its values.
+// Products of matrices: a workgroup of 256 threads computes a square of the product, a thread 4 by 4 of its
+// values.
 
 struct Product {
-    // Whether the inner dimension is the rows of the block, dealt out to as many products as the block has
-    // parts, which follow each other in `out`; else the rows of the product are those of the block.
+    // 1 if the inner dimension is the rows of the block: the sum is divided into the block's parts, one
+    // product each, consecutive in `out`. Otherwise the rows of the product are those of the block.
     sums_rows: u32,
-    // The one of both dimensions that has nothing to do with the block.
+    // Length of the dimension that does not depend on the block.
     fixed_len: u32,
     columns: u32,
-    // Where the factors begin, and how far apart their values are in each dimension.
+    // Offsets of the factors, and the strides of each dimension.
     left_begin: u32,
     left_row_stride: u32,
     left_inner_stride: u32,
     right_begin: u32,
     right_inner_stride: u32,
     right_column_stride: u32,
-    // Where the row-major product begins.
+    // Offset of the row-major product.
     out_begin: u32,
-    // Whether it is added to what is there.
+    // 1 to add to the existing values.
     is_added: u32,
-    // What happens to every value in the end.
+    // Final operation on every value.
     finish: u32,
 }
 
-// Nothing.
+// None.
 const FINISH_PLAIN: u32 = 0u;
-// `beside` has a value per column, which is added.
+// Adds `beside`, one value per column.
 const FINISH_OFFSET: u32 = 1u;
-// The same, and what is below 0 becomes 0.
+// Adds `beside` and clips at 0 (ReLU).
 const FINISH_OFFSET_AND_CLIP: u32 = 2u;
-// `beside` is as large as the product: where it is not above 0 the product becomes 0.
+// Sets values to 0 where `beside`, of the product's size, is not above 0.
 const FINISH_MASK: u32 = 3u;
 
 @group(0) @binding(0) var<uniform> product: Product;
@@ -39,12 +39,12 @@ const FINISH_MASK: u32 = 3u;
 @group(0) @binding(4) var<storage, read_write> out: array<f32>;
 @group(0) @binding(5) var<uniform> block: BlockRows;
 
-// Steps of the inner dimension that are loaded at once.
+// Steps of the inner dimension loaded at once.
 const STEPS: u32 = 16u;
 // Rows, or columns, come in groups of four.
 const GROUPS: u32 = SIDE / 4u;
 
-// Step by step, the values of the workgroup's rows, and of its columns.
+// Values of the workgroup's rows, and of its columns, step by step.
 var<workgroup> left_tile: array<vec4<f32>, STEPS * GROUPS>;
 var<workgroup> right_tile: array<vec4<f32>, STEPS * GROUPS>;
 
@@ -60,7 +60,7 @@ fn parts() -> u32 {
     return select(1u, block.parts, product.sums_rows != 0u);
 }
 
-// The group and the step of a tile that a thread loads, such that neighbours read side by side.
+// The group and the step that a thread loads, such that neighbouring threads read adjacent values.
 fn place(thread: u32, step_stride: u32) -> vec2<u32> {
     if step_stride == 1u {
         return vec2(thread / STEPS, thread % STEPS);
@@ -84,7 +84,7 @@ fn load_right(step: u32, column: u32) -> f32 {
         + step * product.right_inner_stride];
 }
 
-// Of the steps from `step` to `end`; one vector of each tile per thread.
+// Loads the steps from `step` to `end`; one vector of each tile per thread.
 fn load_tiles(first: vec2<u32>, step: u32, end: u32, thread: u32) {
     let of_left = place(thread, product.left_inner_stride);
     let row = first.y + 4u * of_left.x;

@@ -3,12 +3,11 @@
 use crate::device::{Gpu, GpuError, Kernel, Program, Shader, Uniform, Workgroups, wgsl_struct};
 use crate::fields::mlp::blocks_gpu::{Block, BlockPass};
 
-/// Rows, and columns, of the part of a product that a workgroup makes: 256 threads have 4 by 4 values
-/// each.
+/// Rows and columns of the square that a workgroup computes: 256 threads with 4 by 4 values each.
 pub(super) const SIDE: u32 = 64;
 
 wgsl_struct! {
-    /// Sizes and places of a product; see `product.wgsl`.
+    /// Sizes and offsets of a product; see `product.wgsl`.
     pub(crate) struct Product {
         sums_rows: u32,
         fixed_len: u32,
@@ -37,8 +36,7 @@ pub(crate) fn shader() -> Shader {
     }
 }
 
-/// A matrix in a buffer, row-major or transposed. Where it has a row for each of a block, it is as large as
-/// the block's room.
+/// A matrix in a buffer, row-major or transposed. A matrix with a row per block row has the block's capacity.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Matrix<'a> {
     buffer: &'a wgpu::Buffer,
@@ -50,7 +48,7 @@ pub(super) struct Matrix<'a> {
 }
 
 impl<'a> Matrix<'a> {
-    /// Row-major, from value number `begin` on.
+    /// Creates a row-major matrix that starts at value `begin`.
     pub(super) fn new(buffer: &'a wgpu::Buffer, begin: usize, rows: usize, columns: usize) -> Self {
         Self {
             buffer,
@@ -62,7 +60,7 @@ impl<'a> Matrix<'a> {
         }
     }
 
-    /// The transpose; nothing is copied.
+    /// Returns the transpose without copying.
     pub(super) fn transposed(self) -> Self {
         Self {
             rows: self.columns,
@@ -73,46 +71,46 @@ impl<'a> Matrix<'a> {
         }
     }
 
-    /// Values of the product with `right`.
+    /// Returns the number of values of the product with `right`.
     pub(super) fn product_len(self, right: Self) -> usize {
         self.rows * right.columns
     }
 }
 
-/// Which dimension of a product is the rows of a block.
+/// Dimension of a product that runs over the rows of a block.
 #[derive(Debug, Clone, Copy)]
 pub(super) enum Over<'a> {
-    /// Its own rows; each time that kernels go over them.
+    /// The product's rows, in the given pass.
     Rows(&'a Block, &'a BlockPass),
-    /// The inner one: it is dealt out to as many products as the block has parts.
+    /// The inner dimension: the block's parts give one product each.
     Sum(&'a Block),
 }
 
-/// What happens to the values of a product.
+/// Final operation on the values of a product.
 #[derive(Debug, Clone, Copy)]
 pub(super) enum Finish<'a> {
-    /// Nothing.
+    /// None.
     Plain,
-    /// A value per column is added.
+    /// Adds a value per column.
     Offset(&'a wgpu::Buffer),
-    /// The same, and what is below 0 becomes 0.
+    /// Adds a value per column and clips at 0 (`ReLU`).
     OffsetAndClip(&'a wgpu::Buffer),
-    /// 0 where a matrix of the product's size, from the beginning of its buffer, is not above 0.
+    /// Sets values to 0 where a matrix of the product's size, at the start of its buffer, is not above 0.
     Mask(&'a wgpu::Buffer),
 }
 
-/// Where a product goes: a row-major matrix, or as many of them as there are parts, one after another.
+/// Destination of a product: a row-major matrix, or one per part, consecutive.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Destination<'a> {
     pub(super) buffer: &'a wgpu::Buffer,
     pub(super) begin: usize,
-    /// Whether it is added to what is there.
+    /// True to add to the existing values.
     pub(super) is_added: bool,
     pub(super) finish: Finish<'a>,
 }
 
 impl<'a> Destination<'a> {
-    /// One matrix, as it is.
+    /// Creates a destination for one matrix, which is overwritten.
     pub(super) fn new(buffer: &'a wgpu::Buffer, begin: usize) -> Self {
         Self {
             buffer,
@@ -123,7 +121,7 @@ impl<'a> Destination<'a> {
     }
 }
 
-/// The kernel.
+/// Kernel of matrix products.
 #[derive(Debug)]
 pub(super) struct Products {
     multiply: Kernel,
@@ -145,7 +143,7 @@ impl Products {
         out: Destination<'_>,
     ) -> Result<(), GpuError> {
         assert_eq!(left.columns, right.rows, "inner sizes");
-        // A kernel's bindings are all taken: what has nothing beside it binds a factor once more.
+        // All bindings must be set: without an operand beside it, a factor is bound once more.
         let (finish, beside) = match out.finish {
             Finish::Plain => (0, left.buffer),
             Finish::Offset(beside) => (1, beside),
@@ -205,7 +203,7 @@ mod tests {
             .collect()
     }
 
-    /// The product by its definition, both factors row-major.
+    /// Returns the product by its definition; both factors are row-major.
     fn expected(left: &[f32], right: &[f32], [rows, inner, columns]: [usize; 3]) -> Vec<f64> {
         let term = |i: usize, k: usize, j: usize| {
             f64::from(left[i * inner + k]) * f64::from(right[k * columns + j])
@@ -249,7 +247,7 @@ mod tests {
                     } else {
                         values.clone()
                     };
-                    // Matrices need not begin with their buffer.
+                    // Matrices may start anywhere in their buffer.
                     buffer(&[vec![9.0; 5], values].concat())
                 });
                 let matrix = |buffer, rows, columns, flip: bool| {

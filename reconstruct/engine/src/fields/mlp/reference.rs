@@ -1,9 +1,9 @@
-//! The network and its encoding as plain f64 loops: what [`passes`](super::passes) and the
-//! parameterizations with a network are judged by.
+//! The network and its encoding as plain f64 loops: the reference for [`passes`](super::passes) and for the
+//! parameterizations with a network.
 
 use super::network::NetworkShape;
 
-/// [`encode`](super::encoding::encode) in f64.
+/// Computes [`encode`](super::encoding::encode) in f64.
 pub fn encoded(values: &[f64], octaves: usize) -> Vec<f64> {
     let mut out = values.to_vec();
     for octave in 0..octaves {
@@ -14,8 +14,8 @@ pub fn encoded(values: &[f64], octaves: usize) -> Vec<f64> {
     out
 }
 
-/// The outputs for one row of inputs. `weights` are those of the shape, `shared` the inputs that all
-/// rows have in common.
+/// Returns the outputs for one row of inputs. `weights` are those of the shape, `shared` the inputs common to
+/// all rows.
 pub fn outputs(shape: NetworkShape, weights: &[f64], shared: &[f64], row: &[f64]) -> Vec<f64> {
     let mut hidden: Vec<f64> = Vec::new();
     for (index, layer) in shape.layers().iter().enumerate() {

@@ -1,13 +1,13 @@
-// The deformation of canonical Gaussians by a network's outputs and its VJP.
+// Deformation of canonical Gaussians by a network's outputs, and its VJP.
 
 struct Canonical {
     // Number of Gaussians.
     len: u32,
-    // Where their positions begin in the table, counted in values.
+    // Offset of their positions in the table, in values.
     positions: u32,
     // Octaves of the encoding.
     octaves: u32,
-    // The length that counts as 1, normalized units.
+    // Unit of length, normalized units.
     length_unit: f32,
 }
 
@@ -22,7 +22,7 @@ struct Canonical {
 @group(0) @binding(3) var<storage, read_write> gaussian_gradients: array<Gaussian>;
 @group(0) @binding(4) var<storage, read_write> upstream: array<f32>;
 
-// Positions as the network sees them; one thread per Gaussian and octave, and one for the position
+// Encoded positions, the network's inputs; one thread per Gaussian and octave, and one for the position
 // itself.
 @compute @workgroup_size(256)
 fn encode_positions(
@@ -65,7 +65,7 @@ fn quaternion_length(q: vec4<f32>) -> f32 {
     return max(sqrt(dot(q, q)), LEAST_QUATERNION_LENGTH);
 }
 
-// Activated canonical Gaussians become those of the moment; one thread per Gaussian.
+// Deforms the activated canonical Gaussians in place; one thread per Gaussian.
 @compute @workgroup_size(256)
 fn deform(
     @builtin(workgroup_id) group: vec3<u32>,
@@ -85,14 +85,14 @@ fn deform(
     gaussians[index] = Gaussian(
         gaussian.position + unit * three(first),
         gaussian.opacity,
-        // Not `max`, which may make a scale that is NaN the least one, and draw it.
+        // `max` may replace a NaN scale by the least one, and draw it.
         select(scale, least, scale < least),
         rotation / quaternion_length(rotation),
     );
 }
 
-// From gradients by the Gaussians of the moment to those by the outputs and by the canonical
-// Gaussians, which `gaussians` holds; one thread per Gaussian.
+// Turns gradients by the deformed Gaussians into those by the outputs and by the canonical Gaussians, which
+// `gaussians` holds; one thread per Gaussian.
 @compute @workgroup_size(256)
 fn deform_vjp(
     @builtin(workgroup_id) group: vec3<u32>,
@@ -122,7 +122,7 @@ fn deform_vjp(
     for (var i = 0u; i < 4u; i++) {
         is_usable = is_usable && is_finite(by.rotation[i]);
     }
-    // Such a Gaussian does not take part in the gradient of the weights.
+    // A Gaussian without a finite gradient does not contribute to that of the weights.
     for (var i = 0u; i < 3u; i++) {
         upstream[first + i] = select(0.0, unit * by.position[i], is_usable);
         upstream[first + 7u + i] = select(0.0, unit * by.scale[i], is_usable);

@@ -18,7 +18,7 @@ use crate::{
 };
 
 wgsl_struct! {
-    /// Where canonical positions are, and the network's unit.
+    /// Offset of the canonical positions, and the network's unit of length.
     pub(crate) struct Canonical {
         len: u32,
         positions: u32,
@@ -45,7 +45,7 @@ pub(crate) fn shader() -> Shader {
     }
 }
 
-/// What deforms Gaussians; does not depend on their number.
+/// Kernels of the deformation, which do not depend on the number of Gaussians.
 #[derive(Debug)]
 pub(crate) struct DeformationKernels {
     passes: Passes,
@@ -67,7 +67,7 @@ impl DeformationKernels {
     }
 }
 
-/// The network's weights on the device, and what its passes work on.
+/// The network's weights on the device, and the buffers of its passes.
 #[derive(Debug)]
 pub(crate) struct DeformationBuffers {
     model: DeformationModel,
@@ -79,7 +79,7 @@ pub(crate) struct DeformationBuffers {
 }
 
 impl DeformationBuffers {
-    /// For so many Gaussians of a table, and as many more as it has room for.
+    /// Allocates buffers for the capacity of a table and sets the number of its Gaussians.
     pub(crate) fn new(
         gpu: &Gpu,
         model: DeformationModel,
@@ -103,7 +103,7 @@ impl DeformationBuffers {
         Ok(buffers)
     }
 
-    /// Makes them so many Gaussians, for everything that is submitted later.
+    /// Sets the number of Gaussians for everything that is submitted later.
     pub(crate) fn place(&mut self, gpu: &Gpu, gaussians: usize) {
         self.canonical.len = gaussians as u32;
         self.uniform.write(gpu, &self.canonical);
@@ -182,7 +182,7 @@ impl DeviceParameterization for DeformableGaussians<'_> {
         Ok(())
     }
 
-    /// Fills the gradients by the weights, too.
+    /// Computes the VJP and, in addition, the gradients by the weights.
     fn activate_vjp(
         &self,
         gpu: &Gpu,
@@ -190,7 +190,7 @@ impl DeviceParameterization for DeformableGaussians<'_> {
         (table, rows): (&TableBuffers, &DeviceRows),
         buffers: &ActivatedBuffers,
     ) -> Result<(), GpuError> {
-        // Activated once more: `deform` has written over the canonical ones.
+        // Activate again: `deform` has overwritten the canonical ones.
         self.canonical
             .activate(gpu, program, (table, rows), buffers)?;
         let network = &self.buffers.network;
@@ -224,7 +224,7 @@ mod tests {
         parameters::SharedParameters,
     };
 
-    /// Built-in sines would be off here by a multiple of this.
+    /// Built-in sines would miss by a multiple of this tolerance.
     #[test]
     fn encodings_are_right_far_away_and_in_the_highest_octaves() {
         let Some(gpu) = test_device() else { return };

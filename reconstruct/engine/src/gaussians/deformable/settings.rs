@@ -1,13 +1,13 @@
-//! What training knows of a deformation; methods without a network have none of it.
+//! Training settings of a deformation; methods without a network have none.
 
 use serde::{Deserialize, Serialize};
 
 use crate::{clock::Clock, gaussians::deformable::DeformationModel};
 
-/// The network, when it comes in, and how its time is blurred.
+/// Network, warm-up and time noise.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct DeformationSettings {
-    /// From seconds to frames.
+    /// Conversion from seconds to frames.
     pub clock: Clock,
     /// The network.
     pub model: DeformationModel,
@@ -17,18 +17,18 @@ pub struct DeformationSettings {
     pub time_noise: Option<TimeNoise>,
 }
 
-/// Annealed smoothing: the time that the network is asked for is off by a normal deviate, whose scale
-/// falls to nothing while the network learns.
+/// Annealed smoothing: noise on the network's time, normal, with a scale that falls to 0 while the network is
+/// trained.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct TimeNoise {
     /// Standard deviation at the beginning, frames.
     pub begin_frames: f32,
-    /// Iteration of the schedule from which there is none.
+    /// Iteration of the schedule at which the noise has fallen to 0.
     pub end_iteration: u64,
 }
 
 impl TimeNoise {
-    /// Standard deviation at an iteration of the schedule, frames.
+    /// Returns the standard deviation at an iteration of the schedule, frames.
     pub fn frames_at(&self, scheduled: u64) -> f32 {
         let over = scheduled as f32 / self.end_iteration.max(1) as f32;
         self.begin_frames * (1.0 - over).max(0.0)
@@ -36,7 +36,7 @@ impl TimeNoise {
 }
 
 impl DeformationSettings {
-    /// The network's time, 0 at the clip's first frame and 1 at its last, `shift` frames before a moment.
+    /// Returns the network's time `shift_frames` before a moment: 0 at the clip's first frame, 1 at its last.
     pub fn unit_time(&self, seconds: f64, shift_frames: f32) -> f32 {
         let frames = self.clock.frame(seconds) - f64::from(shift_frames);
         (frames / f64::from(self.clock.duration_frames.max(1.0)) + 0.5) as f32

@@ -1,5 +1,5 @@
-//! Every canonical parameter and every weight against finite differences of the definition in f64, and
-//! the identity with static Gaussians.
+//! Gradients of all canonical parameters and weights, compared with finite differences of the definition in
+//! f64. Identity with static Gaussians.
 
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
@@ -38,7 +38,7 @@ fn table() -> ParameterTable {
     table
 }
 
-/// Weights whose output layer says something.
+/// Weights with a non-zero output layer.
 fn weights() -> SharedParameters {
     let network = MODEL.network();
     let mut values = network.initial_weights(5);
@@ -48,7 +48,7 @@ fn weights() -> SharedParameters {
     SharedParameters::new(DEFORMATION_WEIGHTS, values)
 }
 
-/// The network's outputs in f64.
+/// Returns the network's outputs in f64.
 fn network(weights: &[f64], position: [f64; 3]) -> Vec<f64> {
     let unit = f64::from(MODEL.length_unit);
     let row = encoded(&position.map(|value| value / unit), MODEL.position_octaves);
@@ -56,8 +56,8 @@ fn network(weights: &[f64], position: [f64; 3]) -> Vec<f64> {
     outputs(MODEL.network(), weights, &shared, &row)
 }
 
-/// What a renderer sees of a Gaussian: 3 of position, 3 of scale, 4 of rotation, opacity, 3 of colour.
-/// `encoded_at` is the position that goes into the network, which has no gradient.
+/// Returns an activated Gaussian: 3 of position, 3 of scale, 4 of rotation, opacity, 3 of colour.
+/// `encoded_at` is the position that the network encodes, which has no gradient.
 fn definition(weights: &[f64], raw: &[Vec<f64>], encoded_at: [f64; 3]) -> Vec<f64> {
     let unit = f64::from(MODEL.length_unit);
     let output = network(weights, encoded_at);
@@ -227,7 +227,7 @@ fn with_an_output_layer_of_zeros_gaussians_are_static_ones() {
             assert!((a - b).abs() < 1e-5 * (1.0 + b.abs()), "{a} {b}");
         }
     }
-    // The output layer has a gradient all the same: the network can begin to learn.
+    // The output layer nevertheless has a gradient, so that the network can be trained.
     let heads = MODEL.network().layers()[MODEL.depth];
     let of_heads = &weights.array.gradients[heads.hidden_weights()];
     assert!(of_heads.iter().any(|&g| g != 0.0));
@@ -237,14 +237,15 @@ fn with_an_output_layer_of_zeros_gaussians_are_static_ones() {
 fn extremes_stay_finite_and_a_bad_gradient_stays_where_it_is() {
     let (mut table, mut weights) = (table(), weights());
     let heads = MODEL.network().layers()[MODEL.depth];
-    // Everything shrinks below nothing, and the first quaternion is cancelled.
+    // All scales become negative, and the first quaternion is cancelled.
     for value in &mut weights.array.values[heads.biases()][7..] {
         *value = -100.0;
     }
     table.arrays[POSITIONS].values[3..6].fill(1e6);
     table.arrays[QUATERNIONS].values[..4].fill(0.0);
     for time in [-3.0, 0.0, 1.0, 50.0] {
-        let mut deformation = Deformation::without_gradients();
+        let mut deformation = Deformation::default();
+        deformation.keep_activations(false);
         let mut instant = ActivatedGaussians::default();
         deformation.activate(&MODEL, &weights.array.values, &table, time, &mut instant);
         let finite = |values: &[f32]| values.iter().all(|value| value.is_finite());

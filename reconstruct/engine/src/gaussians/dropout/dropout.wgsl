@@ -1,4 +1,4 @@
-// Dropout of Gaussians: a share of them is not drawn in a step. The twin of dropout.rs.
+// Dropout of Gaussians: a step leaves out a share of them. The twin of dropout.rs.
 
 @group(0) @binding(0) var<uniform> dropout: StepDropout;
 @group(0) @binding(1) var<storage, read_write> gaussians: array<Gaussian>;
@@ -9,7 +9,7 @@ struct StepDropout {
     len: u32,
     // Hash of the seed and the iteration.
     step: u32,
-    // Share that is left out, in [0, 1).
+    // Share that is dropped, in [0, 1).
     share: f32,
 }
 
@@ -20,7 +20,7 @@ fn pcg(input: u32) -> u32 {
     return (word >> 22u) ^ word;
 }
 
-// By what an opacity is multiplied: 0, or one over the share that is drawn.
+// Factor of an opacity: 0, or one over the share that is kept.
 fn drawn_weight(entry: u32) -> f32 {
     let random = f32(pcg(entry ^ dropout.step) >> 8u) / 16777216.0;
     return select(1.0 / (1.0 - dropout.share), 0.0, random < dropout.share);
@@ -38,7 +38,7 @@ fn drop_out(
     }
 }
 
-// From the gradient by what was drawn to that by what there was, which it brings back.
+// Turns gradients by the scaled opacities into those by the original ones, which it restores.
 @compute @workgroup_size(256)
 fn drop_out_vjp(
     @builtin(workgroup_id) group: vec3<u32>,

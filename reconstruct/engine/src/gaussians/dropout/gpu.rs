@@ -7,7 +7,7 @@ use crate::{
 };
 
 wgsl_struct! {
-    /// What a step leaves out; `StepDropout` in WGSL.
+    /// Dropout of a step; `StepDropout` in WGSL.
     pub(crate) struct DeviceDropout {
         len: u32,
         step: u32,
@@ -27,14 +27,14 @@ pub(crate) fn shader() -> Shader {
     }
 }
 
-/// Dropout and its VJP.
+/// Kernels of dropout and its VJP.
 #[derive(Debug)]
 pub(crate) struct DropoutKernels {
     drop_out: Kernel,
     drop_out_vjp: Kernel,
 }
 
-/// The programs for some Gaussians.
+/// Programs for a set of Gaussians.
 #[derive(Debug)]
 pub(crate) struct DropoutPrograms {
     pub(crate) forward: Program,
@@ -82,7 +82,7 @@ impl DropoutKernels {
 }
 
 impl DropoutPrograms {
-    /// Sets the step of which Gaussians are left out for everything that is submitted later.
+    /// Sets the step whose dropout applies to everything that is submitted later.
     pub(crate) fn set(&self, gpu: &Gpu, iteration: u64, scheduled: u64) {
         let step = self.dropout.of_step(iteration, scheduled);
         let step = DeviceDropout {

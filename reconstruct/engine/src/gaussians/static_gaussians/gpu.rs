@@ -14,7 +14,7 @@ use crate::{
 };
 
 wgsl_struct! {
-    /// Where the arrays are.
+    /// Offsets of the arrays.
     pub(crate) struct StaticArrays {
         len: u32,
         first: u32,
@@ -45,7 +45,7 @@ pub(crate) fn shader() -> Shader {
     }
 }
 
-/// Activation and its VJP.
+/// Kernels of the activation and its VJP.
 #[derive(Debug)]
 pub(crate) struct StaticGaussians {
     activate: Kernel,
@@ -63,7 +63,7 @@ impl StaticGaussians {
     }
 }
 
-/// The Gaussians of a table on a device, as many as there are at the moment.
+/// Gaussians of a table on a device, in their current number.
 #[derive(Debug)]
 pub(crate) struct DeviceRows {
     pub(crate) rows: Rows,
@@ -72,8 +72,8 @@ pub(crate) struct DeviceRows {
 }
 
 impl DeviceRows {
-    /// Of a table whose Gaussians are these entries of all activated ones, which have harmonics of this
-    /// degree.
+    /// Uploads the offsets of a table whose Gaussians are these entries of all activated ones, with harmonics
+    /// of this degree.
     pub(crate) fn new(
         gpu: &Gpu,
         table: &TableBuffers,
@@ -89,7 +89,7 @@ impl DeviceRows {
             quaternions: table.begin(QUATERNIONS),
             opacity_logits: table.begin(OPACITY_LOGITS),
             sh_constant: table.begin(SH_CONSTANT),
-            // At the end of the table where there are none.
+            // At the end of the table if it stores none.
             sh_rest: table.begin(SH_REST),
         };
         Ok(Self {
@@ -99,7 +99,7 @@ impl DeviceRows {
         })
     }
 
-    /// Makes them other entries, for everything that is submitted later.
+    /// Changes the entries, for everything that is submitted later.
     pub(crate) fn place(&mut self, gpu: &Gpu, entries: DeviceEntries) {
         self.rows.set(entries.len);
         self.arrays.len = entries.len as u32;

@@ -1,12 +1,12 @@
 // The static parameterization: activation and its VJP, one thread per Gaussian.
 
 struct StaticArrays {
-    // Number of Gaussians, and the entry of the first among all activated ones.
+    // Number of Gaussians, and index of the first among all activated ones.
     len: u32,
     first: u32,
-    // Coefficients per Gaussian beside the constant one.
+    // Number of non-constant coefficients per Gaussian.
     rest: u32,
-    // Where each array begins in the table, counted in values.
+    // Offset of each array in the table, in values.
     positions: u32,
     log_scales: u32,
     quaternions: u32,
@@ -38,7 +38,7 @@ fn quaternion_length(raw: vec4<f32>) -> f32 {
 }
 
 fn scale_of(raw: f32) -> f32 {
-    // A clamp may hide a NaN, and its Gaussian would be drawn.
+    // A clamp may turn NaN into a number, and the Gaussian would be drawn.
     return select(exp(clamp(raw, LOG_SCALE_MIN, LOG_SCALE_MAX)), raw, is_nan(raw));
 }
 

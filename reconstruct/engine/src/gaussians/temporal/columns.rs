@@ -5,13 +5,13 @@ use glam::Vec3;
 use super::{LOG_LIFESPANS, PEAK_TIMES, RADIAL_VELOCITIES, TANGENTIAL_VELOCITIES, VELOCITIES};
 use crate::{gaussians::static_gaussians::POSITIONS, parameters::ParameterTable};
 
-/// Where the temporal arrays of a table are.
+/// Indices of the temporal arrays of a table.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Columns {
     pub(super) peaks: Option<usize>,
     pub(super) log_lifespans: Option<usize>,
     pub(super) velocities: Option<usize>,
-    /// Radial and tangential.
+    /// Radial and tangential velocities.
     pub(super) decomposed: Option<[usize; 2]>,
 }
 
@@ -64,11 +64,11 @@ impl Columns {
 pub struct RawGradient {
     pub(super) peak: f32,
     pub(super) log_lifespan: f32,
-    /// The free one, or the radial and the tangential one.
+    /// By the free velocity, or by the radial and the tangential one.
     pub(super) velocities: [Vec3; 2],
 }
 
-/// Number of a Gaussian, and gradients by its raw temporal parameters and by its centre.
+/// Index of a Gaussian, and gradients by its raw temporal parameters and by its centre.
 pub type CentreGradient = (usize, RawGradient, Vec3);
 
 /// Adds gradients by raw temporal parameters and by the centre to a table's.

@@ -1,10 +1,10 @@
-// The dynamic Gaussians of a moment, to be drawn alone: copies in which all others have no opacity.
+// Dynamic Gaussians of a moment, drawn alone: copies in which all others have opacity 0.
 
 @group(0) @binding(2) var<storage, read> gaussians: array<Gaussian>;
 @group(0) @binding(3) var<storage, read> harmonics: array<f32>;
 @group(0) @binding(4) var<storage, read_write> alone: array<Gaussian>;
 @group(0) @binding(5) var<storage, read_write> alone_harmonics: array<f32>;
-// One number: how many are dynamic and drawn at all.
+// One number: dynamic Gaussians that are drawn at all.
 @group(0) @binding(6) var<storage, read_write> member_count: array<atomic<u32>>;
 
 @group(0) @binding(1) var<storage, read> by_alone: array<Gaussian>;
@@ -37,7 +37,7 @@ fn gather_dynamic(
     }
 }
 
-// Adds the gradient by the copies to that by their originals; that by copies which were not drawn is 0.
+// Adds the gradient by the copies to that by their originals; it is 0 for copies that are not drawn.
 @compute @workgroup_size(256)
 fn gather_dynamic_vjp(
     @builtin(workgroup_id) group: vec3<u32>,

@@ -1,4 +1,4 @@
-//! Gaussians with times of their own on a GPU: activation, its VJP, and the dynamic ones alone.
+//! Gaussians with their own times on a GPU: activation, its VJP, and selection of the dynamic ones.
 
 use crate::{
     device::{DeviceBuffer, Gpu, GpuError, Kernel, Program, Rows, Shader, Uniform, wgsl_struct},
@@ -20,7 +20,7 @@ use crate::{
     parameters::{ParameterTable, device_table::TableBuffers},
 };
 
-/// The place of an array that there is none of.
+/// Offset of an array that the table lacks.
 pub(crate) const NONE: u32 = u32::MAX;
 
 wgsl_struct! {
@@ -56,7 +56,7 @@ wgsl_struct! {
     }
 }
 
-/// WGSL that reads temporal parameters, with the constants that it needs.
+/// Returns the constants of the WGSL that reads temporal parameters.
 pub(crate) fn table_constants() -> String {
     format!(
         "const TAU: f32 = 6.28318530717959;\n\
@@ -95,7 +95,7 @@ pub(crate) fn dynamic_shader() -> Shader {
     }
 }
 
-/// What moves and fades Gaussians; does not depend on their number.
+/// Kernels that move and fade Gaussians; they do not depend on their number.
 #[derive(Debug)]
 pub(crate) struct TemporalKernels {
     activate_temporal: Kernel,
@@ -130,7 +130,7 @@ impl TemporalKernels {
         })
     }
 
-    /// Puts lifespans that a step moved out of their bounds back onto them.
+    /// Records the clamping of lifespans to their bounds.
     pub(crate) fn keep_within_bounds(
         &self,
         gpu: &Gpu,
@@ -147,8 +147,8 @@ impl TemporalKernels {
         );
     }
 
-    /// Copies the Gaussians of a table into `alone`, those that are not dynamic without opacity, and
-    /// counts the others.
+    /// Records copies of a table's Gaussians into `alone`, static ones with opacity 0, and counts the dynamic
+    /// ones.
     pub(crate) fn gather_dynamic(
         &self,
         gpu: &Gpu,
@@ -173,7 +173,7 @@ impl TemporalKernels {
         );
     }
 
-    /// VJP of [`TemporalKernels::gather_dynamic`]: adds to the gradient by all.
+    /// Records the VJP of [`TemporalKernels::gather_dynamic`]: adds to the gradient by all.
     pub(crate) fn gather_dynamic_vjp(
         &self,
         gpu: &Gpu,
@@ -196,19 +196,19 @@ impl TemporalKernels {
     }
 }
 
-/// Where the temporal parameters of a table are, and the moment at which they are looked at.
+/// Location of a table's temporal parameters, and the current viewpoint.
 #[derive(Debug)]
 pub(crate) struct DeviceTime {
     pub(crate) uniform: Uniform<TemporalView>,
     pub(crate) rows: Rows,
     temporal: TemporalGaussians,
-    /// What does not depend on the moment.
+    /// Values that do not depend on the viewpoint.
     places: TemporalView,
 }
 
 impl DeviceTime {
-    /// For a table whose Gaussians are these entries of all activated ones, and from `first_alone` on of
-    /// those that are drawn alone.
+    /// Creates the uniform for a table whose Gaussians are `entries` of all activated ones, and begin at
+    /// `first_alone` among those drawn alone.
     pub(crate) fn new(
         gpu: &Gpu,
         temporal: TemporalGaussians,
@@ -266,19 +266,19 @@ impl DeviceTime {
         })
     }
 
-    /// Makes them other entries; the moment that is set next sees them.
+    /// Changes the entries; takes effect with the next [`DeviceTime::set`].
     pub(crate) fn place(&mut self, entries: DeviceEntries, first_alone: usize) {
         self.places.len = entries.len as u32;
         self.places.first = entries.first as u32;
         self.places.first_alone = first_alone as u32;
     }
 
-    /// Where peak times begin in the table, counted in values; the largest number where there are none.
+    /// Returns the offset of peak times in the table, in values; [`NONE`] without them.
     pub(crate) fn peaks(&self) -> u32 {
         self.places.peaks
     }
 
-    /// Sets the moment for everything that is submitted later.
+    /// Sets the viewpoint for everything that is submitted later.
     pub(crate) fn set(&self, gpu: &Gpu, at: &Viewpoint) {
         let look = self.temporal.look(at);
         let cycle = f64::from(self.temporal.time.cycle_frames);
@@ -299,7 +299,7 @@ impl DeviceTime {
     }
 }
 
-/// Gaussians with times of their own at the moment that is set.
+/// Gaussians with their own times at the current viewpoint.
 #[derive(Debug)]
 pub(crate) struct DeviceTemporal<'a> {
     pub(crate) canonical: &'a StaticGaussians,

@@ -1,12 +1,11 @@
-// Gaussians at a moment, and the way back: what the static parameterization has activated is moved and
-// faded.
+// Motion and fading of activated Gaussians at a moment, after the static activation, and its VJP.
 
 @group(0) @binding(2) var<storage, read_write> gaussians: array<Gaussian>;
 @group(0) @binding(3) var<storage, read_write> features: array<f32>;
 
 @group(0) @binding(2) var<storage, read> gaussian_gradients: array<Gaussian>;
 @group(0) @binding(3) var<storage, read> feature_gradients: array<f32>;
-// By the table; those of the static parameterization are there, those of opacities are replaced.
+// Gradients by the table; those of the static activation are already there, those by opacities are replaced.
 @group(0) @binding(4) var<storage, read_write> gradients: array<f32>;
 
 @group(0) @binding(1) var<storage, read_write> bounded: array<f32>;
@@ -81,7 +80,7 @@ fn activate_temporal_vjp(
             * dot(parameters.velocity, by_mean);
     }
     var by_peak = -amplitude_slope.y * dot(parameters.velocity, by.position);
-    // Where the exponential is 0 so are its derivatives, whatever the ratio has grown to.
+    // If the exponential underflows to 0, so do its derivatives, even if the ratio is infinite.
     if marginal > 0.0 {
         let ratio = distance_from_peak(DRAWN, parameters.peak) / parameters.lifespan;
         by_peak += by_marginal * marginal * ratio / parameters.lifespan;
@@ -109,7 +108,7 @@ fn set_raw(index: u32, raw: RawTemporalGradient) {
     }
 }
 
-// Puts lifespans that a step moved out of their bounds back onto them.
+// Clamps lifespans to their bounds.
 @compute @workgroup_size(256)
 fn keep_within_bounds(
     @builtin(workgroup_id) group: vec3<u32>,

@@ -1,11 +1,11 @@
-// The temporal parameters of a table at a moment, one thread per Gaussian: Omni4DGS Eqs. 1 to 3, PVG.
+// Temporal parameters of a table at a moment, one thread per Gaussian: Omni4DGS Eqs. 1 to 3, PVG.
 //
-// Times are frames. The host takes whole cycles off a moment in f64; here they are taken off peak times
-// in two exact steps, so that thousands of cycles between peak and moment leave all of the angle.
+// Times are frames. The host removes whole cycles from a moment in f64; here they are removed from peak times
+// in two exact steps. The angle thus stays exact after thousands of cycles between peak and moment.
 
-// Place of an array that a model does not have.
+// Offset of an array that the model lacks.
 const NONE: u32 = 0xffffffffu;
-// Lifespan where opacities do not depend on time: all that is divided by it is zero.
+// Lifespan of a constant opacity: dividing by it gives zero.
 const ENDLESS: f32 = 3.4e38;
 
 const VELOCITY_NONE: u32 = 0u;
@@ -14,20 +14,20 @@ const VELOCITY_LITERAL: u32 = 2u;
 const VELOCITY_PROJECTED: u32 = 3u;
 
 struct TemporalView {
-    // Three moments: a frame, what f32 leaves of it, and the part of a cycle that it is.
+    // Three moments, each as a frame rounded to f32, the remainder, and the phase in cycles, -1/2 to 1/2.
     moments: array<vec4<f32>, 3>,
-    // Whose directions decomposed velocities go by: where from, and from zenith to nadir.
+    // Observer of decomposed velocities: position, and direction from zenith to nadir.
     observer: vec3<f32>,
-    // Frames that the state is moved on by (temporal smoothing).
+    // Frames by which the state is moved on (temporal smoothing).
     shift: f32,
     down: vec3<f32>,
-    // Number of Gaussians; entry of the first among all activated ones, and among those drawn alone.
+    // Number of Gaussians; index of the first among all activated ones, and among those drawn alone.
     len: u32,
     first: u32,
     first_alone: u32,
     // Feature channels of all activated Gaussians.
     channels: u32,
-    // Where arrays begin in the table, counted in values; NONE where there are none.
+    // Offset of each array in the table, in values; NONE if it is missing.
     positions: u32,
     opacity_logits: u32,
     peaks: u32,
@@ -38,25 +38,25 @@ struct TemporalView {
     velocity_model: u32,
     // Exponent of the cosine of the latitude.
     gamma: f32,
-    // The cycle, and its first 12 bits and the rest.
+    // The cycle in frames; its upper 12 bits of mantissa, and the rest.
     cycle: f32,
     cycle_high: f32,
     cycle_low: f32,
     // Logarithms of the bounds of lifespans.
     log_least: f32,
     log_largest: f32,
-    // Shares of the opacity at the peak up to this are not drawn.
+    // Share of the peak opacity at or below which a Gaussian is not drawn.
     least_marginal: f32,
-    // theta_dgm: what is less static than this is dynamic.
+    // theta_dgm: Gaussians with a smaller staticness are dynamic.
     dynamic_below: f32,
-    // Units of the feature channels; 0 where they are not rendered.
+    // Units of the feature channels; 0 for a channel that is not rendered.
     velocity_unit: f32,
     lifespan_unit: f32,
-    // Longer lifespans are rendered as this.
+    // Upper bound of rendered lifespans, frames.
     lifespan_largest: f32,
 }
 
-// What is drawn: the state of the image's time less the shift.
+// Moment of the drawn state: the image's time minus the shift.
 const DRAWN: u32 = 0u;
 // The image's time, and one frame later.
 const IMAGE: u32 = 1u;
@@ -82,7 +82,7 @@ fn lifespan_of(index: u32) -> f32 {
         return ENDLESS;
     }
     let raw = values[temporal.log_lifespans + index];
-    // A clamp may hide a NaN.
+    // A clamp may turn NaN into a number.
     return select(
         exp(clamp(raw, temporal.log_least, temporal.log_largest)),
         raw,
@@ -99,7 +99,7 @@ fn is_dynamic(index: u32) -> bool {
     return staticness_of(lifespan_of(index)) < temporal.dynamic_below;
 }
 
-// Weights of the radial and the tangential velocity (3), and the direction that they belong to.
+// Weights of the radial and the tangential velocity (3), and the direction at which they hold.
 struct VelocityWeights {
     direction: vec3<f32>,
     radial: f32,
@@ -113,7 +113,7 @@ fn velocity_weights(index: u32) -> VelocityWeights {
     var cosine = 1.0;
     if distance > LEAST_DISTANCE {
         direction = offset / distance;
-        // Of `1 - y^2` nothing is left beside the poles.
+        // `sqrt(1 - y^2)` would cancel near the poles.
         cosine = length(cross(direction, temporal.down));
     }
     let tangential = pow(clamp(cosine, LEAST_COSINE, 1.0), temporal.gamma);
@@ -136,7 +136,7 @@ fn velocity_of(index: u32) -> vec3<f32> {
     return weights.direction * dot(weights.direction, first - second) + second;
 }
 
-// Frames from the peak to a moment; exact but for the last bit.
+// Frames from the peak to a moment, exact to the last bit.
 fn distance_from_peak(moment: u32, peak: f32) -> f32 {
     return (temporal.moments[moment].x - peak) + temporal.moments[moment].y;
 }
@@ -205,7 +205,7 @@ fn raw_vjp(index: u32, by: TemporalGradient) -> RawTemporalGradient {
             along = weights.direction * dot(weights.direction, by.velocity);
             across = by.velocity - along;
         }
-        // Of less weight Adam would make full steps of rounding.
+        // Below this weight, Adam would amplify rounding to full steps.
         if weights.radial >= LEAST_WEIGHT {
             raw.velocity = along * weights.radial;
         }
@@ -220,7 +220,7 @@ fn raw_vjp(index: u32, by: TemporalGradient) -> RawTemporalGradient {
 struct RawTemporalGradient {
     peak: f32,
     log_lifespan: f32,
-    // The free one, or the radial one.
+    // Gradient by the free velocity, or by the radial one.
     velocity: vec3<f32>,
     tangential_velocity: vec3<f32>,
 }

@@ -1,4 +1,4 @@
-//! Every raw parameter against finite differences of the definition in f64, and the identity with
+//! Gradients of all raw parameters, compared with finite differences of the definition in f64. Identity with
 //! static Gaussians.
 
 use rand::{RngExt, SeedableRng};
@@ -50,7 +50,7 @@ fn model(velocity: VelocityModel, fades: bool) -> TimeModel {
     }
 }
 
-/// Random Gaussians around the observer, two of them static ones at the front of a longer list.
+/// Returns random Gaussians around the observer, with harmonics of degree 1.
 fn table(model: &TimeModel, len: usize) -> ParameterTable {
     let mut random = Pcg64Mcg::seed_from_u64(5);
     let mut three = |low: f32, high: f32| [0; 3].map(|_| random.random_range(low..high));
@@ -77,8 +77,8 @@ fn table(model: &TimeModel, len: usize) -> ParameterTable {
 
 const QUATERNIONS_NAME: &str = "quaternions";
 
-/// The weighted sum of everything that a renderer sees of Gaussian `index`, from its raw parameters
-/// in f64; `weights` are those of position, scale, rotation, opacity, colour, harmonics, features.
+/// Returns the weighted sum of all activated values of Gaussian `index`, from its raw parameters in f64.
+/// `weights` are those of position, scale, rotation, opacity, colour, harmonics, features.
 fn loss(
     model: &TimeModel,
     raw: &dyn Fn(&str) -> Vec<f64>,
@@ -170,7 +170,7 @@ fn gradients_of_every_parameter_are_those_of_the_definition() {
                     wide(gradient.sh_rest[3 * entry..3 * entry + 3].as_flattened()),
                     wide(&gradient.features[4 * entry..4 * entry + 4]),
                 ];
-                // No gradient flows through the weight: it is a constant of the definition.
+                // No gradient flows through the weight, which is a constant of the definition.
                 let centre = Vec3::from_slice(table.row(POSITIONS, index));
                 let w_t = f64::from(DECOMPOSITION.at(&LOOK.observer, centre).tangential);
                 for (number, array) in table.arrays.iter().enumerate() {

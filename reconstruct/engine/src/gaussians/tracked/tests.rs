@@ -1,4 +1,4 @@
-//! The definition in f64 judges activation and gradients.
+//! Activation and gradients compared with the definition in f64.
 
 use glam::{DMat3, DQuat, DVec3, dvec3};
 use omnilife_schemas::{
@@ -13,7 +13,7 @@ use crate::gaussians::static_gaussians::{LOG_SCALES, QUATERNIONS};
 
 const KNOTS: usize = 3;
 
-/// Two objects, a huge and a tiny one, whose headings pass pi.
+/// Returns two objects, a huge and a tiny one, whose headings pass pi.
 fn objects() -> Vec<TrackedObject> {
     let normalization = Similarity {
         offset: [0.0; 3],
@@ -41,7 +41,7 @@ fn objects() -> Vec<TrackedObject> {
     vec![object(7, 100.0, 2.7), object(9, 1e-3, -0.5)]
 }
 
-/// A parameterization with corrections, and a table of random Gaussians in its boxes.
+/// Returns a parameterization with corrections, and a table of random Gaussians in its boxes.
 fn model() -> (TrackedGaussians, ParameterTable) {
     let mut random = Pcg64Mcg::seed_from_u64(4);
     let mut number = |low: f32, high: f32| random.random_range(low..high);
@@ -88,8 +88,8 @@ fn weights(count: usize) -> Vec<[f64; 10]> {
         .collect()
 }
 
-/// A random linear function of what [`TrackedGaussians::activate`] gives, by its definition in f64.
-/// `values` are, per Gaussian, centre, log-scales and quaternion, then all corrections.
+/// Returns a random linear function of the output of [`TrackedGaussians::activate`], by its definition in
+/// f64. `values` are, per Gaussian, centre, log-scales and quaternion, then all corrections.
 fn loss(values: &[f64], units: [f64; 2], seconds: f64, weights: &[[f64; 10]]) -> f64 {
     let (rows, corrections) = values.split_at(10 * weights.len());
     let up = dvec3(0.2, -0.1, 1.0).normalize();
@@ -124,10 +124,10 @@ fn loss(values: &[f64], units: [f64; 2], seconds: f64, weights: &[[f64; 10]]) ->
         let position = rotation * (DVec3::from_slice(&row[..3]) * units[object]) + centre;
         let quaternion = DQuat::from_xyzw(row[7], row[8], row[9], row[6]).normalize();
         let turned = DQuat::from_mat3(&rotation) * quaternion;
-        // The kernels' quaternion of the pose may have the other sign; so do then all gradients.
+        // The kernels may use the other sign of the pose's quaternion, which flips the sign of all gradients.
         let of_pose = DQuat::from_mat3(&rotation.as_mat3().as_dmat3());
         let sign = of_pose.dot(DQuat::from_mat3(&rotation)).signum();
-        // Everything in units of its object, so that both count.
+        // Values are in units of the object, so that both objects matter.
         for axis in 0..3 {
             total += weight[axis] * position[axis] / units[object];
             total += weight[3 + axis] * row[3 + axis].exp();
@@ -168,7 +168,7 @@ fn gradients_are_those_of_the_definition() {
         }
         let corrections = tracked.corrections.array.values.iter();
         values.extend(corrections.map(|&value| f64::from(value)));
-        // Forward: the same function of what was activated.
+        // Forward pass: the same function of the activated Gaussians.
         let mut sum = 0.0;
         let mut gradient = ActivatedGaussians::default();
         gradient.clear_to_zero(&activated);
@@ -211,7 +211,7 @@ fn gradients_are_those_of_the_definition() {
             } else {
                 tracked.corrections.array.gradients[place - 10 * table.len()]
             };
-            // Corrections are as large as their object.
+            // Corrections are of the size of their object.
             let unit = match place.checked_sub(10 * table.len()) {
                 Some(correction) => units[correction / (4 * KNOTS)],
                 None => 1.0,
@@ -288,7 +288,7 @@ fn after_a_step_all_is_in_its_box_and_no_mean_correction_is_left() {
     }
 }
 
-/// What is drawn of an object at a pose is what is drawn of the same Gaussians placed there by hand.
+/// An object at a pose is drawn as the same Gaussians placed there by hand.
 #[test]
 fn activated_gaussians_are_those_placed_by_hand() {
     let (mut tracked, table) = model();

@@ -6,7 +6,7 @@ use crate::device::{
 };
 
 wgsl_struct! {
-    /// What the maps of a view cost.
+    /// Settings of the losses on the maps of a view.
     pub(crate) struct MapLosses {
         pixels: u32,
         counted: f32,
@@ -30,7 +30,7 @@ pub(crate) fn shader() -> Shader {
     }
 }
 
-/// The losses on maps of one size.
+/// Losses on maps of one size.
 #[derive(Debug)]
 pub(crate) struct Maps {
     temporal_maps: Kernel,
@@ -39,12 +39,12 @@ pub(crate) struct Maps {
     pixels: usize,
 }
 
-/// Which loss on maps.
+/// Kind of loss on maps.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum MapLoss {
     /// Velocities and lifespans of all Gaussians.
     Temporal,
-    /// The opacity of those drawn alone.
+    /// Opacity of the dynamic Gaussians drawn alone.
     Opacity,
 }
 
@@ -60,13 +60,14 @@ impl Maps {
         })
     }
 
-    /// Sets what the maps cost in everything that is submitted later.
+    /// Sets the losses for everything that is submitted later.
     pub(crate) fn set(&self, gpu: &Gpu, losses: MapLosses) {
         let pixels = self.pixels as u32;
         self.settings.write(gpu, &MapLosses { pixels, ..losses });
     }
 
-    /// Fills the planes of `upstream`; returns where the weighted value stands, in parts.
+    /// Records the gradients into the planes of `upstream`; returns the buffer of the weighted value's
+    /// partial sums.
     pub(crate) fn record(
         &self,
         gpu: &Gpu,

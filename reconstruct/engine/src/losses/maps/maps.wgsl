@@ -3,13 +3,13 @@
 
 struct MapLosses {
     pixels: u32,
-    // How many of them count.
+    // Number of pixels that count.
     counted: f32,
-    // Planes of velocities at the beginning: 3 or none.
+    // Number of leading velocity planes: 3 or 0.
     velocity_planes: u32,
-    // 1 where velocities are free inside the mask.
+    // 1 if velocities are not penalized inside the mask.
     masked: u32,
-    // Weights, 0 where a view does not have the loss.
+    // Weights; 0 disables a loss for a view.
     velocity_weight: f32,
     lifespan_weight: f32,
     opacity_weight: f32,
@@ -18,7 +18,7 @@ struct MapLosses {
 @group(0) @binding(0) var<uniform> maps: MapLosses;
 // Colour (HWC), then transmittance, then feature planes.
 @group(0) @binding(1) var<storage, read> image: array<f32>;
-// 8 bits per channel, the highest byte is the mask; then a bit for every pixel, set where it is ignored.
+// 8 bits per channel, the highest byte is the mask; then a bit per pixel, set if it is ignored.
 @group(0) @binding(2) var<storage, read> target_image: array<u32>;
 @group(0) @binding(3) var<storage, read_write> upstream: array<f32>;
 @group(0) @binding(4) var<storage, read_write> partials: array<f32>;
@@ -31,7 +31,7 @@ fn is_ignored(pixel: u32) -> bool {
     return ((target_image[maps.pixels + pixel / 32u] >> (pixel % 32u)) & 1u) == 1u;
 }
 
-// Where a feature plane's value of a pixel stands in an image.
+// Index in an image of a pixel's value in a feature plane.
 fn feature_at(plane: u32, pixel: u32) -> u32 {
     return (4u + plane) * maps.pixels + pixel;
 }
@@ -80,7 +80,7 @@ fn temporal_maps(
     store_sum(value, number, thread);
 }
 
-// The opacity of the dynamic Gaussians drawn alone against the mask (Omni4DGS Eq. 6).
+// Opacity of the dynamic Gaussians drawn alone, compared with the mask (Omni4DGS Eq. 6).
 @compute @workgroup_size(256)
 fn opacity_map(
     @builtin(workgroup_id) group: vec3<u32>,

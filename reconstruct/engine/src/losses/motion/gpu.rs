@@ -9,7 +9,7 @@ use crate::{
 };
 
 wgsl_struct! {
-    /// The loss's own setting.
+    /// Weight of the loss.
     pub(crate) struct MotionLoss {
         weight: f32,
     }
@@ -29,7 +29,7 @@ pub(crate) fn shader() -> Shader {
     }
 }
 
-/// Adds the gradients of `L_m` to those of a table.
+/// Kernels that add the gradients of `L_m` to those of a table.
 #[derive(Debug)]
 pub(crate) struct Motion {
     count_static: Kernel,
@@ -38,7 +38,7 @@ pub(crate) struct Motion {
 }
 
 impl Motion {
-    /// With the loss's weight.
+    /// Compiles the kernels with the loss's weight.
     pub(crate) fn new(gpu: &Gpu, weight: f32) -> Result<Self, GpuError> {
         let [count_static, regularize_motion] =
             Kernel::compile(gpu, &shader(), ["count_static", "regularize_motion"])?;
@@ -49,8 +49,8 @@ impl Motion {
         })
     }
 
-    /// Adds the gradients by raw parameters and centres; returns where the weighted value stands, in
-    /// parts.
+    /// Records gradients by raw parameters and centres; returns the buffer of the weighted value's partial
+    /// sums.
     pub(crate) fn record(
         &self,
         gpu: &Gpu,
@@ -73,7 +73,7 @@ impl Motion {
         program.run(
             gpu,
             &self.regularize_motion,
-            // All parts of the sum are written.
+            // All partial sums must be written.
             table.capacity,
             &[
                 uniform,

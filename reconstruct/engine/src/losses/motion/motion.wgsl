@@ -1,19 +1,19 @@
 // Motion regularization of static Gaussians (Omni4DGS Eqs. 10 and 11), one thread per Gaussian.
 
-// One number: how many Gaussians are static.
+// One number: static Gaussians.
 @group(0) @binding(2) var<storage, read_write> static_count: array<atomic<u32>>;
 
 @group(0) @binding(2) var<storage, read> all_static: array<u32>;
-// By the table, which it adds to.
+// Gradients by the table, which are added to.
 @group(0) @binding(3) var<storage, read_write> gradients: array<f32>;
-// Of every workgroup.
+// Partial sums of the loss, one per workgroup.
 @group(0) @binding(4) var<storage, read_write> partials: array<f32>;
 
-// lambda_m, in frames.
+// Settings of the loss.
 @group(0) @binding(5) var<uniform> motion: MotionLoss;
 
 struct MotionLoss {
-    // Its weight.
+    // Weight of the loss.
     weight: f32,
 }
 
@@ -29,7 +29,7 @@ fn count_static(
     }
 }
 
-// |d(t + Dt) - d(t)|^2 with Dt = 1 frame, weighted, of one Gaussian; adds its gradients.
+// Adds one Gaussian's gradients; returns its weighted |d(t + Dt) - d(t)|^2, with Dt = 1 frame.
 fn motion_of(index: u32, scale: f32) -> f32 {
     let parameters = parameters_of(index);
     let centre = table_vector(temporal.positions, index) - temporal.observer;

@@ -1,4 +1,4 @@
-//! The loss on the CPU: bands of rows in parallel.
+//! The loss on the CPU, in parallel bands of rows.
 
 use std::cell::RefCell;
 
@@ -12,7 +12,7 @@ use crate::losses::photometric::{
 };
 
 pub(super) const SIGMA: f64 = 1.5;
-/// Rows per task, whatever the number of threads.
+/// Rows per task, independent of the number of threads.
 const ROWS_PER_BAND: usize = 32;
 
 thread_local! {
@@ -24,17 +24,18 @@ thread_local! {
 pub struct Loss {
     shape: RowShape,
     window: [f32; WINDOW],
-    /// `ds/dmx`, `ds/dE[x^2]`, `ds/dE[xy]` of every row.
+    /// `ds/dmx`, `ds/dE[x^2]`, `ds/dE[xy]`, row after row.
     derivatives: Vec<f32>,
     sums: Vec<RowSums>,
     gradient: Vec<f32>,
-    /// The render with the target where it has no say, and the weights of the pixels.
+    /// The render, with the target in place of marked values, and the weights of the pixels.
     composited: Vec<f32>,
     weights: Vec<f32>,
 }
 
 impl Loss {
-    /// For images of `width` x `height`, with what is beside their first and last column.
+    /// Creates the memory for images of `width` x `height` with these neighbours of the first and last
+    /// column.
     pub fn new(width: usize, height: usize, columns: Columns) -> Self {
         let shape = RowShape {
             width,
@@ -52,7 +53,7 @@ impl Loss {
         }
     }
 
-    /// Value of the loss and its gradient by `render`; both images are HWC.
+    /// Returns the loss and its gradient by `render`; both images and the gradient are HWC.
     pub fn forward_backward(
         &mut self,
         render: &[f32],
@@ -62,8 +63,9 @@ impl Loss {
         self.masked_forward_backward(render, target, &[], lambda)
     }
 
-    /// [`Loss::forward_backward`] without what is marked: the target stands there in both images, for the windows
-    /// that reach over it. Means are over the pixels that are not ignored; without any the loss is 0.
+    /// Does the same as [`Loss::forward_backward`] without marked values: both images take the target there,
+    /// for the windows that reach over them. Means are over the pixels that are not ignored; without any the
+    /// loss is 0.
     pub fn forward_backward_marked(
         &mut self,
         marks: PixelMarks<'_>,
@@ -91,9 +93,9 @@ impl Loss {
         (value, &self.gradient)
     }
 
-    /// [`Loss::forward_backward`] with a weight in [0, 1] for every pixel: L1, SSIM and their
-    /// gradients become weighted means. An empty mask weighs all pixels alike; one without any
-    /// weight gives a loss of 0.
+    /// Does the same as [`Loss::forward_backward`] with a weight in [0, 1] per pixel: L1, SSIM and their
+    /// gradients become weighted means. An empty mask weights all pixels equally; if all weights are 0, so is
+    /// the loss.
     pub fn masked_forward_backward(
         &mut self,
         render: &[f32],
@@ -108,7 +110,7 @@ impl Loss {
         };
         let (value, weight) = self.similarity(pair, lambda);
         let per_value = if weight > 0.0 { 1.0 / weight } else { 0.0 } as f32;
-        // Minus: the loss holds 1 - SSIM.
+        // Negative, because the loss contains 1 - SSIM.
         let weights = Weights {
             l1: (1.0 - lambda) * per_value,
             similarity: -lambda * per_value,
@@ -135,7 +137,7 @@ impl Loss {
         (value, &self.gradient)
     }
 
-    /// Value of the loss alone.
+    /// Returns the loss without its gradient.
     pub fn value(&mut self, render: &[f32], target: &[f32], lambda: f32) -> LossValue {
         let pair = Pair {
             render,
@@ -145,7 +147,7 @@ impl Loss {
         self.similarity(pair, lambda).0
     }
 
-    /// The value and the sum of weights; leaves the derivatives of the similarity.
+    /// Returns the loss and the sum of weights; stores the derivatives of the similarity.
     fn similarity(&mut self, pair: Pair<'_>, lambda: f32) -> (LossValue, f64) {
         let shape = self.shape;
         let (pixels, values) = (shape.width * shape.height, shape.values() * shape.height);
@@ -174,7 +176,7 @@ impl Loss {
                     });
                 });
             });
-        // Row by row: the same on any number of threads.
+        // In row order, so that the sum does not depend on the number of threads.
         let mut sum = RowSums::default();
         for row in &self.sums {
             sum.add(row);
@@ -229,7 +231,7 @@ mod tests {
     #[test]
     fn value_is_that_of_the_reference() {
         let mut rng = Pcg64Mcg::seed_from_u64(1);
-        // The last is more than one strip wide.
+        // The last one is more than one strip wide.
         let sizes = [(16, 8), (17, 9), (4, 2), (20, 70), (259, 6)];
         for ((width, height), columns) in
             sizes.into_iter().flat_map(|size| BOTH.map(|of| (size, of)))
@@ -272,7 +274,7 @@ mod tests {
         check_gradient((259, 2), Columns::End);
     }
 
-    /// A panorama's first column is beside its last one, that of a pinhole is at a border.
+    /// The first column of a panorama is next to its last one; that of a pinhole is at a border.
     #[test]
     fn the_left_border_changes_the_gradient_at_the_right_one_of_panoramas_alone() {
         let (width, height, lambda) = (40, 12, 0.4);
@@ -307,7 +309,7 @@ mod tests {
             let is_the_same = right_columns(&x, &y) == right_columns(&others[0], &others[1]);
             assert_eq!(is_the_same, !camera.wraps(), "{camera:?}");
 
-            // In the outermost columns, where one model would have the other's gradient.
+            // In the outermost columns, where the gradient of the wrong camera model would differ.
             let gradient = loss.forward_backward(&x, &y, lambda).1.to_vec();
             let step = 2e-3;
             for row in [0, height / 2] {
@@ -371,7 +373,7 @@ mod tests {
             random_image(&mut rng, width * height * 3),
             random_image(&mut rng, width * height * 3),
         );
-        // A part across the seam, and the lowest rows.
+        // A region across the seam, and the lowest rows.
         let is_ignored = |at: usize| at / width > 14 || (at % width + 6) % width < 11;
         let ignored: Vec<u8> = (0..width * height)
             .map(|at| u8::from(is_ignored(at)))
@@ -410,7 +412,7 @@ mod tests {
                 "{at}: {found} {expected}"
             );
         }
-        // What is drawn there is all the same.
+        // The render does not matter in ignored pixels.
         let (found, gradient) = (value, gradient.to_vec());
         let other: Vec<f32> = (x.iter().enumerate())
             .map(|(at, &x)| if is_ignored(at / 3) { 9.0 } else { x })

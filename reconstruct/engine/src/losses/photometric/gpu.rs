@@ -16,19 +16,19 @@ wgsl_struct! {
         height: u32,
         /// Weight of `1 - SSIM`.
         lambda: f32,
-        /// Values of the pixels that count.
+        /// Number of values of the pixels that count.
         counted: f32,
-        /// Weights of the window's taps from the middle outwards.
+        /// Weights of the window's taps, from the centre outwards.
         taps: [[f32; 4]; 2],
         /// 1 over the view's gain of each channel.
         inverse_gain: [f32; 3],
-        /// 1 where the image counts inside its mask alone.
+        /// 1 if only the masked part of the image counts.
         masked: u32,
-        /// Of the whole loss.
+        /// Weight of the whole loss.
         weight: f32,
-        /// 1 where the first column follows the last.
+        /// 1 if the first column follows the last.
         wraps: u32,
-        /// 1 where gains are taken out: a saturated value says that it is as bright at least.
+        /// 1 if gains are removed: a saturated value is then only a lower bound.
         bounds_saturated: u32,
         pad_end: u32,
     }
@@ -48,13 +48,13 @@ pub(crate) fn shader() -> Shader {
 /// Pixels whose marks share a word.
 const MARKS: usize = u32::BITS as usize;
 
-/// Words of an image of so many pixels as the losses take it.
+/// Returns the words of a packed image of `pixels` pixels.
 pub(crate) fn packed_len(pixels: usize) -> usize {
     pixels + pixels.div_ceil(MARKS)
 }
 
-/// An image as the losses take it: 8 bits per channel, red in the lowest byte, the mask in the highest, 0
-/// where there is none; then a bit for every pixel, set where it is ignored.
+/// Packs an image for the losses: 8 bits per channel, red in the lowest byte, the mask (0 if missing) in the
+/// highest. A bit per pixel follows, set if it is ignored.
 fn pack_pixels(rgb: &[u8], mask: Option<&[u8]>, ignored: Option<&[u8]>) -> Vec<u32> {
     let masks = mask.unwrap_or_default().iter().copied();
     let pixels = rgb.as_chunks::<3>().0;
@@ -71,7 +71,7 @@ fn pack_pixels(rgb: &[u8], mask: Option<&[u8]>, ignored: Option<&[u8]>) -> Vec<u
     packed
 }
 
-/// The image of a view on the device, and how many of its pixels count.
+/// Uploads the image of a view; returns it with the number of its pixels that count.
 pub(crate) fn target_image(
     gpu: &Gpu,
     view: &TrainingView,
@@ -82,14 +82,14 @@ pub(crate) fn target_image(
     Ok((image, view.counted_pixels()))
 }
 
-/// What a loss is made of.
+/// Weights of a loss.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct LossWeights {
-    /// Of `1 - SSIM` against L1.
+    /// Weight of `1 - SSIM` against L1.
     pub(crate) ssim: f32,
-    /// Of the whole.
+    /// Weight of the whole loss.
     pub(crate) total: f32,
-    /// Whether the image counts inside its mask alone and is black elsewhere.
+    /// True if only the masked part of the image counts; elsewhere the target is black.
     pub(crate) masked: bool,
 }
 
@@ -102,21 +102,21 @@ pub(crate) struct Loss {
     image_gradient: Kernel,
     loss_value: Kernel,
     settings: Uniform<LossSettings>,
-    /// For images as they are, of which every pixel counts.
+    /// Settings without gain, where every pixel counts.
     plain: LossSettings,
     pixels: usize,
     rows: DeviceBuffer<f32>,
     derivatives: DeviceBuffer<f32>,
     partials: DeviceBuffer<[f32; 4]>,
-    /// By the render, laid out like it.
+    /// Gradient by the render, in its layout.
     pub(crate) gradient: DeviceBuffer<f32>,
     /// See [`loss_value`].
     pub(crate) value: DeviceBuffer<[f32; 4]>,
 }
 
 impl Loss {
-    /// For images of a camera that are followed by `planes` planes: the gradient has room for them, and
-    /// the loss leaves it alone.
+    /// Creates the loss of a camera's images that are followed by `planes` planes. The gradient has room for
+    /// the planes, and the loss does not write them.
     pub(crate) fn new(
         gpu: &Gpu,
         camera: &Camera,
@@ -176,8 +176,8 @@ impl Loss {
         })
     }
 
-    /// Sets the gain that is taken out of images, where one is, and how many of their pixels count, in everything
-    /// that is submitted later.
+    /// Sets the gain to remove from images, if any, and the number of pixels that count, for everything that
+    /// is submitted later.
     pub(crate) fn set_view(&self, gpu: &Gpu, gain: Option<[f32; 3]>, counted_pixels: usize) {
         let settings = LossSettings {
             inverse_gain: gain.unwrap_or([1.0; 3]).map(|gain| 1.0 / gain),
@@ -188,7 +188,7 @@ impl Loss {
         self.settings.write(gpu, &settings);
     }
 
-    /// Value and gradient of the loss of `render` (HWC) against `target` ([`pack_pixels`]).
+    /// Records value and gradient of the loss of `render` (HWC) against `target` ([`pack_pixels`]).
     pub(crate) fn record(
         &self,
         gpu: &Gpu,
@@ -212,7 +212,8 @@ impl Loss {
     }
 }
 
-/// What the kernel `loss_value` wrote: mean |x - y|, mean (x - y)^2, mean SSIM, and the weighted loss.
+/// Converts the output of the kernel `loss_value`: mean |x - y|, mean (x - y)^2, mean SSIM, and the weighted
+/// loss.
 pub(crate) fn loss_value(value: [f32; 4]) -> LossValue {
     let [l1, mse, ssim, total] = value.map(f64::from);
     LossValue {
@@ -269,7 +270,7 @@ mod tests {
             };
             let loss = Loss::new(&gpu, &camera, 0, weights).expect("fits");
             let render_buffer = DeviceBuffer::of(&gpu, "render", &render).expect("fits");
-            // The last ones ignore a part across the seam.
+            // The last cases ignore a region across the seam.
             let ignored = (number >= 2).then(|| -> Vec<u8> {
                 let columns = (0..width * height).map(|at| at % width);
                 columns

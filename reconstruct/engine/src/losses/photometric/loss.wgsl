@@ -1,6 +1,6 @@
 // The photometric loss and its gradient. Blurs are separable: rows, then columns.
 //
-// Images are HWC; a pixel's moments stand plane by plane: `(moment * pixels + pixel) * 3 + channel`.
+// Images are HWC; the moments of pixels are stored by plane: `(moment * pixels + pixel) * 3 + channel`.
 
 const RADIUS: i32 = 5;
 const C1: f32 = 1e-4;
@@ -11,30 +11,30 @@ struct LossSettings {
     height: u32,
     // Weight of 1 - SSIM.
     lambda: f32,
-    // Values of the pixels that count.
+    // Number of values of the pixels that count.
     counted: f32,
-    // Weights of the window's taps from the middle outwards.
+    // Weights of the window's taps, from the centre outwards.
     taps: array<vec4<f32>, 2>,
-    // What the image is multiplied with: 1 over the view's gain of each channel.
+    // Factor of the image: 1 over the view's gain of each channel.
     inverse_gain: vec3<f32>,
-    // 1 where the image counts inside its mask alone and is black elsewhere.
+    // 1 if only the masked part of the image counts; elsewhere the target is black.
     masked: u32,
-    // Of the whole loss.
+    // Weight of the whole loss.
     weight: f32,
-    // 1 where the first column follows the last.
+    // 1 if the first column follows the last.
     wraps: u32,
-    // 1 where gains are taken out: a saturated value says that it is as bright at least.
+    // 1 if gains are removed: a saturated value is then only a lower bound.
     bounds_saturated: u32,
 }
 
 @group(0) @binding(0) var<uniform> settings: LossSettings;
 @group(0) @binding(1) var<storage, read> render: array<f32>;
-// 8 bits per channel, red is the lowest byte, the mask the highest; then a bit for every pixel, set where
-// it is ignored.
+// 8 bits per channel, red in the lowest byte, the mask in the highest; then a bit per pixel, set if it is
+// ignored.
 @group(0) @binding(2) var<storage, read> target_image: array<u32>;
 @group(0) @binding(3) var<storage, read_write> rows: array<f32>;
 @group(0) @binding(4) var<storage, read_write> derivatives: array<f32>;
-// Of every workgroup: sums of |x - y|, (x - y)^2 and SSIM.
+// Sums of |x - y|, (x - y)^2 and SSIM, per workgroup.
 @group(0) @binding(5) var<storage, read_write> partials: array<vec4<f32>>;
 @group(0) @binding(4) var<storage, read_write> gradient: array<f32>;
 @group(0) @binding(1) var<storage, read_write> by_moment: array<f32>;
@@ -66,7 +66,7 @@ fn drawn_at(pixel: u32) -> vec3<f32> {
     return vec3(render[pixel * 3u], render[pixel * 3u + 1u], render[pixel * 3u + 2u]);
 }
 
-// Which values are saturated where gains are taken out; of an image inside its mask, where that covers all.
+// Saturated values of an image whose gain is removed; with a mask, only where it is 1.
 fn saturated_at(pixel: u32) -> vec3<bool> {
     let rgb_mask = unpack4x8unorm(target_image[pixel]);
     let is_whole = settings.masked == 0u || rgb_mask.w > 0.999;
@@ -76,8 +76,8 @@ fn saturated_at(pixel: u32) -> vec3<bool> {
     return rgb_mask.xyz > vec3(0.999);
 }
 
-// The target's colour where pixels are ignored, or saturated and the render is no darker, for the windows that
-// reach over them.
+// Render with the target's colour where a pixel is ignored, or saturated and the render is no darker. It is
+// needed for the windows that reach over such pixels.
 fn render_at(pixel: u32) -> vec3<f32> {
     if is_ignored(pixel) {
         return target_at(pixel);
@@ -90,8 +90,8 @@ fn render_at(pixel: u32) -> vec3<f32> {
     return select(drawn, bounded, saturated_at(pixel));
 }
 
-// The pixel `distance` columns beside another one, or -1 outside of the image: of a panorama the first column
-// follows the last.
+// Pixel `distance` columns to the right, or -1 outside of the image. In a panorama the first column follows
+// the last.
 fn beside(pixel: u32, distance: i32) -> i32 {
     let width = i32(settings.width);
     let row_start = i32(pixel / settings.width) * width;
@@ -106,7 +106,7 @@ fn beside(pixel: u32, distance: i32) -> i32 {
     return row_start + column;
 }
 
-// The pixel `distance` rows below another one, or -1 outside of the image.
+// Pixel `distance` rows below, or -1 outside of the image.
 fn below(pixel: u32, distance: i32) -> i32 {
     let other = i32(pixel) + distance * i32(settings.width);
     return select(-1, other, other >= 0 && other < i32(pixel_count()));
@@ -151,7 +151,7 @@ fn blur_rows(
     }
 }
 
-// Blurs along columns, and takes SSIM and its derivatives by the three moments that hold x.
+// Blurs along columns, and computes SSIM and its derivatives by the three moments that depend on x.
 @compute @workgroup_size(256)
 fn structural_similarity(
     @builtin(workgroup_id) group: vec3<u32>,
@@ -209,7 +209,7 @@ fn structural_similarity(
     }
 }
 
-// Blurs the derivatives back along rows: the first half of the transposed blur.
+// Blurs the derivatives along rows: the first half of the transposed blur.
 @compute @workgroup_size(256)
 fn blur_derivative_rows(
     @builtin(workgroup_id) group: vec3<u32>,
@@ -238,7 +238,7 @@ fn blur_derivative_rows(
     }
 }
 
-// Blurs the derivatives back along columns and puts the gradient together.
+// Blurs the derivatives along columns and assembles the gradient.
 @compute @workgroup_size(256)
 fn image_gradient(
     @builtin(workgroup_id) group: vec3<u32>,
@@ -261,7 +261,7 @@ fn image_gradient(
     }
     let x = render_at(pixel);
     let y = target_at(pixel);
-    // Minus: the loss holds 1 - SSIM.
+    // Negative, because the loss contains 1 - SSIM.
     var total = settings.weight / settings.counted * ((1.0 - settings.lambda) * sign(x - y)
         - settings.lambda * (by[0] + 2.0 * x * by[1] + y * by[2]));
     if is_ignored(pixel) {
@@ -275,8 +275,8 @@ fn image_gradient(
     gradient[pixel * 3u + 2u] = total.z;
 }
 
-// Adds up the workgroups' sums, always in the same order: mean |x - y|, mean (x - y)^2, mean SSIM,
-// and the weighted loss.
+// Adds up the workgroups' sums, always in the same order: mean |x - y|, mean (x - y)^2, mean SSIM, and the
+// weighted loss.
 @compute @workgroup_size(256)
 fn loss_value(@builtin(local_invocation_index) thread: u32) {
     let count = (pixel_count() + WORKGROUP - 1u) / WORKGROUP;

@@ -1,36 +1,37 @@
-//! Pixels of an image that say less than their colours.
+//! Pixels whose colours are unknown or only bounded.
 //!
-//! A saturated value says that its level is at least that, and how much above is lost: a camera with gain `g` shows
-//! `min(g L, 1)`. Where the gain is taken out of the image, the target of such a value is `1 / g`, darker or brighter
-//! than the scene is, another one in each view. The render is held to what the camera could show: in both images
-//! stands the target as soon as the render is no darker, and there is no gradient. Black needs no such care: 0 is 0
-//! under every gain.
+//! A saturated value is only a lower bound: a camera with gain `g` shows `min(g L, 1)`. Once the gain is
+//! removed from the image, its target is `1 / g`, which may be darker or brighter than the scene and differs
+//! from view to view. The render is therefore compared with the largest value that the camera could show. As
+//! soon as the render is no darker, both images take the target there, and the gradient is 0. Black needs no
+//! such care: it is 0 under every gain.
 
 use super::rows::CHANNELS;
 
-/// Marks of an image: which of its pixels and values say less than their colours.
+/// Marks of an image's ignored pixels and saturated values.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct PixelMarks<'a> {
-    /// Marks (not zero) the pixels that show nothing of the scene; `None` where there are none.
+    /// Non-zero for pixels to ignore; `None` if all count.
     pub ignored: Option<&'a [u8]>,
-    /// Marks the values, RGB after RGB, that are saturated; empty where those are taken as they are.
+    /// True for saturated values (HWC); empty to treat no value as saturated.
     pub saturated: &'a [bool],
 }
 
 impl PixelMarks<'_> {
-    /// Returns whether every value says all.
+    /// Returns true if no pixel or value is marked.
     pub(super) fn are_none(&self) -> bool {
         self.ignored.is_none() && self.saturated.is_empty()
     }
 
-    /// Returns whether the value number `at` of a render has no say against its target.
+    /// Returns true if value `at` of a render has no gradient: ignored, or saturated and not darker than its
+    /// target.
     pub(super) fn settle(&self, at: usize, render: f32, target: f32) -> bool {
         self.ignored
             .is_some_and(|ignored| ignored[at / CHANNELS] != 0)
             || render >= target && self.saturated.get(at) == Some(&true)
     }
 
-    /// Writes the render with the target where it has no say.
+    /// Writes the render with the target in place of values without gradient.
     pub(super) fn composite(&self, render: &[f32], target: &[f32], out: &mut Vec<f32>) {
         out.clear();
         let values = render.iter().zip(target).enumerate();
@@ -43,7 +44,7 @@ impl PixelMarks<'_> {
         }));
     }
 
-    /// Writes the weights of the pixels; none where all count alike.
+    /// Writes the weights of the pixels; empty if all count.
     pub(super) fn weigh(&self, out: &mut Vec<f32>) {
         out.clear();
         let marks = self.ignored.into_iter().flatten();
@@ -60,7 +61,7 @@ mod tests {
     const SIZE: [usize; 2] = [48, 12];
     const LAMBDA: f32 = 0.2;
 
-    /// A ramp of light from darkness to twice white, from left to right.
+    /// Returns a ramp of light from darkness to twice white, from left to right.
     fn ramp() -> Vec<f32> {
         let [width, height] = SIZE;
         let level = |pixel: usize| 2.0 * (pixel % width) as f32 / width as f32;
@@ -69,7 +70,8 @@ mod tests {
             .collect()
     }
 
-    /// Returns the ramp as a camera of a gain shows it, the gain taken out, and the marks of saturated values.
+    /// Returns the ramp as shown by a camera of a gain, with the gain removed, and the marks of saturated
+    /// values.
     fn shown(gain: f32) -> (Vec<f32>, Vec<bool>) {
         let bytes = ramp().into_iter().map(|level| {
             let byte = (255.0 * gain * level).round().min(255.0);
@@ -95,7 +97,7 @@ mod tests {
             let (target, saturated) = shown(gain);
             let count = saturated.iter().filter(|&&is| is).count();
             assert_eq!(count > 0, gain > 0.5);
-            // Taken as they are, the colours of saturated pixels pull the render down.
+            // Without marks, the colours of saturated pixels pull the render down.
             let (_, as_it_is) = loss_of(&truth, &target, &[]);
             let (value, gradient) = loss_of(&truth, &target, &saturated);
             let pull = |gradient: &[f32]| -> f32 {
@@ -104,7 +106,7 @@ mod tests {
             };
             assert_eq!(pull(&gradient), 0.0, "{gain}");
             assert_eq!(pull(&as_it_is) > 0.1, gain > 0.5, "{gain}");
-            // What is left is the rounding to bytes.
+            // The remaining error is the rounding to bytes.
             assert!(
                 value.l1 < 0.5 / 255.0 / f64::from(gain),
                 "{gain}: {value:?}"
@@ -159,8 +161,8 @@ mod tests {
         for (at, (&found, expected)) in gradient.iter().zip(by_render).enumerate() {
             let expected = if is_settled(at) { 0.0 } else { expected };
             let error = (f64::from(found) - expected).abs();
-            // In windows of one level a variance is 0 to the rounding of its squares, some 1e-8, beside SSIM's constant
-            // of 9e-4.
+            // In windows of constant level the variance is 0 up to rounding of its squares, about 1e-8,
+            // against SSIM's constant of 9e-4.
             assert!(error < 5e-5 * largest, "{at}: {found} {expected}");
         }
     }

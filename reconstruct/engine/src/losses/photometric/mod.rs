@@ -1,13 +1,13 @@
 //! The photometric loss of 3DGS: `L = (1 - lambda) L1 + lambda (1 - SSIM)`.
 //!
-//! SSIM as in 3DGS `utils/loss_utils.py`: 11x11 Gaussian window with sigma 1.5, per channel,
-//! `C1 = 0.01^2`, `C2 = 0.03^2`, mean over the map. Images are padded with zeros as there (`conv2d` with
-//! `padding = window_size // 2`), and as the metric `ssim` of `bench` is. One deviation: the window wraps around the
-//! seam of a panorama, because columns 0 and W-1 are neighbours on the sphere ([`Columns`]); those of a
-//! pinhole are not. Scores never come from this code: `bench` has its own.
+//! SSIM as in 3DGS `utils/loss_utils.py`: 11x11 Gaussian window with sigma 1.5, per channel, `C1 = 0.01^2`,
+//! `C2 = 0.03^2`, mean over the map. Images are padded with zeros as there (`conv2d` with
+//! `padding = window_size // 2`), and as for the metric `ssim` of `bench`. One deviation: the window wraps
+//! around the seam of a panorama, because columns 0 and W-1 are neighbours on the sphere ([`Columns`]); a
+//! pinhole image is padded. Scores never come from this code: `bench` has its own.
 //!
-//! With `A1 = 2 mx my + C1`, `A2 = 2 sxy + C2`, `B1 = mx^2 + my^2 + C1`, `B2 = sx + sy + C2` and
-//! the blurred `E[x^2] = sx + mx^2`, `E[xy] = sxy + mx my`:
+//! With `A1 = 2 mx my + C1`, `A2 = 2 sxy + C2`, `B1 = mx^2 + my^2 + C1`, `B2 = sx + sy + C2` and the blurred
+//! `E[x^2] = sx + mx^2`, `E[xy] = sxy + mx my`:
 //!
 //! ```text
 //! s = A1 A2 / (B1 B2)      ds/dE[x^2] = -s / B2      ds/dE[xy] = 2 A1 / (B1 B2)
@@ -15,9 +15,8 @@
 //! dS/dx = blur(ds/dmx) + 2 x blur(ds/dE[x^2]) + y blur(ds/dE[xy])
 //! ```
 //!
-//! With a mask `w` of weights per pixel, both means become `sum w s / sum w`.
-//!
-//! (a wrapped or zero-padded blur with a symmetric window is its own transpose).
+//! A wrapped or zero-padded blur with a symmetric window is its own transpose. With a mask `w` of weights per
+//! pixel, both means become `sum w s / sum w`.
 
 use omnilife_schemas::camera::Camera;
 
@@ -33,14 +32,14 @@ pub use marks::PixelMarks;
 /// Neighbours of the first and the last column of an image.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Columns {
-    /// Each other: the image goes around the whole sphere.
+    /// Neighbours on the sphere: the image wraps around the full turn.
     Wrap,
     /// Zeros, as above the first row and below the last one.
     End,
 }
 
 impl Columns {
-    /// Returns those of a camera's images.
+    /// Returns the neighbours for a camera's images.
     pub fn of(camera: &Camera) -> Self {
         if camera.wraps() {
             Self::Wrap
@@ -64,7 +63,7 @@ pub struct LossValue {
 }
 
 impl LossValue {
-    /// `-10 log10(MSE)`, with the MSE floored at 1e-10.
+    /// Returns `-10 log10(MSE)`, with the MSE floored at 1e-10.
     pub fn psnr(&self) -> f64 {
         -10.0 * self.mse.max(1e-10).log10()
     }

@@ -1,4 +1,4 @@
-//! The loss and its gradient as plain f64 loops over the definition: what fast kernels are judged by.
+//! The loss and its gradient as plain f64 loops over the definition: the reference for the fast kernels.
 
 use super::{
     Columns, LossValue,
@@ -15,16 +15,16 @@ pub struct ReferencePair<'a> {
     pub height: usize,
     /// Neighbours of the first and the last column.
     pub columns: Columns,
-    /// The image that is differentiated by.
+    /// The differentiated image.
     pub render: &'a [f64],
-    /// What it should be.
+    /// The image to compare with.
     pub target: &'a [f64],
     /// Weights of the pixels.
     pub mask: &'a [f64],
 }
 
 impl ReferencePair<'_> {
-    /// The value of the loss and its gradient by the render.
+    /// Returns the loss and its gradient by the render.
     pub fn value_and_gradient(&self, lambda: f64) -> (LossValue, Vec<f64>) {
         let weights = 3.0 * self.mask.iter().sum::<f64>();
         let mut gradient = vec![0.0; self.render.len()];
@@ -46,7 +46,7 @@ impl ReferencePair<'_> {
         (sums, gradient)
     }
 
-    /// SSIM of the window around a value; adds `upstream` times its gradient.
+    /// Returns SSIM of the window around a value; adds `upstream` times its gradient.
     fn similarity(&self, index: usize, upstream: f64, gradient: &mut [f64]) -> f64 {
         let [mut mx, mut my, mut xx, mut yy, mut xy] = [0.0; 5];
         for (at, weight) in self.window(index) {
@@ -72,8 +72,8 @@ impl ReferencePair<'_> {
         similarity
     }
 
-    /// The values around one of the same channel, with their weights; beyond the image's edges, but
-    /// for columns that wrap, there are zeros.
+    /// Returns the values around one of the same channel, with their weights; zeros outside the image, except
+    /// where columns wrap.
     fn window(&self, index: usize) -> impl Iterator<Item = (usize, f64)> + use<'_> {
         let radius = RADIUS as isize;
         let weight = |offset: isize| (-(offset as f64).powi(2) / (2.0 * SIGMA * SIGMA)).exp();

@@ -1,5 +1,5 @@
-//! Rows of the loss in vectors: the separable window over a band of rows, keeping the last 11
-//! filtered rows. Bands are worked on in strips, so that what is kept stays in the cache.
+//! Vectorized rows of the loss: the separable window over a band of rows, keeping the last 11 filtered rows.
+//! Bands are divided into strips, so that the kept rows stay in the cache.
 
 use std::ops::Range;
 
@@ -13,9 +13,9 @@ pub(super) const C1: f32 = 0.01 * 0.01;
 pub(super) const C2: f32 = 0.03 * 0.03;
 pub(super) const LANES: usize = 8;
 pub(super) const CHANNELS: usize = 3;
-/// Values that the window reaches to either side.
+/// Reach of the window to either side, in values.
 pub(super) const MARGIN: usize = RADIUS * CHANNELS;
-/// Values under the windows of a vector.
+/// Values under the windows of one vector.
 const REACH: usize = LANES + 2 * MARGIN;
 
 /// One value of every map, for every lane.
@@ -34,7 +34,7 @@ impl<const MAPS: usize> Ring<MAPS> {
         self.rows.resize(WINDOW * vectors, [[0.0; LANES]; MAPS]);
     }
 
-    /// The place of row `row`, counted from `-RADIUS`.
+    /// Returns the range of row `row`, counted from `-RADIUS`.
     fn range(&self, row: usize) -> Range<usize> {
         let begin = row % WINDOW * self.vectors;
         begin..begin + self.vectors
@@ -45,13 +45,13 @@ impl<const MAPS: usize> Ring<MAPS> {
         &mut self.rows[range]
     }
 
-    /// Rows `first .. first + WINDOW`.
+    /// Returns the rows `first .. first + WINDOW`.
     fn rows(&self, first: usize) -> [&[Maps<MAPS>]; WINDOW] {
         std::array::from_fn(|tap| &self.rows[self.range(first + tap)])
     }
 }
 
-/// The vertical filter at one vector of the rows of a [`Ring`].
+/// Applies the vertical filter to one vector of the rows of a [`Ring`].
 #[inline(always)]
 fn filtered<S: Simd, const MAPS: usize>(
     simd: S,
@@ -68,7 +68,7 @@ fn filtered<S: Simd, const MAPS: usize>(
     sums
 }
 
-/// The horizontal filter of a row of [`Strip::pad`] at the vector that begins at `at`.
+/// Applies the horizontal filter to the vector at `at` of a row of [`Strip::pad`].
 #[inline(always)]
 fn filtered_row<S: Simd>(simd: S, padded: &[f32], window: &[f32; WINDOW], at: usize) -> f32x8<S> {
     let mut sum = f32x8::splat(simd, 0.0);
@@ -81,7 +81,7 @@ fn filtered_row<S: Simd>(simd: S, padded: &[f32], window: &[f32; WINDOW], at: us
     sum
 }
 
-/// Vector number `at` of a row, zeros beyond its end.
+/// Returns vector number `at` of a row, with zeros beyond its end.
 #[inline(always)]
 fn vector(row: &[f32], at: usize) -> [f32; LANES] {
     let values = &row[at * LANES..];
@@ -111,7 +111,7 @@ pub(super) struct Pair<'a> {
 }
 
 impl<'a> Pair<'a> {
-    /// A row of both images in a strip.
+    /// Returns a row of both images in a strip.
     fn rows(&self, strip: Strip, row: usize) -> [&'a [f32]; 2] {
         let begin = row * strip.shape.values();
         let values = begin + strip.values().start..begin + strip.values().end;
@@ -131,7 +131,7 @@ impl<'a> Pair<'a> {
     }
 }
 
-/// Some consecutive rows to work on.
+/// A band of consecutive rows.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Band<'a> {
     pub(super) shape: RowShape,
@@ -158,7 +158,7 @@ impl RowSums {
     }
 }
 
-/// SSIM of the rows of a band. `derivatives` receives, row by row with [`RowShape::stride`], the
+/// Computes SSIM of the rows of a band. `derivatives` receives, row by row with [`RowShape::stride`], the
 /// weighted `ds/dmx`, `ds/dE[x^2]`, `ds/dE[xy]` one after another.
 #[inline(always)]
 pub(super) fn similarity_band<S: Simd>(
@@ -247,7 +247,7 @@ fn moments_of_row<S: Simd>(
     }
 }
 
-/// One row of the map's derivatives, and the sums over the row.
+/// Computes one row of the map's derivatives, and the sums over the row.
 #[inline(always)]
 fn similarity_row<S: Simd>(
     simd: S,
@@ -314,7 +314,7 @@ pub(super) struct Weights {
     pub(super) similarity: f32,
 }
 
-/// The gradient by the rows of a band of the render; `derivatives` are those of the whole image.
+/// Computes the gradient by the rows of a band of the render; `derivatives` are those of the whole image.
 #[inline(always)]
 pub(super) fn gradient_band<S: Simd>(
     simd: S,
@@ -370,7 +370,7 @@ fn gradient_strip<S: Simd>(
     }
 }
 
-/// One row of the gradient.
+/// Computes one row of the gradient.
 #[inline(always)]
 fn gradient_row<S: Simd>(
     simd: S,

@@ -1,4 +1,4 @@
-//! Strips of an image's rows, with what the window reaches beside them.
+//! Strips of an image's rows, with the window's margins.
 
 use std::ops::Range;
 
@@ -7,13 +7,13 @@ use super::{
     rows::{CHANNELS, LANES, MARGIN, RADIUS},
 };
 
-/// Pixels across a strip. Whole vectors, whatever is left of the image: strips begin where the rows
-/// of the maps have vectors.
+/// Pixels across a strip. It is a multiple of whole vectors, so that strips begin at a vector of the maps'
+/// rows for every image width.
 const STRIP: usize = 256;
 
 const _: () = assert!(STRIP.is_multiple_of(LANES));
 
-/// Rows of one size, as long as whole vectors.
+/// Shape of rows, padded to whole vectors.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct RowShape {
     /// Pixels per row.
@@ -25,18 +25,17 @@ pub(super) struct RowShape {
 }
 
 impl RowShape {
-    /// Values per row.
+    /// Returns the values per row.
     pub(super) fn values(&self) -> usize {
         self.width * CHANNELS
     }
 
-    /// Values per row with padding to whole vectors.
+    /// Returns the values per row with padding to whole vectors.
     pub(super) fn stride(&self) -> usize {
         self.values().next_multiple_of(LANES)
     }
 
-    /// The column that is `shifted` columns to the right of the one [`RADIUS`] columns before the first; `None`
-    /// where there are zeros.
+    /// Returns the column `shifted - RADIUS`, wrapped where columns wrap; `None` for a column of zeros.
     fn column(self, shifted: usize) -> Option<usize> {
         match self.columns {
             Columns::Wrap => Some((self.width * RADIUS + shifted - RADIUS) % self.width),
@@ -47,7 +46,7 @@ impl RowShape {
         }
     }
 
-    /// The strips of a row, from left to right.
+    /// Returns the strips of a row, from left to right.
     pub(super) fn strips(self) -> impl Iterator<Item = Strip> {
         (0..self.width).step_by(STRIP).map(move |first| Strip {
             shape: self,
@@ -68,34 +67,34 @@ pub(super) struct Strip {
 }
 
 impl Strip {
-    /// The strip's values in a row.
+    /// Returns the range of the strip's values in a row.
     pub(super) fn values(&self) -> Range<usize> {
         self.first * CHANNELS..(self.first + self.width) * CHANNELS
     }
 
-    /// Values per row with padding to whole vectors.
+    /// Returns the values per row with padding to whole vectors.
     fn stride(&self) -> usize {
         self.vectors() * LANES
     }
 
-    /// Vectors per row.
+    /// Returns the vectors per row.
     pub(super) fn vectors(&self) -> usize {
         self.values().len().div_ceil(LANES)
     }
 
-    /// The strip's vectors in a row of [`RowShape::stride`].
+    /// Returns the range of the strip's vectors in a row of [`RowShape::stride`].
     pub(super) fn padded(&self) -> Range<usize> {
         let begin = self.first * CHANNELS / LANES;
         begin..begin + self.vectors()
     }
 
-    /// Values of a row with its margins, as long as whole vectors.
+    /// Returns the values of a row with its margins, padded to whole vectors.
     fn padded_len(&self) -> usize {
         (self.stride() + 2 * MARGIN).next_multiple_of(LANES)
     }
 
-    /// Copies the strip of a row with [`RADIUS`] pixels on either side ([`Columns`] says what is beyond the
-    /// image's edges), and something beyond.
+    /// Copies the strip of a row with [`RADIUS`] pixels on either side, continued past the image's edges as
+    /// [`Columns`] defines, and padding.
     pub(super) fn pad(&self, row: &[f32], padded: &mut Vec<f32>) {
         padded.resize(self.padded_len(), 0.0);
         let values = self.values();

@@ -1,4 +1,4 @@
-//! The field of all views, from their distances.
+//! Fusion of all views' distance images into the field.
 
 use std::collections::HashMap;
 
@@ -14,37 +14,37 @@ use crate::camera::{
     rays::Rays,
 };
 
-/// A row of a block is looked up at once.
+/// One vector looks up a row of a block.
 const _: () = assert!(BLOCK_SIDE as usize == LANES);
 
 /// Truncation in voxels.
 pub const TRUNCATION_VOXELS: f32 = 4.0;
-/// Largest weight of a view at a voxel; all of some thousand views fit into a sum.
+/// Largest weight of a view at a voxel; a sum can hold those of some thousand views.
 const LARGEST_WEIGHT: f32 = 255.0;
 
-/// What a view gives to the field.
+/// Input of the fusion: one view.
 #[derive(Debug, Clone, Copy)]
 pub struct FusedView<'a> {
     /// Camera of the images' size.
     pub view: &'a View,
-    /// Distances along the rays, scene units; 0 where nothing is known.
+    /// Distances along the rays, scene units; 0 where unknown.
     pub distances: &'a DistanceImage,
-    /// `|n . r|` of the surface under each pixel; 0 for pixels that are left out: at edges of depth,
-    /// masked, without a normal.
+    /// `|n . r|` of normal and ray at each pixel; 0 for pixels to leave out: depth edges, masked pixels,
+    /// pixels without a normal.
     pub incidence: &'a [f32],
 }
 
-/// The blocks that the surfaces of a view reach, by number.
+/// Indices of the blocks that the surfaces of a view reach.
 type Reached = Vec<IVec3>;
 
 impl Scaffold {
     /// Fuses views into a field of this voxel size around `origin`.
     ///
-    /// At a voxel `x` a view gives `d = (D - |x - c|) |n . r|`, the distance from the plane of the pixel
-    /// that shows it: the distance along the ray is too large by `1 / |n . r|` on slanted surfaces.
-    /// Behind the surface by more than the truncation it gives nothing. Its weight is `|n . r| / D^2`.
+    /// At a voxel `x` a view gives `d = (D - |x - c|) |n . r|`, the distance from the surface plane at its
+    /// pixel. The distance along the ray is too large by `1 / |n . r|` on slanted surfaces. A voxel behind
+    /// the surface by more than the truncation gets no value. The weight is `|n . r| / D^2`.
     ///
-    /// A view takes part in the blocks that its own surfaces reach.
+    /// A view contributes to the blocks that its own surfaces reach.
     pub fn fuse(views: &[FusedView<'_>], voxel: f32, origin: Vec3) -> Self {
         let mut scaffold = Self {
             voxel,
@@ -76,7 +76,7 @@ impl Scaffold {
         scaffold
     }
 
-    /// Blocks within the truncation of a view's surfaces.
+    /// Returns the blocks within the truncation of a view's surfaces.
     fn reached(&self, view: &FusedView<'_>) -> Reached {
         let rays = Rays::new(view.view.camera);
         let to_world = view.view.rotation.transpose();
@@ -122,7 +122,7 @@ impl Scaffold {
         all
     }
 
-    /// Adds what a view says of the voxels of a block.
+    /// Adds a view's observations of the voxels of a block.
     fn add(&self, fuser: &Fuser<'_>, block: IVec3, voxels: &mut Block) {
         dispatch!(Level::new(), simd => self.add_rows(simd, fuser, block, voxels));
     }
@@ -158,15 +158,15 @@ impl Scaffold {
     }
 }
 
-/// A view ready for many voxels.
+/// A view prepared for many voxels.
 struct Fuser<'a> {
     view: &'a FusedView<'a>,
-    /// Distance up to which a surface that is seen from the front has the largest weight.
+    /// Distance up to which a surface seen from the front has the largest weight, scene units.
     near: f32,
 }
 
 impl Fuser<'_> {
-    /// The pixels that show some places, counted row by row, and the places' distances from the camera.
+    /// Returns the pixels that show some points (row-major index), and the points' distances from the camera.
     #[inline(always)]
     fn seen<S: Simd>(&self, places: Vec3x8<S>) -> [Option<(usize, f32)>; LANES] {
         let View {
@@ -189,14 +189,15 @@ impl Fuser<'_> {
         std::array::from_fn(|lane| {
             let (u, v) = (u[lane], v[lane]);
             let is_inside = u >= 0.0 && v >= 0.0 && u < width as f32 && v < height as f32;
-            // The last column of a panorama ends where the first begins, the last row at the pole.
+            // On the far edges, the last column of a panorama wraps to the first, and the last row is
+            // clamped.
             let pixel = (v as usize).min(height - 1) * width + u as usize % width;
             (sees.test(lane) && (is_inside || camera.wraps())).then_some((pixel, distances[lane]))
         })
     }
 
-    /// The distance of a place at a distance from the camera from the plane of the pixel that shows it, cut
-    /// off, and its weight.
+    /// Returns the truncated distance of a point from the surface plane of its pixel, and its weight. `away`
+    /// is the point's distance from the camera.
     fn observed(&self, (pixel, away): (usize, f32), truncation: f32) -> Option<(f32, u32)> {
         let (surface, incidence) = (
             self.view.distances.values[pixel],
@@ -215,7 +216,7 @@ impl Fuser<'_> {
     }
 }
 
-/// A distance that one in ten of the known ones of all views is below; whatever their order.
+/// Returns the tenth percentile of the known distances of all views, independent of their order.
 fn near_distance(views: &[FusedView<'_>]) -> f32 {
     let of_view = |view: &FusedView<'_>| {
         let step = (view.distances.values.len() / 4096).max(1);

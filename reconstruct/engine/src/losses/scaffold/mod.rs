@@ -1,10 +1,10 @@
-//! A surface that centres of Gaussians are held to: a truncated signed distance field (TSDF) of all views
+//! A surface that attracts the centres of Gaussians: a truncated signed distance field (TSDF) of all views
 //! (PanoGS, Section 3.4), and the loss on it (Eq. 9).
 //!
 //! * [`fuse`]: the field from distance images. Here: its values, gradients and the loss.
 //!
-//! The field is kept in blocks of 8 x 8 x 8 voxels where there are surfaces. Every voxel sums up integers,
-//! so that the order of the views changes no bit of it.
+//! The field is stored in blocks of 8 x 8 x 8 voxels around surfaces. Every voxel sums integers, so that its
+//! bits do not depend on the order of the views.
 
 pub mod fuse;
 
@@ -16,7 +16,7 @@ use rayon::prelude::*;
 /// Voxels along the side of a block.
 pub const BLOCK_SIDE: i32 = 8;
 const BLOCK_VOXELS: usize = (BLOCK_SIDE * BLOCK_SIDE * BLOCK_SIDE) as usize;
-/// Steps of a stored distance in a truncation.
+/// Quantization steps of a stored distance per truncation.
 const STEPS: f32 = 4096.0;
 /// The loss is quadratic up to this many voxels from the surface, linear beyond.
 const HUBER_VOXELS: f32 = 0.5;
@@ -24,51 +24,46 @@ const HUBER_VOXELS: f32 = 0.5;
 /// Sums over the views at a voxel.
 #[derive(Debug, Clone, Copy, Default)]
 struct Voxel {
-    /// Weighted distances, in steps of the truncation.
+    /// Weighted sum of distances, in steps of the truncation.
     sum: i32,
     weight: u32,
 }
 
 type Block = Box<[Voxel; BLOCK_VOXELS]>;
 
-/// A truncated signed distance field, positive before surfaces as the views see them.
+/// A truncated signed distance field, positive in front of surfaces.
 #[derive(Debug)]
 pub struct Scaffold {
     /// Side of a voxel, scene units.
     pub voxel: f32,
-    /// Distances are cut off here, scene units.
+    /// Truncation of distances, scene units.
     pub truncation: f32,
     origin: Vec3,
     blocks: HashMap<IVec3, Block>,
 }
 
-/// The field at a place.
+/// Field at a point.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct FieldValue {
     /// Signed distance, scene units.
     pub distance: f32,
-    /// Its gradient by the place.
+    /// Gradient by the point.
     pub gradient: Vec3,
 }
 
 impl Scaffold {
-    /// Blocks that hold voxels.
-    pub fn block_count(&self) -> usize {
-        self.blocks.len()
-    }
-
-    /// Bytes of the blocks.
+    /// Returns the bytes of the blocks.
     pub fn bytes(&self) -> u64 {
         (self.blocks.len() * (BLOCK_VOXELS * size_of::<Voxel>() + size_of::<(IVec3, Block)>()))
             as u64
     }
 
-    /// The field at a place, trilinear between the eight voxels around it; `None` where one of them was
+    /// Returns the field at a point, trilinear between the eight voxels around it; `None` if one of them was
     /// not observed.
     pub fn value(&self, place: Vec3) -> Option<FieldValue> {
         let scaled = (place - self.origin) / self.voxel - 0.5;
         let floor = scaled.floor();
-        // Beyond this f32 has no voxels, i32 no numbers.
+        // Beyond this, f32 cannot resolve voxels and i32 cannot count them.
         let has_voxels = floor.abs().max_element() < 1e8;
         if !has_voxels {
             return None;
@@ -86,16 +81,17 @@ impl Scaffold {
         Some(trilinear(&corners, fraction, self.voxel))
     }
 
-    /// The mean distance of a voxel, scene units; `None` where no view observed it.
+    /// Returns the mean distance at a voxel, scene units; `None` if no view observed it.
     fn voxel_distance(&self, voxel: IVec3) -> Option<f32> {
         let block = voxel.div_euclid(IVec3::splat(BLOCK_SIDE));
         let Voxel { sum, weight } = self.blocks.get(&block)?[index_in_block(voxel)];
         (weight > 0).then(|| (f64::from(sum) / f64::from(weight)) as f32 / STEPS * self.truncation)
     }
 
-    /// The loss `weight / N sum_i Huber(|Phi(mu_i)|)` (PanoGS, Eq. 9) of some of `N = all` centres, which is half the square over the
-    /// width of its quadratic part, half a voxel, near the surface; adds its gradient by the centres to
-    /// `gradient`. Centres where the field has no value have neither loss nor gradient.
+    /// Returns the loss `weight / N sum_i Huber(|Phi(mu_i)|)` (PanoGS, Eq. 9) of some of `N = all` centres,
+    /// and adds its gradient by the centres to `gradient`. Huber is quadratic within half a voxel of the
+    /// surface: half the square over that width. Centres where the field has no value have neither loss nor
+    /// gradient.
     pub fn loss(
         &self,
         centres: &[[f32; 3]],
@@ -123,8 +119,8 @@ impl Scaffold {
     }
 }
 
-/// Huber's loss of a signed distance, and its derivative: `d^2 / (2 w)` within `w` of 0, `|d| - w / 2`
-/// beyond.
+/// Returns Huber's loss of a signed distance, and its derivative: `d^2 / (2 w)` within `w` of 0,
+/// `|d| - w / 2` beyond.
 fn huber(distance: f32, width: f32) -> [f32; 2] {
     if distance.abs() <= width {
         [0.5 * distance * distance / width, distance / width]
@@ -133,7 +129,7 @@ fn huber(distance: f32, width: f32) -> [f32; 2] {
     }
 }
 
-/// Values at the corners of a cube (x fastest) at a place in it, and the gradient of that.
+/// Interpolates values at the corners of a cube (x fastest), and returns the gradient by the position.
 fn trilinear(corners: &[f32; 8], at: Vec3, side: f32) -> FieldValue {
     let mix = |a: f32, b: f32, share: f32| a + share * (b - a);
     let along_x = |row: usize| mix(corners[2 * row], corners[2 * row + 1], at.x);
@@ -161,7 +157,7 @@ fn index_in_block(voxel: IVec3) -> usize {
 mod tests {
     use super::*;
 
-    /// The trilinear form in f64.
+    /// Returns the trilinear form in f64.
     fn reference(corners: &[f32; 8], at: [f64; 3]) -> f64 {
         (0..8)
             .map(|number| {

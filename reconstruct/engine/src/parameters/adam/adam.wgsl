@@ -1,19 +1,19 @@
 // Adam on all arrays of a table at once, one thread per value.
 
 struct AdamStep {
-    // Values of all arrays, without the room behind each.
+    // Number of values of all arrays, without unused capacity.
     len: u32,
     arrays: u32,
     // 1 / sqrt(1 - beta2^t)
     inverse_root: f32,
-    // The decay of second moments.
+    // Decay of second moments.
     beta_2: f32,
-    // Where each array ends among these values, and how much farther back they stand in the table.
+    // End of each array among these values, and its shift to its offset in the table.
     ends: array<vec4<u32>, 4>,
     shifts: array<vec4<u32>, 4>,
-    // Step size of each array, over 1 - beta1^t.
+    // Step size of each array, divided by 1 - beta1^t.
     rates: array<vec4<f32>, 4>,
-    // Under which number its refused gradients are counted.
+    // Index of each array's counter of refused gradients.
     numbers: array<vec4<u32>, 4>,
 }
 

@@ -5,8 +5,8 @@ use rayon::prelude::*;
 use crate::parameters::ParameterArray;
 use crate::parameters::adam::{BETA_1, Corrections, EPSILON, SecondMomentDecay, corrections};
 
-/// Step number `step` (from 1) of one array with its own learning rate. A gradient that is not
-/// finite counts as zero; the number of such values is returned.
+/// Takes step number `step` (from 1) on an array with its own learning rate. Gradients that are not finite
+/// count as zero; returns their number.
 pub fn step(array: &mut ParameterArray, step: u64, decay: SecondMomentDecay) -> usize {
     let corrections = corrections(step, decay);
     let rate = corrections.rate(array.learning_rate);
@@ -24,8 +24,8 @@ pub fn step(array: &mut ParameterArray, step: u64, decay: SecondMomentDecay) -> 
         .sum()
 }
 
-/// The step of some values with their first and second moments, for a rate of these corrections.
-/// Returns how many gradients were not finite.
+/// Updates some values with their first and second moments; `rate` includes the corrections. Returns the
+/// number of gradients that were not finite.
 pub(crate) fn step_values(
     [values, first, second]: [&mut [f32]; 3],
     gradients: &[f32],
@@ -54,7 +54,7 @@ mod tests {
     use super::*;
     use crate::parameters::ParameterTable;
 
-    /// The update written out in f64 for one value.
+    /// Returns the update written out in f64 for one value.
     fn reference(gradients: &[f64], rate: f64) -> f64 {
         let (mut x, mut m, mut v) = (1.0, 0.0, 0.0);
         for (index, g) in gradients.iter().enumerate() {

@@ -6,11 +6,11 @@ use crate::{
     parameters::device_table::TableBuffers,
 };
 
-/// Arrays that a table may have: the kernel's settings have this many places.
+/// Maximum number of arrays of a table, the length of the kernel's settings.
 pub(crate) const MAX_ARRAYS: usize = 16;
 
 wgsl_struct! {
-    /// What one step of all arrays depends on.
+    /// Parameters of one step on all arrays.
     pub(crate) struct AdamStep {
         len: u32,
         arrays: u32,
@@ -38,23 +38,23 @@ pub(crate) fn shader() -> Shader {
     }
 }
 
-/// Steps on all values of tables.
+/// Kernel that updates all values of a table.
 #[derive(Debug)]
 pub(crate) struct Adam {
     update: Kernel,
 }
 
-/// The next step on one table.
+/// Settings of the next step on one table.
 #[derive(Debug)]
 pub(crate) struct TableStep {
     settings: Uniform<AdamStep>,
-    /// By array of the table, its number among those that learn, in whose order rates are given and refused
-    /// gradients counted; `None` for what is frozen.
+    /// Per array of the table, its index among the trained arrays, which orders rates and counters of refused
+    /// gradients; `None` for a frozen array.
     numbers: Vec<Option<usize>>,
 }
 
 impl TableStep {
-    /// For a table whose arrays have these numbers among those that learn.
+    /// Creates the settings of a table whose arrays have these indices among the trained arrays.
     pub(crate) fn new(gpu: &Gpu, numbers: Vec<Option<usize>>) -> Result<Self, GpuError> {
         Ok(Self {
             settings: Uniform::of(gpu, "Adam step", &AdamStep::default())?,
@@ -62,8 +62,8 @@ impl TableStep {
         })
     }
 
-    /// Sets step number `step` (from 1) on so many rows, with the rates of all arrays that learn, for
-    /// everything that is submitted later.
+    /// Sets step number `step` (from 1) on `rows` rows, with the rates of all trained arrays, for everything
+    /// that is submitted later.
     pub(crate) fn set(
         &self,
         gpu: &Gpu,
@@ -133,7 +133,7 @@ mod tests {
         render::buffers::DeviceStatus,
     };
 
-    /// Not the published one: the device has to be told.
+    /// Differs from the published one, so that the device must receive it.
     const DECAY: SecondMomentDecay = SecondMomentDecay(0.97);
 
     #[test]
@@ -151,7 +151,7 @@ mod tests {
             .map(|array| array.learning_rate)
             .collect();
         let status = DeviceBuffer::of(&gpu, "status", &[DeviceStatus::default()]).expect("fits");
-        // Room for more than there are.
+        // More capacity than rows.
         let on_device = TableBuffers::new(&gpu, &table.arrays, [300, 410]).expect("fits");
         let rows = Rows::new(300);
         let adam = Adam::new(&gpu).expect("compiles");

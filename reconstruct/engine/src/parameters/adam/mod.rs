@@ -16,7 +16,7 @@ pub(crate) mod gpu;
 pub struct SecondMomentDecay(pub f32);
 
 impl SecondMomentDecay {
-    /// That of 3DGS.
+    /// Decay of 3DGS.
     pub const PUBLISHED: Self = Self(0.999);
 }
 
@@ -26,7 +26,7 @@ impl Default for SecondMomentDecay {
     }
 }
 
-/// What one step is made with beside the step size.
+/// Bias corrections of one step.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Corrections {
     correction_1: f64,
@@ -37,15 +37,15 @@ pub(crate) struct Corrections {
 }
 
 impl Corrections {
-    /// The step size over `1 - b1^t`.
+    /// Returns the step size divided by `1 - b1^t`.
     pub(crate) fn rate(&self, learning_rate: f32) -> f32 {
         (f64::from(learning_rate) / self.correction_1) as f32
     }
 }
 
-/// Those of step number `step`, from 1.
+/// Returns the corrections of step number `step`, from 1.
 pub(crate) fn corrections(step: u64, decay: SecondMomentDecay) -> Corrections {
-    // Long before this many steps the corrections are 1 to the last bit.
+    // The corrections are 1 to the last bit long before this number of steps.
     let exponent = step.min(100_000) as i32;
     Corrections {
         correction_1: 1.0 - f64::from(BETA_1).powi(exponent),

@@ -1,20 +1,20 @@
-// Binning: for every tile, the splats whose footprint touches one of its pixel centres, near to far.
+// Binning: for every tile, the splats whose footprint covers one of its pixel centres, near to far.
 //
-// Every splat, near to far, counts its tiles; the counts' prefix sums (scan.wgsl) number the
-// (splat, tile) pairs, the entries, splat by splat; entries are written with their tile as a key and
-// sorted by it (sort.wgsl). The sort is stable, so every tile's list is near to far.
+// Every splat, near to far, counts its tiles. The counts' prefix sums (scan.wgsl) number the (splat, tile)
+// pairs, the entries, splat by splat. Entries are written with their tile as a key and sorted by it
+// (sort.wgsl). The sort is stable, so every tile's list is near to far.
 
-// Widening of footprints in pixels, against rounding in the extents.
+// Widening of footprints, pixels, against rounding in the extents.
 const MARGIN: f32 = 0.01;
 
 // The tiles of one splat in one row of tiles: two ranges, begin and end.
 alias Columns = vec4<u32>;
 
-// By rank, near to far: distances and numbers of the splats.
+// Per rank, near to far: distances and indices of the splats.
 @group(0) @binding(1) var<storage, read> sorted_keys: array<u32>;
 @group(0) @binding(2) var<storage, read> order: array<u32>;
 @group(0) @binding(3) var<storage, read> splats: array<Splat>;
-// By rank: how many entries, and after the scan where they begin; one more closes the last.
+// Per rank: number of entries; after the scan, index of the first. One more value closes the last.
 @group(0) @binding(4) var<storage, read_write> entry_starts: array<u32>;
 @group(0) @binding(5) var<storage, read> rays: array<vec2<f32>>;
 @group(0) @binding(6) var<storage, read_write> entry_tiles: array<u32>;
@@ -24,17 +24,17 @@ alias Columns = vec4<u32>;
 @group(0) @binding(1) var<storage, read> all_entry_starts: array<u32>;
 @group(0) @binding(2) var<storage, read_write> status: Status;
 @group(0) @binding(3) var<storage, read_write> entry_count: array<u32>;
-// Workgroups with a thread for each entry, then those that each sort a block of entries; in three
-// dimensions.
+// Workgroups with one thread per entry, then workgroups that sort a block of entries each; three dimensions
+// each.
 @group(0) @binding(4) var<storage, read_write> entry_workgroups: array<u32>;
 
 @group(0) @binding(0) var<storage, read> count: array<u32>;
 @group(0) @binding(1) var<storage, read> sorted_tiles: array<u32>;
 @group(0) @binding(2) var<storage, read> sorted_numbers: array<u32>;
 @group(0) @binding(3) var<storage, read> splats_of_entries: array<u32>;
-// By tile: where its list begins and ends.
+// Per tile: begin and end of its list.
 @group(0) @binding(4) var<storage, read_write> tile_ranges: array<vec2<u32>>;
-// Tile lists one after another: splat and entry.
+// Concatenated tile lists: splat and entry.
 @group(0) @binding(5) var<storage, read_write> items: array<vec2<u32>>;
 
 fn tile_columns() -> u32 {
@@ -85,7 +85,7 @@ fn columns_between(centre: f32, left: f32, right: f32) -> Columns {
     if begin >= end {
         return Columns();
     }
-    // Whole numbers: exact but for the last bit of the quotient.
+    // Exact for whole numbers, except for the last bit of the quotient.
     var wrapped = begin - floor(begin / width) * width;
     wrapped = select(wrapped, wrapped - width, wrapped >= width);
     wrapped = select(wrapped, wrapped + width, wrapped < 0.0);
@@ -105,7 +105,7 @@ fn columns_between(centre: f32, left: f32, right: f32) -> Columns {
 // `top` and `bottom`.
 fn ellipse_columns(splat: Splat, top: f32, bottom: f32) -> vec2<f32> {
     let q_max = largest_q(splat.opacity);
-    // The row offset of the rightmost point of the whole ellipse; the leftmost is its mirror image.
+    // Row offset of the rightmost point of the whole ellipse; the leftmost is its mirror image.
     let y_right = splat.first.y * q_max / (splat.first.z * splat.extent.x);
     let at_top = ellipse_row(splat, q_max, top);
     let at_bottom = ellipse_row(splat, q_max, bottom);
@@ -127,10 +127,10 @@ fn ellipse_row(splat: Splat, q_max: f32, row: f32) -> vec2<f32> {
     return vec2(splat.first.y * y - half, splat.first.y * y + half);
 }
 
-// How far a cone reaches: its footprint is where `sqrt(N) - root l <= 0`, and that changes by no
-// more than `steepness` per unit of the ray.
+// Reach of a cone: its footprint is where `sqrt(N) - root l <= 0`, and that changes by no more than
+// `steepness` per unit of the ray.
 struct Reach {
-    // Negative where the footprint is everywhere.
+    // Negative if the footprint is everywhere.
     root: f32,
     steepness: f32,
 }
@@ -145,7 +145,7 @@ fn reach_of(splat: Splat) -> Reach {
     return Reach(root, sqrt(across) + root * length(splat.third));
 }
 
-// Whether a splat touches a tile that its rectangle touches.
+// True if a splat touches a tile that its rectangle touches.
 fn touches(splat: Splat, reach: Reach, column: u32, row: u32) -> bool {
     if splat.shape == ELLIPSE || reach.root < 0.0 {
         return true;
@@ -155,8 +155,7 @@ fn touches(splat: Splat, reach: Reach, column: u32, row: u32) -> bool {
     let right = min(left + TILE, view.width) - 1u;
     let bottom = min(top + TILE, view.height) - 1u;
     let middle = ray_through((left + right) / 2u, (top + bottom) / 2u);
-    // The farthest pixel of a tile is a corner, unless the tile is a third of the way around the
-    // sphere.
+    // The farthest pixel of a tile is a corner, unless the tile spans a third of the sphere.
     var radius = 2.0;
     if view.camera != ERP || (right - left) * 3u < view.width {
         radius = max(
@@ -200,10 +199,10 @@ fn count_entries(
     entry_starts[rank] = entries;
 }
 
-// The most workgroups in one dimension.
+// Most workgroups in one dimension.
 const MOST_COLUMNS: u32 = 65535u;
 
-// Notes workgroups for `count` entries, each with so many.
+// Writes the number of workgroups for `count` entries, `each` per workgroup.
 fn note_workgroups(first: u32, count: u32, each: u32) {
     let workgroups = (count + each - 1u) / each;
     entry_workgroups[first] = min(workgroups, MOST_COLUMNS);
@@ -211,7 +210,7 @@ fn note_workgroups(first: u32, count: u32, each: u32) {
     entry_workgroups[first + 2u] = 1u;
 }
 
-// Notes how many entries there are, and halts where there is no room for them.
+// Writes the number of entries, and halts if they exceed the capacity.
 @compute @workgroup_size(1)
 fn check_room() {
     let entries = all_entry_starts[view.gaussians];
@@ -264,7 +263,7 @@ fn write_entry(entry: u32, tile: u32, splat: u32) {
     }
 }
 
-// Writes the tiles' lists, and where each begins and ends. The ranges of empty tiles stay zero.
+// Writes the tiles' lists, and the range of each. The ranges of empty tiles stay zero.
 @compute @workgroup_size(256)
 fn find_tiles(
     @builtin(workgroup_id) group: vec3<u32>,

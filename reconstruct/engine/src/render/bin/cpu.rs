@@ -1,6 +1,5 @@
-//! Binning on the CPU: every piece of the order counts its entries per tile, the counts give
-//! the places, every piece fills in its own. Splats are walked near to far, so the lists come out
-//! sorted.
+//! Binning on the CPU: each piece of the order counts its entries per tile, the counts give the places, and
+//! each piece fills in its own. Splats are visited near to far, so that the lists are sorted.
 
 use std::sync::atomic::{AtomicU32, Ordering};
 
@@ -13,11 +12,11 @@ use crate::{
     render::project::{Splat, Splats},
 };
 
-/// Pieces into which the order is cut, whatever the number of threads.
+/// Number of pieces of the order, independent of the number of threads.
 const CHUNKS: usize = 32;
-/// Splats in a piece at least.
+/// Minimum number of splats in a piece.
 const CHUNK_MIN: usize = 1024;
-/// Splats that are copied one after another before they are looked at: their cache misses overlap.
+/// Splats that are copied before they are used, so that their cache misses overlap.
 const GATHER: usize = 16;
 
 /// Finds the tiles of splats for one camera.
@@ -27,7 +26,7 @@ pub struct Binner {
 }
 
 impl Binner {
-    /// For the camera of `rays`.
+    /// Creates a binner for the camera of `rays`.
     pub fn new(rays: &Rays) -> Self {
         Self {
             grid: Grid::new(rays),
@@ -76,7 +75,7 @@ impl Binner {
             .for_each(|(chunk, order)| fill(order, items, chunk));
     }
 
-    /// The instruction set changes nothing but the speed of rounding.
+    /// Counts each tile's entries. The instruction set affects only the speed of rounding.
     #[inline(always)]
     fn count<S: Simd>(
         &self,

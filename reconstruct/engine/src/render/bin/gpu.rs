@@ -25,7 +25,7 @@ pub(crate) fn shader(shape: &RenderShape) -> Shader {
     }
 }
 
-/// From splats to tile lists.
+/// Kernels from splats to tile lists.
 #[derive(Debug)]
 pub(crate) struct Binning {
     count_entries: Kernel,
@@ -53,7 +53,7 @@ impl Binning {
         })
     }
 
-    /// Sorts the splats by distance and makes the tile lists.
+    /// Records sorting of the splats by distance and construction of the tile lists.
     pub(crate) fn forward(
         &self,
         gpu: &Gpu,

@@ -1,4 +1,4 @@
-//! The entries of some consecutive Gaussians: those that learn from a view that all are drawn in.
+//! Entries of a range of Gaussians that are trained, in a view that draws all Gaussians.
 
 use std::ops::Range;
 
@@ -6,20 +6,20 @@ use rayon::prelude::*;
 
 use super::TileLists;
 
-/// Which entries of the tiles' lists are those of a range of Gaussians. Gradients are kept of these alone, one
-/// after another in the order of the lists.
+/// Entries of the tiles' lists that belong to a range of Gaussians. Only these have gradients, stored in the
+/// order of the lists.
 #[derive(Debug, Default)]
 pub struct LearningEntries {
     gaussians: Range<usize>,
-    /// Where each tile's begin among them; one more entry closes the last.
+    /// Index of each tile's first entry among them; one more value closes the last.
     tile_starts: Vec<u32>,
-    /// Of every place in the lists, the place among these entries; arbitrary for those of other Gaussians,
-    /// empty where all learn.
+    /// Per place in the lists, its index among these entries. Arbitrary for other Gaussians, empty if all are
+    /// trained.
     places: Vec<u32>,
 }
 
 impl LearningEntries {
-    /// Finds those of `gaussians`, of all that are in `lists`.
+    /// Finds the entries of `gaussians`, a subrange of `all` Gaussians in `lists`.
     pub fn find(&mut self, lists: &TileLists, gaussians: Range<usize>, all: Range<usize>) {
         let are_all = gaussians == all;
         self.gaussians = gaussians;
@@ -68,33 +68,33 @@ impl LearningEntries {
             });
     }
 
-    /// The Gaussians that learn.
+    /// Returns the range of trained Gaussians.
     pub fn gaussians(&self) -> Range<usize> {
         self.gaussians.clone()
     }
 
-    /// Number of entries.
+    /// Returns the number of entries.
     pub fn len(&self) -> usize {
         self.tile_starts.last().map_or(0, |&end| end as usize)
     }
 
-    /// Whether no tile shows any of the Gaussians.
+    /// Returns true if no tile shows any of the Gaussians.
     pub fn is_empty(&self) -> bool {
         self.len() == 0
     }
 
-    /// A tile's entries among these.
+    /// Returns the range of a tile's entries among these.
     pub fn tile(&self, tile: usize) -> Range<usize> {
         self.tile_starts[tile] as usize..self.tile_starts[tile + 1] as usize
     }
 
-    /// Whether a Gaussian learns.
+    /// Returns true if a Gaussian is trained.
     #[inline(always)]
     pub fn learns(&self, gaussian: usize) -> bool {
         self.gaussians.contains(&gaussian)
     }
 
-    /// The place among these of an entry of a Gaussian that learns, from its place in the lists.
+    /// Returns the index among these of a trained Gaussian's entry, from its place in the lists.
     #[inline(always)]
     pub fn place(&self, place: u32) -> usize {
         self.places.get(place as usize).map_or(place, |&own| own) as usize

@@ -1,4 +1,4 @@
-//! Which tiles a footprint touches.
+//! Tiles that a footprint touches.
 
 use std::ops::Range;
 
@@ -12,7 +12,7 @@ use crate::{
     },
 };
 
-/// Widening of footprints in pixels, against rounding in the extents.
+/// Widening of footprints, pixels, against rounding in the extents.
 const MARGIN: f32 = 0.01;
 
 /// The tiles of an image.
@@ -23,7 +23,7 @@ pub(super) struct Grid {
     height: usize,
     pub(super) columns: usize,
     pub(super) rows: usize,
-    /// A ray in the middle of each tile, and how far the rays of its pixels are from it.
+    /// Ray at the centre of each tile, and largest distance of its pixels' rays from it.
     middles: Vec<(Vec3, f32)>,
 }
 
@@ -38,8 +38,7 @@ impl Grid {
             for column in 0..columns {
                 let (left, right) = (column * TILE, ((column + 1) * TILE).min(width) - 1);
                 let middle = rays.ray(usize::midpoint(left, right), usize::midpoint(top, bottom));
-                // The farthest pixel of a tile is a corner, unless the tile is a third of the way
-                // around the sphere.
+                // The farthest pixel of a tile is a corner, unless the tile spans a third of the sphere.
                 let is_narrow = (right - left) * 3 < width || !camera.wraps();
                 let radius = if is_narrow {
                     [(left, top), (right, top), (left, bottom), (right, bottom)]
@@ -62,8 +61,8 @@ impl Grid {
         }
     }
 
-    /// Calls `visit` with every tile that the footprint touches; `cone` is looked at where that is
-    /// its shape.
+    /// Calls `visit` with every tile that the footprint touches; `cone` is read for a splat of that shape
+    /// only.
     #[inline(always)]
     pub(super) fn for_each_tile<'a>(
         &self,
@@ -100,7 +99,7 @@ impl Grid {
         }
     }
 
-    /// Rows of tiles with a pixel centre inside the footprint's height.
+    /// Returns the rows of tiles with a pixel centre inside the footprint's height.
     #[inline(always)]
     fn tile_rows(&self, splat: &Splat) -> Range<u32> {
         let extent = splat.extent[1] + MARGIN;
@@ -131,7 +130,7 @@ impl Grid {
         self.tile_columns(splat.centre[0], left, right)
     }
 
-    /// Columns of tiles with a pixel centre between two offsets from a centre, as up to two
+    /// Returns the columns of tiles with a pixel centre between two offsets from a centre, as up to two
     /// disjoint ranges.
     #[inline(always)]
     fn tile_columns(&self, centre: f32, left: f32, right: f32) -> [Range<u32>; 2] {
@@ -146,7 +145,7 @@ impl Grid {
             }
             return [tile(begin)..tile(end - 1.0) + 1, 0..0];
         }
-        // Written so that a NaN takes the safe side.
+        // NaN fails the comparison and takes the safe side.
         let has_gap = end - begin < self.width;
         if !has_gap {
             return all;
@@ -154,7 +153,7 @@ impl Grid {
         if begin >= end {
             return [0..0, 0..0];
         }
-        // Fewer columns than the image has, about a centre in it: at most once around.
+        // The range is narrower than the image, and its centre is inside: it wraps at most once.
         let begin_wrapped = if begin < 0.0 {
             begin + self.width
         } else if begin >= self.width {
@@ -175,11 +174,11 @@ impl Grid {
     }
 }
 
-/// Leftmost and rightmost offset from the centre of the ellipse `q <= q_max` between the row
+/// Returns the leftmost and rightmost offset from the centre of the ellipse `q <= q_max` between the row
 /// offsets `top` and `bottom`.
 ///
-/// At row offset `y` the ellipse spans `slope y +- sqrt(variance (q_max - y^2 / C))` (the
-/// conditional Gaussian of a row); each side is concave in `y`.
+/// At row offset `y` the ellipse spans `slope y +- sqrt(variance (q_max - y^2 / C))` (the conditional
+/// Gaussian of a row); each side is concave in `y`.
 #[inline(always)]
 fn ellipse_columns(
     extent: [f32; 2],
@@ -195,8 +194,8 @@ fn ellipse_columns(
         let rest = (q_max - y * y * row).max(0.0);
         ellipse.slope * y + sign * (ellipse.variance * rest).sqrt()
     };
-    // The row offset of the rightmost point of the whole ellipse, B/A extent_u with
-    // A = extent_u^2 / q_max and B = slope C; the leftmost is its mirror image.
+    // Row offset of the rightmost point of the whole ellipse, B/A extent_u, with B = slope C and A =
+    // extent_u^2 / q_max; the leftmost is its mirror image.
     let y_right = ellipse.slope * q_max / (row * extent_u);
     let right = if (top..=bottom).contains(&y_right) {
         extent_u
@@ -211,10 +210,10 @@ fn ellipse_columns(
     (left, right)
 }
 
-/// How far a cone reaches: its footprint is where `sqrt(N) - root l <= 0`, and that changes by no
-/// more than `steepness` per unit of the ray.
+/// Reach of a cone: its footprint is where `sqrt(N) - root l <= 0`, and that changes by no more than
+/// `steepness` per unit of the ray.
 struct Reach {
-    /// `sqrt(q')`; negative where the footprint is everywhere.
+    /// `sqrt(q')`; negative if the footprint is everywhere.
     root: f32,
     steepness: f32,
 }

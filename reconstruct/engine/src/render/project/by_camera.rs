@@ -1,23 +1,23 @@
-//! The gradient of a loss by a camera's pose, from that by the Gaussians.
+//! Gradient of a loss by a camera's pose, from that by the Gaussians.
 //!
-//! A camera that moves is Gaussians that move the other way, footprints, low-pass filter and all. Turn
-//! the camera of a view by the small world rotation `w` about its centre `c` and move it by `t`:
+//! Moving the camera is equivalent to moving the Gaussians the other way, including footprints and low-pass
+//! filter. Turn the camera of a view by the small world rotation `w` about its centre `c` and move it by `t`:
 //!
 //! ```text
 //! c' = c + t        R' = exp(w^) R     (camera to world)
 //! ```
 //!
-//! Its image is that of the old camera of Gaussians that were turned about `c` by `-w` and moved by
-//! `-t`. With the gradients `g` by a centre `mu`, `h` by a unit quaternion `q`, and `s` the part of `g`
-//! that comes from the direction in which harmonics are evaluated:
+//! Its image equals that of the old camera after turning the Gaussians about `c` by `-w` and moving them by
+//! `-t`. With the gradients `g` by a centre `mu`, `h` by a unit quaternion `q`, and `s` the part of `g` that
+//! comes from the direction in which harmonics are evaluated:
 //!
 //! ```text
 //! dL/dt   = - sum g
 //! dL/dw   = - sum ((mu - c) x (g - s) + k),       k_i = <h, e_i (x) q> / 2
 //! ```
 //!
-//! A camera that turns sees the harmonics in the same direction as before, hence without `s`; one that
-//! moves does not. `mu - c` and `g` are in the world frame, and so are `w` and `t`.
+//! A rotation of the camera does not change the direction of harmonics, hence without `s`; a shift does. The
+//! vectors `mu - c` and `g` are in the world frame, and so are `w` and `t`.
 
 pub(crate) mod gpu;
 
@@ -30,10 +30,11 @@ use crate::{
     gaussians::{ActivatedGaussians, SH_C0, sh_rest_count},
 };
 
-/// Gaussians per sum. Sums of sums in this order do not depend on the number of threads.
+/// Gaussians per partial sum. Adding partial sums in order makes the result independent of the number of
+/// threads.
 const BATCH: usize = 2048;
 
-/// Gradient by a pose.
+/// Gradient of the loss by a pose.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct PoseGradient {
     /// By a small rotation about the camera's centre, world frame, per radian.
@@ -42,9 +43,9 @@ pub struct PoseGradient {
     pub centre: DVec3,
 }
 
-/// The gradient by the pose of `view` from that by `gaussians`, which were drawn with harmonics up to
-/// `sh_degree`. Gaussians whose gradient is not finite have no say: they are counted where the
-/// gradient is applied to them.
+/// Returns the gradient by the pose of `view` from that by `gaussians`, drawn with harmonics up to
+/// `sh_degree`. Gaussians whose gradient is not finite are skipped here; they are counted where the gradient
+/// is applied to them.
 pub fn gradient(
     view: &View,
     gaussians: &ActivatedGaussians,
@@ -94,7 +95,7 @@ fn of_one(
     let torque = offset.as_dvec3().cross(geometric.as_dvec3());
     let [w, x, y, z] = gaussians.rotations[index].map(f64::from);
     let [by_w, by_x, by_y, by_z] = by_gaussians.rotations[index].map(f64::from);
-    // The products e_i (x) q, component by component.
+    // Products e_i (x) q, component by component.
     let twist = 0.5
         * DVec3::new(
             -x * by_w + w * by_x - z * by_y + y * by_z,

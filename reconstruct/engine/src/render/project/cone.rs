@@ -8,7 +8,7 @@ use crate::{
     render::settings::Footprint,
 };
 
-/// The intermediate values that forward and backward share. Lengths are in units of the distance.
+/// Intermediate values shared by forward and backward. Lengths are in units of the distance.
 pub(super) struct Conic {
     /// Unit direction of the centre, camera frame.
     n: Vec3,
@@ -94,11 +94,10 @@ impl Conic {
         }
     }
 
-    /// A rectangle around `q <= q_max`.
+    /// Returns a rectangle around `q <= q_max`.
     ///
     /// With `y = F a` on the tangent plane the footprint is `|y| <= sqrt(q') (1 - y.L^T h)`, so
-    /// `|y| <= sqrt(q') / (1 - sqrt(q') |L^T h|)`, and the angle's tangent is at most
-    /// `|y| sqrt(spread)`.
+    /// `|y| <= sqrt(q') / (1 - sqrt(q') |L^T h|)`, and the angle's tangent is at most `|y| sqrt(spread)`.
     pub(super) fn bounds(&self, view: &View, q_max: f32) -> PixelBox {
         let Some(ratio) = self.cone().largest_ratio(q_max) else {
             return PixelBox::EVERYTHING;
@@ -118,7 +117,8 @@ impl Conic {
         view.camera.cap_box(self.n, pixel, radius)
     }
 
-    /// VJP of [`Conic::cone`]. Also gives the gradient by the scales that does not go through the axes.
+    /// Computes the VJP of [`Conic::cone`], and the part of the gradient by the scales that does not go
+    /// through the axes.
     ///
     /// The frame follows `n` without turning about it: `de_i = -(e_i . dn) n`.
     pub(super) fn vjp(
@@ -137,7 +137,7 @@ impl Conic {
         let by_frame = |vector: Vec3| [vector.dot(self.frame[0]), vector.dot(self.frame[1])];
         let by_rows = by_across.map(by_frame);
         let by_along_frame = by_frame(by_along);
-        // By e_i . dn, with F and h fixed: the footprint moves as it is.
+        // By e_i . dn, with F and h fixed: the footprint moves rigidly.
         let mut turn: [f32; 2] = std::array::from_fn(|i| {
             let across: f32 = (0..2)
                 .map(|k| self.rows[k][i] * by_across[k].dot(self.n))

@@ -1,6 +1,6 @@
 // The cone of a Gaussian seen from the camera, and its VJP.
 
-// The intermediate values that forward and backward share. Lengths are in units of the distance.
+// Intermediate values shared by forward and backward. Lengths are in units of the distance.
 struct Conic {
     // Unit direction of the centre, camera frame.
     n: vec3<f32>,
@@ -85,10 +85,10 @@ fn along(cone: Conic) -> vec3<f32> {
     return cone.n - cone.slope.x * cone.frame[0] - cone.slope.y * cone.frame[1];
 }
 
-// A rectangle around q <= q_max.
+// Rectangle around q <= q_max.
 //
-// With y = F a on the tangent plane the footprint is |y| <= sqrt(q') (1 - y.L^T h), so
-// |y| <= sqrt(q') / (1 - sqrt(q') |L^T h|), and the angle's tangent is at most |y| sqrt(spread).
+// With y = F a on the tangent plane the footprint is |y| <= sqrt(q') (1 - y.L^T h). It follows that
+// |y| <= sqrt(q') / (1 - sqrt(q') |L^T h|); the angle's tangent is at most |y| sqrt(spread).
 fn cone_bounds(cone: Conic, q_max: f32) -> PixelBox {
     let ratio = largest_ratio(cone.depth_variance, q_max);
     if ratio < 0.0 {
@@ -104,7 +104,7 @@ fn cone_bounds(cone: Conic, q_max: f32) -> PixelBox {
     return cap_box(cone.n, root / rest * sqrt(cone.spread));
 }
 
-// The gradient is by f_1, f_2, m and eps.
+// VJP of the cone, from the gradients by f_1, f_2, m and eps.
 //
 // The frame follows n without turning about it: de_i = -(e_i . dn) n.
 fn cone_vjp(
@@ -123,7 +123,7 @@ fn cone_vjp(
     let by_row_1 = vec2(dot(by_across_1, e_1), dot(by_across_1, e_2));
     let by_row_2 = vec2(dot(by_across_2, e_1), dot(by_across_2, e_2));
     let by_along_frame = vec2(dot(by_along, e_1), dot(by_along, e_2));
-    // By e_i . dn, with F and h fixed: the footprint moves as it is.
+    // By e_i . dn, with F and h fixed: the footprint moves rigidly.
     let towards_1 = dot(by_across_1, cone.n);
     let towards_2 = dot(by_across_2, cone.n);
     var turn = by_along_frame + cone.slope * dot(by_along, cone.n)

@@ -1,4 +1,4 @@
-//! The projection on the CPU: 8 Gaussians at once, and one by one those whose footprints are cones.
+//! Projection on the CPU: 8 Gaussians at once; those with cones as footprints one by one.
 
 use fearless_simd::{Level, Simd, dispatch, f32x8, mask32x8, prelude::*};
 use glam::Vec3;
@@ -34,8 +34,8 @@ const _: () = assert!(BATCH.is_multiple_of(LANES));
 /// Distance of a Gaussian that is not drawn.
 pub const NOT_DRAWN: f32 = f32::INFINITY;
 
-/// Projects all Gaussians: `splats` and `distances` receive one entry per Gaussian; a distance is
-/// [`NOT_DRAWN`] where there is nothing to draw, and the splat arbitrary.
+/// Projects all Gaussians: `splats` and `distances` receive one entry per Gaussian. The distance of a
+/// Gaussian that is not drawn is [`NOT_DRAWN`], and its splat is arbitrary.
 pub fn forward(
     view: &View,
     gaussians: &ActivatedGaussians,
@@ -81,18 +81,18 @@ struct Projector<'a> {
 }
 
 impl Projector<'_> {
-    /// The degree of harmonics that is drawn.
+    /// Returns the degree of harmonics that is drawn.
     fn degree(&self) -> usize {
         self.gaussians.sh_degree.min(self.settings.sh_degree)
     }
 
-    /// Coefficients of one Gaussian beside the constant ones.
+    /// Returns the non-constant coefficients of one Gaussian.
     fn rest(&self, index: usize) -> &[[f32; 3]] {
         let count = sh_rest_count(self.gaussians.sh_degree);
         &self.gaussians.sh_rest[index * count..(index + 1) * count]
     }
 
-    /// The ellipses of footprints with the largest `q` given; `None` where all are cones.
+    /// Returns the ellipses of footprints with the given largest `q`; `None` if all are cones.
     #[inline(always)]
     fn ellipses<S: Simd>(&self, placed: &Placed8<S>, q_max: f32x8<S>) -> Option<Ellipses<S>> {
         if self.settings.footprint == Footprint::Ray {
@@ -129,7 +129,7 @@ impl Projector<'_> {
     ) {
         let placed = Placed8::new(simd, self.view, self.gaussians, first);
         let opacity = f32x8::simd_from(simd, eight(&self.gaussians.opacities, first));
-        // Written so that NaN is left out.
+        // NaN fails the comparison and is not drawn.
         let is_seen = placed.is_seen(self.view, self.settings) & opacity.simd_ge(ALPHA_MIN);
         if !is_seen.any_true() {
             return;
@@ -182,7 +182,7 @@ impl Projector<'_> {
         }
     }
 
-    /// Whether a rectangle is finite and has rows in the image.
+    /// Returns true if a rectangle is finite and has rows in the image.
     fn is_inside(&self, bounds: &PixelBox) -> bool {
         let [top, bottom] = [-1.0, 1.0].map(|side| bounds.centre[1] + side * bounds.extent[1]);
         bottom >= 0.5
@@ -195,12 +195,13 @@ impl Projector<'_> {
         Conic::new(self.view, placed, scale, self.settings.footprint)
     }
 
-    /// Unit direction from the camera to a centre in the camera's frame, in world coordinates.
+    /// Returns the unit direction from the camera to a centre (given in the camera frame), in world
+    /// coordinates.
     fn direction(&self, point: Vec3, distance: f32) -> Vec3 {
         self.view.rotation.transpose() * (point / distance)
     }
 
-    /// The gradients of the Gaussians from `first` on by what makes their footprints.
+    /// Computes the gradients of the Gaussians from `first` on by the inputs of their footprints.
     #[inline(always)]
     fn shapes_vjp<S: Simd>(
         &self,
@@ -262,8 +263,8 @@ impl Projector<'_> {
 }
 
 impl Projector<'_> {
-    /// Adds to the gradient by a centre what comes through the harmonics, and writes that by their
-    /// coefficients beside the constant ones.
+    /// Adds the gradient through the harmonics to that by a centre, and writes that by their non-constant
+    /// coefficients.
     fn harmonics_vjp(
         &self,
         index: usize,
@@ -288,13 +289,13 @@ struct Ellipses<S: Simd> {
     shapes: [Ellipse; LANES],
     centre: [f32x8<S>; 2],
     extent: [f32x8<S>; 2],
-    /// Where the shapes are finite.
+    /// Lanes with a finite shape.
     is_regular: mask32x8<S>,
-    /// Where the footprint is a cone instead.
+    /// Lanes whose footprint is a cone instead.
     is_cone: mask32x8<S>,
 }
 
-/// Gradients of 8 Gaussians by what makes their footprints, without the way through the harmonics.
+/// Gradients of 8 Gaussians by the inputs of their footprints, without the path through the harmonics.
 #[derive(Default)]
 struct ShapeGradients {
     positions: [[f32; 3]; LANES],
@@ -303,7 +304,7 @@ struct ShapeGradients {
     centres: [[f32; 2]; LANES],
 }
 
-/// The entries' gradients of 8 Gaussians, summed.
+/// Gradients of 8 Gaussians, summed over their entries.
 #[derive(Default)]
 struct EightSums {
     /// [`SplatGradient::ellipse`], one row for each of its values.
@@ -312,22 +313,22 @@ struct EightSums {
     colour: [[f32; 3]; LANES],
 }
 
-/// The result of [`forward`] and what was made of it.
+/// Result of [`forward`] with its order and tile lists.
 #[derive(Debug, Clone, Copy)]
 pub struct Drawn<'a> {
     /// Splats, one per Gaussian.
     pub splats: &'a Splats,
-    /// Place of each Gaussian in the order near to far; `u32::MAX` where it was not drawn.
+    /// Rank of each Gaussian in the order near to far; `u32::MAX` if it was not drawn.
     pub ranks: &'a [u32],
-    /// Where each splat's entries are.
+    /// Entries of each splat.
     pub lists: &'a TileLists,
-    /// Whose gradients are asked for.
+    /// Gaussians whose gradients are computed.
     pub learning: &'a LearningEntries,
 }
 
-/// VJP of [`forward`]: sums each splat's entries in a fixed order and writes the gradients of all
-/// Gaussians that learn, from the first of them on, zero for those that were not drawn. `centres` receives the
-/// gradients by the centres' images ([`crate::render::Visible::centre_gradient`]).
+/// Computes the VJP of [`forward`]: sums each splat's entries in a fixed order and writes the gradients of
+/// all trained Gaussians, from the first on. Those of Gaussians that were not drawn are zero. `centres`
+/// receives the gradients by the centres' images ([`crate::render::Visible::centre_gradient`]).
 pub fn backward(
     view: &View,
     gaussians: &ActivatedGaussians,
@@ -413,8 +414,8 @@ pub fn backward(
         );
 }
 
-/// Sums the entries' gradients of 8 or fewer Gaussians with the places `ranks` in the order, each in
-/// the order of its entries; those of Gaussians that were not drawn are 0.
+/// Sums the entries' gradients of up to 8 Gaussians with these `ranks` in the order, each in the order of its
+/// entries; 0 for Gaussians that were not drawn.
 fn sum_entries(
     drawn: &Drawn<'_>,
     entries: &EntryGradients,
@@ -448,7 +449,7 @@ fn sum_entries(
     sums
 }
 
-/// Sums the entries' gradients by the cone of the splat with this place in the order.
+/// Sums the entries' gradients by the cone of the splat with this rank.
 fn sum_cones(drawn: &Drawn<'_>, entries: &EntryGradients, rank: u32) -> ConeGradient {
     let mut total = [0.0; 10];
     for &place in drawn.lists.places(rank) {
@@ -460,7 +461,7 @@ fn sum_cones(drawn: &Drawn<'_>, entries: &EntryGradients, rank: u32) -> ConeGrad
     total
 }
 
-/// Pieces of [`BATCH`] rows of `width` values; empty pieces where the width is 0.
+/// Splits rows of `width` values into pieces of [`BATCH`] rows; pieces are empty if the width is 0.
 fn chunks_of_rows<T: Send>(
     values: &mut [T],
     width: usize,

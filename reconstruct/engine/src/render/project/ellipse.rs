@@ -1,4 +1,4 @@
-//! The ellipses of 8 Gaussians linearized in the image, and their VJP.
+//! Ellipses of 8 Gaussians linearized in the image, and their VJP.
 
 use fearless_simd::{Simd, f32x8, mask32x8, prelude::*};
 use glam::Vec3;
@@ -9,7 +9,7 @@ use crate::camera::{
 };
 use crate::render::project::{Ellipse, place::Placed8};
 
-/// The intermediate values that forward and backward share.
+/// Intermediate values shared by forward and backward.
 pub(super) struct Linearization<S: Simd> {
     /// Rows of `J W`, in world coordinates.
     to_u: Vec3x8<S>,
@@ -27,7 +27,7 @@ pub(super) struct Linearization<S: Simd> {
 pub(super) struct ShapeGradient {
     pub(super) point: Vec3,
     pub(super) axes: [Vec3; 3],
-    /// By the centre's image with the shape fixed, per pixel.
+    /// Gradient by the centre's image with the shape fixed, per pixel.
     pub(super) centre: [f32; 2],
 }
 
@@ -57,13 +57,13 @@ impl<S: Simd> Linearization<S> {
         }
     }
 
-    /// Whether the standard deviation along the columns is more than `width` pixels.
+    /// Returns true if the standard deviation along the columns is more than `width` pixels.
     #[inline(always)]
     pub(super) fn is_wider(&self, width: f32) -> mask32x8<S> {
         self.covariance[0].simd_gt(width * width)
     }
 
-    /// The shapes, one per lane, and where they are finite.
+    /// Returns the shapes, one per lane, and a mask of the finite ones.
     #[inline(always)]
     pub(super) fn ellipses(&self) -> ([Ellipse; LANES], mask32x8<S>) {
         let [_, b, c] = self.covariance;
@@ -83,15 +83,15 @@ impl<S: Simd> Linearization<S> {
         (ellipses, is_finite)
     }
 
-    /// Half widths and half heights of the rectangles around `q <= q_max`.
+    /// Returns half widths and half heights of the rectangles around `q <= q_max`, pixels.
     #[inline(always)]
     pub(super) fn extents(&self, q_max: f32x8<S>) -> [f32x8<S>; 2] {
         let [a, _, c] = self.covariance;
         [(a * q_max).sqrt(), (c * q_max).sqrt()]
     }
 
-    /// VJP of centres and [`Linearization::ellipses`]: gradients by the points in the camera frame
-    /// and by the axes in world coordinates. `by_ellipse` is in the order of
+    /// Computes the VJP of centres and [`Linearization::ellipses`]: gradients by the points in the camera
+    /// frame and by the axes in world coordinates. `by_ellipse` is in the order of
     /// [`super::SplatGradient::ellipse`].
     #[inline(always)]
     pub(super) fn vjp(

@@ -1,6 +1,6 @@
-// The ellipse of a Gaussian linearized in the image, and its VJP.
+// Ellipse of a Gaussian linearized in the image, and its VJP.
 
-// The intermediate values that forward and backward share.
+// Intermediate values shared by forward and backward.
 struct Linearization {
     pixel: vec2<f32>,
     // Rows of J W, in world coordinates.
@@ -16,13 +16,13 @@ struct Linearization {
 
 // Gradients of a footprint's shape.
 struct ShapeGradient {
-    // By the centre, in the camera frame.
+    // Gradient by the centre, in the camera frame.
     point: vec3<f32>,
-    // By the axes, in world coordinates.
+    // Gradient by the axes, in world coordinates.
     axes: mat3x3<f32>,
-    // By the scales, what does not go through the axes.
+    // Gradient by the scales, except through the axes.
     scale: vec3<f32>,
-    // By the centre's image with the shape fixed, per pixel.
+    // Gradient by the centre's image with the shape fixed, per pixel.
     centre: vec2<f32>,
 }
 

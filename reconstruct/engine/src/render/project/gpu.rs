@@ -24,7 +24,7 @@ pub(crate) fn shader(shape: &RenderShape) -> Shader {
     }
 }
 
-/// From Gaussians to splats, and back with gradients.
+/// Kernels from Gaussians to splats, and their VJP.
 #[derive(Debug)]
 pub(crate) struct Projection {
     project_gaussians: Kernel,

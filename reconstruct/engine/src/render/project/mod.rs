@@ -1,4 +1,4 @@
-//! Projection: from instantaneous Gaussians to footprints in the image.
+//! Projection of activated Gaussians to footprints in the image.
 //!
 //! For a Gaussian with centre `mu`, axes `M = R S` and a camera with rotation `W` and centre `c`:
 //!
@@ -8,8 +8,8 @@
 //! alpha(x) = min(0.99, o exp(-q(x)/2)), drawn where alpha >= 1/255, that is q <= 2 ln(255 o)
 //! ```
 //!
-//! This is the whole definition of a footprint: the published 3-sigma squares depend on the tile
-//! grid and are not reproduced. `q` comes in two shapes.
+//! This is the whole definition of a footprint: the published 3-sigma squares depend on the tile grid and are
+//! not reproduced. There are two forms of `q`.
 //!
 //! **Ellipse** (EWA splatting as 3DGS `forward.cu` and ODGS `forward.cu` do it, with the Jacobian of
 //! [`crate::camera`]); in an ERP image columns are wrapped at the seam:
@@ -33,20 +33,19 @@
 //! N = (f_1.r)^2 + (f_2.r)^2          l = max(m.r, 0)          q = N / (l^2 + eps N)
 //! ```
 //!
-//! With `h = 0`, `eps = 0` this is the Gaussian flattened onto its tangent plane (a gnomonic
-//! projection about its own centre). With
+//! With `h = 0`, `eps = 0` this is the Gaussian flattened onto its tangent plane (a gnomonic projection about
+//! its own centre). With
 //!
 //! ```text
 //! h = S^-1 V V_n^T       eps = prod_k(sigma_k^2 / d^2 + s^2) / det S
 //! ```
 //!
-//! `q` is exactly the smallest squared Mahalanobis distance along the ray, `t >= 0`, of the Gaussian
-//! with covariance `M M^T + (s d)^2 I`: Schur's complement splits `Sigma^-1` into the tangential
-//! `S^-1`, the slope `h` of the depth's regression on it, and the conditional variance `eps` of the
-//! depth. The low-pass filter is an isotropic widening in space that looks as wide as a pixel at the
-//! image's centre from where the camera stands.
+//! `q` is exactly the smallest squared Mahalanobis distance along the ray, `t >= 0`, of the Gaussian with
+//! covariance `M M^T + (s d)^2 I`: Schur's complement splits `Sigma^-1` into the tangential `S^-1`, the slope
+//! `h` of the depth's regression on it, and the conditional variance `eps` of the depth. The low-pass filter
+//! is an isotropic widening in space, as wide as a pixel at the image's centre seen from the camera.
 //!
-//! Which shape is drawn:
+//! Shapes drawn for each setting:
 //!
 //! * [`Footprint::Projected`](super::settings::Footprint): ellipses, and flat cones in an ERP image for
 //!   `hypot(n_x, n_z) <` [`CONE_RHO`](crate::camera::CONE_RHO) and `sqrt(A) >` [`CONE_WIDTH`](crate::camera::CONE_WIDTH)
@@ -67,25 +66,25 @@ use glam::Vec3;
 /// The splats of one view, one per Gaussian.
 #[derive(Debug, Clone, Default)]
 pub struct Splats {
-    /// What every pass reads of a splat.
+    /// Data of a splat that every pass reads.
     pub all: Vec<Splat>,
-    /// The cones of the splats of that shape, by the same index; arbitrary elsewhere.
+    /// Cones of the splats of that shape, by the same index; otherwise arbitrary.
     pub cones: Vec<Cone>,
 }
 
 impl Splats {
-    /// Makes room for `len` splats. Entries that were there before keep arbitrary values.
+    /// Resizes to `len` splats. Existing entries have arbitrary values afterwards.
     pub fn resize(&mut self, len: usize) {
         self.all.resize(len, Splat::default());
         self.cones.resize(len, Cone::default());
     }
 }
 
-/// A visible Gaussian's footprint and colour: one line of the cache.
+/// Footprint and colour of a visible Gaussian: one cache line.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 #[repr(align(64))]
 pub struct Splat {
-    /// Middle of a rectangle around the footprint, pixels; for an ellipse, its centre.
+    /// Centre of a rectangle around the footprint, pixels; for an ellipse, its own centre.
     pub centre: [f32; 2],
     /// Half width and half height of the rectangle.
     pub extent: [f32; 2],
@@ -93,7 +92,7 @@ pub struct Splat {
     pub log2_opacity: f32,
     /// Colour, red green blue, not negative.
     pub colour: [f32; 3],
-    /// How `q` varies over pixels.
+    /// Form of `q`.
     pub shape: Shape,
 }
 
@@ -115,11 +114,11 @@ impl Default for Shape {
 /// `q = (dx - slope dy)^2 / variance + dy^2 inverse_row_variance`.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Ellipse {
-    /// Variance of a row of pixels, `det Sigma / C`, square pixels.
+    /// Variance within a row of pixels, `det Sigma / C`, square pixels.
     pub variance: f32,
     /// `C / det Sigma`.
     pub inverse_variance: f32,
-    /// Columns by which a row's middle moves per row, `B / C`.
+    /// Columns by which a row's mean moves per row, `B / C`.
     pub slope: f32,
     /// `1 / C`, per square pixel.
     pub inverse_row_variance: f32,
@@ -139,12 +138,12 @@ pub struct Cone {
 /// Gradients of the loss by a [`Splat`]'s fields.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct SplatGradient {
-    /// By an ellipse: centre (2), inverse variance, slope, inverse row variance. 0 for a cone, which
+    /// Gradient by an ellipse: centre (2), inverse variance, slope, inverse row variance. 0 for a cone, which
     /// has a [`ConeGradient`].
     pub ellipse: [f32; 5],
-    /// By the natural logarithm of the opacity.
+    /// Gradient by the natural logarithm of the opacity.
     pub log_opacity: f32,
-    /// By the colour.
+    /// Gradient by the colour.
     pub colour: [f32; 3],
 }
 
@@ -163,7 +162,7 @@ impl SplatGradient {
 /// Gradient of the loss by a [`Cone`]: `f_1` (3), `f_2` (3), `m` (3), `eps`.
 pub type ConeGradient = [f32; 10];
 
-/// Largest `q` of a footprint, `2 ln(255 o)`, from the opacity's binary logarithm.
+/// Returns the largest `q` of a footprint, `2 ln(255 o)`, from the opacity's binary logarithm.
 #[inline(always)]
 pub fn largest_q(log2_opacity: f32) -> f32 {
     const LOG2_255: f32 = 7.994_353_5;
@@ -171,7 +170,7 @@ pub fn largest_q(log2_opacity: f32) -> f32 {
 }
 
 impl Cone {
-    /// `q' = q_max / (1 - eps q_max)`: the footprint is where `N <= q' l^2`. `None` where it is
+    /// Returns `q' = q_max / (1 - eps q_max)`: the footprint is where `N <= q' l^2`. `None` if it is
     /// everywhere, because the camera itself is inside.
     pub fn largest_ratio(&self, q_max: f32) -> Option<f32> {
         let rest = 1.0 - self.depth_variance * q_max;
@@ -179,7 +178,7 @@ impl Cone {
     }
 }
 
-/// Axes `M = R S` as columns, from a unit quaternion (w, x, y, z) and scales.
+/// Returns the axes `M = R S` as columns, from a unit quaternion (w, x, y, z) and scales.
 pub(crate) fn axes(rotation: [f32; 4], scale: [f32; 3]) -> [Vec3; 3] {
     let [w, x, y, z] = rotation;
     let r = [
@@ -202,7 +201,7 @@ pub(crate) fn axes(rotation: [f32; 4], scale: [f32; 3]) -> [Vec3; 3] {
     [r[0] * scale[0], r[1] * scale[1], r[2] * scale[2]]
 }
 
-/// VJP of [`axes`]: gradients by the scales and by the unit quaternion.
+/// Computes the VJP of [`axes`]: gradients by the scales and by the unit quaternion.
 pub(crate) fn axes_vjp(
     rotation: [f32; 4],
     scale: [f32; 3],

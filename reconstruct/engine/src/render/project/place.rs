@@ -1,4 +1,4 @@
-//! Gaussians in front of the camera, 8 at once.
+//! Gaussians in the camera frame, 8 at once.
 
 use fearless_simd::{Simd, f32x8, mask32x8, prelude::*};
 use glam::Vec3;
@@ -12,34 +12,33 @@ use crate::{
     render::settings::{Footprint, RenderSettings},
 };
 
-/// Eight Gaussians with consecutive indices, in front of the camera or not. Beyond the last one stand
-/// copies of it.
+/// Eight Gaussians with consecutive indices in the camera frame. The last one is repeated past the end.
 pub(super) struct Placed8<S: Simd> {
     /// Centres in the camera frame.
     pub(super) point: Vec3x8<S>,
-    /// Their lengths.
+    /// Lengths of the points.
     pub(super) distance: f32x8<S>,
-    /// 1 over that.
+    /// Inverse of the distances.
     pub(super) inverse_distance: f32x8<S>,
     /// `M = R S` in world coordinates.
     pub(super) axes: [Vec3x8<S>; 3],
-    /// `R`.
+    /// Columns of the rotation `R`.
     turn: [Vec3x8<S>; 3],
     rotation: [f32x8<S>; 4],
     scale: Vec3x8<S>,
 }
 
-/// A Gaussian in front of the camera.
+/// A Gaussian in the camera frame.
 pub(super) struct Placed {
     /// Centre in the camera frame.
     pub(super) point: Vec3,
-    /// Its length.
+    /// Length of the point.
     pub(super) distance: f32,
     /// `M = R S` in world coordinates.
     pub(super) axes: [Vec3; 3],
 }
 
-/// The values of 8 rows from `first` on, the last repeated beyond the end.
+/// Returns 8 values from `first` on, with the last repeated past the end.
 #[inline(always)]
 pub(super) fn eight<T: Copy>(rows: &[T], first: usize) -> [T; LANES] {
     match rows[first..].first_chunk() {
@@ -49,7 +48,7 @@ pub(super) fn eight<T: Copy>(rows: &[T], first: usize) -> [T; LANES] {
 }
 
 impl<S: Simd> Placed8<S> {
-    /// Places the Gaussians from `first` on.
+    /// Transforms the Gaussians from `first` on to the camera frame.
     #[inline(always)]
     pub(super) fn new(simd: S, view: &View, gaussians: &ActivatedGaussians, first: usize) -> Self {
         let centre = Vec3x8::gather(simd, &eight(&gaussians.positions, first));
@@ -80,8 +79,8 @@ impl<S: Simd> Placed8<S> {
         }
     }
 
-    /// Which of them the camera sees. Written so that NaN culls; what `max` hides of it is caught
-    /// with the footprint.
+    /// Returns a mask of the Gaussians that the camera sees. NaN fails the comparisons and is culled; a NaN
+    /// hidden by `max` is caught with the footprint.
     #[inline(always)]
     pub(super) fn is_seen(&self, view: &View, settings: &RenderSettings) -> mask32x8<S> {
         let is_seen = view.camera.see(self.point, self.distance, settings.near);
@@ -100,7 +99,7 @@ impl<S: Simd> Placed8<S> {
         }
     }
 
-    /// VJP of the axes: gradients by the scales and by the unit quaternions.
+    /// Computes the VJP of the axes: gradients by the scales and by the unit quaternions.
     #[inline(always)]
     pub(super) fn axes_vjp(&self, by_axes: &[Vec3x8<S>; 3]) -> (Vec3x8<S>, [f32x8<S>; 4]) {
         let by_scale = Vec3x8 {
@@ -122,7 +121,7 @@ impl<S: Simd> Placed8<S> {
     }
 }
 
-/// The columns of the rotations of unit quaternions (w, x, y, z), as [`super::axes`].
+/// Returns the columns of the rotations of unit quaternions (w, x, y, z), as in [`super::axes`].
 #[inline(always)]
 fn columns<S: Simd>([w, x, y, z]: [f32x8<S>; 4]) -> [Vec3x8<S>; 3] {
     let one_minus_twice = |sum: f32x8<S>| -(sum * 2.0) + 1.0;

@@ -1,5 +1,5 @@
-// Projection: from instantaneous Gaussians to footprints in the image. One thread per Gaussian; a
-// splat has the number of its Gaussian, and one that is not drawn the key CULLED.
+// Projection of activated Gaussians to footprints in the image. One thread per Gaussian; a splat has the
+// index of its Gaussian, and a Gaussian that is not drawn has the key CULLED.
 
 const SH_C0: f32 = 0.2820948;
 
@@ -9,21 +9,21 @@ const SH_C0: f32 = 0.2820948;
 @group(0) @binding(4) var<storage, read_write> splats: array<Splat>;
 // Colour, then features.
 @group(0) @binding(5) var<storage, read_write> channels: array<f32>;
-// Distances as sort keys, with the splats' numbers.
+// Distances as sort keys, with the splats' indices.
 @group(0) @binding(6) var<storage, read_write> keys: array<u32>;
 @group(0) @binding(7) var<storage, read_write> numbers: array<u32>;
 
 @group(0) @binding(3) var<storage, read> drawn: array<Splat>;
 @group(0) @binding(4) var<storage, read> drawn_channels: array<f32>;
-// SUMS per splat: 1 where it is drawn, by the shape (10), by the logarithm of the opacity, by the
-// centre's image (2, written here), by the channels.
+// SUMS per splat: 1 if it is drawn, by the shape (10), by the logarithm of the opacity, by the centre's image
+// (2, written here), by the channels.
 @group(0) @binding(5) var<storage, read_write> splat_gradients: array<f32>;
 @group(0) @binding(6) var<storage, read_write> gaussian_gradients: array<Gaussian>;
 @group(0) @binding(7) var<storage, read_write> harmonic_gradients: array<f32>;
 @group(0) @binding(8) var<storage, read_write> feature_gradients: array<f32>;
 
 fn all_finite(gaussian: Gaussian) -> bool {
-    // One sum is finite only where all of its terms are.
+    // A sum is finite only if all of its terms are.
     let sum = gaussian.position + gaussian.scale + gaussian.rotation.xyz;
     return is_finite(sum.x) && is_finite(sum.y) && is_finite(sum.z)
         && is_finite(gaussian.rotation.w) && is_finite(gaussian.opacity);
@@ -42,12 +42,12 @@ fn axes(rotation: vec4<f32>, scale: vec3<f32>) -> mat3x3<f32> {
     );
 }
 
-// A Gaussian in front of the camera.
+// A Gaussian in the camera frame.
 struct Placed {
     is_seen: bool,
     // Centre in the camera frame.
     point: vec3<f32>,
-    // Its length.
+    // Length of the point.
     distance: f32,
     // M = R S in world coordinates.
     axes: mat3x3<f32>,
@@ -62,7 +62,7 @@ fn place(gaussian: Gaussian) -> Placed {
     return Placed(is_seen, point, distance, axes(gaussian.rotation, gaussian.scale));
 }
 
-// Whether a Gaussian is drawn as a cone for where it stands; it may be one for its width, too.
+// True if a Gaussian is drawn as a cone because of its position; its width is another reason.
 fn is_cone(placed: Placed) -> bool {
     return view.footprint == FOOTPRINT_RAY
         || (view.camera == ERP && length(placed.point.xz) < CONE_RHO * placed.distance);
@@ -84,7 +84,7 @@ fn colour(gaussian: u32, direction: vec3<f32>) -> vec3<f32> {
     for (var k = 1u; k < sh_count(view.sh_degree); k++) {
         sum += values[k - 1u] * harmonic(gaussian, k);
     }
-    // A colour that is not a number is black.
+    // A NaN colour becomes black.
     return vec3(positive(sum.x), positive(sum.y), positive(sum.z));
 }
 
@@ -207,7 +207,7 @@ fn project_gaussians_vjp(
     }
     let gaussian = gaussians[index];
     let placed = place(gaussian);
-    // A Gaussian that is not drawn has a splat of another view or none.
+    // The splat of a Gaussian that is not drawn is stale or unset.
     if !placed.is_seen || splat_gradients[first] == 0.0 {
         return;
     }

@@ -15,8 +15,7 @@ const C3: [f32; 5] = [
     1.445_305_7,
 ];
 
-/// Values of the harmonics beside the constant one at a unit direction. Only the first
-/// `sh_rest_count(degree)` are set.
+/// Returns the non-constant harmonics at a unit direction. Only the first `sh_rest_count(degree)` are set.
 pub(super) fn basis(degree: usize, direction: Vec3) -> [f32; 15] {
     let mut values = [0.0; 15];
     let [x, y, z] = direction.to_array();
@@ -47,7 +46,8 @@ pub(super) fn basis(degree: usize, direction: Vec3) -> [f32; 15] {
     values
 }
 
-/// VJP of [`basis`]: the gradient by the direction (as a free vector) from gradients by the values.
+/// Computes the VJP of [`basis`]: the gradient by the direction (as a free vector) from gradients by the
+/// values.
 fn basis_vjp(degree: usize, direction: Vec3, g: &[f32; 15]) -> Vec3 {
     let [x, y, z] = direction.to_array();
     let mut gradient = Vec3::ZERO;
@@ -77,8 +77,8 @@ fn basis_vjp(degree: usize, direction: Vec3, g: &[f32; 15]) -> Vec3 {
     gradient
 }
 
-/// The gradient by a point, relative to the camera, from that by the colour which the harmonics have
-/// in its direction. `rest` holds at least `sh_rest_count(degree)` coefficients.
+/// Returns the gradient by a point relative to the camera, from that by the colour of the harmonics in its
+/// direction. `rest` holds at least `sh_rest_count(degree)` coefficients.
 pub(super) fn position_vjp(
     degree: usize,
     point: Vec3,
@@ -99,7 +99,7 @@ pub(super) fn position_vjp(
     (by_direction - direction * by_direction.dot(direction)) / distance
 }
 
-/// Colour of harmonics in a unit direction: `max(1/2 + sum_k Y_k c_k, 0)`. `rest` holds at least
+/// Returns the colour of harmonics in a unit direction: `max(1/2 + sum_k Y_k c_k, 0)`. `rest` holds at least
 /// `sh_rest_count(degree)` coefficients.
 pub(super) fn colour(
     degree: usize,
@@ -126,8 +126,8 @@ mod tests {
 
     #[test]
     fn harmonics_are_orthonormal() {
-        // A product of two harmonics of degree 3 is a polynomial of degree 6; the points of a fine
-        // Fibonacci sphere integrate it well enough to tell a wrong constant.
+        // A product of two harmonics of degree 3 is a polynomial of degree 6. A fine Fibonacci sphere
+        // integrates it well enough to detect a wrong constant.
         const COUNT: usize = 20_000;
         let mut sums = [[0.0_f64; 15]; 15];
         for index in 0..COUNT {

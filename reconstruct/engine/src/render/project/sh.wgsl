@@ -37,7 +37,7 @@ fn basis(degree: u32, direction: vec3<f32>) -> array<f32, 15> {
     return values;
 }
 
-// The gradient by the direction (as a free vector) from gradients by the values.
+// Gradient by the direction (as a free vector) from gradients by the values.
 fn basis_vjp(degree: u32, direction: vec3<f32>, g: array<f32, 15>) -> vec3<f32> {
     var gradient = vec3<f32>();
     let x = direction.x;

@@ -1,4 +1,4 @@
-// A visible Gaussian's footprint: a rectangle around it, and how q varies inside.
+// Footprint of a visible Gaussian: a rectangle around it, and the form of q inside.
 
 // q = (dx - slope dy)^2 inverse_variance + dy^2 inverse_row_variance
 const ELLIPSE: u32 = 0u;
@@ -6,13 +6,13 @@ const ELLIPSE: u32 = 0u;
 const CONE: u32 = 1u;
 
 struct Splat {
-    // Middle of the rectangle, pixels; for an ellipse, its centre.
+    // Centre of the rectangle, pixels; for an ellipse, its own centre.
     centre: vec2<f32>,
     // Half width and half height of the rectangle.
     extent: vec2<f32>,
     // Ellipse: inverse variance of a row, slope, inverse row variance. Cone: f_1.
     first: vec3<f32>,
-    // In (0, 1).
+    // Opacity in (0, 1).
     opacity: f32,
     // Ellipse: variance of a row in x. Cone: f_2.
     second: vec3<f32>,
@@ -23,7 +23,7 @@ struct Splat {
     shape: u32,
 }
 
-// Sort key of a Gaussian that is not drawn: beyond every distance.
+// Sort key of a Gaussian that is not drawn, larger than any distance.
 const CULLED: u32 = 0xffffffffu;
 
 // Largest q of a footprint.
@@ -31,7 +31,7 @@ fn largest_q(opacity: f32) -> f32 {
     return 2.0 * log(opacity / ALPHA_MIN);
 }
 
-// The footprint of a cone is where `N <= q' l^2`; negative where it is everywhere, because the
+// Ratio q' of a cone, whose footprint is `N <= q' l^2`. Negative if the footprint is everywhere, because the
 // camera itself is inside.
 fn largest_ratio(depth_variance: f32, q_max: f32) -> f32 {
     let rest = 1.0 - depth_variance * q_max;

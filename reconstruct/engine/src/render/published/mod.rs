@@ -1,22 +1,22 @@
-//! The renderer that ODGS publishes, with its defects, to compare with and for nothing else.
+//! The renderer that ODGS publishes, with its defects, for comparison only.
 //!
-//! Source: ODGS `submodules/odgs-gaussian-rasterization/cuda_rasterizer/{forward,backward}.cu`,
-//! written down from its equations. What it does otherwise than [`crate::render`]:
+//! Source: ODGS `submodules/odgs-gaussian-rasterization/cuda_rasterizer/{forward,backward}.cu`, written from
+//! its equations. Differences from [`crate::render`]:
 //!
 //! * **Pixels** are compared with projections at their corner `(i, j)`, not at `(i + 1/2, j + 1/2)`.
 //! * **Footprints** are cut off at the seam, and stretch without bound towards the poles
 //!   (`1 / (cos lat + 1e-7)`). Gaussians that are larger than their distance are drawn.
-//! * **The gradient by the centre** goes through the projection scaled by half the image's size - the
-//!   normalized coordinates that densification wants - but is multiplied by the Jacobian in pixels:
-//!   it is some hundred times too long, and twice as long along columns as along rows.
+//! * **The gradient by the centre** goes through the projection scaled by half the image's size (normalized
+//!   coordinates for densification), but is multiplied by the Jacobian in pixels. It is some hundred times too
+//!   long, and twice as long along columns as along rows.
 //! * **The gradients by scale and rotation** go through the unit tangent vectors without the scaling
 //!   `S` from tangent to pixels.
 //! * **One entry of the derivative of the Jacobian**, `dJ02/dz`, lacks its division by `rho^4`.
 //! * Colours have SH degree 0.
 //!
-//! `project` holds all of it. Sorting, tiles and compositing are those of the other renderer, for a
-//! camera whose columns do not wrap. Not reproduced: a footprint ends where its opacity falls below
-//! 1/255, at up to 3.33 standard deviations, not with the tiles that a square of 3 touches.
+//! All differences are in `project`. Sorting, tiles and compositing are those of the other renderer, for a
+//! camera whose columns do not wrap. One thing is not reproduced: a footprint ends where its opacity falls
+//! below 1/255, at up to 3.33 standard deviations, not with the tiles touched by a square of 3.
 
 mod project;
 
@@ -39,11 +39,11 @@ use crate::{
     },
 };
 
-/// Renders ERP views as published, keeping what the backward pass needs and its memory.
+/// Renders ERP views as published; keeps the state for the backward pass, and its memory.
 #[derive(Debug)]
 pub struct PublishedRenderer {
     settings: RenderSettings,
-    /// Of the camera drawn last, with columns that do not wrap.
+    /// Tables of the camera drawn last, with columns that do not wrap.
     tables: Option<(ErpCamera, Rays, Binner)>,
     splats: Splats,
     distances: Vec<f32>,
@@ -58,7 +58,8 @@ pub struct PublishedRenderer {
 }
 
 impl PublishedRenderer {
-    /// A renderer without memory yet. Footprint and degree of the settings are not looked at.
+    /// Creates a renderer; memory is allocated by the first view. Footprint and degree of the settings are
+    /// ignored.
     pub fn new(settings: RenderSettings) -> Self {
         Self {
             settings,
@@ -110,11 +111,11 @@ impl PublishedRenderer {
         &self.raster
     }
 
-    /// The published gradients by the Gaussians of the view rendered last, from the gradient by its
+    /// Computes the published gradients by the Gaussians of the view rendered last, from the gradient by its
     /// image (HWC). `out` is overwritten.
     ///
     /// # Panics
-    /// When nothing was rendered before.
+    /// If no view was rendered before.
     pub fn backward(
         &mut self,
         view: &View,
@@ -176,7 +177,7 @@ impl PublishedRenderer {
         }
     }
 
-    /// What was drawn in the view rendered last, with the gradients of its last backward pass.
+    /// Returns the visible Gaussians of the view rendered last, with the gradients of its last backward pass.
     pub fn visible(&self) -> impl Iterator<Item = Visible> {
         self.visible.iter().copied()
     }
@@ -187,7 +188,7 @@ impl PublishedRenderer {
     }
 }
 
-/// ODGS knows no other camera; its method and the renderer of its runs refuse others.
+/// Returns the ERP camera of a view. ODGS supports no other camera; its method and its runs refuse others.
 fn erp(view: &View) -> ErpCamera {
     match view.camera {
         Camera::Erp(camera) => camera,
@@ -195,7 +196,7 @@ fn erp(view: &View) -> ErpCamera {
     }
 }
 
-/// A camera with as many pixels whose columns do not wrap. Ellipses look at nothing else of it.
+/// Returns a camera of the same size whose columns do not wrap; ellipses use nothing else of it.
 fn without_seam(camera: ErpCamera) -> Camera {
     PinholeCamera::with_horizontal_field_of_view(
         camera.width,
@@ -226,7 +227,7 @@ mod tests {
         }
     }
 
-    /// One white Gaussian.
+    /// Returns one white Gaussian.
     fn one(position: Vec3, scales: [f32; 3]) -> ActivatedGaussians {
         let mut gaussians = ActivatedGaussians::default();
         gaussians.reshape(1, 0, 0);
@@ -283,7 +284,7 @@ mod tests {
         (0..64 * 32 * 3).map(weight).collect()
     }
 
-    /// A weighted sum of all pixels and its gradient by the Gaussians as published.
+    /// Returns a weighted sum of all pixels and its gradient by the Gaussians as published.
     fn loss(gaussians: &ActivatedGaussians) -> (f64, ActivatedGaussians) {
         let mut renderer = renderer();
         let raster = renderer.forward(&view(), gaussians);
@@ -331,7 +332,7 @@ mod tests {
 
     #[test]
     fn gradients_by_position_are_half_the_image_too_long() {
-        // So small that its covariance is the low-pass filter's: only the centre's image matters.
+        // The low-pass filter dominates its small covariance: only the centre's image matters.
         let (distance, [column, row]) = (2.0, [20.3, 12.6]);
         let gaussians = one(distance * direction(column, row), [1e-4; 3]);
         let mut renderer = renderer();
@@ -340,7 +341,7 @@ mod tests {
         let mut gradient = ActivatedGaussians::default();
         renderer.backward(&view(), &gaussians, &weights, &mut gradient);
         let published = Vec3::from_array(gradient.positions[0]);
-        // The same image comes from half a pixel further, where the pixels' centres are.
+        // The other renderer gives the same image half a pixel further, at its pixels' centres.
         let shifted = one(distance * direction(column + 0.5, row + 0.5), [1e-4; 3]);
         let mut exact = crate::render::cpu::Renderer::new(RenderSettings::new(0.2));
         exact.forward(&view(), &shifted);

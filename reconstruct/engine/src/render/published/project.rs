@@ -1,4 +1,4 @@
-//! The published projection and its defective gradient.
+//! Published projection and its defective gradient.
 
 use std::f32::consts::{PI, TAU};
 
@@ -18,7 +18,7 @@ use crate::{
 /// Added to denominators upstream.
 const EPSILON: f32 = 1e-7;
 
-/// What forward and backward share of a Gaussian.
+/// Values of a Gaussian shared by forward and backward.
 struct Linearization {
     /// Centre in the camera frame.
     point: Vec3,
@@ -28,7 +28,7 @@ struct Linearization {
     longitude: f32,
     /// Unit tangent vectors of growing longitude and falling latitude, in the world.
     tangents: [Vec3; 2],
-    /// Pixels per unit along them: the diagonal of `S`.
+    /// Pixels per unit along the tangents: the diagonal of `S`.
     stretch: [f32; 2],
     /// Axes times standard deviations, in the world.
     axes: [Vec3; 3],
@@ -62,7 +62,7 @@ impl Linearization {
         }
     }
 
-    /// Rows of `M^T` times the tangents: the tangent plane's view of the ellipsoid.
+    /// Returns the rows of `M^T` times the tangents: the ellipsoid projected onto the tangent plane.
     fn tangent_rows(&self) -> [Vec3; 2] {
         self.tangents.map(|tangent| {
             vec3(
@@ -74,7 +74,7 @@ impl Linearization {
     }
 }
 
-/// Entries A, B, C of the projected covariance `[[A, B], [B, C]]`, square pixels.
+/// Returns the entries A, B, C of the projected covariance `[[A, B], [B, C]]`, square pixels.
 fn covariance(linear: &Linearization) -> [f32; 3] {
     let [east, down] = linear.tangent_rows();
     let (v_u, v_v) = (east * linear.stretch[0], down * linear.stretch[1]);
@@ -85,7 +85,7 @@ fn covariance(linear: &Linearization) -> [f32; 3] {
     ]
 }
 
-/// The splat of one Gaussian and its distance, where it is drawn.
+/// Returns the splat of one Gaussian and its distance, if it is drawn.
 pub(super) fn forward(
     view: &View,
     camera: ErpCamera,
@@ -95,7 +95,7 @@ pub(super) fn forward(
 ) -> Option<(Splat, f32)> {
     let linear = Linearization::new(view, camera, gaussians, index);
     let opacity = gaussians.opacities[index];
-    // Written so that NaN is left out.
+    // NaN fails the comparison and is not drawn.
     let is_seen =
         linear.distance > settings.near && linear.distance < f32::MAX && opacity >= ALPHA_MIN;
     if !is_seen {
@@ -109,7 +109,7 @@ pub(super) fn forward(
     }
     let log2_opacity = opacity.log2();
     let q_max = largest_q(log2_opacity);
-    // The other renderer's pixels have their centres at +1/2, these at their corners.
+    // Pixel centres are at +1/2 in the other renderer, at the corners in this one.
     let centre = [
         (linear.longitude / PI + 1.0) * 0.5 * camera.width as f32 + 0.5,
         (0.5 - linear.latitude / PI) * camera.height as f32 + 0.5,
@@ -139,7 +139,7 @@ pub(super) struct RowGradient {
     pub(super) sh_constant: [f32; 3],
 }
 
-/// The published gradient of [`forward`], defects included.
+/// Returns the published gradient of [`forward`], including its defects.
 pub(super) fn backward(
     view: &View,
     camera: ErpCamera,
@@ -153,7 +153,7 @@ pub(super) fn backward(
     let [s_uu, s_uv, s_vv] = covariance_gradient(covariance(&linear), gradient);
     let [east, down] = linear.tangent_rows();
 
-    // Covariance to ellipsoid: the unit tangents stand where S times the tangents should.
+    // Covariance to ellipsoid: the published code uses the unit tangents in place of S times the tangents.
     let by_east = 2.0 * (s_uu * east + s_uv * down);
     let by_down = 2.0 * (s_uv * east + s_vv * down);
     let d_axes: [Vec3; 3] = std::array::from_fn(|axis| {
@@ -182,7 +182,7 @@ pub(super) fn backward(
     }
 }
 
-/// Entries uu, uv, vv of the gradient by the covariance `[[A, B], [B, C]]`, from the gradients by
+/// Returns the entries uu, uv, vv of the gradient by the covariance `[[A, B], [B, C]]`, from the gradients by
 /// `C / det`, `B / C` and `1 / C`.
 fn covariance_gradient([a, b, c]: [f32; 3], gradient: &SplatGradient) -> [f32; 3] {
     let [_, _, by_inverse, by_slope, by_row] = gradient.ellipse;
@@ -197,8 +197,8 @@ fn covariance_gradient([a, b, c]: [f32; 3], gradient: &SplatGradient) -> [f32; 3
     ]
 }
 
-/// The gradient by the centre in the camera frame: through its image, and through the Jacobian of
-/// the covariance.
+/// Returns the gradient by the centre in the camera frame: through its image, and through the Jacobian of the
+/// covariance.
 fn position_gradient(
     view: &View,
     camera: ErpCamera,
@@ -237,7 +237,7 @@ fn position_gradient(
     let d_u2 = vec3(
         -kx * (rho2 - 2.0 * x * x) / rho4,
         0.0,
-        // Lacks its division by rho^4.
+        // Defect: lacks the division by rho^4.
         2.0 * kx * x * z,
     );
     let d_v0 = vec3(

@@ -1,4 +1,4 @@
-//! The forward pass over one tile.
+//! Forward pass over one tile.
 
 use fearless_simd::{Simd, prelude::*};
 
@@ -9,10 +9,10 @@ use crate::render::raster::{
     tile::{Batch, Plane, Scene, Tile, has_stopped},
 };
 
-/// What a tile's pixels have collected.
+/// Composited colours and transmittances of a tile's pixels.
 pub(super) struct Composited {
     pub(super) colour: [Plane; 3],
-    /// Negative where the pixel stopped early.
+    /// Negative if the pixel stopped early.
     pub(super) transmittance: Plane,
 }
 

@@ -1,7 +1,7 @@
 //! Rasterization on the CPU: one tile per task, 8 pixels of a row per vector step.
 //!
-//! A footprint is walked over the vectors of the tile that its rectangle touches: with small
-//! footprints that takes less time than looking for the pixels of each row.
+//! A footprint is evaluated on all vectors of the tile that its rectangle touches. For small footprints this
+//! is faster than finding the pixels of each row.
 
 use std::{cell::RefCell, ops::Range};
 
@@ -29,18 +29,18 @@ thread_local! {
     static FEATURE_SCRATCH: RefCell<FeatureScratch> = RefCell::default();
 }
 
-/// What the rasterizer reads of a projected view.
+/// Input of the rasterizer: a projected view.
 #[derive(Debug, Clone, Copy)]
 pub struct Input<'a> {
     /// Splats, one per Gaussian.
     pub splats: &'a Splats,
     /// The Gaussians, for their features.
     pub gaussians: &'a ActivatedGaussians,
-    /// The tiles' splats.
+    /// Splats of the tiles.
     pub lists: &'a TileLists,
-    /// Rays of the pixels.
+    /// Rays through the pixels.
     pub rays: &'a Rays,
-    /// Colour behind everything.
+    /// Background colour.
     pub background: [f32; 3],
 }
 
@@ -103,7 +103,7 @@ pub fn forward(input: Input<'_>, out: &mut Raster) {
         });
 }
 
-/// A row of tiles in the images.
+/// Rows of all images that belong to a row of tiles.
 struct Band<'a> {
     colour: &'a mut [f32],
     transmittance: &'a mut [f32],
@@ -136,8 +136,8 @@ impl Band<'_> {
     }
 }
 
-/// Gradients by the splats of the entries that learn, from the gradient by the images. `raster` is what
-/// [`forward`] gave for the same input.
+/// Computes gradients by the splats of the trained entries, from the gradient by the images. `raster` must be
+/// the output of [`forward`] for the same input.
 pub fn backward(
     input: Input<'_>,
     learning: &LearningEntries,
@@ -168,7 +168,7 @@ pub fn backward(
     });
 }
 
-/// Calls `work` for every tile that shows a Gaussian that learns with its part of `out`, in parallel.
+/// Calls `work` in parallel for every tile that shows a trained Gaussian, with the tile's part of `out`.
 fn for_each_tile<F>(
     (learning, features): (&LearningEntries, usize),
     tiles: Range<usize>,

@@ -5,16 +5,16 @@ use crate::{
     render::buffers::{DeviceSplat, RenderBuffers, RenderShape},
 };
 
-/// Workgroup memory of the way back by subgroups, bytes: the rest of what every adapter has is for the
-/// counters.
+/// Workgroup memory of the backward pass with subgroups, bytes; 256 are reserved for counters, up to the
+/// limit of every adapter.
 const MEMORY: usize = 16 * 1024 - 256;
 /// Splats that a workgroup stages.
 const BATCH: usize = 64;
-/// Splats between two barriers, at most.
+/// Maximum number of splats between two barriers.
 const LONGEST_ROUND: usize = 8;
 
-/// The kernels; on the way back, sums over pixels are taken in subgroups of at least so many threads, or in
-/// the memory of workgroups.
+/// Returns the kernels. The backward pass sums over pixels in subgroups of at least `subgroup_size` threads,
+/// or in workgroup memory if it is `None`.
 pub(crate) fn shader(shape: &RenderShape, subgroup_size: Option<u32>) -> Shader {
     let (constants, parts) = match subgroup_size {
         Some(size) => (subgroup_constants(shape, size), SUBGROUP_PARTS),
@@ -56,7 +56,7 @@ macro_rules! parts {
 const SUBGROUP_PARTS: &[&str] = parts!("raster_vjp_subgroups.wgsl");
 const WORKGROUP_PARTS: &[&str] = parts!("raster_vjp.wgsl");
 
-/// From tile lists to an image, and back with gradients.
+/// Kernels from tile lists to an image, and their backward pass.
 #[derive(Debug)]
 pub(crate) struct Rasterization {
     composite: Kernel,
@@ -95,7 +95,7 @@ impl Rasterization {
         );
     }
 
-    /// Gradients by the splats from the gradient by the image, which is laid out like the image.
+    /// Records gradients by the splats from the gradient by the image, which has the layout of the image.
     pub(crate) fn backward(
         &self,
         gpu: &Gpu,

@@ -1,4 +1,4 @@
-//! The backward pass over one tile.
+//! Backward pass over one tile.
 
 use fearless_simd::{Simd, f32x8, prelude::*};
 
@@ -23,11 +23,11 @@ pub(super) struct FeatureScratch {
     sums: Vec<[f32; LANES]>,
 }
 
-/// The gradient by a tile's pixels, and what is still behind.
+/// Gradient by a tile's pixels, and the contributions behind the current splat.
 struct Upstream {
-    /// dL/dC by channel.
+    /// dL/dC per channel.
     colour: [Plane; 3],
-    /// `S - P_i`: what the splats behind and the background contribute to `g . C`.
+    /// `S - P_i`: contribution of the splats behind and of the background to `g . C`.
     behind: Plane,
     transmittance: Plane,
 }
@@ -74,7 +74,7 @@ impl Upstream {
         upstream
     }
 
-    /// dL/dC of 8 pixels.
+    /// Returns dL/dC of 8 pixels.
     #[inline(always)]
     fn by_colour<S: Simd>(&self, simd: S, at: usize) -> [f32x8<S>; 3] {
         [
@@ -84,7 +84,7 @@ impl Upstream {
         ]
     }
 
-    /// Goes on behind a splat with `g . c_i` in 8 pixels; returns what is behind it.
+    /// Steps behind a splat with `g . c_i` in 8 pixels; returns the remaining contribution behind it.
     #[inline(always)]
     fn go_on<S: Simd>(&mut self, simd: S, at: usize, blend: Blend<S>, along: f32x8<S>) -> f32x8<S> {
         let behind = load(simd, &self.behind.0, at) - blend.weights * along;
@@ -94,17 +94,17 @@ impl Upstream {
     }
 }
 
-/// Where the gradients of a tile's entries go.
+/// Destination of the gradients of a tile's entries.
 pub(super) struct TileEntries<'a> {
     /// One per entry.
     pub(super) splats: &'a mut [SplatGradient],
-    /// One per entry; arbitrary where the shape is not a cone.
+    /// One per entry; arbitrary if the shape is not a cone.
     pub(super) cones: &'a mut [ConeGradient],
     /// `feature_count` per entry.
     pub(super) features: &'a mut [f32],
 }
 
-/// Writes the gradients of a tile's entries that learn; the others only hide what is behind them.
+/// Writes the gradients of a tile's trained entries; the others only occlude.
 #[inline(always)]
 #[expect(
     clippy::too_many_arguments,
@@ -205,8 +205,8 @@ pub(super) fn tile_gradients<S: Simd>(
     out.features[first_feature..].fill(0.0);
 }
 
-/// What is behind a splat that does not learn, and what of it is left to see: as in [`one_splat`], to the
-/// last bit.
+/// Updates transmittance and remaining contribution behind an untrained splat, with the same bits as
+/// [`one_splat`].
 #[inline(always)]
 #[expect(
     clippy::too_many_arguments,

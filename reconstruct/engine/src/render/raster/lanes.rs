@@ -25,7 +25,7 @@ pub(super) fn store<S: Simd>(vector: f32x8<S>, values: &mut [f32], at: usize) {
     vector.store_slice(&mut values[at..at + LANES]);
 }
 
-/// The sums over the lanes of 8 vectors: every addition works on 8 of them at once.
+/// Returns the sums over the lanes of 8 vectors, with every addition on 8 of them at once.
 #[inline(always)]
 pub(super) fn transposed_sums<S: Simd>(vectors: [f32x8<S>; 8]) -> [f32; 8] {
     let [a, b, c, d, e, f, g, h] = vectors;
@@ -35,14 +35,14 @@ pub(super) fn transposed_sums<S: Simd>(vectors: [f32x8<S>; 8]) -> [f32; 8] {
     [a, b, c, d, e, f, g, h]
 }
 
-/// `2^t` for `t` in [-100, 0], relative error below 3e-7.
+/// Returns `2^t` for `t` in [-100, 0], relative error below 3e-7.
 #[inline(always)]
 pub(super) fn exp2<S: Simd>(simd: S, t: f32x8<S>) -> f32x8<S> {
     // Rounds to the nearest integer by pushing the fraction out of the mantissa.
     const ROUNDER: f32 = 12_582_912.0; // 1.5 * 2^23
     let shifted = t + ROUNDER;
     let f = t - (shifted - ROUNDER);
-    // 2^f on [-1/2, 1/2]: least relative error, 7.5e-8, of a polynomial of degree 5.
+    // Minimax polynomial of degree 5 for 2^f on [-1/2, 1/2], relative error 7.5e-8.
     let coefficient = |value: f32| f32x8::splat(simd, value);
     let p = coefficient(1.327_646_9e-3)
         .mul_add(f, coefficient(9.675_543e-3))
@@ -50,7 +50,7 @@ pub(super) fn exp2<S: Simd>(simd: S, t: f32x8<S>) -> f32x8<S> {
         .mul_add(f, coefficient(2.402_212e-1))
         .mul_add(f, coefficient(0.693_146_95))
         .mul_add(f, coefficient(1.0));
-    // The integer stands in the low bits of the shifted sum: add it to the exponent.
+    // The integer is in the low bits of the shifted sum: add it to the exponent.
     f32x8::from_bits(p.to_bits() + (shifted.to_bits() << 23))
 }
 
@@ -63,10 +63,10 @@ pub(super) struct Alpha<S: Simd> {
     pub(super) value: f32x8<S>,
 }
 
-/// Opacities from their binary logarithms, which are at most 0.
+/// Returns opacities from their binary logarithms, which are at most 0.
 #[inline(always)]
 pub(super) fn alpha<S: Simd>(simd: S, log2: f32x8<S>) -> Alpha<S> {
-    // Far outside the footprint the logarithm falls without bound.
+    // Far outside the footprint the logarithm is unbounded.
     let unclamped = exp2(simd, log2.max(-16.0));
     let is_seen = unclamped.simd_ge(ALPHA_MIN);
     Alpha {
@@ -78,14 +78,14 @@ pub(super) fn alpha<S: Simd>(simd: S, log2: f32x8<S>) -> Alpha<S> {
 /// One step of compositing.
 #[derive(Clone, Copy)]
 pub(super) struct Blend<S: Simd> {
-    /// `T alpha`, 0 where the pixel takes nothing (any more).
+    /// `T alpha`, 0 once the pixel has stopped.
     pub(super) weights: f32x8<S>,
-    /// Transmittance behind the splat; negative where the pixel has stopped.
+    /// Transmittance behind the splat; negative once the pixel has stopped.
     pub(super) transmittance: f32x8<S>,
 }
 
-/// Blends `alpha` unless a pixel has to stop before it. A pixel that has stopped keeps its
-/// transmittance with a negative sign.
+/// Blends `alpha`, unless a pixel must stop before it. A pixel that has stopped keeps its transmittance with
+/// a negative sign.
 #[inline(always)]
 pub(super) fn blend<S: Simd>(simd: S, alpha: f32x8<S>, transmittance: f32x8<S>) -> Blend<S> {
     let weights = transmittance * alpha;

@@ -18,12 +18,12 @@
 //! dL/dalpha_i = T_i (g . c_i) - (S - P_i) / (1 - alpha_i)
 //! ```
 //!
-//! This walks front to back as the forward pass does: transmittances are the same to the last bit
+//! The backward pass runs front to back like the forward pass: transmittances are the same to the last bit
 //! and are never recovered by division. The clamp at 0.99 is ignored by the gradient, as in 3DGS
 //! `backward.cu`.
 //!
 //! **Reproducibility.** The arithmetic is written once over 8 lanes and compiled for each
-//! instruction set; the best that the CPU has is chosen at run time. On one machine results
+//! instruction set; the best one of the CPU is chosen at run time. On one machine results
 //! are the same to the last bit for any number of threads. Between machines they are the same where
 //! both have fused multiply-add (AVX2 with FMA, AVX-512, NEON); without it the last bits differ.
 
@@ -39,7 +39,7 @@ use omnilife_schemas::RgbImage;
 
 use crate::render::project::{ConeGradient, SplatGradient};
 
-/// A rendered image and what its backward pass needs.
+/// Rendered image, and the state for its backward pass.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Raster {
     /// Pixels per row.
@@ -48,15 +48,15 @@ pub struct Raster {
     pub height: usize,
     /// Colour, HWC, background included; not clamped.
     pub colour: Vec<f32>,
-    /// Feature planes one after another, each row by row; see
+    /// Feature planes one after another, each row-major; see
     /// [`ActivatedGaussians::features`](crate::gaussians::ActivatedGaussians::features).
     pub features: Vec<f32>,
-    /// Transmittance left at the end, one per pixel.
+    /// Transmittance behind the last splat, one per pixel.
     pub transmittance: Vec<f32>,
 }
 
 impl Raster {
-    /// The colours clamped to `[0, 1]`.
+    /// Returns the colours clamped to `[0, 1]`.
     pub fn image(&self) -> RgbImage {
         RgbImage {
             width: self.width,
@@ -73,19 +73,19 @@ impl Raster {
 /// Gradient of the loss by a [`Raster`].
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct RasterGradient<'a> {
-    /// By the colour, HWC.
+    /// Gradient by the colour, HWC.
     pub colour: &'a [f32],
-    /// By the feature planes; empty where the loss does not look at them.
+    /// Gradient by the feature planes; empty if the loss does not use them.
     pub features: &'a [f32],
 }
 
-/// Gradients by the splats of every (splat, tile) entry that learns, in the order of the tiles' lists.
+/// Gradients by the splats of every trained (splat, tile) entry, in the order of the tiles' lists.
 #[derive(Debug, Default)]
 pub struct EntryGradients {
-    /// By ellipse, opacity and colour.
+    /// Gradients by ellipse, opacity and colour.
     pub splats: Vec<SplatGradient>,
-    /// By the cones of the entries with that shape; arbitrary elsewhere.
+    /// Gradients by the cones of the entries with that shape; otherwise arbitrary.
     pub cones: Vec<ConeGradient>,
-    /// By the features, as many per entry as there are.
+    /// Gradients by the features, `feature_count` per entry.
     pub features: Vec<f32>,
 }

@@ -1,6 +1,6 @@
 // Rasterization: one workgroup per tile, one thread per pixel. Bindings and pixels are those of `tile.wgsl`.
-// The way back has two forms, which differ in how they add up over pixels: `raster_vjp.wgsl` and
-// `raster_vjp_subgroups.wgsl`; what both find is added up here by splat.
+// The backward pass has two forms, which differ in how they sum over pixels: `raster_vjp.wgsl` and
+// `raster_vjp_subgroups.wgsl`. Their sums are added up per splat here.
 
 @compute @workgroup_size(256)
 fn composite(
@@ -53,7 +53,7 @@ fn composite(
     }
 }
 
-// Adds up every splat's entries, always in the same order, and turns their moments into gradients.
+// Adds up every splat's entries, always in the same order, and converts their moments to gradients.
 @compute @workgroup_size(256)
 fn sum_entries(
     @builtin(workgroup_id) group: vec3<u32>,
@@ -77,7 +77,7 @@ fn sum_entries(
     let end = min(entry_starts[rank + 1u], view.entry_capacity);
     for (var entry = entry_starts[rank]; entry < end; entry++) {
         for (var i = 0u; i < ENTRY_SUMS; i++) {
-            // Nobody writes the moments that an ellipse has not.
+            // Moments that an ellipse lacks are not written.
             if splat.shape == CONE || i <= ELLIPSE_MOMENTS || i > MOMENTS {
                 sums[i] += all_entry_sums[entry * ENTRY_SUMS + i];
             }

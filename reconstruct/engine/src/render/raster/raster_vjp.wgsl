@@ -1,6 +1,6 @@
-// The way back where a device has no subgroups. Pixels walk the list together, a few splats a round:
-// every thread leaves what its pixel has to say about each of them, then the threads share out the sums
-// over pixels. No sum depends on the order in which threads run.
+// Backward pass for devices without subgroups. The pixels of a tile process the list together, a few splats
+// per round. Every thread stores its pixel's contribution to each splat, then the threads share the sums over
+// pixels. No sum depends on the order in which threads run.
 
 const ROUND: u32 = 4u;
 // Threads that sum up one splat.
@@ -117,7 +117,7 @@ fn composite_vjp(
     leave_out(thread, begin, range.y);
 }
 
-// Whether a splat of the round is a cone: only they have more than five moments.
+// True if a splat of the round is a cone: only cones have more than five moments.
 fn any_cone(begin: u32, list_end: u32) -> bool {
     var any = false;
     for (var item = begin; item < min(begin + ROUND, list_end); item++) {
@@ -126,7 +126,7 @@ fn any_cone(begin: u32, list_end: u32) -> bool {
     return any;
 }
 
-// Adds up the lanes' sums and writes them as sums number `first` and following of the entries.
+// Adds up the lanes' sums and writes them as sums from number `first` on of the entries.
 fn add_up(
     thread: u32,
     sums: array<f32, SUMS_AT_ONCE>,

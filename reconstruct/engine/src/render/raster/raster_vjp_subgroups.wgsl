@@ -1,14 +1,14 @@
-// The way back where a device has subgroups. Pixels walk the list together. What they have to say about
-// a splat is added up in each subgroup that the splat reaches, without barriers; after a few splats the
-// threads add up what the subgroups have found, in their order. Two halves of the memory take turns, so
-// that one barrier does for each of these rounds.
+// Backward pass for devices with subgroups. The pixels of a tile process the list together. Their
+// contributions to a splat are summed in each subgroup that the splat reaches, without barriers. After a few
+// splats the threads add up the subgroups' sums, in order. Two halves of the memory alternate, so that each
+// of these rounds needs only one barrier.
 
-// SUBGROUPS: the most that a workgroup may have; ROUND: splats between two barriers. Both are of the
+// SUBGROUPS: the most subgroups of a workgroup; ROUND: splats between two barriers. Both depend on the
 // device.
 
 // [half][splat of the round][subgroup][sum]
 var<workgroup> subgroup_sums: array<f32, 2u * ROUND * SUBGROUPS * ENTRY_SUMS>;
-// [half][splat of the round][subgroup]: whether the splat reaches any of its pixels.
+// [half][splat of the round][subgroup]: 1 if the splat reaches any of its pixels.
 var<workgroup> is_reached: array<u32, 2u * ROUND * SUBGROUPS>;
 
 @compute @workgroup_size(256)
@@ -97,7 +97,7 @@ fn composite_vjp(
     leave_out(thread, begin, range.y);
 }
 
-// Adds up over the threads of a subgroup, which all come here.
+// Adds up over the threads of a subgroup; must be called by all of them.
 fn add_up(lane: u32, place: u32, value: f32) {
     let sum = subgroupAdd(value);
     if lane == 0u {
@@ -105,7 +105,7 @@ fn add_up(lane: u32, place: u32, value: f32) {
     }
 }
 
-// Adds up what the subgroups have found about `count` splats of the list from number `first` on.
+// Adds up the subgroups' sums of `count` splats of the list from number `first` on.
 fn write_sums(thread: u32, first: u32, count: u32, first_row: u32, subgroups: u32) {
     for (var value = thread; value < count * ENTRY_SUMS; value += WORKGROUP) {
         let row = (first_row + value / ENTRY_SUMS) * SUBGROUPS;

@@ -1,8 +1,8 @@
-//! The two shapes of a footprint on a tile: `log2 alpha` in its pixels, and the sums that become the
-//! gradient of the shape.
+//! The two shapes of a footprint on a tile: `log2 alpha` in its pixels, and the sums for the gradient of the
+//! shape.
 //!
-//! A row of a tile is two vectors. Those of the left half are visited before those of the right;
-//! a half that the footprint's rectangle does not reach is left out.
+//! A row of a tile is two vectors. Those of the left half are visited before those of the right; a half
+//! outside the footprint's rectangle is skipped.
 
 use std::ops::Range;
 
@@ -25,7 +25,7 @@ const LOG2_PER_Q: f32 = -0.5 * std::f32::consts::LOG2_E;
 
 const _: () = assert!(TILE == 2 * LANES, "a row of a tile is two vectors");
 
-/// Eight pixels of a footprint, and where their plane entries begin.
+/// Eight pixels of a footprint, and the index of their plane entries.
 #[derive(Clone, Copy)]
 pub(super) struct Block<S: Simd, G> {
     pub(super) at: usize,
@@ -34,9 +34,9 @@ pub(super) struct Block<S: Simd, G> {
     pub(super) geometry: G,
 }
 
-/// A shape as the rasterizer walks it. The order of blocks is the same in every pass.
+/// Iteration of the rasterizer over a shape. The order of blocks is the same in every pass.
 pub(super) trait Walk<S: Simd> {
-    /// What the gradient needs of a block.
+    /// Values of a block that the gradient needs.
     type Geometry: Copy;
     /// Sums over blocks, per lane.
     type Sums;
@@ -53,7 +53,7 @@ pub(super) trait Walk<S: Simd> {
 
     fn zero(simd: S) -> Self::Sums;
 
-    /// Adds `dL/d(ln alpha)` of a block.
+    /// Adds `dL/d(ln alpha)` of a block to the sums.
     fn add(&self, sums: &mut Self::Sums, geometry: &Self::Geometry, by_log: f32x8<S>);
 }
 
@@ -64,12 +64,12 @@ pub(super) struct EntrySums<S: Simd, T> {
     pub(super) colour: [f32x8<S>; 3],
 }
 
-/// Halves of the tile with a pixel centre between two offsets from the first column's.
+/// Returns the halves of the tile with a pixel centre between two offsets from the first column's.
 #[inline(always)]
 fn halves(tile: &Tile, left: f32, right: f32) -> Range<usize> {
     let last = (tile.columns - 1) as f32;
     let (left, right) = (left - MARGIN, right + MARGIN);
-    // Written so that what a NaN bounds is drawn.
+    // NaN bounds fail the comparison, and both halves are drawn.
     if right < 0.0 || left > last {
         return 0..0;
     }
@@ -78,27 +78,27 @@ fn halves(tile: &Tile, left: f32, right: f32) -> Range<usize> {
     first..2 - usize::from(is_in_left_half)
 }
 
-/// The entry of a plane where a half of a row begins. The remainders change nothing: with them the
-/// compiler leaves out checks of bounds.
+/// Returns the index in a plane at which a half of a row begins. The remainders have no effect, but allow the
+/// compiler to remove bounds checks.
 #[inline(always)]
 fn entry(row: usize, half: usize) -> usize {
     row % TILE * TILE + half % 2 * LANES
 }
 
-/// Offset along the row from the row's middle, and offset in rows from the centre.
+/// Offset along the row from the row's mean, and offset in rows from the centre.
 #[derive(Clone, Copy)]
 pub(super) struct EllipsePixels<S: Simd> {
     x: f32x8<S>,
     y: f32,
 }
 
-/// What the pixels of a row of an ellipse share, for all rows of a tile.
+/// Values shared by the pixels of a row of an ellipse, for all rows of a tile.
 struct RowTable {
     /// Offset from the centre, rows.
     y: [f32; TILE],
-    /// Offset of the row's middle from the centre, columns.
+    /// Offset of the row's mean from the centre, columns.
     shift: [f32; TILE],
-    /// `log2 alpha` in the row's middle.
+    /// `log2 alpha` at the row's mean.
     log2: [f32; TILE],
 }
 
@@ -197,7 +197,7 @@ impl<S: Simd> Walk<S> for Ellipse {
 }
 
 impl Ellipse {
-    /// The gradient of an entry.
+    /// Returns the gradient of an entry.
     ///
     /// `ln alpha = const - q/2`, `q = x^2 a + y^2 c` with `x = dx - slope dy`, `y = dy`.
     #[inline(always)]
@@ -221,7 +221,7 @@ impl Ellipse {
     }
 }
 
-/// The rays of a block and what `q` is made of there.
+/// Rays of a block, and the terms of `q` there.
 #[derive(Clone, Copy)]
 pub(super) struct ConePixels<S: Simd> {
     x: f32x8<S>,
@@ -317,11 +317,12 @@ impl<S: Simd> Walk<S> for Cone {
         }
     }
 
-    /// With `D = l^2 + eps N`: `dq/dN = l^2 / D^2`, `dq/dl = -2 l N / D^2`, `dq/deps = -N^2 / D^2`.
+    /// Adds derivatives; with `D = l^2 + eps N`: `dq/dN = l^2 / D^2`, `dq/dl = -2 l N / D^2`,
+    /// `dq/deps = -N^2 / D^2`.
     #[inline(always)]
     fn add(&self, sums: &mut Self::Sums, pixels: &Self::Geometry, by_log: f32x8<S>) {
         let square = pixels.denominator * pixels.denominator;
-        // Outside of the footprint the denominator may vanish; nothing counts there.
+        // Outside of the footprint the denominator may vanish; the gradient is 0 there.
         let is_nothing = by_log.simd_eq(0.0);
         let by_square = is_nothing.select(by_log, by_log / square);
         let by_ln = by_square * pixels.n * pixels.along;
@@ -341,7 +342,7 @@ impl<S: Simd> Walk<S> for Cone {
     }
 }
 
-/// The gradients of an entry: by opacity and colour, and by the cone.
+/// Returns the gradients of an entry: by opacity and colour, and by the cone.
 #[inline(always)]
 pub(super) fn cone_gradients<S: Simd>(
     sums: EntrySums<S, ConeSums<S>>,

@@ -1,4 +1,4 @@
-//! A tile of the image and the memory to work on it.
+//! A tile of the image and its working memory.
 
 use std::ops::Range;
 
@@ -11,23 +11,22 @@ use crate::{
     },
 };
 
-/// One value per pixel of a tile, row by row. Aligned so that no vector lies across two lines of the
-/// cache.
+/// One value per pixel of a tile, row-major. Aligned so that no vector crosses a cache line.
 #[derive(Clone, Copy)]
 #[repr(align(64))]
 pub(super) struct Plane(pub(super) [f32; TILE * TILE]);
 
 impl Plane {
-    /// The same value everywhere.
+    /// Creates a plane with the same value everywhere.
     pub(super) const fn filled(value: f32) -> Self {
         Self([value; TILE * TILE])
     }
 }
 
-/// Widening of footprints in pixels, against rounding in the extents.
+/// Widening of footprints, pixels, against rounding in the extents.
 pub(super) const MARGIN: f32 = 0.01;
 
-/// What all tiles of a view share.
+/// Inputs shared by all tiles of a view.
 #[derive(Clone, Copy)]
 pub(super) struct Scene<'a> {
     pub(super) splats: &'a Splats,
@@ -53,7 +52,7 @@ impl Scene<'_> {
     }
 }
 
-/// A tile's place in the image.
+/// Position of a tile in the image.
 #[derive(Clone, Copy)]
 pub(super) struct Tile {
     pub(super) index: usize,
@@ -65,7 +64,7 @@ pub(super) struct Tile {
     pub(super) columns: usize,
     /// Rows inside the image.
     pub(super) rows: usize,
-    /// Pixels around the sphere; 0 where columns do not wrap.
+    /// Pixels around the sphere; 0 if columns do not wrap.
     period: f32,
 }
 
@@ -87,8 +86,8 @@ impl Tile {
         }
     }
 
-    /// A column of the image as an offset from the centre of the tile's first column, the short way
-    /// around the seam from the tile's middle.
+    /// Returns the offset of an image column from the centre of the tile's first column, by the shorter way
+    /// around the seam from the tile's centre.
     #[inline(always)]
     pub(super) fn column(&self, u: f32) -> f32 {
         let column = u - self.left as f32 - 0.5;
@@ -102,13 +101,13 @@ impl Tile {
         }
     }
 
-    /// Whether a footprint of this half width can come into the tile from both sides.
+    /// Returns true if a footprint of this half width can enter the tile from both sides.
     #[inline(always)]
     pub(super) fn is_surrounded(&self, half_width: f32) -> bool {
         self.period > 0.0 && half_width + TILE as f32 >= 0.5 * self.period
     }
 
-    /// A plane of transmittances before the first splat: 1, and -1 (stopped) outside the image.
+    /// Returns the initial plane of transmittances: 1, and -1 (stopped) outside the image.
     pub(super) fn full_transmittance(&self) -> Plane {
         let mut plane = Plane::filled(-1.0);
         for row in plane.0.chunks_exact_mut(TILE).take(self.rows) {
@@ -118,7 +117,7 @@ impl Tile {
     }
 }
 
-/// Rows of the tile with pixel centres in a splat's rectangle.
+/// Returns the rows of the tile with pixel centres in a splat's rectangle.
 #[inline(always)]
 pub(super) fn rows_of(tile: &Tile, splat: &Splat) -> Range<usize> {
     // Row centres are at row + 1/2.
@@ -129,16 +128,16 @@ pub(super) fn rows_of(tile: &Tile, splat: &Splat) -> Range<usize> {
     first..end.min(tile.rows)
 }
 
-/// Whether every pixel has stopped.
+/// Returns true if every pixel has stopped.
 pub(super) fn has_stopped(transmittance: &Plane) -> bool {
     transmittance.0.iter().all(|&value| value < 0.0)
 }
 
-/// Splats that are copied together before they are drawn: their cache misses overlap. Between two
-/// batches it is looked whether the tile has stopped.
+/// Splats that are copied together before they are drawn, so that their cache misses overlap. Between two
+/// batches the tile is checked for having stopped.
 const BATCH: usize = 16;
 
-/// Some consecutive splats of a tile's list.
+/// A batch of consecutive splats of a tile's list.
 pub(super) struct Batch {
     splats: [Splat; BATCH],
     indices: [u32; BATCH],
@@ -166,7 +165,7 @@ impl Batch {
         }
     }
 
-    /// The splats with their indices.
+    /// Iterates over the splats with their indices.
     #[inline(always)]
     pub(super) fn iter(&self) -> impl Iterator<Item = (usize, &Splat)> {
         self.indices[..self.len]

@@ -1,21 +1,21 @@
-// What rasterization and both forms of the way back share: their bindings, which thread has which pixel,
-// what a splat is there, and the list of a tile in the memory of its workgroup.
+// Shared by rasterization and both forms of its backward pass: bindings, assignment of threads to pixels,
+// evaluation of splats, and a tile's list in workgroup memory.
 
 @group(0) @binding(1) var<storage, read> tile_ranges: array<vec2<u32>>;
-// Tile lists one after another: splat and entry.
+// Concatenated tile lists: splat and entry.
 @group(0) @binding(2) var<storage, read> items: array<vec2<u32>>;
 @group(0) @binding(3) var<storage, read> rays: array<vec2<f32>>;
 @group(0) @binding(4) var<storage, read> splats: array<Splat>;
-// Of every splat: colour, then features.
+// Per splat: colour, then features.
 @group(0) @binding(5) var<storage, read> channels: array<f32>;
-// The rendered image: colour (HWC, background included), then the transmittance, then the feature
-// planes. A gradient by it is laid out in the same way; that of the transmittance is not looked at.
+// The rendered image: colour (HWC, background included), then the transmittance, then the feature planes. A
+// gradient by it has the same layout; that of the transmittance is ignored.
 @group(0) @binding(6) var<storage, read_write> image: array<f32>;
 
 @group(0) @binding(6) var<storage, read> rendered: array<f32>;
 @group(0) @binding(7) var<storage, read> upstream: array<f32>;
-// Sums over a splat's pixels in a tile, ENTRY_SUMS per entry: of dL/d(ln alpha), ten of its moments
-// that the shape asks for (see `moments_of`), by the channels.
+// Sums over a splat's pixels in a tile, ENTRY_SUMS per entry: of dL/d(ln alpha), of ten of its moments that
+// depend on the shape (see `moments_of`), by the channels.
 @group(0) @binding(8) var<storage, read_write> entry_sums: array<f32>;
 
 // By rank, near to far.
@@ -30,7 +30,7 @@ fn pixel_count() -> u32 {
     return view.width * view.height;
 }
 
-// A thread's pixel.
+// Pixel of a thread.
 struct Pixel {
     column: u32,
     row: u32,
@@ -38,13 +38,13 @@ struct Pixel {
     is_inside: bool,
 }
 
-// Where a pixel's value of a channel stands in an image.
+// Index in an image of a pixel's value of a channel.
 fn place_of(pixel: u32, channel: u32) -> u32 {
     return select((channel + 1u) * pixel_count() + pixel, pixel * 3u + channel, channel < 3u);
 }
 
-// Threads take the pixels of a tile in blocks of 8 x 8: those that run together look at neighbours in
-// both directions, of which a splat touches all or none more often than of long rows.
+// Threads take the pixels of a tile in blocks of 8 x 8. Threads that run together thus have neighbouring
+// pixels in both directions, of which a splat covers all or none more often than of long rows.
 const BLOCK_SIDE: u32 = 8u;
 
 fn pixel_of(tile: u32, thread: u32) -> Pixel {
@@ -62,11 +62,11 @@ fn pixel_of(tile: u32, thread: u32) -> Pixel {
     );
 }
 
-// What q is made of in a pixel.
+// Terms of q in a pixel.
 struct Geometry {
     q: f32,
-    // Ellipse: offset along the row from the row's middle, and offset in rows from the centre.
-    // Cone: f_1.r, f_2.r.
+    // Ellipse: offset along the row from the row's mean, and offset in rows from the centre. Cone: f_1.r,
+    // f_2.r.
     offset: vec2<f32>,
     // Cone: the ray, l, N and l^2 + eps N.
     ray: vec3<f32>,
@@ -79,7 +79,7 @@ fn geometry_of(splat: Splat, pixel: Pixel) -> Geometry {
     if splat.shape == ELLIPSE {
         var offset = vec2(f32(pixel.column), f32(pixel.row)) + 0.5 - splat.centre;
         if view.camera == ERP {
-            // The short way around the seam.
+            // The shorter way around the seam.
             let width = f32(view.width);
             offset.x -= width * (f32(offset.x > 0.5 * width) - f32(offset.x < -0.5 * width));
         }
@@ -92,7 +92,7 @@ fn geometry_of(splat: Splat, pixel: Pixel) -> Geometry {
     let along = max(dot(splat.third, ray), 0.0);
     let n = dot(offset, offset);
     let denominator = along * along + splat.depth_variance * n;
-    // Infinite behind the camera: there alpha is zero.
+    // Effectively infinite behind the camera, so that alpha is zero.
     var q = 1e30;
     if n < 1e4 * denominator {
         q = n / denominator;
@@ -100,8 +100,8 @@ fn geometry_of(splat: Splat, pixel: Pixel) -> Geometry {
     return Geometry(q, offset, ray, along, n, denominator);
 }
 
-// The moments of dL/d(ln alpha) that a splat's shape asks for. Ellipse: x, y, x^2, xy, y^2. Cone:
-// with D = l^2 + eps N, dq/dN = l^2 / D^2, dq/dl = -2 l N / D^2, dq/deps = -N^2 / D^2.
+// Moments of dL/d(ln alpha) for a splat's shape. Ellipse: x, y, x^2, xy, y^2. Cone: with D = l^2 + eps N,
+// dq/dN = l^2 / D^2, dq/dl = -2 l N / D^2, dq/deps = -N^2 / D^2.
 fn moments_of(splat: Splat, at: Geometry, by_log: f32) -> array<f32, MOMENTS> {
     if splat.shape == ELLIPSE {
         let x = by_log * at.offset.x;
@@ -127,17 +127,17 @@ fn moments_of(splat: Splat, at: Geometry, by_log: f32) -> array<f32, MOMENTS> {
     );
 }
 
-// What a splat does in a pixel.
+// Effect of a splat on a pixel.
 struct Blend {
     alpha: f32,
-    // Before the clamp at 0.99, which the gradient ignores.
+    // Opacity before the clamp at 0.99, which the gradient ignores.
     unclamped: f32,
     // T alpha
     weight: f32,
 }
 
-// Blends a splat of this opacity into a pixel that still takes splats, unless the pixel has to stop
-// before it. `q` is that of the pixel.
+// Blends a splat of this opacity into a pixel that has not stopped, unless the pixel must stop before it. `q`
+// is that of the pixel.
 fn blend(
     opacity: f32,
     q: f32,
@@ -159,9 +159,9 @@ fn blend(
     return Blend(alpha, unclamped, weight);
 }
 
-// Moments of dL/d(ln alpha) that a shape asks for, at most.
+// Maximum number of moments of dL/d(ln alpha) for a shape.
 const MOMENTS: u32 = 10u;
-// Of them, those of an ellipse.
+// Number of moments of an ellipse.
 const ELLIPSE_MOMENTS: u32 = 5u;
 // Splats that a workgroup loads together.
 const BATCH: u32 = 64u;
@@ -171,7 +171,7 @@ var<workgroup> batch_channels: array<f32, BATCH * CHANNELS>;
 var<workgroup> alive_count: atomic<u32>;
 var<workgroup> alive_at_start: u32;
 
-// Whether any pixel of the tile still takes splats; the same in all threads.
+// True if any pixel of the tile has not stopped; the same in all threads.
 fn any_alive(thread: u32) -> bool {
     workgroupBarrier();
     if thread == 0u {
@@ -192,11 +192,11 @@ fn load_batch(thread: u32, begin: u32, count: u32) {
     workgroupBarrier();
 }
 
-// What a pixel brings to the way back.
+// Inputs of a pixel in the backward pass.
 struct Upstream {
     // dL/dC
     by_channel: array<f32, CHANNELS>,
-    // What the splats behind and the background contribute to dL/dC . C: at first all of it.
+    // Contribution of the splats behind and of the background to dL/dC . C; initially of all splats.
     behind: f32,
 }
 
@@ -212,7 +212,7 @@ fn upstream_of(pixel: Pixel) -> Upstream {
     return found;
 }
 
-// Nothing comes of the rest of a tile's list once no pixel takes splats any more.
+// Writes zeros for the rest of a tile's list once all pixels have stopped.
 fn leave_out(thread: u32, begin: u32, list_end: u32) {
     if begin >= list_end {
         return;

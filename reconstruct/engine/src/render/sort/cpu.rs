@@ -1,7 +1,7 @@
-//! A stable radix sort of distance bits.
+//! Stable radix sort of distance bits.
 //!
-//! Distances are positive and finite (the projection culls everything else), so their bit patterns
-//! order as they do. Keys are made in order of the index and the sort is stable: ties keep it.
+//! Distances are positive and finite (the projection culls all others), so that their bit patterns sort in
+//! the same order. Keys are created in order of the index, and the sort is stable: ties keep that order.
 
 const RADIX_BITS: u32 = 11;
 const BUCKETS: usize = 1 << RADIX_BITS;
@@ -14,8 +14,8 @@ pub struct SortScratch {
     other: Vec<(u32, u32)>,
 }
 
-/// Indices of the drawn Gaussians from near to far, written to `order`, and the place of each
-/// Gaussian in it, written to `ranks` (`u32::MAX` where its distance is infinite: not drawn).
+/// Sorts the drawn Gaussians: `order` receives their indices from near to far, and `ranks` the rank of each
+/// Gaussian in it (`u32::MAX` if its distance is infinite: not drawn).
 pub fn by_distance(
     distances: &[f32],
     order: &mut Vec<u32>,

@@ -1,4 +1,4 @@
-//! The radix sort on a GPU, for distances and for tile numbers.
+//! Radix sort on a GPU, for distances and for tile indices.
 
 use crate::device::{
     DeviceBuffer, Gpu, GpuError, Kernel, Program, Shader, Uniform, Workgroups, wgsl_struct,
@@ -6,15 +6,15 @@ use crate::device::{
 
 /// Pairs that one workgroup moves.
 pub(crate) const BLOCK: usize = 1024;
-/// Bits of the key that one pass sorts by.
+/// Bits of the key per pass.
 const DIGIT_BITS: u32 = 8;
 
 wgsl_struct! {
     /// One pass of the sort.
     pub(crate) struct SortPass {
-        /// Where the digit begins in the key.
+        /// Lowest bit of the digit in the key.
         shift: u32,
-        /// Pairs that the buffers hold.
+        /// Capacity of the buffers in pairs.
         capacity: u32,
     }
 }
@@ -30,24 +30,24 @@ pub(crate) fn shader() -> Shader {
     }
 }
 
-/// Keys with their items, and room to move them about.
+/// Keys with their items, in two alternating sets of buffers.
 #[derive(Debug)]
 pub(crate) struct Pairs {
-    /// Unsorted.
+    /// Unsorted keys.
     pub(crate) keys: DeviceBuffer<u32>,
     pub(crate) items: DeviceBuffer<u32>,
     other_keys: DeviceBuffer<u32>,
     other_items: DeviceBuffer<u32>,
 }
 
-/// Keys and items in one of the two places where pairs may be.
+/// Keys and items in one of the two sets of buffers.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct PairBuffers<'a> {
     pub(crate) keys: &'a DeviceBuffer<u32>,
     pub(crate) items: &'a DeviceBuffer<u32>,
 }
 
-/// Passes of a sort by so many bits.
+/// Returns the number of passes of a sort by `bits` bits.
 fn passes(bits: u32) -> u32 {
     bits.div_ceil(DIGIT_BITS)
 }
@@ -63,7 +63,7 @@ impl Pairs {
         })
     }
 
-    /// Where pairs are after some passes.
+    /// Returns the buffers that hold the pairs after some passes.
     fn after(&self, passes: u32) -> PairBuffers<'_> {
         if passes.is_multiple_of(2) {
             PairBuffers {
@@ -78,13 +78,13 @@ impl Pairs {
         }
     }
 
-    /// Where pairs are after a sort by so many bits.
+    /// Returns the buffers that hold the pairs after a sort by `bits` bits.
     pub(crate) fn sorted(&self, bits: u32) -> PairBuffers<'_> {
         self.after(passes(bits))
     }
 }
 
-/// A stable sort of pairs by the low bits of their keys.
+/// Stable sort of pairs by the low bits of their keys.
 #[derive(Debug)]
 pub(crate) struct RadixSort {
     count_digits: Kernel,
@@ -92,12 +92,12 @@ pub(crate) struct RadixSort {
     move_pairs: Kernel,
 }
 
-/// How many pairs there are.
+/// Number of pairs.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct PairCount<'a> {
     /// One number.
     pub(crate) count: &'a DeviceBuffer<u32>,
-    /// Workgroups for all blocks of them.
+    /// Workgroups that cover all blocks of pairs.
     pub(crate) blocks: Workgroups<'a>,
 }
 
@@ -112,8 +112,8 @@ impl RadixSort {
         })
     }
 
-    /// Sorts the first `count[0]` pairs by the lowest `bits` of their keys. They are then where
-    /// [`Pairs::sorted`] says.
+    /// Records sorting of the first `count[0]` pairs by the lowest `bits` of their keys. The result is in
+    /// [`Pairs::sorted`].
     pub(crate) fn record(
         &self,
         gpu: &Gpu,
@@ -176,7 +176,7 @@ mod tests {
         let Some(gpu) = test_device() else { return };
         let sort = RadixSort::new(&gpu).expect("compiles");
         let mut random = Pcg64Mcg::seed_from_u64(1);
-        // Less than a thread, one block, several blocks; many ties; and fewer pairs than room.
+        // Less than a workgroup, one block, several blocks; many ties; fewer pairs than the capacity.
         for (capacity, count, bits, range) in [
             (3, 3, 32, 9),
             (2048, 2048, 32, u32::MAX),

@@ -1,27 +1,28 @@
-// A stable radix sort of (key, item) pairs, eight bits a pass, three kernels a pass.
+// Stable radix sort of (key, item) pairs, eight bits and three kernels per pass.
 //
-// A pass counts the digits of every block; sums the counts of each digit, block by block; and moves every
-// pair to its place. To know how many pairs of the same digit come before it in its block, a workgroup
-// sorts the digits of the block: four bits of them after the other four, a thread counting its consecutive
-// pairs in order, so that equal digits keep theirs.
+// A pass counts the digits of every block, sums the counts of each digit block by block, and moves every pair
+// to its place. The place depends on the pairs of the same digit that come before it in its block. To count
+// them, a workgroup sorts the digits of the block, first by their low and then by their high four bits. Each
+// thread counts its consecutive pairs in order, so that equal digits keep theirs.
 
 const PAIRS_PER_THREAD: u32 = 4u;
 const BLOCK: u32 = WORKGROUP * PAIRS_PER_THREAD;
 const DIGITS: u32 = 256u;
-// Of half a digit. Two 16-bit counters share a word: values 0 to 7 the low half, 8 to 15 the high half.
+// Counters per thread for half a digit. Two 16-bit counters share a word: values 0 to 7 in the low half, 8 to
+// 15 in the high half.
 const COUNTER_ROWS: u32 = 8u;
 
 struct SortPass {
-    // Where the digit begins in the key.
+    // Lowest bit of the digit in the key.
     shift: u32,
-    // Pairs that the buffers hold.
+    // Capacity of the buffers in pairs.
     capacity: u32,
 }
 
 @group(0) @binding(0) var<uniform> sort_pass: SortPass;
-// Number of pairs; those beyond the capacity do not exist.
+// Number of pairs; those beyond the capacity are ignored.
 @group(0) @binding(1) var<storage, read> count: array<u32>;
-// By digit, then by block: how many, and after `sum_digits` how many come before in the digit.
+// Counts by digit, then by block; after `sum_digits`, the number of earlier pairs of the digit.
 @group(0) @binding(2) var<storage, read_write> places: array<u32>;
 @group(0) @binding(3) var<storage, read> keys_in: array<u32>;
 @group(0) @binding(4) var<storage, read> items_in: array<u32>;
@@ -33,12 +34,12 @@ struct SortPass {
 @group(0) @binding(7) var<storage, read> all_digit_totals: array<u32>;
 
 var<workgroup> digit_counts: array<atomic<u32>, DIGITS>;
-// Digits of a block with the pairs' numbers in it: digit << 16 | number.
+// Digits of a block with the pairs' indices in it: digit << 16 | index.
 var<workgroup> numbered: array<u32, BLOCK>;
 // [half digit & 7][thread]
 var<workgroup> counters: array<u32, COUNTER_ROWS * WORKGROUP>;
 var<workgroup> sums: array<u32, WORKGROUP>;
-// What leads from a place in the sorted block to that among all pairs, by digit.
+// Offset from an index in the sorted block to that among all pairs, by digit.
 var<workgroup> digit_offsets: array<u32, DIGITS>;
 
 fn pair_count() -> u32 {
@@ -75,7 +76,7 @@ fn count_digits(
     }
 }
 
-// Replaces the threads' numbers in `sums` by the sums of all up to them.
+// Replaces the threads' numbers in `sums` by their inclusive prefix sums.
 fn sum_up(thread: u32) {
     workgroupBarrier();
     for (var distance = 1u; distance < WORKGROUP; distance *= 2u) {
@@ -89,7 +90,7 @@ fn sum_up(thread: u32) {
     }
 }
 
-// A workgroup for each digit.
+// One workgroup per digit.
 @compute @workgroup_size(256)
 fn sum_digits(
     @builtin(workgroup_id) group: vec3<u32>,
@@ -169,7 +170,7 @@ fn move_pairs(
     for (var i = 0u; i < PAIRS_PER_THREAD; i++) {
         let number = thread * PAIRS_PER_THREAD + i;
         let pair = block * BLOCK + number;
-        // What does not exist comes last and stays last: no digit is larger, and none comes later.
+        // Missing pairs stay last: no digit is larger, and none comes later.
         var digit = DIGITS - 1u;
         if pair < pairs {
             digit = digit_of(keys_in[pair]);

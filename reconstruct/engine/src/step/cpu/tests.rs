@@ -1,4 +1,4 @@
-//! A step on a view whose gain is taken out.
+//! Steps on a view whose gain is removed.
 
 use glam::{Mat3, Vec3};
 use omnilife_schemas::camera::ErpCamera;
@@ -11,7 +11,7 @@ use crate::{
     training_view::TrainingView,
 };
 
-/// Opaque grey Gaussians all around.
+/// Returns opaque grey Gaussians in all directions.
 fn table() -> ParameterTable {
     let place = |index: usize| {
         let y = 1.0 - (index as f32 + 0.5) / 200.0;
@@ -28,7 +28,8 @@ fn table() -> ParameterTable {
     static_gaussians::table(&grey, 0)
 }
 
-/// The loss of a step on an image of one level, and whether it moves colours. Without a gain none is taken out.
+/// Returns the loss of a step on an image of one level, and true if it changes colours. `None` removes no
+/// gain.
 fn step(level: u8, gain: Option<f32>) -> (f64, bool) {
     let camera = ErpCamera {
         width: 32,
@@ -73,10 +74,10 @@ fn step(level: u8, gain: Option<f32>) -> (f64, bool) {
 
 #[test]
 fn a_saturated_image_pulls_at_nothing_that_is_as_bright_where_its_gain_is_taken_out() {
-    // A quarter of white at least, and the render is brighter.
+    // The scene has at least a quarter of white, and the render is brighter.
     let (loss, moves) = step(255, Some(4.0));
     assert!(loss < 1e-5 && !moves, "{loss}");
-    // Four times white at least, which is more than the render has.
+    // The scene has at least four times white, and the render is darker.
     let (loss, moves) = step(255, Some(0.25));
     assert!(loss > 0.1 && moves, "{loss}");
     for (level, gain) in [(250, Some(4.0)), (0, Some(4.0)), (255, None)] {

@@ -1,4 +1,4 @@
-//! From the parameters of all parts to Gaussians on a GPU, and back with gradients.
+//! Activation of all parts' parameters on a GPU, and its VJP.
 
 use std::sync::Arc;
 
@@ -23,7 +23,7 @@ use crate::{
     parameters::rows::RowMover,
 };
 
-/// Kernels of the parameterizations that a model has.
+/// Kernels of the parameterizations of a model.
 #[derive(Debug)]
 pub(super) struct ActivationKernels {
     static_gaussians: StaticGaussians,
@@ -31,7 +31,7 @@ pub(super) struct ActivationKernels {
     deformation: Option<DeformationKernels>,
 }
 
-/// What makes Gaussians of parameters, and gradients by parameters of those by Gaussians.
+/// Programs of the activation and its VJP.
 #[derive(Debug, Default)]
 pub(super) struct Activation {
     pub(super) forward: Program,
@@ -58,7 +58,7 @@ impl ActivationKernels {
         })
     }
 
-    /// Gaussians of all parts, as a network has them or as they are without it.
+    /// Records the activation of all parts, with or without the network.
     pub(super) fn record(
         &self,
         gpu: &Gpu,
@@ -101,7 +101,7 @@ impl ActivationKernels {
     }
 }
 
-/// Activates models on a GPU without images of them: what judges kernels needs no more.
+/// Activates models on a GPU without rendering them, to test kernels.
 #[derive(Debug)]
 pub struct GpuActivator {
     gpu: Arc<Gpu>,
@@ -113,7 +113,7 @@ impl GpuActivator {
     /// Compiles the kernels of all parameterizations.
     ///
     /// # Errors
-    /// When the device fails.
+    /// If the device fails.
     pub fn new(gpu: Arc<Gpu>) -> Result<Self, EngineError> {
         Ok(Self {
             kernels: ActivationKernels::compile(&gpu, true, true)?,
@@ -122,10 +122,10 @@ impl GpuActivator {
         })
     }
 
-    /// A copy of the model on the device, as it is seen from a viewpoint.
+    /// Uploads a copy of the model, activated for a viewpoint.
     ///
     /// # Errors
-    /// When the model has no kernels there, the device fails or its memory does not suffice.
+    /// If the model has no GPU kernels, or the device fails or runs out of memory.
     pub fn activation(&self, model: Model, at: &Viewpoint) -> Result<GpuActivation, EngineError> {
         check(&model)?;
         let gpu = Arc::clone(&self.gpu);
@@ -152,7 +152,7 @@ impl GpuActivator {
     }
 }
 
-/// A model's Gaussians on a GPU at a moment.
+/// Model on a GPU, activated for a viewpoint.
 #[derive(Debug)]
 pub struct GpuActivation {
     gpu: Arc<Gpu>,
@@ -163,10 +163,10 @@ pub struct GpuActivation {
 }
 
 impl GpuActivation {
-    /// The Gaussians.
+    /// Returns the activated Gaussians.
     ///
     /// # Errors
-    /// When the device fails.
+    /// If the device fails.
     pub fn activate(&self) -> Result<ActivatedGaussians, EngineError> {
         self.activation.forward.submit(&self.gpu);
         let mut out = ActivatedGaussians::default();
@@ -174,11 +174,11 @@ impl GpuActivation {
         Ok(out)
     }
 
-    /// VJP of [`GpuActivation::activate`], which was called before: the model with the gradients by its
-    /// parameters.
+    /// Computes the VJP of [`GpuActivation::activate`], which must have been called before; returns the model
+    /// with the gradients by its parameters.
     ///
     /// # Errors
-    /// When the device fails.
+    /// If the device fails.
     pub fn activate_backward(
         &mut self,
         gradient: &ActivatedGaussians,

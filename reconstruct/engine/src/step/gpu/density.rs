@@ -1,5 +1,5 @@
 //! Density control of a model on a GPU. The device decides and moves whole rows; the host reads three numbers
-//! of each part. Tables, buffers and programs stay as long as there is room.
+//! per part. Tables, buffers and programs are kept while their capacity suffices.
 
 use std::sync::Arc;
 
@@ -42,7 +42,7 @@ impl GpuStepper<'_> {
             on_device.place(&gpu, &self.model);
             self.on_device = Some(on_device);
         } else {
-            // The renderer's buffers go before further tables are made: both may not fit.
+            // Free the renderer's buffers before allocating further tables: both may not fit.
             let parts = on_device.parts;
             let maximum = self.settings.densify.maximum_gaussians;
             let maximum = usize::try_from(maximum).unwrap_or(usize::MAX);
@@ -58,7 +58,7 @@ impl GpuStepper<'_> {
         Ok(done)
     }
 
-    /// What the density control of each part works on.
+    /// Creates the buffers and programs of each part's density control.
     fn make_density_work(&self, on_device: &mut DeviceModel) -> Result<(), GpuError> {
         let kernels = &self.kernels.density;
         for (on_device, part) in on_device.parts.iter_mut().zip(&self.model.parts) {
@@ -69,7 +69,7 @@ impl GpuStepper<'_> {
 }
 
 impl DevicePart {
-    /// What its density control works on.
+    /// Creates the buffers and programs of its density control.
     fn make_density_work(
         &mut self,
         gpu: &Gpu,
@@ -96,8 +96,8 @@ impl DevicePart {
     }
 }
 
-/// Decides on all parts, and gives the host's model as many rows as there are to be. What it holds in them
-/// is not what it was.
+/// Decides for all parts, and resizes the host's model to the resulting number of rows, whose values are then
+/// arbitrary.
 fn decide(
     gpu: &Gpu,
     asked: &Densification<'_>,
@@ -107,7 +107,7 @@ fn decide(
 ) -> Result<Densified, GpuError> {
     let maximum = usize::try_from(asked.settings.maximum_gaussians).unwrap_or(usize::MAX);
     let context = &asked.context;
-    // Who looks hardly matters for where a child is put.
+    // The position of a child hardly depends on the view.
     let look = Viewpoint::of_image(&context.views[context.last_view].view);
     let mut done = Densified::default();
     for number in density::parts_in_order(model) {
@@ -126,7 +126,7 @@ fn decide(
     Ok(done)
 }
 
-/// Does in larger tables what was decided on.
+/// Applies the decision to larger tables.
 fn follow_larger(
     gpu: &Gpu,
     (kernels, mover): (&DensityKernels, &RowMover),
@@ -149,7 +149,7 @@ fn follow_larger(
     Ok(moved)
 }
 
-/// Twice the last room where that is not enough, but no more than there may be Gaussians.
+/// Returns the last capacity if it suffices; otherwise twice it up to the maximum, and at least `needed`.
 fn larger_capacity(last: usize, needed: usize, maximum: usize) -> usize {
     if needed <= last {
         last

@@ -1,4 +1,4 @@
-//! A model in the device's memory, and the programs of a training step on it.
+//! Model in GPU memory, and the programs of a training step on it.
 
 use crate::{
     camera::View,
@@ -23,17 +23,17 @@ use crate::{
     step::gpu::{activation::Activation, dynamic_losses::DeviceAlone, kernels::StatisticsView},
 };
 
-/// What density control goes by, on the device.
+/// Statistics for density control, on the device.
 #[derive(Debug)]
 pub(super) struct DeviceStatistics {
     pub(super) gradient_sums: DeviceBuffer<f32>,
     pub(super) view_counts: DeviceBuffer<u32>,
-    /// Of Gaussians with peak times alone.
+    /// Allocated only for Gaussians with peak times.
     pub(super) time_gradients: DeviceBuffer<f32>,
 }
 
 impl DeviceStatistics {
-    /// With room for `capacity` Gaussians.
+    /// Uploads statistics with a capacity of `capacity` Gaussians.
     fn new(gpu: &Gpu, of: &Statistics, capacity: usize) -> Result<Self, GpuError> {
         let timed = if of.time_gradients.is_empty() {
             0
@@ -49,7 +49,7 @@ impl DeviceStatistics {
         Ok(statistics)
     }
 
-    /// Sets them for everything that is submitted later.
+    /// Uploads the statistics for everything that is submitted later.
     pub(super) fn write(&self, gpu: &Gpu, of: &Statistics) {
         self.gradient_sums.write(gpu, 0, &of.sums);
         self.view_counts.write(gpu, 0, &of.views);
@@ -57,7 +57,7 @@ impl DeviceStatistics {
     }
 }
 
-/// What a part's parameterization is on the device.
+/// Parameterization of a part on the device.
 #[derive(Debug)]
 pub(super) enum DevicePartKind {
     Static,
@@ -65,11 +65,11 @@ pub(super) enum DevicePartKind {
     Deformable(Box<DeviceNetwork>),
 }
 
-/// A network that deforms Gaussians.
+/// Network that deforms Gaussians.
 #[derive(Debug)]
 pub(super) struct DeviceNetwork {
     pub(super) buffers: DeformationBuffers,
-    /// On its weights.
+    /// Optimizer step on its weights.
     pub(super) next_step: TableStep,
 }
 
@@ -77,27 +77,27 @@ pub(super) struct DeviceNetwork {
 #[derive(Debug)]
 pub(super) struct DevicePart {
     pub(super) entries: DeviceEntries,
-    /// The same for programs.
+    /// The rows for programs of the parameterization.
     pub(super) rows: DeviceRows,
     pub(super) table: TableBuffers,
-    /// Rows of the table moved within it.
+    /// Moves of rows within the table.
     pub(super) moves: RowMoves,
     pub(super) next_step: TableStep,
     pub(super) statistics: DeviceStatistics,
-    /// Made when its number changes for the first time.
+    /// Created when the number of Gaussians changes for the first time.
     pub(super) density: Option<Box<DensityWork>>,
     pub(super) kind: DevicePartKind,
 }
 
-/// The parameters of a part.
+/// Parameter tables of a part.
 #[derive(Debug)]
 pub(super) struct PartTables {
     pub(super) table: TableBuffers,
-    /// The weights of a network, where one deforms the Gaussians.
+    /// Weights of a network, if one deforms the Gaussians.
     pub(super) weights: Option<TableBuffers>,
 }
 
-/// Copies of the parameters of a model, with room for no more.
+/// Uploads the parameters of a model, without spare capacity.
 pub(super) fn copies(gpu: &Gpu, model: &Model) -> Result<Vec<PartTables>, GpuError> {
     let copy = |part: &Part| {
         let weights = part.parameterization.shared();
@@ -112,7 +112,7 @@ pub(super) fn copies(gpu: &Gpu, model: &Model) -> Result<Vec<PartTables>, GpuErr
     model.parts.iter().map(copy).collect()
 }
 
-/// The parts of a model whose parameters are on the device.
+/// Creates the parts of a model whose parameters are on the device.
 pub(super) fn parts(
     gpu: &Gpu,
     model: &Model,
@@ -132,7 +132,7 @@ pub(super) fn parts(
         .collect()
 }
 
-/// What the parts of a model have in common.
+/// Context shared by the parts of a model.
 struct OfModel<'a> {
     trained: Vec<TrainedArray>,
     first_alone: usize,
@@ -141,14 +141,14 @@ struct OfModel<'a> {
     mover: &'a RowMover,
 }
 
-/// The highest degree of harmonics that a part stores.
+/// Returns the highest degree of harmonics stored by a part.
 pub(super) fn sh_degree(model: &Model) -> usize {
     let degrees = model.parts.iter();
     let degrees = degrees.map(|part| static_gaussians::sh_degree(&part.table));
     degrees.max().unwrap_or(0)
 }
 
-/// Which of all activated Gaussians are those of each part: one part after the other.
+/// Returns the range of each part among all activated Gaussians, part after part.
 fn entries(model: &Model) -> impl Iterator<Item = DeviceEntries> {
     let mut first = 0;
     model.parts.iter().map(move |part| {
@@ -161,7 +161,7 @@ fn entries(model: &Model) -> impl Iterator<Item = DeviceEntries> {
     })
 }
 
-/// The entry of the first Gaussian that has times of its own.
+/// Returns the index of the first Gaussian with its own time.
 pub(super) fn first_with_times(model: &Model) -> usize {
     let static_parts = model
         .parts
@@ -170,7 +170,7 @@ pub(super) fn first_with_times(model: &Model) -> usize {
     static_parts.map(|part| part.table.len()).sum()
 }
 
-/// Numbers of arrays among those that learn.
+/// Returns the indices of arrays among the trained ones.
 fn numbers<'a>(
     arrays: impl Iterator<Item = &'a ParameterArray>,
     trained: &[TrainedArray],
@@ -230,7 +230,7 @@ impl DevicePart {
         })
     }
 
-    /// Makes its Gaussians other entries, for everything that is submitted later.
+    /// Changes the entries of its Gaussians, for everything that is submitted later.
     fn place(&mut self, gpu: &Gpu, entries: DeviceEntries, first_alone: usize) {
         self.entries = entries;
         self.rows.place(gpu, entries);
@@ -241,7 +241,7 @@ impl DevicePart {
         }
     }
 
-    /// Copies gradients back.
+    /// Copies gradients to the host.
     pub(super) fn read_gradients(&self, gpu: &Gpu, part: &mut Part) -> Result<(), GpuError> {
         self.table.read_gradients(gpu, &mut part.table.arrays)?;
         if let (DevicePartKind::Deformable(network), Some(weights)) =
@@ -253,7 +253,7 @@ impl DevicePart {
         Ok(())
     }
 
-    /// Copies everything back but gradients.
+    /// Copies everything but gradients to the host.
     pub(super) fn read(&self, gpu: &Gpu, part: &mut Part) -> Result<(), GpuError> {
         self.table.read(gpu, &mut part.table.arrays)?;
         if let (DevicePartKind::Deformable(network), Some(weights)) =
@@ -265,7 +265,7 @@ impl DevicePart {
         self.read_statistics(gpu, &mut part.statistics)
     }
 
-    /// Copies what density control goes by back.
+    /// Copies the statistics for density control to the host.
     pub(super) fn read_statistics(&self, gpu: &Gpu, out: &mut Statistics) -> Result<(), GpuError> {
         let on_device = &self.statistics;
         let timed = out.time_gradients.len();
@@ -282,7 +282,7 @@ impl DevicePart {
         Ok(())
     }
 
-    /// The weights of its network alone.
+    /// Returns the weights of its network and drops the rest.
     pub(super) fn into_weights(self) -> Option<TableBuffers> {
         match self.kind {
             DevicePartKind::Deformable(network) => Some(network.buffers.weights),
@@ -301,15 +301,15 @@ impl DevicePart {
     }
 }
 
-/// When Gaussians are looked at.
+/// Viewpoint of the Gaussians, and time of the network.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Moment {
     pub(super) at: Viewpoint,
-    /// In [0, 1], where a network takes part.
+    /// Time in [0, 1] if the network is evaluated.
     pub(super) network_time: Option<f32>,
 }
 
-/// The network's time of a viewpoint, where there is one and it takes part.
+/// Returns the network's time of a viewpoint, if the model has a network that is evaluated there.
 pub(super) fn network_time(model: &Model, at: &Viewpoint) -> Option<f32> {
     let mut twins = model
         .parts
@@ -321,18 +321,18 @@ pub(super) fn network_time(model: &Model, at: &Viewpoint) -> Option<f32> {
     })
 }
 
-/// What a step has that others have not.
+/// Optional components of a step.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub(super) struct StepUses {
-    /// A network takes part.
+    /// The network is evaluated.
     pub(super) network: bool,
     /// Dynamic Gaussians are drawn alone.
     pub(super) alone: bool,
-    /// The pose of the view moves.
+    /// The pose of the view is refined.
     pub(super) pose: bool,
 }
 
-/// The sum of the gradients by the pose of the view.
+/// Sum of the gradients by the pose of the view.
 #[derive(Debug)]
 pub(super) struct DevicePose {
     pub(super) program: Program,
@@ -344,35 +344,35 @@ pub(super) struct DevicePose {
 pub(super) struct DeviceModel {
     pub(super) parts: Vec<DevicePart>,
     pub(super) chain: Chain,
-    /// Of the Gaussians as they are.
+    /// Activation without the network.
     pub(super) canonical: Activation,
-    /// With the network, where there is one, and what moves its weights.
+    /// Activation with the network, if any, and the update of its weights.
     pub(super) deformed: Option<(Activation, Program)>,
-    /// Where steps leave Gaussians out.
+    /// Dropout, if any.
     pub(super) dropout: Option<DropoutPrograms>,
-    /// Image and losses.
+    /// Rendering and losses.
     pub(super) losses: Program,
     pub(super) alone: Option<DeviceAlone>,
-    /// From the losses to the Gaussians.
+    /// Backward pass from the losses to the Gaussians.
     pub(super) backward: Program,
     pub(super) pose: Option<DevicePose>,
-    /// What follows the gradients by parameters.
+    /// Update of the parameters, after their gradients.
     pub(super) update: Program,
     pub(super) opacity_reset: Program,
-    /// What the statistics of each part depend on.
+    /// Inputs of the statistics of each part.
     pub(super) statistics: Vec<StatisticsView>,
-    /// The feature channels of a Gaussian without times of its own, which no kernel writes.
+    /// Feature channels of a Gaussian without its own time, which no kernel writes.
     pub(super) static_features: Vec<f32>,
 }
 
 impl DeviceModel {
-    /// Whether there is room for a model with as many Gaussians in each part.
+    /// Returns true if the capacity suffices for a model with as many Gaussians in each part.
     pub(super) fn has_room(&self, model: &Model) -> bool {
         let mut parts = self.parts.iter().zip(&model.parts);
         parts.all(|(on_device, part)| part.table.len() <= on_device.table.capacity)
     }
 
-    /// Gives its parts as many Gaussians as those of a model have, for which there is room, for everything
+    /// Sets the number of Gaussians of its parts to those of a model, within the capacity, for everything
     /// that is submitted later.
     pub(super) fn place(&mut self, gpu: &Gpu, model: &Model) {
         let first_alone = first_with_times(model);
@@ -392,7 +392,7 @@ impl DeviceModel {
         self.write_static_features(gpu);
     }
 
-    /// The feature channels of Gaussians without times of their own.
+    /// Writes the feature channels of Gaussians without their own times.
     pub(super) fn write_static_features(&self, gpu: &Gpu) {
         let row = &self.static_features;
         for DevicePart { entries, kind, .. } in &self.parts {
@@ -420,8 +420,8 @@ impl DeviceModel {
         }
     }
 
-    /// Sets the optimizer's step for everything that is submitted later. The weights of a network
-    /// count steps of their own.
+    /// Sets the optimizer's step for everything that is submitted later. Steps on the weights of a network
+    /// are counted separately.
     pub(super) fn set_step(&self, gpu: &Gpu, schedule: &StepSchedule, network_step: u64) {
         if let Some(dropout) = &self.dropout {
             dropout.set(gpu, schedule.iteration, schedule.scheduled);
@@ -439,7 +439,7 @@ impl DeviceModel {
         }
     }
 
-    /// The Gaussians as they are, or with the network.
+    /// Returns the activation with or without the network.
     pub(super) fn activation(&self, network: bool) -> &Activation {
         match &self.deformed {
             Some((deformed, _)) if network => deformed,
@@ -447,7 +447,7 @@ impl DeviceModel {
         }
     }
 
-    /// The programs of a step, in their order.
+    /// Returns the programs of a step, in their order.
     pub(super) fn programs(&self, uses: StepUses) -> impl Iterator<Item = &Program> {
         let activation = self.activation(uses.network);
         let of_network = self.deformed.as_ref().filter(|_| uses.network);

@@ -1,4 +1,4 @@
-//! The losses of dynamic methods on a GPU; the twin of `step/dynamic_losses.rs`.
+//! Losses of dynamic methods on a GPU; the twin of `step/dynamic_losses.rs`.
 
 use crate::{
     camera::Camera,
@@ -21,7 +21,7 @@ use crate::{
     },
 };
 
-/// Kernels of the losses that a method has beside the photometric one.
+/// Kernels of a method's losses other than the photometric one.
 #[derive(Debug)]
 pub(super) struct DynamicKernels {
     settings: DynamicSettings,
@@ -30,20 +30,20 @@ pub(super) struct DynamicKernels {
     alone: Option<AloneKernels>,
 }
 
-/// What draws the dynamic Gaussians alone.
+/// Kernels that draw the dynamic Gaussians alone.
 #[derive(Debug)]
 struct AloneKernels {
     chains: Chains,
     loss: Loss,
 }
 
-/// The dynamic Gaussians alone on the device.
+/// Programs that draw the dynamic Gaussians alone.
 #[derive(Debug)]
 pub(super) struct DeviceAlone {
     pub(super) chain: Chain,
-    /// To their losses.
+    /// Rendering and losses.
     pub(super) forward: Program,
-    /// To the gradients by all Gaussians, to which it adds.
+    /// Backward pass, which adds to the gradients by all Gaussians.
     pub(super) backward: Program,
 }
 
@@ -62,7 +62,7 @@ impl DynamicKernels {
             };
             Ok(AloneKernels {
                 chains: Chains::default(),
-                // Transmittance, and the opacity as a feature.
+                // Planes after the colour: transmittance, and the opacity as a feature.
                 loss: Loss::new(gpu, camera, 2, weights)?,
             })
         });
@@ -77,13 +77,13 @@ impl DynamicKernels {
         })
     }
 
-    /// What is rendered beside colours.
+    /// Returns the feature channels to render.
     pub(super) fn features(&self) -> &TemporalFeatures {
         &self.settings.features
     }
 
-    /// Sets what a view's losses are, with its gain, where one is taken out, and how many of its pixels count,
-    /// for everything that is submitted later.
+    /// Sets a view's losses, its gain (if it is removed) and its number of pixels that count, for everything
+    /// that is submitted later.
     pub(super) fn set(
         &self,
         gpu: &Gpu,
@@ -116,13 +116,13 @@ impl DynamicKernels {
         }
     }
 
-    /// Whether a step draws the dynamic Gaussians alone.
+    /// Returns true if a step draws the dynamic Gaussians alone.
     pub(super) fn draws_alone(&self, has_mask: bool, schedule: &StepSchedule) -> bool {
         let dynamic = self.settings.dynamic_loss;
         has_mask && dynamic.is_some_and(|dynamic| schedule.scheduled >= dynamic.begin_iteration)
     }
 
-    /// Adds the losses on the maps of a render and their gradient to `upstream`.
+    /// Records the losses on the maps of a render, and adds their gradient to `upstream`.
     pub(super) fn record_maps(
         &self,
         gpu: &Gpu,
@@ -139,7 +139,7 @@ impl DynamicKernels {
         Ok(())
     }
 
-    /// Adds the motion regularization to the gradients by the parameters of a part.
+    /// Records the motion regularization, which adds to the gradients by the parameters of a part.
     pub(super) fn record_motion(
         &self,
         gpu: &Gpu,
@@ -154,7 +154,7 @@ impl DynamicKernels {
         Ok(())
     }
 
-    /// The programs that draw the dynamic Gaussians alone, where a loss asks for it and any have times.
+    /// Records the programs that draw the dynamic Gaussians alone, if a loss needs them and any have times.
     pub(super) fn alone(
         &mut self,
         gpu: &Gpu,

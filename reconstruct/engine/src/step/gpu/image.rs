@@ -1,4 +1,4 @@
-//! Images of the model that a GPU trains.
+//! Images of a model that is trained on a GPU.
 
 use std::sync::Arc;
 
@@ -21,7 +21,7 @@ use crate::{
 };
 
 impl GpuStepper<'_> {
-    /// A view of the scene at a degree of spherical harmonics.
+    /// Renders a view of the scene at a degree of spherical harmonics.
     pub(super) fn rendered_image(
         &mut self,
         view: &View,

@@ -1,5 +1,5 @@
-//! Kernels of a training step, which do not depend on the number of Gaussians, and the programs that they
-//! make of a model.
+//! Kernels of a training step, which do not depend on the number of Gaussians, and the programs composed of
+//! them for a model.
 
 use std::sync::Arc;
 
@@ -36,7 +36,7 @@ use crate::{
 };
 
 wgsl_struct! {
-    /// What the statistics depend on.
+    /// Inputs of the statistics.
     pub(crate) struct StepView {
         gaussians: u32,
         first: u32,
@@ -59,7 +59,7 @@ pub(crate) fn shader(shape: &RenderShape) -> Shader {
     }
 }
 
-/// What the statistics of a part depend on.
+/// Inputs of the statistics of a part.
 #[derive(Debug)]
 pub(super) struct StatisticsView {
     uniform: Uniform<StepView>,
@@ -67,7 +67,7 @@ pub(super) struct StatisticsView {
 }
 
 impl StatisticsView {
-    /// Makes the part's Gaussians other entries, for everything that is submitted later.
+    /// Changes the entries of the part's Gaussians, for everything that is submitted later.
     pub(super) fn place(&mut self, gpu: &Gpu, entries: DeviceEntries) {
         self.view.gaussians = entries.len as u32;
         self.view.first = entries.first as u32;
@@ -75,7 +75,7 @@ impl StatisticsView {
     }
 }
 
-/// Losses of a step beside the photometric one, added up on the device.
+/// Sum on the device of a step's losses other than the photometric one.
 #[derive(Debug)]
 pub(super) struct Terms {
     add_term: Kernel,
@@ -84,13 +84,13 @@ pub(super) struct Terms {
 }
 
 impl Terms {
-    /// Adds a loss that was taken in parts.
+    /// Records the addition of a loss from its partial sums.
     pub(super) fn record(&self, gpu: &Gpu, program: &mut Program, partials: &DeviceBuffer<f32>) {
         let buffers = [&partials.raw, &self.sum.raw];
         program.run_workgroups(gpu, &self.add_term, 1, &buffers);
     }
 
-    /// Adds the losses of the dynamic Gaussians drawn alone, unless there are none.
+    /// Records the addition of the losses of the dynamic Gaussians drawn alone, if there are any.
     pub(super) fn record_alone(
         &self,
         gpu: &Gpu,
@@ -109,7 +109,7 @@ impl Terms {
     }
 }
 
-/// Kernels that do not depend on the number of Gaussians, and what all steps share.
+/// Kernels that do not depend on the number of Gaussians, and the state shared by all steps.
 #[derive(Debug)]
 pub(super) struct StepKernels {
     gpu: Arc<Gpu>,
@@ -128,12 +128,12 @@ pub(super) struct StepKernels {
     terms: Terms,
     /// The image that a step is compared with.
     pub(super) target: DeviceBuffer<u32>,
-    /// Of the steps since the host looked.
+    /// Losses of the steps since the host last read them.
     pub(super) losses: DeviceBuffer<[f32; 4]>,
 }
 
 impl StepKernels {
-    /// Compiles the kernels for images as large as the input views.
+    /// Compiles the kernels for images of the input views' size.
     pub(super) fn new(
         gpu: Arc<Gpu>,
         inputs: &InputViews<'_>,
@@ -193,7 +193,7 @@ impl StepKernels {
         })
     }
 
-    /// Records the programs of a step on a model. They hold for as many Gaussians as there is room for.
+    /// Records the programs of a step on a model, for any number of Gaussians within the capacity.
     pub(super) fn device_model(
         &mut self,
         parts: Vec<DevicePart>,
@@ -252,7 +252,7 @@ impl StepKernels {
         Ok(model)
     }
 
-    /// The feature channels of a Gaussian without times of its own.
+    /// Returns the feature channels of a Gaussian without its own time.
     fn static_features(&self) -> Vec<f32> {
         let Some(dynamic) = &self.dynamic else {
             return Vec::new();
@@ -263,7 +263,7 @@ impl StepKernels {
         row
     }
 
-    /// The image, and the losses that look at it.
+    /// Records rendering and the losses on the image.
     fn record_losses(&self, chain: &Chain) -> Result<Program, GpuError> {
         let gpu = &*self.gpu;
         let mut program = Program::default();
@@ -289,7 +289,7 @@ impl StepKernels {
         self.pose_gradients.as_ref().map(record).transpose()
     }
 
-    /// What follows the gradients by parameters: the loss on them, statistics, Adam, bounds.
+    /// Records the work after the gradients by parameters: the loss on them, statistics, Adam, bounds.
     fn record_update(
         &self,
         parts: &[DevicePart],
@@ -326,7 +326,7 @@ impl StepKernels {
         Ok((program, statistics))
     }
 
-    /// Adam on the weights of a network.
+    /// Records Adam on the weights of a network.
     fn record_network_update(&self, parts: &[DevicePart], chain: &Chain) -> Program {
         let mut program = Program::default();
         program.begin_stage("adam");

@@ -1,4 +1,4 @@
-//! What those who judge and measure steps ask of a stepper.
+//! Access to a stepper for tests and measurements.
 
 use super::{GpuStepper, Newest};
 use crate::{
@@ -9,7 +9,7 @@ use crate::{
 };
 
 impl GpuStepper<'_> {
-    /// (Splat, tile) pairs of a view that there is room for at the moment.
+    /// Returns the current capacity in (splat, tile) pairs of a view.
     pub fn room_for_entries(&self) -> usize {
         let on_device = self.on_device.as_ref();
         on_device.map_or_else(
@@ -18,10 +18,11 @@ impl GpuStepper<'_> {
         )
     }
 
-    /// The model as [`Stepper::model`](crate::step::Stepper::model) has it, with the gradients of the last step.
+    /// Returns the model as [`Stepper::model`](crate::step::Stepper::model) does, with the gradients of the
+    /// last step.
     ///
     /// # Errors
-    /// When the device fails.
+    /// If the device fails.
     pub fn model_with_gradients(&mut self) -> Result<&Model, EngineError> {
         self.download()?;
         if let Some(on_device) = &self.on_device {
@@ -32,23 +33,24 @@ impl GpuStepper<'_> {
         Ok(&self.model)
     }
 
-    /// Bytes that were read back from the device so far.
+    /// Returns the bytes read back from the device so far.
     pub fn bytes_read(&self) -> u64 {
         self.gpu.bytes_read()
     }
 
-    /// Waits until the device has done everything it was given.
+    /// Waits until the device has finished all submitted work.
     ///
     /// # Errors
-    /// When the device fails.
+    /// If the device fails.
     pub fn wait(&self) -> Result<(), EngineError> {
         Ok(self.gpu.wait()?)
     }
 
-    /// One step like [`Stepper::step`](crate::step::Stepper::step), waited for; returns what its stages cost.
+    /// Takes a step like [`Stepper::step`](crate::step::Stepper::step), waits for it and returns the costs of
+    /// its stages.
     ///
     /// # Errors
-    /// As a step has them.
+    /// See [`Stepper::step`](crate::step::Stepper::step).
     pub fn measured_step(
         &mut self,
         view: usize,

@@ -1,9 +1,9 @@
-//! Training steps on a GPU: rendering, losses, gradients, Adam and density statistics
-//! without waiting for the host, but for poses: a step that moves one is waited for.
+//! Training steps on a GPU: rendering, losses, gradients, Adam and density statistics, without waiting for
+//! the host. The exception is a step that refines a pose.
 //!
-//! The host writes a few numbers per step and reads back now and then. A step that finds no room
-//! for its tile entries halts the device: it and the steps behind it change nothing. When the host
-//! looks, it makes more room and gives those steps to the device again; nothing is lost.
+//! The host writes a few numbers per step and reads back rarely. A step whose tile entries exceed the
+//! capacity halts the device: it and the steps after it change nothing. When the host reads the status, it
+//! enlarges the buffers and submits those steps again; nothing is lost.
 
 pub mod activation;
 mod density;
@@ -46,10 +46,10 @@ use crate::{
     training_view::InputViews,
 };
 
-/// Steps that the device may be given before the host looks what became of them.
+/// Maximum number of steps submitted before the host reads the status.
 pub const LOOK_INTERVAL: u64 = 50;
 
-/// Which copy of the model is the newest.
+/// Newest copy of the model.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Newest {
     Host,
@@ -57,12 +57,12 @@ enum Newest {
     Both,
 }
 
-/// A step that the device was given and the host has not looked after.
+/// A submitted step whose status the host has not read.
 #[derive(Debug, Clone, PartialEq, Default)]
 struct Pending {
     view: usize,
     schedule: StepSchedule,
-    /// Number of the optimizer's step on the weights of a network, from 1; 0 where it takes no part.
+    /// Number of the optimizer's step on the weights of a network, from 1; 0 if the network is not trained.
     network_step: u64,
     moves_pose: bool,
 }
@@ -70,8 +70,7 @@ struct Pending {
 /// Refuses models that a GPU cannot train.
 ///
 /// # Errors
-/// With the name of the parameterization that has no kernels there, or where a network deforms one part of
-/// several.
+/// If a parameterization, which is named, has no GPU kernels, or a network deforms one part of several.
 fn check(model: &Model) -> Result<(), EngineError> {
     let refused = |reason: String| Err(EngineError::Backend { reason });
     let twin = |part: &Part| {
@@ -106,12 +105,12 @@ pub struct GpuStepper<'a> {
     inputs: InputViews<'a>,
     settings: TrainSettings,
     kernels: StepKernels,
-    /// Images and masks of the input views, and how many of their pixels count.
+    /// Packed images and masks of the input views, and their numbers of pixels that count.
     targets: Vec<(DeviceBuffer<u32>, usize)>,
     model: Model,
     newest: Newest,
     on_device: Option<DeviceModel>,
-    /// Room for tile entries.
+    /// Capacity in tile entries.
     entries: usize,
     pending: VecDeque<Pending>,
     statistics: StepStatistics,
@@ -121,7 +120,7 @@ impl<'a> GpuStepper<'a> {
     /// Uploads the scene's input views.
     ///
     /// # Errors
-    /// When the model has no kernels there, the device fails or its memory does not suffice.
+    /// If the model has no GPU kernels, or the device fails or runs out of memory.
     pub fn new(
         gpu: Arc<Gpu>,
         inputs: InputViews<'a>,
@@ -149,7 +148,7 @@ impl<'a> GpuStepper<'a> {
         Ok(stepper)
     }
 
-    /// For so many Gaussians.
+    /// Returns the buffer sizes for this number of Gaussians.
     fn shape(&self, gaussians: usize) -> RenderShape {
         let dynamics = self.settings.dynamics.as_ref();
         RenderShape {
@@ -162,19 +161,19 @@ impl<'a> GpuStepper<'a> {
         }
     }
 
-    /// Puts the host's model on the device where that is the newer one.
+    /// Uploads the host's model if it is newer.
     fn upload(&mut self) -> Result<(), GpuError> {
         if self.newest != Newest::Host {
             return Ok(());
         }
-        // Before the new one is made: both may not fit.
+        // Free the old one first: both may not fit.
         self.on_device = None;
         self.put(copies(&self.gpu, &self.model)?)?;
         self.newest = Newest::Both;
         Ok(())
     }
 
-    /// Makes a model of parameters that are on the device.
+    /// Creates the device model from parameters on the device.
     fn put(&mut self, tables: Vec<PartTables>) -> Result<(), GpuError> {
         let dynamics = self.settings.dynamics.as_ref();
         let of_all = (dynamics, &self.kernels.row_mover);
@@ -183,15 +182,15 @@ impl<'a> GpuStepper<'a> {
         Ok(())
     }
 
-    /// The model with the programs of a step on it.
+    /// Creates the model with the programs of a step on it.
     fn device_model(&mut self, parts: Vec<DevicePart>) -> Result<DeviceModel, GpuError> {
         let shape = self.shape(parts.iter().map(|part| part.table.capacity).sum());
         self.entries = shape.entries;
         self.kernels.device_model(parts, shape)
     }
 
-    /// The model on the device; whoever takes it puts it back, unless the device has failed. Then
-    /// it is gone for good, and no older copy takes its place.
+    /// Takes the model on the device, which the caller must put back unless the device has failed. Then the
+    /// model is lost, and no older copy replaces it.
     fn take_model(&mut self) -> Result<DeviceModel, GpuError> {
         self.on_device.take().ok_or_else(|| {
             self.gpu
@@ -199,8 +198,8 @@ impl<'a> GpuStepper<'a> {
         })
     }
 
-    /// Gives one step to the device, which notes where its time goes where there is a timer; returns what
-    /// the step has that others have not.
+    /// Submits one step; a timer, if given, records the times of its stages. Returns the step's optional
+    /// components.
     fn submit(
         &self,
         model: &DeviceModel,
@@ -240,13 +239,13 @@ impl<'a> GpuStepper<'a> {
         uses
     }
 
-    /// Sets what a view is held to; returns whether its dynamic Gaussians are drawn alone.
+    /// Sets the losses of a view; returns true if its dynamic Gaussians are drawn alone.
     fn set_losses(&self, number: usize, schedule: &StepSchedule) -> bool {
         let gpu = &*self.gpu;
         let (view, counted) = (&self.inputs.views[number], self.targets[number].1);
         let exposure = self.settings.exposure.as_ref();
         let gain = exposure.map(|exposure| exposure.gain(view.view.time_seconds));
-        // Where all views are alike nothing has to be written before each step.
+        // If all views are alike, the initial settings hold for every step.
         let ignore_something = self.inputs.views.iter().any(|view| view.ignored.is_some());
         if exposure.is_some() || ignore_something {
             self.kernels.loss.set_view(gpu, gain, counted);
@@ -257,7 +256,8 @@ impl<'a> GpuStepper<'a> {
         })
     }
 
-    /// Waits for the pending steps, makes room where it was missing and has the rest done again.
+    /// Waits for the pending steps; if one halted for capacity, enlarges the buffers and submits the rest
+    /// again.
     fn settle(&mut self) -> Result<(), EngineError> {
         while !self.pending.is_empty() {
             let model = self.take_model()?;
@@ -307,7 +307,7 @@ impl<'a> GpuStepper<'a> {
         Ok(())
     }
 
-    /// The next step on an input view.
+    /// Returns the next step on an input view.
     fn next_step(&mut self, view: usize, schedule: &StepSchedule) -> Pending {
         let seen = &self.inputs.views[view].view;
         let at = Viewpoint::of_step(seen, schedule.shift_frames, schedule.scheduled);
@@ -329,15 +329,16 @@ impl<'a> GpuStepper<'a> {
         }
     }
 
-    /// The same model with room for at least `entries`.
+    /// Recreates the model with capacity for at least `entries`.
     fn make_room(&mut self, model: DeviceModel, entries: u32) -> Result<DeviceModel, GpuError> {
-        // The renderer's buffers go before the larger ones are made: both may not fit.
+        // The renderer's buffers are freed before larger ones are allocated: both may not fit.
         let parts = model.parts;
         self.entries = with_slack(entries);
         self.device_model(parts)
     }
 
-    /// Moves the pose of the view that a step drew. The host does: the next view of it waits for that.
+    /// Refines the pose of the view drawn by a step. This happens on the host, because the view's next step
+    /// needs it.
     fn move_pose(&mut self, step: &Pending) -> Result<(), EngineError> {
         self.settle()?;
         let model = self.take_model()?;
@@ -357,7 +358,7 @@ impl<'a> GpuStepper<'a> {
         Ok(())
     }
 
-    /// Brings the host's copy of the model up to date.
+    /// Downloads the model if the device's copy is newer.
     fn download(&mut self) -> Result<(), EngineError> {
         self.settle()?;
         if self.newest == Newest::Device {

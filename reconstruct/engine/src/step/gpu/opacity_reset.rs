@@ -1,4 +1,4 @@
-//! Opacities set down on a GPU, of which the host reads nothing.
+//! Opacity reset on a GPU, without reading back.
 
 use crate::{
     density::RESET_OPACITY,
@@ -8,7 +8,7 @@ use crate::{
 };
 
 wgsl_struct! {
-    /// Which logits, and how far down.
+    /// Range of the logits, and their upper bound.
     pub(crate) struct OpacityReset {
         begin: u32,
         len: u32,
@@ -27,7 +27,7 @@ pub(crate) fn shader() -> Shader {
     }
 }
 
-/// Records programs that set down opacities.
+/// Kernel of opacity resets.
 #[derive(Debug)]
 pub(super) struct OpacityResets {
     reset_opacities: Kernel,
@@ -39,7 +39,7 @@ impl OpacityResets {
         Ok(Self { reset_opacities })
     }
 
-    /// For all parts of a model. It goes over the room behind their Gaussians as well, where nothing is.
+    /// Records the reset of all parts of a model. It also covers the unused capacity, which is harmless.
     pub(super) fn record(&self, gpu: &Gpu, parts: &[DevicePart]) -> Result<Program, GpuError> {
         let mut program = Program::default();
         for DevicePart { table, .. } in parts {

@@ -1,4 +1,4 @@
-//! Outputs and gradients against those of the CPU, which are held against the definition.
+//! Outputs and gradients compared with those of the CPU, which other tests compare with the definition.
 
 use crate::fields::mlp::gpu::*;
 use crate::{
@@ -16,12 +16,13 @@ const PUBLISHED: NetworkShape = NetworkShape {
     outputs: 10,
 };
 
-/// With room for as many rows as there are.
+/// Runs with a capacity equal to the number of rows.
 fn on_device(case: &Case, gpu: &Gpu, block: usize) -> (Vec<f32>, Vec<f32>) {
     in_room(case, gpu, [case.rows, block], |_| {})
 }
 
-/// With room for so many rows, in blocks of so many. `before` may run the program for other numbers of rows.
+/// Runs with a capacity of `room` rows, in blocks of `block`. `before` may run the program for other numbers
+/// of rows.
 fn in_room(
     case: &Case,
     gpu: &Gpu,
@@ -35,7 +36,7 @@ fn in_room(
     let gradients = buffer(&vec![7.0; case.weights.len()]);
     buffers.shared.write(gpu, 0, &case.shared);
     buffers.upstream.write(gpu, 0, &case.upstream);
-    // Inputs come in as a product with the identity.
+    // Inputs are passed through a product with the identity.
     let width = case.shape.row_inputs;
     let inputs = buffer(&case.inputs);
     let identity: Vec<f32> = (0..width * width)
@@ -94,7 +95,7 @@ fn outputs_and_gradients_are_those_of_the_cpu() {
         (SMALL, 1, 64),
         (SMALL, 300, 4096),
         (SMALL, 300, 128),
-        // More parts than one.
+        // More than one partial sum.
         (SMALL, 5000, 4096),
         (PUBLISHED, 150, 4096),
     ] {
@@ -106,8 +107,8 @@ fn outputs_and_gradients_are_those_of_the_cpu() {
     }
 }
 
-/// One program for any number of rows within its room gives the bits of one for that number alone, whatever it
-/// was run for before.
+/// One program for any number of rows within its capacity gives the same bits as one for that number alone,
+/// independent of earlier runs.
 #[test]
 fn rows_come_and_go_within_the_room() {
     let Some(gpu) = test_device() else { return };
@@ -117,7 +118,7 @@ fn rows_come_and_go_within_the_room() {
     };
     for (rows, room, block) in [
         (300, 1000, 4096),
-        // Several blocks, of which some have no rows.
+        // Several blocks, some without rows.
         (300, 1000, 128),
         (100, 1000, 128),
         (128, 1000, 128),

@@ -1,4 +1,4 @@
-//! Outputs and gradients against the network written out in f64.
+//! Outputs and gradients compared with the network written out in f64.
 
 use crate::fields::mlp::cases::{Case, SMALL as SHAPE};
 use crate::fields::mlp::{passes::*, reference};
@@ -67,7 +67,7 @@ const PLAIN: NetworkShape = NetworkShape {
 fn gradients_by_inputs_are_central_differences() {
     for shape in [SHAPE, PLAIN] {
         let mut case = Case::new(shape, 2 * BLOCK + 5);
-        // Rows without a gradient are left out, and have none.
+        // Rows without a gradient are skipped, and get none.
         case.upstream[3 * shape.outputs..9 * shape.outputs].fill(0.0);
         let (_, by_weights, by_inputs) = case.with_input_gradients(UNLIMITED);
         let wide = widened(&case.weights);
@@ -92,7 +92,7 @@ fn gradients_by_inputs_are_central_differences() {
                 );
             }
         }
-        // They are the same bits where activations are evaluated again.
+        // Recomputed activations give the same bits.
         let (_, again_by_weights, again) = case.with_input_gradients(0);
         assert!(again == by_inputs && again_by_weights == by_weights);
     }
@@ -134,7 +134,7 @@ fn memory_and_rows_without_a_gradient_change_nothing() {
         let (other_out, other) = case.on_cpu(limit);
         assert!(out == other_out && gradients == other, "{limit}");
     }
-    // Without leaving rows out: a row of zeros that is just above 0 is not left out.
+    // The reference skips no row: a gradient slightly above 0 is not skipped.
     for value in &mut case.upstream {
         if *value == 0.0 {
             *value = f32::MIN_POSITIVE;

@@ -1,4 +1,4 @@
-// The gradient by a camera's pose (see by_camera.rs), one thread per Gaussian; sums per workgroup.
+// Gradient by a camera's pose (see by_camera.rs), one thread per Gaussian; sums per workgroup.
 
 const SH_C0: f32 = 0.2820948;
 
@@ -6,7 +6,7 @@ const SH_C0: f32 = 0.2820948;
 @group(0) @binding(2) var<storage, read> harmonics: array<f32>;
 @group(0) @binding(3) var<storage, read> gaussian_gradients: array<Gaussian>;
 @group(0) @binding(4) var<storage, read> harmonic_gradients: array<f32>;
-// Of every workgroup: by the rotation, by the centre.
+// Partial sums per workgroup: by the rotation, by the centre.
 @group(0) @binding(5) var<storage, read_write> partials: array<PoseGradient>;
 
 struct PoseGradient {
@@ -26,7 +26,7 @@ fn harmonic(index: u32, coefficient: u32) -> vec3<f32> {
     return vec3(harmonics[at], harmonics[at + 1u], harmonics[at + 2u]);
 }
 
-// What of the gradient by the centre comes from the direction in which harmonics are evaluated.
+// Part of the gradient by the centre that comes from the direction in which harmonics are evaluated.
 fn through_direction(index: u32, offset: vec3<f32>) -> vec3<f32> {
     let by_colour = by_harmonic(index, 0u) / SH_C0;
     if view.sh_degree == 0u || all(by_colour == vec3<f32>()) {
@@ -46,7 +46,7 @@ fn of_one(index: u32) -> PoseGradient {
     let by = gaussian_gradients[index];
     let offset = gaussians[index].position - view.centre;
     let torque = cross(offset, by.position - through_direction(index, offset));
-    // The products e_i (x) q, component by component; quaternions are (w, x, y, z).
+    // Products e_i (x) q, component by component; quaternions are (w, x, y, z).
     let q = gaussians[index].rotation;
     let h = by.rotation;
     let twist = 0.5 * vec3(
@@ -58,7 +58,7 @@ fn of_one(index: u32) -> PoseGradient {
 }
 
 fn is_finite_sum(one: PoseGradient) -> bool {
-    // One sum is finite only where all of its terms are.
+    // A sum is finite only if all of its terms are.
     let sum = abs(one.rotation) + abs(one.centre);
     return is_finite(sum.x + sum.y + sum.z);
 }
@@ -74,7 +74,7 @@ fn pose_gradient(
     var mine = PoseGradient();
     if index < view.gaussians {
         let one = of_one(index);
-        // What is not finite is counted where the gradient is applied to the Gaussian.
+        // Values that are not finite are counted where the gradient is applied to the Gaussian.
         if is_finite_sum(one) {
             mine = one;
         }

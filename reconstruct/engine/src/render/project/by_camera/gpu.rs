@@ -1,4 +1,4 @@
-//! The gradient by a camera's pose on a GPU.
+//! Gradient by a camera's pose on a GPU.
 
 use glam::DVec3;
 
@@ -9,7 +9,7 @@ use crate::{
 };
 
 wgsl_struct! {
-    /// Part of the gradient by a pose; `PoseGradient` in WGSL.
+    /// Partial sum of the gradient by a pose; `PoseGradient` in WGSL.
     pub(crate) struct DevicePoseGradient {
         rotation: [f32; 3],
         pad: f32,
@@ -34,7 +34,7 @@ pub(crate) fn shader(shape: &RenderShape) -> Shader {
     }
 }
 
-/// What sums up the gradient by the pose of the view that was drawn.
+/// Kernel that sums the gradient by the pose of the drawn view.
 #[derive(Debug)]
 pub(crate) struct PoseGradients {
     pose_gradient: Kernel,
@@ -46,7 +46,7 @@ impl PoseGradients {
         Ok(Self { pose_gradient })
     }
 
-    /// Returns where the gradient stands, in parts (see [`sum`]).
+    /// Records the sums; returns the buffer of the partial sums (see [`sum`]).
     pub(crate) fn record(
         &self,
         gpu: &Gpu,
@@ -72,12 +72,12 @@ impl PoseGradients {
     }
 }
 
-/// Parts of the gradient by so many Gaussians.
+/// Returns the number of partial sums for `gaussians` Gaussians.
 pub(crate) fn part_count(gaussians: usize) -> usize {
     gaussians.div_ceil(WORKGROUP as usize)
 }
 
-/// The gradient of its parts.
+/// Adds up the partial sums.
 pub(crate) fn sum(parts: &[DevicePoseGradient]) -> PoseGradient {
     let wide = |vector: [f32; 3]| DVec3::from_array(vector.map(f64::from));
     let mut sum = PoseGradient::default();

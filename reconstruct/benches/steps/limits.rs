@@ -1,10 +1,6 @@
-//! How near rasterization comes to what the CPU can do: Gaussian-pixel evaluations per second
+//! Rasterization beside the limits of the CPU: Gaussian-pixel evaluations per second
 //! and operations per second on one thread, beside the machine's own limits measured in the same
 //! run.
-//!
-//! ```text
-//! RAYON_NUM_THREADS=1 cargo bench --bench limits -- [GAUSSIANS] [WIDTH]
-//! ```
 //!
 //! An evaluation is a Gaussian's opacity, at least 1/255, in a pixel that has not stopped, with
 //! everything that follows from it. Lanes that fall beside a footprint are work but no evaluations:
@@ -12,7 +8,7 @@
 //! `render/raster/mod.rs` as written (a fused multiply-add is two), not in what the compiler makes
 //! of them.
 
-use std::{hint::black_box, time::Instant};
+use std::{error::Error, hint::black_box, time::Instant};
 
 use fearless_simd::{Level, Simd, dispatch, f32x8, prelude::*};
 use omnilife_engine::{
@@ -25,7 +21,8 @@ use omnilife_engine::{
         sort::{self, cpu::SortScratch},
     },
 };
-use omnilife_reconstruct::step_cost::cpu::Iteration;
+
+use crate::{iteration::Iteration, number};
 
 /// Forward: square of the offset and its row (4), `2^t` (13), weight and transmittance (2), three
 /// colours (6).
@@ -36,16 +33,12 @@ const BACKWARD_OPERATIONS: f64 = 50.0;
 /// Rounds, of which the fastest counts.
 const ROUNDS: usize = 15;
 
-fn main() {
-    let words: Vec<String> = std::env::args()
-        .skip(1)
-        .filter(|word| word != "--bench")
-        .collect();
-    let number = |at: usize, default: usize| {
-        let word = words.get(at);
-        word.and_then(|word| word.parse().ok()).unwrap_or(default)
-    };
-    let (count, width) = (number(0, 50_000), number(1, 512) as u32);
+/// Measures one size on one thread and prints rates and shares.
+pub(crate) fn run(words: &[&str]) -> Result<(), Box<dyn Error>> {
+    let (count, width) = (
+        number::<usize>(words, 0, 50_000)?,
+        number::<u32>(words, 1, 512)?,
+    );
     assert_eq!(
         rayon::current_num_threads(),
         1,
@@ -86,6 +79,7 @@ fn main() {
             100.0 * rate * operations / peak
         );
     }
+    Ok(())
 }
 
 /// Evaluations of one forward pass, by plain loops over the tiles' lists.

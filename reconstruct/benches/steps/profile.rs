@@ -1,39 +1,36 @@
-//! Where the time of a training iteration goes: CPU milliseconds per stage, for one size.
-//!
-//! ```text
-//! cargo bench --bench profile -- [GAUSSIANS] [WIDTH] [projected|ray] [--export FOLDER] [--json]
-//! ```
-//!
-//! `--export` writes the scene for `scripts/compare`, `--json` prints one line for it.
+//! CPU milliseconds per stage of a training iteration, for one size.
 
-use std::{fs, path::Path, time::Instant};
+use std::{error::Error, fs, path::Path, time::Instant};
 
 use omnilife_engine::render::settings::{Footprint, RenderSettings};
-use omnilife_reconstruct::{process::own_cpu_time, step_cost::cpu::Iteration};
+use omnilife_reconstruct::process::{own_cpu_time, peak_memory_bytes};
+
+use crate::{iteration::Iteration, number};
 
 const NEAR: f32 = 0.01;
 const WARM_UP: usize = 3;
 const ITERATIONS: usize = 15;
 
-fn main() {
-    let mut words: Vec<String> = std::env::args()
-        .skip(1)
-        .filter(|word| word != "--bench")
-        .collect();
+/// Measures one size and prints lines for people, or one line of JSON.
+pub(crate) fn run(words: &[&str]) -> Result<(), Box<dyn Error>> {
+    let mut words = words.to_vec();
     let as_json = take(&mut words, "--json").is_some();
-    let folder = take(&mut words, "--export").map(|at| words.remove(at));
-    let number = |at: usize, default: usize| {
-        let word = words.get(at);
-        word.and_then(|word| word.parse().ok()).unwrap_or(default)
+    let folder = match take(&mut words, "--export") {
+        Some(at) if at < words.len() => Some(words.remove(at)),
+        Some(_) => return Err("profile: --export needs a folder".into()),
+        None => None,
     };
-    let (count, width) = (number(0, 50_000), number(1, 512));
+    let (count, width) = (
+        number::<usize>(&words, 0, 50_000)?,
+        number::<u32>(&words, 1, 512)?,
+    );
     let mut settings = RenderSettings::new(NEAR);
-    if words.get(2).is_some_and(|word| word == "ray") {
+    if words.get(2) == Some(&"ray") {
         settings.footprint = Footprint::Ray;
     }
-    let mut iteration = Iteration::new(count, width as u32, settings);
-    if let Some(folder) = &folder {
-        export(&iteration, Path::new(folder)).expect("the scene is written");
+    let mut iteration = Iteration::new(count, width, settings);
+    if let Some(folder) = folder {
+        export(&iteration, Path::new(folder))?;
     }
     let loss = iteration.run(|_, _| {});
     for _ in 1..WARM_UP {
@@ -58,6 +55,7 @@ fn main() {
         processor =
             processor.min(own_cpu_time().unwrap_or_default().as_secs_f64() - begun_processor);
     }
+    let peak_bytes = peak_memory_bytes().unwrap_or(0);
     if as_json {
         let stages: serde_json::Map<String, serde_json::Value> = stages
             .iter()
@@ -68,12 +66,12 @@ fn main() {
             "wall_seconds": wall,
             "processor_seconds": processor,
             "loss": loss,
-            "peak_bytes": peak_bytes(),
+            "peak_bytes": peak_bytes,
             "threads": rayon::current_num_threads(),
             "stages": stages,
         });
         println!("{line}");
-        return;
+        return Ok(());
     }
     for (name, seconds) in &stages {
         println!("{name:20} {:8.2} ms", seconds * 1e3);
@@ -85,27 +83,18 @@ fn main() {
         wall * 1e3,
         rayon::current_num_threads()
     );
-    println!("{:20} {:8.2} MB", "peak memory", peak_bytes() as f64 / 1e6);
+    println!("{:20} {:8.2} MB", "peak memory", peak_bytes as f64 / 1e6);
+    Ok(())
 }
 
-/// Removes a word and says where it stood.
-fn take(words: &mut Vec<String>, word: &str) -> Option<usize> {
-    let at = words.iter().position(|candidate| candidate == word)?;
+/// Removes a word and returns its index.
+fn take(words: &mut Vec<&str>, word: &str) -> Option<usize> {
+    let at = words.iter().position(|candidate| *candidate == word)?;
     words.remove(at);
     Some(at)
 }
 
-/// Largest resident size of this process; 0 where the system does not say.
-fn peak_bytes() -> u64 {
-    let status = fs::read_to_string("/proc/self/status").unwrap_or_default();
-    let kilobytes = status
-        .lines()
-        .find_map(|line| line.strip_prefix("VmHWM:")?.trim().strip_suffix("kB"))
-        .and_then(|number| number.trim().parse::<u64>().ok());
-    kilobytes.unwrap_or(0) * 1024
-}
-
-/// Raw parameters, target and camera, as little-endian f32 files and `scene.json`.
+/// Writes raw parameters, target and camera as little-endian f32 files and `scene.json`.
 fn export(iteration: &Iteration, folder: &Path) -> std::io::Result<()> {
     fs::create_dir_all(folder)?;
     let write = |name: &str, values: &[f32]| {

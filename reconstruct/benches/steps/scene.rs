@@ -22,9 +22,9 @@ use rand::{RngExt, SeedableRng};
 use rand_distr::{Distribution, StandardNormal};
 use rand_pcg::Pcg64Mcg;
 
-/// Gaussians all around the camera as training leaves them: as wide as the distance to their
+/// Returns Gaussians all around the camera as training leaves them: as wide as the distance to their
 /// neighbours, more or less, flattened and turned at random, 1 to 10 units away.
-pub fn scene(count: usize) -> ParameterTable {
+pub(crate) fn scene(count: usize) -> ParameterTable {
     let mut random = Pcg64Mcg::seed_from_u64(1);
     let mut table = static_gaussians::table(&initial(count, &mut random), 0);
     vary(&mut table, &mut random);
@@ -61,8 +61,8 @@ fn vary(table: &mut ParameterTable, random: &mut Pcg64Mcg) {
     }
 }
 
-/// A camera at the centre of a [`scene`], turned.
-pub fn view(width: u32) -> View {
+/// Returns a camera at the centre of a [`scene`], turned.
+pub(crate) fn view(width: u32) -> View {
     let rotation = DQuat::from_euler(glam::EulerRot::XYZ, 0.3, -1.1, 0.2);
     View {
         camera: ErpCamera {
@@ -76,8 +76,8 @@ pub fn view(width: u32) -> View {
     }
 }
 
-/// What an image is compared with: that of a [`scene`] of half as many Gaussians.
-pub fn target(count: usize, view: &View, settings: RenderSettings) -> RgbImage {
+/// Returns the image of a [`scene`] of half as many Gaussians, the target of a step.
+pub(crate) fn target(count: usize, view: &View, settings: RenderSettings) -> RgbImage {
     let mut instant = ActivatedGaussians::default();
     static_gaussians::activate(&scene(count / 2), &mut instant);
     Renderer::new(settings).image(view, &instant)
@@ -90,8 +90,8 @@ const CLIP: Clock = Clock {
     duration_frames: 60.0,
 };
 
-/// The network of Deformable-GS, which takes part from the first step on, in such a clip.
-pub fn deformation() -> Deformable {
+/// Returns the network of Deformable-GS, which takes part from the first step on, in a [`CLIP`].
+pub(crate) fn deformation() -> Deformable {
     let model = DeformationModel::published(3.0);
     let settings = DeformationSettings {
         clock: CLIP,
@@ -102,8 +102,8 @@ pub fn deformation() -> Deformable {
     Deformable::new(settings, model.network().initial_weights(1))
 }
 
-/// Time and losses of Omni4DGS in such a clip.
-pub fn dynamics() -> DynamicSettings {
+/// Returns time and losses of Omni4DGS in a [`CLIP`].
+pub(crate) fn dynamics() -> DynamicSettings {
     DynamicSettings {
         clock: CLIP,
         time: TimeModel {
@@ -141,9 +141,9 @@ pub fn dynamics() -> DynamicSettings {
     }
 }
 
-/// A [`scene`] whose Gaussians have times of their own: a tenth of them lives for two frames, the others
-/// for the whole clip.
-pub fn moving_scene(count: usize, dynamics: &DynamicSettings) -> ParameterTable {
+/// Returns a [`scene`] whose Gaussians have times of their own: a tenth of them lives for two frames, the
+/// others for the whole clip.
+pub(crate) fn moving_scene(count: usize, dynamics: &DynamicSettings) -> ParameterTable {
     let mut random = Pcg64Mcg::seed_from_u64(1);
     let initial = initial(count, &mut random);
     let mut times = InitialTimes::constant(count, 0.0, 60.0);

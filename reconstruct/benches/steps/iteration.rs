@@ -7,35 +7,34 @@ use omnilife_engine::{
     parameters::{ParameterTable, adam},
     render::{cpu::Renderer, raster::RasterGradient, settings::RenderSettings},
 };
+use omnilife_reconstruct::process::own_cpu_time;
 
-use super::scene::{scene, target, view};
-use crate::process::own_cpu_time;
+use crate::scene::{scene, target, view};
 
 /// Everything that one training iteration touches.
-#[derive(Debug)]
-pub struct Iteration {
-    /// Where from.
-    pub view: View,
+pub(crate) struct Iteration {
+    /// The camera.
+    pub(crate) view: View,
     /// Raw parameters.
-    pub table: ParameterTable,
-    /// Activated.
-    pub instant: ActivatedGaussians,
-    /// By what is activated.
-    pub gradient: ActivatedGaussians,
-    /// Renders and takes the way back.
-    pub renderer: Renderer,
+    pub(crate) table: ParameterTable,
+    /// Activated parameters.
+    pub(crate) instant: ActivatedGaussians,
+    /// Gradient by the activated parameters.
+    pub(crate) gradient: ActivatedGaussians,
+    /// Renderer, forward and backward.
+    pub(crate) renderer: Renderer,
     /// The photometric loss.
-    pub loss: Loss,
-    /// What the image is compared with, RGB after RGB.
-    pub target: Vec<f32>,
+    pub(crate) loss: Loss,
+    /// Target image, RGB after RGB.
+    pub(crate) target: Vec<f32>,
     /// Iterations so far.
-    pub step: u64,
+    pub(crate) step: u64,
 }
 
 impl Iteration {
-    /// An iteration on a [`scene`] of `count` Gaussians in an ERP image of `width` columns; its [`target`] is
-    /// another scene.
-    pub fn new(count: usize, width: u32, settings: RenderSettings) -> Self {
+    /// Makes an iteration on a [`scene`] of `count` Gaussians in an ERP image of `width` columns; its
+    /// [`target`] is another scene.
+    pub(crate) fn new(count: usize, width: u32, settings: RenderSettings) -> Self {
         let view = view(width);
         let table = scene(count);
         let mut instant = ActivatedGaussians::default();
@@ -52,9 +51,9 @@ impl Iteration {
         }
     }
 
-    /// Forward, loss, backward and Adam, as training orders them. `done` is called with the name of
-    /// each stage and the CPU time that it took, in seconds. Returns the loss.
-    pub fn run(&mut self, mut done: impl FnMut(&'static str, f64)) -> f64 {
+    /// Runs forward, loss, backward and Adam, as training orders them, and returns the loss. `done` is
+    /// called with the name of each stage and its CPU time in seconds.
+    pub(crate) fn run(&mut self, mut done: impl FnMut(&'static str, f64)) -> f64 {
         let cpu_seconds = || own_cpu_time().unwrap_or_default().as_secs_f64();
         let mut begun = cpu_seconds();
         let mut lap = |name: &'static str| {

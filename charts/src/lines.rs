@@ -1,11 +1,11 @@
-//! Line charts as SVG.
+//! Lines over logarithmic axes, with a legend where it hides the fewest points.
 
 use std::ops::Range;
 
 use plotters::prelude::*;
 
-/// Size of a chart in its own units.
-const SIZE: (u32, u32) = (760, 420);
+use crate::{ChartError, DrawingError, SIZE, Titles, svg};
+
 /// Colours of series, one after another; they can be told apart without seeing red and green.
 const COLOURS: [RGBColor; 7] = [
     RGBColor(0, 114, 178),
@@ -17,23 +17,7 @@ const COLOURS: [RGBColor; 7] = [
     RGBColor(60, 60, 60),
 ];
 
-macro_rules! mesh {
-    ($chart:ident, $titles:ident, $label:expr) => {
-        $chart
-            .configure_mesh()
-            .x_desc($titles.x)
-            .y_desc($titles.y)
-            .x_labels(8)
-            .y_labels(8)
-            .x_label_formatter(&|value: &f64| short(*value))
-            .y_label_formatter(&$label)
-            .label_style(("sans-serif", 13))
-            .axis_desc_style(("sans-serif", 14))
-            .light_line_style(TRANSPARENT)
-            .draw()
-            .map_err(|error| error.to_string())?;
-    };
-}
+/// Draws series and the legend.
 macro_rules! lines {
     ($chart:ident, $series:ident, $legend:expr) => {
         for (index, series) in $series.iter().enumerate() {
@@ -42,20 +26,13 @@ macro_rules! lines {
                 .draw_series(LineSeries::new(
                     series.points.iter().copied(),
                     colour.stroke_width(2),
-                ))
-                .map_err(|error| error.to_string())?
+                ))?
                 .label(series.name.as_str())
                 .legend(move |(x, y)| {
                     PathElement::new(vec![(x, y), (x + 18, y)], colour.stroke_width(2))
                 });
-            $chart
-                .draw_series(
-                    series
-                        .points
-                        .iter()
-                        .map(|&point| Circle::new(point, 3, colour.filled())),
-                )
-                .map_err(|error| error.to_string())?;
+            let circle = |&point: &(f64, f64)| Circle::new(point, 3, colour.filled());
+            $chart.draw_series(series.points.iter().map(circle))?;
         }
         $chart
             .configure_series_labels()
@@ -63,82 +40,95 @@ macro_rules! lines {
             .background_style(WHITE.mix(0.8))
             .border_style(BLACK.mix(0.3))
             .label_font(("sans-serif", 13))
-            .draw()
-            .map_err(|error| error.to_string())?;
+            .draw()?;
     };
 }
+
 /// A line with its name.
-pub(crate) struct Series {
-    pub(crate) name: String,
+#[derive(Debug, Clone)]
+pub struct Series {
+    /// Name in the legend.
+    pub name: String,
     /// Finite; x is positive, and y where the axis is logarithmic.
-    pub(crate) points: Vec<(f64, f64)>,
+    pub points: Vec<(f64, f64)>,
 }
 
-/// What is written at the axes.
-pub(crate) struct Titles<'a> {
-    pub(crate) chart: &'a str,
-    pub(crate) x: &'a str,
-    pub(crate) y: &'a str,
-}
-
-/// Lines over a logarithmic axis, `y` on a linear one.
-pub(crate) fn over_log_x(titles: &Titles<'_>, series: &[Series]) -> Result<String, String> {
+/// Draws lines over a logarithmic axis, `y` on a linear one.
+///
+/// # Errors
+/// When no series has a point, or the drawing library fails.
+pub fn over_log_x(
+    caption: &str,
+    titles: &Titles<'_>,
+    series: &[Series],
+) -> Result<String, ChartError> {
     let (x, y) = ranges(series);
     let margin = (0.08 * (y.end - y.start)).max(0.25);
-    draw(titles, series, |builder| {
+    draw(caption, series, |builder| {
         let (x, y) = (decades(&x), y.start - margin..y.end + margin);
         let legend = emptiest_corner(series, |point| {
             [share_of_decades(point.0, &x), share(point.1, &y)]
         });
-        let mut chart = builder
-            .build_cartesian_2d(x.log_scale(), y)
-            .map_err(|error| error.to_string())?;
-        mesh!(chart, titles, |value: &f64| format!("{value:.1}"));
+        let mut chart = builder.build_cartesian_2d(x.log_scale(), y)?;
+        mesh!(
+            chart,
+            titles,
+            8,
+            |value: &f64| short(*value),
+            |value: &f64| format!("{value:.1}")
+        );
         lines!(chart, series, legend);
         Ok(())
     })
 }
 
-/// Lines over a logarithmic axis, `y` on another.
-pub(crate) fn log_log(titles: &Titles<'_>, series: &[Series]) -> Result<String, String> {
+/// Draws lines over a logarithmic axis, `y` on another.
+///
+/// # Errors
+/// When no series has a point, or the drawing library fails.
+pub fn log_log(
+    caption: &str,
+    titles: &Titles<'_>,
+    series: &[Series],
+) -> Result<String, ChartError> {
     let (x, y) = ranges(series);
-    draw(titles, series, |builder| {
+    draw(caption, series, |builder| {
         let (x, y) = (decades(&x), decades(&y));
         let legend = emptiest_corner(series, |point| {
             [share_of_decades(point.0, &x), share_of_decades(point.1, &y)]
         });
-        let mut chart = builder
-            .build_cartesian_2d(x.log_scale(), y.log_scale())
-            .map_err(|error| error.to_string())?;
-        mesh!(chart, titles, |value: &f64| format!("{value:.0e}"));
+        let mut chart = builder.build_cartesian_2d(x.log_scale(), y.log_scale())?;
+        mesh!(
+            chart,
+            titles,
+            8,
+            |value: &f64| short(*value),
+            |value: &f64| format!("{value:.0e}")
+        );
         lines!(chart, series, legend);
         Ok(())
     })
 }
 
 fn draw(
-    titles: &Titles<'_>,
+    caption: &str,
     series: &[Series],
-    body: impl FnOnce(&mut ChartBuilder<'_, '_, SVGBackend<'_>>) -> Result<(), String>,
-) -> Result<String, String> {
+    body: impl FnOnce(&mut ChartBuilder<'_, '_, SVGBackend<'_>>) -> Result<(), DrawingError>,
+) -> Result<String, ChartError> {
     if series.iter().all(|series| series.points.is_empty()) {
-        return Err("there is nothing to draw".to_owned());
+        return Err(ChartError("there is nothing to draw".to_owned()));
     }
-    let mut text = String::new();
-    {
-        let area = SVGBackend::with_string(&mut text, SIZE).into_drawing_area();
-        area.fill(&WHITE).map_err(|error| error.to_string())?;
-        let mut builder = ChartBuilder::on(&area);
+    svg(SIZE, |area| {
+        area.fill(&WHITE)?;
+        let mut builder = ChartBuilder::on(area);
         builder
-            .caption(titles.chart, ("sans-serif", 17))
+            .caption(caption, ("sans-serif", 17))
             .margin(10)
             .margin_right(24)
             .x_label_area_size(46)
             .y_label_area_size(62);
-        body(&mut builder)?;
-        area.present().map_err(|error| error.to_string())?;
-    }
-    Ok(text)
+        body(&mut builder)
+    })
 }
 
 /// Ranges of both coordinates over all series.
@@ -158,8 +148,8 @@ fn ranges(series: &[Series]) -> (Range<f64>, Range<f64>) {
 /// Share of a chart's width and of its height that a legend may take.
 const LEGEND_SHARE: [f64; 2] = [0.45, 0.35];
 
-/// The corner in which a legend hides the fewest points; `place` gives a point's shares of the chart's width, from
-/// the left, and of its height, from below.
+/// Returns the corner in which a legend hides the fewest points; `place` gives a point's shares of the chart's width,
+/// from the left, and of its height, from below.
 fn emptiest_corner(
     series: &[Series],
     place: impl Fn((f64, f64)) -> [f64; 2],
@@ -176,7 +166,7 @@ fn emptiest_corner(
         };
         places.iter().filter(is_hidden).count()
     };
-    // Of equally empty ones the first.
+    // The first of equally empty ones.
     let mut corners = [
         (hidden(true, false), LowerRight),
         (hidden(false, true), UpperLeft),
@@ -188,17 +178,17 @@ fn emptiest_corner(
     corner
 }
 
-/// Where a value lies in a range, 0 at its begin and 1 at its end.
+/// Returns the place of a value in a range, 0 at its start and 1 at its end.
 fn share(value: f64, range: &Range<f64>) -> f64 {
     (value - range.start) / (range.end - range.start)
 }
 
-/// The same on a logarithmic axis.
+/// Returns the same on a logarithmic axis.
 fn share_of_decades(value: f64, range: &Range<f64>) -> f64 {
     share(value.log10(), &(range.start.log10()..range.end.log10()))
 }
 
-/// Whole decades around a range of positive numbers.
+/// Returns the whole decades around a range of positive numbers.
 fn decades(range: &Range<f64>) -> Range<f64> {
     let low = 10_f64.powf(range.start.log10().floor());
     let high = 10_f64.powf(range.end.log10().ceil());
@@ -210,7 +200,7 @@ fn decades(range: &Range<f64>) -> Range<f64> {
 }
 
 /// Returns whole decades around positive numbers; `None` where there are none.
-pub(crate) fn decades_of(values: impl Iterator<Item = f64>) -> Option<[f64; 2]> {
+pub fn decades_of(values: impl Iterator<Item = f64>) -> Option<[f64; 2]> {
     let range = values.fold(None, |range: Option<Range<f64>>, value| {
         let range = range.unwrap_or(value..value);
         Some(range.start.min(value)..range.end.max(value))
@@ -219,7 +209,7 @@ pub(crate) fn decades_of(values: impl Iterator<Item = f64>) -> Option<[f64; 2]> 
     Some([decades.start, decades.end])
 }
 
-/// A number as short as it gets.
+/// Returns a number in its shortest form.
 fn short(value: f64) -> String {
     if (0.01..10_000.0).contains(&value) {
         format!("{value}")

@@ -1,18 +1,15 @@
 //! Cost against size: CPU milliseconds per stage of a training iteration, over the number of
 //! Gaussians and over the number of pixels, with the slope of each stage in a log-log plot.
 //!
-//! ```text
-//! cargo bench --bench scaling -- FOLDER
-//! ```
-//!
 //! Writes `scaling.csv` (one row per size and stage) and `scaling.svg` (whole iterations) into the
 //! folder and prints the slopes. A slope above 1 is a stage that grows faster than its input.
 
 use std::{error::Error, fs, path::Path};
 
 use omnilife_engine::render::settings::RenderSettings;
-use omnilife_reconstruct::step_cost::cpu::Iteration;
 use plotters::prelude::*;
+
+use crate::iteration::Iteration;
 
 const COUNTS: [usize; 5] = [10_000, 30_000, 100_000, 300_000, 1_000_000];
 const WIDTHS: [u32; 4] = [256, 512, 1024, 2048];
@@ -30,13 +27,8 @@ struct Measurement {
     stages: Vec<(&'static str, f64)>,
 }
 
-fn main() -> Result<(), Box<dyn Error>> {
-    let folder = std::env::args().skip(1).find(|word| word != "--bench");
-    let Some(folder) = folder else {
-        eprintln!("scaling: not run; it wants a folder for its figures");
-        return Ok(());
-    };
-    let folder = Path::new(&folder);
+/// Measures all sizes, writes table and figure into `folder` and prints the slopes.
+pub(crate) fn run(folder: &Path) -> Result<(), Box<dyn Error>> {
     fs::create_dir_all(folder)?;
     let mut measurements = Vec::new();
     for count in COUNTS {

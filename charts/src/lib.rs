@@ -1,0 +1,56 @@
+//! Charts as SVG, drawn by plotters.
+//!
+//! ```text
+//! lines  curves over logarithmic axes, with a legend: a whole drawing
+//! axes   axes alone, and places of curves that a page draws upon them itself
+//! bars   shares of a total, with labels: a whole drawing
+//! ```
+
+#[macro_use]
+mod mesh;
+mod axes;
+mod bars;
+mod lines;
+
+use std::error::Error;
+
+use plotters::{coord::Shift, prelude::*};
+
+pub use axes::{Axes, Curve, PlacedCurve, axes};
+pub use bars::{Bar, bars};
+pub use lines::{Series, decades_of, log_log, over_log_x};
+
+/// Width and height of a chart of lines in its own units.
+pub const SIZE: (u32, u32) = (760, 420);
+
+/// A chart that could not be drawn: one line.
+#[derive(Debug, thiserror::Error)]
+#[error("{0}")]
+pub struct ChartError(String);
+
+/// Words at the axes.
+#[derive(Debug, Clone, Copy)]
+pub struct Titles<'a> {
+    /// Below the horizontal axis.
+    pub x: &'a str,
+    /// Beside the vertical axis.
+    pub y: &'a str,
+}
+
+type Area<'a> = DrawingArea<SVGBackend<'a>, Shift>;
+type DrawingError = Box<dyn Error>;
+
+/// Returns what is drawn on an area of this size as SVG.
+fn svg(
+    size: (u32, u32),
+    draw: impl FnOnce(&Area<'_>) -> Result<(), DrawingError>,
+) -> Result<String, ChartError> {
+    let mut text = String::new();
+    {
+        let area = SVGBackend::with_string(&mut text, size).into_drawing_area();
+        draw(&area)
+            .and_then(|()| area.present().map_err(Into::into))
+            .map_err(|error| ChartError(error.to_string()))?;
+    }
+    Ok(text)
+}
