@@ -9,38 +9,29 @@ use std::{
 
 use omnilife_schemas::{
     Similarity,
-    elapsed::{Elapsed, Stopwatch},
     layout::{RUN_FILE, TRACKS_FILE},
     lock::FolderLock,
     progress::Progress,
     provenance,
-    records::{
-        Backend, ComponentDecision, Edits, PoseSource, RunRecord, Scene, Split, SurfaceFaults,
-        TraceViews as KeptViews, ViewPredictions,
-    },
+    records::{Backend, Edits, PoseSource, RunRecord, Scene, Split, ViewPredictions},
     scene_points::ScenePoints,
     stage::StagePlan,
     store::{self, StoreError},
 };
 
 use crate::{
-    backends, components,
+    backends,
     error::ReconstructError,
     jobs::{
         interpolate::{Frames, GROUPS_FILE},
-        stage_times,
-        trace_folder::{self, TRACE_FOLDER},
+        stage_times, trace_folder, training,
     },
-    methods::{
-        self, Method, MethodKind, MethodOutcome, requirement::Requirement, variant::Variant,
-    },
+    methods::{self, Method, MethodKind, requirement::Requirement, variant::Variant},
     models::run_views,
     process,
     request::{BackendChoice, MethodRequest},
-    scene::{self, TrainingScene},
-    train::{Session, TrainingFiles, trace, trace_views::TraceViews},
+    scene,
 };
-use omnilife_engine::training_view::TrainingView;
 
 /// Name of the checkpoint in the run's folder; it is there while a run is not over.
 pub const CHECKPOINT_FILE: &str = "checkpoint.bin";

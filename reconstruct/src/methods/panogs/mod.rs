@@ -31,7 +31,6 @@ use omnilife_engine::{
     parameters::{ArrayShape, decay::Decay},
     step::{memory::StepMemory, settings::TrainSettings},
 };
-use omnilife_schemas::records::ComponentDecision;
 
 use self::{
     anchored::{Anchored, CentreRefinement},
