@@ -67,13 +67,13 @@ pub(crate) fn run(
     }
     // A unit that ended well in spite of it is done.
     if running.reason() == Some(EndReason::Stop) && result.is_err() {
-        lock.release()?;
+        lock.file.release()?;
         return Ok(Ending::Interrupted);
     }
     idle();
     let outcome = attempt.outcome(result, &cost);
     sweep.write_outcome(unit, &outcome)?;
-    lock.release()?;
+    lock.file.release()?;
     Ok(Ending::Over(Box::new(outcome)))
 }
 
@@ -105,7 +105,7 @@ pub(crate) fn give_up(
     let reason = format!("given up after {MOST_LOST_RUNNERS} runners: {last}");
     let outcome = attempt.outcome(Err(Failure::of(reason)), &Cost::default());
     sweep.write_outcome(unit, &outcome)?;
-    lock.release()?;
+    lock.file.release()?;
     Ok(outcome)
 }
 
@@ -189,7 +189,7 @@ impl<'a> Attempt<'a> {
                 folder: Path::new(&self.sweep.plan.folder),
                 variables: &launch.variables,
                 log: &log,
-                lock: Some(&lock.file),
+                lock: Some(lock.file.file()),
             };
             let ended = match process::run(&job, running) {
                 Ok(ended) => ended,
