@@ -8,6 +8,7 @@ use std::{
 };
 
 use omnilife_schemas::{
+    child::Outcome,
     records::{SweepUnit, UnitInput, UnitOutcome},
     stage::StageOutput,
     store::{self, StoreError},
@@ -202,7 +203,7 @@ impl<'a> Attempt<'a> {
             cost.left_running.extend(ended.left_running.iter().cloned());
             if !ended.succeeded {
                 return Err(Failure {
-                    reason: self.reason(command, &ended, running, &log),
+                    reason: self.reason(command, &ended, running),
                     exit_code: ended.exit_code,
                     // A signal, or the exit code of those that have written a checkpoint.
                     may_be_interruption: matches!(ended.exit_code, None | Some(INTERRUPTED)),
@@ -219,13 +220,7 @@ impl<'a> Attempt<'a> {
         }
     }
 
-    fn reason(
-        &self,
-        command: &[String],
-        ended: &process::Ended,
-        running: &Running,
-        log: &Path,
-    ) -> String {
+    fn reason(&self, command: &[String], ended: &Outcome, running: &Running) -> String {
         if running.reason() == Some(EndReason::Limit) {
             let limit = self.unit.needs.limit_seconds.unwrap_or_default();
             return format!("ended at its time limit of {limit} s");
@@ -236,11 +231,7 @@ impl<'a> Attempt<'a> {
         let words = command[1..].iter().take_while(is_word).take(2).cloned();
         let mut name = vec![program.to_string_lossy().into_owned()];
         name.extend(words);
-        let mut reason = format!("{}: {}", name.join(" "), ended.ending);
-        if let Some(line) = omnilife_schemas::process::last_line(log) {
-            reason += &format!(": {line}");
-        }
-        reason
+        format!("{}: {}", name.join(" "), ended.in_words())
     }
 
     fn outcome(&self, result: WorkResult, cost: &Cost) -> UnitOutcome {

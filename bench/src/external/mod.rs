@@ -16,10 +16,9 @@ use std::{
 };
 
 use omnilife_schemas::{
-    command::{self, Job},
+    child::{self, GRACE, Job},
     lock::FolderLock,
     ownership::path_inside,
-    process_group::GRACE,
     progress::Progress,
     provenance,
     records::{ExternalRun, Phase, Scene, Split},
@@ -197,7 +196,7 @@ fn run_phases(
         progress.begin(&format!("{label}: {}", name.name()), None);
         let words = template.iter().map(|word| places.fill(word)).collect();
         let container = manifest.environment.container();
-        let outcome = command::run(&Job {
+        let job = Job {
             command: manifest.environment.wrap(words, places, container.as_ref()),
             variables: manifest.environment.variables(),
             folder: places.work.clone(),
@@ -205,7 +204,8 @@ fn run_phases(
             time_limit: manifest.time_limit(),
             grace: GRACE,
             container,
-        });
+        };
+        let outcome = child::run(&job);
         progress.end();
         let outcome = outcome?;
         for what in &outcome.left_running {
@@ -214,7 +214,7 @@ fn run_phases(
         let failed = (!outcome.succeeded).then(|| format!("{} {}", name.name(), outcome.failure()));
         phases.push(Phase {
             name,
-            command: outcome.command,
+            command: job.command,
             log: format!("{LOG_FOLDER}/{}.log", name.name()),
             ending: outcome.ending,
             left_running: outcome.left_running,

@@ -20,9 +20,8 @@ use std::{
 };
 
 use omnilife_schemas::{
-    command::{self, Job},
+    child::{self, GRACE, Job},
     placeholders, plain_text,
-    process_group::GRACE,
     progress::Progress,
     records::{DistanceConvention, DistanceGrid, FrameEntry, PoseSource, Scene},
     store::{self, StoreError},
@@ -248,7 +247,7 @@ impl Room {
                 Some(places.get(name)?.display().to_string())
             })
         };
-        let outcome = command::run(&Job {
+        let outcome = child::run(&Job {
             command: command.0.split_whitespace().map(fill).collect(),
             variables: BTreeMap::new(),
             folder: PathBuf::from("."),

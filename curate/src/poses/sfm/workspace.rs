@@ -2,15 +2,17 @@
 
 use std::{
     fs,
-    io::{BufRead, BufReader, Read},
+    io::{BufRead, BufReader},
     path::{Path, PathBuf},
-    process::{Child, Command, Stdio},
+    process::{Command, Stdio},
     time::Instant,
 };
 
 use omnilife_schemas::{
+    child::{GRACE, ProcessGroup},
     layout::{FRAMES_FOLDER, SFM_FOLDER},
     plain_text::without_folders,
+    process,
     progress::Progress,
     records::{PoseValidation, Sequence, SfmAttempt},
     stage::StagePlan,
@@ -142,17 +144,13 @@ impl<'a> SfmWorkspace<'a> {
             python: python.clone(),
             source,
         };
-        let mut running = Running(
-            self.command(configuration, out)
-                .stdout(Stdio::piped())
-                .stderr(log)
-                .spawn()
-                .map_err(cannot_run)?,
-        );
+        let mut command = self.command(configuration, out);
+        command.stdout(Stdio::piped()).stderr(log);
+        let mut group = ProcessGroup::spawn(&mut command, None).map_err(cannot_run)?;
         let mut models = 0;
         let mut failed = None;
         let mut misspoken = None;
-        if let Some(stdout) = running.0.stdout.take() {
+        if let Some(stdout) = group.leader().stdout.take() {
             // COLMAP prints file names, which need not be UTF-8.
             for line in BufReader::new(stdout).split(b'\n') {
                 let line = line.map_err(cannot_run)?;
@@ -169,15 +167,19 @@ impl<'a> SfmWorkspace<'a> {
                 }
             }
         }
-        let status = running.0.wait().map_err(cannot_run)?;
+        let status = group.wait().map_err(cannot_run)?.status;
+        for what in group.end(GRACE).lines() {
+            progress.note(&format!("COLMAP left running: {what}"));
+        }
         let ending = match (failed, misspoken) {
             (Some(reason), _) if status.code() == Some(FAILED_EXIT_CODE) => Ending::Failed(reason),
             (_, Some(line)) => Ending::Broken(line),
             _ if status.success() => Ending::Success,
-            _ => Ending::Broken(format!(
-                "COLMAP ended with {status}{}",
-                last_line(&log_path)
-            )),
+            _ => {
+                let said = process::last_line(&log_path);
+                let said = said.map_or_else(String::new, |line| format!(" ({line})"));
+                Ending::Broken(format!("COLMAP ended with {status}{said}"))
+            }
         };
         Ok(Conversation { models, ending })
     }
@@ -261,32 +263,4 @@ enum Ending {
     Failed(String),
     /// The program broke, whatever the frames are.
     Broken(String),
-}
-
-/// A child process that does not outlive its handle.
-struct Running(Child);
-
-impl Drop for Running {
-    fn drop(&mut self) {
-        // Both fail harmlessly when it has ended already.
-        drop(self.0.kill());
-        drop(self.0.wait());
-    }
-}
-
-/// The last line of a log that is not empty, in parentheses; nothing where there is none.
-fn last_line(path: &Path) -> String {
-    let mut bytes = Vec::new();
-    if fs::File::open(path)
-        .and_then(|mut file| file.read_to_end(&mut bytes))
-        .is_err()
-    {
-        return String::new();
-    }
-    String::from_utf8_lossy(&bytes)
-        .lines()
-        .rev()
-        .map(str::trim)
-        .find(|line| !line.is_empty())
-        .map_or(String::new(), |line| format!(" ({line})"))
 }

@@ -30,9 +30,8 @@ use std::{
 };
 
 use omnilife_schemas::{
-    command::{self, Job},
+    child::{self, GRACE, Job},
     placeholders,
-    process_group::GRACE,
     progress::Progress,
     records::Detection,
     stage::StagePlan,
@@ -278,7 +277,7 @@ fn run(
             Some(places.get(name)?.display().to_string())
         })
     };
-    let outcome = command::run(&Job {
+    let outcome = child::run(&Job {
         command: program.command.iter().map(fill).collect(),
         variables: BTreeMap::new(),
         folder: work,
