@@ -3,7 +3,7 @@
 //! A video's folder holds `analysis.json`, `signals.parquet`, `samples.parquet`, `signature.parquet`
 //! and `boundaries.json`, and per sequence `seq-NNN/sequence.json` with `seq-NNN/frames/NNNNNN.png`.
 
-use std::{fs, path::Path, time::Instant};
+use std::{fs, path::Path};
 
 use omnilife_schemas::{
     layout::{ANALYSIS_FILE, SAMPLES_FILE, SIGNALS_FILE, SIGNATURE_FILE},
@@ -276,8 +276,7 @@ fn analysed(
         plan.finish(ANALYSIS_FILES, 0.0)?;
         return Ok(renamed);
     }
-    plan.claim(ANALYSIS_FILES)?;
-    let started = Instant::now();
+    plan.run(ANALYSIS_FILES, progress, |out| {
     let Analysis {
         probe,
         range,
@@ -331,9 +330,10 @@ fn analysed(
     signals.write_parquet(&folder.join(SIGNALS_FILE))?;
     shot_samples.write(&folder.join(SAMPLES_FILE))?;
     (signature.finish()).write_parquet(&folder.join(SIGNATURE_FILE))?;
-    store::write_record(&record_path, &record)?;
-    plan.finish(ANALYSIS_FILES, started.elapsed().as_secs_f64())?;
+    out.add_all([SIGNALS_FILE, SAMPLES_FILE, SIGNATURE_FILE]);
+    out.write_record(ANALYSIS_FILE, &record)?;
     Ok(record)
+    })
 }
 
 /// File name without its extension, the name of the video's folder in a dataset: never hidden, on

@@ -386,10 +386,19 @@ pub fn record_line<T: Record>(record: &T) -> Result<String, serde_json::Error> {
 /// no infinity, so a record that holds one is refused here instead of by its next reader. In an
 /// optional entry both become `null`, which reads back as a missing value.
 pub fn write_record<T: Record>(path: &Path, record: &T) -> Result<(), StoreError> {
+    write_record_hashed(path, record).map(drop)
+}
+
+/// [`write_record`] that returns the SHA-256 of the file.
+///
+/// # Errors
+/// As there.
+pub fn write_record_hashed<T: Record>(path: &Path, record: &T) -> Result<String, StoreError> {
     let failed = |error: serde_json::Error| StoreError::write(path, io::Error::other(error));
     let bytes = record_bytes(record).map_err(failed)?;
     serde_json::from_slice::<T>(&bytes).map_err(failed)?;
-    write_bytes(path, &bytes)
+    write_bytes(path, &bytes)?;
+    Ok(sha256_bytes(&bytes))
 }
 
 /// Writes a record where the file does not hold the same one already, and removes what killed

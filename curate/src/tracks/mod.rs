@@ -29,7 +29,6 @@ use glam::{DVec3, dvec2};
 use omnilife_schemas::{
     elapsed::Stopwatch,
     layout::{SCENE_FILE, TRACKS_FILE},
-    lock::FolderLock,
     names,
     points::PointCloud,
     progress::Progress,
@@ -89,33 +88,25 @@ pub struct TrackRequest {
 pub fn make_tracks(request: &TrackRequest, progress: &dyn Progress) -> Result<Tracks, CurateError> {
     let asked = Asked::read(request)?;
     let plan = asked.stage(request)?;
-    let record = asked.record(request);
-    if plan.is_done() {
-        progress.note(&format!("{}: tracks unchanged, skipped", asked.scene.id));
-        return Ok(store::read_record(&record)?);
-    }
-    store::create_folder(&request.out)?;
-    let _lock = FolderLock::take(&request.out, progress)?;
-    plan.claim(FILES)?;
-    let begun = Stopwatch::start();
-    let tracks = asked.track(request, progress)?;
-    for (write, file) in [
-        (page::write as WriteView, PAGE_FILE),
-        (overlay::write, OVERLAY_FILE),
-    ] {
-        let out = request.out.join(file);
-        write(
-            &out,
-            &request.scene_folder,
-            &asked.scene,
-            &asked.views,
-            &tracks,
-        )?;
-    }
-    store::write_record(&record, &tracks)?;
-    let made = FILES.iter().filter(|file| request.out.join(file).is_file());
-    plan.finish(made.copied(), begun.elapsed())?;
-    Ok(tracks)
+    let skipped = format!("{}: tracks unchanged, skipped", asked.scene.id);
+    plan.make((TRACKS_FILE, &skipped), FILES, progress, |out| {
+        let tracks = asked.track(request, progress)?;
+        for (write, file) in [
+            (page::write as WriteView, PAGE_FILE),
+            (overlay::write, OVERLAY_FILE),
+        ] {
+            let path = out.path(file);
+            write(
+                &path,
+                &request.scene_folder,
+                &asked.scene,
+                &asked.views,
+                &tracks,
+            )?;
+            out.add_all(path.is_file().then_some(file));
+        }
+        Ok(tracks)
+    })
 }
 
 /// Writes something to look at: to a path, from a scene's folder, the scene, its views and its tracks.

@@ -2,8 +2,12 @@
 
 use std::{fs, path::Path};
 
-use omnilife_schemas::stage::{Done, StagePlan};
-use omnilife_schemas::store;
+use omnilife_schemas::{
+    ownership::FileList,
+    progress::Silent,
+    stage::{Done, StageOutputs, StagePlan},
+    store::{self, StoreError},
+};
 
 fn plan(folder: &Path, input: &Path, iterations: u32) -> StagePlan {
     StagePlan::new(folder, "train")
@@ -171,6 +175,7 @@ fn published_files_replace_only_unchanged_ones() {
     assert!(message.contains("masks/1.png: is in the way"), "{message}");
     assert!(!path("masks/0.png").exists(), "all or none");
     let own = stage_files("mine").unwrap();
+    let own: Vec<_> = own.iter().map(|own| own.file.as_str()).collect();
     assert_eq!(own, ["masks/0.png"], "the same content stays the user's");
     // Killed before it finished: what it published is its own.
     fs::remove_file(path("masks/1.png")).unwrap();
@@ -198,4 +203,41 @@ fn a_finished_stage_takes_away_what_its_killed_process_left() {
         notes,
         "it is not our lock"
     );
+}
+
+/// The record is written last, and what failed is tried again.
+#[test]
+fn a_record_is_made_once_and_again_after_a_failure() {
+    let temp = tempfile::tempdir().unwrap();
+    let folder = temp.path().join("out");
+    let stage = StagePlan::new(&folder, "list");
+    let make = |work: &dyn Fn(&mut StageOutputs<'_>) -> Result<FileList, StoreError>| {
+        let claimed = ["model.ply", "list.json"];
+        stage.make(("list.json", "skipped"), claimed, &Silent, work)
+    };
+    let list = FileList { files: Vec::new() };
+    make(&|out| {
+        out.write_bytes("model.ply", b"half")?;
+        Err(StoreError::refused(&out.path("model.ply"), "is half"))
+    })
+    .unwrap_err();
+    assert!(!stage.is_done() && stage.has_begun());
+    assert_eq!(names(&folder), [".done", "model.ply"]);
+
+    let whole = |out: &mut StageOutputs<'_>| {
+        out.write_bytes("model.ply", b"whole")?;
+        assert!(!out.path("list.json").exists());
+        Ok::<_, StoreError>(list.clone())
+    };
+    assert_eq!(make(&whole).unwrap(), list);
+    assert!(stage.is_done(), "the hashes are those of the files");
+    let again = make(&|_| Err(StoreError::refused(&folder, "is not called")));
+    assert_eq!(again.unwrap(), list);
+
+    let left = |out: &mut StageOutputs<'_>| {
+        out.leave_begun();
+        Ok::<_, StoreError>(())
+    };
+    stage.run(["model.ply"], &Silent, left).unwrap();
+    assert!(!stage.is_done() && stage.has_begun());
 }

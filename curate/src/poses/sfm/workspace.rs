@@ -207,8 +207,11 @@ impl<'a> SfmWorkspace<'a> {
     }
 
     /// Keeps the text model of the chosen attempt as `sfm/sparse`.
-    pub(super) fn publish(&self, configuration: &str) -> Result<(), CurateError> {
-        let begun = Instant::now();
+    pub(super) fn publish(
+        &self,
+        configuration: &str,
+        progress: &dyn Progress,
+    ) -> Result<(), CurateError> {
         let made = self.scratch.join(configuration);
         let names = store::names_in(&made.join(MODEL_FOLDER))?;
         let files: Vec<String> = names
@@ -216,11 +219,7 @@ impl<'a> SfmWorkspace<'a> {
             .map(|name| format!("{MODEL_FOLDER}/{name}"))
             .collect();
         let stage = StagePlan::new(&self.folder, MODEL_FOLDER);
-        let own = stage.publish(&made, &files)?;
-        stage
-            .own_files()
-            .remove(|file| !files.iter().any(|new| new == file))?;
-        Ok(stage.finish(own, begun.elapsed().as_secs_f64())?)
+        Ok(stage.run([""; 0], progress, |out| out.replace(&made, &files))?)
     }
 }
 

@@ -19,6 +19,7 @@ use std::{
 use omnilife_schemas::{
     layout::ASSET_FILE,
     lock::FolderLock,
+    ownership::OwnFile,
     progress::Progress,
     records::{Asset, AssetLevel, AssetMoment, AssetMoments, AssetPage, AssetSplats},
     stage::StagePlan,
@@ -155,7 +156,8 @@ pub fn export(
     store::write_record(&request.out.join(ASSET_FILE), &asset)?;
     let hashed = |file: String| {
         let level = asset.levels.iter().find(|level| level.file == file);
-        (file, level.map(|level| level.sha256.clone()))
+        let sha256 = level.map(|level| level.sha256.clone());
+        OwnFile { file, sha256 }
     };
     stage.finish_hashed(outputs.into_iter().map(hashed), asset.wall_seconds)?;
     Ok(Exported { asset, notes })
