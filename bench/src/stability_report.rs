@@ -3,12 +3,12 @@
 //!
 //! This crate only reports; the cases are run where the kernels are.
 
-use std::{fmt::Write, path::Path, time::Instant};
+use std::{fmt::Write, path::Path};
 
 use omnilife_schemas::{
+    progress::Progress,
     records::{StabilityMeasures, StabilityReport, StabilityRow, StabilityStatus, StabilitySweep},
     stage::StagePlan,
-    store,
 };
 
 use crate::{
@@ -29,7 +29,11 @@ const SMALLEST_ERROR: f64 = 1e-9;
 ///
 /// # Errors
 /// When a file that is not ours is in the way, or one cannot be written.
-pub fn write_stability(report: &StabilityReport, out: &Path) -> Result<(), BenchError> {
+pub fn write_stability(
+    report: &StabilityReport,
+    out: &Path,
+    progress: &dyn Progress,
+) -> Result<(), BenchError> {
     let drawn: Vec<&StabilitySweep> = report
         .sweeps
         .iter()
@@ -41,21 +45,17 @@ pub fn write_stability(report: &StabilityReport, out: &Path) -> Result<(), Bench
         .into_iter()
         .chain(drawings)
         .collect();
-    store::create_folder(out)?;
-    let stage = StagePlan::new(out, "stability");
-    stage.claim(&files)?;
-    let begun = Instant::now();
-    store::write_record(&out.join(STABILITY_FILE), report)?;
-    store::write_bytes(
-        &out.join(STABILITY_TABLE),
-        stability_table(report).as_bytes(),
-    )?;
-    for sweep in drawn {
-        let path = out.join(drawing_file(sweep));
-        let drawing = drawing(sweep).map_err(|reason| BenchError::internal(&path, reason))?;
-        store::write_bytes(&path, drawing.as_bytes())?;
-    }
-    Ok(stage.finish(&files, begun.elapsed().as_secs_f64())?)
+    StagePlan::new(out, "stability").run(files, progress, |made| {
+        made.write_record(STABILITY_FILE, report)?;
+        made.write_bytes(STABILITY_TABLE, stability_table(report).as_bytes())?;
+        for sweep in drawn {
+            let file = drawing_file(sweep);
+            let drawing =
+                drawing(sweep).map_err(|reason| BenchError::internal(&made.path(&file), reason))?;
+            made.write_bytes(&file, drawing.as_bytes())?;
+        }
+        Ok(())
+    })
 }
 
 fn drawing_file(sweep: &StabilitySweep) -> String {
@@ -221,6 +221,8 @@ fn drawing(sweep: &StabilitySweep) -> Result<String, String> {
 
 #[cfg(test)]
 mod tests {
+    use omnilife_schemas::{progress::Silent, store};
+
     use super::*;
 
     fn report() -> StabilityReport {
@@ -274,7 +276,7 @@ mod tests {
     fn the_report_is_a_table_a_record_and_a_drawing() -> Result<(), Box<dyn std::error::Error>> {
         let folder = tempfile::tempdir()?;
         let report = report();
-        write_stability(&report, folder.path())?;
+        write_stability(&report, folder.path(), &Silent)?;
         let record: StabilityReport = store::read_record(&folder.path().join(STABILITY_FILE))?;
         assert_eq!(record, report);
         insta::assert_snapshot!(std::fs::read_to_string(

@@ -173,7 +173,7 @@ impl StagePlan {
             return Ok(store::read_record(&self.folder.join(record))?);
         }
         self.run(claimed, progress, |outputs| {
-            outputs.kept.insert(record.to_owned());
+            outputs.kept.push(record.to_owned());
             let made = work(outputs)?;
             outputs.write_record(record, &made)?;
             Ok(made)
@@ -194,7 +194,7 @@ impl StagePlan {
     ) -> Result<T, E> {
         let _lock = FolderLock::take(&self.folder, progress)?;
         let claimed = claimed.into_iter().map(|file| file.as_ref().to_owned());
-        let claimed: BTreeSet<String> = claimed.collect();
+        let claimed: Vec<String> = claimed.collect();
         self.claim(&claimed)?;
         let mut outputs = StageOutputs::new(self, claimed);
         let made = work(&mut outputs)?;

@@ -244,15 +244,13 @@ pub(crate) fn execute(command: &BenchCommand, progress: &dyn Progress) -> anyhow
             clock,
             region,
             out,
-        } => {
-            let _lock = FolderLock::take(out, progress)?;
-            exit::print(&curves_table(&curves(
-                runs,
-                (*clock).into(),
-                (*region).into(),
-                out,
-            )?))
-        }
+        } => exit::print(&curves_table(&curves(
+            runs,
+            (*clock).into(),
+            (*region).into(),
+            out,
+            progress,
+        )?)),
         BenchCommand::Ablate {
             scene,
             out,

@@ -10,14 +10,10 @@ mod gather;
 pub mod manifest;
 mod placeholders;
 
-use std::{
-    path::{Path, PathBuf},
-    time::Instant,
-};
+use std::path::{Path, PathBuf};
 
 use omnilife_schemas::{
     child::{self, GRACE, Job},
-    lock::FolderLock,
     ownership::path_inside,
     progress::Progress,
     provenance,
@@ -90,61 +86,59 @@ pub fn run_external(
         progress.note(&format!("{label}: skipped, nothing has changed"));
         return Ok(store::read_record(&record_file)?);
     }
-    let begun = Instant::now();
-    let _lock = FolderLock::take(&request.out, progress)?;
     refuse_foreign_folders(&request.out, &plan)?;
-    plan.claim([EXTERNAL_RUN_FILE])?;
-    // What an earlier run left must not be taken for the views of this one.
-    for old in [
-        EXTERNAL_RUN_FILE,
-        WORK_FOLDER,
-        LOG_FOLDER,
-        PREDICTIONS_FOLDER,
-    ] {
-        store::remove(&request.out.join(old))?;
-    }
-    for folder in [WORK_FOLDER, LOG_FOLDER, INPUT_FOLDER, NOVEL_FOLDER] {
-        store::create_folder(&request.out.join(folder))?;
-    }
-    let (phases, failure) = run_phases(&manifest, &places, &request.out, &label, progress)?;
-    // The views of a run that failed stay in its work folder: their state is unknown.
-    let gathered = match failure {
-        Some(_) => gather::Gathered::notes_of(&manifest),
-        None => gather::gather(&manifest, &places, &scene, &split, &request.out)?,
-    };
-    let mut warnings = gathered.warnings;
-    for phase in &phases {
-        let left = phase.left_running.iter();
-        warnings.extend(left.map(|what| format!("{} left running: {what}", phase.name.name())));
-    }
-    let record = ExternalRun {
-        method: manifest.id.clone(),
-        source: manifest.source.clone(),
-        licence: manifest.licence.clone(),
-        manifest_sha256: store::sha256_file(&request.manifest)?,
-        scene: scene.id,
-        protocol_hash: split.protocol_hash,
-        seed: request.seed,
-        environment: manifest.environment.describe(),
-        hardware: Some(provenance::Hardware::here()),
-        versions: provenance::versions(),
-        phases,
-        failure,
-        novel_views: NOVEL_FOLDER.to_owned(),
-        input_views: manifest
-            .predictions
-            .input
-            .is_some()
-            .then(|| INPUT_FOLDER.to_owned()),
-        warnings,
-    };
-    store::write_record(&record_file, &record)?;
-    if record.failure.is_none() {
-        let mut outputs = gathered.files;
-        outputs.push(EXTERNAL_RUN_FILE.to_owned());
-        plan.finish(outputs, begun.elapsed().as_secs_f64())?;
-    }
-    Ok(record)
+    plan.run([EXTERNAL_RUN_FILE], progress, |out| {
+        // What an earlier run left must not be taken for the views of this one.
+        for old in [
+            EXTERNAL_RUN_FILE,
+            WORK_FOLDER,
+            LOG_FOLDER,
+            PREDICTIONS_FOLDER,
+        ] {
+            store::remove(&request.out.join(old))?;
+        }
+        for folder in [WORK_FOLDER, LOG_FOLDER, INPUT_FOLDER, NOVEL_FOLDER] {
+            store::create_folder(&request.out.join(folder))?;
+        }
+        let (phases, failure) = run_phases(&manifest, &places, &request.out, &label, progress)?;
+        // The views of a run that failed stay in its work folder: their state is unknown.
+        let gathered = match failure {
+            Some(_) => gather::Gathered::notes_of(&manifest),
+            None => gather::gather(&manifest, &places, &scene, &split, &request.out)?,
+        };
+        let mut warnings = gathered.warnings;
+        for phase in &phases {
+            let left = phase.left_running.iter();
+            warnings.extend(left.map(|what| format!("{} left running: {what}", phase.name.name())));
+        }
+        let record = ExternalRun {
+            method: manifest.id.clone(),
+            source: manifest.source.clone(),
+            licence: manifest.licence.clone(),
+            manifest_sha256: store::sha256_file(&request.manifest)?,
+            scene: scene.id,
+            protocol_hash: split.protocol_hash,
+            seed: request.seed,
+            environment: manifest.environment.describe(),
+            hardware: Some(provenance::Hardware::here()),
+            versions: provenance::versions(),
+            phases,
+            failure,
+            novel_views: NOVEL_FOLDER.to_owned(),
+            input_views: manifest
+                .predictions
+                .input
+                .is_some()
+                .then(|| INPUT_FOLDER.to_owned()),
+            warnings,
+        };
+        out.write_record(EXTERNAL_RUN_FILE, &record)?;
+        out.add_all(gathered.files);
+        if record.failure.is_some() {
+            out.leave_begun();
+        }
+        Ok(record)
+    })
 }
 
 /// Refuses a folder that holds what a run would clear away, and no run of ours.

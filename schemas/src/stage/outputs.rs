@@ -20,12 +20,12 @@ pub struct StageOutputs<'a> {
     clock: Stopwatch,
     files: Vec<OwnFile>,
     /// Files that stay where others are replaced: those that were claimed, and the record.
-    pub(super) kept: BTreeSet<String>,
+    pub(super) kept: Vec<String>,
     is_left_begun: bool,
 }
 
 impl<'a> StageOutputs<'a> {
-    pub(super) fn new(plan: &'a StagePlan, kept: BTreeSet<String>) -> Self {
+    pub(super) fn new(plan: &'a StagePlan, kept: Vec<String>) -> Self {
         Self {
             plan,
             clock: Stopwatch::start(),
