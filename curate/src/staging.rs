@@ -1,11 +1,8 @@
 //! A hidden folder in which files are made before they get their places.
 
-use std::{
-    fs,
-    path::{Path, PathBuf},
-};
+use std::path::{Path, PathBuf};
 
-use omnilife_schemas::store::{self, StoreError};
+use omnilife_schemas::store::{self, StoreError, Unfinished};
 
 /// The folder; removed with what is left in it.
 pub(crate) struct Staging {
@@ -13,18 +10,18 @@ pub(crate) struct Staging {
     pub(crate) folder: PathBuf,
     /// The files that were begun in it, relative to it.
     pub(crate) files: Vec<String>,
+    _unfinished: Unfinished,
 }
 
 impl Staging {
     /// Makes one in `parent`, after removing those that killed processes left there.
     pub(crate) fn new(parent: &Path, name: &str) -> Result<Self, StoreError> {
         store::remove_abandoned(parent)?;
-        let folder = store::temporary_beside(&parent.join(name));
-        store::remove(&folder)?;
-        store::create_folder(&folder)?;
+        let unfinished = Unfinished::folder_beside(&parent.join(name))?;
         Ok(Self {
-            folder,
+            folder: unfinished.path().to_owned(),
             files: Vec::new(),
+            _unfinished: unfinished,
         })
     }
 
@@ -36,12 +33,5 @@ impl Staging {
         }
         self.files.push(file.to_owned());
         Ok(path)
-    }
-}
-
-impl Drop for Staging {
-    fn drop(&mut self) {
-        // Nothing depends on it any more; what cannot be removed is hidden and harmless.
-        drop(fs::remove_dir_all(&self.folder));
     }
 }

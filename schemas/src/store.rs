@@ -14,7 +14,7 @@ use serde::{Deserialize, Serialize, de::DeserializeOwned};
 use sha2::{Digest, Sha256};
 
 use crate::error_kind::{self, Classified, ErrorKind};
-pub use crate::temporary::{remove_abandoned, temporary_beside};
+pub use crate::temporary::{Unfinished, remove_abandoned, temporary_beside};
 
 /// A JSON file with a published schema.
 pub trait Record: Serialize + DeserializeOwned + schemars::JsonSchema {
@@ -270,21 +270,17 @@ pub fn write_with(
             "is no regular file, and would be replaced by one",
         ));
     }
-    let temporary = temporary_beside(path);
+    let temporary = Unfinished::beside(path);
     let written = (|| {
-        let mut writer = BufWriter::new(File::create(&temporary)?);
+        let mut writer = BufWriter::new(File::create(temporary.path())?);
         fill(&mut writer)?;
         let file = writer
             .into_inner()
             .map_err(io::IntoInnerError::into_error)?;
         file.sync_all()?;
-        rename(&temporary, path)
+        temporary.rename(path)
     })();
-    written.map_err(|source| {
-        // The write has failed already: a temporary file that cannot be removed changes nothing.
-        drop(fs::remove_file(&temporary));
-        StoreError::write(path, source)
-    })
+    written.map_err(|source| StoreError::write(path, source))
 }
 
 /// The bytes of a file that holds at most `most_bytes`.

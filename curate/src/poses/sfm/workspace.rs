@@ -16,7 +16,7 @@ use omnilife_schemas::{
     progress::Progress,
     records::{PoseValidation, Sequence, SfmAttempt},
     stage::StagePlan,
-    store,
+    store::{self, Unfinished},
 };
 
 use super::{Configuration, SfmInstallation, SfmSettings};
@@ -41,7 +41,7 @@ pub(super) struct SfmWorkspace<'a> {
     frames: PathBuf,
     pub(super) folder: PathBuf,
     /// Hidden; removed at the end with all databases and models in it.
-    scratch: PathBuf,
+    scratch: Unfinished,
     masks: Option<PathBuf>,
     script: PathBuf,
     sequence: &'a Sequence,
@@ -60,13 +60,11 @@ impl<'a> SfmWorkspace<'a> {
         let sequence_folder = fs::canonicalize(sequence_folder)
             .map_err(|error| store::StoreError::read(sequence_folder, error))?;
         let folder = sequence_folder.join(SFM_FOLDER);
-        let scratch = store::temporary_beside(&folder.join("work"));
         store::remove_abandoned(&folder)?;
-        store::remove(&scratch)?;
-        store::create_folder(&scratch)?;
+        let scratch = Unfinished::folder_beside(&folder.join("work"))?;
         let mut workspace = Self {
             frames: sequence_folder.join(FRAMES_FOLDER),
-            script: scratch.join("sfm.py"),
+            script: scratch.path().join("sfm.py"),
             masks: None,
             folder,
             scratch,
@@ -79,7 +77,7 @@ impl<'a> SfmWorkspace<'a> {
         let moving = moving
             .map(|folder| masks::find(folder, &sequence.frames.entries))
             .transpose()?;
-        let masks = workspace.scratch.join("masks");
+        let masks = workspace.scratch.path().join("masks");
         let has_masks = masks::write_for_colmap(&masks, moving.as_deref(), ignored, sequence)?;
         workspace.masks = has_masks.then_some(masks);
         Ok(workspace)
@@ -92,7 +90,7 @@ impl<'a> SfmWorkspace<'a> {
         progress: &dyn Progress,
     ) -> Result<Attempted, CurateError> {
         let started = Instant::now();
-        let out = self.scratch.join(configuration.id);
+        let out = self.scratch.path().join(configuration.id);
         store::create_folder(&out)?;
         let Conversation { models, ending } = self.converse(configuration, &out, progress)?;
         let model = match ending {
@@ -212,7 +210,7 @@ impl<'a> SfmWorkspace<'a> {
         configuration: &str,
         progress: &dyn Progress,
     ) -> Result<(), CurateError> {
-        let made = self.scratch.join(configuration);
+        let made = self.scratch.path().join(configuration);
         let names = store::names_in(&made.join(MODEL_FOLDER))?;
         let files: Vec<String> = names
             .iter()
@@ -230,13 +228,6 @@ fn camera_model(sequence: &Sequence) -> &'static str {
         "SIMPLE_RADIAL"
     } else {
         "EQUIRECTANGULAR"
-    }
-}
-
-impl Drop for SfmWorkspace<'_> {
-    fn drop(&mut self) {
-        // Nothing depends on it any more; what cannot be removed is hidden and harmless.
-        drop(fs::remove_dir_all(&self.scratch));
     }
 }
 
