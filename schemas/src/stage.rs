@@ -248,6 +248,21 @@ impl StagePlan {
         self.record_path().is_file() || self.begun_path().is_file()
     }
 
+    /// Refuses a folder of this name that holds something, where the stage has never begun: what it writes there is not
+    /// known beforehand.
+    ///
+    /// # Errors
+    /// When there is one, or the name leads through a link.
+    pub fn refuse_foreign_folder(&self, name: &str) -> Result<(), StoreError> {
+        let path = path_inside(&self.folder, name)?;
+        let is_filled = path.exists() && !(path.is_dir() && store::names_in(&path)?.is_empty());
+        if is_filled && !self.has_begun() {
+            let reason = "is there, and no run of ours made it; choose another output";
+            return Err(StoreError::refused(&path, reason));
+        }
+        Ok(())
+    }
+
     /// The files of the folder that this stage made, finished or not.
     pub fn own_files(&self) -> OwnFiles {
         let done = store::read_record::<Done>(&self.record_path());

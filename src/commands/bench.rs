@@ -100,8 +100,7 @@ pub(crate) fn execute(command: &BenchCommand, progress: &dyn Progress) -> anyhow
             run,
             out,
         } => {
-            let _lock = FolderLock::take(out, progress)?;
-            let record = record_failure(&FailureRequest {
+            let request = FailureRequest {
                 method: method.clone(),
                 scene: scene.clone(),
                 split: split.clone(),
@@ -109,7 +108,8 @@ pub(crate) fn execute(command: &BenchCommand, progress: &dyn Progress) -> anyhow
                 reason: reason.clone(),
                 run: run.clone(),
                 out: out.clone(),
-            })?;
+            };
+            let record = record_failure(&request, progress)?;
             exit::print(&format!("{}\n", record.display()))
         }
         BenchCommand::Score {

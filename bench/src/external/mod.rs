@@ -14,12 +14,11 @@ use std::path::{Path, PathBuf};
 
 use omnilife_schemas::{
     child::{self, GRACE, Job},
-    ownership::path_inside,
     progress::Progress,
     provenance,
     records::{ExternalRun, Phase, Scene, Split},
     stage::StagePlan,
-    store::{self, StoreError},
+    store,
 };
 
 use crate::{error::BenchError, scene_identity::SceneIdentity, split};
@@ -80,14 +79,13 @@ pub fn run_external(
         .with_file(&request.split)?
         .with_hash("frames of the split", identity.sha256);
     let plan = with_own_files(plan, &manifest, &places)?;
-    let record_file = request.out.join(EXTERNAL_RUN_FILE);
     let label = format!("{} on {}", manifest.id, scene.id);
-    if plan.is_done() {
-        progress.note(&format!("{label}: skipped, nothing has changed"));
-        return Ok(store::read_record(&record_file)?);
+    let skipped = format!("{label}: skipped, nothing has changed");
+    for folder in [WORK_FOLDER, LOG_FOLDER, PREDICTIONS_FOLDER] {
+        plan.refuse_foreign_folder(folder)?;
     }
-    refuse_foreign_folders(&request.out, &plan)?;
-    plan.run([EXTERNAL_RUN_FILE], progress, |out| {
+    let made = (EXTERNAL_RUN_FILE, skipped.as_str());
+    plan.make(made, [EXTERNAL_RUN_FILE], progress, |out| {
         // What an earlier run left must not be taken for the views of this one.
         for old in [
             EXTERNAL_RUN_FILE,
@@ -132,33 +130,12 @@ pub fn run_external(
                 .then(|| INPUT_FOLDER.to_owned()),
             warnings,
         };
-        out.write_record(EXTERNAL_RUN_FILE, &record)?;
         out.add_all(gathered.files);
         if record.failure.is_some() {
             out.leave_begun();
         }
         Ok(record)
     })
-}
-
-/// Refuses a folder that holds what a run would clear away, and no run of ours.
-fn refuse_foreign_folders(out: &Path, plan: &StagePlan) -> Result<(), BenchError> {
-    for name in [WORK_FOLDER, LOG_FOLDER, PREDICTIONS_FOLDER] {
-        let path = path_inside(out, name)?;
-        let is_filled = path.exists() && !(path.is_dir() && store::names_in(&path)?.is_empty());
-        if is_filled && !plan.has_begun() {
-            return Err(StoreError::refused(
-                &path,
-                format!(
-                    "is there, and {} holds no run of ours; a run would clear it away: choose \
-                     another output",
-                    out.display()
-                ),
-            )
-            .into());
-        }
-    }
-    Ok(())
 }
 
 /// Adds the files beside the manifest that its commands name: the method's own scripts.
