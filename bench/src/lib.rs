@@ -13,6 +13,7 @@
 //!
 //! Everybody's predictions are scored, so this crate knows no method and no renderer, and its
 //! metrics are written apart from every training loss: a bug in a loss must not hide in the score.
+#![cfg_attr(not(test), warn(clippy::disallowed_methods))]
 
 pub mod adapters;
 pub mod curve;

@@ -4,6 +4,7 @@
 //! its own, tables in the paper's layouts (Markdown, LaTeX, CSV) and a static site; published
 //! figures ([`published`]) stand beside measured ones and are never ranked with them. [`build`]
 //! makes the table of all results alone; [`query`] answers questions that no layout does. Images are copied for the site; [`figure`] alone decodes them.
+#![cfg_attr(not(test), warn(clippy::disallowed_methods))]
 
 mod assets;
 mod class;

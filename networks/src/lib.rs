@@ -5,6 +5,7 @@
 //! [`features`], [`mobilenet_v2`] has that network's blocks. A network itself lies where it is used, as a composition of these.
 //!
 //! Why no inference runtime: `docs/results/boundaries.md` has the measurements.
+#![cfg_attr(not(test), warn(clippy::disallowed_methods))]
 
 pub mod convolution;
 pub mod features;

@@ -18,6 +18,7 @@
 //! * Equirectangular (ERP) images: see [`camera::erp`].
 //! * Time is in seconds of the source's presentation timestamps.
 //! * Images are `[0, 1]` f32, row-major, three interleaved channels, as decoded (sRGB).
+#![cfg_attr(not(test), warn(clippy::disallowed_methods))]
 
 pub mod assignment;
 pub mod bootstrap;

@@ -3,6 +3,13 @@
 //! Everything is written beside its final name, synced and renamed, so that a killed process or a
 //! full disk never leaves a partial file under a final name. JSON records carry their schema's
 //! name and version in `schema`, which is checked on reading.
+#![cfg_attr(
+    not(test),
+    expect(
+        clippy::disallowed_methods,
+        reason = "this is what others call instead"
+    )
+)]
 
 use std::{
     fs::{self, File},
@@ -164,6 +171,18 @@ pub fn create_folder(path: &Path) -> Result<(), StoreError> {
 pub fn rename(from: &Path, to: &Path) -> io::Result<()> {
     fs::rename(from, to)?;
     sync_folder_of(to)
+}
+
+/// Copies a file into a folder of ours that goes with the work: a power cut may lose the copy.
+///
+/// # Errors
+/// When the file cannot be read, or the copy cannot be written.
+pub fn copy(from: &Path, to: &Path) -> Result<(), StoreError> {
+    let failed = |source| match File::open(from) {
+        Ok(_) => StoreError::write(to, source),
+        Err(_) => StoreError::read(from, source),
+    };
+    fs::copy(from, to).map(drop).map_err(failed)
 }
 
 /// Writes the entries of the folder that holds `path` to the disk.

@@ -16,6 +16,7 @@
 //! What is true is in these files alone: a runner ([`pool`]) holds nothing in memory that is lost with
 //! it, and its locks end with it. One runner works on a sweep, or the tasks of Slurm do, each on the
 //! unit that it was given.
+#![cfg_attr(not(test), warn(clippy::disallowed_methods))]
 
 pub mod error;
 pub mod folder;

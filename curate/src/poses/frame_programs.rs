@@ -13,7 +13,6 @@
 
 use std::{
     collections::BTreeMap,
-    fs,
     path::{Path, PathBuf},
     str::FromStr,
     time::Duration,
@@ -220,7 +219,7 @@ impl Room {
                 scene_folder.join(&frame.image),
                 room.frames.join(&entry.file),
             );
-            fs::copy(&image, &copy).map_err(|source| StoreError::read(&image, source))?;
+            store::copy(&image, &copy)?;
             times += &format!("{},{}\n", entry.file, entry.time_seconds);
         }
         store::write_bytes(&room.times, times.as_bytes())?;

@@ -3,7 +3,7 @@
 use std::{
     collections::BTreeMap,
     fs::{self, File},
-    path::PathBuf,
+    path::{Path, PathBuf},
     process::{Command, Stdio},
     time::{Duration, Instant},
 };
@@ -33,14 +33,29 @@ pub struct Job {
 /// A command that prints more than this is ended: it would fill the disk.
 const MOST_LOG_BYTES: u64 = 4 << 30;
 
+/// Opens an empty log for what a program prints.
+///
+/// # Errors
+/// When it cannot be written.
+#[cfg_attr(
+    not(test),
+    expect(
+        clippy::disallowed_methods,
+        reason = "a log is read while it is written, and by halves too"
+    )
+)]
+pub fn new_log(path: &Path) -> Result<File, StoreError> {
+    File::create(path).map_err(|source| StoreError::write(path, source))
+}
+
 /// Runs a command with no standard input and both outputs in the log.
 ///
 /// # Errors
 /// When the log cannot be written. A command that cannot be started is an outcome.
 pub fn run(job: &Job) -> Result<Outcome, StoreError> {
-    let unwritable = |source| StoreError::write(&job.log, source);
-    let log = File::create(&job.log).map_err(unwritable)?;
-    let errors = log.try_clone().map_err(unwritable)?;
+    let log = new_log(&job.log)?;
+    let errors = log.try_clone();
+    let errors = errors.map_err(|source| StoreError::write(&job.log, source))?;
     let begun = Instant::now();
     let mut command = Command::new(&job.command[0]);
     command

@@ -26,7 +26,7 @@ use std::{
 };
 
 pub use container::Container;
-pub use job::{Job, run};
+pub use job::{Job, new_log, run};
 pub use tree::{Leftovers, ProcessTree};
 use wait4::Wait4;
 

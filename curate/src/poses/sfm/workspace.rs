@@ -9,7 +9,7 @@ use std::{
 };
 
 use omnilife_schemas::{
-    child::{GRACE, ProcessGroup},
+    child::{self, GRACE, ProcessGroup},
     layout::{FRAMES_FOLDER, SFM_FOLDER},
     plain_text::without_folders,
     process,
@@ -135,8 +135,7 @@ impl<'a> SfmWorkspace<'a> {
         progress: &dyn Progress,
     ) -> Result<Conversation, CurateError> {
         let log_path = self.folder.join(format!("{}.log", configuration.id));
-        let log = fs::File::create(&log_path)
-            .map_err(|error| store::StoreError::write(&log_path, error))?;
+        let log = child::new_log(&log_path)?;
         let python = &self.installation.python;
         let cannot_run = |source| SfmError::Run {
             python: python.clone(),

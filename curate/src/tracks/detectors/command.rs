@@ -24,7 +24,6 @@
 
 use std::{
     collections::BTreeMap,
-    fs,
     path::{Path, PathBuf},
     time::Duration,
 };
@@ -236,7 +235,7 @@ fn boxes_file(
         for (frame, image) in images {
             let kind = image.extension().unwrap_or_default().to_string_lossy();
             let copy = frames.join(format!("{frame:06}.{kind}"));
-            fs::copy(&image, &copy).map_err(|source| StoreError::write(&copy, source))?;
+            store::copy(&image, &copy)?;
         }
         let work = staging.folder.join(WORK_FOLDER);
         store::create_folder(&work)?;
