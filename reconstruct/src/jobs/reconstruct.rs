@@ -4,14 +4,12 @@
 use std::{
     collections::BTreeMap,
     path::{Path, PathBuf},
-    time::Instant,
 };
 
 use omnilife_schemas::{
     Similarity,
     elapsed::{Elapsed, Stopwatch},
     layout::{RUN_FILE, TRACKS_FILE},
-    lock::FolderLock,
     progress::Progress,
     provenance,
     records::{
@@ -139,79 +137,79 @@ pub fn reconstruct(
         return Ok(store::read_record(&record_path)?);
     }
     backends::check(request.backend)?;
-    let _lock = FolderLock::take(&request.out, progress)?;
-    let begun = Instant::now();
-    trace_folder::refuse_foreign(&request.out, &stage)?;
-    trace_folder::remove_abandoned(&request.out)?;
-    stage.claim(planned_files(method, &split))?;
-    // A record or trace of an earlier run must not stand beside new predictions.
-    store::remove(&record_path)?;
-    store::remove(&request.out.join(TRACE_FILE))?;
-    let mut notes = scene::mask_notes(&request.scene, &request.split)?;
-    notes.extend(scene.far_frames());
-    for line in &notes {
-        progress.note(line);
-    }
-    let mut made = match method.kind {
-        MethodKind::Trained { .. } => train(method, request, &split, &stage, progress)?,
-        MethodKind::FeedForward {
-            settings,
-            interpolate,
-        } => {
-            let frames = Frames::new(request, &scene, &split)?;
-            frames.make_views(method.id, settings(), interpolate, &stage, progress)?
+    stage.refuse_foreign_folder(TRACE_FOLDER)?;
+    let planned = planned_files(method, &split);
+    let record = stage.run(planned, progress, |out| -> Result<_, ReconstructError> {
+        trace_folder::remove_abandoned(&request.out)?;
+        // A record or trace of an earlier run must not stand beside new predictions.
+        store::remove(&record_path)?;
+        store::remove(&request.out.join(TRACE_FILE))?;
+        let mut notes = scene::mask_notes(&request.scene, &request.split)?;
+        notes.extend(scene.far_frames());
+        for line in &notes {
+            progress.note(line);
         }
-    };
-    made.warnings.extend(notes);
-    let mut stages = stage_times::of_request(request, method, &scene)?;
-    stages.extend(stage_times::of_run(
-        made.planning,
-        Elapsed {
-            wall_seconds: made.training_seconds,
-            cpu_seconds: made.training_cpu_seconds,
-        },
-        made.rendering,
-    ));
-    let can_be_edited = method.model().is_some_and(|model| model.edit.is_some());
-    let variant = Variant::of(method, &request.settings).to_string();
-    let record = RunRecord {
-        method: method.id.to_owned(),
-        variant: (variant != method.id).then_some(variant),
-        scene: scene.id.clone(),
-        protocol_hash: split.protocol_hash.clone(),
-        seed: request.settings.seed,
-        backend: made.backend,
-        configuration: made.configuration,
-        plan: made.plan,
-        evidence: made.evidence,
-        planning_seconds: made.planning.wall_seconds,
-        planning_cpu_seconds: made.planning.cpu_seconds,
-        hardware: Some(provenance::Hardware::here()),
-        versions: provenance::versions(),
-        inputs,
-        iterations: made.iterations,
-        primitives: made.primitives,
-        training_seconds: made.training_seconds,
-        training_cpu_seconds: made.training_cpu_seconds,
-        evaluation_seconds: made.evaluation_seconds,
-        rendering_seconds: made.rendering.wall_seconds,
-        stages,
-        seconds_per_group: made.seconds_per_group,
-        peak_memory_bytes: process::peak_memory_bytes(),
-        normalization: made.normalization,
-        up: run_views::up(&scene, &split),
-        clip_seconds: run_views::clip_seconds(&scene, &split),
-        views: can_be_edited.then(|| run_views::poses(&scene, &split)),
-        trace: made.trace,
-        trace_views: made.trace_views,
-        surfaces: made.surfaces,
-        predictions: made.predictions,
-        warnings: made.warnings,
-        edits: Edits::default(),
-    };
-    store::write_record(&record_path, &record)?;
-    let outputs = made.outputs.into_iter().chain([RUN_FILE.to_owned()]);
-    stage.finish(outputs, begun.elapsed().as_secs_f64())?;
+        let mut made = match method.kind {
+            MethodKind::Trained { .. } => train(method, request, &split, &stage, progress)?,
+            MethodKind::FeedForward {
+                settings,
+                interpolate,
+            } => {
+                let frames = Frames::new(request, &scene, &split)?;
+                frames.make_views(method.id, settings(), interpolate, &stage, progress)?
+            }
+        };
+        made.warnings.extend(notes);
+        let mut stages = stage_times::of_request(request, method, &scene)?;
+        stages.extend(stage_times::of_run(
+            made.planning,
+            Elapsed {
+                wall_seconds: made.training_seconds,
+                cpu_seconds: made.training_cpu_seconds,
+            },
+            made.rendering,
+        ));
+        let can_be_edited = method.model().is_some_and(|model| model.edit.is_some());
+        let variant = Variant::of(method, &request.settings).to_string();
+        let record = RunRecord {
+            method: method.id.to_owned(),
+            variant: (variant != method.id).then_some(variant),
+            scene: scene.id.clone(),
+            protocol_hash: split.protocol_hash.clone(),
+            seed: request.settings.seed,
+            backend: made.backend,
+            configuration: made.configuration,
+            plan: made.plan,
+            evidence: made.evidence,
+            planning_seconds: made.planning.wall_seconds,
+            planning_cpu_seconds: made.planning.cpu_seconds,
+            hardware: Some(provenance::Hardware::here()),
+            versions: provenance::versions(),
+            inputs,
+            iterations: made.iterations,
+            primitives: made.primitives,
+            training_seconds: made.training_seconds,
+            training_cpu_seconds: made.training_cpu_seconds,
+            evaluation_seconds: made.evaluation_seconds,
+            rendering_seconds: made.rendering.wall_seconds,
+            stages,
+            seconds_per_group: made.seconds_per_group,
+            peak_memory_bytes: process::peak_memory_bytes(),
+            normalization: made.normalization,
+            up: run_views::up(&scene, &split),
+            clip_seconds: run_views::clip_seconds(&scene, &split),
+            views: can_be_edited.then(|| run_views::poses(&scene, &split)),
+            trace: made.trace,
+            trace_views: made.trace_views,
+            surfaces: made.surfaces,
+            predictions: made.predictions,
+            warnings: made.warnings,
+            edits: Edits::default(),
+        };
+        out.add_all(made.outputs);
+        out.write_record(RUN_FILE, &record)?;
+        Ok(record)
+    })?;
     store::remove(&request.out.join(CHECKPOINT_FILE))?;
     Ok(record)
 }
