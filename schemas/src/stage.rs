@@ -4,11 +4,9 @@
 //! in and came out. [`StagePlan::is_done`] compares hashes and checks that the outputs still stand.
 //!
 //! The record also says which files are the stage's own. Before a stage writes anything it claims
-//! its outputs ([`StagePlan::claim`]): what stands in their way and was not made by it is refused. The
+//! its outputs: what stands in their way and was not made by it is refused. The
 //! claim is kept on disk until the stage is finished, so that a killed process leaves its successor
-//! what it made.
-//!
-//! [`StagePlan::make`] and [`StagePlan::run`] do all that in the one order in which it is safe.
+//! what it made. [`StagePlan::make`] and [`StagePlan::run`] do all that in the one order in which it is safe.
 
 mod outputs;
 
@@ -184,8 +182,9 @@ impl StagePlan {
     /// has added to them.
     ///
     /// # Errors
-    /// Those of [`FolderLock::take`] and [`StagePlan::claim`], before anything is written; those of `work`, which leave
-    /// the stage begun; and when the done-record cannot be written.
+    /// Those of [`FolderLock::take`], and [`StoreError::Refused`] where something that the stage has not made stands
+    /// under a claimed name, before anything is written; those of `work`, which leave the stage begun; and when a
+    /// record of the stage cannot be written or removed.
     pub fn run<S: AsRef<str>, T, E: From<StoreError>>(
         &self,
         claimed: impl IntoIterator<Item = S>,
@@ -273,29 +272,19 @@ impl StagePlan {
         OwnFiles::new(&self.folder, finished.chain(begun))
     }
 
-    /// Claims the files that the stage is about to write, relative to its folder. From here on it is
-    /// not done, because the outputs may be half new; what killed processes left half-written beside
-    /// the outputs is removed.
-    ///
-    /// # Errors
-    /// [`StoreError::Refused`] where something that the stage has not made stands under a name, and
-    /// when a record cannot be written or removed.
-    pub fn claim<S: AsRef<str>>(
-        &self,
-        outputs: impl IntoIterator<Item = S>,
-    ) -> Result<(), StoreError> {
+    /// Claims files that the stage is about to write. From here on it is not done, because the outputs may be half
+    /// new; what killed processes left half-written beside the outputs is removed.
+    fn claim(&self, files: &[String]) -> Result<(), StoreError> {
         let own = self.own_files();
         let mut folders = BTreeSet::from([self.folder.clone(), self.records_folder()]);
-        let mut planned = Vec::new();
-        for output in outputs {
-            let file = output.as_ref();
+        for file in files {
             own.refuse_foreign(file)?;
             folders.extend(self.folder.join(file).parent().map(Path::to_owned));
-            planned.push(OwnFile {
-                file: file.to_owned(),
-                sha256: None,
-            });
         }
+        let planned = files.iter().map(|file| OwnFile {
+            file: file.clone(),
+            sha256: None,
+        });
         self.write_begun(own.files().chain(planned))?;
         store::remove(&self.record_path())?;
         folders
