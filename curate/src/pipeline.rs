@@ -277,62 +277,64 @@ fn analysed(
         return Ok(renamed);
     }
     plan.run(ANALYSIS_FILES, progress, |out| {
-    let Analysis {
-        probe,
-        range,
-        signals,
-        samples,
-        shot_samples,
-        overlays,
-        mosaics,
-        mut signature,
-        damaged_frames,
-    } = analysis::analyse(video, detector, asked, progress)?;
-    if damaged_frames > 0 {
-        progress.note(&format!(
-            "{}: {damaged_frames} damaged frames were patched up or left out",
-            video.display()
-        ));
-    }
-    if probe.is_hdr() {
-        progress.note(&format!(
-            "{}: is coded for high dynamic range ({}); its levels are used as coded, not tone-mapped",
-            video.display(),
-            probe.transfer
-        ));
-    }
-    projection::note_turns(video, &probe, progress);
-    let projection = projection::judge(&probe, samples.images());
-    let mut shot_samples = shot_samples.finish();
-    let evident = || sphere_layouts::evident(&projection, &probe);
-    let layout = asked.or_else(evident);
-    let overlays = if layout == asked {
-        // In a video of another kind, shots may still be spheres for most of the time.
-        let is_sphere = layout.is_some() || projection.projection.is_monoscopic_erp();
-        (is_sphere || shot_samples.show_spheres()).then(|| overlays::report(&overlays, &mosaics))
-    } else {
-        // What the frames store is known only now.
-        let again = analysis::analyse(video, detector, layout, progress)?;
-        signature = again.signature;
-        shot_samples = again.shot_samples.finish();
-        Some(overlays::report(&again.overlays, &again.mosaics))
-    };
-    let record = VideoAnalysis {
-        source: source.clone(),
-        range,
-        overlays,
-        layout,
-        projection,
-        probe,
-        damaged_frames,
-        signals: SIGNALS_FILE.to_owned(),
-    };
-    signals.write_parquet(&folder.join(SIGNALS_FILE))?;
-    shot_samples.write(&folder.join(SAMPLES_FILE))?;
-    (signature.finish()).write_parquet(&folder.join(SIGNATURE_FILE))?;
-    out.add_all([SIGNALS_FILE, SAMPLES_FILE, SIGNATURE_FILE]);
-    out.write_record(ANALYSIS_FILE, &record)?;
-    Ok(record)
+        let Analysis {
+            probe,
+            range,
+            signals,
+            samples,
+            shot_samples,
+            overlays,
+            mosaics,
+            mut signature,
+            damaged_frames,
+        } = analysis::analyse(video, detector, asked, progress)?;
+        if damaged_frames > 0 {
+            progress.note(&format!(
+                "{}: {damaged_frames} damaged frames were patched up or left out",
+                video.display()
+            ));
+        }
+        if probe.is_hdr() {
+            progress.note(&format!(
+                "{}: is coded for high dynamic range ({}); its levels are used as \
+                 coded, not tone-mapped",
+                video.display(),
+                probe.transfer
+            ));
+        }
+        projection::note_turns(video, &probe, progress);
+        let projection = projection::judge(&probe, samples.images());
+        let mut shot_samples = shot_samples.finish();
+        let evident = || sphere_layouts::evident(&projection, &probe);
+        let layout = asked.or_else(evident);
+        let overlays = if layout == asked {
+            // In a video of another kind, shots may still be spheres for most of the time.
+            let is_sphere = layout.is_some() || projection.projection.is_monoscopic_erp();
+            (is_sphere || shot_samples.show_spheres())
+                .then(|| overlays::report(&overlays, &mosaics))
+        } else {
+            // What the frames store is known only now.
+            let again = analysis::analyse(video, detector, layout, progress)?;
+            signature = again.signature;
+            shot_samples = again.shot_samples.finish();
+            Some(overlays::report(&again.overlays, &again.mosaics))
+        };
+        let record = VideoAnalysis {
+            source: source.clone(),
+            range,
+            overlays,
+            layout,
+            projection,
+            probe,
+            damaged_frames,
+            signals: SIGNALS_FILE.to_owned(),
+        };
+        signals.write_parquet(&folder.join(SIGNALS_FILE))?;
+        shot_samples.write(&folder.join(SAMPLES_FILE))?;
+        (signature.finish()).write_parquet(&folder.join(SIGNATURE_FILE))?;
+        out.add_all([SIGNALS_FILE, SAMPLES_FILE, SIGNATURE_FILE]);
+        out.write_record(ANALYSIS_FILE, &record)?;
+        Ok(record)
     })
 }
 
