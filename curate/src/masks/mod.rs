@@ -82,7 +82,7 @@ pub fn write_masks(
         progress.note(&format!("{}: masks unchanged, skipped", sequence.id));
         return Ok(store::read_record(&out.join(DYNAMIC_MASKS_FILE))?);
     }
-    let started = Stopwatch::start();
+    let started = Stopwatch::with_children();
     let masks = match (&files, source) {
         (Some(files), _) => read_masks(files, &sequence)?,
         (None, MaskSource::Method(id)) if sequence.is_pinhole() => {

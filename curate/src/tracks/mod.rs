@@ -242,7 +242,7 @@ impl Asked {
         };
         let mut stages = Vec::new();
         if self.known_scale.is_none() {
-            let begun = Stopwatch::start();
+            let begun = Stopwatch::with_children();
             let (metres, evidence) = vehicle_scale::by_vehicles(
                 &self.scene_path,
                 plane,
@@ -316,7 +316,7 @@ impl Tracking<'_> {
         progress: &dyn Progress,
     ) -> Result<Tracks, CurateError> {
         let plane = self.plane;
-        let begun = Stopwatch::start();
+        let begun = Stopwatch::with_children();
         let detected = (detector.detect)(input, progress)?;
         let mut detections = detected.boxes;
         let found = format!("{} boxes in {} frames", detections.len(), self.views.len());
@@ -326,10 +326,10 @@ impl Tracking<'_> {
             format!("{found}; {}", detected.said)
         };
         stages.push(stage("detector", detector.id, found, begun));
-        let begun = Stopwatch::start();
+        let begun = Stopwatch::with_children();
         let lifted = self.lift(&mut detections, input, &self.request.distance)?;
         stages.push(stage("distance", lifted.method, lifted.reason, begun));
-        let begun = Stopwatch::start();
+        let begun = Stopwatch::with_children();
         let groups = if self.request.association == association::DEEPSORT {
             let (groups, said) = self.associate_by_appearance(&detections, input)?;
             stages.push(stage("appearance", association::DEEPSORT, said, begun));
@@ -349,7 +349,7 @@ impl Tracking<'_> {
             reason,
             begun,
         ));
-        let begun = Stopwatch::start();
+        let begun = Stopwatch::with_children();
         let mut warnings = [self.warnings.clone(), lifted.warnings].concat();
         let told = warnings.len();
         let mut tracks: Vec<Track> = Vec::new();

@@ -28,7 +28,7 @@ impl<'a> StageOutputs<'a> {
     pub(super) fn new(plan: &'a StagePlan, kept: Vec<String>) -> Self {
         Self {
             plan,
-            clock: Stopwatch::start(),
+            clock: Stopwatch::with_children(),
             files: Vec::new(),
             kept,
             is_left_begun: false,

@@ -84,7 +84,7 @@ pub fn export(
     request: &ExportRequest,
     progress: &dyn Progress,
 ) -> Result<Exported, ReconstructError> {
-    let begun = Stopwatch::start();
+    let begun = Stopwatch::with_children();
     let ExportedScene {
         drawable,
         source,
