@@ -92,8 +92,10 @@ impl Unfinished {
 
 impl Drop for Unfinished {
     fn drop(&mut self) {
-        // The work is done or has failed already: what cannot be removed is hidden and harmless.
-        drop(store::remove(&self.0));
+        if !self.0.as_os_str().is_empty() {
+            // The work is done or has failed already: what cannot be removed is hidden and harmless.
+            drop(store::remove(&self.0));
+        }
     }
 }
 
