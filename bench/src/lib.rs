@@ -12,6 +12,7 @@
 //!
 //! Predictions of any method are scored, so this crate knows no method and no renderer. Its metrics are separate from
 //! every training loss: a bug in a loss must not hide in the score.
+#![cfg_attr(not(test), warn(clippy::disallowed_methods))]
 
 pub mod adapters;
 pub mod curve;

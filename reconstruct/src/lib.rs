@@ -13,6 +13,7 @@
 //! * [`train`]: the loop, its checkpoint and trace. [`learner`]: all that the loop knows of a model. [`seeds`]: first Gaussians. [`formats`]: files of a
 //!   model. [`stereo`]: depth from two panoramas. [`scene`]: a scene in memory. [`request`]: what a user asks of a method;
 //!   [`options`]: what only some methods understand.
+#![cfg_attr(not(test), warn(clippy::disallowed_methods))]
 
 pub mod backends;
 pub mod baseline;

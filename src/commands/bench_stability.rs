@@ -7,7 +7,7 @@ use omnilife_reconstruct::stability::{
     self,
     devices::{Device, DeviceKind},
 };
-use omnilife_schemas::{ErrorKind, lock::FolderLock, progress::Progress};
+use omnilife_schemas::{ErrorKind, progress::Progress};
 
 use crate::{
     cli::BackendArgument,
@@ -36,8 +36,7 @@ pub(crate) fn execute(
             .extend(omnilife_curate::tracks::stability::rows());
     }
     if let Some(out) = out {
-        let _lock = FolderLock::take(out, progress)?;
-        write_stability(&report, out)?;
+        write_stability(&report, out, progress)?;
     }
     exit::print(&stability_page(&report))?;
     let failed = stability_failures(&report);

@@ -6,6 +6,7 @@
 //! aggregate  semi-global smoothing of the costs of all hypotheses
 //! minimum    the best hypothesis, to a fraction of a step
 //! ```
+#![cfg_attr(not(test), warn(clippy::disallowed_methods))]
 
 mod aggregate;
 mod cost;

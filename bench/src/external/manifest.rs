@@ -36,7 +36,7 @@ use std::{
     time::{Duration, SystemTime, UNIX_EPOCH},
 };
 
-use omnilife_schemas::{process_group::Container, records::PhaseName, store::StoreError};
+use omnilife_schemas::{child::Container, records::PhaseName, store::StoreError};
 use serde::Deserialize;
 
 use super::placeholders::{self, Places};

@@ -347,7 +347,7 @@ fn a_run_may_follow_a_recorded_failure_and_the_other_way_round() {
         out: stand.request.out.clone(),
     };
     for _ in 0..2 {
-        omnilife_bench::record_failure(&failure).unwrap();
+        omnilife_bench::record_failure(&failure, &Silent).unwrap();
         assert_eq!(stand.run().failure, None);
     }
 }

@@ -39,7 +39,7 @@ use omnilife_schemas::{
     points::PointCloud,
     progress::Progress,
     records::{Scale, Scene},
-    store::{self, StoreError},
+    store::{self, StoreError, Unfinished},
 };
 
 pub use cube_faces::CubeFaces;
@@ -281,8 +281,7 @@ fn fill_folder<T>(
 ) -> Result<T, CurateError> {
     let temporary = store::temporary_beside(out);
     let filled = (|| -> Result<T, CurateError> {
-        store::remove(&temporary)?;
-        store::create_folder(&temporary)?;
+        let _unfinished = Unfinished::folder_beside(out)?;
         let value = fill(&temporary)?;
         if out.is_dir() {
             fs::remove_dir(out).map_err(|error| StoreError::write(out, error))?;
@@ -290,11 +289,7 @@ fn fill_folder<T>(
         store::rename(&temporary, out).map_err(|error| StoreError::write(out, error))?;
         Ok(value)
     })();
-    filled.map_err(|error| {
-        // The work has failed already: a file that cannot be removed is hidden and harmless.
-        drop(store::remove(&temporary));
-        error.in_place_of(&temporary, out)
-    })
+    filled.map_err(|error| error.in_place_of(&temporary, out))
 }
 
 /// Refuses a non-empty output folder; removes leftovers of killed processes beside it.

@@ -304,7 +304,7 @@ impl Work<'_> {
     }
 
     fn write(&self, name: &str, progress: &dyn Progress) -> Result<(), CurateError> {
-        let started = Stopwatch::start();
+        let started = Stopwatch::with_children();
         let staging = Staging::new(self.folder, "sequences")?;
         let folder = staging.folder.join(name);
         progress.begin("stills", Some(self.chosen.len() as u64));

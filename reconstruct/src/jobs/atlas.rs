@@ -1,8 +1,8 @@
 //! Images of the surfaces of a run's atlas.
 
-use std::{path::Path, time::Instant};
+use std::path::Path;
 
-use omnilife_schemas::{lock::FolderLock, progress::Progress, stage::StagePlan, store};
+use omnilife_schemas::{progress::Progress, stage::StagePlan};
 
 use crate::{error::ReconstructError, methods};
 
@@ -21,12 +21,10 @@ pub fn export(
         return Err(ReconstructError::scene(run, reason));
     };
     let planned = plan(run)?;
-    store::create_folder(out)?;
-    let _lock = FolderLock::take(out, progress)?;
-    let begun = Instant::now();
     let stage = StagePlan::new(out, "atlas");
-    stage.claim(&planned.files)?;
-    (planned.write)(out)?;
-    stage.finish(&planned.files, begun.elapsed().as_secs_f64())?;
-    Ok(planned.files)
+    stage.run(planned.files.clone(), progress, |made| {
+        (planned.write)(out)?;
+        made.add_all(&planned.files);
+        Ok(planned.files)
+    })
 }

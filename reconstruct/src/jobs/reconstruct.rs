@@ -4,13 +4,11 @@
 use std::{
     collections::BTreeMap,
     path::{Path, PathBuf},
-    time::Instant,
 };
 
 use omnilife_schemas::{
     Similarity,
     layout::{RUN_FILE, TRACKS_FILE},
-    lock::FolderLock,
     progress::Progress,
     provenance,
     records::{Backend, Edits, PoseSource, RunRecord, Scene, Split, ViewPredictions},
@@ -24,7 +22,9 @@ use crate::{
     error::ReconstructError,
     jobs::{
         interpolate::{Frames, GROUPS_FILE},
-        stage_times, trace_folder, training,
+        stage_times,
+        trace_folder::{self, TRACE_FOLDER},
+        training,
     },
     methods::{self, Method, MethodKind, requirement::Requirement, variant::Variant},
     models::run_views,
@@ -103,39 +103,39 @@ pub fn reconstruct(
         return Ok(store::read_record(&record_path)?);
     }
     backends::check(request.backend)?;
-    let _lock = FolderLock::take(&request.out, progress)?;
-    let begun = Instant::now();
-    trace_folder::refuse_foreign(&request.out, &stage)?;
-    trace_folder::remove_abandoned(&request.out)?;
-    stage.claim(planned_files(method, &split))?;
-    // A record or trace of an earlier run must not stand beside new predictions.
-    store::remove(&record_path)?;
-    store::remove(&request.out.join(TRACE_FILE))?;
-    let mut notes = scene::mask_notes(&request.scene, &request.split)?;
-    notes.extend(scene.far_frames());
-    for line in &notes {
-        progress.note(line);
-    }
-    let mut record = begun_record(method, request, (&scene, &split), inputs);
-    let outputs = match method.kind {
-        MethodKind::Trained { .. } => {
-            training::train(method, request, &split, &stage, progress, &mut record)?
+    stage.refuse_foreign_folder(TRACE_FOLDER)?;
+    let planned = planned_files(method, &split);
+    let record = stage.run(planned, progress, |out| -> Result<_, ReconstructError> {
+        trace_folder::remove_abandoned(&request.out)?;
+        // A record or trace of an earlier run must not stand beside new predictions.
+        store::remove(&record_path)?;
+        store::remove(&request.out.join(TRACE_FILE))?;
+        let mut notes = scene::mask_notes(&request.scene, &request.split)?;
+        notes.extend(scene.far_frames());
+        for line in &notes {
+            progress.note(line);
         }
-        MethodKind::FeedForward {
-            settings,
-            interpolate,
-        } => {
-            record.configuration = settings();
-            let frames = Frames::new(request, &scene, &split)?;
-            frames.make_views(method.id, interpolate, &stage, progress, &mut record)?
-        }
-    };
-    record.warnings.extend(notes);
-    record.stages = stage_times::of_request(request, method, &scene)?;
-    record.peak_memory_bytes = process::peak_memory_bytes();
-    store::write_record(&record_path, &record)?;
-    let outputs = outputs.into_iter().chain([RUN_FILE.to_owned()]);
-    stage.finish(outputs, begun.elapsed().as_secs_f64())?;
+        let mut record = begun_record(method, request, (&scene, &split), inputs);
+        let outputs = match method.kind {
+            MethodKind::Trained { .. } => {
+                training::train(method, request, &split, &stage, progress, &mut record)?
+            }
+            MethodKind::FeedForward {
+                settings,
+                interpolate,
+            } => {
+                record.configuration = settings();
+                let frames = Frames::new(request, &scene, &split)?;
+                frames.make_views(method.id, interpolate, &stage, progress, &mut record)?
+            }
+        };
+        record.warnings.extend(notes);
+        record.stages = stage_times::of_request(request, method, &scene)?;
+        record.peak_memory_bytes = process::peak_memory_bytes();
+        out.add_all(outputs);
+        out.write_record(RUN_FILE, &record)?;
+        Ok(record)
+    })?;
     store::remove(&request.out.join(CHECKPOINT_FILE))?;
     Ok(record)
 }

@@ -6,6 +6,7 @@ use omnilife_bench::curve::{self, Clock, Crossing, POINTS_FILE, Region};
 use omnilife_schemas::{
     Classified, ErrorKind,
     elapsed::Elapsed,
+    progress::Silent,
     records::{Direction, Failure, ResultRecord, StageTime, Summary, TrainingKind},
 };
 
@@ -64,7 +65,7 @@ fn runs_without_a_trace_are_points() {
         write_record(&at("c"), &untrained, None),
         write_record(&at("d"), &unknown, None),
     ];
-    let found = curve::curves(&runs, Clock::Wall, Region::Whole, &at("out")).unwrap();
+    let found = curve::curves(&runs, Clock::Wall, Region::Whole, &at("out"), &Silent).unwrap();
     let curves = &found[0].curves;
     let seconds: Vec<_> = (curves.iter())
         .map(|curve| curve.run.training_seconds)
@@ -117,7 +118,14 @@ fn runs_without_any_time_are_drawn_too() {
     let run = write_record(&folder.path().join("a"), &run, None);
     for clock in [Clock::Wall, Clock::Cpu] {
         let out = folder.path().join(clock.name());
-        let found = curve::curves(std::slice::from_ref(&run), clock, Region::Whole, &out).unwrap();
+        let found = curve::curves(
+            std::slice::from_ref(&run),
+            clock,
+            Region::Whole,
+            &out,
+            &Silent,
+        )
+        .unwrap();
         assert_eq!(found[0].curves[0].run.training_seconds, Some(0.0));
         assert!(out.join("curve-0.svg").is_file());
     }

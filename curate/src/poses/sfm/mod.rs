@@ -174,7 +174,7 @@ fn run_with(
     let Some((index, found)) = best else {
         return Err(no_poses(sequence, &report, any_broken).into());
     };
-    workspace.publish(&report.attempts[index].configuration)?;
+    workspace.publish(&report.attempts[index].configuration, progress)?;
     posed(
         sequence_folder,
         sequence,

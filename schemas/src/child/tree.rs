@@ -136,7 +136,7 @@ impl ProcessTree {
     ///
     /// # Errors
     /// When it cannot be started.
-    pub fn spawn(command: &mut Command) -> io::Result<(Child, Self)> {
+    pub(super) fn spawn(command: &mut Command) -> io::Result<(Child, Self)> {
         static COUNT: AtomicU64 = AtomicU64::new(0);
         let number = COUNT.fetch_add(1, Ordering::Relaxed);
         let mark = format!("{}-{number}", process::id());
@@ -168,7 +168,7 @@ impl ProcessTree {
 
     /// Ends what a program that has ended, and was waited for, has left behind: lets it end by itself
     /// for half a second, asks it to end, and kills what is left after `grace`.
-    pub fn end_rest(&self, grace: Duration) -> Leftovers {
+    pub(super) fn end_rest(&self, grace: Duration) -> Leftovers {
         let begun = Instant::now();
         let mut known = BTreeSet::new();
         let left = loop {

@@ -1,22 +1,12 @@
 //! Programs that end well and badly, as shell scripts in a folder.
 #![expect(clippy::unwrap_used, reason = "a failed set-up step fails the test")]
 
-use std::{
-    collections::BTreeMap,
-    fs,
-    os::unix::fs::PermissionsExt,
-    path::{Path, PathBuf},
-    thread,
-    time::Instant,
-};
+use std::{collections::BTreeMap, fs, os::unix::fs::PermissionsExt, path::PathBuf};
 
 use tempfile::TempDir;
 
 use super::*;
-use crate::{
-    command::{self, Job},
-    process::{self, Stat},
-};
+use crate::process::Stat;
 
 const GRACE_HERE: Duration = Duration::from_millis(300);
 
@@ -66,12 +56,7 @@ fn wait_for(file: &Path) {
 }
 
 fn wait_for_end(group: &mut ProcessGroup) -> ExitStatus {
-    loop {
-        if let Some(status) = group.try_wait().unwrap() {
-            return status;
-        }
-        thread::sleep(Duration::from_millis(5));
-    }
+    group.wait().unwrap().status
 }
 
 /// Neither running nor a zombie.
@@ -150,7 +135,7 @@ fn a_program_may_put_things_in_order() {
         fs::read_to_string(folder.at("saved")).unwrap().trim(),
         "saved"
     );
-    assert!(group.try_wait().unwrap().unwrap().success());
+    assert!(group.wait().unwrap().status.success());
 }
 
 #[test]
@@ -166,7 +151,7 @@ fn one_that_will_not_end_is_killed() {
     assert!(begun.elapsed() >= GRACE_HERE);
     assert!(left.ended.contains(&format!("sh (process {id})")));
     assert!(left.running.is_empty(), "{left:?}");
-    assert!(!group.try_wait().unwrap().unwrap().success());
+    assert!(!group.wait().unwrap().status.success());
     assert!(is_gone(folder.id("own")));
 }
 
@@ -208,7 +193,7 @@ kill)
 esac
 "#;
 
-fn outcome_of(folder: &Folder, name: &str, how: &str) -> command::Outcome {
+fn outcome_of(folder: &Folder, name: &str, how: &str) -> Outcome {
     let runtime = folder.at("runtime");
     fs::write(&runtime, RUNTIME).unwrap();
     fs::set_permissions(&runtime, fs::Permissions::from_mode(0o755)).unwrap();
@@ -217,7 +202,7 @@ fn outcome_of(folder: &Folder, name: &str, how: &str) -> command::Outcome {
         runtime: runtime.clone(),
         name: name.to_owned(),
     };
-    command::run(&Job {
+    run(&Job {
         command: [runtime.as_str(), "run", name, how]
             .map(str::to_owned)
             .into(),
