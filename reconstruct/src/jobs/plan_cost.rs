@@ -8,11 +8,12 @@ use std::{collections::BTreeSet, path::Path};
 
 use omnilife_schemas::records::ComponentDecision;
 
-use crate::{
+use crate::registry;
+use omnilife_training::{
     components,
     error::ReconstructError,
     learner::ModelSize,
-    methods::{self, Method, Prepared},
+    method::{Method, Prepared},
     request::{BackendChoice, MethodRequest, PlanChoice},
     scene::TrainingScene,
     train::timing::{MedianRange, PairedSteps},
@@ -61,7 +62,7 @@ pub fn plan(
     method: &str,
     request: &MethodRequest,
 ) -> Result<ScenePlan, ReconstructError> {
-    let method = methods::find(method)?;
+    let method = registry::find(method)?;
     method.check(request, BackendChoice::Cpu)?;
     let mut scene = TrainingScene::load(scene, split, method.camera_extent())?;
     let points = components::complete_points(&mut scene, method.supported(), request);

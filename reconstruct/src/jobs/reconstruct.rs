@@ -24,23 +24,26 @@ use omnilife_schemas::{
 };
 
 use crate::{
-    backends, components,
-    error::ReconstructError,
+    backends,
     jobs::{
         interpolate::{Frames, GROUPS_FILE},
         stage_times,
         trace_folder::{self, TRACE_FOLDER},
     },
-    methods::{
-        self, Method, MethodKind, MethodOutcome, requirement::Requirement, variant::Variant,
-    },
+    registry,
+    variant::Variant,
+};
+use omnilife_engine::training_view::TrainingView;
+use omnilife_training::{
+    components,
+    error::ReconstructError,
+    method::{Method, MethodKind, MethodOutcome, requirement::Requirement},
     models::run_views,
     process,
     request::{BackendChoice, MethodRequest},
     scene::{self, TrainingScene},
     train::{Session, TrainingFiles, trace, trace_views::TraceViews},
 };
-use omnilife_engine::training_view::TrainingView;
 
 /// Name of the checkpoint in the run's folder; it is there while a run is not over.
 pub const CHECKPOINT_FILE: &str = "checkpoint.bin";
@@ -82,7 +85,7 @@ pub fn check(
     settings: &MethodRequest,
     backend: BackendChoice,
 ) -> Result<(), ReconstructError> {
-    methods::find(method)?.check(settings, backend)
+    registry::find(method)?.check(settings, backend)
 }
 
 /// Runs one method on one scene, or returns the stored record when nothing has changed. A training
@@ -96,7 +99,7 @@ pub fn reconstruct(
     request: &ReconstructRequest,
     progress: &dyn Progress,
 ) -> Result<RunRecord, ReconstructError> {
-    let method = methods::find(&request.method)?;
+    let method = registry::find(&request.method)?;
     method.check(&request.settings, request.backend)?;
     let scene: Scene = store::read_record(&request.scene)?;
     refuse_without_parallax(method, &scene)?;
@@ -231,7 +234,7 @@ fn planned_files(method: &Method, split: &Split) -> Vec<String> {
         files.extend(views(INPUT_FOLDER, &split.input_views));
         others.extend(TRAINING_FILES);
         // Those of an earlier run by another method are replaced or removed.
-        others.extend(methods::model_files());
+        others.extend(registry::model_files());
     } else {
         others.push(GROUPS_FILE);
     }
