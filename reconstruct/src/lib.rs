@@ -15,6 +15,7 @@ pub mod jobs;
 pub mod registry;
 pub mod variant;
 
+#[doc(no_inline)]
 pub use omnilife_training::{
     baseline, components, error, error::ReconstructError, evidence, formats, learner, models,
     options, process, random, request, scene, seeds, stereo, train,
@@ -22,11 +23,14 @@ pub use omnilife_training::{
 
 /// Methods of all crates with the registry that finds them.
 pub mod methods {
+    #[doc(no_inline)]
     pub use omnilife_atlas as neural_atlas;
+    #[doc(no_inline)]
     pub use omnilife_methods::{
         deformable, feed_forward, object_graph, odgs, odgs_published, omni4dgs, omni4dgs_plus,
         panogs, periodic,
     };
+    #[doc(no_inline)]
     pub use omnilife_training::method::*;
 
     pub use crate::{

@@ -1,6 +1,6 @@
 //! What a scene gives a method reason for, and what leaving out the rest saves.
 //!
-//! The decisions are the method's own (`methods/`), as a run makes them and its record keeps them.
+//! The decisions are the method's own, as a run makes them and its record keeps them.
 //! Here they stand beside the cost of the same method under the plan full: first Gaussians, bytes of
 //! their tables, and the time of a step, measured in turns ([`PairedSteps`]) where the plans differ.
 
