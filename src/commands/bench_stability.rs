@@ -3,11 +3,8 @@
 use std::path::Path;
 
 use omnilife_bench::{stability_failures, stability_page, write_stability};
-use omnilife_reconstruct::stability::{
-    self,
-    devices::{Device, DeviceKind},
-};
 use omnilife_schemas::{ErrorKind, progress::Progress};
+use omnilife_stability::devices::{Device, DeviceKind};
 
 use crate::{
     cli::BackendArgument,
@@ -29,7 +26,7 @@ pub(crate) fn execute(
             vec![DeviceKind::Gpu]
         }
     };
-    let mut report = stability::run(&kinds, progress)?;
+    let mut report = omnilife_stability::run(&kinds, progress)?;
     if kinds.contains(&DeviceKind::Cpu) {
         report
             .rows

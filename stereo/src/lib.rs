@@ -1,5 +1,5 @@
 //! Choice of the best hypothesis of distance for each pixel of an image, for any kind of hypothesis: a sphere about the
-//! camera (`omnilife-reconstruct`), a plane before it (`omnilife-curate`).
+//! camera (`omnilife-training`), a plane before it (`omnilife-curate`).
 //!
 //! ```text
 //! cost       dissimilarity of an image and another one warped onto its grid

@@ -4,7 +4,8 @@ use std::path::Path;
 
 use omnilife_schemas::{progress::Progress, stage::StagePlan};
 
-use crate::{error::ReconstructError, methods};
+use crate::registry;
+use omnilife_training::error::ReconstructError;
 
 /// Writes an RGBA image of each surface of a run's model, and a list of them; returns the names of the files.
 ///
@@ -15,7 +16,7 @@ pub fn export(
     out: &Path,
     progress: &dyn Progress,
 ) -> Result<Vec<String>, ReconstructError> {
-    let opened = methods::open_run(run)?;
+    let opened = registry::open_run(run)?;
     let Some(plan) = opened.model.textures() else {
         let reason = format!("is a run of {}, which has no atlas", opened.record.method);
         return Err(ReconstructError::scene(run, reason));

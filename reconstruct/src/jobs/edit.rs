@@ -5,9 +5,8 @@ use std::path::{Path, PathBuf};
 
 use omnilife_schemas::{layout::RUN_FILE, progress::Progress, stage::StagePlan};
 
-use crate::{
-    error::ReconstructError, jobs::reconstruct::NOVEL_FOLDER, methods, models::script::Script,
-};
+use crate::{jobs::reconstruct::NOVEL_FOLDER, registry};
+use omnilife_training::{error::ReconstructError, models::script::Script};
 
 /// Run to edit, its script, and the folder of the edited run.
 #[derive(Debug, Clone, PartialEq)]
@@ -34,7 +33,7 @@ pub fn edit(
         let reason = "is the run that is to be edited; choose another output";
         return Err(ReconstructError::scene(&request.out, reason));
     }
-    let opened = methods::open_run(&request.run)?;
+    let opened = registry::open_run(&request.run)?;
     let mut record = opened.record;
     let Some(edit) = opened.model.edit else {
         let reason = format!(

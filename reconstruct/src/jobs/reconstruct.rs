@@ -19,14 +19,18 @@ use omnilife_schemas::{
 
 use crate::{
     backends,
-    error::ReconstructError,
     jobs::{
         interpolate::{Frames, GROUPS_FILE},
         stage_times,
         trace_folder::{self, TRACE_FOLDER},
         training,
     },
-    methods::{self, Method, MethodKind, requirement::Requirement, variant::Variant},
+    registry,
+    variant::Variant,
+};
+use omnilife_training::{
+    error::ReconstructError,
+    method::{Method, MethodKind, requirement::Requirement},
     models::run_views,
     process,
     request::{BackendChoice, MethodRequest},
@@ -73,7 +77,7 @@ pub fn check(
     settings: &MethodRequest,
     backend: BackendChoice,
 ) -> Result<(), ReconstructError> {
-    methods::find(method)?.check(settings, backend)
+    registry::find(method)?.check(settings, backend)
 }
 
 /// Runs one method on one scene, or returns the stored record when nothing has changed. A training
@@ -87,7 +91,7 @@ pub fn reconstruct(
     request: &ReconstructRequest,
     progress: &dyn Progress,
 ) -> Result<RunRecord, ReconstructError> {
-    let method = methods::find(&request.method)?;
+    let method = registry::find(&request.method)?;
     method.check(&request.settings, request.backend)?;
     let scene: Scene = store::read_record(&request.scene)?;
     refuse_without_parallax(method, &scene)?;
@@ -222,7 +226,7 @@ fn planned_files(method: &Method, split: &Split) -> Vec<String> {
         files.extend(views(INPUT_FOLDER, &split.input_views));
         others.extend(TRAINING_FILES);
         // Those of an earlier run by another method are replaced or removed.
-        others.extend(methods::model_files());
+        others.extend(registry::model_files());
     } else {
         others.push(GROUPS_FILE);
     }

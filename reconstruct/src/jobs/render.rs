@@ -19,10 +19,9 @@ use serde::Deserialize;
 
 use omnilife_engine::camera::{Camera, View};
 
-use crate::{
+use crate::{jobs::cube_faces, registry};
+use omnilife_training::{
     error::ReconstructError,
-    jobs::cube_faces,
-    methods,
     models::{OpenModel, OpenRequest, OpenedModel, gaussians},
     process,
 };
@@ -175,7 +174,7 @@ fn open(
 ) -> Result<Box<dyn OpenedModel>, ReconstructError> {
     let is_run = request.model.is_dir();
     let run = is_run
-        .then(|| methods::open_run(&request.model))
+        .then(|| registry::open_run(&request.model))
         .transpose()?;
     let open = run
         .as_ref()

@@ -7,7 +7,7 @@ use omnilife_schemas::{
     store::{self, StoreError},
 };
 
-use crate::train::{trace::TracePoint, trace_views::TraceViews};
+use omnilife_training::train::{trace::TracePoint, trace_views::TraceViews};
 
 /// Its name in the run's folder.
 pub(super) const TRACE_FOLDER: &str = "trace";

@@ -28,7 +28,7 @@ use self::{
     source::ExportedScene,
     viewer_limits::Drawable,
 };
-use crate::{
+use omnilife_training::{
     error::ReconstructError,
     formats::splat::{self, MOST_ROWS, SplatRow},
 };
