@@ -177,6 +177,10 @@ impl Walk {
         self.write_removal(&part);
         let edit = "reconstruct edit @run --script @edit.toml";
         self.check(edit, "edited", without_parts);
+        if without_parts.is_none() {
+            let render = "reconstruct render @edited --poses SCENE --size 32x16";
+            self.check(render, "edited-views", None);
+        }
         let score = "bench score --scene SCENE --split @split --run @run --without-lpips";
         self.check(score, "score", None);
     }
