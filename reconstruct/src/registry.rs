@@ -70,6 +70,7 @@ pub fn model_files() -> BTreeSet<&'static str> {
 mod tests {
     use omnilife_training::{
         components::{COMPONENTS, OF_ANY_METHOD},
+        models::Export,
         request::{BackendChoice, MethodRequest},
         scene::CameraExtent,
     };
@@ -100,6 +101,34 @@ mod tests {
             message.contains("nerf") && message.contains("odgs"),
             "{message}"
         );
+    }
+
+    #[test]
+    fn kinds_of_model_are_told_apart_by_their_files() {
+        let set = |model: &ModelFormat| model.files.iter().copied().collect::<BTreeSet<_>>();
+        let uses = |model: &ModelFormat| {
+            let edit = model.edit.is_some();
+            (edit, model.has_splats(), model.textures().is_some())
+        };
+        let models = METHODS.iter().filter_map(Method::model);
+        let models: Vec<&ModelFormat> = models.collect();
+        for model in &models {
+            let files = set(model);
+            assert_eq!(files.len(), model.files.len(), "{files:?}");
+            assert!(files.is_subset(&model_files()), "{files:?}");
+            let is_name = |file: &&str| !file.contains(['/', '\\']) && *file != RUN_FILE;
+            assert!(!files.is_empty() && files.iter().all(is_name), "{files:?}");
+            let is_splats = |export: &&Export| matches!(export, Export::Splats);
+            let splats = model.exports.iter().filter(is_splats).count();
+            assert!(splats <= 1 && model.exports.len() - splats <= 1);
+            for other in &models {
+                if set(other) == files {
+                    assert_eq!(uses(model), uses(other), "{files:?}");
+                } else {
+                    assert!(!files.is_subset(&set(other)), "{files:?} {:?}", other.files);
+                }
+            }
+        }
     }
 
     #[test]
