@@ -18,7 +18,6 @@ use crate::{
     error::CurateError,
     pipeline,
     settings::CurateSettings,
-    video,
     video_names::video_names,
     worker::{Curated, Worker},
 };
@@ -203,7 +202,7 @@ pub(crate) fn duration_seconds(video: &Path, folder: &Path) -> Option<f64> {
         .map(|analysis| analysis.range.duration_seconds())
         .ok()
         .or_else(|| {
-            let probe = video::probe(video).ok()?;
+            let probe = omnilife_video::probe(video).ok()?;
             (probe.duration_seconds > 0.0).then_some(probe.duration_seconds)
         })
 }

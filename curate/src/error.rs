@@ -6,22 +6,16 @@ use omnilife_networks::WeightsError;
 use omnilife_schemas::{
     Classified, ErrorKind, plain_text, records::CheckOutcome, store::StoreError,
 };
+use omnilife_video::VideoError;
 
 use crate::criteria;
 
 /// An error of this crate. Messages are one line that names the file and the reason.
 #[derive(Debug, thiserror::Error)]
 pub enum CurateError {
-    /// An unusable video: not a video, truncated, corrupt.
-    #[error("{}: {reason}{}", path.display(), after(*advice))]
-    Video {
-        /// The video.
-        path: PathBuf,
-        /// Fault.
-        reason: String,
-        /// Advice to the user.
-        advice: Option<&'static str>,
-    },
+    /// An unusable video, or one that could not be written.
+    #[error(transparent)]
+    Video(#[from] VideoError),
     /// A sound video that the admission criteria or the ERP projection exclude.
     #[error("{}: rejected: {reason}", path.display())]
     Rejected {
@@ -97,24 +91,7 @@ impl CurateError {
 
     /// `path` is not a usable video.
     pub(crate) fn video(path: &Path, reason: impl Into<String>) -> Self {
-        Self::Video {
-            path: path.to_owned(),
-            reason: reason.into(),
-            advice: None,
-        }
-    }
-
-    /// `path` is not a usable video as it is.
-    pub(crate) fn mendable_video(
-        path: &Path,
-        reason: impl Into<String>,
-        advice: &'static str,
-    ) -> Self {
-        Self::Video {
-            path: path.to_owned(),
-            reason: reason.into(),
-            advice: Some(advice),
-        }
+        Self::Video(VideoError::unusable(path, reason))
     }
 
     /// `path` cannot be served as requested.
@@ -154,7 +131,7 @@ impl CurateError {
             format!("{}: {reason}", name.to_string_lossy())
         };
         let line = match self {
-            Self::Video { reason, .. } => reason.clone(),
+            Self::Video(error) => error.without_folders(),
             Self::Rejected { failed, .. } => criteria::in_words(failed),
             Self::Input { path, reason } | Self::Internal { path, reason } => of_file(path, reason),
             Self::Sfm(error) => error.to_string(),
@@ -178,15 +155,11 @@ impl CurateError {
     }
 }
 
-/// Returns advice behind a reason.
-fn after(advice: Option<&str>) -> String {
-    advice.map_or_else(String::new, |advice| format!("; {advice}"))
-}
-
 impl Classified for CurateError {
     fn error_kind(&self) -> ErrorKind {
         match self {
-            Self::Video { .. } | Self::Rejected { .. } | Self::Input { .. } => ErrorKind::User,
+            Self::Video(error) => error.error_kind(),
+            Self::Rejected { .. } | Self::Input { .. } => ErrorKind::User,
             Self::Sfm(error) => error.error_kind(),
             Self::Weights(error) => error.error_kind(),
             Self::Store(error) => error.error_kind(),

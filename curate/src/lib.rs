@@ -1,6 +1,6 @@
 //! From raw 360-degree video to verified, cut and posed sequences.
 //!
-//! [`pipeline::curate_video`] runs the chain of one video: probe ([`video::probe()`]), one analysis
+//! [`pipeline::curate_video`] runs the chain of one video: probe ([`omnilife_video::probe()`]), one analysis
 //! pass ([`analysis`]), ERP [`projection`], admission [`criteria`], shot [`boundaries`], [`slicing`],
 //! judgement of single [`shots`], sampled [`frames`]. [`poses::pose_sequence`] then turns a sequence
 //! into a scene, from given poses or by structure from motion. Every stage is skipped while its inputs
@@ -42,7 +42,6 @@ mod staging;
 mod stills;
 mod toml_file;
 pub mod tracks;
-pub mod video;
 mod video_names;
 pub mod worker;
 

@@ -18,6 +18,7 @@ use omnilife_schemas::{
     stage::StagePlan,
     store::{self, StoreError},
 };
+use omnilife_video::Orientation;
 
 use crate::{
     attrition,
@@ -26,7 +27,7 @@ use crate::{
     frames::{self, Selection},
     settings::CurateSettings,
     shots::{self, ShotList},
-    slicing::{self, Orientation, SliceSource},
+    slicing::{self, SliceSource},
     staging::Staging,
 };
 

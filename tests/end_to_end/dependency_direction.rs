@@ -1,7 +1,7 @@
-//! The direction of dependencies: {`schemas`, `stereo`, `charts`} <- {`networks`, `engine`} <- {`curate`,
+//! The direction of dependencies: {`schemas`, `stereo`, `charts`} <- {`networks`, `engine`, `video`} <- {`curate`,
 //! `reconstruct`, `bench`, `leaderboard`, `sweep`} <- {the binary, `python`}, without sideways edges; `networks`
-//! is for those that run networks, `engine` for `reconstruct`, `stereo` for those that match images, `charts` for
-//! those that draw, `results` for `leaderboard`, so that Polars is nowhere else.
+//! is for those that run networks, `engine` for `reconstruct`, `video` for `curate`, `stereo` for those that
+//! match images, `charts` for those that draw, `results` for `leaderboard`, so that Polars is nowhere else.
 
 use std::{
     collections::{BTreeMap, BTreeSet},
@@ -15,6 +15,7 @@ const NETWORKS: &str = "omnilife-networks";
 const STEREO: &str = "omnilife-stereo";
 const CHARTS: &str = "omnilife-charts";
 const ENGINE: &str = "omnilife-engine";
+const VIDEO: &str = "omnilife-video";
 const RESULTS: &str = "omnilife-results";
 const BINARY: &str = "omnilife";
 const PYTHON: &str = "omnilife-python";
@@ -66,7 +67,7 @@ fn ours(dependencies: &BTreeSet<String>) -> BTreeSet<&str> {
 fn every_member_has_its_place() {
     let mut known = BTreeSet::from(CRATES);
     known.extend([
-        SCHEMAS, NETWORKS, STEREO, CHARTS, ENGINE, RESULTS, BINARY, PYTHON,
+        SCHEMAS, NETWORKS, STEREO, CHARTS, ENGINE, VIDEO, RESULTS, BINARY, PYTHON,
     ]);
     let dependencies = dependencies();
     let members: BTreeSet<_> = dependencies.keys().map(String::as_str).collect();
@@ -83,7 +84,7 @@ fn what_all_share_depends_on_no_sibling() {
 #[test]
 fn crates_depend_on_what_they_share_alone() {
     let dependencies = dependencies();
-    for name in [NETWORKS, ENGINE, RESULTS] {
+    for name in [NETWORKS, ENGINE, VIDEO, RESULTS] {
         assert_eq!(
             ours(&dependencies[name]),
             BTreeSet::from([SCHEMAS]),
@@ -92,7 +93,7 @@ fn crates_depend_on_what_they_share_alone() {
     }
     for name in CRATES {
         let expected = match name {
-            "omnilife-curate" => BTreeSet::from([SCHEMAS, CHARTS, NETWORKS, STEREO]),
+            "omnilife-curate" => BTreeSet::from([SCHEMAS, CHARTS, NETWORKS, STEREO, VIDEO]),
             "omnilife-bench" => BTreeSet::from([SCHEMAS, CHARTS, NETWORKS]),
             "omnilife-reconstruct" => BTreeSet::from([SCHEMAS, ENGINE, STEREO]),
             "omnilife-leaderboard" => BTreeSet::from([SCHEMAS, CHARTS, RESULTS]),
@@ -105,7 +106,7 @@ fn crates_depend_on_what_they_share_alone() {
 #[test]
 fn the_binary_depends_on_all() {
     let mut expected = BTreeSet::from(CRATES);
-    expected.extend([SCHEMAS, ENGINE]);
+    expected.extend([SCHEMAS, ENGINE, VIDEO]);
     assert_eq!(ours(&dependencies()[BINARY]), expected);
 }
 
@@ -143,7 +144,7 @@ fn scores_and_tables_need_no_graphics() {
 fn packages_that_the_project_is_built_on_are_used() {
     let dependencies = dependencies();
     for (package, user) in [
-        ("ffmpeg-next", "omnilife-curate"),
+        ("ffmpeg-next", VIDEO),
         ("opencv", "omnilife-curate"),
         ("serde", SCHEMAS),
         ("csv", "omnilife-leaderboard"),

@@ -15,7 +15,6 @@ use omnilife_curate::{
     ledger::formats::{self, Frames},
     origins,
     tracks::detectors::{self, DetectorInput},
-    video,
 };
 use omnilife_reconstruct::formats::{
     ply,
@@ -426,7 +425,7 @@ pub(crate) const FILES: &[Target] = &[
             fs::write(folder.join("a.mp4"), spherical_mp4()).unwrap();
             names(&["a.mp4"])
         },
-        reader: Bytes(|_, bytes| drop(video::count_statements(bytes, 1))),
+        reader: Bytes(|_, bytes| drop(omnilife_video::count_statements(bytes, 1))),
     },
     Target {
         id: "mp4",
@@ -437,7 +436,7 @@ pub(crate) const FILES: &[Target] = &[
             fs::copy(sample, folder.join("a.mp4")).unwrap();
             names(&["a.mp4"])
         },
-        reader: Folder(|input, seed| drop(video::probe(&input.path(seed)))),
+        reader: Folder(|input, seed| drop(omnilife_video::probe(&input.path(seed)))),
     },
 ];
 

@@ -12,6 +12,7 @@ use omnilife_schemas::{
     records::{CheckOutcome, FisheyeCircle, Probe, SphereLayout},
     statistics,
 };
+use omnilife_video::{Converter, Rgb8Image, Scaling, VideoReader};
 use rayon::prelude::*;
 
 use super::places::Lens;
@@ -19,7 +20,6 @@ use crate::{
     attrition,
     error::CurateError,
     projection::{FrameSamples, black_border::is_black, fisheye_circles::without_local_mean},
-    video::{Converter, Rgb8Image, Scaling, VideoReader},
 };
 
 /// Width of the examined frames, pixels: finer than a quarter of a degree.

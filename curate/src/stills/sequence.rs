@@ -24,11 +24,12 @@ use omnilife_schemas::{
     statistics::frame_interval,
     store::{self, StoreError},
 };
+use omnilife_video::Rgb8Image;
 
 use super::{SECONDS_APART, Still, Stills, sha256};
 use crate::{
     admission, error::CurateError, exchange::frame_order, frames, pipeline, projection, sequences,
-    settings::CurateSettings, staging::Staging, video::Rgb8Image,
+    settings::CurateSettings, staging::Staging,
 };
 
 /// Width in pixels of the images from which the projection is judged.

@@ -11,17 +11,14 @@ use omnilife_schemas::{
     statistics::frame_interval,
     trajectory::GroundAxes,
 };
+use omnilife_video::{Projection, ViewVideoWriter};
 use opencv::{
     core::{Mat, MatTraitConst, MatTraitConstManual, Point, Scalar},
     imgproc,
 };
 
 use super::page::hue_degrees;
-use crate::{
-    error::CurateError,
-    posed_view::PosedView,
-    slicing::{Projection, ViewVideoWriter},
-};
+use crate::{error::CurateError, posed_view::PosedView};
 
 /// Maximum width of the video, pixels.
 const WIDTH: usize = 1280;

@@ -21,8 +21,11 @@ use super::{
     spherical_boxes::{self, Orientation},
 };
 use crate::{
-    error::CurateError,
-    video::{Colour, FrameShape, PixelFormat, Scaler, begin_ffmpeg, clear_image_kind},
+    decode::begin_ffmpeg,
+    error::VideoError,
+    pixel_format::PixelFormat,
+    raw_fields::{Colour, clear_image_kind},
+    scaler::{FrameShape, Scaler},
 };
 
 /// FFmpeg's name of the encoder.
@@ -126,17 +129,17 @@ impl Mp4Encoder {
     /// Creates the file at `path`, with a copy of `audio` if there is some.
     ///
     /// # Errors
-    /// [`CurateError::Internal`] when FFmpeg was built without x264 or refuses the format,
-    /// [`CurateError::Store`] when the file cannot be created.
+    /// [`VideoError::Internal`] when FFmpeg was built without x264 or refuses the format,
+    /// [`VideoError::Store`] when the file cannot be created.
     pub fn create(
         path: &Path,
         video: VideoFormat,
         audio: Option<AudioTrack>,
-    ) -> Result<Self, CurateError> {
-        let internal = |error: ffmpeg::Error| CurateError::internal(path, error);
+    ) -> Result<Self, VideoError> {
+        let internal = |error: ffmpeg::Error| VideoError::internal(path, error);
         begin_ffmpeg(path)?;
         let codec = encoder::find_by_name(ENCODER).ok_or_else(|| {
-            CurateError::internal(
+            VideoError::internal(
                 path,
                 format!(
                     "cannot be encoded: the FFmpeg libraries have no {ENCODER} encoder; \
@@ -179,7 +182,7 @@ impl Mp4Encoder {
             .map_err(internal)?;
         output
             .write_header()
-            .map_err(|error| unwritable(path, error))?;
+            .map_err(|error| VideoError::unwritable(path, error))?;
         let target = FrameShape {
             format: pixel.into(),
             ..video.shape()
@@ -209,17 +212,17 @@ impl Mp4Encoder {
     /// # Errors
     /// When the frame has another size than the first, `ticks` does not increase, or the file
     /// cannot be written.
-    pub fn push(&mut self, frame: frame::Video, ticks: i64) -> Result<(), CurateError> {
+    pub fn push(&mut self, frame: frame::Video, ticks: i64) -> Result<(), VideoError> {
         let shape = FrameShape::of(&frame);
         if shape != self.video.shape() {
-            return Err(CurateError::internal(
+            return Err(VideoError::internal(
                 &self.path,
                 format!("its frames change to {}x{}", shape.width, shape.height),
             ));
         }
         if let Some((waiting, since)) = self.waiting.take() {
             if ticks <= since {
-                return Err(CurateError::internal(
+                return Err(VideoError::internal(
                     &self.path,
                     "its timestamps do not increase",
                 ));
@@ -234,16 +237,16 @@ impl Mp4Encoder {
     ///
     /// # Errors
     /// When no frame was pushed or the file cannot be written.
-    pub fn finish(mut self, end_ticks: i64) -> Result<(), CurateError> {
+    pub fn finish(mut self, end_ticks: i64) -> Result<(), VideoError> {
         let Some((waiting, since)) = self.waiting.take() else {
-            return Err(CurateError::internal(&self.path, "it has no frames"));
+            return Err(VideoError::internal(&self.path, "it has no frames"));
         };
         self.encode(waiting, since, (end_ticks - since).max(1))?;
-        let internal = |error: ffmpeg::Error| CurateError::internal(&self.path, error);
+        let internal = |error: ffmpeg::Error| VideoError::internal(&self.path, error);
         self.encoder.send_eof().map_err(internal)?;
         self.drain()?;
         let Some(mut output) = self.output.take() else {
-            return Err(CurateError::internal(&self.path, "it is ended already"));
+            return Err(VideoError::internal(&self.path, "it is ended already"));
         };
         if let Some(audio) = &mut self.audio {
             audio.write_until(f64::INFINITY, &mut output)?;
@@ -257,13 +260,8 @@ impl Mp4Encoder {
         )
     }
 
-    fn encode(
-        &mut self,
-        frame: frame::Video,
-        ticks: i64,
-        duration: i64,
-    ) -> Result<(), CurateError> {
-        let internal = |error: ffmpeg::Error| CurateError::internal(&self.path, error);
+    fn encode(&mut self, frame: frame::Video, ticks: i64, duration: i64) -> Result<(), VideoError> {
+        let internal = |error: ffmpeg::Error| VideoError::internal(&self.path, error);
         let mut frame = match &mut self.scaler {
             None => frame,
             Some(scaler) => scaler.run(&frame).map_err(internal)?,
@@ -277,7 +275,7 @@ impl Mp4Encoder {
     }
 
     /// Writes the encoder's finished packets.
-    fn drain(&mut self) -> Result<(), CurateError> {
+    fn drain(&mut self) -> Result<(), VideoError> {
         let Some(output) = &mut self.output else {
             return Ok(());
         };
@@ -301,7 +299,7 @@ impl Mp4Encoder {
             packet.rescale_ts(self.video.time_base, stream_base);
             packet
                 .write_interleaved(output)
-                .map_err(|error| unwritable(&self.path, error))?;
+                .map_err(|error| VideoError::unwritable(&self.path, error))?;
         }
     }
 }
@@ -322,12 +320,16 @@ fn accepted_format(codec: ffmpeg::Codec, wanted: PixelFormat) -> Pixel {
 }
 
 /// Opens an mp4 file for writing.
-pub(super) fn create_output(path: &Path) -> Result<Output, CurateError> {
+///
+/// # Errors
+/// When its path is not valid UTF-8 or it cannot be created.
+pub fn create_output(path: &Path) -> Result<Output, VideoError> {
     let text = path
         .to_str()
         .filter(|text| !text.contains('\0'))
-        .ok_or_else(|| CurateError::input(path, "its path is not valid UTF-8"))?;
-    format::output_as(&format!("file:{text}"), "mp4").map_err(|error| unwritable(path, error))
+        .ok_or_else(|| VideoError::input(path, "its path is not valid UTF-8"))?;
+    format::output_as(&format!("file:{text}"), "mp4")
+        .map_err(|error| VideoError::unwritable(path, error))
 }
 
 fn mark(path: &Path, projection: Projection, orientation: Orientation) -> io::Result<()> {
@@ -338,13 +340,16 @@ fn mark(path: &Path, projection: Projection, orientation: Orientation) -> io::Re
 }
 
 /// Ends an mp4 file, marks whole spheres in its metadata and gives the file its final name.
-pub(super) fn close_output(
+///
+/// # Errors
+/// When the file cannot be written.
+pub fn close_output(
     mut output: Output,
     temporary: &Path,
     path: &Path,
     projection: Projection,
     orientation: Orientation,
-) -> Result<(), CurateError> {
+) -> Result<(), VideoError> {
     let ended = output.write_trailer();
     drop(output);
     let published = match ended {
@@ -358,9 +363,4 @@ pub(super) fn close_output(
         drop(fs::remove_file(temporary));
         StoreError::write(path, error).into()
     })
-}
-
-/// Returns the error of FFmpeg's writer: in all likelihood the disk's.
-pub(super) fn unwritable(path: &Path, error: ffmpeg::Error) -> CurateError {
-    StoreError::write(path, io::Error::other(error)).into()
 }

@@ -15,8 +15,7 @@ use ffmpeg::{
 };
 use ffmpeg_next as ffmpeg;
 
-use super::CodecId;
-use crate::error::CurateError;
+use crate::{error::VideoError, raw_fields::CodecId};
 
 /// Maximum number of threads. Every thread holds frames; more do not decode faster.
 const MOST_THREADS: usize = 16;
@@ -88,17 +87,17 @@ impl VideoReader {
     /// Opens a file and its best video stream.
     ///
     /// # Errors
-    /// [`CurateError::Video`] when the file is missing, empty, of no known container, without a
+    /// [`VideoError::Unusable`] when the file is missing, empty, of no known container, without a
     /// video stream or in a codec that FFmpeg cannot decode.
-    pub fn open(path: &Path) -> Result<Self, CurateError> {
+    pub fn open(path: &Path) -> Result<Self, VideoError> {
         let input = open_container(path)?;
         let stream = input
             .streams()
             .best(media::Type::Video)
-            .ok_or_else(|| CurateError::video(path, "has no video stream"))?;
+            .ok_or_else(|| VideoError::unusable(path, "has no video stream"))?;
         let id = stream.parameters().id();
         if !CODECS.contains(&id) {
-            return Err(CurateError::video(
+            return Err(VideoError::unusable(
                 path,
                 format!(
                     "its video stream is {}, a codec that is not read",
@@ -107,7 +106,7 @@ impl VideoReader {
             ));
         }
         let mut codec = codec::Context::from_parameters(stream.parameters())
-            .map_err(|error| CurateError::internal(path, error))?;
+            .map_err(|error| VideoError::internal(path, error))?;
         // One more than there are cores, as in FFmpeg's default: threads wait for rows of frames that theirs depend on.
         let cores = thread::available_parallelism().map_or(1, NonZero::get);
         codec.set_threading(threading::Config {
@@ -159,7 +158,7 @@ impl VideoReader {
     }
 
     /// The stream that is read.
-    pub(crate) fn stream(&self) -> Option<ffmpeg::Stream<'_>> {
+    pub fn stream(&self) -> Option<ffmpeg::Stream<'_>> {
         self.input.stream(self.stream_index)
     }
 
@@ -187,8 +186,8 @@ impl VideoReader {
     /// The next frame in order of presentation, or `None` after the last.
     ///
     /// # Errors
-    /// [`CurateError::Video`] when the container breaks off or the decoder gives up.
-    pub fn next_frame(&mut self) -> Result<Option<Frame>, CurateError> {
+    /// [`VideoError::Unusable`] when the container breaks off or the decoder gives up.
+    pub fn next_frame(&mut self) -> Result<Option<Frame>, VideoError> {
         let mut image = ffmpeg::frame::Video::empty();
         loop {
             match self.decoder.receive_frame(&mut image) {
@@ -210,7 +209,7 @@ impl VideoReader {
     }
 
     /// Hands the decoder its next packet, or the end of the stream.
-    fn feed(&mut self) -> Result<(), CurateError> {
+    fn feed(&mut self) -> Result<(), VideoError> {
         let packet = loop {
             // A new one every time: reading into a filled packet would leak what it holds.
             let mut packet = ffmpeg::Packet::empty();
@@ -241,7 +240,7 @@ impl VideoReader {
     }
 
     /// Takes the remaining frames from the decoder.
-    fn drain(&mut self) -> Result<(), CurateError> {
+    fn drain(&mut self) -> Result<(), VideoError> {
         self.draining = true;
         match self.decoder.send_eof() {
             // The decoder is at its end already; the error belongs to an earlier packet that is decoded only now.
@@ -271,7 +270,7 @@ impl VideoReader {
         time_seconds
     }
 
-    fn broken(&self, error: &ffmpeg::Error) -> CurateError {
+    fn broken(&self, error: &ffmpeg::Error) -> VideoError {
         let place = match self.last_seconds {
             Some(seconds) => format!("after frame {} at {seconds:.3} s", self.frames - 1),
             None => "at its first frame".to_owned(),
@@ -282,38 +281,41 @@ impl VideoReader {
 }
 
 /// Returns the error of an FFmpeg failure: the video's fault, unless the machine is out of resources.
-fn failure(path: &Path, error: ffmpeg::Error, reason: String) -> CurateError {
+fn failure(path: &Path, error: ffmpeg::Error, reason: String) -> VideoError {
     match error {
         ffmpeg::Error::Other {
             errno: EAGAIN | EMFILE | ENFILE | ENOMEM,
-        } => CurateError::internal(path, reason),
-        _ => CurateError::video(path, reason),
+        } => VideoError::internal(path, reason),
+        _ => VideoError::unusable(path, reason),
     }
 }
 
 /// Prepares FFmpeg for work on a file, with its own log silenced.
-pub(crate) fn begin_ffmpeg(path: &Path) -> Result<(), CurateError> {
-    ffmpeg::init().map_err(|error| CurateError::internal(path, error))?;
+pub(crate) fn begin_ffmpeg(path: &Path) -> Result<(), VideoError> {
+    ffmpeg::init().map_err(|error| VideoError::internal(path, error))?;
     ffmpeg::log::set_level(ffmpeg::log::Level::Quiet);
     Ok(())
 }
 
 /// Opens a container of local data only.
-pub(crate) fn open_container(path: &Path) -> Result<context::Input, CurateError> {
+///
+/// # Errors
+/// [`VideoError::Unusable`] when the file is missing, empty or of no known container.
+pub fn open_container(path: &Path) -> Result<context::Input, VideoError> {
     omnilife_schemas::error_kind::reading(path);
     begin_ffmpeg(path)?;
     let metadata = std::fs::metadata(path)
-        .map_err(|error| CurateError::video(path, format!("cannot be read: {error}")))?;
+        .map_err(|error| VideoError::unusable(path, format!("cannot be read: {error}")))?;
     if metadata.is_dir() {
-        return Err(CurateError::video(path, "is a folder, not a video"));
+        return Err(VideoError::unusable(path, "is a folder, not a video"));
     }
     if metadata.len() == 0 {
-        return Err(CurateError::video(path, "is empty (0 bytes)"));
+        return Err(VideoError::unusable(path, "is empty (0 bytes)"));
     }
     let text = path
         .to_str()
         .filter(|text| !text.contains('\0'))
-        .ok_or_else(|| CurateError::video(path, "its path is not valid UTF-8"))?;
+        .ok_or_else(|| VideoError::unusable(path, "its path is not valid UTF-8"))?;
     // The prefix keeps FFmpeg from reading a protocol into the name. The whitelists keep it from
     // opening any other file: a playlist in disguise would be curated under the hash of the playlist.
     let mut options = ffmpeg::Dictionary::new();

@@ -18,7 +18,7 @@ use super::{
     raw_fields::{self, CodecId, SideData},
     spherical_boxes::{self, Extent, SphericalBoxes, Statement},
 };
-use crate::error::CurateError;
+use crate::error::VideoError;
 
 /// Probes a video: its container and the parameters of its best video stream.
 ///
@@ -26,21 +26,24 @@ use crate::error::CurateError;
 /// until an analysis pass fills them in.
 ///
 /// # Errors
-/// [`CurateError::Video`] when the file cannot be opened as a video.
-pub fn probe(path: &Path) -> Result<Probe, CurateError> {
+/// [`VideoError::Unusable`] when the file cannot be opened as a video.
+pub fn probe(path: &Path) -> Result<Probe, VideoError> {
     describe(&VideoReader::open(path)?)
 }
 
 /// Returns the probe of an open video.
-pub(crate) fn describe(reader: &VideoReader) -> Result<Probe, CurateError> {
+///
+/// # Errors
+/// [`VideoError::Unusable`] when its stream has no size, or is stored mirrored, askew or as half a sphere.
+pub fn describe(reader: &VideoReader) -> Result<Probe, VideoError> {
     let path = reader.path();
     let stream = reader
         .stream()
-        .ok_or_else(|| CurateError::internal(path, "the video stream is gone"))?;
+        .ok_or_else(|| VideoError::internal(path, "the video stream is gone"))?;
     let decoder = reader.decoder();
     let (width, height) = (decoder.width(), decoder.height());
     if width == 0 || height == 0 {
-        return Err(CurateError::video(path, "its video stream has no size"));
+        return Err(VideoError::unusable(path, "its video stream has no size"));
     }
     refuse_other_halves(reader, &stream)?;
     let format = raw_fields::pixel_format(decoder);
@@ -49,11 +52,11 @@ pub(crate) fn describe(reader: &VideoReader) -> Result<Probe, CurateError> {
         let reason =
             "its display matrix mirrors it, and frames are taken as they are stored or turned";
         let advice = "have it applied: ffmpeg -i IN OUT";
-        return Err(CurateError::mendable_video(path, reason, advice));
+        return Err(VideoError::mendable(path, reason, advice));
     }
     let rotation_degrees = matrix.map_or(0.0, |matrix| rotation_degrees(&matrix));
     if rotation_degrees.rem_euclid(90.0) != 0.0 {
-        return Err(CurateError::video(
+        return Err(VideoError::unusable(
             path,
             format!("display rotation of {rotation_degrees} degrees is not a quarter turn"),
         ));
@@ -105,7 +108,7 @@ fn pixel_aspect_ratio(decoder: &ffmpeg::decoder::Video) -> f64 {
 fn refuse_other_halves(
     reader: &VideoReader,
     stream: &ffmpeg::Stream<'_>,
-) -> Result<(), CurateError> {
+) -> Result<(), VideoError> {
     let size = raw_fields::video_size(stream);
     let is_alike = |other: &ffmpeg::Stream<'_>| {
         let is_cover = other.disposition().contains(Disposition::ATTACHED_PIC);
@@ -115,7 +118,7 @@ fn refuse_other_halves(
     let (Some([width, height]), 2..) = (size, alike) else {
         return Ok(());
     };
-    Err(CurateError::mendable_video(
+    Err(VideoError::mendable(
         reader.path(),
         format!(
             "has {alike} video streams of {width}x{height} pixels, as cameras store halves of the sphere (GoPro \
@@ -154,7 +157,7 @@ fn spherical(
     path: &Path,
     container: &str,
     stream: &ffmpeg::Stream<'_>,
-) -> Result<Option<SphericalMetadata>, CurateError> {
+) -> Result<Option<SphericalMetadata>, VideoError> {
     if container.split(',').any(|name| name == "mp4") {
         let track = u32::try_from(stream.id()).unwrap_or(0);
         let boxes =

@@ -13,7 +13,7 @@ use std::{
 
 use omnilife_schemas::records::{Probe, SphereTurn};
 
-use crate::video::mp4_boxes::{Span, VISUAL_ENTRY_BYTES, boxed, boxes, in_bytes};
+use crate::mp4_boxes::{Span, VISUAL_ENTRY_BYTES, boxed, boxes, in_bytes};
 
 /// Path of boxes to the sample descriptions.
 const CONTAINERS: [&[u8; 4]; 5] = [b"moov", b"trak", b"mdia", b"minf", b"stbl"];

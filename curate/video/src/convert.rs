@@ -11,7 +11,7 @@ use super::{
     reduce::Reduction,
     scaler::{FrameShape, Matrix, Scaler},
 };
-use crate::error::CurateError;
+use crate::error::VideoError;
 
 /// 8-bit interleaved RGB, row-major.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -112,12 +112,12 @@ impl Converter {
     /// Converts a frame of the video at `path` (named in errors).
     ///
     /// # Errors
-    /// [`CurateError::Video`] when the pixel format cannot be converted.
+    /// [`VideoError::Unusable`] when the pixel format cannot be converted.
     pub fn convert(
         &mut self,
         path: &Path,
         image: &ffmpeg::frame::Video,
-    ) -> Result<Rgb8Image, CurateError> {
+    ) -> Result<Rgb8Image, VideoError> {
         let colour = Colour::of(image);
         let configuration = Configuration {
             shape: FrameShape::of(image),
@@ -125,7 +125,7 @@ impl Converter {
             range: colour.range,
         };
         let unsupported = |error: ffmpeg::Error| {
-            CurateError::video(
+            VideoError::unusable(
                 path,
                 format!(
                     "pixel format {} cannot be converted: {error}",
@@ -141,7 +141,7 @@ impl Converter {
             self.configured = Some(configuration);
         }
         let Some(scaler) = self.scaler.as_mut() else {
-            return Err(CurateError::internal(path, "no scaler"));
+            return Err(VideoError::internal(path, "no scaler"));
         };
         let rgb = match &self.reduction {
             Some(reduction) => reduction

@@ -6,10 +6,7 @@ use ffmpeg::{Packet, codec::packet::Ref, ffi, media};
 use ffmpeg_next as ffmpeg;
 use omnilife_schemas::records::TimeRange;
 
-use crate::{
-    error::CurateError,
-    video::{CodecId, open_container},
-};
+use crate::{decode::open_container, error::VideoError, raw_fields::CodecId};
 
 /// One packet of the video stream.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -59,13 +56,13 @@ impl PacketTable {
     /// Reads the headers of all packets; nothing is decoded.
     ///
     /// # Errors
-    /// [`CurateError::Video`] when the file cannot be read as a video.
-    pub fn scan(video: &Path) -> Result<Self, CurateError> {
+    /// [`VideoError::Unusable`] when the file cannot be read as a video.
+    pub fn scan(video: &Path) -> Result<Self, VideoError> {
         let mut input = open_container(video)?;
         let stream = input
             .streams()
             .best(media::Type::Video)
-            .ok_or_else(|| CurateError::video(video, "has no video stream"))?;
+            .ok_or_else(|| VideoError::unusable(video, "has no video stream"))?;
         let index = stream.index();
         let seconds_per_tick = f64::from(stream.time_base());
         let fits_mp4 = CodecId::of(&stream).is_among(MP4_CODECS);

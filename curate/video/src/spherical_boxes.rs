@@ -279,7 +279,7 @@ mod tests {
     #![expect(clippy::unwrap_used, reason = "a failed set-up step fails the test")]
 
     use super::*;
-    use crate::video::mp4_boxes::boxed;
+    use crate::mp4_boxes::boxed;
 
     fn track(id: u32, extra: &[u8], entry_boxes: &[u8]) -> Vec<u8> {
         let mut header = vec![0; 84];

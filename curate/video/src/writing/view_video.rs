@@ -10,8 +10,11 @@ use super::{
     spherical_boxes::Orientation,
 };
 use crate::{
-    error::CurateError,
-    video::{Colour, FrameShape, Matrix, PixelFormat, Scaler, allocated, rows_mut},
+    error::VideoError,
+    pixel_format::PixelFormat,
+    planes::{allocated, rows_mut},
+    raw_fields::Colour,
+    scaler::{FrameShape, Matrix, Scaler},
 };
 
 /// Ticks per second of written videos, the usual clock of video.
@@ -22,8 +25,8 @@ const TICKS_PER_SECOND: i32 = 90_000;
 /// An odd side is widened by repeating its last pixels: video has half as many colours as pixels.
 ///
 /// ```no_run
-/// # fn main() -> Result<(), omnilife_curate::CurateError> {
-/// use omnilife_curate::slicing::{Projection, ViewVideoWriter};
+/// # fn main() -> Result<(), omnilife_video::VideoError> {
+/// use omnilife_video::{Projection, ViewVideoWriter};
 /// let mut video = ViewVideoWriter::create("views.mp4".as_ref(), [1024, 512], Projection::Equirectangular)?;
 /// for frame in 0..30 {
 ///     video.push(&vec![128; 1024 * 512 * 3], f64::from(frame) / 30.0)?;
@@ -43,23 +46,22 @@ impl ViewVideoWriter {
     ///
     /// # Errors
     /// When a side is zero, FFmpeg has no H.264 encoder, or the file cannot be created.
-    pub fn create(
-        path: &Path,
-        size: [u32; 2],
-        projection: Projection,
-    ) -> Result<Self, CurateError> {
+    pub fn create(path: &Path, size: [u32; 2], projection: Projection) -> Result<Self, VideoError> {
         Self::with_quality(path, size, projection, Quality::VisuallyLossless)
     }
 
     /// [`create`](Self::create) with another quality.
-    pub(crate) fn with_quality(
+    ///
+    /// # Errors
+    /// Those of [`create`](Self::create).
+    pub fn with_quality(
         path: &Path,
         size: [u32; 2],
         projection: Projection,
         quality: Quality,
-    ) -> Result<Self, CurateError> {
+    ) -> Result<Self, VideoError> {
         if size.contains(&0) {
-            return Err(CurateError::internal(path, "a video of empty images"));
+            return Err(VideoError::internal(path, "a video of empty images"));
         }
         let [width, height] = size.map(|side| side.next_multiple_of(2));
         let encoder = Mp4Encoder::create(
@@ -84,7 +86,7 @@ impl ViewVideoWriter {
         )?;
         Ok(Self {
             encoder,
-            scaler: to_bt709(width, height).map_err(|error| CurateError::internal(path, error))?,
+            scaler: to_bt709(width, height).map_err(|error| VideoError::internal(path, error))?,
             size,
             path: path.to_owned(),
         })
@@ -94,11 +96,11 @@ impl ViewVideoWriter {
     ///
     /// # Errors
     /// When the image has another size, time does not increase, or the file cannot be written.
-    pub fn push(&mut self, rgb: &[u8], seconds: f64) -> Result<(), CurateError> {
+    pub fn push(&mut self, rgb: &[u8], seconds: f64) -> Result<(), VideoError> {
         let [width, height] = self.size;
         let row = width as usize * 3;
         if rgb.len() != row * height as usize {
-            return Err(CurateError::internal(
+            return Err(VideoError::internal(
                 &self.path,
                 format!(
                     "an image of {} bytes is not {width}x{height} RGB",
@@ -107,7 +109,7 @@ impl ViewVideoWriter {
             ));
         }
         let [even_width, even_height] = self.size.map(|side| side.next_multiple_of(2));
-        let internal = |error: ffmpeg::Error| CurateError::internal(&self.path, error);
+        let internal = |error: ffmpeg::Error| VideoError::internal(&self.path, error);
         let mut image = allocated(PixelFormat::RGB24, even_width, even_height).map_err(internal)?;
         let rows = (0..even_height as usize).map(|at| at.min(height as usize - 1));
         for (to, at) in rows_mut(&mut image, 0).map_err(internal)?.zip(rows) {
@@ -125,7 +127,7 @@ impl ViewVideoWriter {
     ///
     /// # Errors
     /// When there is no image or the file cannot be written.
-    pub fn finish(self, seconds: f64) -> Result<(), CurateError> {
+    pub fn finish(self, seconds: f64) -> Result<(), VideoError> {
         self.encoder.finish(ticks(seconds))
     }
 }

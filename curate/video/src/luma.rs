@@ -5,16 +5,16 @@ use std::path::Path;
 use ffmpeg_next as ffmpeg;
 
 use super::{Converter, PixelFormat, Scaling, planes::Plane};
-use crate::error::CurateError;
+use crate::error::VideoError;
 
 /// Luminance of a frame: 8 bits as stored, in the stream's own range. Its first columns are repeated to the right of
 /// its last, so that content across the seam is whole there.
 #[derive(Debug, Default)]
-pub(crate) struct LumaImage {
+pub struct LumaImage {
     /// Pixels per row, without repeated ones.
-    pub(crate) width: usize,
+    pub width: usize,
     /// Rows.
-    pub(crate) height: usize,
+    pub height: usize,
     margin: usize,
     levels: Vec<u8>,
 }
@@ -48,18 +48,18 @@ impl Samples {
 
 impl LumaImage {
     /// Returns pixels per row, with repeated ones.
-    pub(crate) fn stride(&self) -> usize {
+    pub fn stride(&self) -> usize {
         self.width + self.margin
     }
 
     /// Returns a row, with its repeated pixels.
-    pub(crate) fn row(&self, y: usize) -> &[u8] {
+    pub fn row(&self, y: usize) -> &[u8] {
         &self.levels[y * self.stride()..(y + 1) * self.stride()]
     }
 
     /// Takes an image of other levels; `margin` gives the number of repeated columns for its width. Reuses allocated
     /// memory.
-    pub(crate) fn fill<'a>(
+    pub fn fill<'a>(
         &mut self,
         (width, height): (usize, usize),
         margin: fn(usize) -> usize,
@@ -78,17 +78,17 @@ impl LumaImage {
     /// Takes a decoded frame of the video at `path`, turned clockwise by quarter turns.
     ///
     /// # Errors
-    /// [`CurateError::Video`] when the pixel format cannot be converted.
-    pub(crate) fn read(
+    /// [`VideoError::Unusable`] when the pixel format cannot be converted.
+    pub fn read(
         &mut self,
         path: &Path,
         frame: &ffmpeg::frame::Video,
         quarter_turns: u32,
         margin: fn(usize) -> usize,
-    ) -> Result<(), CurateError> {
+    ) -> Result<(), VideoError> {
         let plane = || {
             Plane::of(frame, 0).ok_or_else(|| {
-                CurateError::video(path, "a frame holds no image of the size that it states")
+                VideoError::unusable(path, "a frame holds no image of the size that it states")
             })
         };
         let samples =

@@ -10,11 +10,7 @@ use ffmpeg::{
 use ffmpeg_next as ffmpeg;
 use omnilife_schemas::records::TimeRange;
 
-use super::mp4::unwritable;
-use crate::{
-    error::CurateError,
-    video::{CodecId, open_container},
-};
+use crate::{decode::open_container, error::VideoError, raw_fields::CodecId};
 
 /// Codecs of sound that mp4 holds and players expect in it.
 const MP4_CODECS: &[codec::Id] = &[
@@ -28,7 +24,10 @@ const MP4_CODECS: &[codec::Id] = &[
 ];
 
 /// Returns true if a file has sound.
-pub(super) fn has_audio(path: &Path) -> Result<bool, CurateError> {
+///
+/// # Errors
+/// When the file cannot be read as a video.
+pub fn has_audio(path: &Path) -> Result<bool, VideoError> {
     Ok(open_container(path)?
         .streams()
         .best(media::Type::Audio)
@@ -47,10 +46,13 @@ pub struct AudioTrack {
 impl AudioTrack {
     /// Opens the best sound track of `video` in `range`. `None` if it has none; a codec that mp4 cannot hold is an
     /// `Err` with the reason.
+    ///
+    /// # Errors
+    /// When the file cannot be read as a video.
     pub fn open(
         video: &Path,
         range: TimeRange,
-    ) -> Result<Result<Option<Self>, String>, CurateError> {
+    ) -> Result<Result<Option<Self>, String>, VideoError> {
         let mut input = open_container(video)?;
         let Some(stream) = input.streams().best(media::Type::Audio) else {
             return Ok(Ok(None));
@@ -98,17 +100,17 @@ impl AudioTrack {
 }
 
 /// A track that is being copied into an output, as its second stream.
-pub(super) struct AudioCopy {
+pub struct AudioCopy {
     track: AudioTrack,
     waiting: Option<(f64, Packet)>,
 }
 
 impl AudioCopy {
     /// Adds the stream to an output whose header is not written yet.
-    pub(super) fn attach(
-        mut track: AudioTrack,
-        output: &mut Output,
-    ) -> Result<Self, ffmpeg::Error> {
+    ///
+    /// # Errors
+    /// When FFmpeg cannot add it.
+    pub fn attach(mut track: AudioTrack, output: &mut Output) -> Result<Self, ffmpeg::Error> {
         let parameters = track
             .input
             .stream(track.index)
@@ -123,11 +125,10 @@ impl AudioCopy {
     }
 
     /// Writes all packets up to `seconds` after the start of the slice.
-    pub(super) fn write_until(
-        &mut self,
-        seconds: f64,
-        output: &mut Output,
-    ) -> Result<(), CurateError> {
+    ///
+    /// # Errors
+    /// When the output cannot be written.
+    pub fn write_until(&mut self, seconds: f64, output: &mut Output) -> Result<(), VideoError> {
         let base = output
             .stream(1)
             .map_or(self.track.time_base, |stream| stream.time_base());
@@ -141,7 +142,7 @@ impl AudioCopy {
             packet.set_stream(1);
             packet
                 .write_interleaved(output)
-                .map_err(|error| unwritable(&self.track.source, error))?;
+                .map_err(|error| VideoError::unwritable(&self.track.source, error))?;
             self.waiting = self.track.next();
         }
         Ok(())
@@ -149,7 +150,7 @@ impl AudioCopy {
 }
 
 /// Clears the codec tag: that of another container may mean nothing, or something else, in mp4.
-pub(super) fn clear_codec_tag(stream: &mut ffmpeg::StreamMut<'_>) {
+pub fn clear_codec_tag(stream: &mut ffmpeg::StreamMut<'_>) {
     // SAFETY: the stream belongs to an output that is being set up; nothing else refers to it.
     unsafe {
         (*(*stream.as_mut_ptr()).codecpar).codec_tag = 0;
