@@ -18,6 +18,7 @@ use omnilife_schemas::{
     plain_text::for_terminal, store::StoreError,
 };
 use omnilife_sweep::SweepError;
+use omnilife_tracks::TracksError;
 use omnilife_video::VideoError;
 
 /// `EX_TEMPFAIL` of sysexits.h: begin it again.
@@ -158,6 +159,7 @@ pub(crate) fn error_kind(error: &anyhow::Error) -> ErrorKind {
     }
     of::<CurateError>(error)
         .or_else(|| of::<VideoError>(error))
+        .or_else(|| of::<TracksError>(error))
         .or_else(|| of::<ReconstructError>(error))
         .or_else(|| of::<BenchError>(error))
         .or_else(|| of::<LeaderboardError>(error))

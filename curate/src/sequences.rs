@@ -16,6 +16,7 @@ use omnilife_schemas::{
         Sequence, SphereLayout, TimeRange, VideoAnalysis,
     },
     stage::StagePlan,
+    staging::Staging,
     store::{self, StoreError},
 };
 use omnilife_video::Orientation;
@@ -28,7 +29,6 @@ use crate::{
     settings::CurateSettings,
     shots::{self, ShotList},
     slicing::{self, SliceSource},
-    staging::Staging,
 };
 
 /// Folder for superseded sequences with poses or scores of frames that are no longer chosen, relative to the video's

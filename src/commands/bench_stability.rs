@@ -31,9 +31,7 @@ pub(crate) fn execute(
     };
     let mut report = stability::run(&kinds, progress)?;
     if kinds.contains(&DeviceKind::Cpu) {
-        report
-            .rows
-            .extend(omnilife_curate::tracks::stability::rows());
+        report.rows.extend(omnilife_tracks::stability::rows());
     }
     if let Some(out) = out {
         let _lock = FolderLock::take(out, progress)?;

@@ -1,7 +1,8 @@
-//! The direction of dependencies: {`schemas`, `stereo`, `charts`} <- {`networks`, `engine`, `video`} <- {`curate`,
-//! `reconstruct`, `bench`, `leaderboard`, `sweep`} <- {the binary, `python`}, without sideways edges; `networks`
-//! is for those that run networks, `engine` for `reconstruct`, `video` for `curate`, `stereo` for those that
-//! match images, `charts` for those that draw, `results` for `leaderboard`, so that Polars is nowhere else.
+//! The direction of dependencies: {`schemas`, `stereo`, `charts`} <- {`networks`, `engine`, `video`} <- `tracks` <-
+//! {`curate`, `reconstruct`, `bench`, `leaderboard`, `sweep`} <- {the binary, `python`}, without sideways edges;
+//! `networks` is for those that run networks, `engine` for `reconstruct`, `video` for `tracks` and `curate`,
+//! `tracks` for the binary and the tests of `curate`, `stereo` for those that match images, `charts` for those
+//! that draw, `results` for `leaderboard`, so that Polars is nowhere else.
 
 use std::{
     collections::{BTreeMap, BTreeSet},
@@ -16,6 +17,7 @@ const STEREO: &str = "omnilife-stereo";
 const CHARTS: &str = "omnilife-charts";
 const ENGINE: &str = "omnilife-engine";
 const VIDEO: &str = "omnilife-video";
+const TRACKS: &str = "omnilife-tracks";
 const RESULTS: &str = "omnilife-results";
 const BINARY: &str = "omnilife";
 const PYTHON: &str = "omnilife-python";
@@ -67,7 +69,7 @@ fn ours(dependencies: &BTreeSet<String>) -> BTreeSet<&str> {
 fn every_member_has_its_place() {
     let mut known = BTreeSet::from(CRATES);
     known.extend([
-        SCHEMAS, NETWORKS, STEREO, CHARTS, ENGINE, VIDEO, RESULTS, BINARY, PYTHON,
+        SCHEMAS, NETWORKS, STEREO, CHARTS, ENGINE, VIDEO, TRACKS, RESULTS, BINARY, PYTHON,
     ]);
     let dependencies = dependencies();
     let members: BTreeSet<_> = dependencies.keys().map(String::as_str).collect();
@@ -91,9 +93,13 @@ fn crates_depend_on_what_they_share_alone() {
             "{name}"
         );
     }
+    assert_eq!(
+        ours(&dependencies[TRACKS]),
+        BTreeSet::from([SCHEMAS, NETWORKS, STEREO, VIDEO])
+    );
     for name in CRATES {
         let expected = match name {
-            "omnilife-curate" => BTreeSet::from([SCHEMAS, CHARTS, NETWORKS, STEREO, VIDEO]),
+            "omnilife-curate" => BTreeSet::from([SCHEMAS, CHARTS, NETWORKS, VIDEO, TRACKS]),
             "omnilife-bench" => BTreeSet::from([SCHEMAS, CHARTS, NETWORKS]),
             "omnilife-reconstruct" => BTreeSet::from([SCHEMAS, ENGINE, STEREO]),
             "omnilife-leaderboard" => BTreeSet::from([SCHEMAS, CHARTS, RESULTS]),
@@ -106,7 +112,7 @@ fn crates_depend_on_what_they_share_alone() {
 #[test]
 fn the_binary_depends_on_all() {
     let mut expected = BTreeSet::from(CRATES);
-    expected.extend([SCHEMAS, ENGINE, VIDEO]);
+    expected.extend([SCHEMAS, ENGINE, VIDEO, TRACKS]);
     assert_eq!(ours(&dependencies()[BINARY]), expected);
 }
 

@@ -11,10 +11,8 @@ use omnilife_curate::{
     annotation::tags,
     boundaries::Signals,
     criteria,
-    ground_plane::Plane,
     ledger::formats::{self, Frames},
     origins,
-    tracks::detectors::{self, DetectorInput},
 };
 use omnilife_reconstruct::formats::{
     ply,
@@ -23,6 +21,7 @@ use omnilife_reconstruct::formats::{
 use omnilife_schemas::{
     RgbImage,
     frame_scores::FrameScores,
+    ground_plane::Plane,
     image_file::ImageFile,
     npy,
     points::PointCloud,
@@ -33,6 +32,7 @@ use omnilife_schemas::{
     tracked_regions::TrackedRegions,
 };
 use omnilife_sweep::slurm;
+use omnilife_tracks::detectors::{self, DetectorInput};
 
 use crate::samples::{
     PALETTE_MASK, cloud, gaussians, names, spherical_mp4, unchanged, write_scene, write_tracks,

@@ -44,10 +44,11 @@ use omnilife_schemas::{
     progress::Progress,
     records::{PoseConvention, PoseSource, PoseValidation, Scale, Scene, SceneFrame, Sequence},
     stage::StagePlan,
+    staging::Staging,
     store,
 };
 
-use crate::{error::CurateError, staging::Staging};
+use crate::error::CurateError;
 pub use attach::{AttachRequest, attach};
 pub use entered_masks::{MasksEntry, enter_masks};
 use frame_camera::FrameCamera;

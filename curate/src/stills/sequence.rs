@@ -21,6 +21,7 @@ use omnilife_schemas::{
     },
     rgb,
     stage::StagePlan,
+    staging::Staging,
     statistics::frame_interval,
     store::{self, StoreError},
 };
@@ -29,7 +30,7 @@ use omnilife_video::Rgb8Image;
 use super::{SECONDS_APART, Still, Stills, sha256};
 use crate::{
     admission, error::CurateError, exchange::frame_order, frames, pipeline, projection, sequences,
-    settings::CurateSettings, staging::Staging,
+    settings::CurateSettings,
 };
 
 /// Width in pixels of the images from which the projection is judged.
