@@ -1,5 +1,7 @@
 //! Errors of curation.
 
+mod sfm;
+
 use std::path::{Path, PathBuf};
 
 use omnilife_networks::WeightsError;
@@ -8,7 +10,7 @@ use omnilife_schemas::{
 };
 use omnilife_video::VideoError;
 
-use crate::criteria;
+pub use sfm::SfmError;
 
 /// An error of this crate. Messages are one line that names the file and the reason.
 #[derive(Debug, thiserror::Error)]
@@ -37,7 +39,7 @@ pub enum CurateError {
     },
     /// Structure from motion is missing or failed.
     #[error("{0}")]
-    Sfm(#[from] crate::poses::error::SfmError),
+    Sfm(#[from] SfmError),
     /// The weights of a network are missing or wrong.
     #[error(transparent)]
     Weights(#[from] WeightsError),
@@ -132,7 +134,7 @@ impl CurateError {
         };
         let line = match self {
             Self::Video(error) => error.without_folders(),
-            Self::Rejected { failed, .. } => criteria::in_words(failed),
+            Self::Rejected { failed, .. } => in_words(failed),
             Self::Input { path, reason } | Self::Internal { path, reason } => of_file(path, reason),
             Self::Sfm(error) => error.to_string(),
             Self::Weights(WeightsError::Unavailable { name, .. }) => {
@@ -153,6 +155,17 @@ impl CurateError {
             _ => None,
         }
     }
+}
+
+/// Failed checks with their values and thresholds in one line.
+pub(crate) fn in_words<'a>(failed: impl IntoIterator<Item = &'a CheckOutcome>) -> String {
+    let words = failed.into_iter().map(|check| {
+        format!(
+            "{} is {}, asked for {}",
+            check.check, check.value, check.threshold
+        )
+    });
+    words.collect::<Vec<_>>().join("; ")
 }
 
 impl Classified for CurateError {

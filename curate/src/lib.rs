@@ -16,6 +16,7 @@ pub mod criteria;
 pub mod dataset;
 pub mod error;
 pub mod exchange;
+mod frame_order;
 pub mod frames;
 pub mod inputs;
 mod jpeg;
@@ -36,6 +37,7 @@ pub mod shots;
 pub mod slicing;
 mod sphere_layouts;
 mod stills;
+mod video_folder;
 mod video_names;
 pub mod worker;
 

@@ -10,7 +10,6 @@ pub(crate) mod colmap_binary;
 pub(crate) mod colmap_frames;
 mod colmap_text;
 mod entered_masks;
-pub mod error;
 pub mod frame_camera;
 mod frame_list;
 mod frame_programs;

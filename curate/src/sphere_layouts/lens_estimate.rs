@@ -17,7 +17,7 @@ use rayon::prelude::*;
 
 use super::places::Lens;
 use crate::{
-    attrition,
+    criteria,
     error::CurateError,
     projection::{FrameSamples, black_border::is_black, fisheye_circles::without_local_mean},
 };
@@ -66,7 +66,7 @@ pub(crate) fn estimated_dual_fisheye(
     }
     estimate(samples.images()).map_err(|reason| {
         let check = CheckOutcome {
-            check: attrition::PROJECTION.to_owned(),
+            check: criteria::PROJECTION.to_owned(),
             passed: false,
             value: reason.clone(),
             threshold: "two fisheye lenses".to_owned(),

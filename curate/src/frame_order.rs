@@ -50,17 +50,17 @@ fn pieces(name: &str) -> Vec<Piece<'_>> {
 }
 
 /// The order of two names or paths.
-pub(super) fn natural(a: &str, b: &str) -> Ordering {
+pub(crate) fn natural(a: &str, b: &str) -> Ordering {
     pieces(a).cmp(&pieces(b)).then_with(|| a.cmp(b))
 }
 
 /// The order of two files.
-pub(super) fn natural_paths(a: &Path, b: &Path) -> Ordering {
+pub(crate) fn natural_paths(a: &Path, b: &Path) -> Ordering {
     natural(&a.to_string_lossy(), &b.to_string_lossy())
 }
 
 /// The number of a frame by its file.
-pub(super) fn number(file: &Path) -> Option<u64> {
+pub(crate) fn number(file: &Path) -> Option<u64> {
     let stem = file.file_stem()?.to_string_lossy();
     let last = pieces(&stem)
         .into_iter()
@@ -98,13 +98,13 @@ pub(crate) fn images_in(folder: &Path) -> Result<Vec<PathBuf>, StoreError> {
 }
 
 /// Returns true where a file has one of these extensions, in upper or lower case.
-pub(super) fn has_extension(file: &Path, known: &[&str]) -> bool {
+pub(crate) fn has_extension(file: &Path, known: &[&str]) -> bool {
     let extension = file.extension().unwrap_or_default().to_ascii_lowercase();
     known.iter().any(|known| extension == *known)
 }
 
 /// Returns true if files in natural order are numbered 0, 1, ... or 1, 2, ...
-pub(super) fn are_counted(files: &[PathBuf]) -> bool {
+pub(crate) fn are_counted(files: &[PathBuf]) -> bool {
     let numbers: Option<Vec<u64>> = files.iter().map(|file| number(file)).collect();
     let is_one_count = !differ_before_numbers(files.iter().map(PathBuf::as_path));
     numbers.filter(|_| is_one_count).is_some_and(|numbers| {
@@ -114,17 +114,17 @@ pub(super) fn are_counted(files: &[PathBuf]) -> bool {
 }
 
 /// Times by a frame rate.
-pub(super) struct NumberedTimes {
+pub(crate) struct NumberedTimes {
     /// Seconds, one for each file.
-    pub(super) seconds: Vec<f64>,
+    pub(crate) seconds: Vec<f64>,
     /// A note if names alone do not determine the times.
-    pub(super) note: Option<String>,
+    pub(crate) note: Option<String>,
 }
 
 /// Returns the times of files in natural order at so many frames per second. The lowest number, of these files and of
 /// `others` beside them, is shown at 0; gaps in the numbers stay gaps. The order of names counts if one has no number,
 /// two of a folder share one, or names differ before it (`clip1_5`, `clip2_1`).
-pub(super) fn times_at(
+pub(crate) fn times_at(
     frames_per_second: f64,
     files: &[&Path],
     others: &[PathBuf],
