@@ -6,6 +6,7 @@
 //! queries beyond the layouts. Images are copied for the site; only [`figure`] decodes them.
 
 mod assets;
+mod budget;
 mod class;
 mod collect;
 pub mod error;
@@ -17,6 +18,7 @@ mod leaderboard;
 mod numbers;
 mod outputs;
 pub mod published;
+mod quantity;
 mod questions;
 mod readme;
 mod remarks;
