@@ -1,5 +1,7 @@
 //! A scoring request with its files read and checked against each other.
 
+mod choice;
+
 use std::{
     fmt,
     path::{Path, PathBuf},
@@ -12,7 +14,6 @@ use omnilife_schemas::{
     tracked_regions::TrackedRegions,
 };
 
-use super::choice::MetricChoice;
 use crate::{
     availability,
     curve::rows::Trace,
@@ -24,6 +25,7 @@ use crate::{
     split,
     statement::Statement,
 };
+pub use choice::MetricChoice;
 
 /// Folder of the predictions: `<folder>/<frame, 6 digits>.png`, 8-bit RGB at the protocol's size (padded frames with or
 /// without the padding), or the same name with `.npy` for values in [0, 1] of shape (height, width, 3). Frame numbers

@@ -11,10 +11,10 @@ use rayon::prelude::*;
 use crate::{
     curve::rows::CurveRow,
     error::BenchError,
+    job::{ScoringJob, ViewKind},
     memory,
     metrics::{Metric, Sample, Undefined},
     prediction::PredictionFolder,
-    scoring::job::{ScoringJob, ViewKind},
     summary, truth,
 };
 
@@ -30,7 +30,7 @@ const METRICS: [&str; 5] = ["psnr", "ssim", LPIPS, "psnr-static", "psnr-dynamic"
 ///
 /// # Errors
 /// When a ground truth image is unusable or the file cannot be written.
-pub(crate) fn write_curve(
+pub(super) fn write_curve(
     job: &ScoringJob,
     memory_bytes: u64,
     out: &Path,
