@@ -11,15 +11,21 @@ use std::{
 };
 
 /// Where a change makes another program, below the root of the workspace.
-const SOURCES: [&str; 10] = [
+const SOURCES: [&str; 16] = [
     "Cargo.toml",
     "Cargo.lock",
     "src",
     "schemas/src",
+    "charts/src",
     "networks/src",
+    "stereo/src",
+    "curate/video/src",
+    "curate/tracks/src",
     "curate/src",
+    "reconstruct/engine/src",
     "reconstruct/src",
     "bench/src",
+    "leaderboard/results/src",
     "leaderboard/src",
     "sweep/src",
 ];

@@ -1,8 +1,8 @@
 //! From boundaries to slices: the kept segments of a video, and an mp4 of each of them.
 //!
 //! [`partition`] divides the whole of a video into kept shots and other segments. [`slice_video`] writes the kept ones
-//! as mp4, frame-accurately by presentation timestamp and with spherical metadata ([`spherical_boxes`](omnilife_video::writing::spherical_boxes)), so that
-//! players show them as 360-degree video.
+//! as mp4, frame-accurately by presentation timestamp and with spherical metadata
+//! ([`omnilife_video::writing::spherical_boxes`]), so that players show them as 360-degree video.
 //!
 //! A slice is a stream copy if its frames are a run of independently decodable packets ([`packets`]). Everything else
 //! is re-encoded whole, visually lossless ([`mp4`]). Joining re-encoded ends to a copied middle would keep more of the
