@@ -11,12 +11,16 @@ use std::{
 };
 
 /// Where a change makes another program, below the root of the workspace.
-const SOURCES: [&str; 15] = [
+const SOURCES: [&str; 20] = [
     "Cargo.toml",
     "Cargo.lock",
     "src",
     "schemas/src",
+    "charts/src",
     "networks/src",
+    "stereo/src",
+    "curate/video/src",
+    "curate/tracks/src",
     "curate/src",
     "reconstruct/engine/src",
     "reconstruct/training/src",
@@ -25,6 +29,7 @@ const SOURCES: [&str; 15] = [
     "reconstruct/src",
     "reconstruct/stability/src",
     "bench/src",
+    "leaderboard/results/src",
     "leaderboard/src",
     "sweep/src",
 ];

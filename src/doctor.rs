@@ -3,9 +3,10 @@
 use std::{fmt, io, path::Path, thread};
 
 use omnilife_bench::lpips::Backbone;
-use omnilife_curate::{boundaries::transnetv2, masks::deeplab, poses::sfm, tracks::appearance};
+use omnilife_curate::{boundaries::transnetv2, masks::deeplab, poses::sfm};
 use omnilife_engine::device::adapters;
 use omnilife_reconstruct::jobs::export::page;
+use omnilife_tracks::appearance;
 use serde::{Serialize, Serializer, ser::SerializeStruct};
 
 /// One thing that is looked for.

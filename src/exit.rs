@@ -18,6 +18,8 @@ use omnilife_schemas::{
     plain_text::for_terminal, store::StoreError,
 };
 use omnilife_sweep::SweepError;
+use omnilife_tracks::TracksError;
+use omnilife_video::VideoError;
 
 /// `EX_TEMPFAIL` of sysexits.h: begin it again.
 const INTERRUPTED: u8 = 75;
@@ -156,6 +158,8 @@ pub(crate) fn error_kind(error: &anyhow::Error) -> ErrorKind {
         error.downcast_ref::<E>().map(Classified::error_kind)
     }
     of::<CurateError>(error)
+        .or_else(|| of::<VideoError>(error))
+        .or_else(|| of::<TracksError>(error))
         .or_else(|| of::<ReconstructError>(error))
         .or_else(|| of::<BenchError>(error))
         .or_else(|| of::<LeaderboardError>(error))

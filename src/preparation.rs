@@ -8,10 +8,6 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use omnilife_curate::{
-    dense::{self, DenseRequest, make_dense},
-    tracks::{TrackRequest, association, distance, make_tracks},
-};
 use omnilife_reconstruct::methods::{Method, requirement::Requirement};
 use omnilife_schemas::{
     camera::Camera,
@@ -19,6 +15,11 @@ use omnilife_schemas::{
     progress::Progress,
     records::{PoseSource, Scene},
     store,
+};
+use omnilife_tracks::{
+    TrackRequest, association,
+    dense::{self, DenseRequest, make_dense},
+    distance, make_tracks,
 };
 
 /// Makes what `methods` require of a scene and a split, in the order of their rows. What is there

@@ -6,7 +6,7 @@ use omnilife_schemas::frame_scores::{FrameRow, FrameScores};
 
 use crate::{
     error::BenchError,
-    scoring::job::{ScoreKey, ScoringJob, ViewOutcome},
+    job::{ScoreKey, ScoringJob, ViewOutcome},
 };
 
 /// Writes one row per view. A view that could not be scored has empty scores; so have undefined or unavailable metrics.

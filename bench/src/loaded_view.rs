@@ -6,10 +6,10 @@ use omnilife_schemas::rgb::{self, Mask};
 
 use crate::{
     error::BenchError,
+    job::{ScoringJob, View},
     lpips::Backbone,
     metrics::{DepthPair, Need, Sample, ViewPair},
     prediction::PredictionFolder,
-    scoring::job::{ScoringJob, View},
     truth,
 };
 

@@ -1,9 +1,9 @@
 //! Number of views that are scored at once.
 
 use crate::{
+    job::ScoringJob,
     lpips::{Backbone, Lpips},
     metrics::Need,
-    scoring::job::ScoringJob,
 };
 
 /// Bytes per pixel of a view's data beside networks: prediction, ground truth and the view before it in 8 bits, both

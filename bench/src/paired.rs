@@ -12,7 +12,7 @@ use omnilife_schemas::{
     store,
 };
 
-use crate::{error::BenchError, frames_table, scoring::job::ScoreKey};
+use crate::{error::BenchError, frames_table, job::ScoreKey};
 
 /// A result and the file that it was read from.
 pub type StoredResult = (PathBuf, ResultRecord);

@@ -8,7 +8,7 @@ use omnilife_schemas::{
     store::{self, StoreError},
 };
 
-use crate::{metrics::ViewPair, scoring::job::View};
+use crate::{job::View, metrics::ViewPair};
 
 /// Folder of the images in the output folder.
 const FOLDER: &str = "comparisons";

@@ -5,6 +5,7 @@ use std::path::Path;
 use omnilife_schemas::{
     image_file::ImageFile,
     padded_frame::PaddedFrame,
+    plain_text,
     records::{Protocol, Resampling, Scene, Split},
     rgb,
     split_rules::{self, SplitError},
@@ -12,7 +13,7 @@ use omnilife_schemas::{
 };
 use rayon::prelude::*;
 
-use crate::{error::BenchError, protocols, truth};
+use crate::{error::BenchError, protocols};
 
 /// Prefix of the schemas of all versions.
 const ANY_SPLIT: &str = "omnilife/split/";
@@ -98,7 +99,7 @@ pub fn frames_without_content(scene: &Path, split: &Split) -> Result<Vec<String>
         .filter_map(|(_, seen)| seen.as_ref().err())
         .collect();
     let mut lines = Vec::new();
-    lines.extend(truth::without_content(single.map(|(frame, _)| *frame)));
+    lines.extend(without_content(single.map(|(frame, _)| *frame)));
     lines.extend(unusable.first().map(|first| {
         format!(
             "{} of {} images are not usable; the first: {first}",
@@ -107,6 +108,18 @@ pub fn frames_without_content(scene: &Path, split: &Split) -> Result<Vec<String>
         )
     }));
     Ok(lines)
+}
+
+/// Returns a line on frames whose ground truth is of a single colour; `None` without any.
+pub(crate) fn without_content(frames: impl Iterator<Item = u32>) -> Option<String> {
+    let frames: Vec<String> = frames.map(|frame| frame.to_string()).collect();
+    (!frames.is_empty()).then(|| {
+        format!(
+            "{} ground-truth images are of a single colour and show nothing: frames {}",
+            frames.len(),
+            plain_text::first_of(&frames)
+        )
+    })
 }
 
 /// Returns width and height of the scored images of a scene, in pixels, and the frames given to methods, if they are

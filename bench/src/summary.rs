@@ -9,9 +9,9 @@ use omnilife_schemas::{
 };
 
 use crate::{
+    job::{JobMetric, ScoringJob, ViewKind, ViewOutcome},
     metrics::{Metric, Need, Undefined},
     protocols,
-    scoring::job::{JobMetric, ScoringJob, ViewKind, ViewOutcome},
 };
 
 /// Summarizes the outcomes of all views of a job.

@@ -8,7 +8,6 @@ use omnilife_schemas::{
     image_file::ImageFile,
     mask_file::MarkedGreys,
     mask_survey::MaskSurvey,
-    plain_text,
     records::DepthImage,
     rgb::{self, Mask},
     store::StoreError,
@@ -16,8 +15,8 @@ use omnilife_schemas::{
 
 use crate::{
     error::BenchError,
+    job::{ScoringJob, View},
     metrics::{Need, ViewPair},
-    scoring::job::{ScoringJob, View},
 };
 
 /// Returns bytes of a frame's ground truth at the scored size, resized by area averaging if the protocol requires it
@@ -112,18 +111,6 @@ pub(crate) fn mask_notes(job: &ScoringJob, views: &[View]) -> Result<Vec<String>
         }
     }
     Ok(survey.notes())
-}
-
-/// Returns a line on frames whose ground truth is of a single colour; `None` without any.
-pub(crate) fn without_content(frames: impl Iterator<Item = u32>) -> Option<String> {
-    let frames: Vec<String> = frames.map(|frame| frame.to_string()).collect();
-    (!frames.is_empty()).then(|| {
-        format!(
-            "{} ground-truth images are of a single colour and show nothing: frames {}",
-            frames.len(),
-            plain_text::first_of(&frames)
-        )
-    })
 }
 
 /// Returns the pair of a prediction (8-bit RGB) and the ground truth of a frame, without excluded pixels.

@@ -11,9 +11,11 @@ use rayon::prelude::*;
 use crate::{
     diagnosis::{self, Diagnosis},
     error::BenchError,
+    job::{
+        DEFAULT_MEMORY_BYTES, MetricChoice, Predictions, ScoreRequest, ScoringJob, View, ViewKind,
+    },
     loaded_view::LoadedView,
-    scoring::job::{ScoringJob, View, ViewKind},
-    scoring::{DEFAULT_MEMORY_BYTES, MetricChoice, Predictions, ScoreRequest},
+    split::without_content,
     statement::Statement,
     truth,
 };
@@ -81,12 +83,9 @@ pub fn validate(
         .collect();
     progress.end();
     let checked = checked.into_iter().collect::<Result<Vec<_>, _>>()?;
-    let without_content = checked.iter().filter(|one| one.is_truth_single_colour);
-    let without_content = truth::without_content(without_content.map(|one| one.view.frame));
-    for line in truth::mask_notes(&job, &views)?
-        .into_iter()
-        .chain(without_content)
-    {
+    let single_colour = checked.iter().filter(|one| one.is_truth_single_colour);
+    let empty = without_content(single_colour.map(|one| one.view.frame));
+    for line in truth::mask_notes(&job, &views)?.into_iter().chain(empty) {
         progress.note(&format!("{}: {line}", job.scene.id));
     }
     let diagnosis = diagnosis::of_job(&job, request.memory_bytes)?;

@@ -9,9 +9,7 @@ use omnilife_schemas::{
     },
 };
 
-use crate::{
-    attrition, criteria, error::CurateError, projection, settings::CurateSettings, sphere_layouts,
-};
+use crate::{criteria, error::CurateError, projection, settings::CurateSettings, sphere_layouts};
 
 /// Rejects a video that misses enforced criteria.
 pub(crate) fn enforce(video: &Path, admission: &Admission) -> Result<(), CurateError> {
@@ -137,7 +135,7 @@ pub(crate) fn effective_projection(
         video,
         format!("its image is {}; {hint}", found.projection.name()),
         vec![CheckOutcome {
-            check: attrition::PROJECTION.to_owned(),
+            check: criteria::PROJECTION.to_owned(),
             passed: false,
             value: found.projection.name().to_owned(),
             threshold: "erp or erp-squeezed".to_owned(),

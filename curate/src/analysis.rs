@@ -7,6 +7,7 @@ use omnilife_schemas::{
     records::{Probe, SphereLayout, TimeRange},
     statistics::frame_interval,
 };
+use omnilife_video::{Converter, Rgb8Image, Scaling, VideoReader, packets::PacketTable, probe};
 
 use crate::{
     boundaries::{Detector, Signals},
@@ -15,9 +16,7 @@ use crate::{
     overlays::{MosaicPass, OverlayPass},
     projection::FrameSamples,
     shots::SamplePass,
-    slicing::packets::PacketTable,
     sphere_layouts::{self, ToErp},
-    video::{Converter, Rgb8Image, Scaling, VideoReader, probe},
 };
 
 /// Width in pixels of the images from which ERP projection and overlays are judged.
@@ -211,7 +210,7 @@ pub fn analyse(
 /// `variable_frame_rate` is `None`.
 ///
 /// # Errors
-/// Those of [`video::probe()`](crate::video::probe()).
+/// Those of [`probe()`].
 pub fn timed_probe(video: &Path) -> Result<Probe, CurateError> {
     let mut probe = probe(video)?;
     let table = PacketTable::scan(video)?;

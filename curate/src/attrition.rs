@@ -12,7 +12,7 @@ use omnilife_schemas::{
 use serde::Serialize;
 
 use crate::{
-    criteria::CHECKS,
+    criteria::{CHECKS, LEFT_OUT, LEFT_OUT_THRESHOLD, PROJECTION, SHOT_LENGTH},
     error::CurateError,
     inputs::VIDEO_EXTENSIONS,
     near_duplicates::{self, LIMIT, NearDuplicate},
@@ -23,14 +23,6 @@ use crate::{
 const RAW: &str = "raw";
 const DUPLICATE: &str = "duplicate";
 const READABLE: &str = "readable";
-/// The image is not monoscopic ERP, whatever the criteria require.
-pub const PROJECTION: &str = "projection";
-/// No shot of the video is long enough.
-pub const SHOT_LENGTH: &str = "shot-length";
-/// Excluded by people.
-pub const LEFT_OUT: &str = "left-out";
-/// Threshold of excluded segments in the table.
-pub(crate) const LEFT_OUT_THRESHOLD: &str = "what the ledger keeps";
 /// Footage of another video, in another file; nothing is rejected for it.
 pub const NEAR_DUPLICATE: &str = "near-duplicate";
 const TRANSITION: &str = "transition";

@@ -6,10 +6,10 @@ use std::{
 };
 
 use omnilife_schemas::{
-    layout::{ANALYSIS_FILE, ATTRITION_FILE, DATASET_FILE, VIDEOS_FOLDER},
+    layout::{ATTRITION_FILE, DATASET_FILE, VIDEOS_FOLDER},
     lock::FolderLock,
     progress::Progress,
-    records::{Dataset, InputFile, Origin, SourceVideo, VideoAnalysis, VideoEntry, VideoStatus},
+    records::{Dataset, InputFile, Origin, SourceVideo, VideoEntry, VideoStatus},
     store,
 };
 
@@ -18,7 +18,7 @@ use crate::{
     error::CurateError,
     pipeline,
     settings::CurateSettings,
-    video,
+    video_folder::duration_seconds,
     video_names::video_names,
     worker::{Curated, Worker},
 };
@@ -195,17 +195,6 @@ fn first_with_this_content(record: &Dataset, index: usize) -> Option<usize> {
     record.videos[..index]
         .iter()
         .position(|video| video.sha256.as_ref() == Some(sha256))
-}
-
-/// Returns the length of a video's frames if decoded into `folder`, else the header's duration.
-pub(crate) fn duration_seconds(video: &Path, folder: &Path) -> Option<f64> {
-    store::read_record::<VideoAnalysis>(&folder.join(ANALYSIS_FILE))
-        .map(|analysis| analysis.range.duration_seconds())
-        .ok()
-        .or_else(|| {
-            let probe = video::probe(video).ok()?;
-            (probe.duration_seconds > 0.0).then_some(probe.duration_seconds)
-        })
 }
 
 /// Hashes every video once; errors of unreadable files appear at their turn.

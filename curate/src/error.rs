@@ -1,27 +1,23 @@
 //! Errors of curation.
 
+mod sfm;
+
 use std::path::{Path, PathBuf};
 
 use omnilife_networks::WeightsError;
 use omnilife_schemas::{
     Classified, ErrorKind, plain_text, records::CheckOutcome, store::StoreError,
 };
+use omnilife_video::VideoError;
 
-use crate::criteria;
+pub use sfm::SfmError;
 
 /// An error of this crate. Messages are one line that names the file and the reason.
 #[derive(Debug, thiserror::Error)]
 pub enum CurateError {
-    /// An unusable video: not a video, truncated, corrupt.
-    #[error("{}: {reason}{}", path.display(), after(*advice))]
-    Video {
-        /// The video.
-        path: PathBuf,
-        /// Fault.
-        reason: String,
-        /// Advice to the user.
-        advice: Option<&'static str>,
-    },
+    /// An unusable video, or one that could not be written.
+    #[error(transparent)]
+    Video(#[from] VideoError),
     /// A sound video that the admission criteria or the ERP projection exclude.
     #[error("{}: rejected: {reason}", path.display())]
     Rejected {
@@ -43,7 +39,7 @@ pub enum CurateError {
     },
     /// Structure from motion is missing or failed.
     #[error("{0}")]
-    Sfm(#[from] crate::poses::error::SfmError),
+    Sfm(#[from] SfmError),
     /// The weights of a network are missing or wrong.
     #[error(transparent)]
     Weights(#[from] WeightsError),
@@ -97,24 +93,7 @@ impl CurateError {
 
     /// Reports that `path` is not a usable video.
     pub(crate) fn video(path: &Path, reason: impl Into<String>) -> Self {
-        Self::Video {
-            path: path.to_owned(),
-            reason: reason.into(),
-            advice: None,
-        }
-    }
-
-    /// Reports that `path` is unusable until the user changes it.
-    pub(crate) fn mendable_video(
-        path: &Path,
-        reason: impl Into<String>,
-        advice: &'static str,
-    ) -> Self {
-        Self::Video {
-            path: path.to_owned(),
-            reason: reason.into(),
-            advice: Some(advice),
-        }
+        Self::Video(VideoError::unusable(path, reason))
     }
 
     /// Reports that `path` cannot be served as requested.
@@ -154,8 +133,8 @@ impl CurateError {
             format!("{}: {reason}", name.to_string_lossy())
         };
         let line = match self {
-            Self::Video { reason, .. } => reason.clone(),
-            Self::Rejected { failed, .. } => criteria::in_words(failed),
+            Self::Video(error) => error.without_folders(),
+            Self::Rejected { failed, .. } => in_words(failed),
             Self::Input { path, reason } | Self::Internal { path, reason } => of_file(path, reason),
             Self::Sfm(error) => error.to_string(),
             Self::Weights(WeightsError::Unavailable { name, .. }) => {
@@ -178,15 +157,22 @@ impl CurateError {
     }
 }
 
-/// Returns advice behind a reason.
-fn after(advice: Option<&str>) -> String {
-    advice.map_or_else(String::new, |advice| format!("; {advice}"))
+/// Failed checks with their values and thresholds in one line.
+pub(crate) fn in_words<'a>(failed: impl IntoIterator<Item = &'a CheckOutcome>) -> String {
+    let words = failed.into_iter().map(|check| {
+        format!(
+            "{} is {}, asked for {}",
+            check.check, check.value, check.threshold
+        )
+    });
+    words.collect::<Vec<_>>().join("; ")
 }
 
 impl Classified for CurateError {
     fn error_kind(&self) -> ErrorKind {
         match self {
-            Self::Video { .. } | Self::Rejected { .. } | Self::Input { .. } => ErrorKind::User,
+            Self::Video(error) => error.error_kind(),
+            Self::Rejected { .. } | Self::Input { .. } => ErrorKind::User,
             Self::Sfm(error) => error.error_kind(),
             Self::Weights(error) => error.error_kind(),
             Self::Store(error) => error.error_kind(),

@@ -11,11 +11,11 @@ use omnilife_schemas::{
     statistics::frame_interval,
     store,
 };
+use omnilife_video::{Converter, Rgb8Image, Scaling, VideoReader};
 
 use crate::{
     error::CurateError,
     sphere_layouts::{self, ToErp},
-    video::{Converter, Rgb8Image, Scaling, VideoReader},
 };
 
 /// Default width in pixels of sampled frames, if the video is wider.

@@ -4,8 +4,7 @@ use std::io::Cursor;
 
 use base64::{Engine, engine::general_purpose::STANDARD};
 use image::{ExtendedColorType, ImageEncoder, codecs::jpeg::JpegEncoder};
-
-use crate::video::Rgb8Image;
+use omnilife_video::Rgb8Image;
 
 /// Returns an image as `data:image/jpeg;base64,...`; `quality` is 1 to 100.
 ///

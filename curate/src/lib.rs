@@ -1,6 +1,6 @@
 //! From raw 360-degree video to verified, cut and posed sequences.
 //!
-//! [`pipeline::curate_video`] runs the chain of one video: probe ([`video::probe()`]), one analysis
+//! [`pipeline::curate_video`] runs the chain of one video: probe ([`omnilife_video::probe()`]), one analysis
 //! pass ([`analysis`]), ERP [`projection`], admission [`criteria`], shot [`boundaries`], [`slicing`],
 //! judgement of single [`shots`], sampled [`frames`]. [`poses::pose_sequence`] then turns a sequence
 //! into a scene, from given poses or by structure from motion. Every stage is skipped while its inputs
@@ -15,11 +15,10 @@ pub mod audit;
 pub mod boundaries;
 pub mod criteria;
 pub mod dataset;
-pub mod dense;
 pub mod error;
 pub mod exchange;
+mod frame_order;
 pub mod frames;
-pub mod ground_plane;
 pub mod inputs;
 mod jpeg;
 pub mod ledger;
@@ -30,7 +29,6 @@ pub mod near_duplicates;
 pub mod origins;
 pub mod overlays;
 pub mod pipeline;
-pub mod posed_view;
 pub mod poses;
 pub mod projection;
 pub mod publish;
@@ -39,11 +37,8 @@ mod settings;
 pub mod shots;
 pub mod slicing;
 mod sphere_layouts;
-mod staging;
 mod stills;
-mod toml_file;
-pub mod tracks;
-pub mod video;
+mod video_folder;
 mod video_names;
 pub mod worker;
 

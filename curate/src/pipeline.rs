@@ -27,6 +27,7 @@ use crate::{
     settings::{CurateSettings, LayoutChoice},
     shots::{self, Samples, ShotList},
     sphere_layouts, stills,
+    video_folder::{ANALYSIS_FILES, claim},
 };
 
 /// Curates one video into `folder` and returns the names of its sequence folders in order of time.
@@ -204,41 +205,6 @@ pub(crate) fn identify(video: &Path) -> Result<SourceVideo, CurateError> {
         sha256: store::sha256_file(video)?,
         bytes: metadata.len(),
     })
-}
-
-/// Creates the folder, or checks that an existing one belongs to this video.
-pub(crate) fn claim(video: &Path, folder: &Path, source: &SourceVideo) -> Result<(), CurateError> {
-    let refuse = |reason: String| Err(CurateError::input(folder, reason));
-    if folder.is_file() {
-        return refuse("is a file; the output needs a folder".to_owned());
-    }
-    let record = folder.join(ANALYSIS_FILE);
-    if record.is_file() {
-        let held: VideoAnalysis = store::read_record(&record)?;
-        if held.source.sha256 != source.sha256 {
-            return refuse(format!(
-                "holds another input ({}, sha256 {:.12}); remove it or choose another output for {}",
-                held.source.file_name,
-                held.source.sha256,
-                video.display()
-            ));
-        }
-    } else if folder.is_dir() {
-        let is_foreign = |name: &String| !is_ours_before_analysis(name);
-        if store::names_in(folder)?.iter().any(is_foreign) {
-            return refuse("is not empty and holds no curated video".to_owned());
-        }
-    }
-    Ok(store::create_folder(folder)?)
-}
-
-/// Outputs of the analysis.
-const ANALYSIS_FILES: [&str; 4] = [ANALYSIS_FILE, SIGNALS_FILE, SAMPLES_FILE, SIGNATURE_FILE];
-
-/// Returns true for a name that an interrupted analysis may leave: done-records, temporary files and its
-/// tables, which it writes before its record.
-fn is_ours_before_analysis(name: &str) -> bool {
-    name.starts_with('.') || (name != ANALYSIS_FILE && ANALYSIS_FILES.contains(&name))
 }
 
 /// Runs the analysis stage.

@@ -16,18 +16,19 @@ use omnilife_schemas::{
         Sequence, SphereLayout, TimeRange, VideoAnalysis,
     },
     stage::StagePlan,
+    staging::Staging,
     store::{self, StoreError},
 };
+use omnilife_video::Orientation;
 
 use crate::{
-    attrition,
     boundaries::{Detector, Signals},
+    criteria,
     error::CurateError,
     frames::{self, Selection},
     settings::CurateSettings,
     shots::{self, ShotList},
-    slicing::{self, Orientation, SliceSource},
-    staging::Staging,
+    slicing::{self, SliceSource},
 };
 
 /// Folder for superseded sequences with poses or scores of frames that are no longer chosen, relative to the video's
@@ -152,10 +153,10 @@ impl Sequencing<'_> {
             }
             ([], [_, ..]) => {
                 let outcome = CheckOutcome {
-                    check: attrition::LEFT_OUT.to_owned(),
+                    check: criteria::LEFT_OUT.to_owned(),
                     passed: false,
                     value: format!("{} shots left out", shots.left_out.len()),
-                    threshold: attrition::LEFT_OUT_THRESHOLD.to_owned(),
+                    threshold: criteria::LEFT_OUT_THRESHOLD.to_owned(),
                 };
                 let reason = "its ledger leaves all shots out that are long enough";
                 (reason.to_owned(), vec![outcome])
@@ -167,7 +168,7 @@ impl Sequencing<'_> {
                     .map(TimeRange::duration_seconds)
                     .fold(0.0, f64::max);
                 let outcome = CheckOutcome {
-                    check: attrition::SHOT_LENGTH.to_owned(),
+                    check: criteria::SHOT_LENGTH.to_owned(),
                     passed: false,
                     value: format!("{longest:.3} s"),
                     threshold: format!("at least {least} s"),
@@ -323,7 +324,7 @@ pub(crate) fn withdraw(
     slicing::remove_slices(video_folder)?;
     // If no shot is long enough, or all are excluded or rejected, its boundaries are why.
     let of_shots = shots::CHECKS.iter().map(|check| check.id);
-    let mut by_boundaries = [attrition::SHOT_LENGTH, attrition::LEFT_OUT]
+    let mut by_boundaries = [criteria::SHOT_LENGTH, criteria::LEFT_OUT]
         .into_iter()
         .chain(of_shots);
     if !by_boundaries.any(|id| failed.iter().any(|check| check.check == id)) {

@@ -22,7 +22,9 @@ use omnilife_schemas::{
 };
 use serde::{Deserialize, Serialize};
 
-use crate::{dataset::duration_seconds, error::CurateError, pipeline, settings::CurateSettings};
+use crate::{
+    error::CurateError, pipeline, settings::CurateSettings, video_folder::duration_seconds,
+};
 
 /// Maximum length of a line of [`serve`].
 const MOST_LINE_BYTES: u64 = 16 << 20;

@@ -11,7 +11,7 @@ use std::{
 };
 
 use omnilife_schemas::{
-    layout::{ASSET_FILE, RESULT_FILE, SPLIT_FILE},
+    layout::{ASSET_FILE, RESULT_FILE, SPLIT_FILE, SUBMISSION_FILE, VERIFICATION_FILE},
     records::{MethodCard, Protocol, ResultRecord, Split, Submission, Verification},
     store::{self, StoreError},
 };
@@ -20,7 +20,6 @@ use rayon::prelude::*;
 use crate::{
     assets::{self, FoundAsset},
     error::LeaderboardError,
-    submission::{SUBMISSION_FILE, VERIFICATION_FILE},
 };
 
 /// Reads every `result.json` in `folder` and below, sorted by path. Links to folders are followed, each folder is

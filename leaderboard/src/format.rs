@@ -5,10 +5,7 @@ use omnilife_schemas::{
     records::{Backend, Direction},
 };
 
-use crate::{
-    group::ViewKind,
-    table::{Cell, Score},
-};
+use crate::quantity::ViewKind;
 
 /// Returns a metric's column title from its id.
 pub(crate) fn metric_title(id: &str) -> String {
@@ -74,44 +71,6 @@ pub(crate) fn short_commit(commit: &str) -> String {
         Some((hash, change)) => format!("{hash:.DIGITS$}-{change}"),
         None => format!("{commit:.DIGITS$}"),
     }
-}
-
-/// Returns a cell without emphasis, for people.
-pub(crate) fn plain(cell: &Cell) -> String {
-    match cell {
-        Cell::Missing => "–".to_owned(),
-        Cell::Blank => String::new(),
-        Cell::Score(score) => value(score),
-        Cell::Number {
-            value,
-            decimals: 0,
-            remark,
-        } => grouped(*value) + remark,
-        Cell::Number {
-            value,
-            decimals,
-            remark,
-        } => format!("{value:.decimals$}{remark}"),
-        Cell::Rank { rank, of, interval } => match interval {
-            Some([low, high]) if low != high => format!("{rank} of {of} [{low}–{high}]"),
-            _ => format!("{rank} of {of}"),
-        },
-        Cell::Text(text) => text.clone(),
-    }
-}
-
-/// Returns a score without its interval.
-pub(crate) fn value(score: &Score) -> String {
-    let digits = score.decimals;
-    format!("{:.digits$}", score.value)
-}
-
-/// Returns a score's interval: ` [24.1, 25.9]`, or nothing.
-pub(crate) fn interval(score: &Score) -> String {
-    let digits = score.decimals;
-    score.interval.map_or_else(String::new, |[low, high]| {
-        format!(" [{low:.digits$}, {high:.digits$}]")
-    })
 }
 
 /// Returns a rounded number with groups of three digits: `1,234,567`.

@@ -7,6 +7,7 @@
 #![cfg_attr(not(test), warn(clippy::disallowed_methods))]
 
 mod assets;
+mod budget;
 mod class;
 mod collect;
 pub mod error;
@@ -18,6 +19,7 @@ mod leaderboard;
 mod numbers;
 mod outputs;
 pub mod published;
+mod quantity;
 mod questions;
 mod readme;
 mod remarks;

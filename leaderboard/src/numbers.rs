@@ -2,12 +2,19 @@
 
 use std::collections::BTreeSet;
 
-use omnilife_schemas::records::{Direction, ResultRecord, StatedClock, is_of_region};
+use omnilife_schemas::records::{
+    DIAGNOSIS_PREFIX, Direction, ResultRecord, StatedClock, is_of_region,
+};
 
-use crate::{group::Quantity, remarks};
+use crate::quantity::Quantity;
 
 /// The default clock of times.
 const WALL: &str = "wall";
+
+/// Returns true for a warning of a suspected other convention.
+pub(crate) fn is_diagnosis(warning: &str) -> bool {
+    warning.starts_with(DIAGNOSIS_PREFIX)
+}
 
 /// Numbers of a set of results: a scene's repetitions, or a method's scenes.
 #[derive(Debug, Clone)]
@@ -71,10 +78,7 @@ impl Numbers {
             failures: result.failures.len(),
             failed: run.is_none(),
             complete: result.is_complete(),
-            suspect: result
-                .warnings
-                .iter()
-                .any(|line| remarks::is_diagnosis(line)),
+            suspect: result.warnings.iter().any(|line| is_diagnosis(line)),
             stated: statement.map_or_else(BTreeSet::new, |statement| {
                 statement.numbers.iter().cloned().collect()
             }),

@@ -3,17 +3,12 @@
 
 use std::collections::BTreeMap;
 
-use omnilife_schemas::records::{DIAGNOSIS_PREFIX, ResultRecord};
+use omnilife_schemas::records::ResultRecord;
 
-use crate::group::SceneRow;
+use crate::{group::SceneRow, numbers::is_diagnosis};
 
 /// Number of results that a shared line names.
 const NAMED: usize = 3;
-
-/// Returns true for a warning of a suspected other convention.
-pub(crate) fn is_diagnosis(warning: &str) -> bool {
-    warning.starts_with(DIAGNOSIS_PREFIX)
-}
 
 /// Remarks of some rows.
 pub(crate) struct Remarks {

@@ -6,8 +6,9 @@ use omnilife_schemas::{plain_text::for_spreadsheet, records::ResultRecord, store
 
 use crate::{
     class::MethodClass,
-    group::{Group, MethodRow, Quantity, ViewKind},
+    group::{Group, MethodRow},
     numbers::Numbers,
+    quantity::{Quantity, ViewKind},
     render::csv::number,
 };
 

@@ -5,8 +5,9 @@ use omnilife_schemas::{bootstrap::Confidence, records::Direction};
 use crate::{
     class::MethodClass,
     format::{self, decimals},
-    group::{Group, MethodRow, Quantity},
+    group::{Group, MethodRow},
     numbers::Numbers,
+    quantity::Quantity,
 };
 
 /// One table.
@@ -215,6 +216,46 @@ impl Cell {
                 interval,
                 standing: Standing::Other,
             })
+        })
+    }
+
+    /// Returns the cell without emphasis, for people.
+    pub(crate) fn plain(&self) -> String {
+        match self {
+            Self::Missing => "–".to_owned(),
+            Self::Blank => String::new(),
+            Self::Score(score) => score.value(),
+            Self::Number {
+                value,
+                decimals: 0,
+                remark,
+            } => format::grouped(*value) + remark,
+            Self::Number {
+                value,
+                decimals,
+                remark,
+            } => format!("{value:.decimals$}{remark}"),
+            Self::Rank { rank, of, interval } => match interval {
+                Some([low, high]) if low != high => format!("{rank} of {of} [{low}–{high}]"),
+                _ => format!("{rank} of {of}"),
+            },
+            Self::Text(text) => text.clone(),
+        }
+    }
+}
+
+impl Score {
+    /// Returns the score without its interval.
+    pub(crate) fn value(&self) -> String {
+        let digits = self.decimals;
+        format!("{:.digits$}", self.value)
+    }
+
+    /// Returns the score's interval: ` [24.1, 25.9]`, or nothing.
+    pub(crate) fn interval(&self) -> String {
+        let digits = self.decimals;
+        self.interval.map_or_else(String::new, |[low, high]| {
+            format!(" [{low:.digits$}, {high:.digits$}]")
         })
     }
 }

@@ -7,10 +7,11 @@ use omnilife_schemas::{records::ResultRecord, store};
 use crate::{
     error::LeaderboardError,
     format::slug,
-    group::{self, Group, ViewKind},
+    group::{self, Group},
     layouts::{self, LAYOUTS, REGION_METRICS},
     outputs::Outputs,
     published::Paper,
+    quantity::ViewKind,
     render, results_csv,
     table::{Holds, Table},
 };

@@ -4,7 +4,7 @@ use std::{collections::BTreeMap, path::PathBuf};
 
 use omnilife_schemas::records::{Direction, ResultRecord};
 
-use crate::{error::LeaderboardError, group::ViewKind};
+use crate::{error::LeaderboardError, quantity::ViewKind};
 
 /// Results with their source files.
 type Results = [(PathBuf, ResultRecord)];

@@ -106,3 +106,7 @@ pub const RESULT_FILE: &str = "result.json";
 pub const CURVE_FILE: &str = "curve.csv";
 /// How the scores beside it were computed.
 pub const SCORING_FILE: &str = "scoring.json";
+/// The record of a submission of results, in its folder.
+pub const SUBMISSION_FILE: &str = "submission.json";
+/// The record of an accepted submission's verification, beside [`SUBMISSION_FILE`].
+pub const VERIFICATION_FILE: &str = "verified.json";

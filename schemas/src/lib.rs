@@ -7,7 +7,9 @@
 //! [`store`] (how a file reaches the disk), [`ownership`] (whose
 //! a file is), [`lock`] (who writes into a folder), [`split_rules`] (what methods are given), [`npy`] (arrays),
 //! [`frame_scores`] (the scores of every view), [`tracked_regions`] (what moves as far as tracks say),
-//! [`oriented_box`] (boxes as cameras see them), [`padded_frame`] (images among padding), [`stage`] (when work can be skipped), [`statistics`]
+//! [`oriented_box`] (boxes as cameras see them), [`posed_view`] and [`ground_plane`] (geometry of a scene),
+//! [`staging`] (folders of incomplete files), [`toml_file`] (settings),
+//! [`padded_frame`] (images among padding), [`stage`] (when work can be skipped), [`statistics`]
 //! (medians), [`bootstrap`] (how far scores can be trusted), [`plain_text`] (text of others where it is
 //! shown), [`provenance`] (what made a record), [`elapsed`] (how long work took), [`process`], [`child`] (programs of others), [`progress`],
 //! [`error_kind`], [`foreign_code`] (libraries that panic), and [`testing`] (skipped tests).
@@ -29,6 +31,7 @@ pub mod elapsed;
 pub mod error_kind;
 pub mod foreign_code;
 pub mod frame_scores;
+pub mod ground_plane;
 pub mod image_file;
 pub mod interpolation;
 pub mod layout;
@@ -44,6 +47,7 @@ pub mod placeholders;
 pub mod plain_text;
 pub mod points;
 pub mod pose;
+pub mod posed_view;
 pub mod process;
 pub mod progress;
 pub mod provenance;
@@ -52,10 +56,12 @@ pub mod rgb;
 pub mod scene_points;
 pub mod split_rules;
 pub mod stage;
+pub mod staging;
 pub mod statistics;
 pub mod store;
 mod temporary;
 pub mod testing;
+pub mod toml_file;
 pub mod tracked_regions;
 pub mod trajectory;
 

@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
-"""Golden paths, for the tests of `curate/src/tracks/spline_fit`, from SciPy.
+"""Golden paths, for the tests of `curate/tracks/src/spline_fit`, from SciPy.
 
-usage: scripts/golden/spline.py > curate/tests/golden/spline.json
+usage: scripts/golden/spline.py > curate/tracks/tests/golden/spline.json
 
 A drone looks down on a car that stops and turns; the middles of its boxes and its distances are noisy, and a few
 are far off. Per number of coefficients: those of scipy.interpolate.make_lsq_spline through the lifted places, and

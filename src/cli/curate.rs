@@ -197,7 +197,7 @@ pub(crate) enum CurateCommand {
         #[arg(long)]
         split: Option<PathBuf>,
         /// Frames that are wider are searched at this width, pixels.
-        #[arg(long, value_name = "PIXELS", default_value_t = omnilife_curate::dense::SEARCH_WIDTH)]
+        #[arg(long, value_name = "PIXELS", default_value_t = omnilife_tracks::dense::SEARCH_WIDTH)]
         width: u32,
         /// Folder of the result [default: dense/ beside the split, else in the scene].
         #[arg(long)]

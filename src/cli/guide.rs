@@ -5,7 +5,7 @@
 
 use clap::{Command, CommandFactory, Id};
 use omnilife_bench::{ADAPTERS, PROTOCOLS};
-use omnilife_curate::{boundaries::DETECTORS, exchange, masks, tracks};
+use omnilife_curate::{boundaries::DETECTORS, exchange, masks};
 use omnilife_reconstruct::methods::METHODS;
 
 use super::Cli;
@@ -361,17 +361,17 @@ fn mask_method_names() -> Vec<&'static str> {
 }
 
 fn vehicle_detector_names() -> Vec<&'static str> {
-    let detectors = tracks::detectors::DETECTORS.iter();
+    let detectors = omnilife_tracks::detectors::DETECTORS.iter();
     detectors.map(|detector| detector.id).collect()
 }
 
 fn distance_names() -> Vec<&'static str> {
-    let distances = tracks::distance::DISTANCES.iter();
+    let distances = omnilife_tracks::distance::DISTANCES.iter();
     distances.map(|distance| distance.id).collect()
 }
 
 fn association_names() -> Vec<&'static str> {
-    let associations = tracks::association::ASSOCIATIONS.iter();
+    let associations = omnilife_tracks::association::ASSOCIATIONS.iter();
     associations.map(|association| association.id).collect()
 }
 

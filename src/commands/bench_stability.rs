@@ -28,9 +28,7 @@ pub(crate) fn execute(
     };
     let mut report = omnilife_stability::run(&kinds, progress)?;
     if kinds.contains(&DeviceKind::Cpu) {
-        report
-            .rows
-            .extend(omnilife_curate::tracks::stability::rows());
+        report.rows.extend(omnilife_tracks::stability::rows());
     }
     if let Some(out) = out {
         write_stability(&report, out, progress)?;

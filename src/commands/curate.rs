@@ -5,14 +5,17 @@ use std::path::{Path, PathBuf};
 use omnilife_curate::{
     CurateError, CurateSettings, CuratedDataset, Place, Worker, analysis,
     audit::{self, PageRequest},
-    boundaries, curate_dataset_in, curate_video,
-    dense::{DenseRequest, make_dense},
-    expand_inputs, left_out_of_folders, origins, pose_sequence_with, projection,
+    boundaries, curate_dataset_in, curate_video, expand_inputs, left_out_of_folders, origins,
+    pose_sequence_with, projection,
     publish::{self, PublishSettings},
-    tracks::{TrackRequest, make_tracks, plan_tracks},
     worker,
 };
 use omnilife_schemas::{layout::DENSE_FOLDER, ownership::refuse_another_kind, progress::Progress};
+use omnilife_tracks::{
+    TrackRequest,
+    dense::{DenseRequest, make_dense},
+    make_tracks, plan_tracks,
+};
 use serde::Serialize;
 
 use super::ledger;

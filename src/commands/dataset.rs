@@ -8,7 +8,7 @@ use omnilife_curate::{
     enter_masks,
     exchange::{self, ExportRequest, ImportRequest},
     masks::write_masks,
-    publish, slicing, video,
+    publish, slicing,
 };
 use omnilife_schemas::{
     ErrorKind, layout::DYNAMIC_MASKS_FOLDER, lock::FolderLock, progress::Progress,
@@ -29,7 +29,7 @@ pub(crate) fn slice(arguments: &SliceArguments, progress: &dyn Progress) -> anyh
     };
     let (begin, end, out) = (arguments.begin, arguments.end, &arguments.out);
     let file = slicing::slice_segment(&arguments.video, begin, end, out, settings, progress)?;
-    let duration = video::probe(out)?.duration_seconds;
+    let duration = omnilife_video::probe(out)?.duration_seconds;
     let how = match file.method {
         omnilife_schemas::records::SliceMethod::Copied => "copied".to_owned(),
         omnilife_schemas::records::SliceMethod::Encoded { encoder } => encoder,

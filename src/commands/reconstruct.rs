@@ -1,6 +1,5 @@
 //! `omnilife reconstruct`.
 
-use omnilife_curate::slicing::Projection;
 use omnilife_reconstruct::{
     backends,
     jobs::{
@@ -16,6 +15,7 @@ use omnilife_reconstruct::{
     scene,
 };
 use omnilife_schemas::{camera::Camera, layout::RUN_FILE, progress::Progress};
+use omnilife_video::Projection;
 
 use super::{note_far_frames, video};
 use crate::{

@@ -3,8 +3,8 @@
 use std::path::{Path, PathBuf};
 
 use anyhow::Context;
-use omnilife_curate::slicing::{Projection, ViewVideoWriter};
 use omnilife_schemas::{RgbImage, ownership::refuse_existing, statistics::frame_interval};
+use omnilife_video::{Projection, ViewVideoWriter};
 
 use crate::exit::BadRequest;
 

@@ -1,7 +1,8 @@
-//! The direction of dependencies: {`schemas`, `stereo`, `charts`} <- {`networks`, `engine`} <- {`curate`,
-//! `reconstruct`, `bench`, `leaderboard`, `sweep`} <- {the binary, `python`}, without sideways edges; `networks`
-//! is for those that run networks, `engine` for the crates below `reconstruct/`, `stereo` for those that match
-//! images, `charts` for those that draw, `results` for `leaderboard`, so that Polars is nowhere else.
+//! The direction of dependencies: {`schemas`, `stereo`, `charts`} <- {`networks`, `engine`, `video`} <- `tracks` <-
+//! {`curate`, `reconstruct`, `bench`, `leaderboard`, `sweep`} <- {the binary, `python`}, without sideways edges;
+//! `networks` is for those that run networks, `engine` for the crates below `reconstruct/`, `video` for `tracks` and
+//! `curate`, `tracks` for the binary and the tests of `curate`, `stereo` for those that match images, `charts` for
+//! those that draw, `results` for `leaderboard`, so that Polars is nowhere else.
 //!
 //! Below `reconstruct/`: `engine` <- `training` <- {`methods`, `atlas`} <- `reconstruct` <- `stability`, so that an
 //! edit of a method compiles neither the training nor the other crate of methods again.
@@ -23,6 +24,8 @@ const METHODS: &str = "omnilife-methods";
 const ATLAS: &str = "omnilife-atlas";
 const RECONSTRUCT: &str = "omnilife-reconstruct";
 const STABILITY: &str = "omnilife-stability";
+const VIDEO: &str = "omnilife-video";
+const TRACKS: &str = "omnilife-tracks";
 const RESULTS: &str = "omnilife-results";
 const BINARY: &str = "omnilife";
 const PYTHON: &str = "omnilife-python";
@@ -74,8 +77,8 @@ fn ours(dependencies: &BTreeSet<String>) -> BTreeSet<&str> {
 fn every_member_has_its_place() {
     let mut known = BTreeSet::from(CRATES);
     known.extend([
-        SCHEMAS, NETWORKS, STEREO, CHARTS, ENGINE, TRAINING, METHODS, ATLAS, STABILITY, RESULTS,
-        BINARY, PYTHON,
+        SCHEMAS, NETWORKS, STEREO, CHARTS, ENGINE, TRAINING, METHODS, ATLAS, STABILITY, VIDEO,
+        TRACKS, RESULTS, BINARY, PYTHON,
     ]);
     let dependencies = dependencies();
     let members: BTreeSet<_> = dependencies.keys().map(String::as_str).collect();
@@ -92,16 +95,20 @@ fn what_all_share_depends_on_no_sibling() {
 #[test]
 fn crates_depend_on_what_they_share_alone() {
     let dependencies = dependencies();
-    for name in [NETWORKS, ENGINE, RESULTS] {
+    for name in [NETWORKS, ENGINE, VIDEO, RESULTS] {
         assert_eq!(
             ours(&dependencies[name]),
             BTreeSet::from([SCHEMAS]),
             "{name}"
         );
     }
+    assert_eq!(
+        ours(&dependencies[TRACKS]),
+        BTreeSet::from([SCHEMAS, NETWORKS, STEREO, VIDEO])
+    );
     for name in CRATES {
         let expected = match name {
-            "omnilife-curate" => BTreeSet::from([SCHEMAS, CHARTS, NETWORKS, STEREO]),
+            "omnilife-curate" => BTreeSet::from([SCHEMAS, CHARTS, NETWORKS, VIDEO, TRACKS]),
             "omnilife-bench" => BTreeSet::from([SCHEMAS, CHARTS, NETWORKS]),
             // Its tests run the numerical cases.
             RECONSTRUCT => BTreeSet::from([SCHEMAS, ENGINE, TRAINING, METHODS, ATLAS, STABILITY]),
@@ -131,7 +138,7 @@ fn the_crates_of_reconstruction_stand_on_each_other() {
 #[test]
 fn the_binary_depends_on_all() {
     let mut expected = BTreeSet::from(CRATES);
-    expected.extend([SCHEMAS, ENGINE, STABILITY]);
+    expected.extend([SCHEMAS, ENGINE, STABILITY, VIDEO, TRACKS]);
     assert_eq!(ours(&dependencies()[BINARY]), expected);
 }
 
@@ -169,7 +176,7 @@ fn scores_and_tables_need_no_graphics() {
 fn packages_that_the_project_is_built_on_are_used() {
     let dependencies = dependencies();
     for (package, user) in [
-        ("ffmpeg-next", "omnilife-curate"),
+        ("ffmpeg-next", VIDEO),
         ("opencv", "omnilife-curate"),
         ("serde", SCHEMAS),
         ("csv", "omnilife-leaderboard"),

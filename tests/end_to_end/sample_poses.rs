@@ -4,7 +4,6 @@
 
 use std::{collections::HashMap, error::Error, path::PathBuf};
 
-use omnilife_curate::video::{Converter, Scaling, VideoReader};
 use omnilife_schemas::{
     Pose,
     camera::{CameraModel, ErpCamera},
@@ -13,6 +12,7 @@ use omnilife_schemas::{
     rgb::Mask,
     store,
 };
+use omnilife_video::{Converter, Scaling, VideoReader};
 
 const CAMERA: ErpCamera = ErpCamera {
     width: 512,

@@ -11,11 +11,8 @@ use omnilife_curate::{
     annotation::tags,
     boundaries::Signals,
     criteria,
-    ground_plane::Plane,
     ledger::formats::{self, Frames},
     origins,
-    tracks::detectors::{self, DetectorInput},
-    video,
 };
 use omnilife_reconstruct::formats::{
     ply,
@@ -24,6 +21,7 @@ use omnilife_reconstruct::formats::{
 use omnilife_schemas::{
     RgbImage,
     frame_scores::FrameScores,
+    ground_plane::Plane,
     image_file::ImageFile,
     npy,
     points::PointCloud,
@@ -34,6 +32,7 @@ use omnilife_schemas::{
     tracked_regions::TrackedRegions,
 };
 use omnilife_sweep::slurm;
+use omnilife_tracks::detectors::{self, DetectorInput};
 
 use crate::samples::{
     PALETTE_MASK, cloud, gaussians, names, spherical_mp4, unchanged, write_scene, write_tracks,
@@ -426,7 +425,7 @@ pub(crate) const FILES: &[Target] = &[
             fs::write(folder.join("a.mp4"), spherical_mp4()).unwrap();
             names(&["a.mp4"])
         },
-        reader: Bytes(|_, bytes| drop(video::count_statements(bytes, 1))),
+        reader: Bytes(|_, bytes| drop(omnilife_video::count_statements(bytes, 1))),
     },
     Target {
         id: "mp4",
@@ -437,7 +436,7 @@ pub(crate) const FILES: &[Target] = &[
             fs::copy(sample, folder.join("a.mp4")).unwrap();
             names(&["a.mp4"])
         },
-        reader: Folder(|input, seed| drop(video::probe(&input.path(seed)))),
+        reader: Folder(|input, seed| drop(omnilife_video::probe(&input.path(seed)))),
     },
 ];
 

@@ -10,7 +10,6 @@ mod drawing;
 mod files;
 mod measures;
 pub(crate) mod rows;
-pub(crate) mod scored;
 mod table;
 mod trace;
 

@@ -12,8 +12,8 @@ use super::{
 };
 use crate::{
     error::BenchError,
+    job::{ScoringJob, View},
     metrics::ViewPair,
-    scoring::job::{ScoringJob, View},
     truth,
 };
 

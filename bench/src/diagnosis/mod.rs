@@ -30,7 +30,7 @@ use self::{
 };
 use crate::{
     error::BenchError,
-    scoring::job::{ScoreRequest, ScoringJob, View, ViewKind},
+    job::{ScoreRequest, ScoringJob, View, ViewKind},
 };
 
 pub use self::{

@@ -13,8 +13,8 @@ use super::{
     shifts,
 };
 use crate::{
+    job::{View, ViewKind},
     metrics::ViewPair,
-    scoring::job::{View, ViewKind},
 };
 
 const WIDTH: usize = 256;

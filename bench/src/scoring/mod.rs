@@ -4,8 +4,7 @@
 //! failures. Every fault of the scene, the split or the disk is an error. Nothing is resized, skipped or replaced to
 //! obtain a score.
 
-mod choice;
-pub(crate) mod job;
+mod curve;
 mod scored_files;
 
 use std::{
@@ -24,20 +23,18 @@ use omnilife_schemas::{
 use rayon::prelude::*;
 
 use crate::{
-    curve::scored,
     diagnosis,
     error::BenchError,
     frames_table,
+    job::{ScoreRequest, ScoringJob, View, ViewKind, ViewOutcome},
     loaded_view::LoadedView,
     lpips::Backbone,
     memory,
     metrics::Need,
-    scoring::job::{ScoringJob, View, ViewKind, ViewOutcome},
-    side_by_side, summary, truth,
+    side_by_side,
+    split::without_content,
+    summary, truth,
 };
-
-pub use choice::MetricChoice;
-pub use job::{DEFAULT_MEMORY_BYTES, Predictions, ScoreRequest};
 
 /// Scores predictions and writes into `request.out`:
 /// * `result.json`: means over the views and every failure;
@@ -89,21 +86,18 @@ pub fn score(request: &ScoreRequest, progress: &dyn Progress) -> Result<ResultRe
         let mut result = summary::result_record(&job, &outcomes);
         result.predictions = Some(scored_files::of_job(&job, &request.out)?);
         job.statement.apply(&mut result);
-        let without_content = outcomes.iter().filter(|one| one.is_truth_single_colour);
-        let without_content = truth::without_content(without_content.map(|one| one.view.frame));
-        for line in truth::mask_notes(&job, &views)?
-            .into_iter()
-            .chain(without_content)
-        {
+        let single_colour = outcomes.iter().filter(|one| one.is_truth_single_colour);
+        let empty = without_content(single_colour.map(|one| one.view.frame));
+        for line in truth::mask_notes(&job, &views)?.into_iter().chain(empty) {
             progress.note(&format!("{label}: {line}"));
-            // A run of ours has told of its masks.
+            // A run of ours has reported its masks.
             if !result.warnings.contains(&line) {
                 result.warnings.push(line);
             }
         }
         let likely_mistakes = diagnosis::of_job(&job, request.memory_bytes)?.warnings();
         result.warnings = [likely_mistakes, result.warnings].concat();
-        let unscored = scored::write_curve(&job, request.memory_bytes, &request.out, progress)?;
+        let unscored = curve::write_curve(&job, request.memory_bytes, &request.out, progress)?;
         result.warnings.extend(unscored.iter().flatten().cloned());
         out.write_record(RESULT_FILE, &result)?;
         write_scoring_record(&request.out, &result_file, started)?;

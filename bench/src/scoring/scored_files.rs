@@ -7,7 +7,7 @@ use omnilife_schemas::{
     store::{self, StoreError},
 };
 
-use super::job::{ScoringJob, ViewKind};
+use crate::job::{ScoringJob, ViewKind};
 use crate::{metrics::Need, prediction::PredictionFolder};
 
 /// Lists the scored files, without those of a failed run.

@@ -6,6 +6,7 @@ use omnilife_schemas::{
     progress::Progress,
     records::{Boundary, VideoAnalysis},
 };
+use omnilife_video::{Converter, Scaling, VideoReader};
 
 use super::{
     Image,
@@ -16,7 +17,6 @@ use crate::{
     boundaries::{Signals, indoor_outdoor},
     error::CurateError,
     jpeg,
-    video::{Converter, Scaling, VideoReader},
 };
 
 /// Content of a page that comes from its video.

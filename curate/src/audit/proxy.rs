@@ -4,12 +4,9 @@ use std::{fs, path::Path};
 
 use base64::{Engine, engine::general_purpose::STANDARD};
 use omnilife_schemas::store::{self, StoreError, Unfinished};
+use omnilife_video::{Projection, Quality, Rgb8Image, ViewVideoWriter};
 
-use crate::{
-    error::CurateError,
-    slicing::{Projection, Quality, ViewVideoWriter},
-    video::Rgb8Image,
-};
+use crate::error::CurateError;
 
 /// Width of the small video at most, pixels.
 pub(super) const WIDTH_PIXELS: u32 = 640;
@@ -57,7 +54,7 @@ impl ProxyWriter {
         let Some(video) = &mut self.video else {
             return Err(CurateError::internal(self.temporary.path(), "no encoder"));
         };
-        video.push(&image.data, seconds - self.first_seconds)
+        Ok(video.push(&image.data, seconds - self.first_seconds)?)
     }
 
     /// Ends the video and moves it into the page, or into the folder `<page>-proxy` beside it under a name made from

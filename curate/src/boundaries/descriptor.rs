@@ -3,12 +3,11 @@
 //! Colours are HSV histograms of four latitude bands, rows weighted by the cosine of their latitude.
 //! A camera that yaws moves colours along the bands and leaves the histograms as they are.
 
+use omnilife_video::Rgb8Image;
 use opencv::{
     core::{Mat, MatTraitConst, MatTraitConstManual},
     imgproc,
 };
-
-use crate::video::Rgb8Image;
 
 const BANDS: usize = 4;
 const HUES: usize = 12;

@@ -14,12 +14,12 @@ use omnilife_schemas::{
     records::{Boundary, BoundaryKind},
     statistics,
 };
+use omnilife_video::{Rgb8Image, Scaling};
 
 use super::{
     Detector, MissingSignal, SignalPass, Signals,
     descriptor::{Descriptor, HISTOGRAM_BINS, correlation, distance},
 };
-use crate::video::{Rgb8Image, Scaling};
 
 /// The detector.
 pub const DETECTOR: Detector = Detector {

@@ -12,9 +12,9 @@
 use std::f32::consts::PI;
 
 use omnilife_schemas::records::{Boundary, BoundaryKind};
+use omnilife_video::{Rgb8Image, Scaling};
 
 use super::{Detector, MissingSignal, SignalPass, Signals};
-use crate::video::{Rgb8Image, Scaling};
 
 /// The detector.
 pub const DETECTOR: Detector = Detector {

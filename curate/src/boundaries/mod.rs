@@ -19,11 +19,9 @@ pub use signals::{MissingSignal, Signals};
 use std::path::Path;
 
 use omnilife_schemas::{records::Boundary, store};
+use omnilife_video::{Rgb8Image, Scaling};
 
-use crate::{
-    error::CurateError,
-    video::{Rgb8Image, Scaling},
-};
+use crate::error::CurateError;
 
 /// A boundary detector.
 pub struct Detector {

@@ -21,10 +21,11 @@
 
 use std::path::Path;
 
+use omnilife_schemas::toml_file;
 use serde::Deserialize;
 
 use super::{Criteria, PROFILES, Thresholds};
-use crate::{error::CurateError, toml_file};
+use crate::error::CurateError;
 
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]

@@ -18,7 +18,16 @@ use omnilife_schemas::records::{
 };
 use serde::Deserialize;
 
-use crate::error::CurateError;
+use crate::error::{CurateError, in_words};
+
+/// Rejection of a video: its image is not monoscopic ERP, whatever the criteria require.
+pub const PROJECTION: &str = "projection";
+/// Rejection of a video: no shot of it is long enough.
+pub const SHOT_LENGTH: &str = "shot-length";
+/// Rejection of a shot: excluded by people.
+pub const LEFT_OUT: &str = "left-out";
+/// Threshold of [`LEFT_OUT`] in tables.
+pub(crate) const LEFT_OUT_THRESHOLD: &str = "what the ledger keeps";
 
 /// Input of a check. Entries of the analysis pass are `None` before it.
 #[derive(Debug, Clone, Copy)]
@@ -185,17 +194,6 @@ pub fn failed(admission: &Admission) -> impl Iterator<Item = &CheckOutcome> {
 pub fn failures(admission: &Admission) -> Option<String> {
     let failed: Vec<&CheckOutcome> = failed(admission).collect();
     (!failed.is_empty()).then(|| in_words(failed))
-}
-
-/// Returns the failed checks with their values and thresholds in one line.
-pub(crate) fn in_words<'a>(failed: impl IntoIterator<Item = &'a CheckOutcome>) -> String {
-    let words = failed.into_iter().map(|check| {
-        format!(
-            "{} is {}, asked for {}",
-            check.check, check.value, check.threshold
-        )
-    });
-    words.collect::<Vec<_>>().join("; ")
 }
 
 fn outcome(check: &Check, passed: bool, value: String, threshold: String) -> CheckOutcome {

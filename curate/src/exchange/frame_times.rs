@@ -6,11 +6,11 @@ use std::{
 };
 
 use super::{
-    ForeignFrame, ForeignScene, ImportRequest, frame_order,
+    ForeignFrame, ForeignScene, ImportRequest,
     scene_folder::{file_name, name_with_folder},
     times,
 };
-use crate::error::CurateError;
+use crate::{error::CurateError, frame_order};
 
 /// Times of frames.
 pub(super) struct FrameTimes {

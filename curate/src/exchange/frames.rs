@@ -49,8 +49,10 @@ use omnilife_schemas::{
 use rayon::prelude::*;
 use serde::Deserialize;
 
-use super::{ForeignFrame, ForeignMask, ForeignScene, Format, Part, Writer, frame_order};
-use crate::{error::CurateError, motion::pinhole_turns::GreyFrame, poses::turns, stills};
+use super::{ForeignFrame, ForeignMask, ForeignScene, Format, Part, Writer};
+use crate::{
+    error::CurateError, frame_order, motion::pinhole_turns::GreyFrame, poses::turns, stills,
+};
 
 /// The format.
 pub const FORMAT: Format = Format {

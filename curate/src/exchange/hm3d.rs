@@ -35,10 +35,9 @@ use omnilife_schemas::{
 use serde::{Deserialize, Serialize};
 
 use super::{
-    ExportScene, ForeignFrame, ForeignMask, ForeignScene, Format, Writer, frame_order,
-    parts::numbered_name,
+    ExportScene, ForeignFrame, ForeignMask, ForeignScene, Format, Writer, parts::numbered_name,
 };
-use crate::{error::CurateError, poses::frame_camera::FrameCamera};
+use crate::{error::CurateError, frame_order, poses::frame_camera::FrameCamera};
 
 /// The format.
 pub const FORMAT: Format = Format {

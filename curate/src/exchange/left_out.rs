@@ -11,7 +11,8 @@ use omnilife_schemas::{
     store::{self, StoreError},
 };
 
-use super::{ForeignScene, frame_order};
+use super::ForeignScene;
+use crate::frame_order;
 
 /// Extensions of images, including kinds that are not read.
 const IMAGES: [&str; 11] = [

@@ -11,7 +11,6 @@ pub mod datasets;
 mod distances;
 mod foreign;
 mod frame_images;
-pub(crate) mod frame_order;
 mod frame_times;
 pub mod frames;
 pub mod hm3d;

@@ -18,7 +18,6 @@ use omnilife_schemas::{
 use super::{
     ForeignFrame, ForeignScene, distances, format,
     frame_images::{FrameImage, UnusualFrames},
-    frame_order,
     frame_times::frame_times,
     left_out,
     own_record::OwnRecord,
@@ -26,6 +25,7 @@ use super::{
 };
 use crate::{
     error::CurateError,
+    frame_order,
     poses::{given, lens::Straightening},
 };
 

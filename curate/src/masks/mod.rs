@@ -20,10 +20,11 @@ use omnilife_schemas::{
     records::{MaskEntry, Masks, Sequence},
     rgb::Mask,
     stage::StagePlan,
+    staging::Staging,
     store,
 };
 
-use crate::{error::CurateError, poses, staging::Staging};
+use crate::{error::CurateError, poses};
 
 /// Source of masks.
 #[derive(Debug, Clone, PartialEq, Eq)]

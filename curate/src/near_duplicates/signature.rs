@@ -10,7 +10,9 @@ use std::{
     f32::consts::{PI, TAU},
 };
 
-use crate::{boundaries::Signals, video::Rgb8Image};
+use omnilife_video::Rgb8Image;
+
+use crate::boundaries::Signals;
 
 /// Width of the images from which signatures are computed, pixels.
 pub(crate) const WIDTH_PIXELS: u32 = 64;

@@ -1,7 +1,8 @@
 //! Blocks between the lines of a grid: detection and extent of a mosaic.
 
+use omnilife_video::LumaImage;
+
 use super::line_profiles::{LineProfiles, Lines, Window, lines};
-use crate::video::LumaImage;
 
 /// Periods of the two directions differ by at most this share, or one pixel's rounding.
 const MOST_PERIOD_DIFFERENCE: f32 = 0.06;

@@ -2,8 +2,7 @@
 //! columns.
 
 use omnilife_schemas::statistics;
-
-use crate::video::LumaImage;
+use omnilife_video::LumaImage;
 
 /// Windows begin and end at multiples of this many pixels.
 pub(super) const STRIP_PIXELS: usize = 16;

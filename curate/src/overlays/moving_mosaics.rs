@@ -10,12 +10,13 @@ use omnilife_schemas::{
     records::{Overlay, OverlayClass, Sightings},
     statistics,
 };
+use omnilife_video::LumaImage;
 
 use super::{
     blocks::{Area, Patch},
     pixelation::{PixelationFinder, margin_pixels},
 };
-use crate::{error::CurateError, video::LumaImage};
+use crate::error::CurateError;
 
 /// Interval of the frames examined at full size, seconds. The cost grows with their pixels: above two million of them
 /// the interval is longer.

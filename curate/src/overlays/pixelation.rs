@@ -5,11 +5,12 @@
 //! those of a mosaic are the means of the hidden content. The blocks of a codec lie on the image's own grid, and all
 //! over the image.
 
+use omnilife_video::LumaImage;
+
 use super::{
     blocks::{Area, Grid, Patch},
     line_profiles::{LineProfiles, STRIP_PIXELS},
 };
-use crate::video::LumaImage;
 
 /// Sides of the search windows, in halves of the smallest one. Each shows blocks of an eighth to a quarter of its side.
 const WINDOW_HALVES: [usize; 5] = [2, 3, 4, 6, 8];

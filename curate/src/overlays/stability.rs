@@ -1,6 +1,6 @@
 //! Per-pixel stability of the image while the scene moves.
 
-use crate::video::Rgb8Image;
+use omnilife_video::Rgb8Image;
 
 /// Interval of the examined frames, seconds: long enough for a walking camera to move the image, short enough for a
 /// caption to last.

@@ -17,6 +17,7 @@ use omnilife_schemas::{
     progress::Progress,
     records::{Scene, Sequence},
     stage::StagePlan,
+    staging::Staging,
     store,
 };
 
@@ -27,7 +28,7 @@ use super::{
     given, masks,
     truth::TruthFiles,
 };
-use crate::{error::CurateError, staging::Staging};
+use crate::error::CurateError;
 
 /// Name of the stage that keeps the files of scenes not made by `curate poses`.
 const OWN_STAGE: &str = "attach";

@@ -10,11 +10,12 @@ use omnilife_schemas::{
     records::{Scene, Sequence},
     rgb::Mask,
     stage::StagePlan,
+    staging::Staging,
     store,
 };
 
 use super::{STAGE, masks};
-use crate::{error::CurateError, staging::Staging};
+use crate::error::CurateError;
 
 /// Outcome of entering masks into a scene.
 #[derive(Debug, Clone, PartialEq, Eq)]

@@ -23,11 +23,12 @@ use omnilife_schemas::{
     placeholders, plain_text,
     progress::Progress,
     records::{DistanceConvention, DistanceGrid, FrameEntry, PoseSource, Scene},
+    staging::Staging,
     store::{self, StoreError},
 };
 
 use super::{frame_list::FrameList, prior::GivenPrior};
-use crate::{error::CurateError, staging::Staging};
+use crate::error::CurateError;
 
 /// Placeholders of a command, each with true if it is a number.
 const PLACEHOLDERS: [(&str, bool); 3] = [("frames", false), ("out", false), ("times", false)];

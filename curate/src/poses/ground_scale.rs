@@ -1,11 +1,10 @@
 //! Scale of a world whose poses leave it open, by known data of the flight.
 
 use glam::DVec3;
-use omnilife_schemas::{Pose, camera::Camera, records::Scale, statistics};
+use omnilife_schemas::{Pose, camera::Camera, ground_plane::Plane, records::Scale, statistics};
 use serde::{Deserialize, Serialize};
 
 use super::PosedSequence;
-use crate::ground_plane::Plane;
 
 /// A known quantity of perspective frames over ground.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]

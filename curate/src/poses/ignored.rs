@@ -8,11 +8,11 @@ use std::{
 
 use omnilife_schemas::{
     layout::IGNORE_MASKS_FOLDER, mask_survey::has_shape, records::SceneFrame, rgb::Mask,
-    stage::StagePlan,
+    stage::StagePlan, staging::Staging,
 };
 
 use super::{frame_list::FrameList, lens::Straightening, masks, truth};
-use crate::{error::CurateError, staging::Staging};
+use crate::error::CurateError;
 
 /// Region outside the scene.
 #[derive(Debug, Clone, PartialEq)]

@@ -1,10 +1,9 @@
 //! Levelling: structure from motion leaves the world's orientation arbitrary.
 
 use glam::{DQuat, DVec3};
-use omnilife_schemas::camera::Camera;
+use omnilife_schemas::{camera::Camera, ground_plane::Plane};
 
 use super::colmap::ColmapModel;
-use crate::ground_plane::Plane;
 
 /// World up after levelling: the world's y points down, as the cameras' does.
 pub const UP: DVec3 = DVec3::NEG_Y;

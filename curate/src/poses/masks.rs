@@ -12,11 +12,12 @@ use omnilife_schemas::{
     plain_text,
     records::{FrameEntry, Sequence},
     rgb::Mask,
+    staging::Staging,
     store,
 };
 
 use super::{ignored::IgnoredPixels, lens::Straightening};
-use crate::{error::CurateError, staging::Staging};
+use crate::error::CurateError;
 
 /// Radius in pixels by which masks grow before features are excluded: outlines of moving objects give features too.
 const GROWTH_PIXELS: usize = 4;

@@ -10,7 +10,6 @@ pub(crate) mod colmap_binary;
 pub(crate) mod colmap_frames;
 mod colmap_text;
 mod entered_masks;
-pub mod error;
 pub mod frame_camera;
 mod frame_list;
 mod frame_programs;
@@ -42,10 +41,11 @@ use omnilife_schemas::{
     progress::Progress,
     records::{PoseConvention, PoseSource, PoseValidation, Scale, Scene, SceneFrame, Sequence},
     stage::{StageOutputs, StagePlan},
+    staging::Staging,
     store,
 };
 
-use crate::{error::CurateError, staging::Staging};
+use crate::error::CurateError;
 pub use attach::{AttachRequest, attach};
 pub use entered_masks::{MasksEntry, enter_masks};
 use frame_camera::FrameCamera;

@@ -11,10 +11,11 @@ use omnilife_schemas::{
     progress::Progress,
     records::{DepthPrior, DistanceConvention, DistanceGrid, FrameEntry, SceneFrame},
     stage::StagePlan,
+    staging::Staging,
 };
 
 use super::masks;
-use crate::{error::CurateError, staging::Staging};
+use crate::error::CurateError;
 
 /// Files of distances, named like the frames.
 #[derive(Debug, Clone, PartialEq)]

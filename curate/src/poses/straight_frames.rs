@@ -3,12 +3,13 @@
 use std::path::Path;
 
 use omnilife_schemas::{
-    layout::STRAIGHT_FRAMES_FOLDER, progress::Progress, records::Sequence, store::StoreError,
+    layout::STRAIGHT_FRAMES_FOLDER, progress::Progress, records::Sequence, staging::Staging,
+    store::StoreError,
 };
 use rayon::prelude::*;
 
 use super::{frame_camera::write_straight, lens::Straightening};
-use crate::{error::CurateError, staging::Staging};
+use crate::error::CurateError;
 
 /// Stages the frames of a sequence; returns their files, relative to its folder.
 ///

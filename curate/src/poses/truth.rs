@@ -19,6 +19,7 @@ use omnilife_schemas::{
     records::{DepthImage, PoseConvention, SceneFrame},
     rgb,
     stage::StagePlan,
+    staging::Staging,
     store,
 };
 
@@ -30,7 +31,7 @@ use super::{
     prior::{GivenPrior, PriorFiles},
     refuse_missing,
 };
-use crate::{error::CurateError, staging::Staging};
+use crate::error::CurateError;
 
 /// The user's files for a sequence's frames, named like the frames.
 #[derive(Debug, Clone, PartialEq, Default)]

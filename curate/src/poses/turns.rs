@@ -12,9 +12,9 @@ use omnilife_schemas::{
 };
 use rayon::prelude::*;
 
-use super::{PosedSequence, error::SfmError, parallax::TURNS_PIXELS, sfm};
+use super::{PosedSequence, parallax::TURNS_PIXELS, sfm};
 use crate::{
-    error::CurateError,
+    error::{CurateError, SfmError},
     motion::pinhole_turns::{GreyFrame, turns},
 };
 

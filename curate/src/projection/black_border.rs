@@ -1,8 +1,9 @@
 //! Black borders: letterboxes, pillarboxes and half spheres.
 
-use super::{ProjectionTest, median_over};
-use crate::video::Rgb8Image;
 use omnilife_schemas::statistics;
+use omnilife_video::Rgb8Image;
+
+use super::{ProjectionTest, median_over};
 
 /// 8-bit level up to which a pixel counts as black: limited-range black with compression noise.
 const BLACK_LEVEL: u8 = 24;

@@ -3,9 +3,10 @@
 //! Two things reveal cube faces. If the layout puts faces beside each other that are no neighbours on the cube, the
 //! image breaks along a straight line. And every edge at the image's border is continued by some edge of another face.
 
-use super::{ProjectionTest, median_over};
-use crate::video::Rgb8Image;
 use omnilife_schemas::statistics;
+use omnilife_video::Rgb8Image;
+
+use super::{ProjectionTest, median_over};
 
 /// Columns and rows of the tested layouts. 3x2 is that of EAC and of most cube maps.
 const LAYOUTS: [(usize, usize); 4] = [(3, 2), (6, 1), (1, 6), (2, 3)];

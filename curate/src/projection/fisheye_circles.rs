@@ -1,10 +1,11 @@
 //! Detection of fisheye circles: black around them, or two of them that see the same rim.
 
-use omnilife_schemas::statistics;
 use std::f64::consts::TAU;
 
+use omnilife_schemas::statistics;
+use omnilife_video::Rgb8Image;
+
 use super::{ProjectionTest, black_border::is_black, median_over};
-use crate::video::Rgb8Image;
 
 /// Tested radii, as shares of half the image (of half of each half for two circles): from this to 1 in so many steps.
 const SMALLEST_RADIUS: f64 = 0.8;

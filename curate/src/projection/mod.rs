@@ -24,8 +24,7 @@ use omnilife_schemas::{
     records::{DetectedProjection, Evidence, Probe, SphereTurn, VideoProjection},
     statistics,
 };
-
-use crate::video::Rgb8Image;
+use omnilife_video::Rgb8Image;
 
 /// One measurement for the projection.
 pub struct ProjectionTest {

@@ -1,8 +1,9 @@
 //! Test of the outermost rows for poles: single points of the sphere.
 
-use super::{ProjectionTest, median_over};
-use crate::video::Rgb8Image;
 use omnilife_schemas::statistics;
+use omnilife_video::Rgb8Image;
+
+use super::{ProjectionTest, median_over};
 
 /// Spread, in 8-bit levels, of the middle rows below which an image is too plain to compare with.
 const LEAST_SPREAD_LEVELS: f64 = 1.5;

@@ -1,6 +1,6 @@
 //! Frames of a video that are sampled for its projection.
 
-use crate::video::Rgb8Image;
+use omnilife_video::Rgb8Image;
 
 /// At this many frames every other one is dropped.
 const MOST: usize = 24;

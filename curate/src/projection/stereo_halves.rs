@@ -1,8 +1,9 @@
 //! Test for two halves of the image with the same scene.
 
-use super::{ProjectionTest, median_over};
-use crate::video::Rgb8Image;
 use omnilife_schemas::statistics;
+use omnilife_video::Rgb8Image;
+
+use super::{ProjectionTest, median_over};
 
 /// Size of the compared blocks in pixels.
 const BLOCK_WIDTH: usize = 32;

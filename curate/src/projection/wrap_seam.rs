@@ -1,10 +1,11 @@
 //! Test for continuity across the left and right edge.
 
-use omnilife_schemas::statistics;
 use std::f64::consts::PI;
 
+use omnilife_schemas::statistics;
+use omnilife_video::Rgb8Image;
+
 use super::{ProjectionTest, median_over};
-use crate::video::Rgb8Image;
 
 /// Differences, in 8-bit levels, between far and neighbouring columns below which an image is too plain for the test.
 const LEAST_CONTRAST_LEVELS: f64 = 1.5;

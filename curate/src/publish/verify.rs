@@ -13,7 +13,7 @@ use omnilife_schemas::{
 use serde::Deserialize;
 
 use super::{Statistics, checksums, croissant, derived_files, shards};
-use crate::{error::CurateError, video};
+use crate::error::CurateError;
 
 /// Segments meet where they differ by no more than this, seconds: they are the same numbers,
 /// written and read once.
@@ -260,7 +260,7 @@ fn check_partition(slices: &Slices, name: &str, faults: &mut Faults) {
 
 fn check_slice(folder: &Path, slice: &SliceFile, duration_seconds: f64, faults: &mut Faults) {
     let path = folder.join(&slice.file);
-    let Some(probe) = faults.note(video::probe(&path)) else {
+    let Some(probe) = faults.note(omnilife_video::probe(&path)) else {
         return;
     };
     let frame = 1.0 / probe.frames_per_second.max(1.0);

@@ -1,6 +1,6 @@
 //! Measures of one frame that tell a scene from a single colour and from text on one.
 
-use crate::video::Rgb8Image;
+use omnilife_video::Rgb8Image;
 
 /// Means of luma are over cells of a 128th of the width, so that noise does not count as contrast.
 const CELLS_ACROSS: usize = 128;

@@ -189,9 +189,9 @@ pub(crate) fn outcomes(rejected: &[RejectedShot]) -> Vec<CheckOutcome> {
 #[cfg(test)]
 mod tests {
     use omnilife_schemas::records::Probe;
+    use omnilife_video::Rgb8Image;
 
     use super::*;
-    use crate::video::Rgb8Image;
 
     fn image(level: impl Fn(usize, usize) -> u8) -> Rgb8Image {
         let (width, height) = (128, 64);

@@ -9,13 +9,13 @@ use omnilife_schemas::{
     records::{Probe, TimeRange},
     statistics,
 };
+use omnilife_video::Rgb8Image;
 
 use super::content::Content;
 use crate::{
     boundaries::Signals,
     error::CurateError,
     projection::{FRAME_TESTS, Proof, measure_frame, proof},
-    video::Rgb8Image,
 };
 
 /// Interval of the samples, seconds: a shot of a second has two at any rate from 10 frames per second on.

@@ -5,16 +5,17 @@ use std::path::Path;
 use ffmpeg::{Packet, Rational, codec, encoder, format::context::Output, media};
 use ffmpeg_next as ffmpeg;
 use omnilife_schemas::{progress::Progress, store::Unfinished};
-
-use super::{
-    SliceRequest, SliceSettings, SliceSource,
-    audio::{AudioCopy, AudioTrack, clear_codec_tag},
-    encode::audio_for,
-    mp4::{Projection, close_output, create_output, unwritable},
+use omnilife_video::{
+    Orientation, Projection, VideoError, open_container,
     packets::{PacketTable, Run},
-    spherical_boxes::Orientation,
+    writing::{
+        audio::{AudioCopy, AudioTrack, clear_codec_tag},
+        mp4::{close_output, create_output},
+    },
 };
-use crate::{error::CurateError, video::open_container};
+
+use super::{SliceRequest, SliceSettings, SliceSource, encode::audio_for};
+use crate::error::CurateError;
 
 /// Copies runs of packets, in one pass over the source. `runs` are in order of time and name their request.
 pub(super) fn copy_runs(
@@ -118,7 +119,7 @@ impl CopiedSlice {
             .map_err(internal)?;
         output
             .write_header()
-            .map_err(|error| unwritable(path, error))?;
+            .map_err(|error| VideoError::unwritable(path, error))?;
         Ok(Self {
             path: path.to_owned(),
             output: Some(output),
@@ -159,7 +160,7 @@ impl CopiedSlice {
         packet.set_stream(0);
         packet
             .write_interleaved(output)
-            .map_err(|error| unwritable(&self.path, error))
+            .map_err(|error| VideoError::unwritable(&self.path, error).into())
     }
 
     fn close(mut self, orientation: Orientation) -> Result<(), CurateError> {
@@ -176,5 +177,6 @@ impl CopiedSlice {
             Projection::Equirectangular,
             orientation,
         )
+        .map_err(CurateError::from)
     }
 }

@@ -3,16 +3,16 @@
 use ffmpeg::{Rational, frame};
 use ffmpeg_next as ffmpeg;
 use omnilife_schemas::progress::Progress;
+use omnilife_video::{
+    Colour, PixelFormat, Projection, Quality, VideoReader,
+    writing::{
+        audio::AudioTrack,
+        mp4::{Mp4Encoder, VideoFormat},
+    },
+};
 
-use super::{
-    SliceRequest, SliceSettings, SliceSource,
-    audio::AudioTrack,
-    mp4::{Mp4Encoder, Projection, Quality, VideoFormat},
-};
-use crate::{
-    error::CurateError,
-    video::{Colour, PixelFormat, VideoReader},
-};
+use super::{SliceRequest, SliceSettings, SliceSource};
+use crate::error::CurateError;
 
 /// Encodes the requests named by `which` (in order of time), in one pass over the source.
 pub(super) fn encode_slices(

@@ -1,22 +1,17 @@
 //! From boundaries to slices: the kept segments of a video, and an mp4 of each of them.
 //!
 //! [`partition`] divides the whole of a video into kept shots and other segments. [`slice_video`] writes the kept ones
-//! as mp4, frame-accurately by presentation timestamp and with spherical metadata ([`spherical_boxes`]), so that
-//! players show them as 360-degree video.
+//! as mp4, frame-accurately by presentation timestamp and with spherical metadata
+//! ([`omnilife_video::writing::spherical_boxes`]), so that players show them as 360-degree video.
 //!
 //! A slice is a stream copy if its frames are a run of independently decodable packets ([`packets`]). Everything else
 //! is re-encoded whole, visually lossless ([`mp4`]). Joining re-encoded ends to a copied middle would keep more of the
 //! original bits. But it puts two sets of codec parameters into one track, which many hardware decoders do not play.
 
-mod audio;
 mod copy;
 mod encode;
-pub mod mp4;
-pub mod packets;
 pub mod partition;
-pub mod spherical_boxes;
 mod stage;
-pub mod view_video;
 
 use std::path::{Path, PathBuf};
 
@@ -27,17 +22,18 @@ use omnilife_schemas::{
     statistics::frame_interval,
     store::{self, StoreError, Unfinished},
 };
+use omnilife_video::{
+    Orientation, VideoReader,
+    packets::{self, PacketTable},
+    probe,
+    writing::{audio, mp4},
+};
 
-pub use mp4::Projection;
-pub(crate) use mp4::Quality;
 pub use partition::{Shots, segments, shots};
-pub use spherical_boxes::Orientation;
 pub(crate) use stage::remove_slices;
 pub use stage::{SliceSettings, write_slices};
-pub use view_video::ViewVideoWriter;
 
-use crate::{error::CurateError, video::VideoReader};
-use packets::PacketTable;
+use crate::error::CurateError;
 
 /// One slice to be written.
 #[derive(Debug, Clone)]
@@ -74,9 +70,8 @@ impl SliceSource<'_> {
 /// intervals.
 ///
 /// # Errors
-/// [`CurateError::Video`] when the source does not decode the same way again,
-/// [`CurateError::Internal`] when FFmpeg has no encoder or a slice comes out wrong,
-/// [`CurateError::Store`] when a file cannot be written.
+/// [`CurateError::Video`] when the source does not decode the same way again, FFmpeg has no encoder or a file cannot
+/// be written, [`CurateError::Internal`] when a slice comes out wrong.
 pub fn slice_video(
     source: &SliceSource<'_>,
     requests: &[SliceRequest],
@@ -138,7 +133,7 @@ pub fn slice_segment(
     progress: &dyn Progress,
 ) -> Result<SliceFile, CurateError> {
     refuse_existing(out)?;
-    let probe = crate::video::probe(video)?;
+    let probe = probe(video)?;
     let times = PacketTable::scan(video)?.times();
     let Some(&last) = times.last() else {
         return Err(CurateError::video(video, "its packets have no timestamps"));

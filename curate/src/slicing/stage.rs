@@ -7,12 +7,13 @@ use omnilife_schemas::{
     progress::Progress,
     records::{SegmentOutcome, Slices, VideoAnalysis},
     stage::StagePlan,
+    staging::Staging,
     store::{self, StoreError},
 };
 use serde::{Deserialize, Serialize};
 
 use super::{Shots, SliceRequest, SliceSource, segments, slice_video};
-use crate::{error::CurateError, staging::Staging};
+use crate::error::CurateError;
 
 /// Name of the stage.
 const STAGE: &str = "slices";

@@ -12,14 +12,14 @@ use omnilife_schemas::{
     records::{CheckOutcome, FisheyeCircle, Probe, SphereLayout},
     statistics,
 };
+use omnilife_video::{Converter, Rgb8Image, Scaling, VideoReader};
 use rayon::prelude::*;
 
 use super::places::Lens;
 use crate::{
-    attrition,
+    criteria,
     error::CurateError,
     projection::{FrameSamples, black_border::is_black, fisheye_circles::without_local_mean},
-    video::{Converter, Rgb8Image, Scaling, VideoReader},
 };
 
 /// Width of the examined frames, pixels: finer than a quarter of a degree.
@@ -66,7 +66,7 @@ pub(crate) fn estimated_dual_fisheye(
     }
     estimate(samples.images()).map_err(|reason| {
         let check = CheckOutcome {
-            check: attrition::PROJECTION.to_owned(),
+            check: criteria::PROJECTION.to_owned(),
             passed: false,
             value: reason.clone(),
             threshold: "two fisheye lenses".to_owned(),

@@ -14,10 +14,10 @@ use omnilife_schemas::{
     records::{DetectedProjection, FisheyeCircle, Probe, SphereLayout, VideoProjection},
     rgb::Mask,
 };
+use omnilife_video::Rgb8Image;
 
 pub(crate) use lens_estimate::estimated_dual_fisheye;
 
-use crate::video::Rgb8Image;
 use sampler::SphereSampler;
 
 /// Two lenses with the least possible field of view: no others have a wider sphere in as many pixels.

@@ -7,10 +7,10 @@ use omnilife_schemas::{
     records::SphereLayout,
     rgb::Mask,
 };
+use omnilife_video::Rgb8Image;
 use rayon::prelude::*;
 
 use super::{erp_width, places};
-use crate::video::Rgb8Image;
 
 /// Rays along a side of a pixel at most.
 const MOST_RAYS: usize = 4;

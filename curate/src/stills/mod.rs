@@ -9,7 +9,7 @@ use std::path::{Path, PathBuf};
 
 use omnilife_schemas::{image_file::ImageFile, plain_text, records::Capture, store};
 
-use crate::{error::CurateError, exchange::frame_order};
+use crate::{error::CurateError, frame_order};
 pub(crate) use placement::Placement;
 pub(crate) use sequence::{are_panoramas, curate, identify};
 

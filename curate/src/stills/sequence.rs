@@ -21,14 +21,16 @@ use omnilife_schemas::{
     },
     rgb,
     stage::StagePlan,
+    staging::Staging,
     statistics::frame_interval,
     store::{self, StoreError},
 };
+use omnilife_video::Rgb8Image;
 
 use super::{SECONDS_APART, Still, Stills, sha256};
 use crate::{
-    admission, error::CurateError, exchange::frame_order, frames, pipeline, projection, sequences,
-    settings::CurateSettings, staging::Staging, video::Rgb8Image,
+    admission, error::CurateError, frame_order, frames, projection, sequences,
+    settings::CurateSettings, video_folder,
 };
 
 /// Width in pixels of the images from which the projection is judged.
@@ -81,7 +83,7 @@ pub(crate) fn curate(
     for note in stills.notes.iter().chain([&stills.times_note]) {
         progress.note(&format!("{}: {note}", input.display()));
     }
-    pipeline::claim(input, folder, source)?;
+    video_folder::claim(input, folder, source)?;
     let _lock = FolderLock::take(folder, progress)?;
     let analysis = analyse(&stills, source)?;
     let projection =

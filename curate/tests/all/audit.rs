@@ -12,7 +12,6 @@ use omnilife_curate::{
     audit::{self, EMBEDDED_BYTES, PageRequest},
     curate_dataset, ledger,
     slicing::SliceSettings,
-    video,
 };
 use omnilife_schemas::{
     progress::Silent,
@@ -123,7 +122,7 @@ fn a_large_video_lies_beside_its_page() {
     let folder = temp.path().join("my audit-proxy");
     let files = store::paths_in(&folder).unwrap();
     assert_eq!(files.len(), 1, "{files:?}");
-    let probe = video::probe(&files[0]).unwrap();
+    let probe = omnilife_video::probe(&files[0]).unwrap();
     assert_eq!((probe.width, probe.height), (256, 128));
     assert!((probe.duration_seconds - 6.4).abs() < 0.05, "{probe:?}");
     let html = fs::read_to_string(&page).unwrap();
@@ -248,7 +247,7 @@ fn an_annotator_cuts_and_labels_in_a_browser_and_slices_follow() {
         .collect();
     assert_eq!(left_out, [120], "a segment that is left out");
     for (begin, end, _, file) in &kept {
-        let probe = video::probe(file).unwrap();
+        let probe = omnilife_video::probe(file).unwrap();
         let duration = probe.duration_seconds;
         assert!((duration - (end - begin)).abs() < 0.01, "{duration}");
     }

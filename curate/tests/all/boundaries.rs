@@ -2,11 +2,9 @@
 
 use std::path::Path;
 
-use omnilife_curate::{
-    boundaries::{DETECTORS, Signals},
-    video::Rgb8Image,
-};
+use omnilife_curate::boundaries::{DETECTORS, Signals};
 use omnilife_schemas::records::{Boundary, BoundaryKind};
+use omnilife_video::Rgb8Image;
 use support::{erp_direction, world_colour};
 
 use crate::support;

@@ -5,13 +5,14 @@
 
 use std::{fs, path::Path};
 
-use omnilife_curate::tracks::{
+use omnilife_tracks::{
     appearance::{
         self, Crop, embedding,
         network::{LENGTH, Network},
     },
     association::deepsort::associate,
 };
+
 use serde::Deserialize;
 
 #[derive(Deserialize)]

@@ -3,7 +3,6 @@
 use std::{fs, path::Path};
 
 use glam::{DMat3, DQuat, DVec3, dvec2, dvec3};
-use omnilife_curate::dense::{DenseRequest, make_dense};
 use omnilife_schemas::{
     Classified, ErrorKind, Pose,
     camera::{Camera, CameraModel, ErpCamera, PinholeCamera},
@@ -18,6 +17,7 @@ use omnilife_schemas::{
     scene_points::ScenePoints,
     store,
 };
+use omnilife_tracks::dense::{DenseRequest, make_dense};
 
 const SIZE: [u32; 2] = [160, 120];
 const HEIGHT: f64 = 30.0;

@@ -5,15 +5,13 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use omnilife_curate::{
-    CurateSettings, analysis, boundaries, curate_video,
-    video::{Converter, Scaling, VideoReader, probe},
-};
+use omnilife_curate::{CurateSettings, analysis, boundaries, curate_video};
 use omnilife_schemas::{
     progress::Silent,
     records::{Sampling, Sequence, VideoProjection},
     store,
 };
+use omnilife_video::{Converter, Scaling, VideoReader, probe};
 use support::erp_clip;
 
 use crate::support;

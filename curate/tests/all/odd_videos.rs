@@ -2,10 +2,9 @@
 
 use std::{fs, path::Path, process::Command};
 
-use omnilife_curate::{
-    CurateError, CurateSettings, analysis::timed_probe, curate_video, video::probe,
-};
+use omnilife_curate::{CurateSettings, analysis::timed_probe, curate_video};
 use omnilife_schemas::{Classified, ErrorKind, progress::Silent, records::VideoProjection};
+use omnilife_video::{VideoError, probe};
 use support::{Clip, erp_clip, erp_direction, world_colour};
 
 use crate::support;
@@ -120,7 +119,7 @@ fn a_matrix_that_mirrors_is_no_turn() {
         with_matrix(&video, matrix, &changed);
         match (probe(&changed), degrees) {
             (Ok(found), Some(degrees)) => assert_eq!(found.rotation_degrees, degrees),
-            (Err(error @ CurateError::Video { .. }), None) => {
+            (Err(error @ VideoError::Unusable { .. }), None) => {
                 assert!(error.to_string().contains("mirrors"), "{error}");
             }
             (found, expected) => panic!("{matrix:?}: {found:?}, and not {expected:?}"),

@@ -2,17 +2,14 @@
 
 use std::{fs, path::Path};
 
-use omnilife_curate::{
-    CurateError, CurateSettings, curate_video,
-    slicing::SliceSettings,
-    video::{VideoReader, probe},
-};
+use omnilife_curate::{CurateError, CurateSettings, curate_video, slicing::SliceSettings};
 use omnilife_schemas::{
     progress::Silent,
     records::{BoundaryKind, BoundaryLedger, Sampling, Sequence, VideoAnalysis, VideoProjection},
     store,
     testing::Notes,
 };
+use omnilife_video::{VideoReader, probe};
 use support::{Clip, TICK_SECONDS, erp_clip, erp_direction, world_colour};
 
 use crate::support;

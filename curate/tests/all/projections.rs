@@ -1,10 +1,8 @@
 //! The ERP projection on images whose projection is known because they are made here.
 
-use omnilife_curate::{
-    projection::{TESTS, judge},
-    video::Rgb8Image,
-};
+use omnilife_curate::projection::{TESTS, judge};
 use omnilife_schemas::records::{Probe, SphericalMetadata, VideoProjection};
+use omnilife_video::Rgb8Image;
 use support::{erp_direction, world_colour};
 
 use crate::support;

@@ -5,10 +5,8 @@ use std::{path::Path, process::Command};
 use omnilife_curate::{
     projection,
     slicing::{
-        Orientation, Projection, SliceRequest, SliceSettings, SliceSource, ViewVideoWriter, shots,
-        slice_segment, slice_video, write_slices,
+        SliceRequest, SliceSettings, SliceSource, shots, slice_segment, slice_video, write_slices,
     },
-    video::{Converter, Scaling, VideoReader, probe},
 };
 use omnilife_schemas::{
     progress::Silent,
@@ -17,6 +15,9 @@ use omnilife_schemas::{
         VideoAnalysis,
     },
     testing::Notes,
+};
+use omnilife_video::{
+    Converter, Orientation, Projection, Scaling, VideoReader, ViewVideoWriter, probe,
 };
 use support::{Clip, erp_direction, shared_data, world_colour};
 

@@ -8,8 +8,7 @@ use std::{
 
 use omnilife_curate::{
     CurateSettings, curate_video,
-    slicing::{Orientation, SliceSettings, slice_segment, spherical_boxes::mark_equirectangular},
-    video::probe,
+    slicing::{SliceSettings, slice_segment},
 };
 use omnilife_schemas::{
     progress::Silent,
@@ -17,6 +16,7 @@ use omnilife_schemas::{
     store,
     testing::Notes,
 };
+use omnilife_video::{Orientation, probe, writing::spherical_boxes::mark_equirectangular};
 use support::erp_clip;
 
 use crate::support;

@@ -6,8 +6,9 @@ use super::{common_notes, mark_classes, published_lpips, published_metrics};
 use crate::{
     class::MethodClass,
     format::PUBLISHED_LPIPS,
-    group::{Group, MethodRow, ViewKind, WITHOUT},
+    group::{Group, MethodRow, WITHOUT},
     published::{Paper, PublishedLayout, published_rows},
+    quantity::ViewKind,
     table::{Cell, Column, Mark, Row, Table, cost_cells, cost_columns, method_score},
 };
 

@@ -8,8 +8,8 @@ use omnilife_schemas::records::{Asset, AssetLevel, Direction, ResultRecord};
 use crate::{
     assets::FoundAsset,
     format,
-    group::ViewKind,
     published::{NOT_COMPARABLE, Paper, PublishedTable},
+    quantity::ViewKind,
     table::{Cell, Column, Mark, PublishedBlock, Row, Table},
 };
 

@@ -9,8 +9,9 @@ use super::{common_notes, left_out, main_methods, order::better_first, published
 use crate::{
     class::MethodClass,
     format,
-    group::{Group, MethodRow, ViewKind, place},
+    group::{Group, MethodRow, place},
     published::{Paper, PublishedLayout, published_rows},
+    quantity::ViewKind,
     table::{Cell, Column, Holds, Mark, Row, Table, mark_standings},
 };
 

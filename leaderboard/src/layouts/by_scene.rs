@@ -7,8 +7,9 @@ use omnilife_schemas::records::{Direction, ResultRecord};
 use super::{best_first, mark_notes, order_in_words, published_metrics, remarks_of};
 use crate::{
     class::MethodClass,
-    group::{Group, MethodRow, SceneRow, ViewKind},
+    group::{Group, MethodRow, SceneRow},
     numbers::Numbers,
+    quantity::ViewKind,
     table::{Cell, Column, Mark, Row, Table, cost_cells, mark_standings},
 };
 

@@ -2,8 +2,9 @@
 
 use super::views;
 use crate::{
-    group::{Group, ViewKind},
+    group::Group,
     published::{Paper, PublishedLayout},
+    quantity::ViewKind,
     table::Table,
 };
 

@@ -12,10 +12,12 @@ mod views;
 use std::collections::BTreeSet;
 
 use crate::{
-    class::{MethodClass, has_unusual_budget, usual_iterations},
+    budget::{has_unusual_budget, usual_iterations},
+    class::MethodClass,
     format::{self, PUBLISHED_LPIPS},
-    group::{Group, MethodRow, Quantity, ViewKind},
+    group::{Group, MethodRow},
     published::Paper,
+    quantity::{Quantity, ViewKind},
     remarks::Remarks,
     table::{Column, Holds, Mark, Row, STATED_MARK, Table, mark_standings},
 };

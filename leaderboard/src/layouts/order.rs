@@ -7,8 +7,9 @@ use omnilife_schemas::records::Direction;
 use super::main_methods;
 use crate::{
     format,
-    group::{Group, MethodRow, ViewKind},
+    group::{Group, MethodRow},
     numbers::Numbers,
+    quantity::ViewKind,
 };
 
 /// Returns the score by which methods are ranked: PSNR of novel views, the only one that all papers print.

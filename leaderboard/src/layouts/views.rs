@@ -5,10 +5,12 @@ use super::{
     published_metrics, ranked_by, standings,
 };
 use crate::{
-    class::{MethodClass, has_unusual_budget, usual_iterations},
+    budget::{has_unusual_budget, usual_iterations},
+    class::MethodClass,
     format::PUBLISHED_LPIPS,
-    group::{Group, MethodRow, ViewKind},
+    group::{Group, MethodRow},
     published::{Paper, PublishedLayout, published_rows},
+    quantity::ViewKind,
     table::{Cell, Column, Mark, Row, Table, cost_cells, cost_columns, method_rank, method_score},
 };
 

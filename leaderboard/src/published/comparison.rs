@@ -3,7 +3,7 @@
 use super::{Paper, PublishedCell, PublishedRow, PublishedTable};
 use crate::{
     format::slug,
-    group::ViewKind,
+    quantity::ViewKind,
     table::{Cell, Column, Holds, PublishedBlock, Row, Score, Standing},
 };
 

@@ -6,7 +6,6 @@ use omnilife_schemas::{plain_text::for_spreadsheet, store::StoreError};
 
 use crate::{
     class::MethodClass,
-    format,
     table::{Cell, Row, Score, Standing, Table},
 };
 
@@ -135,7 +134,7 @@ fn fields(cell: &Cell) -> Option<[String; 7]> {
             ]
         }
         Cell::Text(_) => {
-            let text = for_spreadsheet(&format::plain(cell)).into_owned();
+            let text = for_spreadsheet(&cell.plain()).into_owned();
             [empty(), empty(), empty(), empty(), empty(), empty(), text]
         }
     })

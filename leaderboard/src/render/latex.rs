@@ -97,16 +97,16 @@ fn cells(row: &Row) -> Vec<String> {
 
 fn cell(cell: &Cell) -> String {
     let Cell::Score(score) = cell else {
-        return escape(&format::plain(cell));
+        return escape(&cell.plain());
     };
-    let value = format::value(score);
+    let value = score.value();
     let value = match score.standing {
         Standing::Best => format!("\\textbf{{{value}}}"),
         Standing::Second => format!("\\underline{{{value}}}"),
         Standing::Other => value,
     };
     match score.interval {
-        Some(_) => format!("{value} {{\\scriptsize{}}}", format::interval(score)),
+        Some(_) => format!("{value} {{\\scriptsize{}}}", score.interval()),
         None => value,
     }
 }

@@ -5,7 +5,6 @@ use omnilife_schemas::plain_text::for_markdown;
 use super::{headings, marked_names};
 use crate::{
     class::MethodClass,
-    format,
     table::{Cell, Row, Standing, Table},
 };
 
@@ -66,9 +65,9 @@ fn cells(row: &Row, columns: &[usize]) -> Vec<String> {
 
 fn cell(cell: &Cell) -> String {
     let Cell::Score(score) = cell else {
-        return for_markdown(&format::plain(cell));
+        return for_markdown(&cell.plain());
     };
-    let (value, interval) = (format::value(score), format::interval(score));
+    let (value, interval) = (score.value(), score.interval());
     match score.standing {
         Standing::Best => format!("**{value}**{interval}"),
         Standing::Second => format!("*{value}*{interval}"),

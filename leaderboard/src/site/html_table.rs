@@ -354,16 +354,16 @@ fn measured_cell(cell: &Cell, later: bool, reason: &str) -> Markup {
 
 fn content(cell: &Cell) -> Markup {
     let Cell::Score(score) = cell else {
-        return html! { (format::plain(cell)) };
+        return html! { (cell.plain()) };
     };
-    let value = format::value(score);
+    let value = score.value();
     html! {
         @match score.standing {
             Standing::Best => b title="best" { (value) },
             Standing::Second => u title="second best" { (value) },
             Standing::Other => (value),
         }
-        @if score.interval.is_some() { small { (format::interval(score)) } }
+        @if score.interval.is_some() { small { (score.interval()) } }
     }
 }
 

@@ -13,7 +13,8 @@ use super::{
     method_cards, panorama, run_time, scene_file, scene_page, unique_slug,
 };
 use crate::{
-    class::{self, MethodClass},
+    budget,
+    class::MethodClass,
     error::LeaderboardError,
     format,
     group::{Group, MethodRow, SceneRow},
@@ -158,7 +159,7 @@ fn standing(group: &Group<'_>, method: &MethodRow<'_>) -> Markup {
     let missing: Vec<&str> = missing.filter(|scene| !has_result(scene)).collect();
     html! {
         "Class: " (method.class.title().to_lowercase())
-        @if let Some(iterations) = class::iterations(method).filter(|&count| count > 0) {
+        @if let Some(iterations) = budget::iterations(method).filter(|&count| count > 0) {
             ", " (format::counted(iterations as usize, "iteration"))
         }
         ". "

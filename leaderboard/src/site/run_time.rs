@@ -13,11 +13,8 @@ use super::{
     mean_curve,
 };
 use crate::{
-    class::MethodClass,
-    error::LeaderboardError,
-    format,
-    group::{Group, ViewKind},
-    layouts::standings,
+    class::MethodClass, error::LeaderboardError, format, group::Group, layouts::standings,
+    quantity::ViewKind,
 };
 
 /// The metric of the charts.

@@ -8,8 +8,9 @@ use omnilife_results::SceneFacts;
 use super::{SceneViews, SiteRequest, comparisons::ComparisonImage, scene_file};
 use crate::{
     format,
-    group::{SceneRow, ViewKind},
+    group::SceneRow,
     layouts::{best_first, ranked_by},
+    quantity::ViewKind,
 };
 
 /// Number of scenes above which the cards have no views: the page would load as many images.

@@ -11,14 +11,16 @@ use super::{
     method_page,
 };
 use crate::{
-    class::{MethodClass, has_unusual_budget, usual_iterations},
+    budget::{has_unusual_budget, usual_iterations},
+    class::MethodClass,
     format::{self, PUBLISHED_LPIPS},
-    group::{Group, MethodRow, Quantity, ViewKind},
+    group::{Group, MethodRow},
     layouts::{
         common_notes, mark_classes, order_in_words, published_lpips, published_metrics, ranked_by,
         standings, variants_note,
     },
     published::{Paper, PublishedLayout, published_rows},
+    quantity::{Quantity, ViewKind},
     remarks,
     table::{Cell, Column, Mark, Row, Table, cost_cells, cost_columns, method_rank, method_score},
 };
@@ -173,7 +175,7 @@ fn table(
         marks.extend(has_unusual_budget(method, usual).then_some(Mark::OtherBudget));
         Row {
             names: vec![
-                format::plain(&method_rank(method, ranked)),
+                method_rank(method, ranked).plain(),
                 method.method.to_owned(),
             ],
             cells,
@@ -219,7 +221,7 @@ fn detail(
     verification: Option<&Verification>,
 ) -> Option<String> {
     let rows: Vec<_> = group.rows_of(method.method).collect();
-    let iterations = crate::class::iterations(method).filter(|&iterations| iterations > 0);
+    let iterations = crate::budget::iterations(method).filter(|&iterations| iterations > 0);
     let budget = iterations.map(|count| format::counted(count as usize, "iteration"));
     let (found, all) = (method.scenes, group.scenes.len());
     let scenes = (found < all).then(|| format!("{found} of {all} scenes"));

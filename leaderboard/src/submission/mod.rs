@@ -12,7 +12,7 @@ mod verify;
 use std::{fs, path::Path};
 
 use omnilife_schemas::{
-    layout::RESULT_FILE,
+    layout::{RESULT_FILE, SUBMISSION_FILE, VERIFICATION_FILE},
     records::SubmittedFile,
     store::{self, StoreError},
 };
@@ -23,11 +23,6 @@ use pack::submission_error;
 pub use add::add;
 pub use pack::{PackRequest, pack, read_card};
 pub use verify::{Verified, verify};
-
-/// Name of the record in a submission's folder.
-pub const SUBMISSION_FILE: &str = "submission.json";
-/// Name of the verification record beside an accepted submission.
-pub const VERIFICATION_FILE: &str = "verified.json";
 
 /// Returns all files below a folder, relative to it, sorted.
 ///

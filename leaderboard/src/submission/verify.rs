@@ -15,7 +15,7 @@ use omnilife_schemas::{
 };
 
 use super::{RESULT_FILE, SUBMISSION_FILE, described, files_below, pack::submission_error, size};
-use crate::{error::LeaderboardError, group::ViewKind, validate};
+use crate::{error::LeaderboardError, quantity::ViewKind, validate};
 
 /// Largest relative difference of a mean from that of its views: both are f64 sums, in any order.
 const TOLERANCE: f64 = 1e-9;

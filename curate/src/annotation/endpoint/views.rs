@@ -7,8 +7,9 @@ use omnilife_schemas::{
     camera::cube::{CUBE_FACES, side_of_equal_resolution},
     records::Sequence,
 };
+use omnilife_video::Rgb8Image;
 
-use crate::{error::CurateError, exchange::face_image, jpeg, video::Rgb8Image};
+use crate::{error::CurateError, exchange::face_image, jpeg};
 
 /// Moments that are shown at most, spread evenly over the sequence.
 const MOMENTS: usize = 4;

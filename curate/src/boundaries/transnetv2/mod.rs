@@ -9,13 +9,11 @@ use std::collections::VecDeque;
 
 use omnilife_networks::{Weights, WeightsError};
 use omnilife_schemas::records::{Boundary, BoundaryKind};
+use omnilife_video::{Rgb8Image, Scaling};
 
 use self::network::{FrameScores, HEIGHT, IMAGE_BYTES, KEPT, Network, WIDTH, WINDOW};
 use super::{Detector, MissingSignal, SignalPass, Signals};
-use crate::{
-    error::CurateError,
-    video::{Rgb8Image, Scaling},
-};
+use crate::error::CurateError;
 
 /// The detector.
 pub const DETECTOR: Detector = Detector {

@@ -30,9 +30,9 @@ use super::{folders_not_read, panorama_camera, plain_frame};
 use crate::{
     error::CurateError,
     exchange::{
-        ForeignFrame, ForeignScene, ForeignSplit, Format, FrameRate, frame_order, image_of,
-        left_out, read_json,
+        ForeignFrame, ForeignScene, ForeignSplit, Format, FrameRate, image_of, left_out, read_json,
     },
+    frame_order,
 };
 
 /// The format.

@@ -31,7 +31,8 @@ use omnilife_schemas::{
 use super::{folders_not_read, panorama_camera, plain_frame};
 use crate::{
     error::CurateError,
-    exchange::{DistanceEncoding, ForeignDistance, ForeignScene, Format, FrameRate, frame_order},
+    exchange::{DistanceEncoding, ForeignDistance, ForeignScene, Format, FrameRate},
+    frame_order,
 };
 
 /// The format.

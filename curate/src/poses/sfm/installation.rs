@@ -7,7 +7,7 @@ use std::{
 
 use omnilife_schemas::store;
 
-use crate::poses::error::SfmError;
+use crate::error::SfmError;
 
 /// Environment variable for the Python interpreter that has pycolmap.
 pub const PYTHON_VARIABLE: &str = "OMNILIFE_SFM_PYTHON";

@@ -28,7 +28,6 @@ use workspace::{Attempted, SfmWorkspace};
 use super::{
     PosedSequence,
     colmap::ColmapModel,
-    error::SfmError,
     frame_list::FrameList,
     given::{camera_of_frames, frame_names},
     ignored::IgnoredPixels,
@@ -36,7 +35,7 @@ use super::{
     masks, parallax,
     validate::ValidationLimits,
 };
-use crate::error::CurateError;
+use crate::error::{CurateError, SfmError};
 
 /// Measure of the fit by rotations of the camera alone ([`parallax`]).
 pub(super) const TURNS_MEASURE: &str = "turns_alone_pixels";

@@ -21,10 +21,9 @@ use omnilife_schemas::{
 
 use super::{Configuration, SfmInstallation, SfmSettings};
 use crate::{
-    error::CurateError,
+    error::{CurateError, SfmError},
     poses::{
-        colmap::ColmapModel, error::SfmError, given::frame_names, ignored::IgnoredPixels, masks,
-        validate::validate,
+        colmap::ColmapModel, given::frame_names, ignored::IgnoredPixels, masks, validate::validate,
     },
 };
 

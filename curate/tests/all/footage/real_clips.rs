@@ -119,7 +119,7 @@ fn metadata_of_real_files() {
     let Some(path) = support::shared_data("congo_stereo.mp4") else {
         return;
     };
-    let probe = omnilife_curate::video::probe(&path).unwrap();
+    let probe = omnilife_video::probe(&path).unwrap();
     let spherical = probe.spherical.unwrap();
     assert_eq!(spherical.projection, "equirectangular");
     assert_eq!(spherical.stereo.as_deref(), Some("top and bottom"));

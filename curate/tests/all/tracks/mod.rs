@@ -9,17 +9,12 @@ mod programs;
 use std::{fmt::Write as _, fs, path::Path};
 
 use glam::{DMat3, DQuat, DVec3, dvec3};
-use omnilife_curate::{
-    posed_view::PosedView,
-    tracks::{
-        OVERLAY_FILE, PAGE_FILE, TrackRequest, boxes::projected_box, make_tracks, plan_tracks,
-    },
-};
 use omnilife_schemas::{
     Classified, ErrorKind, Pose,
     camera::PinholeCamera,
     npy,
     points::PointCloud,
+    posed_view::PosedView,
     progress::Silent,
     records::{
         DepthPrior, DistanceConvention, PoseSource, PoseValidation, Scale, Scene, SceneFrame,
@@ -27,6 +22,9 @@ use omnilife_schemas::{
     },
     rgb, store,
     trajectory::GroundAxes,
+};
+use omnilife_tracks::{
+    OVERLAY_FILE, PAGE_FILE, TrackRequest, boxes::projected_box, make_tracks, plan_tracks,
 };
 
 const FRAMES: usize = 16;

@@ -1,0 +1,480 @@
+//! Tracking of moving objects in a posed scene: from boxes in its images to paths in its world.
+//!
+//! Stages, each with its evidence in the record: a detector ([`detectors`]), the distance of each detection
+//! ([`distance`], on the ground by [`rings`] or by [`alignment`] of estimates), the grouping by object
+//! ([`association`]), its path ([`spline_fit`]), its heading and size ([`boxes`]). Objects that do not move remain part
+//! of the static scene. For a hovering camera a plane replaces the scene (`hover`). [`dense`] measures points and
+//! distances of scenes whose poses come with too few.
+
+pub mod alignment;
+pub mod appearance;
+pub mod association;
+pub mod banded;
+pub mod boxes;
+mod decisions;
+pub mod dense;
+pub mod detectors;
+pub mod distance;
+pub mod error;
+mod hover;
+mod image_boxes;
+mod overlay;
+mod page;
+mod path;
+pub mod rings;
+pub mod spline_fit;
+pub mod stability;
+mod vehicle_scale;
+
+use std::path::{Path, PathBuf};
+
+use glam::{DVec3, dvec2};
+use omnilife_schemas::{
+    elapsed::Stopwatch,
+    ground_plane::Plane,
+    layout::{SCENE_FILE, TRACKS_FILE},
+    names,
+    points::PointCloud,
+    posed_view::{PosedView, frames_of},
+    progress::Progress,
+    records::{Detection, Scale, Scene, Track, TrackStage, Tracks},
+    scene_points::ScenePoints,
+    stage::StagePlan,
+    store,
+    trajectory::GroundAxes,
+};
+
+pub use decisions::{TracksPlan, plan_tracks};
+pub use error::TracksError;
+
+use association::{ASSOCIATIONS, Sighting, deepsort};
+use detectors::{DETECTORS, Detector, DetectorInput};
+use distance::DISTANCES;
+use image_boxes::{is_cut, middle, within_image};
+
+/// The page for viewing, beside the tracks.
+pub const PAGE_FILE: &str = "tracks.html";
+/// The frames with overlaid detections and tracks, beside the tracks.
+pub const OVERLAY_FILE: &str = "tracks.mp4";
+const FILES: [&str; 3] = [TRACKS_FILE, PAGE_FILE, OVERLAY_FILE];
+
+/// Input and options of tracking.
+#[derive(Debug, Clone, PartialEq)]
+pub struct TrackRequest {
+    /// Folder of the scene.
+    pub scene_folder: PathBuf,
+    /// A split whose input views alone are used; all frames if `None`.
+    pub split: Option<PathBuf>,
+    /// Name of the detector, of [`DETECTORS`].
+    pub detector: String,
+    /// A file of boxes.
+    pub detections: Option<PathBuf>,
+    /// A TOML of a program that finds boxes.
+    pub program: Option<PathBuf>,
+    /// Name of the distance method, of [`DISTANCES`].
+    pub distance: String,
+    /// Name of the association method, of [`ASSOCIATIONS`].
+    pub association: String,
+    /// Metres per unit of the world, if the scene does not state it.
+    pub metres_per_unit: Option<f64>,
+    /// Folder of the result.
+    pub out: PathBuf,
+}
+
+/// Tracks moving objects in a scene; skipped, with a note, while nothing has changed.
+///
+/// # Errors
+/// When the scene is missing, not posed or of unknown scale, boxes do not fit its frames, or a file
+/// cannot be written.
+pub fn make_tracks(request: &TrackRequest, progress: &dyn Progress) -> Result<Tracks, TracksError> {
+    let asked = Asked::read(request)?;
+    let plan = asked.stage(request)?;
+    let skipped = format!("{}: tracks unchanged, skipped", asked.scene.id);
+    plan.make((TRACKS_FILE, &skipped), FILES, progress, |out| {
+        let tracks = asked.track(request, progress)?;
+        for (write, file) in [
+            (page::write as WriteView, PAGE_FILE),
+            (overlay::write, OVERLAY_FILE),
+        ] {
+            let path = out.path(file);
+            write(
+                &path,
+                &request.scene_folder,
+                &asked.scene,
+                &asked.views,
+                &tracks,
+            )?;
+            out.add_all(path.is_file().then_some(file));
+        }
+        Ok(tracks)
+    })
+}
+
+/// Writes a view for people: to a path, from a scene's folder, the scene, its views and its tracks.
+type WriteView = fn(&Path, &Path, &Scene, &[PosedView], &Tracks) -> Result<(), TracksError>;
+
+/// A request with its inputs, read and checked.
+struct Asked {
+    scene_path: PathBuf,
+    scene: Scene,
+    /// Numbers of the usable frames.
+    frames: Vec<u32>,
+    /// Those of them with a pose.
+    views: Vec<PosedView>,
+    detector: &'static Detector,
+    /// Metres per unit of the world, if stated.
+    known_scale: Option<f64>,
+    /// Points of static content.
+    points: Option<ScenePoints>,
+}
+
+impl Asked {
+    fn read(request: &TrackRequest) -> Result<Self, TracksError> {
+        let scene_path = request.scene_folder.join(SCENE_FILE);
+        let scene: Scene = store::read_record(&scene_path)?;
+        let frames = frames_of(&scene, request.split.as_deref())?;
+        let unknown =
+            |unknown: names::UnknownName| TracksError::input(&scene_path, unknown.to_string());
+        let detector =
+            names::find("detector", &request.detector, DETECTORS, |one| one.id).map_err(unknown)?;
+        names::find("distance", &request.distance, DISTANCES, |one| one.id).map_err(unknown)?;
+        names::find("association", &request.association, ASSOCIATIONS, |one| {
+            one.id
+        })
+        .map_err(unknown)?;
+        let files = detector.check_files(request);
+        files.map_err(|reason| TracksError::input(&scene_path, reason))?;
+        let views = PosedView::of_scene(&scene, &frames);
+        distance::check_estimates(&scene_path, &scene, &views, &request.distance)?;
+        let known_scale = metres_per_unit(&scene_path, &scene, request.metres_per_unit)?;
+        let beside = request.split.as_deref().and_then(Path::parent);
+        let beside = beside.unwrap_or(&request.scene_folder);
+        let points = ScenePoints::find(&scene, &request.scene_folder, beside)?;
+        Ok(Self {
+            scene_path,
+            scene,
+            frames,
+            views,
+            detector,
+            known_scale,
+            points,
+        })
+    }
+
+    /// Returns the file of the tracks.
+    fn record(&self, request: &TrackRequest) -> PathBuf {
+        request.out.join(TRACKS_FILE)
+    }
+
+    /// Lists everything that tracks depend on.
+    fn stage(&self, request: &TrackRequest) -> Result<StagePlan, TracksError> {
+        let mut plan = StagePlan::new(&request.out, "tracks")
+            .with_file(&self.scene_path)?
+            .with_text("detector", &request.detector)
+            .with_text("distance", &request.distance)
+            .with_text("association", &request.association)
+            .with_settings("frames", &self.frames)
+            .with_settings("metres per unit", &self.known_scale);
+        if let Some(file) = &request.detections {
+            plan = plan.with_file(file)?;
+        }
+        if let Some(file) = &request.program {
+            plan = detectors::command::with_inputs(plan, file)?;
+        }
+        for &frame in &self.frames {
+            if let Some(entry) = self.scene.frames.get(frame as usize) {
+                let prior = entry.depth_prior.iter().map(|prior| &prior.file);
+                let masks = entry.ignore_mask.iter();
+                for file in std::iter::once(&entry.image).chain(masks).chain(prior) {
+                    plan = plan.with_file(&request.scene_folder.join(file))?;
+                }
+            }
+        }
+        match &self.points {
+            Some(points) => Ok(plan.with_file(&points.file)?),
+            None => Ok(plan),
+        }
+    }
+
+    /// Returns points of static content, and remarks on them.
+    fn static_points(&self) -> Result<(Vec<DVec3>, Vec<String>), TracksError> {
+        match &self.points {
+            Some(points) => {
+                let points = PointCloud::read_ply(&points.file)?.positions.into_iter();
+                Ok((points.map(DVec3::from_array).collect(), Vec::new()))
+            }
+            None if hover::is_hovering(&self.scene, &self.views) => {
+                let warning = "the camera hovers, and without parallax there is no ground: tracks are on a plane \
+                               across the viewing direction, images are compared by homographies";
+                Ok((hover::plane_points(&self.views), vec![warning.to_owned()]))
+            }
+            None => Ok((Vec::new(), Vec::new())),
+        }
+    }
+
+    /// Computes the tracks, without writing them.
+    fn track(
+        &self,
+        request: &TrackRequest,
+        progress: &dyn Progress,
+    ) -> Result<Tracks, TracksError> {
+        if request.association == association::DEEPSORT {
+            // Fails before the search for boxes, whose appearance it compares.
+            appearance::published_weights()?;
+        }
+        let (points, warnings) = self.static_points()?;
+        let centres: Vec<DVec3> = self.views.iter().map(|view| view.centre).collect();
+        let (plane, _) = Plane::dominant(&points, &centres).ok_or_else(|| {
+            TracksError::input(
+                &self.scene_path,
+                "has too few points to find the ground by; poses from structure from motion bring them",
+            )
+        })?;
+        let mut input = DetectorInput {
+            folder: &request.scene_folder,
+            scene: &self.scene,
+            views: &self.views,
+            points: &points,
+            ground: plane,
+            metres_per_unit: self.known_scale.unwrap_or(1.0),
+            file: request.detections.as_ref(),
+            program: request.program.as_ref(),
+            out: &request.out,
+        };
+        let mut stages = Vec::new();
+        if self.known_scale.is_none() {
+            let begun = Stopwatch::with_children();
+            let (metres, evidence) = vehicle_scale::by_vehicles(
+                &self.scene_path,
+                plane,
+                self.detector,
+                &input,
+                progress,
+            )?;
+            progress.note(&format!("{}: scale by vehicles: {evidence}", self.scene.id));
+            stages.push(stage("scale", "vehicle-length", evidence, begun));
+            input.metres_per_unit = metres;
+        }
+        let work = Tracking {
+            scene: &self.scene,
+            views: &self.views,
+            points: &points,
+            plane,
+            metres_per_unit: input.metres_per_unit,
+            request,
+            warnings,
+        };
+        work.run(stages, self.detector, &input, progress)
+    }
+}
+
+/// Returns metres per unit of the world, if stated.
+fn metres_per_unit(
+    path: &Path,
+    scene: &Scene,
+    given: Option<f64>,
+) -> Result<Option<f64>, TracksError> {
+    match (scene.scale, given) {
+        (Scale::Metres, None) => Ok(Some(1.0)),
+        (_, Some(metres)) if metres.is_finite() && metres > 0.0 => Ok(Some(metres)),
+        (_, Some(metres)) => {
+            let reason = format!("{metres} metres make no unit of the world");
+            Err(TracksError::input(path, reason))
+        }
+        (Scale::Arbitrary, None) => Ok(None),
+    }
+}
+
+/// Returns the record of a finished stage.
+fn stage(stage: &str, method: &str, reason: String, begun: Stopwatch) -> TrackStage {
+    TrackStage {
+        stage: stage.to_owned(),
+        method: method.to_owned(),
+        reason,
+        took: begun.elapsed(),
+    }
+}
+
+/// A run of tracking.
+struct Tracking<'a> {
+    scene: &'a Scene,
+    views: &'a [PosedView],
+    points: &'a [DVec3],
+    /// The ground of most of the scene.
+    plane: Plane,
+    metres_per_unit: f64,
+    request: &'a TrackRequest,
+    /// Warnings on the scene.
+    warnings: Vec<String>,
+}
+
+impl Tracking<'_> {
+    fn run(
+        self,
+        mut stages: Vec<TrackStage>,
+        detector: &Detector,
+        input: &DetectorInput<'_>,
+        progress: &dyn Progress,
+    ) -> Result<Tracks, TracksError> {
+        let plane = self.plane;
+        let begun = Stopwatch::with_children();
+        let detected = (detector.detect)(input, progress)?;
+        let mut detections = detected.boxes;
+        let found = format!("{} boxes in {} frames", detections.len(), self.views.len());
+        let found = if detected.said.is_empty() {
+            found
+        } else {
+            format!("{found}; {}", detected.said)
+        };
+        stages.push(stage("detector", detector.id, found, begun));
+        let begun = Stopwatch::with_children();
+        let lifted = self.lift(&mut detections, input, &self.request.distance)?;
+        stages.push(stage("distance", lifted.method, lifted.reason, begun));
+        let begun = Stopwatch::with_children();
+        let groups = if self.request.association == association::DEEPSORT {
+            let (groups, said) = self.associate_by_appearance(&detections, input)?;
+            stages.push(stage("appearance", association::DEEPSORT, said, begun));
+            groups
+        } else {
+            self.associate(&detections, plane)
+        };
+        let in_groups: usize = groups.iter().map(Vec::len).sum();
+        let reason = format!(
+            "{} objects of {in_groups} detections; {} are of nothing that lasts",
+            groups.len(),
+            detections.len() - in_groups
+        );
+        stages.push(stage(
+            "association",
+            &self.request.association,
+            reason,
+            begun,
+        ));
+        let begun = Stopwatch::with_children();
+        let mut warnings = [self.warnings.clone(), lifted.warnings].concat();
+        let told = warnings.len();
+        let mut tracks: Vec<Track> = Vec::new();
+        for group in groups {
+            let id = tracks.len() as u32 + 1;
+            match self.track(id, &group, &detections, plane, lifted.sigma) {
+                Ok(track) => {
+                    group
+                        .iter()
+                        .for_each(|&number| detections[number].track = Some(id));
+                    tracks.push(track);
+                }
+                Err(reason) => warnings.push(reason),
+            }
+        }
+        let filled: Vec<Detection> = tracks
+            .iter()
+            .flat_map(|track| self.filled(track, &detections, plane))
+            .collect();
+        let reason = format!(
+            "{} paths, their knots by BIC; {} objects left out; {} boxes fill gaps",
+            tracks.len(),
+            warnings.len() - told,
+            filled.len()
+        );
+        detections.extend(filled);
+        stages.push(stage("trajectory", "trajectory-spline", reason, begun));
+        for warning in &warnings {
+            progress.note(&format!("{}: {warning}", self.scene.id));
+        }
+        Ok(Tracks {
+            scene: self.scene.id.clone(),
+            frames: self.views.iter().map(|view| view.frame).collect(),
+            image_size: self.scene.camera.size().map(|side| side as u32),
+            up: plane.normal.to_array(),
+            metres_per_unit: self.metres_per_unit,
+            stages,
+            detections,
+            tracks,
+            warnings,
+        })
+    }
+
+    fn view(&self, frame: u32) -> Option<&PosedView> {
+        self.views.iter().find(|view| view.frame == frame)
+    }
+
+    /// Groups detections by object.
+    fn associate(&self, detections: &[Detection], plane: Plane) -> Vec<Vec<usize>> {
+        let axes = GroundAxes::new(plane.normal);
+        let mut numbers = Vec::new();
+        let mut sightings = Vec::new();
+        let mut by_frame = Vec::new();
+        for view in self.views {
+            let first = sightings.len();
+            for (number, detection) in detections.iter().enumerate() {
+                if detection.frame == view.frame && detection.position.is_some() {
+                    numbers.push(number);
+                    sightings.push(self.sighting(view, detection, &axes));
+                }
+            }
+            by_frame.push((first..sightings.len()).collect());
+        }
+        let groups = association::associate(&sightings, &by_frame);
+        groups
+            .into_iter()
+            .map(|group| {
+                group
+                    .into_iter()
+                    .map(|sighting| numbers[sighting])
+                    .collect()
+            })
+            .collect()
+    }
+
+    /// Groups detections as `DeepSORT` does, and returns whether their appearance changed anything.
+    fn associate_by_appearance(
+        &self,
+        detections: &[Detection],
+        input: &DetectorInput<'_>,
+    ) -> Result<(Vec<Vec<usize>>, String), TracksError> {
+        // A detection without a place cannot belong to a path.
+        let numbers: Vec<usize> = (0..detections.len())
+            .filter(|&number| detections[number].position.is_some())
+            .collect();
+        let own: Vec<Detection> = numbers.iter().map(|&n| detections[n].clone()).collect();
+        let boxes: Vec<[f64; 4]> = own.iter().map(|one| one.box_pixels).collect();
+        let of_view = |view: &PosedView| -> Vec<usize> {
+            (0..own.len())
+                .filter(|&at| own[at].frame == view.frame)
+                .collect()
+        };
+        let frames: Vec<Vec<usize>> = self.views.iter().map(of_view).collect();
+        let embeddings = appearance::embeddings(input, &own)?;
+        let without = deepsort::associate(&boxes, &frames, None);
+        let with = deepsort::associate(&boxes, &frames, Some(&embeddings));
+        let changed = association::changed(&without, &with, own.len());
+        let (groups, said) = if changed == 0 {
+            (without, "left out: it changes no assignment".to_owned())
+        } else {
+            let said = format!(
+                "kept: it changes whom {changed} of {} boxes belong to",
+                own.len()
+            );
+            (with, said)
+        };
+        let in_all = |group: Vec<usize>| group.into_iter().map(|at| numbers[at]).collect();
+        Ok((groups.into_iter().map(in_all).collect(), said))
+    }
+
+    /// Returns a lifted detection as input of the association.
+    fn sighting(&self, view: &PosedView, detection: &Detection, axes: &GroundAxes) -> Sighting {
+        let position = detection.position.map_or(DVec3::ZERO, DVec3::from_array);
+        let own = axes.to_world.transpose() * position;
+        let [_, _, width, height] = detection.box_pixels;
+        let steps = view
+            .ray_steps(middle(detection.box_pixels))
+            .map(DVec3::length);
+        let distance = detection.distance.unwrap_or(0.0) * self.metres_per_unit;
+        Sighting {
+            seconds: view.seconds,
+            place: dvec2(own.x, own.y) * self.metres_per_unit,
+            size: (width * height * steps[0] * steps[1]).sqrt() * distance,
+            is_cut: is_cut(view, detection.box_pixels),
+        }
+    }
+}

@@ -1,0 +1,196 @@
+//! `tracks.html`: the paths from above, and the boxes over some frames.
+
+use std::{fmt::Write as _, path::Path};
+
+use base64::{Engine, engine::general_purpose::STANDARD};
+use glam::{DVec2, DVec3, dvec2};
+use image::codecs::jpeg::JpegEncoder;
+use omnilife_schemas::{
+    RgbImage,
+    posed_view::PosedView,
+    records::{Scene, Tracks},
+    store,
+    trajectory::GroundAxes,
+};
+
+use super::boxes::projected_box;
+use crate::error::TracksError;
+
+/// Number of shown frames, evenly spaced.
+const FRAMES: usize = 8;
+/// Their maximum width, pixels.
+const WIDTH: usize = 640;
+/// Side of the plan, pixels.
+const PLAN: f64 = 640.0;
+
+/// Writes the page atomically.
+///
+/// # Errors
+/// When a frame cannot be read or the page cannot be written.
+pub(super) fn write(
+    path: &Path,
+    folder: &Path,
+    scene: &Scene,
+    views: &[PosedView],
+    tracks: &Tracks,
+) -> Result<(), TracksError> {
+    let mut page = format!(
+        "<!doctype html><meta charset=\"utf-8\"><title>Tracks of {id}</title>\n\
+         <style>body{{font:14px sans-serif;margin:2em}}svg{{background:#eee}}\
+         td,th{{padding:2px 8px;text-align:left}}</style>\n<h1>Tracks of {id}</h1>\n",
+        id = escaped(&scene.id)
+    );
+    page += "<table><tr><th>stage<th>method<th>evidence<th>seconds</tr>\n";
+    for stage in &tracks.stages {
+        let (name, method, reason) = (&stage.stage, &stage.method, escaped(&stage.reason));
+        let _ = writeln!(
+            page,
+            "<tr><td>{name}<td>{method}<td>{reason}<td>{:.2}</tr>",
+            stage.took.wall_seconds
+        );
+    }
+    page += "</table>\n<h2>From above</h2>\n";
+    page += &plan(tracks, views);
+    page += "<ul>\n";
+    for warning in &tracks.warnings {
+        let _ = writeln!(page, "<li>{}</li>", escaped(warning));
+    }
+    page += "</ul>\n<h2>Boxes: dashed as detected, solid as tracked</h2>\n";
+    let step = views.len().div_ceil(FRAMES).max(1);
+    for view in views.iter().step_by(step) {
+        page += &frame(folder, scene, view, tracks)?;
+    }
+    Ok(store::write_bytes(path, page.as_bytes())?)
+}
+
+fn escaped(text: &str) -> String {
+    text.replace('&', "&amp;").replace('<', "&lt;")
+}
+
+/// Returns the hue of an id's colour: neighbouring ids differ clearly.
+pub(super) fn hue_degrees(id: u32) -> f64 {
+    (f64::from(id) * 137.508) % 360.0
+}
+
+/// Returns a colour for each id.
+fn colour(id: u32) -> String {
+    format!("hsl({}, 85%, 42%)", hue_degrees(id))
+}
+
+fn plan(tracks: &Tracks, views: &[PosedView]) -> String {
+    let axes = GroundAxes::new(DVec3::from_array(tracks.up));
+    let on_plan = |point: DVec3| -> DVec2 {
+        let own = axes.to_world.transpose() * point;
+        dvec2(own.x, -own.y)
+    };
+    let paths: Vec<(u32, Vec<DVec2>)> = tracks
+        .tracks
+        .iter()
+        .map(|track| {
+            let [begin, end] = track.path.centre.range();
+            let place = |step: i32| {
+                track
+                    .path
+                    .centre
+                    .position(begin + (end - begin) * f64::from(step) / 60.0)
+            };
+            (
+                track.id,
+                (0..=60).map(|step| on_plan(place(step))).collect(),
+            )
+        })
+        .collect();
+    let cameras: Vec<DVec2> = views.iter().map(|view| on_plan(view.centre)).collect();
+    let all = || paths.iter().flat_map(|(_, path)| path).chain(&cameras);
+    let low = all().fold(DVec2::INFINITY, |low, &point| low.min(point));
+    let high = all().fold(DVec2::NEG_INFINITY, |high, &point| high.max(point));
+    let size = (high - low).max_element();
+    let scale = if size > 0.0 && size.is_finite() {
+        (PLAN - 40.0) / size
+    } else {
+        1.0
+    };
+    let place = |point: DVec2| (point - low) * scale + 20.0;
+    let line = |points: &[DVec2]| -> String {
+        points
+            .iter()
+            .map(|&point| format!("{:.1},{:.1} ", place(point).x, place(point).y))
+            .collect()
+    };
+    let mut svg = format!("<svg width=\"{PLAN}\" height=\"{PLAN}\">\n");
+    let _ = writeln!(
+        svg,
+        "<polyline points=\"{}\" fill=\"none\" stroke=\"#999\" stroke-dasharray=\"4\"/>",
+        line(&cameras)
+    );
+    for (id, path) in &paths {
+        let colour = colour(*id);
+        let _ = writeln!(
+            svg,
+            "<polyline points=\"{}\" fill=\"none\" stroke=\"{colour}\" stroke-width=\"2\"/>",
+            line(path)
+        );
+        if let Some(&end) = path.last() {
+            let at = place(end);
+            let _ = writeln!(
+                svg,
+                "<circle cx=\"{0:.1}\" cy=\"{1:.1}\" r=\"4\" fill=\"{colour}\"/><text x=\"{0:.1}\" y=\"{1:.1}\">{id}</text>",
+                at.x, at.y
+            );
+        }
+    }
+    svg + "</svg>\n"
+}
+
+fn frame(
+    folder: &Path,
+    scene: &Scene,
+    view: &PosedView,
+    tracks: &Tracks,
+) -> Result<String, TracksError> {
+    let file = folder.join(&scene.frames[view.frame as usize].image);
+    let image = RgbImage::read(&file)?;
+    let (full_width, full_height) = (image.width, image.height);
+    let width = full_width.min(WIDTH);
+    let height = (full_height * width / full_width).max(1);
+    let bytes = image.resized_by_area(width, height).to_rgb8();
+    let mut jpeg = Vec::new();
+    JpegEncoder::new_with_quality(&mut jpeg, 85)
+        .encode(
+            &bytes,
+            width as u32,
+            height as u32,
+            image::ExtendedColorType::Rgb8,
+        )
+        .map_err(|error| TracksError::internal(&file, error))?;
+    let mut html = format!(
+        "<p>{:.2} s<br><svg width=\"{width}\" height=\"{height}\" viewBox=\"0 0 {full_width} {full_height}\">\n\
+         <image href=\"data:image/jpeg;base64,{}\" width=\"{full_width}\" height=\"{full_height}\"/>\n",
+        view.seconds,
+        STANDARD.encode(&jpeg)
+    );
+    let mut rectangle = |[left, top, width, height]: [f64; 4], colour: &str, more: &str| {
+        let _ = writeln!(
+            html,
+            "<rect x=\"{left:.1}\" y=\"{top:.1}\" width=\"{width:.1}\" height=\"{height:.1}\" fill=\"none\" stroke=\"{colour}\" {more}/>"
+        );
+    };
+    for detection in tracks
+        .detections
+        .iter()
+        .filter(|one| one.frame == view.frame)
+    {
+        let colour = detection.track.map_or("#fff".to_owned(), colour);
+        rectangle(detection.box_pixels, &colour, "stroke-dasharray=\"3\"");
+    }
+    let axes = GroundAxes::new(DVec3::from_array(tracks.up));
+    for track in &tracks.tracks {
+        let Some((centre, heading)) = track.path.at(view.seconds) else {
+            continue;
+        };
+        if let Some(sides) = projected_box(view, centre, axes.rotation(heading), track.dimensions) {
+            rectangle(sides, &colour(track.id), "stroke-width=\"1.5\"");
+        }
+    }
+    Ok(html + "</svg></p>\n")
+}
