@@ -10,7 +10,7 @@
 //! [`oriented_box`] (boxes as cameras see them), [`posed_view`] and [`ground_plane`] (geometry of a scene),
 //! [`staging`] (folders of incomplete files), [`toml_file`] (settings),
 //! [`padded_frame`] (images among padding), [`stage`] (when work can be skipped), [`statistics`]
-//! (medians), [`bootstrap`] (how far scores can be trusted), [`plain_text`] (text of others where it is
+//! (medians), [`band_matrix`] (systems of equations), [`bootstrap`] (how far scores can be trusted), [`plain_text`] (text of others where it is
 //! shown), [`provenance`] (what made a record), [`elapsed`] (how long work took), [`process`], [`child`] (programs of others), [`progress`],
 //! [`error_kind`], [`foreign_code`] (libraries that panic), and [`testing`] (skipped tests).
 //!
@@ -23,6 +23,7 @@
 #![cfg_attr(not(test), warn(clippy::disallowed_methods))]
 
 pub mod assignment;
+pub mod band_matrix;
 pub mod bootstrap;
 pub mod camera;
 pub mod child;

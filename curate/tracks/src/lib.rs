@@ -9,7 +9,6 @@
 pub mod alignment;
 pub mod appearance;
 pub mod association;
-pub mod banded;
 pub mod boxes;
 mod decisions;
 pub mod dense;

@@ -14,9 +14,7 @@
 //! angle of a pixel there, which is the same for any camera and has no seam.
 
 use glam::{DVec2, DVec3};
-use omnilife_schemas::{posed_view::PosedView, trajectory::BSpline};
-
-use super::banded::BandMatrix;
+use omnilife_schemas::{band_matrix::BandMatrix, posed_view::PosedView, trajectory::BSpline};
 
 /// Standard deviation of the middle of a detection, pixels.
 const SIGMA_PIXELS: f64 = 2.0;

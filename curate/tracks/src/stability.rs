@@ -3,6 +3,7 @@
 
 use glam::{DMat3, DVec2, DVec3, dvec2, dvec3};
 use omnilife_schemas::{
+    band_matrix::BandMatrix,
     camera::PinholeCamera,
     ground_plane::Plane,
     posed_view::PosedView,
@@ -11,7 +12,6 @@ use omnilife_schemas::{
 
 use super::{
     association::{Sighting, associate},
-    banded::BandMatrix,
     spline_fit::{Observation, fit, fit_with},
 };
 

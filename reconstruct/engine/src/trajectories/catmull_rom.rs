@@ -11,6 +11,7 @@
 //! of a few of them.
 
 use glam::DVec3;
+use omnilife_schemas::band_matrix::BandMatrix;
 
 /// Equidistant knots.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -162,13 +163,15 @@ pub(super) fn hermite(x: f64) -> [f64; 3] {
 /// knots without samples follow their neighbours.
 pub fn fit_positions(knots: Knots, samples: &[(f64, DVec3)]) -> Vec<DVec3> {
     let count = knots.count;
-    let mut matrix = vec![0.0; count * count];
+    let mut matrix = BandMatrix::new(count, 3);
     let mut right = vec![DVec3::ZERO; count];
     for &(time, position) in samples {
         let at = knots.weights(time);
-        for (&row, weight) in at.knots.iter().zip(at.weights) {
-            for (&column, other) in at.knots.iter().zip(at.weights) {
-                matrix[row * count + column] += weight * other;
+        let terms = at.knots.into_iter().zip(at.weights);
+        let terms = terms.filter(|&(_, weight)| weight != 0.0);
+        for (row, weight) in terms.clone() {
+            for (column, other) in terms.clone().filter(|&(column, _)| column <= row) {
+                matrix.add(row, column, weight * other);
             }
             right[row] += weight * position;
         }
@@ -176,39 +179,15 @@ pub fn fit_positions(knots: Knots, samples: &[(f64, DVec3)]) -> Vec<DVec3> {
     const STIFFNESS: f64 = 1e-3;
     for first in 0..count.saturating_sub(2) {
         for (row, weight) in [1.0, -2.0, 1.0].into_iter().enumerate() {
-            for (column, other) in [1.0, -2.0, 1.0].into_iter().enumerate() {
-                matrix[(first + row) * count + first + column] += STIFFNESS * weight * other;
+            for (column, other) in [1.0, -2.0, 1.0].into_iter().enumerate().take(row + 1) {
+                matrix.add(first + row, first + column, STIFFNESS * weight * other);
             }
         }
     }
     // Two knots and one sample: nothing else determines the second.
     for knot in 0..count {
-        matrix[knot * count + knot] += 1e-12;
+        matrix.add(knot, knot, 1e-12 * samples.len().max(1) as f64);
     }
-    solve(&mut matrix, &mut right);
-    right
-}
-
-/// Solves a symmetric positive definite system in place (Cholesky).
-fn solve(matrix: &mut [f64], right: &mut [DVec3]) {
-    let n = right.len();
-    for row in 0..n {
-        for column in 0..=row {
-            let dot: f64 = (0..column)
-                .map(|k| matrix[row * n + k] * matrix[column * n + k])
-                .sum();
-            let value = matrix[row * n + column] - dot;
-            matrix[row * n + column] = if row == column {
-                value.max(1e-300).sqrt()
-            } else {
-                value / matrix[column * n + column]
-            };
-        }
-        let known: DVec3 = (0..row).map(|k| matrix[row * n + k] * right[k]).sum();
-        right[row] = (right[row] - known) / matrix[row * n + row];
-    }
-    for row in (0..n).rev() {
-        let known: DVec3 = (row + 1..n).map(|k| matrix[k * n + row] * right[k]).sum();
-        right[row] = (right[row] - known) / matrix[row * n + row];
-    }
+    let solution = matrix.solve(&right);
+    solution.unwrap_or_else(|| vec![DVec3::NAN; count])
 }

@@ -24,8 +24,8 @@
 
 use std::{f64::consts::TAU, fmt};
 
-use glam::{DVec3, Vec3};
-use omnilife_schemas::statistics;
+use glam::{DMat3, DVec3, Vec3};
+use omnilife_schemas::{band_matrix::BandMatrix, statistics};
 use serde::Serialize;
 
 use crate::evidence::{LEAST_VIEWS, PER_MEDIAN, PILOT_ITERATIONS, pilot::WIDTH};
@@ -51,6 +51,8 @@ const CAUCHY: f64 = 2.385;
 const PATH_RIDGE: f64 = 1e-3;
 /// Residuals of a render without any noise still differ by rounding, grey levels of 1.
 const LEAST_NOISE: f64 = 1e-6;
+/// Share of what observations say of a number of a twist that the others must not say as well.
+const LEAST_PIVOT: f64 = 1e-9;
 
 /// Turn (3, radians) and shift (3, normalized units) of a camera in the world.
 type Twist = [f64; 6];
@@ -291,30 +293,23 @@ impl Estimates {
 fn subtract_trend(centres: &[DVec3], mut found: Vec<&mut Estimate>) -> f64 {
     let count = found.len().max(1) as f64;
     let mean = centres.iter().sum::<DVec3>() / count;
-    let mut normal = [[0.0; 3]; 3];
+    let mut normal = DMat3::ZERO;
     for &centre in centres {
-        let from = (centre - mean).to_array();
-        for (row, one) in normal.iter_mut().zip(from) {
-            for (value, other) in row.iter_mut().zip(from) {
-                *value += one * other;
-            }
-        }
+        let from = centre - mean;
+        normal += DMat3::from_cols(from * from.x, from * from.y, from * from.z);
     }
     // Cameras on a line say nothing of what changes beside it.
-    let ridge = PATH_RIDGE * (normal[0][0] + normal[1][1] + normal[2][2]);
-    for (k, row) in normal.iter_mut().enumerate() {
-        row[k] += ridge;
-    }
-    let inverse = inverted(&normal);
+    let ridge = PATH_RIDGE * normal.diagonal().element_sum();
+    let inverse = (normal + DMat3::from_diagonal(DVec3::splat(ridge))).try_inverse();
     let mut trend = [(0.0, DVec3::ZERO); 6];
     for (k, (constant, slope)) in trend.iter_mut().enumerate() {
         *constant = found.iter().map(|one| one.twist[k]).sum::<f64>() / count;
-        if let Some(inverse) = &inverse {
+        if let Some(inverse) = inverse {
             let pairs = centres.iter().zip(found.iter());
             let along: DVec3 = pairs
                 .map(|(&centre, one)| (centre - mean) * (one.twist[k] - *constant))
                 .sum();
-            *slope = DVec3::from_array(inverse.map(|row| DVec3::from_array(row).dot(along)));
+            *slope = inverse * along;
         }
     }
     for (&centre, one) in centres.iter().zip(found.iter_mut()) {
@@ -323,7 +318,7 @@ fn subtract_trend(centres: &[DVec3], mut found: Vec<&mut Estimate>) -> f64 {
         }
     }
     1.0 + inverse.map_or(0.0, |inverse| {
-        3.0 - ridge * (inverse[0][0] + inverse[1][1] + inverse[2][2])
+        3.0 - ridge * inverse.diagonal().element_sum()
     })
 }
 
@@ -367,33 +362,26 @@ struct Estimate {
 /// How a channel of the render changes with the pose, and by how much the image differs.
 type Row<'a> = (&'a Twist, f64);
 
-/// Normal equations under Cauchy's weights.
-#[derive(Default)]
-struct NormalEquations {
-    matrix: [Twist; 6],
-    right: Twist,
-}
-
-impl NormalEquations {
-    /// Weighted by what `twist` leaves of the residuals.
-    fn of(rows: &[Row<'_>], twist: &Twist) -> Self {
-        let left = |row: &Row<'_>| row.1 - dot(row.0, twist);
-        let sizes: Vec<f32> = rows.iter().map(|row| left(row).abs() as f32).collect();
-        let median = statistics::median(&sizes).unwrap_or(0.0);
-        let scale = f64::from(PER_MEDIAN * median).max(LEAST_NOISE);
-        let mut sums = Self::default();
-        for row in rows {
-            let residual = left(row);
-            let weight = 1.0 / (1.0 + (residual / (CAUCHY * scale)).powi(2));
-            for (i, slope) in row.0.iter().enumerate() {
-                sums.right[i] += weight * slope * row.1;
-                for (value, other) in sums.matrix[i].iter_mut().zip(row.0) {
-                    *value += weight * slope * other;
-                }
+/// Returns the twist that explains residuals best, under Cauchy's weights by the residuals of another one; `None`
+/// where they do not determine it.
+fn refined(rows: &[Row<'_>], twist: &Twist) -> Option<Twist> {
+    let left = |row: &Row<'_>| row.1 - dot(row.0, twist);
+    let sizes: Vec<f32> = rows.iter().map(|row| left(row).abs() as f32).collect();
+    let median = statistics::median(&sizes).unwrap_or(0.0);
+    let scale = f64::from(PER_MEDIAN * median).max(LEAST_NOISE);
+    let mut matrix = BandMatrix::new(6, 5).with_least_pivot(LEAST_PIVOT);
+    let mut right = [0.0; 6];
+    for row in rows {
+        let residual = left(row);
+        let weight = 1.0 / (1.0 + (residual / (CAUCHY * scale)).powi(2));
+        for (i, slope) in row.0.iter().enumerate() {
+            right[i] += weight * slope * row.1;
+            for (j, other) in row.0[..=i].iter().enumerate() {
+                matrix.add(i, j, weight * slope * other);
             }
         }
-        sums
     }
+    matrix.solve(&right)?.try_into().ok()
 }
 
 impl Estimate {
@@ -412,9 +400,7 @@ impl Estimate {
             .collect();
         let mut twist = [0.0; 6];
         for _ in 0..ROUNDS {
-            let equations = NormalEquations::of(&rows, &twist);
-            let inverse = inverted(&equations.matrix)?;
-            twist = std::array::from_fn(|i| dot(&inverse[i], &equations.right));
+            twist = refined(&rows, &twist)?;
         }
         Some(Self {
             twist,
@@ -453,40 +439,6 @@ fn mean_displacement(observations: &[&PoseObservation]) -> [Twist; 6] {
 
 fn dot(one: &Twist, other: &Twist) -> f64 {
     one.iter().zip(other).map(|(a, b)| a * b).sum()
-}
-
-/// The inverse of a symmetric matrix by Gauss and Jordan, which needs no pivots where it is positive
-/// definite; `None` where it is not, or nearly not.
-fn inverted<const N: usize>(matrix: &[[f64; N]; N]) -> Option<[[f64; N]; N]> {
-    let of = |value: &dyn Fn(usize, usize) -> f64| -> [[f64; N]; N] {
-        std::array::from_fn(|row| std::array::from_fn(|column| value(row, column)))
-    };
-    let scale: [f64; N] = std::array::from_fn(|k| matrix[k][k].sqrt().recip());
-    let mut left = of(&|row, column| matrix[row][column] * scale[row] * scale[column]);
-    let mut right = of(&|row, column| if row == column { 1.0 } else { 0.0 });
-    for pivot in 0..N {
-        let size = left[pivot][pivot];
-        // With a diagonal of 1; written so that NaN is refused.
-        let is_definite = size > 1e-9;
-        if !is_definite {
-            return None;
-        }
-        for side in [&mut left, &mut right] {
-            side[pivot] = side[pivot].map(|value| value / size);
-        }
-        for row in (0..N).filter(|&row| row != pivot) {
-            let factor = left[row][pivot];
-            for side in [&mut left, &mut right] {
-                let pivots = side[pivot];
-                for (value, of_pivot) in side[row].iter_mut().zip(pivots) {
-                    *value -= factor * of_pivot;
-                }
-            }
-        }
-    }
-    Some(of(&|row, column| {
-        right[row][column] * scale[row] * scale[column]
-    }))
 }
 
 #[cfg(test)]

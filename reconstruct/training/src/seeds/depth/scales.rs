@@ -11,7 +11,7 @@
 //! for every pair, in the least squares sense, with a sum of 0: what all views are wrong by together is the
 //! scale of the world.
 
-use omnilife_schemas::statistics::median;
+use omnilife_schemas::{band_matrix::BandMatrix, statistics::median};
 
 use super::{lift::DistanceView, pairs::ScaledViews};
 
@@ -51,7 +51,10 @@ pub fn fit_scales(views: &[DistanceView<'_>]) -> ScaleFit {
     let disagreement_before = disagreement(&equations);
     let groups = groups(views.len(), &equations);
     for _ in 0..ROUNDS {
-        let step = solved(views.len(), &equations, &groups);
+        // Factors that nothing tells stay; the disagreement says how well they fit.
+        let Some(step) = solved(views.len(), &equations, &groups) else {
+            break;
+        };
         for (scale, step) in log_scales.iter_mut().zip(step) {
             *scale += step;
         }
@@ -111,15 +114,15 @@ fn groups(count: usize, equations: &[Equation]) -> Vec<Vec<usize>> {
 }
 
 /// Least squares by the normal equations. In each group the sum is asked to be 0 as strongly as all pairs
-/// together ask for anything.
-fn solved(count: usize, equations: &[Equation], groups: &[Vec<usize>]) -> Vec<f64> {
-    let mut matrix = vec![vec![0.0; count]; count];
+/// together ask for anything. `None` where that does not tell all factors.
+fn solved(count: usize, equations: &[Equation], groups: &[Vec<usize>]) -> Option<Vec<f64>> {
+    let mut matrix = BandMatrix::new(count, count.saturating_sub(1));
     let mut right = vec![0.0; count];
     let mut add = |row: &[(usize, f64)], value: f64| {
         for &(a, by_a) in row {
             right[a] += by_a * value;
-            for &(b, by_b) in row {
-                matrix[a][b] += by_a * by_b;
+            for &(b, by_b) in row.iter().filter(|&&(b, _)| b <= a) {
+                matrix.add(a, b, by_a * by_b);
             }
         }
     };
@@ -132,36 +135,7 @@ fn solved(count: usize, equations: &[Equation], groups: &[Vec<usize>]) -> Vec<f6
         let row: Vec<(usize, f64)> = group.iter().map(|&view| (view, weight)).collect();
         add(&row, 0.0);
     }
-    eliminated(matrix, right)
-}
-
-/// Solves a symmetric positive definite system by elimination; a row that says nothing gives 0.
-fn eliminated(mut matrix: Vec<Vec<f64>>, mut right: Vec<f64>) -> Vec<f64> {
-    let count = right.len();
-    for pivot in 0..count {
-        let (above, below) = matrix.split_at_mut(pivot + 1);
-        let row = &above[pivot];
-        if row[pivot].abs() < 1e-12 {
-            continue;
-        }
-        for (offset, lower) in below.iter_mut().enumerate() {
-            let factor = lower[pivot] / row[pivot];
-            for (value, of_pivot) in lower.iter_mut().zip(row).skip(pivot) {
-                *value -= factor * of_pivot;
-            }
-            right[pivot + 1 + offset] -= factor * right[pivot];
-        }
-    }
-    let mut solution = vec![0.0; count];
-    for row in (0..count).rev() {
-        let known: f64 = (row + 1..count)
-            .map(|at| matrix[row][at] * solution[at])
-            .sum();
-        if matrix[row][row].abs() >= 1e-12 {
-            solution[row] = (right[row] - known) / matrix[row][row];
-        }
-    }
-    solution
+    matrix.solve(&right)
 }
 
 #[cfg(test)]
@@ -187,7 +161,8 @@ mod tests {
         ];
         let groups = groups(5, &equations);
         assert_eq!(groups, [vec![0, 1], vec![2, 3], vec![4]]);
-        for (found, expected) in solved(5, &equations, &groups).iter().zip(truth) {
+        let found = solved(5, &equations, &groups).expect("definite");
+        for (found, expected) in found.iter().zip(truth) {
             assert!((found - expected).abs() < 1e-12, "{found} {expected}");
         }
         assert_eq!(disagreement(&equations), 0.02);
