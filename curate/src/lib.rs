@@ -26,6 +26,7 @@ mod libraries;
 pub mod masks;
 pub mod motion;
 pub mod near_duplicates;
+mod opencv_images;
 pub mod origins;
 pub mod overlays;
 pub mod pipeline;

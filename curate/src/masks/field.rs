@@ -2,6 +2,13 @@
 
 use std::f64::consts::PI;
 
+use opencv::{
+    core::{BORDER_REPLICATE, Mat, Point},
+    imgproc,
+};
+
+use crate::opencv_images::across_seam;
+
 /// One value per pixel, row-major. Columns wrap around, rows end at the poles.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Field {
@@ -13,49 +20,37 @@ pub(super) struct Field {
 impl Field {
     /// Returns the weighted mean of each value's neighbours along its row and column, by a Gaussian of this standard
     /// deviation in pixels.
-    pub(super) fn blurred(&self, sigma_pixels: f32) -> Self {
+    pub(super) fn blurred(&self, sigma_pixels: f32) -> opencv::Result<Self> {
         let reach = (3.0 * sigma_pixels).ceil() as i32;
         let gauss = |offset: i32| (-0.5 * (offset as f32 / sigma_pixels).powi(2)).exp();
         self.filtered(&(-reach..=reach).map(gauss).collect::<Vec<f32>>())
     }
 
     /// Means over squares of `2 * reach + 1` pixels.
-    pub(super) fn box_mean(&self, reach: usize) -> Self {
+    pub(super) fn box_mean(&self, reach: usize) -> opencv::Result<Self> {
         self.filtered(&vec![1.0; 2 * reach + 1])
     }
 
     /// Returns the field filtered along rows and along columns by weights around their middle.
-    fn filtered(&self, weights: &[f32]) -> Self {
+    fn filtered(&self, weights: &[f32]) -> opencv::Result<Self> {
         let total: f32 = weights.iter().sum();
         let weights: Vec<f32> = weights.iter().map(|weight| weight / total).collect();
-        let reach = weights.len() / 2;
-        let mut along = vec![0.0; self.values.len()];
-        let mut padded = vec![0.0; self.width + 2 * reach];
-        for (row, out) in self
-            .values
-            .chunks_exact(self.width)
-            .zip(along.chunks_exact_mut(self.width))
-        {
-            for (index, value) in padded.iter_mut().enumerate() {
-                // `reach` may be wider than the image.
-                let turns = reach.div_ceil(self.width) * self.width;
-                *value = row[(index + turns - reach) % self.width];
-            }
-            for (x, value) in out.iter_mut().enumerate() {
-                *value = weights.iter().zip(&padded[x..]).map(|(w, v)| w * v).sum();
-            }
-        }
-        let mut values = vec![0.0; self.values.len()];
-        for (y, out) in values.chunks_exact_mut(self.width).enumerate() {
-            for (index, weight) in weights.iter().enumerate() {
-                let from = (y + index).saturating_sub(reach).min(self.height - 1);
-                let row = &along[from * self.width..(from + 1) * self.width];
-                for (value, other) in out.iter_mut().zip(row) {
-                    *value += weight * other;
-                }
-            }
-        }
-        Self { values, ..*self }
+        let kernel = Mat::from_slice(&weights)?;
+        let middle = Point::new(-1, -1);
+        let filter = |from: &Mat, to: &mut Mat| {
+            imgproc::sep_filter_2d(
+                from,
+                to,
+                -1,
+                &kernel,
+                &kernel,
+                middle,
+                0.0,
+                BORDER_REPLICATE,
+            )
+        };
+        let values = across_seam(&self.values, self.width, weights.len() / 2, filter)?;
+        Ok(Self { values, ..*self })
     }
 
     /// Returns half the lengths of the differences between the neighbours on both sides.
@@ -122,9 +117,10 @@ mod tests {
 
     #[test]
     fn smoothing_goes_on_over_the_seam_and_keeps_what_is_even() {
-        let even = field(16, 8, |_, _| 0.3).blurred(2.0);
+        let even = field(16, 8, |_, _| 0.3).blurred(2.0).expect("filtered");
         assert!(even.values.iter().all(|value| (value - 0.3).abs() < 1e-6));
-        let spot = field(16, 8, |x, y| f32::from(u8::from(x == 0 && y == 4))).box_mean(1);
+        let spot = field(16, 8, |x, y| f32::from(u8::from(x == 0 && y == 4)));
+        let spot = spot.box_mean(1).expect("filtered");
         let at = |x: usize, y: usize| spot.values[y * 16 + x];
         for (x, y) in [(15, 3), (15, 5), (0, 4), (1, 4)] {
             assert!((at(x, y) - 1.0 / 9.0).abs() < 1e-6, "{x} {y}");

@@ -94,6 +94,7 @@ fn find(
             let others: Vec<&GreySphere> = others.iter().filter_map(|&i| held.get(i)).collect();
             let mask = held.get(index).map(|this| moving(this, &others));
             let mask = mask.ok_or_else(|| CurateError::internal(folder, "a frame is gone"))?;
+            let mask = mask.map_err(|error| CurateError::internal(folder, error))?;
             held.forget_before(&times, index);
             progress.advance(1);
             Ok(mask.resized_to_nearest(size.0, size.1))
@@ -136,9 +137,11 @@ impl<'a> Images<'a> {
     fn load(&mut self, index: usize) -> Result<(), CurateError> {
         if self.held[index].is_none() {
             let file = &self.sequence.frames.entries[index].file;
-            let image = RgbImage::read(&self.folder.join(file))?;
+            let path = self.folder.join(file);
+            let image = RgbImage::read(&path)?;
             let width = IMAGE_WIDTH.min(image.width);
-            self.held[index] = Some(smoothed(&GreySphere::new(&image, width)));
+            let smoothed = smoothed(&GreySphere::new(&image, width));
+            self.held[index] = Some(smoothed.map_err(|error| CurateError::internal(&path, error))?);
         }
         Ok(())
     }
@@ -157,11 +160,9 @@ impl<'a> Images<'a> {
     }
 }
 
-fn smoothed(sphere: &GreySphere) -> GreySphere {
-    GreySphere::of_luma(
-        sphere.width(0),
-        luma(sphere).blurred(SMOOTHING_PIXELS).values,
-    )
+fn smoothed(sphere: &GreySphere) -> opencv::Result<GreySphere> {
+    let smooth = luma(sphere).blurred(SMOOTHING_PIXELS)?;
+    Ok(GreySphere::of_luma(sphere.width(0), smooth.values))
 }
 
 fn luma(sphere: &GreySphere) -> Field {
@@ -173,36 +174,33 @@ fn luma(sphere: &GreySphere) -> Field {
 }
 
 /// Marks moving content in an image, compared with others of the same scene.
-fn moving(this: &GreySphere, others: &[&GreySphere]) -> Mask {
+fn moving(this: &GreySphere, others: &[&GreySphere]) -> opencv::Result<Mask> {
     let directions = directions(this.width(0));
     let misfit = others
         .iter()
         .map(|other| still_misfit(this, other, &camera_motion(this, other), &directions))
-        .reduce(|a, b| a.smaller(&b));
+        .reduce(|a, b| Ok(a?.smaller(&b?)));
     let (width, height) = (this.width(0), this.width(0) / 2);
-    let Some(misfit) = misfit else {
-        return Mask {
+    let Some(misfit) = misfit.transpose()? else {
+        return Ok(Mask {
             width,
             height,
             data: vec![0; width * height],
-        };
+        });
     };
     let extent = EXTENT_RADIANS / this.pixel_radians(0);
-    let slopes = luma(this).slopes().blurred(extent);
-    let mut ratio = misfit.blurred(extent);
+    let slopes = luma(this).slopes().blurred(extent)?;
+    let mut ratio = misfit.blurred(extent)?;
     for (value, slope) in ratio.values.iter_mut().zip(&slopes.values) {
         *value /= NOISE + MISPLACED_PIXELS * slope;
     }
     let limit = OVER_MEDIAN * ratio.median_on_sphere();
-    Mask {
+    let mark = |&value: &f32| if value > limit { 255 } else { 0 };
+    Ok(Mask {
         width,
         height,
-        data: ratio
-            .values
-            .iter()
-            .map(|&value| if value > limit { 255 } else { 0 })
-            .collect(),
-    }
+        data: ratio.values.iter().map(mark).collect(),
+    })
 }
 
 fn directions(width: usize) -> Vec<Vec3> {
@@ -228,7 +226,7 @@ fn still_misfit(
     that: &GreySphere,
     motion: &CameraMotion,
     directions: &[Vec3],
-) -> Field {
+) -> opencv::Result<Field> {
     let width = this.width(0);
     let step = this.pixel_radians(0);
     let (heading, steps) = match motion.heading {
@@ -243,11 +241,13 @@ fn still_misfit(
             let shift = index as f32 * step * heading;
             difference(this, that, motion.rotation, shift, directions).box_mean(REACH_PIXELS)
         })
-        .reduce(|a, b| a.smaller(&b))
-        .unwrap_or_else(|| Field {
-            width,
-            height: width / 2,
-            values: vec![0.0; directions.len()],
+        .reduce(|a, b| Ok(a?.smaller(&b?)))
+        .unwrap_or_else(|| {
+            Ok(Field {
+                width,
+                height: width / 2,
+                values: vec![0.0; directions.len()],
+            })
         })
 }
 

@@ -17,7 +17,7 @@ use omnilife_schemas::{
 };
 
 use super::{ignored::IgnoredPixels, lens::Straightening};
-use crate::error::CurateError;
+use crate::{error::CurateError, opencv_images};
 
 /// Radius in pixels by which masks grow before features are excluded: outlines of moving objects give features too.
 const GROWTH_PIXELS: usize = 4;
@@ -198,38 +198,12 @@ pub(super) fn write_for_colmap(
             .unwrap_or_default()
             .to_string_lossy();
         let path = folder.join(format!("{name}.png"));
-        grown(&mask).inverted().write_png(&path)?;
+        let grown = opencv_images::grown(&mask.data, mask.width, GROWTH_PIXELS);
+        let data = grown.map_err(|error| CurateError::internal(&path, error))?;
+        Mask { data, ..mask }.inverted().write_png(&path)?;
         has_masks = true;
     }
     Ok(has_masks)
-}
-
-/// Marks every pixel within `GROWTH_PIXELS` rows and columns of a marked one, across the seam too.
-fn grown(mask: &Mask) -> Mask {
-    let (width, height) = (mask.width, mask.height);
-    let mut wide = vec![0_u8; mask.data.len()];
-    for y in 0..height {
-        for x in (0..width).filter(|x| mask.data[y * width + x] != 0) {
-            for shift in 0..=2 * GROWTH_PIXELS {
-                let column = (x + width * GROWTH_PIXELS + shift - GROWTH_PIXELS) % width;
-                wide[y * width + column] = 255;
-            }
-        }
-    }
-    let mut data = vec![0_u8; mask.data.len()];
-    for y in 0..height {
-        let rows = y.saturating_sub(GROWTH_PIXELS)..=(y + GROWTH_PIXELS).min(height - 1);
-        for row in rows {
-            for x in 0..width {
-                data[row * width + x] |= wide[y * width + x];
-            }
-        }
-    }
-    Mask {
-        width,
-        height,
-        data,
-    }
 }
 
 #[cfg(test)]
@@ -237,21 +211,6 @@ mod tests {
     #![expect(clippy::unwrap_used, reason = "a failed set-up step fails the test")]
 
     use super::*;
-
-    #[test]
-    fn masks_grow_across_the_seam_and_stop_at_the_poles() {
-        let mut mask = Mask {
-            width: 32,
-            height: 16,
-            data: vec![0; 32 * 16],
-        };
-        mask.data[0] = 255;
-        let grown = grown(&mask);
-        let marked = grown.data.iter().filter(|&&value| value != 0).count();
-        assert_eq!(marked, 9 * 5);
-        assert_eq!(grown.data[28], 255);
-        assert_eq!(grown.data[27], 0);
-    }
 
     /// Either every frame has a mask, or none is used.
     #[test]
