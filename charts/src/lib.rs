@@ -5,6 +5,7 @@
 //! axes   axes alone, and places of curves that a page draws upon them itself
 //! bars   shares of a total, with labels: a whole drawing
 //! ```
+#![cfg_attr(not(test), warn(clippy::disallowed_methods))]
 
 #[macro_use]
 mod mesh;

@@ -5,6 +5,7 @@
 //! ([`association`]), its path ([`spline_fit`]), its heading and size ([`boxes`]). Objects that do not move remain part
 //! of the static scene. For a hovering camera a plane replaces the scene (`hover`). [`dense`] measures points and
 //! distances of scenes whose poses come with too few.
+#![cfg_attr(not(test), warn(clippy::disallowed_methods))]
 
 pub mod alignment;
 pub mod appearance;

@@ -3,6 +3,7 @@
 //!
 //! Values in FFmpeg's structures that a file controls are read through three files: `raw_fields.rs` (numbers that C
 //! declares as enums), `planes.rs` (pixels) and `scaler.rs`.
+#![cfg_attr(not(test), warn(clippy::disallowed_methods))]
 
 pub mod convert;
 pub mod decode;

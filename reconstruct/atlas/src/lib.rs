@@ -10,6 +10,7 @@
 //!   [`published`]: what the published code does otherwise, on request.
 //! * [`learner`]: batches and checkpoints. [`saved`]: an atlas in files. [`outputs`]: layers and images of
 //!   the atlas. [`edit`]: edits by a script.
+#![cfg_attr(not(test), warn(clippy::disallowed_methods))]
 
 pub mod clip;
 pub mod edit;

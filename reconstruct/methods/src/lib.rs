@@ -1,6 +1,7 @@
 //! Reconstruction methods: one file or folder each, with its row in `METHOD`.
 //!
 //! All but those of [`feed_forward`] train Gaussians.
+#![cfg_attr(not(test), warn(clippy::disallowed_methods))]
 
 pub mod deformable;
 mod dynamic;

@@ -10,6 +10,7 @@
 //! * [`mod@measure`]: errors of image and gradient against [`omnilife_engine::render::reference`].
 //!
 //! To add a case: a function and a line in its slice.
+#![cfg_attr(not(test), warn(clippy::disallowed_methods))]
 
 mod atlas;
 mod case_setups;

@@ -10,6 +10,7 @@
 //! * [`seeds`]: first Gaussians. [`formats`]: files of a model.
 //! * [`stereo`]: depth from two panoramas. [`scene`]: a scene in memory.
 //! * [`request`]: what a user asks of a method; [`options`]: what only some methods understand.
+#![cfg_attr(not(test), warn(clippy::disallowed_methods))]
 
 pub mod baseline;
 pub mod components;
