@@ -11,14 +11,19 @@ use std::{
 };
 
 /// Where a change makes another program, below the root of the workspace.
-const SOURCES: [&str; 10] = [
+const SOURCES: [&str; 15] = [
     "Cargo.toml",
     "Cargo.lock",
     "src",
     "schemas/src",
     "networks/src",
     "curate/src",
+    "reconstruct/engine/src",
+    "reconstruct/training/src",
+    "reconstruct/methods/src",
+    "reconstruct/atlas/src",
     "reconstruct/src",
+    "reconstruct/stability/src",
     "bench/src",
     "leaderboard/src",
     "sweep/src",

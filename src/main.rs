@@ -1,4 +1,5 @@
 //! The `omnilife` binary: curate 360-degree video, reconstruct it, score it, make tables.
+#![cfg_attr(not(test), warn(clippy::disallowed_methods))]
 
 mod cli;
 mod commands;

@@ -69,7 +69,7 @@ pub(crate) fn take_programs_along() -> anyhow::Result<()> {
             Signals::new([SIGTERM, SIGINT, SIGHUP]).context("signals cannot be handled")?;
         std::thread::spawn(move || {
             if let Some(signal) = signals.forever().next() {
-                for what in omnilife_schemas::process_group::end_all() {
+                for what in omnilife_schemas::child::end_all() {
                     let line = format!("omnilife: could not be ended: {what}");
                     // When stderr is closed there is nobody left to tell.
                     drop(writeln!(io::stderr(), "{}", for_terminal(&line)));

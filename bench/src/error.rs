@@ -84,7 +84,7 @@ pub enum BenchError {
 }
 
 impl BenchError {
-    /// `path` does not belong to the other files of the request.
+    /// Reports that `path` does not belong to the other files of the request.
     pub(crate) fn mismatch(path: &Path, reason: impl Into<String>) -> Self {
         Self::Mismatch {
             path: path.to_owned(),

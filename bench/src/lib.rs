@@ -10,8 +10,9 @@
 //! * [`tracking`]: tracks of vehicles against true ones;
 //! * [`scoring`]: folders of predictions against a scene's images, with every failure in the record.
 //!
-//! Predictions of any method are scored, so this crate knows no method and no renderer, and its metrics are separate
-//! from every training loss: a bug in a loss must not hide in the score.
+//! Predictions of any method are scored, so this crate knows no method and no renderer. Its metrics are separate from
+//! every training loss: a bug in a loss must not hide in the score.
+#![cfg_attr(not(test), warn(clippy::disallowed_methods))]
 
 pub mod adapters;
 pub mod curve;

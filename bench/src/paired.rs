@@ -227,7 +227,7 @@ fn differing_rules(left: (&Path, &ResultRecord), right: (&Path, &ResultRecord)) 
     differing.join("; ")
 }
 
-/// The split with this protocol in a folder above a result.
+/// Returns the split with this protocol in a folder above a result.
 fn split_of(file: &Path, protocol_hash: &str) -> Option<Split> {
     file.ancestors().skip(1).find_map(|folder| {
         let split: Split = store::read_record(&folder.join(SPLIT_FILE)).ok()?;

@@ -79,7 +79,7 @@ impl PredictionFolder {
         self
     }
 
-    /// The folder itself.
+    /// Returns the folder itself.
     pub(crate) fn path(&self) -> &Path {
         &self.folder
     }
@@ -89,7 +89,7 @@ impl PredictionFolder {
         self.refusal.is_none()
     }
 
-    /// Name of a file of it, with `/` between folders.
+    /// Returns the name of a file of it, with `/` between folders.
     pub(crate) fn relative(&self, file: &Path) -> String {
         let relative = file.strip_prefix(&self.folder).unwrap_or(file);
         let names = relative
@@ -107,12 +107,12 @@ impl PredictionFolder {
         }
     }
 
-    /// The files that may hold a frame's prediction; one of them should.
+    /// Returns the files that may hold a frame's prediction; one of them should.
     pub(crate) fn files(&self, frame: u32) -> [PathBuf; 2] {
         [file_name(frame), array_name(frame)].map(|name| self.folder.join(name))
     }
 
-    /// The file that may hold a frame's predicted distances.
+    /// Returns the file that may hold a frame's predicted distances.
     pub(crate) fn depth_file(&self, frame: u32) -> PathBuf {
         self.folder
             .join(DEPTH_FOLDER)
@@ -206,7 +206,7 @@ impl PredictionFolder {
     }
 }
 
-/// File name of a frame's prediction.
+/// Returns the file name of a frame's prediction.
 fn file_name(frame: u32) -> String {
     format!("{frame:06}.png")
 }
@@ -221,12 +221,12 @@ pub(crate) fn name_for(frame: u32, source: &Path) -> String {
     }
 }
 
-/// File name of a frame's prediction as an array of values.
+/// Returns the file name of a frame's prediction as an array of values.
 fn array_name(frame: u32) -> String {
     format!("{frame:06}.npy")
 }
 
-/// The name without its ending, of visible images and arrays.
+/// Returns the name without its ending, of visible images and arrays.
 fn image_stem(name: &str) -> Option<&str> {
     let (stem, ending) = name.rsplit_once('.')?;
     let is_image = ["png", "npy"].map(|known| ending.eq_ignore_ascii_case(known));

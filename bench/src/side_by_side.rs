@@ -19,7 +19,7 @@ const SEPARATOR: usize = 4;
 /// Level of pixels that do not count.
 const GREY: u8 = 128;
 
-/// The image of a view, relative to the output folder.
+/// Returns the image of a view, relative to the output folder.
 pub(crate) fn file(view: View) -> String {
     format!("{FOLDER}/{}-{:06}.png", view.kind, view.frame)
 }

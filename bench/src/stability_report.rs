@@ -6,13 +6,13 @@
 mod page;
 mod rows;
 
-use std::{path::Path, time::Instant};
+use std::path::Path;
 
 use omnilife_charts::{ChartError, Series, Titles, log_log};
 use omnilife_schemas::{
+    progress::Progress,
     records::{StabilityMeasures, StabilityReport, StabilityStatus, StabilitySweep},
     stage::StagePlan,
-    store,
 };
 
 use crate::error::BenchError;
@@ -34,7 +34,11 @@ const SMALLEST_ERROR: f64 = 1e-9;
 ///
 /// # Errors
 /// When a foreign file is in the way, or one cannot be written.
-pub fn write_stability(report: &StabilityReport, out: &Path) -> Result<(), BenchError> {
+pub fn write_stability(
+    report: &StabilityReport,
+    out: &Path,
+    progress: &dyn Progress,
+) -> Result<(), BenchError> {
     let drawn: Vec<&StabilitySweep> = report
         .sweeps
         .iter()
@@ -46,23 +50,21 @@ pub fn write_stability(report: &StabilityReport, out: &Path) -> Result<(), Bench
         .into_iter()
         .chain(drawings)
         .collect();
-    store::create_folder(out)?;
-    let stage = StagePlan::new(out, "stability");
-    stage.claim(&files)?;
-    let begun = Instant::now();
-    store::write_record(&out.join(STABILITY_FILE), report)?;
-    let table = out.join(STABILITY_TABLE);
-    let rows = rows::csv(&rows::rows(report))
-        .map_err(|error| BenchError::internal(&table, error.to_string()))?;
-    store::write_bytes(&table, &rows)?;
-    store::write_bytes(&out.join(STABILITY_PAGE), stability_page(report).as_bytes())?;
-    for sweep in drawn {
-        let path = out.join(drawing_file(sweep));
-        let drawing =
-            drawing(sweep).map_err(|error| BenchError::internal(&path, error.to_string()))?;
-        store::write_bytes(&path, drawing.as_bytes())?;
-    }
-    Ok(stage.finish(&files, begun.elapsed().as_secs_f64())?)
+    StagePlan::new(out, "stability").run(files, progress, |made| {
+        made.write_record(STABILITY_FILE, report)?;
+        let rows = rows::csv(&rows::rows(report)).map_err(|error| {
+            BenchError::internal(&made.path(STABILITY_TABLE), error.to_string())
+        })?;
+        made.write_bytes(STABILITY_TABLE, &rows)?;
+        made.write_bytes(STABILITY_PAGE, stability_page(report).as_bytes())?;
+        for sweep in drawn {
+            let file = drawing_file(sweep);
+            let drawing = drawing(sweep)
+                .map_err(|error| BenchError::internal(&made.path(&file), error.to_string()))?;
+            made.write_bytes(&file, drawing.as_bytes())?;
+        }
+        Ok(())
+    })
 }
 
 fn drawing_file(sweep: &StabilitySweep) -> String {
@@ -122,6 +124,7 @@ fn drawing(sweep: &StabilitySweep) -> Result<String, ChartError> {
 #[cfg(test)]
 mod tests {
     use omnilife_schemas::records::{StabilityPoint, StabilityRow};
+    use omnilife_schemas::{progress::Silent, store};
 
     use super::*;
 
@@ -179,7 +182,7 @@ mod tests {
     -> Result<(), Box<dyn std::error::Error>> {
         let folder = tempfile::tempdir()?;
         let report = report();
-        write_stability(&report, folder.path())?;
+        write_stability(&report, folder.path(), &Silent)?;
         let record: StabilityReport = store::read_record(&folder.path().join(STABILITY_FILE))?;
         assert_eq!(record, report);
         let read = |name: &str| std::fs::read_to_string(folder.path().join(name));

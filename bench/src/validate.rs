@@ -202,7 +202,7 @@ fn repetitions(job: &ScoringJob, checked: &[Checked]) -> Vec<Finding> {
     repeated.into_iter().map(|(.., finding)| finding).collect()
 }
 
-/// SHA-256 of the pixels of all given views that can be read.
+/// Returns the SHA-256 of the pixels of all given views that can be read.
 fn given_images(job: &ScoringJob) -> BTreeSet<String> {
     let given = &job.split.input_views;
     given

@@ -188,7 +188,7 @@ fn share_of_decades(value: f64, range: &Range<f64>) -> f64 {
     share(value.log10(), &(range.start.log10()..range.end.log10()))
 }
 
-/// Whole decades around a range of positive numbers.
+/// Returns the whole decades around a range of positive numbers.
 fn decades(range: &Range<f64>) -> Range<f64> {
     let low = 10_f64.powf(range.start.log10().floor());
     let high = 10_f64.powf(range.end.log10().ceil());

@@ -160,7 +160,7 @@ fn may_be_mixed(analysis: &VideoAnalysis) -> bool {
     is_open && !is_stereo && analysis.overlays.is_some()
 }
 
-/// Advice to the user about a projection.
+/// Returns advice to the user about a projection.
 fn hint(projection: VideoProjection) -> &'static str {
     match projection {
         VideoProjection::ErpStereoTb => "pass --projection stereo-top-bottom",

@@ -65,7 +65,7 @@ impl Place {
     }
 }
 
-/// [`curate_dataset_in`] this process.
+/// Curates videos as [`curate_dataset_in`] this process.
 ///
 /// # Errors
 /// Those of [`curate_dataset_in`].
@@ -189,7 +189,7 @@ pub fn curate_dataset_in(
     })
 }
 
-/// The first video before `index` that has the same content.
+/// Returns the first video before `index` that has the same content.
 fn first_with_this_content(record: &Dataset, index: usize) -> Option<usize> {
     let sha256 = record.videos[index].sha256.as_ref()?;
     record.videos[..index]

@@ -55,7 +55,7 @@ pub enum CurateError {
     Elsewhere {
         /// The message of the error there.
         message: String,
-        /// That message as [`CurateError::for_records`] gives it.
+        /// The message in the form of [`CurateError::for_records`].
         for_records: String,
         /// Kind of the error.
         kind: ErrorKind,
@@ -95,7 +95,7 @@ impl CurateError {
         }
     }
 
-    /// `path` is not a usable video.
+    /// Reports that `path` is not a usable video.
     pub(crate) fn video(path: &Path, reason: impl Into<String>) -> Self {
         Self::Video {
             path: path.to_owned(),
@@ -104,7 +104,7 @@ impl CurateError {
         }
     }
 
-    /// `path` is not a usable video as it is.
+    /// Reports that `path` is unusable until the user changes it.
     pub(crate) fn mendable_video(
         path: &Path,
         reason: impl Into<String>,
@@ -117,7 +117,7 @@ impl CurateError {
         }
     }
 
-    /// `path` cannot be served as requested.
+    /// Reports that `path` cannot be served as requested.
     pub(crate) fn input(path: &Path, reason: impl Into<String>) -> Self {
         Self::Input {
             path: path.to_owned(),
@@ -125,7 +125,7 @@ impl CurateError {
         }
     }
 
-    /// `path` is excluded.
+    /// Reports that `path` is excluded.
     pub(crate) fn rejected(
         path: &Path,
         reason: impl Into<String>,
@@ -138,7 +138,7 @@ impl CurateError {
         }
     }
 
-    /// A library failed while working on `path`.
+    /// Reports that a library failed while working on `path`.
     pub(crate) fn internal(path: &Path, reason: impl std::fmt::Display) -> Self {
         Self::Internal {
             path: path.to_owned(),

@@ -86,12 +86,12 @@ fn nearest_to_instants(times: &[f64], interval: f64, last_instant: u64) -> Vec<f
     chosen
 }
 
-/// File of a sequence's frame by its number, relative to the sequence.
+/// Returns the file of a sequence's frame by its number, relative to the sequence.
 pub fn file_name(index: usize) -> String {
     format!("{FRAMES_FOLDER}/{index:06}.png")
 }
 
-/// The value of sorted, non-empty `times` nearest to an instant.
+/// Returns the value of sorted, non-empty `times` nearest to an instant.
 fn nearest(times: &[f64], instant: f64) -> f64 {
     let after = times.partition_point(|&time| time < instant);
     match (
@@ -331,8 +331,8 @@ mod tests {
             prop_assert_eq!(nearest_to_instants(&times, interval, last), all);
         }
 
-        /// Samples are frames of the shot, in order, never more than asked for, and with a steady
-        /// rate more than half of what is asked for.
+        /// Samples are frames of the shot, in order, never more than requested, and at a steady rate more than half of
+        /// that.
         #[test]
         fn samples_keep_to_the_bound(count in 2_usize..400, most in 2_u32..150) {
             let times: Vec<f64> = (0..count).map(|i| i as f64 / 29.97).collect();
@@ -343,7 +343,7 @@ mod tests {
             prop_assert!(chosen.iter().all(|time| times.contains(time)));
         }
 
-        /// A rate gives frames in order, no two the same, whatever it is.
+        /// Any rate gives frames in order, no two the same.
         #[test]
         fn any_rate_gives_frames(count in 1_usize..200, exponent in -6.0_f64..300.0) {
             let times: Vec<f64> = (0..count).map(|i| i as f64 / 29.97 + (i % 3) as f64 * 1e-3).collect();

@@ -16,12 +16,12 @@ pub struct Plane {
 }
 
 impl Plane {
-    /// Height of a point above it.
+    /// Returns the height of a point above it.
     pub fn height(&self, point: DVec3) -> f64 {
         self.normal.dot(point) - self.offset
     }
 
-    /// Moved along its normal.
+    /// Moves it along its normal.
     #[must_use]
     pub fn raised(self, by: f64) -> Self {
         Self {
@@ -37,7 +37,7 @@ impl Plane {
         (slope.abs() > 1e-3 && distance.is_finite() && distance > 0.0).then_some(distance)
     }
 
-    /// Through three points.
+    /// Fits a plane through three points.
     fn through([a, b, c]: [DVec3; 3]) -> Option<Self> {
         let normal = (b - a).cross(c - a).try_normalize()?;
         Some(Self {
@@ -46,7 +46,7 @@ impl Plane {
         })
     }
 
-    /// Through some points by least squares about their middle.
+    /// Fits a plane through some points by least squares about their middle.
     fn least_squares(points: &[DVec3], up: DVec3) -> Option<Self> {
         let middle = points.iter().sum::<DVec3>() / points.len().max(1) as f64;
         let axes = omnilife_schemas::trajectory::GroundAxes::new(up).to_world;
@@ -151,7 +151,7 @@ mod tests {
 
     use super::*;
 
-    /// A tilted road under houses whose roofs are a third of all points.
+    /// Returns a tilted road under houses whose roofs are a third of all points.
     fn points() -> Vec<DVec3> {
         (0..3000)
             .map(|n| {

@@ -106,7 +106,7 @@ fn located(path: &Path) -> PathBuf {
     path.canonicalize().unwrap_or_else(|_| path.to_owned())
 }
 
-/// The videos of a folder that are not among those `taken`, in order of their names.
+/// Returns the videos of a folder that are not among those `taken`, in order of their names.
 fn left_out_of(folder: &Path, taken: &BTreeSet<PathBuf>) -> Result<Vec<InputFile>, CurateError> {
     let mut files = Vec::new();
     let is_of_stills = taken.contains(&located(folder));
@@ -203,7 +203,7 @@ fn has_extension(path: &Path, extensions: &[&str]) -> bool {
     extensions.contains(&extension(path).as_str())
 }
 
-/// The extension in lower case; empty for a name without one.
+/// Returns the extension in lower case; empty for a name without one.
 fn extension(path: &Path) -> String {
     let extension = path.extension().unwrap_or_default();
     extension.to_string_lossy().to_ascii_lowercase()

@@ -7,7 +7,7 @@ use image::{ExtendedColorType, ImageEncoder, codecs::jpeg::JpegEncoder};
 
 use crate::video::Rgb8Image;
 
-/// An image as `data:image/jpeg;base64,...`; `quality` is 1 to 100.
+/// Returns an image as `data:image/jpeg;base64,...`; `quality` is 1 to 100.
 ///
 /// # Errors
 /// When a side is 0 or longer than JPEG allows.

@@ -5,6 +5,7 @@
 //! judgement of single [`shots`], sampled [`frames`]. [`poses::pose_sequence`] then turns a sequence
 //! into a scene, from given poses or by structure from motion. Every stage is skipped while its inputs
 //! have not changed.
+#![cfg_attr(not(test), warn(clippy::disallowed_methods))]
 
 mod admission;
 pub mod analysis;

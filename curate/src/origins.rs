@@ -66,7 +66,7 @@ pub fn read(path: &Path) -> Result<Origins, CurateError> {
     from_bytes(path, &store::read_limited(path, MOST_BYTES)?)
 }
 
-/// [`read`] of a file's bytes; `path` names it.
+/// Reads the bytes of a list; `path` names it.
 ///
 /// # Errors
 /// Those of [`read`].

@@ -3,7 +3,7 @@
 //! A video's folder holds `analysis.json`, `signals.parquet`, `samples.parquet`, `signature.parquet`
 //! and `boundaries.json`, and per sequence `seq-NNN/sequence.json` with `seq-NNN/frames/NNNNNN.png`.
 
-use std::{fs, path::Path, time::Instant};
+use std::{fs, path::Path};
 
 use omnilife_schemas::{
     layout::{ANALYSIS_FILE, SAMPLES_FILE, SIGNALS_FILE, SIGNATURE_FILE},
@@ -51,7 +51,7 @@ pub fn curate_video(
     curate_source(video, &source?, folder, settings, progress)
 }
 
-/// [`curate_video`] with checked settings and a video that is hashed already.
+/// Curates as [`curate_video`], with checked settings and a video that is hashed already.
 pub(crate) fn curate_source(
     video: &Path,
     source: &SourceVideo,
@@ -83,7 +83,7 @@ fn is_of(folder: &Path, source: &SourceVideo) -> Result<bool, CurateError> {
     Ok(held.source.sha256 == source.sha256)
 }
 
-/// The stages from the header to the sequences.
+/// Runs the stages from the header to the sequences.
 fn sequences_of(
     video: &Path,
     source: &SourceVideo,
@@ -241,7 +241,7 @@ fn is_ours_before_analysis(name: &str) -> bool {
     name.starts_with('.') || (name != ANALYSIS_FILE && ANALYSIS_FILES.contains(&name))
 }
 
-/// The analysis stage.
+/// Runs the analysis stage.
 fn analysed(
     video: &Path,
     folder: &Path,
@@ -275,68 +275,70 @@ fn analysed(
         plan.finish(ANALYSIS_FILES, 0.0)?;
         return Ok(renamed);
     }
-    plan.claim(ANALYSIS_FILES)?;
-    let started = Instant::now();
-    let Analysis {
-        probe,
-        range,
-        signals,
-        samples,
-        shot_samples,
-        overlays,
-        mosaics,
-        mut signature,
-        damaged_frames,
-    } = analysis::analyse(video, detector, asked, progress)?;
-    if damaged_frames > 0 {
-        progress.note(&format!(
-            "{}: {damaged_frames} damaged frames were patched up or left out",
-            video.display()
-        ));
-    }
-    if probe.is_hdr() {
-        progress.note(&format!(
-            "{}: is coded for high dynamic range ({}); its levels are used as coded, not tone-mapped",
-            video.display(),
-            probe.transfer
-        ));
-    }
-    projection::note_turns(video, &probe, progress);
-    let projection = projection::judge(&probe, samples.images());
-    let mut shot_samples = shot_samples.finish();
-    let evident = || sphere_layouts::evident(&projection, &probe);
-    let layout = asked.or_else(evident);
-    let overlays = if layout == asked {
-        // In a video of another kind, shots may still be spheres most of the time.
-        let is_sphere = layout.is_some() || projection.projection.is_monoscopic_erp();
-        (is_sphere || shot_samples.show_spheres()).then(|| overlays::report(&overlays, &mosaics))
-    } else {
-        // The storage of the frames is known only now.
-        let again = analysis::analyse(video, detector, layout, progress)?;
-        signature = again.signature;
-        shot_samples = again.shot_samples.finish();
-        Some(overlays::report(&again.overlays, &again.mosaics))
-    };
-    let record = VideoAnalysis {
-        source: source.clone(),
-        range,
-        overlays,
-        layout,
-        projection,
-        probe,
-        damaged_frames,
-        signals: SIGNALS_FILE.to_owned(),
-    };
-    signals.write_parquet(&folder.join(SIGNALS_FILE))?;
-    shot_samples.write(&folder.join(SAMPLES_FILE))?;
-    (signature.finish()).write_parquet(&folder.join(SIGNATURE_FILE))?;
-    store::write_record(&record_path, &record)?;
-    plan.finish(ANALYSIS_FILES, started.elapsed().as_secs_f64())?;
-    Ok(record)
+    plan.run(ANALYSIS_FILES, progress, |out| {
+        let Analysis {
+            probe,
+            range,
+            signals,
+            samples,
+            shot_samples,
+            overlays,
+            mosaics,
+            mut signature,
+            damaged_frames,
+        } = analysis::analyse(video, detector, asked, progress)?;
+        if damaged_frames > 0 {
+            progress.note(&format!(
+                "{}: {damaged_frames} damaged frames were patched up or left out",
+                video.display()
+            ));
+        }
+        if probe.is_hdr() {
+            progress.note(&format!(
+                "{}: is coded for high dynamic range ({}); its levels are used as \
+                 coded, not tone-mapped",
+                video.display(),
+                probe.transfer
+            ));
+        }
+        projection::note_turns(video, &probe, progress);
+        let projection = projection::judge(&probe, samples.images());
+        let mut shot_samples = shot_samples.finish();
+        let evident = || sphere_layouts::evident(&projection, &probe);
+        let layout = asked.or_else(evident);
+        let overlays = if layout == asked {
+            // In a video of another kind, shots may still be spheres for most of the time.
+            let is_sphere = layout.is_some() || projection.projection.is_monoscopic_erp();
+            (is_sphere || shot_samples.show_spheres())
+                .then(|| overlays::report(&overlays, &mosaics))
+        } else {
+            // What the frames store is known only now.
+            let again = analysis::analyse(video, detector, layout, progress)?;
+            signature = again.signature;
+            shot_samples = again.shot_samples.finish();
+            Some(overlays::report(&again.overlays, &again.mosaics))
+        };
+        let record = VideoAnalysis {
+            source: source.clone(),
+            range,
+            overlays,
+            layout,
+            projection,
+            probe,
+            damaged_frames,
+            signals: SIGNALS_FILE.to_owned(),
+        };
+        signals.write_parquet(&folder.join(SIGNALS_FILE))?;
+        shot_samples.write(&folder.join(SAMPLES_FILE))?;
+        (signature.finish()).write_parquet(&folder.join(SIGNATURE_FILE))?;
+        out.add_all([SIGNALS_FILE, SAMPLES_FILE, SIGNATURE_FILE]);
+        out.write_record(ANALYSIS_FILE, &record)?;
+        Ok(record)
+    })
 }
 
-/// Returns the file name without its extension, the name of the video's folder in a dataset. Never hidden, on one line
-/// and no step to another folder, whatever the name of the file.
+/// Returns the file name without its extension, the name of the video's folder in a dataset. For any file name it is
+/// visible, on one line and no step to another folder.
 pub fn stem(video: &Path) -> String {
     let stem = video.file_stem().unwrap_or_default().to_string_lossy();
     let is_broken = |character: char| character.is_control() || character == '\\';

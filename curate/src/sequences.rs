@@ -238,7 +238,7 @@ impl Sequencing<'_> {
 
     /// Extracts the frames of some sequences in one decode and puts them in place.
     fn extract(&self, missing: &[&Planned], progress: &dyn Progress) -> Result<(), CurateError> {
-        let started = Stopwatch::start();
+        let started = Stopwatch::with_children();
         let staging = Staging::new(self.folder, "sequences")?;
         let selections: Vec<Selection> = missing
             .iter()
@@ -300,7 +300,7 @@ impl Sequencing<'_> {
         }
     }
 
-    /// Name of the video in its dataset.
+    /// Returns the name of the video in its dataset.
     fn folder_name(&self) -> String {
         let name = self.folder.file_name().unwrap_or_default();
         name.to_string_lossy().into_owned()

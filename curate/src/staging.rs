@@ -1,11 +1,8 @@
 //! A hidden folder for files that are not complete yet.
 
-use std::{
-    fs,
-    path::{Path, PathBuf},
-};
+use std::path::{Path, PathBuf};
 
-use omnilife_schemas::store::{self, StoreError};
+use omnilife_schemas::store::{self, StoreError, Unfinished};
 
 /// The folder; removed on drop with its content.
 pub(crate) struct Staging {
@@ -13,18 +10,18 @@ pub(crate) struct Staging {
     pub(crate) folder: PathBuf,
     /// The files started in it, relative to it.
     pub(crate) files: Vec<String>,
+    _unfinished: Unfinished,
 }
 
 impl Staging {
     /// Creates one in `parent`, after removing those of killed processes.
     pub(crate) fn new(parent: &Path, name: &str) -> Result<Self, StoreError> {
         store::remove_abandoned(parent)?;
-        let folder = store::temporary_beside(&parent.join(name));
-        store::remove(&folder)?;
-        store::create_folder(&folder)?;
+        let unfinished = Unfinished::folder_beside(&parent.join(name))?;
         Ok(Self {
-            folder,
+            folder: unfinished.path().to_owned(),
             files: Vec::new(),
+            _unfinished: unfinished,
         })
     }
 
@@ -36,12 +33,5 @@ impl Staging {
         }
         self.files.push(file.to_owned());
         Ok(path)
-    }
-}
-
-impl Drop for Staging {
-    fn drop(&mut self) {
-        // Nothing depends on it any more; leftovers are hidden and harmless.
-        drop(fs::remove_dir_all(&self.folder));
     }
 }

@@ -14,7 +14,9 @@ use std::{
 };
 
 use omnilife_schemas::{
-    Classified, ErrorKind, process,
+    Classified, ErrorKind,
+    child::ProcessGroup,
+    process,
     progress::Progress,
     records::{CheckOutcome, SourceVideo},
 };
@@ -104,30 +106,24 @@ impl Worker {
             return failed(CurateError::video(video, "its path is not valid UTF-8"));
         };
         let run = || -> io::Result<(Option<Curated>, [String; 2])> {
-            let mut child = Command::new(&self.program)
+            let mut command = Command::new(&self.program);
+            command
                 .args(&self.arguments)
                 .stdin(Stdio::piped())
                 .stdout(Stdio::piped())
-                .stderr(Stdio::piped())
-                .spawn()?;
+                .stderr(Stdio::piped());
+            // Dropping it ends a process that still runs.
+            let mut group = ProcessGroup::spawn(&mut command, None)?;
+            let child = group.leader();
             let errors = child.stderr.take();
             let errors = thread::spawn(move || process::read_tail(errors, STANDARD_ERROR_BYTES));
-            let curated = converse(&mut child, &request, progress);
-            // Closes the remaining pipes, which ends a process that still runs.
+            let curated = converse(child, &request, progress)?;
+            // One that still runs ends when its input is closed.
             drop(child.stdin.take());
-            if curated.is_err() {
-                child.kill()?;
-            }
-            let ending = process::ending(child.wait()?);
-            let said = errors.join().unwrap_or_default();
-            let said = String::from_utf8_lossy(&said);
-            let last = said
-                .lines()
-                .rev()
-                .map(str::trim)
-                .find(|line| !line.is_empty());
-            let said = last.map_or_else(String::new, |line| format!(": {line}"));
-            Ok((curated?, [ending, said]))
+            let ending = process::ending(group.wait()?.status);
+            let said = process::last_line_of(&errors.join().unwrap_or_default());
+            let said = said.map_or_else(String::new, |line| format!(": {line}"));
+            Ok((curated, [ending, said]))
         };
         match run() {
             Ok((Some(curated), _)) => curated,

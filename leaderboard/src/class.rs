@@ -1,4 +1,4 @@
-//! Classes of methods, by their input and their use of it: ranks are within one class, and rows of a class are marked
+//! Classes of methods, by their input and their use of it. Ranks are within one class, and rows of a class are marked
 //! if they were trained for longer or shorter than the others.
 
 use std::collections::BTreeMap;

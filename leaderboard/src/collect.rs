@@ -33,7 +33,7 @@ pub fn collect(folder: &Path) -> Result<Vec<(PathBuf, ResultRecord)>, Leaderboar
     RecordFiles::below(folder)?.results()
 }
 
-/// The records of a folder and what is below it.
+/// The records of a folder and its subfolders.
 pub(crate) struct RecordFiles {
     folder: PathBuf,
     /// Sorted.
@@ -74,7 +74,7 @@ impl RecordFiles {
         Ok(files)
     }
 
-    /// All results.
+    /// Returns all results.
     pub(crate) fn results(&self) -> Result<Vec<(PathBuf, ResultRecord)>, LeaderboardError> {
         if self.results.is_empty() {
             return Err(LeaderboardError::NoResults {
@@ -144,7 +144,7 @@ impl RecordFiles {
         Ok(by_method)
     }
 
-    /// All assets with the scores of their levels.
+    /// Returns all assets with the scores of their levels.
     pub(crate) fn assets(&self) -> Result<Vec<FoundAsset>, LeaderboardError> {
         let assets = self.assets.iter().map(|file| FoundAsset::read(file));
         Ok(assets.collect::<Result<_, _>>()?)

@@ -10,7 +10,7 @@ use crate::{
     table::{Cell, Score},
 };
 
-/// A metric's column title from its id.
+/// Returns a metric's column title from its id.
 pub(crate) fn metric_title(id: &str) -> String {
     if id == PUBLISHED_LPIPS {
         return "LPIPS (published)".to_owned();
@@ -21,7 +21,7 @@ pub(crate) fn metric_title(id: &str) -> String {
 /// The metric of published LPIPS columns: the papers do not state the network.
 pub(crate) const PUBLISHED_LPIPS: &str = "lpips";
 
-/// The heading over the columns of one kind of view.
+/// Returns the heading over the columns of one kind of view.
 pub(crate) fn kind_title(kind: ViewKind) -> String {
     match kind {
         ViewKind::Input => "Input",
@@ -30,7 +30,7 @@ pub(crate) fn kind_title(kind: ViewKind) -> String {
     .to_owned()
 }
 
-/// An arrow that points to the better scores.
+/// Returns an arrow that points to the better scores.
 pub(crate) fn arrow(direction: Direction) -> &'static str {
     match direction {
         Direction::HigherIsBetter => "↑",
@@ -38,7 +38,7 @@ pub(crate) fn arrow(direction: Direction) -> &'static str {
     }
 }
 
-/// The decimals that a metric is printed with: 3 for decibels, else 4.
+/// Returns the decimals that a metric is printed with: 3 for decibels, else 4.
 pub(crate) fn decimals(metric: &str) -> usize {
     let decibels = metric.split('-').any(|part| part == "psnr");
     if decibels { 3 } else { 4 }
@@ -76,7 +76,7 @@ pub(crate) fn short_commit(commit: &str) -> String {
     }
 }
 
-/// A cell without emphasis, for people.
+/// Returns a cell without emphasis, for people.
 pub(crate) fn plain(cell: &Cell) -> String {
     match cell {
         Cell::Missing => "–".to_owned(),
@@ -100,13 +100,13 @@ pub(crate) fn plain(cell: &Cell) -> String {
     }
 }
 
-/// A score without its interval.
+/// Returns a score without its interval.
 pub(crate) fn value(score: &Score) -> String {
     let digits = score.decimals;
     format!("{:.digits$}", score.value)
 }
 
-/// A score's interval: ` [24.1, 25.9]`, or nothing.
+/// Returns a score's interval: ` [24.1, 25.9]`, or nothing.
 pub(crate) fn interval(score: &Score) -> String {
     let digits = score.decimals;
     score.interval.map_or_else(String::new, |[low, high]| {
@@ -114,7 +114,7 @@ pub(crate) fn interval(score: &Score) -> String {
     })
 }
 
-/// A rounded number with groups of three digits: `1,234,567`.
+/// Returns a rounded number with groups of three digits: `1,234,567`.
 pub(crate) fn grouped(value: f64) -> String {
     let digits = format!("{:.0}", value.abs());
     let mut text = String::with_capacity(digits.len() + digits.len() / 3 + 1);
@@ -130,13 +130,13 @@ pub(crate) fn grouped(value: f64) -> String {
     text
 }
 
-/// `1 scene`, `1,234 scenes`.
+/// Formats a count: `1 scene`, `1,234 scenes`.
 pub(crate) fn counted(count: usize, what: &str) -> String {
     let plural = if count == 1 { "" } else { "s" };
     format!("{} {what}{plural}", grouped(count as f64))
 }
 
-/// A name for files: lower-case letters, digits and hyphens.
+/// Returns a name for files: lower-case letters, digits and hyphens.
 pub(crate) fn slug(text: &str) -> String {
     let mut slug = String::with_capacity(text.len());
     for character in text.chars() {

@@ -34,7 +34,7 @@ impl ViewKind {
         }
     }
 
-    /// Returns the scores of views of this kind. A failed run has none, whatever views it left.
+    /// Returns the scores of views of this kind. A failed run has none, even with views.
     pub(crate) fn scores(self, result: &ResultRecord) -> &BTreeMap<String, Summary> {
         if result.run_failure.is_some() {
             return &NO_SCORES;
@@ -78,19 +78,19 @@ pub(crate) struct Group<'a> {
 type Reasons<'a> = BTreeMap<&'a str, BTreeMap<&'a str, &'a str>>;
 
 impl<'a> Group<'a> {
-    /// Index of a quantity.
+    /// Returns the index of a quantity.
     pub(crate) fn quantity(&self, kind: ViewKind, metric: &str) -> Option<usize> {
         let mut quantities = self.quantities.iter();
         quantities.position(|(quantity, _)| quantity.kind == kind && quantity.metric == metric)
     }
 
-    /// The rows of a method, sorted by scene.
+    /// Returns the rows of a method, sorted by scene.
     pub(crate) fn rows_of(&self, method: &str) -> impl Iterator<Item = &SceneRow<'a>> {
         let rows = self.rows_by_method.get(method).into_iter().flatten();
         rows.map(|&at| &self.scene_rows[at])
     }
 
-    /// The rows of a scene, sorted by method.
+    /// Returns the rows of a scene, sorted by method.
     pub(crate) fn rows_in(&self, scene: &str) -> &[SceneRow<'a>] {
         let first = self.scene_rows.partition_point(|row| row.scene < scene);
         let rows = &self.scene_rows[first..];
@@ -155,7 +155,7 @@ impl<'a> Group<'a> {
         reasons.get(metric).copied()
     }
 
-    /// The first digits of the protocol's hash, as printed.
+    /// Returns the first digits of the protocol's hash, as printed.
     pub(crate) fn short_hash(&self) -> String {
         self.protocol_hash.chars().take(HASH_DIGITS).collect()
     }

@@ -60,7 +60,7 @@ pub fn build_leaderboard(request: &LeaderboardRequest) -> Result<Leaderboard, Le
     build_leaderboard_of(request, |_| true)
 }
 
-/// [`build_leaderboard`] of the results whose files `is_wanted` accepts.
+/// Builds tables and site as [`build_leaderboard`], from the results whose files `is_wanted` accepts.
 ///
 /// # Errors
 /// Those of [`build_leaderboard`].
@@ -152,7 +152,7 @@ fn prepare<'a>(
     })
 }
 
-/// All pages.
+/// Returns all pages.
 fn site_of(
     request: &LeaderboardRequest,
     files: &RecordFiles,

@@ -4,6 +4,7 @@
 //! the paper's layouts (Markdown, LaTeX, CSV) and a static site. Published figures ([`published`]) stand beside
 //! measured ones and are never ranked with them. [`build`] makes only the table of all results; [`query`] answers
 //! queries beyond the layouts. Images are copied for the site; only [`figure`] decodes them.
+#![cfg_attr(not(test), warn(clippy::disallowed_methods))]
 
 mod assets;
 mod class;

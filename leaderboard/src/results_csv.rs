@@ -115,7 +115,7 @@ fn result_row(
     row
 }
 
-/// The class, the stated numbers and the clock of the training time.
+/// Returns the class, the stated numbers and the clock of the training time.
 fn origin(class: MethodClass, numbers: &Numbers) -> [String; 3] {
     let stated: Vec<&str> = numbers.stated.iter().map(String::as_str).collect();
     [

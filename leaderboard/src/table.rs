@@ -53,9 +53,9 @@ pub(crate) enum Holds {
 /// A row.
 #[derive(Default)]
 pub(crate) struct Row {
-    /// As many as [`Table::names`].
+    /// One per entry of [`Table::names`].
     pub(crate) names: Vec<String>,
-    /// As many as [`Table::columns`].
+    /// One per entry of [`Table::columns`].
     pub(crate) cells: Vec<Cell>,
     /// The class of its heading, if the table is by class.
     pub(crate) class: Option<MethodClass>,
@@ -225,7 +225,7 @@ impl Table {
         self.rows.chunk_by(|a, b| a.class == b.class)
     }
 
-    /// The table with some of its columns.
+    /// Returns the table with some of its columns.
     pub(crate) fn with_columns(mut self, keep: impl Fn(&Column) -> bool) -> Self {
         let kept: Vec<bool> = self.columns.iter().map(keep).collect();
         let blocks = self.published.iter_mut().flat_map(|block| &mut block.rows);
@@ -265,7 +265,7 @@ impl Column {
         }
     }
 
-    /// The whole heading on one line, with an arrow to the better values.
+    /// Returns the whole heading on one line, with an arrow to the better values.
     pub(crate) fn heading(&self) -> String {
         let arrow = self.direction.map(format::arrow);
         [self.group.as_deref(), Some(self.name.as_str()), arrow]
@@ -286,7 +286,7 @@ pub(crate) fn cost_columns() -> Vec<Column> {
         .to_vec()
 }
 
-/// Their cells.
+/// Returns their cells.
 pub(crate) fn cost_cells(numbers: &Numbers) -> [Cell; 4] {
     let gigabytes = numbers.peak_memory_bytes.map(|bytes| bytes / 1e9);
     let seconds = numbers.training_seconds;
@@ -298,14 +298,14 @@ pub(crate) fn cost_cells(numbers: &Numbers) -> [Cell; 4] {
     ]
 }
 
-/// A method's mean of one quantity with its interval.
+/// Returns a method's mean of one quantity with its interval.
 pub(crate) fn method_score(group: &Group<'_>, method: &MethodRow<'_>, index: usize) -> Cell {
     let Confidence { mean, .. } = method.confidence[index];
     let metric = &group.quantities[index].0.metric;
     Cell::score(method.numbers.scores[index], metric, mean)
 }
 
-/// A method's rank by one quantity.
+/// Returns a method's rank by one quantity.
 pub(crate) fn method_rank(method: &MethodRow<'_>, index: usize) -> Cell {
     let confidence = method.confidence[index];
     match confidence.rank {
@@ -369,7 +369,7 @@ fn leader(rivals: &[&mut Score], direction: Direction, but: Option<f64>) -> Opti
         })
 }
 
-/// The value rounded as it is printed.
+/// Returns the value rounded as printed.
 fn as_printed(score: &Score) -> f64 {
     let scale = 10_f64.powi(score.decimals as i32);
     (score.value * scale).round() / scale

@@ -61,7 +61,7 @@ pub fn build(results: &[(PathBuf, ResultRecord)], out: &Path) -> Result<Tables, 
     Ok(tables)
 }
 
-/// The tables of all results; nothing is written.
+/// Returns the tables of all results; nothing is written.
 pub(crate) fn all_results(groups: &[Group<'_>], out: &Path) -> Result<Tables, LeaderboardError> {
     let mut markdown = String::from("# Leaderboard\n");
     let mut short = String::new();
@@ -118,8 +118,7 @@ pub(crate) fn short_table(group: &Group<'_>, all: Table) -> Table {
     })
 }
 
-/// The tables in the layouts of the paper,
-/// `tables/<protocol>-<hash>/<layout>.{md,tex,csv}`.
+/// Returns the tables in the layouts of the paper, `tables/<protocol>-<hash>/<layout>.{md,tex,csv}`.
 pub(crate) fn in_all_layouts(
     groups: &[Group<'_>],
     papers: &[Paper],

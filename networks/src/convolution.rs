@@ -334,7 +334,7 @@ mod tests {
         features
     }
 
-    /// The definition, one loop per index, in f64.
+    /// Evaluates the definition, one loop per index, in f64.
     fn direct(kernel: Kernel, values: &[f32], bias: &[f32], input: &Features) -> Vec<f64> {
         let Kernel {
             side,

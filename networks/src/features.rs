@@ -18,7 +18,7 @@ pub struct Features {
 }
 
 impl Features {
-    /// All zero.
+    /// Creates images of zeros.
     pub fn zeros(images: usize, height: usize, width: usize, channels: usize) -> Self {
         Self {
             images,
@@ -39,12 +39,12 @@ impl Features {
         self.height * self.row_len()
     }
 
-    /// All values of one image.
+    /// Returns all values of one image.
     pub fn image(&self, image: usize) -> &[f32] {
         &self.data[image * self.image_len()..][..self.image_len()]
     }
 
-    /// All values of one pixel; `None` outside the image.
+    /// Returns all values of one pixel; `None` outside the image.
     pub fn pixel(&self, image: usize, y: isize, x: isize) -> Option<&[f32]> {
         let inside =
             (0..self.height as isize).contains(&y) && (0..self.width as isize).contains(&x);
@@ -78,7 +78,7 @@ impl Features {
         values[before + inside..].fill(0.0);
     }
 
-    /// The rows `rows` of every image.
+    /// Returns the rows `rows` of every image.
     ///
     /// # Panics
     /// When there are fewer rows.

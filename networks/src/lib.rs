@@ -5,6 +5,7 @@
 //! Networks themselves are compositions of these in the crates that use them.
 //!
 //! The reasons against an inference runtime are measurements in `docs/results/boundaries.md`.
+#![cfg_attr(not(test), warn(clippy::disallowed_methods))]
 
 pub mod convolution;
 pub mod features;

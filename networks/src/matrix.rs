@@ -12,7 +12,7 @@ pub struct Matrix {
 }
 
 impl Matrix {
-    /// All zero.
+    /// Creates a matrix of zeros.
     pub fn zeros(rows: usize, columns: usize) -> Self {
         Self {
             rows,
@@ -21,7 +21,7 @@ impl Matrix {
         }
     }
 
-    /// The transpose.
+    /// Returns the transpose.
     pub fn transposed(&self) -> Self {
         let mut data = Vec::with_capacity(self.data.len());
         for column in 0..self.columns {
@@ -34,12 +34,12 @@ impl Matrix {
         }
     }
 
-    /// One row.
+    /// Returns one row.
     pub fn row(&self, row: usize) -> &[f32] {
         &self.data[row * self.columns..(row + 1) * self.columns]
     }
 
-    /// `self * right`.
+    /// Returns `self * right`.
     pub fn times(&self, right: &Self) -> Self {
         assert_eq!(self.columns, right.rows, "inner sizes of a matrix product");
         let mut product = Self::zeros(self.rows, right.columns);
@@ -53,7 +53,7 @@ impl Matrix {
     }
 }
 
-/// `product = left * right` for `[m, k, n]`: `left` is m x k, `right` k x n, `product` m x n.
+/// Computes `product = left * right` for `[m, k, n]`: `left` is m x k, `right` k x n, `product` m x n.
 ///
 /// # Panics
 /// When a slice's length does not fit the sizes.

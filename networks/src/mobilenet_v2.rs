@@ -189,7 +189,7 @@ pub fn windows(side: usize, pixel: impl Fn(usize) -> [f32; 3]) -> Matrix {
     windows
 }
 
-/// Mean over all pixels.
+/// Returns the mean over all pixels.
 pub fn mean(input: &Matrix) -> Matrix {
     let shares = Matrix {
         rows: 1,

@@ -38,7 +38,7 @@ pub struct LeftFactor<'a> {
 }
 
 impl<'a> LeftFactor<'a> {
-    /// A row-major matrix.
+    /// Describes a row-major matrix.
     pub fn row_major(values: &'a [f32], columns: usize) -> Self {
         Self {
             values,
@@ -78,7 +78,7 @@ impl PackedMatrix {
         }
     }
 
-    /// `product = left * self`, row-major, with as many rows as `product` has.
+    /// Computes `product = left * self`, row-major, with as many rows as `product` has.
     ///
     /// # Panics
     /// When the rows of the left factor are not as long as this one has rows or exceed its values, or `product` has no

@@ -85,17 +85,17 @@ impl Weights {
         })
     }
 
-    /// The file.
+    /// Returns the file.
     pub fn path(&self) -> &Path {
         &self.path
     }
 
-    /// SHA-256 of the file.
+    /// Returns the SHA-256 of the file.
     pub fn sha256(&self) -> String {
         store::sha256_bytes(&self.bytes)
     }
 
-    /// The values of a tensor, row-major, checked to be f32 of this shape.
+    /// Returns the values of a tensor, row-major, checked to be f32 of this shape.
     ///
     /// # Errors
     /// [`WeightsError::Malformed`] without such a tensor.

@@ -29,7 +29,7 @@ const KERNEL: [[f64; 3]; PATCH] = [
     [0.0, 0.0, 1.0],
 ];
 
-/// `G g G^T` of a row-major 3x3 kernel, in f64.
+/// Returns `G g G^T` of a row-major 3x3 kernel, in f64.
 pub fn transform_kernel(kernel: [f64; 9]) -> [f64; POSITIONS] {
     let mut transformed = [0.0; POSITIONS];
     for (row, left) in KERNEL.iter().enumerate() {
@@ -44,7 +44,7 @@ pub fn transform_kernel(kernel: [f64; 9]) -> [f64; POSITIONS] {
     transformed
 }
 
-/// `B^T d B` for many independent patches at once.
+/// Computes `B^T d B` for many independent patches at once.
 ///
 /// `patch[6 y + x]` holds the values of all of them at one pixel; `None` is a pixel outside the
 /// image, zero. `transformed[p]` receives position p in the same order.

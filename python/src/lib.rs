@@ -7,6 +7,7 @@
 //!
 //! The module links neither FFmpeg nor OpenCV nor a GPU's libraries, of which other packages in the same
 //! process bring their own. What needs them is done by the program `omnilife`, which the wheel has too.
+#![cfg_attr(not(test), warn(clippy::disallowed_methods))]
 
 use pyo3::pymodule;
 

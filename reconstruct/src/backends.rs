@@ -8,10 +8,8 @@ use omnilife_engine::{
     step::BackendChoice,
 };
 
-use crate::{
-    error::ReconstructError,
-    methods::{METHODS, Method},
-};
+use crate::registry::METHODS;
+use omnilife_training::{error::ReconstructError, method::Method};
 
 /// Checks that the machine has what a backend computes on.
 ///

@@ -59,8 +59,8 @@ pub struct Stopwatch {
 }
 
 impl Stopwatch {
-    /// Begins to count. Programs that the process runs count too, once they have ended.
-    pub fn start() -> Self {
+    /// Begins to count the time of this process and of the programs that it runs, once they have ended.
+    pub fn with_children() -> Self {
         Self::by(cpu_time_with_children)
     }
 
@@ -125,7 +125,7 @@ mod tests {
 
     #[test]
     fn work_of_this_process_takes_time_on_both_clocks() {
-        let watch = Stopwatch::start();
+        let watch = Stopwatch::with_children();
         let mut sum = 0.0_f64;
         while watch.begun.elapsed() < Duration::from_millis(60) {
             sum += std::hint::black_box(1.5_f64).sqrt();
@@ -141,7 +141,7 @@ mod tests {
     #[cfg(unix)]
     #[test]
     fn only_one_of_the_clocks_counts_other_programs() {
-        let (watch, own) = (Stopwatch::start(), Stopwatch::of_own_process());
+        let (watch, own) = (Stopwatch::with_children(), Stopwatch::of_own_process());
         let loops = "i=0; while [ $i -lt 20000 ]; do i=$((i+1)); done";
         let status = std::process::Command::new("sh")
             .args(["-c", loops])

@@ -9,7 +9,7 @@
 //! [`frame_scores`] (the scores of every view), [`tracked_regions`] (what moves as far as tracks say),
 //! [`oriented_box`] (boxes as cameras see them), [`padded_frame`] (images among padding), [`stage`] (when work can be skipped), [`statistics`]
 //! (medians), [`bootstrap`] (how far scores can be trusted), [`plain_text`] (text of others where it is
-//! shown), [`provenance`] (what made a record), [`elapsed`] (how long work took), [`process`], [`process_group`], [`progress`],
+//! shown), [`provenance`] (what made a record), [`elapsed`] (how long work took), [`process`], [`child`] (programs of others), [`progress`],
 //! [`error_kind`], [`foreign_code`] (libraries that panic), and [`testing`] (skipped tests).
 //!
 //! # Conventions
@@ -18,11 +18,12 @@
 //! * Equirectangular (ERP) images: see [`camera::erp`].
 //! * Time is in seconds of the source's presentation timestamps.
 //! * Images are `[0, 1]` f32, row-major, three interleaved channels, as decoded (sRGB).
+#![cfg_attr(not(test), warn(clippy::disallowed_methods))]
 
 pub mod assignment;
 pub mod bootstrap;
 pub mod camera;
-pub mod command;
+pub mod child;
 pub mod distances;
 pub mod elapsed;
 pub mod error_kind;
@@ -44,7 +45,6 @@ pub mod plain_text;
 pub mod points;
 pub mod pose;
 pub mod process;
-pub mod process_group;
 pub mod progress;
 pub mod provenance;
 pub mod records;

@@ -1,4 +1,4 @@
-//! One process at a time writes into a folder.
+//! Locks: one process at a time writes into a folder or works on a unit.
 //!
 //! The lock is the system's (`flock`), so it ends with its process however that ends; the file that
 //! carries it says who holds it, and goes when it is let go.
@@ -33,18 +33,88 @@ const HOLDER_WAIT: Duration = Duration::from_millis(20);
 /// What this process holds. Stages of one job lock the folders that the job has locked already.
 static HELD: Mutex<BTreeMap<PathBuf, Weak<Held>>> = Mutex::new(BTreeMap::new());
 
+/// A file that is locked for as long as it, or a copy that another process has inherited, is open.
+#[derive(Debug)]
+pub struct LockFile {
+    path: PathBuf,
+    file: File,
+}
+
+/// Result of an attempt to lock a file.
+#[derive(Debug)]
+pub enum Attempt {
+    /// This process has the lock.
+    Locked(LockFile),
+    /// Another process has it; what it wrote can be read from the file.
+    Held(File),
+    /// The file system has no locks, or fails to lock.
+    Failed(io::Error),
+}
+
+impl LockFile {
+    /// Makes the file where it is missing and locks it, without waiting. Content of an earlier holder stays.
+    ///
+    /// # Errors
+    /// When the path is a link, or the file cannot be opened for reading and writing.
+    pub fn take(path: &Path) -> Result<Attempt, StoreError> {
+        let failed = |error| StoreError::write(path, error);
+        loop {
+            if path.is_symlink() {
+                return Err(StoreError::refused(path, "is a link, not our lock"));
+            }
+            let mut options = OpenOptions::new();
+            options.read(true).write(true).create(true).truncate(false);
+            let file = options.open(path).map_err(failed)?;
+            return Ok(match file.try_lock() {
+                // The holder before may have removed it between opening and locking.
+                Ok(()) if !is_still_there(&file, path).map_err(failed)? => continue,
+                Ok(()) => Attempt::Locked(Self {
+                    path: path.to_owned(),
+                    file,
+                }),
+                Err(TryLockError::WouldBlock) => Attempt::Held(file),
+                Err(TryLockError::Error(error)) => Attempt::Failed(error),
+            });
+        }
+    }
+
+    /// Returns the open file, which is read from its beginning when it has just been locked.
+    pub fn file(&self) -> &File {
+        &self.file
+    }
+
+    /// Replaces the content.
+    ///
+    /// # Errors
+    /// Those of the system.
+    pub fn write(&self, content: &[u8]) -> io::Result<()> {
+        let mut file = &self.file;
+        file.set_len(0)?;
+        file.rewind()?;
+        file.write_all(content)
+    }
+
+    /// Removes the file and lets the lock go, whatever other process has inherited it.
+    ///
+    /// # Errors
+    /// When the file cannot be removed.
+    pub fn release(&self) -> Result<(), StoreError> {
+        // Removed before it is let go: whoever locks a removed file finds that out.
+        store::remove(&self.path)?;
+        let unlocked = self.file.unlock();
+        unlocked.map_err(|error| StoreError::write(&self.path, error))
+    }
+}
+
 /// Keeps other processes from writing into a folder until it is dropped.
 #[derive(Debug)]
 pub struct FolderLock {
     _held: Arc<Held>,
 }
 
+/// The lock; `None` where the file system has no locks.
 #[derive(Debug)]
-struct Held {
-    path: PathBuf,
-    /// `None` where the file system has no locks.
-    file: Option<File>,
-}
+struct Held(Option<LockFile>);
 
 impl FolderLock {
     /// Makes the folder where it is missing, locks it, and removes what killed processes left
@@ -68,14 +138,14 @@ impl FolderLock {
             return Ok(Self { _held: held });
         }
         let path = folder.join(LOCK_FILE);
-        let file = lock(&folder, &path)?;
-        if file.is_none() {
+        let lock = lock(&folder, &path)?;
+        if lock.is_none() {
             progress.note(&format!(
                 "{}: its file system has no locks; let no other process write into it",
                 folder.display()
             ));
         }
-        let held = Arc::new(Held { path, file });
+        let held = Arc::new(Held(lock));
         all.insert(folder.clone(), Arc::downgrade(&held));
         drop(all);
         store::remove_abandoned(&folder)?;
@@ -101,11 +171,9 @@ impl Drop for Held {
     fn drop(&mut self) {
         // Another thread must not find the lock half gone.
         let mut all = all_held();
-        if let Some(file) = self.file.take() {
-            // Removed before it is let go: whoever locks a removed file finds that out. One that
-            // cannot be removed is hidden and taken over by the next process.
-            drop(fs::remove_file(&self.path));
-            drop(file);
+        if let Some(lock) = self.0.take() {
+            // One that cannot be removed is hidden and taken over by the next process.
+            drop(lock.release());
         }
         all.retain(|_, held| held.strong_count() > 0);
     }
@@ -117,46 +185,24 @@ fn all_held() -> MutexGuard<'static, BTreeMap<PathBuf, Weak<Held>>> {
 }
 
 /// Locks the file; `None` where the file system cannot.
-fn lock(folder: &Path, path: &Path) -> Result<Option<File>, StoreError> {
+fn lock(folder: &Path, path: &Path) -> Result<Option<LockFile>, StoreError> {
     let failed = |error| StoreError::write(path, error);
-    loop {
-        if path.is_symlink() {
-            return Err(StoreError::refused(path, "is a link, not our lock"));
-        }
-        let mut file = OpenOptions::new()
-            .read(true)
-            .write(true)
-            .create(true)
-            .truncate(false)
-            .open(path)
-            .map_err(failed)?;
-        match file.try_lock() {
-            Ok(()) => {}
-            Err(TryLockError::WouldBlock) => return Err(refusal(folder, &mut file)),
-            Err(TryLockError::Error(error)) if has_no_locks(&error) => {
-                return Ok(None);
-            }
-            Err(TryLockError::Error(error)) => return Err(failed(error)),
-        }
-        // The process before may have removed it between opening and locking.
-        if !is_still_there(&file, path).map_err(failed)? {
-            continue;
-        }
-        let mut text = String::new();
-        let read = (&file).take(TAG.len() as u64).read_to_string(&mut text);
-        if read.is_err() || !TAG.starts_with(text.as_str()) {
-            return Err(StoreError::refused(path, "is not our lock"));
-        }
-        let written = file
-            .set_len(0)
-            .and_then(|()| file.rewind())
-            .and_then(|()| file.write_all(holder().as_bytes()));
-        if let Err(error) = written {
-            drop(fs::remove_file(path));
-            return Err(failed(error));
-        }
-        return Ok(Some(file));
+    let lock = match LockFile::take(path)? {
+        Attempt::Locked(lock) => lock,
+        Attempt::Held(mut file) => return Err(refusal(folder, &mut file)),
+        Attempt::Failed(error) if has_no_locks(&error) => return Ok(None),
+        Attempt::Failed(error) => return Err(failed(error)),
+    };
+    let mut text = String::new();
+    let read = lock.file().take(TAG.len() as u64).read_to_string(&mut text);
+    if read.is_err() || !TAG.starts_with(text.as_str()) {
+        return Err(StoreError::refused(path, "is not our lock"));
     }
+    if let Err(error) = lock.write(holder().as_bytes()) {
+        drop(lock.release());
+        return Err(failed(error));
+    }
+    Ok(Some(lock))
 }
 
 /// The lock's text; who has just taken a lock writes it a moment later.

@@ -115,15 +115,16 @@ impl OwnFiles {
         }
     }
 
-    /// Refuses to replace a file that is not as we made it, unless it has this content already.
+    /// Refuses to replace a file that is not as we made it, unless it has this content already. Returns whose the
+    /// file is.
     ///
     /// # Errors
     /// When somebody else's file or a changed one stands there, or the name leads out of the folder.
-    pub fn refuse_changed(&self, file: &str, sha256: &str) -> Result<(), StoreError> {
+    pub fn refuse_changed(&self, file: &str, sha256: &str) -> Result<Standing, StoreError> {
         let path = self.folder.join(file);
         match self.standing(file)? {
-            Standing::Nothing | Standing::Ours => Ok(()),
-            _ if path.is_file() && store::sha256_file(&path)? == sha256 => Ok(()),
+            standing @ (Standing::Nothing | Standing::Ours) => Ok(standing),
+            standing if path.is_file() && store::sha256_file(&path)? == sha256 => Ok(standing),
             Standing::Changed | Standing::Foreign => Err(in_the_way(&path)),
         }
     }

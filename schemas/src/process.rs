@@ -100,9 +100,13 @@ pub fn ending(status: ExitStatus) -> String {
 /// The last line of a log that is not blank, at most 300 characters of it; logs of other programs
 /// need not be UTF-8.
 pub fn last_line(log: &Path) -> Option<String> {
+    last_line_of(&tail(log).ok()?)
+}
+
+/// [`last_line`] of what a program printed.
+pub fn last_line_of(printed: &[u8]) -> Option<String> {
     const LONGEST: usize = 300;
-    let bytes = tail(log).ok()?;
-    let text = String::from_utf8_lossy(&bytes);
+    let text = String::from_utf8_lossy(printed);
     let mut lines = text.lines().rev().map(str::trim);
     let line = lines.find(|line| !line.is_empty())?;
     Some(line.chars().take(LONGEST).collect())

@@ -4,9 +4,11 @@
 //! in and came out. [`StagePlan::is_done`] compares hashes and checks that the outputs still stand.
 //!
 //! The record also says which files are the stage's own. Before a stage writes anything it claims
-//! its outputs ([`StagePlan::claim`]): what stands in their way and was not made by it is refused. The
+//! its outputs: what stands in their way and was not made by it is refused. The
 //! claim is kept on disk until the stage is finished, so that a killed process leaves its successor
-//! what it made.
+//! what it made. [`StagePlan::make`] and [`StagePlan::run`] do all that in the one order in which it is safe.
+
+mod outputs;
 
 use std::{
     collections::BTreeSet,
@@ -21,9 +23,11 @@ use crate::{
     elapsed::Elapsed,
     lock::{FolderLock, LOCK_FILE},
     ownership::{OwnFile, OwnFiles, Standing, path_inside},
-    progress::Silent,
+    progress::{Progress, Silent},
     store::{self, Record, StoreError},
 };
+
+pub use outputs::StageOutputs;
 
 /// Folder of the done-records in a stage's folder.
 const RECORDS_FOLDER: &str = ".done";
@@ -150,6 +154,53 @@ impl StagePlan {
         store::sha256_bytes(text.as_bytes())
     }
 
+    /// Returns the record that the finished stage has left, with the note `skipped`; otherwise has `work` make it, as
+    /// [`StagePlan::run`] does, and writes it behind all other outputs.
+    ///
+    /// # Errors
+    /// As [`StagePlan::run`], and when the record cannot be read or written.
+    pub fn make<S: AsRef<str>, R: Record, E: From<StoreError>>(
+        &self,
+        (record, skipped): (&str, &str),
+        claimed: impl IntoIterator<Item = S>,
+        progress: &dyn Progress,
+        work: impl FnOnce(&mut StageOutputs<'_>) -> Result<R, E>,
+    ) -> Result<R, E> {
+        if self.is_done() {
+            progress.note(skipped);
+            return Ok(store::read_record(&self.folder.join(record))?);
+        }
+        self.run(claimed, progress, |outputs| {
+            outputs.kept.push(record.to_owned());
+            let made = work(outputs)?;
+            outputs.write_record(record, &made)?;
+            Ok(made)
+        })
+    }
+
+    /// Has `work` write into the stage's folder: makes and locks it, claims files, and records as outputs what `work`
+    /// has added to them.
+    ///
+    /// # Errors
+    /// Those of [`FolderLock::take`], and [`StoreError::Refused`] where something that the stage has not made stands
+    /// under a claimed name, before anything is written; those of `work`, which leave the stage begun; and when a
+    /// record of the stage cannot be written or removed.
+    pub fn run<S: AsRef<str>, T, E: From<StoreError>>(
+        &self,
+        claimed: impl IntoIterator<Item = S>,
+        progress: &dyn Progress,
+        work: impl FnOnce(&mut StageOutputs<'_>) -> Result<T, E>,
+    ) -> Result<T, E> {
+        let _lock = FolderLock::take(&self.folder, progress)?;
+        let claimed = claimed.into_iter().map(|file| file.as_ref().to_owned());
+        let claimed: Vec<String> = claimed.collect();
+        self.claim(&claimed)?;
+        let mut outputs = StageOutputs::new(self, claimed);
+        let made = work(&mut outputs)?;
+        outputs.finish()?;
+        Ok(made)
+    }
+
     /// Whether a done-record with the same inputs exists and all its outputs stand as they were
     /// made. An unreadable done-record means that the stage is not done. What a process left that was
     /// killed just after it was done is removed.
@@ -196,6 +247,21 @@ impl StagePlan {
         self.record_path().is_file() || self.begun_path().is_file()
     }
 
+    /// Refuses a folder of this name that holds something, where the stage has never begun: what it writes there is not
+    /// known beforehand.
+    ///
+    /// # Errors
+    /// When there is one, or the name leads through a link.
+    pub fn refuse_foreign_folder(&self, name: &str) -> Result<(), StoreError> {
+        let path = path_inside(&self.folder, name)?;
+        let is_filled = path.exists() && !(path.is_dir() && store::names_in(&path)?.is_empty());
+        if is_filled && !self.has_begun() {
+            let reason = "is there, and no run of ours made it; choose another output";
+            return Err(StoreError::refused(&path, reason));
+        }
+        Ok(())
+    }
+
     /// The files of the folder that this stage made, finished or not.
     pub fn own_files(&self) -> OwnFiles {
         let done = store::read_record::<Done>(&self.record_path());
@@ -206,29 +272,19 @@ impl StagePlan {
         OwnFiles::new(&self.folder, finished.chain(begun))
     }
 
-    /// Claims the files that the stage is about to write, relative to its folder. From here on it is
-    /// not done, because the outputs may be half new; what killed processes left half-written beside
-    /// the outputs is removed.
-    ///
-    /// # Errors
-    /// [`StoreError::Refused`] where something that the stage has not made stands under a name, and
-    /// when a record cannot be written or removed.
-    pub fn claim<S: AsRef<str>>(
-        &self,
-        outputs: impl IntoIterator<Item = S>,
-    ) -> Result<(), StoreError> {
+    /// Claims files that the stage is about to write. From here on it is not done, because the outputs may be half
+    /// new; what killed processes left half-written beside the outputs is removed.
+    fn claim(&self, files: &[String]) -> Result<(), StoreError> {
         let own = self.own_files();
         let mut folders = BTreeSet::from([self.folder.clone(), self.records_folder()]);
-        let mut planned = Vec::new();
-        for output in outputs {
-            let file = output.as_ref();
+        for file in files {
             own.refuse_foreign(file)?;
             folders.extend(self.folder.join(file).parent().map(Path::to_owned));
-            planned.push(OwnFile {
-                file: file.to_owned(),
-                sha256: None,
-            });
         }
+        let planned = files.iter().map(|file| OwnFile {
+            file: file.clone(),
+            sha256: None,
+        });
         self.write_begun(own.files().chain(planned))?;
         store::remove(&self.record_path())?;
         folders
@@ -243,13 +299,13 @@ impl StagePlan {
     /// # Errors
     /// [`StoreError::Refused`] where a file that this stage has not made, or that was changed since,
     /// would be lost, and when a file cannot be moved.
-    pub fn publish(&self, staged: &Path, files: &[String]) -> Result<Vec<String>, StoreError> {
+    pub fn publish(&self, staged: &Path, files: &[String]) -> Result<Vec<OwnFile>, StoreError> {
         let own = self.own_files();
         let mut moved = Vec::new();
         for file in files {
             let sha256 = store::sha256_file(&staged.join(file))?;
-            own.refuse_changed(file, &sha256)?;
-            if matches!(own.standing(file)?, Standing::Nothing | Standing::Ours) {
+            let standing = own.refuse_changed(file, &sha256)?;
+            if matches!(standing, Standing::Nothing | Standing::Ours) {
                 moved.push(OwnFile {
                     file: file.clone(),
                     sha256: Some(sha256),
@@ -265,7 +321,7 @@ impl StagePlan {
             store::rename(&staged.join(file), &target)
                 .map_err(|error| StoreError::write(&target, error))?;
         }
-        Ok(moved.into_iter().map(|moved| moved.file).collect())
+        Ok(moved)
     }
 
     /// Writes the done-record for outputs given relative to the stage's folder.
@@ -277,7 +333,11 @@ impl StagePlan {
         outputs: impl IntoIterator<Item = S>,
         took: impl Into<Elapsed>,
     ) -> Result<(), StoreError> {
-        self.finish_hashed(outputs.into_iter().map(|file| (file, None)), took)
+        let unhashed = |file: S| OwnFile {
+            file: file.as_ref().to_owned(),
+            sha256: None,
+        };
+        self.finish_hashed(outputs.into_iter().map(unhashed), took)
     }
 
     /// [`StagePlan::finish`] with the SHA-256 of outputs whose bytes were hashed when they were written;
@@ -285,15 +345,13 @@ impl StagePlan {
     ///
     /// # Errors
     /// As there.
-    pub fn finish_hashed<S: AsRef<str>>(
+    pub fn finish_hashed(
         &self,
-        outputs: impl IntoIterator<Item = (S, Option<String>)>,
+        outputs: impl IntoIterator<Item = OwnFile>,
         took: impl Into<Elapsed>,
     ) -> Result<(), StoreError> {
-        let mut recorded = Vec::new();
-        for (output, known) in outputs {
-            recorded.push(self.output(output.as_ref(), known)?);
-        }
+        let outputs = outputs.into_iter().map(|output| self.output(output));
+        let recorded = outputs.collect::<Result<_, _>>()?;
         store::create_folder(&self.records_folder())?;
         store::write_record(
             &self.record_path(),
@@ -308,22 +366,23 @@ impl StagePlan {
         store::remove(&self.begun_path())
     }
 
-    /// Records the present content of `files`, relative to the stage's folder, in the done-record of this stage:
+    /// Records `files`, with their present content where no hash is given, in the done-record of this stage:
     /// files that a finished stage made and that another step has completed, and further ones that go with them. Those
     /// of which `is_gone` holds are outputs no more.
     ///
     /// # Errors
     /// When the stage has not finished, a file is missing, or the record cannot be written.
-    pub fn amend<S: AsRef<str>>(
+    pub fn amend(
         &self,
-        files: &[S],
+        files: impl IntoIterator<Item = OwnFile>,
         is_gone: impl Fn(&str) -> bool,
     ) -> Result<(), StoreError> {
         let mut done: Done = store::read_record(&self.record_path())?;
         done.outputs.retain(|output| !is_gone(&output.file));
-        for file in files.iter().map(AsRef::as_ref) {
-            let output = self.output(file, None)?;
-            match done.outputs.iter_mut().find(|known| known.file == file) {
+        for file in files {
+            let output = self.output(file)?;
+            let mut outputs = done.outputs.iter_mut();
+            match outputs.find(|known| known.file == output.file) {
                 Some(known) => *known = output,
                 None => done.outputs.push(output),
             }
@@ -333,11 +392,11 @@ impl StagePlan {
     }
 
     /// A file as it stands, with its hash where that is known.
-    fn output(&self, file: &str, sha256: Option<String>) -> Result<StageOutput, StoreError> {
-        let path = self.folder.join(file);
+    fn output(&self, OwnFile { file, sha256 }: OwnFile) -> Result<StageOutput, StoreError> {
+        let path = self.folder.join(&file);
         let metadata = fs::metadata(&path).map_err(|source| StoreError::write(&path, source))?;
         Ok(StageOutput {
-            file: file.to_owned(),
+            file,
             bytes: metadata.len(),
             sha256: Some(sha256.map_or_else(|| store::sha256_file(&path), Ok)?),
         })

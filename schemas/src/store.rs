@@ -3,6 +3,13 @@
 //! Everything is written beside its final name, synced and renamed, so that a killed process or a
 //! full disk never leaves a partial file under a final name. JSON records carry their schema's
 //! name and version in `schema`, which is checked on reading.
+#![cfg_attr(
+    not(test),
+    expect(
+        clippy::disallowed_methods,
+        reason = "this is what others call instead"
+    )
+)]
 
 use std::{
     fs::{self, File},
@@ -14,7 +21,7 @@ use serde::{Deserialize, Serialize, de::DeserializeOwned};
 use sha2::{Digest, Sha256};
 
 use crate::error_kind::{self, Classified, ErrorKind};
-pub use crate::temporary::{remove_abandoned, temporary_beside};
+pub use crate::temporary::{Unfinished, remove_abandoned, temporary_beside};
 
 /// A JSON file with a published schema.
 pub trait Record: Serialize + DeserializeOwned + schemars::JsonSchema {
@@ -166,6 +173,18 @@ pub fn rename(from: &Path, to: &Path) -> io::Result<()> {
     sync_folder_of(to)
 }
 
+/// Copies a file into a folder of ours that goes with the work: a power cut may lose the copy.
+///
+/// # Errors
+/// When the file cannot be read, or the copy cannot be written.
+pub fn copy(from: &Path, to: &Path) -> Result<(), StoreError> {
+    let failed = |source| match File::open(from) {
+        Ok(_) => StoreError::write(to, source),
+        Err(_) => StoreError::read(from, source),
+    };
+    fs::copy(from, to).map(drop).map_err(failed)
+}
+
 /// Writes the entries of the folder that holds `path` to the disk.
 #[cfg(unix)]
 fn sync_folder_of(path: &Path) -> io::Result<()> {
@@ -270,21 +289,17 @@ pub fn write_with(
             "is no regular file, and would be replaced by one",
         ));
     }
-    let temporary = temporary_beside(path);
+    let temporary = Unfinished::beside(path);
     let written = (|| {
-        let mut writer = BufWriter::new(File::create(&temporary)?);
+        let mut writer = BufWriter::new(File::create(temporary.path())?);
         fill(&mut writer)?;
         let file = writer
             .into_inner()
             .map_err(io::IntoInnerError::into_error)?;
         file.sync_all()?;
-        rename(&temporary, path)
+        temporary.rename(path)
     })();
-    written.map_err(|source| {
-        // The write has failed already: a temporary file that cannot be removed changes nothing.
-        drop(fs::remove_file(&temporary));
-        StoreError::write(path, source)
-    })
+    written.map_err(|source| StoreError::write(path, source))
 }
 
 /// The bytes of a file that holds at most `most_bytes`.
@@ -386,10 +401,19 @@ pub fn record_line<T: Record>(record: &T) -> Result<String, serde_json::Error> {
 /// no infinity, so a record that holds one is refused here instead of by its next reader. In an
 /// optional entry both become `null`, which reads back as a missing value.
 pub fn write_record<T: Record>(path: &Path, record: &T) -> Result<(), StoreError> {
+    write_record_hashed(path, record).map(drop)
+}
+
+/// [`write_record`] that returns the SHA-256 of the file.
+///
+/// # Errors
+/// As there.
+pub fn write_record_hashed<T: Record>(path: &Path, record: &T) -> Result<String, StoreError> {
     let failed = |error: serde_json::Error| StoreError::write(path, io::Error::other(error));
     let bytes = record_bytes(record).map_err(failed)?;
     serde_json::from_slice::<T>(&bytes).map_err(failed)?;
-    write_bytes(path, &bytes)
+    write_bytes(path, &bytes)?;
+    Ok(sha256_bytes(&bytes))
 }
 
 /// Writes a record where the file does not hold the same one already, and removes what killed

@@ -52,6 +52,53 @@ pub fn temporary_beside(path: &Path) -> PathBuf {
     path.with_file_name(format!("{prefix}{short}{rest}"))
 }
 
+/// File or folder that is removed with all it holds when this is dropped, unless it has got its final name by then.
+#[derive(Debug)]
+pub struct Unfinished(PathBuf);
+
+impl Unfinished {
+    /// Returns a place beside `path`, see [`temporary_beside`], where nothing is made yet.
+    pub fn beside(path: &Path) -> Self {
+        Self(temporary_beside(path))
+    }
+
+    /// Makes an empty folder beside `path`, see [`temporary_beside`].
+    ///
+    /// # Errors
+    /// When what was there cannot be removed, or the folder cannot be made.
+    pub fn folder_beside(path: &Path) -> Result<Self, StoreError> {
+        let folder = Self::beside(path);
+        store::remove(&folder.0)?;
+        store::create_folder(&folder.0)?;
+        Ok(folder)
+    }
+
+    /// Gives it its final name, see [`store::rename`].
+    ///
+    /// # Errors
+    /// Those of the system; it is removed then.
+    pub fn rename(mut self, path: &Path) -> io::Result<()> {
+        store::rename(&self.0, path)?;
+        // Another thread may begin to write the same by now.
+        self.0 = PathBuf::new();
+        Ok(())
+    }
+
+    /// Returns its path.
+    pub fn path(&self) -> &Path {
+        &self.0
+    }
+}
+
+impl Drop for Unfinished {
+    fn drop(&mut self) {
+        if !self.0.as_os_str().is_empty() {
+            // The work is done or has failed already: what cannot be removed is hidden and harmless.
+            drop(store::remove(&self.0));
+        }
+    }
+}
+
 /// Removes what killed processes of this machine left in a folder: entries named by
 /// [`temporary_beside`] in a process that no longer runs. What other machines or unknown programs
 /// left stays.

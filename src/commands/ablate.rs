@@ -2,7 +2,7 @@
 //!
 //! It trains and scores, so it is here: `bench` knows no method.
 
-use std::{path::Path, time::Instant};
+use std::path::Path;
 
 use omnilife_bench::split_scene;
 use omnilife_reconstruct::{
@@ -12,7 +12,6 @@ use omnilife_reconstruct::{
 use omnilife_schemas::{
     ErrorKind,
     layout::SPLIT_FILE,
-    lock::FolderLock,
     progress::Progress,
     records::{ComponentDecision, ResultRecord},
     stage::StagePlan,
@@ -45,60 +44,59 @@ pub(crate) fn execute(
     // What is wrong with the request should not be found out by every row.
     let asked = arguments.request(iterations)?;
     method.check(&asked, arguments.backend.into())?;
-    let _lock = FolderLock::take(out, progress)?;
-    let begun = Instant::now();
     let summary = StagePlan::new(out, "ablation");
-    summary.claim([TABLE_FILE])?;
-    let split = out.join(SPLIT_FILE);
-    split_scene(scene, protocol, &split)?;
-    preparation::prepare(&[method], scene, &split, progress)?;
-    let can_be_left_out = |component: &str| {
-        let mut without = asked.clone();
-        without.without.push(component.to_owned());
-        method.check(&without, arguments.backend.into()).is_ok()
-    };
-    let decisions = plan_cost::decisions(scene, &split, method, &asked)?;
-    let rows = rows(&decisions, can_be_left_out);
-    if rows.len() == 1 {
-        return Err(BadRequest(format!(
-            "{} uses no components on this scene that could be left out",
-            method.id
-        ))
-        .into());
-    }
-    let request = ablation::AblationRequest {
-        scene,
-        split: &split,
-        out,
-        arguments,
-        iterations,
-        needs: pooled::needs(None)?,
-    };
-    let units = rows.iter().map(|row| request.unit(method, row.as_deref()));
-    let units = units.collect::<anyhow::Result<_>>()?;
-    let mut table = String::new();
-    let mut failures = Vec::new();
-    for (unit, state) in pooled::run_units(out, units, progress)? {
-        if let Some((reason, blame)) = pooled::failure(&state) {
-            failures.push((unit.id, reason, blame));
-            continue;
-        }
-        for file in &unit.outputs {
-            let result: ResultRecord = store::read_record(Path::new(file))?;
-            if table.is_empty() {
-                table = header(method, &result);
+    let (table, failures, rows) =
+        summary.run([TABLE_FILE], progress, |made| -> anyhow::Result<_> {
+            let split = out.join(SPLIT_FILE);
+            split_scene(scene, protocol, &split)?;
+            preparation::prepare(&[method], scene, &split, progress)?;
+            let can_be_left_out = |component: &str| {
+                let mut without = asked.clone();
+                without.without.push(component.to_owned());
+                method.check(&without, arguments.backend.into()).is_ok()
+            };
+            let decisions = plan_cost::decisions(scene, &split, method, &asked)?;
+            let rows = rows(&decisions, can_be_left_out);
+            if rows.len() == 1 {
+                return Err(BadRequest(format!(
+                    "{} uses no components on this scene that could be left out",
+                    method.id
+                ))
+                .into());
             }
-            table += &row(&result);
-        }
-    }
-    for (name, reason, _) in &failures {
-        table += &format!("\n{name} failed: {reason}\n");
-    }
-    let path = out.join(TABLE_FILE);
-    store::write_bytes(&path, table.as_bytes())?;
-    summary.finish([TABLE_FILE], begun.elapsed().as_secs_f64())?;
-    exit::print(&format!("{table}\n{}\n", path.display()))?;
-    as_result(&failures, rows.len())
+            let request = ablation::AblationRequest {
+                scene,
+                split: &split,
+                out,
+                arguments,
+                iterations,
+                needs: pooled::needs(None)?,
+            };
+            let units = rows.iter().map(|row| request.unit(method, row.as_deref()));
+            let units = units.collect::<anyhow::Result<_>>()?;
+            let mut table = String::new();
+            let mut failures = Vec::new();
+            for (unit, state) in pooled::run_units(out, units, progress)? {
+                if let Some((reason, blame)) = pooled::failure(&state) {
+                    failures.push((unit.id, reason, blame));
+                    continue;
+                }
+                for file in &unit.outputs {
+                    let result: ResultRecord = store::read_record(Path::new(file))?;
+                    if table.is_empty() {
+                        table = header(method, &result);
+                    }
+                    table += &row(&result);
+                }
+            }
+            for (name, reason, _) in &failures {
+                table += &format!("\n{name} failed: {reason}\n");
+            }
+            made.write_bytes(TABLE_FILE, table.as_bytes())?;
+            Ok((table, failures, rows.len()))
+        })?;
+    exit::print(&format!("{table}\n{}\n", out.join(TABLE_FILE).display()))?;
+    as_result(&failures, rows)
 }
 
 /// An error where a row failed.

@@ -99,8 +99,7 @@ pub(crate) fn execute(command: &BenchCommand, progress: &dyn Progress) -> anyhow
             run,
             out,
         } => {
-            let _lock = FolderLock::take(out, progress)?;
-            let record = record_failure(&FailureRequest {
+            let request = FailureRequest {
                 method: method.clone(),
                 scene: scene.clone(),
                 split: split.clone(),
@@ -108,7 +107,8 @@ pub(crate) fn execute(command: &BenchCommand, progress: &dyn Progress) -> anyhow
                 reason: reason.clone(),
                 run: run.clone(),
                 out: out.clone(),
-            })?;
+            };
+            let record = record_failure(&request, progress)?;
             exit::print(&format!("{}\n", record.display()))
         }
         BenchCommand::Score {
@@ -218,15 +218,13 @@ pub(crate) fn execute(command: &BenchCommand, progress: &dyn Progress) -> anyhow
             clock,
             region,
             out,
-        } => {
-            let _lock = FolderLock::take(out, progress)?;
-            exit::print(&curves_table(&curves(
-                runs,
-                (*clock).into(),
-                (*region).into(),
-                out,
-            )?))
-        }
+        } => exit::print(&curves_table(&curves(
+            runs,
+            (*clock).into(),
+            (*region).into(),
+            out,
+            progress,
+        )?)),
         BenchCommand::Ablate {
             scene,
             out,

@@ -12,7 +12,7 @@
 //! the pool of `sweep run`: each in processes of its own, so that the memory in a record is that of
 //! one run, and what is done is not done again.
 
-use std::{path::Path, time::Instant};
+use std::path::Path;
 
 use omnilife_leaderboard::{LeaderboardRequest, build_leaderboard};
 use omnilife_reconstruct::request::MethodRequest;
@@ -89,15 +89,16 @@ pub(crate) fn execute(
         prerequisites::require([Prerequisite::Backend(arguments.backend.into())])?;
     }
     let _lock = FolderLock::take(&arguments.out, progress)?;
-    let begun = Instant::now();
     let summary = StagePlan::new(&arguments.out, "summary");
-    summary.claim([OUTCOMES_FILE])?;
-    let units: Vec<Unit> = pooled::run_units(&arguments.out, units, progress)?
-        .iter()
-        .map(|(unit, state)| outcome(unit, state, progress))
-        .collect::<Result<_, _>>()?;
-    store::write_csv_rows(&arguments.out.join(OUTCOMES_FILE), &units)?;
-    summary.finish([OUTCOMES_FILE], begun.elapsed().as_secs_f64())?;
+    let units = summary.run([OUTCOMES_FILE], progress, |made| -> anyhow::Result<_> {
+        let units: Vec<Unit> = pooled::run_units(&arguments.out, units, progress)?
+            .iter()
+            .map(|(unit, state)| outcome(unit, state, progress))
+            .collect::<Result<_, _>>()?;
+        store::write_csv_rows(&made.path(OUTCOMES_FILE), &units)?;
+        made.add(OUTCOMES_FILE);
+        Ok(units)
+    })?;
     if units.iter().any(|unit| unit.outcome != "failed") {
         let leaderboard = build_leaderboard(&LeaderboardRequest {
             results,

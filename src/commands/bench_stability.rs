@@ -3,11 +3,8 @@
 use std::path::Path;
 
 use omnilife_bench::{stability_failures, stability_page, write_stability};
-use omnilife_reconstruct::stability::{
-    self,
-    devices::{Device, DeviceKind},
-};
-use omnilife_schemas::{ErrorKind, lock::FolderLock, progress::Progress};
+use omnilife_schemas::{ErrorKind, progress::Progress};
+use omnilife_stability::devices::{Device, DeviceKind};
 
 use crate::{
     cli::BackendArgument,
@@ -29,15 +26,14 @@ pub(crate) fn execute(
             vec![DeviceKind::Gpu]
         }
     };
-    let mut report = stability::run(&kinds, progress)?;
+    let mut report = omnilife_stability::run(&kinds, progress)?;
     if kinds.contains(&DeviceKind::Cpu) {
         report
             .rows
             .extend(omnilife_curate::tracks::stability::rows());
     }
     if let Some(out) = out {
-        let _lock = FolderLock::take(out, progress)?;
-        write_stability(&report, out)?;
+        write_stability(&report, out, progress)?;
     }
     exit::print(&stability_page(&report))?;
     let failed = stability_failures(&report);

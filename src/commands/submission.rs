@@ -3,8 +3,7 @@
 
 use std::{
     env, fs,
-    path::{Path, PathBuf},
-    process,
+    path::Path,
     time::{SystemTime, UNIX_EPOCH},
 };
 
@@ -19,7 +18,7 @@ use omnilife_schemas::{
     progress::Progress,
     provenance,
     records::{Padding, ResultRecord, SubmittedResult, Verification},
-    store,
+    store::{self, Unfinished},
 };
 
 use crate::{
@@ -127,9 +126,10 @@ fn audit(
             .ok_or_else(|| {
                 BadRequest(format!("scene {}: is not among the --scenes", entry.scene))
             })?;
-        let work = Scratch::new(&entry.folder)?;
+        let name = format!("omnilife-audit-{}", entry.folder.replace('/', "-"));
+        let work = Unfinished::folder_beside(&env::temp_dir().join(name))?;
         let padding = result.rules.as_ref().map(|rules| rules.padding);
-        let again = score_again(verified, entry, padding, scene, &work.0, progress)?;
+        let again = score_again(verified, entry, padding, scene, work.path(), progress)?;
         if let Some(reason) = difference(result, &again) {
             let folder = verified.folder.join(&entry.folder);
             return Err(BadRequest(format!("{}: {reason}", folder.display())).into());
@@ -223,28 +223,4 @@ fn difference(stated: &ResultRecord, again: &ResultRecord) -> Option<String> {
             })
         })
     })
-}
-
-/// A folder that goes with its value.
-struct Scratch(PathBuf);
-
-impl Scratch {
-    fn new(name: &str) -> anyhow::Result<Self> {
-        let name = format!(
-            "omnilife-audit-{}-{}",
-            process::id(),
-            name.replace('/', "-")
-        );
-        let folder = env::temp_dir().join(name);
-        store::remove(&folder)?;
-        store::create_folder(&folder)?;
-        Ok(Self(folder))
-    }
-}
-
-impl Drop for Scratch {
-    fn drop(&mut self) {
-        // A folder that cannot be removed stays in the system's temporary one.
-        drop(store::remove(&self.0));
-    }
 }

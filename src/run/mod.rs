@@ -16,15 +16,12 @@
 
 pub(crate) mod outcome;
 
-use std::{
-    path::{Path, PathBuf},
-    time::Instant,
-};
+use std::path::{Path, PathBuf};
 
 use omnilife_bench::{ScoreRequest, score, split_scene};
 use omnilife_curate::{
-    CurateSettings, GivenTruth, IgnoredRegion, PoseRequest, curate_dataset_in, expand_inputs,
-    left_out_of_folders, pose_sequence_with,
+    CurateSettings, CuratedDataset, GivenTruth, IgnoredRegion, PoseRequest, curate_dataset_in,
+    expand_inputs, left_out_of_folders, pose_sequence_with,
 };
 use omnilife_leaderboard::{LeaderboardRequest, build_leaderboard_of};
 use omnilife_reconstruct::{
@@ -37,7 +34,7 @@ use omnilife_schemas::{
     layout::{DATASET_FILE, RUN_FILE, SCENE_FILE, SPLIT_FILE},
     progress::Progress,
     records::{Dataset, ResultRecord, VideoStatus},
-    stage::StagePlan,
+    stage::{StageOutputs, StagePlan},
     store,
 };
 
@@ -117,22 +114,36 @@ pub(crate) fn main_job(arguments: &RunArguments, progress: &dyn Progress) -> any
             )
         })?;
     job.refuse_shared_masks(&curated.record)?;
-    summary.claim(SUMMARY_FILES)?;
-    let begun = Instant::now();
+    let (outcomes, printed) = summary.run(SUMMARY_FILES, progress, |made| {
+        score_all(&job, &curated, &arguments.out, made)
+    })?;
+    // A closed pipe must not turn a failure into a success.
+    outcomes.as_result()?;
+    printed
+}
+
+/// Scores all sequences, writes the summary and prints the table; what came of the printing is returned beside the
+/// outcomes.
+fn score_all(
+    job: &Job<'_>,
+    curated: &CuratedDataset,
+    out: &Path,
+    made: &mut StageOutputs<'_>,
+) -> anyhow::Result<(Outcomes, anyhow::Result<()>)> {
     let mut outcomes = Outcomes::default();
     let mut failed = Vec::new();
     for (index, video) in curated.record.videos.iter().enumerate() {
         if let VideoStatus::Curated { sequences } = &video.status {
             for sequence in sequences {
-                let folder = arguments.out.join(sequence);
+                let folder = out.join(sequence);
                 let id = sequence.strip_prefix("videos/").unwrap_or(sequence);
                 outcomes.push(match job.score_sequence(&folder) {
                     Ok(()) => Outcome::scored(&video.file, id),
                     Err(error) if exit::is_interruption(&error) => return Err(error),
                     Err(error) => {
-                        progress.note(&format!("{id}: {error}"));
+                        job.progress.note(&format!("{id}: {error}"));
                         failed.push(job.method_folder(&folder));
-                        Outcome::failed(&video.file, id, &error, &arguments.out)
+                        Outcome::failed(&video.file, id, &error, out)
                     }
                 });
             }
@@ -141,7 +152,7 @@ pub(crate) fn main_job(arguments: &RunArguments, progress: &dyn Progress) -> any
             outcomes.push(Outcome::failed_video(&video.file, error));
         }
     }
-    outcomes.write_csv(&arguments.out.join(OUTCOMES_FILE))?;
+    outcomes.write_csv(&out.join(OUTCOMES_FILE))?;
     // Other methods' scores of these videos belong into the table; what is left of a video that was
     // not curated this time, or of a sequence that failed this time, does not.
     let sequences: Vec<PathBuf> = curated
@@ -153,7 +164,7 @@ pub(crate) fn main_job(arguments: &RunArguments, progress: &dyn Progress) -> any
             _ => None,
         })
         .flatten()
-        .map(|sequence| arguments.out.join(sequence))
+        .map(|sequence| out.join(sequence))
         .collect();
     let is_current = |file: &Path| {
         sequences.iter().any(|folder| file.starts_with(folder))
@@ -163,14 +174,10 @@ pub(crate) fn main_job(arguments: &RunArguments, progress: &dyn Progress) -> any
         .iter()
         .find(|folder| is_current(&job.method_folder(folder)));
     let next = first.map_or_else(String::new, |folder| job.next_commands(folder));
-    let printed = report(&arguments.out, &outcomes, is_current, &next);
-    let made = SUMMARY_FILES
-        .iter()
-        .filter(|file| arguments.out.join(file).is_file());
-    summary.finish(made, begun.elapsed().as_secs_f64())?;
-    // A closed pipe must not turn a failure into a success.
-    outcomes.as_result()?;
-    printed
+    let printed = report(out, &outcomes, is_current, &next);
+    let is_there = |file: &&str| out.join(file).is_file();
+    made.add_all(SUMMARY_FILES.into_iter().filter(is_there));
+    Ok((outcomes, printed))
 }
 
 /// Builds and prints the table of the results that `is_current` accepts, and the summary.

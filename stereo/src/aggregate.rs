@@ -111,7 +111,7 @@ pub fn aggregated<const C: usize>(
     }
 }
 
-/// Cost of a jump between two pixels.
+/// Returns the cost of a jump between two pixels.
 fn jump(before: f32, here: f32) -> u16 {
     let edge = (before - here).abs() / EDGE;
     ((P2_MOST / (1.0 + edge)) as u16).max(P2_LEAST)

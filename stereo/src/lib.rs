@@ -1,11 +1,12 @@
 //! Choice of the best hypothesis of distance for each pixel of an image, for any kind of hypothesis: a sphere about the
-//! camera (`omnilife-reconstruct`), a plane before it (`omnilife-curate`).
+//! camera (`omnilife-training`), a plane before it (`omnilife-curate`).
 //!
 //! ```text
 //! cost       dissimilarity of an image and another one warped onto its grid
 //! aggregate  semi-global smoothing of the costs of all hypotheses
 //! minimum    the best hypothesis, to a fraction of a step
 //! ```
+#![cfg_attr(not(test), warn(clippy::disallowed_methods))]
 
 mod aggregate;
 mod cost;

@@ -16,8 +16,7 @@ pub struct BestHypothesis {
     pub confidence: f32,
 }
 
-/// The best hypothesis of every pixel, to a fraction of a step by a parabola through it and its
-/// neighbours.
+/// Returns the best hypothesis of every pixel, to a fraction of a step by a parabola through it and its neighbours.
 pub fn best(sums: &PathSums) -> Vec<BestHypothesis> {
     sums.sums
         .par_chunks_exact(sums.count)

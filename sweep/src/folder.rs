@@ -89,7 +89,7 @@ impl Sweep {
         Ok(Self { folder, plan })
     }
 
-    /// The unit of an id.
+    /// Returns the unit of an id.
     ///
     /// # Errors
     /// When the id is unknown.
@@ -100,7 +100,7 @@ impl Sweep {
             .ok_or_else(|| SweepError::UnknownUnit { id: id.to_owned() })
     }
 
-    /// The folder of a unit's lock, logs and outcome.
+    /// Returns the folder of a unit's lock, logs and outcome.
     pub fn unit_folder(&self, unit: &SweepUnit) -> PathBuf {
         self.folder.join(UNITS_FOLDER).join(&unit.id)
     }
@@ -116,7 +116,7 @@ impl Sweep {
             .collect::<Result<_, StoreError>>()?)
     }
 
-    /// The state of a unit.
+    /// Returns the state of a unit.
     ///
     /// # Errors
     /// When its folder cannot be read.

@@ -15,6 +15,7 @@
 //!
 //! All state is in these files: a runner ([`pool`]) holds nothing in memory that is lost with it, and its locks end
 //! with it. Either one runner works on a sweep, or the tasks of Slurm do, each on its own unit.
+#![cfg_attr(not(test), warn(clippy::disallowed_methods))]
 
 pub mod error;
 pub mod folder;

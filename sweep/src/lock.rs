@@ -5,13 +5,13 @@
 //! clock or list of processes is needed. A file without a lock was left by a runner that has gone.
 
 use std::{
-    fs::{File, OpenOptions, TryLockError},
-    io::{self, ErrorKind, Read, Seek, Write},
-    path::{Path, PathBuf},
+    fs::{File, TryLockError},
+    io::{self, ErrorKind, Read},
+    path::Path,
 };
 
 use omnilife_schemas::{
-    lock::is_still_there,
+    lock::{Attempt, LockFile},
     records::{RunnerLock, UnitRunner},
     store::{self, StoreError},
 };
@@ -38,7 +38,7 @@ pub(crate) enum Holder {
 /// When the file cannot be read, or its file system has no locks.
 pub(crate) fn holder(folder: &Path) -> Result<Holder, StoreError> {
     let path = folder.join(LOCK_FILE);
-    let mut file = match File::open(&path) {
+    let file = match File::open(&path) {
         Ok(file) => file,
         Err(error) if error.kind() == ErrorKind::NotFound => return Ok(Holder::Nobody),
         Err(error) => return Err(StoreError::read(&path, error)),
@@ -48,7 +48,7 @@ pub(crate) fn holder(folder: &Path) -> Result<Holder, StoreError> {
         Err(TryLockError::WouldBlock) => true,
         Err(TryLockError::Error(error)) => return Err(StoreError::read(&path, no_locks(error))),
     };
-    let record = content(&mut file).map_err(|error| StoreError::read(&path, error))?;
+    let record = content(&file).map_err(|error| StoreError::read(&path, error))?;
     let runner = record.flatten().map(|record| Box::new(record.runner));
     Ok(if held {
         Holder::Runner(runner.unwrap_or_else(|| Box::new(unknown())))
@@ -66,7 +66,7 @@ pub(crate) fn clear(folder: &Path) -> Result<(), StoreError> {
         return Ok(());
     }
     match HeldLock::take(folder)? {
-        Some(lock) => lock.release(),
+        Some(lock) => lock.file.release(),
         None => Ok(()),
     }
 }
@@ -74,10 +74,9 @@ pub(crate) fn clear(folder: &Path) -> Result<(), StoreError> {
 /// The lock of this process on a folder.
 #[derive(Debug)]
 pub(crate) struct HeldLock {
-    path: PathBuf,
-    /// The locked file; every process with a copy of it holds the lock.
-    pub(crate) file: File,
-    /// Number of consecutive runners that held it before and have gone.
+    /// The lock itself.
+    pub(crate) file: LockFile,
+    /// Runners that held it before, one after another, and went away.
     pub(crate) lost_runners: u32,
 }
 
@@ -89,62 +88,34 @@ impl HeldLock {
     pub(crate) fn take(folder: &Path) -> Result<Option<Self>, StoreError> {
         let path = folder.join(LOCK_FILE);
         let failed = |error| StoreError::write(&path, error);
-        loop {
-            let mut options = OpenOptions::new();
-            options.read(true).write(true).create(true).truncate(false);
-            let mut file = options.open(&path).map_err(failed)?;
-            match file.try_lock() {
-                Ok(()) => {}
-                Err(TryLockError::WouldBlock) => return Ok(None),
-                Err(TryLockError::Error(error)) => return Err(failed(no_locks(error))),
-            }
-            // The previous holder may have removed it between opening and locking.
-            if !is_still_there(&file, &path).map_err(failed)? {
-                continue;
-            }
-            let lost_runners = match content(&mut file).map_err(failed)? {
-                None => 0,
-                Some(None) => 1,
-                Some(Some(record)) => record.lost_runners.saturating_add(1),
-            };
-            if lost_runners > 0 {
-                store::remove_abandoned(folder)?;
-            }
-            let record = RunnerLock {
-                runner: host::runner(),
-                lost_runners,
-            };
-            let bytes =
-                store::record_bytes(&record).map_err(|error| failed(io::Error::other(error)))?;
-            file.set_len(0)
-                .and_then(|()| file.rewind())
-                .and_then(|()| file.write_all(&bytes))
-                .map_err(failed)?;
-            return Ok(Some(Self {
-                path,
-                file,
-                lost_runners,
-            }));
+        let file = match LockFile::take(&path)? {
+            Attempt::Locked(file) => file,
+            Attempt::Held(_) => return Ok(None),
+            Attempt::Failed(error) => return Err(failed(no_locks(error))),
+        };
+        let lost_runners = match content(file.file()).map_err(failed)? {
+            None => 0,
+            Some(None) => 1,
+            Some(Some(record)) => record.lost_runners.saturating_add(1),
+        };
+        if lost_runners > 0 {
+            store::remove_abandoned(folder)?;
         }
-    }
-
-    /// Releases the lock, even if a command has left processes running.
-    ///
-    /// # Errors
-    /// When the file cannot be removed.
-    pub(crate) fn release(&self) -> Result<(), StoreError> {
-        // Removed before the release: another process that locks a removed file notices that.
-        store::remove(&self.path)?;
-        self.file
-            .unlock()
-            .map_err(|error| StoreError::write(&self.path, error))
+        let record = RunnerLock {
+            runner: host::runner(),
+            lost_runners,
+        };
+        store::record_bytes(&record)
+            .map_err(io::Error::other)
+            .and_then(|bytes| file.write(&bytes))
+            .map_err(failed)?;
+        Ok(Some(Self { file, lost_runners }))
     }
 }
 
-/// Returns the content of the file: `None` if it is empty, `Some(None)` if it is incomplete.
-fn content(file: &mut File) -> io::Result<Option<Option<RunnerLock>>> {
+/// What stands in an open file: `None` where it is empty, `Some(None)` where it is not whole.
+fn content(mut file: &File) -> io::Result<Option<Option<RunnerLock>>> {
     let mut bytes = Vec::new();
-    file.rewind()?;
     file.read_to_end(&mut bytes)?;
     Ok((!bytes.is_empty()).then(|| serde_json::from_slice(&bytes).ok()))
 }
@@ -189,7 +160,7 @@ mod tests {
             });
             assert_eq!(taken.len(), 1);
             assert!(matches!(holder(folder.path())?, Holder::Runner(_)));
-            taken[0].release()?;
+            taken[0].file.release()?;
             assert_eq!(holder(folder.path())?, Holder::Nobody);
         }
         Ok(())

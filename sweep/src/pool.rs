@@ -115,7 +115,7 @@ pub fn run(request: &RunRequest<'_>, progress: &dyn Progress) -> Result<RunSumma
 
 fn write_table(sweep: &Sweep, lock: &HeldLock) -> Result<(), SweepError> {
     let written = Status::of(sweep.clone()).and_then(|status| Ok(status.write_csv()?));
-    lock.release()?;
+    lock.file.release()?;
     written
 }
 
@@ -359,7 +359,7 @@ impl<'a> Pool<'a> {
         };
         // Another runner may have finished it meanwhile and released the lock.
         if let Finished::As(state) = self.sweep.outcome(unit)? {
-            lock.release()?;
+            lock.file.release()?;
             self.sort_in(index, state)?;
             return Ok(None);
         }

@@ -8,8 +8,7 @@ use std::{
     sync::{Mutex, MutexGuard, PoisonError},
 };
 
-use omnilife_schemas::process_group::{GRACE, ProcessTree};
-use wait4::Wait4;
+use omnilife_schemas::child::{GRACE, Outcome, ProcessGroup, ProcessTree};
 
 /// A command and its environment.
 pub(crate) struct Job<'a> {
@@ -27,19 +26,7 @@ pub(crate) struct Job<'a> {
     pub(crate) lock: Option<&'a File>,
 }
 
-/// Result of a command.
-pub(crate) struct Ended {
-    pub(crate) succeeded: bool,
-    pub(crate) exit_code: Option<i32>,
-    /// In words: `exit 3`, `signal 9`.
-    pub(crate) ending: String,
-    /// Processes that it left running, in words.
-    pub(crate) left_running: Vec<String>,
-    pub(crate) cpu_seconds: Option<f64>,
-    pub(crate) peak_memory_bytes: Option<u64>,
-}
-
-/// Reason for ending a command early.
+/// Why a command is ended before its time.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum EndReason {
     /// The runner was asked to end.
@@ -48,44 +35,48 @@ pub(crate) enum EndReason {
     Limit,
 }
 
-/// The running command of a unit, for ending it.
+/// What others ask of the running command of a unit; the thread that waits for it sees to that.
 #[derive(Debug, Default)]
 pub(crate) struct Running {
-    state: Mutex<RunningState>,
+    asked: Mutex<Asked>,
 }
 
 #[derive(Debug, Default)]
-struct RunningState {
-    /// The command, while it or its leftover processes run.
-    tree: Option<ProcessTree>,
-    /// The first given reason.
+struct Asked {
+    /// The first reason that was given for the end.
     reason: Option<EndReason>,
+    /// True where it is to end at once.
+    at_once: bool,
 }
 
 impl Running {
-    fn state(&self) -> MutexGuard<'_, RunningState> {
-        self.state.lock().unwrap_or_else(PoisonError::into_inner)
+    fn asked(&self) -> MutexGuard<'_, Asked> {
+        self.asked.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     /// Returns the reason why the unit is being ended, if it is.
     pub(crate) fn reason(&self) -> Option<EndReason> {
-        self.state().reason
+        self.asked().reason
     }
 
     /// Asks the command and the rest of its group to end; no further one of the unit starts. Processes that have left
     /// the group are ended after the command: programs that run others end those themselves.
     pub(crate) fn end(&self, reason: EndReason) {
-        let mut state = self.state();
-        state.reason.get_or_insert(reason);
-        if let Some(tree) = &state.tree {
-            tree.ask_group();
-        }
+        self.asked().reason.get_or_insert(reason);
     }
 
     /// Kills the command and all its descendants.
     pub(crate) fn kill(&self) {
-        if let Some(tree) = &self.state().tree {
+        self.asked().at_once = true;
+    }
+
+    /// Passes on to a command what was asked and it has not been told.
+    fn pass_on(&self, tree: &ProcessTree, is_told: &mut bool) {
+        let asked = self.asked();
+        if asked.at_once {
             tree.kill();
+        } else if asked.reason.is_some() && !std::mem::replace(is_told, true) {
+            tree.ask_group();
         }
     }
 }
@@ -95,7 +86,10 @@ impl Running {
 ///
 /// # Errors
 /// When the log cannot be written or the command cannot be started, with the file in words.
-pub(crate) fn run(job: &Job<'_>, running: &Running) -> io::Result<Ended> {
+pub(crate) fn run(job: &Job<'_>, running: &Running) -> io::Result<Outcome> {
+    if running.reason().is_some() {
+        return Ok(Outcome::not_begun("not begun"));
+    }
     let log = File::options().create(true).append(true).open(job.log)?;
     let errors = log.try_clone()?;
     let program = resolved(job);
@@ -107,40 +101,22 @@ pub(crate) fn run(job: &Job<'_>, running: &Running) -> io::Result<Ended> {
         .stdin(Stdio::null())
         .stdout(log)
         .stderr(errors);
-    let (child, tree) = {
-        // Under the lock: a request to end the unit either comes before, or finds the command.
-        let mut state = running.state();
-        if state.reason.is_some() {
-            return Ok(not_begun());
-        }
+    let group = {
         let handed_down = job.lock.map(inheritable).transpose();
         let _handed_down = handed_down.map_err(|error| {
             let reason = format!("its lock cannot be handed down, for want of open files: {error}");
             io::Error::new(error.kind(), reason)
         })?;
-        let (child, tree) = ProcessTree::spawn(&mut command).map_err(|error| {
-            let program = program.display();
-            io::Error::new(
-                error.kind(),
-                format!("{program}: cannot be started: {error}"),
-            )
-        })?;
-        state.tree = Some(tree.clone());
-        (child, tree)
+        ProcessGroup::spawn(&mut command, None).map_err(|error| {
+            let reason = format!("{}: cannot be started: {error}", program.display());
+            io::Error::new(error.kind(), reason)
+        })?
     };
-    let waited = child.wait4();
-    let leftovers = tree.end_rest(GRACE);
-    running.state().tree = None;
-    let used = waited?;
-    let time = used.rusage.utime + used.rusage.stime;
-    Ok(Ended {
-        succeeded: used.status.success() && leftovers.running.is_empty(),
-        exit_code: used.status.code(),
-        ending: leftovers.added_to(omnilife_schemas::process::ending(used.status)),
-        left_running: leftovers.lines(),
-        cpu_seconds: Some(time.as_secs_f64()),
-        peak_memory_bytes: (used.rusage.maxrss > 0).then_some(used.rusage.maxrss),
-    })
+    let mut is_told = false;
+    Ok(group.finish(job.log, GRACE, |tree| {
+        running.pass_on(tree, &mut is_told);
+        None
+    }))
 }
 
 /// Least number of inherited files. Shells and scripts open theirs under single digits, and a command that opens one
@@ -168,18 +144,7 @@ fn resolved(job: &Job<'_>) -> PathBuf {
     }
 }
 
-fn not_begun() -> Ended {
-    Ended {
-        succeeded: false,
-        exit_code: None,
-        ending: "not begun".to_owned(),
-        left_running: Vec::new(),
-        cpu_seconds: None,
-        peak_memory_bytes: None,
-    }
-}
-
-/// Returns a command that dies with the thread that started it, which waits for it (Linux).
+/// A command that dies with the thread that started it, which waits for it (Linux).
 ///
 /// Requesting that between fork and exec copies all of this program's address space, with its many libraries, for every
 /// command. `setpriv` of util-linux requests it afterwards, in a small process of its own; without it, the copy is

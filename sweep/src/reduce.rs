@@ -73,10 +73,7 @@ fn run(
             if ended.succeeded {
                 return Ok(());
             }
-            match omnilife_schemas::process::last_line(log) {
-                Some(line) => format!("{}: {line}", ended.ending),
-                None => ended.ending,
-            }
+            ended.in_words()
         }
         Err(error) => error.to_string(),
     };

@@ -8,6 +8,7 @@ use std::{
 };
 
 use omnilife_schemas::{
+    child::Outcome,
     records::{SweepUnit, UnitInput, UnitOutcome},
     stage::StageOutput,
     store::{self, StoreError},
@@ -66,18 +67,18 @@ pub(crate) fn run(
     }
     // A unit that ended well in spite of it is done.
     if running.reason() == Some(EndReason::Stop) && result.is_err() {
-        lock.release()?;
+        lock.file.release()?;
         return Ok(Ending::Interrupted);
     }
     idle();
     let outcome = attempt.outcome(result, &cost);
     sweep.write_outcome(unit, &outcome)?;
-    lock.release()?;
+    lock.file.release()?;
     Ok(Ending::Over(Box::new(outcome)))
 }
 
-/// Waits for a signal to this process. A cluster's engine signals all processes of a job at about the same time: the
-/// signal that ended the unit may be about to arrive here, and then the unit has not failed.
+/// Waits for a signal to this process. A cluster's engine signals all processes of a job at about the same time. If the
+/// signal that ended the unit is about to arrive here, the unit has not failed.
 fn wait_for_own_signal(running: &Running, stop: &AtomicBool) {
     const LONGEST: Duration = Duration::from_millis(500);
     let begun = Instant::now();
@@ -104,7 +105,7 @@ pub(crate) fn give_up(
     let reason = format!("given up after {MOST_LOST_RUNNERS} runners: {last}");
     let outcome = attempt.outcome(Err(Failure::of(reason)), &Cost::default());
     sweep.write_outcome(unit, &outcome)?;
-    lock.release()?;
+    lock.file.release()?;
     Ok(outcome)
 }
 
@@ -188,7 +189,7 @@ impl<'a> Attempt<'a> {
                 folder: Path::new(&self.sweep.plan.folder),
                 variables: &launch.variables,
                 log: &log,
-                lock: Some(&lock.file),
+                lock: Some(lock.file.file()),
             };
             let ended = match process::run(&job, running) {
                 Ok(ended) => ended,
@@ -201,7 +202,7 @@ impl<'a> Attempt<'a> {
             cost.left_running.extend(ended.left_running.iter().cloned());
             if !ended.succeeded {
                 return Err(Failure {
-                    reason: self.reason(command, &ended, running, &log),
+                    reason: self.reason(command, &ended, running),
                     exit_code: ended.exit_code,
                     // A signal, or the exit code after writing a checkpoint.
                     may_be_interruption: matches!(ended.exit_code, None | Some(INTERRUPTED)),
@@ -218,13 +219,7 @@ impl<'a> Attempt<'a> {
         }
     }
 
-    fn reason(
-        &self,
-        command: &[String],
-        ended: &process::Ended,
-        running: &Running,
-        log: &Path,
-    ) -> String {
+    fn reason(&self, command: &[String], ended: &Outcome, running: &Running) -> String {
         if running.reason() == Some(EndReason::Limit) {
             let limit = self.unit.needs.limit_seconds.unwrap_or_default();
             return format!("ended at its time limit of {limit} s");
@@ -235,11 +230,7 @@ impl<'a> Attempt<'a> {
         let words = command[1..].iter().take_while(is_word).take(2).cloned();
         let mut name = vec![program.to_string_lossy().into_owned()];
         name.extend(words);
-        let mut reason = format!("{}: {}", name.join(" "), ended.ending);
-        if let Some(line) = omnilife_schemas::process::last_line(log) {
-            reason += &format!(": {line}");
-        }
-        reason
+        format!("{}: {}", name.join(" "), ended.in_words())
     }
 
     fn outcome(&self, result: WorkResult, cost: &Cost) -> UnitOutcome {

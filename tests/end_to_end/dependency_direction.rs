@@ -1,7 +1,10 @@
 //! The direction of dependencies: {`schemas`, `stereo`, `charts`} <- {`networks`, `engine`} <- {`curate`,
 //! `reconstruct`, `bench`, `leaderboard`, `sweep`} <- {the binary, `python`}, without sideways edges; `networks`
-//! is for those that run networks, `engine` for `reconstruct`, `stereo` for those that match images, `charts` for
-//! those that draw, `results` for `leaderboard`, so that Polars is nowhere else.
+//! is for those that run networks, `engine` for the crates below `reconstruct/`, `stereo` for those that match
+//! images, `charts` for those that draw, `results` for `leaderboard`, so that Polars is nowhere else.
+//!
+//! Below `reconstruct/`: `engine` <- `training` <- {`methods`, `atlas`} <- `reconstruct` <- `stability`, so that an
+//! edit of a method compiles neither the training nor the other crate of methods again.
 
 use std::{
     collections::{BTreeMap, BTreeSet},
@@ -15,6 +18,11 @@ const NETWORKS: &str = "omnilife-networks";
 const STEREO: &str = "omnilife-stereo";
 const CHARTS: &str = "omnilife-charts";
 const ENGINE: &str = "omnilife-engine";
+const TRAINING: &str = "omnilife-training";
+const METHODS: &str = "omnilife-methods";
+const ATLAS: &str = "omnilife-atlas";
+const RECONSTRUCT: &str = "omnilife-reconstruct";
+const STABILITY: &str = "omnilife-stability";
 const RESULTS: &str = "omnilife-results";
 const BINARY: &str = "omnilife";
 const PYTHON: &str = "omnilife-python";
@@ -22,7 +30,7 @@ const CRATES: [&str; 5] = [
     "omnilife-bench",
     "omnilife-curate",
     "omnilife-leaderboard",
-    "omnilife-reconstruct",
+    RECONSTRUCT,
     "omnilife-sweep",
 ];
 
@@ -66,7 +74,8 @@ fn ours(dependencies: &BTreeSet<String>) -> BTreeSet<&str> {
 fn every_member_has_its_place() {
     let mut known = BTreeSet::from(CRATES);
     known.extend([
-        SCHEMAS, NETWORKS, STEREO, CHARTS, ENGINE, RESULTS, BINARY, PYTHON,
+        SCHEMAS, NETWORKS, STEREO, CHARTS, ENGINE, TRAINING, METHODS, ATLAS, STABILITY, RESULTS,
+        BINARY, PYTHON,
     ]);
     let dependencies = dependencies();
     let members: BTreeSet<_> = dependencies.keys().map(String::as_str).collect();
@@ -94,7 +103,8 @@ fn crates_depend_on_what_they_share_alone() {
         let expected = match name {
             "omnilife-curate" => BTreeSet::from([SCHEMAS, CHARTS, NETWORKS, STEREO]),
             "omnilife-bench" => BTreeSet::from([SCHEMAS, CHARTS, NETWORKS]),
-            "omnilife-reconstruct" => BTreeSet::from([SCHEMAS, ENGINE, STEREO]),
+            // Its tests run the numerical cases.
+            RECONSTRUCT => BTreeSet::from([SCHEMAS, ENGINE, TRAINING, METHODS, ATLAS, STABILITY]),
             "omnilife-leaderboard" => BTreeSet::from([SCHEMAS, CHARTS, RESULTS]),
             _ => BTreeSet::from([SCHEMAS]),
         };
@@ -103,9 +113,25 @@ fn crates_depend_on_what_they_share_alone() {
 }
 
 #[test]
+fn the_crates_of_reconstruction_stand_on_each_other() {
+    let dependencies = dependencies();
+    for (name, below) in [
+        (TRAINING, BTreeSet::from([SCHEMAS, ENGINE, STEREO])),
+        (METHODS, BTreeSet::from([SCHEMAS, ENGINE, TRAINING])),
+        (ATLAS, BTreeSet::from([SCHEMAS, ENGINE, TRAINING])),
+        (
+            STABILITY,
+            BTreeSet::from([SCHEMAS, ENGINE, TRAINING, ATLAS, RECONSTRUCT]),
+        ),
+    ] {
+        assert_eq!(ours(&dependencies[name]), below, "{name}");
+    }
+}
+
+#[test]
 fn the_binary_depends_on_all() {
     let mut expected = BTreeSet::from(CRATES);
-    expected.extend([SCHEMAS, ENGINE]);
+    expected.extend([SCHEMAS, ENGINE, STABILITY]);
     assert_eq!(ours(&dependencies()[BINARY]), expected);
 }
 

@@ -1,4 +1,4 @@
-//! Arrows within `omnilife-engine` and `omnilife-reconstruct` run down: a top-level module imports
+//! Arrows within the engine and the crates of reconstruction run down: a top-level module imports
 //! modules of lower layers alone. Unit tests may look anywhere.
 
 use std::{
@@ -23,7 +23,7 @@ const ENGINE: &[&[&str]] = &[
     &["density"],
     &["step"],
 ];
-const RECONSTRUCT: &[&[&str]] = &[
+const TRAINING: &[&[&str]] = &[
     &["error", "random"],
     &["options"],
     &["request"],
@@ -36,10 +36,14 @@ const RECONSTRUCT: &[&[&str]] = &[
     &["baseline"],
     &["evidence"],
     &["components"],
-    &["methods"],
-    &["backends", "stability"],
-    &["jobs"],
+    &["method"],
 ];
+const METHODS: &[&[&str]] = &[
+    &["dynamic", "feed_forward", "object_graph", "odgs", "panogs"],
+    &["deformable", "odgs_published", "omni4dgs", "periodic"],
+    &["omni4dgs_plus"],
+];
+const RECONSTRUCT: &[&[&str]] = &[&["registry"], &["backends", "variant"], &["jobs"]];
 
 /// Rust files below a folder.
 fn sources(folder: &Path) -> Vec<PathBuf> {
@@ -182,8 +186,14 @@ fn arrows_of_the_engine_run_down() {
 
 #[test]
 fn arrows_of_reconstruct_run_down() {
-    let wrong = wrong_arrows(&root("reconstruct/src"), RECONSTRUCT);
-    assert!(wrong.is_empty(), "{wrong:#?}");
+    for (folder, layers) in [
+        ("reconstruct/training/src", TRAINING),
+        ("reconstruct/methods/src", METHODS),
+        ("reconstruct/src", RECONSTRUCT),
+    ] {
+        let wrong = wrong_arrows(&root(folder), layers);
+        assert!(wrong.is_empty(), "{folder}: {wrong:#?}");
+    }
 }
 
 #[test]

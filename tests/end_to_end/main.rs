@@ -40,7 +40,6 @@ mod many_videos;
 mod masks;
 #[cfg(unix)]
 mod media;
-mod object_graph;
 #[cfg(unix)]
 mod outcomes;
 mod output;

@@ -6,15 +6,11 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use glam::dvec3;
-use omnilife_schemas::{
-    records::{Scene, Track, Tracks},
-    store,
-    trajectory::{BSpline, ObjectPath},
-};
 use tempfile::TempDir;
 
-use crate::support::{METHOD, SEQUENCE, SMALL, files, omnilife, sample, scratch, small_run};
+use crate::support::{
+    METHOD, SEQUENCE, SMALL, files, omnilife, sample, scratch, small_run, write_tracked_split,
+};
 
 /// Commands that write nothing but what they print.
 const WRITES_NOTHING: &[&str] = &[
@@ -381,54 +377,6 @@ impl Inputs {
             WritingCommand::copying(&self.folder.path().join("sweep"), "sweep reduce OUT"),
         ]
     }
-}
-
-/// The sample's split in a folder, with the track of one object that goes by ahead of the first camera.
-fn write_tracked_split(folder: &Path) {
-    let sequence = small_run().out.join(SEQUENCE);
-    fs::create_dir_all(folder).unwrap();
-    fs::copy(
-        sequence.join("per-scene/split.json"),
-        folder.join("split.json"),
-    )
-    .unwrap();
-    let scene: Scene = store::read_record(&sequence.join("scene.json")).unwrap();
-    let times = scene.frames.iter().map(|frame| frame.time_seconds);
-    let (begin, end) = (
-        times.clone().fold(f64::MAX, f64::min),
-        times.fold(f64::MIN, f64::max),
-    );
-    let pose = scene.frames[0].pose.unwrap();
-    let ahead =
-        |side: f64| (pose.centre() + pose.rotation().unwrap() * dvec3(side, 0.5, 4.0)).to_array();
-    let path = ObjectPath {
-        centre: BSpline {
-            degree: 1,
-            knots: BSpline::uniform_knots(1, 2, begin, end),
-            coefficients: vec![ahead(-1.0), ahead(1.0)],
-        },
-        heading_seconds: vec![begin],
-        headings: vec![0.0],
-    };
-    let tracks = Tracks {
-        scene: scene.id.clone(),
-        frames: Vec::new(),
-        image_size: scene.camera.size().map(|side| side as u32),
-        up: [0.0, 0.0, 1.0],
-        metres_per_unit: 1.0,
-        stages: Vec::new(),
-        detections: Vec::new(),
-        tracks: vec![Track {
-            id: 1,
-            class: "vehicle".to_owned(),
-            dimensions: [1.5, 1.0, 1.0],
-            path,
-            detections: 8,
-            displacement: 2.0,
-        }],
-        warnings: Vec::new(),
-    };
-    store::write_record(&folder.join("tracks.json"), &tracks).unwrap();
 }
 
 /// Copies the files of a folder.

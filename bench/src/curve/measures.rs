@@ -27,7 +27,7 @@ pub struct RunCurve {
     /// Area under the curve over the logarithm of time, divided by that of the common span: mean quality, dB. None if
     /// the comparison has no such span or the run no curve.
     pub log_area_db: Option<f64>,
-    /// True for a known training time without a dominating run: no other run of the comparison is as good in training
+    /// True for a known training time without a dominating run of the comparison. That would be as good in training
     /// time, final quality and peak memory, and better in one of them.
     pub on_front: bool,
 }

@@ -14,12 +14,9 @@ pub(crate) mod scored;
 mod table;
 mod trace;
 
-use std::{
-    path::{Path, PathBuf},
-    time::Instant,
-};
+use std::path::{Path, PathBuf};
 
-use omnilife_schemas::{stage::StagePlan, store};
+use omnilife_schemas::{progress::Progress, stage::StagePlan};
 
 use crate::error::BenchError;
 pub use files::{CURVES_FILE, POINTS_FILE};
@@ -53,6 +50,7 @@ pub fn curves(
     clock: Clock,
     region: Region,
     out: &Path,
+    progress: &dyn Progress,
 ) -> Result<Vec<Comparison>, BenchError> {
     let mut groups: Vec<((String, String), Vec<TracedRun>)> = Vec::new();
     for path in runs {
@@ -69,37 +67,36 @@ pub fn curves(
         .into_iter()
         .chain(drawings)
         .collect();
-    store::create_folder(out)?;
-    let begun = Instant::now();
     let stage = StagePlan::new(out, "curves");
-    stage.claim(&files)?;
-    stage
-        .own_files()
-        .remove(|file| !files.iter().any(|new| new == file))?;
-    let mut comparisons = Vec::new();
-    for (number, ((scene, protocol_hash), runs)) in groups.iter().enumerate() {
-        let path = out.join(drawing_file(number));
-        let drawing = drawing::of_runs(scene, (clock, region), runs)
-            .map_err(|error| BenchError::internal(&path, error.to_string()))?;
-        store::write_bytes(&path, drawing.as_bytes())?;
-        let (span, mut notes) = match measures::common_span(runs) {
-            Ok(span) => (Some(span), Vec::new()),
-            Err(reason) => (None, vec![format!("no area: {reason}")]),
-        };
-        notes.extend(without_time(runs, clock));
-        comparisons.push(Comparison {
-            scene: scene.clone(),
-            protocol_hash: protocol_hash.clone(),
-            curves: measures::measured(runs, span),
-            span,
-            notes,
-        });
-    }
-    files::write_curves(&out.join(CURVES_FILE), &comparisons)?;
-    let runs = groups.iter().flat_map(|(_, runs)| runs);
-    files::write_points(&out.join(POINTS_FILE), runs)?;
-    stage.finish(&files, begun.elapsed().as_secs_f64())?;
-    Ok(comparisons)
+    stage.run(&files, progress, |made| {
+        stage
+            .own_files()
+            .remove(|file| !files.iter().any(|new| new == file))?;
+        let mut comparisons = Vec::new();
+        for (number, ((scene, protocol_hash), runs)) in groups.iter().enumerate() {
+            let file = drawing_file(number);
+            let drawing = drawing::of_runs(scene, (clock, region), runs)
+                .map_err(|reason| BenchError::internal(&made.path(&file), reason.to_string()))?;
+            made.write_bytes(&file, drawing.as_bytes())?;
+            let (span, mut notes) = match measures::common_span(runs) {
+                Ok(span) => (Some(span), Vec::new()),
+                Err(reason) => (None, vec![format!("no area: {reason}")]),
+            };
+            notes.extend(without_time(runs, clock));
+            comparisons.push(Comparison {
+                scene: scene.clone(),
+                protocol_hash: protocol_hash.clone(),
+                curves: measures::measured(runs, span),
+                span,
+                notes,
+            });
+        }
+        files::write_curves(&out.join(CURVES_FILE), &comparisons)?;
+        let runs = groups.iter().flat_map(|(_, runs)| runs);
+        files::write_points(&out.join(POINTS_FILE), runs)?;
+        made.add_all([CURVES_FILE, POINTS_FILE]);
+        Ok(comparisons)
+    })
 }
 
 fn drawing_file(number: usize) -> String {

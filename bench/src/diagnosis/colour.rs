@@ -193,7 +193,7 @@ fn fits_range(encoding: Encoding, distributions: &[Distributions]) -> bool {
         && (found_offset - offset).abs() <= RANGE_OFFSET
 }
 
-/// The gain in dB of undoing an encoding.
+/// Returns the gain in dB of undoing an encoding.
 fn gain_db(small: &Small, encoding: Encoding) -> f64 {
     let truth = small.counted_pixels(&small.truth);
     let decoded = small.counted_pixels(&small.predicted).map(|pixel| {
@@ -223,7 +223,7 @@ fn quantiles(small: &Small, image: &[f32]) -> Vec<[f64; 3]> {
     (0..QUANTILES).map(at).collect()
 }
 
-/// Mean distance of two distributions.
+/// Returns the mean distance of two distributions.
 fn distance(a: &[[f64; 3]], b: &[[f64; 3]]) -> f64 {
     let values = a.as_flattened().iter().zip(b.as_flattened());
     mean(values.map(|(a, b)| (a - b).abs()))

@@ -159,7 +159,7 @@ enum Form {
     },
 }
 
-/// IEC 61966-2-1.
+/// Decodes sRGB to linear light (IEC 61966-2-1).
 fn linear_of_srgb(value: f64) -> f64 {
     if value <= 0.04045 {
         value / 12.92
@@ -168,7 +168,7 @@ fn linear_of_srgb(value: f64) -> f64 {
     }
 }
 
-/// IEC 61966-2-1.
+/// Encodes linear light as sRGB (IEC 61966-2-1).
 fn srgb_of_linear(value: f64) -> f64 {
     if value <= 0.003_130_8 {
         12.92 * value

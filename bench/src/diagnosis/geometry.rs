@@ -174,7 +174,7 @@ pub(super) fn vertex(errors: &[f64]) -> Option<f64> {
     (curvature > 0.0).then(|| offset + 0.5 * (left - right) / curvature)
 }
 
-/// An image of rows of `width` pixels with its columns, its rows, or both in reverse.
+/// Returns an image of rows of `width` pixels with its columns, its rows, or both in reverse.
 fn flipped(image: &[f32], width: usize, [columns, rows]: [bool; 2]) -> Vec<f32> {
     let mut pixels: Vec<[f32; 3]> = image.as_chunks::<3>().0.to_vec();
     if rows {
@@ -187,7 +187,7 @@ fn flipped(image: &[f32], width: usize, [columns, rows]: [bool; 2]) -> Vec<f32> 
     pixels.concat()
 }
 
-/// An image of rows of `width` pixels with its columns moved to the right by less than that.
+/// Returns an image of rows of `width` pixels with its columns moved to the right by less than that.
 fn moved(image: &[f32], width: usize, columns: usize) -> Vec<f32> {
     let mut image = image.to_vec();
     for row in image.chunks_exact_mut(3 * width) {

@@ -2,7 +2,7 @@
 
 use crate::metrics::ViewPair;
 
-/// PSNR in dB of a mean squared error of bytes; equal images have 100 dB, as in the scores.
+/// Returns the PSNR in dB of a mean squared error of bytes; equal images have 100 dB, as in the scores.
 pub(super) fn psnr_db(mean_squared_error: f64) -> f64 {
     -10.0 * (mean_squared_error / (255.0 * 255.0)).max(1e-10).log10()
 }
@@ -33,7 +33,7 @@ pub(super) fn reduced(bytes: &[u8], size: [usize; 2], columns: usize) -> ([usize
     ([width, height], means)
 }
 
-/// Side of the blocks in pixels, and their columns and rows.
+/// Returns the side of the blocks in pixels, and their columns and rows.
 fn blocks([width, height]: [usize; 2], columns: usize) -> (usize, [usize; 2]) {
     let block = (width / columns).clamp(1, height);
     (block, [width / block, height / block])
@@ -73,7 +73,7 @@ impl Small {
         }
     }
 
-    /// Mean squared error of two images of its size, over the pixels that count.
+    /// Returns the mean squared error of two images of its size, over the pixels that count.
     pub(super) fn error_between(&self, image: &[f32], other: &[f32]) -> f64 {
         let (mut sum, mut count) = (0.0, 0_usize);
         let pixels = image
@@ -89,12 +89,12 @@ impl Small {
         sum / count.max(1) as f64
     }
 
-    /// PSNR of an image of its size against the ground truth, dB.
+    /// Returns the PSNR of an image of its size against the ground truth, dB.
     pub(super) fn psnr_of(&self, image: &[f32]) -> f64 {
         psnr_db(self.error_between(image, &self.truth))
     }
 
-    /// The values of an image of its size that count, as pixels.
+    /// Returns the values of an image of its size that count, as pixels.
     pub(super) fn counted_pixels<'a>(
         &'a self,
         image: &'a [f32],
@@ -106,7 +106,7 @@ impl Small {
     }
 }
 
-/// Pearson's correlation of two sequences of the same length; 0 where either is constant.
+/// Returns Pearson's correlation of two sequences of the same length; 0 where either is constant.
 pub(super) fn correlation(
     a: impl Iterator<Item = f64> + Clone,
     b: impl Iterator<Item = f64> + Clone,

@@ -152,7 +152,7 @@ fn turn(is_mirrored: bool, is_upside_down: bool, degrees_right: f64) -> String {
     parts.join(", ")
 }
 
-/// A shift of half pixels in words.
+/// Returns a shift of half pixels in words.
 fn shift(right: i32, down: i32) -> String {
     let of = |half_pixels: i32, [forward, back]: [&str; 2]| {
         let direction = if half_pixels > 0 { forward } else { back };

@@ -58,7 +58,7 @@ impl Looked {
     }
 }
 
-/// Mean squared error over the pixels that count, of bytes.
+/// Returns the mean squared error over the pixels that count, of bytes.
 fn error(pair: &ViewPair) -> f64 {
     let images = [pair.prediction(), pair.truth()].map(|image| image.as_chunks::<3>().0.iter());
     let [prediction, truth] = images;

@@ -1,10 +1,10 @@
 //! Mistakes of convention in predicted views: axes, pixel centres, channels, encodings, order of frames.
 //!
-//! Some views of each kind are compared with ground truth once more after the changes that undo common mistakes, and
-//! with the ground truth of other frames. A reported change fits much better in (nearly) every examined view;
-//! thresholds were chosen by `scripts/calibrate/diagnosis.py` so that views of honest methods, however poor, have no
-//! finding. The exception are views made only of the frame before: they cannot be told from views that are numbered one
-//! off. No score is ever taken from a changed view.
+//! Some views of each kind are compared with ground truth once more after changes that undo common mistakes. They are
+//! also compared with the ground truth of other frames. A reported change fits much better in (nearly) every examined
+//! view. Thresholds were chosen by `scripts/calibrate/diagnosis.py` so that views of honest methods, however poor, have
+//! no finding. Views made only of the frame before are an exception: they look like views that are numbered one off. No
+//! score is ever taken from a changed view.
 
 mod colour;
 mod copies;
@@ -108,7 +108,7 @@ impl Diagnosis {
             .filter(|finding| !finding.kind.is_mistake())
     }
 
-    /// The mistakes among the findings.
+    /// Returns the mistakes among the findings.
     pub fn mistakes(&self) -> impl Iterator<Item = &DiagnosisFinding> {
         self.findings
             .iter()

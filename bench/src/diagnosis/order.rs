@@ -69,8 +69,8 @@ impl fmt::Display for FrameOrder {
     }
 }
 
-/// Returns the frames that may be shown instead of a view's own: those before and after it in `list`, its counterpart
-/// from the end, and those before and after it in the scene.
+/// Returns the frames that may be shown instead of a view's own: its neighbours in `list` and in the scene, and its
+/// counterpart from the end of `list`.
 pub(super) fn frames_to_compare(frame: u32, list: &[u32]) -> BTreeSet<u32> {
     let shown = |order: FrameOrder| shown_instead(order, frame, list);
     ORDERS.into_iter().filter_map(shown).collect()

@@ -139,7 +139,7 @@ fn match_exposure(image: &mut [f32], other: &[f32]) {
     }
 }
 
-/// An image of rows of `width` values with the values of the other end before and behind every row.
+/// Returns an image of rows of `width` values with the values of the other end before and behind every row.
 fn padded(image: &[f32], width: usize) -> Vec<f32> {
     let reach = REACH as usize;
     let rows = image.chunks_exact(width);
@@ -147,7 +147,7 @@ fn padded(image: &[f32], width: usize) -> Vec<f32> {
         .collect()
 }
 
-/// Grey values under a binomial filter of 5 x 5 pixels; columns wrap, rows end.
+/// Returns grey values under a binomial filter of 5 x 5 pixels; columns wrap, rows end.
 fn smoothed(bytes: &[u8], [width, height]: [usize; 2]) -> Vec<f32> {
     const WEIGHTS: [f32; 5] = [0.0625, 0.25, 0.375, 0.25, 0.0625];
     let grey = |pixel: &[u8; 3]| pixel.iter().map(|&byte| f32::from(byte)).sum::<f32>() / 3.0;

@@ -27,7 +27,7 @@ fn given() -> Vec<u32> {
     (0..FRAMES).filter(|frame| !NOVEL.contains(frame)).collect()
 }
 
-/// A number in [0, 1) of three others.
+/// Returns a number in [0, 1) of three others.
 fn scattered(i: u32, j: u32, seed: u32) -> f64 {
     let mut hash =
         i.wrapping_mul(0x9E37_79B1) ^ j.wrapping_mul(0x85EB_CA77) ^ seed.wrapping_mul(0xC2B2_AE3D);
@@ -39,8 +39,8 @@ fn scattered(i: u32, j: u32, seed: u32) -> f64 {
     f64::from(hash) / 4_294_967_296.0
 }
 
-/// Smooth noise in [0, 1] of a place in [0, 1) x [0, 1): random values in `cells` cells of the
-/// longitude, which wraps, and half as many of the latitude.
+/// Returns smooth noise in [0, 1] of a place in [0, 1) x [0, 1): random values in `cells` cells of the longitude, which
+/// wraps, and half as many of the latitude.
 fn noise(x: f64, y: f64, cells: u32, seed: u32) -> f64 {
     let (x, y) = (x * f64::from(cells), 0.5 * y * f64::from(cells));
     let (i, j) = (x as u32, y as u32);
@@ -64,7 +64,7 @@ fn image(pixel: impl Fn(usize, usize) -> [f64; 3]) -> Vec<u8> {
         .collect()
 }
 
-/// Ground and sky in the view of a walking camera: near content moves more.
+/// Returns ground and sky in the view of a walking camera: near content moves more.
 fn panorama(frame: u32) -> Vec<u8> {
     image(|column, row| {
         let y = (row as f64 + 0.5) / HEIGHT as f64;
@@ -93,7 +93,7 @@ fn panorama(frame: u32) -> Vec<u8> {
     })
 }
 
-/// A frame as a trained model renders it: blurred, noisy and of uneven colour, 32 dB.
+/// Returns a frame as a trained model renders it: blurred, noisy and of uneven colour, 32 dB.
 fn rendered(frame: u32) -> Vec<u8> {
     let truth = panorama(frame);
     image(|column, row| {

@@ -3,6 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use omnilife_schemas::{
+    progress::Progress,
     provenance,
     records::{ExternalRun, Scene, Split},
     stage::StagePlan,
@@ -36,19 +37,15 @@ pub struct FailureRequest {
 /// row of the tables.
 ///
 /// # Errors
-/// When scene and split are unusable or do not belong together, a foreign file is in the way, or a file cannot be
-/// written.
-pub fn record_failure(request: &FailureRequest) -> Result<PathBuf, BenchError> {
+/// When scene and split are unusable or do not belong together, a file that is no record of ours is in
+/// the way, or a file cannot be written.
+pub fn record_failure(
+    request: &FailureRequest,
+    progress: &dyn Progress,
+) -> Result<PathBuf, BenchError> {
     let scene: Scene = store::read_record(&request.scene)?;
     let split: Split = store::read_record(&request.split)?;
     split::check_split(&request.split, &split, &scene)?;
-    let file = request.out.join(EXTERNAL_RUN_FILE);
-    // The record of a run may be replaced only by that of its failure.
-    store::create_folder(&request.out)?;
-    StagePlan::new(&request.out, STAGE).claim([EXTERNAL_RUN_FILE])?;
-    for folder in [NOVEL_FOLDER, INPUT_FOLDER] {
-        store::create_folder(&request.out.join(folder))?;
-    }
     let fallback = ExternalRun {
         method: request.method.clone(),
         source: None,
@@ -70,8 +67,15 @@ pub fn record_failure(request: &FailureRequest) -> Result<PathBuf, BenchError> {
         Some(run) => failed_run(run, &fallback).unwrap_or(fallback),
         None => fallback,
     };
-    store::write_record(&file, &record)?;
-    Ok(file)
+    // The record of a run may be replaced by that of its failure, nothing else may.
+    StagePlan::new(&request.out, STAGE).run([EXTERNAL_RUN_FILE], progress, |out| {
+        for folder in [NOVEL_FOLDER, INPUT_FOLDER] {
+            store::create_folder(&out.path(folder))?;
+        }
+        out.write_record(EXTERNAL_RUN_FILE, &record)?;
+        out.leave_begun();
+        Ok(out.path(EXTERNAL_RUN_FILE))
+    })
 }
 
 /// Returns the failed run's own record, without its predictions; `None` without one, or for one of another or a

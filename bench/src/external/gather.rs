@@ -78,7 +78,7 @@ pub(super) fn gather(
     Ok(gathered)
 }
 
-/// Number of the first group that has a frame; 0 where none has.
+/// Returns the number of the first group that has a frame; 0 if none has.
 fn group_of(split: &Split, frame: u32) -> usize {
     let mut groups = split.groups.iter();
     groups

@@ -36,7 +36,7 @@ use std::{
     time::{Duration, SystemTime, UNIX_EPOCH},
 };
 
-use omnilife_schemas::{process_group::Container, records::PhaseName, store::StoreError};
+use omnilife_schemas::{child::Container, records::PhaseName, store::StoreError};
 use serde::Deserialize;
 
 use super::placeholders::{self, Places};
@@ -129,7 +129,7 @@ impl Manifest {
         Self::from_bytes(path, &bytes)
     }
 
-    /// [`Manifest::read`] of a file's bytes; `path` names it.
+    /// Reads and checks the bytes of a file; `path` names it.
     ///
     /// # Errors
     /// Those of [`Manifest::read`].

@@ -9,21 +9,15 @@ mod gather;
 pub mod manifest;
 mod placeholders;
 
-use std::{
-    path::{Path, PathBuf},
-    time::Instant,
-};
+use std::path::{Path, PathBuf};
 
 use omnilife_schemas::{
-    command::{self, Job},
-    lock::FolderLock,
-    ownership::path_inside,
-    process_group::GRACE,
+    child::{self, GRACE, Job},
     progress::Progress,
     provenance,
     records::{ExternalRun, Phase, Scene, Split},
     stage::StagePlan,
-    store::{self, StoreError},
+    store,
 };
 
 use crate::{error::BenchError, scene_identity::SceneIdentity, split};
@@ -84,87 +78,63 @@ pub fn run_external(
         .with_file(&request.split)?
         .with_hash("frames of the split", identity.sha256);
     let plan = with_own_files(plan, &manifest, &places)?;
-    let record_file = request.out.join(EXTERNAL_RUN_FILE);
     let label = format!("{} on {}", manifest.id, scene.id);
-    if plan.is_done() {
-        progress.note(&format!("{label}: skipped, nothing has changed"));
-        return Ok(store::read_record(&record_file)?);
+    let skipped = format!("{label}: skipped, nothing has changed");
+    for folder in [WORK_FOLDER, LOG_FOLDER, PREDICTIONS_FOLDER] {
+        plan.refuse_foreign_folder(folder)?;
     }
-    let begun = Instant::now();
-    let _lock = FolderLock::take(&request.out, progress)?;
-    refuse_foreign_folders(&request.out, &plan)?;
-    plan.claim([EXTERNAL_RUN_FILE])?;
-    // Views of an earlier run must not be taken for those of this one.
-    for old in [
-        EXTERNAL_RUN_FILE,
-        WORK_FOLDER,
-        LOG_FOLDER,
-        PREDICTIONS_FOLDER,
-    ] {
-        store::remove(&request.out.join(old))?;
-    }
-    for folder in [WORK_FOLDER, LOG_FOLDER, INPUT_FOLDER, NOVEL_FOLDER] {
-        store::create_folder(&request.out.join(folder))?;
-    }
-    let (phases, failure) = run_phases(&manifest, &places, &request.out, &label, progress)?;
-    // The views of a failed run stay in its work folder: their state is unknown.
-    let gathered = match failure {
-        Some(_) => gather::Gathered::notes_of(&manifest),
-        None => gather::gather(&manifest, &places, &scene, &split, &request.out)?,
-    };
-    let mut warnings = gathered.warnings;
-    for phase in &phases {
-        let left = phase.left_running.iter();
-        warnings.extend(left.map(|what| format!("{} left running: {what}", phase.name.name())));
-    }
-    let record = ExternalRun {
-        method: manifest.id.clone(),
-        source: manifest.source.clone(),
-        licence: manifest.licence.clone(),
-        manifest_sha256: store::sha256_file(&request.manifest)?,
-        scene: scene.id,
-        protocol_hash: split.protocol_hash,
-        seed: request.seed,
-        environment: manifest.environment.describe(),
-        hardware: Some(provenance::Hardware::here()),
-        versions: provenance::versions(),
-        phases,
-        failure,
-        novel_views: NOVEL_FOLDER.to_owned(),
-        input_views: manifest
-            .predictions
-            .input
-            .is_some()
-            .then(|| INPUT_FOLDER.to_owned()),
-        warnings,
-    };
-    store::write_record(&record_file, &record)?;
-    if record.failure.is_none() {
-        let mut outputs = gathered.files;
-        outputs.push(EXTERNAL_RUN_FILE.to_owned());
-        plan.finish(outputs, begun.elapsed().as_secs_f64())?;
-    }
-    Ok(record)
-}
-
-/// Refuses a folder without a run of ours whose files a run would remove.
-fn refuse_foreign_folders(out: &Path, plan: &StagePlan) -> Result<(), BenchError> {
-    for name in [WORK_FOLDER, LOG_FOLDER, PREDICTIONS_FOLDER] {
-        let path = path_inside(out, name)?;
-        let is_filled = path.exists() && !(path.is_dir() && store::names_in(&path)?.is_empty());
-        if is_filled && !plan.has_begun() {
-            return Err(StoreError::refused(
-                &path,
-                format!(
-                    "is there, and {} holds no run of ours; a run would clear it away: choose \
-                     another output",
-                    out.display()
-                ),
-            )
-            .into());
+    let made = (EXTERNAL_RUN_FILE, skipped.as_str());
+    plan.make(made, [EXTERNAL_RUN_FILE], progress, |out| {
+        // What an earlier run left must not be taken for the views of this one.
+        for old in [
+            EXTERNAL_RUN_FILE,
+            WORK_FOLDER,
+            LOG_FOLDER,
+            PREDICTIONS_FOLDER,
+        ] {
+            store::remove(&request.out.join(old))?;
         }
-    }
-    Ok(())
+        for folder in [WORK_FOLDER, LOG_FOLDER, INPUT_FOLDER, NOVEL_FOLDER] {
+            store::create_folder(&request.out.join(folder))?;
+        }
+        let (phases, failure) = run_phases(&manifest, &places, &request.out, &label, progress)?;
+        // The views of a run that failed stay in its work folder: their state is unknown.
+        let gathered = match failure {
+            Some(_) => gather::Gathered::notes_of(&manifest),
+            None => gather::gather(&manifest, &places, &scene, &split, &request.out)?,
+        };
+        let mut warnings = gathered.warnings;
+        for phase in &phases {
+            let left = phase.left_running.iter();
+            warnings.extend(left.map(|what| format!("{} left running: {what}", phase.name.name())));
+        }
+        let record = ExternalRun {
+            method: manifest.id.clone(),
+            source: manifest.source.clone(),
+            licence: manifest.licence.clone(),
+            manifest_sha256: store::sha256_file(&request.manifest)?,
+            scene: scene.id,
+            protocol_hash: split.protocol_hash,
+            seed: request.seed,
+            environment: manifest.environment.describe(),
+            hardware: Some(provenance::Hardware::here()),
+            versions: provenance::versions(),
+            phases,
+            failure,
+            novel_views: NOVEL_FOLDER.to_owned(),
+            input_views: manifest
+                .predictions
+                .input
+                .is_some()
+                .then(|| INPUT_FOLDER.to_owned()),
+            warnings,
+        };
+        out.add_all(gathered.files);
+        if record.failure.is_some() {
+            out.leave_begun();
+        }
+        Ok(record)
+    })
 }
 
 /// Adds the files beside the manifest that its commands name: the method's own scripts.
@@ -196,7 +166,7 @@ fn run_phases(
         progress.begin(&format!("{label}: {}", name.name()), None);
         let words = template.iter().map(|word| places.fill(word)).collect();
         let container = manifest.environment.container();
-        let outcome = command::run(&Job {
+        let job = Job {
             command: manifest.environment.wrap(words, places, container.as_ref()),
             variables: manifest.environment.variables(),
             folder: places.work.clone(),
@@ -204,7 +174,8 @@ fn run_phases(
             time_limit: manifest.time_limit(),
             grace: GRACE,
             container,
-        });
+        };
+        let outcome = child::run(&job);
         progress.end();
         let outcome = outcome?;
         for what in &outcome.left_running {
@@ -213,7 +184,7 @@ fn run_phases(
         let failed = (!outcome.succeeded).then(|| format!("{} {}", name.name(), outcome.failure()));
         phases.push(Phase {
             name,
-            command: outcome.command,
+            command: job.command,
             log: format!("{LOG_FOLDER}/{}.log", name.name()),
             ending: outcome.ending,
             left_running: outcome.left_running,

@@ -81,12 +81,12 @@ impl Places {
         folders
     }
 
-    /// A word of a command with its placeholders filled in.
+    /// Returns a word of a command with its placeholders filled in.
     pub(super) fn fill(&self, word: &str) -> String {
         replace(word, |name, _| self.value(name))
     }
 
-    /// The file of a view.
+    /// Returns the file of a view.
     pub(super) fn fill_pattern(&self, pattern: &str, view: &ViewName<'_>) -> PathBuf {
         PathBuf::from(replace(pattern, |name, digits| match name {
             "frame" => Some(format!("{:0digits$}", view.frame)),

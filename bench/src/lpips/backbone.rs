@@ -51,7 +51,7 @@ const VGG: [&[(Geometry, usize)]; 5] = [
 ];
 
 impl Backbone {
-    /// Name of the weights; `scripts/setup --models` knows it too.
+    /// Returns the name of the weights; `scripts/setup --models` knows it too.
     pub fn weights(self) -> &'static str {
         match self {
             Self::Alex => "lpips-alex",
@@ -59,7 +59,7 @@ impl Backbone {
         }
     }
 
-    /// SHA-256 of the converted weights.
+    /// Returns the SHA-256 of the converted weights.
     pub(crate) fn weights_sha256(self) -> &'static str {
         match self {
             Self::Alex => "81f8da78ffa7638f7b2b46a791d52fc3cf68d88e0b618efd70b963a773970ebb",
@@ -67,7 +67,7 @@ impl Backbone {
         }
     }
 
-    /// The published weights, as `scripts/setup --models` leaves them.
+    /// Returns the published weights, as `scripts/setup --models` leaves them.
     ///
     /// # Errors
     /// When they are missing or differ from the published ones.
@@ -75,7 +75,7 @@ impl Backbone {
         Weights::load_published(self.weights(), self.weights_sha256())
     }
 
-    /// The least rows and columns for which every stage has a pixel.
+    /// Returns the least rows and columns for which every stage has a pixel.
     pub fn smallest_side(self) -> usize {
         match self {
             Self::Alex => 31,

@@ -9,8 +9,8 @@ const EPSILON: f32 = 1e-10;
 /// Channels that are added up side by side; every stage has a multiple of them.
 const LANES: usize = 8;
 
-/// Sum over the pixels of some rows of the weighted squared differences of two images' features of
-/// unit length.
+/// Returns the sum over the pixels of some rows of the weighted squared differences of two images' features of unit
+/// length.
 pub(super) fn weighted(
     images: [&[f32]; 2],
     row_len: usize,

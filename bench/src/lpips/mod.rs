@@ -2,9 +2,9 @@
 //! and Wang, "The unreasonable effectiveness of deep features as a perceptual metric", 2018; version 0.1 of the linear
 //! layers).
 //!
-//! Both images go through a backbone; after each of its five stages the features of every pixel
-//! are scaled to unit length, their squared differences weighted by channel and averaged over the
-//! image. The distance is the sum over the stages.
+//! Both images go through a backbone. After each of its five stages the features of every pixel are scaled to unit
+//! length, their squared differences weighted by channel and averaged over the image. The distance is the sum over the
+//! stages.
 //!
 //! Convolutions are in f32 and round differently on processors with other vector instructions: between machines the
 //! sixth decimal may differ. On one machine a distance does not depend on the number of threads.
@@ -126,7 +126,7 @@ impl Lpips {
         Some(ImageFeatures { stages })
     }
 
-    /// [`Self::distance`] of two images of one size, to the last bit, from their features.
+    /// Returns [`Self::distance`] of two images of one size, to the last bit, from their features.
     ///
     /// # Panics
     /// When the features belong to images of two sizes.
@@ -189,7 +189,7 @@ fn input([width, height]: [usize; 2], images: &[&[u8]], range: InputRange) -> Fe
     features
 }
 
-/// A stage's distance, and its output pooled for the next stage into `pooled`.
+/// Returns a stage's distance, and its output pooled for the next stage into `pooled`.
 ///
 /// Stages that keep the size of their input are processed in strips of rows, so that only the pooled features take
 /// memory.

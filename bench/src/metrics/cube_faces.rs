@@ -1,5 +1,5 @@
-//! The six faces of the cube around the camera, on which some feed-forward methods are scored: an
-//! ERP image gives the poles far more pixels than they have of the sphere, cube faces do not.
+//! The six faces of the cube around the camera, on which some feed-forward methods are scored. An ERP image gives the
+//! poles far more pixels than their share of the sphere; cube faces do not.
 
 use glam::{DVec3, dvec3};
 use omnilife_schemas::{
@@ -47,8 +47,8 @@ const DIRECTIONS: [fn(f64, f64) -> DVec3; 6] = [
     |a, b| dvec3(a, 1.0, -b),
 ];
 
-/// Renders faces of 90 degrees, as wide as half the height of the ERP image, by bilinear interpolation: around the
-/// seam, and at the poles with the last row in place of those beyond. Nothing is rounded to 8 bits again.
+/// Renders faces of 90 degrees, as wide as half the height of the ERP image, by bilinear interpolation. It wraps around
+/// the seam and repeats the last row beyond the poles. Nothing is rounded to 8 bits again.
 pub(super) fn render(pair: &ViewPair) -> Vec<Face> {
     let [width, height] = pair.size();
     let camera = ErpCamera {

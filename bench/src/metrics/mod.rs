@@ -3,14 +3,13 @@
 //! To add one: a file with a [`Metric`], a line in [`METRICS`], and golden values through
 //! `scripts/golden/metrics.py`, an implementation apart from this one.
 //!
-//! All metrics compare 8-bit images, as 3DGS's `metrics.py` does, which reads rendered and
-//! captured views back from PNG files: prediction and ground truth are both quantized. Against
-//! scores of unquantized renderings (ODGS and PVG during training) this matters above about 45 dB.
-//! Values are `byte / 255` in f64 and sums are taken in a fixed order, so that a score is the same
-//! on every machine and for every number of threads; for LPIPS see [`crate::lpips`].
+//! All metrics compare 8-bit images, as 3DGS's `metrics.py` does, which reads rendered and captured views back from PNG
+//! files: prediction and ground truth are both quantized. Against scores of unquantized renderings (ODGS and PVG during
+//! training) this matters above about 45 dB. Values are `byte / 255` in f64 and sums are taken in a fixed order. So a
+//! score is the same on every machine and for every number of threads; for LPIPS see [`crate::lpips`].
 //!
 //! Pixels that a scene marks as outside of it do not count. There both images of a [`ViewPair`] have the ground truth,
-//! for windows and networks that reach over it, and means are over the other pixels (LPIPS is divided by their share,
+//! for windows and networks that reach over it. Means are over the other pixels (LPIPS is divided by their share,
 //! temporal LPIPS is not).
 //!
 //! A metric is given a [`Sample`], all data of a view, declares its requirements ([`Need`]), and may be [`Undefined`]
@@ -147,7 +146,7 @@ pub fn of_protocol(protocol: &Protocol) -> Result<Vec<&'static Metric>, BenchErr
 /// The mean squared error, in squared `[0, 1]` units, below which PSNR values are cut off.
 const MSE_FLOOR: f64 = 1e-10;
 
-/// PSNR in decibels, in [0, 100], of a mean squared error in squared `[0, 1]` units.
+/// Returns the PSNR in decibels, in [0, 100], of a mean squared error in squared `[0, 1]` units.
 fn decibels(mse: f64) -> f64 {
     // Subtracted from zero, so that an error of 1 gives 0 and not -0.
     0.0 - 10.0 * mse.clamp(MSE_FLOOR, 1.0).log10()

@@ -79,18 +79,18 @@ impl<'a> Sample<'a> {
         self.dynamic.ok_or(Undefined("the frame has no mask"))
     }
 
-    /// The mask of a class.
+    /// Returns the mask of a class.
     pub(super) fn class(&self, name: &str) -> Result<&'a Mask, Undefined> {
         let mask = self.classes.get(name).copied();
         mask.ok_or(Undefined("the frame has no mask of the class"))
     }
 
-    /// The depth.
+    /// Returns the depth.
     pub(super) fn depth(&self) -> Result<&'a DepthPair, Undefined> {
         self.depth.ok_or(Undefined("the frame has no depth"))
     }
 
-    /// SSIM of every pixel.
+    /// Returns the SSIM of every pixel.
     pub(super) fn ssim_map(&self) -> &SsimMap {
         self.ssim_map.get_or_init(|| {
             let [prediction, truth] = self.pair.unit_values();
@@ -98,13 +98,13 @@ impl<'a> Sample<'a> {
         })
     }
 
-    /// The six faces of the cube around the camera.
+    /// Returns the six faces of the cube around the camera.
     pub(super) fn cube_faces(&self) -> &[Face] {
         self.cube_faces
             .get_or_init(|| cube_faces::render(self.pair))
     }
 
-    /// LPIPS from the view before it.
+    /// Returns the LPIPS from the view before it.
     pub(super) fn temporal_lpips(&self) -> Result<TemporalLpips, Undefined> {
         *self.temporal_lpips.get_or_init(|| {
             let before = self

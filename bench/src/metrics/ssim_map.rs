@@ -83,9 +83,9 @@ fn gaussian_window() -> [f64; WINDOW] {
 /// no more, because only the sum of the variances appears in it.
 type Moments = [Vec<f64>; 4];
 
-/// The window is separable: the rows around this one are filtered vertically into one row of
-/// moments, which is filtered horizontally. Memory is a few rows whatever the image's size, and
-/// every inner loop runs over contiguous values.
+/// Computes a row of the map. The window is separable: the rows around this one are filtered vertically into one row of
+/// moments, which is filtered horizontally. Memory is a few rows for any size of images, and every inner loop runs over
+/// contiguous values.
 fn row_of_map(
     [width, height]: [usize; 2],
     images: [&[f64]; 2],
@@ -174,8 +174,7 @@ fn horizontal_mean(moment: &[f64], window: &[f64; WINDOW]) -> Vec<f64> {
     means
 }
 
-/// The map at one pixel of one channel, from local means; variances and covariance are taken times
-/// `factor`.
+/// Returns the map at one pixel of one channel, from local means; variances and covariance are taken times `factor`.
 #[inline(always)]
 fn similarity(x: f64, y: f64, squares: f64, products: f64, factor: f64) -> f64 {
     let variances = factor * (squares - (x * x + y * y));

@@ -35,8 +35,8 @@ const WINDOW: usize = 7;
 const C1: f64 = 0.01 * 0.01;
 const C2: f64 = 0.03 * 0.03;
 
-/// Returns the mean over the windows of two images of three channels in [0, 1], row by row, whose middle is a counted
-/// pixel (all are, without `counted`); `None` if no such window fits.
+/// Returns the mean over the windows of two images of three channels in [0, 1], row by row. The middle of each window
+/// is a counted pixel (all are, without `counted`); `None` if no such window fits.
 pub(super) fn of_images(
     [x, y]: [&[f64]; 2],
     [width, height]: [usize; 2],

@@ -29,7 +29,7 @@ pub(crate) struct PairFeatures {
 }
 
 impl ViewPair {
-    /// Two images of `width` x `height` pixels, row-major, three interleaved channels.
+    /// Pairs two images of `width` x `height` pixels, row-major, three interleaved channels.
     ///
     /// Returns `None` when an image does not hold `width * height * 3` bytes or is empty.
     pub fn new(width: usize, height: usize, prediction: Vec<u8>, truth: Vec<u8>) -> Option<Self> {
@@ -119,7 +119,7 @@ impl ViewPair {
         self.width
     }
 
-    /// Rows, at least 1.
+    /// Returns the number of rows, at least 1.
     pub fn height(&self) -> usize {
         self.height
     }
@@ -139,12 +139,12 @@ impl ViewPair {
         &self.prediction
     }
 
-    /// `height * width * 3` bytes of the ground truth.
+    /// Returns `height * width * 3` bytes of the ground truth.
     pub fn truth(&self) -> &[u8] {
         &self.truth
     }
 
-    /// Prediction and ground truth in `[0, 1]`.
+    /// Returns prediction and ground truth in `[0, 1]`.
     pub(super) fn unit_values(&self) -> [Vec<f64>; 2] {
         [&self.prediction, &self.truth].map(|bytes| {
             let values = bytes.iter().map(|&byte| f64::from(byte) / 255.0);
@@ -152,8 +152,8 @@ impl ViewPair {
         })
     }
 
-    /// Returns the sum over one row (0 at the top) of the squared byte differences of channels 0, 1 and 2: exact
-    /// integers, so that no order of summation can change a score.
+    /// Returns the sum over one row (0 at the top) of the squared byte differences of channels 0, 1 and 2. They are
+    /// exact integers, so that no order of summation can change a score.
     pub(super) fn row_squared_errors(&self, row: usize) -> [u64; 3] {
         let range = row * self.width * 3..(row + 1) * self.width * 3;
         let mut sums = [0_u64; 3];
@@ -168,7 +168,7 @@ impl ViewPair {
         sums
     }
 
-    /// Sum over the whole image of the squared byte differences of channels 0, 1 and 2.
+    /// Returns the sum over the whole image of the squared byte differences of channels 0, 1 and 2.
     pub(super) fn squared_errors(&self) -> [u64; 3] {
         (0..self.height)
             .map(|row| self.row_squared_errors(row))
@@ -192,7 +192,7 @@ impl ViewPair {
     }
 }
 
-/// Squared byte differences of a pixel.
+/// Returns the squared byte differences of a pixel.
 fn squared_errors(predicted: &[u8], true_value: &[u8]) -> [u64; 3] {
     [0, 1, 2].map(|channel| {
         let difference = u64::from(predicted[channel].abs_diff(true_value[channel]));

@@ -32,7 +32,7 @@ pub(super) fn outside_share(array: &Array) -> f64 {
 }
 
 /// Returns the scored bytes of an array of shape (height, width, 3) with values in [0, 1]: 255 times the value, rounded
-/// to nearest, half up, so that arrays have neither an advantage nor a disadvantage over PNG. Values outside of [0, 1]
+/// to nearest, half up. So arrays have neither an advantage nor a disadvantage over PNG. Values outside of [0, 1]
 /// become the nearest possible ones.
 ///
 /// # Errors

@@ -47,7 +47,7 @@ pub(super) fn of_input_views() -> Vec<String> {
     names.map(|&id| id.to_owned()).collect()
 }
 
-/// Their ids, as a protocol holds them.
+/// Returns their ids, in the form of a protocol.
 pub(super) fn all() -> Vec<String> {
     METRICS.map(str::to_owned).to_vec()
 }

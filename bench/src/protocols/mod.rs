@@ -36,7 +36,7 @@ pub static PROTOCOLS: &[ProtocolEntry] = &[
     published::ENTRY,
 ];
 
-/// The protocol of this id.
+/// Returns the protocol of this id.
 ///
 /// # Errors
 /// [`BenchError::Unknown`], which lists the known ids.
@@ -45,7 +45,7 @@ pub fn protocol(id: &str) -> Result<Protocol, BenchError> {
     Ok((entry.protocol)())
 }
 
-/// `<id>/<version>`, as printed beside scores.
+/// Returns `<id>/<version>`, as printed beside scores.
 pub fn title(protocol: &Protocol) -> String {
     format!("{}/{}", protocol.id, protocol.version)
 }

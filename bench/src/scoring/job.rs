@@ -26,7 +26,7 @@ use crate::{
 };
 
 /// Folder of the predictions: `<folder>/<frame, 6 digits>.png`, 8-bit RGB at the protocol's size (padded frames with or
-/// without the padding), or the same name with `.npy` for values in [0, 1] of shape (height, width, 3). Frame numbers
+/// without the padding). Or the same name with `.npy` for values in [0, 1] of shape (height, width, 3). Frame numbers
 /// are those of the split.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Predictions {
@@ -69,7 +69,7 @@ pub struct ScoreRequest {
 pub const DEFAULT_MEMORY_BYTES: u64 = 2_000_000_000;
 
 impl ScoreRequest {
-    /// A request for a run, with the method's id from its record.
+    /// Creates a request for a run, with the method's id from its record.
     ///
     /// # Errors
     /// When `run` cannot be read.
@@ -328,7 +328,7 @@ impl ScoringJob {
         folders.flat_map(|folder| folder.strays.iter().map(String::as_str))
     }
 
-    /// A file of the scene.
+    /// Returns a file of the scene.
     pub(crate) fn scene_file(&self, name: &str) -> PathBuf {
         self.scene_file.with_file_name(name)
     }

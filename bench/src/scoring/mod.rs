@@ -1,7 +1,7 @@
 //! Scoring: folders of predicted views against a scene's images.
 //!
 //! Every fault of a method's files (a missing frame, another size, a truncated PNG) becomes a row in the result's
-//! failures; every fault of the scene, the split or the disk is an error. Nothing is resized, skipped or replaced to
+//! failures. Every fault of the scene, the split or the disk is an error. Nothing is resized, skipped or replaced to
 //! obtain a score.
 
 mod choice;
@@ -16,7 +16,6 @@ use std::{
 use omnilife_schemas::{
     frame_scores::FRAME_SCORES_FILE,
     layout::{CURVE_FILE, RESULT_FILE, SCORING_FILE},
-    lock::FolderLock,
     progress::Progress,
     provenance,
     records::{ResultRecord, ScoringRecord},
@@ -73,53 +72,47 @@ pub fn score(request: &ScoreRequest, progress: &dyn Progress) -> Result<ResultRe
         progress.note(&format!("{label}: skipped, nothing has changed"));
         return Ok(store::read_record(&result_file)?);
     }
-    let _lock = FolderLock::take(&request.out, progress)?;
-    let started = Instant::now();
     let views = job.views();
-    plan.claim(planned_files(&views))?;
-    // A leaderboard must not find a result with changed inputs if scoring fails now.
-    store::remove(&result_file)?;
-    plan.own_files().remove(|file| file == CURVE_FILE)?;
-    side_by_side::prepare_folder(&request.out, &plan.own_files())?;
+    plan.run(planned_files(&views), progress, |out| {
+        let started = Instant::now();
+        // A result whose inputs have changed must not be found by a leaderboard if scoring fails now.
+        store::remove(&result_file)?;
+        plan.own_files().remove(|file| file == CURVE_FILE)?;
+        side_by_side::prepare_folder(&request.out, &plan.own_files())?;
 
-    progress.begin(&label, Some(views.len() as u64));
-    progress.status(&slowest(&job));
-    let outcomes = score_views(&job, &views, request, progress)?;
-    progress.end();
+        progress.begin(&label, Some(views.len() as u64));
+        progress.status(&slowest(&job));
+        let outcomes = score_views(&job, &views, request, progress)?;
+        progress.end();
 
-    frames_table::write(&request.out.join(FRAME_SCORES_FILE), &job, &outcomes)?;
-    let mut result = summary::result_record(&job, &outcomes);
-    result.predictions = Some(scored_files::of_job(&job, &request.out)?);
-    job.statement.apply(&mut result);
-    let without_content = outcomes.iter().filter(|one| one.is_truth_single_colour);
-    let without_content = truth::without_content(without_content.map(|one| one.view.frame));
-    for line in truth::mask_notes(&job, &views)?
-        .into_iter()
-        .chain(without_content)
-    {
-        progress.note(&format!("{label}: {line}"));
-        // A run of ours has reported its masks.
-        if !result.warnings.contains(&line) {
-            result.warnings.push(line);
+        frames_table::write(&request.out.join(FRAME_SCORES_FILE), &job, &outcomes)?;
+        let mut result = summary::result_record(&job, &outcomes);
+        result.predictions = Some(scored_files::of_job(&job, &request.out)?);
+        job.statement.apply(&mut result);
+        let without_content = outcomes.iter().filter(|one| one.is_truth_single_colour);
+        let without_content = truth::without_content(without_content.map(|one| one.view.frame));
+        for line in truth::mask_notes(&job, &views)?
+            .into_iter()
+            .chain(without_content)
+        {
+            progress.note(&format!("{label}: {line}"));
+            // A run of ours has told of its masks.
+            if !result.warnings.contains(&line) {
+                result.warnings.push(line);
+            }
         }
-    }
-    let likely_mistakes = diagnosis::of_job(&job, request.memory_bytes)?.warnings();
-    result.warnings = [likely_mistakes, result.warnings].concat();
-    let unscored = scored::write_curve(&job, request.memory_bytes, &request.out, progress)?;
-    result.warnings.extend(unscored.iter().flatten().cloned());
-    store::write_record(&result_file, &result)?;
-    write_scoring_record(&request.out, &result_file, started)?;
-    let mut outputs = [RESULT_FILE, SCORING_FILE, FRAME_SCORES_FILE]
-        .map(str::to_owned)
-        .to_vec();
-    outputs.extend(unscored.is_some().then(|| CURVE_FILE.to_owned()));
-    outputs.extend(
-        outcomes
-            .iter()
-            .filter_map(|outcome| outcome.comparison.clone()),
-    );
-    plan.finish(outputs, started.elapsed().as_secs_f64())?;
-    Ok(result)
+        let likely_mistakes = diagnosis::of_job(&job, request.memory_bytes)?.warnings();
+        result.warnings = [likely_mistakes, result.warnings].concat();
+        let unscored = scored::write_curve(&job, request.memory_bytes, &request.out, progress)?;
+        result.warnings.extend(unscored.iter().flatten().cloned());
+        out.write_record(RESULT_FILE, &result)?;
+        write_scoring_record(&request.out, &result_file, started)?;
+        out.add_all([SCORING_FILE, FRAME_SCORES_FILE]);
+        out.add_all(unscored.map(|_| CURVE_FILE));
+        let comparisons = outcomes.into_iter().map(|outcome| outcome.comparison);
+        out.add_all(comparisons.flatten());
+        Ok(result)
+    })
 }
 
 /// Returns the name of the slowest part.

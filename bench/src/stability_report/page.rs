@@ -87,33 +87,34 @@ fn worst(text: &mut String, rows: &[Row<'_>]) {
 
 /// Names rows by backend, status and reason, in order; rows of one case once.
 fn list(text: &mut String, title: &str, rows: &[Row<'_>], is_listed: fn(&Row<'_>) -> bool) {
-    let mut groups: Vec<((&str, StabilityStatus, &str), Vec<String>)> = Vec::new();
+    let mut groups: Vec<(&Row<'_>, Vec<String>)> = Vec::new();
     for row in rows.iter().filter(|row| is_listed(row)) {
-        let key = (row.backend, row.status, row.reason);
-        let found = groups.iter_mut().find(|(found, _)| *found == key);
+        let key = |row: &Row<'_>| (row.backend.to_owned(), row.status, row.reason.to_owned());
+        let found = groups.iter_mut().find(|(first, _)| key(first) == key(row));
         match found {
             Some((_, names)) => names.push(name(row)),
-            None => groups.push((key, vec![name(row)])),
+            None => groups.push((row, vec![name(row)])),
         }
     }
     if groups.is_empty() {
         return;
     }
     *text += &format!("\n{title}:\n\n");
-    for ((backend, status, reason), mut names) in groups {
+    for (first, mut names) in groups {
         let count = names.len();
         names.dedup();
-        let status = match status {
+        let status = match first.status {
             StabilityStatus::Pass => "pass",
             StabilityStatus::Fail => "fail",
             StabilityStatus::NotRun => "not run",
         };
-        let reason = match reason {
+        let reason = match first.reason {
             "" => String::new(),
             reason => format!(", {reason}"),
         };
         *text += &format!(
-            "- {count} on {backend}, {status}{reason}: {}\n",
+            "- {count} on {}, {status}{reason}: {}\n",
+            first.backend,
             names.join(", ")
         );
     }

@@ -42,7 +42,7 @@ pub struct TrackScores {
     pub overlap: f64,
 }
 
-/// Intersection over union of two boxes.
+/// Returns the intersection over union of two boxes.
 pub fn overlap(a: [f64; 4], b: [f64; 4]) -> f64 {
     let side = |axis: usize| {
         let from = a[axis].max(b[axis]);
@@ -157,7 +157,7 @@ fn matched(
     matches
 }
 
-/// F1 of the best one-to-one matching of identities.
+/// Returns the F1 of the best one-to-one matching of identities.
 fn identity_f1(
     truth: &[TrackBox],
     found: &[TrackBox],

@@ -1,4 +1,4 @@
-//! Methods of others, run by their own commands: stand-ins are shell scripts.
+//! External methods, run by their own commands: stand-ins are shell scripts.
 
 use std::{fs, path::PathBuf};
 
@@ -114,7 +114,7 @@ fn an_unchanged_run_is_skipped_and_a_changed_seed_is_not() {
     assert_eq!((again.seed, notes.take().len()), (8, 0));
 }
 
-/// What fails is a row of the tables, with the reason, and is tried again.
+/// A failed method is a row of the tables, with the reason, and is run again.
 #[test]
 fn a_failed_method_is_scored_as_failures() {
     let stand = Stand::new(
@@ -160,8 +160,7 @@ novel = "{work}/{frame}.png"
     assert_eq!(stand.run().failure, None);
 }
 
-/// What a program has started ends with it, by the time limit and by itself: the next one has the
-/// machine for itself.
+/// Child processes of a program end with it, by the time limit and by itself: the next one has the machine for itself.
 #[test]
 fn children_of_a_program_end_with_it() {
     for (rest, limit) in [("wait", "time_limit_seconds = 0.2"), ("exit 0", "")] {
@@ -235,7 +234,7 @@ command = ["true"]
 novel = "{work}/{frame}.png"
 "#,
     );
-    // Whether conda is missing or has no such environment, the run has failed.
+    // Without conda, or without the environment, the run has failed.
     let run = stand.run();
     assert!(run.failure.is_some());
     assert_eq!(run.phases[0].command[..2], ["conda", "run"]);
@@ -348,7 +347,7 @@ fn a_run_may_follow_a_recorded_failure_and_the_other_way_round() {
         out: stand.request.out.clone(),
     };
     for _ in 0..2 {
-        omnilife_bench::record_failure(&failure).unwrap();
+        omnilife_bench::record_failure(&failure, &Silent).unwrap();
         assert_eq!(stand.run().failure, None);
     }
 }

@@ -1,5 +1,4 @@
-//! What can be wrong with the files of predictions: each is a failure with its reason, and never
-//! repaired.
+//! Faults in the files of predictions: each is a failure with its reason, and never repaired.
 
 use std::fs;
 
@@ -81,7 +80,7 @@ fn frames_with_two_predictions_or_another_name_are_failures() {
     );
 }
 
-/// 16 bits, floats, and a PNG that asks to be turned.
+/// 16 bits, floats, and a PNG with an orientation.
 #[test]
 fn other_depths_and_orientations_are_failures() {
     let bench = Bench::new();

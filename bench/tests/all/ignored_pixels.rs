@@ -1,4 +1,4 @@
-//! Pixels that no score counts: nothing that is predicted there changes any metric.
+//! Pixels that no score counts: predictions there do not change any metric.
 
 use omnilife_bench::{DepthPair, METRICS, Metric, Need, Sample, Undefined, ViewPair, lpips::Lpips};
 use omnilife_schemas::rgb::Mask;
@@ -32,8 +32,7 @@ fn ignored() -> Mask {
     mask(|x, y| y >= 40 || (y > 10 && y < 30 && !(20..80).contains(&x)))
 }
 
-/// Everything that is known of a view whose prediction is `prediction`, and whose predicted distances are
-/// `distance` where the mask lies.
+/// All data of a view with the prediction `prediction`, and predicted distances of `distance` under the mask.
 struct Known {
     pair: ViewPair,
     before: ViewPair,
@@ -157,7 +156,7 @@ fn means_are_over_the_pixels_that_count() {
     assert!((value(metric("psnr"), &known).unwrap() - psnr).abs() < 1e-9);
     let ws_psnr = -10.0 * (weighted / weights).log10();
     assert!((value(metric("ws-psnr"), &known).unwrap() - ws_psnr).abs() < 1e-9);
-    // Of the same images, what does not move is scored where nothing is ignored either.
+    // On the same images, static content is scored where nothing is ignored either.
     let mut composited = Known::new(None, [0, 0]);
     let [prediction, truth] = [known.pair.prediction(), known.pair.truth()].map(<[u8]>::to_vec);
     composited.pair = ViewPair::new(WIDTH, HEIGHT, prediction, truth).unwrap();

@@ -58,7 +58,7 @@ fn plain() -> impl Iterator<Item = &'static Metric> {
     })
 }
 
-/// Whether the weights of the networks that a metric needs are there; says so where they are not.
+/// Returns true if the weights of a metric's networks exist; prints a reason otherwise.
 fn has_weights(metric: &Metric) -> bool {
     let found = metric.needs.iter().all(|need| match need {
         Need::Network(backbone) => Lpips::published(*backbone).is_ok(),
@@ -70,8 +70,7 @@ fn has_weights(metric: &Metric) -> bool {
     found
 }
 
-/// What a golden value may differ by: 1e-6 dB, 1e-4 for what a network computed in f32, 1e-5 for
-/// other scores.
+/// Tolerance of a golden value: 1e-6 dB, 1e-4 for results of a network in f32, 1e-5 for other scores.
 fn tolerance(metric: &Metric) -> f64 {
     if metric.unit == "dB" {
         1e-6
@@ -231,7 +230,7 @@ fn identical_images_score_the_best_value() {
     }
 }
 
-/// What is missing is neither 0 nor infinite.
+/// Missing data give neither 0 nor infinity.
 #[test]
 fn without_masks_depth_or_a_view_before_metrics_are_undefined() {
     let pair = stored_pair("compressed");
@@ -257,7 +256,7 @@ fn without_masks_depth_or_a_view_before_metrics_are_undefined() {
     ] {
         assert!((metric(id).function)(&evidence.sample()).is_err(), "{id}");
     }
-    // With nothing that moves, what stands still is the whole image.
+    // Without moving content, static content is the whole image.
     let still = |id: &str| (metric(id).function)(&evidence.sample()).unwrap();
     assert!((still("psnr-static") - value("psnr", &pair)).abs() < 1e-12);
     assert!((still("ssim-static") - value("ssim", &pair)).abs() < 1e-12);

@@ -1,4 +1,4 @@
-//! Scoring takes only records that belong together and keeps results apart.
+//! Scoring accepts only records that belong together and keeps results apart.
 
 use std::{fs, path::Path};
 

@@ -78,7 +78,7 @@ fn every_bad_file_is_listed() {
     );
 }
 
-/// A scene whose frames show who holds the camera in their lower half.
+/// A scene whose frames show the camera operator in their lower half.
 #[test]
 fn what_is_predicted_where_nothing_counts_is_looked_at_and_not_shown() {
     let mut scene = scene(10, &[]);
@@ -274,8 +274,7 @@ fn failures_and_mixed_methods_are_not_compared() {
     );
 }
 
-/// The table of others is read as it is, byte by byte: whatever it holds, the comparison is refused in
-/// one line.
+/// A foreign table is read as it is, byte by byte: for any content, the comparison is refused in one line.
 #[test]
 fn damaged_tables_of_views_are_refused() {
     let (_a, a) = result("one/seq-000", "a", [1, 2]);

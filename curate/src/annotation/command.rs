@@ -19,22 +19,22 @@
 //! { "caption": "A walk through a market at night.", "scene": "night-market", "action": "walking" }
 //! ```
 //!
-//! `scene` and `action` have to be among those listed. Exit code 0 means success; what it writes to
-//! standard error is shown when it fails. It is ended after the timeout (SIGTERM, and SIGKILL after five
-//! seconds), and what it has started ends with it.
+//! `scene` and `action` must be among those listed. Exit code 0 means success; the standard error of a failed program
+//! is shown. It is ended after the timeout (SIGTERM, and SIGKILL after five seconds), together with its child
+//! processes.
 
 use std::{
     io::{self, Read, Write},
     path::Path,
-    process::{Command, ExitStatus, Stdio},
+    process::{Command, Stdio},
     sync::mpsc::{self, Receiver},
     thread,
     time::{Duration, Instant},
 };
 
 use omnilife_schemas::{
+    child::{GRACE, ProcessGroup},
     process,
-    process_group::{GRACE, ProcessGroup},
     progress::Progress,
     records::{NameGroup, Sequence, Taxonomy},
 };
@@ -45,9 +45,7 @@ use crate::error::CurateError;
 
 /// Frames that are shown at most, spread evenly over the sequence.
 const SHOWN_FRAMES: usize = 8;
-/// Interval at which a running program is polled.
-const POLL: Duration = Duration::from_millis(20);
-/// Maximum size of an answer.
+/// A longer answer is no caption.
 const MOST_ANSWER_BYTES: usize = 1 << 20;
 /// Maximum size of the error output that is read.
 const SHOWN_ERROR_BYTES: usize = 64 << 10;
@@ -125,7 +123,7 @@ impl CaptionCommand {
         })
     }
 
-    /// Runs the program on a request and returns what it wrote.
+    /// Runs the program on a request and returns its output.
     fn exchange(&self, request: Vec<u8>, progress: &dyn Progress) -> Result<Vec<u8>, String> {
         let mut command = Command::new(&self.program);
         command
@@ -145,7 +143,8 @@ impl CaptionCommand {
         });
         let output = in_background(move || read_at_most(output, MOST_ANSWER_BYTES + 1));
         let errors = in_background(move || process::read_tail(errors, SHOWN_ERROR_BYTES));
-        let status = wait(&mut group, self.timeout);
+        let begun = Instant::now();
+        let ended = group.wait_unless(|_| (begun.elapsed() >= self.timeout).then_some(()));
         for what in group.end(GRACE).lines() {
             progress.note(&format!("{} left running: {what}", self.program));
         }
@@ -156,19 +155,14 @@ impl CaptionCommand {
         if output.len() > MOST_ANSWER_BYTES {
             return Err(format!("answers more than {MOST_ANSWER_BYTES} bytes"));
         }
-        match status {
-            Ok(Some(status)) if status.success() => Ok(output),
-            Ok(Some(status)) => {
-                let said = String::from_utf8_lossy(&errors);
-                let said = said
-                    .trim()
-                    .lines()
-                    .last()
-                    .unwrap_or("it says nothing")
-                    .to_owned();
-                Err(format!("failed ({status}): {said}"))
+        match ended {
+            Ok(Ok(ended)) if ended.status.success() => Ok(output),
+            Ok(Ok(ended)) => {
+                let said = process::last_line_of(&errors);
+                let said = said.unwrap_or_else(|| "it says nothing".to_owned());
+                Err(format!("failed ({}): {said}", ended.status))
             }
-            Ok(None) => Err(format!(
+            Ok(Err(())) => Err(format!(
                 "took longer than {} s and was stopped",
                 self.timeout.as_secs_f64()
             )),
@@ -193,20 +187,6 @@ fn read_at_most(pipe: Option<impl Read>, most: usize) -> Vec<u8> {
     // Bytes before a broken pipe are judged like any answer.
     let _ = pipe.map(|pipe| pipe.take(most as u64).read_to_end(&mut bytes));
     bytes
-}
-
-/// Waits for a program to end; returns `None` after `timeout`.
-fn wait(group: &mut ProcessGroup, timeout: Duration) -> io::Result<Option<ExitStatus>> {
-    let started = Instant::now();
-    loop {
-        if let Some(status) = group.try_wait()? {
-            return Ok(Some(status));
-        }
-        if started.elapsed() >= timeout {
-            return Ok(None);
-        }
-        thread::sleep(POLL);
-    }
 }
 
 fn request(folder: &Path, sequence: &Sequence, taxonomy: &Taxonomy) -> io::Result<Vec<u8>> {

@@ -48,7 +48,7 @@ pub fn read(path: &Path) -> Result<Vec<TagRow>, CurateError> {
     from_bytes(path, &bytes)
 }
 
-/// [`read`] of a file's bytes; `path` names it.
+/// Reads the bytes of a table; `path` names it.
 ///
 /// # Errors
 /// When they are malformed.

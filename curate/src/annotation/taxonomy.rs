@@ -12,7 +12,7 @@ use omnilife_schemas::{
 /// classes and a few of the categories; the others were chosen to fill its counts.
 const BUILT_IN: &str = include_str!("../../data/taxonomy.json");
 
-/// The taxonomy in `file`, or the built-in one.
+/// Loads the taxonomy in `file`, or the built-in one.
 ///
 /// # Errors
 /// When the file is missing, malformed, or has a name twice.
@@ -53,7 +53,7 @@ fn repeated(groups: &[NameGroup]) -> Option<&str> {
         .map(String::as_str)
 }
 
-/// Name of the group that a name belongs to.
+/// Returns the name of the group that a name belongs to.
 pub(super) fn group_of<'a>(groups: &'a [NameGroup], name: &str) -> Option<&'a str> {
     groups
         .iter()

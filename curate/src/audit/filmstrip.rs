@@ -55,7 +55,7 @@ impl Filmstrips {
         strips.chain(&self.overview).copied().collect()
     }
 
-    /// The images of the strips and of the overview.
+    /// Returns the images of the strips and of the overview.
     ///
     /// # Errors
     /// The index of a shown frame without an image.

@@ -1,12 +1,9 @@
 //! The small video of the page: every frame of the original at its time, at a low bit rate.
 
-use std::{
-    fs,
-    path::{Path, PathBuf},
-};
+use std::{fs, path::Path};
 
 use base64::{Engine, engine::general_purpose::STANDARD};
-use omnilife_schemas::store::{self, StoreError};
+use omnilife_schemas::store::{self, StoreError, Unfinished};
 
 use crate::{
     error::CurateError,
@@ -21,8 +18,8 @@ pub const EMBEDDED_BYTES: u64 = 24 << 20;
 
 /// Encodes the small video while the original is decoded.
 pub(super) struct ProxyWriter {
-    /// File while its final place is unknown.
-    temporary: PathBuf,
+    /// Where it is written before its place is known.
+    temporary: Unfinished,
     first_seconds: f64,
     video: Option<ViewVideoWriter>,
 }
@@ -41,7 +38,7 @@ impl ProxyWriter {
         let mut name = page.file_name().unwrap_or_default().to_owned();
         name.push(".mp4");
         Self {
-            temporary: store::temporary_beside(&page.with_file_name(name)),
+            temporary: Unfinished::beside(&page.with_file_name(name)),
             first_seconds,
             video: None,
         }
@@ -51,14 +48,14 @@ impl ProxyWriter {
         if self.video.is_none() {
             let size = [image.width as u32, image.height as u32];
             self.video = Some(ViewVideoWriter::with_quality(
-                &self.temporary,
+                self.temporary.path(),
                 size,
                 Projection::Flat,
                 Quality::Proxy,
             )?);
         }
         let Some(video) = &mut self.video else {
-            return Err(CurateError::internal(&self.temporary, "no encoder"));
+            return Err(CurateError::internal(self.temporary.path(), "no encoder"));
         };
         video.push(&image.data, seconds - self.first_seconds)
     }
@@ -75,11 +72,7 @@ impl ProxyWriter {
             return Err(CurateError::internal(page, "the video has no frames"));
         };
         video.finish(end_seconds - self.first_seconds)?;
-        let placed = place(&self.temporary, page, embedded_bytes);
-        if self.temporary.exists() {
-            store::remove(&self.temporary)?;
-        }
-        Ok(placed?)
+        Ok(place(self.temporary.path(), page, embedded_bytes)?)
     }
 }
 

@@ -41,13 +41,13 @@ impl Descriptor {
     }
 }
 
-/// Share of weight that lies in other bins, 0 to 1: half the L1 distance.
+/// Returns the share of weight that lies in other bins, 0 to 1: half the L1 distance.
 pub(super) fn distance(a: &[f32], b: &[f32]) -> f32 {
     0.5 * a.iter().zip(b).map(|(x, y)| (x - y).abs()).sum::<f32>()
 }
 
-/// Correlation of two layouts at the yaw between them that makes it largest: a camera that turned
-/// sees the same place. 1 for two without detail, 0 for one with and one without.
+/// Returns the correlation of two layouts at the yaw between them that makes it largest: a camera that turned sees the
+/// same place. 1 for two without detail, 0 for one with and one without.
 pub(super) fn correlation(a: &[f32], b: &[f32]) -> f32 {
     let is_flat = |layout: &[f32]| layout.iter().all(|&value| value == 0.0);
     if is_flat(a) && is_flat(b) {
@@ -93,9 +93,9 @@ fn band_histograms(image: &Rgb8Image) -> opencv::Result<Vec<f32>> {
     Ok(histogram)
 }
 
-/// Shares the weight of a pixel between the eight bins around its colour, so that colours near the
-/// border of two bins do not jump with noise or a slow change of light. Grey has no hue, and black
-/// no saturation either: their bins are shared by all.
+/// Shares the weight of a pixel between the eight bins around its colour. So colours near the border of two bins do not
+/// jump with noise or a slow change of light. Grey has no hue, and black no saturation either: their bins are shared by
+/// all.
 fn add_softly(bins: &mut [f32], [hue, saturation, value]: [u8; 3], weight: f32) {
     // OpenCV's 8-bit hue runs from 0 to 179, around the circle.
     let hue = f32::from(hue) / 180.0 * HUES as f32;
@@ -115,7 +115,7 @@ fn add_softly(bins: &mut [f32], [hue, saturation, value]: [u8; 3], weight: f32) 
     }
 }
 
-/// The two bins around a position and their shares.
+/// Returns the two bins around a position and their shares.
 fn neighbours(position: f32) -> [(usize, f32); 2] {
     let below = position.floor();
     let share = position - below;

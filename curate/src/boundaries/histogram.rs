@@ -3,11 +3,10 @@
 //! Distances between frames are shares of the image's weight that changed its colour bin, 0 to 1;
 //! see `descriptor.rs`.
 //!
-//! Cuts are single frames whose distance stands out from its neighbourhood; gradual transitions are
-//! runs of moderately raised distances whose two ends differ, the twin comparison of Zhang,
-//! Kankanhalli and Smoliar ("Automatic partitioning of full-motion video", 1993). Both are refused
-//! where the layout of the image survives, whatever way the camera faces afterwards: then the
-//! light changed, not the shot.
+//! Cuts are single frames whose distance stands out from its neighbourhood. Gradual transitions are runs of moderately
+//! raised distances whose two ends differ, the twin comparison of Zhang, Kankanhalli and Smoliar ("Automatic
+//! partitioning of full-motion video", 1993). Both are refused if the layout of the image survives, whichever way the
+//! camera faces afterwards: then the light changed, not the shot.
 
 use std::collections::VecDeque;
 
@@ -186,21 +185,21 @@ impl HistogramPass {
         self.due += 1;
     }
 
-    /// Correlation of the layouts `reach_seconds` before and after an instant.
+    /// Returns the correlation of the layouts `reach_seconds` before and after an instant.
     fn layouts_around(&self, now: f64, reach_seconds: f64) -> f32 {
         let before = self.last_until(now - reach_seconds);
         let after = self.first_from(now + reach_seconds);
         correlation(&self.window[before].layout, &self.window[after].layout)
     }
 
-    /// Index of the last frame at or before an instant, or of the first frame.
+    /// Returns the index of the last frame at or before an instant, or of the first frame.
     fn last_until(&self, seconds: f64) -> usize {
         self.window
             .partition_point(|frame| frame.time_seconds <= seconds)
             .saturating_sub(1)
     }
 
-    /// Index of the first frame at or after an instant, or of the last frame.
+    /// Returns the index of the first frame at or after an instant, or of the last frame.
     fn first_from(&self, seconds: f64) -> usize {
         self.window
             .partition_point(|frame| frame.time_seconds < seconds)

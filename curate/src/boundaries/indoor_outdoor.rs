@@ -1,11 +1,10 @@
 //! Passages between indoors and outdoors: suggestions for people to decide on.
 //!
-//! Outdoors something above is bright and smooth: sky, cloud, surf or light between leaves. Indoors
-//! there are beams, lamps and joints. `Place` measures how much of the cap above 40 degrees of
-//! latitude is open in this sense, by solid angle, and with it exposure and colour of the whole
-//! sphere. A change is suggested where the open share passes from clearly closed to clearly open or
-//! back, and exposure or colour change with it: waves and leaves that pass overhead cover the sky
-//! without a change of place.
+//! Outdoors something above is bright and smooth: sky, cloud, surf or light between leaves. Indoors there are beams,
+//! lamps and joints. `Place` measures the share of the cap above 40 degrees of latitude that is open in this sense, by
+//! solid angle. It also measures exposure and colour of the whole sphere. A change is suggested if the open share
+//! passes from clearly closed to clearly open or back, and exposure or colour change with it. Waves and leaves that
+//! pass overhead cover the sky without a change of place.
 //!
 //! A white ceiling is bright and smooth as well, and a night sky is not: this proposes and never decides. Its error
 //! rate is in `docs/results/boundaries.md`.
@@ -142,7 +141,7 @@ fn place(image: &Rgb8Image) -> Place {
     ]
 }
 
-/// Latitude of a row's centre, radians, north up.
+/// Returns the latitude of a row's centre, radians, north up.
 fn latitude(row: usize, height: usize) -> f32 {
     (0.5 - (row as f32 + 0.5) / height as f32) * PI
 }
@@ -204,7 +203,7 @@ impl Table<'_> {
         found
     }
 
-    /// How much opens up from before a frame to behind it, where the place changes.
+    /// Returns the increase of the open share across a frame, if the place changes.
     fn contrast(&self, frame: usize, half: f64) -> Option<f32> {
         let middle = self.times[frame];
         let (side, slack) = (SETTINGS.side_seconds, 1e-6);
@@ -236,7 +235,7 @@ impl Table<'_> {
         )
     }
 
-    /// The boundary around the frame in the middle of a passage.
+    /// Returns the boundary around the frame in the middle of a passage.
     fn boundary(&self, frame: usize, half: f64, contrast: f32) -> Boundary {
         let middle = self.times[frame];
         let first = self.times.partition_point(|&time| time < middle - half);
@@ -254,7 +253,7 @@ impl Table<'_> {
 mod tests {
     use super::*;
 
-    /// A smooth bright sky, or a ceiling with beams; the rest is grey.
+    /// Returns a smooth bright sky, or a ceiling with beams; the rest is grey.
     fn image(is_open: bool, x_of_beams: usize) -> Rgb8Image {
         let (width, height) = (64, 32);
         let mut data = Vec::new();

@@ -1,4 +1,4 @@
-//! Shot boundaries: where one continuous take ends and the next begins.
+//! Shot boundaries: the ends of continuous takes.
 //!
 //! A detector works in two steps. Its [`SignalPass`] sees every frame of the analysis pass once and
 //! leaves a row of numbers; [`Detector::decide`] turns the finished table into boundaries and can
@@ -35,14 +35,14 @@ pub struct Detector {
     pub settings: fn() -> String,
     /// Scaling of its input images.
     pub images: Scaling,
-    /// Begins a pass over a video. Fails if a requirement of the detector is missing.
+    /// Starts a pass over a video. Fails if a requirement of the detector is missing.
     pub start: fn() -> Result<Box<dyn SignalPass>, CurateError>,
     /// Boundaries in order of time from the signals of a whole video.
     pub decide: fn(&Signals) -> Result<Vec<Boundary>, MissingSignal>,
 }
 
 impl Detector {
-    /// The detector and its settings in one line.
+    /// Returns the detector and its settings in one line.
     pub fn description(&self) -> String {
         format!("{}: {}", self.id, (self.settings)())
     }
@@ -63,7 +63,7 @@ pub trait SignalPass {
     /// One line when an image operation fails.
     fn observe(&mut self, time_seconds: f64, image: &Rgb8Image) -> Result<(), String>;
 
-    /// The signals, one row per frame.
+    /// Returns the signals, one row per frame.
     fn finish(self: Box<Self>) -> Signals;
 }
 

@@ -49,7 +49,7 @@ pub struct MissingSignal {
 }
 
 impl Signals {
-    /// The signal with this name, one value per frame.
+    /// Returns the signal with this name, one value per frame.
     ///
     /// # Errors
     /// [`MissingSignal`] if the table lacks it.

@@ -176,18 +176,18 @@ pub fn admit(criteria: &Criteria, candidate: &Candidate<'_>, enforced: bool) -> 
     }
 }
 
-/// The checks that failed.
+/// Returns the checks that failed.
 pub fn failed(admission: &Admission) -> impl Iterator<Item = &CheckOutcome> {
     admission.checks.iter().filter(|check| !check.passed)
 }
 
-/// The failed checks in one line; `None` where all passed.
+/// Returns the failed checks in one line; `None` where all passed.
 pub fn failures(admission: &Admission) -> Option<String> {
     let failed: Vec<&CheckOutcome> = failed(admission).collect();
     (!failed.is_empty()).then(|| in_words(failed))
 }
 
-/// Failed checks with their values and thresholds in one line.
+/// Returns the failed checks with their values and thresholds in one line.
 pub(crate) fn in_words<'a>(failed: impl IntoIterator<Item = &'a CheckOutcome>) -> String {
     let words = failed.into_iter().map(|check| {
         format!(

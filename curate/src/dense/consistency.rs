@@ -22,7 +22,7 @@ pub(super) struct DepthMap {
 }
 
 impl DepthMap {
-    /// The world point of a pixel.
+    /// Returns the world point of a pixel.
     pub(super) fn point(&self, pixel: usize) -> DVec3 {
         let width = self.camera.width as usize;
         let place = glam::dvec2((pixel % width) as f64 + 0.5, (pixel / width) as f64 + 0.5);
@@ -30,7 +30,7 @@ impl DepthMap {
         self.view.centre + self.view.to_world * ray * (f64::from(self.depths[pixel]) / ray.z)
     }
 
-    /// Distance along the ray of a pixel.
+    /// Returns the distance along the ray of a pixel.
     pub(super) fn distance(&self, pixel: usize) -> f32 {
         self.point(pixel).distance(self.view.centre) as f32
     }

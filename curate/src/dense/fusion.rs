@@ -59,7 +59,7 @@ impl Cubes {
         self
     }
 
-    /// The mean of every cube, in order of place.
+    /// Returns the mean of every cube, in order of place.
     pub(super) fn cloud(&self) -> PointCloud {
         let mut cloud = PointCloud::default();
         for key in self.keys() {

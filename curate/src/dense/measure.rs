@@ -24,7 +24,7 @@ use crate::{error::CurateError, posed_view::PosedView};
 pub(super) const LEAST_SEEN: usize = 50;
 /// Quantiles of the depths of a view's points that limit its search, with factors beyond.
 const RANGE: [(f64, f64); 2] = [(0.99, 1.25), (0.01, 0.8)];
-/// Far limit is infinity; this many distances between the cameras is the near limit of a scene without points.
+/// Near limit of the search in a scene without points, in distances between the cameras; the far limit is infinity.
 const NEAREST_BASELINES: f64 = 1.25;
 /// Every this many pixels of a first search give one point.
 const FIRST_STRIDE: usize = 7;
@@ -148,7 +148,7 @@ impl Stereo<'_> {
         (neighbours(index, &self.views, &seen), range)
     }
 
-    /// The depths of all views against chosen others.
+    /// Returns the depths of all views against chosen others.
     fn measure_against(
         &self,
         sized: &Sized,
@@ -177,7 +177,7 @@ impl Stereo<'_> {
         Ok(measured)
     }
 
-    /// The images of all views at the size of the search, 8-bit RGB.
+    /// Returns the images of all views at the size of the search, 8-bit RGB.
     fn read_images(&self, sized: &Sized) -> Result<Vec<Vec<u8>>, CurateError> {
         let [width, height] = sized.pixels;
         let read = |view: &PosedView| {

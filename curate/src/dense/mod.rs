@@ -18,10 +18,8 @@ use std::path::{Path, PathBuf};
 
 use glam::DVec3;
 use omnilife_schemas::{
-    camera::Camera,
-    elapsed::Stopwatch,
+    camera::{Camera, PinholeCamera},
     layout::{DENSE_FILE, POINTS_FILE, SCENE_FILE},
-    lock::FolderLock,
     npy,
     points::PointCloud,
     progress::Progress,
@@ -96,16 +94,29 @@ pub fn make_dense(
     };
     let frames = frames_of(&scene, request.split.as_deref())?;
     let plan = plan(request, &scene_path, &scene, &frames)?;
-    let record = request.out.join(DENSE_FILE);
-    if plan.is_done() {
-        progress.note(&format!("{}: dense points unchanged, skipped", scene.id));
-        return Ok(store::read_record(&record)?);
-    }
-    store::create_folder(&request.out)?;
-    let _lock = FolderLock::take(&request.out, progress)?;
-    plan.claim([DENSE_FILE])?;
-    store::remove(&record)?;
-    let begun = Stopwatch::start();
+    let skipped = format!("{}: dense points unchanged, skipped", scene.id);
+    plan.make((DENSE_FILE, &skipped), [DENSE_FILE], progress, |out| {
+        store::remove(&out.path(DENSE_FILE))?;
+        let (dense, staging) = measured(
+            request,
+            &scene_path,
+            &scene,
+            (camera, &frames[..]),
+            progress,
+        )?;
+        out.replace(&staging.folder, &staging.files)?;
+        Ok(dense)
+    })
+}
+
+/// Measures the distances and stages their files.
+fn measured(
+    request: &DenseRequest,
+    scene_path: &Path,
+    scene: &Scene,
+    (camera, frames): (PinholeCamera, &[u32]),
+    progress: &dyn Progress,
+) -> Result<(DenseStereo, Staging), CurateError> {
     let known = match &scene.points {
         Some(file) => PointCloud::read_ply(&request.scene_folder.join(file))?,
         None => PointCloud::default(),
@@ -114,11 +125,11 @@ pub fn make_dense(
     let mut warnings = Vec::new();
     let mut work = Stereo {
         folder: &request.scene_folder,
-        scene: &scene,
-        views: PosedView::of_scene(&scene, &frames),
+        scene,
+        views: PosedView::of_scene(scene, frames),
         points: known,
     };
-    let none = |reason: &str| CurateError::input(&scene_path, reason);
+    let none = |reason: &str| CurateError::input(scene_path, reason);
     if work.points.len() < LEAST_SEEN {
         let width = request.width.min(FIRST_WIDTH);
         work.points = work
@@ -135,13 +146,7 @@ pub fn make_dense(
     for warning in &dense.warnings {
         progress.note(&format!("{}: {warning}", scene.id));
     }
-    let mut outputs = plan.publish(&staging.folder, &staging.files)?;
-    plan.own_files()
-        .remove(|file| !staging.files.iter().any(|new| new == file))?;
-    store::write_record(&record, &dense)?;
-    outputs.push(DENSE_FILE.to_owned());
-    plan.finish(outputs, begun.elapsed())?;
-    Ok(dense)
+    Ok((dense, staging))
 }
 
 const NO_PARALLAX: &str = "no two of its frames see one place from two places: a camera that turns or hovers \

@@ -78,7 +78,7 @@ fn parallax(view: &SweptView<'_>, other: &SweptView<'_>, inverse_depths: [f64; 2
     far.distance(near)
 }
 
-/// Rotation and shift from a view's frame to another one's.
+/// Returns rotation and shift from a view's frame to another one's.
 fn between(view: &SweptView<'_>, other: &SweptView<'_>) -> (DMat3, DVec3) {
     let to_other = other.to_world.transpose();
     (
@@ -87,7 +87,7 @@ fn between(view: &SweptView<'_>, other: &SweptView<'_>) -> (DMat3, DVec3) {
     )
 }
 
-/// Depth of every pixel along the viewing direction, world units; infinite at inverse depth 0.
+/// Returns depth of every pixel along the viewing direction, world units; infinite at inverse depth 0.
 pub(super) fn depths(
     view: &SweptView<'_>,
     others: &[SweptView<'_>],
@@ -208,7 +208,7 @@ pub(super) struct GreyImage {
 }
 
 impl GreyImage {
-    /// From 8-bit RGB.
+    /// Converts 8-bit RGB.
     pub(super) fn of_rgb8(width: usize, height: usize, bytes: &[u8]) -> Self {
         let grey = |[red, green, blue]: &[u8; 3]| {
             let [red, green, blue] = [*red, *green, *blue].map(f32::from);

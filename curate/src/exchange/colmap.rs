@@ -4,7 +4,7 @@
 //! ```text
 //! images/                  the frames
 //! masks/<image>.png        black where features are not to be taken (COLMAP's convention)
-//! ignore/<image>           white what is no part of the scene; black in masks/ as well
+//! ignore/<image>           white outside of the scene; black in masks/ as well
 //! sparse/0/cameras.txt     one camera
 //! sparse/0/images.txt      per frame: quaternion (w, x, y, z) and translation, world to camera
 //! sparse/0/points3D.txt    world points, without their tracks

@@ -98,7 +98,7 @@ pub(super) fn as_faces(
     })
 }
 
-/// The six faces; `None` for those that show nothing of the scene.
+/// Returns the six faces; `None` for those that show nothing of the scene.
 fn faces_of(
     frame: &ExportFrame,
     camera: ErpCamera,
@@ -147,7 +147,7 @@ fn faces_of(
         .collect()
 }
 
-/// The perspective view of a face, `side` pixels square; every pixel is a mean over its area.
+/// Returns the perspective view of a face, `side` pixels square; every pixel is a mean over its area.
 pub(crate) fn face_image(panorama: &RgbImage, face: &CubeFace, side: u32) -> RgbImage {
     let camera = ErpCamera {
         width: panorama.width as u32,
@@ -197,7 +197,7 @@ fn face_mask(mask: &Mask, camera: ErpCamera, face: &CubeFace, side: u32) -> Mask
     }
 }
 
-/// The upper left corner of a pixel.
+/// Returns the upper left corner of a pixel.
 fn corner(pixel: usize, side: u32) -> DVec2 {
     let pixel = pixel as u32;
     dvec2(f64::from(pixel % side), f64::from(pixel / side))
@@ -309,7 +309,7 @@ pub(super) fn write_rig(out: &Path) -> Result<PathBuf, CurateError> {
 mod tests {
     use super::*;
 
-    /// The colour of a panorama's pixel is its direction.
+    /// Returns a panorama whose pixels have their direction as colour.
     fn panorama(width: u32) -> RgbImage {
         let camera = ErpCamera {
             width,

@@ -23,7 +23,7 @@ use omnilife_schemas::{
 use super::{ForeignFrame, ForeignScene, left_out};
 use crate::error::CurateError;
 
-/// True distances of what a frame shows, in another tool's file of the frame's size.
+/// True distances of a frame, in another tool's file of the frame's size.
 #[derive(Debug, Clone)]
 pub struct ForeignDistance {
     /// The file.

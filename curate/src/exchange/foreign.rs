@@ -22,7 +22,7 @@ pub struct ForeignScene {
     pub camera: FrameCamera,
     /// Frames with existing images, in any order.
     pub frames: Vec<ForeignFrame>,
-    /// Length of a unit of the world, as far as the format says.
+    /// Length of a unit of the world, if the format states it.
     pub scale: Scale,
     /// World points; empty where the format has none.
     pub points: PointCloud,

@@ -105,7 +105,7 @@ impl UnusualFrames {
         }
     }
 
-    /// Returns a line for each kind of which there are any.
+    /// Returns a line for each kind that occurs.
     pub(super) fn notes(&self) -> Vec<String> {
         let kinds = [
             (

@@ -49,17 +49,17 @@ fn pieces(name: &str) -> Vec<Piece<'_>> {
     pieces
 }
 
-/// The order of two names or paths.
+/// Returns the order of two names or paths.
 pub(super) fn natural(a: &str, b: &str) -> Ordering {
     pieces(a).cmp(&pieces(b)).then_with(|| a.cmp(b))
 }
 
-/// The order of two files.
+/// Returns the order of two files.
 pub(super) fn natural_paths(a: &Path, b: &Path) -> Ordering {
     natural(&a.to_string_lossy(), &b.to_string_lossy())
 }
 
-/// The number of a frame by its file.
+/// Returns the number of a frame by its file.
 pub(super) fn number(file: &Path) -> Option<u64> {
     let stem = file.file_stem()?.to_string_lossy();
     let last = pieces(&stem)
@@ -75,7 +75,7 @@ pub(super) fn number(file: &Path) -> Option<u64> {
     last.parse().ok()
 }
 
-/// The name of a file without its folder, up to the last run of digits.
+/// Returns the name of a file without its folder, up to the last run of digits.
 fn before_number(file: &Path) -> String {
     let stem = file.file_stem().unwrap_or_default().to_string_lossy();
     let is_digit = |letter: char| letter.is_ascii_digit();
@@ -89,7 +89,7 @@ fn differ_before_numbers<'a>(files: impl IntoIterator<Item = &'a Path>) -> bool 
     begins.len() > 1
 }
 
-/// The images of a folder, PNG or JPEG, in natural order.
+/// Returns the images of a folder, PNG or JPEG, in natural order.
 pub(crate) fn images_in(folder: &Path) -> Result<Vec<PathBuf>, StoreError> {
     let mut files = store::paths_in(folder)?;
     files.retain(|file| has_extension(file, &["png", "jpg", "jpeg"]));

@@ -3,7 +3,7 @@
 //! ```text
 //! rgb/00000.jpg ...             the frames, in the order of their names and numbers (or images/)
 //! mask/00000.png ...            white where the object is, by the frames' names (DAVIS), or
-//! objects/swan/00000.png ...    the same for each object, by its name; no file where it is not seen
+//! objects/swan/00000.png ...    the same for each object, by its name; no file for frames without it
 //! camera.json                   {"focal": F}, the focal length in pixels, where it is known
 //! poses.json                    poses, one for each frame, where they are known, and the camera
 //! train.txt, test.txt           names of the frames for training and for testing, where a split is given
@@ -14,9 +14,9 @@
 //! ```text
 //! scene.json                    the record of the scene, which names the files below by frames
 //! unposed/                      frames without a pose
-//! mask/                         white where something moves, whatever it is
-//! ignore/                       white what is no part of the scene
-//! classes/human/                white what is of a class
+//! mask/                         white for moving content
+//! ignore/                       white outside of the scene
+//! classes/human/                white for objects of a class
 //! depth/, depth-prior/          true and estimated distances
 //! ```
 //!
@@ -24,8 +24,8 @@
 //! not name, are refused.
 //!
 //! Without poses the camera is assumed to rotate in place ([`crate::motion::pinhole_turns`]): each frame is registered
-//! to the one before it. It stands still where that succeeds and finds less than two pixels of motion. If it fails, the
-//! best rotations found are kept, and the scene says so.
+//! to the one before it. If that finds less than two pixels of motion, the camera stands still. If it fails, the best
+//! rotations found are kept, and the scene says so.
 
 mod export;
 mod recorded;
@@ -85,7 +85,7 @@ struct CameraFile {
     focal: f64,
 }
 
-/// The record of a scene in a folder of frames; `None` where it has none.
+/// Returns the record of a scene in a folder of frames; `None` where it has none.
 ///
 /// # Errors
 /// When it is malformed.

@@ -73,7 +73,7 @@ fn origin(scene: &ExportScene) -> Option<DVec3> {
         .map(|around| DVec3::from_array(around.offset))
 }
 
-/// From our camera axes to the format's, and back.
+/// Converts our camera axes to the format's, and back.
 fn turned(rotation: DMat3) -> DMat3 {
     rotation * DMat3::from_diagonal(DVec3::new(-1.0, -1.0, 1.0))
 }

@@ -51,12 +51,12 @@ pub(super) fn images_beside(scene: &ForeignScene) -> Result<Vec<PathBuf>, StoreE
     Ok(left)
 }
 
-/// The folder of a file, and its name there.
+/// Returns the folder of a file, and its name there.
 fn place(file: &Path) -> (Option<&Path>, Option<&OsStr>) {
     (file.parent(), file.file_name())
 }
 
-/// A folder and all below it.
+/// Returns a folder and all below it.
 ///
 /// # Errors
 /// When one cannot be listed.
@@ -71,13 +71,13 @@ pub(super) fn folders_below(folder: &Path) -> Result<Vec<PathBuf>, StoreError> {
     Ok(folders)
 }
 
-/// A line that counts things and names the first of them; `None` without any.
+/// Returns a line that counts things and names the first of them; `None` without any.
 pub(super) fn line(names: &[String], what: &str) -> Option<String> {
     (!names.is_empty())
         .then(|| format!("{what}: {} ({})", names.len(), plain_text::first_of(names)))
 }
 
-/// A line on lists of images for training and testing beside a scene whose format does not read them.
+/// Returns a line on lists of images for training and testing beside a scene whose format does not read them.
 pub(super) fn unread_lists(scene: &ForeignScene) -> Option<String> {
     let lists = ["train.txt", "test.txt"].map(|name| scene.root.join(name));
     let are_there = lists.iter().any(|list| list.is_file());

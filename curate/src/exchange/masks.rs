@@ -109,7 +109,7 @@ pub(super) fn ignore_mask_path(folder: &Path, name: &str) -> PathBuf {
         .join(format!("{}.png", super::stem(name)))
 }
 
-/// The mask in `folder` of the frame with this name, if there is one.
+/// Returns the mask in `folder` of the frame with this name, if there is one.
 pub(super) fn black_mask(folder: &Path, name: &str) -> Option<ForeignMask> {
     let file = folder.join(name);
     file.is_file().then_some(ForeignMask {

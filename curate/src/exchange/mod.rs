@@ -39,7 +39,7 @@ use omnilife_schemas::{
     points::PointCloud,
     progress::Progress,
     records::{Scale, Scene},
-    store::{self, StoreError},
+    store::{self, StoreError, Unfinished},
 };
 
 pub use cube_faces::CubeFaces;
@@ -261,7 +261,7 @@ pub fn export(
     Ok(scene)
 }
 
-/// The writer of a format.
+/// Returns the writer of a format.
 fn writer(format: &Format, out: &Path) -> Result<Writer, CurateError> {
     format.export.ok_or_else(|| {
         let can: Vec<&str> = written_formats().map(|format| format.id).collect();
@@ -281,8 +281,7 @@ fn fill_folder<T>(
 ) -> Result<T, CurateError> {
     let temporary = store::temporary_beside(out);
     let filled = (|| -> Result<T, CurateError> {
-        store::remove(&temporary)?;
-        store::create_folder(&temporary)?;
+        let _unfinished = Unfinished::folder_beside(out)?;
         let value = fill(&temporary)?;
         if out.is_dir() {
             fs::remove_dir(out).map_err(|error| StoreError::write(out, error))?;
@@ -290,11 +289,7 @@ fn fill_folder<T>(
         store::rename(&temporary, out).map_err(|error| StoreError::write(out, error))?;
         Ok(value)
     })();
-    filled.map_err(|error| {
-        // The work has failed already: a file that cannot be removed is hidden and harmless.
-        drop(store::remove(&temporary));
-        error.in_place_of(&temporary, out)
-    })
+    filled.map_err(|error| error.in_place_of(&temporary, out))
 }
 
 /// Refuses a non-empty output folder; removes leftovers of killed processes beside it.
@@ -324,7 +319,7 @@ fn refuse_filled(out: &Path) -> Result<(), CurateError> {
     Ok(())
 }
 
-/// A file that another tool's record names, which must lie in the folder of the record.
+/// Returns a file that another tool's record names, which must lie in the folder of the record.
 fn file_of(folder: &Path, file: &str) -> Result<PathBuf, CurateError> {
     let path = folder.join(file);
     let canonical = |path: &Path| fs::canonicalize(path).map_err(|e| StoreError::read(path, e));
@@ -359,12 +354,12 @@ fn create_parent(path: &Path) -> Result<(), StoreError> {
     path.parent().map_or(Ok(()), store::create_folder)
 }
 
-/// The last part of a path in a record.
+/// Returns the last part of a path in a record.
 fn file_name(path: &str) -> String {
     path.rsplit(['/', '\\']).next().unwrap_or(path).to_owned()
 }
 
-/// A file name without its extension.
+/// Returns a file name without its extension.
 fn stem(name: &str) -> &str {
     name.rsplit_once('.').map_or(name, |(stem, _)| stem)
 }

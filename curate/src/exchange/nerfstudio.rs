@@ -101,7 +101,7 @@ struct Frame {
     others: Entries,
 }
 
-/// From our camera axes to OpenGL's, and back.
+/// Converts our camera axes to OpenGL's, and back.
 fn opengl(rotation: DMat3) -> DMat3 {
     rotation * DMat3::from_diagonal(DVec3::new(1.0, -1.0, -1.0))
 }

@@ -105,7 +105,7 @@ impl Part {
     }
 }
 
-/// The name of an image in formats that number them.
+/// Returns the name of an image in formats that number them.
 pub(super) fn numbered_name(number: usize) -> String {
     format!("{number:05}.png")
 }

@@ -272,7 +272,7 @@ fn image_names(folder: &Path, source: &Source<'_>) -> Result<Vec<String>, Curate
     }
 }
 
-/// The file with the folder that it lies in, `front/000000.png`.
+/// Returns the file with the folder that it lies in, `front/000000.png`.
 pub(super) fn name_with_folder(image: &Path) -> String {
     let folder = image.parent().and_then(Path::file_name);
     format!(
@@ -282,7 +282,7 @@ pub(super) fn name_with_folder(image: &Path) -> String {
     )
 }
 
-/// The place of a file in the folder of a scene.
+/// Returns the place of a file in the folder of a scene.
 fn below(scene: &ForeignScene, file: &Path) -> String {
     let place = file.strip_prefix(&scene.root).unwrap_or(file);
     place.display().to_string()

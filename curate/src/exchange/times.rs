@@ -71,7 +71,7 @@ impl TimeTable {
         Ok(Some(Self { path, rows }))
     }
 
-    /// The time of an image by its name in the table.
+    /// Returns the time of an image by its name in the table.
     pub(super) fn seconds_of(&self, image: &str) -> Option<f64> {
         let mut rows = self.rows.iter();
         rows.find(|(name, _)| name == image).map(|(_, time)| *time)

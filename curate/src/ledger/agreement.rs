@@ -164,8 +164,8 @@ pub fn of_ledger(ledger: &Ledger, tolerance_seconds: f64) -> Vec<AgreementEntry>
     table
 }
 
-/// Returns the boundaries of an author, in order of time: those that they proposed, accepted or moved, whoever proposed
-/// them, without those that they rejected later.
+/// Returns the boundaries of an author, in order of time: those that they proposed, and those of any author that they
+/// accepted or moved, without those that they rejected later.
 fn stands_for(ledger: &Ledger, author: &Author) -> Vec<Boundary> {
     let proposed: BTreeMap<u64, &Boundary> = (ledger.entries().iter())
         .filter_map(|entry| match &entry.action {

@@ -117,17 +117,17 @@ impl Ledger {
         ledger.ok_or_else(|| StoreError::malformed(path, "is empty").into())
     }
 
-    /// All lines.
+    /// Returns all lines.
     pub fn entries(&self) -> &[LedgerEntry] {
         &self.entries
     }
 
-    /// The video.
+    /// Returns the video.
     pub fn source(&self) -> &SourceVideo {
         &self.source
     }
 
-    /// The video's whole time range.
+    /// Returns the video's whole time range.
     pub fn range(&self) -> TimeRange {
         self.range
     }
@@ -236,7 +236,7 @@ impl Ledger {
             })
     }
 
-    /// SHA-256 of the whole file.
+    /// Returns the SHA-256 of the whole file.
     pub fn sha256(&self) -> String {
         store::sha256_bytes(self.text().as_bytes())
     }

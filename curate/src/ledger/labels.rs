@@ -2,7 +2,7 @@
 
 use omnilife_schemas::records::{Author, LedgerAction, LedgerEntry, SegmentLabel, TimeRange};
 
-/// A label belongs to a sequence of which it covers more than this share.
+/// A label belongs to a sequence if it covers more than this share of it.
 const LEAST_SHARE: f64 = 0.5;
 
 /// Returns all labels with their authors, in the order in which they were given.
@@ -18,7 +18,7 @@ pub fn leaves_out(entries: &[LedgerEntry], range: TimeRange) -> bool {
     leave_out(entries, range) == Some(true)
 }
 
-/// Returns true if people keep a segment of the video, whatever it shows, by the label of highest precedence.
+/// Returns true if people keep a segment of the video, by the label of highest precedence.
 pub fn keeps(entries: &[LedgerEntry], range: TimeRange) -> bool {
     leave_out(entries, range) == Some(false)
 }

@@ -72,7 +72,7 @@ impl Evidence {
         Ok(Self { analysis, signals })
     }
 
-    /// The timestamps of all frames.
+    /// Returns the timestamps of all frames.
     pub fn frames(&self) -> Frames<'_> {
         Frames {
             times: &self.signals.times,

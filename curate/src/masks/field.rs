@@ -11,8 +11,8 @@ pub(super) struct Field {
 }
 
 impl Field {
-    /// The weighted mean of each value's neighbours along its row and column, by a Gaussian of this
-    /// standard deviation in pixels.
+    /// Returns the weighted mean of each value's neighbours along its row and column, by a Gaussian of this standard
+    /// deviation in pixels.
     pub(super) fn blurred(&self, sigma_pixels: f32) -> Self {
         let reach = (3.0 * sigma_pixels).ceil() as i32;
         let gauss = |offset: i32| (-0.5 * (offset as f32 / sigma_pixels).powi(2)).exp();
@@ -24,7 +24,7 @@ impl Field {
         self.filtered(&vec![1.0; 2 * reach + 1])
     }
 
-    /// The field filtered along rows and along columns by weights around their middle.
+    /// Returns the field filtered along rows and along columns by weights around their middle.
     fn filtered(&self, weights: &[f32]) -> Self {
         let total: f32 = weights.iter().sum();
         let weights: Vec<f32> = weights.iter().map(|weight| weight / total).collect();

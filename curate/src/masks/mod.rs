@@ -12,8 +12,8 @@ use std::path::{Path, PathBuf};
 
 use omnilife_schemas::{
     camera::ErpCamera,
+    elapsed::Stopwatch,
     layout::{DYNAMIC_MASKS_FILE, DYNAMIC_MASKS_FOLDER, SEQUENCE_FILE},
-    lock::FolderLock,
     mask_file::MarkedGreys,
     mask_survey::MaskSurvey,
     progress::Progress,
@@ -82,7 +82,7 @@ pub fn write_masks(
         progress.note(&format!("{}: masks unchanged, skipped", sequence.id));
         return Ok(store::read_record(&out.join(DYNAMIC_MASKS_FILE))?);
     }
-    let started = std::time::Instant::now();
+    let started = Stopwatch::with_children();
     let masks = match (&files, source) {
         (Some(files), _) => read_masks(files, &sequence)?,
         (None, MaskSource::Method(id)) if sequence.is_pinhole() => {
@@ -101,36 +101,33 @@ pub fn write_masks(
     for note in &notes {
         progress.note(&format!("{}: {note}", sequence.id));
     }
-    let _lock = FolderLock::take(folder, progress)?;
     let record_file = format!("{DYNAMIC_MASKS_FOLDER}/{DYNAMIC_MASKS_FILE}");
-    plan.claim([&record_file])?;
-    let mut staging = Staging::new(folder, DYNAMIC_MASKS_FOLDER)?;
-    let mut entries = Vec::new();
-    for (frame, mask) in sequence.frames.entries.iter().zip(&masks) {
-        let file = format!("{}.png", stem(&frame.file));
-        mask.write_png(&staging.begin(&format!("{DYNAMIC_MASKS_FOLDER}/{file}"))?)?;
-        entries.push(MaskEntry {
-            file,
-            dynamic_share: if sequence.is_pinhole() {
-                marked_share(mask)
-            } else {
-                dynamic_share(mask)
-            },
-        });
-    }
-    let record = Masks {
-        sequence: sequence.id,
-        method,
-        settings: [vec![settings], notes].concat().join("; "),
-        frames: entries,
-    };
-    let mut outputs = plan.publish(&staging.folder, &staging.files)?;
-    plan.own_files()
-        .remove(|file| *file != record_file && !staging.files.iter().any(|new| new == file))?;
-    store::write_record(&out.join(DYNAMIC_MASKS_FILE), &record)?;
-    outputs.push(record_file);
-    plan.finish(outputs, started.elapsed().as_secs_f64())?;
-    Ok(record)
+    plan.run([&record_file], progress, |made| {
+        made.count_from(started);
+        let mut staging = Staging::new(folder, DYNAMIC_MASKS_FOLDER)?;
+        let mut entries = Vec::new();
+        for (frame, mask) in sequence.frames.entries.iter().zip(&masks) {
+            let file = format!("{}.png", stem(&frame.file));
+            mask.write_png(&staging.begin(&format!("{DYNAMIC_MASKS_FOLDER}/{file}"))?)?;
+            entries.push(MaskEntry {
+                file,
+                dynamic_share: if sequence.is_pinhole() {
+                    marked_share(mask)
+                } else {
+                    dynamic_share(mask)
+                },
+            });
+        }
+        let record = Masks {
+            sequence: sequence.id,
+            method,
+            settings: [vec![settings], notes].concat().join("; "),
+            frames: entries,
+        };
+        made.replace(&staging.folder, &staging.files)?;
+        made.write_record(&record_file, &record)?;
+        Ok(record)
+    })
 }
 
 fn find_method(id: &str, folder: &Path) -> Result<&'static MaskMethod, CurateError> {

@@ -7,8 +7,8 @@
 //! Occlusion in one of the two does not count as motion, and neither do thin structures or repeated patterns: they fit
 //! somewhere.
 //!
-//! Content that moves along its own arc like a static point at another distance is not detected, such as a person at
-//! eye level who walks in the same plane as the camera. Approach and moving limbs give them away, but take time to
+//! Content that moves along its own arc like a static point at another distance is not detected. An example is a person
+//! at eye level who walks in the same plane as the camera. Approach and moving limbs give them away, but take time to
 //! show: the compared frames are at least a fifth of a second apart. The method needs no weights and knows no classes;
 //! masks of a segmentation network are better.
 
@@ -221,8 +221,8 @@ fn directions(width: usize) -> Vec<Vec3> {
 
 /// Returns the mean difference of grey values around each pixel at the distance with the best fit.
 ///
-/// A still point in direction `d` at distance `z` is seen in direction `d - t b / z` after the camera
-/// went by `b` towards `t`; the sweep is over `b / z`, in steps of a pixel.
+/// A static point in direction `d` at distance `z` is seen in direction `d - t b / z` after the camera went by `b`
+/// towards `t`. The sweep is over `b / z`, in steps of a pixel.
 fn still_misfit(
     this: &GreySphere,
     that: &GreySphere,

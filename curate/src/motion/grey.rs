@@ -19,8 +19,8 @@ struct Level {
 }
 
 impl GreySphere {
-    /// The luma (BT.709) of an ERP image at `width` x `width / 2` pixels, with smaller copies down
-    /// to 32 pixels across.
+    /// Takes the luma (BT.709) of an ERP image at `width` x `width / 2` pixels, with smaller copies down to 32 pixels
+    /// across.
     pub fn new(image: &RgbImage, width: usize) -> Self {
         let small = image.resized_by_area(width, width / 2);
         let (pixels, _) = small.data.as_chunks::<3>();
@@ -44,12 +44,12 @@ impl GreySphere {
         Self { levels }
     }
 
-    /// The grey values of the largest level, row-major.
+    /// Returns the grey values of the largest level, row-major.
     pub fn luma(&self) -> &[f32] {
         &self.levels[0].data
     }
 
-    /// Number of levels, the largest first.
+    /// Returns the number of levels, the largest first.
     pub fn levels(&self) -> usize {
         self.levels.len()
     }
@@ -59,12 +59,12 @@ impl GreySphere {
         self.levels[level].width
     }
 
-    /// Angle that a pixel of a level spans at the equator, radians.
+    /// Returns the angle that a pixel of a level spans at the equator, radians.
     pub fn pixel_radians(&self, level: usize) -> f32 {
         TAU / self.levels[level].width as f32
     }
 
-    /// Bilinear value in a direction of any length but zero, across the seam and up to the poles.
+    /// Returns the bilinear value in a direction of any length except zero, across the seam and up to the poles.
     pub fn sample(&self, level: usize, direction: Vec3) -> f32 {
         let level = &self.levels[level];
         let (width, height) = (level.width as f32, level.height as f32);
@@ -103,12 +103,12 @@ impl Level {
     }
 }
 
-/// Two unit directions that span the tangent plane at a unit direction.
+/// Returns two unit directions that span the tangent plane at a unit direction.
 pub(super) fn tangents(direction: Vec3) -> (Vec3, Vec3) {
     direction.any_orthonormal_pair()
 }
 
-/// `count` directions spread evenly over the sphere (a Fibonacci lattice).
+/// Returns `count` directions spread evenly over the sphere (a Fibonacci lattice).
 pub(super) fn even_directions(count: usize) -> impl Iterator<Item = Vec3> {
     let golden = PI * (3.0 - 5.0_f32.sqrt());
     (0..count).map(move |index| {

@@ -1,8 +1,8 @@
-//! Motion of the camera and of the scene on the sphere: the rotation between two frames, the flow left after it, and
-//! the part of that flow which a moving camera in a static scene cannot explain.
+//! Motion of the camera and of the scene on the sphere: the rotation between two frames, and the flow left after it.
+//! Part of that flow cannot be explained by a moving camera in a static scene.
 //!
-//! Everything works with directions instead of pixels, so there is no seam and no pole: images
-//! are sampled on tangent planes wherever a point lies.
+//! Everything works with directions instead of pixels, so there is no seam and no pole: images are sampled on tangent
+//! planes at each point.
 
 pub mod camera;
 pub mod flow;

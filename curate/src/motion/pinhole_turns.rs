@@ -213,7 +213,7 @@ fn register(first: &Pyramid, second: &Pyramid, focal: f64, guess: DQuat) -> Fit 
     last
 }
 
-/// The chain of registrations at a focal length.
+/// Returns the chain of registrations at a focal length.
 fn chain(pyramids: &[Pyramid], focal: f64) -> Vec<Fit> {
     let mut guess = DQuat::IDENTITY;
     pyramids
@@ -273,7 +273,7 @@ mod tests {
     const WIDTH: usize = 96;
     const HEIGHT: usize = 64;
 
-    /// What a camera sees of a texture at infinity; a square in the middle moves by itself.
+    /// Returns the view of a texture at infinity; a square in the middle moves by itself.
     fn frame(rotation: DQuat, focal: f64, number: usize) -> GreyFrame {
         let middle = 0.5 * DVec2::new(WIDTH as f64 - 1.0, HEIGHT as f64 - 1.0);
         let mut open = vec![true; WIDTH * HEIGHT];

@@ -92,7 +92,7 @@ pub fn explain(flow: &[Flow], pixel_radians: f32) -> PairMotion {
     }
 }
 
-/// Robust standard deviation of residuals, which are lengths.
+/// Returns the robust standard deviation of residuals, which are lengths.
 fn spread(residuals: &[f32]) -> f64 {
     let lengths: Vec<f64> = residuals.iter().map(|&r| f64::from(r)).collect();
     1.4826 * statistics::median(&lengths).unwrap_or(0.0)

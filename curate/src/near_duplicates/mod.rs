@@ -55,8 +55,8 @@ struct Overlay {
     is_still: bool,
 }
 
-/// Pairs of curated videos of the dataset in `out` with footage in common, in order of the videos. A
-/// folder without a signature, as older versions made them, is left out.
+/// Returns pairs of curated videos of the dataset in `out` with footage in common, in order of the videos. A folder of
+/// an older version without a signature is left out.
 ///
 /// # Errors
 /// When a signature cannot be read.
@@ -161,7 +161,7 @@ impl Moments {
         Self { sums, squares }
     }
 
-    /// Variance in time of a part, mean over the numbers.
+    /// Returns the variance in time of a part, mean over the numbers.
     fn variance(&self, first: usize, count: usize) -> f64 {
         let n = count as f64;
         let square = (self.squares[first + count] - self.squares[first]) / n;
@@ -179,7 +179,7 @@ mod tests {
 
     use super::*;
 
-    /// A made-up signature that wanders.
+    /// Returns a synthetic signature that wanders.
     fn footage(seed: u64, windows: usize) -> Vec<Numbers> {
         let mut random = Pcg64Mcg::seed_from_u64(seed);
         let mut row = [0.5; NUMBERS];

@@ -57,7 +57,7 @@ impl SignaturePass {
         self.frames.push((time_seconds, numbers(image)));
     }
 
-    /// The signature as a table: one row per window, by the time since the first frame.
+    /// Returns the signature as a table: one row per window, by the time since the first frame.
     pub(crate) fn finish(&self) -> Signals {
         let begin = self.frames.first().map_or(0.0, |(time, _)| *time);
         let end = self.frames.last().map_or(0.0, |(time, _)| *time);

@@ -113,14 +113,14 @@ impl LineProfiles {
         })
     }
 
-    /// Absolute difference of each column of a window to the next, summed over its rows.
+    /// Sums the absolute difference of each column of a window to the next over its rows.
     pub(super) fn across(&self, window: Window, into: &mut Vec<u32>) {
         let row = |y: usize| y / STRIP_PIXELS * self.columns + window.left;
         let (above, below) = (row(window.top), row(window.top + window.size));
         subtracted(&self.across, above, below, window.size, into);
     }
 
-    /// Absolute difference of each row of a window to the next, summed over its columns.
+    /// Sums the absolute difference of each row of a window to the next over its columns.
     pub(super) fn down(&self, window: Window, into: &mut Vec<u32>) {
         let column = |x: usize| x / STRIP_PIXELS * self.rows + window.top;
         let (left, right) = (column(window.left), column(window.left + window.size));
@@ -172,8 +172,8 @@ pub(super) struct Lines {
     pub(super) cuts: Vec<usize>,
 }
 
-/// Returns the lines of a square window's profile (entry `i` is the sum of gradients between `i` and `i + 1`), if it
-/// has nearly all lines of one period between the limits, and nothing else.
+/// Returns the lines of a square window's profile (entry `i` is the sum of gradients between `i` and `i + 1`). It must
+/// have nearly all lines of one period between the limits, and nothing else.
 pub(super) fn lines(profile: &[u32], least_period: f32, most_period: f32) -> Option<Lines> {
     let threshold = line_threshold(profile)?;
     let places = peaks(profile, threshold)?;

@@ -182,7 +182,7 @@ impl SeenFrame {
     }
 }
 
-/// Latitude of the upper border of a row, radians.
+/// Returns the latitude of the upper border of a row, radians.
 fn latitude(y: f64, height: usize) -> f64 {
     (0.5 - y / height as f64) * PI
 }
@@ -193,7 +193,7 @@ fn steradians(area: &Area, (width, height): (usize, usize)) -> f64 {
     area.width as f64 / width as f64 * TAU * (top.sin() - bottom.sin())
 }
 
-/// Direction of the middle of a rectangle: x right, y up, z to the image's middle.
+/// Returns the direction of the middle of a rectangle: x right, y up, z to the image's middle.
 fn direction(area: &Area, (width, height): (usize, usize)) -> [f64; 3] {
     let x = area.left as f64 + 0.5 * area.width as f64;
     let longitude = (x / width as f64 - 0.5) * TAU;

@@ -120,7 +120,7 @@ mod tests {
         PixelationFinder::default().find(&image)
     }
 
-    /// Wherever the grid begins, and also on the grid of codecs.
+    /// At any offset of the grid, and also on the grid of codecs.
     #[test]
     fn boxes_of_blocks_are_found_with_their_size() {
         for (side, left, top) in [

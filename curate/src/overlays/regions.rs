@@ -16,7 +16,7 @@ const LEAST_CONSTANCY: f64 = 0.93;
 /// Pixels of one region are at most this many pixels apart; the lines of a grid are farther.
 const REACH_PIXELS: usize = 4;
 const GRID_REACH_PIXELS: usize = 12;
-/// Of the lines of a grid, at least this share runs each way.
+/// Least share of a grid's lines in each direction.
 const LEAST_GRID_SHARE: f64 = 0.2;
 /// Smaller regions are left out, steradians: a spot of two degrees.
 const LEAST_STERADIANS: f64 = 1e-3;
@@ -208,7 +208,7 @@ impl Grid {
         ((x as f64 + 0.5) / self.width as f64 - 0.5) * TAU
     }
 
-    /// Solid angle of a pixel, steradians.
+    /// Returns the solid angle of a pixel, steradians.
     fn steradians(&self, y: usize) -> f64 {
         TAU / self.width as f64 * PI / self.height as f64 * self.latitude(y).cos()
     }

@@ -89,8 +89,10 @@ pub fn attach(
         store::write_record(&scene_path, &bare)?;
     }
     let mut outputs = target.plan.publish(&staging.folder, &staging.files)?;
-    store::write_record(&scene_path, &attached)?;
-    outputs.push(SCENE_FILE.to_owned());
+    outputs.push(OwnFile {
+        file: SCENE_FILE.to_owned(),
+        sha256: Some(store::write_record_hashed(&scene_path, &attached)?),
+    });
     let named = files_named_by(&attached);
     let before = files_named_by(&scene);
     let is_gone = |file: &str| {
@@ -98,7 +100,7 @@ pub fn attach(
         before.contains(&file) && !named.contains(&file)
     };
     target.plan.own_files().remove(is_gone)?;
-    target.plan.amend(&outputs, is_gone)?;
+    target.plan.amend(outputs, is_gone)?;
     Ok(attached)
 }
 
@@ -348,7 +350,6 @@ impl Target {
             return Ok(());
         }
         let files = self.unrecorded.iter().cloned();
-        let files = files.map(|own| (own.file, own.sha256));
         Ok(self.plan.finish_hashed(files, 0.0_f64)?)
     }
 }

@@ -116,7 +116,7 @@ pub struct ColmapImage {
 }
 
 impl ColmapImage {
-    /// The pose in the convention of the records.
+    /// Returns the pose in the convention of the records.
     pub fn pose(&self) -> Pose {
         Pose::new(self.rotation, self.centre)
     }
@@ -188,7 +188,7 @@ fn model_in(folder: &Path) -> Option<[PathBuf; 3]> {
         .find(|[cameras, ..]| cameras.is_file())
 }
 
-/// The model with most images, the first of equals.
+/// Returns the model with most images, the first of equals.
 fn largest(folder: &Path, models: Vec<[PathBuf; 3]>) -> Result<ModelFiles, StoreError> {
     if let [only] = models.as_slice() {
         return Ok(ModelFiles {
@@ -250,7 +250,7 @@ pub(crate) fn text_points(path: &Path) -> Result<PointCloud, StoreError> {
     Ok(cloud_of(&colmap_text::read_points(path)?))
 }
 
-/// A coloured cloud, in order of id.
+/// Returns a coloured cloud, in order of id.
 fn cloud_of(points: &BTreeMap<u64, ColmapPoint>) -> PointCloud {
     let positions = points.values().map(|point| point.position.to_array());
     PointCloud {
@@ -315,7 +315,7 @@ impl ColmapModel {
         }
     }
 
-    /// The points as a coloured cloud, in order of id.
+    /// Returns the points as a coloured cloud, in order of id.
     pub fn cloud(&self) -> PointCloud {
         cloud_of(&self.points)
     }

@@ -161,8 +161,8 @@ fn camera_of(line: &Line<'_>) -> Result<Result<ModelCamera, String>, StoreError>
     Ok(usable.map_err(|reason| format!("line {}: {reason}", line.number)))
 }
 
-/// Returns a panorama by its parameters: width and height, or, in a fork, a focal length without effect and the centre,
-/// with as many pixels for a degree in height as in width.
+/// Returns a panorama by its parameters: width and height, or, in a fork, a focal length without effect and the centre.
+/// It must have as many pixels for a degree in height as in width.
 fn whole_sphere([width, height]: [u32; 2], parameters: &[f64]) -> Option<ErpCamera> {
     let (w, h) = (f64::from(width), f64::from(height));
     let is_whole = match parameters {
@@ -173,7 +173,7 @@ fn whole_sphere([width, height]: [u32; 2], parameters: &[f64]) -> Option<ErpCame
     is_whole.then_some(ErpCamera { width, height })
 }
 
-/// Number of images of a model.
+/// Returns the number of images of a model.
 pub(super) fn image_count(path: &Path) -> Result<usize, StoreError> {
     Ok(read_images(path)?.len())
 }

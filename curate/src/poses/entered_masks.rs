@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use omnilife_schemas::{
     layout::{SCENE_FILE, SEQUENCE_FILE},
     lock::FolderLock,
+    ownership::OwnFile,
     progress::Progress,
     records::{Scene, Sequence},
     rgb::Mask,
@@ -74,9 +75,11 @@ pub fn enter_masks(
     for (frame, mask) in scene.frames.iter_mut().zip(placed) {
         frame.mask = mask;
     }
-    store::write_record(&scene_path, &scene)?;
-    outputs.push(SCENE_FILE.to_owned());
-    plan.amend(&outputs, |_| false)?;
+    outputs.push(OwnFile {
+        file: SCENE_FILE.to_owned(),
+        sha256: Some(store::write_record_hashed(&scene_path, &scene)?),
+    });
+    plan.amend(outputs, |_| false)?;
     Ok(MasksEntry::Entered)
 }
 

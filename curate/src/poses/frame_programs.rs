@@ -2,8 +2,8 @@
 //!
 //! A command is words between blanks, with these placeholders, all absolute paths:
 //!
-//! - `{frames}`: a folder with the frames and nothing else, each called by its number in the scene (`000012.png`), so
-//!   that their order is that of their names;
+//! - `{frames}`: a folder with exactly the frames, each named by its number in the scene (`000012.png`), so that the
+//!   order of names is that of frames;
 //! - `{out}`: an empty folder, for masks and distances named like the frames, or for poses as `poses.json` or
 //!   `all_poses.npy`;
 //! - `{times}`: a CSV with the columns `image` and `time_seconds`, which a `poses.json` needs; optional.
@@ -13,16 +13,14 @@
 
 use std::{
     collections::BTreeMap,
-    fs,
     path::{Path, PathBuf},
     str::FromStr,
     time::Duration,
 };
 
 use omnilife_schemas::{
-    command::{self, Job},
+    child::{self, GRACE, Job},
     placeholders, plain_text,
-    process_group::GRACE,
     progress::Progress,
     records::{DistanceConvention, DistanceGrid, FrameEntry, PoseSource, Scene},
     store::{self, StoreError},
@@ -221,7 +219,7 @@ impl Room {
                 scene_folder.join(&frame.image),
                 room.frames.join(&entry.file),
             );
-            fs::copy(&image, &copy).map_err(|source| StoreError::read(&image, source))?;
+            store::copy(&image, &copy)?;
             times += &format!("{},{}\n", entry.file, entry.time_seconds);
         }
         store::write_bytes(&room.times, times.as_bytes())?;
@@ -248,7 +246,7 @@ impl Room {
                 Some(places.get(name)?.display().to_string())
             })
         };
-        let outcome = command::run(&Job {
+        let outcome = child::run(&Job {
             command: command.0.split_whitespace().map(fill).collect(),
             variables: BTreeMap::new(),
             folder: PathBuf::from("."),

@@ -255,7 +255,7 @@ pub(super) fn camera_of_frames(
     camera.map_err(|reason| CurateError::input(path, reason))
 }
 
-/// The pose nearest to an instant, if it is within the tolerance. `given` is sorted by time.
+/// Returns the pose nearest to an instant, if it is within the tolerance. `given` is sorted by time.
 fn nearest(given: &[PosedFrame], seconds: f64, tolerance: f64) -> Option<&PosedFrame> {
     let after = given.partition_point(|frame| frame.time_seconds < seconds);
     given[after.saturating_sub(1)..(after + 1).min(given.len())]
@@ -266,7 +266,7 @@ fn nearest(given: &[PosedFrame], seconds: f64, tolerance: f64) -> Option<&PosedF
         .map(|(_, frame)| frame)
 }
 
-/// Matches frames by file name, whatever their folder.
+/// Matches frames by file name, regardless of their folder.
 fn from_colmap(folder: &Path, frames: &FrameList) -> Result<PosedSequence, CurateError> {
     let model = ColmapModel::read(folder)?;
     let camera = camera_of_frames(folder, Some(model.camera.camera()), frames)?;
@@ -310,7 +310,7 @@ fn from_colmap(folder: &Path, frames: &FrameList) -> Result<PosedSequence, Curat
     })
 }
 
-/// Only the name: records must not change if a dataset is moved.
+/// Returns the source. Only the name: records must not change if a dataset is moved.
 fn given_by(path: &Path) -> PoseSource {
     PoseSource::Given {
         file: own_name(path),
@@ -326,7 +326,7 @@ fn file_name(path: &str) -> String {
     path.rsplit(['/', '\\']).next().unwrap_or(path).to_owned()
 }
 
-/// File names of frames.
+/// Returns the file names of frames.
 pub(super) fn frame_names(frames: &[FrameEntry]) -> Vec<String> {
     frames.iter().map(|entry| file_name(&entry.file)).collect()
 }

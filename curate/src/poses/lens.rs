@@ -26,7 +26,7 @@ const MOST_PLACES: u32 = 4096;
 /// A pinhole camera behind a lens.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Lens {
-    /// Size and intrinsics of the frames as they are.
+    /// Size and intrinsics of the original frames.
     pub camera: PinholeCamera,
     /// Distortion of the lens.
     pub distortion: Distortion,
@@ -177,7 +177,7 @@ pub(crate) struct Straightening {
 }
 
 impl Straightening {
-    /// Width and height of the frames, pixels.
+    /// Returns width and height of the frames, pixels.
     pub(crate) fn size(&self) -> [usize; 2] {
         [self.width, self.height]
     }

@@ -37,7 +37,7 @@ pub fn read(path: &Path, convention: PoseConvention) -> Result<Vec<Pose>, StoreE
     from_bytes(&bytes, convention).map_err(|reason| StoreError::malformed(path, reason))
 }
 
-/// [`read`] of a file's bytes.
+/// Reads the bytes of a file.
 ///
 /// # Errors
 /// The reason, as in [`read`].

@@ -1,8 +1,8 @@
 //! Camera poses of a sequence: given by the user, or found by structure from motion.
 //!
-//! [`pose_sequence`] turns `sequence.json` into `scene.json`, with these files if they are known: `points.ply`,
-//! `masks/` of moving content, `ignore/` of pixels outside the scene, `depth/` of distances, `classes/` of masks of
-//! classes, and `depth-prior/` of estimated distances.
+//! [`pose_sequence`] turns `sequence.json` into `scene.json`, with further files for known data. These are
+//! `points.ply`, `masks/` of moving content, `ignore/` of pixels outside the scene, `depth/` of distances, `classes/`
+//! of masks of classes, and `depth-prior/` of estimated distances.
 
 mod attach;
 pub mod colmap;
@@ -36,14 +36,12 @@ use std::{
 
 use omnilife_schemas::{
     Pose,
-    elapsed::Stopwatch,
     layout::{POINTS_FILE, SCENE_FILE, SEQUENCE_FILE},
-    lock::FolderLock,
     ownership::Standing,
     points::PointCloud,
     progress::Progress,
     records::{PoseConvention, PoseSource, PoseValidation, Scale, Scene, SceneFrame, Sequence},
-    stage::StagePlan,
+    stage::{StageOutputs, StagePlan},
     store,
 };
 
@@ -125,7 +123,7 @@ pub fn pose_sequence(
     pose_sequence_with(sequence_folder, request, &GivenTruth::default(), progress)
 }
 
-/// [`pose_sequence`] with further given data of the frames.
+/// Poses a sequence as [`pose_sequence`], with further given data of the frames.
 ///
 /// # Errors
 /// Those of [`pose_sequence`], or a missing or unusable file of the given data.
@@ -151,73 +149,67 @@ pub fn pose_sequence_with(
         plan = plan.with_settings("poses convention", &convention);
     }
     let scene_path = sequence_folder.join(SCENE_FILE);
-    if plan.is_done() {
-        progress.note(&format!("{}: poses unchanged, skipped", sequence.id));
-        return Ok(store::read_record(&scene_path)?);
-    }
-    let _lock = FolderLock::take(sequence_folder, progress)?;
-    plan.claim([SCENE_FILE])?;
-    // If posing fails now, an earlier scene must not be taken for the result.
-    store::remove(&scene_path)?;
-    let started = Stopwatch::start();
-    let mut posed = match request {
-        PoseRequest::Given(path) => given::read(path, convention, &frame_list)?,
-        PoseRequest::Sfm(settings) => {
-            let found = sfm::run(
-                sequence_folder,
-                &sequence,
-                (settings, &truth.ignored),
-                progress,
-            );
-            let hovering = turns::of_hovering(sequence_folder, &sequence, &found, progress)?;
-            hovering.map_or(found, Ok)?
+    let skipped = format!("{}: poses unchanged, skipped", sequence.id);
+    plan.make((SCENE_FILE, &skipped), [SCENE_FILE], progress, |out| {
+        // If posing fails now, the scene of earlier poses must not be taken for these.
+        store::remove(&scene_path)?;
+        let mut posed = match request {
+            PoseRequest::Given(path) => given::read(path, convention, &frame_list)?,
+            PoseRequest::Sfm(settings) => {
+                let found = sfm::run(
+                    sequence_folder,
+                    &sequence,
+                    (settings, &truth.ignored),
+                    progress,
+                );
+                let hovering = turns::of_hovering(sequence_folder, &sequence, &found, progress)?;
+                hovering.map_or(found, Ok)?
+            }
+        };
+        if let Some(scale) = scale {
+            scale
+                .apply(&mut posed)
+                .map_err(|reason| CurateError::input(&sequence_path, reason))?;
         }
-    };
-    if let Some(scale) = scale {
-        scale
-            .apply(&mut posed)
-            .map_err(|reason| CurateError::input(&sequence_path, reason))?;
-    }
-    truth.complete_masks(&mut posed.masks);
-    let oddities = truth.notes(&posed.masks, &posed.camera.camera())?;
-    posed.validation.problems.extend(oddities);
-    for problem in &posed.validation.problems {
-        progress.note(&format!("{}: poses: {problem}", sequence.id));
-    }
-    let mut staging = Staging::new(sequence_folder, "poses")?;
-    let scene = stage_scene(
-        &mut staging,
-        sequence_folder,
-        &sequence,
-        posed,
-        &truth,
-        progress,
-    )?;
-    let outputs = put_in_place(&plan, &staging, &scene)?;
-    store::write_record(&scene_path, &scene)?;
-    plan.finish(outputs, started.elapsed())?;
-    Ok(scene)
+        truth.complete_masks(&mut posed.masks);
+        let oddities = truth.notes(&posed.masks, &posed.camera.camera())?;
+        posed.validation.problems.extend(oddities);
+        for problem in &posed.validation.problems {
+            progress.note(&format!("{}: poses: {problem}", sequence.id));
+        }
+        let mut staging = Staging::new(sequence_folder, "poses")?;
+        let scene = stage_scene(
+            &mut staging,
+            sequence_folder,
+            &sequence,
+            posed,
+            &truth,
+            progress,
+        )?;
+        put_in_place(&plan, out, &staging, &scene)?;
+        Ok(scene)
+    })
 }
 
-/// Moves staged files to their places, and removes files of earlier poses that the scene does not refer to. Returns the
-/// outputs of the stage.
+/// Moves what was staged to its places, and removes what earlier poses left of their own that the
+/// scene does not refer to.
 fn put_in_place(
     plan: &StagePlan,
+    out: &mut StageOutputs<'_>,
     staging: &Staging,
     scene: &Scene,
-) -> Result<Vec<String>, CurateError> {
+) -> Result<(), CurateError> {
     let referred = files_named_by(scene);
-    let mut outputs = plan.publish(&staging.folder, &staging.files)?;
+    out.place(&staging.folder, &staging.files)?;
     let own = plan.own_files();
     own.remove(|file| !referred.contains(&file.to_owned()))?;
     // A mask of earlier poses that is given for these, at its place, is still ours.
     for file in referred {
-        if !outputs.contains(file) && own.standing(file)? == Standing::Ours {
-            outputs.push(file.clone());
+        if !out.has(file) && own.standing(file)? == Standing::Ours {
+            out.add(file);
         }
     }
-    outputs.push(SCENE_FILE.to_owned());
-    Ok(outputs)
+    Ok(())
 }
 
 /// Lists the files that a scene refers to.

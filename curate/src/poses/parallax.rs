@@ -130,7 +130,7 @@ mod tests {
 
     use super::*;
 
-    /// A clip over a road with houses; the camera turns, and moves by `step` from frame to frame.
+    /// Returns a clip over a road with houses; the camera turns, and moves by `step` from frame to frame.
     fn model(step: f64) -> (ColmapModel, Vec<String>) {
         let camera = PinholeCamera::with_horizontal_field_of_view(640, 360, 1.1);
         let down = DMat3::from_cols(DVec3::X, -DVec3::Y, -DVec3::Z);

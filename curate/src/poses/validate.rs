@@ -174,7 +174,7 @@ fn angle_degrees(a: DVec3, b: DVec3) -> f64 {
     a.cross(b).length().atan2(a.dot(b)).to_degrees()
 }
 
-/// Angle between the ray of every feature and the direction of its point, degrees.
+/// Returns the angle between the ray of every feature and the direction of its point, degrees.
 fn reprojection_errors_degrees(model: &ColmapModel) -> Vec<f64> {
     let camera = model.camera.camera();
     let mut errors = Vec::new();
@@ -238,7 +238,7 @@ fn step_ratio(path: &[(usize, &ColmapImage)]) -> Option<f64> {
         .max_by(f64::total_cmp)
 }
 
-/// Largest change between consecutive inter-frame rotations over the median change.
+/// Returns the largest change between consecutive inter-frame rotations over the median change.
 fn rotation_change_ratio(path: &[(usize, &ColmapImage)]) -> Option<f64> {
     let turns: Vec<(usize, DQuat)> = path
         .windows(2)

@@ -1,7 +1,7 @@
 //! Detection of cube faces: equi-angular (EAC) or plain, in any order and orientation.
 //!
 //! Two things reveal cube faces. If the layout puts faces beside each other that are no neighbours on the cube, the
-//! image breaks along a straight line; and every edge at the image's border is continued by some edge of another face.
+//! image breaks along a straight line. And every edge at the image's border is continued by some edge of another face.
 
 use super::{ProjectionTest, median_over};
 use crate::video::Rgb8Image;
@@ -107,7 +107,7 @@ fn outer_edge_distance(image: &Rgb8Image, columns: usize, rows: usize) -> Option
     Some(statistics::median(&found)?.max(0.0))
 }
 
-/// The four edges of every face.
+/// Returns the four edges of every face.
 fn edges(image: &Rgb8Image, columns: usize, rows: usize) -> Vec<Edge> {
     let mut edges = Vec::new();
     for face in 0..columns * rows {
@@ -177,7 +177,7 @@ fn distance(a: &Strip, b: &Strip, backwards: bool) -> f64 {
     sum / (3 * EDGE_POINTS) as f64
 }
 
-/// Mean absolute deviation from the strip's mean colour.
+/// Returns the mean absolute deviation from the strip's mean colour.
 fn contrast(strip: &Strip) -> f64 {
     let mut mean = [0.0; 3];
     for point in strip {
@@ -204,7 +204,7 @@ fn line_break(image: &Rgb8Image, columns: usize, rows: usize) -> Option<f64> {
     }
 }
 
-/// Median break at the lines that divide `length` lines into `parts`.
+/// Returns the median break at the lines that divide `length` lines into `parts`.
 fn breaks(length: usize, parts: usize, difference: impl Fn(usize, usize) -> f64) -> Option<f64> {
     if parts < 2 || length < 16 {
         return None;

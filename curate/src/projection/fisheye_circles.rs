@@ -109,7 +109,7 @@ fn common_rim(image: &Rgb8Image) -> Option<f64> {
     (best - statistics::median(&by_radius)? >= LEAST_PEAK).then_some(best)
 }
 
-/// Correlation of two rims, the second turned by `turn - LARGEST_TURN` points.
+/// Returns the correlation of two rims, the second turned by `turn - LARGEST_TURN` points.
 fn turned_correlation(left: &[[f64; 3]], right: &[[f64; 3]], turn: usize) -> f64 {
     (0..RIM_POINTS)
         .map(|at| {

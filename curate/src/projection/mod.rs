@@ -126,8 +126,8 @@ pub(crate) fn note_turns(video: &Path, probe: &Probe, progress: &dyn Progress) {
 
 /// Judges a video by its probe and frames spread over it.
 ///
-/// If the frames have a black border, their inside is judged: a whole sphere in there is still no ERP as stored, and
-/// the projection is `unsure` with the border as its evidence.
+/// If the frames have a black border, their inside is judged. A whole sphere inside is still no ERP as stored, and the
+/// projection is `unsure` with the border as its evidence.
 pub fn judge(probe: &Probe, samples: &[Rgb8Image]) -> DetectedProjection {
     let samples = &spread_over(samples);
     let inside = black_border::without_border(samples);
@@ -284,7 +284,7 @@ impl<'a> Readings<'a> {
         projection
     }
 
-    /// The projection of the image without its border.
+    /// Returns the projection of the image without its border.
     fn projection(&self) -> VideoProjection {
         let wraps = self.holds(&wrap_seam::WHOLE);
         let has_caps = self.holds(&pole_rows::TOP) && self.holds(&pole_rows::BOTTOM);
@@ -335,7 +335,7 @@ const LOOK_AT_BORDERS: &[&str] = &[
 
 /// Maximum number of examined frames: a median over more is no better.
 const MOST_SAMPLES: usize = 8;
-/// How many times its limit a value must reach to prove the opposite.
+/// Factor over its limit from which on a value proves the opposite.
 const CLEARLY: f64 = 1.5;
 /// The wrap seam above which an image without poles is flat.
 pub(crate) const FLAT_SEAM: f64 = CLEARLY * wrap_seam::WHOLE.limit;

@@ -51,7 +51,7 @@ fn relative_spread(image: &Rgb8Image, row: usize) -> Option<f64> {
     Some(product.sqrt())
 }
 
-/// Mean absolute difference of neighbouring pixels of a row in 8-bit levels.
+/// Returns the mean absolute difference of neighbouring pixels of a row in 8-bit levels.
 fn detail(image: &Rgb8Image, y: usize) -> f64 {
     let mut sum = 0_u64;
     for x in 0..image.width {
@@ -65,7 +65,7 @@ fn detail(image: &Rgb8Image, y: usize) -> f64 {
     sum as f64 / (3 * image.width) as f64
 }
 
-/// Mean absolute deviation from the row's mean colour in 8-bit levels.
+/// Returns the mean absolute deviation from the row's mean colour in 8-bit levels.
 fn spread(image: &Rgb8Image, y: usize) -> f64 {
     let count = image.width as f64;
     let mut mean = [0.0; 3];

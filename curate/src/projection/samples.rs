@@ -10,7 +10,7 @@ const FIRST_INTERVAL_SECONDS: f64 = 0.25;
 /// Frames spread evenly over a video of any length: 12 to 24 once it is long enough.
 ///
 /// It is built while the video streams by: whenever there are 24, every other one is dropped and the interval doubles.
-/// So it needs neither the length of the video nor a correct header.
+/// This needs neither the length of the video nor a correct header.
 pub struct FrameSamples {
     images: Vec<Rgb8Image>,
     interval_seconds: f64,
@@ -60,7 +60,7 @@ impl FrameSamples {
         self.next_seconds = Some(time_seconds + self.interval_seconds);
     }
 
-    /// The frames in order of time.
+    /// Returns the frames in order of time.
     pub fn images(&self) -> &[Rgb8Image] {
         &self.images
     }

@@ -33,7 +33,7 @@ pub(super) const LEFT_HALF: ProjectionTest = ProjectionTest {
     measure: |_, samples| median_over(samples, |image| seam(image, image.width / 2)),
 };
 
-/// Seam of the leftmost `width` columns.
+/// Returns the seam of the leftmost `width` columns.
 fn seam(image: &Rgb8Image, width: usize) -> Option<f64> {
     if width < 16 {
         return None;
@@ -67,7 +67,7 @@ fn row_shares(height: usize) -> Vec<f64> {
     (0..height).map(|y| cosine(y) / total).collect()
 }
 
-/// Mean absolute difference of two columns in 8-bit levels.
+/// Returns the mean absolute difference of two columns in 8-bit levels.
 fn column_difference(image: &Rgb8Image, shares: &[f64], a: usize, b: usize) -> f64 {
     shares
         .iter()

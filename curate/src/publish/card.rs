@@ -117,7 +117,7 @@ fn licence_lines(text: &mut String, licence: Option<&str>) {
     }
 }
 
-/// The hub's class of a number of rows.
+/// Returns the hub's class of a number of rows.
 fn size_category(rows: usize) -> &'static str {
     match rows {
         0..1_000 => "n<1K",
@@ -250,7 +250,7 @@ fn origins(text: &mut String, dataset: &Dataset) {
     text.push('\n');
 }
 
-/// A YAML string; JSON's quoting is a part of YAML's.
+/// Returns a YAML string; JSON's quoting is a part of YAML's.
 fn quoted(text: &str) -> String {
     serde_json::Value::from(text).to_string()
 }

@@ -2,7 +2,7 @@
 //! (<https://docs.mlcommons.org/croissant/docs/croissant-spec.html>, with the responsible-AI fields of
 //! <https://docs.mlcommons.org/croissant/docs/croissant-rai-spec.html>).
 //!
-//! Unknown facts are not guessed: a field that requires one says so in words.
+//! Unknown facts are not guessed: a required field is then filled with a note.
 
 use omnilife_schemas::{layout::STATISTICS_FOLDER, records::About, store::sha256_bytes};
 use serde_json::{Value, json};

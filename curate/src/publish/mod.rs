@@ -25,7 +25,7 @@ mod shards;
 mod statistics;
 mod verify;
 
-use std::{path::Path, time::Instant};
+use std::path::Path;
 
 use omnilife_schemas::{
     layout::{ABOUT_FILE, CARD_FILE, CHECKSUMS_FILE, DATASET_FILE, STATISTICS_FOLDER},
@@ -73,7 +73,6 @@ pub fn publish(
     let shards = bytes.map(|bytes| shards::plan(folder, &statistics, bytes));
     let shards = shards.transpose()?.unwrap_or_default();
     let derived = derived_files(&about, &dataset, &statistics, !shards.is_empty())?;
-    let started = Instant::now();
     let stage = StagePlan::new(folder, "publish");
     for (file, content) in &derived {
         // The card is meant for reading, so somebody may have edited it.
@@ -83,19 +82,21 @@ pub fn publish(
     let files = derived.iter().map(|(file, _)| file.as_str());
     let archives = shards.iter().map(|shard| shard.file.as_str());
     let files: Vec<&str> = files.chain(archives).chain([CHECKSUMS_FILE]).collect();
-    stage.claim(&files)?;
-    // From here on the old checksums may be wrong: it is better to have none.
-    store::remove(&folder.join(CHECKSUMS_FILE))?;
-    store::write_record(&folder.join(ABOUT_FILE), &about)?;
-    stage.own_files().remove(|file| !files.contains(&file))?;
-    store::create_folder(&folder.join(STATISTICS_FOLDER))?;
-    shards::write(folder, &shards, progress)?;
-    for (file, content) in &derived {
-        store::write_bytes(&folder.join(file), content.as_bytes())?;
-    }
-    checksums::write(folder, progress)?;
-    stage.finish(&files, started.elapsed().as_secs_f64())?;
-    Ok(statistics)
+    stage.run(&files, progress, |out| {
+        // From here on the old checksums may be wrong: none are better.
+        store::remove(&folder.join(CHECKSUMS_FILE))?;
+        store::write_record(&folder.join(ABOUT_FILE), &about)?;
+        stage.own_files().remove(|file| !files.contains(&file))?;
+        store::create_folder(&folder.join(STATISTICS_FOLDER))?;
+        shards::write(folder, &shards, progress)?;
+        out.add_all(shards.iter().map(|shard| &shard.file));
+        for (file, content) in &derived {
+            out.write_bytes(file, content.as_bytes())?;
+        }
+        checksums::write(folder, progress)?;
+        out.add(CHECKSUMS_FILE);
+        Ok(statistics)
+    })
 }
 
 /// Returns everything that follows from the records: file names with their contents.

@@ -5,11 +5,10 @@
 //! shares (the sum of squared differences). Then pairs are exchanged as long as that brings them nearer. Ties go to the
 //! source video with the fewest sequences so far, then to the first in a shuffled order.
 
-use std::{collections::BTreeMap, path::Path, time::Instant};
+use std::{collections::BTreeMap, path::Path};
 
 use omnilife_schemas::{
     layout::DATASET_FILE,
-    lock::FolderLock,
     plain_text::serialize_for_spreadsheet,
     progress::Progress,
     records::{Dataset, ValidationStatus},
@@ -85,22 +84,12 @@ pub fn select(
     let statistics = Statistics::collect(folder, &dataset)?;
     let selection =
         choose(&statistics.rows, request).map_err(|reason| CurateError::input(folder, reason))?;
-    store::create_folder(out)?;
-    let _lock = FolderLock::take(out, progress)?;
-    let started = Instant::now();
     let stage = StagePlan::new(out, "select");
-    let files = [SEQUENCES_FILE, COMPARISON_FILE];
-    stage.claim(files)?;
-    store::write_bytes(
-        &out.join(SEQUENCES_FILE),
-        table(&selection.rows)?.as_bytes(),
-    )?;
-    store::write_bytes(
-        &out.join(COMPARISON_FILE),
-        table(&selection.comparison)?.as_bytes(),
-    )?;
-    stage.finish(files, started.elapsed().as_secs_f64())?;
-    Ok(selection)
+    stage.run([SEQUENCES_FILE, COMPARISON_FILE], progress, |made| {
+        made.write_bytes(SEQUENCES_FILE, table(&selection.rows)?.as_bytes())?;
+        made.write_bytes(COMPARISON_FILE, table(&selection.comparison)?.as_bytes())?;
+        Ok(selection)
+    })
 }
 
 /// # Errors
@@ -336,7 +325,7 @@ mod tests {
         }
     }
 
-    /// 200 sequences: scenes 60, 30 and 10 %, motions half each, rare scenes with one motion alone.
+    /// Returns 200 sequences: scenes 60, 30 and 10 %, motions half each, rare scenes with one motion alone.
     fn rows() -> Vec<SequenceRow> {
         (0..200)
             .map(|index| {

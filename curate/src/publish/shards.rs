@@ -150,7 +150,7 @@ pub(super) fn write(
     Ok(())
 }
 
-/// The frames of one sequence, in its order.
+/// Returns the frames of one sequence, in its order.
 fn samples_of(folder: &Path, row: &SequenceRow) -> Result<Vec<Sample>, CurateError> {
     let place = folder.join(&row.folder);
     let sequence: Sequence = store::read_record(&place.join(SEQUENCE_FILE))?;
@@ -200,7 +200,7 @@ fn samples_of(folder: &Path, row: &SequenceRow) -> Result<Vec<Sample>, CurateErr
         .collect()
 }
 
-/// The key of a frame; no two sequences have the same.
+/// Returns the key of a frame; no two sequences have the same.
 fn key(sequence: &str, frame: usize) -> String {
     let id = sequence.replace('%', "%25").replace('.', "%2E");
     format!("{id}/{frame:06}")

@@ -175,7 +175,7 @@ impl Statistics {
         })
     }
 
-    /// Length of all sequences, seconds.
+    /// Returns the length of all sequences, seconds.
     pub fn seconds(&self) -> f64 {
         // The sum of nothing is -0, which prints its sign.
         self.rows
@@ -330,7 +330,7 @@ fn row(folder: &Path, name: &str) -> Result<SequenceRow, CurateError> {
     })
 }
 
-/// Outcome of a pose validation in tables.
+/// Returns the outcome of a pose validation in tables.
 pub(super) fn status_name(status: ValidationStatus) -> &'static str {
     match status {
         ValidationStatus::Valid => "valid",

@@ -24,9 +24,11 @@ const FUNNEL_TOLERANCE_SECONDS: f64 = 1e-6;
 
 /// Checks a published dataset and returns one line per fault; an empty list means that it is sound.
 ///
-/// Checked are: a checksum of every file, no file missing and none too many; every record against its schema; sequences
-/// and frames that the records name; that the segments of every video add up to its duration and the funnel to the
-/// sequences; that every slice lasts as long as its segment; and that statistics and card agree with the records.
+/// Checks:
+/// * a checksum of every file, no file missing and none too many; every record against its schema;
+/// * sequences and frames that the records name; segments add up to the duration of their video and the funnel to the
+///   sequences; every slice lasts as long as its segment;
+/// * statistics and card agree with the records.
 ///
 /// # Errors
 /// When `folder` cannot be read or holds no dataset.
@@ -118,7 +120,7 @@ fn check_sums(folder: &Path, files: &[String], faults: &mut Faults, progress: &d
     }
 }
 
-/// Sequences, frames and segments of one video.
+/// Checks sequences, frames and segments of one video.
 fn check_video(folder: &Path, sequences: &[String], sha256: Option<&str>, faults: &mut Faults) {
     let mut kept = Vec::new();
     let mut video_folder = None;

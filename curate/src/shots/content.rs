@@ -39,7 +39,7 @@ impl Content {
         }
     }
 
-    /// Share of the cells, 0 to 1, that have changed since an earlier frame of the same size.
+    /// Returns the share of the cells, 0 to 1, that have changed since an earlier frame of the same size.
     pub(super) fn changed_share(&self, earlier: &[f32]) -> f32 {
         let pairs = self.cells.iter().zip(earlier);
         let changed = pairs.filter(|(now, before)| (*now - *before).abs() > CHANGED_LEVELS);
@@ -47,7 +47,7 @@ impl Content {
     }
 }
 
-/// Luma in 8-bit levels by the weights of BT.601.
+/// Returns luma in 8-bit levels by the weights of BT.601.
 fn luma(image: &Rgb8Image) -> Vec<u8> {
     let pixels = image.data.as_chunks::<3>().0.iter();
     pixels
@@ -65,7 +65,7 @@ struct Square {
     brightest: u8,
 }
 
-/// The whole squares of a `width / across`th of an image, by rows.
+/// Returns the whole squares of a `width / across`th of an image, by rows.
 fn squares(luma: &[u8], width: usize, across: usize) -> impl Iterator<Item = Square> {
     let width = width.max(1);
     let height = luma.len() / width;

@@ -74,7 +74,7 @@ impl SamplePass {
         self.cells = content.cells;
     }
 
-    /// The samples so far.
+    /// Returns the samples so far.
     pub(crate) fn finish(self) -> Samples {
         Samples(self.table)
     }
@@ -126,7 +126,7 @@ impl Samples {
         (0..all.count()).any(|at| proof(of_frame(at)) == Proof::Sphere)
     }
 
-    /// The samples in a part of the video.
+    /// Returns the samples in a part of the video.
     pub(super) fn inside(&self, range: TimeRange) -> Inside<'_> {
         let times = &self.0.times;
         let first = times.partition_point(|&time| time < range.begin_seconds);
@@ -144,7 +144,7 @@ impl Inside<'_> {
         self.range.len()
     }
 
-    /// From the darkest to the brightest part of a frame, 8-bit levels.
+    /// Returns the spans from the darkest to the brightest part of a frame, 8-bit levels.
     pub(super) fn spreads_levels(&self) -> Vec<f64> {
         self.numbers(SPREAD).flatten().collect()
     }

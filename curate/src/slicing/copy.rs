@@ -4,7 +4,7 @@ use std::path::Path;
 
 use ffmpeg::{Packet, Rational, codec, encoder, format::context::Output, media};
 use ffmpeg_next as ffmpeg;
-use omnilife_schemas::{progress::Progress, store};
+use omnilife_schemas::{progress::Progress, store::Unfinished};
 
 use super::{
     SliceRequest, SliceSettings, SliceSource,
@@ -88,11 +88,12 @@ fn next_of_stream(input: &mut ffmpeg::format::context::Input, index: usize) -> O
 /// A slice that is being written.
 struct CopiedSlice {
     path: std::path::PathBuf,
-    temporary: std::path::PathBuf,
     /// Present until the file is ended.
     output: Option<Output>,
     time_base: Rational,
     audio: Option<AudioCopy>,
+    /// Behind the output, which is closed before this is removed.
+    temporary: Unfinished,
 }
 
 impl CopiedSlice {
@@ -103,8 +104,8 @@ impl CopiedSlice {
         audio: Option<AudioTrack>,
     ) -> Result<Self, CurateError> {
         let internal = |error: ffmpeg::Error| CurateError::internal(path, error);
-        let temporary = store::temporary_beside(path);
-        let mut output = create_output(&temporary)?;
+        let temporary = Unfinished::beside(path);
+        let mut output = create_output(temporary.path())?;
         let mut stream = output
             .add_stream(encoder::find(codec::Id::None))
             .map_err(internal)?;
@@ -120,10 +121,10 @@ impl CopiedSlice {
             .map_err(|error| unwritable(path, error))?;
         Ok(Self {
             path: path.to_owned(),
-            temporary,
             output: Some(output),
             time_base,
             audio,
+            temporary,
         })
     }
 
@@ -170,18 +171,10 @@ impl CopiedSlice {
         }
         close_output(
             output,
-            &self.temporary,
+            self.temporary.path(),
             &self.path,
             Projection::Equirectangular,
             orientation,
         )
-    }
-}
-
-impl Drop for CopiedSlice {
-    fn drop(&mut self) {
-        // Present only if the work was aborted, on a full disk; a leftover is hidden.
-        drop(self.output.take());
-        drop(std::fs::remove_file(&self.temporary));
     }
 }

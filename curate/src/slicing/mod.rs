@@ -25,7 +25,7 @@ use omnilife_schemas::{
     progress::Progress,
     records::{SliceFile, SliceMethod, TimeRange},
     statistics::frame_interval,
-    store::{self, StoreError},
+    store::{self, StoreError, Unfinished},
 };
 
 pub use mp4::Projection;
@@ -165,16 +165,16 @@ pub fn slice_segment(
     };
     // A slice starts with a frame and lasts until the next one.
     let next = times.iter().copied().find(|&t| t >= wanted.end_seconds);
+    // It gets its name when it has been read back.
+    let unchecked = Unfinished::beside(out);
     let request = SliceRequest {
         range: TimeRange {
             begin_seconds: first,
             end_seconds: next.unwrap_or(after_last),
         },
-        path: store::temporary_beside(out),
+        path: unchecked.path().to_owned(),
         name: out.display().to_string(),
     };
-    // It gets its name after verification.
-    let unchecked = Unchecked(&request.path);
     let source = SliceSource {
         video,
         times: &times,
@@ -183,18 +183,10 @@ pub fn slice_segment(
     let requests = std::slice::from_ref(&request);
     let file = slice_video(&source, requests, settings, progress)?.pop();
     let file = file.ok_or_else(|| CurateError::internal(out, "no slice was written"))?;
-    store::rename(unchecked.0, out).map_err(|error| StoreError::write(out, error))?;
+    unchecked
+        .rename(out)
+        .map_err(|error| StoreError::write(out, error))?;
     Ok(file)
-}
-
-/// A file that is removed on drop unless it was renamed.
-struct Unchecked<'a>(&'a Path);
-
-impl Drop for Unchecked<'_> {
-    fn drop(&mut self) {
-        // A file that cannot be removed is hidden.
-        drop(store::remove(self.0));
-    }
 }
 
 fn describe(

@@ -2,7 +2,7 @@
 
 use std::{
     collections::VecDeque,
-    fs::{self, File},
+    fs::File,
     io,
     path::{Path, PathBuf},
 };
@@ -14,7 +14,7 @@ use ffmpeg::{
     software::scaling::Flags,
 };
 use ffmpeg_next as ffmpeg;
-use omnilife_schemas::store::{self, StoreError};
+use omnilife_schemas::store::{self, StoreError, Unfinished};
 
 use super::{
     audio::{AudioCopy, AudioTrack},
@@ -52,7 +52,7 @@ impl Quality {
         }
     }
 
-    /// x264's constant rate factor and preset.
+    /// Returns x264's constant rate factor and preset.
     fn rate_and_preset(self) -> [(&'static str, &'static str); 2] {
         match self {
             Self::VisuallyLossless => [("crf", "16"), ("preset", "fast")],
@@ -108,7 +108,6 @@ pub enum Projection {
 /// The file appears under its name only when [`finish`](Self::finish) succeeds.
 pub struct Mp4Encoder {
     path: PathBuf,
-    temporary: PathBuf,
     /// `None` once the file is ended.
     output: Option<Output>,
     encoder: encoder::video::Encoder,
@@ -120,6 +119,8 @@ pub struct Mp4Encoder {
     waiting: Option<(frame::Video, i64)>,
     /// Timestamps and durations of the frames inside the encoder, in order.
     inside: VecDeque<(i64, i64)>,
+    /// Behind the output, which is closed before this is removed.
+    temporary: Unfinished,
 }
 
 impl Mp4Encoder {
@@ -144,8 +145,8 @@ impl Mp4Encoder {
                 ),
             )
         })?;
-        let temporary = store::temporary_beside(path);
-        let mut output = create_output(&temporary)?;
+        let temporary = Unfinished::beside(path);
+        let mut output = create_output(temporary.path())?;
         let pixel = accepted_format(codec, video.pixel);
         let mut context = codec::context::Context::new_with_codec(codec)
             .encoder()
@@ -193,7 +194,6 @@ impl Mp4Encoder {
             .map_err(internal)?;
         Ok(Self {
             path: path.to_owned(),
-            temporary,
             output: Some(output),
             encoder,
             video,
@@ -201,6 +201,7 @@ impl Mp4Encoder {
             audio,
             waiting: None,
             inside: VecDeque::new(),
+            temporary,
         })
     }
 
@@ -250,7 +251,7 @@ impl Mp4Encoder {
         }
         close_output(
             output,
-            &self.temporary,
+            self.temporary.path(),
             &self.path,
             self.video.projection,
             self.video.orientation,
@@ -306,14 +307,7 @@ impl Mp4Encoder {
     }
 }
 
-impl Drop for Mp4Encoder {
-    fn drop(&mut self) {
-        // Present only if the work was aborted; a leftover is hidden and harmless.
-        drop(fs::remove_file(&self.temporary));
-    }
-}
-
-/// Returns the frames' own format if the encoder supports it, else 8-bit 4:2:0.
+/// The frames' own format where the encoder takes it, else 8-bit 4:2:0.
 fn accepted_format(codec: ffmpeg::Codec, wanted: PixelFormat) -> Pixel {
     let formats = codec.video().ok().and_then(|video| video.formats());
     formats
@@ -353,11 +347,7 @@ pub(super) fn close_output(
             .and_then(|()| store::rename(temporary, path)),
         Err(error) => Err(io::Error::other(error)),
     };
-    published.map_err(|error| {
-        // The write has failed already: a temporary file that cannot be removed changes nothing.
-        drop(fs::remove_file(temporary));
-        StoreError::write(path, error).into()
-    })
+    published.map_err(|error| StoreError::write(path, error).into())
 }
 
 /// Returns the error of FFmpeg's writer: in all likelihood the disk's.

@@ -105,7 +105,7 @@ impl PacketTable {
     /// Returns the packets that show exactly the frames of `range`, if they are independently decodable.
     ///
     /// They are if the first frame is a key frame and the packets of the segment follow each other in order of
-    /// decoding: packets depend on earlier ones only, and none is missing or too many.
+    /// decoding. Then packets depend on earlier ones only, and none is missing or too many.
     pub fn copyable(&self, range: TimeRange) -> Option<Run> {
         if !self.fits_mp4 {
             return None;

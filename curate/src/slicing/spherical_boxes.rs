@@ -42,7 +42,7 @@ impl Orientation {
         }
     }
 
-    /// Yaw, pitch and roll of the pose in 16.16 degrees.
+    /// Returns yaw, pitch and roll of the pose in 16.16 degrees.
     fn pose_numbers(self) -> [i32; 3] {
         let Some(pose) = self.pose else {
             return [0; 3];
@@ -97,7 +97,7 @@ fn broken(reason: &str) -> io::Error {
     io::Error::new(io::ErrorKind::InvalidData, reason)
 }
 
-/// The boxes in `bytes`, with the metadata added in all video tracks.
+/// Returns the boxes in `bytes`, with the metadata added in all video tracks.
 fn rewritten(bytes: &[u8], orientation: Orientation, marked: &mut usize) -> io::Result<Vec<u8>> {
     let quarter_turns = orientation.quarter_turns;
     let mut out = Vec::with_capacity(bytes.len() + 256);
@@ -136,7 +136,7 @@ fn is_video_track(track: &[u8]) -> bool {
         .any(|window| &window[..4] == b"hdlr" && &window[12..] == b"vide")
 }
 
-/// A track header with the matrix of a clockwise rotation (ISO 14496-12, 8.3.2).
+/// Returns a track header with the matrix of a clockwise rotation (ISO 14496-12, 8.3.2).
 fn turned_header(content: &[u8], quarter_turns: u32) -> io::Result<Vec<u8>> {
     let is_long = content.first() == Some(&1);
     let at = if is_long { 52 } else { 40 };
@@ -159,7 +159,7 @@ fn turned_header(content: &[u8], quarter_turns: u32) -> io::Result<Vec<u8>> {
     Ok(header)
 }
 
-/// Sample descriptions with the spherical boxes at the end of every video entry.
+/// Returns sample descriptions with the spherical boxes at the end of every video entry.
 fn marked_descriptions(
     content: &[u8],
     orientation: Orientation,
@@ -196,7 +196,7 @@ fn without_spherical_boxes(entry: &[u8]) -> io::Result<Vec<u8>> {
     Ok(out)
 }
 
-/// `st3d` (monoscopic) and `sv3d` (equirectangular, the whole sphere, with its pose).
+/// Returns `st3d` (monoscopic) and `sv3d` (equirectangular, the whole sphere, with its pose).
 fn spherical_boxes(orientation: Orientation) -> Vec<u8> {
     // Version and flags of a full box.
     let full = [0_u8; 4];

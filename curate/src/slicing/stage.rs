@@ -1,6 +1,6 @@
 //! The stage that records the fate of every second of a video and writes its slices.
 
-use std::{path::Path, time::Instant};
+use std::path::Path;
 
 use omnilife_schemas::{
     layout::{SLICES_FILE, SLICES_FOLDER, sequence_name},
@@ -71,37 +71,27 @@ pub fn write_slices(
         .with_hash("video", analysis.source.sha256.clone())
         .with_settings("segments", &record)
         .with_settings("settings", &settings);
-    if plan.is_done() {
-        progress.note(&format!(
-            "{}: slices unchanged, skipped",
-            video.video.display()
-        ));
-        return Ok(store::read_record(&path)?);
-    }
-    // The record exists without slices too, so it does not mark them as ours.
-    plan.claim::<&str>([])?;
-    let started = Instant::now();
-    let mut staging = Staging::new(folder, SLICES_FOLDER)?;
-    let mut requests = Vec::new();
-    for (index, &range) in shots.kept.iter().enumerate() {
-        let name = format!("{SLICES_FOLDER}/{}.mp4", sequence_name(index));
-        requests.push(SliceRequest {
-            range,
-            path: staging.begin(&name)?,
-            name,
-        });
-    }
-    let mut files = slice_video(video, &requests, settings, progress)?.into_iter();
-    for segment in &mut record.segments {
-        if let SegmentOutcome::Kept { slice, .. } = &mut segment.outcome {
-            *slice = files.next();
+    let skipped = format!("{}: slices unchanged, skipped", video.video.display());
+    // The record is written without slices too, and is no mark of theirs.
+    let claimed = [""; 0];
+    plan.make((SLICES_FILE, &skipped), claimed, progress, |out| {
+        let mut staging = Staging::new(folder, SLICES_FOLDER)?;
+        let mut requests = Vec::new();
+        for (index, &range) in shots.kept.iter().enumerate() {
+            let name = format!("{SLICES_FOLDER}/{}.mp4", sequence_name(index));
+            requests.push(SliceRequest {
+                range,
+                path: staging.begin(&name)?,
+                name,
+            });
         }
-    }
-    let mut outputs = plan.publish(&staging.folder, &staging.files)?;
-    outputs.push(SLICES_FILE.to_owned());
-    plan.own_files()
-        .remove(|file| file != SLICES_FILE && !staging.files.iter().any(|new| new == file))?;
-    store::write_record(&path, &record)?;
-    plan.finish(outputs, started.elapsed().as_secs_f64())?;
-    Ok(record)
+        let mut files = slice_video(video, &requests, settings, progress)?.into_iter();
+        for segment in &mut record.segments {
+            if let SegmentOutcome::Kept { slice, .. } = &mut segment.outcome {
+                *slice = files.next();
+            }
+        }
+        out.replace(&staging.folder, &staging.files)?;
+        Ok(record)
+    })
 }

@@ -51,7 +51,7 @@ impl ViewVideoWriter {
         Self::with_quality(path, size, projection, Quality::VisuallyLossless)
     }
 
-    /// [`create`](Self::create) with another quality.
+    /// Creates a video as [`create`](Self::create), with another quality.
     pub(crate) fn with_quality(
         path: &Path,
         size: [u32; 2],

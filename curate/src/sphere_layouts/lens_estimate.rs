@@ -269,7 +269,7 @@ mod tests {
 
     const HALF: usize = 512;
 
-    /// Texture in every direction, a few degrees wide.
+    /// Returns a texture in every direction, a few degrees wide.
     fn world(direction: DVec3, turn: f64) -> [u8; 3] {
         let d = glam::DQuat::from_rotation_y(turn) * direction;
         let detail = (21.0 * d.x + 6.0 * d.y).sin() * (17.0 * d.z - 5.0 * d.y).cos()
@@ -277,7 +277,7 @@ mod tests {
         [0.0, 0.6, 1.3].map(|phase| (130.0 + 60.0 * (detail + phase).sin()) as u8)
     }
 
-    /// Image of two lenses with these circles, black around them; `surround` lights the outside.
+    /// Returns an image of two lenses with these circles, black around them; `surround` lights the outside.
     fn frame(field_degrees: f64, circles: [FisheyeCircle; 2], turn: f64) -> Rgb8Image {
         let pixels = (0..2 * HALF * HALF).map(|at| {
             let (x, y) = (at % (2 * HALF), at / (2 * HALF));

@@ -1,6 +1,6 @@
 //! Conversion of frames with other sphere layouts to equirectangular ones.
 //!
-//! For stereo the left eye's image is cut out; cube faces, fisheye circles and halves of the sphere are sampled on the
+//! For stereo the left eye's image is cut out. Cube faces, fisheye circles and halves of the sphere are sampled on the
 //! sphere (`sampler`), each pixel by as many rays as it covers stored pixels. `places` maps directions to their place
 //! in the frame, `lens_estimate` estimates the lenses of a dual fisheye camera. A test compares with the same layouts
 //! of `FFmpeg`'s filter `v360`.
@@ -93,7 +93,7 @@ impl ToErp {
     }
 }
 
-/// An equirectangular image at another size, by area averaging.
+/// Returns an equirectangular image at another size, by area averaging.
 fn resized(image: Rgb8Image, [width, height]: [usize; 2]) -> Rgb8Image {
     if [image.width, image.height] == [width, height] {
         return image;
@@ -251,7 +251,7 @@ mod tests {
         }
     }
 
-    /// Image of two lenses back to back.
+    /// Returns an image of two lenses back to back.
     fn fisheye(degrees: f64, [width, height]: [usize; 2]) -> Rgb8Image {
         let half = width / 2;
         let pixels = (0..width * height).map(|at| {

@@ -190,7 +190,7 @@ pub(crate) fn are_panoramas(images: &[&Path], size: [u32; 2]) -> Result<bool, Cu
     Ok(may_be && judge(images, &probe)?.projection.is_monoscopic_erp())
 }
 
-/// A small image of a still.
+/// Returns a small image of a still.
 fn sample(path: &Path) -> Result<Rgb8Image, CurateError> {
     let image = image(path)?;
     let width = SAMPLE_WIDTH_PIXELS.min(image.width);
@@ -304,7 +304,7 @@ impl Work<'_> {
     }
 
     fn write(&self, name: &str, progress: &dyn Progress) -> Result<(), CurateError> {
-        let started = Stopwatch::start();
+        let started = Stopwatch::with_children();
         let staging = Staging::new(self.folder, "sequences")?;
         let folder = staging.folder.join(name);
         progress.begin("stills", Some(self.chosen.len() as u64));

@@ -35,7 +35,7 @@ pub struct Pair {
 /// Map from estimates of a frame to distances.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Alignment {
-    /// Of inverse estimates.
+    /// Factor of inverse estimates.
     pub scale: f64,
     /// Added to them, one over a world unit; 0 where the scene is flat.
     pub shift: f64,
@@ -147,7 +147,7 @@ fn through(one: Pair, other: Pair, is_flat: bool) -> Option<Alignment> {
     })
 }
 
-/// Least squares of the relative error of the inverse distance, with Huber weights.
+/// Refines by least squares of the relative error of the inverse distance, with Huber weights.
 fn refined(pairs: &[Pair], begin: Alignment) -> Alignment {
     let mut found = begin;
     for _ in 0..ROUNDS {

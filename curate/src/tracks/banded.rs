@@ -31,7 +31,7 @@ impl BandMatrix {
         self.rows[place] += value;
     }
 
-    /// The diagonal entry of a row.
+    /// Returns the diagonal entry of a row.
     pub fn diagonal(&self, row: usize) -> f64 {
         self.rows[self.place(row, row)]
     }

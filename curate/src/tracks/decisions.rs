@@ -44,10 +44,8 @@ pub fn plan_tracks(
     let tracks = if is_known {
         store::read_record(&asked.record(request))?
     } else {
-        let lock = asked.detector.keeps_files.then(|| {
-            store::create_folder(&request.out)?;
-            FolderLock::take(&request.out, progress)
-        });
+        let lock = asked.detector.keeps_files;
+        let lock = lock.then(|| FolderLock::take(&request.out, progress));
         let _lock = lock.transpose()?;
         asked.track(request, progress)?
     };

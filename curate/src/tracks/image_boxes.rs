@@ -24,7 +24,7 @@ pub(super) fn within_image(
     (right > left && bottom > top).then_some([left, top, right - left, bottom - top])
 }
 
-/// Middle of a box, pixels.
+/// Returns the middle of a box, pixels.
 pub(super) fn middle([left, top, width, height]: [f64; 4]) -> DVec2 {
     dvec2(left + 0.5 * width, top + 0.5 * height)
 }

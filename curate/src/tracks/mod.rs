@@ -29,7 +29,6 @@ use glam::{DVec3, dvec2};
 use omnilife_schemas::{
     elapsed::Stopwatch,
     layout::{SCENE_FILE, TRACKS_FILE},
-    lock::FolderLock,
     names,
     points::PointCloud,
     progress::Progress,
@@ -89,33 +88,25 @@ pub struct TrackRequest {
 pub fn make_tracks(request: &TrackRequest, progress: &dyn Progress) -> Result<Tracks, CurateError> {
     let asked = Asked::read(request)?;
     let plan = asked.stage(request)?;
-    let record = asked.record(request);
-    if plan.is_done() {
-        progress.note(&format!("{}: tracks unchanged, skipped", asked.scene.id));
-        return Ok(store::read_record(&record)?);
-    }
-    store::create_folder(&request.out)?;
-    let _lock = FolderLock::take(&request.out, progress)?;
-    plan.claim(FILES)?;
-    let begun = Stopwatch::start();
-    let tracks = asked.track(request, progress)?;
-    for (write, file) in [
-        (page::write as WriteView, PAGE_FILE),
-        (overlay::write, OVERLAY_FILE),
-    ] {
-        let out = request.out.join(file);
-        write(
-            &out,
-            &request.scene_folder,
-            &asked.scene,
-            &asked.views,
-            &tracks,
-        )?;
-    }
-    store::write_record(&record, &tracks)?;
-    let made = FILES.iter().filter(|file| request.out.join(file).is_file());
-    plan.finish(made.copied(), begun.elapsed())?;
-    Ok(tracks)
+    let skipped = format!("{}: tracks unchanged, skipped", asked.scene.id);
+    plan.make((TRACKS_FILE, &skipped), FILES, progress, |out| {
+        let tracks = asked.track(request, progress)?;
+        for (write, file) in [
+            (page::write as WriteView, PAGE_FILE),
+            (overlay::write, OVERLAY_FILE),
+        ] {
+            let path = out.path(file);
+            write(
+                &path,
+                &request.scene_folder,
+                &asked.scene,
+                &asked.views,
+                &tracks,
+            )?;
+            out.add_all(path.is_file().then_some(file));
+        }
+        Ok(tracks)
+    })
 }
 
 /// Writes a view for people: to a path, from a scene's folder, the scene, its views and its tracks.
@@ -169,7 +160,7 @@ impl Asked {
         })
     }
 
-    /// The file of the tracks.
+    /// Returns the file of the tracks.
     fn record(&self, request: &TrackRequest) -> PathBuf {
         request.out.join(TRACKS_FILE)
     }
@@ -251,7 +242,7 @@ impl Asked {
         };
         let mut stages = Vec::new();
         if self.known_scale.is_none() {
-            let begun = Stopwatch::start();
+            let begun = Stopwatch::with_children();
             let (metres, evidence) = vehicle_scale::by_vehicles(
                 &self.scene_path,
                 plane,
@@ -325,7 +316,7 @@ impl Tracking<'_> {
         progress: &dyn Progress,
     ) -> Result<Tracks, CurateError> {
         let plane = self.plane;
-        let begun = Stopwatch::start();
+        let begun = Stopwatch::with_children();
         let detected = (detector.detect)(input, progress)?;
         let mut detections = detected.boxes;
         let found = format!("{} boxes in {} frames", detections.len(), self.views.len());
@@ -335,10 +326,10 @@ impl Tracking<'_> {
             format!("{found}; {}", detected.said)
         };
         stages.push(stage("detector", detector.id, found, begun));
-        let begun = Stopwatch::start();
+        let begun = Stopwatch::with_children();
         let lifted = self.lift(&mut detections, input, &self.request.distance)?;
         stages.push(stage("distance", lifted.method, lifted.reason, begun));
-        let begun = Stopwatch::start();
+        let begun = Stopwatch::with_children();
         let groups = if self.request.association == association::DEEPSORT {
             let (groups, said) = self.associate_by_appearance(&detections, input)?;
             stages.push(stage("appearance", association::DEEPSORT, said, begun));
@@ -358,7 +349,7 @@ impl Tracking<'_> {
             reason,
             begun,
         ));
-        let begun = Stopwatch::start();
+        let begun = Stopwatch::with_children();
         let mut warnings = [self.warnings.clone(), lifted.warnings].concat();
         let told = warnings.len();
         let mut tracks: Vec<Track> = Vec::new();

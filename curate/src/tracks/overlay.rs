@@ -69,7 +69,7 @@ pub(super) fn write(
     video.finish(last - first + of_frame)
 }
 
-/// An image with everything drawn over it, 8-bit RGB.
+/// Returns an image with everything drawn over it, 8-bit RGB.
 fn drawn(image: &RgbImage, view: &PosedView, tracks: &Tracks) -> opencv::Result<Vec<u8>> {
     let bytes = image.to_rgb8();
     let pixels = Mat::from_slice(&bytes)?;
@@ -92,7 +92,7 @@ fn drawn(image: &RgbImage, view: &PosedView, tracks: &Tracks) -> opencv::Result<
     Ok(drawing.pixels.data_bytes()?.to_vec())
 }
 
-/// The colour of an object, as on the page.
+/// Returns the colour of an object, as on the page.
 fn colour(id: u32) -> [f64; 3] {
     const SATURATION: f64 = 0.85;
     const LIGHTNESS: f64 = 0.5;
@@ -112,7 +112,7 @@ struct Drawing<'a> {
 }
 
 impl Drawing<'_> {
-    /// A line between two places of the view, pixels; none across the seam of a panorama.
+    /// Draws a line between two places of the view, pixels; none across the seam of a panorama.
     fn line(
         &mut self,
         [from, to]: [DVec2; 2],

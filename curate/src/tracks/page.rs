@@ -71,7 +71,7 @@ pub(super) fn hue_degrees(id: u32) -> f64 {
     (f64::from(id) * 137.508) % 360.0
 }
 
-/// A colour for each id.
+/// Returns a colour for each id.
 fn colour(id: u32) -> String {
     format!("hsl({}, 85%, 42%)", hue_degrees(id))
 }

@@ -15,7 +15,7 @@ use crate::ground_plane::Plane;
 
 /// Factor on the uncertainty of a box cut off by the border of the image.
 const SLACK_CUT: f64 = 6.0;
-/// Longest time to a whole box at which boxes cut off at an end of a path are left out of its fit, seconds: straight
+/// Longest time to a whole box for leaving boxes cut off at an end of a path out of its fit, seconds. Straight
 /// continuation is nearer to the truth than their middles.
 const LONGEST_CUT: f64 = 2.0;
 /// Least number of boxes in a fit.
@@ -148,7 +148,7 @@ impl Tracking<'_> {
         filled.collect()
     }
 
-    /// Median distance of lifted detections from their path.
+    /// Returns the median distance of lifted detections from their path.
     fn spread(
         &self,
         observations: &[Observation<'_>],

@@ -255,7 +255,7 @@ fn total_loss(spline: &BSpline, observations: &[Observation<'_>], sigma_distance
         .sum()
 }
 
-/// One step of Levenberg and Marquardt on the reweighted residuals.
+/// Takes one step of Levenberg and Marquardt on the reweighted residuals.
 fn stepped(
     spline: &BSpline,
     observations: &[Observation<'_>],

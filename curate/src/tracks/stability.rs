@@ -62,7 +62,7 @@ const CASES: &[Case] = &[
     ),
 ];
 
-/// The rows of the catalogue, judged on the CPU.
+/// Returns the rows of the catalogue, evaluated on the CPU.
 pub fn rows() -> Vec<StabilityRow> {
     let row = |(id, title, action, judge): &Case| {
         let fault = judge();
@@ -200,7 +200,7 @@ fn trajectory_camera() -> Option<String> {
         let views = seen(&times, 7.0, DVec3::ZERO, camera);
         (name.to_owned(), error_of(&views, None))
     });
-    // The principal point is outside of the image: what is straight below is not in it.
+    // The principal point is outside of the image, and so are points straight below.
     let views = seen(&times, 7.0, DVec3::ZERO, with(500.0, -900.0));
     let observations: Vec<Observation<'_>> = views
         .iter()

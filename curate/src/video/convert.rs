@@ -25,14 +25,14 @@ pub struct Rgb8Image {
 }
 
 impl Rgb8Image {
-    /// The pixel in column `x` and row `y`.
+    /// Returns the pixel in column `x` and row `y`.
     #[inline]
     pub fn pixel(&self, x: usize, y: usize) -> [u8; 3] {
         let at = (y * self.width + x) * 3;
         [self.data[at], self.data[at + 1], self.data[at + 2]]
     }
 
-    /// The image turned clockwise by `quarters` quarter turns.
+    /// Turns the image clockwise by `quarters` quarter turns.
     pub fn turned(self, quarters: u32) -> Self {
         let quarters = quarters % 4;
         if quarters == 0 {
@@ -70,8 +70,8 @@ pub enum Scaling {
     /// At most this many pixels wide, aspect kept, by area averaging; of large frames only some rows are read
     /// (`reduce.rs`).
     MaxWidth(u32),
-    /// This size whatever the aspect, bicubic, and BT.601 if the stream states no matrix: like the `ffmpeg` program
-    /// from which TransNetV2 reads its images.
+    /// This size regardless of the aspect ratio, bicubic, and BT.601 if the stream states no matrix: like the `ffmpeg`
+    /// program from which TransNetV2 reads its images.
     Exactly {
         /// Pixels per row.
         width: u32,
@@ -99,7 +99,7 @@ struct Configuration {
 }
 
 impl Converter {
-    /// A converter for one video.
+    /// Creates a converter for one video.
     pub fn new(scaling: Scaling) -> Self {
         Self {
             scaling,
@@ -219,7 +219,7 @@ impl Configuration {
     }
 }
 
-/// The rows of an RGB24 frame without the padding between them.
+/// Returns the rows of an RGB24 frame without the padding between them.
 fn packed(frame: &ffmpeg::frame::Video) -> Result<Rgb8Image, ffmpeg::Error> {
     let plane = Plane::of(frame, 0).ok_or(ffmpeg::Error::InvalidData)?;
     let (width, height) = (frame.width() as usize, plane.rows());

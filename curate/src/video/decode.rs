@@ -148,22 +148,22 @@ impl VideoReader {
         self.only_key_frames = true;
     }
 
-    /// The container, for [`probe`](mod@super::probe).
+    /// Returns the container, for [`probe`](mod@super::probe).
     pub(super) fn input(&self) -> &context::Input {
         &self.input
     }
 
-    /// The decoder, for [`probe`](mod@super::probe).
+    /// Returns the decoder, for [`probe`](mod@super::probe).
     pub(super) fn decoder(&self) -> &ffmpeg::decoder::Video {
         &self.decoder
     }
 
-    /// The stream that is read.
+    /// Returns the stream being read.
     pub(crate) fn stream(&self) -> Option<ffmpeg::Stream<'_>> {
         self.input.stream(self.stream_index)
     }
 
-    /// The file that is read.
+    /// Returns the file being read.
     pub fn path(&self) -> &Path {
         &self.path
     }
@@ -174,7 +174,7 @@ impl VideoReader {
         self.damaged
     }
 
-    /// The unit of the source's timestamps, seconds.
+    /// Returns the unit of the source's timestamps, seconds.
     pub fn seconds_per_tick(&self) -> f64 {
         self.seconds_per_tick
     }
@@ -184,7 +184,7 @@ impl VideoReader {
         self.last_packet_is_partial
     }
 
-    /// The next frame in order of presentation, or `None` after the last.
+    /// Returns the next frame in order of presentation, or `None` after the last.
     ///
     /// # Errors
     /// [`CurateError::Video`] when the container breaks off or the decoder gives up.

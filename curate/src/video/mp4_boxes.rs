@@ -21,7 +21,7 @@ pub(crate) struct Span {
     pub(crate) end: u64,
 }
 
-/// The payloads of the boxes of one kind directly in a part.
+/// Returns the payloads of the boxes of one kind directly in a part.
 pub(crate) fn children(
     file: &mut (impl Read + Seek),
     span: Span,

@@ -8,7 +8,7 @@ use std::{
 use ffmpeg::ffi::{self, AVPixelFormat};
 use ffmpeg_next as ffmpeg;
 
-// Declared again with an integer in the place of the enum, which is what the C functions take.
+// Declared again with an integer in place of the enum, as the C functions take.
 unsafe extern "C" {
     fn av_get_pix_fmt_name(format: c_int) -> *const c_char;
     fn av_pix_fmt_desc_get(format: c_int) -> *const ffi::AVPixFmtDescriptor;
@@ -61,7 +61,7 @@ impl PixelFormat {
         self.0
     }
 
-    /// The format of a decoded frame.
+    /// Returns the format of a decoded frame.
     pub fn of(frame: &ffmpeg::frame::Video) -> Self {
         // SAFETY: the frame is live, and the field is an integer.
         Self(unsafe { (*frame.as_ptr()).format })

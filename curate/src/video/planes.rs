@@ -55,12 +55,12 @@ impl<'a> Plane<'a> {
         })
     }
 
-    /// Rows.
+    /// Returns the number of rows.
     pub(super) fn rows(&self) -> usize {
         self.rows
     }
 
-    /// The bytes of a row; empty below the last row.
+    /// Returns the bytes of a row; empty below the last row.
     #[expect(
         clippy::arithmetic_side_effects,
         reason = "the row is one of the plane's"

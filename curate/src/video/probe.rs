@@ -80,7 +80,7 @@ pub(crate) fn describe(reader: &VideoReader) -> Result<Probe, CurateError> {
     })
 }
 
-/// The stream's duration, else the container's, else 0.
+/// Returns the stream's duration, else the container's, else 0.
 fn duration_seconds(reader: &VideoReader, stream: &ffmpeg::Stream<'_>) -> f64 {
     if stream.duration() > 0 {
         return stream.duration() as f64 * f64::from(stream.time_base());
@@ -138,7 +138,7 @@ fn mirrors(&[a, b, _, c, d, ..]: &[i32; 9]) -> bool {
     a * d - b * c < 0.0
 }
 
-/// Clockwise display rotation in [0, 360), rounded to a hundredth of a degree.
+/// Returns the clockwise display rotation in [0, 360), rounded to a hundredth of a degree.
 fn rotation_degrees(matrix: &[i32; 9]) -> f64 {
     // SAFETY: the function reads nine integers.
     let counter_clockwise = unsafe { ffi::av_display_rotation_get(matrix.as_ptr()) };
@@ -231,7 +231,7 @@ fn turn(name: &str, stated: Option<[i32; 3]>) -> (Option<SphereTurn>, Option<Str
     (Some(turn), None)
 }
 
-/// Spherical and stereo side data as FFmpeg parses them.
+/// Returns spherical and stereo side data as FFmpeg parses them.
 fn side_data_of(stream: &ffmpeg::Stream<'_>) -> Option<SphericalMetadata> {
     let mapping = raw_fields::side_data(stream, SideData::Spherical)?;
     let projection = raw_fields::projection_name(&mapping)?;

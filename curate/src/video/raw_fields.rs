@@ -22,7 +22,7 @@ use super::PixelFormat;
 /// Name of values that FFmpeg's tables do not know.
 const UNKNOWN: &str = "unknown";
 
-// Declared again with integers in the place of enums, which is what the C functions take.
+// Declared again with integers in place of enums, as the C functions take.
 unsafe extern "C" {
     fn avcodec_find_decoder(id: c_uint) -> *const ffi::AVCodec;
     fn avcodec_get_name(id: c_uint) -> *const c_char;
@@ -45,7 +45,7 @@ pub struct Colour {
 }
 
 impl Colour {
-    /// The description that a decoded frame carries.
+    /// Returns the description that a decoded frame carries.
     pub fn of(frame: &ffmpeg::frame::Video) -> Self {
         // SAFETY: the frame is live; the fields have the size of a C enum, an integer of 32 bits, and
         // are read as such.
@@ -141,7 +141,7 @@ fn transfer_of(value: c_uint) -> color::TransferCharacteristic {
     .unwrap_or(Transfer::Unspecified)
 }
 
-/// FFmpeg's name of the transfer function that a decoder states.
+/// Returns FFmpeg's name of the transfer function that a decoder states.
 pub(super) fn transfer_name(decoder: &ffmpeg::decoder::Video) -> &'static str {
     // SAFETY: the decoder is live; the field is an integer of 32 bits and read as such. The function
     // takes any integer and returns null or a string of a static table.
@@ -181,7 +181,7 @@ impl CodecId {
             .any(|&id| ffi::AVCodecID::from(id) as c_uint == self.0)
     }
 
-    /// FFmpeg's name of it.
+    /// Returns FFmpeg's name of it.
     pub(crate) fn name(self) -> &'static str {
         // SAFETY: the function takes any integer and returns a static string.
         unsafe { static_name(avcodec_get_name(self.0)) }.unwrap_or(UNKNOWN)
@@ -239,7 +239,7 @@ pub(super) fn side_data(stream: &ffmpeg::Stream<'_>, kind: SideData) -> Option<V
         .map(|data| data.data().to_vec())
 }
 
-/// FFmpeg's name of the projection in the bytes of an `AVSphericalMapping`.
+/// Returns FFmpeg's name of the projection in the bytes of an `AVSphericalMapping`.
 pub(super) fn projection_name(mapping: &[u8]) -> Option<&'static str> {
     let projection = integer_at(mapping, offset_of!(ffi::AVSphericalMapping, projection))?;
     // SAFETY: the function takes any integer and returns a static string.
@@ -258,7 +258,7 @@ pub(super) fn bounds(mapping: &[u8]) -> Option<[u32; 4]> {
     ])
 }
 
-/// Yaw, pitch and roll in the bytes of an `AVSphericalMapping`, degrees in 16.16.
+/// Returns yaw, pitch and roll in the bytes of an `AVSphericalMapping`, degrees in 16.16.
 pub(super) fn pose(mapping: &[u8]) -> Option<[i32; 3]> {
     let at = |offset| {
         let bits = integer_at(mapping, offset)?;
@@ -271,7 +271,7 @@ pub(super) fn pose(mapping: &[u8]) -> Option<[i32; 3]> {
     ])
 }
 
-/// FFmpeg's name of the layout in the bytes of an `AVStereo3D`.
+/// Returns FFmpeg's name of the layout in the bytes of an `AVStereo3D`.
 pub(super) fn stereo_name(stereo: &[u8]) -> Option<&'static str> {
     let layout = integer_at(stereo, offset_of!(ffi::AVStereo3D, type_))?;
     // SAFETY: the function takes any integer and returns a static string.

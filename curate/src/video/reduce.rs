@@ -203,7 +203,7 @@ fn add(sums: &mut [u16], samples: impl Iterator<Item = u16>) {
     }
 }
 
-/// Rounded means of blocks of columns, each the sum of `rows` samples.
+/// Returns rounded means of blocks of columns, each the sum of `rows` samples.
 fn means(sums: &[u16], across: usize, rows: u32) -> impl Iterator<Item = u32> {
     let count = rows * across as u32;
     sums.chunks_exact(across).map(move |block| {

@@ -10,7 +10,7 @@ use ffmpeg_next as ffmpeg;
 
 use super::{PixelFormat, planes};
 
-// Declared again with integers in the place of enums, which is what the C function takes.
+// Declared again with integers in place of enums, as the C function takes.
 unsafe extern "C" {
     fn sws_getContext(
         source_width: c_int,

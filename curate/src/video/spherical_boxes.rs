@@ -232,7 +232,7 @@ fn stereo_mode(mode: Option<[u8; 1]>) -> Option<String> {
     Some(name.to_owned())
 }
 
-/// Yaw, pitch and roll of the projection header of an `sv3d` box, in 16.16 degrees.
+/// Returns yaw, pitch and roll of the projection header of an `sv3d` box, in 16.16 degrees.
 fn pose(file: &mut (impl Read + Seek), sv3d: Span) -> io::Result<Option<[i32; 3]>> {
     for projection in children(file, sv3d, b"proj")? {
         for header in children(file, projection, b"prhd")? {
@@ -357,7 +357,7 @@ mod tests {
         assert_eq!(other.v1, None);
     }
 
-    /// As written by Google's `spatial-media` and cameras of VR180.
+    /// Boxes as written by Google's `spatial-media` and cameras of VR180.
     #[test]
     fn the_half_ahead_is_told_from_other_parts() {
         let of_xml = |[width, left, height]: [u32; 3]| {

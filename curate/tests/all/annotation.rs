@@ -1,4 +1,4 @@
-//! Annotations by people and programs, and what is refused.
+//! Annotations by people and programs, and refusals.
 
 use std::{
     fs,
@@ -99,7 +99,7 @@ printf '{"caption": "%s frames, %s", "scene": "beach"}' "$frames" "$2""#;
     annotate_dataset(&out, &settings, &Silent).unwrap();
     annotate_dataset(&out, &settings, &Silent).unwrap();
     let second = annotation(&out, "seq-000");
-    // What Ada said of other things stays; the program is named without its folder, and once.
+    // Ada's other statements stay; the program is named without its folder, and once.
     assert_eq!(second.action, first.action);
     assert_eq!(second.captions.len(), 2);
     assert_eq!(second.captions[1].author, "captioner");
@@ -194,7 +194,7 @@ fn what_is_wrong_with_an_annotation_is_said_in_one_line() {
     let started = Instant::now();
     let said = with_command(slow);
     assert!(said.contains("took longer than 0.3 s"), "{said}");
-    // What it has started holds the pipes open, and ends with it.
+    // Its child process holds the pipes open, and ends with it.
     let parent = CaptionCommand {
         timeout: Duration::from_millis(300),
         ..program(folder.path(), "parent", "sleep 30 & wait")

@@ -1,5 +1,4 @@
-//! The audit page: written from a curated video, used in a real browser, merged into the ledger, and
-//! what follows from that.
+//! The audit page: written from a curated video, used in a real browser, merged into the ledger, and its effects.
 
 use std::{
     fs,
@@ -114,7 +113,7 @@ fn a_large_video_lies_beside_its_page() {
     let temp = tempfile::tempdir().unwrap();
     let curated = Curated::make(temp.path());
     let (page, notes) = (temp.path().join("my audit.html"), Notes::default());
-    // Twice: what is there already is used.
+    // Twice: an existing file is used.
     for _ in 0..2 {
         curated.page(&page, 100, &notes).unwrap();
         let said = notes.take();
@@ -254,7 +253,7 @@ fn an_annotator_cuts_and_labels_in_a_browser_and_slices_follow() {
         assert!((duration - (end - begin)).abs() < 0.01, "{duration}");
     }
 
-    // What was labelled is what the sequences in it show, and no others.
+    // Labels belong to the sequences inside them, and to no others.
     annotate_dataset(&curated.set, &AnnotateSettings::default(), &Silent).unwrap();
     for (begin, _, sequence, _) in &kept {
         let path = curated.folder.join(sequence).join("annotation.json");

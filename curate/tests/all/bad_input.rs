@@ -21,8 +21,8 @@ fn lenient() -> CurateSettings {
     }
 }
 
-/// Curates and expects an error that names `named`, on one line, with the given blame; returns its
-/// message. Whatever stands in the output then is hidden or a whole record.
+/// Curates and expects an error that names `named`, on one line, with the given blame; returns its message. Any file in
+/// the output then is hidden or a complete record.
 fn refused(video: &Path, out: &Path, named: &Path, blame: ErrorKind) -> String {
     let error = curate_video(video, out, &lenient(), &Silent).unwrap_err();
     let message = error.to_string();
@@ -207,7 +207,7 @@ fn videos_of_a_folder_that_are_not_taken_are_named() {
             "trip/e.insv"
         ]
     );
-    // What is named is taken.
+    // A named file is taken.
     let inputs = [
         folder.clone(),
         folder.join("trip/../c.mts"),
@@ -217,7 +217,7 @@ fn videos_of_a_folder_that_are_not_taken_are_named() {
     let others = left_out_of_folders(&inputs, &videos).unwrap().files;
     let files: Vec<&str> = others.iter().map(|file| file.file.as_str()).collect();
     assert_eq!(files, ["GS01.360", "b.MTS", "trip/e.insv"]);
-    // Where nothing is taken the refusal says what is there.
+    // If nothing is taken, the refusal lists the existing files.
     let error = expand_inputs(&[folder.join("trip")]).unwrap_err();
     let message = error.to_string();
     assert!(
@@ -260,7 +260,7 @@ fn output_folders_that_belong_to_something_else() {
     refused(&one, &below, &below, ErrorKind::User);
 }
 
-/// The device accepts no byte, as a full disk: what cannot be written whole is not there at all.
+/// The device accepts no byte, like a full disk: an incomplete file does not appear at all.
 #[cfg(target_os = "linux")]
 #[test]
 fn a_write_that_fails_leaves_nothing_behind() {
@@ -385,7 +385,7 @@ fn a_video_of_one_frame() {
     assert!(error.to_string().contains("none of its shots"), "{error}");
 }
 
-/// Damage in the middle is counted, recorded and a reason for rejection where criteria ask for it.
+/// Damage in the middle is counted, recorded and a reason for rejection if the criteria require it.
 #[test]
 fn damage_in_the_middle() {
     let temp = tempfile::tempdir().unwrap();

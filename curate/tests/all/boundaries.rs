@@ -1,4 +1,4 @@
-//! The boundary detector on clips whose boundaries are known because they are made here.
+//! The boundary detector on synthetic clips with known boundaries.
 
 use std::path::Path;
 

@@ -33,12 +33,12 @@ use crate::support;
 
 const KEY: &str = "sk-very-secret";
 
-/// What a server does with one request.
+/// A server's reply to one request.
 #[derive(Clone)]
 enum Reply {
     /// A status line's rest, further headers, and a body.
     Send(&'static str, &'static str, String),
-    /// Says nothing for longer than anybody waits.
+    /// Is silent for longer than any time limit.
     Hang,
     /// Closes the connection.
     Close,

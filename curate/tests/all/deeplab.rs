@@ -18,7 +18,7 @@ use support::shared_data;
 
 use crate::support;
 
-/// What scores, which reach 20, may differ by: sums in another order.
+/// Tolerance of scores, which reach 20: sums are in another order.
 const TOLERANCE: f32 = 1e-3;
 
 #[derive(Deserialize)]

@@ -143,6 +143,6 @@ fn chains_are_those_of_the_package() {
     let mut found_sorted = found.clone();
     found_sorted.sort();
     assert_eq!(found_sorted, of_package);
-    // Without what they look like they go other ways here.
+    // Without appearance they are associated differently here.
     assert_ne!(associate(&boxes, &frames, None), found);
 }

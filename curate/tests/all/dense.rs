@@ -1,5 +1,4 @@
-//! Dense stereo of a made-up flight over a road and a roof: distances against true ones, what has no depth,
-//! and what is refused.
+//! Dense stereo of a synthetic flight over a road and a roof: distances against true ones, missing depth, and refusals.
 
 use std::{fs, path::Path};
 
@@ -29,7 +28,7 @@ fn camera() -> PinholeCamera {
     PinholeCamera::with_horizontal_field_of_view(SIZE[0], SIZE[1], 1.0)
 }
 
-/// Where a ray meets the roof or the road.
+/// Returns the intersection of a ray with the roof or the road.
 fn met(centre: DVec3, ray: DVec3) -> DVec3 {
     let [top, half_x, half_y] = ROOF;
     let at_height = |height: f64| centre + ray * ((height - centre.z) / ray.z);
@@ -311,7 +310,7 @@ fn nothing_is_known_under_masks() {
     }
 }
 
-/// Held-out frames are not looked at, and who looks at them anyway is told.
+/// Only input views are used; points from held-out views are reported.
 #[test]
 fn input_views_alone_are_looked_at() {
     let temp = tempfile::tempdir().unwrap();

@@ -1,4 +1,4 @@
-//! What users keep in a sequence's folder, or a video's, is there after every stage.
+//! Users' files in a sequence's folder, or a video's, survive every stage.
 
 use std::{
     fs,

@@ -1,5 +1,4 @@
-//! Videos whose headers state what no camera and no encoder would: each is read or refused in one
-//! line, and none ends the program.
+//! Videos with impossible headers: each is read or refused in one line, and none ends the program.
 
 use std::{
     fs,

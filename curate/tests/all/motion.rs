@@ -29,7 +29,7 @@ const CAMERA: ErpCamera = ErpCamera {
     height: 128,
 };
 
-/// What a camera sees that is turned by `rotation` (camera to world).
+/// Returns the view of a camera rotated by `rotation` (camera to world).
 fn seen(rotation: DQuat, colour: impl Fn(DVec3) -> [f64; 3]) -> GreySphere {
     let mut image = RgbImage::black(256, 128);
     for y in 0..128 {

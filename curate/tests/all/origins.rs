@@ -1,4 +1,4 @@
-//! Where videos came from, from a list into the dataset, its card, and the next run.
+//! Origins of videos, from a list into the dataset, its card, and the next run.
 
 use std::fs;
 

@@ -177,7 +177,7 @@ fn what_was_made_from_frames_is_never_deleted() {
         ..settings.clone()
     };
     let notes = Notes::default();
-    // What a killed process has left goes without a word.
+    // Leftovers of a killed process are removed without a note.
     let own = store::temporary_beside(&out.join("sequences"));
     let own = own.to_str().unwrap();
     // An id that no process has.
@@ -201,8 +201,7 @@ fn what_was_made_from_frames_is_never_deleted() {
     assert_eq!(sequence(&out, "seq-000").frames.entries.len(), 40);
 }
 
-/// A video that newer criteria keep out leaves what it would have left had they always done so; work
-/// of others is set aside.
+/// A video that newer criteria exclude leaves the same as if they had always excluded it; work of others is set aside.
 #[test]
 fn a_video_that_is_kept_out_later_takes_its_sequences_back() {
     let temp = tempfile::tempdir().unwrap();

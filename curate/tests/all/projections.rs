@@ -131,7 +131,7 @@ fn known_projections_are_recognized() {
     }
 }
 
-/// What cannot be told is not guessed.
+/// Undecidable projections are not guessed.
 #[test]
 fn plain_pillarboxed_and_missing_images_are_unsure() {
     let grey = paint(512, 256, |_, _| [0.5; 3]);

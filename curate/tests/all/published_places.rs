@@ -1,4 +1,4 @@
-//! Published records say nothing of the machine: no folder, and no advice that is meant for its user.
+//! Published records do not depend on the machine: no folder, and no advice to its user.
 
 use std::{
     fs,
@@ -43,7 +43,7 @@ fn footage(folder: &Path) {
     fs::write(folder.join(VIDEOS[4]), "dear diary").unwrap();
 }
 
-/// Paths and contents of all files that are published; what is no text is read as if it were.
+/// Paths and contents of all published files; binary ones are read as text.
 fn published(folder: &Path) -> Vec<(PathBuf, String)> {
     let mut found = Vec::new();
     let mut open = vec![folder.to_owned()];

@@ -1,4 +1,4 @@
-//! Shots are judged one by one: what shows nothing or another projection is no sequence.
+//! Shots are judged one by one: those without content or of another projection become no sequence.
 
 use std::{
     fs,
@@ -231,7 +231,7 @@ fn a_flat_insert_is_no_sequence_unless_the_user_states_the_projection() {
     assert!((curated.removed_seconds("shot-projection") - 2.0).abs() < 1e-3);
     assert_eq!(curated.removed_seconds("projection"), 0.0);
 
-    // What is said of the projection holds for all of the video; black stays black.
+    // A stated projection holds for all of the video; black stays black.
     for accepted in [VideoProjection::Erp, VideoProjection::Rectilinear] {
         let accepting = CurateSettings {
             accept: Some(accepted),
@@ -364,7 +364,7 @@ fn a_video_of_cards_alone_is_rejected_and_a_person_can_keep_one() {
     assert!(kept.rejects().is_empty());
 }
 
-/// A shot that is shorter than what is asked for is too short, whatever it shows.
+/// A shot that is too short is not judged by its content.
 #[test]
 fn what_is_too_short_is_not_judged() {
     let temp = tempfile::tempdir().unwrap();

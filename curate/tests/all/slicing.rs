@@ -97,7 +97,7 @@ fn slices_hold_the_frames_of_their_segment() {
     };
     let notes = Notes::default();
     let files = slice_video(&whole, &requests, SliceSettings { audio: true }, &notes).unwrap();
-    // Asked for, and not there: said once per slice.
+    // Requested and missing: noted once per slice.
     assert_eq!(notes.take().len(), 4);
     let copied: Vec<bool> = files
         .iter()

@@ -183,7 +183,7 @@ fn stereo_is_seen_and_its_left_eye_taken() {
     );
 }
 
-/// VR180: one eye is converted, and of its scene nothing behind is learned from or scored.
+/// VR180: one eye is converted, and the rear of its scene is neither trained on nor scored.
 #[test]
 fn half_of_a_sphere_becomes_a_scene_that_ignores_the_rest() {
     let temp = tempfile::tempdir().unwrap();

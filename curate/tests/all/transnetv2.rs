@@ -18,7 +18,7 @@ use serde::Deserialize;
 
 use crate::support;
 
-/// What the reference's scores may differ by.
+/// Tolerance of the reference's scores.
 const TOLERANCE: f32 = 1e-3;
 
 #[derive(Deserialize)]

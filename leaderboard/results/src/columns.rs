@@ -13,7 +13,7 @@ pub struct Table {
     pub own: &'static [Column],
     /// Columns that a query always groups by.
     pub(crate) always: &'static [&'static str],
-    /// True if every result should have the file that it is made of.
+    /// True if every result should have its source file.
     pub of_every_result: bool,
     /// File that is read beside every result.
     pub(crate) beside: Beside,

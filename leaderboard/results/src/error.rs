@@ -21,7 +21,7 @@ pub enum ResultsError {
     /// An invalid query.
     #[error("{0}")]
     Question(String),
-    /// A library of tables failed on a table of ours.
+    /// A library of tables failed on one of our tables.
     #[error("a table of results: {0}")]
     Table(String),
 }

@@ -52,7 +52,7 @@ impl Filter {
     /// with `<`, `<=`, `>` or `>=` of a column of numbers.
     ///
     /// # Errors
-    /// [`ResultsError::Question`] with what must hold.
+    /// [`ResultsError::Question`] with the required form.
     pub fn parse(text: &str, table: &Table) -> Result<Self, ResultsError> {
         let refuse = |reason: &str| Err(ResultsError::Question(format!("{text:?}: {reason}")));
         let found = OPERATORS

@@ -1,4 +1,4 @@
-//! Frames of Polars made of results: the columns and rows of a query.
+//! Polars frames of results: the columns and rows of a query.
 
 use polars::prelude::{Column as PolarsColumn, DataFrame, NamedFrom, Series};
 

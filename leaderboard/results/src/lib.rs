@@ -3,6 +3,7 @@
 //! Three tidy tables, one row per value: [`RESULTS`] has the means of every result, [`VIEWS`] the scores of every view,
 //! [`CURVES`] the scores along a training. Their columns are listed in [`columns`]. They are made of validated records,
 //! written as Parquet files beside a leaderboard, and queried by a [`Query`].
+#![cfg_attr(not(test), warn(clippy::disallowed_methods))]
 
 pub mod columns;
 mod curve;

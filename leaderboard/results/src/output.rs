@@ -71,7 +71,7 @@ fn json(answer: &Answer) -> Result<Vec<u8>, ResultsError> {
     Ok(bytes)
 }
 
-/// A Markdown table, its columns aligned.
+/// Returns a Markdown table, its columns aligned.
 fn table(answer: &Answer) -> String {
     let (caption, columns): (Vec<&AnswerColumn>, Vec<&AnswerColumn>) = answer
         .columns

@@ -213,7 +213,7 @@ fn difference(truth: &RgbImage, view: &RgbImage) -> RgbImage {
     }
 }
 
-/// Mean absolute difference.
+/// Returns the mean absolute difference.
 fn error(truth: &RgbImage, view: &RgbImage) -> f64 {
     let values = truth.data.iter().zip(&view.data);
     let sum: f64 = values
@@ -222,7 +222,7 @@ fn error(truth: &RgbImage, view: &RgbImage) -> f64 {
     sum / truth.data.len() as f64
 }
 
-/// A line of two pixels around a region.
+/// Draws a line of two pixels around a region.
 fn frame(panel: &mut RgbImage, region: Region) {
     const LINE: usize = 2;
     let ([left, top], [width, height]) = region.pixels(panel.width, panel.height);
@@ -244,7 +244,7 @@ fn frame(panel: &mut RgbImage, region: Region) {
 mod tests {
     use super::*;
 
-    /// Two methods on a grey image: only the second has a bright spot.
+    /// Returns two methods on a grey image: only the second has a bright spot.
     fn views() -> Views {
         let (width, height) = (64, 32);
         let pair = |spot: bool| {

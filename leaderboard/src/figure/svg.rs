@@ -45,7 +45,7 @@ pub(super) fn drawing(
 /// Height of the two lines below a row of a gallery, in pixels of the figure.
 const LABEL: usize = 44;
 
-/// A gallery: the rows of its pixels, and two lines of text below every sequence.
+/// Returns a gallery: the rows of its pixels, and two lines of text below every sequence.
 pub(super) fn gallery(sheet: &Sheet, png: &[u8], labels: &[[String; 2]]) -> String {
     let rows = sheet.rows.len();
     let (width, height) = (sheet.width, sheet.height + rows * LABEL - (rows - 1) * GAP);

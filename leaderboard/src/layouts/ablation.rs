@@ -11,7 +11,7 @@ use crate::{
     table::{Cell, Column, Mark, Row, Table, cost_cells, cost_columns, method_score},
 };
 
-/// One table for every method that has variants.
+/// Returns one table for every method that has variants.
 pub(super) fn tables(group: &Group<'_>, papers: &[Paper]) -> Vec<Table> {
     group
         .methods

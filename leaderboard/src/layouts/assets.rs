@@ -19,7 +19,7 @@ const LEVELS: [&str; 3] = ["1M", "5M", "full"];
 /// Bytes in a megabyte, as the paper counts them.
 const MEGABYTE: f64 = 1e6;
 
-/// Two tables: assets, and their levels. None without assets.
+/// Returns two tables: assets, and their levels. None without assets.
 pub(crate) fn tables(assets: &[FoundAsset], papers: &[Paper]) -> Vec<Table> {
     if assets.is_empty() {
         return Vec::new();
@@ -147,7 +147,7 @@ fn of_levels(assets: &[FoundAsset]) -> Table {
     }
 }
 
-/// Scene and method; an asset of a file of Gaussians has neither.
+/// Returns scene and method; an asset of a file of Gaussians has neither.
 fn names(record: &Asset) -> Vec<String> {
     let source = &record.source;
     [&source.scene, &source.method]

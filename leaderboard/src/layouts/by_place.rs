@@ -120,7 +120,7 @@ impl<'a> PlaceMeans<'a> {
     }
 
     /// Returns the mean over the columns of all places, as in the paper's averages, and true if each of them has all
-    /// its scenes: a place of many scenes has the same weight as any other. There is none if a result is not complete.
+    /// its scenes. A place of many scenes has the same weight as any other. There is none if a result is not complete.
     fn average(&self, method: &'a str, metric: usize) -> Option<(f64, bool)> {
         let column = |place: &&'a str| {
             let is_complete = self.sums.get(&(method, *place))?.complete;

@@ -13,7 +13,7 @@ pub(super) fn is_of(group: &Group<'_>) -> bool {
     is_protocol && group.has(ViewKind::Novel) && !group.has(ViewKind::Input)
 }
 
-/// One table.
+/// Returns one table.
 pub(super) fn tables(group: &Group<'_>, papers: &[Paper]) -> Vec<Table> {
     if !is_of(group) {
         return Vec::new();

@@ -11,7 +11,7 @@ use crate::{
     numbers::Numbers,
 };
 
-/// The score by which methods are ranked: PSNR of novel views, the only one that all papers print.
+/// Returns the score by which methods are ranked: PSNR of novel views, the only one that all papers print.
 pub(crate) fn ranked_by(group: &Group<'_>) -> Option<usize> {
     group.quantity(ViewKind::Novel, "psnr")
 }

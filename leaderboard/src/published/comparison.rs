@@ -32,7 +32,7 @@ pub(crate) const NOT_COMPARABLE: &str = "Figures of other scenes, as their autho
                                          comparable with what was measured here.";
 
 impl PublishedLayout {
-    /// Number of the table in the paper.
+    /// Returns the number of the table in the paper.
     fn number(self) -> u32 {
         match self {
             Self::Views => 2,

@@ -99,7 +99,7 @@ impl PublishedCell {
         }
     }
 
-    /// The words.
+    /// Returns the words.
     pub fn text(&self) -> Option<&str> {
         match self {
             Self::Text(text) => Some(text),
@@ -121,7 +121,7 @@ impl Paper {
         }
     }
 
-    /// A table by its number.
+    /// Returns a table by its number.
     pub fn table(&self, number: u32) -> Option<&PublishedTable> {
         self.tables.iter().find(|table| table.number == number)
     }
@@ -139,7 +139,7 @@ impl PublishedTable {
 }
 
 impl PublishedRow {
-    /// The first cell.
+    /// Returns the first cell.
     pub fn name(&self) -> &str {
         self.cells
             .first()

@@ -29,7 +29,7 @@ const HEADER: [&str; 14] = [
     "text",
 ];
 
-/// All tables of a layout, one row per cell. `path` is named in errors.
+/// Returns all tables of a layout, one row per cell. `path` is named in errors.
 pub(crate) fn render(tables: &[Table], path: &Path) -> Result<Vec<u8>, StoreError> {
     let failed = |error: csv::Error| StoreError::write(path, io::Error::other(error));
     let mut writer = csv::Writer::from_writer(Vec::new());

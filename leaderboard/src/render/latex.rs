@@ -7,7 +7,7 @@ use crate::{
     table::{Cell, Row, Standing, Table},
 };
 
-/// A whole `table` environment.
+/// Returns a whole `table` environment.
 pub(crate) fn render(table: &Table) -> String {
     let width = table.names.len() + table.columns.len();
     let mut text = String::from("% Needs \\usepackage{booktabs}.\n\\begin{table}\n  \\centering\n");
@@ -54,7 +54,7 @@ fn block(rows: &[Row], heading: Option<&str>, width: usize) -> String {
     text
 }
 
-/// The line of headings over several columns, with their rules; nothing without any.
+/// Returns the line of headings over several columns, with their rules; nothing without any.
 fn group_header(table: &Table) -> String {
     if table.columns.iter().all(|column| column.group.is_none()) {
         return String::new();

@@ -9,8 +9,8 @@ use crate::{
     table::{Cell, Row, Standing, Table},
 };
 
-/// A table under a heading of `level`, class by class, with its notes; published rows are a table
-/// of their own below.
+/// Returns a table under a heading of `level`, class by class, with its notes; published rows are a table of their own
+/// below.
 pub(crate) fn render(table: &Table, level: usize) -> String {
     let marks = "#".repeat(level);
     let mut lines = vec![format!("{marks} {}", for_markdown(&table.title))];
@@ -48,7 +48,7 @@ fn paragraphs(notes: &[String]) -> Vec<String> {
     paragraphs.flatten().collect()
 }
 
-/// The lines of some rows under the headings of some columns.
+/// Returns the lines of some rows under the headings of some columns.
 fn body(table: &Table, rows: &[Row], columns: &[usize]) -> Vec<String> {
     let headings = headings(table, columns);
     let headings = headings.iter().map(|text| for_markdown(text)).collect();

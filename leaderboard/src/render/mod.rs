@@ -6,7 +6,7 @@ pub(crate) mod markdown;
 
 use crate::table::{Column, Row, Table};
 
-/// A row's names, the last one with the row's marks.
+/// Returns a row's names, the last one with the row's marks.
 fn marked_names(row: &Row) -> Vec<String> {
     let mut names = row.names.clone();
     if let Some(last) = names.last_mut() {
@@ -18,7 +18,7 @@ fn marked_names(row: &Row) -> Vec<String> {
     names
 }
 
-/// The headings of the names and of some columns, each on one line.
+/// Returns the headings of the names and of some columns, each on one line.
 fn headings(table: &Table, columns: &[usize]) -> Vec<String> {
     let columns = columns.iter().map(|&at| &table.columns[at]);
     let columns = columns.map(Column::heading);

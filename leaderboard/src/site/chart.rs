@@ -103,7 +103,7 @@ fn drawn_series(series: &Series, placed: &PlacedCurve) -> Markup {
     }
 }
 
-/// A name right of the plot, led to by a line from the height that it belongs to.
+/// Returns a name right of the plot, with a line from the height of its series.
 fn name(series: &Series, end: i32, y: i32) -> Markup {
     let left = SIZE.0 as i32 - NAMES_WIDTH;
     let points = format!("{},{end} {},{y} {},{y}", left + 4, left + 12, left + 18);

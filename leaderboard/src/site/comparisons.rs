@@ -41,7 +41,7 @@ pub(super) struct ComparisonImage {
 }
 
 impl ComparisonImage {
-    /// Width of the whole image over that of one half.
+    /// Returns the width of the whole image over that of one half.
     pub(super) fn width_ratio(&self) -> f64 {
         f64::from(2 * self.half[0] + SEPARATOR) / f64::from(self.half[0])
     }

@@ -53,7 +53,7 @@ pub(super) fn plain(table: &Table, id: &str) -> Markup {
     )
 }
 
-/// A table with its notes, class by class; published figures are folded away below.
+/// Returns a table with its notes, class by class; published figures are collapsed below.
 pub(super) fn render(table: &Table, addition: &Addition<'_>) -> Markup {
     let notes = format!("{}-notes", addition.id);
     let first = addition.first_columns.unwrap_or(table.columns.len());

@@ -26,7 +26,7 @@ impl Place {
     }
 }
 
-/// A whole page.
+/// Returns a whole page.
 pub(super) fn page(
     request: &SiteRequest<'_>,
     place: Place,
@@ -102,7 +102,7 @@ fn made_from(request: &SiteRequest<'_>) -> Markup {
     }
 }
 
-/// The day of a time.
+/// Returns the day of a time.
 fn date(time: &str) -> &str {
     time.split_once(' ').map_or(time, |(day, _)| day)
 }

@@ -81,7 +81,7 @@ impl Links {
     }
 }
 
-/// A path without `.` and `..`, links not followed.
+/// Returns a path without `.` and `..`, links not followed.
 fn normal(path: &Path) -> PathBuf {
     let mut normal = PathBuf::new();
     for part in path.components() {
@@ -96,7 +96,7 @@ fn normal(path: &Path) -> PathBuf {
     normal
 }
 
-/// A part of a path in an address (RFC 3986, section 2.3: unreserved characters stay).
+/// Encodes a part of a path for an address (RFC 3986, section 2.3: unreserved characters stay).
 fn encoded(part: &str) -> String {
     let mut text = String::with_capacity(part.len());
     for byte in part.bytes() {

@@ -21,7 +21,7 @@ use crate::{
     remarks::Remarks,
 };
 
-/// A method's page relative to the site.
+/// Returns a method's page relative to the site.
 pub(super) fn file(method: &str) -> String {
     format!("methods/{}.html", unique_slug(method))
 }
@@ -147,7 +147,7 @@ fn section(
     })
 }
 
-/// Class, budget and rank in a sentence.
+/// Returns class, budget and rank in a sentence.
 fn standing(group: &Group<'_>, method: &MethodRow<'_>) -> Markup {
     let rank = ranked_by(group)
         .and_then(|index| Some((method.confidence[index].rank?, method.ranked[index])));

@@ -55,7 +55,7 @@ type SceneViews = BTreeMap<String, Comparisons>;
 
 /// Files beside the results.
 pub(crate) struct Surroundings {
-    /// Results are told apart by their address: they are borrowed, not copied.
+    /// Results are keyed by their address: they are borrowed, not copied.
     results: HashMap<usize, BesideResult>,
     /// Scoring time of the newest result, if recorded.
     newest: Option<String>,
@@ -198,7 +198,7 @@ impl SiteRequest<'_> {
         self.surroundings.results.get(&address(result))
     }
 
-    /// Folder of a result.
+    /// Returns the folder of a result.
     fn folder(&self, result: &ResultRecord) -> Option<&Path> {
         self.beside(result).map(|beside| beside.folder.as_path())
     }
@@ -229,7 +229,7 @@ fn address(result: &ResultRecord) -> usize {
     std::ptr::from_ref(result).addr()
 }
 
-/// Every scene with its rows under all protocols.
+/// Returns every scene with its rows under all protocols.
 fn scenes<'a>(
     groups: &'a [Group<'a>],
 ) -> BTreeMap<&'a str, Vec<(&'a Group<'a>, &'a SceneRow<'a>)>> {
@@ -253,7 +253,7 @@ fn unique_slug(text: &str) -> String {
     format!("{}-{}", slug(text), &hash[..8])
 }
 
-/// All methods of all groups.
+/// Returns all methods of all groups.
 fn methods<'a>(groups: &'a [Group<'a>]) -> BTreeSet<&'a str> {
     groups
         .iter()

@@ -184,7 +184,7 @@ fn drawn(
     })
 }
 
-/// The first names of a list and how many more there are.
+/// Returns the first names of a list and how many more there are.
 fn shortened_list(names: &[&str]) -> String {
     const SHOWN: usize = 12;
     let mut text = names[..names.len().min(SHOWN)].join(", ");

@@ -41,7 +41,7 @@ pub(super) fn render(
     }
 }
 
-/// The ground truth of a view, as wide as the card.
+/// Returns the ground truth of a view, as wide as the card.
 fn thumbnail(image: &ComparisonImage, scene: &str) -> Markup {
     let [width, height] = image.half;
     let style = format!(

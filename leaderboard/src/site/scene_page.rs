@@ -62,7 +62,7 @@ pub(super) fn warning_box(remarks: &Remarks) -> Markup {
     }
 }
 
-/// The other warnings of the runs.
+/// Returns the other warnings of the runs.
 pub(super) fn other_warnings(remarks: &Remarks) -> Markup {
     html! {
         @if !remarks.warnings.is_empty() {

@@ -29,7 +29,7 @@ pub const SUBMISSION_FILE: &str = "submission.json";
 /// Name of the verification record beside an accepted submission.
 pub const VERIFICATION_FILE: &str = "verified.json";
 
-/// All files below a folder, relative to it, sorted.
+/// Returns all files below a folder, relative to it, sorted.
 ///
 /// # Errors
 /// When a folder cannot be listed, or holds a link or another special file: a submission must be self-contained.
@@ -61,7 +61,7 @@ fn files_below(folder: &Path) -> Result<Vec<String>, LeaderboardError> {
     Ok(found)
 }
 
-/// Size of a file in bytes.
+/// Returns the size of a file in bytes.
 fn size(folder: &Path, file: &str) -> Result<u64, StoreError> {
     let path = folder.join(file);
     let metadata = fs::metadata(&path).map_err(|source| StoreError::read(&path, source))?;

@@ -12,7 +12,7 @@ use omnilife_schemas::{
         ExternalRun, MethodCard, ResultRecord, RunRecord, ScoredPredictions, Submission,
         SubmittedResult,
     },
-    store::{self, StoreError},
+    store::{self, StoreError, Unfinished},
 };
 
 use super::{RESULT_FILE, SUBMISSION_FILE, copy, described, files_below};
@@ -86,25 +86,19 @@ pub fn pack(request: &PackRequest) -> Result<Submission, LeaderboardError> {
             "is not empty; choose another folder".to_owned(),
         ));
     }
-    let beside = store::temporary_beside(&request.out.join(RESULTS_FOLDER));
+    let unfinished = Unfinished::beside(&request.out.join(RESULTS_FOLDER));
+    let beside = unfinished.path();
     let packed = results
         .iter()
         .enumerate()
-        .map(|(number, (file, result))| pack_result(&beside, number, file, result))
-        .collect::<Result<Vec<_>, _>>()
-        .and_then(|packed| {
-            let submission = Submission {
-                card,
-                results: packed,
-            };
-            publish(&request.out, &beside, &submission)?;
-            Ok(submission)
-        });
-    if packed.is_err() {
-        // The work has failed already: leftovers are hidden and harmless.
-        drop(store::remove(&beside));
-    }
-    packed
+        .map(|(number, (file, result))| pack_result(beside, number, file, result))
+        .collect::<Result<Vec<_>, _>>()?;
+    let submission = Submission {
+        card,
+        results: packed,
+    };
+    publish(&request.out, beside, &submission)?;
+    Ok(submission)
 }
 
 /// Moves the results to their place and writes the record last: a folder with the record is complete.
@@ -196,7 +190,7 @@ fn pack_result(
     })
 }
 
-/// Name of the folder of a kind of view in a packed result.
+/// Returns the name of the folder of a kind of view in a packed result.
 fn packed_views(kind: &str) -> String {
     format!("predictions/{kind}")
 }

@@ -359,7 +359,7 @@ fn names_are_text_and_never_markup() {
     assert!(escaped > 20, "{escaped}");
 }
 
-/// What `scripts/readme-table` wrote is what the committed results give.
+/// The output of `scripts/readme-table` is that of the committed results.
 #[test]
 fn the_readme_shows_its_results() {
     let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("..");

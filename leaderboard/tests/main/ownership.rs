@@ -1,4 +1,4 @@
-//! What a build finds in its folder: its own files, out of date, and those of the user.
+//! Files in the folder of a build: its own, out of date, and those of the user.
 
 use std::fs;
 

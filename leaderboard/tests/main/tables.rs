@@ -1,4 +1,4 @@
-//! The tables as printed, and what is refused.
+//! The tables as printed, and refusals.
 use std::{
     fs,
     path::{Path, PathBuf},

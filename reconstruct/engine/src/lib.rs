@@ -12,6 +12,7 @@
 //! * [`trajectories`]: rigid motion between knots. [`fields`]: networks and hash grids. [`parameters`]:
 //!   tables, Adam.
 //! * [`camera`]: Jacobians and VJPs. [`device`]: a GPU. [`clock`], [`schedule`], [`training_view`].
+#![cfg_attr(not(test), warn(clippy::disallowed_methods))]
 
 pub mod camera;
 pub mod clock;

@@ -1,10 +1,11 @@
 //! Images of the surfaces of a run's atlas.
 
-use std::{path::Path, time::Instant};
+use std::path::Path;
 
-use omnilife_schemas::{lock::FolderLock, progress::Progress, stage::StagePlan, store};
+use omnilife_schemas::{progress::Progress, stage::StagePlan};
 
-use crate::{error::ReconstructError, methods};
+use crate::registry;
+use omnilife_training::error::ReconstructError;
 
 /// Writes an RGBA image of each surface of a run's model, and a list of them; returns the names of the files.
 ///
@@ -15,18 +16,16 @@ pub fn export(
     out: &Path,
     progress: &dyn Progress,
 ) -> Result<Vec<String>, ReconstructError> {
-    let opened = methods::open_run(run)?;
+    let opened = registry::open_run(run)?;
     let Some(plan) = opened.model.textures() else {
         let reason = format!("is a run of {}, which has no atlas", opened.record.method);
         return Err(ReconstructError::scene(run, reason));
     };
     let planned = plan(run)?;
-    store::create_folder(out)?;
-    let _lock = FolderLock::take(out, progress)?;
-    let begun = Instant::now();
     let stage = StagePlan::new(out, "atlas");
-    stage.claim(&planned.files)?;
-    (planned.write)(out)?;
-    stage.finish(&planned.files, begun.elapsed().as_secs_f64())?;
-    Ok(planned.files)
+    stage.run(planned.files.clone(), progress, |made| {
+        (planned.write)(out)?;
+        made.add_all(&planned.files);
+        Ok(planned.files)
+    })
 }

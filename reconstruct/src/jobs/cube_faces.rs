@@ -12,7 +12,7 @@ use omnilife_schemas::{
     interpolation::Edges,
 };
 
-use crate::{error::ReconstructError, models::OpenedModel};
+use omnilife_training::{error::ReconstructError, models::OpenedModel};
 
 /// Renders the panorama at a pose from faces of `side` pixels; `None` where the pose cannot be used.
 pub(super) fn panorama(

@@ -1,18 +1,12 @@
 //! Edits of a run: a run like it, in another folder, whose record lists the changes. It is never scored against
 //! the video.
 
-use std::{
-    path::{Path, PathBuf},
-    time::Instant,
-};
+use std::path::{Path, PathBuf};
 
-use omnilife_schemas::{
-    layout::RUN_FILE, lock::FolderLock, progress::Progress, stage::StagePlan, store,
-};
+use omnilife_schemas::{layout::RUN_FILE, progress::Progress, stage::StagePlan};
 
-use crate::{
-    error::ReconstructError, jobs::reconstruct::NOVEL_FOLDER, methods, models::script::Script,
-};
+use crate::{jobs::reconstruct::NOVEL_FOLDER, registry};
+use omnilife_training::{error::ReconstructError, models::script::Script};
 
 /// Run to edit, its script, and the folder of the edited run.
 #[derive(Debug, Clone, PartialEq)]
@@ -39,7 +33,7 @@ pub fn edit(
         let reason = "is the run that is to be edited; choose another output";
         return Err(ReconstructError::scene(&request.out, reason));
     }
-    let opened = methods::open_run(&request.run)?;
+    let opened = registry::open_run(&request.run)?;
     let mut record = opened.record;
     let Some(edit) = opened.model.edit else {
         let reason = format!(
@@ -53,18 +47,16 @@ pub fn edit(
         progress.note(&format!("{}: {warning}", request.out.display()));
         record.warnings.push(warning);
     }
-    store::create_folder(&request.out)?;
-    let _lock = FolderLock::take(&request.out, progress)?;
-    let begun = Instant::now();
-    let stage = StagePlan::new(&request.out, "edit");
-    let mut files = edited.planned.files;
-    files.push(RUN_FILE.to_owned());
-    stage.claim(&files)?;
-    (edited.planned.write)(&request.out)?;
-    let record = record.edited(edited.changes.iter().cloned(), NOVEL_FOLDER);
-    store::write_record(&request.out.join(RUN_FILE), &record)?;
-    stage.finish(&files, begun.elapsed().as_secs_f64())?;
-    Ok(edited.changes)
+    let planned = edited.planned;
+    let files = planned.files.iter().map(String::as_str);
+    let files: Vec<&str> = files.chain([RUN_FILE]).collect();
+    StagePlan::new(&request.out, "edit").run(files, progress, |out| {
+        (planned.write)(&request.out)?;
+        out.add_all(&planned.files);
+        let record = record.edited(edited.changes.iter().cloned(), NOVEL_FOLDER);
+        out.write_record(RUN_FILE, &record)?;
+        Ok(edited.changes)
+    })
 }
 
 fn is_same(a: &Path, b: &Path) -> bool {

@@ -10,13 +10,15 @@ use omnilife_schemas::{
 };
 use serde::Serialize;
 
-use crate::{
+use crate::jobs::reconstruct::{NOVEL_FOLDER, ReconstructRequest, prepare_predictions, view_file};
+use omnilife_methods::feed_forward::{GroupFrames, groups};
+use omnilife_training::{
     error::ReconstructError,
-    jobs::reconstruct::{NOVEL_FOLDER, ReconstructRequest, prepare_predictions, view_file},
-    methods::{
+    method::{
         InterpolateGroup,
-        feed_forward::{CameraPose, ContextView, Group, GroupFrames, groups},
+        group::{CameraPose, ContextView, Group},
     },
+    scene::{checked_camera, images::read_image},
 };
 
 /// Times of every group, in the run's folder.
@@ -49,7 +51,7 @@ impl<'a> Frames<'a> {
         scene: &'a Scene,
         split: &'a Split,
     ) -> Result<Self, ReconstructError> {
-        let camera = match crate::scene::checked_camera(scene, split, &request.split)? {
+        let camera = match checked_camera(scene, split, &request.split)? {
             Camera::Erp(camera) => camera,
             Camera::Pinhole(_) => {
                 let reason = format!(
@@ -161,7 +163,7 @@ impl<'a> Frames<'a> {
         Ok(ContextView {
             frame,
             camera_pose,
-            image: crate::scene::images::read_image(&file, self.scene, self.camera.into())?,
+            image: read_image(&file, self.scene, self.camera.into())?,
         })
     }
 

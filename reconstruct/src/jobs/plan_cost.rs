@@ -1,6 +1,6 @@
 //! What a scene gives a method reason for, and what leaving out the rest saves.
 //!
-//! The decisions are the method's own (`methods/`), as a run makes them and its record keeps them.
+//! The decisions are the method's own, as a run makes them and its record keeps them.
 //! Here they stand beside the cost of the same method under the plan full: first Gaussians, bytes of
 //! their tables, and the time of a step, measured in turns ([`PairedSteps`]) where the plans differ.
 
@@ -8,11 +8,12 @@ use std::{collections::BTreeSet, path::Path};
 
 use omnilife_schemas::records::ComponentDecision;
 
-use crate::{
+use crate::registry;
+use omnilife_training::{
     components,
     error::ReconstructError,
     learner::ModelSize,
-    methods::{self, Method, Prepared},
+    method::{Method, Prepared},
     request::{BackendChoice, MethodRequest, PlanChoice},
     scene::TrainingScene,
     train::timing::{MedianRange, PairedSteps},
@@ -61,7 +62,7 @@ pub fn plan(
     method: &str,
     request: &MethodRequest,
 ) -> Result<ScenePlan, ReconstructError> {
-    let method = methods::find(method)?;
+    let method = registry::find(method)?;
     method.check(request, BackendChoice::Cpu)?;
     let mut scene = TrainingScene::load(scene, split, method.camera_extent())?;
     let points = components::complete_points(&mut scene, method.supported(), request);

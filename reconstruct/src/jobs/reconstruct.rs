@@ -4,43 +4,38 @@
 use std::{
     collections::BTreeMap,
     path::{Path, PathBuf},
-    time::Instant,
 };
 
 use omnilife_schemas::{
     Similarity,
-    elapsed::{Elapsed, Stopwatch},
     layout::{RUN_FILE, TRACKS_FILE},
-    lock::FolderLock,
     progress::Progress,
     provenance,
-    records::{
-        Backend, ComponentDecision, Edits, PoseSource, RunRecord, Scene, Split, SurfaceFaults,
-        TraceViews as KeptViews, ViewPredictions,
-    },
+    records::{Backend, Edits, PoseSource, RunRecord, Scene, Split, ViewPredictions},
     scene_points::ScenePoints,
     stage::StagePlan,
     store::{self, StoreError},
 };
 
 use crate::{
-    backends, components,
-    error::ReconstructError,
+    backends,
     jobs::{
         interpolate::{Frames, GROUPS_FILE},
         stage_times,
         trace_folder::{self, TRACE_FOLDER},
+        training,
     },
-    methods::{
-        self, Method, MethodKind, MethodOutcome, requirement::Requirement, variant::Variant,
-    },
+    registry,
+    variant::Variant,
+};
+use omnilife_training::{
+    error::ReconstructError,
+    method::{Method, MethodKind, requirement::Requirement},
     models::run_views,
     process,
     request::{BackendChoice, MethodRequest},
-    scene::{self, TrainingScene},
-    train::{Session, TrainingFiles, trace, trace_views::TraceViews},
+    scene,
 };
-use omnilife_engine::training_view::TrainingView;
 
 /// Name of the checkpoint in the run's folder; it is there while a run is not over.
 pub const CHECKPOINT_FILE: &str = "checkpoint.bin";
@@ -82,7 +77,7 @@ pub fn check(
     settings: &MethodRequest,
     backend: BackendChoice,
 ) -> Result<(), ReconstructError> {
-    methods::find(method)?.check(settings, backend)
+    registry::find(method)?.check(settings, backend)
 }
 
 /// Runs one method on one scene, or returns the stored record when nothing has changed. A training
@@ -96,7 +91,7 @@ pub fn reconstruct(
     request: &ReconstructRequest,
     progress: &dyn Progress,
 ) -> Result<RunRecord, ReconstructError> {
-    let method = methods::find(&request.method)?;
+    let method = registry::find(&request.method)?;
     method.check(&request.settings, request.backend)?;
     let scene: Scene = store::read_record(&request.scene)?;
     refuse_without_parallax(method, &scene)?;
@@ -112,39 +107,39 @@ pub fn reconstruct(
         return Ok(store::read_record(&record_path)?);
     }
     backends::check(request.backend)?;
-    let _lock = FolderLock::take(&request.out, progress)?;
-    let begun = Instant::now();
-    trace_folder::refuse_foreign(&request.out, &stage)?;
-    trace_folder::remove_abandoned(&request.out)?;
-    stage.claim(planned_files(method, &split))?;
-    // A record or trace of an earlier run must not stand beside new predictions.
-    store::remove(&record_path)?;
-    store::remove(&request.out.join(TRACE_FILE))?;
-    let mut notes = scene::mask_notes(&request.scene, &request.split)?;
-    notes.extend(scene.far_frames());
-    for line in &notes {
-        progress.note(line);
-    }
-    let mut record = begun_record(method, request, (&scene, &split), inputs);
-    let outputs = match method.kind {
-        MethodKind::Trained { .. } => {
-            training::train(method, request, &split, &stage, progress, &mut record)?
+    stage.refuse_foreign_folder(TRACE_FOLDER)?;
+    let planned = planned_files(method, &split);
+    let record = stage.run(planned, progress, |out| -> Result<_, ReconstructError> {
+        trace_folder::remove_abandoned(&request.out)?;
+        // A record or trace of an earlier run must not stand beside new predictions.
+        store::remove(&record_path)?;
+        store::remove(&request.out.join(TRACE_FILE))?;
+        let mut notes = scene::mask_notes(&request.scene, &request.split)?;
+        notes.extend(scene.far_frames());
+        for line in &notes {
+            progress.note(line);
         }
-        MethodKind::FeedForward {
-            settings,
-            interpolate,
-        } => {
-            record.configuration = settings();
-            let frames = Frames::new(request, &scene, &split)?;
-            frames.make_views(method.id, interpolate, &stage, progress, &mut record)?
-        }
-    };
-    record.warnings.extend(notes);
-    record.stages = stage_times::of_request(request, method, &scene)?;
-    record.peak_memory_bytes = process::peak_memory_bytes();
-    store::write_record(&record_path, &record)?;
-    let outputs = outputs.into_iter().chain([RUN_FILE.to_owned()]);
-    stage.finish(outputs, begun.elapsed().as_secs_f64())?;
+        let mut record = begun_record(method, request, (&scene, &split), inputs);
+        let outputs = match method.kind {
+            MethodKind::Trained { .. } => {
+                training::train(method, request, &split, &stage, progress, &mut record)?
+            }
+            MethodKind::FeedForward {
+                settings,
+                interpolate,
+            } => {
+                record.configuration = settings();
+                let frames = Frames::new(request, &scene, &split)?;
+                frames.make_views(method.id, interpolate, &stage, progress, &mut record)?
+            }
+        };
+        record.warnings.extend(notes);
+        record.stages = stage_times::of_request(request, method, &scene)?;
+        record.peak_memory_bytes = process::peak_memory_bytes();
+        out.add_all(outputs);
+        out.write_record(RUN_FILE, &record)?;
+        Ok(record)
+    })?;
     store::remove(&request.out.join(CHECKPOINT_FILE))?;
     Ok(record)
 }
@@ -231,7 +226,7 @@ fn planned_files(method: &Method, split: &Split) -> Vec<String> {
         files.extend(views(INPUT_FOLDER, &split.input_views));
         others.extend(TRAINING_FILES);
         // Those of an earlier run by another method are replaced or removed.
-        others.extend(methods::model_files());
+        others.extend(registry::model_files());
     } else {
         others.push(GROUPS_FILE);
     }

@@ -3,14 +3,12 @@
 use std::{
     collections::BTreeSet,
     path::{Path, PathBuf},
-    time::Instant,
 };
 
 use glam::DVec3;
 use omnilife_schemas::{
     Pose, Similarity,
     camera::{ErpCamera, PinholeCamera},
-    lock::FolderLock,
     ownership::{OwnFile, Standing},
     progress::Progress,
     records::{Poses, Scene},
@@ -21,10 +19,9 @@ use serde::Deserialize;
 
 use omnilife_engine::camera::{Camera, View};
 
-use crate::{
+use crate::{jobs::cube_faces, registry};
+use omnilife_training::{
     error::ReconstructError,
-    jobs::cube_faces,
-    methods,
     models::{OpenModel, OpenRequest, OpenedModel, gaussians},
     process,
 };
@@ -108,58 +105,60 @@ pub fn render_poses(
     }
     let camera = camera(request, path.camera)?;
     let mut opened = open(request, of_cameras, camera, progress)?;
-    let _lock = FolderLock::take(&request.out, progress)?;
-    let begun = Instant::now();
     let stage = StagePlan::new(&request.out, "render");
-    let mut images = posed
+    let images = posed
         .iter()
         .map(|(number, ..)| image_file(*number))
         .collect::<BTreeSet<_>>();
     // Ground truth has the same names.
-    stage.claim(&images)?;
-    progress.begin("rendering", Some(posed.len() as u64));
-    let mut rendered = RenderedViews {
-        files: Vec::with_capacity(posed.len()),
-        camera,
-        times_seconds: Vec::with_capacity(posed.len()),
-        unposed: path.frames.len() - posed.len(),
-        largest_speed: opened.largest_speed(),
-    };
-    let mut render = |number: usize, time: f64, pose: &Pose| -> Result<(), ReconstructError> {
-        let normalization = opened.normalization();
-        let image = match (request.cube_faces, camera) {
-            (Some(side), Camera::Erp(camera)) => {
-                cube_faces::panorama(&mut *opened, camera, side, (pose, &normalization, time))?
-            }
-            _ => match View::new(camera, pose, &normalization, time) {
-                Some(view) => Some(opened.image(&view)?),
-                None => None,
-            },
+    stage.run(&images, progress, |out| {
+        progress.begin("rendering", Some(posed.len() as u64));
+        let mut rendered = RenderedViews {
+            files: Vec::with_capacity(posed.len()),
+            camera,
+            times_seconds: Vec::with_capacity(posed.len()),
+            unposed: path.frames.len() - posed.len(),
+            largest_speed: opened.largest_speed(),
         };
-        let image = image.ok_or_else(|| {
-            ReconstructError::scene(&request.poses, format!("frame {number} has no usable pose"))
-        })?;
-        let file = request.out.join(image_file(number));
-        image.write_png(&file)?;
-        rendered.files.push(file);
-        rendered.times_seconds.push(time);
-        progress.advance(1);
-        Ok(())
-    };
-    let outcome = posed
-        .iter()
-        .try_for_each(|(number, time, pose)| render(*number, *time, pose));
-    progress.end();
-    outcome?;
-    // Images of earlier renderings stay, and stay ours.
-    let own = stage.own_files();
-    for OwnFile { file, .. } in own.files() {
-        if own.standing(&file)? == Standing::Ours {
-            images.insert(file);
+        let mut render = |number: usize, time: f64, pose: &Pose| -> Result<(), ReconstructError> {
+            let normalization = opened.normalization();
+            let image = match (request.cube_faces, camera) {
+                (Some(side), Camera::Erp(camera)) => {
+                    cube_faces::panorama(&mut *opened, camera, side, (pose, &normalization, time))?
+                }
+                _ => match View::new(camera, pose, &normalization, time) {
+                    Some(view) => Some(opened.image(&view)?),
+                    None => None,
+                },
+            };
+            let image = image.ok_or_else(|| {
+                ReconstructError::scene(
+                    &request.poses,
+                    format!("frame {number} has no usable pose"),
+                )
+            })?;
+            let file = request.out.join(image_file(number));
+            image.write_png(&file)?;
+            rendered.files.push(file);
+            rendered.times_seconds.push(time);
+            progress.advance(1);
+            Ok(())
+        };
+        let outcome = posed
+            .iter()
+            .try_for_each(|(number, time, pose)| render(*number, *time, pose));
+        progress.end();
+        outcome?;
+        out.add_all(&images);
+        // Images of earlier renderings stay, and stay ours.
+        let own = stage.own_files();
+        for OwnFile { file, .. } in own.files() {
+            if !out.has(&file) && own.standing(&file)? == Standing::Ours {
+                out.add(file);
+            }
         }
-    }
-    stage.finish(&images, begun.elapsed().as_secs_f64())?;
-    Ok(rendered)
+        Ok(rendered)
+    })
 }
 
 fn image_file(number: usize) -> String {
@@ -175,7 +174,7 @@ fn open(
 ) -> Result<Box<dyn OpenedModel>, ReconstructError> {
     let is_run = request.model.is_dir();
     let run = is_run
-        .then(|| methods::open_run(&request.model))
+        .then(|| registry::open_run(&request.model))
         .transpose()?;
     let open = run
         .as_ref()

@@ -10,10 +10,8 @@ use omnilife_schemas::{
     store::{self, StoreError},
 };
 
-use crate::{
-    jobs::reconstruct::ReconstructRequest,
-    methods::{Method, requirement::Requirement},
-};
+use crate::jobs::reconstruct::ReconstructRequest;
+use omnilife_training::method::{Method, requirement::Requirement};
 
 /// Stages that a scene's folder knows of: frames, and their poses.
 const FRAMES: &str = "frames";

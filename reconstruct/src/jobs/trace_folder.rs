@@ -4,11 +4,10 @@ use std::path::Path;
 
 use omnilife_schemas::{
     ownership::path_inside,
-    stage::StagePlan,
     store::{self, StoreError},
 };
 
-use crate::train::{trace::TracePoint, trace_views::TraceViews};
+use omnilife_training::train::{trace::TracePoint, trace_views::TraceViews};
 
 /// Its name in the run's folder.
 pub(super) const TRACE_FOLDER: &str = "trace";
@@ -24,19 +23,6 @@ pub(super) fn remove_abandoned(out: &Path) -> Result<(), StoreError> {
         .iter()
         .filter(|folder| folder.is_dir())
         .try_for_each(|folder| store::remove_abandoned(folder))
-}
-
-/// Refuses a folder of that name that no run has made: its rows are not known beforehand.
-pub(super) fn refuse_foreign(out: &Path, stage: &StagePlan) -> Result<(), StoreError> {
-    let folder = path_inside(out, TRACE_FOLDER)?;
-    let is_filled = folder.exists() && !(folder.is_dir() && store::names_in(&folder)?.is_empty());
-    if is_filled && !stage.has_begun() {
-        return Err(StoreError::refused(
-            &folder,
-            "is there, and no run of ours made it; choose another output",
-        ));
-    }
-    Ok(())
 }
 
 /// Whether a file of a run, relative to its folder, is one of them.

@@ -18,15 +18,16 @@ use super::{
     },
     trace_folder::{self, TRACE_FOLDER},
 };
-use crate::{
+use crate::registry;
+use omnilife_engine::training_view::TrainingView;
+use omnilife_training::{
     components,
     error::ReconstructError,
     learner::Learner,
-    methods::{self, Method, MethodOutcome},
+    method::{Method, MethodOutcome},
     scene::TrainingScene,
     train::{Session, TrainingFiles, trace, trace_views::TraceViews},
 };
-use omnilife_engine::training_view::TrainingView;
 
 /// Trains a method, leaves its model, views and trace in the run's folder, and completes the run's record; returns the
 /// files relative to that folder.
@@ -121,7 +122,7 @@ fn export_model(
     out: &Path,
 ) -> Result<Vec<String>, ReconstructError> {
     let written = learner.export(out)?;
-    let models = methods::model_files();
+    let models = registry::model_files();
     stage
         .own_files()
         .remove(|file| models.contains(file) && !written.iter().any(|new| new == file))?;

@@ -263,7 +263,9 @@ fn every_method_has_the_same_evidence() {
     let scene = moving_ball::scene();
     let evidence = |method: &str, with: &[&str]| {
         let with = with.iter().map(|&name| name.to_owned()).collect();
-        train(&scene, method, &MethodRequest { with, ..request(1) }).evidence
+        train(&scene, method, &MethodRequest { with, ..request(1) })
+            .findings
+            .evidence
     };
     let of_plus = evidence("omni4dgs-plus", &[]).unwrap();
     assert!(of_plus.pilot.is_some());

@@ -5,7 +5,8 @@ use std::path::{Path, PathBuf};
 use glam::{DMat3, DQuat, dvec3};
 use omnilife_reconstruct::methods::{
     self, METHODS, MethodKind,
-    feed_forward::{CameraPose, ContextView, Group, Interpolated, groups, sweep::depths},
+    feed_forward::{groups, sweep::depths},
+    group::{CameraPose, ContextView, Group, Interpolated},
 };
 use omnilife_reconstruct::stereo::{SweepSettings, SweptDepth};
 use omnilife_schemas::{

@@ -1,10 +1,7 @@
 //! The stability catalogue on every backend: every case is as good as it has to be.
 
-use omnilife_reconstruct::stability::{
-    self,
-    devices::{Device, DeviceKind},
-};
 use omnilife_schemas::{progress::Silent, records::StabilityStatus};
+use omnilife_stability::devices::{Device, DeviceKind};
 
 #[test]
 fn every_case_passes_on_the_cpu() {
@@ -21,7 +18,7 @@ fn every_case_passes_on_a_gpu() {
 }
 
 fn every_case_passes(kind: DeviceKind) {
-    let report = stability::run(&[kind], &Silent).unwrap();
+    let report = omnilife_stability::run(&[kind], &Silent).unwrap();
     for row in &report.rows {
         let measured = row.measured;
         println!(

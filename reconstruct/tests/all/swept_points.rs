@@ -7,7 +7,7 @@ use omnilife_engine::{camera::View, step::settings::TrainSettings, training_view
 use omnilife_reconstruct::{
     components::{self, Supported, denser_points, swept_points},
     evidence::pilot::PilotFit,
-    methods::{self, feed_forward::CameraPose},
+    methods::{self, group::CameraPose},
     request::{BackendChoice, MethodRequest},
     scene::TrainingScene,
     train::Session,

@@ -2,14 +2,26 @@
 
 use std::{fs, path::Path};
 
-use omnilife_schemas::stage::{Done, StagePlan};
-use omnilife_schemas::store;
+use omnilife_schemas::{
+    ownership::FileList,
+    progress::Silent,
+    stage::{Done, StageOutputs, StagePlan},
+    store::{self, StoreError},
+};
 
 fn plan(folder: &Path, input: &Path, iterations: u32) -> StagePlan {
     StagePlan::new(folder, "train")
         .with_file(input)
         .unwrap()
         .with_settings("settings", &[iterations])
+}
+
+/// Claims outputs, as a process does that is killed then.
+fn begin(stage: &StagePlan, outputs: &[&str]) -> Result<(), StoreError> {
+    stage.run(outputs, &Silent, |out| {
+        out.leave_begun();
+        Ok(())
+    })
 }
 
 /// A folder with an input file and a finished stage.
@@ -21,7 +33,7 @@ fn finished() -> (tempfile::TempDir, std::path::PathBuf) {
     let outputs = ["model.ply", "views/000004.png"];
     let stage = plan(folder.path(), &input, 7);
     assert!(!stage.is_done());
-    stage.claim(outputs).unwrap();
+    begin(&stage, &outputs).unwrap();
     for output in outputs {
         fs::write(folder.path().join(output), "output").unwrap();
     }
@@ -101,9 +113,9 @@ fn lost_or_cut_outputs_run_again() {
 fn a_stage_that_began_is_not_done() {
     let (folder, input) = finished();
     let stage = plan(folder.path(), &input, 7);
-    stage.claim(["model.ply"]).unwrap();
+    begin(&stage, &["model.ply"]).unwrap();
     assert!(!stage.is_done());
-    stage.claim(["model.ply"]).unwrap();
+    begin(&stage, &["model.ply"]).unwrap();
 }
 
 #[test]
@@ -134,14 +146,14 @@ fn outputs_are_claimed_before_they_are_written() {
     let (folder, input) = finished();
     let stage = plan(folder.path(), &input, 8);
     fs::write(folder.path().join("notes.md"), "mine").unwrap();
-    let message = stage.claim(["model.ply", "notes.md"]).unwrap_err();
+    let message = begin(&stage, &["model.ply", "notes.md"]).unwrap_err();
     assert!(message.to_string().contains("notes.md: is in the way"));
     assert!(plan(folder.path(), &input, 7).is_done(), "nothing happened");
-    stage.claim(["model.ply", "trace.csv"]).unwrap();
+    begin(&stage, &["model.ply", "trace.csv"]).unwrap();
     fs::write(folder.path().join("trace.csv"), "half").unwrap();
     // Killed here: the next process finds what this one made.
     let next = plan(folder.path(), &input, 9);
-    next.claim(["model.ply", "trace.csv"]).unwrap();
+    begin(&next, &["model.ply", "trace.csv"]).unwrap();
     fs::write(folder.path().join("trace.csv"), "whole").unwrap();
     next.finish(["model.ply", "trace.csv"], 0.0).unwrap();
     assert!(next.is_done());
@@ -171,6 +183,7 @@ fn published_files_replace_only_unchanged_ones() {
     assert!(message.contains("masks/1.png: is in the way"), "{message}");
     assert!(!path("masks/0.png").exists(), "all or none");
     let own = stage_files("mine").unwrap();
+    let own: Vec<_> = own.iter().map(|own| own.file.as_str()).collect();
     assert_eq!(own, ["masks/0.png"], "the same content stays the user's");
     // Killed before it finished: what it published is its own.
     fs::remove_file(path("masks/1.png")).unwrap();
@@ -198,4 +211,34 @@ fn a_finished_stage_takes_away_what_its_killed_process_left() {
         notes,
         "it is not our lock"
     );
+}
+
+/// The record is written last, and what failed is tried again.
+#[test]
+fn a_record_is_made_once_and_again_after_a_failure() {
+    let temp = tempfile::tempdir().unwrap();
+    let folder = temp.path().join("out");
+    let stage = StagePlan::new(&folder, "list");
+    let make = |work: &dyn Fn(&mut StageOutputs<'_>) -> Result<FileList, StoreError>| {
+        let claimed = ["model.ply", "list.json"];
+        stage.make(("list.json", "skipped"), claimed, &Silent, work)
+    };
+    let list = FileList { files: Vec::new() };
+    make(&|out| {
+        out.write_bytes("model.ply", b"half")?;
+        Err(StoreError::refused(&out.path("model.ply"), "is half"))
+    })
+    .unwrap_err();
+    assert!(!stage.is_done() && stage.has_begun());
+    assert_eq!(names(&folder), [".done", "model.ply"]);
+
+    let whole = |out: &mut StageOutputs<'_>| {
+        out.write_bytes("model.ply", b"whole")?;
+        assert!(!out.path("list.json").exists());
+        Ok::<_, StoreError>(list.clone())
+    };
+    assert_eq!(make(&whole).unwrap(), list);
+    assert!(stage.is_done(), "the hashes are those of the files");
+    let again = make(&|_| Err(StoreError::refused(&folder, "is not called")));
+    assert_eq!(again.unwrap(), list);
 }

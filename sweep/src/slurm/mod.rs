@@ -1,7 +1,7 @@
 //! A sweep's missing units as Slurm job arrays.
 //!
 //! Slurm queues and places; the sweep's records alone state what is done, so neither accounting nor a database is
-//! needed. An array task runs `omnilife sweep run SWEEP --list FILE --line TASK`: it locks its unit, so that one that
+//! needed. An array task runs `omnilife sweep run SWEEP --list FILE --line TASK`. It locks its unit, so that one that
 //! was submitted twice is not done twice at a time. Some time before a job's limit Slurm signals the runner; the unit
 //! writes its checkpoint, and the task goes back into the queue.
 
@@ -134,7 +134,7 @@ pub fn requeue() -> Result<String, SweepError> {
     }
 }
 
-/// The unit at a line of a list, counted from 0.
+/// Returns the unit at a line of a list, counted from 0.
 ///
 /// # Errors
 /// When the list cannot be read or is shorter.
@@ -221,12 +221,12 @@ impl Job<'_> {
     }
 }
 
-/// A path as one word of a shell.
+/// Returns a path as one word of a shell.
 fn quoted(path: &Path) -> String {
     format!("'{}'", path.display().to_string().replace('\'', "'\\''"))
 }
 
-/// A folder for the next submission, numbered from 1.
+/// Creates a folder for the next submission, numbered from 1.
 fn new_folder(submissions: &Path) -> Result<PathBuf, StoreError> {
     store::create_folder(submissions)?;
     let names = store::names_in(submissions)?;

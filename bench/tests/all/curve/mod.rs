@@ -12,6 +12,7 @@ use omnilife_schemas::{
     Classified, ErrorKind,
     elapsed::Elapsed,
     layout::CURVE_FILE,
+    progress::Silent,
     records::{Backend, ResultRecord, StageTime},
     store,
 };
@@ -85,8 +86,9 @@ fn ghosts_and_holes_stand_in_the_table_where_a_run_has_them() {
         write_scores(&at("a"), "panogs", "hall", Some(&measured)),
         write_scores(&at("b"), "odgs", "hall", Some(CURVE)),
     ];
-    let table =
-        curve::curves_table(&curve::curves(&runs, Clock::Wall, Region::Whole, &at("out")).unwrap());
+    let table = curve::curves_table(
+        &curve::curves(&runs, Clock::Wall, Region::Whole, &at("out"), &Silent).unwrap(),
+    );
     let ends = |line: &str| {
         table
             .lines()
@@ -126,7 +128,8 @@ fn runs_become_tables_and_drawings() {
         write_scores(&at("b"), "pvg", "street", Some(&slow)).join("result.json"),
         write_scores(&at("c"), "odgs", "hall", Some(CURVE)),
     ];
-    let comparisons = curve::curves(&runs, Clock::Wall, Region::Whole, &at("out")).unwrap();
+    let comparisons =
+        curve::curves(&runs, Clock::Wall, Region::Whole, &at("out"), &Silent).unwrap();
     assert_eq!(comparisons.len(), 2);
     insta::assert_snapshot!("table", curve::curves_table(&comparisons));
     let (header, rows) = csv_of(&at("out").join(CURVES_FILE));
@@ -179,7 +182,8 @@ fn cpu_time_is_a_clock_of_its_own() {
         "street",
         Some(&CURVE.replace("90,900", "180,900")),
     );
-    let comparisons = curve::curves(&[run], Clock::Cpu, Region::Whole, &at("out")).unwrap();
+    let comparisons =
+        curve::curves(&[run], Clock::Cpu, Region::Whole, &at("out"), &Silent).unwrap();
     let measured = &comparisons[0].curves[0];
     assert_eq!(measured.run.training_seconds, Some(180.0));
     let drawing = fs::read_to_string(at("out/curve-0.svg")).unwrap();
@@ -188,7 +192,7 @@ fn cpu_time_is_a_clock_of_its_own() {
 
     let unknown = CURVE.replace(",9,100,", ",,100,");
     let run = write_scores(&at("b"), "odgs", "street", Some(&unknown));
-    let error = curve::curves(&[run], Clock::Cpu, Region::Whole, &at("out")).unwrap_err();
+    let error = curve::curves(&[run], Clock::Cpu, Region::Whole, &at("out"), &Silent).unwrap_err();
     assert_eq!(error.error_kind(), ErrorKind::User);
     assert!(
         error.to_string().contains("does not know the CPU time"),
@@ -220,6 +224,7 @@ fn runs_without_a_usable_curve_are_refused() {
             Clock::Wall,
             Region::Whole,
             &folder.path().join("out"),
+            &Silent,
         )
         .unwrap_err();
         assert_eq!(error.error_kind(), ErrorKind::User);
@@ -237,6 +242,7 @@ fn the_folder_of_a_run_is_told_from_that_of_its_scores() {
         Clock::Wall,
         Region::Whole,
         &folder.path().join("out"),
+        &Silent,
     )
     .unwrap_err();
     assert!(
@@ -275,7 +281,7 @@ fn what_a_run_was_given_took_time_before_it() {
         write_scores(&at("c"), "odgs", "crossroad", Some(CURVE)),
     ];
     let of = |clock: Clock| {
-        let found = curve::curves(&runs, clock, Region::Whole, &at("out")).unwrap();
+        let found = curve::curves(&runs, clock, Region::Whole, &at("out"), &Silent).unwrap();
         let curves = &found[0].curves;
         let seconds: Vec<_> = curves
             .iter()
@@ -313,7 +319,7 @@ fn objects_and_input_views_stand_beside_novel_ones() {
     let rows = CURVE.lines().zip(further);
     let traced: String = rows.map(|(row, more)| format!("{row}{more}\n")).collect();
     let run = write_scores(&at("a"), "object-graph", "crossroad", Some(&traced));
-    let curves = curve::curves(&[run], Clock::Wall, Region::Whole, &at("out")).unwrap();
+    let curves = curve::curves(&[run], Clock::Wall, Region::Whole, &at("out"), &Silent).unwrap();
     let rows = &curves[0].curves[0].run.rows;
     let input: Vec<_> = rows.iter().map(|row| row.input_psnr_db).collect();
     assert_eq!(input, [Some(21.5), None, Some(27.0)]);
@@ -335,8 +341,14 @@ fn a_curve_is_of_the_region_that_is_asked_for() {
     let of_regions: String = rows.map(|(row, more)| format!("{row}{more}\n")).collect();
     let run = write_scores(&at("a"), "object-graph", "crossroad", Some(&of_regions));
     let of = |region| {
-        let curves =
-            curve::curves(std::slice::from_ref(&run), Clock::Wall, region, &at("out")).unwrap();
+        let curves = curve::curves(
+            std::slice::from_ref(&run),
+            Clock::Wall,
+            region,
+            &at("out"),
+            &Silent,
+        )
+        .unwrap();
         let rows = &curves[0].curves[0].run.rows;
         let text = curve::curves_table(&curves);
         (rows.iter().map(|row| row.psnr_db).collect::<Vec<_>>(), text)
@@ -352,7 +364,14 @@ fn a_curve_is_of_the_region_that_is_asked_for() {
     let points = fs::read_to_string(at("out").join(POINTS_FILE)).unwrap();
     assert!(points.contains(",wall,dynamic,90.0,"), "{points}");
     let without = write_scores(&at("b"), "odgs", "hall", Some(CURVE));
-    let error = curve::curves(&[without], Clock::Wall, Region::Dynamic, &at("out")).unwrap_err();
+    let error = curve::curves(
+        &[without],
+        Clock::Wall,
+        Region::Dynamic,
+        &at("out"),
+        &Silent,
+    )
+    .unwrap_err();
     assert_eq!(error.error_kind(), ErrorKind::User);
     assert!(
         error.to_string().contains("scores no dynamic region"),

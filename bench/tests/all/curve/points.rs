@@ -6,6 +6,7 @@ use omnilife_bench::curve::{self, Clock, Crossing, POINTS_FILE, Region};
 use omnilife_schemas::{
     Classified, ErrorKind,
     elapsed::Elapsed,
+    progress::Silent,
     records::{Direction, Failure, ResultRecord, StageTime, Summary, TrainingKind},
 };
 
@@ -64,7 +65,7 @@ fn runs_without_a_trace_are_points() {
         write_record(&at("c"), &untrained, None),
         write_record(&at("d"), &unknown, None),
     ];
-    let found = curve::curves(&runs, Clock::Wall, Region::Whole, &at("out")).unwrap();
+    let found = curve::curves(&runs, Clock::Wall, Region::Whole, &at("out"), &Silent).unwrap();
     let curves = &found[0].curves;
     let seconds: Vec<_> = (curves.iter())
         .map(|curve| curve.run.training_seconds)
@@ -74,7 +75,7 @@ fn runs_without_a_trace_are_points() {
     assert_eq!(front, [false, true, true, false]);
     assert_eq!(curves[1].to_quality[3], Crossing::AtMost { seconds: 60.0 });
     assert_eq!(curves[2].to_quality[0].seconds(), Some(0.0));
-    // One curve alone has no area, and it is told which run has no time.
+    // One curve alone has no area, and a note names the run without a time.
     assert_eq!((found[0].span, found[0].notes.len()), (None, 2));
     assert!(curves.iter().all(|curve| curve.log_area_db.is_none()));
     let table = curve::curves_table(&found);
@@ -117,7 +118,14 @@ fn runs_without_any_time_are_drawn_too() {
     let run = write_record(&folder.path().join("a"), &run, None);
     for clock in [Clock::Wall, Clock::Cpu] {
         let out = folder.path().join(clock.name());
-        let found = curve::curves(std::slice::from_ref(&run), clock, Region::Whole, &out).unwrap();
+        let found = curve::curves(
+            std::slice::from_ref(&run),
+            clock,
+            Region::Whole,
+            &out,
+            &Silent,
+        )
+        .unwrap();
         assert_eq!(found[0].curves[0].run.training_seconds, Some(0.0));
         assert!(out.join("curve-0.svg").is_file());
     }
@@ -165,7 +173,7 @@ fn a_result_that_is_not_complete_is_no_point() {
     let error = curve::read_run(&run, Clock::Wall, Region::Whole).unwrap_err();
     assert_eq!(error.error_kind(), ErrorKind::User);
     assert!(error.to_string().contains("is black"), "{error}");
-    // Nor is one without a score of what is asked for.
+    // Nor is one without the requested score.
     let run = write_record(&folder.path().join("b"), &scored("odgs", 25.0), None);
     let error = curve::read_run(&run, Clock::Wall, Region::Dynamic).unwrap_err();
     assert!(error.to_string().contains("psnr-dynamic"), "{error}");

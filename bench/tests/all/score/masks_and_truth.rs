@@ -1,4 +1,4 @@
-//! Masks as programs write them and ground truth that shows nothing or is not the same to every program, in scores.
+//! Scores with masks in various encodings, and with ground truth that is empty or shown differently by programs.
 
 use std::path::Path;
 
@@ -9,8 +9,8 @@ use super::*;
 
 const FOLDER: &str = "masks";
 
-/// A scene of which every frame has the mask `masks/moving.png`, or `masks/ignored.png` of what is no part of it,
-/// and whose novel views are off by 8 bytes in their left half and by 2 in the right one.
+/// A scene of which every frame has the mask `masks/moving.png`, or `masks/ignored.png` of pixels outside of it. Its
+/// novel views are off by 8 bytes in their left half and by 2 in the right one.
 fn bench(is_ignored: bool) -> Bench {
     let mut scene = scene(10, &[]);
     for frame in &mut scene.frames {
@@ -78,7 +78,7 @@ fn validated(bench: &Bench) -> Vec<String> {
     recorder.notes.into_inner().unwrap()
 }
 
-/// Every way to save a mask gives the scores of white on black, and what was assumed is told.
+/// Every encoding of a mask gives the scores of white on black, with a note on assumptions.
 #[test]
 fn scores_do_not_depend_on_the_encoding_of_masks() {
     let bench = bench(false);
@@ -125,7 +125,7 @@ fn scores_do_not_depend_on_the_encoding_of_masks() {
             "{name}"
         );
     }
-    // Masks of what moves are not looked at where no metric asks for them.
+    // Masks of moving content are not read unless a metric needs them.
     let without = self::bench(false);
     let file = without.at("scene").join(FOLDER).join("moving.png");
     first_columns(half, 1).write_png(&file).unwrap();

@@ -1,4 +1,4 @@
-//! Scoring of folders of predictions, with everything that can be wrong with them.
+//! Scoring of folders of predictions, with every possible fault.
 
 mod diagnosis;
 mod masks_and_truth;
@@ -59,7 +59,7 @@ fn with_metrics(bench: &Bench, metrics: &[&str]) {
     store::write_record(&bench.request.split, &split).unwrap();
 }
 
-/// Whether a metric needs nothing but images, of an ERP camera where of any.
+/// Returns true if a metric needs only images, possibly of an ERP camera.
 fn needs_images(metric: &Metric) -> bool {
     metric.needs.iter().all(|need| *need == Need::Sphere)
 }
@@ -282,7 +282,7 @@ fn true_distances_may_be_an_array_of_floats() {
     assert!(bench.refusal().contains("is 3x2 pixels, scene"));
 }
 
-/// What is of the whole sphere has no value for a pinhole, and says so; all else has one.
+/// Metrics of the whole sphere have no value for a pinhole, with a reason; all others have one.
 #[test]
 fn spherical_metrics_are_unavailable_for_a_pinhole() {
     let mut scene = scene(12, &[]);
@@ -371,7 +371,7 @@ fn ground_truth_is_brought_to_the_protocols_width_by_area() {
     );
 }
 
-/// Predictions of context frames are there, and are not looked at.
+/// Predictions of context frames exist, and are not read.
 #[test]
 fn context_frames_are_never_scored() {
     let scene = scene(20, &[]);

@@ -1,4 +1,4 @@
-//! What moves in scenes without masks: the boxes of the tracks beside the split.
+//! Moving regions in scenes without masks: the boxes of the tracks beside the split.
 
 use std::fs;
 

@@ -70,7 +70,7 @@ fn files_are_the_same_for_every_number_of_threads() {
     assert!(bytes(1) == bytes(4));
 }
 
-/// Scoring overwrites and clears away what scoring made, and nothing else.
+/// Scoring overwrites and removes only its own files.
 #[test]
 fn files_of_others_in_the_folder_of_scores_stay() {
     let bench = Bench::new();

@@ -1,4 +1,4 @@
-//! What scoring tells besides scores.
+//! Reports of scoring besides scores.
 
 use super::*;
 
@@ -23,7 +23,7 @@ fn equal_images_are_told() {
     assert!((summary.standard_deviation.unwrap() - deviation).abs() < 1e-9);
 }
 
-/// Every metric that a protocol asks for has a value or a reason.
+/// Every metric of a protocol has a value or a reason.
 #[test]
 fn no_metric_of_a_protocol_is_passed_over() {
     let bench = Bench::new();

@@ -147,7 +147,7 @@ struct ImageUrl<'a> {
 }
 
 impl<'a> ChatRequest<'a> {
-    /// A question about images, which are data URLs.
+    /// Creates a request about images, which are data URLs.
     pub(super) fn new(model: &'a str, prompt: &'a str, images: &'a [String]) -> Self {
         let text = [Part::Text { text: prompt }].into_iter();
         let images = images.iter().map(|url| Part::ImageUrl {
@@ -313,7 +313,7 @@ impl<'a> ChatClient<'a> {
     }
 }
 
-/// Encryption by the certificates of this machine.
+/// Configures encryption by the certificates of this machine.
 fn tls() -> Result<TlsConfig, String> {
     let found = rustls_native_certs::load_native_certs();
     if found.certs.is_empty() {
@@ -352,7 +352,7 @@ fn seconds_asked_for<T>(response: &Response<T>) -> Option<Duration> {
     Duration::try_from_secs_f64(seconds).ok()
 }
 
-/// The caption in an answer.
+/// Returns the caption in an answer.
 fn caption(content: &[u8]) -> Result<String, String> {
     let answer: Answer = serde_json::from_slice(content)
         .map_err(|error| format!("its answer is no chat completion: {error}"))?;

@@ -16,7 +16,7 @@ const MOMENTS: usize = 4;
 const AROUND: usize = 4;
 /// Sides of a view, pixels: few enough for the context of small models.
 const LARGEST_SIDE: u32 = 448;
-/// Width to which an ordinary perspective frame is made smaller, pixels.
+/// Width to which an ordinary perspective frame is reduced, pixels.
 const FLAT_WIDTH: usize = 896;
 /// JPEG quality, 1 to 100.
 const QUALITY: u8 = 85;
@@ -43,7 +43,7 @@ pub(super) fn of_sequence(folder: &Path, sequence: &Sequence) -> Result<Vec<Stri
     Ok(urls)
 }
 
-/// Four perspective views of 90 degrees around the horizon, at the resolution of the panorama.
+/// Returns four perspective views of 90 degrees around the horizon, at the resolution of the panorama.
 fn around(panorama: &RgbImage) -> Vec<RgbImage> {
     let side = side_of_equal_resolution(panorama.width as u32).min(LARGEST_SIDE);
     let faces = CUBE_FACES.iter().take(AROUND);

@@ -170,7 +170,7 @@ impl Block {
         }
     }
 
-    /// The row of tiles `tile_row`; `rows` are its pixel rows, four or what the image has left.
+    /// Convolves the row of tiles `tile_row`; `rows` are its pixel rows, four or the rest of the image.
     fn winograd(&self, matrices: &[Vec<f32>], input: &Clip, tile_row: usize, rows: &mut [f32]) {
         let frames = input.frames;
         let pixel_len = frames * self.outputs();

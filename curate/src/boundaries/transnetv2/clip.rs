@@ -22,12 +22,12 @@ impl Clip {
         }
     }
 
-    /// Length of a pixel's values.
+    /// Returns the length of a pixel's values.
     pub(super) fn pixel_len(&self) -> usize {
         self.frames * self.channels
     }
 
-    /// All values of one pixel; `None` outside the image.
+    /// Returns all values of one pixel; `None` outside the image.
     pub(super) fn pixel(&self, y: isize, x: isize) -> Option<&[f32]> {
         let inside =
             (0..self.height as isize).contains(&y) && (0..self.width as isize).contains(&x);

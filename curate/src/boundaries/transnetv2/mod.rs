@@ -1,5 +1,5 @@
-//! TransNetV2 with its published weights, as its authors use it: images of 48x27 pixels, windows
-//! of 100 frames every 50, of which the frames 25 to 75 count, and a threshold of 0.5.
+//! TransNetV2 with its published weights, used as by its authors: images of 48x27 pixels, a threshold of 0.5, and
+//! windows of 100 frames every 50. Of each window the frames 25 to 75 count.
 
 mod block;
 mod clip;
@@ -52,7 +52,7 @@ fn start() -> Result<Box<dyn SignalPass>, CurateError> {
     }))
 }
 
-/// The published weights, as `scripts/setup --models` leaves them.
+/// Returns the published weights, as `scripts/setup --models` leaves them.
 ///
 /// # Errors
 /// When they are missing or differ from the published ones.

@@ -1,9 +1,8 @@
 //! The network of TransNetV2 (Souček and Lokoč, "TransNet V2: An effective deep network
 //! architecture for fast shot transition detection", arXiv 2008.04838), inference alone.
 //!
-//! Three stages of two [`Block`]s, each stage with a shortcut and a 2x2 mean; beside their output
-//! the last layer sees how similar every frame is to the 50 before and after it, by learned
-//! features and by colours.
+//! Three stages of two [`Block`]s, each stage with a shortcut and a 2x2 mean. Beside their output the last layer gets
+//! the similarity of every frame to the 50 before and after it, by learned features and by colours.
 
 use omnilife_networks::{Matrix, Weights, WeightsError};
 
@@ -169,7 +168,7 @@ fn input(images: &[&[u8; IMAGE_BYTES]]) -> Clip {
     clip
 }
 
-/// One row per frame: the stages' channels one after the other.
+/// Returns one row per frame: the stages' channels one after the other.
 fn joined(stages: &[(usize, Vec<f32>)]) -> Matrix {
     let columns = stages.iter().map(|(channels, _)| channels).sum();
     let data = (0..WINDOW)
@@ -208,7 +207,7 @@ fn colour_histograms(images: &[&[u8; IMAGE_BYTES]]) -> Matrix {
     unit_rows(histograms)
 }
 
-/// Dot products of each frame that counts with those around it; zero outside the window.
+/// Returns dot products of each frame that counts with those around it; zero outside the window.
 fn similarities(frames: Matrix) -> Matrix {
     let all = frames.times(&frames.transposed());
     let mut around = Matrix::zeros(KEPT.len(), LOOKUP);

@@ -56,7 +56,7 @@ fn panorama_camera(
     Ok(FrameCamera::Straight(ErpCamera { width, height }.into()))
 }
 
-/// A frame without masks.
+/// Returns a frame without masks.
 fn plain_frame(image: PathBuf, pose: Pose, distance: Option<ForeignDistance>) -> ForeignFrame {
     ForeignFrame {
         image,

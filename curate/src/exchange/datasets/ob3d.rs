@@ -116,7 +116,7 @@ fn import(folder: &Path) -> Result<ForeignScene, CurateError> {
     })
 }
 
-/// The frames of all cameras whose images are there.
+/// Returns the frames of all cameras with existing images.
 fn frames_of(folder: &Path) -> Result<Found, CurateError> {
     let cameras = folder.join(CAMERAS_FOLDER);
     if !cameras.is_dir() {
@@ -160,7 +160,7 @@ fn frames_of(folder: &Path) -> Result<Found, CurateError> {
     Ok(found)
 }
 
-/// The one camera of a file.
+/// Returns the one camera of a file.
 fn camera_of(file: &Path) -> Result<Camera, StoreError> {
     let cameras: Vec<Camera> = read_json(file)?;
     let one = <[Camera; 1]>::try_from(cameras).map_err(|cameras| {
@@ -170,7 +170,7 @@ fn camera_of(file: &Path) -> Result<Camera, StoreError> {
     one.map(|[camera]| camera)
 }
 
-/// `X_camera = R X_world + t`.
+/// Returns the pose of `X_camera = R X_world + t`.
 fn pose_of(extrinsics: &Extrinsics) -> Option<Pose> {
     // Its rows are the columns of the inverse.
     let to_world = DMat3::from_cols_array_2d(&extrinsics.rotation);

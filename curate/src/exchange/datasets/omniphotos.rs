@@ -8,10 +8,9 @@
 //! Capture/openvslam/map.msg    the map in MessagePack, of which the landmarks are read
 //! ```
 //!
-//! (`Python/preprocessing/readme.md`, section 4.1.2, and `src/Core/Loaders/OpenVSLAMLoader.cpp` of
-//! `cr333/OmniPhotos`.) A line of the trajectory has index, file name, place (x, y, z) and quaternion
-//! (x, y, z, w), camera to world. Lines with `#` or a negative index are skipped, and of the file name what is up
-//! to the first `/`, as the loader does.
+//! (`Python/preprocessing/readme.md`, section 4.1.2, and `src/Core/Loaders/OpenVSLAMLoader.cpp` of `cr333/OmniPhotos`.)
+//! A line of the trajectory has index, file name, place (x, y, z) and quaternion (x, y, z, w), camera to world. As in
+//! the loader, lines with `#` or a negative index are skipped, and the file name ends at its first `/`.
 //!
 //! Axes: OpenVSLAM's panorama has `lon = (u / W - 1/2) 2 pi`, `lat = -(v / H - 1/2) pi` and
 //! `p = (cos lat sin lon, -sin lat, cos lat cos lon)` (`src/openvslam/camera/equirectangular.cc` of
@@ -219,7 +218,7 @@ fn import(folder: &Path) -> Result<ForeignScene, CurateError> {
     })
 }
 
-/// The landmarks of a map, grey.
+/// Reads the landmarks of a map, grey.
 fn read_landmarks(path: &Path) -> Result<PointCloud, StoreError> {
     let bytes = store::read_limited(path, MOST_MAP_BYTES)?;
     let positions =

@@ -127,7 +127,7 @@ fn import(folder: &Path) -> Result<ForeignScene, CurateError> {
     })
 }
 
-/// The file of the points: `scene.ply`, or that which has the name of its folder.
+/// Returns the file of the points: `scene.ply`, or that which has the name of its folder.
 fn points_file(folder: &Path) -> Option<PathBuf> {
     let own_name = folder.file_name().map(|name| {
         let mut name = name.to_owned();

@@ -109,7 +109,7 @@ fn distances_by_number(folder: &Path) -> Result<BTreeMap<u64, PathBuf>, StoreErr
         .collect())
 }
 
-/// The poses of the panoramas, one for each line.
+/// Returns the poses of the panoramas, one for each line.
 fn read_poses(path: &Path) -> Result<Vec<Pose>, StoreError> {
     let text = store::read_text(path)?;
     let lines = (1_usize..).zip(text.lines());
@@ -126,7 +126,7 @@ fn read_poses(path: &Path) -> Result<Vec<Pose>, StoreError> {
         .collect()
 }
 
-/// The pose of the panorama at the front camera of a line.
+/// Returns the pose of the panorama at the front camera of a line.
 fn pose_of(line: &str) -> Option<Pose> {
     let numbers: Vec<f64> = line
         .split_whitespace()

@@ -96,7 +96,7 @@ fn foreign_frame(
     })
 }
 
-/// The published split by the names of images.
+/// Returns the published split by the names of images.
 fn named_split(
     folder: &Path,
     record: &Scene,

@@ -304,7 +304,7 @@ impl<'a> Stated<'a> {
     }
 }
 
-/// A number of pixels, which some programs write with a point.
+/// Returns a number of pixels, which some programs write with a point.
 fn side(name: &str, value: Option<f64>) -> Result<u32, String> {
     let value = value.ok_or_else(|| format!("has no {name}"))?;
     let pixels = value as u32;

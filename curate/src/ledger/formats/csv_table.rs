@@ -1,5 +1,5 @@
-//! Our own table: `begin_seconds,end_seconds,kind`, of which the last two may be left out. A row
-//! with one instant is the first frame of a new shot.
+//! Our own table: `begin_seconds,end_seconds,kind`; the last two are optional. A row with one instant is the first
+//! frame of a new shot.
 #![cfg_attr(
     not(test),
     deny(clippy::indexing_slicing, clippy::arithmetic_side_effects)

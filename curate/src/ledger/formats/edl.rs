@@ -20,12 +20,12 @@ pub(super) const FORMAT: Format = Format {
     write,
 };
 
-/// Frame numbers per second of timecode: the frame rate rounded, as editors count.
+/// Returns frame numbers per second of timecode: the frame rate rounded, as editors count.
 fn base(frames: &Frames<'_>) -> usize {
     (frames.frames_per_second().round() as usize).max(1)
 }
 
-/// Events: `NUMBER REEL TRACK TYPE [LENGTH] SOURCE-IN SOURCE-OUT RECORD-IN RECORD-OUT`.
+/// Reads events: `NUMBER REEL TRACK TYPE [LENGTH] SOURCE-IN SOURCE-OUT RECORD-IN RECORD-OUT`.
 fn read(text: &str, frames: &Frames<'_>) -> Result<Vec<Boundary>, String> {
     if text.contains("FCM: DROP FRAME") {
         return Err(
@@ -92,7 +92,7 @@ fn write(boundaries: &[Boundary], frames: &Frames<'_>) -> Result<String, String>
     Ok(text)
 }
 
-/// `HH:MM:SS:FF`.
+/// Formats `HH:MM:SS:FF`.
 #[expect(clippy::arithmetic_side_effects, reason = "the base is 1 at least")]
 fn timecode(frame: usize, base: usize) -> String {
     let seconds = frame / base;

@@ -79,7 +79,7 @@ pub struct Frames<'a> {
 }
 
 impl Frames<'_> {
-    /// The frame nearest to an instant. Instants more than one frame outside the video are errors.
+    /// Returns the frame nearest to an instant. Instants more than one frame outside the video are errors.
     fn nearest(&self, seconds: f64) -> Result<usize, String> {
         let (Some(&first), Some(&last)) = (self.times.first(), self.times.last()) else {
             return Err("the video has no frames".to_owned());
@@ -97,7 +97,7 @@ impl Frames<'_> {
         Ok(if is_before { before } else { after })
     }
 
-    /// Timestamp of a frame.
+    /// Returns the timestamp of a frame.
     fn time(&self, frame: usize) -> Result<f64, String> {
         self.times.get(frame).copied().ok_or_else(|| {
             format!(
@@ -107,7 +107,7 @@ impl Frames<'_> {
         })
     }
 
-    /// Mean frame rate.
+    /// Returns the mean frame rate.
     fn frames_per_second(&self) -> f64 {
         match (self.times.first(), self.times.last()) {
             (Some(first), Some(last)) if last > first => {
@@ -117,7 +117,7 @@ impl Frames<'_> {
         }
     }
 
-    /// The boundary between the last frame of the old shot and the first of the new one.
+    /// Returns the boundary between the last frame of the old shot and the first of the new one.
     fn between(&self, last: usize, first: usize) -> Result<Boundary, String> {
         if first <= last {
             return Err(format!(
@@ -147,7 +147,7 @@ impl Frames<'_> {
         self.between(last, first)
     }
 
-    /// First and last frames, both inside, of the shots between boundaries.
+    /// Returns first and last frames, both inside, of the shots between boundaries.
     fn shots(&self, boundaries: &[Boundary]) -> Result<Vec<(usize, usize)>, String> {
         let mut shots = Vec::new();
         let mut begin = 0;
@@ -179,7 +179,7 @@ impl Frames<'_> {
     }
 }
 
-/// The kind with this name.
+/// Returns the kind with this name.
 fn kind(name: &str) -> Result<BoundaryKind, String> {
     BoundaryKind::ALL
         .into_iter()

@@ -93,7 +93,7 @@ fn write(boundaries: &[Boundary], frames: &Frames<'_>) -> Result<String, String>
     Ok(text)
 }
 
-/// `HH:MM:SS.mmm`.
+/// Formats `HH:MM:SS.mmm`.
 fn timecode(seconds: f64) -> String {
     let milliseconds = (seconds * 1000.0).round().max(0.0) as u64;
     let (hours, rest) = (milliseconds / 3_600_000, milliseconds % 3_600_000);

@@ -1,6 +1,6 @@
 //! Perspective views of a panorama for a network for photographs, and the return of its scores to the sphere.
 //!
-//! Views overlap, so that nothing is cut by the seam, a pole or the edge of a view: near its edge a view has little
+//! Views overlap, so that nothing is cut by the seam, a pole or the edge of a view. Near its edge a view has little
 //! weight, where another has it in its middle.
 
 use glam::{DMat3, DQuat, DVec3, dvec3};
@@ -10,8 +10,8 @@ use omnilife_schemas::{
     interpolation::Edges,
 };
 
-/// Half the field of view of every crop, as a slope: 103 degrees in all, so that the six around the
-/// horizon and the two at the poles leave no hole between them.
+/// Half the field of view of every crop, as a slope: 103 degrees in all. So the six around the horizon and the two at
+/// the poles leave no hole between them.
 const REACH: f64 = 1.25;
 /// Crops around the horizon.
 const AROUND: usize = 6;

@@ -66,7 +66,7 @@ fn find(
     masks
 }
 
-/// The published weights, as `scripts/setup --models` leaves them.
+/// Returns the published weights, as `scripts/setup --models` leaves them.
 ///
 /// # Errors
 /// When they are missing or differ from the published ones.
@@ -108,7 +108,7 @@ pub fn movable(network: &Network, panorama: &RgbImage) -> Mask {
     }
 }
 
-/// Probability of all movable classes together, per place of the scores.
+/// Returns the probability of all movable classes together, per place of the scores.
 fn movable_probability(scores: &Matrix) -> Vec<f32> {
     scores
         .data
@@ -122,7 +122,7 @@ fn movable_probability(scores: &Matrix) -> Vec<f32> {
         .collect()
 }
 
-/// Bilinear on the scores' grid, whose corners are the corners of the view.
+/// Interpolates bilinearly on the scores' grid, whose corners are the corners of the view.
 fn interpolated(values: &[f32], place: [f64; 2]) -> f32 {
     let [x, y] = place.map(|at| at * (SCORE_SIDE - 1) as f64);
     let [column, row] = [x, y].map(|at| (at as usize).min(SCORE_SIDE - 2));

@@ -127,7 +127,7 @@ pub(super) fn run(
     )
 }
 
-/// [`run`] with a given interpreter.
+/// Poses a sequence as [`run`], with a given interpreter.
 fn run_with(
     installation: &SfmInstallation,
     sequence_folder: &Path,
@@ -174,7 +174,7 @@ fn run_with(
     let Some((index, found)) = best else {
         return Err(no_poses(sequence, &report, any_broken).into());
     };
-    workspace.publish(&report.attempts[index].configuration)?;
+    workspace.publish(&report.attempts[index].configuration, progress)?;
     posed(
         sequence_folder,
         sequence,

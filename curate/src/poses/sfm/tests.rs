@@ -27,7 +27,7 @@ fn nothing_ignored(sequence: &Sequence) -> IgnoredPixels {
     IgnoredPixels::find(None, &FrameList::of_sequence(sequence)).unwrap()
 }
 
-/// A sequence of these frames, 64 pixels wide.
+/// Returns a sequence of these frames, 64 pixels wide.
 fn sequence_of(entries: Vec<FrameEntry>) -> Sequence {
     Sequence {
         id: "walk/seq-000".to_owned(),
@@ -80,8 +80,8 @@ fn sequence_of(entries: Vec<FrameEntry>) -> Sequence {
     }
 }
 
-/// An interpreter that ignores the Python script it is given and runs these shell lines instead;
-/// `$OUT` is where the model is expected.
+/// Returns an interpreter that ignores the Python script it is given and runs these shell lines instead; `$OUT` is
+/// where the model is expected.
 fn interpreter(folder: &Path, lines: &str) -> SfmInstallation {
     let python = folder.join("python");
     let script = format!(

@@ -2,19 +2,21 @@
 
 use std::{
     fs,
-    io::{BufRead, BufReader, Read},
+    io::{BufRead, BufReader},
     path::{Path, PathBuf},
-    process::{Child, Command, Stdio},
+    process::{Command, Stdio},
     time::Instant,
 };
 
 use omnilife_schemas::{
+    child::{self, GRACE, ProcessGroup},
     layout::{FRAMES_FOLDER, SFM_FOLDER},
     plain_text::without_folders,
+    process,
     progress::Progress,
     records::{PoseValidation, Sequence, SfmAttempt},
     stage::StagePlan,
-    store,
+    store::{self, Unfinished},
 };
 
 use super::{Configuration, SfmInstallation, SfmSettings};
@@ -39,7 +41,7 @@ pub(super) struct SfmWorkspace<'a> {
     frames: PathBuf,
     pub(super) folder: PathBuf,
     /// Hidden; removed at the end with all databases and models in it.
-    scratch: PathBuf,
+    scratch: Unfinished,
     masks: Option<PathBuf>,
     script: PathBuf,
     sequence: &'a Sequence,
@@ -58,13 +60,11 @@ impl<'a> SfmWorkspace<'a> {
         let sequence_folder = fs::canonicalize(sequence_folder)
             .map_err(|error| store::StoreError::read(sequence_folder, error))?;
         let folder = sequence_folder.join(SFM_FOLDER);
-        let scratch = store::temporary_beside(&folder.join("work"));
         store::remove_abandoned(&folder)?;
-        store::remove(&scratch)?;
-        store::create_folder(&scratch)?;
+        let scratch = Unfinished::folder_beside(&folder.join("work"))?;
         let mut workspace = Self {
             frames: sequence_folder.join(FRAMES_FOLDER),
-            script: scratch.join("sfm.py"),
+            script: scratch.path().join("sfm.py"),
             masks: None,
             folder,
             scratch,
@@ -77,7 +77,7 @@ impl<'a> SfmWorkspace<'a> {
         let moving = moving
             .map(|folder| masks::find(folder, &sequence.frames.entries))
             .transpose()?;
-        let masks = workspace.scratch.join("masks");
+        let masks = workspace.scratch.path().join("masks");
         let has_masks = masks::write_for_colmap(&masks, moving.as_deref(), ignored, sequence)?;
         workspace.masks = has_masks.then_some(masks);
         Ok(workspace)
@@ -90,7 +90,7 @@ impl<'a> SfmWorkspace<'a> {
         progress: &dyn Progress,
     ) -> Result<Attempted, CurateError> {
         let started = Instant::now();
-        let out = self.scratch.join(configuration.id);
+        let out = self.scratch.path().join(configuration.id);
         store::create_folder(&out)?;
         let Conversation { models, ending } = self.converse(configuration, &out, progress)?;
         let model = match ending {
@@ -135,24 +135,19 @@ impl<'a> SfmWorkspace<'a> {
         progress: &dyn Progress,
     ) -> Result<Conversation, CurateError> {
         let log_path = self.folder.join(format!("{}.log", configuration.id));
-        let log = fs::File::create(&log_path)
-            .map_err(|error| store::StoreError::write(&log_path, error))?;
+        let log = child::new_log(&log_path)?;
         let python = &self.installation.python;
         let cannot_run = |source| SfmError::Run {
             python: python.clone(),
             source,
         };
-        let mut running = Running(
-            self.command(configuration, out)
-                .stdout(Stdio::piped())
-                .stderr(log)
-                .spawn()
-                .map_err(cannot_run)?,
-        );
+        let mut command = self.command(configuration, out);
+        command.stdout(Stdio::piped()).stderr(log);
+        let mut group = ProcessGroup::spawn(&mut command, None).map_err(cannot_run)?;
         let mut models = 0;
         let mut failed = None;
         let mut misspoken = None;
-        if let Some(stdout) = running.0.stdout.take() {
+        if let Some(stdout) = group.leader().stdout.take() {
             // COLMAP prints file names, which need not be UTF-8.
             for line in BufReader::new(stdout).split(b'\n') {
                 let line = line.map_err(cannot_run)?;
@@ -169,15 +164,19 @@ impl<'a> SfmWorkspace<'a> {
                 }
             }
         }
-        let status = running.0.wait().map_err(cannot_run)?;
+        let status = group.wait().map_err(cannot_run)?.status;
+        for what in group.end(GRACE).lines() {
+            progress.note(&format!("COLMAP left running: {what}"));
+        }
         let ending = match (failed, misspoken) {
             (Some(reason), _) if status.code() == Some(FAILED_EXIT_CODE) => Ending::Failed(reason),
             (_, Some(line)) => Ending::Broken(line),
             _ if status.success() => Ending::Success,
-            _ => Ending::Broken(format!(
-                "COLMAP ended with {status}{}",
-                last_line(&log_path)
-            )),
+            _ => {
+                let said = process::last_line(&log_path);
+                let said = said.map_or_else(String::new, |line| format!(" ({line})"));
+                Ending::Broken(format!("COLMAP ended with {status}{said}"))
+            }
         };
         Ok(Conversation { models, ending })
     }
@@ -205,25 +204,24 @@ impl<'a> SfmWorkspace<'a> {
     }
 
     /// Keeps the text model of the chosen attempt as `sfm/sparse`.
-    pub(super) fn publish(&self, configuration: &str) -> Result<(), CurateError> {
-        let begun = Instant::now();
-        let made = self.scratch.join(configuration);
+    pub(super) fn publish(
+        &self,
+        configuration: &str,
+        progress: &dyn Progress,
+    ) -> Result<(), CurateError> {
+        let made = self.scratch.path().join(configuration);
         let names = store::names_in(&made.join(MODEL_FOLDER))?;
         let files: Vec<String> = names
             .iter()
             .map(|name| format!("{MODEL_FOLDER}/{name}"))
             .collect();
         let stage = StagePlan::new(&self.folder, MODEL_FOLDER);
-        let own = stage.publish(&made, &files)?;
-        stage
-            .own_files()
-            .remove(|file| !files.iter().any(|new| new == file))?;
-        Ok(stage.finish(own, begun.elapsed().as_secs_f64())?)
+        Ok(stage.run([""; 0], progress, |out| out.replace(&made, &files))?)
     }
 }
 
-/// COLMAP's model of a sequence's camera. Perspective videos come without intrinsics: the focal length and
-/// one term of distortion are found with the poses.
+/// Returns COLMAP's model of a sequence's camera. Perspective videos come without intrinsics: the focal length and one
+/// term of distortion are found with the poses.
 fn camera_model(sequence: &Sequence) -> &'static str {
     if sequence.is_pinhole() {
         "SIMPLE_RADIAL"
@@ -232,14 +230,7 @@ fn camera_model(sequence: &Sequence) -> &'static str {
     }
 }
 
-impl Drop for SfmWorkspace<'_> {
-    fn drop(&mut self) {
-        // Nothing depends on it any more; leftovers are hidden and harmless.
-        drop(fs::remove_dir_all(&self.scratch));
-    }
-}
-
-/// One recorded attempt, with its model.
+/// One attempt, recorded, with what it found.
 pub(super) struct Attempted {
     pub(super) attempt: SfmAttempt,
     pub(super) found: Option<(ColmapModel, PoseValidation)>,
@@ -261,32 +252,4 @@ enum Ending {
     Failed(String),
     /// The program broke, independently of the frames.
     Broken(String),
-}
-
-/// A child process that does not outlive its handle.
-struct Running(Child);
-
-impl Drop for Running {
-    fn drop(&mut self) {
-        // Both fail harmlessly when it has ended already.
-        drop(self.0.kill());
-        drop(self.0.wait());
-    }
-}
-
-/// Returns the last non-empty line of a log, in parentheses; an empty text without one.
-fn last_line(path: &Path) -> String {
-    let mut bytes = Vec::new();
-    if fs::File::open(path)
-        .and_then(|mut file| file.read_to_end(&mut bytes))
-        .is_err()
-    {
-        return String::new();
-    }
-    String::from_utf8_lossy(&bytes)
-        .lines()
-        .rev()
-        .map(str::trim)
-        .find(|line| !line.is_empty())
-        .map_or(String::new(), |line| format!(" ({line})"))
 }

@@ -21,7 +21,7 @@ const WEIGHTS: &str = "deepsort";
 /// SHA-256 of the converted weights.
 pub const WEIGHTS_SHA256: &str = "d03b3d5344285fc745f3d842db4cf93128412090ed6799fbc851ec6328182f4d";
 
-/// The published weights, as `scripts/setup --models` leaves them.
+/// Returns the published weights, as `scripts/setup --models` leaves them.
 ///
 /// # Errors
 /// When they are missing or differ from the published ones.

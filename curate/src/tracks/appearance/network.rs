@@ -167,7 +167,7 @@ impl Network {
         })
     }
 
-    /// The embedding of an image: [`LENGTH`] numbers.
+    /// Returns the embedding of an image: [`LENGTH`] numbers.
     ///
     /// # Panics
     /// When `image` is not `SIDE * SIDE` pixels of interleaved RGB.

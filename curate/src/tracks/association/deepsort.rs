@@ -128,7 +128,7 @@ impl Filter {
         std::array::from_fn(|axis| self.0[axis].of_value + noise[axis].powi(2))
     }
 
-    /// Squared Mahalanobis distance of a box.
+    /// Returns the squared Mahalanobis distance of a box.
     fn distance(&self, sides: [f64; 4]) -> f64 {
         let (values, variances) = (measured(sides), self.variances());
         (0..4)
@@ -149,7 +149,7 @@ impl Filter {
         }
     }
 
-    /// Left, top, width and height.
+    /// Returns left, top, width and height.
     fn sides(&self) -> [f64; 4] {
         let [x, y, aspect, height] = self.0.map(|one| one.value);
         let width = aspect * height;
@@ -175,7 +175,7 @@ impl Chain {
 
 struct Tracker<'a> {
     boxes: &'a [[f64; 4]],
-    /// Of length 1.
+    /// Embeddings of length 1.
     appearance: Option<Vec<Vec<f64>>>,
     chains: Vec<Chain>,
 }
@@ -251,7 +251,7 @@ impl Tracker<'_> {
     }
 }
 
-/// Intersection over union.
+/// Returns the intersection over union.
 fn overlap(a: [f64; 4], b: [f64; 4]) -> f64 {
     let side = |axis: usize| {
         let from = a[axis].max(b[axis]);

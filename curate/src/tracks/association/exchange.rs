@@ -260,7 +260,7 @@ mod tests {
     use super::*;
     use crate::tracks::association::Sighting;
 
-    /// Two cars that pass each other, sightings 0, 2, 4, ... of one and 1, 3, 5, ... of the other.
+    /// Returns two cars that pass each other, sightings 0, 2, 4, ... of one and 1, 3, 5, ... of the other.
     fn passing() -> (Vec<Sighting>, Vec<Vec<usize>>) {
         let sightings = (0..20).map(|number| {
             let seconds = f64::from(number / 2);

@@ -52,7 +52,7 @@ impl Filter {
         }
     }
 
-    /// The place, metres.
+    /// Returns the place, metres.
     pub(super) fn place(&self) -> DVec2 {
         self.place
     }
@@ -62,7 +62,7 @@ impl Filter {
         self.velocity.length()
     }
 
-    /// Variance of the place along an axis, square metres.
+    /// Returns the variance of the place along an axis, square metres.
     pub(super) fn spread(&self) -> f64 {
         self.of_place
     }

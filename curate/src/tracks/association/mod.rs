@@ -111,7 +111,7 @@ pub struct Sighting {
 }
 
 impl Sighting {
-    /// Standard deviation of the place, metres.
+    /// Returns the standard deviation of the place, metres.
     fn sigma(&self) -> f64 {
         if self.is_cut {
             MEASUREMENT_CUT
@@ -268,7 +268,7 @@ impl<'a> Search<'a> {
         all
     }
 
-    /// A chain of one sighting.
+    /// Starts a chain of one sighting.
     fn first(&self, number: usize) -> Hypothesis {
         let sighting = &self.sightings[number];
         Hypothesis {
@@ -331,7 +331,7 @@ impl<'a> Search<'a> {
     }
 }
 
-/// The sightings of a chain, in order of time.
+/// Returns the sightings of a chain, in order of time.
 fn members(all: &[Hypothesis], at: usize) -> Vec<usize> {
     let mut numbers: Vec<usize> =
         std::iter::successors(Some(&all[at]), |one| one.before.map(|before| &all[before]))

@@ -51,7 +51,7 @@ fn gap_cost(sightings: &[Sighting], before: &[usize], after: &[usize]) -> Option
     if gap <= 0.0 || gap > LONGEST_STOP_SECONDS {
         return None;
     }
-    // Another size is another vehicle, wherever it is.
+    // Another size is another vehicle, at any place.
     let unlike = -first.size_likeness(last).min(0.0);
     let between = first.place.distance(last.place);
     if between > STOPPED_METRES && (gap > LONGEST_GAP_SECONDS || between > FASTEST * gap) {

@@ -75,7 +75,7 @@ fn what_is_seen_once_or_twice_is_nothing() {
     }
 }
 
-/// Every chain that there is, for a case that can be listed.
+/// Lists every possible chain, for a small case.
 #[test]
 fn the_first_chain_is_the_best_of_all() {
     let objects = [

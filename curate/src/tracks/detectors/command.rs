@@ -24,15 +24,13 @@
 
 use std::{
     collections::BTreeMap,
-    fs,
     path::{Path, PathBuf},
-    time::{Duration, Instant},
+    time::Duration,
 };
 
 use omnilife_schemas::{
-    command::{self, Job},
+    child::{self, GRACE, Job},
     placeholders,
-    process_group::GRACE,
     progress::Progress,
     records::Detection,
     stage::StagePlan,
@@ -161,7 +159,7 @@ fn detect(input: &DetectorInput<'_>, progress: &dyn Progress) -> Result<Detected
     Ok(Detected { boxes: kept, said })
 }
 
-/// The files beside the TOML that a command names: scripts and weights of the program's own.
+/// Returns the files beside the TOML that a command names: scripts and weights of the program's own.
 fn own_files(program: &Program, folder: &Path) -> impl Iterator<Item = PathBuf> {
     let words = program
         .command
@@ -229,27 +227,26 @@ fn boxes_file(
         progress.note(&note);
         return Ok(boxes);
     }
-    plan.claim([name])?;
-    let begun = Instant::now();
-    let mut staging = Staging::new(input.out, STAGE)?;
-    let written = staging.begin(name)?;
-    let frames = staging.folder.join(FRAMES_FOLDER);
-    store::create_folder(&frames)?;
-    for (frame, image) in images {
-        let kind = image.extension().unwrap_or_default().to_string_lossy();
-        let copy = frames.join(format!("{frame:06}.{kind}"));
-        fs::copy(&image, &copy).map_err(|source| StoreError::write(&copy, source))?;
-    }
-    let work = staging.folder.join(WORK_FOLDER);
-    store::create_folder(&work)?;
-    progress.begin(&program.id, None);
-    let ended = run(program, toml, &staging.folder, &written, progress);
-    progress.end();
-    ended?;
-    let files = std::mem::take(&mut staging.files);
-    let own = plan.publish(&staging.folder, &files)?;
-    plan.finish(own, begun.elapsed().as_secs_f64())?;
-    Ok(boxes)
+    plan.run([name], progress, |out| {
+        let mut staging = Staging::new(input.out, STAGE)?;
+        let written = staging.begin(name)?;
+        let frames = staging.folder.join(FRAMES_FOLDER);
+        store::create_folder(&frames)?;
+        for (frame, image) in images {
+            let kind = image.extension().unwrap_or_default().to_string_lossy();
+            let copy = frames.join(format!("{frame:06}.{kind}"));
+            store::copy(&image, &copy)?;
+        }
+        let work = staging.folder.join(WORK_FOLDER);
+        store::create_folder(&work)?;
+        progress.begin(&program.id, None);
+        let ended = run(program, toml, &staging.folder, &written, progress);
+        progress.end();
+        ended?;
+        let files = std::mem::take(&mut staging.files);
+        out.place(&staging.folder, &files)?;
+        Ok(boxes)
+    })
 }
 
 /// Runs the program on the frames of a folder.
@@ -278,7 +275,7 @@ fn run(
             Some(places.get(name)?.display().to_string())
         })
     };
-    let outcome = command::run(&Job {
+    let outcome = child::run(&Job {
         command: program.command.iter().map(fill).collect(),
         variables: BTreeMap::new(),
         folder: work,

@@ -75,7 +75,7 @@ pub(super) struct NamedFrames {
 }
 
 impl NamedFrames {
-    /// All frames of a scene, by the names of its images.
+    /// Collects all frames of a scene, by the names of its images.
     fn of_scene(scene: &Scene) -> Self {
         let numbered = (0..).zip(&scene.frames);
         let by_stem = numbered.map(|(number, frame)| (stem(&frame.image), number));

@@ -44,7 +44,7 @@ fn pinhole() -> Camera {
     PinholeCamera::with_horizontal_field_of_view(640, 360, 1.14).into()
 }
 
-/// A car that comes, stops for four seconds and turns away.
+/// Returns a car that comes, stops for four seconds and turns away.
 fn truth(seconds: f64) -> DVec3 {
     let along = |seconds: f64| 6.0 * seconds.min(6.0) + 6.0 * (seconds - 10.0).max(0.0);
     let turned = (seconds - 12.0).max(0.0);

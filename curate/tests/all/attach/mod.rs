@@ -159,7 +159,7 @@ impl Scenes {
     }
 }
 
-/// Attaches what is there already.
+/// Attaches existing files.
 fn attach(
     folder: &Path,
     poses: Option<&Path>,
@@ -396,7 +396,7 @@ fn what_cannot_be_attached_is_refused_and_changes_nothing() {
         };
         refuse(folder, Some(poses), &scenes.everything(), "scene.json");
     }
-    // What a user keeps there is nothing of ours.
+    // A user's file there is foreign.
     let own = scenes.imported.join("classes/human/000002.png");
     fs::create_dir_all(own.parent().unwrap()).unwrap();
     fs::write(&own, "mine").unwrap();

@@ -1,8 +1,8 @@
-//! Masks of other tools that mark what is no part of the scene.
+//! Masks of other tools for pixels outside the scene.
 
 use super::*;
 
-/// Of tools that know one kind of masks, which for them is what not to look at.
+/// Tools with one kind of masks, for pixels to ignore.
 #[test]
 fn masks_of_other_tools_may_mark_what_is_ignored() {
     let (folder, original) = scene();
@@ -33,7 +33,7 @@ fn masks_of_other_tools_may_mark_what_is_ignored() {
     }
 }
 
-/// Objects that are ignored are no objects, and a frame of which nothing is left has no pose.
+/// Ignored objects are no objects, and a frame without remaining pixels has no pose.
 #[test]
 fn objects_may_be_what_is_ignored() {
     let (folder, original) = scene();

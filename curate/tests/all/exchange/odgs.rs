@@ -96,7 +96,7 @@ fn names_that_no_view_has_are_left_out_and_told() {
 
 #[test]
 fn folders_without_images_for_testing_have_no_split() {
-    // As our own exports are without a split, and as OpenMVG leaves its folders.
+    // Like our own exports without a split, and OpenMVG's folders.
     let foreign = scene_of("0_0000\n0_0001\n", "");
     assert_eq!(foreign.import("openmvg").unwrap().published_split, None);
     for list in ["train.txt", "test.txt"] {

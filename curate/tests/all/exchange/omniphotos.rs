@@ -1,4 +1,4 @@
-//! Scenes of OmniPhotos in the shape that its preprocessing leaves and its loader reads.
+//! Scenes of OmniPhotos in the form in which its preprocessing writes and its loader reads them.
 
 use super::{
     foreign::{Foreign, assert_poses, notes, pose},
@@ -15,7 +15,7 @@ const MODEL_FILES: &str = "../Capture/openvslam/cameras.txt\n\
                            ../Capture/openvslam/frame_trajectory_with_filename.txt\n\
                            ../Capture/openvslam/map.msg";
 const TRAJECTORY: &str = "Capture/openvslam/frame_trajectory_with_filename.txt";
-/// Of the video, which is larger than the images.
+/// Camera of the video, which is larger than the images.
 const CAMERAS: &str = "# Camera list with one line of data per camera:\r\n\
                        #   CAMERA_ID, MODEL, WIDTH, HEIGHT, PARAMS[]\r\n\
                        # Number of cameras: 1\r\n\

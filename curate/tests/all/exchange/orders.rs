@@ -1,4 +1,4 @@
-//! Which pose and which time an image of another program gets.
+//! Assignment of poses and times to images of another program.
 
 use omnilife_schemas::records::{PosedFrame, Poses};
 

@@ -1,4 +1,4 @@
-//! Images in padded frames: the same rays, masks over the padding, and what is refused.
+//! Images in padded frames: the same rays, masks over the padding, and refusals.
 
 use glam::dvec2;
 use omnilife_schemas::{
@@ -64,7 +64,7 @@ fn assert_shows(file: &Path, scene_image: &Path, frame: PaddedFrame) {
     assert!(pixels.all(|(pixel, rgb)| !is_padding(frame, pixel) || rgb == [0, 0, 0]));
 }
 
-/// The mask of what is ignored is the scene's, and the padding.
+/// The mask of ignored pixels is the scene's, and the padding.
 fn assert_ignores_padding(mask: &Mask, of_scene: Option<Mask>, frame: PaddedFrame) {
     let [width, height] = frame.image().map(|side| side as usize);
     let inside = of_scene.map_or(vec![0; width * height], |mask| {

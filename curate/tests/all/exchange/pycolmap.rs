@@ -1,5 +1,5 @@
-//! What is exported for COLMAP opens in COLMAP, whose cameras see the points where ours do.
-//! Skipped, with the reason, where structure from motion is not installed.
+//! Exports for COLMAP open in COLMAP, whose cameras see the points at the same pixels as ours. Skipped, with the
+//! reason, if structure from motion is not installed.
 
 use std::process::Command;
 

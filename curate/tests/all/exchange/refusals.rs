@@ -1,4 +1,4 @@
-//! What is refused: scenes that no format holds, names that collide or lead elsewhere.
+//! Refusals: scenes that no format holds, names that collide or lead elsewhere.
 
 use super::*;
 

@@ -1,4 +1,4 @@
-//! Exports in our own format hold all of a scene; others say what they leave out.
+//! Exports in our own format hold all of a scene; others list their omissions.
 
 use std::collections::BTreeSet;
 

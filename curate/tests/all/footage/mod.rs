@@ -1,5 +1,5 @@
-//! What curation finds in footage: projections, boundaries, overlays. The real clips are beside the
-//! checkout; each is analysed once for all tests.
+//! Results of curation on footage: projections, boundaries, overlays. The real clips are beside the checkout; each is
+//! analysed once for all tests.
 
 mod overlays;
 mod projections;

@@ -1,5 +1,5 @@
-//! What is painted over footage is found, and what belongs to it is not taken for paint. Versions
-//! are made by `scripts/fixtures/overlays`.
+//! Painted overlays on footage are found, and its own content is not mistaken for one. Versions come from
+//! `scripts/fixtures/overlays`.
 
 use std::{path::Path, process::Command};
 
@@ -30,7 +30,7 @@ fn prominent(report: &OverlayReport) -> Option<OverlayClass> {
         .map(|overlay| overlay.class)
 }
 
-/// Whether there is a prominent mosaic, whatever else there is.
+/// Returns whether there is a prominent mosaic, besides other overlays, in words.
 fn largest_mosaic(report: &OverlayReport) -> &'static str {
     let is_large_mosaic = |overlay: &Overlay| {
         overlay.class == OverlayClass::Mosaic && overlay.solid_angle_steradians > 0.02
@@ -42,7 +42,7 @@ fn largest_mosaic(report: &OverlayReport) -> &'static str {
     }
 }
 
-/// Painted versions of moving footage: the class that is found is the class that was painted.
+/// Painted versions of moving footage: the class found is the painted one.
 #[test]
 fn painted_overlays_are_found_and_named() {
     let Some(source) = support::shared_data("tunnel.mp4") else {

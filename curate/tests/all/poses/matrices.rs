@@ -61,7 +61,7 @@ fn matrices_are_those_of_the_frames_in_their_order() {
     let expected = -(truth[7].rotation().unwrap().inverse() * truth[7].centre());
     assert!(centre.distance(expected) < 1e-5, "{centre}");
 
-    // What is forgotten costs nothing that was there.
+    // A forgotten convention does not cost existing files.
     let message = pose_by(&sequence, &file, None).unwrap_err();
     assert!(
         message.contains("all_poses.npy") && !message.contains('\n'),

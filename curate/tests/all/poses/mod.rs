@@ -120,7 +120,7 @@ fn given_poses_are_matched_by_time_and_bring_points_and_masks() {
     assert!(!notes.take().join("|").contains("unchanged"));
 }
 
-/// What `curate masks` finds belongs into a scene whose poses are given, too.
+/// Masks of `curate masks` are entered into a scene with given poses, too.
 #[test]
 fn given_poses_take_a_folder_of_masks() {
     let temp = tempfile::tempdir().unwrap();
@@ -220,7 +220,7 @@ fn what_is_no_part_of_the_scene_is_kept_for_every_frame() {
     for (number, frame) in of_each.frames.iter().enumerate() {
         assert_eq!(first_row(frame), 31 - number);
     }
-    // What an earlier request left is gone.
+    // Files of an earlier request are gone.
     assert!(!sequence.join("ignore/all.png").exists());
     let scene = store::read_record::<Scene>(&sequence.join("scene.json")).unwrap();
     assert_eq!(scene, of_each);
@@ -413,7 +413,7 @@ fn moved_poses_are_not_made_again() {
     assert!(notes.take().join("|").contains("unchanged, skipped"));
 }
 
-/// What is said of the camera has to fit the frames; none is guessed.
+/// The given camera must fit the frames; none is guessed.
 #[test]
 fn frames_of_a_pinhole_need_its_camera() {
     let temp = tempfile::tempdir().unwrap();

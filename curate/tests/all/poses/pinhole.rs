@@ -1,4 +1,4 @@
-//! Perspective frames: their lens, the ground that they look down at, and what that says of the scale.
+//! Perspective frames: their lens, the ground in their view, and the scale that follows.
 
 use omnilife_curate::{GroundScale, poses::level::Levelling};
 use omnilife_schemas::RgbImage;
@@ -124,7 +124,7 @@ fn a_lens_is_taken_out_of_frames_and_masks() {
     );
 }
 
-/// A lens that moves no pixel by a quarter of one is none.
+/// A lens that moves no pixel by a quarter of one is ignored.
 #[test]
 fn a_lens_that_does_nothing_changes_nothing() {
     let temp = tempfile::tempdir().unwrap();

@@ -1,5 +1,5 @@
-//! Tracks of a made-up flight: boxes of another program become paths on the ground, and what is wrong with
-//! them is said in one line.
+//! Tracks of a synthetic flight: boxes of another program become paths on the ground, and faults of these are reported
+//! in one line.
 
 mod estimates;
 mod moved;
@@ -31,7 +31,7 @@ use omnilife_schemas::{
 
 const FRAMES: usize = 16;
 
-/// Where a car is and where it heads: past the drone, or standing.
+/// Returns place and heading of a car: past the drone, or standing.
 fn car(number: usize, seconds: f64) -> (DVec3, f64) {
     match number {
         0 => (dvec3(-18.0 + 2.5 * seconds, 2.0, 0.75), 0.0),

@@ -4,7 +4,7 @@ use std::borrow::Cow;
 
 use omnilife_schemas::points::PointCloud;
 
-use crate::{
+use omnilife_training::{
     formats::splat::SplatRow,
     seeds::points::{selected, thinned_indices},
 };

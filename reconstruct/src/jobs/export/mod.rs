@@ -9,14 +9,12 @@ pub mod page;
 mod source;
 mod viewer_limits;
 
-use std::{
-    path::{Path, PathBuf},
-    time::Instant,
-};
+use std::path::{Path, PathBuf};
 
 use omnilife_schemas::{
+    elapsed::Stopwatch,
     layout::ASSET_FILE,
-    lock::FolderLock,
+    ownership::OwnFile,
     progress::Progress,
     records::{Asset, AssetLevel, AssetMoment, AssetMoments, AssetPage, AssetSplats},
     stage::StagePlan,
@@ -30,7 +28,7 @@ use self::{
     source::ExportedScene,
     viewer_limits::Drawable,
 };
-use crate::{
+use omnilife_training::{
     error::ReconstructError,
     formats::splat::{self, MOST_ROWS, SplatRow},
 };
@@ -84,7 +82,7 @@ pub fn export(
     request: &ExportRequest,
     progress: &dyn Progress,
 ) -> Result<Exported, ReconstructError> {
-    let begun = Instant::now();
+    let begun = Stopwatch::with_children();
     let ExportedScene {
         drawable,
         source,
@@ -113,7 +111,6 @@ pub fn export(
             None
         }
     };
-    let _lock = FolderLock::take(&request.out, progress)?;
     let stage = StagePlan::new(&request.out, "export").with_text("source", &source.sha256);
     let mut outputs: Vec<String> = wanted.iter().map(|(level, _)| level.file()).collect();
     outputs.push(ASSET_FILE.to_owned());
@@ -122,41 +119,45 @@ pub fn export(
         outputs.push(STILL_FILE.to_owned());
         outputs.extend((0..moments.moving.len()).map(moment_file));
     }
-    stage.claim(&outputs)?;
-    // A record must not stand beside levels of another export.
-    store::remove(&request.out.join(ASSET_FILE))?;
-    stage
-        .own_files()
-        .remove(|file| !outputs.iter().any(|new| new == file))?;
-    let levels = write_levels(&request.out, &drawable, &wanted, progress)?;
-    let moments = drawable
-        .moments
-        .as_ref()
-        .map(|moments| write_moments(&request.out, moments, progress))
-        .transpose()?;
-    let mut asset = Asset {
-        source,
-        splats,
-        levels,
-        moments,
-        left_out,
-        placement: drawable.placement,
-        changes: drawable.changes,
-        invalid,
-        page: None,
-        wall_seconds: 0.0,
-    };
-    if let Some(libraries) = &libraries {
-        asset.page = Some(write_page(&request.out, &asset, libraries, &mut notes)?);
-    }
-    asset.wall_seconds = begun.elapsed().as_secs_f64();
-    store::write_record(&request.out.join(ASSET_FILE), &asset)?;
-    let hashed = |file: String| {
-        let level = asset.levels.iter().find(|level| level.file == file);
-        (file, level.map(|level| level.sha256.clone()))
-    };
-    stage.finish_hashed(outputs.into_iter().map(hashed), asset.wall_seconds)?;
-    Ok(Exported { asset, notes })
+    stage.run(&outputs, progress, |out| {
+        out.count_from(begun);
+        // A record must not stand beside levels of another export.
+        store::remove(&request.out.join(ASSET_FILE))?;
+        stage
+            .own_files()
+            .remove(|file| !outputs.iter().any(|new| new == file))?;
+        let levels = write_levels(&request.out, &drawable, &wanted, progress)?;
+        let moments = drawable
+            .moments
+            .as_ref()
+            .map(|moments| write_moments(&request.out, moments, progress))
+            .transpose()?;
+        let mut asset = Asset {
+            source,
+            splats,
+            levels,
+            moments,
+            left_out,
+            placement: drawable.placement,
+            changes: drawable.changes,
+            invalid,
+            page: None,
+            wall_seconds: 0.0,
+        };
+        if let Some(libraries) = &libraries {
+            asset.page = Some(write_page(&request.out, &asset, libraries, &mut notes)?);
+        }
+        asset.wall_seconds = begun.elapsed().wall_seconds;
+        for file in outputs.iter().filter(|file| *file != ASSET_FILE) {
+            let level = asset.levels.iter().find(|level| level.file == *file);
+            out.add_hashed(OwnFile {
+                file: file.clone(),
+                sha256: level.map(|level| level.sha256.clone()),
+            });
+        }
+        out.write_record(ASSET_FILE, &asset)?;
+        Ok(Exported { asset, notes })
+    })
 }
 
 /// Which levels there will be.

@@ -12,7 +12,7 @@ use omnilife_engine::{
 };
 use rayon::prelude::*;
 
-use crate::formats::splat::{MOST_ROWS, SplatRow};
+use omnilife_training::formats::splat::{MOST_ROWS, SplatRow};
 
 /// Moments where nobody says how many: no more than this, nor than the clip has frames.
 const MOST_MOMENTS: usize = 60;

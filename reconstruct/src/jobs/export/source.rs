@@ -19,7 +19,8 @@ use super::{
     moments::Moments,
     viewer_limits::{Drawable, FileFrame, drawable},
 };
-use crate::{error::ReconstructError, formats::validity, methods, models::gaussians::Source};
+use crate::registry;
+use omnilife_training::{error::ReconstructError, formats::validity, models::gaussians::Source};
 
 /// Gaussians to be written.
 pub(super) struct ExportedScene {
@@ -100,7 +101,7 @@ impl ExportedScene {
 
 /// Returns the record of a run whose model web viewers can show.
 fn run_with_splats(folder: &Path) -> Result<RunRecord, ReconstructError> {
-    let run = methods::open_run(folder)?;
+    let run = registry::open_run(folder)?;
     if run.model.has_splats() {
         return Ok(run.record);
     }

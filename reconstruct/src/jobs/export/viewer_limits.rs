@@ -11,7 +11,7 @@ use omnilife_schemas::records::{AssetChanges, AssetPlacement, InvalidGaussians};
 use rayon::prelude::*;
 
 use super::moments::Moments;
-use crate::formats::{splat::SplatRow, validity::REACH};
+use omnilife_training::formats::{splat::SplatRow, validity::REACH};
 
 /// Least ratio of a Gaussian's shortest to its longest axis.
 const LEAST_THICKNESS: f32 = 0.1;

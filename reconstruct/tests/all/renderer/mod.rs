@@ -8,7 +8,7 @@ use omnilife_engine::{
     gaussians::ActivatedGaussians,
     render::{Visible, cpu::Renderer, raster::RasterGradient, settings::Footprint},
 };
-use omnilife_reconstruct::stability::channels::gradient_rows;
+use omnilife_stability::channels::gradient_rows;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 use support::{

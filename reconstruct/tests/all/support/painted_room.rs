@@ -1,7 +1,7 @@
 //! A room whose colours and distances are known exactly.
 
 use glam::{DVec3, dvec3};
-use omnilife_reconstruct::methods::feed_forward::CameraPose;
+use omnilife_reconstruct::methods::group::CameraPose;
 use omnilife_schemas::{
     RgbImage,
     camera::{CameraModel, ErpCamera},

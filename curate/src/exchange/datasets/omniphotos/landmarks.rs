@@ -2,8 +2,8 @@
 //! (`src/openvslam/io/map_database_io.cc` and `landmark::to_json` of `xdspacelab/openvslam`;
 //! <https://github.com/msgpack/msgpack/blob/master/spec.md>).
 //!
-//! The file is a map; its entry `landmarks` is a map of landmarks by their number, or nil without any, and
-//! the entry `pos_w` of a landmark is its place in the world, three numbers. All else is skipped.
+//! The file is a map. Its entry `landmarks` is a map of landmarks by their number, or nil without any. The entry
+//! `pos_w` of a landmark is its place in the world, three numbers. All else is skipped.
 #![cfg_attr(
     not(test),
     deny(clippy::indexing_slicing, clippy::arithmetic_side_effects)
@@ -114,7 +114,7 @@ impl<'a> Reader<'a> {
         Ok(Value::Text(self.take(length as usize)?))
     }
 
-    /// Data of a length, behind so many bytes of a type.
+    /// Skips data of a length, behind so many bytes of a type.
     fn other(&mut self, length: u32, type_bytes: usize) -> Result<Value<'a>, String> {
         self.take(type_bytes)?;
         self.take(length as usize)?;
@@ -218,14 +218,14 @@ impl<'a> Reader<'a> {
 mod tests {
     use super::*;
 
-    /// A text of MessagePack, shorter than 32 bytes.
+    /// Returns a text of MessagePack, shorter than 32 bytes.
     fn text(text: &str) -> Vec<u8> {
         let mut bytes = vec![0xa0 | text.len() as u8];
         bytes.extend(text.bytes());
         bytes
     }
 
-    /// A map of one landmark, whose `pos_w` has this content, behind this other entry.
+    /// Returns a map of one landmark, whose `pos_w` has this content, behind this other entry.
     fn map(other: &[u8], pos_w: &[u8]) -> Vec<u8> {
         [
             &[0x82][..],

@@ -82,7 +82,7 @@ impl<'a> Background<'a> {
         self.texels.sample(place).unwrap_or([f32::NAN; 3])
     }
 
-    /// Returns true if it shows a pixel in one place, whichever surface is there.
+    /// Returns true if it shows a pixel in one place for any possible surface.
     fn is_sure(&self, here: &Here<'_>, pixel: usize) -> bool {
         let Surface {
             nearest, farthest, ..

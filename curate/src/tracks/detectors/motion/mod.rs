@@ -231,7 +231,7 @@ fn detection(here: &Here<'_>, pixels: &[usize], metres_per_unit: f64) -> Option<
     })
 }
 
-/// Left, top, width and height of some pixels.
+/// Returns left, top, width and height of some pixels.
 fn box_of(pixels: &[usize], width: usize) -> Option<[f64; 4]> {
     let columns = pixels.iter().map(|pixel| pixel % width);
     let rows = pixels.iter().map(|pixel| pixel / width);

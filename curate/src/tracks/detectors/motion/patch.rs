@@ -40,12 +40,12 @@ impl Patch {
         }
     }
 
-    /// All of them.
+    /// Returns all of them.
     pub(super) fn pixels(&self) -> &[usize] {
         &self.pixels
     }
 
-    /// Those that others are beside.
+    /// Returns those pixels whose neighbours belong to the patch.
     pub(super) fn inner(&self) -> &[usize] {
         &self.pixels[..self.inner]
     }

@@ -44,7 +44,7 @@ fn add_known(row: &[f32], sums: &mut [f32], counts: &mut [f32]) {
     }
 }
 
-/// Means over three neighbours of sums of so many; NaN where there are none.
+/// Computes means over three neighbours from sums of so many values; NaN without any.
 #[multiversion::multiversion(targets("x86_64+avx2"))]
 fn means_of_three(sums: &[f32], counts: &[f32], out: &mut [f32]) {
     let neighbours = sums.windows(3).zip(counts.windows(3));
@@ -124,7 +124,7 @@ impl Part {
         })
     }
 
-    /// A pixel of the part in an image of some width.
+    /// Returns a pixel of the part in an image of some width.
     fn in_image(&self, at: usize, width: usize) -> usize {
         (at / self.width + self.top) * width + at % self.width + self.left
     }

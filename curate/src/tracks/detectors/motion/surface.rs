@@ -11,7 +11,7 @@ use crate::{
 const AROUND: usize = 4;
 /// Largest ratio of the farthest to the nearest surface around a pixel without an edge.
 const EDGE: f32 = 1.005;
-/// Least relative distance of the ground from the nearest and the farthest surface, to lie between them.
+/// Tolerance of the ground's place between the nearest and the farthest surface, as a factor beyond either.
 const GROUND_REACH: f32 = 1.02;
 /// Least slope of rays that meet the ground: the sine of the angle.
 const LEAST_SLOPE: f32 = 1e-3;

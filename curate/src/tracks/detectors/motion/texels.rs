@@ -43,19 +43,19 @@ impl Texels {
         [0, 1, 2].map(|channel| self.values.iter().map(|texel| texel[channel]).collect())
     }
 
-    /// The distance of the static surface behind a pixel.
+    /// Returns the distance of the static surface behind a pixel.
     pub(super) fn distance(&self, pixel: usize) -> f32 {
         self.values[pixel][3]
     }
 
-    /// The colour of a pixel.
+    /// Returns the colour of a pixel.
     pub(super) fn colour(&self, pixel: usize) -> [f32; 3] {
         let [red, green, blue, _] = self.values[pixel];
         [red, green, blue]
     }
 
     /// Returns the bilinear colour of a point at this distance, at a column and a row counted from the centre of the
-    /// first pixel; `None` if it is hidden or outside, or a coordinate is NaN.
+    /// first pixel. `None` if it is hidden or outside, or a coordinate is NaN.
     #[inline(always)]
     pub(super) fn sample(&self, [column, row, away]: [f32; 3]) -> Option<[f32; 3]> {
         let [last_column, last_row] = [self.width, self.height].map(|side| side as f32 - 1.0);
@@ -89,7 +89,7 @@ impl Texels {
 mod tests {
     use super::*;
 
-    /// Red grows along columns, green along rows; everything is 10 m away.
+    /// Returns texels with red along columns and green along rows; everything is 10 m away.
     fn texels() -> Texels {
         let (width, height) = (6, 4);
         let pixels = (0..width * height).map(|at| ((at % width) as f32, (at / width) as f32));

@@ -200,7 +200,7 @@ mod tests {
 
     use super::*;
 
-    /// Two frames some way apart, far from the world's origin, as national grids are.
+    /// Returns two frames some way apart, far from the world's origin, as national grids are.
     fn views(camera: Camera) -> [PosedView; 2] {
         let looks_down = DMat3::from_cols(DVec3::X, -DVec3::Y, -DVec3::Z);
         let turned = DMat3::from_quat(DQuat::from_euler(glam::EulerRot::XYZ, 0.2, -0.1, 0.5));

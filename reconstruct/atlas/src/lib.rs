@@ -1,0 +1,434 @@
+//! Neural Atlas Graphs: a clip as textured planes on rigid trajectories before a background.
+//!
+//! Source: J. P. Schneider et al., "Neural Atlas Graphs for Dynamic Scene Decomposition and Editing",
+//! `NeurIPS` 2025 (arXiv 2509.16336), its supplement, and its code <https://github.com/jp-schneider/nag>.
+//!
+//! * [`clip`]: what the method sees of a scene; [`linked_masks`]: objects from one mask per frame.
+//! * [`node`], [`graph`]: nodes, and the atlas that they make. [`initialize`]: the first ones.
+//! * [`shade`], [`render`], [`step`]: what rays see, images, and one step of the optimizer.
+//! * [`plan`]: which components a clip gives reason for. [`settings`]: sizes, rates, phases.
+//!   [`published`]: what the published code does otherwise, on request.
+//! * [`learner`]: batches and checkpoints. [`saved`]: an atlas in files. [`outputs`]: layers and images of
+//!   the atlas. [`edit`]: edits by a script.
+
+pub mod clip;
+pub mod edit;
+pub mod graph;
+pub mod initialize;
+pub mod learner;
+pub mod linked_masks;
+pub mod node;
+pub mod outputs;
+pub mod plan;
+pub mod published;
+pub mod render;
+pub mod saved;
+pub mod settings;
+pub mod shade;
+pub mod step;
+
+use glam::DVec3;
+use omnilife_engine::fields::grid_field::GridField;
+use omnilife_schemas::records::ComponentDecision;
+
+use self::{
+    clip::Clip,
+    graph::Graph,
+    initialize::{
+        background,
+        objects::{self, Made, Setting},
+        order,
+        silhouettes::{self, Silhouette},
+    },
+    learner::AtlasLearner,
+    node::{FieldKind, LearntOffsets, Node, Surface},
+    plan::Plan,
+    published::Published,
+    settings::{FieldSize, Settings},
+};
+use omnilife_training::{
+    error::ReconstructError,
+    method::{Findings, Method, MethodKind, ON_CPU, Prepared},
+    options::{MethodOption, OptionValues},
+    process,
+    request::{BackendChoice, DefaultPlan, MethodRequest},
+    scene::{CameraExtent, TrainingScene},
+    train::LoopSettings,
+};
+
+const SIZES: OptionValues = OptionValues::Word(&["large", "medium", "small", "tiny"]);
+/// Sizes of colour and opacity fields.
+pub const BASE_FIELDS: MethodOption = MethodOption {
+    id: "base-fields",
+    doc: "size of the fields of colour and opacity, at most; large is what was published",
+    values: SIZES,
+    default: "medium",
+};
+/// Sizes of flow and view fields.
+pub const MOTION_FIELDS: MethodOption = MethodOption {
+    id: "motion-fields",
+    doc: "size of the fields of flow and view, at most; large is what was published",
+    values: SIZES,
+    default: "small",
+};
+/// Rays of a step.
+pub const RAYS: MethodOption = MethodOption {
+    id: "rays",
+    doc: "rays that a step of the optimizer takes, from all views",
+    values: OptionValues::Whole {
+        least: 16,
+        most: 1 << 22,
+    },
+    default: "16384",
+};
+
+/// The loss on masks.
+pub const MASK_LOSS: MethodOption = MethodOption {
+    id: "mask-loss",
+    doc: "loss on masks: published weighs 0.005, under which an object's plane takes reflections and shadows \
+          that move with it, and counts pixels that another object covers; strong weighs ten times that, and \
+          leaves them out",
+    values: OptionValues::Word(&["strong", "published"]),
+    default: "strong",
+};
+/// Gradients by planes.
+pub const GRADIENTS: MethodOption = MethodOption {
+    id: "gradients",
+    doc: "gradients by poses of planes: true, or rescaled as published, by one over an object's hits and, \
+          while poses are learnt alone, over the transmittance before it (at most 1000; the published code \
+          has no bound)",
+    values: OptionValues::Word(&["true", "published"]),
+    default: "true",
+};
+/// Step sizes.
+pub const SCHEDULE: MethodOption = MethodOption {
+    id: "schedule",
+    doc: "step sizes: decay has one for each kind of parameter, which falls by ten; published has 0.001 for \
+          all, halved on plateaus of the loss",
+    values: OptionValues::Word(&["decay", "published"]),
+    default: "decay",
+};
+
+/// Neural Atlas Graphs.
+pub const METHOD: Method = Method {
+    id: "nag",
+    title: "Neural Atlas Graphs",
+    source: "J. P. Schneider et al., Neural Atlas Graphs for Dynamic Scene Decomposition and Editing, \
+             NeurIPS 2025",
+    description: "Every masked object is a textured plane on a learnt rigid trajectory, the rest a \
+                  background plane, or a sphere in panoramas; colour, opacity, flow and dependence on \
+                  the view are hash-grid fields over the surfaces. Departures: rays are drawn at \
+                  pixels' centres and at independent times; fields start at exactly 0; whether a \
+                  plane is hit is tested in its own coordinates; the mask loss leaves out pixels that \
+                  another object covers and weighs ten times as much; gradients are not rescaled; \
+                  step sizes fall by ten without looking at the loss (mask-loss, gradients and schedule \
+                  switch these three back); a sphere as background and its flow are this project's. One model learns from all input views at once; without \
+                  masks there is the background alone. It runs on the CPU.",
+    components: &[
+        plan::FLOW,
+        plan::VIEW,
+        plan::OPACITY_FIELD,
+        plan::OBJECT_ROTATION,
+        plan::CAMERA_OFFSETS,
+        plan::MASK_LOSS,
+        plan::COARSE_TO_FINE,
+    ],
+    optional_components: &[],
+    default_plan: DefaultPlan::Auto,
+    backends: ON_CPU,
+    requires: &[],
+    options: &[
+        BASE_FIELDS,
+        MOTION_FIELDS,
+        RAYS,
+        MASK_LOSS,
+        GRADIENTS,
+        SCHEDULE,
+    ],
+    kind: MethodKind::Trained {
+        extent: CameraExtent::Most,
+        model: &outputs::ATLAS,
+        prepare,
+    },
+};
+
+/// First nodes of a clip, with what became of each object.
+#[derive(Debug)]
+pub struct FirstNodes {
+    /// Objects in the order of their names, the background last; no fields yet.
+    pub graph: Graph,
+    /// Which of the clip's objects have a node.
+    pub with_node: Vec<usize>,
+    /// Distance of the background, normalized units.
+    pub distance: f64,
+    /// A line for each object and for the background.
+    pub decisions: Vec<ComponentDecision>,
+}
+
+/// Places the nodes of a clip. `points` are scene points, normalized.
+///
+/// # Errors
+/// When masks leave no background.
+pub fn first_nodes(clip: &Clip, points: &[DVec3]) -> Result<FirstNodes, String> {
+    let count = clip.frames.len().max(1) as f64;
+    let mean = clip.frames.iter().map(|f| f.pose.centre).sum::<DVec3>() / count;
+    let distances: Vec<f64> = points.iter().map(|point| point.distance(mean)).collect();
+    let placed = background::place(clip, &distances);
+    let mut nodes = Vec::new();
+    let mut with_node = Vec::new();
+    let mut decisions = Vec::new();
+    let seen: Vec<Vec<Silhouette>> = (0..clip.objects.len())
+        .map(|object| silhouettes::of_object(clip, object))
+        .collect();
+    let by_points: Vec<Option<(f64, usize)>> = seen
+        .iter()
+        .enumerate()
+        .map(|(object, seen)| objects::depth_of_points(clip, object, seen, points, placed.distance))
+        .collect();
+    let known: Vec<Option<f64>> = by_points
+        .iter()
+        .map(|found| found.map(|(depth, _)| depth))
+        .collect();
+    let setting = Setting {
+        depths: &order::depths(clip, &seen, &known, placed.distance),
+        seen: &seen,
+        by_points: &by_points,
+        background: placed.distance,
+        knots: knots_of(clip),
+    };
+    for object in 0..clip.objects.len() {
+        let made = objects::node(clip, object, &setting);
+        let (used, reason) = match made {
+            Made::Node(node, depth) => {
+                nodes.push(*node);
+                with_node.push(object);
+                (true, format!("it has a mask; its distance is {depth}"))
+            }
+            Made::LeftOut(reason) => (false, reason),
+        };
+        decisions.push(ComponentDecision {
+            component: format!("object:{}", clip.objects[object]),
+            used,
+            reason,
+        });
+    }
+    nodes.push(background::node(clip, &placed)?);
+    decisions.push(ComponentDecision {
+        component: background::BACKGROUND.to_owned(),
+        used: true,
+        reason: placed.reason.clone(),
+    });
+    Ok(FirstNodes {
+        graph: Graph {
+            nodes,
+            camera: None,
+            clock: clip.clock,
+            footage: clip.footage(),
+        },
+        with_node,
+        distance: placed.distance,
+        decisions,
+    })
+}
+
+/// Knots of trajectories: half as many as frames (the published ratio for DAVIS).
+fn knots_of(clip: &Clip) -> usize {
+    (clip.frames.len().div_ceil(2)).max(1)
+}
+
+/// The clip without objects that have no node: the masks' numbers are those of the nodes.
+fn with_nodes_alone(clip: Clip, with_node: &[usize]) -> Clip {
+    let mut clip = clip;
+    clip.objects = with_node.iter().map(|&o| clip.objects[o].clone()).collect();
+    for frame in &mut clip.frames {
+        frame.masks = with_node.iter().map(|&o| frame.masks[o].clone()).collect();
+    }
+    clip
+}
+
+/// Gives nodes the fields and offsets of a plan.
+pub fn add_fields(clip: &Clip, nodes: &mut FirstNodes, plan: &Plan, settings: &Settings) {
+    let knots = knots_of(clip);
+    let flow_points = ((clip.frames.len() as f64 * 0.1).round() as usize).max(1);
+    let distance = nodes.distance;
+    for (number, node) in nodes.graph.nodes.iter_mut().enumerate() {
+        add_fields_of(node, number, &plan.nodes[number], settings, flow_points);
+        if node.opacity.is_some() && clip.frames.len() > 1 {
+            let at = node.given_pose(node.times[0].max(0.0)).centre;
+            let unit = at.distance(clip.frames[0].pose.centre).max(1e-3 * distance);
+            node.offsets = Some(LearntOffsets::zero(
+                knots,
+                unit,
+                plan.nodes[number].rotation,
+            ));
+        }
+    }
+    if plan.camera_offsets {
+        nodes.graph.camera = Some(LearntOffsets::zero(knots, distance, true));
+    }
+}
+
+fn add_fields_of(
+    node: &mut Node,
+    number: usize,
+    plan: &plan::OfNode,
+    settings: &Settings,
+    flow_points: usize,
+) {
+    let dimensions = node.dimensions();
+    let (width, height) = (node.colour.width as f64, node.colour.height as f64);
+    // A sphere's grid is a cube of which it fills the surface: its diameter has W/pi texels.
+    let longer = match node.surface {
+        Surface::Plane { .. } => width.max(height),
+        Surface::Sphere { .. } => width / std::f64::consts::PI,
+    };
+    let is_object = node.opacity.is_some();
+    let wanted = [
+        (FieldKind::Colour, true, dimensions, 3, settings.base_fields),
+        (
+            FieldKind::Opacity,
+            is_object && plan.opacity,
+            dimensions,
+            1,
+            settings.base_fields,
+        ),
+        (
+            FieldKind::Flow,
+            plan.flow,
+            dimensions,
+            dimensions * (flow_points + 2),
+            settings.motion_fields,
+        ),
+        (
+            FieldKind::View,
+            plan.view && dimensions == 2,
+            4,
+            if is_object { 4 } else { 3 },
+            settings.motion_fields,
+        ),
+    ];
+    for (kind, is_wanted, inputs, outputs, size) in wanted {
+        if !is_wanted {
+            continue;
+        }
+        // Angles ask for no more cells than the surface: its texels bound the levels alone.
+        let all = if kind == FieldKind::View {
+            f64::MAX
+        } else {
+            width * height
+        };
+        let shape: omnilife_engine::fields::grid_field::GridFieldShape =
+            FieldSize::shape(size, inputs, outputs, longer, all);
+        let seed = settings.seed ^ ((number as u64) << 8 | kind.number() as u64);
+        *node.fields.slot_mut(kind) = Some(GridField::new(shape, seed));
+    }
+}
+
+/// Settings as a request asks for them.
+fn settings_of(request: &MethodRequest) -> Settings {
+    let mut settings = Settings::new(request.seed);
+    let size = |option: &MethodOption| request.options.word(option).and_then(FieldSize::named);
+    settings.base_fields = size(&BASE_FIELDS).unwrap_or(settings.base_fields);
+    settings.motion_fields = size(&MOTION_FIELDS).unwrap_or(settings.motion_fields);
+    let is_published = |option: &MethodOption| request.options.word(option) == Some("published");
+    settings.published = Published {
+        mask_loss: is_published(&MASK_LOSS),
+        gradients: is_published(&GRADIENTS),
+        schedule: is_published(&SCHEDULE),
+    };
+    if settings.published.mask_loss {
+        settings.mask_weight = published::MASK_WEIGHT;
+    }
+    if let Some(rays) = request.options.whole(&RAYS) {
+        settings.rays = rays as usize;
+    }
+    settings
+}
+
+fn prepare<'a>(
+    scene: &'a TrainingScene,
+    request: &MethodRequest,
+    _: BackendChoice,
+) -> Result<Prepared<'a>, ReconstructError> {
+    let clip = Clip::of(scene)?;
+    let points: Vec<DVec3> = scene
+        .points
+        .positions
+        .iter()
+        .map(|&at| DVec3::from_array(at.map(f64::from)))
+        .collect();
+    let warnings = clip.warnings.clone();
+    let begun = begin(clip, &points, request)?;
+    let configuration =
+        serde_json::to_value(&begun.settings).map_err(|error| ReconstructError::Request {
+            reason: format!("settings that cannot be recorded: {error}"),
+        })?;
+    Ok(Prepared {
+        length: LoopSettings {
+            iterations: request.iterations,
+            budget_seconds: request.budget_seconds,
+            seed: request.seed,
+            trace_every: request.trace_every,
+        },
+        learner: Box::new(begun.learner),
+        configuration,
+        findings: Findings {
+            plan: begun.plan,
+            warnings,
+            ..Findings::default()
+        },
+    })
+}
+
+/// What learning a clip begins with.
+#[derive(Debug)]
+pub struct Begun {
+    /// The atlas before its first step.
+    pub learner: AtlasLearner,
+    /// Every setting as resolved.
+    pub settings: Settings,
+    /// Nodes and components, used and left out, with reasons.
+    pub plan: Vec<ComponentDecision>,
+}
+
+/// Places the nodes of a clip, decides on components, and makes the fields.
+///
+/// # Errors
+/// When masks leave no background, or the atlas does not fit into memory.
+pub fn begin(
+    clip: Clip,
+    points: &[DVec3],
+    request: &MethodRequest,
+) -> Result<Begun, ReconstructError> {
+    let refuse = |reason: String| ReconstructError::Request { reason };
+    let mut nodes = first_nodes(&clip, points).map_err(refuse)?;
+    let clip = with_nodes_alone(clip, &nodes.with_node);
+    let mut settings = settings_of(request);
+    let plan = Plan::of(&clip, &mut nodes.graph, request);
+    if !plan.mask_loss {
+        settings.mask_weight = 0.0;
+    }
+    settings.coarse_to_fine = plan.coarse_to_fine;
+    add_fields(&clip, &mut nodes, &plan, &settings);
+    let values: usize = nodes.graph.parameter_counts().iter().sum();
+    process::require(
+        training_bytes(values, settings.rays),
+        &format!("training an atlas of {values} parameters"),
+    )?;
+    let mut decisions = nodes.decisions;
+    decisions.extend(plan.decisions);
+    Ok(Begun {
+        learner: AtlasLearner::new(clip, nodes.graph, settings.clone()),
+        settings,
+        plan: decisions,
+    })
+}
+
+/// Bytes that training takes: values, gradients and two moments of every parameter, and what a step keeps
+/// of its rays (activations of four fields of four hidden layers for one and a half hits of each).
+fn training_bytes(values: usize, rays: usize) -> u64 {
+    16 * values as u64 + rays as u64 * 9_000
+}
+
+#[cfg(test)]
+mod tests;

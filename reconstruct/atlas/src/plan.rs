@@ -1,0 +1,341 @@
+//! Which components a clip gives reason for.
+//!
+//! The first nodes, without any field, are held against the clip: what they leave unexplained, beside what
+//! the images' noise would leave, says what fields there have to be.
+
+use glam::DVec3;
+use omnilife_engine::surfaces::{compose::compose, view_angle::view_angle};
+use omnilife_schemas::records::ComponentDecision;
+
+use super::{
+    clip::{Clip, camera_direction, pixel_centre},
+    graph::Graph,
+    node::{Hit, Surface},
+    render::{Moment, Rays},
+    shade::Detail,
+};
+use omnilife_training::{
+    components::{Decision, DecisionLog},
+    request::MethodRequest,
+};
+
+/// Component: textures move over their surface.
+pub const FLOW: &str = "flow";
+/// Component: colours and opacities depend on the direction from which a surface is seen.
+pub const VIEW: &str = "view";
+/// Component: opacity is learnt beyond its base texture.
+pub const OPACITY_FIELD: &str = "opacity-field";
+/// Component: planes of objects turn.
+pub const OBJECT_ROTATION: &str = "object-rotation";
+/// Component: the camera's poses are corrected.
+pub const CAMERA_OFFSETS: &str = "camera-offsets";
+/// Component: opacities are held against the masks.
+pub const MASK_LOSS: &str = "mask-loss";
+/// Component: flow and view fields begin coarse.
+pub const COARSE_TO_FINE: &str = "coarse-to-fine";
+
+/// A residual below so many times the noise needs no explanation.
+const ABOVE_NOISE: f64 = 3.0;
+/// Angles of view span at least this, radians (1 degree).
+const LEAST_SPAN: f64 = std::f64::consts::PI / 180.0;
+/// Base opacities that overlap the masks by this need no field.
+const GOOD_OVERLAP: f64 = 0.98;
+/// A change of shape by less than this is no turn, pixels.
+const LEAST_DEVIATION: f64 = 0.5;
+/// Pixels of each frame that are looked at, about.
+const LOOKED_AT: usize = 4000;
+
+/// What a node has.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct OfNode {
+    /// A flow field.
+    pub flow: bool,
+    /// A view field.
+    pub view: bool,
+    /// An opacity field.
+    pub opacity: bool,
+    /// A rotation that is learnt.
+    pub rotation: bool,
+}
+
+/// What a clip gives reason for.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Plan {
+    /// Node by node.
+    pub nodes: Vec<OfNode>,
+    /// Whether the camera's poses are corrected.
+    pub camera_offsets: bool,
+    /// Whether opacities are held against the masks.
+    pub mask_loss: bool,
+    /// Whether flow and view fields begin coarse.
+    pub coarse_to_fine: bool,
+    /// A line for each decision.
+    pub decisions: Vec<ComponentDecision>,
+}
+
+/// What the first nodes leave unexplained.
+#[derive(Debug, Clone, PartialEq, Default)]
+struct Measured {
+    /// Root mean square of the residual where a node is in front, [0, 1].
+    residual: f64,
+    /// From the smallest to the largest angle of view at which the node's middle is seen, radians.
+    span: f64,
+    /// Overlap of base opacity and masks, intersection over union.
+    overlap: f64,
+    /// How far the mask's outline departs from one that only moves and grows, pixels.
+    deviation: f64,
+}
+
+impl Plan {
+    /// Decides on a clip whose masks are those of the graph's objects, in the same order.
+    pub fn of(clip: &Clip, graph: &mut Graph, request: &MethodRequest) -> Self {
+        let noise = noise(clip);
+        let measured = measure(clip, graph);
+        let mut log = DecisionLog::new(request);
+        let rms = |value: f64| format!("{:.2}/255", 255.0 * value);
+        let mut nodes = Vec::with_capacity(graph.nodes.len());
+        for (node, found) in graph.nodes.iter().zip(&measured) {
+            let is_unexplained = found.residual > ABOVE_NOISE * noise;
+            let residual = format!(
+                "the base texture leaves {} rms, the images' noise is {}",
+                rms(found.residual),
+                rms(noise)
+            );
+            let is_object = node.opacity.is_some();
+            let is_plane = matches!(node.surface, Surface::Plane { .. });
+            let id = node.id.as_str();
+            let flow = Decision::new(is_unexplained, residual.clone());
+            let view = Decision::new(
+                is_unexplained && found.span > LEAST_SPAN,
+                format!(
+                    "{residual}; seen over {:.1} degrees",
+                    found.span.to_degrees()
+                ),
+            );
+            let missing = (!is_plane).then_some("a plane: the sphere is seen from its middle");
+            let mut of_node = OfNode {
+                flow: log.decide_for(FLOW, id, flow),
+                view: log.decide_for(VIEW, id, view.unless(missing)),
+                ..OfNode::default()
+            };
+            if is_object {
+                let opacity = Decision::new(
+                    found.overlap < GOOD_OVERLAP,
+                    format!("base opacity and masks overlap by {:.3}", found.overlap),
+                );
+                of_node.opacity = log.decide_for(OPACITY_FIELD, id, opacity);
+                let rotation = Decision::new(
+                    found.deviation > LEAST_DEVIATION,
+                    format!("the mask's shape changes by {:.1} pixels", found.deviation),
+                );
+                of_node.rotation = log.decide_for(OBJECT_ROTATION, id, rotation);
+            }
+            nodes.push(of_node);
+        }
+        let background = measured.last().cloned().unwrap_or_default();
+        let camera = Decision::new(
+            background.residual > ABOVE_NOISE * noise,
+            format!(
+                "under the given poses the background leaves {} rms, the noise is {}",
+                rms(background.residual),
+                rms(noise)
+            ),
+        );
+        let camera = camera.unless((clip.frames.len() < 2).then_some("a second frame"));
+        let objects = clip.objects.len();
+        let masks = Decision::new(objects > 0, format!("{objects} objects with masks"));
+        let masks = masks.unless((objects == 0).then_some("masks"));
+        let has_motion_fields = nodes.iter().any(|node| node.flow || node.view);
+        let coarse = Decision::new(
+            has_motion_fields,
+            if has_motion_fields {
+                "there are flow or view fields"
+            } else {
+                "there is no flow or view field"
+            },
+        );
+        Self {
+            camera_offsets: log.decide(CAMERA_OFFSETS, camera),
+            mask_loss: log.decide(MASK_LOSS, masks),
+            coarse_to_fine: log.decide(COARSE_TO_FINE, coarse),
+            nodes,
+            decisions: log.into_decisions(),
+        }
+    }
+}
+
+/// Standard deviation of what rounding to 8 bits does to a value in [0, 1]: there is no less noise.
+const ROUNDING: f64 = 0.288_675 / 255.0;
+
+/// Standard deviation of the images' noise, [0, 1]: from the mean absolute response to the difference of
+/// two Laplacians (Immerkaer 1996); fine texture counts as noise, too.
+fn noise(clip: &Clip) -> f64 {
+    let [width, height] = clip.size();
+    if width < 3 || height < 3 {
+        return ROUNDING;
+    }
+    let frames = clip.frames.iter().step_by((clip.frames.len() / 4).max(1));
+    let mut of_frames: Vec<f64> = frames
+        .map(|frame| {
+            let grey = |pixel: usize| frame.colour(pixel).iter().sum::<f64>() / 3.0;
+            let mut responses: Vec<f64> = Vec::new();
+            for row in 1..height - 1 {
+                for column in 1..width - 1 {
+                    let mut window = (row - 1..=row + 1)
+                        .flat_map(|row| (column - 1..=column + 1).map(move |c| row * width + c));
+                    if !window.all(|pixel| frame.shows_scene(pixel)) {
+                        continue;
+                    }
+                    let at = |dx: usize, dy: usize| grey((row + dy - 1) * width + column + dx - 1);
+                    let corners = at(0, 0) + at(2, 0) + at(0, 2) + at(2, 2);
+                    let sides = at(1, 0) + at(0, 1) + at(2, 1) + at(1, 2);
+                    responses.push((corners - 2.0 * sides + 4.0 * at(1, 1)).abs());
+                }
+            }
+            // The median is that of the smooth half of the image.
+            responses.sort_by(f64::total_cmp);
+            responses.get(responses.len() / 2).copied().unwrap_or(0.0) / (0.6745 * 6.0)
+        })
+        .collect();
+    of_frames.sort_by(f64::total_cmp);
+    let measured = of_frames.get(of_frames.len() / 2).copied();
+    measured.unwrap_or(0.0).max(ROUNDING)
+}
+
+/// Holds the base textures against the clip.
+fn measure(clip: &Clip, graph: &mut Graph) -> Vec<Measured> {
+    let [width, _] = clip.size();
+    let step = (clip.pixel_count() / LOOKED_AT).max(1);
+    let base = Detail {
+        kinds: [false; 4],
+        active_share: 1.0,
+    };
+    let nodes = graph.nodes.len();
+    let mut squares = vec![(0.0, 0.0); nodes];
+    let mut overlaps = vec![(0.0, 0.0); nodes];
+    let mut spans = vec![
+        [
+            f64::INFINITY,
+            f64::NEG_INFINITY,
+            f64::INFINITY,
+            f64::NEG_INFINITY
+        ];
+        nodes
+    ];
+    for frame in &clip.frames {
+        // An odd step, so that rows are met at different columns.
+        let pixels = (0..clip.pixel_count()).step_by(step | 1);
+        let pixels: Vec<usize> = pixels.filter(|&pixel| frame.shows_scene(pixel)).collect();
+        let rays = Rays {
+            moments: vec![Moment {
+                time: frame.time,
+                given: frame.pose,
+            }],
+            moment_of: vec![0; pixels.len()],
+            directions: pixels
+                .iter()
+                .map(|&pixel| camera_direction(&clip.camera, pixel_centre(pixel, width)))
+                .collect(),
+        };
+        let seen = graph.see(&rays, &base, false, &|_| true);
+        for (ray, &pixel) in pixels.iter().enumerate() {
+            let (layers, _) = seen.layers(ray);
+            let error = compose(&layers) - DVec3::from_array(frame.colour(pixel));
+            let front = layers.iter().find(|layer| layer.opacity > 0.5);
+            if let Some(front) = front {
+                let sum = &mut squares[front.surface];
+                sum.0 += error.length_squared() / 3.0;
+                sum.1 += 1.0;
+            }
+            for (object, overlap) in overlaps.iter_mut().enumerate().take(clip.objects.len()) {
+                let is_masked = frame.covered(object, pixel) >= 0.5;
+                let is_hidden = !is_masked && frame.is_covered(pixel);
+                let layer = layers.iter().find(|layer| layer.surface == object);
+                let is_opaque = layer.is_some_and(|layer| layer.opacity > 0.5);
+                if !is_hidden {
+                    overlap.0 += f64::from(u8::from(is_masked && is_opaque));
+                    overlap.1 += f64::from(u8::from(is_masked || is_opaque));
+                }
+            }
+        }
+        for (samples, span) in seen.samples.iter().zip(&mut spans) {
+            for sample in samples {
+                if let Hit::Plane(hit) = &sample.hit
+                    && (hit.uv - 0.5).abs().max_element() < 0.1
+                {
+                    let angle = view_angle(hit.direction);
+                    *span = [
+                        span[0].min(angle.x),
+                        span[1].max(angle.x),
+                        span[2].min(angle.y),
+                        span[3].max(angle.y),
+                    ];
+                }
+            }
+        }
+    }
+    (0..nodes)
+        .map(|node| Measured {
+            residual: (squares[node].0 / f64::max(squares[node].1, 1.0)).sqrt(),
+            span: {
+                let [a, b, c, d] = spans[node];
+                (b - a).max(d - c).max(0.0)
+            },
+            overlap: if overlaps[node].1 > 0.0 {
+                overlaps[node].0 / overlaps[node].1
+            } else {
+                1.0
+            },
+            deviation: if node < clip.objects.len() {
+                deviation(clip, node)
+            } else {
+                0.0
+            },
+        })
+        .collect()
+}
+
+/// How much the width of a mask changes beside its height, pixels: what only moves and grows keeps their
+/// ratio.
+fn deviation(clip: &Clip, object: usize) -> f64 {
+    let [width, height] = clip.size();
+    let boxes: Vec<[f64; 2]> = clip
+        .frames
+        .iter()
+        .filter_map(|frame| {
+            let mask = frame.masks[object].as_ref()?;
+            let covered = (0..mask.len()).filter(|&pixel| mask[pixel] >= 128);
+            let (mut low, mut high) = ([usize::MAX; 2], [0; 2]);
+            let mut is_cut = false;
+            for pixel in covered {
+                let beside = [
+                    pixel.saturating_sub(1),
+                    (pixel + 1).min(mask.len() - 1),
+                    pixel.saturating_sub(width),
+                    (pixel + width).min(mask.len() - 1),
+                ];
+                is_cut |= beside.iter().any(|&near| !frame.shows_scene(near));
+                for (axis, at) in [pixel % width, pixel / width].into_iter().enumerate() {
+                    low[axis] = low[axis].min(at);
+                    high[axis] = high[axis].max(at);
+                }
+            }
+            let touches = is_cut
+                || low[0] == 0
+                || low[1] == 0
+                || high[0] + 1 == width
+                || high[1] + 1 == height;
+            (low[0] != usize::MAX && !touches)
+                .then(|| [0, 1].map(|axis| (high[axis] - low[axis] + 1) as f64))
+        })
+        .collect();
+    let mut ratios: Vec<f64> = boxes.iter().map(|[w, h]| w / h).collect();
+    ratios.sort_by(f64::total_cmp);
+    let Some(&middle) = ratios.get(ratios.len() / 2) else {
+        return 0.0;
+    };
+    let mut changes: Vec<f64> = boxes.iter().map(|[w, h]| (w - middle * h).abs()).collect();
+    changes.sort_by(f64::total_cmp);
+    // Nine frames of ten: one bad mask is no turn.
+    changes[(changes.len() - 1) * 9 / 10]
+}

@@ -1,0 +1,50 @@
+//! `nearest-input`: the given view that is nearest in time, as it is.
+
+use std::time::Instant;
+
+use omnilife_training::{
+    error::ReconstructError,
+    method::{
+        Method, MethodKind, ON_CPU,
+        group::{Group, Interpolated},
+    },
+    request::DefaultPlan,
+};
+
+/// The baseline that knows nothing at all.
+pub const METHOD: Method = Method {
+    id: "nearest-input",
+    title: "Nearest input view",
+    source: "baseline of this project",
+    description: "Baseline: every novel view is the given view nearest in time, unchanged (the \
+                  earlier one of two as near). No pose is used.",
+    components: &[],
+    optional_components: &[],
+    default_plan: DefaultPlan::Auto,
+    backends: ON_CPU,
+    requires: &[],
+    options: &[],
+    kind: MethodKind::FeedForward {
+        settings: || serde_json::json!({}),
+        interpolate,
+    },
+};
+
+fn interpolate(group: &Group) -> Result<Interpolated, ReconstructError> {
+    let begun = Instant::now();
+    let images = group
+        .targets
+        .iter()
+        .map(|target| {
+            let nearest = usize::from(group.share_of_second(target) > 0.5);
+            group.context[nearest].image.clone()
+        })
+        .collect();
+    Ok(Interpolated {
+        images,
+        gaussians: 0,
+        analysis_seconds: 0.0,
+        rendering_seconds: begun.elapsed().as_secs_f64(),
+        warnings: Vec::new(),
+    })
+}

@@ -1,0 +1,118 @@
+//! From a view with depth to Gaussians.
+
+use std::f32::consts::{PI, TAU};
+
+use glam::{Vec3, vec3};
+use omnilife_schemas::RgbImage;
+use rayon::prelude::*;
+
+use omnilife_engine::gaussians::{ActivatedGaussians, SH_C0};
+use omnilife_training::stereo::{
+    Rig, SweptDepth,
+    warp::{bilinear, sample},
+};
+
+/// What counts as infinitely far, in distances between the cameras.
+const FARTHEST: f32 = 2000.0;
+/// Standard deviation of a Gaussian in pixels of the image's equator.
+const SIZE_PIXELS: f32 = 0.35;
+/// Opacity of every Gaussian.
+const OPACITY: f32 = 0.9;
+/// Confidence of what the other view does not confirm: it is drawn where nothing better is.
+const LEAST_CONFIDENCE: f32 = 0.02;
+/// Differences of colour (summed over channels, [0, 1]) between a direction and a pixel of the depth
+/// map beyond which they belong to different things.
+const COLOUR_SCALE: f32 = 0.08;
+
+/// One Gaussian per direction of an area-uniform sampling of the sphere: every row of the image gets
+/// as many as its circle is long, `W cos(latitude)`, so that no direction is denser than another and
+/// the poles are not heaps. Feature 0 is the confidence.
+pub(super) fn of_view(
+    image: &RgbImage,
+    depth: &SweptDepth,
+    rig: &Rig,
+    view: usize,
+) -> ActivatedGaussians {
+    let (width, height) = (image.width as f32, image.height as f32);
+    let small = image.resized_by_area(depth.width, depth.height);
+    let rows: Vec<Vec<Sampled>> = (0..image.height)
+        .into_par_iter()
+        .map(|row| {
+            let latitude = (0.5 - (row as f32 + 0.5) / height) * PI;
+            let count = (width * latitude.cos()).round().max(1.0) as usize;
+            (0..count)
+                .map(|index| {
+                    let share = (index as f32 + 0.5) / count as f32;
+                    let longitude = (share - 0.5) * TAU;
+                    let colour = sample(image, [share * width, row as f32 + 0.5]);
+                    let place = [
+                        share * depth.width as f32,
+                        (row as f32 + 0.5) / height * depth.height as f32,
+                    ];
+                    let (inverse, confidence) = looked_up(depth, &small, place, colour);
+                    let direction = vec3(
+                        latitude.cos() * longitude.sin(),
+                        -latitude.sin(),
+                        latitude.cos() * longitude.cos(),
+                    );
+                    let distance = 1.0 / inverse.max(1.0 / FARTHEST);
+                    Sampled {
+                        position: rig.centres[view] + distance * (rig.to_rig[view] * direction),
+                        scale: SIZE_PIXELS * distance * PI / height,
+                        colour,
+                        confidence: confidence.max(LEAST_CONFIDENCE),
+                    }
+                })
+                .collect()
+        })
+        .collect();
+    let samples: Vec<Sampled> = rows.into_iter().flatten().collect();
+    ActivatedGaussians {
+        positions: samples.iter().map(|s| s.position.to_array()).collect(),
+        scales: samples.iter().map(|s| [s.scale; 3]).collect(),
+        rotations: vec![[1.0, 0.0, 0.0, 0.0]; samples.len()],
+        opacities: vec![OPACITY; samples.len()],
+        sh_constant: samples
+            .iter()
+            .map(|s| s.colour.map(|value| (value - 0.5) / SH_C0))
+            .collect(),
+        sh_degree: 0,
+        sh_rest: Vec::new(),
+        feature_count: 1,
+        features: samples.iter().map(|s| s.confidence).collect(),
+    }
+}
+
+struct Sampled {
+    position: Vec3,
+    scale: f32,
+    colour: [f32; 3],
+    confidence: f32,
+}
+
+/// Inverse distance and confidence of a direction: of the four pixels of the depth map around it,
+/// those that look like it. A mean across an edge of depth would hang in the air.
+fn looked_up(
+    depth: &SweptDepth,
+    small: &RgbImage,
+    place: [f32; 2],
+    colour: [f32; 3],
+) -> (f32, f32) {
+    let mut best = (0.0, 0.0, 0.0);
+    for (pixel, weight) in bilinear(depth.width, depth.height, place) {
+        let difference: f32 = small.data[pixel * 3..pixel * 3 + 3]
+            .iter()
+            .zip(colour)
+            .map(|(a, b)| (a - b).abs())
+            .sum();
+        let weight = (weight + 1e-3) * (-difference / COLOUR_SCALE).exp().max(1e-6);
+        if weight > best.0 {
+            best = (
+                weight,
+                depth.inverse_distances[pixel],
+                depth.confidences[pixel],
+            );
+        }
+    }
+    (best.1, best.2)
+}

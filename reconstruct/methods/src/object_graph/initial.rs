@@ -1,0 +1,195 @@
+//! First Gaussians of objects: where the rays of pixels enter their boxes.
+
+use glam::{DVec3, Vec3, dvec2};
+use omnilife_engine::{
+    camera::CameraKernels,
+    gaussians::{static_gaussians::InitialGaussians, tracked::TrackedObject},
+    training_view::TrainingView,
+    trajectories::rigid_path::{RigidPath, RigidPose},
+};
+use omnilife_schemas::{
+    camera::CameraModel,
+    records::{Track, Tracks},
+};
+
+use omnilife_training::scene::TrainingScene;
+
+/// Views whose pixels an object's Gaussians come from, at most.
+const VIEWS: usize = 8;
+/// Gaussians of an object at first, at most.
+const MOST: usize = 2_000;
+/// Below this many, Gaussians are spread evenly in the box instead (4DGF).
+const LEAST: usize = 32;
+/// First opacity.
+const OPACITY: f32 = 0.5;
+/// Seconds from one knot of pose corrections to the next.
+const KNOT_SECONDS: f64 = 2.0;
+
+/// Objects with their first Gaussians.
+#[derive(Debug, Default)]
+pub(super) struct FirstObjects {
+    pub(super) objects: Vec<TrackedObject>,
+    pub(super) gaussians: InitialGaussians,
+    /// The object of each Gaussian.
+    pub(super) numbers: Vec<usize>,
+    pub(super) warnings: Vec<String>,
+}
+
+/// The objects of a scene's tracks.
+pub(super) fn objects(scene: &TrainingScene, tracks: &Tracks) -> FirstObjects {
+    let mut first = FirstObjects::default();
+    for track in &tracks.tracks {
+        let object = tracked_object(scene, track, DVec3::from_array(tracks.up));
+        let (mut gaussians, views) = seen(scene, &object);
+        if views == 0 {
+            first.warnings.push(format!(
+                "object {} is in no input view and is left out",
+                object.id
+            ));
+            continue;
+        }
+        if gaussians.len() < LEAST {
+            first.warnings.push(format!(
+                "object {} is seen in {} pixels: its Gaussians are spread evenly in its box",
+                object.id,
+                gaussians.len()
+            ));
+            gaussians = evenly(&object);
+        }
+        let number = first.objects.len();
+        first
+            .numbers
+            .extend(std::iter::repeat_n(number, gaussians.len()));
+        first.gaussians.append(gaussians);
+        first.objects.push(object);
+    }
+    first
+}
+
+fn tracked_object(scene: &TrainingScene, track: &Track, up: DVec3) -> TrackedObject {
+    let dimensions = track
+        .dimensions
+        .map(|side| (side * scene.normalization.scale) as f32);
+    let [begin, end] = track.path.centre.range();
+    let knots = ((end - begin) / KNOT_SECONDS).ceil() as usize + 1;
+    // No more than the detections can tell apart.
+    let knots = knots.min((track.detections as usize / 2).max(1));
+    TrackedObject {
+        id: track.id,
+        dimensions,
+        path: RigidPath::new(
+            &track.path,
+            up,
+            0.5 * dimensions[0],
+            knots,
+            &scene.normalization,
+        ),
+    }
+}
+
+/// Gaussians where pixels see an object's box, in its coordinates, and how many views see it.
+fn seen(scene: &TrainingScene, object: &TrackedObject) -> (InitialGaussians, usize) {
+    let corrections = vec![0.0; object.path.correction_len()];
+    let mut sightings: Vec<(&TrainingView, RigidPose, [usize; 4])> = scene
+        .input_views
+        .iter()
+        .filter_map(|view| {
+            let pose = object.path.pose(view.view.time_seconds, &corrections)?;
+            Some((view, pose, pixel_range(scene, view, object, &pose)?))
+        })
+        .collect();
+    let area = |[left, top, right, bottom]: &[usize; 4]| (right - left) * (bottom - top);
+    sightings.sort_by_key(|(view, _, range)| (std::cmp::Reverse(area(range)), view.frame));
+    sightings.truncate(VIEWS);
+    let mut all = InitialGaussians::default();
+    let width = scene.camera.width() as usize;
+    for (view, pose, range) in &sightings {
+        let [left, top, right, bottom] = *range;
+        let of_view = MOST / sightings.len().max(1);
+        let step = ((area(range) as f64 / of_view as f64).sqrt().ceil() as usize).max(1);
+        for row in (top..bottom).step_by(step) {
+            for column in (left..right).step_by(step) {
+                let Some((position, distance)) = entry(scene, view, object, pose, [column, row])
+                else {
+                    continue;
+                };
+                if !view.shows_scene(row * width + column) {
+                    continue;
+                }
+                let pixel = 3 * (row * width + column);
+                let footprint = scene.camera.pixel_radians() * distance * step as f32;
+                let colour =
+                    [0, 1, 2].map(|channel| f32::from(view.pixels[pixel + channel]) / 255.0);
+                let scale = 0.6 * footprint / object.unit();
+                all.push_isotropic(position.to_array(), scale, colour, OPACITY);
+            }
+        }
+    }
+    (all, sightings.len())
+}
+
+/// Columns and rows (from, to) of the pixels that an object's box may cover; `None` where it is not seen.
+fn pixel_range(
+    scene: &TrainingScene,
+    view: &TrainingView,
+    object: &TrackedObject,
+    pose: &RigidPose,
+) -> Option<[usize; 4]> {
+    let [width, height] = scene.camera.size();
+    let (mut low, mut high) = ([usize::MAX; 2], [0; 2]);
+    let mut corners = 0;
+    for corner in 0..8 {
+        let side = |axis: usize| if corner >> axis & 1 == 1 { 0.5 } else { -0.5 };
+        let own = Vec3::from_array([0, 1, 2].map(|axis| side(axis) * object.dimensions[axis]));
+        let point = view.view.rotation * (pose.rotation * own + pose.centre - view.view.centre);
+        if let Some(pixel) = scene.camera.pixel_of(point, point.length()) {
+            corners += 1;
+            for axis in 0..2 {
+                low[axis] = low[axis].min(pixel[axis]);
+                high[axis] = high[axis].max(pixel[axis] + 1);
+            }
+        }
+    }
+    // Half of it in the image at least, and not across the seam of a panorama.
+    let is_seen = corners >= 4 && high[0] - low[0] <= width / 2 && high[1] <= height;
+    is_seen.then(|| [low[0], low[1], high[0], high[1]])
+}
+
+/// Where the ray of a pixel enters an object's box, in its coordinates, and how far that is from the camera.
+fn entry(
+    scene: &TrainingScene,
+    view: &TrainingView,
+    object: &TrackedObject,
+    pose: &RigidPose,
+    [column, row]: [usize; 2],
+) -> Option<(Vec3, f32)> {
+    let centre = dvec2(column as f64 + 0.5, row as f64 + 0.5);
+    let ray = view.view.rotation.transpose() * scene.camera.unproject(centre).as_vec3();
+    let to_own = pose.rotation.transpose();
+    let unit = object.unit();
+    let origin = to_own * (view.view.centre - pose.centre) / unit;
+    let direction = to_own * ray / unit;
+    let half = object.half_box();
+    let (mut from, mut to) = (0.0_f32, f32::INFINITY);
+    for axis in 0..3 {
+        let [a, b] = [-half[axis], half[axis]].map(|side| (side - origin[axis]) / direction[axis]);
+        from = from.max(a.min(b));
+        to = to.min(a.max(b));
+    }
+    (from < to && from > 0.0).then(|| (origin + direction * from, from))
+}
+
+/// Gaussians on a grid in an object's box.
+fn evenly(object: &TrackedObject) -> InitialGaussians {
+    const SIDE: usize = 4;
+    let half = object.half_box();
+    let mut all = InitialGaussians::default();
+    for index in 0..SIDE * SIDE * SIDE {
+        let place = [index % SIDE, index / SIDE % SIDE, index / SIDE / SIDE];
+        let position = [0, 1, 2]
+            .map(|axis| half[axis] * (2.0 * (place[axis] as f32 + 0.5) / SIDE as f32 - 1.0));
+        let scale = 0.5 * half[1].min(half[2]) / SIDE as f32;
+        all.push_isotropic(position, scale, [0.5; 3], OPACITY);
+    }
+    all
+}

@@ -1,0 +1,289 @@
+//! PanoGS: from a few panoramas with distances to Gaussians on their surfaces.
+//!
+//! Source: "PanoGS" (see [`METHOD`]); its equations stand beside what implements them.
+//!
+//! * `sources`: the distances, from files or by the sphere sweep. `depth_refinement`: brought to the image's
+//!   grid where they have fewer pixels. `samples`: views agree on scales, pixels become Gaussians, the finest
+//!   view's stay; `manifest`: the record of that. `surface`: the scaffold (Eq. 9). `anchored`: what training may
+//!   change; `shards`: what of it at a time; `neighbour_views`: from which views.
+//!
+//! Lift, normals, scales and redundancy themselves are in [`omnilife_training::seeds::depth`]: any method can begin
+//! there.
+
+mod anchored;
+mod depth_refinement;
+mod manifest;
+mod neighbour_views;
+mod samples;
+mod shards;
+mod sources;
+mod surface;
+
+use std::sync::Arc;
+
+use omnilife_engine::{
+    density,
+    gaussians::static_gaussians::{
+        self, InitialGaussians, LOG_SCALES, OPACITY_LOGITS, POSITIONS, QUATERNIONS, SH_CONSTANT,
+        StaticGaussians,
+    },
+    model::{Model, Part},
+    parameters::{ArrayShape, decay::Decay},
+    step::{memory::StepMemory, settings::TrainSettings},
+};
+
+use self::{
+    anchored::{Anchored, CentreRefinement},
+    samples::{LEAST_DISAGREEMENT, Samples},
+    shards::Sharding,
+    surface::Surface,
+};
+use omnilife_training::{
+    baseline,
+    components::{Decision, DecisionLog, sky_shell},
+    error::ReconstructError,
+    method::{Findings, Method, MethodKind, ON_CPU, PreparedGaussians},
+    models, options, process,
+    request::{BackendChoice, DefaultPlan, MethodRequest},
+    scene::{CameraExtent, TrainingScene},
+};
+
+/// Component: one factor per view on its distances.
+pub const DEPTH_SCALE: &str = "depth-scale";
+/// Component: distances on a coarser grid than the image's are brought to it along the image's edges.
+pub const DEPTH_REFINEMENT: &str = "depth-refinement";
+/// Component: pixels near the poles of panoramas, which crowd, are thinned out.
+pub const POLE_THINNING: &str = "pole-thinning";
+/// Component: of what several views see, the finest view's sample stays.
+pub const REDUNDANT_SAMPLES: &str = "redundant-samples";
+/// Component: opacities and colours learn.
+pub const WARM_START: &str = "warm-start";
+/// Component: centres learn, late, slowly and within half a radius of where they began.
+pub const CENTRE_REFINEMENT: &str = "centre-refinement";
+/// Component: centres are held to the fused surface of all views.
+pub const SCAFFOLD: &str = "scaffold";
+/// Component: sizes and rotations learn too; not in the paper.
+pub const SHAPE_REFINEMENT: &str = "shape-refinement";
+/// Component: one shard of the Gaussians after another learns from a drawing of all.
+pub const SHARDS: &str = "shards";
+/// Component: a shard learns from the views near its own cameras alone.
+pub const NEIGHBOUR_VIEWS: &str = "neighbour-views";
+
+/// PanoGS.
+pub const METHOD: Method = Method {
+    id: "panogs",
+    title: "PanoGS",
+    source: "PanoGS: from RGB-D panoramas to Gaussian scenes for the web (paper without public code)",
+    description: "One flat Gaussian per pixel with a known distance, on the surface that it shows; \
+                  opacities, colours, sizes and rotations learn, centres late and little. Distances come from \
+                  `curate poses --depth-prior`, or from the sphere sweep of neighbouring views. \
+                  Departures from the paper: its mirrored frame and W-1 grid are converted on import; \
+                  radii are roots of areas, not distances of neighbours, and poles are thinned; views \
+                  agree on scales, and of what several see the finest sample stays; the exact ERP \
+                  projection replaces its soft footprint; TSDF distances are point-to-plane; FRED, its \
+                  depth network, is not public and is replaced by an upsampling along the image's edges; \
+                  sizes and rotations learn, where the paper keeps them (--without shape-refinement); \
+                  shards do not learn independently, each against images that others fill, but one after \
+                  another from a drawing of all, with the gradients of the whole scene.",
+    components: &[
+        DEPTH_SCALE,
+        DEPTH_REFINEMENT,
+        POLE_THINNING,
+        REDUNDANT_SAMPLES,
+        sky_shell::ID,
+        WARM_START,
+        CENTRE_REFINEMENT,
+        SCAFFOLD,
+        SHAPE_REFINEMENT,
+        SHARDS,
+        NEIGHBOUR_VIEWS,
+    ],
+    optional_components: &[],
+    default_plan: DefaultPlan::Auto,
+    backends: ON_CPU,
+    requires: &[],
+    options: &[options::MAX_GAUSSIANS, options::FOOTPRINT, options::SHARDS],
+    kind: MethodKind::Trained {
+        extent: CameraExtent::Most,
+        model: &models::gaussians::GAUSSIANS,
+        prepare: |scene, request, backend| prepare(scene, request, backend)?.on(scene, backend),
+    },
+};
+
+/// Position steps over those of 3DGS.
+const CENTRE_STEP: f32 = 0.1;
+/// Share of the iterations after which centres begin to move.
+const CENTRES_BEGIN: f64 = 0.3;
+/// How far centres may go, in radii of their samples.
+const CENTRE_REACH: f32 = 0.5;
+/// Weight of the scaffold's loss.
+const SCAFFOLD_WEIGHT: f32 = 0.1;
+
+/// Which arrays learn, and what centres are held to.
+struct Learning {
+    /// Arrays that keep their values.
+    frozen: Vec<usize>,
+    centres_move: bool,
+    surface: Option<Surface>,
+}
+
+fn prepare(
+    scene: &TrainingScene,
+    request: &MethodRequest,
+    _: BackendChoice,
+) -> Result<PreparedGaussians, ReconstructError> {
+    let mut plan = DecisionLog::new(request);
+    let mut samples = Samples::of(scene, &mut plan)?;
+    let count = samples.gaussians.len() as u64;
+    let learning = learning(&samples, &mut plan);
+    let mut settings = settings(scene, request, &samples.gaussians);
+    let shapes = static_gaussians::shapes(0);
+    let learns = |(array, _): &(usize, &ArrayShape)| !learning.frozen.contains(array);
+    let learns = shapes.iter().enumerate().filter(learns);
+    let learns: Vec<&str> = learns.map(|(_, shape)| shape.name).collect();
+    let memory = StepMemory::of(&shapes, &learns);
+    let sharding = Sharding::of(scene, &samples, memory, settings.rendering, &mut plan);
+    let largest = sharding.as_ref().map(Sharding::largest);
+    let bytes = memory.bytes(count, largest.map_or(count, |len| len as u64));
+    process::require(bytes, &format!("training {count} Gaussians"))?;
+    let model = model(scene, &mut samples, &settings, learning, sharding.as_ref());
+    settings.shards = sharding.map(Sharding::settings);
+    Ok(PreparedGaussians {
+        model,
+        settings,
+        findings: Findings {
+            plan: plan.into_decisions(),
+            evidence: None,
+            lift: Some(samples.record),
+            warnings: samples.warnings,
+        },
+    })
+}
+
+/// The settings of 3DGS without density control, with steps of centres that are a tenth as long.
+fn settings(
+    scene: &TrainingScene,
+    request: &MethodRequest,
+    gaussians: &InitialGaussians,
+) -> TrainSettings {
+    let mut settings = baseline::settings(scene, request);
+    settings.densify.begin_iteration = u64::MAX;
+    settings.densify.opacity_reset_iterations = 0;
+    settings.densify.maximum_gaussians = gaussians.len() as u64;
+    let mut distances: Vec<f32> = gaussians
+        .positions
+        .iter()
+        .map(|&position| glam::Vec3::from_array(position).length())
+        .collect();
+    distances.sort_by(f32::total_cmp);
+    let median = distances.get(distances.len() / 2).copied().unwrap_or(0.0);
+    let extent = median.max(baseline::CAMERA_EXTENT);
+    let step = Decay::constant(CENTRE_STEP * 1.6e-4 * extent);
+    settings.learning_rates.insert("positions".to_owned(), step);
+    settings
+}
+
+/// Decides what learns.
+fn learning(samples: &Samples, plan: &mut DecisionLog<'_>) -> Learning {
+    let warms_up = plan.decide(
+        WARM_START,
+        Decision::new(
+            true,
+            "Gaussians of one view each have never been drawn together",
+        ),
+    );
+    let centres_move = plan.decide(CENTRE_REFINEMENT, samples.centre_decision());
+    let surface = surface(samples, plan, centres_move);
+    let changes_shapes = plan.decide(
+        SHAPE_REFINEMENT,
+        Decision::new(
+            true,
+            "samples are as large as their pixels, not as what these show; PanoGS keeps that",
+        ),
+    );
+    let mut frozen = Vec::new();
+    if !warms_up {
+        frozen.extend([OPACITY_LOGITS, SH_CONSTANT]);
+    }
+    if !changes_shapes {
+        frozen.extend([LOG_SCALES, QUATERNIONS]);
+    }
+    if !centres_move {
+        frozen.push(POSITIONS);
+    }
+    Learning {
+        frozen,
+        centres_move,
+        surface,
+    }
+}
+
+/// The Gaussians with what of them learns: one part, or one for each shard.
+fn model(
+    scene: &TrainingScene,
+    samples: &mut Samples,
+    settings: &TrainSettings,
+    learning: Learning,
+    sharding: Option<&Sharding>,
+) -> Model {
+    let gaussians = std::mem::take(&mut samples.gaussians);
+    let all = gaussians.len();
+    let static_part = |gaussians: &InitialGaussians| {
+        let mut table = static_gaussians::table(gaussians, 0);
+        for &array in &learning.frozen {
+            table.freeze(array);
+        }
+        Part::new(StaticGaussians, table)
+    };
+    let mut model = Model::new(match sharding {
+        None => vec![static_part(&gaussians)],
+        Some(sharding) => {
+            let shards = sharding.members.iter();
+            let part = |members: &Vec<usize>| static_part(&gaussians.selected(members));
+            shards.map(part).collect()
+        }
+    });
+    drop(gaussians);
+    density::order::along_sphere(&mut model, &scene.input_views);
+    let scaffold = (learning.surface).map(|surface| (Arc::new(surface.field), SCAFFOLD_WEIGHT));
+    let anchored = |part: Part| {
+        let table = part.table;
+        let refinement = learning.centres_move.then(|| {
+            let positions = table.arrays[POSITIONS].values.as_chunks::<3>().0;
+            let scales = table.arrays[LOG_SCALES].values.as_chunks::<3>().0;
+            let reach = |log_scales: &[f32; 3]| {
+                CENTRE_REACH * log_scales[0].exp() / samples.shape.tangential
+            };
+            CentreRefinement {
+                anchors: Arc::new(positions.to_vec()),
+                reach: Arc::new(scales.iter().map(reach).collect()),
+                all,
+                begin_iteration: (CENTRES_BEGIN * settings.iterations as f64) as u64,
+                scaffold: scaffold.clone(),
+            }
+        });
+        Part::new(Anchored { refinement }, table)
+    };
+    Model::new(model.parts.into_iter().map(anchored).collect())
+}
+
+/// The fused surface, where there is a reason for it.
+fn surface(samples: &Samples, plan: &mut DecisionLog<'_>, centres_move: bool) -> Option<Surface> {
+    let missing = match (samples.views.len(), centres_move) {
+        (0 | 1, _) => Some("a second view"),
+        (_, false) => Some("centres that move"),
+        _ => None,
+    };
+    if missing.is_some() || plan.request.leaves_out(SCAFFOLD) {
+        let reason = "not fused";
+        plan.decide(SCAFFOLD, Decision::new(false, reason).unless(missing));
+        return None;
+    }
+    let surface = Surface::of(samples);
+    plan.decide(SCAFFOLD, surface.decision()).then_some(surface)
+}
+
+/// Whether distances of views that see one surface differ by more than pixels explain.
+fn differ(disagreement: f64) -> bool {
+    disagreement > LEAST_DISAGREEMENT
+}

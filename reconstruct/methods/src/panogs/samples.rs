@@ -1,0 +1,463 @@
+//! From views with distances to the Gaussians that a run begins with.
+
+use omnilife_engine::gaussians::static_gaussians::InitialGaussians;
+use omnilife_schemas::{
+    points::PointCloud,
+    records::{DistanceConvention, Lift},
+};
+
+use super::{
+    DEPTH_REFINEMENT, DEPTH_SCALE, POLE_THINNING, REDUNDANT_SAMPLES, depth_refinement, differ,
+    manifest,
+    sources::{self, Sources},
+};
+use omnilife_training::{
+    components::{Decision, DecisionLog, sky_shell},
+    error::ReconstructError,
+    scene::TrainingScene,
+    seeds::{
+        depth::{
+            Agreement, DistanceView, LiftCounts, LiftSettings, Lifted, ScaleFit, SourceView,
+            agreement, checks, fit_scales, lift, scaled, tolerance,
+        },
+        points,
+        sky::{OpenSky, SKY_SHARE},
+    },
+};
+
+/// Differences between views that the rounding to pixels explains.
+pub(super) const LEAST_DISAGREEMENT: f64 = 0.005;
+/// Share of the samples that another view must see too for their choice to be worth it.
+const LEAST_SHARED: f64 = 0.05;
+/// A world is mirrored where views agree better by this, dB, when they are mirrored.
+const MIRRORED_DECIBELS: f64 = 3.0;
+/// Share of places seen by two views on whose distances they may disagree; what hides one from the other
+/// counts.
+const MOST_APART: f64 = 0.1;
+/// How much larger it has to be than with mirrored distances before those are taken for the right ones.
+const APART_FACTOR: f64 = 1.5;
+/// Another convention is meant where views agree better by this factor under it.
+const CONVENTION_FACTOR: f64 = 3.0;
+/// How much larger samples get at most where they are thinned out.
+const LARGEST_GROWTH: f32 = 4.0;
+/// Places among which directions without any are looked for, at most.
+const MOST_PLACES: usize = 200_000;
+/// Views in whose free space a sample has to stand to be a ghost.
+const GHOST_VIEWS: u16 = 2;
+
+/// What a run begins with.
+#[derive(Debug)]
+pub(super) struct Samples {
+    /// The views, with the scales of their distances put right.
+    pub(super) views: Vec<SourceView>,
+    pub(super) gaussians: InitialGaussians,
+    /// The view of each sample; the sky's have none and are at the end.
+    pub(super) view_of: Vec<u16>,
+    /// How they were shaped.
+    pub(super) shape: LiftSettings,
+    /// Median radius of a sample, normalized units.
+    pub(super) median_radius: f32,
+    /// Lines that a reader of the scores should know.
+    pub(super) warnings: Vec<String>,
+    /// Gaussians of the sky.
+    pub(super) sky: usize,
+    /// What became of the pixels.
+    pub(super) record: Lift,
+    /// Median difference between views, with scales where they are used.
+    disagreement: f64,
+}
+
+/// What views say of each other's scales.
+#[derive(Debug)]
+pub(super) struct Agreed {
+    /// Median difference between views as they came.
+    pub(super) before: f64,
+    /// Median difference with the factors.
+    pub(super) disagreement: f64,
+    /// What the distances of each view were multiplied by.
+    pub(super) factors: Vec<f64>,
+}
+
+/// The samples that stay.
+#[derive(Debug)]
+pub(super) struct Chosen {
+    /// By view.
+    pub(super) lifted: Vec<Lifted>,
+    pub(super) shape: LiftSettings,
+    /// Share of all samples that stand where two views or more see past them.
+    pub(super) ghost_share: f64,
+}
+
+impl Samples {
+    /// Lifts the distances of a scene's input views.
+    pub(super) fn of(
+        scene: &TrainingScene,
+        plan: &mut DecisionLog<'_>,
+    ) -> Result<Self, ReconstructError> {
+        let Sources {
+            mut views,
+            origin,
+            size,
+        } = sources::of_scene(scene)?;
+        check(scene, &views)?;
+        let mut warnings = vec![format!("distances are those of {origin}")];
+        let agreed = agreed(scene, &mut views, plan, &mut warnings);
+        refine(scene, &mut views, size, plan);
+        let thins_poles = thins_poles(scene, &views, plan);
+        let lifted: Vec<Lifted> = distance_views(&views)
+            .iter()
+            .enumerate()
+            .map(|(number, view)| {
+                let settings = LiftSettings {
+                    thins_poles,
+                    seed: plan.request.seed,
+                    ..LiftSettings::OF_BEST_VIEWS
+                };
+                lift(view, number as u64, &settings)
+            })
+            .collect();
+        if lifted.iter().all(Lifted::is_empty) {
+            return Err(ReconstructError::Request {
+                reason: format!(
+                    "{}: no pixel of its input views has a usable distance",
+                    scene.id
+                ),
+            });
+        }
+        let surfaces = some_places(&lifted);
+        let chosen = chosen(&views, lifted, agreed.disagreement, plan, &mut warnings);
+        let record = manifest::begun(scene, &origin, &agreed, &chosen);
+        let mut samples = Self::joined(views, chosen, agreed.disagreement, warnings, record);
+        samples.add_sky(scene, surfaces, plan);
+        samples.thin(plan);
+        samples.record = manifest::completed(samples.record.clone(), scene, &samples);
+        Ok(samples)
+    }
+
+    fn joined(
+        views: Vec<SourceView>,
+        chosen: Chosen,
+        disagreement: f64,
+        mut warnings: Vec<String>,
+        record: Lift,
+    ) -> Self {
+        let mut view_of = Vec::new();
+        let mut all = Lifted::default();
+        for (number, of_view) in chosen.lifted.into_iter().enumerate() {
+            view_of.extend(std::iter::repeat_n(number as u16, of_view.len()));
+            all.append(of_view);
+        }
+        warnings.push(summary(&all.counts, all.len()));
+        let mut radii = all.radii;
+        let middle = radii.len() / 2;
+        let median_radius = *radii.select_nth_unstable_by(middle, f32::total_cmp).1;
+        Self {
+            views,
+            gaussians: all.gaussians,
+            view_of,
+            shape: chosen.shape,
+            median_radius,
+            warnings,
+            sky: 0,
+            record,
+            disagreement,
+        }
+    }
+
+    /// The views as the lift sees them.
+    pub(super) fn distance_views(&self) -> Vec<DistanceView<'_>> {
+        distance_views(&self.views)
+    }
+
+    /// Whether centres have a reason to move.
+    pub(super) fn centre_decision(&self) -> Decision {
+        let reason = format!(
+            "views differ by {:.2} % where they see one surface (limit {:.1} %)",
+            100.0 * self.disagreement,
+            100.0 * LEAST_DISAGREEMENT
+        );
+        Decision::new(differ(self.disagreement), reason)
+    }
+
+    /// A shell in the directions that no view knows a distance of.
+    fn add_sky(
+        &mut self,
+        scene: &TrainingScene,
+        surfaces: PointCloud<f32>,
+        plan: &mut DecisionLog<'_>,
+    ) {
+        let with_points = TrainingScene {
+            points: surfaces,
+            ..scene.clone()
+        };
+        let room = self.gaussians.len() as u64;
+        let sky = OpenSky::of(&with_points, room);
+        let reason = format!(
+            "{:.1} % of {} directions have no known distance (limit {:.0} %)",
+            100.0 * sky.share(),
+            sky.directions,
+            100.0 * SKY_SHARE
+        );
+        let decision = Decision::new(sky.is_worth_a_shell(), reason).whatever_the_plan();
+        if plan.decide(sky_shell::ID, decision) {
+            let shell = sky.shell(&with_points, None);
+            self.sky = shell.len();
+            self.gaussians.append(shell);
+        }
+    }
+
+    /// No more Gaussians than asked for, evenly spread and larger for it.
+    fn thin(&mut self, plan: &DecisionLog<'_>) {
+        let Some(maximum) = plan.request.options.maximum_gaussians() else {
+            return;
+        };
+        let all = self.gaussians.len();
+        if all as u64 <= maximum {
+            return;
+        }
+        let mut indices = points::thinned_indices(&points_of(&self.gaussians), maximum as usize);
+        // The sky's, which no view knows, stay at the end.
+        indices.sort_unstable();
+        let growth = (all as f32 / maximum as f32).sqrt().min(LARGEST_GROWTH);
+        self.gaussians = self.gaussians.selected(&indices);
+        for scale in self.gaussians.scales.as_flattened_mut() {
+            *scale *= growth;
+        }
+        let views = indices.iter().filter_map(|&index| self.view_of.get(index));
+        self.view_of = views.copied().collect();
+        self.warnings.push(format!(
+            "{maximum} of {all} samples, evenly spread and {growth:.2} times as large"
+        ));
+    }
+}
+
+/// Places on the surfaces that the views show: enough of them to find the directions without any.
+fn some_places(lifted: &[Lifted]) -> PointCloud<f32> {
+    let all: usize = lifted.iter().map(Lifted::len).sum();
+    let positions = lifted.iter().flat_map(|lifted| &lifted.gaussians.positions);
+    let positions: Vec<[f32; 3]> = positions.step_by(all / MOST_PLACES + 1).copied().collect();
+    PointCloud {
+        colours: vec![[0; 3]; positions.len()],
+        positions,
+    }
+}
+
+/// The centres as points.
+fn points_of(gaussians: &InitialGaussians) -> PointCloud<f32> {
+    PointCloud {
+        positions: gaussians.positions.clone(),
+        colours: vec![[0; 3]; gaussians.len()],
+    }
+}
+
+fn distance_views(views: &[SourceView]) -> Vec<DistanceView<'_>> {
+    views.iter().map(SourceView::as_given).collect()
+}
+
+/// Refuses distances of a mirrored world, or along something else than they are said to be.
+fn check(scene: &TrainingScene, views: &[SourceView]) -> Result<(), ReconstructError> {
+    let views = distance_views(views);
+    let refuse = |reason: String| {
+        Err(ReconstructError::Request {
+            reason: format!("{}: {reason}", scene.id),
+        })
+    };
+    let prior = scene.depth_priors.iter().flatten().next();
+    if let Some(prior) = prior {
+        let (said, other) = match prior.prior.convention {
+            DistanceConvention::Ray => ("ray", DistanceConvention::Z),
+            DistanceConvention::Z => ("z", DistanceConvention::Ray),
+        };
+        if let Some([as_given, otherwise]) = checks::convention_disagreements(&views, other)
+            && as_given > CONVENTION_FACTOR * otherwise
+            && differ(as_given)
+        {
+            return refuse(format!(
+                "its distances are not along {said}: views differ by {:.1} %, and by {:.1} % where the \
+                 other convention is meant (curate poses --depth-prior-convention)",
+                100.0 * as_given,
+                100.0 * otherwise
+            ));
+        }
+    }
+    match checks::handedness_scores(&views) {
+        Some([straight, mirrored]) if mirrored > straight + MIRRORED_DECIBELS => {
+            return refuse(format!(
+                "its poses are of a mirrored world: colours of places that two views see agree to \
+                 {straight:.1} dB, and to {mirrored:.1} dB with the images mirrored"
+            ));
+        }
+        _ => {}
+    }
+    match checks::mirrored_disagreements(&views) {
+        Some([as_given, mirrored])
+            if as_given > MOST_APART && as_given > APART_FACTOR * mirrored =>
+        {
+            refuse(format!(
+                "its distances are mirrored: views disagree on {:.1} % of what they show of each other, \
+                 and on {:.1} % with every distance image mirrored",
+                100.0 * as_given,
+                100.0 * mirrored
+            ))
+        }
+        _ => Ok(()),
+    }
+}
+
+/// Puts factors on the views' distances where they disagree.
+fn agreed(
+    scene: &TrainingScene,
+    views: &mut [SourceView],
+    plan: &mut DecisionLog<'_>,
+    warnings: &mut Vec<String>,
+) -> Agreed {
+    let fit: ScaleFit = fit_scales(&distance_views(views));
+    let largest = fit
+        .log_scales
+        .iter()
+        .copied()
+        .fold(0.0, |most: f64, log| most.max(log.exp_m1().abs()));
+    let reason = format!(
+        "views differ by {:.2} % where they see one surface (limit {:.1} %), by {:.2} % with factors of up \
+         to {:.2} %",
+        100.0 * fit.disagreement_before,
+        100.0 * LEAST_DISAGREEMENT,
+        100.0 * fit.disagreement_after,
+        100.0 * largest
+    );
+    let alone = (views.len() < 2).then_some("a second view");
+    let decision = Decision::new(differ(fit.disagreement_before), reason).unless(alone);
+    if fit.groups.len() > 1 {
+        let frame = |&view: &usize| scene.input_views[view].frame.to_string();
+        let groups = fit.groups.iter();
+        let groups: Vec<String> = groups
+            .map(|group| group.iter().map(frame).collect::<Vec<_>>().join(" "))
+            .collect();
+        warnings.push(format!(
+            "the input views fall into {} groups without a common surface, each with a scale of its own: \
+             frames {}",
+            groups.len(),
+            groups.join("; ")
+        ));
+    }
+    if !plan.decide(DEPTH_SCALE, decision) {
+        return Agreed {
+            before: fit.disagreement_before,
+            disagreement: fit.disagreement_before,
+            factors: vec![1.0; views.len()],
+        };
+    }
+    scaled(views, &fit);
+    Agreed {
+        before: fit.disagreement_before,
+        disagreement: fit.disagreement_after,
+        factors: fit.log_scales.iter().map(|log| log.exp()).collect(),
+    }
+}
+
+/// Brings distances to the images' grids where those are finer.
+fn refine(
+    scene: &TrainingScene,
+    views: &mut [SourceView],
+    size: [usize; 2],
+    plan: &mut DecisionLog<'_>,
+) {
+    let image = scene.camera.size();
+    let reason = format!("distances are {} pixels wide, images {}", size[0], image[0]);
+    let coarse = size[0] < image[0];
+    let missing = (!coarse).then_some("images with more pixels than the distances");
+    if plan.decide(
+        DEPTH_REFINEMENT,
+        Decision::new(coarse, reason).unless(missing),
+    ) {
+        for (view, image) in views.iter_mut().zip(&scene.input_views) {
+            *view = depth_refinement::refined(image, view);
+        }
+    }
+}
+
+/// Whether pixels near the poles are left out.
+fn thins_poles(scene: &TrainingScene, views: &[SourceView], plan: &mut DecisionLog<'_>) -> bool {
+    let pixels: usize = views.iter().map(|view| view.distances.values.len()).sum();
+    // The mean of cos(latitude) over the rows of a panorama is 2 / pi.
+    let spared = (1.0 - std::f64::consts::FRAC_2_PI) * pixels as f64;
+    let reason = format!(
+        "rows of panoramas crowd towards the poles: {spared:.0} of {pixels} pixels show no more of the \
+         sphere than the others do"
+    );
+    let missing = (!scene.camera.wraps()).then_some("panoramas");
+    plan.decide(POLE_THINNING, Decision::new(true, reason).unless(missing))
+}
+
+/// Chooses the samples that stay, and shapes them.
+fn chosen(
+    views: &[SourceView],
+    lifted: Vec<Lifted>,
+    disagreement: f64,
+    plan: &mut DecisionLog<'_>,
+    warnings: &mut Vec<String>,
+) -> Chosen {
+    let distance_views = distance_views(views);
+    let tolerance = tolerance(disagreement);
+    let agreements: Vec<Vec<Agreement>> = lifted
+        .iter()
+        .enumerate()
+        .map(|(own, lifted)| agreement(lifted, own, &distance_views, tolerance))
+        .collect();
+    let all = || agreements.iter().flatten();
+    let count = |is: &dyn Fn(&Agreement) -> bool| all().filter(|found| is(found)).count();
+    let total = all().count().max(1);
+    let shared = count(&|found| found.support > 0) as f64 / total as f64;
+    let finest = count(&|found| found.is_finest);
+    let ghosts = count(&|found| found.free >= GHOST_VIEWS) as f64 / total as f64;
+    warnings.push(format!(
+        "{:.1} % of the samples stand where {GHOST_VIEWS} views or more see past them",
+        100.0 * ghosts
+    ));
+    let reason = format!(
+        "{:.0} % of {total} samples are seen by another view within {:.1} % (limit {:.0} %); {finest} are \
+         the finest of their place",
+        100.0 * shared,
+        100.0 * tolerance,
+        100.0 * LEAST_SHARED
+    );
+    let alone = (views.len() < 2).then_some("a second view");
+    let decision = Decision::new(shared > LEAST_SHARED, reason).unless(alone);
+    if plan.decide(REDUNDANT_SAMPLES, decision) {
+        let kept = lifted.iter().zip(&agreements).map(|(lifted, found)| {
+            let keep: Vec<bool> = found.iter().map(|found| found.is_finest).collect();
+            lifted.retained(&keep)
+        });
+        return Chosen {
+            lifted: kept.collect(),
+            shape: LiftSettings::OF_BEST_VIEWS,
+            ghost_share: ghosts,
+        };
+    }
+    let shape = LiftSettings::OF_ALL_VIEWS;
+    let shaped = lifted.into_iter().map(|lifted| lifted.shaped(&shape));
+    Chosen {
+        lifted: shaped.collect(),
+        shape,
+        ghost_share: ghosts,
+    }
+}
+
+/// What became of the pixels, in a line.
+fn summary(counts: &LiftCounts, kept: usize) -> String {
+    format!(
+        "{kept} samples of {} pixels: {} without a distance, {} masked, {} thinned near the poles, {} \
+         between surfaces, {} finer elsewhere",
+        counts.pixels,
+        counts.unknown,
+        counts.masked,
+        counts.thinned,
+        counts.flying,
+        counts.pixels
+            - counts.unknown
+            - counts.masked
+            - counts.thinned
+            - counts.flying
+            - kept as u64
+    )
+}

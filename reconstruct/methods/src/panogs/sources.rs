@@ -1,0 +1,182 @@
+//! Where the distances of the input views come from: files, or the sphere sweep.
+
+use omnilife_engine::{camera::View, training_view::TrainingView};
+use omnilife_schemas::{
+    RgbImage,
+    distances::{DistanceImage, EDGE_RATIO},
+};
+
+use omnilife_training::{
+    error::ReconstructError,
+    scene::{TrainingScene, depth::resized_view},
+    seeds::depth::SourceView,
+    stereo::{self, Placement, SweepSettings, SweptDepth},
+};
+
+/// The views of a scene, and what their distances are.
+#[derive(Debug)]
+pub(super) struct Sources {
+    pub(super) views: Vec<SourceView>,
+    /// In words.
+    pub(super) origin: String,
+    /// Size of the distance images as they came.
+    pub(super) size: [usize; 2],
+}
+
+/// Views that each panorama is swept against.
+const NEIGHBOURS: usize = 2;
+/// Inverse distances below this, per distance between the two cameras, are too far to be known.
+const FARTHEST_BASELINES: f32 = 200.0;
+
+/// Distances of all input views: from their files, or by the sphere sweep where there are none.
+///
+/// # Errors
+/// When some views have a file and others none, a file is not usable, or no two cameras stand apart.
+pub(super) fn of_scene(scene: &TrainingScene) -> Result<Sources, ReconstructError> {
+    let count = scene.input_views.len();
+    let given: Vec<Option<DistanceImage>> = (0..count)
+        .map(|view| scene.distances(view))
+        .collect::<Result<_, _>>()?;
+    let with_file = given.iter().flatten().count();
+    if with_file == 0 {
+        return swept(scene);
+    }
+    if let Some(missing) = given.iter().position(Option::is_none) {
+        return Err(ReconstructError::Request {
+            reason: format!(
+                "{}: input view {} has no distances, {with_file} of {count} have; give all of them \
+                 or none (curate poses --depth-prior)",
+                scene.id, scene.input_views[missing].frame
+            ),
+        });
+    }
+    let largest = given
+        .iter()
+        .flatten()
+        .map(|image| [image.width, image.height]);
+    let size = largest.max().unwrap_or_default();
+    let views = scene.input_views.iter().zip(given.into_iter().flatten());
+    let views = views.map(|(view, distances)| SourceView::on_one_grid(view, distances));
+    let name = scene.depth_priors.iter().flatten().next();
+    let name = name.map_or("given", |file| file.prior.source.as_str());
+    Ok(Sources {
+        views: views.collect(),
+        origin: format!("files ({name}), {}x{}", size[0], size[1]),
+        size,
+    })
+}
+
+/// Every panorama against its nearest neighbours, each direction confirmed by the other view.
+fn swept(scene: &TrainingScene) -> Result<Sources, ReconstructError> {
+    if !scene.camera.wraps() {
+        return Err(ReconstructError::Request {
+            reason: format!(
+                "{}: needs distances: the scene has none (curate poses --depth-prior), and the sphere \
+                 sweep, which finds them, takes panoramas",
+                scene.id
+            ),
+        });
+    }
+    let views = &scene.input_views;
+    let mut estimates: Vec<Vec<(SweptDepth, f64)>> = vec![Vec::new(); views.len()];
+    let [width, height] = scene.camera.size();
+    let image = |view: &TrainingView| RgbImage::from_rgb8(width, height, &view.pixels);
+    for [first, second] in pairs(views) {
+        let of_pair = [&views[first], &views[second]];
+        let [a, b] = of_pair.map(image);
+        let cameras = of_pair.map(|view| placement(&view.view));
+        if let Some((rig, [a, b])) = stereo::depths([&a, &b], cameras, &SweepSettings::DEFAULT) {
+            estimates[first].push((a, rig.baseline));
+            estimates[second].push((b, rig.baseline));
+        }
+    }
+    let found: Option<Vec<SourceView>> = views
+        .iter()
+        .zip(&estimates)
+        .map(|(view, estimates)| merged(view, estimates))
+        .collect();
+    let Some(found) = found else {
+        return Err(ReconstructError::Request {
+            reason: format!(
+                "{}: needs distances: the scene has none (curate poses --depth-prior), and cameras that \
+                 stand in one place give none by themselves",
+                scene.id
+            ),
+        });
+    };
+    let size = found
+        .first()
+        .map_or([0; 2], |view| [view.distances.width, view.distances.height]);
+    Ok(Sources {
+        views: found,
+        origin: format!(
+            "the sphere sweep of neighbouring views, {}x{}",
+            size[0], size[1]
+        ),
+        size,
+    })
+}
+
+/// Each view with those that stand nearest to it, every pair once.
+fn pairs(views: &[TrainingView]) -> Vec<[usize; 2]> {
+    let mut pairs: Vec<[usize; 2]> = Vec::new();
+    for (number, view) in views.iter().enumerate() {
+        let away = |other: usize| view.view.centre.distance(views[other].view.centre);
+        let mut others: Vec<usize> = (0..views.len())
+            .filter(|&other| other != number && away(other) > 0.0)
+            .collect();
+        others.sort_by(|&a, &b| away(a).total_cmp(&away(b)));
+        for &other in others.iter().take(NEIGHBOURS) {
+            pairs.push([number.min(other), number.max(other)]);
+        }
+    }
+    pairs.sort_unstable();
+    pairs.dedup();
+    pairs
+}
+
+fn placement(view: &View) -> Placement {
+    Placement {
+        to_world: view.rotation.as_dmat3().transpose(),
+        centre: view.centre.as_dvec3(),
+    }
+}
+
+/// The estimates of one view put together: what another view confirmed, weighted by confidence where two
+/// agree, the more confident one where they do not. `None` without any estimate.
+fn merged(view: &TrainingView, estimates: &[(SweptDepth, f64)]) -> Option<SourceView> {
+    let (first, _) = estimates.first()?;
+    let (width, height) = (first.width, first.height);
+    let mut values = Vec::with_capacity(width * height);
+    let mut confidences = Vec::with_capacity(width * height);
+    for pixel in 0..width * height {
+        let (mut inverse, mut weight) = (0.0_f32, 0.0_f32);
+        for (depth, baseline) in estimates {
+            let (found, confidence) = (depth.inverse_distances[pixel], depth.confidences[pixel]);
+            if confidence <= 0.0 || found < 1.0 / FARTHEST_BASELINES {
+                continue;
+            }
+            let found = found / *baseline as f32;
+            let agrees = inverse.max(found) < EDGE_RATIO * inverse.min(found);
+            if agrees {
+                let sum = weight + confidence;
+                inverse = (weight * inverse + confidence * found) / sum;
+                weight = sum;
+            } else if confidence > weight {
+                (inverse, weight) = (found, confidence);
+            }
+        }
+        values.push(if inverse > 0.0 { 1.0 / inverse } else { 0.0 });
+        confidences.push(weight.min(1.0));
+    }
+    Some(SourceView {
+        view: resized_view(view, [width, height]),
+        distances: DistanceImage {
+            width,
+            height,
+            wraps: true,
+            values,
+        },
+        confidences: Some(confidences),
+    })
+}

@@ -1,0 +1,189 @@
+//! Names of a method with other components than its own: `odgs-with-short-schedule`,
+//! `omni4dgs-plus-without-mask-seeds`, `omni4dgs-plan-auto`.
+//!
+//! Tables show them in place of the method's name, so that no row claims to be what it is not.
+
+use crate::registry::find;
+use omnilife_training::{
+    error::ReconstructError,
+    method::Method,
+    request::{BackendChoice, DefaultPlan, MethodRequest, PlanChoice},
+};
+
+const WITH: &str = "-with-";
+const WITHOUT: &str = "-without-";
+const PLAN: &str = "-plan-";
+
+/// A method and what is asked of it beside its length and seed.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Variant {
+    /// Id of the method.
+    pub method: &'static str,
+    /// Components to use.
+    pub with: Vec<String>,
+    /// Components to leave out.
+    pub without: Vec<String>,
+    /// How the others are decided; `None` is as the method has it by itself.
+    pub plan: Option<PlanChoice>,
+}
+
+impl Variant {
+    /// What a request asks of a method.
+    pub fn of(method: &Method, request: &MethodRequest) -> Self {
+        let sorted = |names: &[String]| {
+            let mut names = names.to_vec();
+            names.sort();
+            names.dedup();
+            names
+        };
+        let by_default = request.plan == PlanChoice::from(method.default_plan);
+        Self {
+            method: method.id,
+            with: sorted(&request.with),
+            without: sorted(&request.without),
+            plan: (!by_default).then(|| request.plan.clone()),
+        }
+    }
+
+    /// Reads a name: that of a method, and behind it any number of `-with-COMPONENT`,
+    /// `-without-COMPONENT`, and `-plan-auto` or `-plan-full`.
+    ///
+    /// # Errors
+    /// When there is no such method, or it has no such component.
+    pub fn parse(name: &str) -> Result<Self, ReconstructError> {
+        let (id, mut rest) = name.split_at(next_mark(name));
+        let method = find(id)?;
+        let mut variant = Self {
+            method: method.id,
+            with: Vec::new(),
+            without: Vec::new(),
+            plan: None,
+        };
+        while let Some((mark, behind)) = mark_of(rest) {
+            let (word, following) = behind.split_at(next_mark(behind));
+            match mark {
+                WITH => variant.with.push(word.to_owned()),
+                WITHOUT => variant.without.push(word.to_owned()),
+                _ => variant.plan = Some(plan(name, word)?.into()),
+            }
+            rest = following;
+        }
+        let request = variant.request(1, 0);
+        method.check(&request, BackendChoice::Cpu)?;
+        // One name for one variant: results are told apart by it.
+        Ok(Self::of(method, &request))
+    }
+
+    /// The request that it stands for.
+    pub fn request(&self, iterations: u64, seed: u64) -> MethodRequest {
+        let plan =
+            || find(self.method).map_or(PlanChoice::Auto, |method| method.default_plan.into());
+        MethodRequest {
+            with: self.with.clone(),
+            without: self.without.clone(),
+            plan: self.plan.clone().unwrap_or_else(plan),
+            ..MethodRequest::new(iterations, seed)
+        }
+    }
+}
+
+impl std::fmt::Display for Variant {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(self.method)?;
+        match &self.plan {
+            None => {}
+            Some(PlanChoice::Auto) => f.write_str("-plan-auto")?,
+            Some(PlanChoice::Full) => f.write_str("-plan-full")?,
+            Some(PlanChoice::Only(names)) => write!(f, "-plan-{}", names.join("-"))?,
+        }
+        for name in &self.with {
+            write!(f, "{WITH}{name}")?;
+        }
+        for name in &self.without {
+            write!(f, "{WITHOUT}{name}")?;
+        }
+        Ok(())
+    }
+}
+
+/// Where the next mark of a text begins, or where it ends.
+fn next_mark(text: &str) -> usize {
+    let marks = [WITH, WITHOUT, PLAN];
+    let found = marks.iter().filter_map(|mark| text.find(mark)).min();
+    found.unwrap_or(text.len())
+}
+
+/// The mark that a text begins with, and what is behind it.
+fn mark_of(text: &str) -> Option<(&'static str, &str)> {
+    [WITH, WITHOUT, PLAN]
+        .into_iter()
+        .find_map(|mark| Some((mark, text.strip_prefix(mark)?)))
+}
+
+fn plan(name: &str, word: &str) -> Result<DefaultPlan, ReconstructError> {
+    match word {
+        "auto" => Ok(DefaultPlan::Auto),
+        "full" => Ok(DefaultPlan::Full),
+        _ => Err(ReconstructError::Request {
+            reason: format!("{name}: a plan in a method's name is auto or full, not {word}"),
+        }),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::registry::METHODS;
+
+    #[test]
+    fn names_say_what_is_asked_and_are_read_back() {
+        for name in [
+            "odgs",
+            "omni4dgs-plus",
+            "odgs-with-short-schedule",
+            "omni4dgs-plan-auto-with-mask-seeds-with-static-table",
+            "omni4dgs-plus-plan-full-without-mask-seeds",
+            "periodic-without-temporal-density",
+        ] {
+            let variant = Variant::parse(name).expect(name);
+            assert_eq!(variant.to_string(), name);
+            let method = find(variant.method).expect("a method");
+            assert_eq!(Variant::of(method, &variant.request(600, 3)), variant);
+        }
+        // One name for one variant, in whatever order it was said.
+        let other = Variant::parse("omni4dgs-with-static-table-plan-full-with-mask-seeds");
+        let name = other.map(|variant| variant.to_string());
+        assert_eq!(
+            name.ok().as_deref(),
+            Some("omni4dgs-with-mask-seeds-with-static-table")
+        );
+    }
+
+    #[test]
+    fn what_no_method_has_is_refused() {
+        for (name, said) in [
+            ("odg", "odg"),
+            ("odgs-with-masks", "masks"),
+            ("odgs-without-", "odgs component"),
+            ("odgs-plan-half", "auto or full"),
+            (
+                "odgs-with-sky-shell-without-sky-shell",
+                "asked for and left out",
+            ),
+        ] {
+            let error = Variant::parse(name).expect_err(name).to_string();
+            assert!(error.contains(said), "{name}: {error}");
+        }
+    }
+
+    #[test]
+    fn no_name_of_a_method_reads_as_a_variant() {
+        for method in METHODS {
+            let all = [method.components, method.optional_components].concat();
+            for mark in [WITH, WITHOUT, PLAN] {
+                let holds = |name: &str| format!("-{name}-").contains(mark);
+                assert!(!holds(method.id) && !all.iter().any(|name| holds(name)));
+            }
+        }
+    }
+}

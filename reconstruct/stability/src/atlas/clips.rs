@@ -1,0 +1,313 @@
+//! Clips that say little to atlases: nothing moves, odd masks, extreme units.
+
+use glam::{DMat3, DVec3};
+use omnilife_engine::{schedule::Position, trajectories::rigid_spline::RigidPose};
+use omnilife_schemas::camera::{Camera, ErpCamera, PinholeCamera};
+
+use super::check;
+use omnilife_atlas::{
+    Begun, begin,
+    clip::{Clip, ClipFrame, UnitClock},
+    node::FieldKind,
+};
+use omnilife_training::{learner::Learner, request::MethodRequest};
+
+const SIDE: usize = 24;
+
+/// Frames of one pattern, with the masks of one object.
+fn clip(camera: Camera, unit: f64, origin: DVec3, masks: &[Option<Vec<u8>>]) -> Clip {
+    let masks: Vec<_> = masks.iter().map(|mask| vec![mask.clone()]).collect();
+    clip_of_objects(camera, unit, origin, &masks)
+}
+
+/// The same with masks of several objects in each frame.
+fn clip_of_objects(
+    camera: Camera,
+    unit: f64,
+    origin: DVec3,
+    masks: &[Vec<Option<Vec<u8>>>],
+) -> Clip {
+    let [width, height] = [camera.width() as usize, camera.height() as usize];
+    let count = masks.len().max(2);
+    let pixels: Vec<u8> = (0..3 * width * height)
+        .map(|at| (128.0 + 90.0 * (at as f64 * 0.21).sin()) as u8)
+        .collect();
+    let frame = |number: usize| ClipFrame {
+        number: number as u32,
+        time: number as f64 / (count - 1) as f64,
+        pose: RigidPose {
+            centre: origin + unit * 0.1 * number as f64 * DVec3::X,
+            rotation: DMat3::IDENTITY,
+        },
+        pixels: pixels.clone(),
+        ignored: None,
+        masks: masks.get(number).cloned().unwrap_or_default(),
+    };
+    let objects = masks.first().map_or(0, Vec::len);
+    Clip {
+        camera,
+        frames: (0..count).map(frame).collect(),
+        objects: match objects {
+            1 => vec!["it".to_owned()],
+            _ => (0..objects).map(|object| format!("{object:02}")).collect(),
+        },
+        clock: UnitClock {
+            begin_seconds: 0.0,
+            length_seconds: 1.0,
+        },
+        warnings: Vec::new(),
+    }
+}
+
+fn small_pinhole() -> Camera {
+    PinholeCamera::with_horizontal_field_of_view(SIDE as u32, SIDE as u32, 1.0).into()
+}
+
+fn request() -> MethodRequest {
+    MethodRequest::new(8, 0)
+}
+
+/// Learns a clip for a few steps of all phases.
+fn learn(clip: Clip) -> Result<Begun, String> {
+    learn_with_points(clip, &[])
+}
+
+fn learn_with_points(clip: Clip, points: &[DVec3]) -> Result<Begun, String> {
+    let mut begun = begin(clip, points, &request()).map_err(|error| error.to_string())?;
+    for step in 1..=8 {
+        let at = Position::new(8, None, step, 0.0);
+        let taken = begun.learner.step(0, &at);
+        taken.map_err(|error| error.to_string())?;
+    }
+    match begun.learner.graph().not_finite() {
+        Some(what) => Err(what),
+        None => Ok(begun),
+    }
+}
+
+pub(super) fn identical_frames() -> Result<(), String> {
+    let mut still = clip(small_pinhole(), 0.0, DVec3::ZERO, &[]);
+    for frame in &mut still.frames {
+        frame.pixels.fill(128);
+    }
+    let begun = learn(still)?;
+    let used = begun.plan.iter().find(|line| {
+        line.used
+            && ["flow", "view", "camera-offsets"]
+                .iter()
+                .any(|c| line.component.starts_with(c))
+    });
+    check(used.is_none(), || format!("{used:?}"))
+}
+
+fn mask(is_inside: impl Fn(usize, usize) -> bool) -> Option<Vec<u8>> {
+    let at = |pixel: usize| is_inside(pixel % SIDE, pixel / SIDE);
+    Some(
+        (0..SIDE * SIDE)
+            .map(|pixel| 255 * u8::from(at(pixel)))
+            .collect(),
+    )
+}
+
+pub(super) fn odd_masks() -> Result<(), String> {
+    let block = |x: usize, y: usize| (8..16).contains(&x) && (8..16).contains(&y);
+    for masks in [
+        vec![None, mask(block), None],
+        vec![mask(|x, y| x == 12 && y == 12), None, None],
+        vec![mask(|x, y| x % 12 < 5 && (8..16).contains(&y)); 3],
+        vec![mask(|_, y| (8..16).contains(&y)); 3],
+        vec![mask(|x, y| x == 0 || y == 0 || x + 1 == SIDE || y + 1 == SIDE); 3],
+        vec![mask(|_, _| true), mask(block), mask(block)],
+    ] {
+        learn(clip(small_pinhole(), 1.0, DVec3::ZERO, &masks))?;
+    }
+    let empty = learn(clip(small_pinhole(), 1.0, DVec3::ZERO, &[None, None]))?;
+    let line = empty.plan.iter().find(|line| line.component == "object:it");
+    check(line.is_some_and(|line| !line.used), || format!("{line:?}"))?;
+    let all = vec![mask(|_, _| true); 3];
+    let refused = learn(clip(small_pinhole(), 1.0, DVec3::ZERO, &all)).err();
+    check(
+        refused.is_some_and(|reason| reason.contains("no background")),
+        || "masks of everything leave a background".to_owned(),
+    )
+}
+
+pub(super) fn wide_masks() -> Result<(), String> {
+    let (width, height) = (2 * SIDE, SIDE);
+    let camera = Camera::Erp(ErpCamera {
+        width: width as u32,
+        height: height as u32,
+    });
+    let mask = |is_inside: &dyn Fn(usize, usize) -> bool| {
+        let at = |pixel: usize| is_inside(pixel % width, pixel / width);
+        Some(
+            (0..width * height)
+                .map(|pixel| 255 * u8::from(at(pixel)))
+                .collect(),
+        )
+    };
+    let around = vec![mask(&|_, y| y > 18); 3];
+    let across = vec![mask(&|x, y| (x + 3) % width < 6 && (8..14).contains(&y)); 3];
+    for (masks, expected) in [(around, false), (across, true)] {
+        let begun = learn(clip(camera, 1.0, DVec3::ZERO, &masks))?;
+        let line = begun.plan.iter().find(|line| line.component == "object:it");
+        check(line.is_some_and(|line| line.used == expected), || {
+            format!("{line:?}")
+        })?;
+    }
+    Ok(())
+}
+
+/// A pattern of 8 by 8 objects, of which one is behind the camera from the second frame on.
+pub(super) fn many_objects() -> Result<(), String> {
+    let cell = |object: usize| {
+        let (left, top) = (3 * (object % 8), 3 * (object / 8));
+        mask(|x, y| (left..left + 2).contains(&x) && (top..top + 2).contains(&y))
+    };
+    let all: Vec<_> = (0..64).map(cell).collect();
+    let begun = learn(clip_of_objects(
+        small_pinhole(),
+        1.0,
+        DVec3::ZERO,
+        &vec![all; 3],
+    ))?;
+    let nodes = begun.plan.iter().filter(|line| line.used);
+    let nodes = nodes
+        .filter(|line| line.component.starts_with("object:"))
+        .count();
+    check(nodes == 64, || format!("{nodes} nodes of 64"))
+}
+
+/// The poses and the fields of what no ray hits stay as they are.
+pub(super) fn never_hit() -> Result<(), String> {
+    let corner = vec![mask(|x, y| x < 2 && y < 2); 3];
+    let mut begun = begin(
+        clip(small_pinhole(), 1.0, DVec3::ZERO, &corner),
+        &[],
+        &request(),
+    )
+    .map_err(|error| error.to_string())?;
+    // Out of sight for the whole clip.
+    let node = &mut begun.learner.graph().nodes[0];
+    node.times = [7.0, 8.0];
+    let values = |begun: &mut Begun| {
+        let node = &begun.learner.graph().nodes[0];
+        let fields = FieldKind::ALL
+            .iter()
+            .filter_map(|&kind| node.fields.get(kind));
+        let mut values: Vec<f32> = fields
+            .flat_map(|field| field.arrays().map(|array| array.values.clone()))
+            .flatten()
+            .collect();
+        let offsets = node.offsets.iter();
+        values.extend(offsets.flat_map(|offsets| offsets.parameters.array.values.clone()));
+        values
+    };
+    let before = values(&mut begun);
+    for step in 1..=8 {
+        let taken = begun.learner.step(0, &Position::new(8, None, step, 0.0));
+        taken.map_err(|error| error.to_string())?;
+    }
+    check(before == values(&mut begun), || "it was changed".to_owned())
+}
+
+/// One frame is white, and another one has twice the exposure.
+pub(super) fn flash() -> Result<(), String> {
+    let mut flashed = clip(small_pinhole(), 1.0, DVec3::ZERO, &vec![None; 6]);
+    flashed.frames[2].pixels.fill(255);
+    for value in &mut flashed.frames[4].pixels {
+        *value = value.saturating_mul(2);
+    }
+    learn(flashed).map(|_| ())
+}
+
+/// The bonnet of a car that turns, and the same mask before a camera that does not.
+pub(super) fn carried_along() -> Result<(), String> {
+    let bonnet = vec![mask(|x, y| (6..18).contains(&x) && y > 19); 5];
+    for (turns, is_used) in [(true, false), (false, true)] {
+        let mut clip = clip(small_pinhole(), 0.1, DVec3::ZERO, &bonnet);
+        for frame in &mut clip.frames {
+            let angle = if turns { 2.0 * frame.time } else { 0.0 };
+            frame.pose.rotation = DMat3::from_rotation_y(angle);
+        }
+        let begun = learn(clip)?;
+        let line = begun.plan.iter().find(|line| line.component == "object:it");
+        check(line.is_some_and(|line| line.used == is_used), || {
+            format!("{line:?}")
+        })?;
+    }
+    Ok(())
+}
+
+/// A camera that turns further than a plane reaches.
+pub(super) fn turned_around() -> Result<(), String> {
+    for (angle, surface) in [(0.5, "a plane"), (3.0, "a sphere")] {
+        let mut turned = clip(small_pinhole(), 0.1, DVec3::ZERO, &vec![None; 5]);
+        for frame in &mut turned.frames {
+            frame.pose.rotation = DMat3::from_rotation_y(angle * frame.time);
+        }
+        let begun = learn(turned)?;
+        let line = begun
+            .plan
+            .iter()
+            .find(|line| line.component == "background");
+        check(
+            line.is_some_and(|line| line.reason.starts_with(surface)),
+            || format!("{angle}: {line:?}"),
+        )?;
+    }
+    Ok(())
+}
+
+/// Points at the camera, all at one distance, and behind the background.
+pub(super) fn odd_points() -> Result<(), String> {
+    let block = vec![mask(|x, y| (8..16).contains(&x) && (8..16).contains(&y)); 3];
+    for distance in [0.0, 1e-9, 1.0, 1e9] {
+        let points = vec![distance * DVec3::Z; 50];
+        let begun = learn_with_points(clip(small_pinhole(), 0.1, DVec3::ZERO, &block), &points)?;
+        let line = begun.plan.iter().find(|line| line.component == "object:it");
+        check(line.is_some_and(|line| line.used), || {
+            format!("{distance}: {line:?}")
+        })?;
+    }
+    Ok(())
+}
+
+/// Clips are normalized when they are loaded: what reaches the method is the same up to rounding, as here.
+pub(super) fn units() -> Result<(), String> {
+    let image = |unit: f64, origin: DVec3| -> Result<Vec<f32>, String> {
+        let clip = clip(small_pinhole(), unit, origin, &[]);
+        let centres: Vec<DVec3> = clip.frames.iter().map(|frame| frame.pose.centre).collect();
+        let similarity = omnilife_schemas::Similarity::from_cameras(&centres).ok_or("cameras")?;
+        let mut clip = clip;
+        for frame in &mut clip.frames {
+            frame.pose.centre = similarity.normalize(frame.pose.centre);
+        }
+        let camera = clip.camera;
+        let centre = clip.frames[0].pose.centre.as_vec3();
+        let mut begun = learn(clip)?;
+        let view = omnilife_engine::camera::View {
+            camera,
+            rotation: glam::Mat3::IDENTITY,
+            centre,
+            time_seconds: 0.0,
+        };
+        Ok(begun
+            .learner
+            .image(&view)
+            .map_err(|error| error.to_string())?
+            .data)
+    };
+    let expected = image(1.0, DVec3::ZERO)?;
+    for (unit, origin) in [
+        (1e-6, DVec3::ZERO),
+        (1e6, DVec3::ZERO),
+        (1.0, DVec3::splat(1e6)),
+    ] {
+        let found = image(unit, origin)?;
+        let pairs = found.iter().zip(&expected);
+        let error = pairs.map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
+        check(error < 1e-4, || format!("{unit}, {origin}: off by {error}"))?;
+    }
+    Ok(())
+}

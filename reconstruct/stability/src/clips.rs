@@ -1,0 +1,264 @@
+//! Clips that leave methods little to learn from: a few steps of training on each, by every method that
+//! knows of time.
+
+use glam::{DQuat, DVec3};
+use omnilife_schemas::{
+    Pose, Similarity, camera::CameraModel, camera::ErpCamera, points::PointCloud, progress::Silent,
+    records::Scale,
+};
+
+use crate::special::{Judgement, SpecialCase};
+use omnilife_engine::{camera::View, model::Part, training_view::TrainingView};
+use omnilife_reconstruct::registry;
+use omnilife_training::{
+    method::MethodOutcome,
+    options::Options,
+    request::{MethodRequest, PlanChoice},
+    scene::TrainingScene,
+    train::Session,
+};
+
+const METHODS: [&str; 4] = ["deformable", "periodic", "omni4dgs", "omni4dgs-plus"];
+const ITERATIONS: u64 = 12;
+const LONG_ITERATIONS: u64 = 3_000;
+const FRAMES: u32 = 6;
+
+/// All of them.
+pub(super) const CASES: &[SpecialCase] = &[
+    SpecialCase {
+        id: "masks-empty",
+        title: "training with masks in which nothing is marked",
+        judge: || train_all(|scene| fill_masks(scene, 0)),
+    },
+    SpecialCase {
+        id: "masks-full",
+        title: "training with masks in which everything is marked",
+        judge: || train_all(|scene| fill_masks(scene, 255)),
+    },
+    SpecialCase {
+        id: "one-frame",
+        title: "training on one frame",
+        judge: || train_all(|scene| scene.input_views.truncate(1)),
+    },
+    SpecialCase {
+        id: "two-frames",
+        title: "training on two frames",
+        judge: || train_all(|scene| scene.input_views.truncate(2)),
+    },
+    SpecialCase {
+        id: "frames-10000",
+        title: "training on a clip of 10,000 frames, eleven days into the recording",
+        judge: || train_all(lengthen),
+    },
+    SpecialCase {
+        id: "dynamic-set-empty",
+        title: "training where no Gaussian is dynamic: lifespans longer than the cycle, no masks marked",
+        judge: || {
+            train_all(|scene| {
+                lengthen(scene);
+                fill_masks(scene, 0);
+            })
+        },
+    },
+    SpecialCase {
+        id: "long-training",
+        title: "training for thousands of steps on a handful of frames",
+        judge: train_long,
+    },
+];
+
+fn fill_masks(scene: &mut TrainingScene, value: u8) {
+    for view in &mut scene.input_views {
+        view.mask = Some(vec![value; view.pixels.len() / 3]);
+    }
+}
+
+/// Half of the frames come ten thousand after the others.
+fn lengthen(scene: &mut TrainingScene) {
+    for view in &mut scene.input_views {
+        let gap = if view.frame < FRAMES / 2 { 0.0 } else { 1e4 };
+        view.view.time_seconds = 1e6 + (f64::from(view.frame) + gap) / 30.0;
+    }
+}
+
+/// What a run has to be better by in the end: its loss over that of its beginning.
+const LEARNT: f64 = 0.5;
+
+/// Trains with all components for thousands of steps: errors that grow slowly show only then.
+fn train_long() -> Judgement {
+    let Some(scene) = scene() else {
+        return Judgement::failed("the scene has a camera without a place".to_owned());
+    };
+    let request = MethodRequest {
+        plan: PlanChoice::Full,
+        options: Options::at_most(400),
+        trace_every: Some(100),
+        ..MethodRequest::new(LONG_ITERATIONS, 7)
+    };
+    let trained = registry::find("omni4dgs-plus")
+        .and_then(|method| method.train(&scene, &request, &Session::without_files(&Silent)));
+    let fault = match trained {
+        Err(error) => Some(error.to_string()),
+        Ok(outcome) => {
+            let losses: Vec<f64> = outcome
+                .training
+                .state
+                .trace
+                .iter()
+                .filter_map(|row| row.train_loss)
+                .collect();
+            let learnt = losses
+                .last()
+                .zip(losses.first())
+                .map(|(last, first)| last / first);
+            fault_in(outcome).or_else(|| match learnt {
+                Some(share) if share < LEARNT => None,
+                _ => Some(format!("the loss fell to {learnt:.2?} of what it was")),
+            })
+        }
+    };
+    Judgement {
+        action: format!(
+            "omni4dgs-plus trained for {LONG_ITERATIONS} steps: nothing refused, all finite, the loss halved at least"
+        ),
+        fault,
+        measured: None,
+        missing: None,
+    }
+}
+
+/// Trains every method, with all components and with those that it finds reason for.
+fn train_all(change: impl Fn(&mut TrainingScene)) -> Judgement {
+    let Some(mut scene) = scene() else {
+        return Judgement::failed("the scene has a camera without a place".to_owned());
+    };
+    change(&mut scene);
+    let faults: Vec<String> = METHODS
+        .iter()
+        .flat_map(|method| [(method, PlanChoice::Full), (method, PlanChoice::Auto)])
+        .filter_map(|(method, plan)| {
+            let fault = fault_of(&scene, method, plan)?;
+            Some(format!("{method}: {fault}"))
+        })
+        .collect();
+    Judgement {
+        action: format!(
+            "{} trained for {ITERATIONS} steps each: losses and parameters finite, no gradient \
+             refused, lifespans within bounds",
+            METHODS.join(", ")
+        ),
+        fault: (!faults.is_empty()).then(|| faults.join("; ")),
+        measured: None,
+        missing: None,
+    }
+}
+
+fn fault_of(scene: &TrainingScene, id: &str, plan: PlanChoice) -> Option<String> {
+    let request = MethodRequest {
+        plan,
+        options: Options::at_most(400),
+        ..MethodRequest::new(ITERATIONS, 7)
+    };
+    registry::find(id)
+        .and_then(|method| method.train(scene, &request, &Session::without_files(&Silent)))
+        .map_or_else(|error| Some(error.to_string()), fault_in)
+}
+
+fn fault_in(mut outcome: MethodOutcome<'_>) -> Option<String> {
+    let state = &outcome.training.state;
+    let refused: u64 = state.refused.iter().sum();
+    if refused > 0 {
+        return Some(format!("{refused} gradient values were refused"));
+    }
+    let mut losses = state.trace.iter().filter_map(|row| row.train_loss);
+    if losses.any(|loss| !loss.is_finite()) {
+        return Some("a loss is not finite".to_owned());
+    }
+    let model = match outcome.learner.gaussians() {
+        Ok(model) => model?,
+        Err(error) => return Some(error.to_string()),
+    };
+    if let Some(fault) = model.not_finite() {
+        return Some(fault);
+    }
+    let with_times = |part: &&Part| part.parameterization.temporal().is_some();
+    let Part {
+        parameterization,
+        table,
+        ..
+    } = model.parts.iter().find(with_times)?;
+    let bounds = parameterization.temporal()?.time.lifespans?;
+    let lifespans = &table.arrays[table.position("log_lifespans")?].values;
+    let range = bounds.least_frames.ln()..=bounds.largest_frames.ln();
+    lifespans
+        .iter()
+        .any(|value| !range.contains(value))
+        .then(|| "lifespans left their bounds".to_owned())
+}
+
+/// A camera that walks through a ball of coloured stripes while a red disc passes in front of it.
+/// `None` cannot be: every camera has a place.
+fn scene() -> Option<TrainingScene> {
+    let camera = ErpCamera {
+        width: 48,
+        height: 24,
+    };
+    let normalization = Similarity {
+        offset: [0.0; 3],
+        scale: 1.0,
+    };
+    let mut input_views = Vec::new();
+    for frame in 0..FRAMES {
+        let along = f64::from(frame) / f64::from(FRAMES - 1) - 0.5;
+        let turn = DQuat::from_rotation_y(0.3 * along);
+        let pose = Pose::new(turn, DVec3::new(0.2 * along, 0.0, along));
+        let view = View::new(camera, &pose, &normalization, f64::from(frame) / 10.0)?;
+        let ball = DVec3::new(2.0 * along, 0.2, 3.0).normalize();
+        let (mut pixels, mut mask) = (Vec::new(), Vec::new());
+        for (column, row) in (0..camera.width * camera.height).map(|i| (i % 48, i / 48)) {
+            let pixel = glam::dvec2(f64::from(column) + 0.5, f64::from(row) + 0.5);
+            let ray = turn * camera.unproject(pixel);
+            let is_ball = ray.dot(ball) > 0.97;
+            mask.push(if is_ball { 255 } else { 0 });
+            pixels.extend(if is_ball {
+                [230, 20, 20]
+            } else {
+                (ray * 6.0)
+                    .to_array()
+                    .map(|phase| (128.0 + 100.0 * phase.sin()) as u8)
+            });
+        }
+        input_views.push(TrainingView {
+            frame,
+            view,
+            pixels,
+            mask: Some(mask),
+            ignored: None,
+        });
+    }
+    let mut points = PointCloud::default();
+    for index in 0..150 {
+        let y = 1.0 - (f64::from(index) + 0.5) / 75.0;
+        let (sin, cos) = (2.399_963 * f64::from(index)).sin_cos();
+        let rho = (1.0 - y * y).sqrt();
+        let position = DVec3::new(rho * cos, y, rho * sin) * 5.0;
+        points.positions.push(position.as_vec3().to_array());
+        points.colours.push([128; 3]);
+    }
+    Some(TrainingScene {
+        id: "stripes".to_owned(),
+        camera: camera.into(),
+        input_views,
+        novel_views: Vec::new(),
+        normalization,
+        scale: Scale::Arbitrary,
+        added_points: 0,
+        seen_for_points: None,
+        depth_priors: Vec::new(),
+        novel_depth_priors: Vec::new(),
+        is_normalized_by_points: false,
+        objects: [].into(),
+        tracks: None,
+        points,
+    })
+}

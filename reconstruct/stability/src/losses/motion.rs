@@ -1,0 +1,165 @@
+//! The regularization of motion (Omni4DGS Eqs. 10 and 11): differences of directions that hardly differ, or are
+//! hardly defined.
+
+use glam::{DVec3, Vec3};
+use omnilife_engine::{gaussians::periodic::TemporalParameters, losses::motion::of_one};
+
+use super::compared;
+use crate::{
+    Limits,
+    special::{Judgement, SpecialCase},
+};
+
+/// Ten times what is measured.
+const LIMITS: Limits = Limits {
+    forward: 1e-5,
+    gradient: 1e-4,
+};
+
+pub(super) const CASES: &[SpecialCase] = &[
+    SpecialCase {
+        id: "motion-plain",
+        title: "regularization of motion, for comparison",
+        judge: || judge(&PLAIN),
+    },
+    SpecialCase {
+        id: "motion-far",
+        title: "regularization of motion at a million times the cameras' radius",
+        judge: || {
+            judge(&Moving {
+                distance: 1e6,
+                ..PLAIN
+            })
+        },
+    },
+    SpecialCase {
+        id: "motion-near",
+        title: "regularization of motion a hundred-thousandth from the observer",
+        judge: || {
+            judge(&Moving {
+                distance: 1e-5,
+                speed: 1e-6,
+                ..PLAIN
+            })
+        },
+    },
+    SpecialCase {
+        id: "motion-slow",
+        title: "regularization of motion by a hundred-millionth per frame",
+        judge: || {
+            judge(&Moving {
+                speed: 1e-8,
+                ..PLAIN
+            })
+        },
+    },
+    SpecialCase {
+        id: "motion-fast",
+        title: "regularization of motion by ten thousand radii per frame",
+        judge: || {
+            judge(&Moving {
+                speed: 1e4,
+                ..PLAIN
+            })
+        },
+    },
+    SpecialCase {
+        id: "motion-late",
+        title: "regularization of motion a hundred thousand frames after the peak",
+        judge: || {
+            judge(&Moving {
+                frame: 1e5 + 0.3,
+                ..PLAIN
+            })
+        },
+    },
+    SpecialCase {
+        id: "motion-long-cycle",
+        title: "regularization of motion under a cycle of ten thousand frames",
+        judge: || {
+            judge(&Moving {
+                cycle: 1e4,
+                ..PLAIN
+            })
+        },
+    },
+];
+
+/// A Gaussian that moves.
+struct Moving {
+    distance: f64,
+    speed: f64,
+    frame: f64,
+    cycle: f64,
+}
+
+const PLAIN: Moving = Moving {
+    distance: 3.0,
+    speed: 0.1,
+    frame: 0.4,
+    cycle: 10.0,
+};
+
+/// Where it is, how it moves, and when it is at its peak.
+const DIRECTION: DVec3 = DVec3::new(0.48, -0.6, 0.64);
+const HEADING: DVec3 = DVec3::new(0.6, 0.64, 0.48);
+const PEAK: f64 = 1.25;
+
+fn judge(moving: &Moving) -> Judgement {
+    let centre = (moving.distance * DIRECTION).as_vec3();
+    let velocity = (moving.speed * HEADING).as_vec3();
+    let parameters = TemporalParameters {
+        peak: PEAK as f32,
+        lifespan: 40.0,
+        velocity,
+    };
+    let Some((value, by_temporal, by_centre)) =
+        of_one(&parameters, centre, moving.frame, moving.cycle as f32)
+    else {
+        return Judgement::failed("no direction is defined".to_owned());
+    };
+    let (expected, (in_centre, in_velocity, in_peak)) = reference(moving, centre, velocity);
+    // Each array's gradient relative to its own size, so that none hides behind another; the value relative too.
+    let relative = |found: Vec3, expected: DVec3| -> [Vec<f64>; 2] {
+        let size = expected.length();
+        [found.as_dvec3(), expected].map(|vector| (vector / size).to_array().to_vec())
+    };
+    let [centre, expected_centre] = relative(by_centre, in_centre);
+    let [velocity, expected_velocity] = relative(by_temporal.velocity, in_velocity);
+    let found = [
+        centre,
+        velocity,
+        vec![f64::from(by_temporal.peak) / in_peak],
+    ]
+    .concat();
+    let wanted = [expected_centre, expected_velocity, vec![1.0]].concat();
+    compared(
+        &(f64::from(value) / expected, found),
+        &(1.0, wanted),
+        LIMITS,
+    )
+}
+
+/// Value and gradients by centre, velocity and peak from the definition, in f64: its 16 digits are enough for
+/// differences in the eighth.
+fn reference(moving: &Moving, centre: Vec3, velocity: Vec3) -> (f64, (DVec3, DVec3, f64)) {
+    let (centre, velocity) = (centre.as_dvec3(), velocity.as_dvec3());
+    let turns = |frame: f64| std::f64::consts::TAU * (frame - PEAK) / moving.cycle;
+    let radius = moving.cycle / std::f64::consts::TAU;
+    let frames = [moving.frame, moving.frame + 1.0];
+    let places = frames.map(|frame| centre + radius * turns(frame).sin() * velocity);
+    let [before, after] = places.map(DVec3::normalize);
+    let change = after - before;
+    let across = |direction: DVec3, by: DVec3| by - direction.dot(by) * direction;
+    let by_places = [
+        across(before, -2.0 * change) / places[0].length(),
+        across(after, 2.0 * change) / places[1].length(),
+    ];
+    let (mut by_velocity, mut by_peak) = (DVec3::ZERO, 0.0);
+    for (frame, by_place) in frames.into_iter().zip(by_places) {
+        by_velocity += radius * turns(frame).sin() * by_place;
+        by_peak -= turns(frame).cos() * velocity.dot(by_place);
+    }
+    let by_centre = by_places[0] + by_places[1];
+    (change.length_squared(), (by_centre, by_velocity, by_peak))
+}

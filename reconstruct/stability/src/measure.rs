@@ -1,0 +1,214 @@
+//! Errors of a case against the f64 reference.
+
+use omnilife_schemas::records::StabilityMeasures;
+
+use crate::{
+    Limits,
+    devices::Device,
+    parameterizations::{Parameterization, STATIC_VALUES},
+    setup::Setup,
+};
+use omnilife_engine::{
+    camera::Camera,
+    parameters::ParameterTable,
+    render::reference::{self, Decisions, Gaussian},
+};
+use omnilife_training::error::ReconstructError;
+
+/// A case as a device made it, and how far it is from the reference.
+#[derive(Debug)]
+pub struct Measured {
+    /// The measures.
+    pub measures: StabilityMeasures,
+    /// The image, HWC.
+    pub colour: Vec<f32>,
+}
+
+/// Step of the finite differences, relative to what a parameter has to change by for the image to
+/// change its looks.
+const STEP: f64 = 1e-3;
+
+/// Renders a setup on a device and compares image and gradients with the reference, for which the
+/// last `degenerate` Gaussians do not exist: only Adam, which refuses them, sees their gradients.
+/// Colour values that differ by more than their limit are counted.
+///
+/// # Errors
+/// When the device fails.
+pub fn measure(
+    setup: &Setup,
+    parameterization: &Parameterization,
+    device: &Device,
+    degenerate: usize,
+    limits: Limits,
+) -> Result<Measured, ReconstructError> {
+    let table = (parameterization.table)(setup);
+    let sound = setup.gaussians.len() - degenerate;
+    let reference = Reference::new(setup, parameterization, &table, sound);
+    let (image, decisions) = reference::render(&setup.exact, &reference.gaussians(), None);
+    let made = device.round_trip(setup, parameterization, table)?;
+    let differences: Vec<f64> = made
+        .colour
+        .iter()
+        .zip(&image.colour)
+        .map(|(value, expected)| (f64::from(*value) - expected).abs())
+        .collect();
+    let largest = differences.iter().copied().fold(0.0, f64::max);
+    let beyond = differences
+        .iter()
+        .filter(|&&difference| difference > limits.forward)
+        .count();
+    let gradients = made
+        .table
+        .arrays
+        .iter()
+        .flat_map(|array| &array.gradients[..sound * array.width]);
+    let is_finite = made.colour.iter().chain(gradients).all(|v| v.is_finite());
+    let finite = |value: f64| value.is_finite().then_some(value);
+    let measures = StabilityMeasures {
+        forward_error: finite(largest),
+        forward_share: finite(beyond as f64 / differences.len() as f64),
+        forward_limit: Some(limits.forward),
+        gradient_error: finite(reference.gradient_error(&made.table, &decisions)),
+        gradient_limit: Some(limits.gradient),
+        is_finite,
+        drawn: made.drawn as u64,
+        gaussians: setup.gaussians.len() as u64,
+    };
+    Ok(Measured {
+        measures,
+        colour: made.colour,
+    })
+}
+
+/// A setup's raw parameters in f64, as the table holds them.
+struct Reference<'a> {
+    setup: &'a Setup,
+    parameterization: &'a Parameterization,
+    rows: Vec<Vec<f64>>,
+    weights: Vec<f32>,
+}
+
+impl<'a> Reference<'a> {
+    fn new(
+        setup: &'a Setup,
+        parameterization: &'a Parameterization,
+        table: &ParameterTable,
+        sound: usize,
+    ) -> Self {
+        let rows = (0..sound)
+            .map(|index| {
+                (0..table.arrays.len())
+                    .flat_map(|array| table.row(array, index))
+                    .map(|&value| f64::from(value))
+                    .collect()
+            })
+            .collect();
+        let camera = setup.view.camera;
+        let values = camera.width() as usize * camera.height() as usize * 3;
+        Self {
+            setup,
+            parameterization,
+            rows,
+            weights: Device::weights(values),
+        }
+    }
+
+    /// The Gaussian of a row that differs from the table's row `index`.
+    fn gaussian(&self, row: &[f64], index: usize) -> Gaussian {
+        (self.parameterization.definition)(row, &self.rows[index], self.setup)
+    }
+
+    fn gaussians(&self) -> Vec<Gaussian> {
+        let rows = self.rows.iter().enumerate();
+        rows.map(|(index, row)| self.gaussian(row, index)).collect()
+    }
+
+    /// The largest error of a gradient value of the judged Gaussians, relative to its size or to the
+    /// root mean square of its array.
+    fn gradient_error(&self, table: &ParameterTable, decisions: &Decisions) -> f64 {
+        let mut gaussians = self.gaussians();
+        let mut worst = 0.0_f64;
+        let mut begin = 0;
+        for array in &table.arrays {
+            let mut pairs = Vec::new();
+            let judged = self.setup.judged.iter();
+            for &index in judged.filter(|&&index| index < self.rows.len()) {
+                for component in 0..array.width {
+                    let expected =
+                        self.derivative(&mut gaussians, decisions, index, begin + component);
+                    let found = array.gradients[index * array.width + component];
+                    pairs.push((f64::from(found), expected));
+                }
+            }
+            begin += array.width;
+            let mean_square =
+                pairs.iter().map(|(_, g)| g * g).sum::<f64>() / pairs.len().max(1) as f64;
+            // An array that does nothing here (rounding noise of the differences) has no error.
+            let typical = mean_square.sqrt().max(1e-6);
+            for (found, expected) in pairs {
+                worst = worst.max((found - expected).abs() / expected.abs().max(typical));
+                if found.is_nan() {
+                    return f64::NAN;
+                }
+            }
+        }
+        worst
+    }
+
+    /// Five-point difference of the weighted image by one raw parameter, with the decisions of the
+    /// unchanged render.
+    fn derivative(
+        &self,
+        gaussians: &mut [Gaussian],
+        decisions: &Decisions,
+        index: usize,
+        parameter: usize,
+    ) -> f64 {
+        let step = self.step(&gaussians[index], &self.rows[index], parameter);
+        let unchanged = gaussians[index].clone();
+        let mut at = |steps: f64| {
+            let mut row = self.rows[index].clone();
+            row[parameter] += steps * step;
+            gaussians[index] = self.gaussian(&row, index);
+            let (image, _) = reference::render(&self.setup.exact, gaussians, Some(decisions));
+            let weighted = image.colour.iter().zip(&self.weights);
+            weighted
+                .map(|(value, &weight)| value * f64::from(weight))
+                .sum::<f64>()
+        };
+        let near = at(1.0) - at(-1.0);
+        let far = at(2.0) - at(-2.0);
+        gaussians[index] = unchanged;
+        let derivative = (8.0 * near - far) / (12.0 * step);
+        match parameter.checked_sub(STATIC_VALUES) {
+            None => derivative,
+            Some(further) => {
+                let scale = self.parameterization.gradient_scale;
+                derivative * scale(&self.rows[index], further, self.setup)
+            }
+        }
+    }
+
+    /// How far to step: positions (the first three values of every parameterization) by a share of
+    /// how wide the Gaussian looks, its smallest axis or a pixel; a quaternion by one of its length,
+    /// what only some parameterizations have by one of its unit, everything else has a unit of 1.
+    fn step(&self, gaussian: &Gaussian, row: &[f64], parameter: usize) -> f64 {
+        let offset = glam::DVec3::from_array(gaussian.position) - self.setup.exact.centre;
+        let pixel = match self.setup.exact.camera {
+            Camera::Erp(camera) => std::f64::consts::PI / f64::from(camera.height),
+            Camera::Pinhole(camera) => 1.0 / camera.fy,
+        };
+        let smallest = gaussian.scale.iter().copied().fold(f64::INFINITY, f64::min);
+        let size = smallest.max(0.5 * pixel * offset.length());
+        let unit = match parameter {
+            0..3 => size,
+            6..10 => {
+                let length = row[6..10].iter().map(|q| q * q).sum::<f64>().sqrt();
+                length.max(1e-12)
+            }
+            _ if parameter < STATIC_VALUES => 1.0,
+            _ => (self.parameterization.unit)(row, parameter - STATIC_VALUES, size, self.setup),
+        };
+        STEP * unit
+    }
+}

@@ -1,0 +1,185 @@
+//! A run in the making.
+
+use omnilife_schemas::records::ComponentDecision;
+
+use crate::{
+    baseline,
+    components::{COMPONENTS, Component, Decision, DecisionLog, Supported, Turn},
+    error::ReconstructError,
+    evidence::{self, SceneEvidence, masks::MaskEvidence},
+    request::{MethodRequest, PlanChoice},
+    scene::TrainingScene,
+    seeds::masks::{MaskSeeds, SeedVelocity},
+};
+use omnilife_engine::{
+    clock::Clock, gaussians::static_gaussians::InitialGaussians, step::settings::TrainSettings,
+};
+
+/// What a method decides and places before it makes its model: settings, plan and first Gaussians.
+#[derive(Debug)]
+pub struct Draft<'a> {
+    /// The scene.
+    pub scene: &'a TrainingScene,
+    /// What is asked of the method.
+    pub request: &'a MethodRequest,
+    supported: Supported,
+    /// What the scene shows of itself.
+    pub evidence: SceneEvidence,
+    /// Settings as resolved so far.
+    pub settings: TrainSettings,
+    /// How dynamic seeds begin, where Gaussians have times of their own.
+    pub seeding: Option<Seeding>,
+    /// Gaussians on what moves.
+    pub seeds: MaskSeeds,
+    /// Gaussians at scene points that have all of the method's parameters.
+    pub points: InitialGaussians,
+    /// Which scene points those are.
+    pub(crate) point_indices: Vec<usize>,
+    /// Gaussians without temporal parameters.
+    pub fixed: InitialGaussians,
+    /// The decisions so far.
+    pub(crate) plan: DecisionLog<'a>,
+    motion: MotionEvidenceUse,
+}
+
+/// How dynamic seeds begin.
+#[derive(Debug, Clone, Copy)]
+pub struct Seeding {
+    /// Frames of the clip in time.
+    pub clock: Clock,
+    /// First velocities.
+    pub velocity: SeedVelocity,
+    /// First lifespan of a seed, frames.
+    pub lifespan_frames: f32,
+}
+
+/// Use that a method has for the evidence of motion.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum MotionEvidenceUse {
+    /// A plan may leave time out where nothing moves.
+    Decides,
+    /// The method knows no time.
+    None,
+}
+
+impl<'a> Draft<'a> {
+    /// Takes the baseline's settings, and as much evidence as the components that may be used need.
+    ///
+    /// # Errors
+    /// When the pilot fit fails.
+    pub fn new(
+        scene: &'a TrainingScene,
+        request: &'a MethodRequest,
+        supported: Supported,
+        motion: MotionEvidenceUse,
+    ) -> Result<Self, ReconstructError> {
+        let settings = baseline::settings(scene, request);
+        let masks = MaskEvidence::of(scene);
+        let looks_for_motion = motion == MotionEvidenceUse::Decides
+            && request.plan == PlanChoice::Auto
+            && !masks.show_something();
+        let with_pilot = looks_for_motion
+            || COMPONENTS.iter().any(|component| {
+                supported.may_use(component.id, request) && (component.needs_pilot)(request, &masks)
+            });
+        let mut draft = Self {
+            scene,
+            request,
+            supported,
+            evidence: evidence::gather(scene, request.seed, masks, with_pilot)?,
+            settings,
+            seeding: None,
+            seeds: MaskSeeds::default(),
+            points: InitialGaussians::default(),
+            point_indices: Vec::new(),
+            fixed: InitialGaussians::default(),
+            plan: DecisionLog::new(request),
+            motion,
+        };
+        let resets = baseline::reset_decision(&draft.settings, request);
+        draft.plan.push(resets);
+        Ok(draft)
+    }
+
+    /// Decides on a part of the method itself, and writes the decision down; returns true where it is used.
+    pub fn decide(&mut self, component: &str, decision: Decision) -> bool {
+        self.plan.decide(component, decision)
+    }
+
+    /// Returns true where a component was decided on and is used.
+    pub fn is_used(&self, component: &str) -> bool {
+        self.plan.is_used(component)
+    }
+
+    /// Returns the component where it is not used: what others cannot be without.
+    pub fn missing(&self, component: &'static str) -> Option<&'static str> {
+        (!self.is_used(component)).then_some(component)
+    }
+
+    /// Decides on the shared components that the method supports, puts those into the run that are
+    /// used, and places Gaussians at the scene's points between them.
+    pub fn add_components(&mut self) {
+        self.take_turn(Turn::BeforePoints);
+        self.place_points();
+        self.take_turn(Turn::AfterPoints);
+    }
+
+    fn take_turn(&mut self, turn: Turn) {
+        let supported = self.supported;
+        let due = |component: &&Component| {
+            component.turn == turn && supported.has(component.id, self.request)
+        };
+        let due: Vec<&Component> = COMPONENTS.iter().filter(due).collect();
+        for component in due {
+            let decision = (component.decide)(&self.evidence, self);
+            if self.decide(component.id, decision) {
+                (component.apply)(self);
+            }
+        }
+    }
+
+    /// Room for Gaussians that are not seeds.
+    pub(crate) fn room(&self) -> u64 {
+        let maximum = self.settings.densify.maximum_gaussians;
+        maximum.saturating_sub(self.seeds.gaussians.len() as u64)
+    }
+
+    fn place_points(&mut self) {
+        let room = self.room().saturating_sub(self.fixed.len() as u64);
+        (self.point_indices, self.points) =
+            baseline::gaussians_at_points(self.scene, room as usize);
+        let (taken, all) = (self.points.len(), self.scene.points.len());
+        if taken < all {
+            self.plan.push(ComponentDecision {
+                component: "all-points".to_owned(),
+                used: false,
+                reason: format!(
+                    "{taken} of {all} points, evenly spread: no more than {} Gaussians are allowed",
+                    self.room()
+                ),
+            });
+        }
+    }
+
+    /// Lines that a reader of the scores should know.
+    pub(crate) fn warnings(&self) -> Vec<String> {
+        let masks = match self.motion {
+            MotionEvidenceUse::Decides => self.evidence.masks.warnings(),
+            MotionEvidenceUse::None => Vec::new(),
+        };
+        masks.into_iter().chain(self.plan.refusals()).collect()
+    }
+}
+
+impl Supported {
+    /// Whether a run of the method decides on a component.
+    pub(crate) fn has(&self, component: &str, request: &MethodRequest) -> bool {
+        let is_named = request.asks_for(component)
+            || matches!(&request.plan, PlanChoice::Only(_)) && request.allows(component);
+        self.default.contains(&component) || self.optional.contains(&component) && is_named
+    }
+
+    fn may_use(&self, component: &str, request: &MethodRequest) -> bool {
+        self.has(component, request) && request.allows(component)
+    }
+}

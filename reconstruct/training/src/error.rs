@@ -1,0 +1,109 @@
+//! Why a reconstruction could not be made.
+
+use std::path::PathBuf;
+
+use omnilife_schemas::{Classified, ErrorKind, names::UnknownName, store::StoreError};
+
+use omnilife_engine::{EngineError, device::GpuError};
+
+/// Errors of this crate; messages are one line.
+#[derive(Debug, thiserror::Error)]
+pub enum ReconstructError {
+    /// A file could not be read or written.
+    #[error(transparent)]
+    Store(#[from] StoreError),
+    /// A scene cannot be reconstructed.
+    #[error("{}: {reason}", path.display())]
+    Scene {
+        /// The scene, split or image.
+        path: PathBuf,
+        /// Why not.
+        reason: String,
+    },
+    /// No method, component or option of this name.
+    #[error(transparent)]
+    Unknown(#[from] UnknownName),
+    /// The work does not fit into memory.
+    #[error(
+        "{purpose} would take {gibibytes:.1} GiB of memory, {available_gibibytes:.1} GiB are left"
+    )]
+    Memory {
+        /// What would be made.
+        purpose: String,
+        /// What it takes.
+        gibibytes: f64,
+        /// What is left.
+        available_gibibytes: f64,
+    },
+    /// The process was told to end.
+    #[error(
+        "scene {scene}: training was interrupted at iteration {iteration}; begun again, it goes on \
+         from its last checkpoint"
+    )]
+    Interrupted {
+        /// The scene.
+        scene: String,
+        /// Iterations done.
+        iteration: u64,
+    },
+    /// A request that makes no sense.
+    #[error("{reason}")]
+    Request {
+        /// Why not.
+        reason: String,
+    },
+    /// The engine failed.
+    #[error(transparent)]
+    Engine(#[from] EngineError),
+    /// Training went numerically wrong.
+    #[error("training of {scene} diverged at iteration {iteration}: {what}")]
+    Diverged {
+        /// The scene.
+        scene: String,
+        /// Iteration of the first bad value.
+        iteration: u64,
+        /// What was not finite.
+        what: String,
+    },
+}
+
+impl ReconstructError {
+    /// What the engine says, with the scene's name where training went wrong.
+    pub(crate) fn of_engine(scene: &str, error: EngineError) -> Self {
+        match error {
+            EngineError::Diverged { iteration, what } => Self::Diverged {
+                scene: scene.to_owned(),
+                iteration,
+                what,
+            },
+            other => Self::Engine(other),
+        }
+    }
+
+    /// Returns the error that a file or folder of a scene or run is not usable, with the reason.
+    pub fn scene(path: &std::path::Path, reason: impl Into<String>) -> Self {
+        Self::Scene {
+            path: path.to_owned(),
+            reason: reason.into(),
+        }
+    }
+}
+
+impl From<GpuError> for ReconstructError {
+    fn from(error: GpuError) -> Self {
+        Self::Engine(error.into())
+    }
+}
+
+impl Classified for ReconstructError {
+    fn error_kind(&self) -> ErrorKind {
+        match self {
+            Self::Store(error) => error.error_kind(),
+            Self::Engine(error) => error.error_kind(),
+            Self::Scene { .. } | Self::Unknown(_) | Self::Memory { .. } | Self::Request { .. } => {
+                ErrorKind::User
+            }
+            Self::Diverged { .. } | Self::Interrupted { .. } => ErrorKind::Internal,
+        }
+    }
+}

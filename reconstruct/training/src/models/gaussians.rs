@@ -1,0 +1,253 @@
+//! Gaussians of a run, or of a file that any program wrote, opened for rendering.
+
+use std::path::{Path, PathBuf};
+
+use glam::{DQuat, DVec3};
+use omnilife_schemas::{
+    RgbImage, Similarity,
+    layout::{ASSET_FILE, RUN_FILE},
+    records::{Asset, InvalidGaussians, RunRecord},
+    store::{self, StoreError},
+};
+use serde::Deserialize;
+
+use omnilife_engine::{
+    camera::{Camera, View},
+    gaussians::{ActivatedGaussians, static_gaussians},
+    model::{
+        Model,
+        layers::{Layer, LayerRenderer},
+    },
+    render::{
+        published::PublishedRenderer,
+        settings::{RenderSettings, RendererChoice},
+    },
+    step::settings::TrainSettings,
+};
+
+use crate::{
+    error::ReconstructError,
+    formats::{self, GAUSSIAN_FILES, splat::Placement, validity},
+    models::{Export, ModelFormat, OpenRequest, OpenedModel},
+};
+
+/// Gaussians, still or moving.
+pub const GAUSSIANS: ModelFormat = ModelFormat {
+    files: GAUSSIAN_FILES,
+    open,
+    edit: None,
+    exports: &[Export::Splats],
+};
+
+/// Opens Gaussians of a run or a file to render one of their layers.
+///
+/// # Errors
+/// When a file is missing or malformed, or the Gaussians have no such layer.
+pub fn open(request: &OpenRequest<'_>) -> Result<Box<dyn OpenedModel>, ReconstructError> {
+    Ok(Box::new(OpenedGaussians::open(request)?))
+}
+
+/// Layers of Gaussians, by name.
+const LAYERS: [(&str, Layer); 5] = [
+    ("all", Layer::All),
+    ("static", Layer::Static),
+    ("dynamic", Layer::Dynamic),
+    ("velocity", Layer::Velocity),
+    ("depth", Layer::Depth),
+];
+
+/// Gaussians with what is shown of them.
+struct OpenedGaussians {
+    source: Source,
+    layer: Layer,
+    layers: LayerRenderer,
+    published: Option<(PublishedRenderer, ActivatedGaussians)>,
+}
+
+impl OpenedGaussians {
+    fn open(request: &OpenRequest<'_>) -> Result<Self, ReconstructError> {
+        let (layer, path) = (request.layer, request.path);
+        let refuse = |reason: String| Err(ReconstructError::Request { reason });
+        let named = LAYERS.iter().find(|(name, _)| *name == layer);
+        let object = layer.strip_prefix("object:").and_then(|id| id.parse().ok());
+        let Some(layer) = named.map(|&(_, layer)| layer).or(object.map(Layer::Object)) else {
+            return refuse(format!(
+                "there is no layer {layer:?}: Gaussians have all, static, dynamic, velocity, depth and \
+                 object:ID"
+            ));
+        };
+        let source = Source::open(path, request.run, request.of_cameras)?;
+        let is_published = source.renderer == RendererChoice::OdgsPublished;
+        if is_published && (matches!(request.camera, Camera::Pinhole(_)) || layer != Layer::All) {
+            return refuse("the published renderer of ODGS draws whole ERP views only".to_owned());
+        }
+        let mut invalid = InvalidGaussians::default();
+        let model = source.model(&mut invalid)?;
+        for note in validity::notes(path, &invalid) {
+            request.progress.note(&note);
+        }
+        let layers = LayerRenderer::new(model, source.settings);
+        if let Some(reason) = layers.refusal(layer) {
+            return refuse(reason.to_owned());
+        }
+        let published = is_published.then(|| {
+            let mut gaussians = ActivatedGaussians::default();
+            for part in &layers.model().parts {
+                static_gaussians::activate(&part.table, &mut gaussians);
+            }
+            (PublishedRenderer::new(source.settings), gaussians)
+        });
+        Ok(Self {
+            source,
+            layer,
+            layers,
+            published,
+        })
+    }
+}
+
+impl OpenedModel for OpenedGaussians {
+    fn normalization(&self) -> Similarity {
+        self.source.normalization
+    }
+
+    fn image(&mut self, view: &View) -> Result<RgbImage, ReconstructError> {
+        Ok(match &mut self.published {
+            Some((renderer, gaussians)) => renderer.image(view, gaussians),
+            None => self.layers.image(view, self.layer),
+        })
+    }
+
+    fn largest_speed(&self) -> Option<f64> {
+        (self.layer == Layer::Velocity)
+            .then(|| self.source.world_speed(self.layers.largest_speed()))
+    }
+}
+
+/// Gaussians with what a renderer has to know about them.
+pub struct Source {
+    /// A run's folder, or a PLY.
+    path: PathBuf,
+    /// Map from world to normalized coordinates.
+    pub normalization: Similarity,
+    renderer: RendererChoice,
+    settings: RenderSettings,
+    /// What a run's Gaussians were trained under; a PLY has none of it.
+    trained: Option<TrainSettings>,
+}
+
+impl Source {
+    /// A run's Gaussians under the run's settings. A PLY alone says neither: it is normalized by the
+    /// cameras, and what is nearer than a thousandth of their radius is not drawn.
+    fn open(
+        path: &Path,
+        run: Option<&RunRecord>,
+        of_cameras: Similarity,
+    ) -> Result<Self, ReconstructError> {
+        let Some(record) = run else {
+            return Ok(Self {
+                path: path.to_owned(),
+                normalization: of_cameras,
+                renderer: RendererChoice::Exact,
+                settings: RenderSettings::new(1e-3),
+                trained: None,
+            });
+        };
+        let record_path = path.join(RUN_FILE);
+        let settings = TrainSettings::deserialize(&record.configuration).map_err(|error| {
+            StoreError::malformed(&record_path, format!("its configuration: {error}"))
+        })?;
+        check(&settings).map_err(|reason| {
+            StoreError::malformed(&record_path, format!("its configuration: {reason}"))
+        })?;
+        Ok(Self {
+            path: path.to_owned(),
+            normalization: record.normalization,
+            renderer: settings.renderer,
+            settings: settings.rendering,
+            trained: Some(settings),
+        })
+    }
+
+    /// Opens Gaussians to be exported: a file stays in its own coordinates, around a place within it where 32-bit
+    /// floats would lose them around the world's origin.
+    ///
+    /// # Errors
+    /// When the settings of the run or a file of the model are malformed.
+    pub fn open_in_place(path: &Path, run: Option<&RunRecord>) -> Result<Self, ReconstructError> {
+        let offset = if run.is_some() {
+            DVec3::ZERO
+        } else if is_splat(path) {
+            placement(path)?.offset
+        } else {
+            formats::ply::origin(path)?
+        };
+        let in_place = Similarity {
+            offset: offset.to_array(),
+            scale: 1.0,
+        };
+        Self::open(path, run, in_place)
+    }
+
+    /// Reads the Gaussians; what of them is not valid is counted in `invalid`.
+    ///
+    /// # Errors
+    /// When a file is missing or malformed.
+    pub fn model(&self, invalid: &mut InvalidGaussians) -> Result<Model, ReconstructError> {
+        match &self.trained {
+            Some(settings) => {
+                formats::read_model(&self.path, settings, &self.normalization, invalid)
+            }
+            None => {
+                let part = if is_splat(&self.path) {
+                    let placement = placement(&self.path)?;
+                    formats::read_splat(&self.path, &placement, &self.normalization, invalid)?
+                } else {
+                    formats::read_static(&self.path, &self.normalization, invalid)?
+                };
+                Ok(Model::new(vec![part]))
+            }
+        }
+    }
+
+    /// World units per second of normalized ones per frame.
+    fn world_speed(&self, speed: f32) -> f64 {
+        let dynamics = self.trained.as_ref().and_then(|run| run.dynamics.as_ref());
+        let seconds = dynamics.map_or(1.0, |dynamics| dynamics.clock.frame_seconds);
+        f64::from(speed) / self.normalization.scale / seconds
+    }
+}
+
+fn is_splat(path: &Path) -> bool {
+    path.extension().is_some_and(|kind| kind == "splat")
+}
+
+/// How the coordinates of a `.splat` came from the world's: as the record beside it says, or not at all.
+fn placement(path: &Path) -> Result<Placement, StoreError> {
+    let record = path.parent().unwrap_or(Path::new(".")).join(ASSET_FILE);
+    if !record.exists() {
+        return Ok(Placement::WORLD);
+    }
+    let asset: Asset = store::read_record(&record)?;
+    let name = path.file_name().and_then(|name| name.to_str());
+    if asset.splat_files().all(|file| Some(file) != name) {
+        return Ok(Placement::WORLD);
+    }
+    let [w, x, y, z] = asset.placement.rotation_wxyz;
+    Ok(Placement {
+        offset: DVec3::from_array(asset.placement.offset),
+        scale: asset.placement.scale,
+        rotation: DQuat::from_xyzw(x, y, z, w),
+    })
+}
+
+/// Refuses sizes and bounds that no run has.
+fn check(settings: &TrainSettings) -> Result<(), String> {
+    if let Some(deformation) = &settings.deformation {
+        deformation.model.check()?;
+    }
+    if let Some(dynamics) = &settings.dynamics {
+        dynamics.time.check()?;
+    }
+    Ok(())
+}

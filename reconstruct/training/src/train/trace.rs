@@ -1,0 +1,292 @@
+//! Error against run time: one row now and then while a method trains.
+
+use std::path::Path;
+
+use omnilife_schemas::{
+    records::SurfaceFaults,
+    store::{self, StoreError},
+};
+use serde::{Deserialize, Serialize};
+
+use omnilife_engine::{model::TrainedArray, step::StepStatistics};
+
+use crate::{
+    learner::ModelSize,
+    process,
+    train::{checkpoint::LoopState, input_psnr::InputPsnr},
+};
+
+/// One row of error against run time.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct TracePoint {
+    /// Wall-clock time of planning and of the training steps so far; the trace's own renders and the
+    /// checkpoints are not counted.
+    pub wall_seconds: f64,
+    /// Wall-clock time of the trace's own renders so far.
+    pub evaluation_seconds: f64,
+    /// CPU time (user and system) of planning and of the training steps so far, where the system tells.
+    pub cpu_seconds: Option<f64>,
+    /// Iterations done.
+    pub iteration: u64,
+    /// Primitives of the model: Gaussians, or whatever else it is made of.
+    #[serde(alias = "gaussians")]
+    pub primitives: u64,
+    /// Objects that move as one, where the model tells any apart.
+    #[serde(default)]
+    pub objects: Option<u64>,
+    /// Bytes of parameters, gradients and moments.
+    pub table_bytes: u64,
+    /// Highest resident memory of the process so far, where the system tells.
+    pub peak_memory_bytes: Option<u64>,
+    /// Mean training loss since the row before; none before the first step.
+    pub train_loss: Option<f64>,
+    /// PSNR of the mean squared error over the training steps since the row before, dB; none before the first
+    /// step.
+    pub train_psnr_db: Option<f64>,
+    /// How well some input views are met by region, where they have masks and it was measured.
+    #[serde(default)]
+    pub input_psnr: Option<InputPsnr>,
+    /// Ghosts and holes, where the scene knows distances and they were looked for.
+    #[serde(default)]
+    pub surfaces: Option<SurfaceFaults>,
+    /// Gradient values that were not finite and were not applied since the row before, by name of
+    /// the parameter array.
+    pub refused: Vec<(String, u64)>,
+}
+
+const COLUMNS: [&str; 9] = [
+    "wall_seconds",
+    "evaluation_seconds",
+    "cpu_seconds",
+    "iteration",
+    "primitives",
+    "table_bytes",
+    "peak_memory_bytes",
+    "train_loss",
+    "train_psnr_db",
+];
+
+/// Columns that are there where any row of a trace has something in them: objects, input views by region, ghosts
+/// and holes.
+const FURTHER_COLUMNS: [&str; 7] = [
+    "objects",
+    "input_psnr_db",
+    "input_psnr_static_db",
+    "input_psnr_dynamic_db",
+    "ghost_share",
+    "input_hole_share",
+    "novel_hole_share",
+];
+
+impl TracePoint {
+    /// A row from where the loop stands, the sums since the row before, the size of the model, and
+    /// the arrays.
+    pub(super) fn new(
+        state: &LoopState,
+        statistics: &StepStatistics,
+        size: ModelSize,
+        arrays: &[TrainedArray],
+    ) -> Self {
+        let per_step = |sum: f64| (statistics.steps > 0).then_some(sum / statistics.steps as f64);
+        let squared_error = per_step(statistics.squared_error);
+        let refused = statistics.refused.iter().chain(std::iter::repeat(&0));
+        Self {
+            wall_seconds: state.training.as_secs_f64(),
+            evaluation_seconds: state.evaluation.as_secs_f64(),
+            cpu_seconds: state.training_cpu.map(|time| time.as_secs_f64()),
+            iteration: state.iteration,
+            primitives: size.primitives,
+            objects: size.objects,
+            table_bytes: size.bytes,
+            peak_memory_bytes: process::peak_memory_bytes(),
+            train_loss: per_step(statistics.loss),
+            train_psnr_db: squared_error.map(|error| -10.0 * error.max(1e-10).log10()),
+            input_psnr: None,
+            surfaces: None,
+            refused: arrays
+                .iter()
+                .zip(refused)
+                .map(|(array, &refused)| (array.name.to_owned(), refused))
+                .collect(),
+        }
+    }
+
+    /// A short status for people: what the model is, and what the time of the loop went to; planning came before
+    /// it.
+    pub(super) fn text(&self, planning_seconds: f64) -> String {
+        let input_views = self
+            .train_psnr_db
+            .map_or(String::new(), |db| format!("input views {db:.2} dB, "));
+        format!(
+            "{} primitives, {input_views}steps {:.1} s, measuring {:.1} s",
+            self.primitives,
+            (self.wall_seconds - planning_seconds).max(0.0),
+            self.evaluation_seconds
+        )
+    }
+
+    /// What stands in [`COLUMNS`].
+    fn fixed_cells(&self) -> [String; 9] {
+        [
+            self.wall_seconds.to_string(),
+            self.evaluation_seconds.to_string(),
+            or_empty(self.cpu_seconds),
+            self.iteration.to_string(),
+            self.primitives.to_string(),
+            self.table_bytes.to_string(),
+            or_empty(self.peak_memory_bytes),
+            or_empty(self.train_loss),
+            or_empty(self.train_psnr_db),
+        ]
+    }
+
+    /// What stands in [`FURTHER_COLUMNS`]; empty where nothing is known.
+    fn further_cells(&self) -> [String; 7] {
+        let psnr = self.input_psnr.unwrap_or_default();
+        let faults = self.surfaces.as_ref();
+        [
+            or_empty(self.objects),
+            or_empty(psnr.whole_db),
+            or_empty(psnr.static_db),
+            or_empty(psnr.dynamic_db),
+            or_empty(faults.map(|found| found.ghost_share)),
+            or_empty(faults.and_then(|found| found.input_hole_share)),
+            or_empty(faults.and_then(|found| found.novel_hole_share)),
+        ]
+    }
+}
+
+/// Returns true for rounded half octaves, the iterations after which a trace has rows unless it has them every N
+/// iterations: 1, 2, 3, 4, 6, 8, 11, 16, 23, 32 ...
+///
+/// Ratios of iterations and not of time: which rows there are is then the same in every run and on every machine,
+/// and the same in runs of other lengths.
+pub(super) fn is_half_octave(iteration: u64) -> bool {
+    let half_octaves = (2.0 * (iteration as f64).log2()).round();
+    iteration > 0 && (half_octaves / 2.0).exp2().round() as u64 == iteration
+}
+
+fn or_empty(value: Option<impl ToString>) -> String {
+    value.map_or(String::new(), |value| value.to_string())
+}
+
+/// Writes the rows so far as CSV, whole or not at all; `refused_<array>` columns stand at the end, before them those
+/// of the further columns in which any row has something.
+///
+/// # Errors
+/// When the file cannot be written.
+pub fn write_csv(path: &Path, trace: &[TracePoint]) -> Result<(), StoreError> {
+    let further: Vec<_> = trace.iter().map(TracePoint::further_cells).collect();
+    let filled: Vec<usize> = (0..FURTHER_COLUMNS.len())
+        .filter(|&column| further.iter().any(|cells| !cells[column].is_empty()))
+        .collect();
+    store::write_csv(path, |table| {
+        let refused = trace.first().map_or(&[][..], |point| &point.refused);
+        let header = COLUMNS
+            .map(str::to_owned)
+            .into_iter()
+            .chain(
+                filled
+                    .iter()
+                    .map(|&column| FURTHER_COLUMNS[column].to_owned()),
+            )
+            .chain(refused.iter().map(|(array, _)| format!("refused_{array}")));
+        table.write_record(header)?;
+        for (point, further) in trace.iter().zip(&further) {
+            let further = filled.iter().map(|&column| further[column].clone());
+            let refused = point.refused.iter().map(|(_, count)| count.to_string());
+            let cells = point.fixed_cells().into_iter().chain(further);
+            table.write_record(cells.chain(refused))?;
+        }
+        Ok(())
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn point() -> TracePoint {
+        TracePoint {
+            wall_seconds: 1.5,
+            evaluation_seconds: 0.5,
+            cpu_seconds: None,
+            iteration: 100,
+            primitives: 7,
+            objects: None,
+            table_bytes: 8,
+            peak_memory_bytes: None,
+            train_loss: Some(0.25),
+            train_psnr_db: Some(20.0),
+            input_psnr: None,
+            surfaces: None,
+            refused: vec![("means".to_owned(), 2)],
+        }
+    }
+
+    fn written(trace: &[TracePoint]) -> Vec<String> {
+        let folder = tempfile::tempdir().expect("a folder");
+        let file = folder.path().join("trace.csv");
+        write_csv(&file, trace).expect("written");
+        let text = std::fs::read_to_string(file).expect("read");
+        text.lines().map(str::to_owned).collect()
+    }
+
+    #[test]
+    fn columns_that_nothing_is_known_of_are_left_out() {
+        let fixed = "wall_seconds,evaluation_seconds,cpu_seconds,iteration,primitives,table_bytes,\
+                     peak_memory_bytes,train_loss,train_psnr_db";
+        let lines = written(&[point()]);
+        assert_eq!(lines[0], format!("{fixed},refused_means"));
+        assert_eq!(lines[1], "1.5,0.5,,100,7,8,,0.25,20,2");
+        let last = TracePoint {
+            objects: Some(3),
+            input_psnr: Some(InputPsnr {
+                whole_db: Some(25.0),
+                static_db: Some(26.5),
+                dynamic_db: None,
+            }),
+            ..point()
+        };
+        let lines = written(&[point(), last]);
+        let columns = "objects,input_psnr_db,input_psnr_static_db";
+        assert_eq!(lines[0], format!("{fixed},{columns},refused_means"));
+        assert_eq!(lines[1], "1.5,0.5,,100,7,8,,0.25,20,,,,2");
+        assert_eq!(lines[2], "1.5,0.5,,100,7,8,,0.25,20,3,25,26.5,2");
+    }
+
+    #[test]
+    fn rows_are_at_equal_ratios() {
+        let rows: Vec<u64> = (0..=1_500).filter(|&n| is_half_octave(n)).collect();
+        let expected = [
+            1, 2, 3, 4, 6, 8, 11, 16, 23, 32, 45, 64, 91, 128, 181, 256, 362, 512, 724, 1024, 1448,
+        ];
+        assert_eq!(rows, expected);
+        for far in [11_863_283, 1 << 24] {
+            let around = [far - 1, far, far + 1].map(is_half_octave);
+            assert_eq!(around, [false, true, false]);
+        }
+    }
+
+    #[test]
+    fn before_the_first_step_there_is_no_loss() {
+        let state = LoopState::new(rand_pcg::Pcg64Mcg::new(1));
+        let size = ModelSize {
+            primitives: 3,
+            ..ModelSize::default()
+        };
+        let first = TracePoint::new(&state, &StepStatistics::default(), size, &[]);
+        assert_eq!((first.iteration, first.train_loss), (0, None));
+        assert_eq!(first.train_psnr_db, None);
+        assert!(written(&[first])[1].ends_with(",,"));
+    }
+
+    #[test]
+    fn rows_of_older_checkpoints_are_read() {
+        let text = r#"{"wall_seconds":1.5,"evaluation_seconds":0.5,"cpu_seconds":null,"iteration":100,
+            "gaussians":7,"table_bytes":8,"peak_memory_bytes":null,"train_loss":0.25,"train_psnr_db":20.0,
+            "refused":[["means",2]]}"#;
+        let read: TracePoint = serde_json::from_str(text).expect("an older row");
+        assert_eq!(read, point());
+    }
+}

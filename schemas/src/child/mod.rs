@@ -1,0 +1,286 @@
+//! Child processes, with everything that they start: when the program ends or is ended, what it
+//! has started ends too, and what it has used is known.
+//!
+//! There is one way to end them, at a limit, at an interrupt, and where a program leaves something
+//! behind: SIGTERM, a time of grace, SIGKILL, and a container by its name. On Linux this reaches
+//! everything that descends from the program, in whatever group or session; on other systems its
+//! process group (Unix) or the program alone.
+
+mod container;
+#[cfg(target_os = "linux")]
+mod descendants;
+mod job;
+#[cfg(all(test, target_os = "linux"))]
+mod tests;
+mod tree;
+
+use std::{
+    convert::Infallible,
+    io,
+    mem::ManuallyDrop,
+    path::Path,
+    process::{Child, Command, ExitStatus},
+    sync::{Mutex, MutexGuard, PoisonError},
+    thread,
+    time::{Duration, Instant},
+};
+
+pub use container::Container;
+pub use job::{Job, new_log, run};
+pub use tree::{Leftovers, ProcessTree};
+use wait4::Wait4;
+
+use crate::process;
+
+/// Time that programs have to put things in order when a limit ends them.
+pub const GRACE: Duration = Duration::from_secs(5);
+
+/// Longest time between two looks at a running program. Its end is seen this late, which is added to its
+/// time at most once.
+const LOOK_EVERY: Duration = Duration::from_millis(20);
+
+/// Time that they have when this process is told to end: whoever told it waits.
+const INTERRUPT_GRACE: Duration = Duration::from_secs(1);
+
+/// Programs of this process that are running, for [`end_all`].
+static RUNNING: Mutex<Vec<Running>> = Mutex::new(Vec::new());
+
+struct Running {
+    tree: ProcessTree,
+    container: Option<Container>,
+}
+
+fn running() -> MutexGuard<'static, Vec<Running>> {
+    RUNNING.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// End of a program, and what it used with the children that it waited for.
+#[derive(Debug, Clone, Copy)]
+pub struct Ended {
+    /// Status that the system tells.
+    pub status: ExitStatus,
+    /// CPU time, user and system.
+    pub cpu_time: Duration,
+    /// Highest resident memory, bytes, where the system tells.
+    pub peak_memory_bytes: Option<u64>,
+}
+
+/// End of a program and of what it has started, for a record.
+#[derive(Debug, Default)]
+pub struct Outcome {
+    /// True where it ended by itself and with success, and nothing is left of it.
+    pub succeeded: bool,
+    /// Exit code; `None` for one that ended by a signal, or that the system lost.
+    pub exit_code: Option<i32>,
+    /// In words.
+    pub ending: String,
+    /// The last line that it had printed then, where it had printed any.
+    pub last_line: Option<String>,
+    /// Processes and containers that ran on when it had ended, or did not end when they were told to at a
+    /// limit, in words. All have been ended but for those that say that they could not be; the command
+    /// has failed then.
+    pub left_running: Vec<String>,
+    /// Wall-clock time until its end or its limit, seconds.
+    pub wall_seconds: f64,
+    /// CPU time, seconds, where the system tells.
+    pub cpu_seconds: Option<f64>,
+    /// Highest resident memory, bytes, where the system tells.
+    pub peak_memory_bytes: Option<u64>,
+}
+
+impl Outcome {
+    /// Returns the outcome of a program that has not begun, for this reason.
+    pub fn not_begun(reason: impl Into<String>) -> Self {
+        Self {
+            ending: reason.into(),
+            ..Self::default()
+        }
+    }
+
+    /// Returns how it ended and the last line that it printed, in words.
+    pub fn in_words(&self) -> String {
+        let line = self.last_line.iter();
+        let line: String = line.map(|line| format!(": {line}")).collect();
+        format!("{}{line}", self.ending)
+    }
+
+    /// Returns [`Outcome::in_words`] behind the name of a program.
+    pub fn failure(&self) -> String {
+        format!("ended with {}", self.in_words())
+    }
+}
+
+/// A running program that leads a process group. Dropping it ends what [`ProcessGroup::end`] has not,
+/// without grace.
+#[derive(Debug)]
+pub struct ProcessGroup {
+    leader: Child,
+    tree: ProcessTree,
+    container: Option<Container>,
+    begun: Instant,
+    /// The end of the program, once it was waited for.
+    ended: Option<Ended>,
+    /// True where its end was brought about, or what it left was ended.
+    is_over: bool,
+}
+
+impl ProcessGroup {
+    /// Starts a program as the leader of a group of its own. `container` is the one that it runs, as
+    /// the client of a runtime.
+    ///
+    /// # Errors
+    /// When it cannot be started.
+    pub fn spawn(command: &mut Command, container: Option<Container>) -> io::Result<Self> {
+        let begun = Instant::now();
+        // Held over the start: a group is either not begun when all are ended, or among them.
+        let mut running = running();
+        let (leader, tree) = ProcessTree::spawn(command)?;
+        running.push(Running {
+            tree: tree.clone(),
+            container: container.clone(),
+        });
+        Ok(Self {
+            leader,
+            tree,
+            container,
+            begun,
+            ended: None,
+            is_over: false,
+        })
+    }
+
+    /// Returns the program, for its pipes.
+    pub fn leader(&mut self) -> &mut Child {
+        &mut self.leader
+    }
+
+    /// Returns the end of the program, if it has ended. What it has left behind is for
+    /// [`ProcessGroup::end`].
+    ///
+    /// # Errors
+    /// When the system does not tell.
+    pub fn try_wait(&mut self) -> io::Result<Option<Ended>> {
+        // Asked for once: afterwards its id may be that of another process.
+        if self.ended.is_none() {
+            self.ended = self.leader.try_wait4()?.map(|used| Ended {
+                status: used.status,
+                cpu_time: used.rusage.utime + used.rusage.stime,
+                peak_memory_bytes: Some(used.rusage.maxrss).filter(|&bytes| bytes > 0),
+            });
+        }
+        Ok(self.ended)
+    }
+
+    /// Waits for the end of the program.
+    ///
+    /// # Errors
+    /// When the system does not tell.
+    pub fn wait(&mut self) -> io::Result<Ended> {
+        let Ok(ended) = self.wait_unless(|_| None::<Infallible>)?;
+        Ok(ended)
+    }
+
+    /// Waits for the end of the program, or until `limit`, which is asked at every look, gives a reason to
+    /// end it.
+    ///
+    /// # Errors
+    /// When the system does not tell.
+    pub fn wait_unless<R>(
+        &mut self,
+        mut limit: impl FnMut(&ProcessTree) -> Option<R>,
+    ) -> io::Result<Result<Ended, R>> {
+        let mut pause = Duration::from_millis(1);
+        loop {
+            if let Some(ended) = self.try_wait()? {
+                return Ok(Ok(ended));
+            }
+            if let Some(reason) = limit(&self.tree) {
+                return Ok(Err(reason));
+            }
+            thread::sleep(pause);
+            pause = (2 * pause).min(LOOK_EVERY);
+        }
+    }
+
+    /// Waits as [`ProcessGroup::wait_unless`] does, and ends what is running then. The program prints to `log`.
+    pub fn finish(
+        mut self,
+        log: &Path,
+        grace: Duration,
+        limit: impl FnMut(&ProcessTree) -> Option<String>,
+    ) -> Outcome {
+        let waited = self.wait_unless(limit);
+        // Before the end of what is left: that is not its time, and not what it had to say.
+        let wall_seconds = self.begun.elapsed().as_secs_f64();
+        let last_line = process::last_line(log);
+        let leftovers = self.end(grace);
+        let (succeeded, words) = match waited {
+            Ok(Ok(ended)) => (ended.status.success(), process::ending(ended.status)),
+            Ok(Err(limit)) => (false, limit),
+            Err(error) => (false, format!("an end that the system lost: {error}")),
+        };
+        Outcome {
+            succeeded: succeeded && leftovers.running.is_empty(),
+            exit_code: self.ended.and_then(|ended| ended.status.code()),
+            left_running: leftovers.lines(),
+            ending: leftovers.added_to(words),
+            last_line,
+            wall_seconds,
+            cpu_seconds: self.ended.map(|ended| ended.cpu_time.as_secs_f64()),
+            peak_memory_bytes: self.ended.and_then(|ended| ended.peak_memory_bytes),
+        }
+    }
+
+    /// Ends the program if it runs, and everything that it has started; its container too, unless the
+    /// program has ended with success by itself. Returns when nothing is left, or seconds after what
+    /// is left was killed.
+    pub fn end(&mut self, grace: Duration) -> Leftovers {
+        self.is_over = true;
+        let ended = self.try_wait().ok().flatten();
+        let mut leftovers = if ended.is_some() {
+            self.tree.end_rest(grace)
+        } else {
+            // Where there are no groups.
+            #[cfg(not(unix))]
+            drop(self.leader.kill());
+            let tree = self.tree.clone();
+            tree::end(&[&tree], grace, &mut || drop(self.try_wait()))
+        };
+        // It has just ended, and stays a zombie until it is asked how.
+        drop(self.try_wait());
+        if let Some(container) = &self.container
+            && !ended.is_some_and(|ended| ended.status.success())
+        {
+            match container.kill() {
+                Ok(true) => leftovers.ended.push(container.to_string()),
+                Ok(false) => {}
+                Err(reason) => leftovers.running.push(reason),
+            }
+        }
+        leftovers
+    }
+}
+
+impl Drop for ProcessGroup {
+    fn drop(&mut self) {
+        if !self.is_over {
+            drop(self.end(Duration::ZERO));
+        }
+        running().retain(|other| other.tree != self.tree);
+    }
+}
+
+/// Ends all programs of this process, which is about to end itself: asks them to, and kills what is
+/// left after a second. Returns what could not be ended.
+///
+/// From here on no program begins, and a thread that gives one up waits for ever: that its program was
+/// ended must not be recorded as how the program ended by itself.
+pub fn end_all() -> Vec<String> {
+    // Never given back.
+    let programs = ManuallyDrop::new(running());
+    let trees: Vec<&ProcessTree> = programs.iter().map(|program| &program.tree).collect();
+    let mut left = tree::end(&trees, INTERRUPT_GRACE, &mut || {}).running;
+    let containers = programs.iter().filter_map(|one| one.container.as_ref());
+    left.extend(containers.filter_map(|container| container.kill().err()));
+    left
+}
