@@ -1,6 +1,6 @@
 """Scenes, splits, metrics, scores and results of omnilife, as NumPy arrays and plain tables.
 
-The command `omnilife` comes with the package. See docs/python.md.
+The command `omnilife` comes with the package. See docs/guides/python.md.
 """
 
 from . import metrics

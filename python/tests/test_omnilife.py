@@ -359,7 +359,7 @@ except KeyboardInterrupt:
 
 class Documentation(unittest.TestCase):
     def test_the_example_of_the_page_prints_what_the_page_says(self) -> None:
-        page = (ROOT / "docs/python.md").read_text()
+        page = (ROOT / "docs/guides/python.md").read_text()
         blocks = re.findall(r"```(python|text)\n(.*?)```", page, re.DOTALL)
         programs = [text for kind, text in blocks if kind == "python"]
         outputs = [text for kind, text in blocks if kind == "text"]
@@ -367,7 +367,7 @@ class Documentation(unittest.TestCase):
         text = programs[0].replace('"SCENE"', repr(str(SAMPLE.sequence)))
         printed = io.StringIO()
         with contextlib.redirect_stdout(printed):
-            exec(compile(text, "docs/python.md", "exec"), {})
+            exec(compile(text, "docs/guides/python.md", "exec"), {})
         self.assertEqual(printed.getvalue(), outputs[0])
 
     def test_the_example_scores(self) -> None:

@@ -83,11 +83,11 @@ mod tests {
 
     #[test]
     fn the_page_has_what_the_command_prints() {
-        let page = Path::new(env!("CARGO_MANIFEST_DIR")).join("../docs/backends.md");
+        let page = Path::new(env!("CARGO_MANIFEST_DIR")).join("../docs/reference/backends.md");
         let page = fs::read_to_string(page).expect("the page is there");
         assert!(
             page.contains(tables().trim_end()),
-            "docs/backends.md is not what `omnilife reconstruct backends` prints:\n{}",
+            "docs/reference/backends.md is not what `omnilife reconstruct backends` prints:\n{}",
             tables()
         );
     }

@@ -207,7 +207,7 @@ fn rendered(data: &Path, folder: &Path, frames: &[usize]) {
     store::write_record(&folder.join("sequence.json"), &sequence).unwrap();
 }
 
-/// Motion masks against the true ones; docs/dataset.md has the numbers of all frames.
+/// Motion masks against the true ones; docs/concepts/masks.md has the numbers of all frames.
 #[test]
 fn motion_masks_mark_what_moves() {
     let all = std::env::var_os("OMNILIFE_ALL_FRAMES").is_some();

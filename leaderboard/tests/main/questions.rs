@@ -388,7 +388,10 @@ fn results_of_others_are_read_with_care() {
 /// Every column stands in the documentation as it is, and no table has two of one name.
 #[test]
 fn columns_are_documented_and_have_one_name_each() {
-    let page = concat!(env!("CARGO_MANIFEST_DIR"), "/../docs/leaderboard.md");
+    let page = concat!(
+        env!("CARGO_MANIFEST_DIR"),
+        "/../docs/reference/result-tables.md"
+    );
     let page = fs::read_to_string(page).unwrap();
     for name in ["results", "views", "curves"] {
         let table = results_table(name).unwrap();
@@ -400,7 +403,10 @@ fn columns_are_documented_and_have_one_name_each() {
                 column.kind(),
                 column.about
             );
-            assert!(page.contains(&row), "docs/leaderboard.md lacks {row}");
+            assert!(
+                page.contains(&row),
+                "docs/reference/result-tables.md lacks {row}"
+            );
         }
         let all = names.len();
         names.sort_unstable();
