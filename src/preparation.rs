@@ -17,9 +17,12 @@ use omnilife_schemas::{
     store,
 };
 use omnilife_tracks::{
-    TrackRequest, association,
+    TrackRequest,
+    association::Association,
     dense::{self, DenseRequest, make_dense},
-    distance, make_tracks,
+    detectors::motion,
+    distance::DistanceMethod,
+    make_tracks,
 };
 
 /// Makes what `methods` require of a scene and a split, in the order of their rows. What is there
@@ -57,11 +60,11 @@ fn meet(
             let request = TrackRequest {
                 scene_folder: folder_of(scene),
                 split: Some(split.to_owned()),
-                detector: "motion".to_owned(),
+                detector: &motion::DETECTOR,
                 detections: None,
                 program: None,
-                distance: distance::AUTO.to_owned(),
-                association: association::GROUND_CHAINS.to_owned(),
+                distance: DistanceMethod::Auto,
+                association: Association::GroundChains,
                 metres_per_unit: None,
                 out: folder_of(split),
             };

@@ -366,13 +366,15 @@ fn vehicle_detector_names() -> Vec<&'static str> {
 }
 
 fn distance_names() -> Vec<&'static str> {
-    let distances = omnilife_tracks::distance::DISTANCES.iter();
-    distances.map(|distance| distance.id).collect()
+    omnilife_tracks::distance::DISTANCES
+        .map(omnilife_tracks::distance::DistanceMethod::id)
+        .to_vec()
 }
 
 fn association_names() -> Vec<&'static str> {
-    let associations = omnilife_tracks::association::ASSOCIATIONS.iter();
-    associations.map(|association| association.id).collect()
+    omnilife_tracks::association::ASSOCIATIONS
+        .map(omnilife_tracks::association::Association::id)
+        .to_vec()
 }
 
 fn adapter_names() -> Vec<&'static str> {

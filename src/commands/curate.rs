@@ -10,10 +10,18 @@ use omnilife_curate::{
     publish::{self, PublishSettings},
     worker,
 };
-use omnilife_schemas::{layout::DENSE_FOLDER, ownership::refuse_another_kind, progress::Progress};
+use omnilife_schemas::{
+    layout::{DENSE_FOLDER, SCENE_FILE},
+    names::{UnknownName, find},
+    ownership::refuse_another_kind,
+    progress::Progress,
+};
 use omnilife_tracks::{
     TrackRequest,
+    association::ASSOCIATIONS,
     dense::{DenseRequest, make_dense},
+    detectors::DETECTORS,
+    distance::DISTANCES,
     make_tracks, plan_tracks,
 };
 use serde::Serialize;
@@ -103,14 +111,20 @@ pub(crate) fn execute(command: &CurateCommand, progress: &dyn Progress) -> anyho
         } => {
             termination::take_programs_along()?;
             let beside = split.as_deref().and_then(Path::parent).unwrap_or(scene);
+            let unknown = |unknown: UnknownName| CurateError::Input {
+                path: scene.join(SCENE_FILE),
+                reason: unknown.to_string(),
+            };
             let request = TrackRequest {
                 scene_folder: scene.clone(),
                 split: split.clone(),
-                detector: detector.clone(),
+                detector: find("detector", detector, DETECTORS, |one| one.id).map_err(unknown)?,
                 detections: detections.clone(),
                 program: program.clone(),
-                distance: distance.clone(),
-                association: association.clone(),
+                distance: *find("distance", distance, &DISTANCES, |one| one.id())
+                    .map_err(unknown)?,
+                association: *find("association", association, &ASSOCIATIONS, |one| one.id())
+                    .map_err(unknown)?,
                 metres_per_unit: *metres_per_unit,
                 out: out.clone().unwrap_or_else(|| beside.to_owned()),
             };

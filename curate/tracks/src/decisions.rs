@@ -9,7 +9,10 @@ use omnilife_schemas::{
     store,
 };
 
-use super::{Asked, TrackRequest, distance};
+use super::{
+    Asked, TrackRequest,
+    distance::{DistanceMethod, has_estimates},
+};
 use crate::error::TracksError;
 
 /// Used and omitted components, with the evidence.
@@ -44,7 +47,7 @@ pub fn plan_tracks(
     let tracks = if is_known {
         store::read_record(&asked.record(request))?
     } else {
-        let lock = asked.detector.keeps_files;
+        let lock = request.detector.keeps_files;
         let lock = lock.then(|| FolderLock::take(&request.out, progress));
         let _lock = lock.transpose()?;
         asked.track(request, progress)?
@@ -76,8 +79,9 @@ fn decisions(request: &TrackRequest, asked: &Asked, tracks: &Tracks) -> Vec<Comp
         (None, Some(metres)) => (false, format!("given: {metres} metres in a unit")),
         (None, None) => (false, "the scene is in metres".to_owned()),
     };
-    let by_ground = stage("distance").is_none_or(|stage| stage.method == distance::GROUND);
-    let without = if distance::has_estimates(&asked.scene, &asked.views) {
+    let by_ground =
+        stage("distance").is_none_or(|stage| stage.method == DistanceMethod::Ground.id());
+    let without = if has_estimates(&asked.scene, &asked.views) {
         ""
     } else {
         "there are no estimates; "
@@ -107,7 +111,7 @@ fn decisions(request: &TrackRequest, asked: &Asked, tracks: &Tracks) -> Vec<Comp
         decide("dense-points", are_dense, points),
         decide("metric-scale", scale.0, scale.1),
         decide(
-            &format!("detector: {}", request.detector),
+            &format!("detector: {}", request.detector.id),
             true,
             reason("detector"),
         ),
@@ -117,7 +121,7 @@ fn decisions(request: &TrackRequest, asked: &Asked, tracks: &Tracks) -> Vec<Comp
             format!("{without}{}", reason("distance")),
         ),
         decide(
-            &format!("association: {}", request.association),
+            &format!("association: {}", request.association.id()),
             true,
             reason("association"),
         ),

@@ -20,43 +20,45 @@ use super::{
 };
 use crate::error::TracksError;
 
-/// A method of finding distances.
-#[derive(Debug, Clone, Copy)]
-pub struct DistanceMethod {
-    /// Name on the command line.
-    pub id: &'static str,
-    /// Its principle and its use.
-    pub about: &'static str,
+/// A way of finding distances.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum DistanceMethod {
+    /// The ground where it lies under the boxes, estimates where it does not and there are some.
+    Auto,
+    /// Places where rays meet the plane of the points around a box, half a vehicle up; needs no estimates.
+    Ground,
+    /// Distances that a network estimated (`curate poses --depth-prior`), brought to the scene by scale and shift
+    /// of their inverse; by the scale alone where the scene is flat.
+    Monocular,
+    /// The same of networks whose distances are right but for a scale: no shift.
+    MonocularScale,
 }
 
-/// The method that the evidence supports.
-pub const AUTO: &str = "auto";
-pub(super) const GROUND: &str = "ground";
-const MONOCULAR: &str = "monocular";
-const MONOCULAR_SCALE: &str = "monocular-scale";
-
 /// All of them.
-pub const DISTANCES: &[DistanceMethod] = &[
-    DistanceMethod {
-        id: AUTO,
-        about: "ground where it lies under the boxes, monocular where it does not and there are estimates",
-    },
-    DistanceMethod {
-        id: GROUND,
-        about: "where rays meet the plane of the points around a box, half a vehicle up; needs no estimates",
-    },
-    DistanceMethod {
-        id: MONOCULAR,
-        about: "distances that a network estimated (curate poses --depth-prior), brought to the scene by scale \
-                and shift of their inverse; by the scale alone where the scene is flat",
-    },
-    DistanceMethod {
-        id: MONOCULAR_SCALE,
-        about: "the same of networks whose distances are right but for a scale: no shift",
-    },
+pub const DISTANCES: [DistanceMethod; 4] = [
+    DistanceMethod::Auto,
+    DistanceMethod::Ground,
+    DistanceMethod::Monocular,
+    DistanceMethod::MonocularScale,
 ];
 
-/// Largest distance of a point from the plane of its ring, metres.
+impl DistanceMethod {
+    /// Name on the command line.
+    pub fn id(self) -> &'static str {
+        match self {
+            Self::Auto => "auto",
+            Self::Ground => "ground",
+            Self::Monocular => "monocular",
+            Self::MonocularScale => "monocular-scale",
+        }
+    }
+
+    fn needs_estimates(self) -> bool {
+        matches!(self, Self::Monocular | Self::MonocularScale)
+    }
+}
+
+/// A plane in a ring holds points that are this near to it, metres.
 const RING_REACH: f64 = 0.1;
 /// Height of a detection's middle above the ground: half of a car's height, metres.
 const HALF_HEIGHT: f64 = 0.75;
@@ -75,9 +77,9 @@ const LEAST_SLOPE: f64 = 0.5;
 /// Method and quality of the distances of detections.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Lifted {
-    /// One of [`DISTANCES`].
-    pub(super) method: &'static str,
-    /// The evidence.
+    /// Not [`DistanceMethod::Auto`].
+    pub(super) method: DistanceMethod,
+    /// On what evidence.
     pub(super) reason: String,
     /// Relative standard deviation of a distance.
     pub(super) sigma: f64,
@@ -126,14 +128,15 @@ pub(super) fn check_estimates(
     scene_path: &Path,
     scene: &Scene,
     views: &[PosedView],
-    asked: &str,
+    asked: DistanceMethod,
 ) -> Result<(), TracksError> {
-    if !matches!(asked, MONOCULAR | MONOCULAR_SCALE) || has_estimates(scene, views) {
+    if !asked.needs_estimates() || has_estimates(scene, views) {
         return Ok(());
     }
     let reason = format!(
-        "has no estimated distances for --distance {asked}: give them with `omnilife curate poses --depth-prior \
-         FOLDER --depth-prior-unit UNITS`"
+        "has no estimated distances for --distance {}: give them with `omnilife curate poses --depth-prior \
+         FOLDER --depth-prior-unit UNITS`",
+        asked.id()
     );
     Err(TracksError::input(scene_path, reason))
 }
@@ -147,32 +150,33 @@ impl Tracking<'_> {
         &self,
         detections: &mut [Detection],
         input: &DetectorInput<'_>,
-        asked: &str,
+        asked: DistanceMethod,
     ) -> Result<Lifted, TracksError> {
         let ground = self.lift_to_ground(detections);
         let has_estimates = has_estimates(self.scene, self.views);
         let enough = ground.share() >= ENOUGH_GROUND;
         let on_ground = format!("{:.0} % of the boxes", 100.0 * ground.share());
         let why = match asked {
-            MONOCULAR | MONOCULAR_SCALE => "asked for".to_owned(),
-            AUTO if has_estimates && !enough => {
+            DistanceMethod::Monocular | DistanceMethod::MonocularScale => "asked for".to_owned(),
+            DistanceMethod::Auto if has_estimates && !enough => {
                 format!("ground lies under {on_ground} alone")
             }
-            _ => {
-                let left_out = if !has_estimates || asked == GROUND {
+            DistanceMethod::Auto | DistanceMethod::Ground => {
+                let left_out = if !has_estimates || asked == DistanceMethod::Ground {
                     String::new()
                 } else {
                     format!("; estimates are left out: ground lies under {on_ground}")
                 };
                 return Ok(Lifted {
-                    method: GROUND,
+                    method: DistanceMethod::Ground,
                     reason: ground.said() + &left_out,
                     sigma: SIGMA_GROUND,
                     warnings: Vec::new(),
                 });
             }
         };
-        let mut lifted = self.lift_by_estimates(detections, input, asked == MONOCULAR_SCALE)?;
+        let scale_alone = asked == DistanceMethod::MonocularScale;
+        let mut lifted = self.lift_by_estimates(detections, input, scale_alone)?;
         lifted.reason = format!("{why}: {}", lifted.reason);
         Ok(lifted)
     }
@@ -288,9 +292,9 @@ impl Tracking<'_> {
         });
         Ok(Lifted {
             method: if scale_alone {
-                MONOCULAR_SCALE
+                DistanceMethod::MonocularScale
             } else {
-                MONOCULAR
+                DistanceMethod::Monocular
             },
             reason: said(&alignments, &pairs, scale_alone, lost),
             sigma: SIGMA_MONOCULAR,

@@ -33,7 +33,6 @@ use omnilife_schemas::{
     elapsed::Stopwatch,
     ground_plane::Plane,
     layout::{SCENE_FILE, TRACKS_FILE},
-    names,
     points::PointCloud,
     posed_view::{PosedView, frames_of},
     progress::Progress,
@@ -47,9 +46,9 @@ use omnilife_schemas::{
 pub use decisions::{TracksPlan, plan_tracks};
 pub use error::TracksError;
 
-use association::{ASSOCIATIONS, Sighting, deepsort};
-use detectors::{DETECTORS, Detector, DetectorInput};
-use distance::DISTANCES;
+use association::{Association, Sighting, deepsort};
+use detectors::{Detector, DetectorInput};
+use distance::DistanceMethod;
 use image_boxes::{is_cut, middle, within_image};
 
 /// The page for viewing, beside the tracks.
@@ -59,23 +58,23 @@ pub const OVERLAY_FILE: &str = "tracks.mp4";
 const FILES: [&str; 3] = [TRACKS_FILE, PAGE_FILE, OVERLAY_FILE];
 
 /// Input and options of tracking.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone)]
 pub struct TrackRequest {
     /// Folder of the scene.
     pub scene_folder: PathBuf,
     /// A split whose input views alone are used; all frames if `None`.
     pub split: Option<PathBuf>,
-    /// Name of the detector, of [`DETECTORS`].
-    pub detector: String,
+    /// One of [`DETECTORS`](detectors::DETECTORS).
+    pub detector: &'static Detector,
     /// A file of boxes.
     pub detections: Option<PathBuf>,
     /// A TOML of a program that finds boxes.
     pub program: Option<PathBuf>,
-    /// Name of the distance method, of [`DISTANCES`].
-    pub distance: String,
-    /// Name of the association method, of [`ASSOCIATIONS`].
-    pub association: String,
-    /// Metres per unit of the world, if the scene does not state it.
+    /// The way to find distances.
+    pub distance: DistanceMethod,
+    /// The way to find which detections are of one object.
+    pub association: Association,
+    /// Metres in a unit of the world, where the scene does not say.
     pub metres_per_unit: Option<f64>,
     /// Folder of the result.
     pub out: PathBuf,
@@ -121,7 +120,6 @@ struct Asked {
     frames: Vec<u32>,
     /// Those of them with a pose.
     views: Vec<PosedView>,
-    detector: &'static Detector,
     /// Metres per unit of the world, if stated.
     known_scale: Option<f64>,
     /// Points of static content.
@@ -133,19 +131,10 @@ impl Asked {
         let scene_path = request.scene_folder.join(SCENE_FILE);
         let scene: Scene = store::read_record(&scene_path)?;
         let frames = frames_of(&scene, request.split.as_deref())?;
-        let unknown =
-            |unknown: names::UnknownName| TracksError::input(&scene_path, unknown.to_string());
-        let detector =
-            names::find("detector", &request.detector, DETECTORS, |one| one.id).map_err(unknown)?;
-        names::find("distance", &request.distance, DISTANCES, |one| one.id).map_err(unknown)?;
-        names::find("association", &request.association, ASSOCIATIONS, |one| {
-            one.id
-        })
-        .map_err(unknown)?;
-        let files = detector.check_files(request);
+        let files = request.detector.check_files(request);
         files.map_err(|reason| TracksError::input(&scene_path, reason))?;
         let views = PosedView::of_scene(&scene, &frames);
-        distance::check_estimates(&scene_path, &scene, &views, &request.distance)?;
+        distance::check_estimates(&scene_path, &scene, &views, request.distance)?;
         let known_scale = metres_per_unit(&scene_path, &scene, request.metres_per_unit)?;
         let beside = request.split.as_deref().and_then(Path::parent);
         let beside = beside.unwrap_or(&request.scene_folder);
@@ -155,7 +144,6 @@ impl Asked {
             scene,
             frames,
             views,
-            detector,
             known_scale,
             points,
         })
@@ -170,9 +158,9 @@ impl Asked {
     fn stage(&self, request: &TrackRequest) -> Result<StagePlan, TracksError> {
         let mut plan = StagePlan::new(&request.out, "tracks")
             .with_file(&self.scene_path)?
-            .with_text("detector", &request.detector)
-            .with_text("distance", &request.distance)
-            .with_text("association", &request.association)
+            .with_text("detector", request.detector.id)
+            .with_text("distance", request.distance.id())
+            .with_text("association", request.association.id())
             .with_settings("frames", &self.frames)
             .with_settings("metres per unit", &self.known_scale);
         if let Some(file) = &request.detections {
@@ -218,8 +206,8 @@ impl Asked {
         request: &TrackRequest,
         progress: &dyn Progress,
     ) -> Result<Tracks, TracksError> {
-        if request.association == association::DEEPSORT {
-            // Fails before the search for boxes, whose appearance it compares.
+        if request.association == Association::DeepSort {
+            // Before the boxes are looked for whose appearance it compares.
             appearance::published_weights()?;
         }
         let (points, warnings) = self.static_points()?;
@@ -247,7 +235,7 @@ impl Asked {
             let (metres, evidence) = vehicle_scale::by_vehicles(
                 &self.scene_path,
                 plane,
-                self.detector,
+                request.detector,
                 &input,
                 progress,
             )?;
@@ -264,7 +252,7 @@ impl Asked {
             request,
             warnings,
         };
-        work.run(stages, self.detector, &input, progress)
+        work.run(stages, request.detector, &input, progress)
     }
 }
 
@@ -328,15 +316,17 @@ impl Tracking<'_> {
         };
         stages.push(stage("detector", detector.id, found, begun));
         let begun = Stopwatch::with_children();
-        let lifted = self.lift(&mut detections, input, &self.request.distance)?;
-        stages.push(stage("distance", lifted.method, lifted.reason, begun));
+        let lifted = self.lift(&mut detections, input, self.request.distance)?;
+        stages.push(stage("distance", lifted.method.id(), lifted.reason, begun));
         let begun = Stopwatch::with_children();
-        let groups = if self.request.association == association::DEEPSORT {
-            let (groups, said) = self.associate_by_appearance(&detections, input)?;
-            stages.push(stage("appearance", association::DEEPSORT, said, begun));
-            groups
-        } else {
-            self.associate(&detections, plane)
+        let association = self.request.association;
+        let groups = match association {
+            Association::DeepSort => {
+                let (groups, said) = self.associate_by_appearance(&detections, input)?;
+                stages.push(stage("appearance", association.id(), said, begun));
+                groups
+            }
+            Association::GroundChains => self.associate(&detections, plane),
         };
         let in_groups: usize = groups.iter().map(Vec::len).sum();
         let reason = format!(
@@ -344,12 +334,7 @@ impl Tracking<'_> {
             groups.len(),
             detections.len() - in_groups
         );
-        stages.push(stage(
-            "association",
-            &self.request.association,
-            reason,
-            begun,
-        ));
+        stages.push(stage("association", association.id(), reason, begun));
         let begun = Stopwatch::with_children();
         let mut warnings = [self.warnings.clone(), lifted.warnings].concat();
         let told = warnings.len();

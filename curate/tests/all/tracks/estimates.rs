@@ -52,12 +52,12 @@ fn estimated_distances_are_aligned_and_left_out_where_there_is_ground() {
     let folder = temp.path().join("scene");
     let mut scene = write_scene(&folder);
     let given = boxes(&scene);
-    let make = |distance: &str| {
+    let make = |distance: DistanceMethod| {
         let mut request = request(temp.path(), &given);
-        request.distance = distance.to_owned();
+        request.distance = distance;
         make_tracks(&request, &Silent)
     };
-    let refused = make("monocular").unwrap_err();
+    let refused = make(DistanceMethod::Monocular).unwrap_err();
     assert_eq!(refused.error_kind(), ErrorKind::User);
     assert!(refused.to_string().contains("--depth-prior"), "{refused}");
     estimate_distances(&folder, &mut scene, [160, 90]);
@@ -70,20 +70,20 @@ fn estimated_distances_are_aligned_and_left_out_where_there_is_ground() {
         (stage.method.clone(), stage.reason.clone())
     };
     // A point in a metre is too few around a box.
-    let (method, reason) = stage(&make("auto").unwrap());
+    let (method, reason) = stage(&make(DistanceMethod::Auto).unwrap());
     assert_eq!(method, "monocular");
     assert!(
         reason.contains("% of the boxes alone: estimates of 16"),
         "{reason}"
     );
     write_points(&folder, 150, 0.4);
-    let (method, reason) = stage(&make("auto").unwrap());
+    let (method, reason) = stage(&make(DistanceMethod::Auto).unwrap());
     assert_eq!(method, "ground");
     assert!(
         reason.contains("estimates are left out: ground lies under 100 % of the boxes"),
         "{reason}"
     );
-    let tracks = make("monocular").unwrap();
+    let tracks = make(DistanceMethod::Monocular).unwrap();
     let (method, reason) = stage(&tracks);
     assert_eq!(method, "monocular");
     assert!(
@@ -110,7 +110,7 @@ fn estimates_that_cannot_be_used_are_refused_in_one_line() {
     estimate_distances(&folder, &mut scene, [160, 90]);
     let refusal = || {
         let mut request = request(temp.path(), &given);
-        request.distance = "monocular".to_owned();
+        request.distance = DistanceMethod::Monocular;
         let error = make_tracks(&request, &Silent).unwrap_err();
         assert_eq!(error.error_kind(), ErrorKind::User);
         let message = error.to_string();
@@ -144,15 +144,18 @@ fn estimates_that_cannot_be_used_are_refused_in_one_line() {
 fn estimates_that_are_missing_are_told_before_anything_is_detected() {
     let temp = tempfile::tempdir().unwrap();
     let scene = write_scene(&temp.path().join("scene"));
-    for distance in ["monocular", "monocular-scale"] {
+    for distance in [DistanceMethod::Monocular, DistanceMethod::MonocularScale] {
         let mut request = request(temp.path(), &boxes(&scene));
         // Found out before the file of boxes, which has none, is read.
         fs::write(request.detections.as_ref().unwrap(), "no boxes").unwrap();
-        request.distance = distance.to_owned();
+        request.distance = distance;
         let error = make_tracks(&request, &Silent).unwrap_err();
         assert_eq!(error.error_kind(), ErrorKind::User);
         let message = error.to_string();
-        let expected = format!("scene.json: has no estimated distances for --distance {distance}");
+        let expected = format!(
+            "scene.json: has no estimated distances for --distance {}",
+            distance.id()
+        );
         assert!(message.contains(&expected), "{message}");
         assert!(!temp.path().join("tracks").exists());
     }

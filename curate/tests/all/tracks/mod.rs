@@ -24,7 +24,8 @@ use omnilife_schemas::{
     trajectory::GroundAxes,
 };
 use omnilife_tracks::{
-    OVERLAY_FILE, PAGE_FILE, TrackRequest, boxes::projected_box, make_tracks, plan_tracks,
+    OVERLAY_FILE, PAGE_FILE, TrackRequest, association::Association, boxes::projected_box,
+    detectors::files, distance::DistanceMethod, make_tracks, plan_tracks,
 };
 
 const FRAMES: usize = 16;
@@ -131,11 +132,11 @@ fn request(folder: &Path, boxes: &str) -> TrackRequest {
     TrackRequest {
         scene_folder: folder.join("scene"),
         split: None,
-        detector: "files".to_owned(),
+        detector: &files::DETECTOR,
         detections: Some(file),
         program: None,
-        distance: "auto".to_owned(),
-        association: "ground-chains".to_owned(),
+        distance: DistanceMethod::Auto,
+        association: Association::GroundChains,
         metres_per_unit: None,
         out: folder.join("tracks"),
     }

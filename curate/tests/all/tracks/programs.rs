@@ -1,5 +1,7 @@
 //! Boxes of a program that the tracker runs.
 
+use omnilife_curate::tracks::detectors::{command, motion};
+
 use super::*;
 
 /// A request for a program, a shell script that appends to `runs.txt` beside its TOML and copies `found.txt`.
@@ -14,7 +16,7 @@ fn program_request(folder: &Path, further: &str) -> TrackRequest {
     );
     fs::write(&toml, text).unwrap();
     TrackRequest {
-        detector: "command".to_owned(),
+        detector: &command::DETECTOR,
         detections: None,
         program: Some(toml),
         ..request(folder, "")
@@ -72,7 +74,7 @@ fn a_program_finds_boxes_once_and_what_does_not_count_is_left_out() {
     );
     // Another way of tracking has the boxes; another program, or another script of it, has not.
     let mut by_appearance = asked.clone();
-    by_appearance.distance = "ground".to_owned();
+    by_appearance.distance = DistanceMethod::Ground;
     make_tracks(&by_appearance, &Silent).unwrap();
     assert_eq!(runs(), "run\n");
     let known = plan_tracks(&by_appearance, &Silent).unwrap();
@@ -164,6 +166,6 @@ fn programs_that_fail_are_told_in_one_line() {
     without.program = None;
     assert!(refusal(&without).contains("--program FILE.toml"));
     let mut unused = program_request(folder, "");
-    unused.detector = "motion".to_owned();
+    unused.detector = &motion::DETECTOR;
     assert!(refusal(&unused).contains("--program is for the detector command"));
 }

@@ -55,32 +55,28 @@ const LEAST_DETECTIONS: usize = 3;
 /// Least area over which sightings are assumed to be spread, square metres.
 const LEAST_AREA: f64 = 400.0;
 
-/// A method of association.
-#[derive(Debug, Clone, Copy)]
-pub struct Association {
-    /// Name on the command line.
-    pub id: &'static str,
-    /// Its principle and its use.
-    pub about: &'static str,
+/// A way of finding which detections are of one object.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Association {
+    /// The likeliest chains on the ground over the whole clip; needs no weights. The default.
+    GroundChains,
+    /// From frame to frame in the image, by motion, overlap and the appearance network of `DeepSORT`
+    /// (scripts/setup --models); appearance that changes nothing is left out.
+    DeepSort,
 }
 
-/// The default.
-pub const GROUND_CHAINS: &str = "ground-chains";
-/// The association by a network.
-pub const DEEPSORT: &str = "deepsort";
-
 /// All of them.
-pub const ASSOCIATIONS: &[Association] = &[
-    Association {
-        id: GROUND_CHAINS,
-        about: "the likeliest chains on the ground over the whole clip; needs no weights",
-    },
-    Association {
-        id: DEEPSORT,
-        about: "from frame to frame in the image, by motion, overlap and the appearance network of DeepSORT \
-                (scripts/setup --models); appearance that changes nothing is left out",
-    },
-];
+pub const ASSOCIATIONS: [Association; 2] = [Association::GroundChains, Association::DeepSort];
+
+impl Association {
+    /// Name on the command line.
+    pub fn id(self) -> &'static str {
+        match self {
+            Self::GroundChains => "ground-chains",
+            Self::DeepSort => "deepsort",
+        }
+    }
+}
 
 /// Returns how many of `count` sightings belong to another set of sightings in one grouping than in the other.
 pub fn changed(one: &[Vec<usize>], other: &[Vec<usize>], count: usize) -> usize {
