@@ -114,7 +114,7 @@ fn measured(
     scene: &Scene,
     (camera, frames): (PinholeCamera, &[u32]),
     progress: &dyn Progress,
-) -> Result<(DenseStereo, Staging), CurateError> {
+) -> Result<(DenseStereo, Staging), TracksError> {
     let known = match &scene.points {
         Some(file) => PointCloud::read_ply(&request.scene_folder.join(file))?,
         None => PointCloud::default(),
