@@ -60,7 +60,7 @@ mod tests {
     #[test]
     fn a_filter_may_reach_farther_than_the_panorama_is_wide() {
         let row = [0_f32, 1.0, 2.0, 3.0];
-        let same = across_seam(&row, 4, 9, |from, to| from.copy_to(to));
+        let same = across_seam(&row, 4, 9, Mat::copy_to);
         assert_eq!(same.expect("filtered"), row);
     }
 }

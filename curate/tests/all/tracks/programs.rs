@@ -1,6 +1,6 @@
 //! Boxes of a program that the tracker runs.
 
-use omnilife_curate::tracks::detectors::{command, motion};
+use omnilife_tracks::detectors::{command, motion};
 
 use super::*;
 
