@@ -49,12 +49,12 @@ pub(crate) struct Seeding {
     pub(crate) lifespan_frames: f32,
 }
 
-/// Whether a method has a use for the evidence of motion.
+/// Use that a method has for the evidence of motion in a scene.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum MotionEvidenceUse {
-    /// A plan may leave time out where nothing moves.
+pub enum MotionEvidenceUse {
+    /// Its Gaussians change with time; a plan may leave time out where nothing moves.
     Decides,
-    /// The method knows no time.
+    /// It does not ask for it.
     None,
 }
 

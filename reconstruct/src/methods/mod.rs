@@ -26,7 +26,7 @@ use omnilife_schemas::{
 };
 
 use crate::{
-    components::Supported,
+    components::{MotionEvidenceUse, Supported},
     error::ReconstructError,
     evidence::SceneEvidence,
     learner::{Learner, gaussians::GaussianLearner},
@@ -173,6 +173,8 @@ pub enum MethodKind {
     Trained {
         /// Which cameras give a scene its extent.
         extent: CameraExtent,
+        /// Its use for the evidence of motion.
+        motion: MotionEvidenceUse,
         /// Kind of model that it leaves in the run's folder.
         model: &'static ModelFormat,
         /// Prepares its training.
@@ -203,6 +205,14 @@ impl Method {
         match self.kind {
             MethodKind::Trained { model, .. } => Some(model),
             MethodKind::FeedForward { .. } => None,
+        }
+    }
+
+    /// Returns its use for the evidence of motion; [`MotionEvidenceUse::None`] where it learns nothing.
+    pub fn motion(&self) -> MotionEvidenceUse {
+        match self.kind {
+            MethodKind::Trained { motion, .. } => motion,
+            MethodKind::FeedForward { .. } => MotionEvidenceUse::None,
         }
     }
 
@@ -385,111 +395,4 @@ pub fn model_files() -> BTreeSet<&'static str> {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::{
-        components::{COMPONENTS, OF_ANY_METHOD},
-        models::Export,
-    };
-
-    #[test]
-    fn methods_are_unique_and_described() {
-        for (index, method) in METHODS.iter().enumerate() {
-            assert!(METHODS[..index].iter().all(|other| other.id != method.id));
-            assert!(!method.title.is_empty() && !method.source.is_empty());
-            assert!(method.description.len() > 40, "{}", method.id);
-            assert!(method.options.iter().all(|option| option.doc.len() > 20));
-            assert_eq!(find(method.id).map(|found| found.id).ok(), Some(method.id));
-        }
-        let shared = |name: &&str| {
-            OF_ANY_METHOD.contains(name) || COMPONENTS.iter().any(|component| component.id == *name)
-        };
-        for method in METHODS {
-            let (own, optional) = (method.components, method.optional_components);
-            // What is a method's own is explained where it is listed.
-            let is_explained = |name: &&str| shared(name) || method.description.contains(*name);
-            assert!(optional.iter().all(is_explained), "{}", method.id);
-            assert!(optional.iter().all(|name| !own.contains(name)));
-        }
-        let message = find("nerf").map(|_| ()).expect_err("unknown").to_string();
-        assert!(
-            message.contains("nerf") && message.contains("odgs"),
-            "{message}"
-        );
-    }
-
-    #[test]
-    fn kinds_of_model_are_told_apart_by_their_files() {
-        let set = |model: &ModelFormat| model.files.iter().copied().collect::<BTreeSet<_>>();
-        let uses = |model: &ModelFormat| {
-            let edit = model.edit.is_some();
-            (edit, model.has_splats(), model.textures().is_some())
-        };
-        let models = METHODS.iter().filter_map(Method::model);
-        let models: Vec<&ModelFormat> = models.collect();
-        for model in &models {
-            let files = set(model);
-            assert_eq!(files.len(), model.files.len(), "{files:?}");
-            assert!(files.is_subset(&model_files()), "{files:?}");
-            let is_name = |file: &&str| !file.contains(['/', '\\']) && *file != RUN_FILE;
-            assert!(!files.is_empty() && files.iter().all(is_name), "{files:?}");
-            let is_splats = |export: &&Export| matches!(export, Export::Splats);
-            let splats = model.exports.iter().filter(is_splats).count();
-            assert!(splats <= 1 && model.exports.len() - splats <= 1);
-            for other in &models {
-                if set(other) == files {
-                    assert_eq!(uses(model), uses(other), "{files:?}");
-                } else {
-                    assert!(!files.is_subset(&set(other)), "{files:?} {:?}", other.files);
-                }
-            }
-        }
-    }
-
-    #[test]
-    fn only_published_code_lets_the_farthest_camera_decide() {
-        for method in METHODS {
-            let is_published = method.id == odgs_published::METHOD.id;
-            let is_farthest = method.camera_extent() == CameraExtent::Farthest;
-            assert_eq!(is_farthest, is_published, "{}", method.id);
-        }
-    }
-
-    #[test]
-    fn backends_that_a_method_lacks_are_refused() {
-        for method in METHODS {
-            assert_eq!(method.backends[0], BackendChoice::Cpu, "{}", method.id);
-            let request = MethodRequest::new(1, 0);
-            let refused = method.check(&request, BackendChoice::Gpu).err();
-            let message = refused.map(|error| error.to_string()).unwrap_or_default();
-            let runs = method.backends.contains(&BackendChoice::Gpu);
-            assert_eq!(message.contains("no GPU kernels"), !runs, "{message}");
-        }
-    }
-
-    #[test]
-    fn components_that_a_method_lacks_and_contradictions_are_refused() {
-        let owned = |names: &[&str]| names.iter().map(|&name| name.to_owned()).collect();
-        let refusal = |method: &Method, with: &[&str], without: &[&str]| {
-            let request = MethodRequest {
-                with: owned(with),
-                without: owned(without),
-                ..MethodRequest::new(1, 0)
-            };
-            let refused = method.check(&request, BackendChoice::Cpu).err();
-            refused.map(|error| error.to_string())
-        };
-        let both = ["exposure-compensation", "pose-refinement"];
-        assert_eq!(refusal(&odgs::METHOD, &both, &["sky-shell"]), None);
-        let unknown = refusal(&odgs::METHOD, &["static-table"], &[]).unwrap_or_default();
-        assert!(unknown.contains("static-table") && unknown.contains("pose-refinement"));
-        let contradiction = refusal(&odgs::METHOD, &both, &both).unwrap_or_default();
-        assert!(
-            contradiction.contains("asked for and left out"),
-            "{contradiction}"
-        );
-        for name in both {
-            assert!(refusal(&odgs_published::METHOD, &[name], &[]).is_some());
-        }
-    }
-}
+mod tests;

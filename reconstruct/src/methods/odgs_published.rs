@@ -6,6 +6,7 @@
 use omnilife_schemas::records::ComponentDecision;
 
 use crate::{
+    components::MotionEvidenceUse,
     error::ReconstructError,
     models,
     request::{BackendChoice, DefaultPlan},
@@ -45,6 +46,7 @@ pub const METHOD: Method = Method {
     options: &[options::MAX_GAUSSIANS, options::DENSIFY_THRESHOLD],
     kind: MethodKind::Trained {
         extent: CameraExtent::Farthest,
+        motion: MotionEvidenceUse::None,
         model: &models::gaussians::GAUSSIANS,
         prepare: |scene, request, backend| prepare(scene, request, backend)?.on(scene, backend),
     },

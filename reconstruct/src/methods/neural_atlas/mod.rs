@@ -47,6 +47,7 @@ use self::{
     settings::{FieldSize, Settings},
 };
 use crate::{
+    components::MotionEvidenceUse,
     error::ReconstructError,
     methods::{Findings, Method, MethodKind, ON_CPU, Prepared},
     options::{MethodOption, OptionValues},
@@ -147,6 +148,7 @@ pub const METHOD: Method = Method {
     ],
     kind: MethodKind::Trained {
         extent: CameraExtent::Most,
+        motion: MotionEvidenceUse::None,
         model: &outputs::ATLAS,
         prepare,
     },

@@ -41,7 +41,7 @@ use self::{
 };
 use crate::{
     baseline,
-    components::{Decision, DecisionLog, sky_shell},
+    components::{Decision, DecisionLog, MotionEvidenceUse, sky_shell},
     error::ReconstructError,
     methods::{Findings, Method, MethodKind, ON_CPU, PreparedGaussians},
     models, options, process,
@@ -106,6 +106,7 @@ pub const METHOD: Method = Method {
     options: &[options::MAX_GAUSSIANS, options::FOOTPRINT, options::SHARDS],
     kind: MethodKind::Trained {
         extent: CameraExtent::Most,
+        motion: MotionEvidenceUse::None,
         model: &models::gaussians::GAUSSIANS,
         prepare: |scene, request, backend| prepare(scene, request, backend)?.on(scene, backend),
     },
