@@ -5,7 +5,8 @@
 //! be re-run on the stored table. Everything is in seconds, so that a 25 and a 60 fps copy of one
 //! video give the same boundaries.
 //!
-//! To add a detector: one file, and one line in [`DETECTORS`].
+//! To add a detector: one file, and one line in [`DETECTORS`]. Its columns of the table have names of their own: by them
+//! [`detected`] finds the detector of a stored table.
 
 mod descriptor;
 pub mod histogram;
@@ -18,7 +19,7 @@ pub use signals::{MissingSignal, Signals};
 
 use std::path::Path;
 
-use omnilife_schemas::{records::Boundary, store};
+use omnilife_schemas::{names, records::Boundary, store};
 
 use crate::{
     error::CurateError,
@@ -89,17 +90,6 @@ pub fn detected(signals: &Signals) -> Option<(&'static Detector, Vec<Boundary>)>
 /// # Errors
 /// [`CurateError::Input`] that lists the known ids.
 pub fn detector(id: &str, video: &Path) -> Result<&'static Detector, CurateError> {
-    DETECTORS
-        .iter()
-        .find(|detector| detector.id == id)
-        .ok_or_else(|| {
-            let known: Vec<_> = DETECTORS.iter().map(|detector| detector.id).collect();
-            CurateError::input(
-                video,
-                format!(
-                    "boundary detector {id} is not known; there is {}",
-                    known.join(", ")
-                ),
-            )
-        })
+    names::find("boundary detector", id, DETECTORS, |detector| detector.id)
+        .map_err(|unknown| CurateError::input(video, unknown.to_string()))
 }

@@ -35,6 +35,7 @@ use std::{
 use omnilife_schemas::{
     Pose,
     camera::{Camera, cube::CUBE_FACES},
+    names,
     padded_frame::PaddedFrame,
     points::PointCloud,
     progress::Progress,
@@ -116,16 +117,8 @@ pub fn written_formats() -> impl Iterator<Item = &'static Format> {
 /// # Errors
 /// [`CurateError::Input`] that lists the formats, for an unknown name.
 pub fn format(id: &str, folder: &Path) -> Result<&'static Format, CurateError> {
-    FORMATS
-        .iter()
-        .find(|format| format.id == id)
-        .ok_or_else(|| {
-            let known: Vec<&str> = FORMATS.iter().map(|format| format.id).collect();
-            CurateError::input(
-                folder,
-                format!("unknown format {id}; known are {}", known.join(", ")),
-            )
-        })
+    names::find("format", id, FORMATS, |format| format.id)
+        .map_err(|unknown| CurateError::input(folder, unknown.to_string()))
 }
 
 /// Names of the formats of a kind.
