@@ -207,8 +207,19 @@ pub fn export(
     request: &ExportRequest<'_>,
     progress: &dyn Progress,
 ) -> Result<ExportScene, CurateError> {
+    export_as(format(request.format, request.out)?, request, progress)
+}
+
+/// Exports a scene as [`export`] does, in this format.
+///
+/// # Errors
+/// Those of [`export`], but for the name of the format, which is not looked at.
+pub fn export_as(
+    format: &Format,
+    request: &ExportRequest<'_>,
+    progress: &dyn Progress,
+) -> Result<ExportScene, CurateError> {
     let out = request.out;
-    let format = format(request.format, out)?;
     let writer = writer(format, out)?;
     if request.cube_faces.is_some() && !format.holds_cube_faces {
         let reason = format!(
