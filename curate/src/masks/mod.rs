@@ -51,7 +51,7 @@ pub struct MaskMethod {
     pub find: FindMasks,
 }
 
-/// All methods.
+/// All methods, the default one first.
 pub const METHODS: &[MaskMethod] = &[residual::METHOD, deeplab::METHOD];
 
 /// Writes the masks of a sequence; skipped, with a note, if frames and source are unchanged.
