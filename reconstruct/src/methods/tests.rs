@@ -1,4 +1,4 @@
-//! The rows agree with themselves and with each other.
+//! Agreement of the rows with themselves and with each other.
 
 use super::*;
 use crate::{
