@@ -124,7 +124,7 @@ fn prepare<'a>(
         || {
             rayon::join(
                 || tables::all_results(&groups, &request.out),
-                || tables::in_all_layouts(&groups, &papers, &request.out),
+                || tables::in_all_layouts(layouts::LAYOUTS, &groups, &papers, &request.out),
             )
         },
         || match with_site {

@@ -8,7 +8,7 @@ use crate::{
     error::LeaderboardError,
     format::slug,
     group::{self, Group},
-    layouts::{self, LAYOUTS, REGION_METRICS},
+    layouts::{self, Layout, REGION_METRICS},
     outputs::Outputs,
     published::Paper,
     quantity::ViewKind,
@@ -119,8 +119,9 @@ pub(crate) fn short_table(group: &Group<'_>, all: Table) -> Table {
     })
 }
 
-/// Returns the tables in the layouts of the paper, `tables/<protocol>-<hash>/<layout>.{md,tex,csv}`.
+/// Returns the tables in these layouts, `tables/<protocol>-<hash>/<layout>.{md,tex,csv}`.
 pub(crate) fn in_all_layouts(
+    layouts: &[Layout],
     groups: &[Group<'_>],
     papers: &[Paper],
     out: &Path,
@@ -132,7 +133,7 @@ pub(crate) fn in_all_layouts(
             slug(group.protocol),
             slug(&group.short_hash())
         );
-        for layout in LAYOUTS {
+        for layout in layouts {
             let tables = (layout.tables)(group, papers);
             if tables.is_empty() {
                 continue;
@@ -179,4 +180,50 @@ fn add_tables(
     let csv = render::csv::render(tables, &out.join(file("csv")))?;
     outputs.add(file("csv"), csv);
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::table::{Cell, Column, Row};
+
+    fn toy_tables(group: &Group<'_>, _: &[Paper]) -> Vec<Table> {
+        vec![Table {
+            title: format!("Scenes of {}", group.protocol),
+            names: vec!["Place".to_owned()],
+            columns: vec![Column::plain("Scenes")],
+            rows: vec![Row {
+                names: vec!["all".to_owned()],
+                cells: vec![Cell::count(group.scenes.len())],
+                ..Row::default()
+            }],
+            published: Vec::new(),
+            notes: Vec::new(),
+        }]
+    }
+
+    #[test]
+    fn a_layout_is_a_row_and_a_function() {
+        let record = serde_json::json!({
+            "method": "odgs", "scene": "walk", "scene_sha256": "00", "protocol": "per-scene/1",
+            "protocol_hash": "abc", "scored_size": [64, 32], "input_views": {},
+            "novel_views": {"psnr": {"mean": 20.0, "views": 2, "direction": "higher-is-better"}},
+            "failures": [], "frames_table": "frames.csv", "warnings": []
+        });
+        let record: ResultRecord = serde_json::from_value(record).expect("a result");
+        let results = [(PathBuf::from("result.json"), record)];
+        let groups = group::groups(&results).expect("one group");
+        let toy = Layout {
+            id: "toy",
+            is_in_first_table: false,
+            tables: toy_tables,
+        };
+        let folder = tempfile::tempdir().expect("a folder");
+        let outputs = in_all_layouts(&[toy], &groups, &[], folder.path()).expect("its tables");
+        outputs.write(folder.path()).expect("written");
+        for extension in ["md", "tex", "csv"] {
+            let file = format!("{LAYOUT_FOLDER}/per-scene-1-abc/toy.{extension}");
+            assert!(folder.path().join(&file).is_file(), "{file}");
+        }
+    }
 }

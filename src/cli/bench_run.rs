@@ -1,10 +1,19 @@
 //! `omnilife bench run`.
 
-use std::path::PathBuf;
+use std::{path::PathBuf, sync::LazyLock};
 
 use clap::Args;
+use omnilife_reconstruct::methods::METHODS;
 
 use super::reconstruct::BackendArgument;
+
+/// Methods of a first benchmark: the default one, and all that need no training.
+static DEFAULT_METHODS: LazyLock<String> = LazyLock::new(|| {
+    let untrained = METHODS.iter().skip(1).filter(|method| !method.is_trained());
+    let methods = METHODS.iter().take(1).chain(untrained);
+    let ids: Vec<&str> = methods.map(|method| method.id).collect();
+    ids.join(",")
+});
 
 #[derive(Debug, Args)]
 pub(crate) struct BenchRunArguments {
@@ -19,7 +28,7 @@ pub(crate) struct BenchRunArguments {
         long,
         value_name = "METHOD",
         value_delimiter = ',',
-        default_value = "odgs,sphere-sweep,infinity-homography,cross-fade,nearest-input"
+        default_value = DEFAULT_METHODS.as_str()
     )]
     pub(crate) methods: Vec<String>,
     /// Protocols by name (`bench list` lists them).

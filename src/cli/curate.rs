@@ -295,7 +295,7 @@ pub(crate) struct CurationSettingsArguments {
     #[command(flatten)]
     pub(crate) curation: CurationArguments,
     /// Criteria that every video must meet: omnilife360, none, or a .toml file of thresholds.
-    #[arg(long, default_value = "omnilife360")]
+    #[arg(long, default_value = omnilife_curate::criteria::PROFILES[0].id)]
     pub(crate) criteria: String,
     /// Also writes every sequence as mp4.
     #[arg(long)]

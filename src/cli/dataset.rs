@@ -233,7 +233,7 @@ pub(crate) struct MasksArguments {
     pub(crate) from: Option<PathBuf>,
     /// Finds them: residual (motion that the camera's own does not explain), or deeplab (people,
     /// animals and vehicles by what they are; scripts/setup --models).
-    #[arg(long, default_value = "residual")]
+    #[arg(long, default_value = omnilife_curate::masks::METHODS[0].id)]
     pub(crate) method: String,
 }
 

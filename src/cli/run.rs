@@ -27,7 +27,7 @@ pub(crate) struct RunArguments {
     #[command(flatten)]
     pub(crate) limit: MemoryLimitArguments,
     /// Criteria that are evaluated and reported; nothing is rejected by them.
-    #[arg(long, default_value = "omnilife360")]
+    #[arg(long, default_value = omnilife_curate::criteria::PROFILES[0].id)]
     pub(crate) criteria: String,
     #[command(flatten)]
     pub(crate) poses: PoseArguments,

@@ -1,7 +1,8 @@
 //! The metrics: definitions of scores.
 //!
 //! To add one: a file with a [`Metric`], a line in [`METRICS`], and golden values through
-//! `scripts/golden/metrics.py`, an implementation apart from this one.
+//! `scripts/golden/metrics.py`, an implementation apart from this one. A protocol that scores it names it among its
+//! metrics, which makes a new version of the protocol; tables, sites and queries take the metrics of the results.
 //!
 //! All metrics compare 8-bit images, as 3DGS's `metrics.py` does, which reads rendered and captured views back from PNG
 //! files: prediction and ground truth are both quantized. Against scores of unquantized renderings (ODGS and PVG during
@@ -129,11 +130,16 @@ pub static METRICS: &[Metric] = &[
 /// # Errors
 /// [`BenchError::UnknownMetric`], which lists the known ids.
 pub fn of_protocol(protocol: &Protocol) -> Result<Vec<&'static Metric>, BenchError> {
+    among(METRICS, protocol)
+}
+
+/// Returns the metrics of a protocol as [`of_protocol`] does, out of these.
+fn among<'m>(metrics: &'m [Metric], protocol: &Protocol) -> Result<Vec<&'m Metric>, BenchError> {
     protocol
         .metrics
         .iter()
         .map(|id| {
-            names::find("metric", id, METRICS, |metric| metric.id).map_err(|unknown| {
+            names::find("metric", id, metrics, |metric| metric.id).map_err(|unknown| {
                 BenchError::UnknownMetric {
                     protocol: protocols::title(protocol),
                     unknown,
@@ -150,4 +156,39 @@ const MSE_FLOOR: f64 = 1e-10;
 fn decibels(mse: f64) -> f64 {
     // Subtracted from zero, so that an error of 1 gives 0 and not -0.
     0.0 - 10.0 * mse.clamp(MSE_FLOOR, 1.0).log10()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A tenth of the view's width.
+    const TOY: Metric = Metric {
+        id: "toy",
+        title: "Toy",
+        unit: "",
+        direction: Some(Direction::LowerIsBetter),
+        range: [0.0, 1.0],
+        source: "Nowhere.",
+        needs: &[],
+        function: |sample| Ok(sample.pair.width() as f64 / 10.0),
+    };
+
+    #[test]
+    fn a_metric_is_a_row_and_a_function() {
+        let mut protocol = protocols::protocol("per-scene").expect("it is known");
+        protocol.metrics = ["psnr", TOY.id].map(str::to_owned).into();
+        let unknown = of_protocol(&protocol)
+            .map(|_| ())
+            .map_err(|error| error.to_string());
+        assert!(unknown.is_err_and(|message| message.contains("\"toy\"")));
+        let all = [psnr::METRIC, TOY];
+        let metrics = among(&all, &protocol).expect("both are there");
+        let pair = ViewPair::new(2, 1, vec![0; 6], vec![0; 6]).expect("two pixels");
+        let scores = metrics
+            .iter()
+            .map(|metric| (metric.function)(&Sample::new(&pair)));
+        let scores: Vec<_> = scores.collect();
+        assert!(scores.len() == 2 && scores[1] == Ok(0.2), "{scores:?}");
+    }
 }

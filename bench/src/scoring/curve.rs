@@ -21,8 +21,37 @@ use crate::{
 /// LPIPS of a curve.
 const LPIPS: &str = "lpips-alex";
 
+/// Metric of a curve with its column.
+struct CurveMetric {
+    /// Its id in [`crate::metrics::METRICS`].
+    id: &'static str,
+    /// Returns the column.
+    column: fn(&mut CurveRow) -> &mut Option<f64>,
+}
+
 /// Metrics of a curve; a protocol without them has none.
-const METRICS: [&str; 5] = ["psnr", "ssim", LPIPS, "psnr-static", "psnr-dynamic"];
+const CURVE_METRICS: [CurveMetric; 5] = [
+    CurveMetric {
+        id: "psnr",
+        column: |row| &mut row.novel_psnr_db,
+    },
+    CurveMetric {
+        id: "ssim",
+        column: |row| &mut row.novel_ssim,
+    },
+    CurveMetric {
+        id: LPIPS,
+        column: |row| &mut row.novel_lpips_alex,
+    },
+    CurveMetric {
+        id: "psnr-static",
+        column: |row| &mut row.novel_psnr_static_db,
+    },
+    CurveMetric {
+        id: "psnr-dynamic",
+        column: |row| &mut row.novel_psnr_dynamic_db,
+    },
+];
 
 /// Scores the novel views at the rows of the run's trace and writes [`CURVE_FILE`] into `out`. Returns one line for
 /// every row that could not be scored, and one if LPIPS could not be computed. `None`, and no file, if the run has no
@@ -41,7 +70,11 @@ pub(super) fn write_curve(
         return Ok(None);
     };
     let mut metrics: Vec<&Metric> = job.computed().collect();
-    metrics.retain(|metric| METRICS.contains(&metric.id));
+    metrics.retain(|metric| {
+        CURVE_METRICS
+            .iter()
+            .any(|of_curve| of_curve.id == metric.id)
+    });
     let folders = trace
         .folders
         .iter()
@@ -148,12 +181,26 @@ fn fill(row: &mut CurveRow, metrics: &[&Metric], views: &[Vec<Result<f64, Undefi
         let values: Vec<_> = views.iter().map(|view| view[index]).collect();
         let mean = summary::summary(metric, &values).ok();
         let mean = mean.map(|summary| summary.mean);
-        match metric.id {
-            "psnr" => row.novel_psnr_db = mean,
-            "psnr-static" => row.novel_psnr_static_db = mean,
-            "psnr-dynamic" => row.novel_psnr_dynamic_db = mean,
-            LPIPS => row.novel_lpips_alex = mean,
-            _ => row.novel_ssim = mean,
+        for of_curve in CURVE_METRICS.iter().filter(|one| one.id == metric.id) {
+            *(of_curve.column)(row) = mean;
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::metrics::METRICS;
+
+    #[test]
+    fn metrics_of_a_curve_are_metrics() {
+        for of_curve in CURVE_METRICS {
+            let mut all = METRICS.iter();
+            assert!(
+                all.any(|metric| metric.id == of_curve.id),
+                "{}",
+                of_curve.id
+            );
         }
     }
 }

@@ -108,7 +108,7 @@ pub const NONE: Profile = Profile {
     },
 };
 
-/// All profiles; tests walk it.
+/// All profiles, the default one first; tests walk it.
 pub static PROFILES: &[Profile] = &[OMNILIFE360, NONE];
 
 /// One admission check.

@@ -34,6 +34,7 @@ use std::{
 use omnilife_schemas::{
     Pose,
     camera::{Camera, cube::CUBE_FACES},
+    names,
     padded_frame::PaddedFrame,
     points::PointCloud,
     progress::Progress,
@@ -115,16 +116,8 @@ pub fn written_formats() -> impl Iterator<Item = &'static Format> {
 /// # Errors
 /// [`CurateError::Input`] that lists the formats, for an unknown name.
 pub fn format(id: &str, folder: &Path) -> Result<&'static Format, CurateError> {
-    FORMATS
-        .iter()
-        .find(|format| format.id == id)
-        .ok_or_else(|| {
-            let known: Vec<&str> = FORMATS.iter().map(|format| format.id).collect();
-            CurateError::input(
-                folder,
-                format!("unknown format {id}; known are {}", known.join(", ")),
-            )
-        })
+    names::find("format", id, FORMATS, |format| format.id)
+        .map_err(|unknown| CurateError::input(folder, unknown.to_string()))
 }
 
 /// Names of the formats of a kind.
@@ -213,8 +206,19 @@ pub fn export(
     request: &ExportRequest<'_>,
     progress: &dyn Progress,
 ) -> Result<ExportScene, CurateError> {
+    export_as(format(request.format, request.out)?, request, progress)
+}
+
+/// Exports a scene as [`export`] does, in this format.
+///
+/// # Errors
+/// Those of [`export`], but for the name of the format, which is not looked at.
+pub fn export_as(
+    format: &Format,
+    request: &ExportRequest<'_>,
+    progress: &dyn Progress,
+) -> Result<ExportScene, CurateError> {
     let out = request.out;
-    let format = format(request.format, out)?;
     let writer = writer(format, out)?;
     if request.cube_faces.is_some() && !format.holds_cube_faces {
         let reason = format!(

@@ -16,6 +16,7 @@ use omnilife_schemas::{
     layout::{DYNAMIC_MASKS_FILE, DYNAMIC_MASKS_FOLDER, SEQUENCE_FILE},
     mask_file::MarkedGreys,
     mask_survey::MaskSurvey,
+    names,
     progress::Progress,
     records::{MaskEntry, Masks, Sequence},
     rgb::Mask,
@@ -51,7 +52,7 @@ pub struct MaskMethod {
     pub find: FindMasks,
 }
 
-/// All methods.
+/// All methods, the default one first.
 pub const METHODS: &[MaskMethod] = &[residual::METHOD, deeplab::METHOD];
 
 /// Writes the masks of a sequence; skipped, with a note, if frames and source are unchanged.
@@ -132,16 +133,9 @@ pub fn write_masks(
 }
 
 fn find_method(id: &str, folder: &Path) -> Result<&'static MaskMethod, CurateError> {
-    METHODS.iter().find(|method| method.id == id).ok_or_else(|| {
-        let known: Vec<&str> = METHODS.iter().map(|method| method.id).collect();
-        CurateError::input(
-            folder,
-            format!(
-                "unavailable mask method {id}; known are {}, and masks of any other program can be \
-                 given as files",
-                known.join(", ")
-            ),
-        )
+    names::find("mask method", id, METHODS, |method| method.id).map_err(|unknown| {
+        let reason = format!("{unknown}; masks of any other program can be given as files");
+        CurateError::input(folder, reason)
     })
 }
 

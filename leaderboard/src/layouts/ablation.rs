@@ -12,6 +12,12 @@ use crate::{
     table::{Cell, Column, Mark, Row, Table, cost_cells, cost_columns, method_score},
 };
 
+/// The paper's table.
+const PUBLISHED: PublishedLayout = PublishedLayout {
+    number: 6,
+    protocol: "per-scene",
+};
+
 /// Returns one table for every method that has variants.
 pub(super) fn tables(group: &Group<'_>, papers: &[Paper]) -> Vec<Table> {
     group
@@ -70,13 +76,7 @@ fn table(
         .map(|method| (method.class, method.complete))
         .collect();
     mark_classes(&mut rows, &contestants, &columns);
-    let published = published_rows(
-        papers,
-        &PublishedLayout::Ablation,
-        group.protocol,
-        &columns,
-        1,
-    );
+    let published = published_rows(papers, &PUBLISHED, group.protocol, &columns, 1);
     let mut notes = common_notes(group);
     notes.extend(published.notes);
     Table {

@@ -18,18 +18,40 @@ use crate::{
 /// Maximum number of places side by side; others go to further tables.
 const PLACES: usize = 8;
 
+/// A layout of this kind.
+struct PlaceLayout {
+    /// True if it has all metrics and, in its first column, the average over all places.
+    with_average: bool,
+    /// The paper's table.
+    published: PublishedLayout,
+}
+
 /// Rows are methods and metrics; the first column is the average over all places.
 pub(super) fn all_metrics(group: &Group<'_>, papers: &[Paper]) -> Vec<Table> {
-    tables(group, papers, &PublishedLayout::DynamicScenes)
+    let layout = PlaceLayout {
+        with_average: true,
+        published: PublishedLayout {
+            number: 4,
+            protocol: "per-scene",
+        },
+    };
+    tables(group, papers, &layout)
 }
 
 /// Rows are methods.
 pub(super) fn psnr_alone(group: &Group<'_>, papers: &[Paper]) -> Vec<Table> {
-    tables(group, papers, &PublishedLayout::DynamicMethods)
+    let layout = PlaceLayout {
+        with_average: false,
+        published: PublishedLayout {
+            number: 5,
+            protocol: "per-scene",
+        },
+    };
+    tables(group, papers, &layout)
 }
 
-fn tables(group: &Group<'_>, papers: &[Paper], layout: &PublishedLayout) -> Vec<Table> {
-    let with_average = matches!(layout, PublishedLayout::DynamicScenes);
+fn tables(group: &Group<'_>, papers: &[Paper], layout: &PlaceLayout) -> Vec<Table> {
+    let with_average = layout.with_average;
     let metrics: Vec<usize> = published_metrics(group, ViewKind::Novel)
         .into_iter()
         .filter(|&index| with_average || group.quantities[index].0.metric == "psnr")
@@ -156,13 +178,13 @@ fn in_order<'g, 'a>(
 fn table<'a>(
     group: &Group<'a>,
     papers: &[Paper],
-    layout: &PublishedLayout,
+    layout: &PlaceLayout,
     title: String,
     metrics: &[usize],
     means: &PlaceMeans<'a>,
     places: &[&'a str],
 ) -> Table {
-    let with_average = matches!(layout, PublishedLayout::DynamicScenes);
+    let with_average = layout.with_average;
     let mut columns = Vec::new();
     if with_average {
         columns.push(column("Avg.", Holds::Average));
@@ -206,7 +228,7 @@ fn table<'a>(
     );
     notes.extend(left_out(group));
     let names = if with_average { 2 } else { 1 };
-    let published = published_rows(papers, layout, group.protocol, &columns, names);
+    let published = published_rows(papers, &layout.published, group.protocol, &columns, names);
     notes.extend(published.notes);
     let mut headings = vec!["Method".to_owned()];
     if with_average {

@@ -8,9 +8,15 @@ use crate::{
     table::Table,
 };
 
+/// The paper's table.
+pub(super) const PUBLISHED: PublishedLayout = PublishedLayout {
+    number: 3,
+    protocol: "sparse-interpolation",
+};
+
 /// Returns true if the protocol is that of the paper's table, and only novel views were scored.
 pub(super) fn is_of(group: &Group<'_>) -> bool {
-    let is_protocol = PublishedLayout::FeedForward.is_of(group.protocol);
+    let is_protocol = PUBLISHED.is_of(group.protocol);
     is_protocol && group.has(ViewKind::Novel) && !group.has(ViewKind::Input)
 }
 
@@ -19,10 +25,5 @@ pub(super) fn tables(group: &Group<'_>, papers: &[Paper]) -> Vec<Table> {
     if !is_of(group) {
         return Vec::new();
     }
-    vec![views::table(
-        group,
-        papers,
-        &[ViewKind::Novel],
-        PublishedLayout::FeedForward,
-    )]
+    vec![views::table(group, papers, &[ViewKind::Novel], PUBLISHED)]
 }

@@ -1,5 +1,7 @@
-//! The layouts of the papers' tables. A new one is one file and one line in [`LAYOUTS`]; [`assets`] belong to no
-//! protocol and have tables of their own.
+//! The layouts of the papers' tables. [`assets`] belong to no protocol and have tables of their own.
+//!
+//! To add one: a file with a function that makes its tables, and a row in [`LAYOUTS`]. The row gives it files, a
+//! section of the site and, where a paper prints it, the numbers of the paper ([`PublishedLayout`]).
 
 mod ablation;
 pub(crate) mod assets;
@@ -16,7 +18,7 @@ use crate::{
     class::MethodClass,
     format::{self, PUBLISHED_LPIPS},
     group::{Group, MethodRow},
-    published::Paper,
+    published::{Paper, PublishedLayout},
     quantity::{Quantity, ViewKind},
     remarks::Remarks,
     table::{Column, Holds, Mark, Row, STATED_MARK, Table, mark_standings},
@@ -29,6 +31,9 @@ pub(crate) use order::{best_first, order_in_words, ranked_by, standings};
 pub(crate) struct Layout {
     /// Name of its files, and of its section on the site.
     pub(crate) id: &'static str,
+    /// True if its numbers are in the first table of a protocol on the site: its own tables are shown where that
+    /// table is missing.
+    pub(crate) is_in_first_table: bool,
     /// Makes its tables; none if the results do not call for them.
     pub(crate) tables: fn(&Group<'_>, &[Paper]) -> Vec<Table>,
 }
@@ -37,25 +42,39 @@ pub(crate) struct Layout {
 pub(crate) const LAYOUTS: &[Layout] = &[
     Layout {
         id: "views",
+        is_in_first_table: true,
         tables: views::tables,
     },
     Layout {
         id: "feed-forward",
+        is_in_first_table: true,
         tables: feed_forward::tables,
     },
     Layout {
         id: "dynamic-scenes",
+        is_in_first_table: false,
         tables: by_place::all_metrics,
     },
     Layout {
         id: "4dgs",
+        is_in_first_table: false,
         tables: by_place::psnr_alone,
     },
     Layout {
         id: "ablation",
+        is_in_first_table: false,
         tables: ablation::tables,
     },
 ];
+
+/// Returns the published table that the methods of a protocol are shown with.
+pub(crate) fn published_layout(protocol: &str) -> PublishedLayout {
+    if feed_forward::PUBLISHED.is_of(protocol) {
+        feed_forward::PUBLISHED
+    } else {
+        views::PUBLISHED
+    }
+}
 
 /// Returns the methods without variants.
 pub(crate) fn main_methods<'g, 'a>(group: &'g Group<'a>) -> Vec<&'g MethodRow<'a>> {

@@ -14,6 +14,12 @@ use crate::{
     table::{Cell, Column, Mark, Row, Table, cost_cells, cost_columns, method_rank, method_score},
 };
 
+/// The paper's table.
+pub(super) const PUBLISHED: PublishedLayout = PublishedLayout {
+    number: 2,
+    protocol: "per-scene",
+};
+
 /// Returns one table, of the scored kinds of view.
 pub(super) fn tables(group: &Group<'_>, papers: &[Paper]) -> Vec<Table> {
     let kinds = ViewKind::ALL.into_iter().filter(|&kind| group.has(kind));
@@ -21,7 +27,7 @@ pub(super) fn tables(group: &Group<'_>, papers: &[Paper]) -> Vec<Table> {
     if kinds.is_empty() || feed_forward::is_of(group) {
         return Vec::new();
     }
-    vec![table(group, papers, &kinds, PublishedLayout::Views)]
+    vec![table(group, papers, &kinds, PUBLISHED)]
 }
 
 /// Rows are methods, columns the published metrics of the given kinds of view, then rank and cost.

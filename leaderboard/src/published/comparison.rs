@@ -7,14 +7,13 @@ use crate::{
     table::{Cell, Column, Holds, PublishedBlock, Row, Score, Standing},
 };
 
-/// Layouts with a published counterpart, all in OmniLife360.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum PublishedLayout {
-    Views,
-    FeedForward,
-    DynamicScenes,
-    DynamicMethods,
-    Ablation,
+/// Published counterpart of a layout: a table of OmniLife360.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct PublishedLayout {
+    /// Number of the table in the paper.
+    pub(crate) number: u32,
+    /// Id of the protocol of its scores.
+    pub(crate) protocol: &'static str,
 }
 
 /// Additions of a published table to a measured one.
@@ -32,24 +31,10 @@ pub(crate) const NOT_COMPARABLE: &str = "Figures of other scenes, as their autho
                                          comparable with what was measured here.";
 
 impl PublishedLayout {
-    /// Returns the number of the table in the paper.
-    fn number(self) -> u32 {
-        match self {
-            Self::Views => 2,
-            Self::FeedForward => 3,
-            Self::DynamicScenes => 4,
-            Self::DynamicMethods => 5,
-            Self::Ablation => 6,
-        }
-    }
-
     /// Returns true if the paper's table has this protocol, `per-scene/2`.
     pub(crate) fn is_of(self, protocol: &str) -> bool {
         let id = protocol.split_once('/').map_or(protocol, |(id, _)| id);
-        match self {
-            Self::FeedForward => id == "sparse-interpolation",
-            _ => id == "per-scene",
-        }
+        id == self.protocol
     }
 }
 
@@ -65,7 +50,7 @@ pub(crate) fn published_rows(
     if !layout.is_of(protocol) {
         return PublishedRows::default();
     }
-    let number = layout.number();
+    let number = layout.number;
     let paper = papers.iter().find(|paper| paper.id == PAPER);
     let table = paper.and_then(|paper| Some((paper, paper.table(number)?)));
     let Some((paper, table)) = table else {

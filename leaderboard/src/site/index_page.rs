@@ -17,9 +17,6 @@ use crate::{
     tables::CSV_FILE,
 };
 
-/// Layouts whose numbers are in the first table.
-const IN_FIRST_TABLE: [&str; 2] = ["views", "feed-forward"];
-
 pub(super) fn render(
     request: &SiteRequest<'_>,
     views: &SceneViews,
@@ -111,7 +108,7 @@ fn section(
     let shown = first.is_some();
     let layouts = LAYOUTS
         .iter()
-        .filter(|layout| !(shown && IN_FIRST_TABLE.contains(&layout.id)));
+        .filter(|layout| !(shown && layout.is_in_first_table));
     let tables: Vec<Markup> = layouts
         .flat_map(|layout| {
             let tables = (layout.tables)(group, request.papers);

@@ -16,10 +16,10 @@ use crate::{
     format::{self, PUBLISHED_LPIPS},
     group::{Group, MethodRow},
     layouts::{
-        common_notes, mark_classes, order_in_words, published_lpips, published_metrics, ranked_by,
-        standings, variants_note,
+        common_notes, mark_classes, order_in_words, published_layout, published_lpips,
+        published_metrics, ranked_by, standings, variants_note,
     },
-    published::{Paper, PublishedLayout, published_rows},
+    published::{Paper, published_rows},
     quantity::{Quantity, ViewKind},
     remarks,
     table::{Cell, Column, Mark, Row, Table, cost_cells, cost_columns, method_rank, method_score},
@@ -190,12 +190,8 @@ fn table(
         .map(|method| (method.class, method.complete))
         .collect();
     mark_classes(&mut rows, &contestants, &headings);
-    let layout = if PublishedLayout::FeedForward.is_of(group.protocol) {
-        PublishedLayout::FeedForward
-    } else {
-        PublishedLayout::Views
-    };
-    let published = published_rows(papers, &layout, group.protocol, &headings, 1);
+    let published = published_layout(group.protocol);
+    let published = published_rows(papers, &published, group.protocol, &headings, 1);
     let mut notes = common_notes(group);
     notes.extend(variants_note(group));
     notes.extend(group.unavailable());

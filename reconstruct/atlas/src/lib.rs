@@ -48,6 +48,7 @@ use self::{
     settings::{FieldSize, Settings},
 };
 use omnilife_training::{
+    components::MotionEvidenceUse,
     error::ReconstructError,
     method::{Findings, Method, MethodKind, ON_CPU, Prepared},
     options::{MethodOption, OptionValues},
@@ -148,6 +149,7 @@ pub const METHOD: Method = Method {
     ],
     kind: MethodKind::Trained {
         extent: CameraExtent::Most,
+        motion: MotionEvidenceUse::None,
         model: &outputs::ATLAS,
         prepare,
     },

@@ -55,6 +55,7 @@ pub const METHOD: Method = Method {
     options: options::OF_GAUSSIANS,
     kind: MethodKind::Trained {
         extent: CameraExtent::Most,
+        motion: MotionEvidenceUse::Decides,
         model: &models::gaussians::GAUSSIANS,
         prepare: |scene, request, backend| prepare(scene, request, backend)?.on(scene, backend),
     },
@@ -108,7 +109,7 @@ fn prepare(
 ) -> Result<PreparedGaussians, ReconstructError> {
     let clock = scene.clock()?;
     let supported = METHOD.supported();
-    let mut draft = Draft::new(scene, request, supported, MotionEvidenceUse::Decides)?;
+    let mut draft = Draft::new(scene, request, supported, METHOD.motion())?;
     let of_motion = Decision::of_motion(&draft.evidence);
     let deforms = draft.decide(DEFORMATION, of_motion);
     let noise = Decision::new(true, "as published for real scenes");

@@ -42,6 +42,7 @@ pub const METHOD: Method = Method {
     options: options::OF_GAUSSIANS,
     kind: MethodKind::Trained {
         extent: CameraExtent::Most,
+        motion: MotionEvidenceUse::None,
         model: &models::gaussians::GAUSSIANS,
         prepare: |scene, request, backend| prepare(scene, request, backend)?.on(scene, backend),
     },
@@ -54,7 +55,7 @@ fn prepare(
     _: BackendChoice,
 ) -> Result<PreparedGaussians, ReconstructError> {
     let supported = METHOD.supported();
-    let mut draft = Draft::new(scene, request, supported, MotionEvidenceUse::None)?;
+    let mut draft = Draft::new(scene, request, supported, METHOD.motion())?;
     draft.add_components();
     let degree = draft.settings.rendering.sh_degree;
     let shapes = static_gaussians::shapes(degree);

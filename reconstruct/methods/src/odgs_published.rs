@@ -15,6 +15,7 @@ use omnilife_engine::{
 };
 use omnilife_training::{
     baseline::{CAMERA_EXTENT, default_maximum, published_settings},
+    components::MotionEvidenceUse,
     error::ReconstructError,
     method::{Findings, Method, MethodKind, ON_CPU, PreparedGaussians},
     models, options,
@@ -43,6 +44,7 @@ pub const METHOD: Method = Method {
     options: &[options::MAX_GAUSSIANS, options::DENSIFY_THRESHOLD],
     kind: MethodKind::Trained {
         extent: CameraExtent::Farthest,
+        motion: MotionEvidenceUse::None,
         model: &models::gaussians::GAUSSIANS,
         prepare: |scene, request, backend| prepare(scene, request, backend)?.on(scene, backend),
     },

@@ -71,6 +71,7 @@ pub const METHOD: Method = Method {
     options: options::OF_GAUSSIANS,
     kind: MethodKind::Trained {
         extent: CameraExtent::Most,
+        motion: MotionEvidenceUse::Decides,
         model: &models::gaussians::GAUSSIANS,
         prepare: |scene, request, backend| prepare(scene, request, backend)?.on(scene, backend),
     },
@@ -118,7 +119,7 @@ fn prepare(
 ) -> Result<PreparedGaussians, ReconstructError> {
     let clock = scene.clock()?;
     let supported = METHOD.supported();
-    let mut draft = Draft::new(scene, request, supported, MotionEvidenceUse::Decides)?;
+    let mut draft = Draft::new(scene, request, supported, METHOD.motion())?;
     dynamic::add_learning_rates(&mut draft.settings, scene_extent(scene));
     decide(&mut draft);
     let of_pvg = Decision::new(true, "as PVG; the paper has no density control");

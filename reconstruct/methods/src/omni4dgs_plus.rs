@@ -73,6 +73,7 @@ pub const METHOD: Method = Method {
     options: options::OF_GAUSSIANS,
     kind: MethodKind::Trained {
         extent: CameraExtent::Most,
+        motion: MotionEvidenceUse::Decides,
         model: &models::gaussians::GAUSSIANS,
         prepare: |scene, request, backend| prepare(scene, request, backend)?.on(scene, backend),
     },
@@ -128,7 +129,7 @@ fn prepare(
     let clock = scene.clock()?;
     let gap = GapSettings::across(scene.input_gap_frames(&clock));
     let supported = METHOD.supported();
-    let mut draft = Draft::new(scene, request, supported, MotionEvidenceUse::Decides)?;
+    let mut draft = Draft::new(scene, request, supported, METHOD.motion())?;
     dynamic::add_learning_rates(&mut draft.settings, scene_extent(scene));
     omni4dgs::decide(&mut draft);
     let of_pvg = Decision::new(true, "as PVG").unless(draft.missing(TEMPORAL_MOTION));

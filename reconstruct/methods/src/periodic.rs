@@ -73,6 +73,7 @@ pub const METHOD: Method = Method {
     options: options::OF_GAUSSIANS,
     kind: MethodKind::Trained {
         extent: CameraExtent::Most,
+        motion: MotionEvidenceUse::Decides,
         model: &models::gaussians::GAUSSIANS,
         prepare: |scene, request, backend| prepare(scene, request, backend)?.on(scene, backend),
     },
@@ -110,7 +111,7 @@ fn prepare(
 ) -> Result<PreparedGaussians, ReconstructError> {
     let clock = scene.clock()?;
     let supported = METHOD.supported();
-    let mut draft = Draft::new(scene, request, supported, MotionEvidenceUse::Decides)?;
+    let mut draft = Draft::new(scene, request, supported, METHOD.motion())?;
     let extent = scene_extent(scene);
     dynamic::add_learning_rates(&mut draft.settings, extent);
     let opacities = Decay::constant(OPACITY_RATE);

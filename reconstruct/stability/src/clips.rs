@@ -9,16 +9,17 @@ use omnilife_schemas::{
 
 use crate::special::{Judgement, SpecialCase};
 use omnilife_engine::{camera::View, model::Part, training_view::TrainingView};
-use omnilife_reconstruct::registry;
+use omnilife_methods::omni4dgs_plus;
+use omnilife_reconstruct::registry::METHODS;
 use omnilife_training::{
-    method::MethodOutcome,
+    components::MotionEvidenceUse,
+    method::{Method, MethodOutcome},
     options::Options,
     request::{MethodRequest, PlanChoice},
     scene::TrainingScene,
     train::Session,
 };
 
-const METHODS: [&str; 4] = ["deformable", "periodic", "omni4dgs", "omni4dgs-plus"];
 const ITERATIONS: u64 = 12;
 const LONG_ITERATIONS: u64 = 3_000;
 const FRAMES: u32 = 6;
@@ -95,8 +96,8 @@ fn train_long() -> Judgement {
         trace_every: Some(100),
         ..MethodRequest::new(LONG_ITERATIONS, 7)
     };
-    let trained = registry::find("omni4dgs-plus")
-        .and_then(|method| method.train(&scene, &request, &Session::without_files(&Silent)));
+    let session = Session::without_files(&Silent);
+    let trained = omni4dgs_plus::METHOD.train(&scene, &request, &session);
     let fault = match trained {
         Err(error) => Some(error.to_string()),
         Ok(outcome) => {
@@ -119,7 +120,8 @@ fn train_long() -> Judgement {
     };
     Judgement {
         action: format!(
-            "omni4dgs-plus trained for {LONG_ITERATIONS} steps: nothing refused, all finite, the loss halved at least"
+            "{} trained for {LONG_ITERATIONS} steps: nothing refused, all finite, the loss halved at least",
+            omni4dgs_plus::METHOD.id
         ),
         fault,
         measured: None,
@@ -133,19 +135,19 @@ fn train_all(change: impl Fn(&mut TrainingScene)) -> Judgement {
         return Judgement::failed("the scene has a camera without a place".to_owned());
     };
     change(&mut scene);
-    let faults: Vec<String> = METHODS
-        .iter()
+    let faults: Vec<String> = methods_of_time()
         .flat_map(|method| [(method, PlanChoice::Full), (method, PlanChoice::Auto)])
         .filter_map(|(method, plan)| {
             let fault = fault_of(&scene, method, plan)?;
-            Some(format!("{method}: {fault}"))
+            Some(format!("{}: {fault}", method.id))
         })
         .collect();
+    let ids: Vec<&str> = methods_of_time().map(|method| method.id).collect();
     Judgement {
         action: format!(
             "{} trained for {ITERATIONS} steps each: losses and parameters finite, no gradient \
              refused, lifespans within bounds",
-            METHODS.join(", ")
+            ids.join(", ")
         ),
         fault: (!faults.is_empty()).then(|| faults.join("; ")),
         measured: None,
@@ -153,14 +155,20 @@ fn train_all(change: impl Fn(&mut TrainingScene)) -> Judgement {
     }
 }
 
-fn fault_of(scene: &TrainingScene, id: &str, plan: PlanChoice) -> Option<String> {
+/// Returns the methods whose Gaussians change with time.
+fn methods_of_time() -> impl Iterator<Item = &'static Method> {
+    let knows_time = |method: &&Method| method.motion() == MotionEvidenceUse::Decides;
+    METHODS.iter().filter(knows_time)
+}
+
+fn fault_of(scene: &TrainingScene, method: &Method, plan: PlanChoice) -> Option<String> {
     let request = MethodRequest {
         plan,
         options: Options::at_most(400),
         ..MethodRequest::new(ITERATIONS, 7)
     };
-    registry::find(id)
-        .and_then(|method| method.train(scene, &request, &Session::without_files(&Silent)))
+    method
+        .train(scene, &request, &Session::without_files(&Silent))
         .map_or_else(|error| Some(error.to_string()), fault_in)
 }
 

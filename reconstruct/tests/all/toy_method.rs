@@ -16,6 +16,7 @@ use omnilife_engine::{
 };
 use omnilife_reconstruct::{
     ReconstructError, baseline,
+    components::MotionEvidenceUse,
     methods::{Findings, Method, MethodKind, ON_CPU, ON_CPU_AND_GPU, PreparedGaussians},
     models::gaussians::GAUSSIANS,
     request::{DefaultPlan, MethodRequest},
@@ -109,6 +110,7 @@ const TOY: Method = Method {
     options: &[],
     kind: MethodKind::Trained {
         extent: CameraExtent::Most,
+        motion: MotionEvidenceUse::None,
         model: &GAUSSIANS,
         prepare: |scene, request, backend| prepare(scene, request)?.on(scene, backend),
     },

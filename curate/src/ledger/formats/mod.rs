@@ -18,7 +18,10 @@ mod label_studio;
 mod pyscenedetect;
 mod transnetv2_scenes;
 
-use omnilife_schemas::records::{Boundary, BoundaryKind};
+use omnilife_schemas::{
+    names,
+    records::{Boundary, BoundaryKind},
+};
 
 /// A file format for boundaries.
 pub struct Format {
@@ -46,13 +49,7 @@ pub static FORMATS: &[Format] = &[
 
 /// Returns the format with this id; the error lists the known ones.
 pub fn format(id: &str) -> Result<&'static Format, String> {
-    FORMATS
-        .iter()
-        .find(|format| format.id == id)
-        .ok_or_else(|| {
-            let known: Vec<_> = FORMATS.iter().map(|format| format.id).collect();
-            format!("format {id} is not known; there is {}", known.join(", "))
-        })
+    names::find("format", id, FORMATS, |format| format.id).map_err(|unknown| unknown.to_string())
 }
 
 /// Reads boundaries from a text of any known format.

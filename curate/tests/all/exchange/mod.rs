@@ -16,6 +16,7 @@ mod pycolmap;
 mod refusals;
 mod roam360;
 mod stills;
+mod toy;
 mod unusual_images;
 mod whole_scenes;
 

@@ -13,7 +13,7 @@ fn what_cannot_be_exchanged_is_refused() {
     };
     assert!(
         message("blender", &out.path().join("x"))
-            .contains("known are openmvg, colmap, colmap-binary, nerfstudio, hm3d, frames")
+            .contains("known: openmvg, colmap, colmap-binary, nerfstudio, hm3d, frames")
     );
     fs::write(out.path().join("mine.txt"), "x").unwrap();
     assert!(message("colmap", out.path()).contains("is not empty"));

@@ -65,6 +65,7 @@ pub const METHOD: Method = Method {
     options: options::OF_GAUSSIANS,
     kind: MethodKind::Trained {
         extent: CameraExtent::Most,
+        motion: MotionEvidenceUse::None,
         model: &models::objects::OBJECT_GRAPH,
         prepare: |scene, request, backend| prepare(scene, request, backend)?.on(scene, backend),
     },
@@ -100,7 +101,7 @@ fn prepare(
                 METHOD.id, scene.id
             ),
         })?;
-    let mut draft = Draft::new(scene, request, METHOD.supported(), MotionEvidenceUse::None)?;
+    let mut draft = Draft::new(scene, request, METHOD.supported(), METHOD.motion())?;
     let uses_objects = draft.decide(OBJECT_GRAPH, of_tracks(tracks));
     let refines = draft.decide(
         OBJECT_POSES_COMPONENT,

@@ -40,7 +40,7 @@ use self::{
 };
 use omnilife_training::{
     baseline,
-    components::{Decision, DecisionLog, sky_shell},
+    components::{Decision, DecisionLog, MotionEvidenceUse, sky_shell},
     error::ReconstructError,
     method::{Findings, Method, MethodKind, ON_CPU, PreparedGaussians},
     models, options, process,
@@ -105,6 +105,7 @@ pub const METHOD: Method = Method {
     options: &[options::MAX_GAUSSIANS, options::FOOTPRINT, options::SHARDS],
     kind: MethodKind::Trained {
         extent: CameraExtent::Most,
+        motion: MotionEvidenceUse::None,
         model: &models::gaussians::GAUSSIANS,
         prepare: |scene, request, backend| prepare(scene, request, backend)?.on(scene, backend),
     },

@@ -53,12 +53,12 @@ pub struct Seeding {
     pub lifespan_frames: f32,
 }
 
-/// Use that a method has for the evidence of motion.
+/// Use that a method has for the evidence of motion in a scene.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum MotionEvidenceUse {
-    /// A plan may leave time out where nothing moves.
+    /// Its Gaussians change with time; a plan may leave time out where nothing moves.
     Decides,
-    /// The method knows no time.
+    /// It does not ask for it.
     None,
 }
 

@@ -26,7 +26,7 @@ pub mod view_dependent_colour;
 
 pub use decision::Decision;
 pub use decision_log::DecisionLog;
-pub use draft::Draft;
+pub use draft::{Draft, MotionEvidenceUse};
 
 use omnilife_schemas::records::ComponentDecision;
 

@@ -11,7 +11,7 @@ use omnilife_schemas::{
 };
 
 use crate::{
-    components::Supported,
+    components::{MotionEvidenceUse, Supported},
     error::ReconstructError,
     evidence::SceneEvidence,
     learner::{Learner, gaussians::GaussianLearner},
@@ -158,6 +158,8 @@ pub enum MethodKind {
     Trained {
         /// Which cameras give a scene its extent.
         extent: CameraExtent,
+        /// Its use for the evidence of motion.
+        motion: MotionEvidenceUse,
         /// Kind of model that it leaves in the run's folder.
         model: &'static ModelFormat,
         /// Prepares its training.
@@ -188,6 +190,14 @@ impl Method {
         match self.kind {
             MethodKind::Trained { model, .. } => Some(model),
             MethodKind::FeedForward { .. } => None,
+        }
+    }
+
+    /// Returns its use for the evidence of motion; [`MotionEvidenceUse::None`] where it learns nothing.
+    pub fn motion(&self) -> MotionEvidenceUse {
+        match self.kind {
+            MethodKind::Trained { motion, .. } => motion,
+            MethodKind::FeedForward { .. } => MotionEvidenceUse::None,
         }
     }
 
