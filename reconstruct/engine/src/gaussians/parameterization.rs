@@ -10,7 +10,7 @@ use glam::Vec3;
 
 use super::{
     ActivatedGaussians, device_twin::DeviceTwin, temporal::TemporalFeatures,
-    temporal_gaussians::TemporalGaussians, tracked::TrackedGaussians,
+    temporal_gaussians::TemporalGaussians, tracked::ObjectGaussians,
 };
 use crate::{
     camera::View,
@@ -136,8 +136,9 @@ pub trait Parameterization: fmt::Debug + Send {
         None
     }
 
-    /// Returns the rigid objects to which its Gaussians belong, if any.
-    fn tracked(&self) -> Option<&TrackedGaussians> {
+    /// Returns the rigid objects to which its Gaussians belong, if any, for the layers and the order of density
+    /// control.
+    fn tracked(&self) -> Option<&dyn ObjectGaussians> {
         None
     }
 
