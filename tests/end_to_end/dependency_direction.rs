@@ -128,7 +128,7 @@ fn the_crates_of_reconstruction_stand_on_each_other() {
         (ATLAS, BTreeSet::from([SCHEMAS, ENGINE, TRAINING])),
         (
             STABILITY,
-            BTreeSet::from([SCHEMAS, ENGINE, TRAINING, ATLAS, RECONSTRUCT]),
+            BTreeSet::from([SCHEMAS, ENGINE, TRAINING, METHODS, ATLAS, RECONSTRUCT]),
         ),
     ] {
         assert_eq!(ours(&dependencies[name]), below, "{name}");

@@ -11,8 +11,9 @@ const LONGEST_KEPT: u64 = 256 << 20;
 
 /// `len` values of `T` in a storage buffer. New values are zero; a clone shares the buffer.
 #[derive(Debug, Clone)]
-pub(crate) struct DeviceBuffer<T> {
-    pub(crate) raw: wgpu::Buffer,
+pub struct DeviceBuffer<T> {
+    /// The buffer, for binding it to a kernel.
+    pub raw: wgpu::Buffer,
     label: &'static str,
     len: usize,
     values: PhantomData<T>,
@@ -20,7 +21,10 @@ pub(crate) struct DeviceBuffer<T> {
 
 impl<T: Pod> DeviceBuffer<T> {
     /// Allocates `len` zeros.
-    pub(crate) fn zeros(gpu: &Gpu, label: &'static str, len: usize) -> Result<Self, GpuError> {
+    ///
+    /// # Errors
+    /// If the device has no room for them.
+    pub fn zeros(gpu: &Gpu, label: &'static str, len: usize) -> Result<Self, GpuError> {
         Self::zeros_for(gpu, label, len, wgpu::BufferUsages::STORAGE)
     }
 
@@ -59,7 +63,10 @@ impl<T: Pod> DeviceBuffer<T> {
     }
 
     /// Replaces the values from index `first` on, before everything that is submitted later.
-    pub(crate) fn write(&self, gpu: &Gpu, first: usize, values: &[T]) {
+    ///
+    /// # Panics
+    /// If they are more than the buffer holds.
+    pub fn write(&self, gpu: &Gpu, first: usize, values: &[T]) {
         assert!(first + values.len() <= self.len, "{} is full", self.label);
         let offset = (first * size_of::<T>()) as u64;
         gpu.queue
@@ -164,15 +171,20 @@ impl Gpu {
     }
 }
 
-/// Uniform: one value of `T` that the host replaces between submissions.
+/// Uniform: one value of `T`, in the layout of its WGSL structure, that the host replaces between submissions.
 #[derive(Debug)]
-pub(crate) struct Uniform<T> {
-    pub(crate) raw: wgpu::Buffer,
+pub struct Uniform<T> {
+    /// The buffer, for binding it to a kernel.
+    pub raw: wgpu::Buffer,
     value: PhantomData<T>,
 }
 
 impl<T: Pod> Uniform<T> {
-    pub(crate) fn of(gpu: &Gpu, label: &'static str, value: &T) -> Result<Self, GpuError> {
+    /// Uploads a value.
+    ///
+    /// # Errors
+    /// If the device has no room for it.
+    pub fn of(gpu: &Gpu, label: &'static str, value: &T) -> Result<Self, GpuError> {
         let bytes = size_of::<T>() as u64;
         let raw = create(gpu, label, bytes, wgpu::BufferUsages::UNIFORM)?;
         let uniform = Self {
@@ -184,7 +196,7 @@ impl<T: Pod> Uniform<T> {
     }
 
     /// Replaces the value, before everything that is submitted later.
-    pub(crate) fn write(&self, gpu: &Gpu, value: &T) {
+    pub fn write(&self, gpu: &Gpu, value: &T) {
         gpu.queue
             .write_buffer(&self.raw, 0, bytemuck::bytes_of(value));
     }

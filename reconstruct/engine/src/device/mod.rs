@@ -1,7 +1,8 @@
 //! GPU access through wgpu, shared by all kernels.
 //!
 //! * [`Gpu`]: an open device; its errors are [`GpuError`], never a panic. [`adapters`]: list of adapters.
-//! * `buffer`, `shader`, `program`: typed buffers, WGSL modules, and recorded chains of kernels.
+//! * [`DeviceBuffer`], [`Uniform`]: typed buffers. [`Shader`], [`Kernel`]: WGSL modules and their entry points.
+//!   [`Program`]: recorded chains of kernels.
 //! * `scan`: prefix sums. [`timer`]: cost of stages.
 //!
 //! A stage's WGSL lies beside its CPU twin `cpu.rs`, with the same names in the same order; `gpu.rs` there
@@ -22,13 +23,16 @@ pub(crate) mod scan;
 pub(crate) mod shader;
 pub mod timer;
 
-pub(crate) use buffer::{DeviceBuffer, Uniform};
+pub use buffer::{DeviceBuffer, Uniform};
 pub use device::Gpu;
 pub(crate) use device::WORKGROUP;
 pub use error::GpuError;
-pub(crate) use program::{Kernel, Program, Rows, Threads, Workgroups};
+pub(crate) use program::Workgroups;
+pub use program::{Kernel, Program, Rows, Threads};
 pub(crate) use scan::Scan;
-pub(crate) use shader::{Shader, wgsl_struct};
+pub(crate) use shader::wgsl_struct;
+pub use shader::{COMMON_WGSL, STATUS_WGSL, Shader};
+pub use wgpu::Buffer;
 
 /// Opens a device for a test; on a machine without any adapter returns `None` and prints the reason.
 #[cfg(test)]

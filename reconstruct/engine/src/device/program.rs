@@ -16,15 +16,19 @@ use crate::device::{
     timer::{StageCost, StageTimer, Stages},
 };
 
-/// One entry point of a WGSL file. Its bindings are numbered from 0 in group 0, without gaps.
+/// One entry point of a WGSL file. Its bindings are numbered from 0 in group 0, without gaps, and it uses each
+/// of them; at most 8 are storage buffers.
 #[derive(Debug)]
-pub(crate) struct Kernel {
+pub struct Kernel {
     pipeline: wgpu::ComputePipeline,
 }
 
 impl Kernel {
-    /// Compiles the entry points of one file.
-    pub(crate) fn compile<const N: usize>(
+    /// Compiles the entry points of one file, of workgroups of 256 threads.
+    ///
+    /// # Errors
+    /// If the source is not valid; the error names the file and the reason.
+    pub fn compile<const N: usize>(
         gpu: &Gpu,
         shader: &Shader,
         entry_points: [&'static str; N],
@@ -56,7 +60,7 @@ impl Kernel {
 /// Number of rows that a program works on. Clones share the number: a program recorded with it uses the value
 /// at the time it runs.
 #[derive(Debug, Clone)]
-pub(crate) struct Rows(Arc<AtomicUsize>);
+pub struct Rows(Arc<AtomicUsize>);
 
 impl Rows {
     pub(crate) fn new(rows: usize) -> Self {
@@ -74,7 +78,7 @@ impl Rows {
 
 /// Minimum number of threads that run a kernel.
 #[derive(Debug, Clone, Copy)]
-pub(crate) enum Threads<'a> {
+pub enum Threads<'a> {
     /// A fixed number.
     Fixed(usize),
     /// A number per row.
@@ -153,7 +157,7 @@ impl Dispatch {
 
 /// Commands in the order in which they run; each sees the writes of those before it.
 #[derive(Debug, Default)]
-pub(crate) struct Program {
+pub struct Program {
     commands: Vec<Command>,
 }
 
@@ -179,8 +183,9 @@ const MOST_COLUMNS: usize = 65_535;
 const UNNAMED: &str = "other";
 
 impl Program {
-    /// Runs a kernel with at least `threads` threads. `buffers` are its bindings in order.
-    pub(crate) fn run<'a>(
+    /// Runs a kernel with at least `threads` threads, rounded up to workgroups of 256. `buffers` are its
+    /// bindings in order.
+    pub fn run<'a>(
         &mut self,
         gpu: &Gpu,
         kernel: &Kernel,

@@ -1,14 +1,19 @@
 //! Assembly of WGSL modules, and structures shared by Rust and WGSL.
 
+/// WGSL helpers of all kernels: `WORKGROUP`, `workgroup_number`, `is_finite` and `is_nan`.
+pub const COMMON_WGSL: &str = include_str!("common.wgsl");
+/// WGSL structure `Status` of training steps, in the buffer with which a kernel learns of halted steps.
+pub const STATUS_WGSL: &str = include_str!("status.wgsl");
+
 /// Source of a WGSL module: constants, then the files.
 #[derive(Debug, Clone)]
-pub(crate) struct Shader {
+pub struct Shader {
     /// The kernel's file, for messages.
-    pub(crate) file: &'static str,
+    pub file: &'static str,
     /// Its constants.
-    pub(crate) constants: String,
-    /// Files that the kernel's file needs, followed by that file.
-    pub(crate) parts: &'static [&'static str],
+    pub constants: String,
+    /// Texts of the files that the kernel's file needs, followed by that file.
+    pub parts: &'static [&'static str],
 }
 
 impl Shader {
@@ -31,13 +36,13 @@ pub(crate) trait WgslStruct: bytemuck::Pod {
 
 /// Declares structures with [`WgslStruct`]. Members named `pad...` are padding.
 macro_rules! wgsl_struct {
-    ($($(#[$meta:meta])* pub(crate) struct $name:ident {
+    ($($(#[$meta:meta])* $vis:vis struct $name:ident {
         $($(#[$field_meta:meta])* $field:ident: $kind:ty,)*
     })*) => {$(
         $(#[$meta])*
         #[derive(Debug, Clone, Copy, Default, PartialEq, bytemuck::Pod, bytemuck::Zeroable)]
         #[repr(C)]
-        pub(crate) struct $name {
+        $vis struct $name {
             $($(#[$field_meta])* pub(crate) $field: $kind,)*
         }
 

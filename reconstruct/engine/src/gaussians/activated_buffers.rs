@@ -6,7 +6,7 @@ use super::ActivatedGaussians;
 
 wgsl_struct! {
     /// Activated Gaussian, or the gradient by one; `Gaussian` in WGSL.
-    pub(crate) struct DeviceGaussian {
+    pub struct DeviceGaussian {
         position: [f32; 3],
         opacity: f32,
         scale: [f32; 3],
@@ -15,21 +15,28 @@ wgsl_struct! {
     }
 }
 
-/// Outputs of a parameterization, and their gradients from the renderer.
+/// Outputs of a parameterization, and their gradients from the renderer, with room for all Gaussians of a model.
 #[derive(Debug)]
-pub(crate) struct ActivatedBuffers {
+pub struct ActivatedBuffers {
     /// Number of Gaussians.
     pub(crate) len: usize,
     /// Degree of the stored harmonics.
     pub(crate) sh_degree: usize,
     /// Feature channels.
     pub(crate) feature_count: usize,
-    pub(crate) gaussians: DeviceBuffer<DeviceGaussian>,
-    pub(crate) harmonics: DeviceBuffer<f32>,
-    pub(crate) features: DeviceBuffer<f32>,
-    pub(crate) gaussian_gradients: DeviceBuffer<DeviceGaussian>,
-    pub(crate) harmonic_gradients: DeviceBuffer<f32>,
-    pub(crate) feature_gradients: DeviceBuffer<f32>,
+    /// One entry per Gaussian.
+    pub gaussians: DeviceBuffer<DeviceGaussian>,
+    /// Harmonic coefficients: three values for each of `(degree + 1)^2` coefficients of each Gaussian, the
+    /// constant one first.
+    pub harmonics: DeviceBuffer<f32>,
+    /// Feature channels, Gaussian by Gaussian.
+    pub features: DeviceBuffer<f32>,
+    /// Gradients of the loss by `gaussians`.
+    pub gaussian_gradients: DeviceBuffer<DeviceGaussian>,
+    /// Gradients of the loss by `harmonics`.
+    pub harmonic_gradients: DeviceBuffer<f32>,
+    /// Gradients of the loss by `features`.
+    pub feature_gradients: DeviceBuffer<f32>,
 }
 
 impl ActivatedBuffers {

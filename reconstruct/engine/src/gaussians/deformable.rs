@@ -29,7 +29,8 @@ use crate::fields::mlp::{
     passes::{Activations, NetworkGradients},
 };
 use crate::gaussians::{
-    parameterization::{DeviceKind, DeviceTwin, Parameterization, Viewpoint},
+    device_twin::DeviceTwin,
+    parameterization::{Parameterization, Viewpoint},
     temporal::TemporalFeatures,
 };
 use crate::parameters::SharedParameters;
@@ -242,8 +243,8 @@ impl Parameterization for Deformable {
         false
     }
 
-    fn device_twin(&self) -> Option<DeviceTwin<'_>> {
-        Some(DeviceTwin(DeviceKind::Deformable(self)))
+    fn device_twin(&self) -> Option<&dyn DeviceTwin> {
+        Some(self)
     }
 
     fn boxed(&self) -> Box<dyn Parameterization> {

@@ -3,7 +3,8 @@
 //! A parameterization reads raw (unconstrained) parameters and gives [`ActivatedGaussians`]; its VJP writes
 //! the gradients of the raw parameters. Renderers know neither time nor method.
 //!
-//! * [`parameterization`]: the trait that each implements, and how to add one.
+//! * [`parameterization`]: the trait that each implements, and how to add one. [`device_twin`]: its kernels on a
+//!   GPU. [`activated_buffers`]: activated Gaussians there.
 //! * [`static_gaussians`]: independent of time. [`subset`]: a selection of Gaussians.
 //! * [`temporal`]: a static table with the arrays of a motion, at one moment. The motion itself is in
 //!   [`periodic`] (PVG), the velocity of Omni4DGS in [`omni4dgs`].
@@ -13,8 +14,9 @@
 
 use std::ops::Range;
 
-pub(crate) mod activated_buffers;
+pub mod activated_buffers;
 pub mod deformable;
+pub mod device_twin;
 pub mod dropout;
 pub mod omni4dgs;
 pub mod parameterization;

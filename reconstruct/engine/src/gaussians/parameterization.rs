@@ -1,23 +1,21 @@
 //! Parameterization: the map from raw parameters to activated Gaussians, and its VJP.
 //!
 //! To add one, implement [`Parameterization`] for a type in a file of its own, which documents the meaning of
-//! the parameters. A [`crate::model::Part`] built with it can be trained. Its GPU twin, if any, implements
-//! `DeviceParameterization` in a `gpu.rs` of its folder.
+//! the parameters. A [`crate::model::Part`] built with it can be trained on the CPU, and on a GPU if it has a
+//! [`DeviceTwin`], whose module documents the kernels.
 
 use std::fmt;
 
 use glam::Vec3;
 
 use super::{
-    ActivatedGaussians, deformable::Deformable, temporal::TemporalFeatures,
-    temporal_gaussians::TemporalGaussians, tracked::TrackedGaussians,
+    ActivatedGaussians, device_twin::DeviceTwin, temporal::TemporalFeatures,
+    temporal_gaussians::TemporalGaussians, tracked::ObjectGaussians,
 };
 use crate::{
     camera::View,
     clock::TimeSpan,
-    device::{Gpu, GpuError, Program},
-    gaussians::{activated_buffers::ActivatedBuffers, static_gaussians::gpu::DeviceRows},
-    parameters::{ParameterTable, SharedParameters, device_table::TableBuffers},
+    parameters::{ParameterTable, SharedParameters},
 };
 
 /// Time and camera position at which Gaussians are activated.
@@ -138,13 +136,14 @@ pub trait Parameterization: fmt::Debug + Send {
         None
     }
 
-    /// Returns the rigid objects to which its Gaussians belong, if any.
-    fn tracked(&self) -> Option<&TrackedGaussians> {
+    /// Returns the rigid objects to which its Gaussians belong, if any, for the layers and the order of density
+    /// control.
+    fn tracked(&self) -> Option<&dyn ObjectGaussians> {
         None
     }
 
     /// Returns its kernels on a GPU; `None` without GPU support.
-    fn device_twin(&self) -> Option<DeviceTwin<'_>> {
+    fn device_twin(&self) -> Option<&dyn DeviceTwin> {
         None
     }
 
@@ -156,47 +155,4 @@ impl Clone for Box<dyn Parameterization> {
     fn clone(&self) -> Self {
         self.boxed()
     }
-}
-
-/// GPU twin of a parameterization; only this crate can define one.
-#[derive(Debug, Clone, Copy)]
-pub struct DeviceTwin<'a>(pub(crate) DeviceKind<'a>);
-
-/// Existing kernels.
-#[derive(Debug, Clone, Copy)]
-pub(crate) enum DeviceKind<'a> {
-    Static,
-    Temporal(&'a TemporalGaussians),
-    Deformable(&'a Deformable),
-}
-
-/// Range of a table's Gaussians within all activated ones.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) struct DeviceEntries {
-    /// Index of the first.
-    pub(crate) first: usize,
-    /// Number of Gaussians.
-    pub(crate) len: usize,
-}
-
-/// Parameterization on a GPU. Each has one implementation, in its folder beside the WGSL.
-pub(crate) trait DeviceParameterization: fmt::Debug {
-    /// Records the activation into the rows' entries of `buffers.gaussians`, `buffers.harmonics` and
-    /// `buffers.features`.
-    fn activate(
-        &self,
-        gpu: &Gpu,
-        program: &mut Program,
-        table: (&TableBuffers, &DeviceRows),
-        buffers: &ActivatedBuffers,
-    ) -> Result<(), GpuError>;
-
-    /// Records the VJP into `table.gradients`.
-    fn activate_vjp(
-        &self,
-        gpu: &Gpu,
-        program: &mut Program,
-        table: (&TableBuffers, &DeviceRows),
-        buffers: &ActivatedBuffers,
-    ) -> Result<(), GpuError>;
 }

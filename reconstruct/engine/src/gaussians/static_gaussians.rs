@@ -9,7 +9,8 @@ use rayon::prelude::*;
 use glam::Vec3;
 
 use crate::gaussians::{
-    parameterization::{DeviceKind, DeviceTwin, Parameterization, Viewpoint},
+    device_twin::DeviceTwin,
+    parameterization::{Parameterization, Viewpoint},
     temporal::TemporalFeatures,
 };
 use crate::{
@@ -223,8 +224,8 @@ impl Parameterization for StaticGaussians {
         activate_from_vjp(table, first, activated, gradient);
     }
 
-    fn device_twin(&self) -> Option<DeviceTwin<'_>> {
-        Some(DeviceTwin(DeviceKind::Static))
+    fn device_twin(&self) -> Option<&dyn DeviceTwin> {
+        Some(self)
     }
 
     fn boxed(&self) -> Box<dyn Parameterization> {

@@ -4,8 +4,9 @@ use glam::Vec3;
 
 use super::{
     ActivatedGaussians,
+    device_twin::DeviceTwin,
     omni4dgs::{DirectionOrigin, Observer},
-    parameterization::{DeviceKind, DeviceTwin, Parameterization, Viewpoint},
+    parameterization::{Parameterization, Viewpoint},
     periodic::FrameTime,
     temporal::{TemporalFeatures, TimeModel, VelocityModel, ViewContext},
 };
@@ -112,8 +113,8 @@ impl Parameterization for TemporalGaussians {
         Some(self.clock.span())
     }
 
-    fn device_twin(&self) -> Option<DeviceTwin<'_>> {
-        Some(DeviceTwin(DeviceKind::Temporal(self)))
+    fn device_twin(&self) -> Option<&dyn DeviceTwin> {
+        Some(self)
     }
 
     fn boxed(&self) -> Box<dyn Parameterization> {

@@ -72,6 +72,15 @@ impl TrackedObject {
     }
 }
 
+/// Gaussians that belong to rigid objects.
+pub trait ObjectGaussians {
+    /// Returns the objects.
+    fn objects(&self) -> &[TrackedObject];
+
+    /// Returns the object ids of a table's Gaussians.
+    fn ids(&self, table: &ParameterTable) -> Vec<u32>;
+}
+
 /// The parameterization of a table of [`table`].
 #[derive(Debug, Clone, PartialEq)]
 pub struct TrackedGaussians {
@@ -132,18 +141,23 @@ impl TrackedGaussians {
             .collect()
     }
 
-    /// Returns the object ids of a table's Gaussians.
-    pub fn ids(&self, table: &ParameterTable) -> Vec<u32> {
-        self.numbers(table)
-            .map(|number| self.objects[number].id)
-            .collect()
-    }
-
     /// Returns the object numbers of a table's Gaussians.
     pub fn numbers<'t>(&self, table: &'t ParameterTable) -> impl Iterator<Item = usize> + 't {
         let last = self.objects.len().saturating_sub(1);
         let numbers = table.arrays[NUMBERS].values.iter();
         numbers.map(move |&number| (number as usize).min(last))
+    }
+}
+
+impl ObjectGaussians for TrackedGaussians {
+    fn objects(&self) -> &[TrackedObject] {
+        &self.objects
+    }
+
+    fn ids(&self, table: &ParameterTable) -> Vec<u32> {
+        self.numbers(table)
+            .map(|number| self.objects[number].id)
+            .collect()
     }
 }
 
@@ -292,7 +306,7 @@ impl Parameterization for TrackedGaussians {
         Some(1.0)
     }
 
-    fn tracked(&self) -> Option<&TrackedGaussians> {
+    fn tracked(&self) -> Option<&dyn ObjectGaussians> {
         Some(self)
     }
 

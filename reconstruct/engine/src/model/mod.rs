@@ -126,7 +126,7 @@ impl Model {
             .iter()
             .filter_map(|part| part.parameterization.tracked());
         tracked
-            .map(|tracked| tracked.objects.len())
+            .map(|tracked| tracked.objects().len())
             .reduce(|all, more| all + more)
     }
 

@@ -4,17 +4,20 @@
 use crate::device::{DeviceBuffer, Gpu, GpuError};
 use crate::parameters::{ParameterArray, adam::gpu::MAX_ARRAYS};
 
-/// Values, gradients and moments of all arrays of a table.
+/// Values, gradients and moments of all arrays of a table. Value `i` of Gaussian `g` in an array of width `w` has
+/// the index `b + g * w + i` in each buffer, where `b` is the array's [`TableBuffers::begin`].
 #[derive(Debug)]
-pub(crate) struct TableBuffers {
-    pub(crate) values: DeviceBuffer<f32>,
-    pub(crate) gradients: DeviceBuffer<f32>,
+pub struct TableBuffers {
+    /// Raw parameters, in the units of their parameterization.
+    pub values: DeviceBuffer<f32>,
+    /// Gradients of the loss by the raw parameters.
+    pub gradients: DeviceBuffer<f32>,
     pub(crate) first_moments: DeviceBuffer<f32>,
     pub(crate) second_moments: DeviceBuffer<f32>,
     /// Values per Gaussian of each array.
     pub(crate) widths: Vec<usize>,
     /// Capacity in Gaussians.
-    pub(crate) capacity: usize,
+    pub capacity: usize,
 }
 
 impl TableBuffers {
@@ -65,7 +68,7 @@ impl TableBuffers {
     }
 
     /// Returns the offset of array number `array`, in values.
-    pub(crate) fn begin(&self, array: usize) -> u32 {
+    pub fn begin(&self, array: usize) -> u32 {
         let before: usize = self.widths[..array].iter().sum();
         (before * self.capacity) as u32
     }

@@ -2,11 +2,11 @@
 //!
 //! * [`adam`]: the optimizer; [`decay`]: decay of its step sizes; [`short_schedule`]: larger step sizes for
 //!   shorter schedules. [`memory`]: memory of tables.
-//! * `device_table`: a table in GPU memory; `rows`: copying, removing and ordering its rows there.
+//! * [`device_table`]: a table in GPU memory; `rows`: copying, removing and ordering its rows there.
 
 pub mod adam;
 pub mod decay;
-pub(crate) mod device_table;
+pub mod device_table;
 pub mod memory;
 pub(crate) mod rows;
 pub mod short_schedule;

@@ -8,10 +8,11 @@ use omnilife_engine::{
         ActivatedGaussians,
         static_gaussians::{self, InitialGaussians, SH_REST},
     },
+    parameters::ParameterTable,
     render::{cpu::Renderer, settings::RenderSettings},
     training_view::TrainingView,
 };
-use omnilife_reconstruct::scene::TrainingScene;
+use omnilife_reconstruct::{scene::TrainingScene, seeds};
 use omnilife_schemas::{
     Pose, Similarity,
     camera::{Camera, ErpCamera},
@@ -108,4 +109,24 @@ pub(crate) fn scene_with(
         tracks: None,
         points,
     }
+}
+
+/// Every fifth point of a scene as static Gaussians with harmonics up to a degree. Each Gaussian is turned
+/// and longer one way than the other: no gradient vanishes.
+pub(crate) fn table(scene: &TrainingScene, sh_degree: usize) -> ParameterTable {
+    let points = PointCloud {
+        positions: scene.points.positions.iter().step_by(5).copied().collect(),
+        colours: scene.points.colours.iter().step_by(5).copied().collect(),
+    };
+    let initial = seeds::points::from_points(&points, 3.0);
+    let mut table = static_gaussians::table(&initial, sh_degree);
+    for (array, offset) in [
+        (static_gaussians::LOG_SCALES, 0.4_f32),
+        (static_gaussians::QUATERNIONS, 0.5),
+    ] {
+        for (index, value) in table.arrays[array].values.iter_mut().enumerate() {
+            *value += offset * (1.7 * index as f32).sin();
+        }
+    }
+    table
 }

@@ -3,6 +3,7 @@
 use std::sync::Arc;
 
 use omnilife_engine::device::{Gpu, GpuError};
+use omnilife_schemas::RgbImage;
 
 /// A device, or nothing and a line why on a machine without any adapter.
 pub(crate) fn device() -> Option<Arc<Gpu>> {
@@ -54,4 +55,11 @@ pub(crate) fn assert_gradients_agree(name: &str, of_gpu: &[f32], of_cpu: &[f32])
             "{name}[{index}]: {gpu} on the device, {cpu} on the CPU (typical {typical})"
         );
     }
+}
+
+/// Where a gradient is next to nothing, Adam's first steps go one way here, the other there.
+pub(crate) fn assert_images_agree(of_gpu: &RgbImage, of_cpu: &RgbImage) {
+    let pairs = of_gpu.data.iter().zip(&of_cpu.data);
+    let error: f32 = pairs.map(|(a, b)| (a - b).abs()).sum();
+    assert!(error < 1e-3 * of_gpu.data.len() as f32, "{error}");
 }

@@ -132,9 +132,15 @@ const FORMATS: &[Format] = &[
     Format {
         parameterization: "tracked",
         files: &[OBJECT_GAUSSIANS_FILE, OBJECTS_FILE],
-        write: |folder, part, _, normalization| match part.parameterization.tracked() {
-            Some(tracked) => objects::write(folder, tracked, &part.table, normalization),
-            None => Ok(()),
+        write: |folder, part, _, normalization| {
+            let parameterization = &part.parameterization;
+            match (parameterization.tracked(), parameterization.shared()) {
+                (Some(tracked), Some(corrections)) => {
+                    let paths = (tracked.objects(), corrections);
+                    objects::write(folder, paths, &part.table, normalization)
+                }
+                _ => Ok(()),
+            }
         },
         read: |folder, settings, normalization, invalid| {
             if settings.objects {

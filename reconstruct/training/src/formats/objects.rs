@@ -14,7 +14,7 @@ use omnilife_engine::{
         tracked::{self, OBJECT_NUMBERS, OBJECT_POSITIONS, TrackedGaussians, TrackedObject},
     },
     model::Part,
-    parameters::ParameterTable,
+    parameters::{ParameterTable, SharedParameters},
     trajectories::rigid_path::RigidPath,
 };
 use omnilife_schemas::{
@@ -36,23 +36,22 @@ const AS_IS: Similarity = Similarity {
     scale: 1.0,
 };
 
-/// Writes the objects of a part, whole or not at all.
+/// Writes the objects of a part with the corrections of their paths, object after object, whole or not at all.
 ///
 /// # Errors
 /// When a file cannot be written.
 pub fn write(
     folder: &Path,
-    tracked: &TrackedGaussians,
+    (objects, corrections): (&[TrackedObject], &SharedParameters),
     table: &ParameterTable,
     normalization: &Similarity,
 ) -> Result<(), StoreError> {
     write_table(folder, table)?;
-    let mut corrections = tracked.corrections.array.values.as_slice();
-    let up = tracked
-        .objects
+    let mut corrections = corrections.array.values.as_slice();
+    let up = objects
         .first()
         .map_or(DVec3::Z, |object| object.path.up().as_dvec3());
-    let objects = tracked.objects.iter().map(|object| {
+    let objects = objects.iter().map(|object| {
         let (own, rest) = corrections.split_at(object.path.correction_len());
         corrections = rest;
         let unit = 1.0 / normalization.scale;

@@ -1,18 +1,24 @@
 //! Canonical Gaussians and their network on a GPU.
 
+use std::sync::Arc;
+
 use crate::gaussians::deformable::{
-    DeformationModel, LEAST_QUATERNION_LENGTH, LEAST_SCALE, OUTPUTS, POSITIONS,
+    Deformable, LEAST_QUATERNION_LENGTH, LEAST_SCALE, OUTPUTS, POSITIONS,
+    settings::DeformationSettings,
 };
 use crate::{
-    device::{Gpu, GpuError, Kernel, Program, Shader, Threads, Uniform, wgsl_struct},
+    device::{Buffer, Gpu, GpuError, Kernel, Program, Shader, Threads, Uniform, wgsl_struct},
     fields::mlp::{
         blocks_gpu::{Block, BlockPass},
         gpu::{NetworkBuffers, Passes, Recording},
     },
     gaussians::{
-        activated_buffers::ActivatedBuffers,
-        parameterization::DeviceParameterization,
-        static_gaussians::gpu::{DeviceRows, StaticGaussians},
+        device_twin::{
+            CompiledKernels, DeviceEntries, DeviceParameterization, DeviceTwin, NewDevicePart,
+            PartBuffers,
+        },
+        parameterization::Viewpoint,
+        static_gaussians::StaticGaussians,
     },
     parameters::device_table::TableBuffers,
 };
@@ -47,7 +53,7 @@ pub(crate) fn shader() -> Shader {
 
 /// Kernels of the deformation, which do not depend on the number of Gaussians.
 #[derive(Debug)]
-pub(crate) struct DeformationKernels {
+struct DeformationKernels {
     passes: Passes,
     encode_positions: Kernel,
     deform: Kernel,
@@ -55,7 +61,7 @@ pub(crate) struct DeformationKernels {
 }
 
 impl DeformationKernels {
-    pub(crate) fn new(gpu: &Gpu) -> Result<Self, GpuError> {
+    fn new(gpu: &Gpu) -> Result<Self, GpuError> {
         let [encode_positions, deform, deform_vjp] =
             Kernel::compile(gpu, &shader(), ["encode_positions", "deform", "deform_vjp"])?;
         Ok(Self {
@@ -67,77 +73,67 @@ impl DeformationKernels {
     }
 }
 
-/// The network's weights on the device, and the buffers of its passes.
-#[derive(Debug)]
-pub(crate) struct DeformationBuffers {
-    model: DeformationModel,
-    /// The weights as a table of one array.
-    pub(crate) weights: TableBuffers,
-    network: NetworkBuffers,
-    uniform: Uniform<Canonical>,
-    canonical: Canonical,
+impl DeviceTwin for Deformable {
+    fn compile(&self, gpu: &Gpu, kernels: &CompiledKernels) -> Result<(), GpuError> {
+        StaticGaussians.compile(gpu, kernels)?;
+        kernels.get(gpu, DeformationKernels::new).map(drop)
+    }
+
+    fn open(&self, part: &NewDevicePart<'_>) -> Result<Box<dyn DeviceParameterization>, GpuError> {
+        Ok(Box::new(DeformablePart::new(self.settings, part)?))
+    }
+
+    fn uses_shared(&self, at: &Viewpoint) -> bool {
+        self.network_time(at).is_some()
+    }
 }
 
-impl DeformationBuffers {
-    /// Allocates buffers for the capacity of a table and sets the number of its Gaussians.
-    pub(crate) fn new(
-        gpu: &Gpu,
-        model: DeformationModel,
-        weights: TableBuffers,
-        (table, gaussians): (&TableBuffers, usize),
-    ) -> Result<Self, GpuError> {
-        let canonical = Canonical {
+/// Canonical Gaussians of a part with the network that deforms them, and the buffers of its passes.
+#[derive(Debug)]
+struct DeformablePart {
+    canonical: Box<dyn DeviceParameterization>,
+    kernels: Arc<DeformationKernels>,
+    settings: DeformationSettings,
+    network: NetworkBuffers,
+    uniform: Uniform<Canonical>,
+    places: Canonical,
+}
+
+impl DeformablePart {
+    /// Allocates buffers for the capacity of the table and sets the number of its Gaussians.
+    fn new(settings: DeformationSettings, part: &NewDevicePart<'_>) -> Result<Self, GpuError> {
+        let NewDevicePart { gpu, table, .. } = *part;
+        let model = &settings.model;
+        let places = Canonical {
             positions: table.begin(POSITIONS),
             octaves: model.position_octaves as u32,
             length_unit: model.length_unit,
             ..Canonical::default()
         };
-        let mut buffers = Self {
+        let mut opened = Self {
+            canonical: StaticGaussians.open(part)?,
+            kernels: part.kernels.get(gpu, DeformationKernels::new)?,
             network: NetworkBuffers::new(gpu, model.network(), table.capacity)?,
-            uniform: Uniform::of(gpu, "canonical Gaussians", &canonical)?,
-            canonical,
-            model,
-            weights,
+            uniform: Uniform::of(gpu, "canonical Gaussians", &places)?,
+            places,
+            settings,
         };
-        buffers.place(gpu, gaussians);
-        Ok(buffers)
+        opened.place(gpu, part.entries, part.first_alone);
+        Ok(opened)
     }
 
-    /// Sets the number of Gaussians for everything that is submitted later.
-    pub(crate) fn place(&mut self, gpu: &Gpu, gaussians: usize) {
-        self.canonical.len = gaussians as u32;
-        self.uniform.write(gpu, &self.canonical);
-        self.network.place(gpu, gaussians);
-    }
-
-    /// Sets the time in [0, 1] for everything that is submitted later.
-    pub(crate) fn set_time(&self, gpu: &Gpu, time: f32) {
-        let encoded = self.model.encoded_time(time);
-        self.network.shared.write(gpu, 0, &encoded);
-    }
-}
-
-/// Canonical Gaussians with the network that deforms them.
-#[derive(Debug)]
-pub(crate) struct DeformableGaussians<'a> {
-    pub(crate) canonical: &'a StaticGaussians,
-    pub(crate) kernels: &'a DeformationKernels,
-    pub(crate) buffers: &'a DeformationBuffers,
-}
-
-impl DeformableGaussians<'_> {
     /// Records a pass of the network over all Gaussians.
     fn pass(
         &self,
         gpu: &Gpu,
         program: &mut Program,
-        table: &TableBuffers,
+        [table, weights]: [&TableBuffers; 2],
         record: impl FnOnce(&mut Recording<'_>) -> Result<(), GpuError>,
     ) -> Result<(), GpuError> {
-        let octaves = self.buffers.model.position_octaves;
-        let canonical = &self.buffers.uniform.raw;
+        let octaves = self.settings.model.position_octaves;
+        let canonical = &self.uniform.raw;
         let encode =
-            |program: &mut Program, (block, pass): (&Block, &BlockPass), inputs: &wgpu::Buffer| {
+            |program: &mut Program, (block, pass): (&Block, &BlockPass), inputs: &Buffer| {
                 program.run(
                     gpu,
                     &self.kernels.encode_positions,
@@ -149,69 +145,82 @@ impl DeformableGaussians<'_> {
         record(&mut Recording {
             gpu,
             program,
-            weights: &self.buffers.weights.values.raw,
+            weights: &weights.values.raw,
             encode: &encode,
         })
     }
 }
 
-impl DeviceParameterization for DeformableGaussians<'_> {
+impl DeviceParameterization for DeformablePart {
     fn activate(
         &self,
         gpu: &Gpu,
         program: &mut Program,
-        (table, rows): (&TableBuffers, &DeviceRows),
-        buffers: &ActivatedBuffers,
+        part: &PartBuffers<'_>,
     ) -> Result<(), GpuError> {
-        self.canonical
-            .activate(gpu, program, (table, rows), buffers)?;
-        let network = &self.buffers.network;
-        self.pass(gpu, program, table, |recording| {
-            self.kernels.passes.forward(recording, network)
+        self.canonical.activate(gpu, program, part)?;
+        let Some(weights) = part.shared else {
+            return Ok(());
+        };
+        self.pass(gpu, program, [part.table, weights], |recording| {
+            self.kernels.passes.forward(recording, &self.network)
         })?;
         program.run(
             gpu,
             &self.kernels.deform,
-            &rows.rows,
+            &part.rows.rows,
             &[
-                &self.buffers.uniform.raw,
-                &network.outputs.raw,
-                &buffers.gaussians.raw,
+                &self.uniform.raw,
+                &self.network.outputs.raw,
+                &part.activated.gaussians.raw,
             ],
         );
         Ok(())
     }
 
-    /// Computes the VJP and, in addition, the gradients by the weights.
     fn activate_vjp(
         &self,
         gpu: &Gpu,
         program: &mut Program,
-        (table, rows): (&TableBuffers, &DeviceRows),
-        buffers: &ActivatedBuffers,
+        part: &PartBuffers<'_>,
     ) -> Result<(), GpuError> {
+        let Some(weights) = part.shared else {
+            return self.canonical.activate_vjp(gpu, program, part);
+        };
         // Activate again: `deform` has overwritten the canonical ones.
-        self.canonical
-            .activate(gpu, program, (table, rows), buffers)?;
-        let network = &self.buffers.network;
+        self.canonical.activate(gpu, program, part)?;
         program.run(
             gpu,
             &self.kernels.deform_vjp,
-            &rows.rows,
+            &part.rows.rows,
             &[
-                &self.buffers.uniform.raw,
-                &network.outputs.raw,
-                &buffers.gaussians.raw,
-                &buffers.gaussian_gradients.raw,
-                &network.upstream.raw,
+                &self.uniform.raw,
+                &self.network.outputs.raw,
+                &part.activated.gaussians.raw,
+                &part.activated.gaussian_gradients.raw,
+                &self.network.upstream.raw,
             ],
         );
-        let gradients = &self.buffers.weights.gradients.raw;
-        self.pass(gpu, program, table, |recording| {
-            self.kernels.passes.backward(recording, network, gradients)
+        let gradients = &weights.gradients.raw;
+        self.pass(gpu, program, [part.table, weights], |recording| {
+            self.kernels
+                .passes
+                .backward(recording, &self.network, gradients)
         })?;
-        self.canonical
-            .activate_vjp(gpu, program, (table, rows), buffers)
+        self.canonical.activate_vjp(gpu, program, part)
+    }
+
+    fn place(&mut self, gpu: &Gpu, entries: DeviceEntries, first_alone: usize) {
+        self.canonical.place(gpu, entries, first_alone);
+        self.places.len = entries.len as u32;
+        self.uniform.write(gpu, &self.places);
+        self.network.place(gpu, entries.len);
+    }
+
+    fn set_moment(&self, gpu: &Gpu, at: &Viewpoint) {
+        let time = self.settings.unit_time(at.seconds, at.shift_frames);
+        let encoded = self.settings.model.encoded_time(time);
+        self.network.shared.write(gpu, 0, &encoded);
     }
 }
 
@@ -219,8 +228,14 @@ impl DeviceParameterization for DeformableGaussians<'_> {
 mod tests {
     use super::*;
     use crate::{
+        clock::Clock,
         device::{DeviceBuffer, test_device},
-        gaussians::static_gaussians::{self, InitialGaussians},
+        gaussians::{
+            deformable::DeformationModel,
+            device_twin::DeviceRows,
+            static_gaussians::{self, InitialGaussians},
+            temporal::TemporalFeatures,
+        },
         parameters::SharedParameters,
     };
 
@@ -249,13 +264,24 @@ mod tests {
         );
         let array = std::slice::from_ref(&weights.array);
         let weights = TableBuffers::new(&gpu, array, [1; 2]).expect("fits");
-        let buffers =
-            DeformationBuffers::new(&gpu, model, weights, (&on_device, 400)).expect("fits");
-        let gaussians = DeformableGaussians {
-            canonical: &StaticGaussians::new(&gpu).expect("compiles"),
-            kernels: &DeformationKernels::new(&gpu).expect("compiles"),
-            buffers: &buffers,
+        let entries = DeviceEntries { first: 0, len: 400 };
+        let part = NewDevicePart {
+            gpu: &gpu,
+            kernels: &CompiledKernels::default(),
+            host: &table,
+            table: &on_device,
+            rows: &DeviceRows::new(&gpu, &on_device, entries, 0).expect("fits"),
+            entries,
+            features: &TemporalFeatures::default(),
+            first_alone: 0,
         };
+        let settings = DeformationSettings {
+            clock: Clock::from_times(&[0.0, 1.0]),
+            model,
+            warm_up_iterations: 0,
+            time_noise: None,
+        };
+        let gaussians = DeformablePart::new(settings, &part).expect("fits");
         let (first, rows) = (37, 300);
         let width = model.network().row_inputs;
         let inputs: DeviceBuffer<f32> =
@@ -264,7 +290,7 @@ mod tests {
         block.set_parts(&gpu, rows, 1);
         let mut program = Program::default();
         gaussians
-            .pass(&gpu, &mut program, &on_device, |recording| {
+            .pass(&gpu, &mut program, [&on_device, &weights], |recording| {
                 (recording.encode)(recording.program, (&block, &block.once), &inputs.raw)
             })
             .expect("records");

@@ -1,14 +1,16 @@
 //! The static parameterization on a GPU.
 
+use std::sync::Arc;
+
 use crate::gaussians::static_gaussians::{
     LEAST_QUATERNION_LENGTH, LOG_SCALE_RANGE, LOG_SCALES, OPACITY_LOGITS, POSITIONS, QUATERNIONS,
-    SH_CONSTANT, SH_REST,
+    SH_CONSTANT, SH_REST, StaticGaussians,
 };
 use crate::{
     device::{Gpu, GpuError, Kernel, Program, Rows, Shader, Uniform, wgsl_struct},
-    gaussians::{
-        activated_buffers::ActivatedBuffers,
-        parameterization::{DeviceEntries, DeviceParameterization},
+    gaussians::device_twin::{
+        CompiledKernels, DeviceEntries, DeviceParameterization, DeviceTwin, NewDevicePart,
+        PartBuffers,
     },
     parameters::device_table::TableBuffers,
 };
@@ -47,13 +49,13 @@ pub(crate) fn shader() -> Shader {
 
 /// Kernels of the activation and its VJP.
 #[derive(Debug)]
-pub(crate) struct StaticGaussians {
+struct StaticKernels {
     activate: Kernel,
     activate_vjp: Kernel,
 }
 
-impl StaticGaussians {
-    pub(crate) fn new(gpu: &Gpu) -> Result<Self, GpuError> {
+impl StaticKernels {
+    fn new(gpu: &Gpu) -> Result<Self, GpuError> {
         let [activate, activate_vjp] =
             Kernel::compile(gpu, &shader(), ["activate", "activate_vjp"])?;
         Ok(Self {
@@ -63,10 +65,11 @@ impl StaticGaussians {
     }
 }
 
-/// Gaussians of a table on a device, in their current number.
+/// Gaussians of a table on a device, in their current number, and the offsets of the arrays of static Gaussians.
 #[derive(Debug)]
-pub(crate) struct DeviceRows {
-    pub(crate) rows: Rows,
+pub struct DeviceRows {
+    /// Their number, for running a kernel with a thread for each.
+    pub rows: Rows,
     uniform: Uniform<StaticArrays>,
     arrays: StaticArrays,
 }
@@ -108,23 +111,37 @@ impl DeviceRows {
     }
 }
 
-impl DeviceParameterization for StaticGaussians {
+impl DeviceTwin for StaticGaussians {
+    fn compile(&self, gpu: &Gpu, kernels: &CompiledKernels) -> Result<(), GpuError> {
+        kernels.get(gpu, StaticKernels::new).map(drop)
+    }
+
+    fn open(&self, part: &NewDevicePart<'_>) -> Result<Box<dyn DeviceParameterization>, GpuError> {
+        let kernels = part.kernels.get(part.gpu, StaticKernels::new)?;
+        Ok(Box::new(StaticPart(kernels)))
+    }
+}
+
+/// Static Gaussians of a part, all of whose uniforms are those of its rows.
+#[derive(Debug)]
+struct StaticPart(Arc<StaticKernels>);
+
+impl DeviceParameterization for StaticPart {
     fn activate(
         &self,
         gpu: &Gpu,
         program: &mut Program,
-        (table, rows): (&TableBuffers, &DeviceRows),
-        buffers: &ActivatedBuffers,
+        part: &PartBuffers<'_>,
     ) -> Result<(), GpuError> {
         program.run(
             gpu,
-            &self.activate,
-            &rows.rows,
+            &self.0.activate,
+            &part.rows.rows,
             &[
-                &rows.uniform.raw,
-                &table.values.raw,
-                &buffers.gaussians.raw,
-                &buffers.harmonics.raw,
+                &part.rows.uniform.raw,
+                &part.table.values.raw,
+                &part.activated.gaussians.raw,
+                &part.activated.harmonics.raw,
             ],
         );
         Ok(())
@@ -134,20 +151,19 @@ impl DeviceParameterization for StaticGaussians {
         &self,
         gpu: &Gpu,
         program: &mut Program,
-        (table, rows): (&TableBuffers, &DeviceRows),
-        buffers: &ActivatedBuffers,
+        part: &PartBuffers<'_>,
     ) -> Result<(), GpuError> {
         program.run(
             gpu,
-            &self.activate_vjp,
-            &rows.rows,
+            &self.0.activate_vjp,
+            &part.rows.rows,
             &[
-                &rows.uniform.raw,
-                &table.values.raw,
-                &buffers.gaussians.raw,
-                &buffers.gaussian_gradients.raw,
-                &buffers.harmonic_gradients.raw,
-                &table.gradients.raw,
+                &part.rows.uniform.raw,
+                &part.table.values.raw,
+                &part.activated.gaussians.raw,
+                &part.activated.gaussian_gradients.raw,
+                &part.activated.harmonic_gradients.raw,
+                &part.table.gradients.raw,
             ],
         );
         Ok(())

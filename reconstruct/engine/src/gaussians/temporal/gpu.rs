@@ -1,23 +1,28 @@
 //! Gaussians with their own times on a GPU: activation, its VJP, and selection of the dynamic ones.
 
+use std::sync::Arc;
+
 use crate::{
-    device::{DeviceBuffer, Gpu, GpuError, Kernel, Program, Rows, Shader, Uniform, wgsl_struct},
+    device::{
+        Buffer, DeviceBuffer, Gpu, GpuError, Kernel, Program, Rows, Shader, Uniform, wgsl_struct,
+    },
     gaussians::{
         activated_buffers::ActivatedBuffers,
-        omni4dgs::{LEAST_COSINE, LEAST_DISTANCE, LEAST_WEIGHT, VelocityForm},
-        parameterization::{DeviceEntries, DeviceParameterization, Viewpoint},
-        periodic::FrameTime,
-        static_gaussians::{
-            OPACITY_LOGITS, POSITIONS,
-            gpu::{DeviceRows, StaticGaussians},
+        device_twin::{
+            CompiledKernels, DeviceEntries, DeviceParameterization, DeviceRows, DeviceTwin,
+            NewDevicePart, PartBuffers,
         },
+        omni4dgs::{LEAST_COSINE, LEAST_DISTANCE, LEAST_WEIGHT, VelocityForm},
+        parameterization::Viewpoint,
+        periodic::FrameTime,
+        static_gaussians::{OPACITY_LOGITS, POSITIONS, StaticGaussians},
         temporal::{
-            LOG_LIFESPANS, PEAK_TIMES, RADIAL_VELOCITIES, TANGENTIAL_VELOCITIES, TemporalFeatures,
-            VELOCITIES, VelocityModel,
+            LOG_LIFESPANS, PEAK_TIMES, RADIAL_VELOCITIES, TANGENTIAL_VELOCITIES, VELOCITIES,
+            VelocityModel,
         },
         temporal_gaussians::TemporalGaussians,
     },
-    parameters::{ParameterTable, device_table::TableBuffers},
+    parameters::device_table::TableBuffers,
 };
 
 /// Offset of an array that the table lacks.
@@ -97,7 +102,7 @@ pub(crate) fn dynamic_shader() -> Shader {
 
 /// Kernels that move and fade Gaussians; they do not depend on their number.
 #[derive(Debug)]
-pub(crate) struct TemporalKernels {
+struct TemporalKernels {
     activate_temporal: Kernel,
     activate_temporal_vjp: Kernel,
     keep_within_bounds: Kernel,
@@ -106,7 +111,7 @@ pub(crate) struct TemporalKernels {
 }
 
 impl TemporalKernels {
-    pub(crate) fn new(gpu: &Gpu) -> Result<Self, GpuError> {
+    fn new(gpu: &Gpu) -> Result<Self, GpuError> {
         let [activate_temporal, activate_temporal_vjp, keep_within_bounds] = Kernel::compile(
             gpu,
             &shader(),
@@ -129,94 +134,30 @@ impl TemporalKernels {
             gather_dynamic_vjp,
         })
     }
-
-    /// Records the clamping of lifespans to their bounds.
-    pub(crate) fn keep_within_bounds(
-        &self,
-        gpu: &Gpu,
-        program: &mut Program,
-        view: &DeviceTime,
-        table: &TableBuffers,
-        status: &wgpu::Buffer,
-    ) {
-        program.run(
-            gpu,
-            &self.keep_within_bounds,
-            &view.rows,
-            &[&view.uniform.raw, &table.values.raw, status],
-        );
-    }
-
-    /// Records copies of a table's Gaussians into `alone`, static ones with opacity 0, and counts the dynamic
-    /// ones.
-    pub(crate) fn gather_dynamic(
-        &self,
-        gpu: &Gpu,
-        program: &mut Program,
-        (view, table): (&DeviceTime, &TableBuffers),
-        [all, alone]: [&ActivatedBuffers; 2],
-        member_count: &DeviceBuffer<u32>,
-    ) {
-        program.run(
-            gpu,
-            &self.gather_dynamic,
-            &view.rows,
-            &[
-                &view.uniform.raw,
-                &table.values.raw,
-                &all.gaussians.raw,
-                &all.harmonics.raw,
-                &alone.gaussians.raw,
-                &alone.harmonics.raw,
-                &member_count.raw,
-            ],
-        );
-    }
-
-    /// Records the VJP of [`TemporalKernels::gather_dynamic`]: adds to the gradient by all.
-    pub(crate) fn gather_dynamic_vjp(
-        &self,
-        gpu: &Gpu,
-        program: &mut Program,
-        view: &DeviceTime,
-        [all, alone]: [&ActivatedBuffers; 2],
-    ) {
-        program.run(
-            gpu,
-            &self.gather_dynamic_vjp,
-            &view.rows,
-            &[
-                &view.uniform.raw,
-                &alone.gaussian_gradients.raw,
-                &alone.harmonic_gradients.raw,
-                &all.gaussian_gradients.raw,
-                &all.harmonic_gradients.raw,
-            ],
-        );
-    }
 }
 
-/// Location of a table's temporal parameters, and the current viewpoint.
+/// Temporal parameters of a part on a device: their location in its table, and the current viewpoint.
 #[derive(Debug)]
-pub(crate) struct DeviceTime {
+pub struct DeviceTime {
     pub(crate) uniform: Uniform<TemporalView>,
     pub(crate) rows: Rows,
+    kernels: Arc<TemporalKernels>,
     temporal: TemporalGaussians,
     /// Values that do not depend on the viewpoint.
     places: TemporalView,
 }
 
 impl DeviceTime {
-    /// Creates the uniform for a table whose Gaussians are `entries` of all activated ones, and begin at
-    /// `first_alone` among those drawn alone.
-    pub(crate) fn new(
-        gpu: &Gpu,
-        temporal: TemporalGaussians,
-        features: &TemporalFeatures,
-        (host, table): (&ParameterTable, &TableBuffers),
-        (rows, entries): (&Rows, DeviceEntries),
-        first_alone: usize,
-    ) -> Result<Self, GpuError> {
+    /// Creates the uniform of a part.
+    fn new(temporal: TemporalGaussians, part: &NewDevicePart<'_>) -> Result<Self, GpuError> {
+        let NewDevicePart {
+            gpu,
+            table,
+            features,
+            entries,
+            ..
+        } = *part;
+        let host = part.host;
         let place = |name: &str| host.position(name).map_or(NONE, |array| table.begin(array));
         let time = &temporal.time;
         let (velocity_model, gamma) = match time.velocity {
@@ -234,7 +175,7 @@ impl DeviceTime {
         let places = TemporalView {
             len: entries.len as u32,
             first: entries.first as u32,
-            first_alone: first_alone as u32,
+            first_alone: part.first_alone as u32,
             channels: features.count() as u32,
             positions: table.begin(POSITIONS),
             opacity_logits: table.begin(OPACITY_LOGITS),
@@ -260,7 +201,8 @@ impl DeviceTime {
         };
         Ok(Self {
             uniform: Uniform::of(gpu, "temporal parameters", &places)?,
-            rows: rows.clone(),
+            rows: part.rows.rows.clone(),
+            kernels: part.kernels.get(gpu, TemporalKernels::new)?,
             temporal,
             places,
         })
@@ -297,35 +239,93 @@ impl DeviceTime {
         };
         self.uniform.write(gpu, &moment);
     }
+
+    /// Records copies of the part's Gaussians into `alone`, static ones with opacity 0, and counts the dynamic
+    /// ones.
+    pub(crate) fn gather_dynamic(
+        &self,
+        gpu: &Gpu,
+        program: &mut Program,
+        table: &TableBuffers,
+        [all, alone]: [&ActivatedBuffers; 2],
+        member_count: &DeviceBuffer<u32>,
+    ) {
+        program.run(
+            gpu,
+            &self.kernels.gather_dynamic,
+            &self.rows,
+            &[
+                &self.uniform.raw,
+                &table.values.raw,
+                &all.gaussians.raw,
+                &all.harmonics.raw,
+                &alone.gaussians.raw,
+                &alone.harmonics.raw,
+                &member_count.raw,
+            ],
+        );
+    }
+
+    /// Records the VJP of [`DeviceTime::gather_dynamic`]: adds to the gradient by all.
+    pub(crate) fn gather_dynamic_vjp(
+        &self,
+        gpu: &Gpu,
+        program: &mut Program,
+        [all, alone]: [&ActivatedBuffers; 2],
+    ) {
+        program.run(
+            gpu,
+            &self.kernels.gather_dynamic_vjp,
+            &self.rows,
+            &[
+                &self.uniform.raw,
+                &alone.gaussian_gradients.raw,
+                &alone.harmonic_gradients.raw,
+                &all.gaussian_gradients.raw,
+                &all.harmonic_gradients.raw,
+            ],
+        );
+    }
 }
 
-/// Gaussians with their own times at the current viewpoint.
+impl DeviceTwin for TemporalGaussians {
+    fn compile(&self, gpu: &Gpu, kernels: &CompiledKernels) -> Result<(), GpuError> {
+        StaticGaussians.compile(gpu, kernels)?;
+        kernels.get(gpu, TemporalKernels::new).map(drop)
+    }
+
+    fn open(&self, part: &NewDevicePart<'_>) -> Result<Box<dyn DeviceParameterization>, GpuError> {
+        Ok(Box::new(TemporalPart {
+            canonical: StaticGaussians.open(part)?,
+            time: DeviceTime::new(*self, part)?,
+        }))
+    }
+}
+
+/// Gaussians of a part with their own times at the current viewpoint.
 #[derive(Debug)]
-pub(crate) struct DeviceTemporal<'a> {
-    pub(crate) canonical: &'a StaticGaussians,
-    pub(crate) kernels: &'a TemporalKernels,
-    pub(crate) view: &'a DeviceTime,
+struct TemporalPart {
+    canonical: Box<dyn DeviceParameterization>,
+    time: DeviceTime,
 }
 
-impl DeviceParameterization for DeviceTemporal<'_> {
+impl DeviceParameterization for TemporalPart {
     fn activate(
         &self,
         gpu: &Gpu,
         program: &mut Program,
-        (table, rows): (&TableBuffers, &DeviceRows),
-        buffers: &ActivatedBuffers,
+        part: &PartBuffers<'_>,
     ) -> Result<(), GpuError> {
-        self.canonical
-            .activate(gpu, program, (table, rows), buffers)?;
+        self.canonical.activate(gpu, program, part)?;
         program.run(
             gpu,
-            &self.kernels.activate_temporal,
-            &rows.rows,
+            &self.time.kernels.activate_temporal,
+            &part.rows.rows,
             &[
-                &self.view.uniform.raw,
-                &table.values.raw,
-                &buffers.gaussians.raw,
-                &buffers.features.raw,
+                &self.time.uniform.raw,
+                &part.table.values.raw,
+                &part.activated.gaussians.raw,
+                &part.activated.features.raw,
             ],
         );
         Ok(())
@@ -335,23 +335,49 @@ impl DeviceParameterization for DeviceTemporal<'_> {
         &self,
         gpu: &Gpu,
         program: &mut Program,
-        (table, rows): (&TableBuffers, &DeviceRows),
-        buffers: &ActivatedBuffers,
+        part: &PartBuffers<'_>,
     ) -> Result<(), GpuError> {
-        self.canonical
-            .activate_vjp(gpu, program, (table, rows), buffers)?;
+        self.canonical.activate_vjp(gpu, program, part)?;
         program.run(
             gpu,
-            &self.kernels.activate_temporal_vjp,
-            &rows.rows,
+            &self.time.kernels.activate_temporal_vjp,
+            &part.rows.rows,
             &[
-                &self.view.uniform.raw,
-                &table.values.raw,
-                &buffers.gaussian_gradients.raw,
-                &buffers.feature_gradients.raw,
-                &table.gradients.raw,
+                &self.time.uniform.raw,
+                &part.table.values.raw,
+                &part.activated.gaussian_gradients.raw,
+                &part.activated.feature_gradients.raw,
+                &part.table.gradients.raw,
             ],
         );
         Ok(())
+    }
+
+    fn place(&mut self, gpu: &Gpu, entries: DeviceEntries, first_alone: usize) {
+        self.canonical.place(gpu, entries, first_alone);
+        self.time.place(entries, first_alone);
+    }
+
+    fn set_moment(&self, gpu: &Gpu, at: &Viewpoint) {
+        self.time.set(gpu, at);
+    }
+
+    fn keep_within_bounds(
+        &self,
+        gpu: &Gpu,
+        program: &mut Program,
+        (table, rows): (&TableBuffers, &DeviceRows),
+        status: &Buffer,
+    ) {
+        program.run(
+            gpu,
+            &self.time.kernels.keep_within_bounds,
+            &rows.rows,
+            &[&self.time.uniform.raw, &table.values.raw, status],
+        );
+    }
+
+    fn time(&self) -> Option<&DeviceTime> {
+        Some(&self.time)
     }
 }

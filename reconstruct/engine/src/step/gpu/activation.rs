@@ -4,32 +4,18 @@ use std::sync::Arc;
 
 use super::{
     check,
-    device_model::{
-        DeviceNetwork, DevicePart, DevicePartKind, Moment, copies, network_time, parts, sh_degree,
-    },
+    device_model::{DevicePart, copies, parts, sh_degree, uses_shared},
 };
 use crate::{
     EngineError,
     device::{Gpu, GpuError, Program},
     gaussians::{
-        ActivatedGaussians,
-        activated_buffers::ActivatedBuffers,
-        deformable::gpu::{DeformableGaussians, DeformationKernels},
-        parameterization::{DeviceKind, DeviceParameterization, DeviceTwin, Viewpoint},
-        static_gaussians::gpu::StaticGaussians,
-        temporal::gpu::{DeviceTemporal, TemporalKernels},
+        ActivatedGaussians, activated_buffers::ActivatedBuffers, device_twin::CompiledKernels,
+        parameterization::Viewpoint,
     },
     model::Model,
     parameters::rows::RowMover,
 };
-
-/// Kernels of the parameterizations of a model.
-#[derive(Debug)]
-pub(super) struct ActivationKernels {
-    static_gaussians: StaticGaussians,
-    pub(super) temporal: Option<TemporalKernels>,
-    deformation: Option<DeformationKernels>,
-}
 
 /// Programs of the activation and its VJP.
 #[derive(Debug, Default)]
@@ -38,64 +24,22 @@ pub(super) struct Activation {
     pub(super) backward: Program,
 }
 
-impl ActivationKernels {
-    pub(super) fn new(gpu: &Gpu, model: &Model) -> Result<Self, GpuError> {
-        let is_of = |kind: fn(DeviceKind<'_>) -> bool| {
-            let parts = model.parts.iter();
-            let mut twins = parts.filter_map(|part| part.parameterization.device_twin());
-            twins.any(|DeviceTwin(twin)| kind(twin))
-        };
-        let with_times = is_of(|kind| matches!(kind, DeviceKind::Temporal(_)));
-        let deforms = is_of(|kind| matches!(kind, DeviceKind::Deformable(_)));
-        Self::compile(gpu, with_times, deforms)
-    }
-
-    fn compile(gpu: &Gpu, with_times: bool, deforms: bool) -> Result<Self, GpuError> {
-        Ok(Self {
-            static_gaussians: StaticGaussians::new(gpu)?,
-            temporal: with_times.then(|| TemporalKernels::new(gpu)).transpose()?,
-            deformation: deforms.then(|| DeformationKernels::new(gpu)).transpose()?,
-        })
-    }
-
-    /// Records the activation of all parts, with or without the network.
+impl Activation {
+    /// Records the activation of all parts, for viewpoints at which their shared parameters are used or not.
     pub(super) fn record(
-        &self,
         gpu: &Gpu,
         parts: &[DevicePart],
         activated: &ActivatedBuffers,
-        with_network: bool,
-    ) -> Result<Activation, GpuError> {
-        let mut activation = Activation::default();
+        uses_shared: bool,
+    ) -> Result<Self, GpuError> {
+        let mut activation = Self::default();
         activation.forward.begin_stage("activate");
         activation.backward.begin_stage("activate backward");
-        let canonical = &self.static_gaussians;
         for part in parts {
-            let (temporal, deformable);
-            let twin: &dyn DeviceParameterization =
-                match (&part.kind, &self.temporal, &self.deformation) {
-                    (DevicePartKind::Temporal(view), Some(kernels), _) => {
-                        temporal = DeviceTemporal {
-                            canonical,
-                            kernels,
-                            view,
-                        };
-                        &temporal
-                    }
-                    (DevicePartKind::Deformable(network), _, Some(kernels)) if with_network => {
-                        let DeviceNetwork { buffers, .. } = &**network;
-                        deformable = DeformableGaussians {
-                            canonical,
-                            kernels,
-                            buffers,
-                        };
-                        &deformable
-                    }
-                    _ => canonical,
-                };
-            let table = (&part.table, &part.rows);
-            twin.activate(gpu, &mut activation.forward, table, activated)?;
-            twin.activate_vjp(gpu, &mut activation.backward, table, activated)?;
+            let buffers = part.buffers(activated, uses_shared);
+            let twin = &part.parameterization;
+            twin.activate(gpu, &mut activation.forward, &buffers)?;
+            twin.activate_vjp(gpu, &mut activation.backward, &buffers)?;
         }
         Ok(activation)
     }
@@ -105,18 +49,18 @@ impl ActivationKernels {
 #[derive(Debug)]
 pub struct GpuActivator {
     gpu: Arc<Gpu>,
-    kernels: ActivationKernels,
+    kernels: CompiledKernels,
     row_mover: RowMover,
 }
 
 impl GpuActivator {
-    /// Compiles the kernels of all parameterizations.
+    /// Creates an activator; the first model of a kind compiles the kernels of its parameterization.
     ///
     /// # Errors
     /// If the device fails.
     pub fn new(gpu: Arc<Gpu>) -> Result<Self, EngineError> {
         Ok(Self {
-            kernels: ActivationKernels::compile(&gpu, true, true)?,
+            kernels: CompiledKernels::default(),
             row_mover: RowMover::new(&gpu)?,
             gpu,
         })
@@ -130,17 +74,12 @@ impl GpuActivator {
         check(&model)?;
         let gpu = Arc::clone(&self.gpu);
         let tables = copies(&gpu, &model)?;
-        let parts = parts(&gpu, &model, (None, &self.row_mover), tables)?;
+        let of_all = (None, &self.row_mover, &self.kernels);
+        let parts = parts(&gpu, &model, of_all, tables)?;
         let buffers = ActivatedBuffers::new(&gpu, model.len(), sh_degree(&model), 0)?;
-        let network_time = network_time(&model, at);
-        let deforms = network_time.is_some();
-        let activation = self.kernels.record(&gpu, &parts, &buffers, deforms)?;
-        let moment = Moment {
-            at: *at,
-            network_time,
-        };
+        let activation = Activation::record(&gpu, &parts, &buffers, uses_shared(&model, at))?;
         for part in &parts {
-            part.set_moment(&gpu, &moment);
+            part.parameterization.set_moment(&gpu, at);
         }
         Ok(GpuActivation {
             gpu,

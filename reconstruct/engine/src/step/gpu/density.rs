@@ -7,7 +7,7 @@ use rand_pcg::Pcg64Mcg;
 
 use super::{
     GpuStepper, Newest,
-    device_model::{DeviceModel, DevicePart, DevicePartKind, PartTables},
+    device_model::{DeviceModel, DevicePart, PartTables},
 };
 use crate::{
     EngineError,
@@ -84,10 +84,7 @@ impl DevicePart {
                 gradient_sums: &self.statistics.gradient_sums,
                 view_counts: &self.statistics.view_counts,
                 time_gradients: &self.statistics.time_gradients,
-                time: match &self.kind {
-                    DevicePartKind::Temporal(time) => Some(time),
-                    DevicePartKind::Static | DevicePartKind::Deformable(_) => None,
-                },
+                time: self.parameterization.time(),
             };
             let work = DensityWork::new(gpu, kernels, &inputs)?;
             self.density = Some(Box::new(work));
@@ -113,7 +110,7 @@ fn decide(
     for number in density::parts_in_order(model) {
         let room = maximum.saturating_sub(model.len());
         let (part, on_device) = (&mut model.parts[number], &mut on_device.parts[number]);
-        if let DevicePartKind::Temporal(time) = &on_device.kind {
+        if let Some(time) = on_device.parameterization.time() {
             time.set(gpu, &look);
         }
         if let Some(work) = &mut on_device.density {
@@ -143,7 +140,7 @@ fn follow_larger(
         }
         moved.push(PartTables {
             table,
-            weights: old.into_weights(),
+            shared: old.into_shared(),
         });
     }
     Ok(moved)

@@ -5,11 +5,14 @@ use crate::{
     density::gpu::DensityWork,
     device::{DeviceBuffer, Gpu, GpuError, Program},
     gaussians::{
-        deformable::gpu::DeformationBuffers,
+        activated_buffers::ActivatedBuffers,
+        device_twin::{
+            CompiledKernels, DeviceEntries, DeviceParameterization, DeviceRows, NewDevicePart,
+            PartBuffers,
+        },
         dropout::gpu::DropoutPrograms,
-        parameterization::{DeviceEntries, DeviceKind, DeviceTwin, Viewpoint},
-        static_gaussians::{self, gpu::DeviceRows},
-        temporal::gpu::DeviceTime,
+        parameterization::Viewpoint,
+        static_gaussians,
     },
     model::{Model, Part, Statistics, TrainedArray, dynamic_settings::DynamicSettings},
     parameters::{
@@ -57,19 +60,11 @@ impl DeviceStatistics {
     }
 }
 
-/// Parameterization of a part on the device.
+/// Parameters shared by all Gaussians of a part, such as the weights of a network.
 #[derive(Debug)]
-pub(super) enum DevicePartKind {
-    Static,
-    Temporal(Box<DeviceTime>),
-    Deformable(Box<DeviceNetwork>),
-}
-
-/// Network that deforms Gaussians.
-#[derive(Debug)]
-pub(super) struct DeviceNetwork {
-    pub(super) buffers: DeformationBuffers,
-    /// Optimizer step on its weights.
+pub(super) struct DeviceShared {
+    /// The values as a table of one array and one row.
+    pub(super) table: TableBuffers,
     pub(super) next_step: TableStep,
 }
 
@@ -86,27 +81,28 @@ pub(super) struct DevicePart {
     pub(super) statistics: DeviceStatistics,
     /// Created when the number of Gaussians changes for the first time.
     pub(super) density: Option<Box<DensityWork>>,
-    pub(super) kind: DevicePartKind,
+    pub(super) shared: Option<DeviceShared>,
+    pub(super) parameterization: Box<dyn DeviceParameterization>,
 }
 
 /// Parameter tables of a part.
 #[derive(Debug)]
 pub(super) struct PartTables {
     pub(super) table: TableBuffers,
-    /// Weights of a network, if one deforms the Gaussians.
-    pub(super) weights: Option<TableBuffers>,
+    /// Parameters shared by all its Gaussians, if any.
+    pub(super) shared: Option<TableBuffers>,
 }
 
 /// Uploads the parameters of a model, without spare capacity.
 pub(super) fn copies(gpu: &Gpu, model: &Model) -> Result<Vec<PartTables>, GpuError> {
     let copy = |part: &Part| {
-        let weights = part.parameterization.shared();
-        let weights = weights
-            .map(|weights| TableBuffers::new(gpu, std::slice::from_ref(&weights.array), [1; 2]));
+        let shared = part.parameterization.shared();
+        let shared = shared
+            .map(|shared| TableBuffers::new(gpu, std::slice::from_ref(&shared.array), [1; 2]));
         let rows = part.table.len();
         Ok(PartTables {
             table: TableBuffers::new(gpu, &part.table.arrays, [rows; 2])?,
-            weights: weights.transpose()?,
+            shared: shared.transpose()?,
         })
     };
     model.parts.iter().map(copy).collect()
@@ -116,7 +112,7 @@ pub(super) fn copies(gpu: &Gpu, model: &Model) -> Result<Vec<PartTables>, GpuErr
 pub(super) fn parts(
     gpu: &Gpu,
     model: &Model,
-    (dynamics, mover): (Option<&DynamicSettings>, &RowMover),
+    (dynamics, mover, kernels): (Option<&DynamicSettings>, &RowMover, &CompiledKernels),
     tables: Vec<PartTables>,
 ) -> Result<Vec<DevicePart>, GpuError> {
     let of_model = OfModel {
@@ -125,6 +121,7 @@ pub(super) fn parts(
         sh_degree: sh_degree(model),
         dynamics,
         mover,
+        kernels,
     };
     let parts = model.parts.iter().zip(tables).zip(entries(model));
     parts
@@ -139,6 +136,7 @@ struct OfModel<'a> {
     sh_degree: usize,
     dynamics: Option<&'a DynamicSettings>,
     mover: &'a RowMover,
+    kernels: &'a CompiledKernels,
 }
 
 /// Returns the highest degree of harmonics stored by a part.
@@ -171,16 +169,13 @@ pub(super) fn first_with_times(model: &Model) -> usize {
 }
 
 /// Returns the indices of arrays among the trained ones.
-fn numbers<'a>(
-    arrays: impl Iterator<Item = &'a ParameterArray>,
-    trained: &[TrainedArray],
-) -> Vec<Option<usize>> {
+fn numbers(arrays: &[ParameterArray], trained: &[TrainedArray]) -> Vec<Option<usize>> {
     let number = |array: &ParameterArray| {
         let learns = !array.is_frozen();
         let known = trained.iter().position(|known| known.name == array.name);
         known.filter(|_| learns)
     };
-    arrays.map(number).collect()
+    arrays.iter().map(number).collect()
 }
 
 impl DevicePart {
@@ -190,43 +185,41 @@ impl DevicePart {
         entries: DeviceEntries,
         of_model: &OfModel<'_>,
     ) -> Result<Self, GpuError> {
-        let trained = &of_model.trained;
-        let arrays = &part.table.arrays;
-        let PartTables { table, weights } = tables;
-        let rows = DeviceRows::new(gpu, &table, entries, of_model.sh_degree)?;
-        let twin = part.parameterization.device_twin();
-        let kind = match (twin.map(|DeviceTwin(kind)| kind), weights) {
-            (Some(DeviceKind::Temporal(temporal)), _) => {
-                let features = of_model.dynamics.map(|dynamics| dynamics.features);
-                let time = DeviceTime::new(
-                    gpu,
-                    *temporal,
-                    &features.unwrap_or_default(),
-                    (&part.table, &table),
-                    (&rows.rows, entries),
-                    of_model.first_alone,
-                )?;
-                DevicePartKind::Temporal(Box::new(time))
-            }
-            (Some(DeviceKind::Deformable(deformable)), Some(weights)) => {
-                let array = std::slice::from_ref(&deformable.weights.array);
-                let model = deformable.settings.model;
-                DevicePartKind::Deformable(Box::new(DeviceNetwork {
-                    buffers: DeformationBuffers::new(gpu, model, weights, (&table, entries.len))?,
-                    next_step: TableStep::new(gpu, numbers(array.iter(), trained))?,
-                }))
-            }
-            _ => DevicePartKind::Static,
+        let PartTables { table, shared } = tables;
+        let host = &part.parameterization;
+        let Some(twin) = host.device_twin() else {
+            return Err(gpu.failed(&format!("{} Gaussians have no kernels on it", host.id())));
         };
+        let rows = DeviceRows::new(gpu, &table, entries, of_model.sh_degree)?;
+        let features = of_model.dynamics.map(|dynamics| dynamics.features);
+        let parameterization = twin.open(&NewDevicePart {
+            gpu,
+            kernels: of_model.kernels,
+            host: &part.table,
+            table: &table,
+            rows: &rows,
+            entries,
+            features: &features.unwrap_or_default(),
+            first_alone: of_model.first_alone,
+        })?;
+        let next_step =
+            |arrays: &[ParameterArray]| TableStep::new(gpu, numbers(arrays, &of_model.trained));
+        let shared = shared.zip(host.shared()).map(|(table, shared)| {
+            Ok(DeviceShared {
+                table,
+                next_step: next_step(std::slice::from_ref(&shared.array))?,
+            })
+        });
         Ok(Self {
             entries,
-            next_step: TableStep::new(gpu, numbers(arrays.iter(), trained))?,
+            next_step: next_step(&part.table.arrays)?,
             moves: of_model.mover.between(gpu, &table, &table)?,
             statistics: DeviceStatistics::new(gpu, &part.statistics, table.capacity)?,
             density: None,
             rows,
             table,
-            kind,
+            shared: shared.transpose()?,
+            parameterization,
         })
     }
 
@@ -234,21 +227,30 @@ impl DevicePart {
     fn place(&mut self, gpu: &Gpu, entries: DeviceEntries, first_alone: usize) {
         self.entries = entries;
         self.rows.place(gpu, entries);
-        match &mut self.kind {
-            DevicePartKind::Static => {}
-            DevicePartKind::Temporal(time) => time.place(entries, first_alone),
-            DevicePartKind::Deformable(network) => network.buffers.place(gpu, entries.len),
+        self.parameterization.place(gpu, entries, first_alone);
+    }
+
+    /// Returns the buffers for kernels of its parameterization.
+    pub(super) fn buffers<'a>(
+        &'a self,
+        activated: &'a ActivatedBuffers,
+        uses_shared: bool,
+    ) -> PartBuffers<'a> {
+        let shared = self.shared.as_ref().filter(|_| uses_shared);
+        PartBuffers {
+            table: &self.table,
+            rows: &self.rows,
+            shared: shared.map(|shared| &shared.table),
+            activated,
         }
     }
 
     /// Copies gradients to the host.
     pub(super) fn read_gradients(&self, gpu: &Gpu, part: &mut Part) -> Result<(), GpuError> {
         self.table.read_gradients(gpu, &mut part.table.arrays)?;
-        if let (DevicePartKind::Deformable(network), Some(weights)) =
-            (&self.kind, part.parameterization.shared_mut())
-        {
-            let array = std::slice::from_mut(&mut weights.array);
-            network.buffers.weights.read_gradients(gpu, array)?;
+        if let (Some(shared), Some(host)) = (&self.shared, part.parameterization.shared_mut()) {
+            let array = std::slice::from_mut(&mut host.array);
+            shared.table.read_gradients(gpu, array)?;
         }
         Ok(())
     }
@@ -256,11 +258,9 @@ impl DevicePart {
     /// Copies everything but gradients to the host.
     pub(super) fn read(&self, gpu: &Gpu, part: &mut Part) -> Result<(), GpuError> {
         self.table.read(gpu, &mut part.table.arrays)?;
-        if let (DevicePartKind::Deformable(network), Some(weights)) =
-            (&self.kind, part.parameterization.shared_mut())
-        {
-            let array = std::slice::from_mut(&mut weights.array);
-            network.buffers.weights.read(gpu, array)?;
+        if let (Some(shared), Some(host)) = (&self.shared, part.parameterization.shared_mut()) {
+            let array = std::slice::from_mut(&mut host.array);
+            shared.table.read(gpu, array)?;
         }
         self.read_statistics(gpu, &mut part.statistics)
     }
@@ -282,50 +282,25 @@ impl DevicePart {
         Ok(())
     }
 
-    /// Returns the weights of its network and drops the rest.
-    pub(super) fn into_weights(self) -> Option<TableBuffers> {
-        match self.kind {
-            DevicePartKind::Deformable(network) => Some(network.buffers.weights),
-            DevicePartKind::Static | DevicePartKind::Temporal(_) => None,
-        }
-    }
-
-    pub(super) fn set_moment(&self, gpu: &Gpu, moment: &Moment) {
-        match (&self.kind, moment.network_time) {
-            (DevicePartKind::Temporal(time), _) => time.set(gpu, &moment.at),
-            (DevicePartKind::Deformable(network), Some(time)) => {
-                network.buffers.set_time(gpu, time);
-            }
-            _ => {}
-        }
+    /// Returns its shared parameters and drops the rest.
+    pub(super) fn into_shared(self) -> Option<TableBuffers> {
+        self.shared.map(|shared| shared.table)
     }
 }
 
-/// Viewpoint of the Gaussians, and time of the network.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct Moment {
-    pub(super) at: Viewpoint,
-    /// Time in [0, 1] if the network is evaluated.
-    pub(super) network_time: Option<f32>,
-}
-
-/// Returns the network's time of a viewpoint, if the model has a network that is evaluated there.
-pub(super) fn network_time(model: &Model, at: &Viewpoint) -> Option<f32> {
-    let mut twins = model
-        .parts
-        .iter()
-        .filter_map(|part| part.parameterization.device_twin());
-    twins.find_map(|DeviceTwin(kind)| match kind {
-        DeviceKind::Deformable(deformable) => deformable.network_time(at),
-        DeviceKind::Static | DeviceKind::Temporal(_) => None,
+/// Returns true if the model has shared parameters that are used and trained at a viewpoint.
+pub(super) fn uses_shared(model: &Model, at: &Viewpoint) -> bool {
+    model.parts.iter().any(|part| {
+        let twin = part.parameterization.device_twin();
+        part.parameterization.shared().is_some() && twin.is_some_and(|twin| twin.uses_shared(at))
     })
 }
 
 /// Optional components of a step.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub(super) struct StepUses {
-    /// The network is evaluated.
-    pub(super) network: bool,
+    /// Shared parameters are used and trained.
+    pub(super) shared: bool,
     /// Dynamic Gaussians are drawn alone.
     pub(super) alone: bool,
     /// The pose of the view is refined.
@@ -344,10 +319,10 @@ pub(super) struct DevicePose {
 pub(super) struct DeviceModel {
     pub(super) parts: Vec<DevicePart>,
     pub(super) chain: Chain,
-    /// Activation without the network.
+    /// Activation without shared parameters.
     pub(super) canonical: Activation,
-    /// Activation with the network, if any, and the update of its weights.
-    pub(super) deformed: Option<(Activation, Program)>,
+    /// Activation with the shared parameters, if any, and their update.
+    pub(super) with_shared: Option<(Activation, Program)>,
     /// Dropout, if any.
     pub(super) dropout: Option<DropoutPrograms>,
     /// Rendering and losses.
@@ -381,7 +356,7 @@ impl DeviceModel {
         }
         self.chain.buffers.set_rows(gpu, model.len());
         if let Some(alone) = &self.alone {
-            let is_timed = |part: &&DevicePart| matches!(part.kind, DevicePartKind::Temporal(_));
+            let is_timed = |part: &&DevicePart| part.parameterization.time().is_some();
             let last = self.parts.iter().rfind(is_timed);
             let end = last.map_or(first_alone, |part| part.entries.first + part.entries.len);
             alone.chain.buffers.set_rows(gpu, end - first_alone);
@@ -395,8 +370,9 @@ impl DeviceModel {
     /// Writes the feature channels of Gaussians without their own times.
     pub(super) fn write_static_features(&self, gpu: &Gpu) {
         let row = &self.static_features;
-        for DevicePart { entries, kind, .. } in &self.parts {
-            if !row.is_empty() && !matches!(kind, DevicePartKind::Temporal(_)) {
+        for part in &self.parts {
+            if !row.is_empty() && part.parameterization.time().is_none() {
+                let entries = part.entries;
                 let buffer = &self.chain.buffers.activated.features;
                 buffer.write(gpu, entries.first * row.len(), &row.repeat(entries.len));
             }
@@ -408,7 +384,7 @@ impl DeviceModel {
         &self,
         gpu: &Gpu,
         view: &View,
-        moment: &Moment,
+        at: &Viewpoint,
         settings: &RenderSettings,
     ) {
         self.chain.buffers.set_view(gpu, view, settings);
@@ -416,13 +392,13 @@ impl DeviceModel {
             alone.chain.buffers.set_view(gpu, view, settings);
         }
         for part in &self.parts {
-            part.set_moment(gpu, moment);
+            part.parameterization.set_moment(gpu, at);
         }
     }
 
-    /// Sets the optimizer's step for everything that is submitted later. Steps on the weights of a network
-    /// are counted separately.
-    pub(super) fn set_step(&self, gpu: &Gpu, schedule: &StepSchedule, network_step: u64) {
+    /// Sets the optimizer's step for everything that is submitted later. Steps on shared parameters are
+    /// counted separately.
+    pub(super) fn set_step(&self, gpu: &Gpu, schedule: &StepSchedule, shared_step: u64) {
         if let Some(dropout) = &self.dropout {
             dropout.set(gpu, schedule.iteration, schedule.scheduled);
         }
@@ -431,26 +407,25 @@ impl DeviceModel {
             let step = (schedule.iteration, schedule.second_moments);
             let table = (&part.table, part.entries.len);
             part.next_step.set(gpu, table, step, rates);
-            if let DevicePartKind::Deformable(network) = &part.kind {
-                let step = (network_step, SecondMomentDecay::PUBLISHED);
-                let weights = &network.buffers.weights;
-                network.next_step.set(gpu, (weights, 1), step, rates);
+            if let Some(shared) = &part.shared {
+                let step = (shared_step, SecondMomentDecay::PUBLISHED);
+                shared.next_step.set(gpu, (&shared.table, 1), step, rates);
             }
         }
     }
 
-    /// Returns the activation with or without the network.
-    pub(super) fn activation(&self, network: bool) -> &Activation {
-        match &self.deformed {
-            Some((deformed, _)) if network => deformed,
+    /// Returns the activation with or without shared parameters.
+    pub(super) fn activation(&self, uses_shared: bool) -> &Activation {
+        match &self.with_shared {
+            Some((activation, _)) if uses_shared => activation,
             _ => &self.canonical,
         }
     }
 
     /// Returns the programs of a step, in their order.
     pub(super) fn programs(&self, uses: StepUses) -> impl Iterator<Item = &Program> {
-        let activation = self.activation(uses.network);
-        let of_network = self.deformed.as_ref().filter(|_| uses.network);
+        let activation = self.activation(uses.shared);
+        let of_shared = self.with_shared.as_ref().filter(|_| uses.shared);
         let alone = self.alone.as_ref().filter(|_| uses.alone);
         let pose = self.pose.as_ref().filter(|_| uses.pose);
         let dropout = self.dropout.as_ref();
@@ -465,7 +440,7 @@ impl DeviceModel {
             dropout.map(|dropout| &dropout.backward),
             Some(&activation.backward),
             Some(&self.update),
-            of_network.map(|(_, update)| update),
+            of_shared.map(|(_, update)| update),
         ];
         programs.into_iter().flatten()
     }

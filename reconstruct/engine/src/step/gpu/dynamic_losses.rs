@@ -3,7 +3,7 @@
 use crate::{
     camera::Camera,
     device::{DeviceBuffer, Gpu, GpuError, Program},
-    gaussians::temporal::{TemporalFeatures, gpu::TemporalKernels},
+    gaussians::temporal::TemporalFeatures,
     losses::{
         maps::gpu::{MapLoss, MapLosses, Maps},
         motion::gpu::Motion,
@@ -15,10 +15,7 @@ use crate::{
         gpu::{Chain, Chains},
     },
     schedule::StepSchedule,
-    step::gpu::{
-        device_model::{DevicePart, DevicePartKind},
-        kernels::Terms,
-    },
+    step::gpu::{device_model::DevicePart, kernels::Terms},
 };
 
 /// Kernels of a method's losses other than the photometric one.
@@ -147,7 +144,7 @@ impl DynamicKernels {
         part: &DevicePart,
         terms: &Terms,
     ) -> Result<(), GpuError> {
-        if let (Some(motion), DevicePartKind::Temporal(time)) = (&self.motion, &part.kind) {
+        if let (Some(motion), Some(time)) = (&self.motion, part.parameterization.time()) {
             let partials = motion.record(gpu, program, time, &part.table)?;
             terms.record(gpu, program, &partials);
         }
@@ -158,16 +155,14 @@ impl DynamicKernels {
     pub(super) fn alone(
         &mut self,
         gpu: &Gpu,
-        temporal: &TemporalKernels,
         (parts, all): (&[DevicePart], &Chain),
         target: &DeviceBuffer<u32>,
         terms: &Terms,
     ) -> Result<Option<DeviceAlone>, GpuError> {
-        let with_times = parts.iter().filter_map(|part| match &part.kind {
-            DevicePartKind::Temporal(time) => Some((part, &**time)),
-            _ => None,
-        });
-        let with_times: Vec<_> = with_times.collect();
+        let with_times: Vec<_> = parts
+            .iter()
+            .filter_map(|part| Some((part, part.parameterization.time()?)))
+            .collect();
         let (Some(alone), Some((first, _)), Some((last, _))) =
             (&mut self.alone, with_times.first(), with_times.last())
         else {
@@ -194,8 +189,7 @@ impl DynamicKernels {
         forward.begin_stage("dynamic alone");
         forward.clear(&member_count.raw);
         for (part, time) in &with_times {
-            let table = (*time, &part.table);
-            temporal.gather_dynamic(gpu, &mut forward, table, activated, &member_count);
+            time.gather_dynamic(gpu, &mut forward, &part.table, activated, &member_count);
         }
         forward.append(&chain.forward);
         let image = &chain.buffers.image;
@@ -214,7 +208,7 @@ impl DynamicKernels {
             .backward(gpu, &mut backward, &chain.buffers, &loss.gradient)?;
         backward.begin_stage("dynamic alone");
         for (_, time) in &with_times {
-            temporal.gather_dynamic_vjp(gpu, &mut backward, time, activated);
+            time.gather_dynamic_vjp(gpu, &mut backward, activated);
         }
         Ok(Some(DeviceAlone {
             chain,

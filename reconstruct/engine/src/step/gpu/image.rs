@@ -4,10 +4,7 @@ use std::sync::Arc;
 
 use omnilife_schemas::RgbImage;
 
-use super::{
-    GpuStepper,
-    device_model::{Moment, network_time},
-};
+use super::{GpuStepper, device_model::uses_shared};
 use crate::{
     EngineError,
     camera::View,
@@ -37,8 +34,7 @@ impl GpuStepper<'_> {
         let at = Viewpoint::of_image(view);
         let (width, height) = (view.camera.width() as usize, view.camera.height() as usize);
         let image = if self.inputs.size() == [width, height] {
-            let network_time = network_time(&self.model, &at);
-            self.render(view, &Moment { at, network_time }, &settings)?
+            self.render(view, &at, &settings)?
         } else {
             self.download()?;
             let mut activated = ActivatedGaussians::default();
@@ -61,14 +57,14 @@ impl GpuStepper<'_> {
     fn render(
         &mut self,
         view: &View,
-        moment: &Moment,
+        at: &Viewpoint,
         settings: &RenderSettings,
     ) -> Result<Vec<f32>, GpuError> {
         loop {
             let model = self.take_model()?;
             let gpu = &*self.gpu;
-            model.set_view(gpu, view, moment, settings);
-            let activation = model.activation(moment.network_time.is_some());
+            model.set_view(gpu, view, at, settings);
+            let activation = model.activation(uses_shared(&self.model, at));
             activation.forward.submit(gpu);
             model.chain.forward.submit(gpu);
             let status = model.chain.buffers.status.read(gpu)?[0];

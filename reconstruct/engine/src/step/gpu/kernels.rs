@@ -12,8 +12,9 @@ use crate::{
         shader::{Shader, wgsl_struct},
     },
     gaussians::{
+        device_twin::{CompiledKernels, DeviceEntries},
         dropout::{Dropout, gpu::DropoutKernels},
-        parameterization::DeviceEntries,
+        temporal::gpu::{DeviceTime, NONE},
     },
     losses::photometric::gpu::{Loss, LossWeights, packed_len},
     model::Model,
@@ -25,8 +26,8 @@ use crate::{
     },
     step::{
         gpu::{
-            activation::ActivationKernels,
-            device_model::{DeviceModel, DevicePart, DevicePartKind, DevicePose},
+            activation::Activation,
+            device_model::{DeviceModel, DevicePart, DevicePose},
             dynamic_losses::DynamicKernels,
             opacity_reset::OpacityResets,
         },
@@ -114,7 +115,7 @@ impl Terms {
 pub(super) struct StepKernels {
     gpu: Arc<Gpu>,
     chains: Chains,
-    activation: ActivationKernels,
+    pub(super) parameterizations: CompiledKernels,
     pub(super) loss: Loss,
     pub(super) dynamic: Option<DynamicKernels>,
     pose_gradients: Option<PoseGradients>,
@@ -154,6 +155,14 @@ impl StepKernels {
             &shader(&shape),
             ["judge_loss", "add_statistics", "add_term", "add_alone"],
         )?;
+        let parameterizations = CompiledKernels::default();
+        let twins = model
+            .parts
+            .iter()
+            .map(|part| part.parameterization.device_twin());
+        for twin in twins.flatten() {
+            twin.compile(&gpu, &parameterizations)?;
+        }
         let weights = LossWeights {
             ssim: settings.ssim_weight,
             total: 1.0,
@@ -161,7 +170,7 @@ impl StepKernels {
         };
         Ok(Self {
             chains: Chains::default(),
-            activation: ActivationKernels::new(&gpu, model)?,
+            parameterizations,
             loss: Loss::new(&gpu, &inputs.camera, 1 + shape.features, weights)?,
             dynamic: settings
                 .dynamics
@@ -203,18 +212,11 @@ impl StepKernels {
         let status = DeviceBuffer::zeros(&gpu, "status", 1)?;
         let gaussians = parts.iter().map(|part| part.entries.len).sum();
         let chain = self.chains.chain(&gpu, (shape, gaussians), status)?;
-        let deforms = |part: &DevicePart| matches!(part.kind, DevicePartKind::Deformable(..));
         let activated = &chain.buffers.activated;
-        let activation = |with_network| {
-            self.activation
-                .record(&gpu, &parts, activated, with_network)
-        };
+        let activation = |uses_shared| Activation::record(&gpu, &parts, activated, uses_shared);
         let canonical = activation(false)?;
-        let deformed = match parts.iter().any(deforms) {
-            true => Some((
-                activation(true)?,
-                self.record_network_update(&parts, &chain),
-            )),
+        let with_shared = match parts.iter().any(|part| part.shared.is_some()) {
+            true => Some((activation(true)?, self.record_shared_update(&parts, &chain))),
             false => None,
         };
         let dropout = self.dropout.as_ref();
@@ -222,11 +224,9 @@ impl StepKernels {
         let dropout =
             dropout.map(|(dropout, kernels)| kernels.record(&gpu, *dropout, (activated, rows)));
         let losses = self.record_losses(&chain)?;
-        let alone = match (&mut self.dynamic, &self.activation.temporal) {
-            (Some(dynamic), Some(temporal)) => {
-                dynamic.alone(&gpu, temporal, (&parts, &chain), &self.target, &self.terms)?
-            }
-            _ => None,
+        let alone = match &mut self.dynamic {
+            Some(dynamic) => dynamic.alone(&gpu, (&parts, &chain), &self.target, &self.terms)?,
+            None => None,
         };
         let mut backward = Program::default();
         let upstream = &self.loss.gradient;
@@ -242,7 +242,7 @@ impl StepKernels {
             parts,
             chain,
             canonical,
-            deformed,
+            with_shared,
             dropout: dropout.transpose()?,
             losses,
             alone,
@@ -317,24 +317,22 @@ impl StepKernels {
             statistics.push(self.record_statistics(&mut program, part, chain)?);
             let table = (&part.next_step, &part.table, &part.rows.rows);
             self.adam.record(gpu, &mut program, table, status);
-            if let (DevicePartKind::Temporal(time), Some(kernels)) =
-                (&part.kind, &self.activation.temporal)
-            {
-                kernels.keep_within_bounds(gpu, &mut program, time, &part.table, status);
-            }
+            let bounded = (&part.table, &part.rows);
+            let twin = &part.parameterization;
+            twin.keep_within_bounds(gpu, &mut program, bounded, status);
         }
         Ok((program, statistics))
     }
 
-    /// Records Adam on the weights of a network.
-    fn record_network_update(&self, parts: &[DevicePart], chain: &Chain) -> Program {
+    /// Records Adam on shared parameters.
+    fn record_shared_update(&self, parts: &[DevicePart], chain: &Chain) -> Program {
         let mut program = Program::default();
         program.begin_stage("adam");
         let status = &chain.buffers.status.raw;
         for part in parts {
-            if let DevicePartKind::Deformable(network) = &part.kind {
-                let weights = (&network.next_step, &network.buffers.weights, &Rows::new(1));
-                self.adam.record(&self.gpu, &mut program, weights, status);
+            if let Some(shared) = &part.shared {
+                let table = (&shared.next_step, &shared.table, &Rows::new(1));
+                self.adam.record(&self.gpu, &mut program, table, status);
             }
         }
         program
@@ -353,10 +351,7 @@ impl StepKernels {
             gaussians: part.entries.len as u32,
             first: part.entries.first as u32,
             half_size: [0.5 * shape.width as f32, 0.5 * shape.height as f32],
-            peaks: match &part.kind {
-                DevicePartKind::Temporal(time) => time.peaks(),
-                _ => u32::MAX,
-            },
+            peaks: part.parameterization.time().map_or(NONE, DeviceTime::peaks),
             pad: 0,
         };
         let uniform = Uniform::of(gpu, "statistics", &view)?;

@@ -22,8 +22,7 @@ use rand_pcg::Pcg64Mcg;
 
 use self::{
     device_model::{
-        DeviceModel, DevicePart, Moment, PartTables, StepUses, copies, network_time, parts,
-        sh_degree,
+        DeviceModel, DevicePart, PartTables, StepUses, copies, parts, sh_degree, uses_shared,
     },
     kernels::StepKernels,
 };
@@ -32,9 +31,9 @@ use crate::{
     camera::View,
     density::{Densification, Densified},
     device::{DeviceBuffer, Gpu, GpuError, timer::StageTimer},
-    gaussians::parameterization::{DeviceKind, DeviceTwin, Viewpoint},
+    gaussians::parameterization::Viewpoint,
     losses::photometric::gpu::{loss_value, target_image},
-    model::{Model, Part, TrainedArray},
+    model::{Model, TrainedArray},
     render::{
         buffers::{DeviceStatus, HALTED_FULL, HALTED_RUNNING, RenderShape},
         gpu::with_slack,
@@ -62,37 +61,31 @@ enum Newest {
 struct Pending {
     view: usize,
     schedule: StepSchedule,
-    /// Number of the optimizer's step on the weights of a network, from 1; 0 if the network is not trained.
-    network_step: u64,
+    /// Number of the optimizer's step on shared parameters, from 1; 0 if they are not trained.
+    shared_step: u64,
     moves_pose: bool,
 }
 
 /// Refuses models that a GPU cannot train.
 ///
 /// # Errors
-/// If a parameterization, which is named, has no GPU kernels, or a network deforms one part of several.
+/// If a parameterization, which is named, has no GPU kernels, or one part of several has shared parameters.
 fn check(model: &Model) -> Result<(), EngineError> {
     let refused = |reason: String| Err(EngineError::Backend { reason });
-    let twin = |part: &Part| {
-        let twin = part.parameterization.device_twin();
-        twin.map(|DeviceTwin(kind)| matches!(kind, DeviceKind::Deformable(_)))
-    };
     for part in &model.parts {
-        match twin(part) {
-            None => {
-                return refused(format!(
-                    "{} Gaussians have no GPU kernels yet; use the backend cpu",
-                    part.parameterization.id()
-                ));
-            }
-            Some(true) if model.parts.len() > 1 => {
-                return refused(
-                    "Gaussians that a network deforms beside others are trained on the CPU only; use \
-                     the backend cpu"
-                        .to_owned(),
-                );
-            }
-            _ => {}
+        let parameterization = &part.parameterization;
+        if parameterization.device_twin().is_none() {
+            return refused(format!(
+                "{} Gaussians have no GPU kernels yet; use the backend cpu",
+                parameterization.id()
+            ));
+        }
+        if parameterization.shared().is_some() && model.parts.len() > 1 {
+            return refused(format!(
+                "{} Gaussians, which have shared parameters, are trained beside others on the CPU \
+                 only; use the backend cpu",
+                parameterization.id()
+            ));
         }
     }
     Ok(())
@@ -176,7 +169,8 @@ impl<'a> GpuStepper<'a> {
     /// Creates the device model from parameters on the device.
     fn put(&mut self, tables: Vec<PartTables>) -> Result<(), GpuError> {
         let dynamics = self.settings.dynamics.as_ref();
-        let of_all = (dynamics, &self.kernels.row_mover);
+        let kernels = &self.kernels;
+        let of_all = (dynamics, &kernels.row_mover, &kernels.parameterizations);
         let parts = parts(&self.gpu, &self.model, of_all, tables)?;
         self.on_device = Some(self.device_model(parts)?);
         Ok(())
@@ -211,18 +205,14 @@ impl<'a> GpuStepper<'a> {
         let input = &self.inputs.views[step.view];
         let drawn = self.model.corrected(&input.view);
         let at = Viewpoint::of_step(&drawn, schedule.shift_frames, schedule.scheduled);
-        let moment = Moment {
-            at,
-            network_time: network_time(&self.model, &at),
-        };
         let rendering = RenderSettings {
             sh_degree: schedule.sh_degree,
             ..self.settings.rendering
         };
-        model.set_view(gpu, &drawn, &moment, &rendering);
-        model.set_step(gpu, schedule, step.network_step);
+        model.set_view(gpu, &drawn, &at, &rendering);
+        model.set_step(gpu, schedule, step.shared_step);
         let uses = StepUses {
-            network: moment.network_time.is_some(),
+            shared: uses_shared(&self.model, &at),
             alone: self.set_losses(step.view, schedule),
             pose: step.moves_pose,
         };
@@ -311,19 +301,19 @@ impl<'a> GpuStepper<'a> {
     fn next_step(&mut self, view: usize, schedule: &StepSchedule) -> Pending {
         let seen = &self.inputs.views[view].view;
         let at = Viewpoint::of_step(seen, schedule.shift_frames, schedule.scheduled);
-        let mut network_step = 0;
-        if network_time(&self.model, &at).is_some() {
+        let mut shared_step = 0;
+        if uses_shared(&self.model, &at) {
             let parts = self.model.parts.iter_mut();
-            for weights in parts.filter_map(|part| part.parameterization.shared_mut()) {
-                weights.steps += 1;
-                network_step = weights.steps;
+            for shared in parts.filter_map(|part| part.parameterization.shared_mut()) {
+                shared.steps += 1;
+                shared_step = shared.steps;
             }
         }
         let refinement = self.settings.pose_refinement;
         let begins = refinement.map(|refinement| refinement.begin_iteration);
         Pending {
             view,
-            network_step,
+            shared_step,
             moves_pose: begins.is_some_and(|begin| schedule.scheduled >= begin),
             schedule: schedule.clone(),
         }
