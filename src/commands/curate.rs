@@ -170,6 +170,7 @@ pub(crate) fn execute(command: &CurateCommand, progress: &dyn Progress) -> anyho
             poses,
             truth,
         } => {
+            termination::take_programs_along()?;
             let scene = pose_sequence_with(
                 sequence,
                 &poses.request(),

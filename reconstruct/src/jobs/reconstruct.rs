@@ -9,6 +9,7 @@ use std::{
 use omnilife_schemas::{
     Similarity,
     layout::{RUN_FILE, TRACKS_FILE},
+    lock::FolderLock,
     progress::Progress,
     provenance,
     records::{Backend, Edits, PoseSource, RunRecord, Scene, Split, ViewPredictions},
@@ -107,6 +108,8 @@ pub fn reconstruct(
         return Ok(store::read_record(&record_path)?);
     }
     backends::check(request.backend)?;
+    // Until the checkpoint is gone, too: another process may have begun one of its own by then.
+    let _lock = FolderLock::take(&request.out, progress)?;
     stage.refuse_foreign_folder(TRACE_FOLDER)?;
     let planned = planned_files(method, &split);
     let record = stage.run(planned, progress, |out| -> Result<_, ReconstructError> {

@@ -192,7 +192,7 @@ fn every_optional_component_of_every_method_trains() {
     let scene = spoilt(moving_ball::scene());
     for method in METHODS {
         let with = method.optional_components;
-        // An object graph needs tracks: tests/object_graph.rs has some.
+        // An object graph needs tracks: `object_graph.rs` has some.
         if with.is_empty() || method.id == "object-graph" {
             continue;
         }
@@ -201,7 +201,7 @@ fn every_optional_component_of_every_method_trains() {
             ..asked_for(with, 12)
         };
         let mut outcome = train(&scene, method.id, &request);
-        // Points come before a method: tests/swept_points.rs.
+        // Points come before a method: `swept_points.rs`.
         for component in with.iter().filter(|name| **name != denser_points::ID) {
             let mut plan = outcome.findings.plan.iter();
             let decision = plan.find(|part| part.component == *component).unwrap();

@@ -19,6 +19,8 @@ use super::{lift::DistanceView, pairs::ScaledViews};
 const LARGEST_LOG_RATIO: f64 = 0.1;
 /// Places that a pair of views must have in common.
 const LEAST_SIGHTINGS: usize = 200;
+/// Share of the diagonal below which a pivot is a rounding error.
+const LEAST_PIVOT: f64 = 1e-12;
 /// How often the system is made again with the factors found.
 const ROUNDS: usize = 3;
 
@@ -116,7 +118,7 @@ fn groups(count: usize, equations: &[Equation]) -> Vec<Vec<usize>> {
 /// Least squares by the normal equations. In each group the sum is asked to be 0 as strongly as all pairs
 /// together ask for anything. `None` where that does not tell all factors.
 fn solved(count: usize, equations: &[Equation], groups: &[Vec<usize>]) -> Option<Vec<f64>> {
-    let mut matrix = BandMatrix::new(count, count.saturating_sub(1));
+    let mut matrix = BandMatrix::new(count, count.saturating_sub(1)).with_least_pivot(LEAST_PIVOT);
     let mut right = vec![0.0; count];
     let mut add = |row: &[(usize, f64)], value: f64| {
         for &(a, by_a) in row {
