@@ -11,10 +11,11 @@ use std::{
 };
 
 /// Where a change makes another program, below the root of the workspace.
-const SOURCES: [&str; 20] = [
+const SOURCES: [&str; 21] = [
     "Cargo.toml",
     "Cargo.lock",
     "src",
+    "schemas/base/src",
     "schemas/src",
     "charts/src",
     "networks/src",

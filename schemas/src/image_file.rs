@@ -22,7 +22,7 @@ use image::{
     DynamicImage, ImageDecoder, ImageError, ImageReader, LumaA, Rgba, metadata::Orientation,
 };
 
-use crate::{error_kind, rgb::Mask, store::StoreError};
+use crate::{error_kind, mask::Mask, store::StoreError};
 
 /// Pixels of an image at most: those of a panorama of 16384 x 8192.
 pub const MOST_PIXELS: u64 = 1 << 27;

@@ -2,7 +2,7 @@
 
 use glam::DVec2;
 
-use crate::RgbImage;
+use crate::rgb::RgbImage;
 
 /// What is beyond the left and the right edge of an image. Beyond the upper and the lower one the
 /// outermost row goes on.

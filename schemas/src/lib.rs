@@ -1,18 +1,18 @@
 //! Data contracts of OmniLife360 and the camera conventions they rest on.
 //!
-//! Every other crate of the workspace depends on this one and on no sibling, so whatever two of
-//! them must agree about lives here: [`camera`] (which pixel is which direction), [`pose`],
-//! [`records`] (the JSON files), [`layout`] (their names), [`points`] and [`rgb`] (clouds and images),
-//! [`image_file`] (images of others), [`mask_file`] (masks of others), [`mask_survey`] (their oddities),
-//! [`store`] (how a file reaches the disk), [`ownership`] (whose
-//! a file is), [`lock`] (who writes into a folder), [`split_rules`] (what methods are given), [`npy`] (arrays),
-//! [`frame_scores`] (the scores of every view), [`tracked_regions`] (what moves as far as tracks say),
-//! [`oriented_box`] (boxes as cameras see them), [`posed_view`] and [`ground_plane`] (geometry of a scene),
-//! [`staging`] (folders of incomplete files), [`toml_file`] (settings),
-//! [`padded_frame`] (images among padding), [`stage`] (when work can be skipped), [`statistics`]
-//! (medians), [`band_matrix`] (systems of equations), [`bootstrap`] (how far scores can be trusted), [`plain_text`] (text of others where it is
-//! shown), [`provenance`] (what made a record), [`elapsed`] (how long work took), [`process`], [`child`] (programs of others), [`progress`],
-//! [`error_kind`], [`foreign_code`] (libraries that panic), and [`testing`] (skipped tests).
+//! Crates agree here about the data that they exchange. Files, stages and processes are in [`omnilife_base`], whose
+//! modules are exported here too. Modules from the top down (each imports only from those below it, which a test
+//! checks):
+//!
+//! * [`tracked_regions`]: dynamic regions as far as tracks tell. [`interpolation`]: values between pixels.
+//! * [`posed_view`], [`scene_points`], [`distances`], [`rgb`]: views, points, distances and images of a scene.
+//!   [`mask_survey`]: oddities of masks of others. [`split_rules`]: the input views of a protocol. [`bootstrap`]:
+//!   confidence intervals of scores.
+//! * [`records`]: the JSON files. [`mask_file`]: masks of others.
+//! * [`image_file`]: images of others. [`oriented_box`]: boxes as cameras see them. [`ground_plane`],
+//!   [`padded_frame`], [`points`]: geometry and clouds.
+//! * [`camera`]: directions of pixels. [`pose`], [`trajectory`]: cameras and objects over time. [`layout`]: names of
+//!   files. [`frame_scores`]: the scores of every view.
 //!
 //! # Conventions
 //! * Camera frame: x right, y down, z forward. World to camera: `x_c = R x_w + t`; poses store the
@@ -22,50 +22,34 @@
 //! * Images are `[0, 1]` f32, row-major, three interleaved channels, as decoded (sRGB).
 #![cfg_attr(not(test), warn(clippy::disallowed_methods))]
 
-pub mod assignment;
-pub mod band_matrix;
 pub mod bootstrap;
 pub mod camera;
-pub mod child;
 pub mod distances;
-pub mod elapsed;
-pub mod error_kind;
-pub mod foreign_code;
 pub mod frame_scores;
 pub mod ground_plane;
 pub mod image_file;
 pub mod interpolation;
 pub mod layout;
-pub mod lock;
+mod mask;
 pub mod mask_file;
 pub mod mask_survey;
-pub mod names;
-pub mod npy;
 pub mod oriented_box;
-pub mod ownership;
 pub mod padded_frame;
-pub mod placeholders;
-pub mod plain_text;
 pub mod points;
 pub mod pose;
 pub mod posed_view;
-pub mod process;
-pub mod progress;
-pub mod provenance;
 pub mod records;
 pub mod rgb;
 pub mod scene_points;
 pub mod split_rules;
-pub mod stage;
-pub mod staging;
-pub mod statistics;
-pub mod store;
-mod temporary;
-pub mod testing;
-pub mod toml_file;
 pub mod tracked_regions;
 pub mod trajectory;
 
-pub use error_kind::{Classified, ErrorKind};
+#[doc(no_inline)]
+pub use omnilife_base::{
+    Classified, ErrorKind, assignment, band_matrix, child, elapsed, error_kind, foreign_code, lock,
+    names, npy, ownership, placeholders, plain_text, process, progress, provenance, stage, staging,
+    statistics, store, testing, toml_file,
+};
 pub use pose::{Pose, Similarity};
 pub use rgb::RgbImage;

@@ -23,7 +23,7 @@ use image::DynamicImage;
 
 use crate::{
     image_file::{self, FileFormat, ImageFile, NotPlain},
-    rgb::Mask,
+    mask::Mask,
     store::StoreError,
 };
 

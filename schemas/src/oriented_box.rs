@@ -4,7 +4,7 @@ use glam::{DMat3, DVec3, dvec2, dvec3};
 
 use crate::{
     camera::{Camera, CameraModel},
-    rgb::Mask,
+    mask::Mask,
 };
 
 /// Pixels on a side of the parts of an image that are passed over together.

@@ -2,8 +2,8 @@
 
 use std::path::Path;
 
+pub use crate::mask::{Mask, nearest_pixels};
 use crate::{
-    camera::{Camera, ErpCamera},
     image_file::ImageFile,
     mask_file::{self, MarkedGreys},
     store::{self, StoreError},
@@ -171,27 +171,6 @@ pub fn is_single_colour(rgb: &[u8]) -> bool {
     pixels.iter().all(|pixel| Some(pixel) == pixels.first())
 }
 
-/// For every pixel of an image of the size (width, height) `new`, row by row, the index of the
-/// nearest pixel of one of the size `old`.
-pub fn nearest_pixels(old: [usize; 2], new: [usize; 2]) -> impl Iterator<Item = usize> {
-    let nearest = move |index: usize, axis: usize| (2 * index + 1) * old[axis] / (2 * new[axis]);
-    (0..new[1]).flat_map(move |y| {
-        let row = nearest(y, 1) * old[0];
-        (0..new[0]).map(move |x| row + nearest(x, 0))
-    })
-}
-
-/// A mask of one byte per pixel, row-major; non-zero marks what the mask is of.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Mask {
-    /// Pixels per row.
-    pub width: usize,
-    /// Rows.
-    pub height: usize,
-    /// `height * width` values, 0 or 255.
-    pub data: Vec<u8>,
-}
-
 impl Mask {
     /// Reads a mask from any encoding that [`mask_file`] knows.
     ///
@@ -217,103 +196,5 @@ impl Mask {
     pub fn write_png(&self, path: &Path) -> Result<(), StoreError> {
         let size = (self.width, self.height);
         write_png(path, size, &self.data, image::ExtendedColorType::L8)
-    }
-
-    /// The mask at another size, every pixel that of the nearest old one.
-    ///
-    /// # Panics
-    /// When `width` or `height` is zero.
-    pub fn resized_to_nearest(&self, width: usize, height: usize) -> Self {
-        assert!(width > 0 && height > 0, "a mask has at least one pixel");
-        let nearest = nearest_pixels([self.width, self.height], [width, height]);
-        Self {
-            width,
-            height,
-            data: nearest.map(|index| self.data[index]).collect(),
-        }
-    }
-
-    /// The mask at another size: a pixel is marked where any old one that it covers a part of is.
-    ///
-    /// # Panics
-    /// When `width` or `height` is zero.
-    pub fn resized_to_any(&self, width: usize, height: usize) -> Self {
-        assert!(width > 0 && height > 0, "a mask has at least one pixel");
-        let covered = |new: usize, old_len: usize, new_len: usize| {
-            new * old_len / new_len..((new + 1) * old_len).div_ceil(new_len)
-        };
-        let is_marked = |(row, column): (usize, usize)| {
-            covered(row, self.height, height).any(|y| {
-                let columns = covered(column, self.width, width);
-                let row = &self.data[y * self.width..(y + 1) * self.width];
-                row[columns].iter().any(|&value| value != 0)
-            })
-        };
-        let pixels = (0..height).flat_map(|row| (0..width).map(move |column| (row, column)));
-        Self {
-            width,
-            height,
-            data: pixels
-                .map(|pixel| 255 * u8::from(is_marked(pixel)))
-                .collect(),
-        }
-    }
-
-    /// Marks what either of two masks does; the other one is brought to the size of this one.
-    ///
-    /// # Panics
-    /// When this one has no pixels.
-    pub fn united(mut self, other: &Self) -> Self {
-        let other = other.resized_to_nearest(self.width, self.height);
-        for (value, other) in self.data.iter_mut().zip(other.data) {
-            *value |= other;
-        }
-        self
-    }
-
-    /// Marks what this mask does and another of its size does not.
-    pub fn without(mut self, other: &Self) -> Self {
-        for (value, other) in self.data.iter_mut().zip(&other.data) {
-            *value &= !other;
-        }
-        self
-    }
-
-    /// Share of the sphere that it marks, 0 to 1: pixels of ERP images count by their solid angle, those of a
-    /// pinhole alike.
-    pub fn marked_share(&self, camera: &Camera) -> f64 {
-        let erp = ErpCamera {
-            width: self.width as u32,
-            height: self.height as u32,
-        };
-        let (mut marked, mut all) = (0.0, 0.0);
-        for (row, pixels) in self.data.chunks(self.width.max(1)).enumerate() {
-            let weight = match camera {
-                Camera::Erp(_) => erp.pixel_solid_angle(row as u32),
-                Camera::Pinhole(_) => 1.0,
-            };
-            let count = pixels.iter().filter(|&&value| value != 0).count();
-            marked += weight * count as f64;
-            all += weight * pixels.len() as f64;
-        }
-        if all > 0.0 { marked / all } else { 0.0 }
-    }
-
-    /// True where any pixel is marked.
-    pub fn marks_anything(&self) -> bool {
-        self.data.iter().any(|&value| value != 0)
-    }
-
-    /// Whether every pixel is marked.
-    pub fn is_full(&self) -> bool {
-        self.data.iter().all(|&value| value != 0)
-    }
-
-    /// Marks what is not marked, and the other way round.
-    pub fn inverted(mut self) -> Self {
-        for value in &mut self.data {
-            *value = 255 - *value;
-        }
-        self
     }
 }

@@ -6,9 +6,9 @@ use glam::{DMat3, DVec3};
 
 use crate::{
     camera::Camera,
+    mask::Mask,
     oriented_box::OrientedBox,
     records::{Scene, SceneFrame, Track, Tracks},
-    rgb::Mask,
     store::{self, StoreError},
     trajectory::GroundAxes,
 };

@@ -1,8 +1,9 @@
-//! The direction of dependencies: {`schemas`, `stereo`, `charts`} <- {`networks`, `engine`, `video`} <- `tracks` <-
-//! {`curate`, `reconstruct`, `bench`, `leaderboard`, `sweep`} <- {the binary, `python`}, without sideways edges;
-//! `networks` is for those that run networks, `engine` for the crates below `reconstruct/`, `video` for `tracks` and
-//! `curate`, `tracks` for the binary and the tests of `curate`, `stereo` for those that match images, `charts` for
-//! those that draw, `results` for `leaderboard`, so that Polars is nowhere else.
+//! The direction of dependencies: `base` <- `schemas`; {`schemas`, `stereo`, `charts`} <- {`networks`, `engine`,
+//! `video`} <- `tracks` <- {`curate`, `reconstruct`, `bench`, `leaderboard`, `sweep`} <- {the binary, `python`},
+//! without sideways edges; `base` is for `schemas`, which exports its modules, `networks` for those that run networks,
+//! `engine` for the crates below `reconstruct/`, `video` for `tracks` and `curate`, `tracks` for the binary and the
+//! tests of `curate`, `stereo` for those that match images, `charts` for those that draw, `results` for `leaderboard`,
+//! so that Polars is nowhere else.
 //!
 //! Below `reconstruct/`: `engine` <- `training` <- {`methods`, `atlas`} <- `reconstruct` <- `stability`, so that an
 //! edit of a method compiles neither the training nor the other crate of methods again.
@@ -14,6 +15,7 @@ use std::{
 
 use serde_json::Value;
 
+const BASE: &str = "omnilife-base";
 const SCHEMAS: &str = "omnilife-schemas";
 const NETWORKS: &str = "omnilife-networks";
 const STEREO: &str = "omnilife-stereo";
@@ -77,8 +79,8 @@ fn ours(dependencies: &BTreeSet<String>) -> BTreeSet<&str> {
 fn every_member_has_its_place() {
     let mut known = BTreeSet::from(CRATES);
     known.extend([
-        SCHEMAS, NETWORKS, STEREO, CHARTS, ENGINE, TRAINING, METHODS, ATLAS, STABILITY, VIDEO,
-        TRACKS, RESULTS, BINARY, PYTHON,
+        BASE, SCHEMAS, NETWORKS, STEREO, CHARTS, ENGINE, TRAINING, METHODS, ATLAS, STABILITY,
+        VIDEO, TRACKS, RESULTS, BINARY, PYTHON,
     ]);
     let dependencies = dependencies();
     let members: BTreeSet<_> = dependencies.keys().map(String::as_str).collect();
@@ -87,9 +89,11 @@ fn every_member_has_its_place() {
 
 #[test]
 fn what_all_share_depends_on_no_sibling() {
-    for name in [SCHEMAS, STEREO, CHARTS] {
-        assert_eq!(ours(&dependencies()[name]), BTreeSet::new(), "{name}");
+    let dependencies = dependencies();
+    for name in [BASE, STEREO, CHARTS] {
+        assert_eq!(ours(&dependencies[name]), BTreeSet::new(), "{name}");
     }
+    assert_eq!(ours(&dependencies[SCHEMAS]), BTreeSet::from([BASE]));
 }
 
 #[test]
@@ -156,6 +160,7 @@ fn scores_and_tables_need_no_graphics() {
         "omnilife-bench",
         "omnilife-leaderboard",
         "omnilife-sweep",
+        BASE,
         SCHEMAS,
     ] {
         for graphics in ["wgpu", "pollster", "naga"] {
@@ -168,6 +173,10 @@ fn scores_and_tables_need_no_graphics() {
     assert!(
         !dependencies["omnilife-leaderboard"].contains("image"),
         "the leaderboard reads results, never images"
+    );
+    assert!(
+        !dependencies[BASE].contains("image"),
+        "images are read in {SCHEMAS}"
     );
 }
 

@@ -8,6 +8,42 @@ use std::{
 };
 
 /// Layers from the ground up; modules of one layer do not import each other.
+const BASE: &[&[&str]] = &[
+    &[
+        "assignment",
+        "band_matrix",
+        "elapsed",
+        "error_kind",
+        "foreign_code",
+        "names",
+        "placeholders",
+        "plain_text",
+        "process",
+        "progress",
+        "provenance",
+        "statistics",
+    ],
+    &["store"],
+    &["npy", "testing", "toml_file"],
+    &["child", "lock", "ownership", "staging"],
+    &["stage"],
+];
+const SCHEMAS: &[&[&str]] = &[
+    &["camera", "frame_scores", "layout", "pose", "trajectory"],
+    &["ground_plane", "mask", "padded_frame", "points"],
+    &["image_file", "oriented_box"],
+    &["mask_file", "records"],
+    &[
+        "bootstrap",
+        "distances",
+        "mask_survey",
+        "posed_view",
+        "rgb",
+        "scene_points",
+        "split_rules",
+    ],
+    &["interpolation", "tracked_regions"],
+];
 const ENGINE: &[&[&str]] = &[
     &["device", "kernels"],
     &["error"],
@@ -233,6 +269,14 @@ fn wrong_arrows(root: &Path, layers: &[&[&str]]) -> Vec<String> {
 
 fn root(folder: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join(folder)
+}
+
+#[test]
+fn arrows_of_base_and_schemas_run_down() {
+    for (folder, layers) in [("schemas/base/src", BASE), ("schemas/src", SCHEMAS)] {
+        let wrong = wrong_arrows(&root(folder), layers);
+        assert!(wrong.is_empty(), "{folder}: {wrong:#?}");
+    }
 }
 
 #[test]

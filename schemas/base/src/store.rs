@@ -11,8 +11,10 @@
     )
 )]
 
+mod temporary;
+
 use std::{
-    fs::{self, File},
+    fs::{self, DirEntry, File},
     io::{self, BufWriter, Read, Write},
     path::{Path, PathBuf},
 };
@@ -21,7 +23,7 @@ use serde::{Deserialize, Serialize, de::DeserializeOwned};
 use sha2::{Digest, Sha256};
 
 use crate::error_kind::{self, Classified, ErrorKind};
-pub use crate::temporary::{Unfinished, remove_abandoned, temporary_beside};
+pub use temporary::{Unfinished, remove_abandoned, temporary_beside};
 
 /// A JSON file with a published schema.
 pub trait Record: Serialize + DeserializeOwned + schemars::JsonSchema {
@@ -249,14 +251,9 @@ pub fn remove(path: &Path) -> Result<(), StoreError> {
 /// # Errors
 /// When the folder or an entry cannot be read.
 pub fn names_in(folder: &Path) -> Result<Vec<String>, StoreError> {
-    let failed = |source| StoreError::read(folder, source);
-    let mut names = fs::read_dir(folder)
-        .map_err(failed)?
-        .map(|entry| entry.map(|entry| entry.file_name().to_string_lossy().into_owned()))
-        .collect::<Result<Vec<_>, _>>()
-        .map_err(failed)?;
-    names.sort();
-    Ok(names)
+    entries_in(folder, |entry| {
+        entry.file_name().to_string_lossy().into_owned()
+    })
 }
 
 /// Paths of the entries of a folder, sorted.
@@ -264,14 +261,16 @@ pub fn names_in(folder: &Path) -> Result<Vec<String>, StoreError> {
 /// # Errors
 /// When the folder or an entry cannot be read.
 pub fn paths_in(folder: &Path) -> Result<Vec<PathBuf>, StoreError> {
+    entries_in(folder, DirEntry::path)
+}
+
+fn entries_in<T: Ord>(folder: &Path, of: impl Fn(&DirEntry) -> T) -> Result<Vec<T>, StoreError> {
     let failed = |source| StoreError::read(folder, source);
-    let mut paths = fs::read_dir(folder)
-        .map_err(failed)?
-        .map(|entry| entry.map(|entry| entry.path()))
-        .collect::<Result<Vec<_>, _>>()
-        .map_err(failed)?;
-    paths.sort();
-    Ok(paths)
+    let entries = fs::read_dir(folder).map_err(failed)?;
+    let found = entries.map(|entry| entry.map(|entry| of(&entry)));
+    let mut found = found.collect::<io::Result<Vec<T>>>().map_err(failed)?;
+    found.sort();
+    Ok(found)
 }
 
 /// Writes a file through `fill`: beside its final name, synced, then renamed.
