@@ -15,21 +15,40 @@ static REQUESTED: LazyLock<Arc<AtomicBool>> = LazyLock::new(Arc::default);
 static TIME_IS_UP: LazyLock<Arc<AtomicBool>> = LazyLock::new(Arc::default);
 
 /// Lets training end with a checkpoint when the process is told to end; at any other time, and when
-/// told a second time, the process ends at once.
+/// told a second time, the process ends at once, programs of others with it.
 ///
 /// # Errors
 /// When the system refuses the handlers.
 pub(crate) fn guard_training() -> anyhow::Result<()> {
     #[cfg(unix)]
-    for signal in signals() {
-        use signal_hook::flag::{register, register_conditional_default};
-        let at_once = Arc::clone(&TERMINATION.at_once);
-        register_conditional_default(signal, Arc::clone(&at_once))
-            .and_then(|_| register(signal, Arc::clone(&TERMINATION.requested)))
-            .and_then(|_| register(signal, at_once))
-            .context("signals cannot be handled")?;
+    {
+        let mut signals =
+            signal_hook::iterator::Signals::new(signals()).context("signals cannot be handled")?;
+        std::thread::spawn(move || {
+            for signal in signals.forever() {
+                if TERMINATION.at_once.swap(true, Ordering::Relaxed) {
+                    end_with_programs(signal);
+                }
+                TERMINATION.requested.store(true, Ordering::Relaxed);
+            }
+        });
     }
     Ok(())
+}
+
+/// Ends programs of others with all that they have started, then this process, as the signal would have.
+#[cfg(unix)]
+fn end_with_programs(signal: i32) {
+    use std::io::{self, Write};
+
+    use omnilife_schemas::plain_text::for_terminal;
+
+    for what in omnilife_schemas::child::end_all() {
+        let line = format!("omnilife: could not be ended: {what}");
+        // When stderr is closed there is nobody left to tell.
+        drop(writeln!(io::stderr(), "{}", for_terminal(&line)));
+    }
+    drop(signal_hook::low_level::emulate_default_handler(signal));
 }
 
 /// A flag that is set when the process is told to end; told a second time, it ends at once.
@@ -57,25 +76,15 @@ pub(crate) fn requested() -> anyhow::Result<&'static AtomicBool> {
 pub(crate) fn take_programs_along() -> anyhow::Result<()> {
     #[cfg(unix)]
     {
-        use std::io::{self, Write};
-
-        use omnilife_schemas::plain_text::for_terminal;
         use signal_hook::{
             consts::{SIGHUP, SIGINT, SIGTERM},
             iterator::Signals,
-            low_level::emulate_default_handler,
         };
         let mut signals =
             Signals::new([SIGTERM, SIGINT, SIGHUP]).context("signals cannot be handled")?;
         std::thread::spawn(move || {
             if let Some(signal) = signals.forever().next() {
-                for what in omnilife_schemas::child::end_all() {
-                    let line = format!("omnilife: could not be ended: {what}");
-                    // When stderr is closed there is nobody left to tell.
-                    drop(writeln!(io::stderr(), "{}", for_terminal(&line)));
-                }
-                // Ends this process, as the signal would have.
-                drop(emulate_default_handler(signal));
+                end_with_programs(signal);
             }
         });
     }

@@ -155,7 +155,8 @@ impl StagePlan {
     }
 
     /// Returns the record that the finished stage has left, with the note `skipped`; otherwise has `work` make it, as
-    /// [`StagePlan::run`] does, and writes it behind all other outputs.
+    /// [`StagePlan::run`] does, and writes it behind all other outputs. `claimed` holds the record too, unless whatever
+    /// stands there may be replaced.
     ///
     /// # Errors
     /// As [`StagePlan::run`], and when the record cannot be read or written.

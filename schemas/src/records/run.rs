@@ -147,6 +147,10 @@ impl RunRecord {
 impl RunRecord {
     /// Returns the times of all stages from the video to rendered predictions; planning is apart from training here.
     pub fn stage_times(&self) -> Vec<StageTime> {
+        // Records of older versions have the CPU time of rendering among the stages alone.
+        let mut older = self.stages.iter().filter(|stage| stage.stage == RENDERING);
+        let older = older.find_map(|stage| stage.took.cpu_seconds);
+        let rendering_cpu_seconds = self.rendering_cpu_seconds.or(older);
         let left = |all: f64, part: f64| (all - part).max(0.0);
         let cpu = |all: f64| left(all, self.planning_cpu_seconds.unwrap_or(0.0));
         let own = [
@@ -156,11 +160,7 @@ impl RunRecord {
                 left(self.training_seconds, self.planning_seconds),
                 self.training_cpu_seconds.map(cpu),
             ),
-            (
-                RENDERING,
-                self.rendering_seconds,
-                self.rendering_cpu_seconds,
-            ),
+            (RENDERING, self.rendering_seconds, rendering_cpu_seconds),
         ];
         let own = own
             .into_iter()
@@ -302,7 +302,8 @@ mod tests {
             "predictions": {"input_views": null, "novel_views": "novel"}, "warnings": [],
             "stages": [
                 {"stage": "poses", "method": "sfm", "wall_seconds": 31.5},
-                {"stage": "planning", "wall_seconds": 2.0}, {"stage": "training", "wall_seconds": 10.0}
+                {"stage": "planning", "wall_seconds": 2.0}, {"stage": "training", "wall_seconds": 10.0},
+                {"stage": "rendering", "wall_seconds": 1.5, "cpu_seconds": 2.5}
             ]
         }))
         .expect("a record");
@@ -315,7 +316,7 @@ mod tests {
             ("poses", 31.5, None),
             (PLANNING, 2.0, Some(3.0)),
             (TRAINING, 10.0, Some(18.0)),
-            (RENDERING, 1.5, None),
+            (RENDERING, 1.5, Some(2.5)),
         ];
         assert_eq!(times.collect::<Vec<_>>(), expected);
     }

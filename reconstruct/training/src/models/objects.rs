@@ -192,11 +192,14 @@ impl EditedObjects<'_> {
     }
 
     fn seconds_per_frame(&self) -> Result<f64, String> {
-        let frames = self.views.map_or(0, |views| views.frames.len());
-        match self.clip_seconds {
-            Some([first, last]) if frames > 1 => Ok((last - first) / (frames - 1) as f64),
-            _ => Err("the run's record has no views: give seconds".to_owned()),
-        }
+        let views = self.views.map_or(&[][..], |views| &views.frames[..]);
+        let steps = views.windows(2);
+        let steps = steps.map(|pair| pair[1].time_seconds - pair[0].time_seconds);
+        // Frames without a pose, and those that the split leaves out, make single steps longer.
+        steps
+            .filter(|step| *step > 0.0)
+            .min_by(f64::total_cmp)
+            .ok_or_else(|| "the run's record has no views: give seconds".to_owned())
     }
 
     fn remove(&mut self, at: usize) {

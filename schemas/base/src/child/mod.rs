@@ -30,7 +30,7 @@ pub use job::{Job, new_log, run};
 pub use tree::{Leftovers, ProcessTree};
 use wait4::Wait4;
 
-use crate::process;
+use crate::{process, provenance};
 
 /// Time that programs have to put things in order when a limit ends them.
 pub const GRACE: Duration = Duration::from_secs(5);
@@ -118,6 +118,8 @@ pub struct ProcessGroup {
     tree: ProcessTree,
     container: Option<Container>,
     begun: Instant,
+    /// Peak memory of this process at the start, bytes: Linux counts it as the child's until the child's own is larger.
+    inherited_peak_bytes: u64,
     /// The end of the program, once it was waited for.
     ended: Option<Ended>,
     /// True where its end was brought about, or what it left was ended.
@@ -144,6 +146,7 @@ impl ProcessGroup {
             tree,
             container,
             begun,
+            inherited_peak_bytes: provenance::peak_memory_bytes().unwrap_or(0),
             ended: None,
             is_over: false,
         })
@@ -165,7 +168,8 @@ impl ProcessGroup {
             self.ended = self.leader.try_wait4()?.map(|used| Ended {
                 status: used.status,
                 cpu_time: used.rusage.utime + used.rusage.stime,
-                peak_memory_bytes: Some(used.rusage.maxrss).filter(|&bytes| bytes > 0),
+                peak_memory_bytes: Some(used.rusage.maxrss)
+                    .filter(|&bytes| bytes > self.inherited_peak_bytes),
             });
         }
         Ok(self.ended)
