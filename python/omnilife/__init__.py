@@ -7,7 +7,8 @@ from . import metrics
 from .camera import Camera, Pose
 from .errors import InputError, MachineError, OmnilifeError, UndefinedScore
 from .metrics import METRICS, Metric, compute
-from .results import Result, Table, query, read_result, read_results, read_trace
+from .plots import plot_curve
+from .results import Result, query, read_result, read_results, read_trace
 from .scene import (
     Distances,
     Frame,
@@ -19,6 +20,7 @@ from .scene import (
     split_scene,
 )
 from .scoring import score
+from .tables import Table
 
 __all__ = [
     "METRICS",
@@ -39,6 +41,7 @@ __all__ = [
     "load_scene",
     "load_split",
     "metrics",
+    "plot_curve",
     "protocols",
     "query",
     "read_result",

@@ -20,15 +20,12 @@ Bool = npt.NDArray[np.bool_]
 Size = tuple[int, int]
 
 
-def image_bytes(image: npt.ArrayLike, name: str) -> tuple[bytes, Size]:
+def image_bytes(array: npt.NDArray[Any], name: str) -> tuple[bytes, Size]:
     """The bytes that are scored of an image (height, width, 3), and its size.
 
     uint8 is taken as it is, floating point must be in [0, 1] and is rounded as `bench score` rounds
     predictions that come as .npy.
     """
-    array = np.asarray(image)
-    if array.ndim != 3 or array.shape[2] != 3 or 0 in array.shape:
-        raise InputError(f"{name} is of shape {array.shape}, expected (height, width, 3)")
     height, width, _ = array.shape
     if array.dtype == np.uint8:
         return array.tobytes(), (width, height)

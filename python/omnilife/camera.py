@@ -15,6 +15,7 @@ import numpy.typing as npt
 
 from . import _native
 from ._arrays import F64, Size, rows
+from .errors import InputError
 
 
 @dataclass(frozen=True)
@@ -35,6 +36,18 @@ class Camera:
     def size(self) -> Size:
         """Width and height in pixels."""
         return self.width, self.height
+
+    @property
+    def K(self) -> F64:
+        """The intrinsic matrix (3, 3) in pixels, of a pinhole.
+
+        The centre of the first pixel is at (0.5, 0.5): subtract 0.5 from cx and cy where it is at (0, 0).
+        """
+        if None in (self.fx, self.fy, self.cx, self.cy):
+            raise InputError(
+                f"a camera of the model {self.model} has no K; `rays` has its directions"
+            )
+        return np.array([[self.fx, 0, self.cx], [0, self.fy, self.cy], [0, 0, 1]], dtype=np.float64)
 
     def rays(self, rotation: Optional[npt.ArrayLike] = None) -> F64:
         """Unit directions through the centres of all pixels, (height, width, 3).

@@ -1,7 +1,7 @@
 """Results and traces as tables.
 
-A table is a dictionary of columns, lists of equal length, which `pandas.DataFrame` and
-`polars.DataFrame` take as they are. What is not known is None.
+A table is a dictionary of columns, lists of equal length, with methods that make data frames of it. What is
+not known is None.
 """
 
 from __future__ import annotations
@@ -13,10 +13,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Optional, Sequence, Union
 
-from . import _arrays, _native
+from . import _arrays, _html, _native
 from .errors import InputError
-
-Table = dict[str, list[Any]]
+from .tables import SUMMARY, Table
 
 
 @dataclass(frozen=True)
@@ -56,7 +55,7 @@ class Result:
 
     def means(self) -> Table:
         """One row per metric and kind of view."""
-        table: Table = {name: [] for name in ("view", "metric", *_SUMMARY)}
+        table = Table({name: [] for name in ("view", "metric", *SUMMARY)})
         for view in ("input", "novel"):
             for metric, summary in self.record[f"{view}_views"].items():
                 row = {"view": view, "metric": metric, **summary}
@@ -64,8 +63,20 @@ class Result:
                     column.append(row[name])
         return table
 
+    def _repr_html_(self) -> str:
+        rows = {
+            "file": self.path,
+            "protocol": self.protocol,
+            "run failed": self.run_failure,
+            "views without scores": len(self.failures) or None,
+            "warnings": len(self.warnings) or None,
+        }
+        means = self.means()
+        shown = Table({name: means[name] for name in ("view", "metric", "mean", "views")})
+        below = shown.wide()._repr_html_() if means["metric"] else ""
+        return _html.facts(f"{self.method} on {self.scene}", rows, below)
 
-_SUMMARY = ("mean", "standard_deviation", "views", "undefined_views", "direction")
+
 _OF_RESULT = (
     "method",
     "scene",
@@ -100,9 +111,10 @@ def read_result(path: _arrays.Path) -> Result:
 def read_results(folder: _arrays.Path) -> Table:
     """All results in a folder and below it, as the leaderboard finds them.
 
-    One row per result, kind of view and metric, with `path`, what the scores are of, and the mean.
+    One row per result, kind of view and metric, with `path`, what the scores are of, and the mean; `wide()` of
+    it has one row per result and kind of view.
     """
-    table: Table = {name: [] for name in ("path", *_OF_RESULT, "view", "metric", *_SUMMARY)}
+    table = Table({name: [] for name in ("path", *_OF_RESULT, "view", "metric", *SUMMARY)})
     for path, text in _native.results_below(_arrays.path(folder)):
         record = json.loads(text)
         for view in ("input", "novel"):
@@ -137,7 +149,7 @@ def query(
     )
     for note in notes:
         warnings.warn(note, stacklevel=2)
-    answer: Table = {}
+    answer = Table()
     numbers = {name for metric in metrics for name in (metric, f"{metric}_sd")}
     for row in json.loads(rows):
         for name, value in row.items():
@@ -173,7 +185,7 @@ def _read_csv(path: Path) -> Table:
     if not rows or any(len(row) != len(rows[0]) for row in rows):
         raise InputError(f"{path}: is no table of rows of equal length")
     columns = ([row[at] for row in rows[1:]] for at in range(len(rows[0])))
-    return {name: _values(column) for name, column in zip(rows[0], columns)}
+    return Table({name: _values(column) for name, column in zip(rows[0], columns)})
 
 
 def _values(column: list[str]) -> list[Any]:

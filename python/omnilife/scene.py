@@ -5,15 +5,19 @@ from __future__ import annotations
 import json
 import os
 from dataclasses import dataclass, field
+from html import escape
 from pathlib import Path
 from typing import Any, Optional
 
 import numpy as np
 
-from . import _arrays, _native
+from . import _arrays, _html, _native
 from ._arrays import F32, F64, U8, Bool, Size
 from .camera import Camera, Pose
-from .errors import InputError
+from .errors import InputError, OmnilifeError
+
+#: Columns of the image that a notebook shows of a frame.
+_THUMBNAIL_WIDTH = 256
 
 
 @dataclass(frozen=True)
@@ -102,6 +106,29 @@ class Frame:
         camera = self.camera if size is None else self.camera.resized(*size)
         return self.pose.centre, camera.rays(self.pose.rotation)
 
+    def _repr_html_(self) -> str:
+        pose = self.pose
+        rows = {
+            "time": f"{self.time_seconds:.6g} s",
+            "file": self.image_path,
+            "centre": "not known" if pose is None else np.array2string(pose.centre, precision=4),
+            "dynamic mask": self.mask_path,
+            "ignore mask": self.ignore_mask_path,
+            "classes": ", ".join(self.class_paths) or None,
+            "objects": ", ".join(self.object_paths) or None,
+            "distances": None if self.depth is None else self.depth.path,
+        }
+        return _html.facts(f"Frame {self.index}", rows, self._thumbnail())
+
+    def _thumbnail(self) -> str:
+        width, height = self.camera.size
+        shrink = max(1.0, width / _THUMBNAIL_WIDTH)
+        try:
+            pixels = self.image((round(width / shrink), max(1, round(height / shrink))))
+        except OmnilifeError as error:
+            return f"<p>{escape(str(error))}</p>"
+        return _html.image(pixels)
+
     def _mask(self, path: Path, size: Optional[Size], touched: bool = False) -> Bool:
         data, (width, height) = _native.read_mask(str(path), self.camera.size, size, touched)
         return np.frombuffer(data, dtype=np.uint8).reshape(height, width) > 0
@@ -133,6 +160,19 @@ class Scene:
         positions = np.frombuffer(data[0], dtype=np.float64).reshape(-1, 3)
         return positions, np.frombuffer(data[1], dtype=np.uint8).reshape(-1, 3)
 
+    def _repr_html_(self) -> str:
+        times = [frame.time_seconds for frame in self.frames]
+        posed = sum(frame.pose is not None for frame in self.frames)
+        rows = {
+            "file": self.path,
+            "camera": f"{self.camera.model}, {self.camera.width} x {self.camera.height}",
+            "frames": f"{len(times)}, {posed} with a pose",
+            "time": f"{min(times):.6g} to {max(times):.6g} s" if times else None,
+            "world units": self.scale,
+            "points": self.points_path,
+        }
+        return _html.facts(f"Scene {self.id}", rows)
+
 
 @dataclass(frozen=True)
 class Split:
@@ -158,6 +198,16 @@ class Split:
         protocol = json.dumps(self.record["protocol"])
         width, height = _native.scored_size(scene.camera._json(), protocol)
         return width, height
+
+    def _repr_html_(self) -> str:
+        rows = {
+            "file": self.path,
+            "scene": self.scene,
+            "hash": self.protocol_hash,
+            "input views": len(self.input_views),
+            "novel views": len(self.novel_views),
+        }
+        return _html.facts(f"Split {self.protocol}", rows)
 
 
 def load_scene(path: _arrays.Path) -> Scene:

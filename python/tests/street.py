@@ -104,8 +104,8 @@ class Street:
 
 
 def write_png(path: Path, pixels: npt.NDArray[Any]) -> None:
-    """Writes grey values of 8 or 16 bits."""
-    height, width = pixels.shape
+    """Writes grey values of 8 or 16 bits (height, width), or colours of 8 bits (height, width, 3)."""
+    height, width = pixels.shape[:2]
     rows = pixels.astype(pixels.dtype.newbyteorder(">"))
     data = b"".join(b"\0" + row.tobytes() for row in rows)
 
@@ -113,6 +113,6 @@ def write_png(path: Path, pixels: npt.NDArray[Any]) -> None:
         checked = zlib.crc32(kind + content)
         return struct.pack(">I", len(content)) + kind + content + struct.pack(">I", checked)
 
-    head = struct.pack(">IIBBBBB", width, height, 8 * pixels.itemsize, 0, 0, 0, 0)
+    head = struct.pack(">IIBBBBB", width, height, 8 * pixels.itemsize, 2 if pixels.ndim == 3 else 0, 0, 0, 0)
     chunks = chunk(b"IHDR", head) + chunk(b"IDAT", zlib.compress(data, 1)) + chunk(b"IEND", b"")
     path.write_bytes(b"\x89PNG\r\n\x1a\n" + chunks)
