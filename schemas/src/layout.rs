@@ -11,7 +11,7 @@
 //!     dynamic-masks/masks.json, dynamic-masks/NNNNNN.png
 //!     PROTOCOL/split.json, PROTOCOL/tracks.json
 //!     PROTOCOL/dense/dense.json, PROTOCOL/dense/points.ply, PROTOCOL/dense/NNNNNN.npy, .png
-//! about.json, README.md, SHA256SUMS, statistics/
+//! about.json, README.md, DATASHEET.md, SHA256SUMS, statistics/, tables/
 //! ```
 
 /// The record of an asset for web viewers, in its folder.
@@ -32,10 +32,14 @@ pub const VIDEOS_FOLDER: &str = "videos";
 pub const ABOUT_FILE: &str = "about.json";
 /// The dataset card.
 pub const CARD_FILE: &str = "README.md";
+/// The datasheet.
+pub const DATASHEET_FILE: &str = "DATASHEET.md";
 /// SHA-256 of every published file, in the format of `sha256sum`.
 pub const CHECKSUMS_FILE: &str = "SHA256SUMS";
 /// Folder of the statistics and their figures.
 pub const STATISTICS_FOLDER: &str = "statistics";
+/// Folder of the tables of frames, masks, poses, points, annotations and splits.
+pub const TABLES_FOLDER: &str = "tables";
 
 /// The analysis, in a video's folder.
 pub const ANALYSIS_FILE: &str = "analysis.json";

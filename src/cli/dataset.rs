@@ -261,6 +261,12 @@ pub(crate) struct PublishArguments {
     /// What it is, in a sentence or two.
     #[arg(long)]
     pub(crate) description: Option<String>,
+    /// TOML file of the makers' statements; options given here go before its name, licence and description.
+    #[arg(long, value_name = "FILE")]
+    pub(crate) about: Option<PathBuf>,
+    /// Publishes only if nothing is unstated.
+    #[arg(long)]
+    pub(crate) strict: bool,
     /// Also writes the frames into tar archives of about this many megabytes each, as the library webdataset reads
     /// them; without it, those of before are removed.
     #[arg(long, value_name = "MEGABYTES", value_parser = megabytes)]
@@ -328,6 +334,8 @@ impl PublishArguments {
             name: self.name.clone(),
             licence: self.licence.clone(),
             description: self.description.clone(),
+            about: self.about.clone(),
+            is_strict: self.strict,
             shard_bytes: self.shards,
         }
     }

@@ -137,6 +137,7 @@ pub(crate) const EXAMPLES: &[Examples] = &[
         "curate publish",
         &[
             "curate publish DATASET --name Streets --licence CC-BY-4.0",
+            "curate publish DATASET --about about.toml --strict",
             "curate publish DATASET --shards 1000",
         ],
     ),

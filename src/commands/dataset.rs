@@ -127,6 +127,11 @@ pub(crate) fn publish_dataset(
     progress: &dyn Progress,
 ) -> anyhow::Result<()> {
     let statistics = publish::publish(&arguments.dataset, &arguments.settings(), progress)?;
+    let unstated = publish::unstated(&arguments.dataset)?;
+    if !unstated.is_empty() {
+        let unstated = unstated.join(", ");
+        progress.note(&format!("unstated: {unstated}; --about FILE states them"));
+    }
     exit::print(&format!(
         "{}: {} sequences, {:.3} hours, {:.1} s on average\n",
         arguments.dataset.display(),

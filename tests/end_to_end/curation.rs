@@ -370,18 +370,29 @@ fn croissant_metadata_is_read_by_its_own_library() {
         return;
     }
     let dataset = copy_of_small_run();
-    omnilife(["curate", "publish", dataset.path().to_str().unwrap()]).succeeded();
+    let folder = dataset.path().to_str().unwrap();
+    let scratch = scratch();
+    let tags = scratch.path().join("tags.csv");
+    fs::write(
+        &tags,
+        "sequence,author,scene,action\nstreet/seq-000,Ada,beach,walking\n",
+    )
+    .unwrap();
+    let tags = tags.to_str().unwrap();
+    omnilife(["curate", "annotate", folder, "--tags", tags]).succeeded();
+    omnilife(["curate", "publish", folder]).succeeded();
     let metadata = dataset.path().join("croissant.json");
-    let script = "import sys, mlcroissant\n\
-                  dataset = mlcroissant.Dataset(jsonld=sys.argv[1])\n\
-                  print([row['sequences/frames'] for row in dataset.records('sequences')])";
+    let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/end_to_end/read_croissant.py");
     let read = Command::new(&python)
-        .args(["-c", script])
+        .arg(script)
         .arg(&metadata)
         .output()
         .unwrap();
     let notes = String::from_utf8_lossy(&read.stderr);
     assert!(read.status.success(), "{notes}");
     assert!(!notes.contains("not standard"), "{notes}");
-    assert_eq!(String::from_utf8_lossy(&read.stdout).trim(), "[10]");
+    assert_eq!(
+        String::from_utf8_lossy(&read.stdout).trim(),
+        "sequences 1, frames 10, masks 10, poses 10, points 1, annotations, splits 10"
+    );
 }

@@ -3,31 +3,27 @@
 use std::fmt::Write;
 
 use omnilife_schemas::{
-    layout::STATISTICS_FOLDER,
+    layout::{DATASHEET_FILE, STATISTICS_FOLDER},
     plain_text::{for_markdown, without_folders},
-    records::{About, Dataset, VideoEntry, VideoStatus},
+    records::{Dataset, VideoEntry, VideoStatus},
 };
 
 use super::{
+    Release,
     figures::FIGURES,
+    statements::unstated,
     statistics::{DISTRIBUTIONS, Statistics},
 };
 
 /// Writes the card. Dataset hubs read the head between dashes.
-pub(super) fn card(
-    about: &About,
-    dataset: &Dataset,
-    statistics: &Statistics,
-    has_shards: bool,
-) -> String {
+pub(super) fn card(release: &Release<'_>) -> String {
+    let (about, statistics) = (release.about, release.statistics);
     let mut text = format!("---\npretty_name: {}\n", quoted(&about.name));
     licence_lines(&mut text, about.licence.as_deref());
     let size = size_category(statistics.rows.len());
     line(&mut text, &format!("size_categories:\n- {size}"));
     text.push_str(HEAD);
-    if has_shards {
-        text.push_str(SHARDS);
-    }
+    configs(&mut text, release);
     line(&mut text, "---\n");
     line(&mut text, &format!("# {}\n", about.name));
     if let Some(description) = &about.description {
@@ -48,16 +44,55 @@ pub(super) fn card(
         ),
     );
     distributions(&mut text, statistics);
-    sources(&mut text, dataset);
+    sources(&mut text, release.dataset);
     text.push_str(FILES);
     let licence = about.licence.as_deref().unwrap_or(
         "None was stated. Footage keeps the licence of its source until its owner says otherwise.",
     );
-    line(&mut text, &format!("## Licence\n\n{licence}"));
+    line(&mut text, &format!("## Licence\n\n{licence}\n"));
+    let unstated = unstated(&release.answers);
+    let missing = if unstated.is_empty() {
+        String::new()
+    } else {
+        format!(" Not stated: {}.", unstated.join(", "))
+    };
+    line(
+        &mut text,
+        &format!(
+            "## Statements of the makers\n\nPurpose, limits, biases, personal information, uses and maintenance are \
+             in the [datasheet]({DATASHEET_FILE}).{missing}"
+        ),
+    );
     text
 }
 
-/// Metadata for search and display on hubs: the kind of task, the keywords, and the table of their viewer.
+/// Adds the tables of the hub's viewer: videos, tables and shards.
+fn configs(text: &mut String, release: &Release<'_>) {
+    if release.has_videos {
+        line(
+            text,
+            "- config_name: videos\n  data_files: videos/*/slices/*",
+        );
+    }
+    for table in &release.tables {
+        // Shards hold the frames with their images.
+        if !(release.has_shards && table.kind.name == "frames") {
+            let name = table.kind.name;
+            line(
+                text,
+                &format!("- config_name: {name}\n  data_files: {}", table.file),
+            );
+        }
+    }
+    if release.has_shards {
+        line(
+            text,
+            "- config_name: frames\n  data_files: shards/frames-*.tar",
+        );
+    }
+}
+
+/// Metadata for search and display on hubs: task, keywords, and the begin of the viewer's tables.
 const HEAD: &str = "\
 task_categories:
 - image-to-3d
@@ -66,14 +101,6 @@ tags:
 - equirectangular
 - 3d-reconstruction
 configs:
-- config_name: sequences
-  data_files: statistics/sequences.csv
-";
-
-/// A second table: samples of `WebDataset` shards.
-const SHARDS: &str = "\
-- config_name: frames
-  data_files: shards/frames-*.tar
 ";
 
 /// Licences that the Hugging Face hub knows by an identifier of its own; it is the SPDX identifier in
@@ -139,16 +166,18 @@ const FILES: &str = "\
 | `videos/*/samples.parquet` | what shots are judged by: numbers of a frame every 0.4 s |
 | `videos/*/signature.parquet` | what the video looks like over time, to find footage that is there twice |
 | `videos/*/slices.json` | what became of every second of the video |
-| `videos/*/slices/*.mp4` | the sequences as video, where they were asked for |
+| `videos/*/slices/*.mp4`, `metadata.csv` | the sequences as video, where they were asked for, and their classes |
 | `videos/*/seq-*/sequence.json`, `frames/` | a sequence and its sampled frames |
 | `videos/*/seq-*/annotation.json` | what it shows and how it moves |
 | `videos/*/seq-*/scene.json`, `points.ply`, `masks/`, `ignore/` | cameras, world points, masks of what moves and of what is no part of the scene |
 | `statistics/` | counts as CSV and figures |
+| `tables/*.csv` | frames, masks, poses, points, annotations and splits, one row each |
+| `DATASHEET.md`, `croissant.json` | statements of the makers, and metadata for loaders |
 | `shards/frames-*.tar` | where they were asked for, the frames as WebDataset shards: image, masks, and camera, pose and tags as JSON |
 | `SHA256SUMS` | checksums of all files |
 
 Camera frame: x right, y down, z forward; the image centre is +z, north is up. Times are seconds of
-the source's presentation timestamps. `omnilife curate verify .` checks all of it.
+the source's presentation timestamps.
 
 ";
 

@@ -8,7 +8,10 @@
 //! statistics/sequences.csv     one row per sequence
 //! statistics/distributions.csv sequences and hours per group, scene, action, ego-motion, dynamics
 //! statistics/*.svg             the distributions as figures
+//! tables/*.csv                 frames, masks, poses, points, annotations and splits
+//! videos/*/slices/metadata.csv the sequences beside their videos, as viewers of hubs read them
 //! README.md                    the dataset card
+//! DATASHEET.md                 the makers' statements and the records, by the questions of a datasheet
 //! croissant.json               the same for loaders of machine-learning data
 //! shards/frames-*.tar          the frames as WebDataset shards, if requested
 //! SHA256SUMS                   of every file, as `sha256sum -c` reads it
@@ -19,22 +22,30 @@
 mod card;
 mod checksums;
 mod croissant;
+mod datasheet;
 mod figures;
+mod kinds;
 mod selection;
 mod shards;
+mod statements;
 mod statistics;
+mod tables;
 mod verify;
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use omnilife_schemas::{
-    layout::{ABOUT_FILE, CARD_FILE, CHECKSUMS_FILE, DATASET_FILE, STATISTICS_FOLDER},
+    layout::{
+        ABOUT_FILE, CARD_FILE, CHECKSUMS_FILE, DATASET_FILE, DATASHEET_FILE, STATISTICS_FOLDER,
+        TABLES_FOLDER,
+    },
     lock::FolderLock,
     progress::Progress,
-    records::{About, Dataset},
+    records::{About, Dataset, Statements},
     stage::StagePlan,
-    store,
+    store, toml_file,
 };
+use serde::Deserialize;
 
 pub use selection::{SelectRequest, Selection, properties, select};
 pub use statistics::{SequenceRow, Statistics, Tally};
@@ -51,6 +62,11 @@ pub struct PublishSettings {
     pub licence: Option<String>,
     /// Description.
     pub description: Option<String>,
+    /// TOML file with entries `name`, `licence` and `description`, which give way to those above, and a table
+    /// `[statements]` of [`Statements`], which replaces earlier ones.
+    pub about: Option<PathBuf>,
+    /// Refuses to publish while anything is unstated; see [`unstated`].
+    pub is_strict: bool,
     /// Approximate size of the shards of frames, bytes; `None` for no shards, and earlier ones are removed.
     pub shard_bytes: Option<u64>,
 }
@@ -58,8 +74,8 @@ pub struct PublishSettings {
 /// Writes statistics, figures, card and checksums of the dataset in `folder`.
 ///
 /// # Errors
-/// When the folder holds no dataset, a record of it is missing or malformed, a foreign or changed file is in the way,
-/// or a file cannot be written.
+/// When the folder holds no dataset, a record of it is missing or malformed, a strict publication leaves something
+/// unstated, a foreign or changed file is in the way, or a file cannot be written.
 pub fn publish(
     folder: &Path,
     settings: &PublishSettings,
@@ -68,11 +84,17 @@ pub fn publish(
     let dataset: Dataset = store::read_record(&folder.join(DATASET_FILE))?;
     let _lock = FolderLock::take(folder, progress)?;
     let about = about(folder, settings)?;
+    let unstated = statements::unstated(&statements::answers(&about, &dataset)?);
+    if settings.is_strict && !unstated.is_empty() {
+        let keys = unstated.join(", ");
+        let reason = format!("must state {keys}; a file of statements (--about) gives them");
+        return Err(CurateError::input(folder, reason));
+    }
     let statistics = Statistics::collect(folder, &dataset)?;
     let bytes = settings.shard_bytes;
     let shards = bytes.map(|bytes| shards::plan(folder, &statistics, bytes));
     let shards = shards.transpose()?.unwrap_or_default();
-    let derived = derived_files(&about, &dataset, &statistics, !shards.is_empty())?;
+    let derived = derived_files(folder, &about, &dataset, &statistics, !shards.is_empty())?;
     let stage = StagePlan::new(folder, "publish");
     for (file, content) in &derived {
         // The card is meant for reading, so somebody may have edited it.
@@ -88,6 +110,7 @@ pub fn publish(
         store::write_record(&folder.join(ABOUT_FILE), &about)?;
         stage.own_files().remove(|file| !files.contains(&file))?;
         store::create_folder(&folder.join(STATISTICS_FOLDER))?;
+        store::create_folder(&folder.join(TABLES_FOLDER))?;
         shards::write(folder, &shards, progress)?;
         out.add_all(shards.iter().map(|shard| &shard.file));
         for (file, content) in &derived {
@@ -99,31 +122,96 @@ pub fn publish(
     })
 }
 
+/// Returns the keys of the statements that the makers of the published dataset in `folder` have not made, and that its
+/// records do not give.
+///
+/// # Errors
+/// When the records are missing or malformed.
+pub fn unstated(folder: &Path) -> Result<Vec<&'static str>, CurateError> {
+    let about: About = store::read_record(&folder.join(ABOUT_FILE))?;
+    let dataset: Dataset = store::read_record(&folder.join(DATASET_FILE))?;
+    Ok(statements::unstated(&statements::answers(
+        &about, &dataset,
+    )?))
+}
+
+/// Everything that the pages and the metadata of a dataset are written from.
+struct Release<'a> {
+    about: &'a About,
+    dataset: &'a Dataset,
+    statistics: &'a Statistics,
+    answers: statements::Answers,
+    tables: Vec<tables::Table>,
+    has_videos: bool,
+    has_shards: bool,
+}
+
+impl Release<'_> {
+    /// Returns how the sequences were collected, in one sentence.
+    fn collection(&self) -> String {
+        format!(
+            "{} sequences from {} of {} videos, cut at shot boundaries and sampled by omnilife {}; attrition.csv and \
+             funnel.csv give what was left out and why",
+            self.statistics.rows.len(),
+            self.statistics.curated_videos,
+            self.statistics.videos,
+            env!("CARGO_PKG_VERSION")
+        )
+    }
+
+    /// Returns the work that the tables come from.
+    fn activities(&self) -> impl Iterator<Item = &'static str> {
+        self.tables.iter().map(|table| table.kind.activity)
+    }
+}
+
 /// Returns everything that follows from the records: file names with their contents.
 fn derived_files(
+    folder: &Path,
     about: &About,
     dataset: &Dataset,
     statistics: &Statistics,
     has_shards: bool,
 ) -> Result<Vec<(String, String)>, CurateError> {
-    let card = card::card(about, dataset, statistics, has_shards);
-    let mut files = vec![(CARD_FILE.to_owned(), card)];
+    let mut files = tables::of_videos(folder, statistics)?;
+    let release = Release {
+        about,
+        dataset,
+        statistics,
+        answers: statements::answers(about, dataset)?,
+        tables: tables::collect(folder, statistics)?,
+        has_videos: !files.is_empty(),
+        has_shards,
+    };
+    files.push((CARD_FILE.to_owned(), card::card(&release)));
+    files.push((DATASHEET_FILE.to_owned(), datasheet::datasheet(&release)));
+    files.push((croissant::FILE.to_owned(), croissant::metadata(&release)));
+    let tables = release.tables.into_iter();
+    files.extend(tables.map(|table| (table.file, table.csv)));
     let mut add =
         |name: &str, content| files.push((format!("{STATISTICS_FOLDER}/{name}"), content));
     add("summary.csv", statistics.summary_csv()?);
-    let sequences = statistics.sequences_csv()?;
-    let metadata = croissant::metadata(about, statistics, &sequences);
-    add("sequences.csv", sequences);
     add("distributions.csv", statistics.distributions_csv()?);
     for figure in figures::FIGURES {
         add(figure.file, figures::draw(figure, statistics)?);
     }
-    files.push((croissant::FILE.to_owned(), metadata));
     Ok(files)
+}
+
+/// The file of [`PublishSettings::about`].
+#[derive(Default, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct AboutFile {
+    name: Option<String>,
+    licence: Option<String>,
+    description: Option<String>,
+    statements: Option<Statements>,
 }
 
 /// Returns the earlier statements, updated by the new ones.
 fn about(folder: &Path, settings: &PublishSettings) -> Result<About, CurateError> {
+    let file: AboutFile =
+        (settings.about.as_deref()).map_or_else(|| Ok(AboutFile::default()), toml_file::read)?;
     let path = folder.join(ABOUT_FILE);
     let before = if path.is_file() {
         store::read_record(&path)?
@@ -137,8 +225,11 @@ fn about(folder: &Path, settings: &PublishSettings) -> Result<About, CurateError
         }
     };
     Ok(About {
-        name: settings.name.clone().unwrap_or(before.name),
-        licence: settings.licence.clone().or(before.licence),
-        description: settings.description.clone().or(before.description),
+        name: settings.name.clone().or(file.name).unwrap_or(before.name),
+        licence: settings.licence.clone().or(file.licence).or(before.licence),
+        description: (settings.description.clone())
+            .or(file.description)
+            .or(before.description),
+        statements: file.statements.or(before.statements),
     })
 }

@@ -340,7 +340,7 @@ pub(super) fn status_name(status: ValidationStatus) -> &'static str {
 }
 
 /// Reads an optional record.
-fn optional<T: store::Record>(path: &Path) -> Result<Option<T>, CurateError> {
+pub(super) fn optional<T: store::Record>(path: &Path) -> Result<Option<T>, CurateError> {
     if path.is_file() {
         Ok(Some(store::read_record(path)?))
     } else {

@@ -281,7 +281,7 @@ fn check_derived(folder: &Path, dataset: &Dataset, faults: &mut Faults) -> Resul
     let about: About = store::read_record(&folder.join(ABOUT_FILE))?;
     let statistics = Statistics::collect(folder, dataset)?;
     let has_shards = shards::are_in(folder);
-    for (file, content) in derived_files(&about, dataset, &statistics, has_shards)? {
+    for (file, content) in derived_files(folder, &about, dataset, &statistics, has_shards)? {
         let is_current =
             std::fs::read(folder.join(&file)).is_ok_and(|held| held == content.as_bytes());
         if !is_current {

@@ -25,6 +25,7 @@ mod origins;
 mod pipeline;
 mod poses;
 mod projections;
+mod publication;
 mod published_places;
 mod registries;
 mod shots;

@@ -33,7 +33,7 @@ pub mod submission;
 pub mod sweep;
 pub mod tracks;
 
-pub use about::About;
+pub use about::{About, Statements};
 pub use analysis::VideoAnalysis;
 pub use annotation::{
     Annotation, Caption, CaptionAnswer, Dynamics, EgoMotion, Measured, NameGroup, Tag, Taxonomy,

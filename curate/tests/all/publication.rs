@@ -1,0 +1,201 @@
+//! Tables, metadata, card and datasheet of a published dataset, and the statements of its makers.
+
+use std::{
+    collections::BTreeSet,
+    fs,
+    path::{Path, PathBuf},
+};
+
+use omnilife_curate::{
+    CurateSettings,
+    annotation::{AnnotateSettings, annotate_dataset},
+    curate_dataset,
+    publish::{PublishSettings, publish, unstated, verify},
+    slicing::SliceSettings,
+};
+use omnilife_schemas::{progress::Silent, records::Sampling};
+use serde_json::Value;
+use support::erp_clip;
+use tempfile::TempDir;
+
+use crate::support;
+
+const ABOUT: &str = r#"
+name = "Streets"
+licence = "CC-BY-4.0"
+description = "Walks."
+[statements]
+creators = ["Ada Example"]
+url = "https://example.org/streets"
+version = "1.0.0"
+date_published = "2026-05-01"
+citation = "@misc{streets}"
+purpose = "Comparisons."
+funding = "None."
+limitations = "Daylight only."
+biases = "One country."
+personal_information = "Faces are blurred."
+synthetic_data = false
+sources = ["https://example.org/footage", "own capture"]
+consent = "Signs."
+ethical_review = "Not required."
+uses = "Research."
+social_impact = "Surveillance is a risk."
+contact = "streets@example.org"
+maintenance = "Until 2031."
+"#;
+
+/// Returns a dataset of one video with slices and an annotation.
+fn dataset() -> (TempDir, PathBuf) {
+    let folder = tempfile::tempdir().unwrap();
+    let video = erp_clip(folder.path(), "walk.mp4", &[1], 20, 10);
+    let out = folder.path().join("set");
+    let settings = CurateSettings {
+        enforce: false,
+        sampling: Sampling::MaxFrames(10),
+        slices: Some(SliceSettings { audio: false }),
+        ..CurateSettings::default()
+    };
+    let curated = curate_dataset(&[video], &out, &settings, &Silent).unwrap();
+    assert!(curated.errors.is_empty(), "{:?}", curated.errors);
+    drop(curated);
+    let tags = folder.path().join("tags.csv");
+    fs::write(
+        &tags,
+        "sequence,author,scene,action\nwalk/seq-000,Ada,beach,walking\n",
+    )
+    .unwrap();
+    let settings = AnnotateSettings {
+        tags: vec![tags],
+        ..AnnotateSettings::default()
+    };
+    annotate_dataset(&out, &settings, &Silent).unwrap();
+    (folder, out)
+}
+
+fn publish_with(out: &Path, about: &str, is_strict: bool) -> Result<(), String> {
+    let file = out.with_file_name("about.toml");
+    fs::write(&file, about).unwrap();
+    let settings = PublishSettings {
+        about: Some(file),
+        is_strict,
+        ..PublishSettings::default()
+    };
+    let published = publish(out, &settings, &Silent);
+    published.map(drop).map_err(|error| error.to_string())
+}
+
+fn croissant(out: &Path) -> Value {
+    serde_json::from_str(&fs::read_to_string(out.join("croissant.json")).unwrap()).unwrap()
+}
+
+fn names(list: &Value) -> Vec<&str> {
+    let list = list.as_array().unwrap().iter();
+    list.map(|entry| entry["name"].as_str().unwrap()).collect()
+}
+
+#[test]
+fn record_sets_are_those_of_the_tables() {
+    let (_folder, out) = dataset();
+    publish_with(&out, ABOUT, true).unwrap();
+    assert_eq!(verify(&out, &Silent).unwrap(), [""; 0]);
+    let metadata = croissant(&out);
+    assert_eq!(
+        metadata["conformsTo"][0],
+        "http://mlcommons.org/croissant/1.1"
+    );
+    assert_eq!(
+        names(&metadata["recordSet"]),
+        ["sequences", "frames", "annotations"]
+    );
+    for resource in metadata["distribution"].as_array().unwrap() {
+        if let Some(file) = resource["contentUrl"].as_str() {
+            let head = fs::read_to_string(out.join(file)).unwrap();
+            let head: Vec<&str> = head.lines().next().unwrap().split(',').collect();
+            let sets = metadata["recordSet"].as_array().unwrap().iter();
+            let found = sets
+                .map(|set| names(&set["field"]))
+                .find(|fields| fields.starts_with(&head));
+            assert!(found.is_some(), "{file}: {head:?}");
+        }
+    }
+    let frames = &metadata["distribution"][2];
+    assert_eq!(frames["includes"][0], "videos/walk/seq-000/frames/*.png");
+    let image = &metadata["recordSet"][1]["field"][5];
+    assert_eq!(image["dataType"][0], "sc:ImageObject");
+    assert_eq!(metadata["rai:hasSyntheticData"], false);
+    assert_eq!(
+        metadata["prov:wasDerivedFrom"][0]["@id"],
+        "https://example.org/footage"
+    );
+    assert_eq!(metadata["creator"][0]["name"], "Ada Example");
+
+    let videos = fs::read_to_string(out.join("videos/walk/slices/metadata.csv")).unwrap();
+    assert!(
+        videos.starts_with("file_name,sequence,") && videos.contains("\nseq-000.mp4,walk/seq-000,"),
+        "{videos}"
+    );
+    let annotations = fs::read_to_string(out.join("tables/annotations.csv")).unwrap();
+    assert!(
+        annotations.contains("walk/seq-000,scene,beach,Ada\n"),
+        "{annotations}"
+    );
+    let card = fs::read_to_string(out.join("README.md")).unwrap();
+    assert!(
+        card.contains("- config_name: videos\n") && !card.contains("Not stated"),
+        "{card}"
+    );
+    assert!(!card.contains("omnilife curate"), "{card}");
+    let sheet = fs::read_to_string(out.join("DATASHEET.md")).unwrap();
+    assert!(
+        sheet.contains("generated?** No.") && !sheet.contains("Not stated"),
+        "{sheet}"
+    );
+
+    // The same records and statements give the same bytes.
+    let sums = fs::read(out.join("SHA256SUMS")).unwrap();
+    publish(&out, &PublishSettings::default(), &Silent).unwrap();
+    assert_eq!(fs::read(out.join("SHA256SUMS")).unwrap(), sums);
+}
+
+#[test]
+fn a_strict_publication_names_everything_that_is_unstated() {
+    let (_folder, out) = dataset();
+    let refusal = publish_with(&out, "", true).unwrap_err();
+    assert!(!out.join("croissant.json").exists());
+    publish_with(&out, "", false).unwrap();
+    let keys = unstated(&out).unwrap();
+    let expected: BTreeSet<&str> = ABOUT
+        .lines()
+        .filter_map(|line| Some(line.split_once(" = ")?.0))
+        .filter(|key| *key != "name")
+        .collect();
+    assert_eq!(keys.iter().copied().collect::<BTreeSet<_>>(), expected);
+    let (card, sheet) = (out.join("README.md"), out.join("DATASHEET.md"));
+    let card = fs::read_to_string(card).unwrap();
+    for key in &keys {
+        assert!(
+            refusal.contains(key) && card.contains(key),
+            "{key}: {refusal}"
+        );
+    }
+    let sheet = fs::read_to_string(sheet).unwrap();
+    assert_eq!(sheet.matches("*Not stated.*").count(), keys.len());
+    let metadata = croissant(&out);
+    assert_eq!(metadata.get("rai:dataBiases"), None);
+    assert_eq!(metadata.get("license"), None);
+
+    // One statement alone is missing.
+    let without: String = ABOUT
+        .lines()
+        .filter(|line| !line.starts_with("biases"))
+        .map(|line| format!("{line}\n"))
+        .collect();
+    let refusal = publish_with(&out, &without, true).unwrap_err();
+    assert!(refusal.contains("must state biases;"), "{refusal}");
+    let refusal = publish_with(&out, "[statements]\nbias = \"x\"\n", false).unwrap_err();
+    assert!(
+        refusal.contains("about.toml: line") && refusal.contains("bias"),
+        "{refusal}"
+    );
+}
