@@ -87,6 +87,7 @@ const CURATE: &[&[&str]] = &[
         "jpeg",
         "libraries",
         "motion",
+        "opencv_images",
         "projection",
         "video_names",
     ],
