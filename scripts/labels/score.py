@@ -71,7 +71,7 @@ def masks(labels, paths):
         ignored = drawn(of_kind(frame, "ignore") + of_kind(frame, "overlay"), size) | rests
         ignored &= ~(truth["moves"] | truth["operator"])
         area = np.broadcast_to(weights(labels, size), mask.shape)
-        # What carries the camera counts neither for nor against masks of what moves, and the other way around.
+        # What carries the camera counts neither for nor against masks of moving content, and the other way around.
         for kind, other in (("moves", "operator"), ("operator", "moves")):
             counts = ~ignored & ~(truth[other] & ~truth[kind])
             sums[kind] += [area[part & counts].sum()
@@ -85,7 +85,7 @@ def masks(labels, paths):
             continue
         print(f"  {kind}: IoU {share(hit, hit + wrong + missed)}, precision {share(hit, hit + wrong)}, "
               f"recall {share(hit, hit + missed)}")
-    print(f"  marked of what is still: {share(marked, seen)}")
+    print(f"  marked of the background: {share(marked, seen)}")
 
 
 def cap(overlay):
