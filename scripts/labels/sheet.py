@@ -4,8 +4,8 @@
     scripts/labels/sheet.py CLIP OUT.png [--frames 0,40,80] [--width 640] [--columns 3] [--gain 2]
 
 Finds the labels by the name of CLIP in tests/data/footage-labels (--labels FOLDER for others) and compares the hashes
-of the clip and of every frame drawn. Fails where one differs, after writing the sheet. Operators are orange,
-moving content is red (pink where it rests), overlays are magenta, ignored regions are cyan. Needs ffmpeg, NumPy and Pillow.
+of the clip and of every frame drawn. Fails where one differs, after writing the sheet. Operators are orange, moving
+content is red (pink where it rests), overlays are magenta, ignored regions are cyan. Needs ffmpeg, NumPy and Pillow.
 """
 
 import argparse
