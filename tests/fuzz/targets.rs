@@ -448,7 +448,7 @@ pub(crate) const FILES: &[Target] = &[
     },
 ];
 
-const SPLAT_FORMAT_WORDS: &[&str] = &["NGSP", "\x02\0\0\0", "\x03\0\0\0", "\x04\0\0\0"];
+const SPLAT_FORMAT_WORDS: &[&str] = &["NGSP", "\x02\0\0\0", "\x04\0\0\0", "element sh 6", "f_rest_44\n", "float", "uchar"];
 
 const MP4_WORDS: &[&str] = &[
     "moov", "trak", "uuid", "st3d", "sv3d", "proj", "equi", "stsd", "tkhd", "colr", "mdat",

@@ -22,7 +22,7 @@ use omnilife_schemas::{
 
 use super::{
     axes::HarmonicTurn,
-    ply,
+    compressed_ply, ply,
     splat::{self, Placement, SplatRow},
     spz,
     validity::{self, FileGaussian},
@@ -90,6 +90,15 @@ pub const SPLAT_FORMATS: &[SplatFormat] = &[
         },
     },
     SplatFormat {
+        name: "compressed-ply",
+        ending: ".compressed.ply",
+        rounded: "positions, log sizes and colours to 11, 10, 11 and 8 bits between the bounds of 256 Gaussians, rotations \
+                  to 10 bits a value, opacity to 8 bits, harmonics to 1/32",
+        is_for_old_viewers: false,
+        write: compressed_ply::write,
+        read: |file, invalid| file.placed(compressed_ply::read(file.path, file.bytes, invalid)?),
+    },
+    SplatFormat {
         name: "spz",
         ending: ".spz",
         rounded: "positions to 24 bits, log sizes to 1/16, colour and opacity to 8 bits, rotations to 10 bits a value, \
@@ -114,14 +123,20 @@ pub fn by_name(name: &str) -> Result<&'static SplatFormat, UnknownName> {
     names::find("format", name, SPLAT_FORMATS, |format| format.name)
 }
 
-/// Returns the format of a file: that of its ending, and PLY of every other.
-fn of_file(path: &Path) -> &'static SplatFormat {
+/// Returns the format of a file: that of its ending, and PLY of every other. The two kinds of PLY are told by their
+/// headers.
+fn of_file(path: &Path, bytes: &[u8]) -> &'static SplatFormat {
     let name = path.file_name().unwrap_or_default().to_string_lossy();
     let name = name.to_ascii_lowercase();
-    let named = SPLAT_FORMATS
+    let is_of = |format: &&SplatFormat| match format.name {
+        "ply" => false,
+        "compressed-ply" => compressed_ply::is_compressed(bytes),
+        _ => name.ends_with(format.ending),
+    };
+    SPLAT_FORMATS
         .iter()
-        .find(|format| name.ends_with(format.ending));
-    named.unwrap_or(&SPLAT_FORMATS[1])
+        .find(is_of)
+        .unwrap_or(&SPLAT_FORMATS[1])
 }
 
 /// Reads static Gaussians into normalized coordinates of the world; what is not valid is repaired or left out, and
@@ -156,7 +171,7 @@ pub fn from_bytes(
         placement,
         normalization,
     };
-    (of_file(path).read)(&file, invalid)
+    (of_file(path, bytes).read)(&file, invalid)
 }
 
 /// Returns a place to keep the positions of a file around in 32-bit floats: as [`ply::origin`] does, and the origin of
@@ -166,7 +181,7 @@ pub fn from_bytes(
 /// When the file cannot be read, or is a malformed PLY.
 pub fn origin(path: &Path) -> Result<DVec3, ReconstructError> {
     let bytes = fs::read(path).map_err(|source| StoreError::read(path, source))?;
-    if of_file(path).name == "ply" {
+    if of_file(path, &bytes).name == "ply" {
         ply::origin(path, &bytes)
     } else {
         Ok(DVec3::ZERO)

@@ -3,6 +3,7 @@
 //! To add one: a file with how it is written and read, and a line in `FORMATS`.
 
 pub mod axes;
+mod compressed_ply;
 pub mod deformation;
 pub mod exchange;
 pub mod moving_ply;

@@ -54,6 +54,7 @@ const MOST_STEPS: f64 = 8_388_607.0;
 const MOST_FRACTIONAL_BITS: u8 = 23;
 /// Bits of a small value of a rotation, but its sign.
 const SMALL_BITS: u32 = 9;
+const SMALL_WIDTH: u32 = SMALL_BITS + 1;
 const SMALL_MOST: u32 = (1 << SMALL_BITS) - 1;
 
 /// Writes Gaussians.
@@ -144,7 +145,7 @@ fn packed(quaternion: [f32; 4]) -> u32 {
         let is_negative = (*value < 0.0) != is_turned;
         let share = value.abs() / FRAC_1_SQRT_2 * SMALL_MOST as f32;
         let magnitude = (share.round() as u32).min(SMALL_MOST);
-        bits << (SMALL_BITS + 1) | u32::from(is_negative) << SMALL_BITS | magnitude
+        bits << SMALL_WIDTH | u32::from(is_negative) << SMALL_BITS | magnitude
     })
 }
 
