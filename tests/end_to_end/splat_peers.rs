@@ -139,11 +139,17 @@ fn splat_transform_and_this_program_read_each_other() {
             .iter()
             .filter(|format| !format.is_for_old_viewers)
         {
-            let asset = |name: &str| folder.path().join(format!("{name}-{rest}-{}", format.name));
+            let asset = |name: &str| {
+                let name = format!("{name}-{rest}-{}", format.name);
+                folder.path().join(name)
+            };
             let ours = exported_as(format.name, &scene, &asset("ours"));
-            let converted = folder.path().join("converted.ply");
-            convert(&ours, &converted);
-            assert!(read_by(&["alike".as_ref(), &scene, &converted]));
+            // It writes glTF, but reads none.
+            if format.name != "glb" {
+                let converted = folder.path().join("converted.ply");
+                convert(&ours, &converted);
+                assert!(read_by(&["alike".as_ref(), &scene, &converted]));
+            }
             let theirs = folder.path().join(format!("theirs{}", format.ending));
             convert(&scene, &theirs);
             let back = exported_as("ply", &theirs, &asset("theirs"));

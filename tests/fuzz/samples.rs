@@ -66,7 +66,12 @@ pub(crate) fn write_splat(folder: &Path) -> Vec<String> {
 pub(crate) fn write_splat_formats(folder: &Path) -> Vec<String> {
     let peer = "reconstruct/training/src/formats/exchange/peer";
     let peer = Path::new(env!("CARGO_MANIFEST_DIR")).join(peer);
-    let files = ["version-3.spz", "version-4.spz", "peer.compressed.ply"];
+    let files = [
+        "version-3.spz",
+        "version-4.spz",
+        "peer.compressed.ply",
+        "peer.glb",
+    ];
     for file in files {
         fs::copy(peer.join(file), folder.join(file)).unwrap();
     }

@@ -448,7 +448,7 @@ pub(crate) const FILES: &[Target] = &[
     },
 ];
 
-const SPLAT_FORMAT_WORDS: &[&str] = &["NGSP", "\x02\0\0\0", "\x04\0\0\0", "element sh 6", "f_rest_44\n", "float", "uchar"];
+const SPLAT_FORMAT_WORDS: &[&str] = &["NGSP", "element sh 6", "uchar", "5121", "\"scale\":"];
 
 const MP4_WORDS: &[&str] = &[
     "moov", "trak", "uuid", "st3d", "sv3d", "proj", "equi", "stsd", "tkhd", "colr", "mdat",

@@ -22,7 +22,7 @@ use omnilife_schemas::{
 
 use super::{
     axes::HarmonicTurn,
-    compressed_ply, ply,
+    compressed_ply, glb, ply,
     splat::{self, Placement, SplatRow},
     spz,
     validity::{self, FileGaussian},
@@ -106,6 +106,14 @@ pub const SPLAT_FORMATS: &[SplatFormat] = &[
         is_for_old_viewers: false,
         write: spz::write,
         read: |file, invalid| file.placed(spz::read(file.path, file.bytes, invalid)?),
+    },
+    SplatFormat {
+        name: "glb",
+        ending: ".glb",
+        rounded: "nothing but to floats",
+        is_for_old_viewers: false,
+        write: glb::write,
+        read: |file, invalid| file.placed(glb::read(file.path, file.bytes, invalid)?),
     },
 ];
 

@@ -6,6 +6,7 @@ pub mod axes;
 mod compressed_ply;
 pub mod deformation;
 pub mod exchange;
+mod glb;
 pub mod moving_ply;
 pub mod objects;
 pub mod ply;

@@ -82,7 +82,7 @@ pub(in crate::formats) fn apart(a: &ActivatedGaussians, b: &ActivatedGaussians) 
         let chosen = all.filter(|(index, _)| (index % count < 3) == is_linear);
         chosen.flat_map(|(_, rgb)| *rgb).collect()
     };
-    let turns = a.rotations.iter().zip(&b.rotations).map(|(a, b)| {
+    let degrees = |a: &[f32; 4], b: &[f32; 4]| {
         // By the chord: the arc cosine of nearly 1 says little.
         let along: f32 = a.iter().zip(b).map(|(a, b)| a * b).sum();
         let squares = a
@@ -93,6 +93,15 @@ pub(in crate::formats) fn apart(a: &ActivatedGaussians, b: &ActivatedGaussians) 
             .min(1.0)
             .asin()
             .to_degrees()
+    };
+    let turns = a.rotations.iter().zip(&b.rotations).map(|(a, b)| {
+        let [w, x, y, z] = *b;
+        // A half turn about an axis of its own changes no Gaussian.
+        let alike = [[w, x, y, z], [-x, w, z, -y], [-y, -z, w, x], [-z, y, -x, w]];
+        alike
+            .iter()
+            .map(|b| degrees(a, b))
+            .fold(f32::INFINITY, f32::min)
     });
     Apart {
         place: most(a.positions.as_flattened(), b.positions.as_flattened()),
@@ -172,10 +181,11 @@ fn in_order(of: &ActivatedGaussians, gaussians: &ActivatedGaussians) -> Activate
 #[test]
 fn files_of_a_peer_are_read() {
     let source = activated("source.ply", include_bytes!("peer/source.ply")).expect("read");
-    let files: [(&str, &[u8]); 3] = [
+    let files: [(&str, &[u8]); 4] = [
         ("version-3.spz", include_bytes!("peer/version-3.spz")),
         ("version-4.spz", include_bytes!("peer/version-4.spz")),
         ("peer.ply", include_bytes!("peer/peer.compressed.ply")),
+        ("peer.glb", include_bytes!("peer/peer.glb")),
     ];
     for (name, bytes) in files {
         let read = activated(name, bytes).expect("read");
