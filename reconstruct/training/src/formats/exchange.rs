@@ -275,9 +275,6 @@ impl<'a> Gathered<'a> {
         degree: usize,
         invalid: &'a mut InvalidGaussians,
     ) -> Result<Self, ReconstructError> {
-        if len == 0 {
-            return Err(StoreError::malformed(path, "holds no Gaussians").into());
-        }
         require(path, len as u64, degree)?;
         let shapes = static_gaussians::shapes(degree);
         let arrays = shapes.iter();
@@ -349,8 +346,11 @@ impl<'a> Gathered<'a> {
     }
 }
 
-/// Refuses more Gaussians than fit into memory.
+/// Refuses no Gaussians, and more of them than fit into memory.
 pub(super) fn require(path: &Path, len: u64, degree: usize) -> Result<(), ReconstructError> {
+    if len == 0 {
+        return Err(StoreError::malformed(path, "holds no Gaussians").into());
+    }
     crate::process::require(
         memory::table_bytes(len, &static_gaussians::shapes(degree)),
         &format!("{}: {len} Gaussians", path.display()),

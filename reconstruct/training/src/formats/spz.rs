@@ -262,9 +262,7 @@ pub(super) fn read(
     let arrays = if is_plain {
         streams(bytes, &header)
     } else if header.flags & HAS_EXTENSIONS == 0 {
-        let widths = header.widths().into_iter();
-        let mut array = |width: usize| decoded(&mut stream, width.saturating_mul(header.len));
-        widths.map(&mut array).collect()
+        one_stream(&mut stream, &header)
     } else {
         Err("has extensions between its header and its Gaussians, which are not read".to_owned())
     };
@@ -281,6 +279,25 @@ fn decoded(stream: &mut dyn Read, count: usize) -> Result<Vec<u8>, String> {
     } else {
         Err(format!("is cut off: an array of {count} bytes has {read}"))
     }
+}
+
+/// Refuses a stream that goes on, is cut off behind its last byte, or has another checksum.
+fn finished(stream: &mut dyn Read) -> Result<(), String> {
+    match stream.read(&mut [0]) {
+        Ok(0) => Ok(()),
+        Ok(_) => Err("goes on behind its Gaussians".to_owned()),
+        Err(error) => Err(format!("cannot be decompressed: {error}")),
+    }
+}
+
+/// Decodes the arrays of versions before 4, behind their header.
+fn one_stream(stream: &mut dyn Read, header: &Header) -> Result<Vec<Vec<u8>>, String> {
+    let mut arrays = Vec::new();
+    for width in header.widths() {
+        arrays.push(decoded(stream, width.saturating_mul(header.len))?);
+    }
+    finished(stream)?;
+    Ok(arrays)
 }
 
 /// Decodes the arrays of version 4.
@@ -327,6 +344,7 @@ fn streams(bytes: &[u8], header: &Header) -> Result<Vec<Vec<u8>>, String> {
         let mut decoder = zstd::Decoder::with_buffer(stream)
             .map_err(|error| format!("cannot be decompressed: {error}"))?;
         arrays.push(decoded(&mut decoder, count)?);
+        finished(&mut decoder)?;
     }
     Ok(arrays)
 }

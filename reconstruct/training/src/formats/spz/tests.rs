@@ -115,6 +115,7 @@ fn what_is_no_spz_is_refused_by_name() {
         (with(4, &[1]), "version 1, and 2 to 4 are read"),
         (with(4, &[4]), "in the container of another"),
         (with(8, &[6]), "is cut off: an array of 54 bytes has"),
+        (with(8, &[4]), "goes on behind its Gaussians"),
         (with(8, &[0, 0]), "holds no Gaussians"),
         (with(12, &[4]), "degree 4"),
         (with(13, &[99]), "99 fractional bits"),
