@@ -57,6 +57,7 @@ fn exported(source: &Path, out: PathBuf, progress: &dyn Progress) -> Exported {
     };
     let request = ExportRequest {
         gaussians: source.to_owned(),
+        format: "splat".to_owned(),
         levels: vec![level("full", None), level("5", Some(5))],
         with_page: false,
         up: None,

@@ -25,11 +25,21 @@ const FARTHEST: f32 = 3.0;
 /// Gaussians as files hold them, and what was changed.
 #[derive(Debug)]
 pub(super) struct Drawable {
+    /// For viewers of `.splat`; empty in other formats.
     pub(super) rows: Vec<SplatRow>,
+    /// In other formats, as they are and with their harmonics.
+    pub(super) whole: Option<ActivatedGaussians>,
     /// The same at other moments, in the same place.
     pub(super) moments: Option<Moments>,
     pub(super) placement: AssetPlacement,
     pub(super) changes: AssetChanges,
+}
+
+impl Drawable {
+    /// Returns the number of Gaussians.
+    pub(super) fn len(&self) -> usize {
+        (self.whole.as_ref()).map_or(self.rows.len(), ActivatedGaussians::len)
+    }
 }
 
 /// The frame of files: around the origin of a normalized scene, with up on the negative y axis.
@@ -47,6 +57,21 @@ impl FileFrame {
             turn: DQuat::from_rotation_arc(up.normalize(), DVec3::NEG_Y),
             world,
             offset,
+        }
+    }
+
+    /// From the world to it.
+    pub(super) fn turn(&self) -> DQuat {
+        self.turn
+    }
+
+    /// The place of files with `scale` units for each of the world.
+    pub(super) fn placement(&self, scale: f64) -> AssetPlacement {
+        let DQuat { x, y, z, w } = self.turn;
+        AssetPlacement {
+            offset: self.offset.to_array(),
+            scale,
+            rotation_wxyz: [w, x, y, z],
         }
     }
 
@@ -113,15 +138,11 @@ pub(super) fn drawable(
     let enlarge = |row: &mut SplatRow| resize(row, scale);
     rows.par_iter_mut().for_each(enlarge);
     (moments.iter_mut().flat_map(Moments::rows_mut)).for_each(enlarge);
-    let DQuat { x, y, z, w } = frame.turn;
     Drawable {
         rows,
+        whole: None,
         moments,
-        placement: AssetPlacement {
-            offset: frame.offset.to_array(),
-            scale: f64::from(scale),
-            rotation_wxyz: [w, x, y, z],
-        },
+        placement: frame.placement(f64::from(scale)),
         changes,
     }
 }
