@@ -11,17 +11,17 @@ use serde::{Serialize, Serializer, ser::SerializeStruct};
 
 /// One thing that is looked for.
 pub(crate) struct Check {
-    /// What it is called in the report; unique, kebab-case.
+    /// Its name in the report; unique, kebab-case.
     pub(crate) id: &'static str,
-    /// What works with it and does not without it.
+    /// Features that need it.
     pub(crate) enables: &'static str,
-    /// Whether the main job, video to table with given poses, needs it.
+    /// True where the main job, video to table with given poses, needs it.
     pub(crate) needed: bool,
     /// Looks for it. Neither prints nor panics.
     pub(crate) probe: fn() -> Finding,
 }
 
-/// What a check found.
+/// Result of a check.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case", tag = "state")]
 pub(crate) enum Finding {
@@ -32,9 +32,9 @@ pub(crate) enum Finding {
     },
     /// It is not there.
     Missing {
-        /// What was looked for, or what went wrong.
+        /// Requirement that is missing, or the failure.
         reason: String,
-        /// What the user can do about it, where the reason does not say so.
+        /// Remedy, where the reason does not say it.
         remedy: Option<String>,
     },
 }
@@ -134,7 +134,7 @@ pub(crate) fn report() -> Report {
 }
 
 impl Report {
-    /// Whether everything is there that the main job needs.
+    /// Returns whether everything that the main job needs is present.
     pub(crate) fn is_sound(&self) -> bool {
         !self
             .entries

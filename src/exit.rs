@@ -28,7 +28,7 @@ const INTERRUPTED: u8 = 75;
 #[derive(Debug, thiserror::Error)]
 #[error("{message}")]
 pub(crate) struct PartialFailure {
-    /// How much failed, and the first failure with its file and reason.
+    /// Number of failures, and the first one with its file and reason.
     pub(crate) message: String,
     /// Ours if any failure is ours.
     pub(crate) blame: ErrorKind,
@@ -70,7 +70,7 @@ fn code(outcome: anyhow::Result<()>) -> ExitCode {
     }
 }
 
-/// Whether the process was told to end, and what it did goes on when it is begun again.
+/// Returns whether the process was terminated and its work resumes when it is started again.
 pub(crate) fn is_interruption(error: &anyhow::Error) -> bool {
     matches!(
         error.downcast_ref::<ReconstructError>(),
@@ -81,7 +81,7 @@ pub(crate) fn is_interruption(error: &anyhow::Error) -> bool {
     )
 }
 
-/// Whether some thread has panicked, which has been reported.
+/// True once some thread has panicked, which has been reported.
 static PANICKED: AtomicBool = AtomicBool::new(false);
 
 /// Runs the program and gives its exit code. A panic, which is a mistake of ours, is reported in one
@@ -152,7 +152,7 @@ pub(crate) fn print_data(bytes: &[u8]) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// Who is to blame for an error; what nobody claims is ours.
+/// Returns the kind of an error; an error of no known type is internal.
 pub(crate) fn error_kind(error: &anyhow::Error) -> ErrorKind {
     fn of<E: Classified + Send + Sync + 'static>(error: &anyhow::Error) -> Option<ErrorKind> {
         error.downcast_ref::<E>().map(Classified::error_kind)

@@ -51,11 +51,11 @@ fn or_end(pointer: *mut u8, bytes: usize) -> *mut u8 {
     pointer
 }
 
-/// Whether some thread is telling already.
+/// True while some thread reports.
 static TOLD: AtomicBool = AtomicBool::new(false);
 
 thread_local! {
-    /// Whether this one is.
+    /// True on the thread that reports.
     static TELLS: Cell<bool> = const { Cell::new(false) };
 }
 

@@ -1,4 +1,4 @@
-//! How progress reaches the user: bars on a terminal, plain lines elsewhere, nothing with `--quiet`.
+//! Progress for the user: bars on a terminal, plain lines elsewhere, nothing with `--quiet`.
 //!
 //! Everything goes to stderr, so that stdout carries results only.
 

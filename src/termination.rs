@@ -91,7 +91,7 @@ pub(crate) fn take_programs_along() -> anyhow::Result<()> {
     Ok(())
 }
 
-/// Whether the process was told that its time here is up, by SIGUSR1, rather than to end for good.
+/// Returns whether SIGUSR1 came: the time of the process here is up, and it is to resume elsewhere.
 pub(crate) fn time_is_up() -> bool {
     TIME_IS_UP.load(Ordering::Relaxed)
 }

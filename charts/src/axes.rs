@@ -16,7 +16,7 @@ pub struct Curve {
 /// A curve's place in units of the drawing, from its upper left corner.
 #[derive(Debug, Clone)]
 pub struct PlacedCurve {
-    /// Of each point.
+    /// Position of each point, in units of the plot.
     pub points: Vec<(i32, i32)>,
     /// Height of the level.
     pub level: Option<i32>,

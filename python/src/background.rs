@@ -18,13 +18,12 @@ use rayon::{ThreadPool, ThreadPoolBuilder};
 
 use crate::errors::Failure;
 
-/// How often Python is asked for signals.
+/// Interval at which Python is asked for signals.
 const TICK: Duration = Duration::from_millis(50);
-/// How long work that was interrupted has to end and to leave its folder in order; after that it is
-/// left to itself.
+/// Time that interrupted work has to end and to leave its folder in order; after that it is left to itself.
 const GRACE: Duration = Duration::from_secs(3);
 
-/// What work and its caller tell each other.
+/// Messages between work and its caller.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Link {
     is_given_up: Arc<AtomicBool>,

@@ -11,7 +11,7 @@ use pyo3::{prelude::*, types::PyBytes};
 
 use crate::{background, errors::Failure};
 
-/// What is known of a metric.
+/// Properties of a metric.
 #[derive(IntoPyObject)]
 pub(crate) struct About {
     id: &'static str,
@@ -32,12 +32,12 @@ pub(crate) enum Outcome {
     Undefined(&'static str),
 }
 
-/// What is given beside prediction and ground truth, of the same size: masks of one byte per pixel, 0
-/// for outside; distances as f32.
+/// Inputs beside prediction and ground truth, of the same size: masks of one byte per pixel, 0 for outside; distances
+/// as f32.
 #[derive(FromPyObject)]
 #[pyo3(from_item_all)]
 pub(crate) struct Given {
-    /// What no score counts.
+    /// Mask of the ignored region.
     ignored: Option<Vec<u8>>,
     dynamic: Option<Vec<u8>>,
     classes: BTreeMap<String, Vec<u8>>,

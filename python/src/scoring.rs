@@ -21,7 +21,7 @@ pub(crate) fn split_scene(
     })
 }
 
-/// What `score` is asked for, as a dictionary with all of these keys.
+/// Arguments of `score`, as a dictionary with all of these keys.
 #[derive(FromPyObject)]
 #[pyo3(from_item_all)]
 pub(crate) struct Request {

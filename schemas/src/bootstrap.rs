@@ -1,4 +1,4 @@
-//! How far means and ranks would move with other scenes: the scene-clustered bootstrap.
+//! Scene-clustered bootstrap: intervals of means and ranks over other draws of scenes.
 //!
 //! Scenes cut from one video share place, camera and light, so videos are drawn with replacement,
 //! each with all its scenes. All methods see the same draws, which makes ranks paired comparisons.
@@ -36,11 +36,11 @@ pub struct Confidence {
 pub struct Scores {
     /// Scene (index into the clusters) and score.
     pub by_scene: Vec<(usize, f64)>,
-    /// Whether the method is ranked.
+    /// True where the method is ranked.
     pub ranked: bool,
 }
 
-/// What a scene's id says about its place: scenes cut from one video share it, so they are neither
+/// Returns the part of a scene's id that names its place. Scenes cut from one video share it, so they are neither
 /// independent nor, in tables by scene, separate columns.
 pub fn place(scene: &str) -> &str {
     scene.rsplit_once('/').map_or(scene, |(place, _)| place)
@@ -57,7 +57,7 @@ pub fn clusters<'a>(places: impl Iterator<Item = &'a str>) -> Vec<usize> {
         .collect()
 }
 
-/// How often every cluster is drawn in every resample; none with fewer than two clusters.
+/// Returns how often each resample draws each cluster; empty with fewer than two clusters.
 pub fn resamples(clusters: &[usize]) -> Vec<Vec<u32>> {
     let count = clusters.iter().max().map_or(0, |last| last + 1);
     if count < 2 {

@@ -26,7 +26,7 @@ pub struct DistanceImage {
     pub width: usize,
     /// Rows.
     pub height: usize,
-    /// Whether the first column follows the last, as in a panorama.
+    /// True where the first column follows the last, as in a panorama.
     pub wraps: bool,
     /// Distances, positive; 0 where the distance is not known.
     pub values: Vec<f32>,
@@ -91,7 +91,7 @@ impl DistanceImage {
         })
     }
 
-    /// How many distances are known.
+    /// Returns the number of known distances.
     pub fn known(&self) -> usize {
         self.values.iter().filter(|&&value| value > 0.0).count()
     }

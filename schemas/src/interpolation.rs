@@ -4,8 +4,8 @@ use glam::DVec2;
 
 use crate::rgb::RgbImage;
 
-/// What is beyond the left and the right edge of an image. Beyond the upper and the lower one the
-/// outermost row goes on.
+/// Values beyond the left and the right edge of an image. Beyond the upper and the lower edge the outermost row
+/// repeats.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Edges {
     /// The other edge, as in an equirectangular image.

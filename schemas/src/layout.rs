@@ -28,7 +28,7 @@ pub const FUNNEL_FILE: &str = "funnel.csv";
 /// Folder of the videos' folders.
 pub const VIDEOS_FOLDER: &str = "videos";
 
-/// What a published dataset says about itself.
+/// Description of a published dataset.
 pub const ABOUT_FILE: &str = "about.json";
 /// The dataset card.
 pub const CARD_FILE: &str = "README.md";
@@ -45,13 +45,13 @@ pub const TABLES_FOLDER: &str = "tables";
 pub const ANALYSIS_FILE: &str = "analysis.json";
 /// The per-frame signals of the boundary detector, in a video's folder.
 pub const SIGNALS_FILE: &str = "signals.parquet";
-/// What its shots are judged by, in a video's folder.
+/// Samples of a video by which its shots are judged, in the video's folder.
 pub const SAMPLES_FILE: &str = "samples.parquet";
-/// What the video looks like over time in few numbers, in a video's folder.
+/// Compact description of a video over time, in the video's folder.
 pub const SIGNATURE_FILE: &str = "signature.parquet";
 /// The boundaries that a video was cut at, in its folder.
 pub const BOUNDARIES_FILE: &str = "boundaries.json";
-/// What detectors and people have said about boundaries, in a video's folder.
+/// Statements of detectors and people on boundaries, in a video's folder.
 pub const LEDGER_FILE: &str = "ledger.jsonl";
 /// The record of the sequences that were written as video, in a video's folder.
 pub const SLICES_FILE: &str = "slices.json";
@@ -94,7 +94,7 @@ pub const DYNAMIC_MASKS_FOLDER: &str = "dynamic-masks";
 /// Record of the computed masks, in [`DYNAMIC_MASKS_FOLDER`].
 pub const DYNAMIC_MASKS_FILE: &str = "masks.json";
 
-/// What moves through the scene as far as a split's input views show it, beside [`SPLIT_FILE`].
+/// Tracks of the dynamic region, as far as a split's input views show it, beside [`SPLIT_FILE`].
 pub const TRACKS_FILE: &str = "tracks.json";
 /// Folder of distances by stereo and the points they give, beside [`SPLIT_FILE`].
 pub const DENSE_FOLDER: &str = "dense";
@@ -108,7 +108,7 @@ pub const RUN_FILE: &str = "run.json";
 pub const RESULT_FILE: &str = "result.json";
 /// Scores along a training, beside [`RESULT_FILE`].
 pub const CURVE_FILE: &str = "curve.csv";
-/// How the scores beside it were computed.
+/// Settings with which the scores beside it were computed.
 pub const SCORING_FILE: &str = "scoring.json";
 /// The record of a submission of results, in its folder.
 pub const SUBMISSION_FILE: &str = "submission.json";

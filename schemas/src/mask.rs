@@ -109,7 +109,7 @@ impl Mask {
         self.data.iter().any(|&value| value != 0)
     }
 
-    /// Whether every pixel is marked.
+    /// Returns whether every pixel is marked.
     pub fn is_full(&self) -> bool {
         self.data.iter().all(|&value| value != 0)
     }

@@ -9,7 +9,7 @@ use crate::{
 
 /// Pixels on a side of the parts of an image that are passed over together.
 const PART: usize = 16;
-/// How much wider than its corners a part of an image may be: its sides are curves on the sphere.
+/// Factor by which a part of an image may be wider than its corners: its sides are curves on the sphere.
 const PART_MARGIN: f64 = 1.1;
 
 /// A box: what is within `half` of its centre along its own axes.

@@ -97,7 +97,7 @@ impl<T> PointCloud<T> {
         self.positions.len()
     }
 
-    /// Whether there are no points.
+    /// Returns whether there are no points.
     pub fn is_empty(&self) -> bool {
         self.positions.is_empty()
     }
@@ -267,7 +267,7 @@ impl<'a> PlyTable<'a> {
         self.header.count
     }
 
-    /// Whether there are none.
+    /// Returns whether there are no points.
     pub fn is_empty(&self) -> bool {
         self.len() == 0
     }

@@ -68,7 +68,7 @@ impl Pose {
         DVec3::from_array(self.centre)
     }
 
-    /// Whether the rotation and the centre can be used.
+    /// Returns whether the rotation and the centre can be used.
     pub fn is_valid(&self) -> bool {
         self.rotation().is_some() && self.centre().is_finite()
     }

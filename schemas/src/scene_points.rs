@@ -10,12 +10,12 @@ use crate::{
     store::{self, StoreError},
 };
 
-/// Where the points of a scene are.
+/// Location of a scene's points.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ScenePoints {
     /// The file.
     pub file: PathBuf,
-    /// What it is called in records: relative to the scene, or to the split.
+    /// Name in records: relative to the scene, or to the split.
     pub name: String,
     /// The frames that stereo has looked at for them; none where they came with the poses.
     pub dense_frames: Vec<u32>,
@@ -63,7 +63,7 @@ impl ScenePoints {
         }))
     }
 
-    /// What a reader of scores should know where stereo has looked at frames that are held out.
+    /// Returns a note for readers of scores where stereo has used held-out frames.
     pub fn held_out(&self, novel_frames: &[u32]) -> Option<String> {
         let seen = novel_frames
             .iter()

@@ -70,7 +70,7 @@ pub fn check(split: &Split, scene: &Scene) -> Result<(), String> {
     Ok(())
 }
 
-/// What a rule makes of a scene's frames.
+/// Shares of a scene's frames under a rule.
 #[derive(Default)]
 struct Shares {
     input_views: Vec<u32>,
@@ -146,7 +146,7 @@ fn groups(scene: &Scene, length: u32) -> Result<Shares, String> {
     Ok(shares)
 }
 
-/// What a group lacks.
+/// Returns what a group lacks; `None` where it is complete.
 fn incompleteness(scene: &Scene, frames: &[u32], length: u32) -> Option<String> {
     if frames.len() < length as usize {
         return Some(format!("{} of {length} frames", frames.len()));

@@ -1,4 +1,4 @@
-//! What moves in the frames of a scene without masks, as far as tracks say: where their boxes are seen.
+//! Dynamic regions of a scene without masks: the projections of the boxes of its tracks.
 
 use std::path::Path;
 

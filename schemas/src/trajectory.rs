@@ -107,7 +107,7 @@ impl BSpline {
         weights(&self.knots, self.degree, seconds)
     }
 
-    /// Where it is.
+    /// Returns the position at a time.
     pub fn position(&self, seconds: f64) -> DVec3 {
         let weights = self.weights(seconds);
         let coefficients = self.coefficients[weights.first..].iter();
@@ -177,8 +177,8 @@ pub struct GroundAxes {
 }
 
 impl GroundAxes {
-    /// Of a unit vector that points up. Heading 0 is the world's x along the plane, or its y where x is
-    /// nearer to up.
+    /// Returns the axes of a plane whose normal is the unit vector `up`. Heading 0 is the world's x along the plane,
+    /// or its y where x is nearer to up.
     pub fn new(up: DVec3) -> Self {
         let along = if up.x.abs() < up.y.abs().max(0.9) {
             DVec3::X

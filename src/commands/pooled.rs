@@ -21,13 +21,13 @@ use crate::{exit::PartialFailure, termination};
 
 /// Folder of the sweeps, below the output of the command.
 const SWEEPS_FOLDER: &str = "sweeps";
-/// How long units have to write their checkpoints when the command is told to end.
+/// Time that units have to write their checkpoints when the command is terminated.
 const GRACE: Duration = Duration::from_secs(60);
 /// Memory that a unit is taken to need while none of its kind was measured, bytes.
 const UNMEASURED_MEMORY_BYTES: u64 = 2 << 30;
 
-/// What a unit takes of the machine: all cores, one unit after another, unless told otherwise. Times
-/// of units that share a machine are not comparable.
+/// Returns the share of the machine that a unit takes: by default all cores, one unit after another. Times of units
+/// that share a machine are not comparable.
 ///
 /// # Errors
 /// When the system does not tell how many cores it has.

@@ -27,7 +27,7 @@ use crate::{
     plans,
 };
 
-/// How far a score may be from the one that is handed in: processors round sums differently.
+/// Largest accepted difference from a submitted score: processors round sums differently.
 const TOLERANCE: f64 = 1e-6;
 
 pub(crate) fn submit(
@@ -184,7 +184,7 @@ fn score_again(
     )?)
 }
 
-/// What in a result is not what scoring its predictions gives.
+/// Returns the first difference of a result from the scores of its predictions, in words.
 fn difference(stated: &ResultRecord, again: &ResultRecord) -> Option<String> {
     if stated.scene_sha256 != again.scene_sha256 {
         return Some("was scored on other frames or poses".to_owned());

@@ -239,7 +239,7 @@ fn print_status(folder: &Path, every: bool) -> anyhow::Result<()> {
     exit::print(&text)
 }
 
-/// What a group has cost per unit, and what is left of it would cost at that.
+/// Returns the cost of a group per unit, and the estimated cost of its remaining units.
 fn cost_words(name: &str, cost: &GroupCost, left: &[&SweepUnit]) -> String {
     let done = f64::from(cost.done);
     let mean = cost.wall_seconds / done;

@@ -11,10 +11,11 @@ use crate::exit::BadRequest;
 /// Frames per second where times do not say.
 const DEFAULT_RATE: f64 = 30.0;
 
-/// Whether a video can be written to `file`.
+/// Refuses a path to which no video can be written.
 ///
 /// # Errors
-/// When the file is no `.mp4`, or there already.
+///
+/// When the file is no `.mp4`, or exists already.
 pub(crate) fn check(file: &Path) -> anyhow::Result<()> {
     if file.extension().is_some_and(|extension| extension == "mp4") {
         return Ok(refuse_existing(file)?);

@@ -16,7 +16,7 @@ use omnilife_schemas::{
 use super::{absolute, argument, own_command, scoring, words};
 use crate::cli::MethodArguments;
 
-/// What is ablated.
+/// Request for an ablation.
 pub(crate) struct AblationRequest<'a> {
     /// The scene.json.
     pub(crate) scene: &'a Path,
@@ -24,11 +24,11 @@ pub(crate) struct AblationRequest<'a> {
     pub(crate) split: &'a Path,
     /// Folder of all rows.
     pub(crate) out: &'a Path,
-    /// What every row has.
+    /// Arguments that every row has.
     pub(crate) arguments: &'a MethodArguments,
     /// Optimizer steps of every row.
     pub(crate) iterations: u64,
-    /// What a row takes of the machine.
+    /// Share of the machine that a row takes.
     pub(crate) needs: UnitNeeds,
 }
 

@@ -30,7 +30,7 @@ use crate::{
     exit::BadRequest,
 };
 
-/// What is scored on what.
+/// Request for a benchmark: methods and scenes.
 pub(crate) struct BenchmarkRequest<'a> {
     /// Folder of the results.
     pub(crate) results: &'a Path,
@@ -44,7 +44,7 @@ pub(crate) struct BenchmarkRequest<'a> {
     pub(crate) seeds: &'a [u64],
     /// Options of `reconstruct train` for the methods that are trained.
     pub(crate) train: &'a [String],
-    /// What a unit takes of the machine.
+    /// Share of the machine that a unit takes.
     pub(crate) needs: UnitNeeds,
 }
 
@@ -184,7 +184,7 @@ fn search(folder: &Path, found: &mut Vec<PathBuf>) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// Where the results of a scene stand, below the folder of all results; never outside of it.
+/// Returns the folder of a scene's results, below the folder of all results and never outside of it.
 fn scene_folder(id: &str) -> PathBuf {
     id.split('/').map(plan::file_name).collect()
 }
@@ -197,7 +197,7 @@ pub(crate) struct Method {
 
 /// Whose method it is.
 pub(crate) enum MethodKind {
-    /// Of this program, as asked for.
+    /// A method of this program, in the requested variant.
     Ours(&'static OurMethod, Variant),
     /// An external method, by its method.toml.
     External(PathBuf),
@@ -225,7 +225,7 @@ impl Method {
 }
 
 impl Method {
-    /// Whether this program trains it.
+    /// Returns whether this program trains it.
     pub(crate) fn is_trained(&self) -> bool {
         matches!(self.kind, MethodKind::Ours(method, _) if method.is_trained())
     }
@@ -235,7 +235,7 @@ impl Method {
         matches!(self.kind, MethodKind::Ours(method, _) if !method.requires.is_empty())
     }
 
-    /// Whether another seed would give the same views.
+    /// Returns whether another seed would give the same views.
     fn has_no_seed(&self) -> bool {
         matches!(self.kind, MethodKind::Ours(method, _) if !method.is_trained())
     }

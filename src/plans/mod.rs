@@ -1,4 +1,4 @@
-//! What the units of a sweep are: which commands, which inputs, which outputs.
+//! Units of a sweep: their commands, inputs and outputs.
 
 pub(crate) mod ablation;
 pub(crate) mod benchmark;
@@ -17,7 +17,7 @@ use crate::{
     exit::BadRequest,
 };
 
-/// What every unit of a plan needs, as asked for.
+/// Returns the requested resources of every unit of a plan.
 fn needs(arguments: &PlanArguments) -> anyhow::Result<UnitNeeds> {
     Ok(UnitNeeds {
         cores: arguments.unit_cores,

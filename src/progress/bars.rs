@@ -13,7 +13,7 @@ use super::{locked, wording::closing_line};
 
 /// Work shorter than this gets no bar.
 const SHOWN_AFTER: Duration = Duration::from_secs(1);
-/// How often bars are redrawn.
+/// Interval at which bars are redrawn.
 const REDRAW_EVERY: Duration = Duration::from_millis(100);
 
 /// Bars on a terminal, redrawn by a thread of their own that ends with them.

@@ -1,8 +1,8 @@
-//! What the lines say.
+//! Texts of progress lines.
 
 use std::time::Duration;
 
-/// What stands in the log once work is over. Work that was broken off does not read as done.
+/// Returns the line of the log at the end of work. Interrupted work does not read as done.
 pub(super) fn closing_line(
     label: &str,
     duration: Duration,

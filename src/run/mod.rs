@@ -220,7 +220,7 @@ fn report(
     ))
 }
 
-/// What is done to every sequence.
+/// Work on every sequence.
 struct Job<'a> {
     poses: PoseRequest,
     truth: GivenTruth,
@@ -306,12 +306,12 @@ impl Job<'_> {
         }
     }
 
-    /// Where the run and the scores of a sequence go.
+    /// Returns the folder of the run and the scores of a sequence.
     fn method_folder(&self, sequence_folder: &Path) -> PathBuf {
         sequence_folder.join(&self.protocol).join(&self.variant)
     }
 
-    /// What one would do next with a sequence that was scored.
+    /// Returns the commands to suggest for a scored sequence.
     fn next_commands(&self, folder: &Path) -> String {
         let run = self.method_folder(folder).join("run");
         let (run, folder) = (run.display(), folder.display());

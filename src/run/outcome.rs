@@ -1,4 +1,4 @@
-//! What became of every video and sequence of a job.
+//! Outcome of every video and sequence of a job.
 
 use std::path::Path;
 
@@ -82,7 +82,7 @@ impl Outcome {
         self.blame.is_some()
     }
 
-    /// What it is about, and the reason where there is one.
+    /// Returns its subject, with the reason where there is one.
     fn line(&self) -> String {
         let name = if self.sequence.is_empty() {
             &self.video
@@ -115,7 +115,7 @@ impl Outcomes {
         self.list.push(outcome);
     }
 
-    /// How many sequences were scored.
+    /// Returns the number of scored sequences.
     pub(crate) fn scored(&self) -> usize {
         self.list
             .iter()

@@ -113,7 +113,7 @@ impl HeldLock {
     }
 }
 
-/// What stands in an open file: `None` where it is empty, `Some(None)` where it is not whole.
+/// Returns the content of an open file: `None` where it is empty, `Some(None)` where it is not whole.
 fn content(mut file: &File) -> io::Result<Option<Option<RunnerLock>>> {
     let mut bytes = Vec::new();
     file.read_to_end(&mut bytes)?;

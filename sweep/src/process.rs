@@ -35,7 +35,7 @@ pub(crate) enum EndReason {
     Limit,
 }
 
-/// What others ask of the running command of a unit; the thread that waits for it sees to that.
+/// Requests of other threads to the running command of a unit; the thread that waits for it carries them out.
 #[derive(Debug, Default)]
 pub(crate) struct Running {
     asked: Mutex<Asked>,

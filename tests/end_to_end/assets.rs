@@ -175,8 +175,8 @@ fn no_browser() -> Option<&'static str> {
     (!all).then_some("no Chromium with its driver, scripts/setup --browser installs them")
 }
 
-/// What the renderer makes of what an asset's page shows at first: from the origin of the files along
-/// their z, 75 degrees high at 640 x 480; a PPM.
+/// Returns the renderer's image of the first view of an asset's page: from the origin of the files along their z, 75
+/// degrees high at 640 x 480; a PPM.
 fn view_of_page(folder: &Path, out: &Path, record: &Value) -> PathBuf {
     let placement = &record["placement"];
     let [w, x, y, z] = [0, 1, 2, 3].map(|at| placement["rotation_wxyz"][at].as_f64().unwrap());

@@ -21,14 +21,14 @@ use crate::{
 
 /// Room of the disk, KiB: for every command with what it begins from.
 const DISK_KIBIBYTES: u32 = 128 << 10;
-/// What the full disk has left, KiB.
+/// Space left on the full disk, KiB.
 const LEFT_KIBIBYTES: [u64; 3] = [0, 8, 200];
 /// Address space of the process, KiB. The libraries alone take the first.
 const MEMORY_KIBIBYTES: [u32; 3] = [300 << 10, 320 << 10, 360 << 10];
 /// Open files; the system's loader takes three, and standard input and output are three more.
 const OPEN_FILES: [u32; 3] = [6, 10, 16];
 
-/// What goes wrong with the machine.
+/// Faults of the machine.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Fault {
     FullDisk,
@@ -47,7 +47,7 @@ const FAULTS: [(Fault, &str); 5] = [
 ];
 
 impl Fault {
-    /// How the command ends, run with this fault in several degrees.
+    /// Runs the command with this fault in several degrees and returns how it ended.
     fn meet(self, trial: &Trial<'_>) -> Vec<Ended> {
         let limited = |limits: [u32; 3], option: &str| {
             let run = |limit: u32| {

@@ -7,9 +7,9 @@ use crate::{
     writing_commands::{Inputs, WritingCommand, copy},
 };
 
-/// What is put into every folder.
+/// Files that are put into every folder.
 const FOREIGN: &[&str] = &["thesis.tex", "archive/notes.txt"];
-/// What is put there too the second time: under the folders that commands make.
+/// Files that are put there too the second time: under the folders that commands make.
 const IN_THE_WAY: &[&str] = &[
     "classes/human/mine.png",
     "comparisons/mine.png",

@@ -21,7 +21,7 @@ use crate::{
 /// Kills where no number is given; so many commands are walked then.
 const KILLS: usize = 8;
 
-/// What one command went through.
+/// Counts of one command's attempts.
 #[derive(Default)]
 struct Outcome {
     seconds: f64,

@@ -40,7 +40,7 @@ const SIZES: &[&str] = &[
     "64x32", "2x2", "1x1", "66x34", "4096x2", "2x1024", "16x8", "640x320",
 ];
 const RATES: &[&str] = &["10", "1", "0.01", "1000", "30000/1001", "90000"];
-/// What is done to time stamps.
+/// Changes to time stamps.
 const TIMES: &[&str] = &[
     "PTS",
     "PTS-STARTPTS-5/TB",

@@ -1,4 +1,4 @@
-//! What a command leaves in its folder, as far as two undisturbed runs agree on it.
+//! Content of a command's folder, as far as two undisturbed runs agree on it.
 
 use std::{
     collections::{BTreeMap, BTreeSet},
@@ -27,11 +27,11 @@ pub(crate) fn left_in(folder: &Path) -> Files {
         .collect()
 }
 
-/// What every further run has to leave: everything that several undisturbed runs agree on. They differ
-/// in times, in memory, and in hashes of files that hold those.
+/// Content that every further run has to leave: everything on which several undisturbed runs agree. They differ in
+/// times, in memory, and in hashes of files that hold those.
 pub(crate) struct Expected {
     first: Files,
-    /// What is left of the others, by file.
+    /// Files of the other runs.
     others: Vec<Files>,
 }
 
@@ -45,7 +45,7 @@ impl Expected {
         }
     }
 
-    /// What is wrong with what another run left.
+    /// Returns the faults in the files of another run.
     pub(crate) fn faults(&self, found: &Files) -> Vec<String> {
         let mut faults = Vec::new();
         for name in found.keys().filter(|name| name.contains(".tmp-")) {
@@ -75,7 +75,7 @@ impl Expected {
     }
 }
 
-/// How a file differs from those of undisturbed runs where they agree.
+/// Returns how a file differs from those of undisturbed runs where they agree.
 fn difference(name: &str, expected: &[u8], others: &[&[u8]], found: &[u8]) -> Option<String> {
     if others.iter().all(|other| *other == expected) {
         let differs = if shows_times(name) {
@@ -112,13 +112,13 @@ fn difference(name: &str, expected: &[u8], others: &[&[u8]], found: &[u8]) -> Op
     None
 }
 
-/// Whether a table or a page shows times of results: two runs may agree on it by chance.
+/// Returns whether a table or a page shows times of results: two runs may agree on it by chance.
 fn shows_times(name: &str) -> bool {
     let ending = name.rsplit('.').next().unwrap_or_default();
     matches!(ending, "md" | "tex" | "csv" | "svg" | "html" | "log") && !name.ends_with("frames.csv")
 }
 
-/// Whether a file tells of an attempt that failed: it stays beside those that did not.
+/// Returns whether a file records a failed attempt, which stays beside the successful ones.
 fn is_of_attempt(name: &str) -> bool {
     name.contains("/attempt-") || name.contains("/failed/")
 }
@@ -131,7 +131,7 @@ fn without_numbers(bytes: &[u8]) -> String {
         .collect()
 }
 
-/// Whether an entry is measured, so that two runs may agree on it by chance.
+/// Returns whether an entry is measured, so that two runs may agree on it by chance.
 fn is_measured(path: &str) -> bool {
     let name = path.rsplit('/').next().unwrap_or_default();
     name == "scored_at"
@@ -170,7 +170,7 @@ fn leaves(value: &Value) -> BTreeMap<String, String> {
     found
 }
 
-/// What is wrong with how a command ended.
+/// Returns the fault in how a command ended.
 pub(crate) fn ending_fault(ended: &Ended) -> Option<String> {
     let Ended { code, stderr, .. } = ended;
     let is_loader = *code == Some(127) && stderr.contains("error while loading shared libraries");

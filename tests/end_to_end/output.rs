@@ -1,4 +1,4 @@
-//! What goes to which stream.
+//! Streams of output.
 
 use std::process::{Command, Stdio};
 

@@ -1,5 +1,5 @@
-//! What a power cut would leave: before a file gets its final name its content is on the disk, and
-//! afterwards the folder with the name. Watched from outside, through `strace`.
+//! Durability in a power cut: the content of a file is on the disk before it gets its final name, and the folder with
+//! the name afterwards. Observed from outside, through `strace`.
 //!
 //! An ordinary test run watches some of the commands that write; `scripts/reliability power-cut` all.
 
@@ -67,7 +67,7 @@ fn lost(calls: &[Call], folder: &Path) -> Vec<String> {
     lost
 }
 
-/// Whether a file stood under this name before, whose content was looked at then.
+/// Returns whether a file was renamed to this name, or a folder to one above it; its content was checked then.
 fn was_renamed(calls: &[Call], name: &Path) -> bool {
     calls
         .iter()

@@ -103,7 +103,7 @@ fn deformed_gaussians_are_rendered_at_the_times_of_their_frames() {
     assert!(message.contains("deformation.safetensors"), "{message}");
 }
 
-/// What a run that refines poses predicts is what its Gaussians show from the poses that it leaves.
+/// A run that refines poses predicts the views of its Gaussians from the poses that it leaves.
 #[test]
 fn refined_poses_show_what_the_run_predicts() {
     let sequence = small_run().out.join(SEQUENCE);

@@ -18,7 +18,7 @@ const CAMERA: ErpCamera = ErpCamera {
     width: 512,
     height: 256,
 };
-/// Of all points in a cell of this many pixels, the nearest is taken as the visible one.
+/// Side of a cell in pixels; the nearest of all points in a cell is taken as the visible one.
 const CELL_PIXELS: usize = 4;
 
 fn sample() -> PathBuf {

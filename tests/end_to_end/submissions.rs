@@ -53,7 +53,7 @@ fn submitted() -> (TempDir, PathBuf) {
     (folder, submission)
 }
 
-/// What somebody does who changes a file and knows about hashes.
+/// Updates size and hash of a changed file in the record, as a careful forger would.
 fn repack(submission: &Path, file: &str) {
     let path = submission.join("submission.json");
     let mut record: Submission = store::read_record(&path).unwrap();

@@ -20,7 +20,7 @@ use tempfile::TempDir;
 
 /// Settings that make a run of the sample a matter of seconds.
 pub(crate) const SMALL: [&str; 6] = ["--max-frames", "10", "--width", "128", "--iterations", "30"];
-/// What [`SMALL`] makes of the sample.
+/// Image size of the sample with [`SMALL`].
 pub(crate) const SMALL_SIZE: (u32, u32) = (128, 64);
 /// Input views of 10 frames.
 pub(crate) const INPUT_VIEWS: [u32; 8] = [0, 1, 2, 3, 5, 6, 7, 8];
@@ -50,7 +50,7 @@ pub(crate) fn footage(file: &str) -> Option<PathBuf> {
     None
 }
 
-/// How a run of the binary ended.
+/// End of a run of the binary.
 pub(crate) struct Ended {
     pub(crate) code: Option<i32>,
     pub(crate) stdout: String,
@@ -298,7 +298,7 @@ impl SmallDisk {
         assert!(mount("remount,size=64m", self.0.path()));
     }
 
-    /// Where it is.
+    /// Returns its folder.
     pub(crate) fn folder(&self) -> &Path {
         self.0.path()
     }

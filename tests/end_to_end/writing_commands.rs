@@ -60,7 +60,7 @@ const ELSEWHERE: &[(&str, &str)] = &[
 pub(crate) struct WritingCommand {
     /// Its words, where `OUT` stands for the folder that it writes into.
     pub(crate) words: Vec<String>,
-    /// Where the folder begins as a copy of this one.
+    /// Folder that is copied to start from.
     pub(crate) copy_of: Option<PathBuf>,
     /// The exit code where the folder holds files of others.
     pub(crate) code_among_foreign_files: i32,
@@ -137,7 +137,7 @@ impl WritingCommand {
         self.words.iter().map(name).collect::<Vec<_>>().join(" ")
     }
 
-    /// What follows `omnilife`, quietly, with `out` as the folder.
+    /// Returns the arguments of `omnilife`, with `--quiet`, for the folder `out`.
     pub(crate) fn arguments(&self, inputs: &Inputs, out: &Path) -> Vec<String> {
         let moved = inputs.file("moved.json");
         let fill = |word: &String| match word.as_str() {
@@ -153,7 +153,7 @@ impl WritingCommand {
     }
 }
 
-/// What several commands read.
+/// Inputs of several commands.
 pub(crate) struct Inputs {
     folder: TempDir,
 }

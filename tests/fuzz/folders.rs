@@ -1,5 +1,5 @@
-//! What is read from folders: models and scenes of other tools, runs, scores, submissions, sweeps. The
-//! files of runs are made by the binary itself.
+//! Readers of folders: models and scenes of other tools, runs, scores, submissions, sweeps. The binary itself makes
+//! the files of runs.
 
 use std::{
     ffi::OsStr,
@@ -312,7 +312,7 @@ fn import(input: &Input, format: &str) {
     store::remove(&out).unwrap();
 }
 
-/// What the binary makes of the sample in the repository.
+/// Outputs of the binary for the sample in the repository.
 static MADE: LazyLock<TempDir> = LazyLock::new(|| {
     let made = tempfile::tempdir().unwrap();
     let at = |name: &str| made.path().join(name).to_str().unwrap().to_owned();

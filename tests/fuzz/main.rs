@@ -32,7 +32,7 @@ use omnilife_schemas::{process, store};
 use targets::{FILES, Input, Reader, Seed, Target};
 use tempfile::TempDir;
 
-/// Whether a reader is at work.
+/// True while a reader is at work.
 static READS: AtomicBool = AtomicBool::new(false);
 
 /// Changed files per target where neither a time nor a number is given.
@@ -157,7 +157,7 @@ struct Run<'a> {
     input: Input,
     /// Holds what is being read, in case that it ends the process.
     current: File,
-    /// What changes begin from, with the seed whose place it takes: the seeds, and what was kept.
+    /// Files that changes start from, with the index of the seed for which each stands: the seeds and the kept files.
     bases: Vec<(usize, Vec<u8>)>,
     /// The seed whose file in the folder holds something else.
     changed: Option<usize>,
@@ -231,7 +231,7 @@ impl Run<'_> {
     }
 }
 
-/// What a panic says.
+/// Returns the message of a panic.
 fn reason(payload: &(dyn Any + Send)) -> String {
     let owned = payload.downcast_ref::<String>().cloned();
     owned

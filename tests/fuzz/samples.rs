@@ -18,7 +18,7 @@ pub(crate) fn unchanged() -> Similarity {
     }
 }
 
-/// As owned strings.
+/// Returns names as owned strings.
 pub(crate) fn names(names: &[&str]) -> Vec<String> {
     names.iter().map(|&name| name.to_owned()).collect()
 }

@@ -1,4 +1,4 @@
-//! What is read from single files, and the valid files that changes begin from.
+//! Readers of single files, and the valid files that changes start from.
 
 use std::{
     fs,
@@ -77,7 +77,7 @@ pub(crate) struct Target {
     pub(crate) id: &'static str,
     /// Words of its format.
     pub(crate) words: &'static [&'static str],
-    /// How many times as long as others it takes.
+    /// Factor by which it takes longer than others.
     pub(crate) cost: u64,
     /// Fills a folder with files that the reader takes, and names those that are changed.
     pub(crate) seeds: fn(&Path) -> Vec<String>,
@@ -85,7 +85,7 @@ pub(crate) struct Target {
     pub(crate) reader: Reader,
 }
 
-/// How a changed file is read.
+/// Reader of a changed file.
 #[derive(Clone, Copy)]
 pub(crate) enum Reader {
     /// From its bytes; the seed's name says of which kind it is.

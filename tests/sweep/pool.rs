@@ -202,7 +202,7 @@ fn told_to_end_a_runner_lets_units_save_their_work() {
     assert_eq!(lines(&shell.path("result")), ["half"]);
 }
 
-/// What a killed runner's unit has started does not go on beside the next attempt.
+/// The next attempt waits until everything that a killed runner's unit has started is gone.
 #[test]
 fn what_a_killed_runner_has_left_is_waited_for() {
     let unit = "if test -e begun; then test -e late && touch after; exit; fi; \

@@ -47,7 +47,7 @@ impl Cluster {
         self.0.path().join("slurm.conf")
     }
 
-    /// What a program of Slurm prints.
+    /// Returns the output of a program of Slurm.
     fn says(&self, program: &str, arguments: &[&str]) -> String {
         let mut command = Command::new(program);
         command

@@ -90,7 +90,7 @@ impl Shell {
         rows.collect()
     }
 
-    /// How many units are in a state.
+    /// Returns the number of units in a state.
     pub(crate) fn count(&self, state: &str) -> usize {
         self.rows().iter().filter(|row| row[1] == state).count()
     }

@@ -1,4 +1,4 @@
-//! How long work takes, on the wall's clock and on the CPU.
+//! Wall-clock time and CPU time of work.
 
 use std::time::{Duration, Instant};
 

@@ -23,7 +23,7 @@ pub fn last_file() -> Option<PathBuf> {
         .flatten()
 }
 
-/// Who has to act for the error to go away.
+/// Kinds of errors, by the party that has to act.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum ErrorKind {
     /// The input is bad or missing; the user has to change it. Exit code 2.
@@ -36,6 +36,6 @@ pub enum ErrorKind {
 ///
 /// Messages are one line that names the file and the reason.
 pub trait Classified: std::error::Error {
-    /// Who has to act.
+    /// Returns the party that has to act.
     fn error_kind(&self) -> ErrorKind;
 }

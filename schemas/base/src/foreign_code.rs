@@ -26,7 +26,7 @@ pub fn guarded<T>(read: impl FnOnce() -> T) -> Result<T, String> {
     })
 }
 
-/// Whether this thread runs such code: a panic there needs no telling.
+/// Returns whether this thread runs such code; a panic there is not reported.
 pub fn is_guarded() -> bool {
     GUARDED.get()
 }

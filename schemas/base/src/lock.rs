@@ -26,11 +26,11 @@ pub const LOCK_FILE: &str = ".omnilife.lock";
 const TAG: &str = "omnilife writes here: ";
 /// Characters of the file that a message repeats at most.
 const LONGEST_HOLDER: usize = 300;
-/// How often, and how long apart, a lock is looked at that does not say yet who holds it.
+/// Number of times, and the interval, at which a lock is read whose holder has not written its text yet.
 const HOLDER_TRIES: u32 = 10;
 const HOLDER_WAIT: Duration = Duration::from_millis(20);
 
-/// What this process holds. Stages of one job lock the folders that the job has locked already.
+/// Locks of this process. Stages of one job lock folders that the job has locked already.
 static HELD: Mutex<BTreeMap<PathBuf, Weak<Held>>> = Mutex::new(BTreeMap::new());
 
 /// A file that is locked for as long as it, or a copy that another process has inherited, is open.
@@ -222,7 +222,7 @@ fn said_by_holder(file: &mut File) -> String {
     text
 }
 
-/// What another process says of itself.
+/// Returns the error that repeats the text of the holder.
 fn refusal(folder: &Path, file: &mut File) -> StoreError {
     let text = said_by_holder(file);
     let holder: String = text
@@ -238,7 +238,7 @@ fn refusal(folder: &Path, file: &mut File) -> StoreError {
     )
 }
 
-/// Who holds the lock: process, machine, command, time.
+/// Returns the text of a holder: process, machine, command, time.
 fn holder() -> String {
     let words: Vec<String> = std::env::args_os()
         .map(|word| word.to_string_lossy().into_owned())

@@ -4,7 +4,7 @@
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("there is no {kind} {name:?}; known: {known}{}", suggestion(meant.as_deref()))]
 pub struct UnknownName {
-    /// What was looked for: `method`, `protocol`.
+    /// Kind of the entry that was looked for: `method`, `protocol`.
     pub kind: String,
     /// The name asked for.
     pub name: String,

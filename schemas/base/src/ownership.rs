@@ -43,7 +43,7 @@ pub struct OwnFiles {
     hashes: BTreeMap<String, BTreeSet<String>>,
 }
 
-/// What stands under a name.
+/// State of a name in a folder.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Standing {
     /// Nothing.
@@ -154,8 +154,8 @@ impl OwnFiles {
     }
 }
 
-/// Whether a name of a record is that of a file in the record's folder or below: relative, without
-/// `..`, not empty. Links are not looked at.
+/// Returns whether a name of a record is that of a file in the record's folder or below: relative, without `..`, not
+/// empty. Links are not checked.
 pub fn is_inside(file: &str) -> bool {
     let mut parts = Path::new(file).components().peekable();
     parts.peek().is_some() && parts.all(|part| matches!(part, Component::Normal(_)))
@@ -246,7 +246,7 @@ fn in_the_way(path: &Path) -> StoreError {
     )
 }
 
-/// Whether nothing is there, or the way there leads through a file.
+/// Returns whether the path does not exist, or leads through a file.
 fn is_absence(error: &io::Error) -> bool {
     matches!(
         error.kind(),

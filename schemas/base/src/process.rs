@@ -53,7 +53,7 @@ impl Stat {
     }
 }
 
-/// Whether a process has ended and only waits for its parent to ask how; Linux alone tells.
+/// Returns whether a process has ended and its parent has not collected its status; known on Linux alone.
 #[cfg(unix)]
 fn is_zombie(id: u32) -> bool {
     #[cfg(target_os = "linux")]
@@ -67,7 +67,7 @@ fn is_zombie(id: u32) -> bool {
     }
 }
 
-/// Whether a process with this id runs on this machine; where the system does not tell, it does.
+/// Returns whether a process with this id runs on this machine; true where the system does not tell.
 pub fn is_running(id: u32) -> bool {
     #[cfg(unix)]
     {

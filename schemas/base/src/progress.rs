@@ -14,8 +14,7 @@ pub trait Progress: Sync {
     fn end(&self);
     /// A line the user should see whatever happens to the bar: a decision, a skipped stage.
     fn note(&self, line: &str);
-    /// Whether whoever waits for the work has given it up. Work that asks ends soon, with an error that
-    /// says so.
+    /// Returns whether the caller has given the work up. Work that asks ends soon, with an error that says so.
     fn is_interrupted(&self) -> bool {
         false
     }

@@ -1,4 +1,4 @@
-//! What made a record: the program with its commit, and the machine.
+//! Origin of a record: the program with its commit, and the machine.
 
 use std::{
     collections::BTreeMap,

@@ -202,9 +202,9 @@ impl StagePlan {
         Ok(made)
     }
 
-    /// Whether a done-record with the same inputs exists and all its outputs stand as they were
-    /// made. An unreadable done-record means that the stage is not done. What a process left that was
-    /// killed just after it was done is removed.
+    /// Returns whether a done-record with the same inputs exists and all its outputs are as they were made. An
+    /// unreadable done-record means that the stage is not done. Removes leftovers of a process that was killed just
+    /// after the stage was done.
     pub fn is_done(&self) -> bool {
         let Ok(done) = store::read_record::<Done>(&self.record_path()) else {
             return false;
@@ -237,13 +237,13 @@ impl StagePlan {
                 .is_none_or(|sha256| store::sha256_file(&path).is_ok_and(|found| found == *sha256))
     }
 
-    /// How long the stage took when it last ran; `None` where it has not finished.
+    /// Returns the time that the stage took when it last ran; `None` where it has not finished.
     pub fn took(&self) -> Option<Elapsed> {
         let done = store::read_record::<Done>(&self.record_path()).ok()?;
         Some(done.took)
     }
 
-    /// Whether this stage has begun or finished in its folder before.
+    /// Returns whether this stage has started or finished in its folder already.
     pub fn has_begun(&self) -> bool {
         self.record_path().is_file() || self.begun_path().is_file()
     }

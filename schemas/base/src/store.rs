@@ -1,4 +1,4 @@
-//! How a file reaches the disk and comes back: whole or not at all.
+//! Atomic reading and writing of files: whole or not at all.
 //!
 //! Everything is written beside its final name, synced and renamed, so that a killed process or a
 //! full disk never leaves a partial file under a final name. JSON records carry their schema's
@@ -57,7 +57,7 @@ pub enum StoreError {
     Malformed {
         /// The file.
         path: PathBuf,
-        /// What is wrong with it.
+        /// Fault of the content.
         reason: String,
     },
     /// Something that is not ours is in the way, or another process is at work.
@@ -65,7 +65,7 @@ pub enum StoreError {
     Refused {
         /// The file or folder.
         path: PathBuf,
-        /// What is in the way, and what can be done.
+        /// Obstacle and remedy.
         reason: String,
     },
 }
@@ -128,7 +128,7 @@ impl Classified for StoreError {
     }
 }
 
-/// Whether the machine fails whoever reads whatever file: no memory, no more open files, a broken disk.
+/// Returns whether the cause is the machine, whatever the file: no memory, too many open files, a broken disk.
 fn is_of_machine(error: &io::Error) -> bool {
     #[cfg(unix)]
     if let Some(code) = error.raw_os_error() {
@@ -140,7 +140,7 @@ fn is_of_machine(error: &io::Error) -> bool {
     error.kind() == io::ErrorKind::OutOfMemory
 }
 
-/// Whether nothing can be written because of the path that was asked for.
+/// Returns whether the requested path is why nothing can be written.
 fn is_bad_path(kind: io::ErrorKind) -> bool {
     matches!(
         kind,
@@ -215,8 +215,8 @@ fn sync_folder_of(_: &Path) -> io::Result<()> {
     Ok(())
 }
 
-/// Where `scripts/setup` installs what is no part of the program: `$OMNILIFE_DATA`, else
-/// `$XDG_DATA_HOME/omnilife`, else `~/.local/share/omnilife`; `None` where none of them is set.
+/// Returns the folder into which `scripts/setup` installs data and programs of others: `$OMNILIFE_DATA`, else
+/// `$XDG_DATA_HOME/omnilife`, else `~/.local/share/omnilife`. Returns `None` where none of them is set.
 pub fn data_folder() -> Option<PathBuf> {
     let set = |name: &str| {
         std::env::var_os(name)
@@ -467,7 +467,7 @@ pub fn read_record<T: Record>(path: &Path) -> Result<T, StoreError> {
         .map_err(|error| StoreError::malformed(path, format!("not a {}: {error}", T::SCHEMA)))
 }
 
-/// Whether a file of this schema is read as a `T`.
+/// Returns whether a file of this schema is read as a `T`.
 pub fn is_read_as<T: Record>(schema: &str) -> bool {
     schema == T::SCHEMA || T::OLDER.contains(&schema)
 }

@@ -38,7 +38,7 @@ impl Camera {
         [self.width() as usize, self.height() as usize]
     }
 
-    /// Whether the first column follows the last.
+    /// Returns whether the first column follows the last.
     pub fn wraps(&self) -> bool {
         match self {
             Self::Erp(_) => true,

@@ -9,7 +9,7 @@ use super::PinholeCamera;
 /// A face of the cube.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct CubeFace {
-    /// What it shows, seen from the camera that looks to the front.
+    /// Name of its direction, seen from the camera that looks to the front.
     pub name: &'static str,
     /// From the face's axes (x right, y down, z forward) to the camera's.
     pub to_camera: DMat3,

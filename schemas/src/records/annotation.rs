@@ -90,7 +90,7 @@ impl EgoMotion {
     }
 }
 
-/// How much moves beside the camera.
+/// Amount of motion beside that of the camera.
 pub type Dynamics = Measured;
 
 /// A measured class with what it rests on.

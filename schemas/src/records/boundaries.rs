@@ -98,7 +98,7 @@ impl BoundaryKind {
         }
     }
 
-    /// Whether a video is cut there.
+    /// Returns whether a video is cut there.
     pub fn separates(self) -> bool {
         self != Self::SeamlessTraversal
     }

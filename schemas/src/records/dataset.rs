@@ -80,7 +80,7 @@ pub enum OriginKind {
 }
 
 impl OriginKind {
-    /// As people read it.
+    /// Returns the words for pages and messages.
     pub fn words(self) -> &'static str {
         match self {
             Self::Web => "web",

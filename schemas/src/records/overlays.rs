@@ -79,8 +79,8 @@ pub enum OverlayClass {
 }
 
 impl OverlayClass {
-    /// Whether it hides what could be reconstructed or puts patterns where there are none. What
-    /// covers the nadir hides the tripod.
+    /// Returns whether it hides reconstructable content or adds patterns that are not in the scene. A patch over the
+    /// nadir hides the tripod, so it does not count.
     pub fn spoils_geometry(self) -> bool {
         matches!(self, Self::Watermark | Self::Caption | Self::Mosaic)
     }

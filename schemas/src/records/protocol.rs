@@ -139,12 +139,12 @@ pub enum ScoredViews {
 }
 
 impl ScoredViews {
-    /// Whether input views are scored.
+    /// Returns whether input views are scored.
     pub fn has_input(self) -> bool {
         self != Self::Novel
     }
 
-    /// Whether novel views are scored.
+    /// Returns whether novel views are scored.
     pub fn has_novel(self) -> bool {
         self != Self::Input
     }

@@ -167,7 +167,7 @@ pub struct ScoredFile {
     pub sha256: String,
 }
 
-/// Whether a metric is of a region of the image: of what stands still, or of what moves.
+/// Returns whether a metric scores one region of the image, static or dynamic.
 pub fn is_of_region(metric: &str) -> bool {
     metric.ends_with("-static") || metric.ends_with("-dynamic")
 }
@@ -196,7 +196,8 @@ impl ResultRecord {
         })
     }
 
-    /// Whether both score regions of the image, and by other ones: these scores are not comparable.
+    /// Returns whether both score regions of the image that were found in different ways: these scores are not
+    /// comparable.
     pub fn has_other_regions(&self, other: &Self) -> bool {
         self.regions != other.regions && self.scores_regions() && other.scores_regions()
     }
@@ -259,7 +260,7 @@ pub enum Direction {
 }
 
 impl Direction {
-    /// Whether score `left` is better than score `right`.
+    /// Returns whether score `left` is better than score `right`.
     pub fn prefers(self, left: f64, right: f64) -> bool {
         match self {
             Self::HigherIsBetter => left > right,

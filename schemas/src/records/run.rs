@@ -199,7 +199,7 @@ pub struct StageTime {
 }
 
 impl StageTime {
-    /// Whether it is a stage of the run itself, not of what the run was given.
+    /// Returns whether it is a stage of the run itself, not one that made an input of the run.
     pub fn is_of_run(&self) -> bool {
         RUN_STAGES.contains(&self.stage.as_str())
     }

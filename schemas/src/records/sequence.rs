@@ -27,8 +27,8 @@ pub struct Sequence {
 }
 
 impl Sequence {
-    /// Whether its frames are perspective images. The evidence alone never makes a sequence of such a
-    /// video: somebody said so.
+    /// Returns whether its frames are perspective images. The evidence alone never makes a sequence of such a video;
+    /// a user has to state it.
     pub fn is_pinhole(&self) -> bool {
         self.projection.projection == VideoProjection::Rectilinear
     }
@@ -65,7 +65,7 @@ impl TimeRange {
         self.end_seconds - self.begin_seconds
     }
 
-    /// Whether an instant lies inside.
+    /// Returns whether an instant lies inside.
     pub fn contains(&self, seconds: f64) -> bool {
         self.begin_seconds <= seconds && seconds < self.end_seconds
     }
@@ -107,7 +107,7 @@ pub struct Probe {
 }
 
 impl Probe {
-    /// Whether levels are coded for high dynamic range. They are used as coded, not tone-mapped.
+    /// Returns whether levels are coded for high dynamic range. They are used as coded, not tone-mapped.
     pub fn is_hdr(&self) -> bool {
         matches!(self.transfer.as_str(), "smpte2084" | "arib-std-b67")
     }
@@ -191,7 +191,7 @@ pub enum VideoProjection {
 }
 
 impl VideoProjection {
-    /// Whether frames can be used as ERP after resizing to 2:1.
+    /// Returns whether frames can be used as ERP after resizing to 2:1.
     pub fn is_monoscopic_erp(self) -> bool {
         matches!(self, Self::Erp | Self::ErpSqueezed)
     }

@@ -1,4 +1,4 @@
-//! How a sphere is stored in the frames of a video, where it is not one equirectangular image.
+//! Layouts of a sphere in the frames of a video, other than one equirectangular image.
 
 use std::{fmt, str::FromStr};
 
@@ -43,7 +43,7 @@ pub enum SphereLayout {
     },
 }
 
-/// Where a lens's circle lies in its half of a frame.
+/// Circle of a lens in its half of a frame.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct FisheyeCircle {
     /// Its middle, shares of the half's width and height from the half's corner.
@@ -100,7 +100,7 @@ impl FaceOrder {
     /// Right, left, up, down, front, back: the order of `v360`.
     pub const STANDARD: Self = Self(*b"rludfb");
 
-    /// Where a face of [`CUBE_FACES`](crate::camera::cube::CUBE_FACES) lies in the order, 0 to 5.
+    /// Returns the position in the order, 0 to 5, of a face of [`CUBE_FACES`](crate::camera::cube::CUBE_FACES).
     pub fn position(&self, face: usize) -> usize {
         let letter = FACE_LETTERS.get(face);
         let found = self.0.iter().position(|other| Some(other) == letter);

@@ -107,7 +107,7 @@ impl Hostile {
         self.write(name, value.to_string());
     }
 
-    /// What a file holds; nothing where it is missing.
+    /// Returns the content of a file; empty where it is missing.
     pub(super) fn read(&self, name: &str) -> Vec<u8> {
         fs::read(self.path(name)).unwrap_or_default()
     }

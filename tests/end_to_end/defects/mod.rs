@@ -27,7 +27,7 @@ struct Defect {
     try_again: fn(&mut Attempt<'_>),
 }
 
-/// What is being tried, and what was found.
+/// Current attempt and its findings.
 struct Attempt<'a> {
     hostile: &'a Hostile,
     codes: Vec<String>,

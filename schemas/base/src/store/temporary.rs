@@ -35,7 +35,7 @@ static HOST: LazyLock<String> = LazyLock::new(|| {
     store::sha256_bytes(text.as_bytes())[..8].to_owned()
 });
 
-/// Where a file is written before it gets its final name; the same for every call of a process.
+/// Returns the path under which a file is written until it gets its final name; the same for every call of a process.
 ///
 /// The final extension is kept last, because image encoders choose the format by it. Of a name that
 /// leaves no room the beginning is replaced.
