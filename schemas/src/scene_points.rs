@@ -1,5 +1,5 @@
-//! The points that reconstruction of a scene begins with: dense ones beside the split where stereo has made
-//! some (`omnilife curate dense`), else those that came with the poses.
+//! Initial points for reconstruction of a scene: dense ones beside the split where stereo has made some
+//! (`omnilife curate dense`), else those that came with the poses.
 
 use std::path::{Path, PathBuf};
 
@@ -13,16 +13,16 @@ use crate::{
 /// Location of a scene's points.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ScenePoints {
-    /// The file.
+    /// Path of the file.
     pub file: PathBuf,
     /// Name in records: relative to the scene, or to the split.
     pub name: String,
-    /// The frames that stereo has looked at for them; none where they came with the poses.
+    /// Frames that stereo has used for them; empty where they came with the poses.
     pub dense_frames: Vec<u32>,
 }
 
 impl ScenePoints {
-    /// The points of a scene in `scene_folder` for a split in `split_folder`; `None` where there are none.
+    /// Returns the points of a scene in `scene_folder` for a split in `split_folder`; `None` without points.
     ///
     /// # Errors
     /// When the record of the dense points cannot be read, is that of another scene or of other poses, or

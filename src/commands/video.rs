@@ -14,7 +14,6 @@ const DEFAULT_RATE: f64 = 30.0;
 /// Refuses a path to which no video can be written.
 ///
 /// # Errors
-///
 /// When the file is no `.mp4`, or exists already.
 pub(crate) fn check(file: &Path) -> anyhow::Result<()> {
     if file.extension().is_some_and(|extension| extension == "mp4") {

@@ -13,7 +13,6 @@ thread_local! {
 /// library's words, and is not reported as a bug of the program.
 ///
 /// # Errors
-///
 /// The message of the panic.
 pub fn guarded<T>(read: impl FnOnce() -> T) -> Result<T, String> {
     let before = GUARDED.replace(true);

@@ -55,7 +55,6 @@ impl LockFile {
     /// Creates the file where it is missing and locks it, without waiting. Content of an earlier holder stays.
     ///
     /// # Errors
-    ///
     /// When the path is a link, or the file cannot be opened for reading and writing.
     pub fn take(path: &Path) -> Result<Attempt, StoreError> {
         let failed = |error| StoreError::write(path, error);
@@ -87,7 +86,6 @@ impl LockFile {
     /// Replaces the content.
     ///
     /// # Errors
-    ///
     /// When the system refuses.
     pub fn write(&self, content: &[u8]) -> io::Result<()> {
         let mut file = &self.file;
@@ -99,7 +97,6 @@ impl LockFile {
     /// Removes the file and releases the lock, even if another process has inherited it.
     ///
     /// # Errors
-    ///
     /// When the file cannot be removed.
     pub fn release(&self) -> Result<(), StoreError> {
         // Removed before the release: a process that locks a removed file finds that out.
@@ -124,7 +121,6 @@ impl FolderLock {
     /// but not from folders below. On a file system without locks a note says so and no process is kept out.
     ///
     /// # Errors
-    ///
     /// [`StoreError::Refused`] with the process that holds the folder, and when the folder cannot be written into.
     pub fn take(folder: &Path, progress: &dyn Progress) -> Result<Self, StoreError> {
         if folder.is_file() {
@@ -158,7 +154,6 @@ impl FolderLock {
     /// missing.
     ///
     /// # Errors
-    ///
     /// Those of [`FolderLock::take`].
     pub fn take_existing(
         folder: &Path,

@@ -47,7 +47,6 @@ fn suggestion(meant: Option<&str>) -> String {
 /// Returns the entry of this name.
 ///
 /// # Errors
-///
 /// [`UnknownName`] where the name is unknown.
 pub fn find<'a, T>(
     kind: &str,

@@ -58,7 +58,6 @@ pub fn write_f32(path: &Path, shape: &[usize], values: &[f32]) -> Result<(), Sto
 /// Reads an f32 or f64 array.
 ///
 /// # Errors
-///
 /// When the file is missing, truncated or of another kind.
 pub fn read(path: &Path) -> Result<Array, StoreError> {
     error_kind::reading(path);
@@ -69,7 +68,6 @@ pub fn read(path: &Path) -> Result<Array, StoreError> {
 /// Reads an array as [`read`] does, from the bytes of a file.
 ///
 /// # Errors
-///
 /// The fault of the bytes.
 pub fn from_bytes(bytes: &[u8]) -> Result<Array, String> {
     let broken = || "not a NumPy array, or cut off".to_owned();

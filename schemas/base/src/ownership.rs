@@ -84,7 +84,6 @@ impl OwnFiles {
     /// Returns the state of a name.
     ///
     /// # Errors
-    ///
     /// When the name leads out of the folder, or the file cannot be read.
     pub fn standing(&self, file: &str) -> Result<Standing, StoreError> {
         let path = path_inside(&self.folder, file)?;
@@ -108,7 +107,6 @@ impl OwnFiles {
     /// Refuses to write a file where a foreign one exists.
     ///
     /// # Errors
-    ///
     /// When one exists, a folder has the name, or the name leads out of the folder.
     pub fn refuse_foreign(&self, file: &str) -> Result<(), StoreError> {
         match self.standing(file)? {
@@ -121,7 +119,6 @@ impl OwnFiles {
     /// the state of the name.
     ///
     /// # Errors
-    ///
     /// When a foreign or changed file has the name, or the name leads out of the folder.
     pub fn refuse_changed(&self, file: &str, sha256: &str) -> Result<Standing, StoreError> {
         let path = self.folder.join(file);
@@ -136,7 +133,6 @@ impl OwnFiles {
     /// Everything else stays.
     ///
     /// # Errors
-    ///
     /// When a file cannot be read or removed.
     pub fn remove(&self, goes: impl Fn(&str) -> bool) -> Result<(), StoreError> {
         for file in self.hashes.keys().filter(|file| goes(file)) {
@@ -168,7 +164,6 @@ pub fn is_inside(file: &str) -> bool {
 /// Returns the path of a file in a folder.
 ///
 /// # Errors
-///
 /// When the name is empty, absolute, has a part `.` or `..`, or leads through a link.
 pub fn path_inside(folder: &Path, file: &str) -> Result<PathBuf, StoreError> {
     if !is_inside(file) {
@@ -192,7 +187,6 @@ pub fn path_inside(folder: &Path, file: &str) -> Result<PathBuf, StoreError> {
 /// beside it.
 ///
 /// # Errors
-///
 /// When there is anything under the name.
 pub fn refuse_existing(path: &Path) -> Result<(), StoreError> {
     remove_abandoned_beside(path)?;
@@ -210,7 +204,6 @@ pub fn refuse_existing(path: &Path) -> Result<(), StoreError> {
 /// processes beside it.
 ///
 /// # Errors
-///
 /// When there is something else under the name.
 pub fn refuse_another_kind(path: &Path, beginning: &[u8]) -> Result<(), StoreError> {
     remove_abandoned_beside(path)?;

@@ -8,7 +8,6 @@
 /// Refuses unknown placeholders; `known` are the names, each with true for a number.
 ///
 /// # Errors
-///
 /// When one is unknown, a brace is not closed, or padding is given for a text.
 pub fn check(text: &str, known: &[(&str, bool)]) -> Result<(), String> {
     for (name, digits) in names(text)? {
@@ -32,7 +31,6 @@ pub fn check(text: &str, known: &[(&str, bool)]) -> Result<(), String> {
 /// Returns the placeholders in a text with the digits to which they are padded (0 without padding).
 ///
 /// # Errors
-///
 /// When a brace is not closed, or padding has another form.
 pub fn names(text: &str) -> Result<Vec<(String, usize)>, String> {
     let mut found = Vec::new();

@@ -59,7 +59,6 @@ pub fn for_spreadsheet(text: &str) -> Cow<'_, str> {
 /// Serializes with [`for_spreadsheet`], for `#[serde(serialize_with = "...")]` on a field of a row.
 ///
 /// # Errors
-///
 /// Those of the serializer.
 pub fn serialize_for_spreadsheet<S: Serializer>(
     text: &str,

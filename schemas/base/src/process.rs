@@ -143,7 +143,6 @@ pub fn read_tail(pipe: Option<impl Read>, most: usize) -> Vec<u8> {
 /// (all but Linux) are left as they are.
 ///
 /// # Errors
-///
 /// When the system refuses.
 pub fn limit_memory(bytes: u64) -> io::Result<()> {
     #[cfg(target_os = "linux")]

@@ -1,4 +1,4 @@
-//! `annotation`: what a sequence shows, said by people and programs, and how it moves, measured.
+//! `annotation`: content of a sequence, described by people and programs, and its measured motion.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -80,7 +80,7 @@ pub struct EgoMotion {
 }
 
 impl EgoMotion {
-    /// The class for statistics: that of the action, which a person chose, else the measured one.
+    /// Returns the class for statistics: that of the action, which a person chose, else the measured one.
     pub fn class(&self) -> Option<&str> {
         let measured = self
             .measured

@@ -1,4 +1,4 @@
-//! `dataset`: the sequences cut from a set of videos, and every video that gave none.
+//! `dataset`: the sequences cut from a set of videos, and every video without one.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};

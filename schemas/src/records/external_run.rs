@@ -1,4 +1,4 @@
-//! `external-run`: how a method that is not ours was run on one scene.
+//! `external-run`: run of an external method on one scene.
 
 use std::collections::BTreeMap;
 

@@ -60,7 +60,7 @@ pub struct TimeRange {
 }
 
 impl TimeRange {
-    /// Length in seconds.
+    /// Returns the length in seconds.
     pub fn duration_seconds(&self) -> f64 {
         self.end_seconds - self.begin_seconds
     }
@@ -112,12 +112,12 @@ impl Probe {
         matches!(self.transfer.as_str(), "smpte2084" | "arib-std-b67")
     }
 
-    /// Quarter turns clockwise that bring the coded image upright, 0 to 3.
+    /// Returns the quarter turns clockwise that bring the coded image upright, 0 to 3.
     pub fn clockwise_quarter_turns(&self) -> u32 {
         (self.rotation_degrees / 90.0).round().rem_euclid(4.0) as u32
     }
 
-    /// Width and height in pixels of the upright image.
+    /// Returns width and height in pixels of the upright image.
     pub fn upright_size(&self) -> (u32, u32) {
         if self.clockwise_quarter_turns() % 2 == 1 {
             (self.height, self.width)
@@ -196,7 +196,7 @@ impl VideoProjection {
         matches!(self, Self::Erp | Self::ErpSqueezed)
     }
 
-    /// The name used in files.
+    /// Returns the name used in files.
     pub fn name(self) -> &'static str {
         match self {
             Self::Erp => "erp",
@@ -275,7 +275,7 @@ pub enum Sampling {
     FramesPerSecond(f64),
 }
 
-/// Pixels of a side of an image, as far as images are read.
+/// Reads the side of an image in pixels, up to the limit for reading images.
 fn side_pixels<'de, D: Deserializer<'de>>(deserializer: D) -> Result<u32, D::Error> {
     const MOST: u32 = 16_384;
     let pixels = u32::deserialize(deserializer)?;

@@ -30,7 +30,6 @@ impl Container {
     /// Kills it; returns false where it does not run.
     ///
     /// # Errors
-    ///
     /// When the runtime cannot be started, refuses or takes longer than 10 s; the message names the container.
     pub(super) fn kill(&self) -> Result<bool, String> {
         let failed = |reason: &str| format!("{self} ({} kill: {reason})", self.runtime);

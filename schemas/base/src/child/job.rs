@@ -36,7 +36,6 @@ const MOST_LOG_BYTES: u64 = 4 << 30;
 /// Opens an empty log for the output of a program.
 ///
 /// # Errors
-///
 /// When it cannot be written.
 #[cfg_attr(
     not(test),

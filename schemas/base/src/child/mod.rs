@@ -130,7 +130,6 @@ impl ProcessGroup {
     /// of a runtime.
     ///
     /// # Errors
-    ///
     /// When it cannot be started.
     pub fn spawn(command: &mut Command, container: Option<Container>) -> io::Result<Self> {
         let begun = Instant::now();
@@ -160,7 +159,6 @@ impl ProcessGroup {
     /// Returns the end of the program, if it has ended. [`ProcessGroup::end`] ends its leftovers.
     ///
     /// # Errors
-    ///
     /// When the system does not report it.
     pub fn try_wait(&mut self) -> io::Result<Option<Ended>> {
         // Asked for once: afterwards its id may be that of another process.
@@ -178,7 +176,6 @@ impl ProcessGroup {
     /// Waits for the end of the program.
     ///
     /// # Errors
-    ///
     /// When the system does not report it.
     pub fn wait(&mut self) -> io::Result<Ended> {
         let Ok(ended) = self.wait_unless(|_| None::<Infallible>)?;
@@ -188,7 +185,6 @@ impl ProcessGroup {
     /// Waits for the end of the program, or until `limit`, which is called at every look, returns a reason to end it.
     ///
     /// # Errors
-    ///
     /// When the system does not report it.
     pub fn wait_unless<R>(
         &mut self,
