@@ -1,4 +1,4 @@
-//! One unit per row of an ablation: a training with one component less, and its scores.
+//! Units of an ablation, one per row: a training with one component less, and its scores.
 //!
 //! ```text
 //! OUT/split.json
@@ -18,9 +18,9 @@ use crate::cli::MethodArguments;
 
 /// Request for an ablation.
 pub(crate) struct AblationRequest<'a> {
-    /// The scene.json.
+    /// Path of the scene.json.
     pub(crate) scene: &'a Path,
-    /// The split.json.
+    /// Path of the split.json.
     pub(crate) split: &'a Path,
     /// Folder of all rows.
     pub(crate) out: &'a Path,
@@ -33,10 +33,10 @@ pub(crate) struct AblationRequest<'a> {
 }
 
 impl AblationRequest<'_> {
-    /// The row without one component, or with all.
+    /// Returns the unit of the row without one component, or with all.
     ///
     /// # Errors
-    /// When a path is not UTF-8, or the options are not understood.
+    /// When a path is not UTF-8, or the options are invalid.
     pub(crate) fn unit(&self, method: &Method, without: Option<&str>) -> anyhow::Result<SweepUnit> {
         let mut row = self.arguments.clone();
         row.with.retain(|name| Some(name.as_str()) != without);
