@@ -1,9 +1,9 @@
-//! Every command that writes, on a machine that fails it: a full disk, a disk that cannot be written, a
-//! folder of somebody else, too little memory, too few open files. It ends in one line and leaves
-//! nothing half; without the fault it then does what an undisturbed run does.
+//! Writing commands on a faulty machine: a full disk, a read-only disk, a folder of another user, too little memory,
+//! too few open files. Each ends in one line and leaves no partial files; without the fault it then does what an
+//! undisturbed run does.
 //!
-//! An ordinary test run meets each command with one of the faults; `scripts/reliability faults` with
-//! all of them, and prints a table.
+//! An ordinary test run meets each command with one of the faults; `scripts/reliability faults` with all of them, and
+//! prints a table.
 
 use std::{
     fs,
@@ -19,7 +19,7 @@ use crate::{
     writing_commands::Inputs,
 };
 
-/// Room of the disk, KiB: for every command with what it begins from.
+/// Size of the disk, KiB: for every command with its initial files.
 const DISK_KIBIBYTES: u32 = 128 << 10;
 /// Space left on the full disk, KiB.
 const LEFT_KIBIBYTES: [u64; 3] = [0, 8, 200];
@@ -102,7 +102,7 @@ fn on_a_full_disk(trial: &Trial<'_>, left_kibibytes: u64) -> Ended {
     ended
 }
 
-/// Folders can be read, and nothing in them written.
+/// Runs the command as a user who can read the folders but not write into them.
 fn as_somebody_else(trial: &Trial<'_>) -> Ended {
     let is_root =
         fs::metadata("/proc/self").is_ok_and(|own| std::os::unix::fs::MetadataExt::uid(&own) == 0);
@@ -162,7 +162,7 @@ fn every_command_on_a_machine_that_fails_it() {
             }
             let ends = fault.meet(&trial);
             let mut faults: Vec<String> = ends.iter().filter_map(ending_fault).collect();
-            // Without memory FFmpeg says that the video is damaged, and nothing else is known of it.
+            // Without memory FFmpeg reports a damaged video, and no more is known about it.
             if fault != Fault::LittleMemory && ends.iter().any(|ended| ended.code == Some(2)) {
                 faults.push("the input is blamed for the machine's fault".to_owned());
             }
@@ -170,7 +170,7 @@ fn every_command_on_a_machine_that_fails_it() {
                 .left()
                 .into_keys()
                 .filter(|file| file.contains(".tmp-"));
-            // A disk that cannot be written and a process that has no memory leave what there was.
+            // A read-only disk and a process without memory leave the old files.
             if matches!(fault, Fault::FullDisk | Fault::FewOpenFiles) {
                 faults.extend(half.map(|file| format!("{file}: left over")));
             }

@@ -10,10 +10,10 @@ use serde_json::Value;
 
 use crate::support::{Ended, files};
 
-/// The files that one run left, with their contents.
+/// Files that one run left, with their contents.
 pub(crate) type Files = BTreeMap<String, Vec<u8>>;
 
-/// Reads all files of a folder; what is not there holds none.
+/// Reads all files of a folder; a missing folder has none.
 pub(crate) fn left_in(folder: &Path) -> Files {
     if !folder.is_dir() {
         return Files::new();
@@ -36,7 +36,7 @@ pub(crate) struct Expected {
 }
 
 impl Expected {
-    /// `runs` are two at least.
+    /// Compares at least two `runs`.
     pub(crate) fn of(mut runs: Vec<Files>) -> Self {
         let first = runs.remove(0);
         Self {
@@ -108,7 +108,7 @@ fn difference(name: &str, expected: &[u8], others: &[&[u8]], found: &[u8]) -> Op
             .find(differs)
             .map(|path| format!("{path} differs"));
     }
-    // Tables and drawings of times.
+    // Tables and plots of times.
     None
 }
 
@@ -123,7 +123,7 @@ fn is_of_attempt(name: &str) -> bool {
     name.contains("/attempt-") || name.contains("/failed/")
 }
 
-/// A text by which tables of other times are the same.
+/// Returns a text without its numbers, so that tables of different times are equal.
 fn without_numbers(bytes: &[u8]) -> String {
     let text = String::from_utf8_lossy(bytes);
     text.chars()
@@ -141,7 +141,7 @@ fn is_measured(path: &str) -> bool {
         || matches!(name, "sha256" | "bytes" | "attempt" | "log")
 }
 
-/// All values of a JSON document by their paths.
+/// Returns all values of a JSON document by their paths.
 fn leaves(value: &Value) -> BTreeMap<String, String> {
     let mut found = BTreeMap::new();
     let mut open = vec![(String::new(), value)];
@@ -174,7 +174,7 @@ fn leaves(value: &Value) -> BTreeMap<String, String> {
 pub(crate) fn ending_fault(ended: &Ended) -> Option<String> {
     let Ended { code, stderr, .. } = ended;
     let is_loader = *code == Some(127) && stderr.contains("error while loading shared libraries");
-    // The encoder of slices tells of its own memory itself.
+    // The encoder of slices reports its own memory itself.
     let ours: Vec<&str> = (stderr.lines())
         .filter(|line| !line.starts_with("x264 [error]: malloc"))
         .collect();

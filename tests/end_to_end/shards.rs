@@ -1,4 +1,4 @@
-//! `omnilife curate publish --shards`: the frames of a dataset as archives that loaders read.
+//! Shards of a dataset (`omnilife curate publish --shards`): its frames as archives that loaders read.
 
 use std::{
     fs,

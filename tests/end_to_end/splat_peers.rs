@@ -1,4 +1,4 @@
-//! `.splat` files of ours beside other programs that write and read them.
+//! Our `.splat` files beside other programs that write and read them.
 
 use std::{
     path::{Path, PathBuf},
@@ -9,7 +9,7 @@ use omnilife_schemas::testing::skip;
 
 use crate::support::{omnilife, scratch};
 
-/// Turned Gaussians of several shapes, none of which viewers need changed: a PLY as 3DGS writes it.
+/// Writes rotated Gaussians of several shapes, which viewers show unchanged, to a PLY as 3DGS writes it.
 fn write_scene(path: &Path) {
     let properties = [
         "x", "y", "z", "nx", "ny", "nz", "f_dc_0", "f_dc_1", "f_dc_2", "opacity", "scale_0",
@@ -34,7 +34,7 @@ fn write_scene(path: &Path) {
     std::fs::write(path, bytes).unwrap();
 }
 
-/// The scene, and what it is exported to in its own axes.
+/// Returns the scene, and its export in its own axes.
 fn exported(folder: &Path) -> [PathBuf; 2] {
     let (scene, out) = (folder.join("scene.ply"), folder.join("asset"));
     write_scene(&scene);
@@ -55,7 +55,7 @@ fn exported(folder: &Path) -> [PathBuf; 2] {
     [scene, out.join("full.splat")]
 }
 
-/// Runs the reader; whether the other program was there.
+/// Runs the reader; returns whether the other program is installed.
 fn read_by(arguments: &[&Path]) -> bool {
     let python = std::env::var("OMNILIFE_TEST_PYTHON").unwrap_or_else(|_| "python3".to_owned());
     let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/end_to_end/read_splats.py");
