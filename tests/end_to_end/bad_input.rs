@@ -21,6 +21,7 @@ fn run_without_poses(video: &Path, out: &Path, further: &[&str]) -> crate::suppo
 
 /// Runs the main job on a bad video. Checks that the error names the file and the reason, that the summary has the same
 /// reason, and that all files on disk are whole.
+#[track_caller]
 fn assert_refused(video: &Path, reason: &str) {
     assert_refused_for(video, reason, reason);
 }
