@@ -40,7 +40,7 @@ impl Classified for PartialFailure {
     }
 }
 
-/// Request with options that contradict each other.
+/// Request that the user has to change, such as options that contradict each other.
 #[derive(Debug, thiserror::Error)]
 #[error("{0}")]
 pub(crate) struct BadRequest(pub(crate) String);

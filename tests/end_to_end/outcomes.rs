@@ -36,7 +36,7 @@ pub(crate) struct Expected {
 }
 
 impl Expected {
-    /// Compares at least two `runs`.
+    /// Keeps at least two `runs`.
     pub(crate) fn of(mut runs: Vec<Files>) -> Self {
         let first = runs.remove(0);
         Self {

@@ -67,8 +67,8 @@ pub fn serialize_for_spreadsheet<S: Serializer>(
     serializer.serialize_str(&for_spreadsheet(text))
 }
 
-/// Returns text for shared records: an absolute path in the home folder or in a folder above keeps its last name
-/// alone. Only a path after white space, a quote or a bracket, or at the start, is shortened.
+/// Returns text for shared records: a path that begins at a root, in the home folder, or with `./` or `../` keeps its
+/// last name alone. It must be at the start or behind white space, a quote, a bracket or one of `,;=`.
 pub fn without_folders(text: &str) -> String {
     let ends = |character: char| character.is_whitespace() || "'\"`()[]<>,;=".contains(character);
     let mut shown = String::with_capacity(text.len());

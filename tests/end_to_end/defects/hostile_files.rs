@@ -111,7 +111,7 @@ impl Hostile {
         fs::read(self.path(name)).unwrap_or_default()
     }
 
-    /// Returns the files of a folder whose content, as text, `is_wrong` rejects.
+    /// Returns the files of a folder whose content, as text, `is_wrong` flags.
     pub(super) fn files_where(
         &self,
         name: &str,
