@@ -79,7 +79,7 @@ def look_at_moments(browser, moments):
 
 
 def wait_for_view(browser, expected):
-    """Checks that the page shows the expected image and not its mirror image; prints the agreement."""
+    """Waits until the page shows the expected image and not its mirror image; returns a line on the agreement."""
     said = None
 
     def shows():
