@@ -1,4 +1,4 @@
-//! `omnilife doctor`: what this machine has, and what each missing thing would enable.
+//! `omnilife doctor`: requirements that this machine meets, and the features that each missing one would enable.
 
 use std::{fmt, io, path::Path, thread};
 
@@ -9,37 +9,37 @@ use omnilife_reconstruct::jobs::export::page;
 use omnilife_tracks::appearance;
 use serde::{Serialize, Serializer, ser::SerializeStruct};
 
-/// One thing that is looked for.
+/// Requirement that is checked.
 pub(crate) struct Check {
-    /// What it is called in the report; unique, kebab-case.
+    /// Its name in the report; unique, kebab-case.
     pub(crate) id: &'static str,
-    /// What works with it and does not without it.
+    /// Features that need it.
     pub(crate) enables: &'static str,
-    /// Whether the main job, video to table with given poses, needs it.
+    /// True where the main job, video to table with given poses, needs it.
     pub(crate) needed: bool,
-    /// Looks for it. Neither prints nor panics.
+    /// Checks it. Neither prints nor panics.
     pub(crate) probe: fn() -> Finding,
 }
 
-/// What a check found.
+/// Result of a check.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case", tag = "state")]
 pub(crate) enum Finding {
-    /// It is there: versions, names, places, one per line.
+    /// Present: versions, names, paths, one per line.
     Present {
-        /// The lines.
+        /// Lines of the report.
         found: Vec<String>,
     },
-    /// It is not there.
+    /// Missing.
     Missing {
-        /// What was looked for, or what went wrong.
+        /// Requirement that is missing, or the failure.
         reason: String,
-        /// What the user can do about it, where the reason does not say so.
+        /// Remedy, where the reason does not say it.
         remedy: Option<String>,
     },
 }
 
-/// Everything that is looked for, in the order of the report.
+/// All checks, in the order of the report.
 pub(crate) static CHECKS: &[Check] = &[
     Check {
         id: "ffmpeg",
@@ -99,7 +99,7 @@ pub(crate) struct Report {
 
 impl Serialize for Report {
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
-        /// A check as JSON.
+        /// Check as JSON.
         #[derive(Serialize)]
         struct Entry<'a> {
             id: &'a str,
@@ -134,7 +134,7 @@ pub(crate) fn report() -> Report {
 }
 
 impl Report {
-    /// Whether everything is there that the main job needs.
+    /// Returns whether everything that the main job needs is present.
     pub(crate) fn is_sound(&self) -> bool {
         !self
             .entries
@@ -179,7 +179,7 @@ fn is_ffmpeg(library: &str) -> bool {
     library.starts_with("libav") || library.starts_with("libsw")
 }
 
-/// The libraries that the binary is linked to and that `wanted` accepts.
+/// Finds the libraries that the binary is linked to and that `wanted` accepts.
 fn linked_libraries(wanted: impl Fn(&str) -> bool) -> Finding {
     let lines: Vec<String> = omnilife_curate::libraries()
         .into_iter()
@@ -214,7 +214,7 @@ fn structure_from_motion() -> Finding {
     }
 }
 
-/// The networks whose weights are there, and what each of the others would enable.
+/// Finds the networks with installed weights, and the features that each of the others would enable.
 fn network_weights() -> Finding {
     let networks = [
         (
@@ -292,11 +292,11 @@ fn graphics_adapters() -> Finding {
     }
 }
 
-/// Drivers write to the standard error as they like. What is written there while `work` runs goes
-/// nowhere; where that cannot be arranged, it stays.
+/// Runs `work` with standard error discarded, because drivers write there as they like. Where redirection fails,
+/// their output stays.
 #[cfg(unix)]
 fn silencing_drivers<T>(work: impl FnOnce() -> T) -> T {
-    /// Descriptors below are those of the standard streams.
+    /// Descriptors below this one are those of the standard streams.
     const FIRST_FREE: i32 = 3;
     let silence = || {
         let stderr = rustix::io::fcntl_dupfd_cloexec(io::stderr(), FIRST_FREE)?;
@@ -307,7 +307,7 @@ fn silencing_drivers<T>(work: impl FnOnce() -> T) -> T {
     let stderr = silence();
     let found = work();
     if let Ok(stderr) = stderr {
-        // Were it to fail, the report itself would still be printed: it goes to the standard output.
+        // If it fails, the report itself is still printed: it goes to the standard output.
         let _ = rustix::stdio::dup2_stderr(&stderr);
     }
     found
@@ -342,10 +342,10 @@ fn free_disk() -> Finding {
     }
 }
 
-/// Bytes that are free for this user in the file system of `folder`, which is there.
+/// Returns the bytes that are free for this user in the file system of `folder`, which exists.
 ///
 /// # Errors
-/// When the system does not tell.
+/// When the system does not report them.
 #[cfg(unix)]
 pub(crate) fn free_bytes(folder: &Path) -> io::Result<u64> {
     let system = rustix::fs::statvfs(folder)?;

@@ -1,5 +1,5 @@
-//! From errors to exit codes: 2 for bad input, 1 for a failure of ours, 75 for work that was
-//! interrupted and goes on when it is begun again.
+//! Exit codes of errors: 2 for bad input, 1 for a failure of the program or the machine, 75 for interrupted work that
+//! resumes when it is started again.
 
 use std::{
     io::{self, IsTerminal, Write},
@@ -21,16 +21,16 @@ use omnilife_sweep::SweepError;
 use omnilife_tracks::TracksError;
 use omnilife_video::VideoError;
 
-/// `EX_TEMPFAIL` of sysexits.h: begin it again.
+/// `EX_TEMPFAIL` of sysexits.h: start it again.
 const INTERRUPTED: u8 = 75;
 
-/// Some work failed, and the rest went on: each failure has been reported already.
+/// Partial failure: the rest of the work continued, and each failure has been reported already.
 #[derive(Debug, thiserror::Error)]
 #[error("{message}")]
 pub(crate) struct PartialFailure {
-    /// How much failed, and the first failure with its file and reason.
+    /// Number of failures, and the first one with its file and reason.
     pub(crate) message: String,
-    /// Ours if any failure is ours.
+    /// Internal if any failure is internal.
     pub(crate) blame: ErrorKind,
 }
 
@@ -40,7 +40,7 @@ impl Classified for PartialFailure {
     }
 }
 
-/// The user asked for something that does not go together.
+/// Request that the user has to change, such as options that contradict each other.
 #[derive(Debug, thiserror::Error)]
 #[error("{0}")]
 pub(crate) struct BadRequest(pub(crate) String);
@@ -51,13 +51,13 @@ impl Classified for BadRequest {
     }
 }
 
-/// Reports an error in one line and gives the exit code.
+/// Reports an error in one line and returns the exit code.
 fn code(outcome: anyhow::Result<()>) -> ExitCode {
     match outcome {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) if is_closed_pipe(&error) => ExitCode::SUCCESS,
         Err(error) => {
-            // When stderr is closed too there is nobody left to tell.
+            // With stderr closed too, the error cannot be reported.
             drop(writeln!(io::stderr(), "omnilife: {}", one_line(&error)));
             if is_interruption(&error) {
                 return ExitCode::from(INTERRUPTED);
@@ -70,7 +70,7 @@ fn code(outcome: anyhow::Result<()>) -> ExitCode {
     }
 }
 
-/// Whether the process was told to end, and what it did goes on when it is begun again.
+/// Returns whether the process was terminated and its work resumes when it is started again.
 pub(crate) fn is_interruption(error: &anyhow::Error) -> bool {
     matches!(
         error.downcast_ref::<ReconstructError>(),
@@ -81,17 +81,17 @@ pub(crate) fn is_interruption(error: &anyhow::Error) -> bool {
     )
 }
 
-/// Whether some thread has panicked, which has been reported.
+/// True once some thread has panicked, which has been reported.
 static PANICKED: AtomicBool = AtomicBool::new(false);
 
-/// Runs the program and gives its exit code. A panic, which is a mistake of ours, is reported in one
-/// line and gives 1, on whatever thread it is; what was begun is cleaned up on the way.
+/// Runs the program and returns its exit code. A panic on any thread, which is a bug of the program, is reported in
+/// one line and gives 1; unfinished files are removed while unwinding.
 pub(crate) fn code_of(program: impl FnOnce() -> anyhow::Result<()>) -> ExitCode {
     panic::set_hook(Box::new(|panicked| {
         if is_guarded() {
             return;
         }
-        // Others follow from the first one.
+        // Later panics follow from the first one.
         if PANICKED.swap(true, Ordering::SeqCst) {
             return;
         }
@@ -100,7 +100,7 @@ pub(crate) fn code_of(program: impl FnOnce() -> anyhow::Result<()>) -> ExitCode 
             .unwrap_or("the reason is not told");
         let place = panicked.location().map(ToString::to_string);
         let line = panic_line(last_file().as_deref(), reason, place.as_deref());
-        // When stderr is closed there is nobody left to tell.
+        // With stderr closed the panic cannot be reported.
         drop(writeln!(io::stderr(), "{line}"));
     }));
     let outcome = panic::catch_unwind(AssertUnwindSafe(program));
@@ -110,11 +110,11 @@ pub(crate) fn code_of(program: impl FnOnce() -> anyhow::Result<()>) -> ExitCode 
     }
 }
 
-/// `file` is what the thread read last, `place` a line of the source.
+/// Returns the line for a panic; `file` is the last that the thread read, `place` a line of the source.
 fn panic_line(file: Option<&Path>, reason: &str, place: Option<&str>) -> String {
     let file = file.map_or_else(String::new, |file| format!("{}: ", file.display()));
     let place = place.map_or_else(String::new, |place| format!(" ({place})"));
-    // What rayon and the standard library say when the system gives them nothing.
+    // Messages of rayon and the standard library when the system refuses resources.
     let is_of_machine = ["ThreadPoolBuildError", "failed to spawn thread"]
         .iter()
         .any(|words| reason.contains(words));
@@ -127,7 +127,7 @@ fn panic_line(file: Option<&Path>, reason: &str, place: Option<&str>) -> String 
     for_terminal(&words.join(" ")).into_owned()
 }
 
-/// The table that fits a terminal where somebody looks at one, else the whole.
+/// Returns the short table, which fits a terminal, where stdout is one, else the whole.
 pub(crate) fn for_reader<'a>(short: &'a str, whole: &'a str) -> &'a str {
     if io::stdout().is_terminal() {
         short
@@ -144,7 +144,7 @@ pub(crate) fn print(text: &str) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// Writes data to standard output as they are: what reads them is a program.
+/// Writes data to standard output unchanged, for other programs.
 pub(crate) fn print_data(bytes: &[u8]) -> anyhow::Result<()> {
     let mut out = io::stdout().lock();
     out.write_all(bytes)?;
@@ -152,7 +152,7 @@ pub(crate) fn print_data(bytes: &[u8]) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// Who is to blame for an error; what nobody claims is ours.
+/// Returns the kind of an error; an error of no known type is internal.
 pub(crate) fn error_kind(error: &anyhow::Error) -> ErrorKind {
     fn of<E: Classified + Send + Sync + 'static>(error: &anyhow::Error) -> Option<ErrorKind> {
         error.downcast_ref::<E>().map(Classified::error_kind)
@@ -170,14 +170,14 @@ pub(crate) fn error_kind(error: &anyhow::Error) -> ErrorKind {
         .unwrap_or(ErrorKind::Internal)
 }
 
-/// The message alone: errors of this workspace say themselves what caused them.
+/// Returns the message alone: errors of this workspace state their causes themselves.
 fn one_line(error: &anyhow::Error) -> String {
     let words = error.to_string();
     let line: Vec<&str> = words.split_whitespace().collect();
     for_terminal(&line.join(" ")).into_owned()
 }
 
-/// The reader of our output has gone away (`omnilife ... | head`).
+/// Returns whether the reader of our output has gone away (`omnilife ... | head`).
 fn is_closed_pipe(error: &anyhow::Error) -> bool {
     error
         .downcast_ref::<io::Error>()

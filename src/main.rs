@@ -1,4 +1,4 @@
-//! The `omnilife` binary: curate 360-degree video, reconstruct it, score it, make tables.
+//! Binary `omnilife`: curates 360-degree video, reconstructs it, scores it, makes tables.
 #![cfg_attr(not(test), warn(clippy::disallowed_methods))]
 
 mod cli;

@@ -1,7 +1,6 @@
-//! Memory that the system does not give: one line and exit code 1 instead of an abort.
+//! Exhausted memory: one line and exit code 1 instead of an abort.
 //!
-//! What was half-written stays under its hidden name, which the next run into the folder removes, as
-//! after a kill.
+//! Half-written files stay under their hidden names, and the next run into the folder removes them, as after a kill.
 
 use std::{
     alloc::{GlobalAlloc, Layout, System},
@@ -14,14 +13,13 @@ use std::{
 
 use omnilife_schemas::{error_kind::last_file, plain_text::for_terminal};
 
-/// The system's allocator, which ends the process where it has nothing left.
+/// Allocator of the system that ends the process where no memory is left.
 struct OrEnd;
 
 #[global_allocator]
 static ALLOCATOR: OrEnd = OrEnd;
 
-// SAFETY: every call is handed on to the system's allocator as it came; a pointer that is returned is
-// that allocator's.
+// SAFETY: every call is passed unchanged to the system's allocator, and every returned pointer is that allocator's.
 unsafe impl GlobalAlloc for OrEnd {
     unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
         // SAFETY: the caller keeps the contract.
@@ -51,18 +49,18 @@ fn or_end(pointer: *mut u8, bytes: usize) -> *mut u8 {
     pointer
 }
 
-/// Whether some thread is telling already.
+/// True while some thread reports.
 static TOLD: AtomicBool = AtomicBool::new(false);
 
 thread_local! {
-    /// Whether this one is.
+    /// True on the thread that reports.
     static TELLS: Cell<bool> = const { Cell::new(false) };
 }
 
 #[cold]
 fn end(bytes: usize) -> ! {
     if TELLS.replace(true) {
-        // There is not even enough for the file's name below.
+        // Not even enough memory is left for the file's name below.
         drop(io::stderr().write_all(b"omnilife: there is not enough memory\n"));
         at_once();
     }
@@ -84,12 +82,12 @@ fn end(bytes: usize) -> ! {
     }
     let _ = writeln!(text);
     let length = text.position() as usize;
-    // When stderr is closed there is nobody to tell.
+    // With stderr closed the line cannot be written.
     drop(io::stderr().write_all(line.get(..length).unwrap_or_default()));
     at_once();
 }
 
-/// Ends the process without running anything more of it.
+/// Ends the process without running any further code of it.
 fn at_once() -> ! {
     #[cfg(unix)]
     // SAFETY: `_exit` takes any number and does not return.

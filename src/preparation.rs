@@ -1,7 +1,7 @@
 //! Inputs that methods require beside a scene and its split, made where the scene lacks them.
 //!
-//! `run`, `reconstruct prepare` and the units of benchmarks and ablations come here, so that a method
-//! that declares a requirement has it wherever it is run.
+//! `run`, `reconstruct prepare` and the units of benchmarks and ablations call this module, so that a method has its
+//! requirements wherever it is run.
 
 use std::{
     collections::BTreeSet,
@@ -25,8 +25,8 @@ use omnilife_tracks::{
     make_tracks,
 };
 
-/// Makes what `methods` require of a scene and a split, in the order of their rows. What is there
-/// already and up to date is not made again.
+/// Makes everything that `methods` require of a scene and a split, in the order of their rows. Existing inputs that
+/// are up to date are not made again.
 ///
 /// # Errors
 /// When the scene cannot be read, or a requirement cannot be made.
@@ -53,7 +53,7 @@ fn meet(
     progress: &dyn Progress,
 ) -> anyhow::Result<()> {
     match requirement {
-        // A scene has it or not; the method refuses one that has not.
+        // A scene has parallax or not; the method refuses one without it.
         Requirement::Parallax => Ok(()),
         Requirement::DensePoints => dense_points(scene, split, false, progress),
         Requirement::Tracks => {
@@ -74,8 +74,8 @@ fn meet(
     }
 }
 
-/// Measures dense points of a perspective scene by stereo where it has few, or in any case where
-/// `always`. A camera that hovers shows no distances, and panoramas come with theirs.
+/// Measures dense points of a perspective scene by stereo where it has few, or in any case with `always`. A hovering
+/// camera shows no distances, and panoramas come with their own points.
 pub(crate) fn dense_points(
     scene_file: &Path,
     split: &Path,
@@ -103,7 +103,7 @@ pub(crate) fn dense_points(
     Ok(())
 }
 
-/// The folder that a file lies in.
+/// Returns the folder of a file.
 fn folder_of(file: &Path) -> PathBuf {
     match file.parent() {
         Some(parent) if parent != Path::new("") => parent.to_owned(),

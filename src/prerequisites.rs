@@ -1,4 +1,4 @@
-//! Needs of long commands, looked at before anything is hashed, decoded or extracted: the first that is not met
+//! Prerequisites of long commands, checked before anything is hashed, decoded or extracted. The first that is not met
 //! ends the command in one line, and nothing has been written.
 
 use std::{fs, io, path::Path};
@@ -16,39 +16,39 @@ use omnilife_schemas::{
 
 use crate::doctor;
 
-/// Columns of frames that a room is reckoned with where none are asked for; a video may have fewer than the
+/// Columns of frames to assume for the needed space where no width is requested; a video may have fewer than the
 /// default.
 const FEW_COLUMNS: u64 = 512;
-/// Frames that a room is reckoned with at most; a video may have fewer than are allowed.
+/// Largest number of frames to assume for the needed space; a video may have fewer than are allowed.
 const FEW_FRAMES: u64 = 120;
-/// Bytes of pixels to a byte on the disk at most: images of cameras shrink to a half or a third as PNG.
+/// Largest ratio of the bytes of pixels to those on the disk: images of cameras shrink to a half or a third as PNG.
 const MOST_COMPRESSION: u64 = 20;
 
-/// Something that a command cannot do without.
+/// Prerequisite of a command.
 #[derive(Debug, Clone, Copy)]
 pub(crate) enum Prerequisite<'a> {
-    /// Settings of a curation that make sense. The video is named in errors.
+    /// Valid settings of a curation. The video is named in errors.
     Settings(&'a CurateSettings, &'a Path),
     /// Weights of the boundary detector of these settings, where it is a network.
     BoundaryDetector(&'a CurateSettings, &'a Path),
-    /// Files of poses and masks that are there and can be read; matrices with what they map.
+    /// Readable files of poses and masks; matrices with their convention.
     PoseFiles(&'a PoseRequest, Option<PoseConvention>),
-    /// Files that say more of the frames.
+    /// Files with further data of the frames.
     TruthFiles(&'a GivenTruth),
-    /// A list of where videos came from that can be read.
+    /// Readable list of the origins of videos.
     Origins(&'a Path),
-    /// A Python with pycolmap.
+    /// Python with pycolmap.
     StructureFromMotion,
-    /// An adapter, where a GPU is to compute.
+    /// GPU adapter, where a GPU is to compute.
     Backend(BackendChoice),
-    /// An output folder of a dataset or of nothing, in which a stage finds nothing foreign under the names of
-    /// its files.
+    /// Output folder that is a dataset or empty, in which a stage finds no foreign files under the names of its
+    /// files.
     Output(&'a Path, &'a StagePlan, &'a [&'a str]),
-    /// Room for the frames of a sequence in a folder, which is made where it is missing.
+    /// Space for the frames of a sequence in a folder, which is created where it is missing.
     Room(&'a Path, &'a CurateSettings),
 }
 
-/// Looks for everything in turn.
+/// Checks all prerequisites in turn.
 ///
 /// # Errors
 /// With the first that is missing.
@@ -95,13 +95,13 @@ pub(crate) fn has_sequences(out: &Path) -> bool {
     })
 }
 
-/// Returns true for a video whose file holds anything. Nothing more is looked at: a video is opened in a process of its
-/// own.
+/// Returns whether the file of a video is not empty. Nothing more is checked, because a video is opened in a process
+/// of its own.
 pub(crate) fn is_filled(video: &Path) -> bool {
     fs::metadata(video).is_ok_and(|file| file.len() > 0)
 }
 
-/// Estimates the bytes that the frames of a sequence take at least.
+/// Estimates the least number of bytes that the frames of a sequence take.
 fn least_bytes(settings: &CurateSettings) -> u64 {
     let frames = match settings.sampling {
         Sampling::MaxFrames(most) => u64::from(most).min(FEW_FRAMES),
@@ -112,7 +112,8 @@ fn least_bytes(settings: &CurateSettings) -> u64 {
     frames.saturating_mul(pixels.saturating_mul(3)) / MOST_COMPRESSION
 }
 
-/// Refuses a folder whose file system has not this many bytes left. Where the system does not tell, writing will.
+/// Refuses a folder whose file system has fewer bytes left. Where the system does not report them, writing fails
+/// later.
 fn refuse_full(folder: &Path, bytes: u64) -> Result<(), StoreError> {
     match doctor::free_bytes(folder) {
         Ok(free) if free < bytes => {

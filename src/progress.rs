@@ -1,4 +1,4 @@
-//! How progress reaches the user: bars on a terminal, plain lines elsewhere, nothing with `--quiet`.
+//! Progress for the user: bars on a terminal, plain lines elsewhere, nothing with `--quiet`.
 //!
 //! Everything goes to stderr, so that stdout carries results only.
 
@@ -17,7 +17,7 @@ use omnilife_schemas::{plain_text::for_terminal, progress::Progress};
 use bars::Bars;
 use plain::PlainLines;
 
-/// Reports progress to the user.
+/// Progress on the user's terminal.
 pub(crate) struct Terminal {
     output: Output,
 }
@@ -29,7 +29,7 @@ enum Output {
 }
 
 impl Terminal {
-    /// Silence when `quiet`; bars when stderr is a terminal; plain lines otherwise.
+    /// Makes silence when `quiet`, bars when stderr is a terminal, and plain lines otherwise.
     pub(crate) fn new(quiet: bool) -> Self {
         let output = if quiet {
             Output::Quiet
@@ -47,7 +47,7 @@ impl Terminal {
 }
 
 impl Drop for Terminal {
-    /// Leaves no bar behind, whatever work was broken off.
+    /// Removes all bars, even after interrupted work.
     fn drop(&mut self) {
         if let Output::Bars(bars) = &self.output {
             locked(bars).clear();
@@ -100,7 +100,7 @@ impl Progress for Terminal {
     }
 }
 
-/// A thread that panicked while reporting must not silence the others.
+/// Locks the mutex even if a thread panicked while reporting, so that the others still report.
 fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
@@ -137,7 +137,7 @@ mod tests {
         }
     }
 
-    /// A plain terminal that writes to a page, and its clock in milliseconds.
+    /// Makes a plain terminal that writes to a page, and its clock in milliseconds.
     fn plain() -> (Terminal, Page, Arc<AtomicU64>) {
         let page = Page::default();
         let clock = Arc::new(AtomicU64::new(0));

@@ -1,4 +1,4 @@
-//! Being told to end: by Ctrl-C, by `kill`, by a cluster's engine before a job's time is up.
+//! Termination by Ctrl-C, by `kill`, or by a cluster's engine before a job's time is up.
 
 use std::sync::{
     Arc, LazyLock,
@@ -8,14 +8,14 @@ use std::sync::{
 use anyhow::Context;
 use omnilife_reconstruct::process::TERMINATION;
 
-/// Set when this process has been told to end.
+/// Set when this process has been asked to end.
 static REQUESTED: LazyLock<Arc<AtomicBool>> = LazyLock::new(Arc::default);
 
-/// Set when it was told so by SIGUSR1: its time here is up, and it may go on elsewhere.
+/// Set when SIGUSR1 asked it to end: its time here is up, and it may resume elsewhere.
 static TIME_IS_UP: LazyLock<Arc<AtomicBool>> = LazyLock::new(Arc::default);
 
-/// Lets training end with a checkpoint when the process is told to end; at any other time, and when
-/// told a second time, the process ends at once, programs of others with it.
+/// Lets training end with a checkpoint when the process is terminated. At any other time, and on a second request,
+/// the process ends at once, with its child programs.
 ///
 /// # Errors
 /// When the system refuses the handlers.
@@ -36,7 +36,7 @@ pub(crate) fn guard_training() -> anyhow::Result<()> {
     Ok(())
 }
 
-/// Ends programs of others with all that they have started, then this process, as the signal would have.
+/// Ends child programs with all that they have started, then this process, as the signal would have.
 #[cfg(unix)]
 fn end_with_programs(signal: i32) {
     use std::io::{self, Write};
@@ -45,13 +45,13 @@ fn end_with_programs(signal: i32) {
 
     for what in omnilife_schemas::child::end_all() {
         let line = format!("omnilife: could not be ended: {what}");
-        // When stderr is closed there is nobody left to tell.
+        // With stderr closed the line cannot be written.
         drop(writeln!(io::stderr(), "{}", for_terminal(&line)));
     }
     drop(signal_hook::low_level::emulate_default_handler(signal));
 }
 
-/// A flag that is set when the process is told to end; told a second time, it ends at once.
+/// Returns a flag that is set when the process is asked to end; a second request ends it at once.
 ///
 /// # Errors
 /// When the system refuses the handlers.
@@ -69,7 +69,7 @@ pub(crate) fn requested() -> anyhow::Result<&'static AtomicBool> {
     Ok(&REQUESTED)
 }
 
-/// Ends programs of others, with all that they have started, when this process is told to end.
+/// Ends child programs, with all that they have started, when this process is terminated.
 ///
 /// # Errors
 /// When the system refuses the handlers.
@@ -91,7 +91,7 @@ pub(crate) fn take_programs_along() -> anyhow::Result<()> {
     Ok(())
 }
 
-/// Whether the process was told that its time here is up, by SIGUSR1, rather than to end for good.
+/// Returns whether SIGUSR1 came: the time of the process here is up, and it is to resume elsewhere.
 pub(crate) fn time_is_up() -> bool {
     TIME_IS_UP.load(Ordering::Relaxed)
 }

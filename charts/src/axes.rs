@@ -1,37 +1,37 @@
-//! Axes of curves that a page draws itself: a logarithmic one of positive numbers and a linear one.
+//! Axes of curves that a page draws itself: a logarithmic axis of positive numbers and a linear one.
 
 use plotters::prelude::*;
 
 use crate::{ChartError, SIZE, Titles, svg};
 
-/// A curve, or a level across the plot, in numbers of the axes.
+/// Curve, or a level across the plot, in numbers of the axes.
 #[derive(Debug, Clone, Default)]
 pub struct Curve {
-    /// From the left; `x` is positive.
+    /// Points from the left; `x` is positive.
     pub points: Vec<(f64, f64)>,
-    /// A height.
+    /// Height of the level.
     pub level: Option<f64>,
 }
 
-/// A curve's place in units of the drawing, from its upper left corner.
+/// Curve in units of the plot, from its upper left corner.
 #[derive(Debug, Clone)]
 pub struct PlacedCurve {
-    /// Of each point.
+    /// Position of each point, in units of the plot.
     pub points: Vec<(i32, i32)>,
     /// Height of the level.
     pub level: Option<i32>,
 }
 
-/// Axes with the places of the curves.
+/// Axes with the positions of the curves.
 #[derive(Debug, Clone)]
 pub struct Axes {
     /// SVG elements, without the `svg` element of [`SIZE`] around them.
     pub elements: String,
-    /// In the order of the curves.
+    /// Curves in their order.
     pub curves: Vec<PlacedCurve>,
 }
 
-/// Draws axes around curves, of which one has points; `margin` units stay free on the right.
+/// Draws axes around curves, at least one of which has points; `margin` units stay free on the right.
 ///
 /// # Errors
 /// When the drawing library fails.
@@ -86,7 +86,7 @@ pub fn axes(titles: &Titles<'_>, margin: i32, curves: &[Curve]) -> Result<Axes, 
     })
 }
 
-/// 1, 2 and 5 times powers of ten in a range, for the labels of a logarithmic axis.
+/// Returns 1, 2 and 5 times powers of ten in a range, for the labels of a logarithmic axis.
 fn round_numbers(low: f64, high: f64) -> Vec<f64> {
     let decades = low.log10().floor() as i32..=high.log10().ceil() as i32;
     decades
@@ -101,7 +101,7 @@ fn bounds(values: impl Iterator<Item = f64>) -> (f64, f64) {
     })
 }
 
-/// A number at an axis, without needless digits.
+/// Returns the label of a number at an axis, without needless digits.
 fn round_label(value: f64) -> String {
     if value >= 1000.0 {
         format!("{value:.0}")

@@ -10,14 +10,14 @@ use plotters::{
 
 use crate::{Area, ChartError, DrawingError, svg};
 
-/// A bar with its words.
+/// Bar with its labels.
 #[derive(Debug, Clone)]
 pub struct Bar {
-    /// Left of the bar.
+    /// Label left of the bar.
     pub label: String,
-    /// Length, of the longest possible bar; in [0, 1].
+    /// Length as a share of the longest possible bar, in [0, 1].
     pub share: f64,
-    /// Right of the bar.
+    /// Label right of the bar.
     pub value: String,
 }
 
@@ -36,7 +36,7 @@ const BAR: RGBColor = RGBColor(45, 106, 158);
 const TRACK: RGBColor = RGBColor(233, 237, 241);
 const PAPER: RGBColor = RGBColor(255, 255, 255);
 
-/// Draws bars below a title and a line about their total; `empty` stands where no bar does.
+/// Draws bars below a title and a line about their total; `empty` is the text without bars.
 ///
 /// # Errors
 /// When the drawing library fails.
@@ -85,7 +85,7 @@ enum Look {
     Title,
     Plain,
     Faint,
-    /// Ends at its position instead of beginning there.
+    /// Text that ends at its position instead of starting there.
     Label,
 }
 

@@ -1,9 +1,9 @@
 //! Charts as SVG, drawn by plotters.
 //!
 //! ```text
-//! lines  curves over logarithmic axes, with a legend: a whole drawing
-//! axes   axes alone, and places of curves that a page draws upon them itself
-//! bars   shares of a total, with labels: a whole drawing
+//! lines  curves over logarithmic axes, with a legend: a whole plot
+//! axes   axes alone, and positions of curves that a page draws on them itself
+//! bars   shares of a total, with labels: a whole plot
 //! ```
 #![cfg_attr(not(test), warn(clippy::disallowed_methods))]
 
@@ -24,24 +24,24 @@ pub use lines::{Series, decades_of, log_log, over_log_x};
 /// Width and height of a chart of lines in its own units.
 pub const SIZE: (u32, u32) = (760, 420);
 
-/// A chart that could not be drawn: one line.
+/// Error of a chart that could not be drawn: one line.
 #[derive(Debug, thiserror::Error)]
 #[error("{0}")]
 pub struct ChartError(String);
 
-/// Words at the axes.
+/// Titles of the axes.
 #[derive(Debug, Clone, Copy)]
 pub struct Titles<'a> {
-    /// Below the horizontal axis.
+    /// Title below the horizontal axis.
     pub x: &'a str,
-    /// Beside the vertical axis.
+    /// Title beside the vertical axis.
     pub y: &'a str,
 }
 
 type Area<'a> = DrawingArea<SVGBackend<'a>, Shift>;
 type DrawingError = Box<dyn Error>;
 
-/// Returns what is drawn on an area of this size as SVG.
+/// Draws on an area of this size and returns the SVG.
 fn svg(
     size: (u32, u32),
     draw: impl FnOnce(&Area<'_>) -> Result<(), DrawingError>,

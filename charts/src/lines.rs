@@ -6,7 +6,7 @@ use plotters::prelude::*;
 
 use crate::{ChartError, DrawingError, SIZE, Titles, svg};
 
-/// Colours of series, one after another; they can be told apart without seeing red and green.
+/// Colours of series in turn; they can be told apart without seeing red and green.
 const COLOURS: [RGBColor; 7] = [
     RGBColor(0, 114, 178),
     RGBColor(213, 94, 0),
@@ -44,16 +44,16 @@ macro_rules! lines {
     };
 }
 
-/// A line with its name.
+/// Line with its name.
 #[derive(Debug, Clone)]
 pub struct Series {
     /// Name in the legend.
     pub name: String,
-    /// Finite; x is positive, and y where the axis is logarithmic.
+    /// Finite points; x is positive, and y too where the axis is logarithmic.
     pub points: Vec<(f64, f64)>,
 }
 
-/// Draws lines over a logarithmic axis, `y` on a linear one.
+/// Draws lines over a logarithmic x axis, with `y` on a linear one.
 ///
 /// # Errors
 /// When no series has a point, or the drawing library fails.
@@ -82,7 +82,7 @@ pub fn over_log_x(
     })
 }
 
-/// Draws lines over a logarithmic axis, `y` on another.
+/// Draws lines over a logarithmic x axis, with `y` on another one.
 ///
 /// # Errors
 /// When no series has a point, or the drawing library fails.
@@ -131,7 +131,7 @@ fn draw(
     })
 }
 
-/// Ranges of both coordinates over all series.
+/// Returns the ranges of both coordinates over all series.
 fn ranges(series: &[Series]) -> (Range<f64>, Range<f64>) {
     let range = |values: Vec<f64>| {
         let low = values.iter().copied().fold(f64::INFINITY, f64::min);
@@ -166,7 +166,7 @@ fn emptiest_corner(
         };
         places.iter().filter(is_hidden).count()
     };
-    // The first of equally empty ones.
+    // Takes the first of equally empty ones.
     let mut corners = [
         (hidden(true, false), LowerRight),
         (hidden(false, true), UpperLeft),
@@ -178,12 +178,12 @@ fn emptiest_corner(
     corner
 }
 
-/// Returns the place of a value in a range, 0 at its start and 1 at its end.
+/// Returns the position of a value in a range, 0 at its start and 1 at its end.
 fn share(value: f64, range: &Range<f64>) -> f64 {
     (value - range.start) / (range.end - range.start)
 }
 
-/// Returns the same on a logarithmic axis.
+/// Returns the position of a value in a range on a logarithmic axis.
 fn share_of_decades(value: f64, range: &Range<f64>) -> f64 {
     share(value.log10(), &(range.start.log10()..range.end.log10()))
 }
@@ -199,7 +199,7 @@ fn decades(range: &Range<f64>) -> Range<f64> {
     }
 }
 
-/// Returns whole decades around positive numbers; `None` where there are none.
+/// Returns whole decades around positive numbers; `None` without numbers.
 pub fn decades_of(values: impl Iterator<Item = f64>) -> Option<[f64; 2]> {
     let range = values.fold(None, |range: Option<Range<f64>>, value| {
         let range = range.unwrap_or(value..value);

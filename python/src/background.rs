@@ -1,4 +1,4 @@
-//! Work beside the interpreter: other Python threads go on meanwhile, and Ctrl-C ends it.
+//! Work beside the interpreter: other Python threads continue meanwhile, and Ctrl-C ends it.
 
 use std::{
     panic::{self, AssertUnwindSafe},
@@ -18,13 +18,12 @@ use rayon::{ThreadPool, ThreadPoolBuilder};
 
 use crate::errors::Failure;
 
-/// How often Python is asked for signals.
+/// Interval at which Python is asked for signals.
 const TICK: Duration = Duration::from_millis(50);
-/// How long work that was interrupted has to end and to leave its folder in order; after that it is
-/// left to itself.
+/// Time that interrupted work has to end and to leave its folder in order; after that it is left to itself.
 const GRACE: Duration = Duration::from_secs(3);
 
-/// What work and its caller tell each other.
+/// Messages between work and its caller.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Link {
     is_given_up: Arc<AtomicBool>,
@@ -32,14 +31,14 @@ pub(crate) struct Link {
 }
 
 impl Link {
-    /// The lines that the caller should see, so far.
+    /// Returns the lines for the caller so far.
     pub(crate) fn notes(&self) -> Vec<String> {
         let notes = self.notes.lock().unwrap_or_else(PoisonError::into_inner);
         notes.clone()
     }
 }
 
-/// Nobody looks on: only decisions are kept.
+/// Keeps decisions alone, because no user watches the progress.
 impl Progress for Link {
     fn begin(&self, _: &str, _: Option<u64>) {}
     fn advance(&self, _: u64) {}
@@ -57,7 +56,7 @@ impl Progress for Link {
 /// Does work on the threads of this process, without the interpreter's lock.
 ///
 /// # Errors
-/// Those of the work; `KeyboardInterrupt`, and whatever else a handler of a signal raises.
+/// Those of the work; `KeyboardInterrupt`, and any exception of another signal handler.
 pub(crate) fn run<T: Send + 'static>(
     py: Python<'_>,
     work: impl FnOnce(&Link) -> Result<T, Failure> + Send + 'static,
@@ -69,7 +68,7 @@ pub(crate) fn run<T: Send + 'static>(
         let outcome =
             panic::catch_unwind(AssertUnwindSafe(|| threads()?.install(|| work(&of_work))));
         let outcome = outcome.unwrap_or_else(|payload| Err(Failure::of_panic(&*payload)));
-        // Nobody listens any more after an interruption.
+        // After an interruption the receiver is gone.
         drop(sender.send(outcome));
     });
     loop {
@@ -97,15 +96,15 @@ fn wait<T: Send>(
     py.detach(move || receiver.recv_timeout(longest))
 }
 
-/// The threads that compute, and the process that they are of.
+/// Computing threads, and the process to which they belong.
 struct Threads {
     process: u32,
     pool: ThreadPool,
 }
 
-/// The threads of this process. A fork takes none of its parent's threads along, so that a child that
-/// waited for them would wait for ever: it gets its own. Those of the parent are only forgotten, since
-/// ending them would be waiting too.
+/// Returns the threads of this process. A fork inherits no threads of its parent, so that a child that waited for
+/// them would wait for ever: it gets its own. Those of the parent are only forgotten, since ending them would mean
+/// waiting too.
 fn threads() -> Result<&'static ThreadPool, Failure> {
     static THREADS: AtomicPtr<Threads> = AtomicPtr::new(ptr::null_mut());
     let held = THREADS.load(Ordering::Acquire);

@@ -1,4 +1,4 @@
-//! Rays and projections, by the camera models that the whole project is judged by.
+//! Rays and projections, by the reference camera models of the project.
 
 use glam::{DMat3, DVec2, DVec3};
 use omnilife_schemas::{
@@ -15,8 +15,8 @@ use crate::{
     records::{from_text, text},
 };
 
-/// Unit directions through the centres of all pixels, (height, width, 3) f64, on the axes of the camera,
-/// or on those of the world where the rotation from the camera to the world is given (rows).
+/// Returns the unit directions through the centres of all pixels, (height, width, 3) f64, on the axes of the camera.
+/// With the rotation from the camera to the world (rows), they are on the axes of the world.
 #[pyfunction]
 #[pyo3(signature = (camera, rotation=None))]
 pub(crate) fn rays<'py>(
@@ -52,7 +52,7 @@ pub(crate) fn rays<'py>(
     Ok(PyByteArray::new(py, &directions))
 }
 
-/// Image coordinates in pixels, (n, 2) f64, of points (n, 3) f64 on the axes of the camera; NaN where the
+/// Returns the image coordinates in pixels, (n, 2) f64, of points (n, 3) f64 on the axes of the camera; NaN where the
 /// camera does not see the point.
 #[pyfunction]
 pub(crate) fn project<'py>(
@@ -68,7 +68,7 @@ pub(crate) fn project<'py>(
     Ok(PyByteArray::new(py, &pixels))
 }
 
-/// Unit directions on the axes of the camera, (n, 3) f64, of image coordinates in pixels (n, 2) f64.
+/// Returns the unit directions on the axes of the camera, (n, 3) f64, of image coordinates in pixels (n, 2) f64.
 #[pyfunction]
 pub(crate) fn unproject<'py>(
     py: Python<'py>,
@@ -82,7 +82,7 @@ pub(crate) fn unproject<'py>(
     Ok(PyByteArray::new(py, &directions))
 }
 
-/// The same camera, as JSON, with images of another size.
+/// Returns the camera with images of another size, as JSON.
 #[pyfunction]
 pub(crate) fn resized(camera: &str, size: [u32; 2]) -> PyResult<String> {
     let camera: Camera = from_text(camera)?;
@@ -93,7 +93,7 @@ pub(crate) fn resized(camera: &str, size: [u32; 2]) -> PyResult<String> {
     Ok(text(&camera.resized(width, height))?)
 }
 
-/// The matrix, by rows, of a rotation from the camera to the world.
+/// Returns the matrix, by rows, of a rotation from the camera to the world.
 #[pyfunction]
 pub(crate) fn rotation_matrix(rotation_wxyz: [f64; 4]) -> PyResult<[[f64; 3]; 3]> {
     let pose = Pose {
@@ -106,7 +106,7 @@ pub(crate) fn rotation_matrix(rotation_wxyz: [f64; 4]) -> PyResult<[[f64; 3]; 3]
     Ok(DMat3::from_quat(rotation).transpose().to_cols_array_2d())
 }
 
-/// Applies a function to rows of `N` numbers, which gives rows of `M`.
+/// Maps rows of `N` numbers to rows of `M` by a function.
 fn map<const N: usize, const M: usize>(
     rows: &[u8],
     function: impl Fn([f64; N]) -> [f64; M],

@@ -1,4 +1,4 @@
-//! From errors to Python's exceptions, which are classes of `omnilife/errors.py`.
+//! Conversion of errors to Python's exceptions, which are classes of `omnilife/errors.py`.
 
 use std::any::Any;
 
@@ -9,7 +9,7 @@ use pyo3::{
     types::{PyModule, PyType},
 };
 
-/// An error in one line, and who has to act.
+/// Error in one line, with the party that has to act.
 #[derive(Debug)]
 pub(crate) struct Failure {
     class: &'static str,
@@ -17,7 +17,7 @@ pub(crate) struct Failure {
 }
 
 impl Failure {
-    /// The caller gave something that does not go together.
+    /// Makes the error of inputs that contradict each other.
     pub(crate) fn of_input(message: impl Into<String>) -> Self {
         Self {
             class: "InputError",
@@ -25,7 +25,7 @@ impl Failure {
         }
     }
 
-    /// A panic, which is a mistake of ours.
+    /// Makes the error of a panic, which is a bug of the program.
     pub(crate) fn of_panic(payload: &(dyn Any + Send)) -> Self {
         let owned = payload.downcast_ref::<String>().map(String::as_str);
         let said = owned.or_else(|| payload.downcast_ref::<&str>().copied());

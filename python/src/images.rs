@@ -1,4 +1,4 @@
-//! The files of a scene, read as scoring reads its ground truth.
+//! Files of a scene, read as scoring reads its ground truth.
 
 use std::path::{Path, PathBuf};
 
@@ -13,17 +13,16 @@ use pyo3::{prelude::*, types::PyByteArray};
 
 use crate::{background, errors::Failure};
 
-/// Pixels of an image at most.
+/// Largest number of pixels of an image.
 pub(crate) const SIZE_LIMIT: usize = MOST_PIXELS as usize;
 
-/// Bytes with the width and height of the image that they are.
+/// Bytes of an image with its width and height.
 type Image<'py> = (Bound<'py, PyByteArray>, [usize; 2]);
 /// Positions (n, 3) f32 and colours (n, 3) u8.
 type Points<'py> = (Bound<'py, PyByteArray>, Bound<'py, PyByteArray>);
 
-/// An image as (height, width, 3) u8. It must be of the size `expected`; `size` is the one to resize it
-/// to, by area averaging and rounded to 8 bits, as the ground truth of scores is. Sizes are (width,
-/// height).
+/// Reads an image as (height, width, 3) u8. It must have the size `expected`; it is resized to `size` by area
+/// averaging and rounded to 8 bits, as the ground truth of scores is. Sizes are (width, height).
 #[pyfunction]
 #[pyo3(signature = (path, expected=None, size=None))]
 pub(crate) fn read_image(
@@ -44,8 +43,8 @@ pub(crate) fn read_image(
     Ok((PyByteArray::new(py, &bytes), size))
 }
 
-/// A mask as (height, width) u8, 0 or 255; resized to the nearest pixels, or with `touched` so that a pixel is
-/// marked where any that it covers a part of is. Sizes as in `read_image`.
+/// Reads a mask as (height, width) u8, 0 or 255. It is resized to the nearest pixels; with `touched` a pixel is
+/// marked where any old one that it partly covers is marked. Sizes as in `read_image`.
 #[pyfunction]
 #[pyo3(signature = (path, expected=None, size=None, touched=false))]
 pub(crate) fn read_mask(
@@ -69,8 +68,8 @@ pub(crate) fn read_mask(
     Ok((PyByteArray::new(py, &bytes), size))
 }
 
-/// Distances (height, width) f32 of a 16-bit grey PNG or `.npy`, of which a step of 1 means `unit`; 0
-/// where the distance is not known. Resized to the nearest pixels, as the truth of scores is.
+/// Reads distances (height, width) f32 from a 16-bit grey PNG or `.npy`, in which a step of 1 means `unit`; 0 where
+/// the distance is not known. Resized to the nearest pixels, as the truth of scores is.
 #[pyfunction]
 #[pyo3(signature = (path, unit, size=None))]
 pub(crate) fn read_distances(
@@ -90,7 +89,7 @@ pub(crate) fn read_distances(
     Ok((PyByteArray::new(py, &bytes), size))
 }
 
-/// The points of a PLY file: positions (n, 3) f64 in world units, colours (n, 3) u8.
+/// Reads the points of a PLY file: positions (n, 3) f64 in world units, colours (n, 3) u8.
 #[pyfunction]
 pub(crate) fn read_points(py: Python<'_>, path: PathBuf) -> PyResult<Points<'_>> {
     let points = background::run(py, move |_| Ok(PointCloud::read_ply(&path)?))?;

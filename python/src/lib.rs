@@ -1,12 +1,12 @@
-//! The compiled half of the Python package `omnilife`: what reads, computes and scores.
+//! Compiled half of the Python package `omnilife`: readers, computations and scores.
 //!
-//! Images, masks and rays cross the border as bytes in C order, records as their JSON, so that the module
-//! is built against no version of Python or `NumPy`; `python/omnilife` makes arrays and classes of them
-//! and checks shapes and types first. Nothing is computed twice: cameras are those of `omnilife_schemas`,
-//! metrics and scores those of `omnilife_bench`, results are found as `omnilife_leaderboard` finds them.
+//! Images, masks and rays cross the border as bytes in C order, records as their JSON, so that the module is built
+//! against no version of Python or `NumPy`. `python/omnilife` makes arrays and classes of them and checks shapes and
+//! types first. Nothing is implemented twice: cameras are those of `omnilife_schemas`, metrics and scores those of
+//! `omnilife_bench`, results are found as `omnilife_leaderboard` finds them.
 //!
-//! The module links neither FFmpeg nor OpenCV nor a GPU's libraries, of which other packages in the same
-//! process bring their own. What needs them is done by the program `omnilife`, which the wheel has too.
+//! The module links neither FFmpeg nor OpenCV nor a GPU's libraries, because other packages in the same process bring
+//! their own. The program `omnilife`, which is in the wheel too, does everything that needs them.
 #![cfg_attr(not(test), warn(clippy::disallowed_methods))]
 
 use pyo3::pymodule;
@@ -35,7 +35,7 @@ mod _native {
         scoring::{score, split_scene},
     };
 
-    /// Panics become exceptions, which say all that is to be said.
+    /// Silences the panic hook: panics become exceptions, which report everything.
     #[pymodule_init]
     fn init(_module: &Bound<'_, PyModule>) -> PyResult<()> {
         panic::set_hook(Box::new(|_| ()));

@@ -1,4 +1,4 @@
-//! The metrics of scoring, of arrays.
+//! Metrics of scoring, on arrays.
 
 use std::collections::BTreeMap;
 
@@ -11,13 +11,13 @@ use pyo3::{prelude::*, types::PyBytes};
 
 use crate::{background, errors::Failure};
 
-/// What is known of a metric.
+/// Properties of a metric.
 #[derive(IntoPyObject)]
 pub(crate) struct About {
     id: &'static str,
     title: &'static str,
     unit: &'static str,
-    /// `higher-is-better`, `lower-is-better`, or none.
+    /// `higher-is-better`, `lower-is-better`, or `None`.
     direction: Option<&'static str>,
     range: [f64; 2],
     source: &'static str,
@@ -25,30 +25,30 @@ pub(crate) struct About {
     needs: Vec<(&'static str, &'static str)>,
 }
 
-/// A score, or why there is none.
+/// Score, or the reason why it is missing.
 #[derive(IntoPyObject)]
 pub(crate) enum Outcome {
     Value(f64),
     Undefined(&'static str),
 }
 
-/// What is given beside prediction and ground truth, of the same size: masks of one byte per pixel, 0
-/// for outside; distances as f32.
+/// Inputs beside prediction and ground truth, of the same size: masks of one byte per pixel, 0 for outside; distances
+/// as f32.
 #[derive(FromPyObject)]
 #[pyo3(from_item_all)]
 pub(crate) struct Given {
-    /// What no score counts.
+    /// Mask of the ignored region.
     ignored: Option<Vec<u8>>,
     dynamic: Option<Vec<u8>>,
     classes: BTreeMap<String, Vec<u8>>,
     objects: BTreeMap<String, Vec<u8>>,
-    /// Predicted and true.
+    /// Predicted and true distances.
     depth: Option<(Vec<u8>, Vec<u8>)>,
-    /// Prediction and ground truth of the view before.
+    /// Prediction and ground truth of the previous view.
     previous: Option<(Vec<u8>, Vec<u8>)>,
 }
 
-/// All metrics, in their order.
+/// Returns all metrics, in their order.
 #[pyfunction]
 pub(crate) fn metrics() -> Vec<About> {
     METRICS.iter().map(about).collect()
@@ -81,7 +81,7 @@ fn need(need: &Need) -> (&'static str, &'static str) {
     }
 }
 
-/// The bytes that are scored of values in [0, 1], f64 of this shape.
+/// Returns the scored bytes of values in [0, 1], f64 of this shape.
 #[pyfunction]
 pub(crate) fn scored_bytes<'py>(
     py: Python<'py>,
@@ -106,8 +106,8 @@ pub(crate) fn scored_bytes<'py>(
     Ok(PyBytes::new(py, &bytes))
 }
 
-/// Computes metrics, in the order in which they are asked for. `size` is (width, height) of all images;
-/// `prediction` and `truth` are (height, width, 3) u8.
+/// Computes metrics, in the requested order. `size` is (width, height) of all images; `prediction` and `truth` are
+/// (height, width, 3) u8.
 #[pyfunction]
 pub(crate) fn compute(
     py: Python<'_>,
@@ -167,7 +167,7 @@ pub(crate) fn compute(
     })
 }
 
-/// The metrics of these ids, with the weights that they need.
+/// Returns the metrics of these ids, with the weights that they need.
 fn found(ids: &[String]) -> Result<Vec<&'static Metric>, Failure> {
     let mut metrics = Vec::with_capacity(ids.len());
     for id in ids {

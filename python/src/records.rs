@@ -1,4 +1,4 @@
-//! Records as their JSON: checked and brought to the current version, with every entry there.
+//! Records as their JSON: checked and brought to the current version, with all fields.
 
 use std::path::PathBuf;
 
@@ -16,7 +16,7 @@ use serde::Serialize;
 
 use crate::{background, errors::Failure};
 
-/// Reads a record of a kind: `scene`, `split`, `result`, `run` or `external-run`. The answer is its JSON.
+/// Reads a record of a kind: `scene`, `split`, `result`, `run` or `external-run`. Returns its JSON.
 #[pyfunction]
 pub(crate) fn read_record(py: Python<'_>, kind: &str, path: PathBuf) -> PyResult<String> {
     let read = match kind {
@@ -35,7 +35,7 @@ fn json_of<T: Record>(path: PathBuf) -> Result<String, Failure> {
     text(&record)
 }
 
-/// The results in a folder and below it, sorted by path: pairs of a path and the JSON of its record.
+/// Returns the results in a folder and below it, sorted by path: pairs of a path and the JSON of its record.
 #[pyfunction]
 pub(crate) fn results_below(py: Python<'_>, folder: PathBuf) -> PyResult<Vec<(PathBuf, String)>> {
     background::run(py, move |_| {
@@ -46,7 +46,7 @@ pub(crate) fn results_below(py: Python<'_>, folder: PathBuf) -> PyResult<Vec<(Pa
     })
 }
 
-/// Answers a question of the results in a folder: the rows as JSON, and lines on what was left out.
+/// Runs a query on the results in a folder; returns the rows as JSON, and lines on omitted results.
 #[pyfunction]
 pub(crate) fn query(
     py: Python<'_>,
@@ -76,7 +76,7 @@ pub(crate) fn query(
     })
 }
 
-/// Width and height in pixels of the images that are scored; camera and protocol as JSON.
+/// Returns width and height in pixels of the scored images; camera and protocol are JSON.
 #[pyfunction]
 pub(crate) fn scored_size(camera: &str, protocol: &str) -> PyResult<[u32; 2]> {
     let camera: Camera = from_text(camera)?;
@@ -85,19 +85,19 @@ pub(crate) fn scored_size(camera: &str, protocol: &str) -> PyResult<[u32; 2]> {
     Ok(size)
 }
 
-/// Ids of the protocols with what they measure.
+/// Returns the ids of the protocols with descriptions.
 #[pyfunction]
 pub(crate) fn protocols() -> Vec<(&'static str, &'static str)> {
     let entries = PROTOCOLS.iter();
     entries.map(|entry| (entry.id, entry.description)).collect()
 }
 
-/// A record as JSON.
+/// Returns a record as JSON.
 pub(crate) fn text<T: Serialize>(record: &T) -> Result<String, Failure> {
     serde_json::to_string(record).map_err(|error| Failure::of_input(error.to_string()))
 }
 
-/// A part of a record from its JSON.
+/// Reads a part of a record from its JSON.
 pub(crate) fn from_text<T: serde::de::DeserializeOwned>(text: &str) -> Result<T, Failure> {
     serde_json::from_str(text).map_err(|error| Failure::of_input(error.to_string()))
 }

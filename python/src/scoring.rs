@@ -21,13 +21,13 @@ pub(crate) fn split_scene(
     })
 }
 
-/// What `score` is asked for, as a dictionary with all of these keys.
+/// Arguments of `score`, as a dictionary with all of these keys.
 #[derive(FromPyObject)]
 #[pyo3(from_item_all)]
 pub(crate) struct Request {
     scene: PathBuf,
     split: PathBuf,
-    /// The record of a run, instead of folders.
+    /// Record of a run, instead of folders.
     run: Option<PathBuf>,
     novel_views: Option<PathBuf>,
     input_views: Option<PathBuf>,
@@ -36,12 +36,11 @@ pub(crate) struct Request {
     out: PathBuf,
     memory_bytes: u64,
     without_lpips: bool,
-    /// Ids; none of them for all.
+    /// Ids of metrics; empty for all.
     metrics: Vec<String>,
 }
 
-/// Scores predictions and writes the result into the folder `out`. The answer is what a user should
-/// know, line by line.
+/// Scores predictions and writes the result into the folder `out`. Returns notes for the user, line by line.
 #[pyfunction]
 pub(crate) fn score(py: Python<'_>, request: Request) -> PyResult<Vec<String>> {
     background::run(py, move |link| {

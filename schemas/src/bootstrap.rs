@@ -1,4 +1,4 @@
-//! How far means and ranks would move with other scenes: the scene-clustered bootstrap.
+//! Scene-clustered bootstrap: intervals of means and ranks over other draws of scenes.
 //!
 //! Scenes cut from one video share place, camera and light, so videos are drawn with replacement,
 //! each with all its scenes. All methods see the same draws, which makes ranks paired comparisons.
@@ -11,7 +11,7 @@ use rand_pcg::Pcg64Mcg;
 
 use crate::records::Direction;
 
-/// Draws.
+/// Number of resamples.
 pub const RESAMPLES: usize = 1000;
 
 /// Seed of the draws: the same results give the same intervals.
@@ -20,33 +20,33 @@ const SEED: u64 = 360;
 /// Tails of a two-sided 95 % interval.
 const TAILS: [f64; 2] = [0.025, 0.975];
 
-/// A score's interval, and its rank with the interval of that.
+/// Interval of a mean score, and the rank with its interval.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Confidence {
     /// 95 % interval of the mean; `None` with fewer than two clusters.
     pub mean: Option<[f64; 2]>,
-    /// Rank among the ranked methods, from 1; equals share the better rank.
+    /// Rank among the ranked methods, from 1; equal means share the better rank.
     pub rank: Option<usize>,
     /// 95 % interval of the rank.
     pub rank_interval: Option<[usize; 2]>,
 }
 
-/// One method's scores.
+/// Scores of one method.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Scores {
     /// Scene (index into the clusters) and score.
     pub by_scene: Vec<(usize, f64)>,
-    /// Whether the method is ranked.
+    /// True where the method is ranked.
     pub ranked: bool,
 }
 
-/// What a scene's id says about its place: scenes cut from one video share it, so they are neither
+/// Returns the part of a scene's id that names its place. Scenes cut from one video share it, so they are neither
 /// independent nor, in tables by scene, separate columns.
 pub fn place(scene: &str) -> &str {
     scene.rsplit_once('/').map_or(scene, |(place, _)| place)
 }
 
-/// Number of every scene's cluster, from 0, given the scenes' places in order.
+/// Returns the number of every scene's cluster, from 0, given the scenes' places in order.
 pub fn clusters<'a>(places: impl Iterator<Item = &'a str>) -> Vec<usize> {
     let mut numbers: BTreeMap<&str, usize> = BTreeMap::new();
     places
@@ -57,7 +57,7 @@ pub fn clusters<'a>(places: impl Iterator<Item = &'a str>) -> Vec<usize> {
         .collect()
 }
 
-/// How often every cluster is drawn in every resample; none with fewer than two clusters.
+/// Returns how often each resample draws each cluster; empty with fewer than two clusters.
 pub fn resamples(clusters: &[usize]) -> Vec<Vec<u32>> {
     let count = clusters.iter().max().map_or(0, |last| last + 1);
     if count < 2 {
@@ -75,7 +75,7 @@ pub fn resamples(clusters: &[usize]) -> Vec<Vec<u32>> {
         .collect()
 }
 
-/// Intervals and ranks of one quantity, in the order of the methods.
+/// Returns intervals and ranks of one quantity, in the order of the methods.
 pub fn confidence(
     methods: &[Scores],
     clusters: &[usize],
@@ -114,7 +114,7 @@ pub fn confidence(
         .collect()
 }
 
-/// Every method's mean over the scenes of the drawn clusters; `None` without any.
+/// Returns every method's mean over the scenes of the drawn clusters; `None` without any.
 fn means(methods: &[Scores], clusters: &[usize], draws: &[u32]) -> Vec<Option<f64>> {
     methods
         .iter()
@@ -130,7 +130,7 @@ fn means(methods: &[Scores], clusters: &[usize], draws: &[u32]) -> Vec<Option<f6
         .collect()
 }
 
-/// Ranks of the ranked methods, from 1; equals share the better rank.
+/// Returns the ranks of the ranked methods, from 1; equal means share the better rank.
 fn ranks(methods: &[Scores], means: &[Option<f64>], direction: Direction) -> Vec<Option<usize>> {
     let mut order: Vec<(usize, f64)> = methods
         .iter()
@@ -153,7 +153,7 @@ fn ranks(methods: &[Scores], means: &[Option<f64>], direction: Direction) -> Vec
     ranks
 }
 
-/// The 95 % interval of sorted values: the nearest ranks outward.
+/// Returns the 95 % interval of sorted values: the nearest ranks outward.
 fn interval<T: Copy>(sorted: &[T]) -> Option<[T; 2]> {
     let last = sorted.len().checked_sub(1)?;
     let [low, high] = TAILS.map(|tail| tail * last as f64);

@@ -1,8 +1,8 @@
-//! Distance images: how far away what each pixel of a panorama or photograph shows is.
+//! Distance images: the distance of the surface in each pixel of a panorama or photograph.
 //!
-//! Between pixels, inverse distances are interpolated: on a plane they are linear along every great circle
-//! to second order, distances are not. Across an edge of depth the nearest pixel's is taken: a mean of
-//! both sides would hang in the air.
+//! Inverse distances are interpolated between pixels: on a plane they are linear along every great circle to second
+//! order, distances are not. Across a depth edge the nearest pixel's distance is taken, because a mean of both sides
+//! would hang in the air.
 
 use std::path::Path;
 
@@ -19,22 +19,22 @@ use crate::{
 /// Distances of neighbours that differ by more than this factor belong to different surfaces.
 pub const EDGE_RATIO: f32 = 1.1;
 
-/// A distance for every pixel, row by row.
+/// Distance for every pixel, row by row.
 #[derive(Debug, Clone, PartialEq)]
 pub struct DistanceImage {
     /// Pixels per row.
     pub width: usize,
     /// Rows.
     pub height: usize,
-    /// Whether the first column follows the last, as in a panorama.
+    /// True where the first column follows the last, as in a panorama.
     pub wraps: bool,
     /// Distances, positive; 0 where the distance is not known.
     pub values: Vec<f32>,
 }
 
 impl DistanceImage {
-    /// Reads a 16-bit grey PNG or a `.npy` of f32 or f64 (rows, columns); a step of 1 means `unit`.
-    /// 0 and infinity mean that the distance is not known.
+    /// Reads a 16-bit grey PNG or a `.npy` of f32 or f64 (rows, columns); a step of 1 means `unit`. The values 0 and
+    /// infinity mean that the distance is not known.
     ///
     /// # Errors
     /// When the file is missing or damaged, a value is negative or NaN, or no distance is known; names
@@ -47,10 +47,10 @@ impl DistanceImage {
         Ok(image)
     }
 
-    /// [`Self::read`] of a file in which no distance need be known.
+    /// Reads a file as [`Self::read`] does, but accepts one without any known distance.
     ///
     /// # Errors
-    /// Its others.
+    /// The other errors of [`Self::read`].
     pub fn read_if_any(path: &Path, unit: f64, wraps: bool) -> Result<Self, StoreError> {
         let malformed = |reason: String| StoreError::malformed(path, reason);
         let is_array = path
@@ -91,12 +91,12 @@ impl DistanceImage {
         })
     }
 
-    /// How many distances are known.
+    /// Returns the number of known distances.
     pub fn known(&self) -> usize {
         self.values.iter().filter(|&&value| value > 0.0).count()
     }
 
-    /// The distance at a place in the image, pixels (the centre of the first pixel is at 1/2, 1/2); 0
+    /// Returns the distance at a position in the image, pixels (the centre of the first pixel is at 1/2, 1/2); 0
     /// where it is not known.
     pub fn sample(&self, u: f64, v: f64) -> f32 {
         let (x, y) = (u - 0.5, v - 0.5);
@@ -118,7 +118,7 @@ impl DistanceImage {
         weighted.into_iter().max_by(nearest).map_or(0.0, |w| w.0)
     }
 
-    /// The value of a pixel. Columns go on around a panorama, and end as rows do elsewhere.
+    /// Returns the value of a pixel. Columns wrap around a panorama; otherwise the outermost ones repeat, as rows do.
     fn at(&self, column: i64, row: i64) -> f32 {
         let (width, height) = (self.width as i64, self.height as i64);
         let column = if self.wraps {
@@ -130,7 +130,7 @@ impl DistanceImage {
         self.values[(row * width + column) as usize]
     }
 
-    /// The same distances on another grid.
+    /// Returns the same distances on another grid.
     #[must_use]
     pub fn resampled(&self, width: usize, height: usize) -> Self {
         if [width, height] == [self.width, self.height] {
@@ -155,8 +155,8 @@ impl DistanceImage {
         }
     }
 
-    /// The image on the project's grid, in which pixel (i, j) has its centre at (i + 1/2, j + 1/2), of
-    /// one on another grid of the whole sphere.
+    /// Returns the image on the project's grid, in which pixel (i, j) has its centre at (i + 1/2, j + 1/2), from
+    /// another grid of the whole sphere.
     #[must_use]
     pub fn brought_from(self, grid: DistanceGrid) -> Self {
         match grid {
@@ -165,7 +165,7 @@ impl DistanceImage {
         }
     }
 
-    /// From the grid of PanoGS, Eq. 4: `theta = 2 pi u / (W - 1) - pi`, `phi = pi / 2 - pi v / (H - 1)`.
+    /// Converts from the grid of PanoGS, Eq. 4: `theta = 2 pi u / (W - 1) - pi`, `phi = pi / 2 - pi v / (H - 1)`.
     /// Columns 0 and W - 1 are one direction, of which the first is kept; a turn is W - 1 columns.
     ///
     /// Its camera frame (x forward, y down, z right; Eq. 5) is a mirror image of a right-handed one, but
@@ -188,7 +188,7 @@ impl DistanceImage {
         })
     }
 
-    /// Distances along the rays, of values of another convention. `camera` is one of this image's size.
+    /// Converts values of another convention to distances along the rays. `camera` must have this image's size.
     #[must_use]
     pub fn along_rays(mut self, convention: DistanceConvention, camera: &impl CameraModel) -> Self {
         if convention == DistanceConvention::Ray {
@@ -198,7 +198,7 @@ impl DistanceImage {
         for (at, value) in self.values.iter_mut().enumerate() {
             let pixel = dvec2((at % width) as f64 + 0.5, (at / width) as f64 + 0.5);
             let ray = camera.unproject(pixel).normalize();
-            // A panorama has no z: it is that of the cube's face that a pixel belongs to.
+            // A panorama has no z: it is that of the cube face of the pixel.
             let along = if self.wraps {
                 ray.abs().max_element()
             } else {
@@ -217,7 +217,7 @@ mod tests {
     use super::*;
     use crate::camera::ErpCamera;
 
-    /// Distances of the walls of a room from a place in it that is not its middle.
+    /// Returns distances of the walls of a room from a position off its middle.
     fn distance(ray: DVec3) -> f64 {
         let wall = |direction: f64, low: f64, high: f64| {
             (if direction > 0.0 { high } else { low } / direction).abs()
@@ -248,7 +248,8 @@ mod tests {
         })
     }
 
-    /// PanoGS, Eqs. 4 and 5, with its `(forward, down, right)` brought to `(right, down, forward)`.
+    /// Returns an image on the grid of PanoGS, Eqs. 4 and 5, with its `(forward, down, right)` as
+    /// `(right, down, forward)`.
     fn endpoint(width: usize, height: usize) -> DistanceImage {
         image(width, height, |column, row| {
             let theta = column / (width as f64 - 1.0) * std::f64::consts::TAU;
@@ -258,7 +259,7 @@ mod tests {
         })
     }
 
-    /// Relative differences, sorted.
+    /// Returns relative differences, sorted.
     fn differences(a: &DistanceImage, b: &DistanceImage) -> Vec<f32> {
         let pairs = a.values.iter().zip(&b.values);
         let mut found: Vec<f32> = pairs.map(|(a, b)| (a - b).abs() / b).collect();

@@ -1,4 +1,4 @@
-//! `frames.csv`: the scores of every view, beside a result.
+//! `frames.csv`: scores of every view, beside a result.
 //!
 //! ```text
 //! view,frame,time_seconds,distance_to_given,psnr,ssim
@@ -6,9 +6,9 @@
 //! novel,5,0.5,0.12,,
 //! ```
 //!
-//! `view` is `input` or `novel`, `distance_to_given` the distance from the camera to the nearest camera of a
-//! given view in world units, which tables of older versions do not have; an empty field has no value. Results are handed
-//! in by others, so that the table is text, of which every byte is looked at here.
+//! `view` is `input` or `novel`. `distance_to_given` is the distance from the camera to the nearest camera of an
+//! input view in world units, which tables of older versions do not have. An empty field has no value. Results are
+//! submitted by others, so the table is text of which every byte is checked here.
 #![cfg_attr(
     not(test),
     deny(clippy::indexing_slicing, clippy::arithmetic_side_effects)
@@ -23,12 +23,12 @@ pub const FRAME_SCORES_FILE: &str = "frames.csv";
 
 /// Columns before those of the metrics.
 const LEADING: [&str; 3] = ["view", "frame", "time_seconds"];
-/// The column after them.
+/// Column behind those of the metrics.
 const DISTANCE: &str = "distance_to_given";
-/// A file of more bytes than this is no table of views: a million of them with ten scores take less.
+/// Largest size of a table, bytes; a million views with ten scores take less.
 const MOST_BYTES: u64 = 256 << 20;
 
-/// The scores of every view.
+/// Scores of every view.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct FrameScores {
     /// Ids of the metrics.
@@ -37,7 +37,7 @@ pub struct FrameScores {
     pub rows: Vec<FrameRow>,
 }
 
-/// The scores of one view.
+/// Scores of one view.
 #[derive(Debug, Clone, PartialEq)]
 pub struct FrameRow {
     /// Kind of view: `input` or `novel`.
@@ -46,10 +46,10 @@ pub struct FrameRow {
     pub frame: u32,
     /// Time of the frame, seconds.
     pub time_seconds: f64,
-    /// World units from the camera to the nearest camera of a given view, where both are known.
+    /// Distance from the camera to the nearest camera of an input view, world units, where both are known.
     pub distance_to_given: Option<f64>,
-    /// One for every metric, in their order; `None` where the view could not be scored, or the metric
-    /// is not defined or not available.
+    /// Score of every metric, in their order; `None` where the view could not be scored, or the metric is not defined
+    /// or not available.
     pub scores: Vec<Option<f64>>,
 }
 
@@ -118,8 +118,7 @@ impl FrameScores {
         })
     }
 
-    /// The scores of one kind of view by one metric, those that are there; `None` without a column
-    /// of the metric.
+    /// Returns the known scores of one kind of view by one metric; `None` without a column of the metric.
     pub fn of<'a>(&'a self, view: &'a str, metric: &str) -> Option<impl Iterator<Item = f64> + 'a> {
         let column = self.metrics.iter().position(|id| id == metric)?;
         let rows = self.rows.iter().filter(move |row| row.view == view);

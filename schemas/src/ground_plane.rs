@@ -4,10 +4,10 @@ use glam::DVec3;
 
 use crate::{statistics, trajectory::GroundAxes};
 
-/// Draws of a plane through three points.
+/// Number of draws of a plane through three points.
 const DRAWS: usize = 200;
 
-/// The points `p` with `normal . p = offset`.
+/// Plane of the points `p` with `normal . p = offset`.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Plane {
     /// Unit normal, which points up.
@@ -47,7 +47,7 @@ impl Plane {
         })
     }
 
-    /// Fits a plane through some points by least squares about their middle.
+    /// Fits a plane through some points by least squares about their mean.
     fn least_squares(points: &[DVec3], up: DVec3) -> Option<Self> {
         let middle = points.iter().sum::<DVec3>() / points.len().max(1) as f64;
         let axes = GroundAxes::new(up).to_world;
@@ -74,8 +74,8 @@ impl Plane {
         })
     }
 
-    /// Returns the plane with most points within `reach`, and their number. It is no steeper than 30 degrees against
-    /// `up`, if that is known.
+    /// Returns the plane with most points within `reach`, and their number. It is at most 30 degrees from `up`, if
+    /// that is known.
     pub fn of_most(points: &[DVec3], reach: f64, up: Option<DVec3>) -> Option<(Self, usize)> {
         if points.len() < 3 {
             return None;
@@ -127,7 +127,7 @@ impl Plane {
         let middle = centres.iter().sum::<DVec3>() / centres.len().max(1) as f64;
         let distances: Vec<f64> = points.iter().map(|point| point.distance(middle)).collect();
         let reach = 0.02 * statistics::median(&distances)?;
-        // Evenly, so that draws are of all.
+        // Evenly spaced, so that draws cover all points.
         let some: Vec<DVec3> = points
             .iter()
             .copied()

@@ -1,11 +1,10 @@
 //! Image files of others: their size is known before a pixel is decoded.
 //!
-//! A file of some kilobytes can state any number of pixels. Whoever knows what size an image should
-//! have looks at [`ImageFile::size`] first; what nobody knows the size of is bounded by
-//! [`MOST_PIXELS`].
+//! A file of some kilobytes can state any number of pixels. Callers that know the size that an image should have
+//! check [`ImageFile::size`] first; all other sizes are bounded by [`MOST_PIXELS`].
 //!
-//! Scene images and predictions are read by one rule, [`plain_rgb8`]: what programs show in different
-//! ways, images that are transparent or ask to be turned, is refused. An import reads such files as
+//! Scene images and predictions are read by one rule, [`plain_rgb8`]. It refuses images that programs show in
+//! different ways: transparent ones, and those with a rotation in their EXIF data. An import reads such files as
 //! viewers show them, [`ImageFile::decode_shown`], and writes plain ones.
 #![cfg_attr(
     not(test),
@@ -24,10 +23,10 @@ use image::{
 
 use crate::{error_kind, mask::Mask, store::StoreError};
 
-/// Pixels of an image at most: those of a panorama of 16384 x 8192.
+/// Largest number of pixels of an image: that of a panorama of 16384 x 8192.
 pub const MOST_PIXELS: u64 = 1 << 27;
 
-/// A PNG or JPEG file of which only the header has been read.
+/// PNG or JPEG file of which only the header has been read.
 pub struct ImageFile<'a> {
     path: &'a Path,
     decoder: Box<dyn ImageDecoder + 'a>,
@@ -38,7 +37,7 @@ pub struct ImageFile<'a> {
 /// Meaning of the values in a file's pixels.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum FileFormat {
-    /// Values that the file keeps nearly.
+    /// Values that the file keeps nearly (lossy compression).
     Jpeg,
     /// Indices of a palette.
     PalettePng,
@@ -47,7 +46,7 @@ pub(crate) enum FileFormat {
 }
 
 impl FileFormat {
-    /// From the beginning of a file, which is taken for PNG where it is no JPEG.
+    /// Returns the format by the beginning of a file; all that is no JPEG counts as PNG.
     fn of(beginning: &[u8]) -> Self {
         // The header chunk comes first and has the colour type in its tenth byte.
         const COLOUR_TYPE: usize = 25;
@@ -63,14 +62,14 @@ impl FileFormat {
     }
 }
 
-/// Returns true where a JPEG file has the marker of its end behind its first scan. In a scan that marker stands for
-/// nothing else; the segments before it, which may hold whole thumbnails, are stepped over by their lengths.
+/// Returns true where a JPEG file has the marker of its end behind its first scan. In a scan that marker has no other
+/// meaning. The segments before it, which may hold whole thumbnails, are skipped by their lengths.
 fn jpeg_ends(bytes: &[u8]) -> bool {
     const START_OF_SCAN: u8 = 0xda;
     const END: [u8; 2] = [0xff, 0xd9];
     let mut rest = bytes.get(2..).unwrap_or_default();
     loop {
-        // Any number of 0xff may stand before the code of a marker.
+        // Any number of 0xff may precede the code of a marker.
         let Some(at) = rest.iter().position(|&byte| byte != 0xff) else {
             return false;
         };
@@ -91,25 +90,25 @@ fn jpeg_ends(bytes: &[u8]) -> bool {
     }
 }
 
-/// An image that is not the same to every program.
+/// Reason why programs show an image in different ways.
 #[derive(Debug, thiserror::Error)]
 pub enum NotPlain {
     /// It cannot be decoded.
     #[error("not a usable image: {0}")]
     Damaged(ImageError),
-    /// Some viewers would turn it and some would not.
+    /// Its EXIF data ask for a rotation, which only some viewers apply.
     #[error("asks by its EXIF orientation to be turned or mirrored")]
     Turned,
-    /// Some viewers would show a background and some what is stored.
+    /// It is transparent: some viewers show a background and some the stored colours.
     #[error("is transparent in places, expected opaque pixels")]
     Transparent,
 }
 
-/// Decodes 8-bit interleaved RGB that every program sees alike. Grey becomes RGB, 16 bits are rounded to
-/// 8, and an alpha channel is left out where every pixel is opaque.
+/// Decodes 8-bit interleaved RGB that every program shows alike. Grey becomes RGB, 16 bits are rounded to 8, and an
+/// alpha channel is left out where every pixel is opaque.
 ///
 /// # Errors
-/// When it is damaged, transparent anywhere, or asks to be turned or mirrored.
+/// When it is damaged, transparent anywhere, or asks to be rotated or mirrored.
 pub fn plain_rgb8(mut decoder: impl ImageDecoder) -> Result<Vec<u8>, NotPlain> {
     if decoder.orientation().map_err(NotPlain::Damaged)? != Orientation::NoTransforms {
         return Err(NotPlain::Turned);
@@ -121,16 +120,16 @@ pub fn plain_rgb8(mut decoder: impl ImageDecoder) -> Result<Vec<u8>, NotPlain> {
     Ok(image.into_rgb8().into_raw())
 }
 
-/// An image as viewers show it.
+/// Image as viewers show it.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct ShownImage {
-    /// Width and height in pixels, turned as its EXIF data ask.
+    /// Width and height in pixels, rotated as its EXIF data ask.
     pub size: [usize; 2],
     /// `height * width * 3` values, 8-bit interleaved RGB; black where it is not opaque.
     pub rgb: Vec<u8>,
-    /// Marks every pixel that is not opaque; `None` where all are.
+    /// Mask of every pixel that is not opaque; `None` where all are.
     pub transparent: Option<Mask>,
-    /// True where its EXIF data ask for it to be turned or mirrored.
+    /// True where its EXIF data ask for a rotation or a mirror image.
     pub is_turned: bool,
 }
 
@@ -168,12 +167,12 @@ impl<'a> ImageFile<'a> {
         })
     }
 
-    /// Width and height in pixels, as they are stored.
+    /// Returns width and height in pixels, as stored.
     pub fn size(&self) -> [usize; 2] {
         self.size
     }
 
-    /// Width and height in pixels once it is turned as its EXIF data ask.
+    /// Returns width and height in pixels after the rotation that its EXIF data ask for.
     ///
     /// # Errors
     /// When its EXIF data cannot be read.
@@ -191,7 +190,7 @@ impl<'a> ImageFile<'a> {
         })
     }
 
-    /// Returns its EXIF data, a TIFF structure, where it has any.
+    /// Returns its EXIF data, a TIFF structure, if any.
     ///
     /// # Errors
     /// When they cannot be read.
@@ -200,7 +199,7 @@ impl<'a> ImageFile<'a> {
         data.map_err(|error| unusable(self.path, &error))
     }
 
-    /// Returns its XMP data, XML, where it has any.
+    /// Returns its XMP data, XML, if any.
     ///
     /// # Errors
     /// When they cannot be read.
@@ -224,7 +223,7 @@ impl<'a> ImageFile<'a> {
         }
     }
 
-    /// True where its EXIF data ask for it to be turned or mirrored.
+    /// Returns true where its EXIF data ask for a rotation or a mirror image.
     ///
     /// # Errors
     /// When its EXIF data cannot be read.
@@ -237,12 +236,12 @@ impl<'a> ImageFile<'a> {
         orientation.map_err(|error| unusable(self.path, &error))
     }
 
-    /// The file.
+    /// Returns the path of the file.
     pub(crate) fn path(&self) -> &'a Path {
         self.path
     }
 
-    /// The meaning of its values.
+    /// Returns the meaning of its values.
     pub(crate) fn format(&self) -> FileFormat {
         self.format
     }
@@ -250,7 +249,7 @@ impl<'a> ImageFile<'a> {
     /// Refuses an image that is not `width` x `height` pixels.
     ///
     /// # Errors
-    /// Names the file and both sizes.
+    /// When the sizes differ; names the file and both sizes.
     pub fn expect_size(self, [width, height]: [usize; 2]) -> Result<Self, StoreError> {
         if self.size == [width, height] {
             return Ok(self);
@@ -262,7 +261,7 @@ impl<'a> ImageFile<'a> {
         ))
     }
 
-    /// Decodes the pixels as they are stored.
+    /// Decodes the pixels as stored.
     ///
     /// # Errors
     /// When they are damaged.
@@ -329,7 +328,7 @@ impl<'a> ImageFile<'a> {
     }
 }
 
-/// 255 for every pixel that is not opaque, 0 for the others; `None` where all are opaque.
+/// Returns 255 for every pixel that is not opaque and 0 for the others; `None` where all are opaque.
 fn transparent_pixels(image: &DynamicImage) -> Option<Vec<u8>> {
     let mark = |is_opaque: bool| if is_opaque { 0 } else { u8::MAX };
     let marks: Vec<u8> = match image {

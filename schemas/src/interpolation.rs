@@ -4,19 +4,19 @@ use glam::DVec2;
 
 use crate::rgb::RgbImage;
 
-/// What is beyond the left and the right edge of an image. Beyond the upper and the lower one the
-/// outermost row goes on.
+/// Values beyond the left and the right edge of an image. Beyond the upper and the lower edge the outermost row
+/// repeats.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Edges {
-    /// The other edge, as in an equirectangular image.
+    /// Values of the other edge, as in an equirectangular image.
     Around,
-    /// The outermost column.
+    /// Values of the outermost column.
     Repeated,
 }
 
-/// The four pixels around a place of an image of `[width, height]` (neither is zero) with their bilinear
-/// weights, which add up to 1. `place` is finite and in pixels from the image's corner: the centre of the first
-/// pixel is at (1/2, 1/2).
+/// Returns the four pixels around a position in an image of `[width, height]` (neither is zero) with their bilinear
+/// weights, which add up to 1. `place` is finite and in pixels from the image's corner: the centre of the first pixel
+/// is at (1/2, 1/2).
 pub fn bilinear([width, height]: [usize; 2], edges: Edges, place: DVec2) -> [(usize, f64); 4] {
     let from_centre = place - 0.5;
     let first = from_centre.floor();
@@ -36,7 +36,7 @@ pub fn bilinear([width, height]: [usize; 2], edges: Edges, place: DVec2) -> [(us
 }
 
 impl RgbImage {
-    /// The colour at a place, bilinear; as [`bilinear`].
+    /// Returns the bilinear colour at a position; see [`bilinear`].
     pub fn sample(&self, place: DVec2, edges: Edges) -> [f32; 3] {
         let mut colour = [0.0; 3];
         for (pixel, weight) in bilinear([self.width, self.height], edges, place) {

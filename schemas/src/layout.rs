@@ -14,12 +14,12 @@
 //! about.json, README.md, DATASHEET.md, SHA256SUMS, statistics/, tables/
 //! ```
 
-/// The record of an asset for web viewers, in its folder.
+/// Record of an asset for web viewers, in its folder.
 pub const ASSET_FILE: &str = "asset.json";
 /// Folder of the scores of an asset's levels, beside [`ASSET_FILE`]: `scores/<LEVEL>/result.json`.
 pub const LEVEL_SCORES_FOLDER: &str = "scores";
 
-/// The dataset's record.
+/// Record of the dataset.
 pub const DATASET_FILE: &str = "dataset.json";
 /// Table of everything that was rejected, beside [`DATASET_FILE`].
 pub const ATTRITION_FILE: &str = "attrition.csv";
@@ -28,11 +28,11 @@ pub const FUNNEL_FILE: &str = "funnel.csv";
 /// Folder of the videos' folders.
 pub const VIDEOS_FOLDER: &str = "videos";
 
-/// What a published dataset says about itself.
+/// Description of a published dataset.
 pub const ABOUT_FILE: &str = "about.json";
-/// The dataset card.
+/// Dataset card.
 pub const CARD_FILE: &str = "README.md";
-/// The datasheet.
+/// Datasheet.
 pub const DATASHEET_FILE: &str = "DATASHEET.md";
 /// SHA-256 of every published file, in the format of `sha256sum`.
 pub const CHECKSUMS_FILE: &str = "SHA256SUMS";
@@ -41,29 +41,29 @@ pub const STATISTICS_FOLDER: &str = "statistics";
 /// Folder of the tables of frames, masks, poses, points, annotations and splits.
 pub const TABLES_FOLDER: &str = "tables";
 
-/// The analysis, in a video's folder.
+/// Analysis of a video, in its folder.
 pub const ANALYSIS_FILE: &str = "analysis.json";
-/// The per-frame signals of the boundary detector, in a video's folder.
+/// Per-frame signals of the boundary detector, in a video's folder.
 pub const SIGNALS_FILE: &str = "signals.parquet";
-/// What its shots are judged by, in a video's folder.
+/// Samples of a video by which its shots are judged, in the video's folder.
 pub const SAMPLES_FILE: &str = "samples.parquet";
-/// What the video looks like over time in few numbers, in a video's folder.
+/// Compact description of a video over time, in the video's folder.
 pub const SIGNATURE_FILE: &str = "signature.parquet";
-/// The boundaries that a video was cut at, in its folder.
+/// Boundaries at which a video was cut, in its folder.
 pub const BOUNDARIES_FILE: &str = "boundaries.json";
-/// What detectors and people have said about boundaries, in a video's folder.
+/// Statements of detectors and people on boundaries, in a video's folder.
 pub const LEDGER_FILE: &str = "ledger.jsonl";
-/// The record of the sequences that were written as video, in a video's folder.
+/// Record of the sequences that were written as video, in a video's folder.
 pub const SLICES_FILE: &str = "slices.json";
 /// Folder of those videos, in a video's folder.
 pub const SLICES_FOLDER: &str = "slices";
 
-/// Name of the folder of a video's sequence with this number, in the video's folder.
+/// Returns the name of the folder of a video's sequence with this number, in the video's folder.
 pub fn sequence_name(index: usize) -> String {
     format!("seq-{index:03}")
 }
 
-/// The sequence's record, in its folder.
+/// Record of the sequence, in its folder.
 pub const SEQUENCE_FILE: &str = "sequence.json";
 /// Folder of the sampled frames, in a sequence's folder.
 pub const FRAMES_FOLDER: &str = "frames";
@@ -75,13 +75,13 @@ pub const SCENE_FILE: &str = "scene.json";
 pub const POINTS_FILE: &str = "points.ply";
 /// Folder of the masks that came with the poses, beside [`SCENE_FILE`].
 pub const SCENE_MASKS_FOLDER: &str = "masks";
-/// Folder of the masks of what is no part of the scene, beside [`SCENE_FILE`] and in exports.
+/// Folder of the masks of the ignored region, beside [`SCENE_FILE`] and in exports.
 pub const IGNORE_MASKS_FOLDER: &str = "ignore";
-/// Folder of the frames without the distortion of their lens, beside [`SCENE_FILE`].
+/// Folder of the undistorted frames, beside [`SCENE_FILE`].
 pub const STRAIGHT_FRAMES_FOLDER: &str = "frames-straight";
 /// Folder of depth images, beside [`SCENE_FILE`].
 pub const DEPTH_FOLDER: &str = "depth";
-/// Folder of estimated distances, beside [`SCENE_FILE`].
+/// Folder of depth priors, beside [`SCENE_FILE`].
 pub const DEPTH_PRIOR_FOLDER: &str = "depth-prior";
 /// Folder of the folders of class masks, beside [`SCENE_FILE`].
 pub const CLASSES_FOLDER: &str = "classes";
@@ -94,23 +94,23 @@ pub const DYNAMIC_MASKS_FOLDER: &str = "dynamic-masks";
 /// Record of the computed masks, in [`DYNAMIC_MASKS_FOLDER`].
 pub const DYNAMIC_MASKS_FILE: &str = "masks.json";
 
-/// What moves through the scene as far as a split's input views show it, beside [`SPLIT_FILE`].
+/// Tracks of the dynamic region, as far as a split's input views show it, beside [`SPLIT_FILE`].
 pub const TRACKS_FILE: &str = "tracks.json";
-/// Folder of distances by stereo and the points they give, beside [`SPLIT_FILE`].
+/// Folder of distances by stereo and their points, beside [`SPLIT_FILE`].
 pub const DENSE_FOLDER: &str = "dense";
-/// Their record, in [`DENSE_FOLDER`].
+/// Record of stereo, in [`DENSE_FOLDER`].
 pub const DENSE_FILE: &str = "dense.json";
-/// The views of a scene that a protocol gives and scores.
+/// Input views and scored views of a scene under a protocol.
 pub const SPLIT_FILE: &str = "split.json";
-/// The record of one method's run on a split, in the run's folder.
+/// Record of one method's run on a split, in the run's folder.
 pub const RUN_FILE: &str = "run.json";
-/// The scores of one method on a split, in the folder of the scores.
+/// Scores of one method on a split, in the folder of the scores.
 pub const RESULT_FILE: &str = "result.json";
 /// Scores along a training, beside [`RESULT_FILE`].
 pub const CURVE_FILE: &str = "curve.csv";
-/// How the scores beside it were computed.
+/// Settings with which the scores beside it were computed.
 pub const SCORING_FILE: &str = "scoring.json";
-/// The record of a submission of results, in its folder.
+/// Record of a submission of results, in its folder.
 pub const SUBMISSION_FILE: &str = "submission.json";
-/// The record of an accepted submission's verification, beside [`SUBMISSION_FILE`].
+/// Record of an accepted submission's verification, beside [`SUBMISSION_FILE`].
 pub const VERIFICATION_FILE: &str = "verified.json";

@@ -1,6 +1,6 @@
-//! Data contracts of OmniLife360 and the camera conventions they rest on.
+//! Data contracts of OmniLife360 and its camera conventions.
 //!
-//! Crates agree here about the data that they exchange. Files, stages and processes are in [`omnilife_base`], whose
+//! Crates agree here on the data that they exchange. Files, stages and processes are in [`omnilife_base`], whose
 //! modules are exported here too. Modules from the top down (each imports only from those below it, which a test
 //! checks):
 //!

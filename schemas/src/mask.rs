@@ -2,8 +2,8 @@
 
 use crate::camera::{Camera, ErpCamera};
 
-/// For every pixel of an image of the size (width, height) `new`, row by row, the index of the
-/// nearest pixel of one of the size `old`.
+/// Returns the index of the nearest pixel of an image of the size `old` for every pixel, row by row, of one of the
+/// size `new` (width, height).
 pub fn nearest_pixels(old: [usize; 2], new: [usize; 2]) -> impl Iterator<Item = usize> {
     let nearest = move |index: usize, axis: usize| (2 * index + 1) * old[axis] / (2 * new[axis]);
     (0..new[1]).flat_map(move |y| {
@@ -12,7 +12,7 @@ pub fn nearest_pixels(old: [usize; 2], new: [usize; 2]) -> impl Iterator<Item = 
     })
 }
 
-/// A mask of one byte per pixel, row-major; non-zero marks what the mask is of.
+/// Mask of one byte per pixel, row-major; non-zero is marked.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Mask {
     /// Pixels per row.
@@ -24,7 +24,7 @@ pub struct Mask {
 }
 
 impl Mask {
-    /// The mask at another size, every pixel that of the nearest old one.
+    /// Returns the mask at another size; every pixel takes the value of the nearest old one.
     ///
     /// # Panics
     /// When `width` or `height` is zero.
@@ -38,7 +38,7 @@ impl Mask {
         }
     }
 
-    /// The mask at another size: a pixel is marked where any old one that it covers a part of is.
+    /// Returns the mask at another size: a pixel is marked where any old one that it partly covers is marked.
     ///
     /// # Panics
     /// When `width` or `height` is zero.
@@ -64,7 +64,7 @@ impl Mask {
         }
     }
 
-    /// Marks what either of two masks does; the other one is brought to the size of this one.
+    /// Adds the marks of another mask, which is resized to the size of this one.
     ///
     /// # Panics
     /// When this one has no pixels.
@@ -76,7 +76,7 @@ impl Mask {
         self
     }
 
-    /// Marks what this mask does and another of its size does not.
+    /// Removes the marks of another mask of the same size.
     pub fn without(mut self, other: &Self) -> Self {
         for (value, other) in self.data.iter_mut().zip(&other.data) {
             *value &= !other;
@@ -84,7 +84,7 @@ impl Mask {
         self
     }
 
-    /// Share of the sphere that it marks, 0 to 1: pixels of ERP images count by their solid angle, those of a
+    /// Returns the marked share of the sphere, 0 to 1: pixels of ERP images count by their solid angle, those of a
     /// pinhole alike.
     pub fn marked_share(&self, camera: &Camera) -> f64 {
         let erp = ErpCamera {
@@ -104,17 +104,17 @@ impl Mask {
         if all > 0.0 { marked / all } else { 0.0 }
     }
 
-    /// True where any pixel is marked.
+    /// Returns true where any pixel is marked.
     pub fn marks_anything(&self) -> bool {
         self.data.iter().any(|&value| value != 0)
     }
 
-    /// Whether every pixel is marked.
+    /// Returns whether every pixel is marked.
     pub fn is_full(&self) -> bool {
         self.data.iter().all(|&value| value != 0)
     }
 
-    /// Marks what is not marked, and the other way round.
+    /// Swaps marked and unmarked pixels.
     pub fn inverted(mut self) -> Self {
         for value in &mut self.data {
             *value = 255 - *value;

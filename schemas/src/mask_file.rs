@@ -1,4 +1,4 @@
-//! Masks of others: which pixels a file marks, by its kind.
+//! Masks of others: the marked pixels of a file, by its kind.
 //!
 //! | file | marked |
 //! |---|---|
@@ -9,9 +9,9 @@
 //! | colours | all but black |
 //! | alpha over one colour | the alpha, as grey |
 //!
-//! Only the first row is certain; [`MaskEncoding::assumption`] says what the others assume. JPEG files keep no
-//! labels: above half of the range is marked there, and one that is dark all over without being black is refused.
-//! So are an alpha channel and colours that mark different pixels.
+//! Only the first row is certain; [`MaskEncoding::assumption`] names the assumptions of the others. JPEG files keep
+//! no labels: above half of the range is marked there, and a file that is dark all over without being black is
+//! refused. An alpha channel and colours that mark different pixels are refused too.
 #![cfg_attr(
     not(test),
     deny(clippy::indexing_slicing, clippy::arithmetic_side_effects)
@@ -32,7 +32,7 @@ use crate::{
 pub enum MaskEncoding {
     /// White on black, with soft edges at most.
     BlackAndWhite,
-    /// Greys without any white.
+    /// Greys without white.
     WithoutWhite,
     /// Small numbers of objects or classes.
     Labels,
@@ -45,7 +45,7 @@ pub enum MaskEncoding {
 }
 
 impl MaskEncoding {
-    /// Returns what was assumed of such a file, to be told; `None` where nothing was.
+    /// Returns the assumption about such a file, for a report; `None` without one.
     pub fn assumption(self) -> Option<&'static str> {
         match self {
             Self::BlackAndWhite => None,
@@ -63,25 +63,25 @@ impl MaskEncoding {
 /// Greys that count as marked.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum MarkedGreys {
-    /// Those above half of the range, in files with any: masks with soft edges.
+    /// Those above half of the range, in files that have any: masks with soft edges.
     AboveHalf,
-    /// All but black: the rule of tools whose masks say where to look.
+    /// All except black: the rule of tools whose masks mark the pixels to use.
     NotBlack,
 }
 
-/// A mask and the rule by which it was read.
+/// Mask and the rule by which it was read.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct DecodedMask {
-    /// The mask.
+    /// Mask of the file.
     pub mask: Mask,
-    /// The rule.
+    /// Rule by which it was read.
     pub encoding: MaskEncoding,
 }
 
-/// Decodes a mask whose size has been looked at.
+/// Decodes a mask whose size has been checked.
 ///
 /// # Errors
-/// When it is damaged, asks by its EXIF data to be turned, or says in two ways that differ which pixels are marked.
+/// When it is damaged, asks by its EXIF data for a rotation, or marks pixels in two ways that differ.
 pub fn decode(mut file: ImageFile<'_>, greys: MarkedGreys) -> Result<DecodedMask, StoreError> {
     let (path, [width, height]) = (file.path(), file.size());
     let malformed = |reason: String| StoreError::malformed(path, reason);
@@ -107,7 +107,7 @@ pub fn decode(mut file: ImageFile<'_>, greys: MarkedGreys) -> Result<DecodedMask
     })
 }
 
-/// A byte per pixel, 0 or 255, and the rule; or the reason for a refusal.
+/// Byte per pixel, 0 or 255, with the rule; or the reason for a refusal.
 type Marks = Result<(Vec<u8>, MaskEncoding), &'static str>;
 
 const DARK_JPEG: &str =
@@ -228,7 +228,7 @@ impl Reader {
     fn of_palette(&self, image: &PaletteImage) -> Marks {
         let used = image.used_entries();
         let hidden = || used.iter().filter(|entry| !entry.is_opaque);
-        // The background may be transparent: its index says the same.
+        // The background may be transparent: its index marks the same.
         if hidden().any(|entry| entry.index != 0) {
             return Err(AMBIGUOUS_ALPHA);
         }
@@ -251,7 +251,7 @@ fn marked<T: Copy>(pixels: &[T], is_marked: impl Fn(T) -> bool) -> Vec<u8> {
     marks.map(|mark| if mark { u8::MAX } else { 0 }).collect()
 }
 
-/// A PNG file's indices, and the palette that they are of.
+/// Indices of a PNG file, with their palette.
 struct PaletteImage {
     indices: Vec<u8>,
     colours: Vec<[u8; 3]>,
@@ -259,10 +259,10 @@ struct PaletteImage {
     alphas: Vec<u8>,
 }
 
-/// An entry of a palette that pixels have.
+/// Entry of a palette that pixels use.
 struct UsedEntry {
     index: u8,
-    /// Black where the palette has no such entry.
+    /// Colour; black where the palette has no such entry.
     colour: [u8; 3],
     is_opaque: bool,
 }
@@ -341,7 +341,7 @@ impl PaletteImage {
         .collect()
     }
 
-    /// Index of white in an image that programs have made of black and white, in whichever order; `None` of
+    /// Returns the index of white in an image that programs have made of black and white, in either order; `None` for
     /// others.
     fn white_on_black(&self, used: &[UsedEntry]) -> Option<u8> {
         let is_palette = match self.colours.as_slice() {

@@ -1,5 +1,5 @@
-//! Oddities of masks, looked for before they are relied on: encodings that leave something to assume, masks of
-//! what is no part of a scene that mark most of it, or nothing.
+//! Oddities of masks, checked before their use: encodings that need an assumption, and masks of the ignored region
+//! that mark most of a scene, or nothing.
 
 use std::{
     collections::BTreeMap,
@@ -15,15 +15,15 @@ use crate::{
     store::StoreError,
 };
 
-/// Share of the sphere above which masks look as if they marked the rest.
+/// Share of the sphere above which masks look inverted.
 pub const INVERTED_SHARE: f64 = 0.6;
 
-/// Masks that were looked at.
+/// Surveyed masks.
 #[derive(Debug, Default)]
 pub struct MaskSurvey {
     /// Share of the sphere that each file marks.
     shares: BTreeMap<PathBuf, f64>,
-    /// Files of each encoding that something was assumed of.
+    /// Files of each encoding that needs an assumption.
     assumed: BTreeMap<MaskEncoding, Vec<PathBuf>>,
     /// Files of another shape than their frames, with width and height, pixels.
     stretched: Vec<(PathBuf, [usize; 2])>,
@@ -32,7 +32,7 @@ pub struct MaskSurvey {
 }
 
 impl MaskSurvey {
-    /// Looks at a mask of frames that `camera` took; at each file once. Returns the share that it marks, as
+    /// Checks a mask of frames that `camera` took; each file once. Returns the share that it marks, as
     /// [`Mask::marked_share`](crate::rgb::Mask::marked_share).
     ///
     /// # Errors
@@ -61,7 +61,7 @@ impl MaskSurvey {
         Ok(share)
     }
 
-    /// Looks at a frame's mask of what is no part of the scene.
+    /// Checks a frame's mask of the ignored region.
     ///
     /// # Errors
     /// Those of [`MaskSurvey::add`].
@@ -71,13 +71,13 @@ impl MaskSurvey {
         Ok(())
     }
 
-    /// Counts a frame of which a mask marks this share as no part of the scene.
+    /// Counts a frame of which a mask ignores this share.
     pub fn add_ignored_share(&mut self, share: f64) {
         self.ignored_shares.push(share);
     }
 
-    /// Lines that a user should see, and a reader of results. They name files without the folders above that of
-    /// the mask, so that they do not depend on where a scene lies.
+    /// Returns notes for users and for readers of results. They name files with their own folder alone, so that they
+    /// do not depend on the location of a scene.
     pub fn notes(&self) -> Vec<String> {
         let mut notes = Vec::new();
         for (encoding, files) in &self.assumed {
@@ -118,8 +118,8 @@ impl MaskSurvey {
     }
 }
 
-/// Returns true where an image of a size (width, height) is a smaller or larger one of another size: half a pixel of
-/// either may be missing.
+/// Returns true where an image of a size (width, height) is a scaled one of another size: half a pixel of either may
+/// be missing.
 pub fn has_shape([width, height]: [usize; 2], [other_width, other_height]: [usize; 2]) -> bool {
     let products = [
         width.saturating_mul(other_height),
@@ -128,7 +128,7 @@ pub fn has_shape([width, height]: [usize; 2], [other_width, other_height]: [usiz
     products[0].abs_diff(products[1]) <= width.max(other_width)
 }
 
-/// A file with the folder that it lies in.
+/// Returns the name of a file with its folder.
 fn short_name(file: &Path) -> String {
     let name = |path: &Path| {
         let name = path.file_name().unwrap_or_default();

@@ -1,4 +1,4 @@
-//! Boxes that stand anywhere and head anywhere, as cameras see them.
+//! Boxes with any position and heading, as cameras see them.
 
 use glam::{DMat3, DVec3, dvec2, dvec3};
 
@@ -7,24 +7,24 @@ use crate::{
     mask::Mask,
 };
 
-/// Pixels on a side of the parts of an image that are passed over together.
+/// Side in pixels of the parts of an image that are skipped as a whole.
 const PART: usize = 16;
-/// How much wider than its corners a part of an image may be: its sides are curves on the sphere.
+/// Factor by which a part of an image may be wider than its corners: its sides are curves on the sphere.
 const PART_MARGIN: f64 = 1.1;
 
-/// A box: what is within `half` of its centre along its own axes.
+/// Box of the points within `half` of its centre along its own axes.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct OrientedBox {
-    /// Its middle.
+    /// Centre of the box.
     pub centre: DVec3,
-    /// Columns are its axes.
+    /// Axes of the box, as columns.
     pub axes: DMat3,
-    /// Half of its sides.
+    /// Halves of its sides.
     pub half: DVec3,
 }
 
 impl OrientedBox {
-    /// Its corners: bit `n` of a corner's number says whether it is on the far side along axis `n`.
+    /// Returns its corners: bit `n` of a corner's number is set on the far side along axis `n`.
     pub fn corners(&self) -> [DVec3; 8] {
         std::array::from_fn(|number| {
             let side = |axis: usize| if number >> axis & 1 == 1 { 1.0 } else { -1.0 };
@@ -33,8 +33,8 @@ impl OrientedBox {
         })
     }
 
-    /// From where to where along a ray it is, in lengths of `direction`, which need not be 1; `None` where the
-    /// ray misses it or leaves it behind. A ray that begins in it enters at 0.
+    /// Returns the interval of a ray inside of the box, in lengths of `direction`, which need not be 1; `None` where
+    /// the ray misses it or leaves it behind. A ray that begins in it enters at 0.
     pub fn crossing(&self, origin: DVec3, direction: DVec3) -> Option<[f64; 2]> {
         let to_own = self.axes.transpose();
         let origin = to_own * (origin - self.centre);
@@ -55,7 +55,7 @@ impl OrientedBox {
         (from < to).then_some([from, to])
     }
 
-    /// The box in the frame of a camera: its rotation is that from the camera to the world.
+    /// Returns the box in the frame of a camera with this rotation from the camera to the world.
     #[must_use]
     pub fn in_camera(&self, to_world: DMat3, camera_centre: DVec3) -> Self {
         let to_camera = to_world.transpose();
@@ -66,14 +66,14 @@ impl OrientedBox {
         }
     }
 
-    /// Marks the pixels of an image whose rays meet the box, which is in the camera's frame; `mask` has the
-    /// camera's size. Nothing stands in its way.
+    /// Marks the pixels of an image whose rays meet the box, which is in the camera's frame; `mask` has the camera's
+    /// size. Occlusion is ignored.
     pub fn mark(&self, camera: &Camera, mask: &mut Mask) {
         let [width, height] = camera.size();
         let ray = |x: f64, y: f64| camera.unproject(dvec2(x, y));
         let (distance, reach) = (self.centre.length(), self.half.length());
         let middle = self.centre.normalize_or_zero();
-        // Where the camera is within reach of it, it may be anywhere.
+        // With the camera within its reach, the box may be in any direction.
         let radius = if distance > reach {
             (reach / distance).asin()
         } else {
@@ -135,7 +135,7 @@ mod tests {
         places.into_iter().enumerate().map(place).collect()
     }
 
-    /// Parts of an image that are passed over would have had no marked pixel.
+    /// Skipped parts of an image would have had no marked pixel.
     #[test]
     fn what_is_marked_are_the_pixels_whose_rays_meet_the_box() {
         let cameras: [Camera; 2] = [

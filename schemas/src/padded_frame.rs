@@ -1,17 +1,17 @@
-//! Images in the middle of frames of one size, for methods that take no other.
+//! Images in the middle of frames of a fixed size, for methods that require one.
 //!
-//! An image is resized by area averaging, in proportion, to the largest size that fits into the frame, never
-//! enlarged, and put in its middle. The side that does not fill the frame is rounded to a whole pixel; of an odd
-//! margin the left or upper part is a pixel narrower. The footprints of the averages share out the image, so that
-//! none reaches over the seam of a panorama.
+//! An image is resized by area averaging, in proportion, to the largest size that fits into the frame, and put in its
+//! middle. It is never enlarged. The side that does not fill the frame is rounded to a whole pixel; with an odd
+//! margin the left or upper part is a pixel narrower. The footprints of the averages divide the image, so that none
+//! crosses the seam of a panorama.
 //!
-//! OmniLife360 (section 5.2) resizes and pads images "to unified dimensions to maintain consistent aspect ratios",
-//! and does not say to which, where the padding lies, what it holds, and whether it is scored. Here it is black and on
-//! both sides, masked as no part of the scene, and cut off before scoring.
+//! OmniLife360 (section 5.2) resizes and pads images "to unified dimensions to maintain consistent aspect ratios". It
+//! does not state the dimensions, the position and content of the padding, and whether it is scored. Here it is black
+//! and on both sides, masked as ignored region, and cut off before scoring.
 
 use crate::camera::PinholeCamera;
 
-/// An image in a frame that has its size or is larger.
+/// Image in a frame of its size or larger.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct PaddedFrame {
     size: [u32; 2],
@@ -22,10 +22,10 @@ impl PaddedFrame {
     /// Longest side of a frame, pixels.
     pub const LARGEST_SIDE: u32 = 1 << 14;
 
-    /// The frame of the size (width, height) `size` around an image of the size `image`, pixels.
+    /// Makes the frame of the size (width, height) `size` around an image of the size `image`, pixels.
     ///
     /// # Errors
-    /// When a side is 0, or one of the frame is longer than [`Self::LARGEST_SIDE`]; says which.
+    /// When a side is 0, or one of the frame is longer than [`Self::LARGEST_SIDE`]; names the side.
     pub fn fit(image: [u32; 2], size: [u32; 2]) -> Result<Self, String> {
         let [width, height] = size;
         if image.contains(&0) {
@@ -58,17 +58,17 @@ impl PaddedFrame {
         Ok(Self { size, image })
     }
 
-    /// Width and height of the frame, pixels.
+    /// Returns width and height of the frame, pixels.
     pub fn size(&self) -> [u32; 2] {
         self.size
     }
 
-    /// Width and height of the image in it, pixels.
+    /// Returns width and height of the image in it, pixels.
     pub fn image(&self) -> [u32; 2] {
         self.image
     }
 
-    /// Column and row of the frame at which the image begins, pixels.
+    /// Returns column and row of the frame at which the image starts, pixels.
     pub fn offset(&self) -> [u32; 2] {
         [0, 1].map(|axis| (self.size[axis] - self.image[axis]) / 2)
     }
@@ -78,9 +78,9 @@ impl PaddedFrame {
         self.size != self.image
     }
 
-    /// The camera of the frame, of a camera whose images are put into it. What `camera` sees at (u, v) is at
-    /// (u sx + left, v sy + top), where sx and sy are the ratios of the image's sides: the centre of a pixel is half a
-    /// pixel from its corner in both.
+    /// Returns the camera of the frame for a camera whose images are put into it. The pixel (u, v) of `camera` is at
+    /// (u sx + left, v sy + top), where sx and sy are the ratios of the image's sides. The centre of a pixel is half
+    /// a pixel from its corner in both.
     #[must_use]
     pub fn pinhole(&self, camera: &PinholeCamera) -> PinholeCamera {
         let [image_width, image_height] = self.image;
@@ -103,7 +103,7 @@ impl PaddedFrame {
     /// Puts an image of `channels` values for each pixel into the frame, with `around` in the padding.
     ///
     /// # Panics
-    /// When `image` has not [`Self::image`] pixels.
+    /// When `image` does not have [`Self::image`] pixels.
     pub fn pad<T: Copy>(&self, image: &[T], channels: usize, around: T) -> Vec<T> {
         let [width, height] = self.size.map(|side| side as usize);
         let mut frame = vec![around; width * height * channels];
@@ -117,14 +117,14 @@ impl PaddedFrame {
     /// Cuts the image of `channels` values for each pixel out of the frame.
     ///
     /// # Panics
-    /// When `frame` has less than [`Self::size`] pixels.
+    /// When `frame` has fewer than [`Self::size`] pixels.
     pub fn crop<T: Copy>(&self, frame: &[T], channels: usize) -> Vec<T> {
         self.rows(channels)
             .flat_map(|range| frame[range].iter().copied())
             .collect()
     }
 
-    /// Places of the image's rows among the values of the frame.
+    /// Returns the ranges of the image's rows among the values of the frame.
     fn rows(&self, channels: usize) -> impl Iterator<Item = std::ops::Range<usize>> {
         let [left, top] = self.offset().map(|side| side as usize);
         let [image_width, image_height] = self.image.map(|side| side as usize);
@@ -152,7 +152,7 @@ mod tests {
     fn images_fill_the_frame_as_far_as_their_proportions_let_them() {
         assert_eq!(fitted([4096, 2048], [1024, 576]), ([1024, 512], [0, 32]));
         assert_eq!(fitted([3840, 2160], [1024, 512]), ([910, 512], [57, 0]));
-        // Nothing is enlarged; of 5 columns 2 are on the left.
+        // Images are never enlarged; of 5 columns 2 are on the left.
         assert_eq!(fitted([59, 31], [64, 32]), ([59, 31], [2, 0]));
         assert_eq!(fitted([30_000, 1], [100, 100]), ([100, 1], [0, 49]));
         for size in [[0, 9], [9, 0], [1 << 15, 9]] {

@@ -17,9 +17,9 @@ use crate::{
 /// units, where scenes may lie far from the origin (UTM, ECEF), and `f32` where a scene is normalized.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct PointCloud<T = f64> {
-    /// x, y, z.
+    /// Coordinates x, y, z.
     pub positions: Vec<[T; 3]>,
-    /// red, green, blue.
+    /// Colours red, green, blue.
     pub colours: Vec<[u8; 3]>,
 }
 
@@ -65,7 +65,7 @@ impl Scalar {
         }
     }
 
-    /// Reads a little-endian value; `bytes` holds [`Scalar::size`] bytes, and NaN where it does not.
+    /// Reads a little-endian value; returns NaN where `bytes` holds fewer than [`Scalar::size`] bytes.
     fn decode(self, bytes: &[u8]) -> f64 {
         fn exactly<const BYTES: usize>(bytes: &[u8], value: fn([u8; BYTES]) -> f64) -> f64 {
             bytes.first_chunk().map_or(f64::NAN, |bytes| value(*bytes))
@@ -92,21 +92,21 @@ struct PlyHeader {
 }
 
 impl<T> PointCloud<T> {
-    /// Number of points.
+    /// Returns the number of points.
     pub fn len(&self) -> usize {
         self.positions.len()
     }
 
-    /// Whether there are no points.
+    /// Returns whether there are no points.
     pub fn is_empty(&self) -> bool {
         self.positions.is_empty()
     }
 }
 
 impl PointCloud {
-    /// Reads an ASCII or binary little-endian PLY whose first element is `vertex` with scalar
-    /// properties x, y, z and optionally uchar red, green, blue (grey without). Points with coordinates
-    /// that are not finite, in 32-bit floats either, are refused.
+    /// Reads an ASCII or binary little-endian PLY whose first element is `vertex` with scalar properties x, y, z and
+    /// optionally uchar red, green, blue (grey without). Points with coordinates that are not finite, also as 32-bit
+    /// floats, are refused.
     ///
     /// # Errors
     /// When the file is missing, malformed or truncated.
@@ -115,10 +115,10 @@ impl PointCloud {
         Self::from_ply(&bytes).map_err(|reason| StoreError::malformed(path, reason))
     }
 
-    /// [`PointCloud::read_ply`] of a file's bytes.
+    /// Reads the bytes of a file as [`PointCloud::read_ply`] does.
     ///
     /// # Errors
-    /// What is wrong with them.
+    /// The fault of the bytes.
     pub fn from_ply(bytes: &[u8]) -> Result<Self, String> {
         let table = PlyTable::parse(bytes)?;
         let [Some(x), Some(y), Some(z)] = ["x", "y", "z"].map(|name| table.column(name)) else {
@@ -128,7 +128,7 @@ impl PointCloud {
             [Some(r), Some(g), Some(b)] => Some([r, g, b]),
             _ => None,
         };
-        // Colours in [0, 1] or 16 bits would turn black or white without a word.
+        // Colours in [0, 1] or 16 bits would silently turn black or white.
         if let Some(columns) = colour
             && columns
                 .iter()
@@ -179,17 +179,17 @@ impl PointCloud {
     }
 }
 
-/// The type of the coordinates in a PLY.
+/// Type of the coordinates in a PLY.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Coordinates {
-    /// `float`: what all programs read.
+    /// `float`, which all programs read.
     Float,
-    /// `double`.
+    /// `double`, for large coordinates.
     Double,
 }
 
 impl Coordinates {
-    /// Floats where they hold all coordinates exactly or their rounding is not seen in the scene
+    /// Returns floats where they hold all coordinates exactly or their rounding is invisible in the scene
     /// ([`Similarity::fits_f32`] around the median point), doubles elsewhere.
     pub fn of(positions: &[[f64; 3]]) -> Self {
         let values = positions.as_flattened();
@@ -200,7 +200,7 @@ impl Coordinates {
         Similarity::from_median(&places).map_or(Self::Float, |around| Self::around(&around))
     }
 
-    /// Floats where their rounding is not seen around the offset of a normalization, doubles elsewhere.
+    /// Returns floats where their rounding is invisible around the offset of a normalization, doubles elsewhere.
     pub fn around(normalization: &Similarity) -> Self {
         if normalization.fits_f32() {
             Self::Float
@@ -209,7 +209,7 @@ impl Coordinates {
         }
     }
 
-    /// Its name in a PLY's header.
+    /// Returns its name in a PLY's header.
     pub fn ply_type(self) -> &'static str {
         match self {
             Self::Float => "float",
@@ -232,8 +232,8 @@ impl Coordinates {
     }
 }
 
-/// The vertices of an ASCII or binary little-endian PLY whose first element is `vertex` with scalar
-/// properties. Errors are the reason in one line, without the file.
+/// Vertices of an ASCII or binary little-endian PLY whose first element is `vertex` with scalar properties. Errors
+/// are the reason in one line, without the file.
 #[derive(Debug)]
 pub struct PlyTable<'a> {
     header: PlyHeader,
@@ -262,28 +262,28 @@ impl<'a> PlyTable<'a> {
         Ok(table)
     }
 
-    /// Number of vertices.
+    /// Returns the number of vertices.
     pub fn len(&self) -> usize {
         self.header.count
     }
 
-    /// Whether there are none.
+    /// Returns whether there are no vertices.
     pub fn is_empty(&self) -> bool {
         self.len() == 0
     }
 
-    /// Position of a property in a row.
+    /// Returns the position of a property in a row.
     pub fn column(&self, name: &str) -> Option<usize> {
         let mut names = self.names();
         names.position(|other| other == name)
     }
 
-    /// Names of the properties in their order.
+    /// Returns the names of the properties in their order.
     pub fn names(&self) -> impl Iterator<Item = &str> {
         self.header.properties.iter().map(|(name, _)| name.as_str())
     }
 
-    /// Bytes of a vertex in a binary body.
+    /// Returns the bytes of a vertex in a binary body.
     fn stride(&self) -> usize {
         let properties = self.header.properties.iter();
         properties.map(|(_, scalar)| scalar.size()).sum()
@@ -338,7 +338,7 @@ fn truncated(found: usize, expected: usize) -> String {
     format!("PLY ends after {found} of {expected} points")
 }
 
-/// Returns why a PLY is not read whose first element is another one than `vertex`.
+/// Returns the reason for refusing a PLY whose first element is not `vertex`.
 fn first_element(name: &str) -> String {
     match name {
         "chunk" => {

@@ -6,14 +6,14 @@ use serde::{Deserialize, Serialize};
 
 use crate::statistics::median;
 
-/// A camera is far out beyond this many times the median distance from the median camera.
+/// Factor of the median distance from the median camera beyond which a camera is far out.
 const FAR_MEDIANS: f64 = 20.0;
-/// More far cameras than one of this many, rounded up, are no mistakes but part of the path: that of a
+/// Number of cameras of which one, rounded up, may be a mistake. More far cameras are part of the path: that of a
 /// camera that stands for most of a clip and then walks.
 const CAMERAS_PER_MISTAKE: usize = 10;
-/// Rounding of coordinates that is not seen, in units of a scene's extent.
+/// Largest invisible rounding of coordinates, in units of a scene's extent.
 const UNSEEN_ROUNDING: f64 = 1e-5;
-/// Frames that a warning lists.
+/// Number of frames that a warning lists.
 const LISTED_FRAMES: usize = 10;
 
 /// Where a camera is and how it is turned: `x_w = R x_c + centre`.
@@ -26,10 +26,10 @@ pub struct Pose {
 }
 
 impl Pose {
-    /// The pose with rotation matrix `camera_to_world` and this centre. The matrix must be a
-    /// rotation to about 1e-3; it is orthonormalized.
+    /// Makes the pose with rotation matrix `camera_to_world` and this centre. The matrix must be a rotation to about
+    /// 1e-3; it is orthonormalized.
     ///
-    /// `None` for reflections, shears, scales and non-finite entries.
+    /// Returns `None` for reflections, shears, scales and non-finite entries.
     pub fn from_matrix(camera_to_world: DMat3, centre: DVec3) -> Option<Self> {
         let deviation = camera_to_world * camera_to_world.transpose() - DMat3::IDENTITY;
         let largest = deviation
@@ -45,7 +45,7 @@ impl Pose {
         Some(Self::new(q, centre))
     }
 
-    /// The pose with a rotation from the camera to the world, a unit quaternion, and this centre.
+    /// Makes the pose with a rotation from the camera to the world, a unit quaternion, and this centre.
     pub fn new(to_world: DQuat, centre: DVec3) -> Self {
         let DQuat { x, y, z, w } = to_world;
         Self {
@@ -54,7 +54,7 @@ impl Pose {
         }
     }
 
-    /// Camera-to-world rotation. A quaternion that is not of unit length is normalized; a zero or
+    /// Returns the camera-to-world rotation. A quaternion that is not of unit length is normalized; a zero or
     /// non-finite one gives `None`.
     pub fn rotation(&self) -> Option<DQuat> {
         let [w, x, y, z] = self.rotation_wxyz;
@@ -63,12 +63,12 @@ impl Pose {
         (length.is_finite() && length > 1e-12).then(|| q / length)
     }
 
-    /// Camera centre in world units.
+    /// Returns the camera centre in world units.
     pub fn centre(&self) -> DVec3 {
         DVec3::from_array(self.centre)
     }
 
-    /// Whether the rotation and the centre can be used.
+    /// Returns whether the rotation and the centre can be used.
     pub fn is_valid(&self) -> bool {
         self.rotation().is_some() && self.centre().is_finite()
     }
@@ -88,9 +88,8 @@ pub struct Similarity {
 impl Similarity {
     /// Recentres at the mean camera and scales so that the farthest camera is 1 unit from it.
     ///
-    /// The camera radius is floored at 1e-9 of the distance of the mean camera from the world's
-    /// origin (and at 1e-12), so that cameras in one place give a finite scale.
-    /// `None` without cameras or with non-finite centres.
+    /// The camera radius is at least 1e-9 of the distance of the mean camera from the world's origin (and 1e-12), so
+    /// that cameras in one place give a finite scale. Returns `None` without cameras or with non-finite centres.
     pub fn from_cameras(centres: &[DVec3]) -> Option<Self> {
         if centres.is_empty() || centres.iter().any(|centre| !centre.is_finite()) {
             return None;
@@ -107,7 +106,7 @@ impl Similarity {
         })
     }
 
-    /// [`Similarity::from_cameras`] without the far ones ([`far_cameras`]), as long as these are at most a
+    /// Makes [`Similarity::from_cameras`] without the far ones ([`far_cameras`]), as long as these are at most a
     /// tenth of all, rounded up: a few wrong poses do not change it.
     pub fn from_most_cameras(centres: &[DVec3]) -> Option<Self> {
         let far = far_cameras(centres);
@@ -120,10 +119,10 @@ impl Similarity {
         Self::from_cameras(&kept)
     }
 
-    /// Recentres at the median of places along each axis and scales so that their median distance from it
-    /// is 1 unit; floored as that of [`Similarity::from_cameras`].
+    /// Recentres at the median of the positions along each axis and scales so that their median distance from it is 1
+    /// unit; limited as in [`Similarity::from_cameras`].
     ///
-    /// `None` without places or with non-finite ones.
+    /// Returns `None` without positions or with non-finite ones.
     pub fn from_median(places: &[DVec3]) -> Option<Self> {
         let (middle, distance) = middle(places)?;
         Some(Self {
@@ -139,19 +138,19 @@ impl Similarity {
         rounding * self.scale <= UNSEEN_ROUNDING
     }
 
-    /// World to normalized coordinates.
+    /// Converts world to normalized coordinates.
     pub fn normalize(&self, world: DVec3) -> DVec3 {
         self.scale * (world - DVec3::from_array(self.offset))
     }
 
-    /// Normalized to world coordinates.
+    /// Converts normalized to world coordinates.
     pub fn restore(&self, normalized: DVec3) -> DVec3 {
         normalized / self.scale + DVec3::from_array(self.offset)
     }
 }
 
-/// The cameras that are more than 20 median distances away from the median camera, in rising order: wrong
-/// poses, mostly. Empty where most cameras are in one place, which gives no measure, and with non-finite
+/// Returns the cameras that are more than 20 median distances away from the median camera, in rising order: wrong
+/// poses, mostly. It is empty where most cameras are in one place, which gives no measure, and with non-finite
 /// centres.
 pub fn far_cameras(centres: &[DVec3]) -> Vec<usize> {
     let Some((middle, distance)) = middle(centres) else {
@@ -164,7 +163,7 @@ pub fn far_cameras(centres: &[DVec3]) -> Vec<usize> {
     (0..centres.len()).filter(is_far).collect()
 }
 
-/// A line that names the frames whose cameras are far out ([`far_cameras`]); `None` without any.
+/// Returns a line that names the frames whose cameras are far out ([`far_cameras`]); `None` without any.
 pub fn far_frames(poses: &[Option<Pose>]) -> Option<String> {
     let posed = poses.iter().enumerate();
     let posed = posed.filter_map(|(frame, pose)| Some((frame, pose.filter(Pose::is_valid)?)));
@@ -191,8 +190,8 @@ pub fn far_frames(poses: &[Option<Pose>]) -> Option<String> {
     ))
 }
 
-/// The median of places along each axis, and their median distance from it; `None` without places or with
-/// non-finite ones.
+/// Returns the median of positions along each axis, and their median distance from it; `None` without positions or
+/// with non-finite ones.
 fn middle(places: &[DVec3]) -> Option<(DVec3, f64)> {
     if places.iter().any(|place| !place.is_finite()) {
         return None;
@@ -206,7 +205,7 @@ fn middle(places: &[DVec3]) -> Option<(DVec3, f64)> {
     Some((middle, median(&distances)?))
 }
 
-/// The radius of cameras or points below which rounding of world coordinates around a place decides.
+/// Returns the radius of cameras or points below which the rounding of world coordinates dominates.
 fn least_radius(centre: DVec3) -> f64 {
     (1e-9 * centre.length()).max(1e-12)
 }

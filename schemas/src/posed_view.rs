@@ -27,7 +27,7 @@ pub fn frames_of(scene: &Scene, split: Option<&Path>) -> Result<Vec<u32>, StoreE
     Ok(split.input_views)
 }
 
-/// A posed frame.
+/// Posed frame of a scene.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PosedView {
     /// Number of the frame in the scene.
@@ -36,7 +36,7 @@ pub struct PosedView {
     pub seconds: f64,
     /// Size and model of its image.
     pub camera: Camera,
-    /// Camera to world.
+    /// Rotation from the camera to the world.
     pub to_world: DMat3,
     /// Centre of the camera.
     pub centre: DVec3,

@@ -9,7 +9,7 @@ use crate::{
     store::{self, StoreError},
 };
 
-/// An image of `[0, 1]` f32, row-major, three interleaved channels (HWC), as decoded (sRGB).
+/// Image of `[0, 1]` f32, row-major, three interleaved channels (HWC), as decoded (sRGB).
 #[derive(Debug, Clone, PartialEq)]
 pub struct RgbImage {
     /// Pixels per row.
@@ -21,7 +21,7 @@ pub struct RgbImage {
 }
 
 impl RgbImage {
-    /// A black image.
+    /// Makes a black image.
     pub fn black(width: usize, height: usize) -> Self {
         Self {
             width,
@@ -30,7 +30,7 @@ impl RgbImage {
         }
     }
 
-    /// From 8-bit interleaved RGB; `bytes` holds `width * height * 3` values.
+    /// Converts from 8-bit interleaved RGB; `bytes` holds `width * height * 3` values.
     pub fn from_rgb8(width: usize, height: usize, bytes: &[u8]) -> Self {
         debug_assert_eq!(bytes.len(), width * height * 3);
         Self {
@@ -40,7 +40,7 @@ impl RgbImage {
         }
     }
 
-    /// 8-bit interleaved RGB: clamped to `[0, 1]` and rounded to nearest; NaN becomes 0.
+    /// Converts to 8-bit interleaved RGB: clamped to `[0, 1]` and rounded to nearest; NaN becomes 0.
     pub fn to_rgb8(&self) -> Vec<u8> {
         self.data
             .iter()
@@ -57,10 +57,10 @@ impl RgbImage {
         Self::decode(ImageFile::open(path)?)
     }
 
-    /// Decodes an image whose size has been looked at; as [`RgbImage::read`].
+    /// Decodes an image whose size has been checked; as [`RgbImage::read`].
     ///
     /// # Errors
-    /// When it is damaged, transparent anywhere, or asks to be turned.
+    /// When it is damaged, transparent anywhere, or asks by its EXIF data to be rotated.
     pub fn decode(file: ImageFile<'_>) -> Result<Self, StoreError> {
         let [width, height] = file.size();
         Ok(Self::from_rgb8(width, height, &file.decode_plain()?))
@@ -74,8 +74,8 @@ impl RgbImage {
         write_rgb8_png(path, self.width, self.height, &self.to_rgb8())
     }
 
-    /// The image at another size by area averaging: every new pixel is the mean of the old image
-    /// over the new pixel's footprint. Enlarging repeats pixels.
+    /// Returns the image at another size by area averaging: every new pixel is the mean of the old image over the new
+    /// pixel's footprint. Enlarging repeats pixels.
     ///
     /// # Panics
     /// When `width` or `height` is zero.
@@ -111,7 +111,7 @@ impl RgbImage {
     }
 }
 
-/// For every new pixel, the old pixels its footprint covers and their shares (which sum to 1).
+/// Returns for every new pixel the old pixels that its footprint covers with their shares (which sum to 1).
 fn area_weights(old: usize, new: usize) -> Vec<Vec<(usize, f32)>> {
     let ratio = old as f64 / new as f64;
     (0..new)
@@ -165,7 +165,7 @@ fn write_png(
     })
 }
 
-/// True where all pixels of 8-bit interleaved RGB are equal: a black frame, or one of a single colour.
+/// Returns true where all pixels of 8-bit interleaved RGB are equal: a black frame, or one of a single colour.
 pub fn is_single_colour(rgb: &[u8]) -> bool {
     let (pixels, _) = rgb.as_chunks::<3>();
     pixels.iter().all(|pixel| Some(pixel) == pixels.first())
@@ -181,7 +181,7 @@ impl Mask {
         Self::decode(ImageFile::open(path)?)
     }
 
-    /// Decodes a mask whose size has been looked at; as [`Mask::read`].
+    /// Decodes a mask whose size has been checked; as [`Mask::read`].
     ///
     /// # Errors
     /// Those of [`mask_file::decode`](crate::mask_file::decode()).

@@ -1,5 +1,5 @@
-//! The points that reconstruction of a scene begins with: dense ones beside the split where stereo has made
-//! some (`omnilife curate dense`), else those that came with the poses.
+//! Initial points for reconstruction of a scene: dense ones beside the split where stereo has made some
+//! (`omnilife curate dense`), else those that came with the poses.
 
 use std::path::{Path, PathBuf};
 
@@ -10,19 +10,19 @@ use crate::{
     store::{self, StoreError},
 };
 
-/// Where the points of a scene are.
+/// Location of a scene's points.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ScenePoints {
-    /// The file.
+    /// Path of the file.
     pub file: PathBuf,
-    /// What it is called in records: relative to the scene, or to the split.
+    /// Name in records: relative to the scene, or to the split.
     pub name: String,
-    /// The frames that stereo has looked at for them; none where they came with the poses.
+    /// Frames that stereo has used for them; empty where they came with the poses.
     pub dense_frames: Vec<u32>,
 }
 
 impl ScenePoints {
-    /// The points of a scene in `scene_folder` for a split in `split_folder`; `None` where there are none.
+    /// Returns the points of a scene in `scene_folder` for a split in `split_folder`; `None` without points.
     ///
     /// # Errors
     /// When the record of the dense points cannot be read, is that of another scene or of other poses, or
@@ -63,7 +63,7 @@ impl ScenePoints {
         }))
     }
 
-    /// What a reader of scores should know where stereo has looked at frames that are held out.
+    /// Returns a note for readers of scores where stereo has used held-out frames.
     pub fn held_out(&self, novel_frames: &[u32]) -> Option<String> {
         let seen = novel_frames
             .iter()

@@ -1,33 +1,33 @@
-//! Which frames of a scene a method is given and which it has to predict: the rules of protocols.
+//! Rules of protocols that split the frames of a scene into input views and novel views.
 //!
-//! A split follows from scene and protocol alone. Whoever trains by one and whoever scores by it
-//! check that it does ([`check`]): a split that was edited gives views away.
+//! A split follows from scene and protocol alone. Training and scoring check that ([`check`]), because an edited
+//! split reveals novel views.
 
 use crate::records::{IncompleteGroup, Protocol, Scene, Split, SplitRule, ViewGroup};
 
-/// Why a scene has no split under a protocol.
+/// Reason why a scene has no split under a protocol.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum SplitError {
-    /// The frames are no usable sequence.
+    /// The frames are not a usable sequence.
     #[error("{reason}")]
     Frames {
-        /// Which one, and what is wrong with it.
+        /// The frame and its fault.
         reason: String,
     },
-    /// The rule makes no sense, or leaves nothing of these frames.
+    /// The rule is invalid, or leaves none of these frames.
     #[error("{reason}")]
     Rule {
-        /// One line.
+        /// Reason in one line.
         reason: String,
     },
 }
 
-/// Applies a protocol's split rule to a scene's frames. The numbers in the split count all frames of
-/// the scene, in its order.
+/// Applies a protocol's split rule to a scene's frames. The numbers in the split count all frames of the scene, in
+/// its order.
 ///
 /// # Errors
-/// When the rule makes no sense, no frame is left to give or to score by it, a pose is not usable
-/// (zero quaternion, non-finite entries) or frames are not in order of time.
+/// When the rule is invalid, or leaves no input view or no scored view. Also when a pose is not usable (zero
+/// quaternion, non-finite entries) or frames are not in order of time.
 pub fn split(scene: &Scene, protocol: &Protocol) -> Result<Split, SplitError> {
     check_frames(scene)?;
     let shares = match &protocol.split {
@@ -51,10 +51,10 @@ pub fn split(scene: &Scene, protocol: &Protocol) -> Result<Split, SplitError> {
     })
 }
 
-/// Checks that a split is the one that its protocol makes of a scene.
+/// Checks that a split is the one that its protocol gives for a scene.
 ///
 /// # Errors
-/// One line that says why it is not: it is of another scene, was edited, or is outdated.
+/// The reason in one line: the split is of another scene, was edited, or is outdated.
 pub fn check(split: &Split, scene: &Scene) -> Result<(), String> {
     if split.scene != scene.id {
         return Err(format!("is of scene {}, not {}", split.scene, scene.id));
@@ -70,7 +70,7 @@ pub fn check(split: &Split, scene: &Scene) -> Result<(), String> {
     Ok(())
 }
 
-/// What a rule makes of a scene's frames.
+/// Shares of a scene's frames under a rule.
 #[derive(Default)]
 struct Shares {
     input_views: Vec<u32>,
@@ -83,8 +83,7 @@ fn posed_and_unposed(scene: &Scene) -> (Vec<u32>, Vec<u32>) {
     (0..scene.frames.len() as u32).partition(|&frame| scene.frames[frame as usize].pose.is_some())
 }
 
-/// Frames are counted among the posed ones only, so that an unposed frame changes neither the
-/// shares nor the rule.
+/// Counts among the posed frames only, so that an unposed frame changes neither the shares nor the rule.
 fn every_nth(scene: &Scene, period: u32, offset: u32) -> Result<Shares, String> {
     if period < 2 || offset >= period {
         return Err(format!(
@@ -110,7 +109,7 @@ fn every_nth(scene: &Scene, period: u32, offset: u32) -> Result<Shares, String> 
     Ok(shares)
 }
 
-/// Groups are cut among all frames, so that those of a group follow each other in time.
+/// Cuts groups among all frames, so that those of a group follow each other in time.
 fn groups(scene: &Scene, length: u32) -> Result<Shares, String> {
     if length < 3 {
         return Err(format!(
@@ -146,7 +145,7 @@ fn groups(scene: &Scene, length: u32) -> Result<Shares, String> {
     Ok(shares)
 }
 
-/// What a group lacks.
+/// Returns what a group lacks; `None` where it is complete.
 fn incompleteness(scene: &Scene, frames: &[u32], length: u32) -> Option<String> {
     if frames.len() < length as usize {
         return Some(format!("{} of {length} frames", frames.len()));
@@ -159,7 +158,7 @@ fn incompleteness(scene: &Scene, frames: &[u32], length: u32) -> Option<String> 
     (!unposed.is_empty()).then(|| format!("no pose for {}", unposed.join(", ")))
 }
 
-/// Input view `k` of `count` is posed frame `k n / count` of `n`, rounded down.
+/// Takes posed frame `k n / count` of `n`, rounded down, as input view `k` of `count`.
 fn evenly_given(scene: &Scene, count: u32) -> Result<Shares, String> {
     if count == 0 {
         return Err("its split rule gives no frame".to_owned());
@@ -184,7 +183,7 @@ fn evenly_given(scene: &Scene, count: u32) -> Result<Shares, String> {
     Ok(shares)
 }
 
-/// The frames that are named, and all other posed ones.
+/// Splits into the named frames and all other posed ones.
 fn given(scene: &Scene, frames: &[u32]) -> Result<Shares, String> {
     let (posed, _) = posed_and_unposed(scene);
     if frames.is_empty() || !frames.is_sorted_by(|a, b| a < b) {
@@ -224,7 +223,7 @@ fn all_given(scene: &Scene) -> Result<Shares, String> {
     })
 }
 
-/// Frames without a pose are left out of both lists, as everywhere.
+/// Applies a published split. Frames without a pose are left out of both lists, as everywhere.
 fn published(scene: &Scene) -> Result<Shares, String> {
     let Some(split) = &scene.published_split else {
         return Err("no split was published with the scene".to_owned());

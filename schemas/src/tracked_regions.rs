@@ -1,4 +1,4 @@
-//! What moves in the frames of a scene without masks, as far as tracks say: where their boxes are seen.
+//! Dynamic regions of a scene without masks: the projections of the boxes of its tracks.
 
 use std::path::Path;
 
@@ -13,19 +13,19 @@ use crate::{
     trajectory::GroundAxes,
 };
 
-/// The boxes of the tracks beside a split. They are found, not true: a box is larger than its vehicle and as
-/// far off as its path is, and nothing hides it.
+/// Boxes of the tracks beside a split. They are estimates: a box is larger than its vehicle and as far off as its
+/// path is, and occlusion is ignored.
 #[derive(Debug, Clone, PartialEq)]
 pub struct TrackedRegions {
     axes: GroundAxes,
     tracks: Vec<Track>,
-    /// SHA-256 of the boxes and their paths: what scores by region can be compared by.
+    /// SHA-256 of the boxes and their paths; scores by region are comparable where it is equal.
     pub sha256: String,
 }
 
 impl TrackedRegions {
-    /// Those of a scene for a split in `split_folder`; `None` where the scene has masks of its own, or nothing
-    /// was tracked.
+    /// Returns the boxes of a scene for a split in `split_folder`; `None` where the scene has masks of its own, or
+    /// nothing was tracked.
     ///
     /// # Errors
     /// When the tracks cannot be read, are unsound or those of another scene.
@@ -44,7 +44,7 @@ impl TrackedRegions {
         }))
     }
 
-    /// The mask of what moves in a frame, as a camera of some size has it; `None` where the frame has no pose.
+    /// Returns the dynamic mask of a frame at the size of a camera; `None` where the frame has no pose.
     pub fn mask(&self, camera: &Camera, frame: &SceneFrame) -> Option<Mask> {
         let pose = frame.pose.filter(crate::Pose::is_valid)?;
         let to_world = DMat3::from_quat(pose.rotation()?);

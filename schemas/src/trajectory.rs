@@ -1,7 +1,7 @@
-//! Paths of rigid things through a scene: where they are and where they head at a time.
+//! Paths of rigid objects through a scene: position and heading at a time.
 //!
-//! A position is a clamped B-spline over time; a heading is linear between samples, the short way
-//! around. Headings are angles in the ground plane, see [`GroundAxes`].
+//! A position is a clamped B-spline over time; a heading is linear between samples, the short way around. Headings
+//! are angles in the ground plane, see [`GroundAxes`].
 
 use glam::{DMat3, DVec3};
 use schemars::JsonSchema;
@@ -18,7 +18,7 @@ pub struct BSpline {
     pub coefficients: Vec<[f64; 3]>,
 }
 
-/// The coefficients that a spline mixes at a time: their weights, from number `first` on.
+/// Weights of the coefficients that a spline mixes at a time, from number `first` on.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SplineWeights {
     /// Number of the first coefficient.
@@ -28,7 +28,7 @@ pub struct SplineWeights {
 }
 
 impl BSpline {
-    /// Clamped knots, uniform in time from `begin` to `end`, of a spline with so many coefficients.
+    /// Returns clamped knots, uniform in time from `begin` to `end`, of a spline with this number of coefficients.
     pub fn uniform_knots(degree: usize, coefficients: usize, begin: f64, end: f64) -> Vec<f64> {
         let pieces = coefficients.saturating_sub(degree).max(1);
         let inner = (0..=pieces).map(|knot| begin + (end - begin) * knot as f64 / pieces as f64);
@@ -37,8 +37,7 @@ impl BSpline {
         before.chain(inner).chain(after).collect()
     }
 
-    /// The same spline, and before and after it for so many seconds a straight line at the speed that it
-    /// has there.
+    /// Extends the spline by straight lines of this many seconds before and after it, at the speed of its ends.
     #[must_use]
     pub fn extended(mut self, before: f64, after: f64) -> Self {
         let [begin, end] = self.range();
@@ -73,7 +72,7 @@ impl BSpline {
         self
     }
 
-    /// Why the parts do not make a spline; `None` where they do.
+    /// Returns why the parts do not make a spline; `None` where they do.
     pub fn fault(&self) -> Option<String> {
         let (knots, coefficients) = (self.knots.len(), self.coefficients.len());
         if self.degree > 3 {
@@ -96,18 +95,18 @@ impl BSpline {
         falls.then(|| "has knots that decrease".to_owned())
     }
 
-    /// First and last instant, seconds.
+    /// Returns the first and last instant, seconds.
     pub fn range(&self) -> [f64; 2] {
         [self.knots[0], self.knots[self.knots.len() - 1]]
     }
 
-    /// Weights of the coefficients at a time, which is brought into the range (de Boor's basis
-    /// functions by their recurrence).
+    /// Returns the weights of the coefficients at a time, which is clamped to the range (de Boor's basis functions by
+    /// their recurrence).
     pub fn weights(&self, seconds: f64) -> SplineWeights {
         weights(&self.knots, self.degree, seconds)
     }
 
-    /// Where it is.
+    /// Returns the position at a time.
     pub fn position(&self, seconds: f64) -> DVec3 {
         let weights = self.weights(seconds);
         let coefficients = self.coefficients[weights.first..].iter();
@@ -117,7 +116,7 @@ impl BSpline {
             .sum()
     }
 
-    /// Its velocity, units per second; zero for a spline of degree 0.
+    /// Returns the velocity, units per second; zero for a spline of degree 0.
     pub fn velocity(&self, seconds: f64) -> DVec3 {
         let Some(lower) = self.degree.checked_sub(1) else {
             return DVec3::ZERO;
@@ -140,7 +139,7 @@ impl BSpline {
     }
 }
 
-/// Basis functions of the piece that holds `seconds`.
+/// Returns the basis functions of the piece that holds `seconds`.
 fn weights(knots: &[f64], degree: usize, seconds: f64) -> SplineWeights {
     let last = knots.len() - degree - 2;
     let piece = knots.partition_point(|&knot| knot <= seconds);
@@ -169,7 +168,7 @@ fn weights(knots: &[f64], degree: usize, seconds: f64) -> SplineWeights {
     }
 }
 
-/// A plane's own axes: two along it and its normal, which points up.
+/// Axes of a plane: two along it and its normal, which points up.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct GroundAxes {
     /// Columns: towards heading 0, towards heading pi/2, up.
@@ -177,8 +176,8 @@ pub struct GroundAxes {
 }
 
 impl GroundAxes {
-    /// Of a unit vector that points up. Heading 0 is the world's x along the plane, or its y where x is
-    /// nearer to up.
+    /// Returns the axes of a plane whose normal is the unit vector `up`. Heading 0 is the world's x along the plane,
+    /// or its y where x is nearer to up.
     pub fn new(up: DVec3) -> Self {
         let along = if up.x.abs() < up.y.abs().max(0.9) {
             DVec3::X
@@ -191,19 +190,19 @@ impl GroundAxes {
         }
     }
 
-    /// Camera-like rotation of a box that heads there: columns forward, left, up.
+    /// Returns the camera-like rotation of a box with this heading: columns forward, left, up.
     pub fn rotation(&self, heading_radians: f64) -> DMat3 {
         self.to_world * DMat3::from_rotation_z(heading_radians)
     }
 
-    /// The heading of a direction.
+    /// Returns the heading of a direction.
     pub fn heading(&self, direction: DVec3) -> f64 {
         let [first, second, _] = self.to_world.to_cols_array_2d().map(DVec3::from_array);
         direction.dot(second).atan2(direction.dot(first))
     }
 }
 
-/// `angle` by whole turns as near as possible to `reference`, radians.
+/// Adds whole turns to `angle` so that it is as near as possible to `reference`, radians.
 pub fn nearest_turn(angle: f64, reference: f64) -> f64 {
     let turns = (angle - reference) / std::f64::consts::TAU;
     angle - turns.round() * std::f64::consts::TAU
@@ -221,7 +220,7 @@ pub struct ObjectPath {
 }
 
 impl ObjectPath {
-    /// Why the parts do not make a path; `None` where they do.
+    /// Returns why the parts do not make a path; `None` where they do.
     pub fn fault(&self) -> Option<String> {
         let times = &self.heading_seconds;
         let is_sound = !times.is_empty()
@@ -235,14 +234,14 @@ impl ObjectPath {
         self.centre.fault().or(headings)
     }
 
-    /// Centre and heading (radians) at a time; `None` before the first and after the last instant.
+    /// Returns centre and heading (radians) at a time; `None` before the first and after the last instant.
     pub fn at(&self, seconds: f64) -> Option<(DVec3, f64)> {
         let [begin, end] = self.centre.range();
         (begin <= seconds && seconds <= end)
             .then(|| (self.centre.position(seconds), self.heading(seconds)))
     }
 
-    /// The heading at a time: held before the first and after the last sample.
+    /// Returns the heading at a time: constant before the first and after the last sample.
     pub fn heading(&self, seconds: f64) -> f64 {
         let after = self
             .heading_seconds
@@ -258,7 +257,7 @@ impl ObjectPath {
         from + (to - from) * (seconds - begin) / (next - begin)
     }
 
-    /// The path `seconds` later.
+    /// Returns the path `seconds` later.
     #[must_use]
     pub fn delayed(mut self, seconds: f64) -> Self {
         let times = self.centre.knots.iter_mut();
@@ -268,7 +267,7 @@ impl ObjectPath {
         self
     }
 
-    /// The path moved by an offset and turned about its own middle by an angle about `up`, radians.
+    /// Returns the path moved by an offset and rotated about its own middle by an angle about `up`, radians.
     #[must_use]
     pub fn moved(mut self, offset: DVec3, turn_radians: f64, up: DVec3) -> Self {
         let [begin, end] = self.centre.range();

@@ -1,4 +1,4 @@
-//! `omnilife bench ablate`: what each component of a method contributes.
+//! `omnilife bench ablate`: contribution of each component of a method.
 //!
 //! It trains and scores, so it is here: `bench` knows no method.
 
@@ -26,10 +26,10 @@ use crate::{
     preparation,
 };
 
-/// The table, in the folder of the runs.
+/// Name of the table, in the folder of the runs.
 const TABLE_FILE: &str = "ablation.md";
 
-/// Runs every row, or takes it from the folder where nothing has changed; prints the table.
+/// Runs every row, or takes it from the folder where its inputs are unchanged; prints the table.
 ///
 /// # Errors
 /// When the method has no such component, or a run fails; the others are in the table.
@@ -41,7 +41,7 @@ pub(crate) fn execute(
     progress: &dyn Progress,
 ) -> anyhow::Result<()> {
     let method = methods::find(&arguments.method)?;
-    // What is wrong with the request should not be found out by every row.
+    // A faulty request must not be found out by every row.
     let asked = arguments.request(iterations)?;
     method.check(&asked, arguments.backend.into())?;
     let summary = StagePlan::new(out, "ablation");
@@ -99,7 +99,7 @@ pub(crate) fn execute(
     as_result(&failures, rows)
 }
 
-/// An error where a row failed.
+/// Returns an error where a row failed.
 fn as_result(failures: &[(String, String, ErrorKind)], rows: usize) -> anyhow::Result<()> {
     let Some((name, reason, _)) = failures.first() else {
         return Ok(());
@@ -119,8 +119,8 @@ fn as_result(failures: &[(String, String, ErrorKind)], rows: usize) -> anyhow::R
     .into())
 }
 
-/// Everything that is used, then everything but one of it. What is decided of each object apart, `flow:swan`, is
-/// left out of all of them; what cannot be left out, such as an object, is no row.
+/// Returns the rows: all components, then all but one of them. A decision for a single object, `flow:swan`, is left
+/// out for all objects; components that cannot be left out, such as an object, have no row.
 fn rows(
     decisions: &[ComponentDecision],
     can_be_left_out: impl Fn(&str) -> bool,

@@ -15,7 +15,7 @@ pub(crate) fn execute(arguments: &AttachArguments, progress: &dyn Progress) -> a
     exit::print(&format!("{}: {}\n", scene.id, summary(&scene)))
 }
 
-/// Counts what the frames of a scene have.
+/// Counts the attached data of a scene's frames.
 fn summary(scene: &Scene) -> String {
     let frames = &scene.frames;
     let count = |has: fn(&SceneFrame) -> bool| frames.iter().filter(|frame| has(frame)).count();

@@ -236,7 +236,7 @@ pub(crate) fn execute(command: &BenchCommand, progress: &dyn Progress) -> anyhow
     }
 }
 
-/// Has a protocol give the frames that are named, where any are.
+/// Sets the named frames as input views of a protocol, where any are named.
 fn give(protocol: &mut Protocol, given: &[u32]) -> anyhow::Result<()> {
     if given.is_empty() {
         return Ok(());
@@ -255,7 +255,7 @@ fn give(protocol: &mut Protocol, given: &[u32]) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// Prints the number of views that were looked at, and every finding, mistakes first.
+/// Prints the number of checked views, and every finding, mistakes first.
 fn diagnosis_text(diagnosis: &Diagnosis) -> String {
     let mut text = format!("{} views were looked at", diagnosis.views);
     if let Some(psnr) = diagnosis.psnr_db {

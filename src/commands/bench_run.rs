@@ -8,9 +8,9 @@
 //! OUT/sweeps/<hash>/                               the plan, and what every unit printed and cost
 //! ```
 //!
-//! A unit that fails is a row of the outcomes and of the tables, and the others go on. Units are run by
-//! the pool of `sweep run`: each in processes of its own, so that the memory in a record is that of
-//! one run, and what is done is not done again.
+//! A unit that fails is a row of the outcomes and of the tables, and the others continue. Units are run by the pool
+//! of `sweep run`, each in processes of its own, so that the memory in a record is that of one run. Finished units
+//! are not run again.
 
 use std::path::Path;
 
@@ -36,12 +36,12 @@ use crate::{
     prerequisites::{self, Prerequisite},
 };
 
-/// File of the summary.
+/// Name of the summary.
 const OUTCOMES_FILE: &str = "outcomes.csv";
-/// Rendered views that the site shows per scene and method.
+/// Number of rendered views that the site shows per scene and method.
 const SITE_VIEWS: usize = 4;
 
-/// One row of the summary.
+/// Row of the summary.
 #[derive(Debug, Clone, Serialize)]
 struct Unit {
     #[serde(serialize_with = "serialize_for_spreadsheet")]
@@ -52,18 +52,17 @@ struct Unit {
     seed: u64,
     /// `scored`, `incomplete` where some views could not be scored, or `failed`.
     outcome: &'static str,
-    /// One line for the failure of the run, or of the first view that could not be scored.
+    /// Reason in one line of the failure of the run, or of the first view that could not be scored.
     #[serde(serialize_with = "serialize_for_spreadsheet")]
     reason: String,
     #[serde(skip)]
     blame: Option<ErrorKind>,
 }
 
-/// Runs everything and prints the tables.
+/// Runs all units and prints the tables.
 ///
 /// # Errors
-/// When the request makes no sense, nothing could be scored, or something failed beside what was
-/// scored.
+/// When the request is invalid, nothing could be scored, or something failed beside the scored units.
 pub(crate) fn execute(
     arguments: &BenchRunArguments,
     progress: &dyn Progress,
@@ -85,7 +84,7 @@ pub(crate) fn execute(
         needs: pooled::needs(arguments.unit_cores)?,
     })?;
     if is_trained && !arguments.out.join(OUTCOMES_FILE).is_file() {
-        // Units that are done already need none.
+        // Finished units need none.
         prerequisites::require([Prerequisite::Backend(arguments.backend.into())])?;
     }
     let _lock = FolderLock::take(&arguments.out, progress)?;
@@ -119,7 +118,7 @@ pub(crate) fn execute(
     as_result(&units)
 }
 
-/// The methods, which must be able to do what is asked before the first of them runs.
+/// Returns the methods, all of which must support the request before the first of them runs.
 fn methods(arguments: &BenchRunArguments) -> anyhow::Result<Vec<Method>> {
     let methods = benchmark::methods(&arguments.methods)?;
     for method in &methods {
@@ -128,7 +127,7 @@ fn methods(arguments: &BenchRunArguments) -> anyhow::Result<Vec<Method>> {
                 budget_seconds: arguments.budget,
                 ..variant.request(arguments.iterations, 0)
             };
-            // Methods that learn nothing run on the CPU whatever trains the others.
+            // Methods without training run on the CPU, whatever the others train on.
             let backend = if method.is_trained() {
                 arguments.backend
             } else {
@@ -140,7 +139,7 @@ fn methods(arguments: &BenchRunArguments) -> anyhow::Result<Vec<Method>> {
     Ok(methods)
 }
 
-/// Options of `reconstruct train` for the methods that are trained.
+/// Returns the options of `reconstruct train` for the methods that are trained.
 fn training_options(arguments: &BenchRunArguments) -> Vec<String> {
     let mut options = vec!["--iterations".to_owned(), arguments.iterations.to_string()];
     if let Some(budget) = arguments.budget {
@@ -150,11 +149,11 @@ fn training_options(arguments: &BenchRunArguments) -> Vec<String> {
     options
 }
 
-/// The row of a unit: what became of it, and of the views in its result.
+/// Returns the row of a unit: its outcome, and that of the views in its result.
 fn outcome(unit: &SweepUnit, state: &UnitState, progress: &dyn Progress) -> anyhow::Result<Unit> {
     let label = |name: &str| unit.labels.get(name).cloned().unwrap_or_default();
     let result = result_of(unit)?;
-    // The result says why in the method's own words; the pool, how its command ended.
+    // The result has the reason in the method's own words; the pool has the end of its command.
     let incomplete = result.as_ref().and_then(ResultRecord::why_incomplete);
     let (outcome, reason, blame) = match (pooled::failure(state), incomplete) {
         (Some((reason, blame)), incomplete) => {
@@ -177,7 +176,7 @@ fn outcome(unit: &SweepUnit, state: &UnitState, progress: &dyn Progress) -> anyh
     })
 }
 
-/// The result of a unit, where it left one.
+/// Returns the result of a unit, where it left one.
 fn result_of(unit: &SweepUnit) -> anyhow::Result<Option<ResultRecord>> {
     let Some(file) = unit.outputs.first().map(Path::new) else {
         return Ok(None);
@@ -188,7 +187,7 @@ fn result_of(unit: &SweepUnit) -> anyhow::Result<Option<ResultRecord>> {
     }
 }
 
-/// An error where anything failed, views that could not be scored included.
+/// Returns an error where anything failed, including views that could not be scored.
 fn as_result(units: &[Unit]) -> anyhow::Result<()> {
     let faulty: Vec<&Unit> = units.iter().filter(|unit| unit.blame.is_some()).collect();
     let Some(first) = faulty.first() else {

@@ -14,7 +14,7 @@ use omnilife_schemas::{
 
 use crate::exit::{self, PartialFailure};
 
-/// Prints what is wrong with predictions, and fails when anything is.
+/// Prints the faults of predictions, and fails when there are any.
 pub(super) fn validate(
     scene: &Path,
     split: &Path,
@@ -48,8 +48,8 @@ pub(super) fn validate(
     }
 }
 
-/// Prints a result: what a reader must know first, then the scores, then what has none. A result that is not
-/// complete is an error, after it was printed, unless failures are accepted.
+/// Prints a result: first warnings for the reader, then the scores, then missing metrics. An incomplete result is an
+/// error, after it was printed, unless failures are accepted.
 pub(super) fn report(result: &ResultRecord, accept_failures: bool) -> anyhow::Result<()> {
     exit::print(&result_text(result))?;
     match result.why_incomplete() {
@@ -62,7 +62,7 @@ pub(super) fn report(result: &ResultRecord, accept_failures: bool) -> anyhow::Re
     }
 }
 
-/// Failures of views that are printed one by one.
+/// Number of failed views that are printed one by one.
 const LISTED_FAILURES: usize = 5;
 
 fn result_text(result: &ResultRecord) -> String {
@@ -105,7 +105,7 @@ fn result_text(result: &ResultRecord) -> String {
     text
 }
 
-/// One line for each reason, with the metrics that have no value for it.
+/// Returns one line for each reason, with the metrics that have no value for it.
 fn unavailable_text(result: &ResultRecord) -> String {
     let mut by_reason: BTreeMap<&str, BTreeSet<&str>> = BTreeMap::new();
     for unavailable in &result.unavailable {
@@ -119,7 +119,7 @@ fn unavailable_text(result: &ResultRecord) -> String {
     lines.collect()
 }
 
-/// Prints how the results below two folders compare.
+/// Prints a comparison of the results below two folders.
 pub(super) fn compare(a: &Path, b: &Path) -> anyhow::Result<()> {
     let [left, right] = [
         omnilife_leaderboard::collect(a)?,

@@ -11,8 +11,8 @@ use crate::{
     exit::{self, BadRequest, PartialFailure},
 };
 
-/// Runs the catalogue, prints the page, and fails where a case fails. A backend that was asked for
-/// and is not there is a bad request; one that was not asked for is told in the report.
+/// Runs the catalogue, prints the page, and fails where a case fails. A requested backend that is missing is a bad
+/// request; other missing backends are named in the report.
 pub(crate) fn execute(
     out: Option<&Path>,
     backend: Option<BackendArgument>,

@@ -36,7 +36,7 @@ use crate::{
     termination,
 };
 
-/// The bytes with which a Parquet file begins.
+/// First bytes of a Parquet file.
 const PARQUET_MAGIC: &[u8] = b"PAR1";
 
 pub(crate) fn execute(command: &CurateCommand, progress: &dyn Progress) -> anyhow::Result<()> {
@@ -188,10 +188,10 @@ pub(crate) fn execute(command: &CurateCommand, progress: &dyn Progress) -> anyho
     }
 }
 
-/// Every video in a process of its own: this program again.
+/// Returns a place that curates every video in a process of its own: this program again.
 ///
 /// # Errors
-/// When the system does not tell where this program is.
+/// When the system does not report the path of this program.
 pub(crate) fn place(limit: &MemoryLimitArguments) -> anyhow::Result<Place> {
     Ok(Place::ProcessEach(Worker {
         program: std::env::current_exe()?,
@@ -200,7 +200,7 @@ pub(crate) fn place(limit: &MemoryLimitArguments) -> anyhow::Result<Place> {
     }))
 }
 
-/// Curates, and enters where the videos came from, which is read first: a list that is wrong is told before
+/// Curates, and enters the origins of the videos. Their list is read first, so that a fault in it is reported before
 /// hours of work.
 ///
 /// # Errors
@@ -221,7 +221,7 @@ pub(crate) fn with_origins(
     Ok(curated)
 }
 
-/// Curates and publishes. Videos that are kept out or fail are reported when all is done.
+/// Curates and publishes. Rejected and failed videos are reported at the end.
 fn build(arguments: &BuildArguments, progress: &dyn Progress) -> anyhow::Result<()> {
     let videos = expand_inputs(&arguments.videos)?;
     let left_out = left_out_of_folders(&arguments.videos, &videos)?;
@@ -261,8 +261,7 @@ fn build(arguments: &BuildArguments, progress: &dyn Progress) -> anyhow::Result<
     printed
 }
 
-/// Curates one video. One that the criteria keep out is an outcome and no failure: the dataset says
-/// why it gave nothing.
+/// Curates one video. A video that the criteria reject is an outcome and not a failure: the dataset has the reason.
 fn curate_one(
     video: &Path,
     folder: &Path,
@@ -293,7 +292,7 @@ pub(super) fn print_json(value: &impl Serialize) -> anyhow::Result<()> {
     exit::print(&format!("{}\n", serde_json::to_string_pretty(value)?))
 }
 
-/// One line per video, with its path and what can be done, which the record leaves out.
+/// Returns one line per video, with its path and the remedy, which the record leaves out.
 fn summary(curated: &CuratedDataset, videos: &[PathBuf]) -> String {
     use omnilife_schemas::records::VideoStatus;
     let line = |(index, path): (usize, &PathBuf)| {

@@ -1,4 +1,4 @@
-//! `omnilife curate`: the commands that work on a curated dataset or scene.
+//! `omnilife curate`: commands for a curated dataset or scene.
 
 use std::path::{Path, PathBuf};
 

@@ -1,4 +1,4 @@
-//! The stages of the main job as commands of their own.
+//! Stages of the main job as commands of their own.
 
 mod ablate;
 mod attach;
@@ -27,7 +27,7 @@ use omnilife_schemas::{progress::Progress, records::Scene, store};
 
 use crate::{cli, doctor, exit};
 
-/// Tells of the frames of a scene whose cameras are far from all others.
+/// Reports the frames of a scene whose cameras are far from all others.
 fn note_far_frames(scene: &Path, progress: &dyn Progress) -> anyhow::Result<()> {
     let scene: Scene = store::read_record(scene)?;
     if let Some(line) = scene.far_frames() {
@@ -36,14 +36,14 @@ fn note_far_frames(scene: &Path, progress: &dyn Progress) -> anyhow::Result<()> 
     Ok(())
 }
 
-/// `omnilife completions`.
+/// Runs `omnilife completions`.
 pub(crate) fn completions(shell: Shell) -> anyhow::Result<()> {
     let mut script = Vec::new();
     clap_complete::generate(shell, &mut cli::command(), "omnilife", &mut script);
     Ok(io::stdout().write_all(&script)?)
 }
 
-/// `omnilife doctor`.
+/// Runs `omnilife doctor`.
 pub(crate) fn doctor(as_json: bool) -> anyhow::Result<()> {
     let report = doctor::report();
     if as_json {

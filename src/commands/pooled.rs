@@ -1,10 +1,10 @@
-//! Units of a benchmark or of an ablation, run by the pool that `sweep run` has.
+//! Units of a benchmark or of an ablation, run by the pool of `sweep run`.
 //!
 //! ```text
 //! OUT/sweeps/<hash of the plan>/    plan.json, units.csv, units/<id>/attempt-<n>.log
 //! ```
 //!
-//! The same request finds the same sweep again: what is done is kept, what failed is tried once more.
+//! The same request finds the same sweep again: finished units are kept, failed ones are tried once more.
 
 use std::{env, path::Path, thread, time::Duration};
 
@@ -21,16 +21,16 @@ use crate::{exit::PartialFailure, termination};
 
 /// Folder of the sweeps, below the output of the command.
 const SWEEPS_FOLDER: &str = "sweeps";
-/// How long units have to write their checkpoints when the command is told to end.
+/// Time that units have to write their checkpoints when the command is terminated.
 const GRACE: Duration = Duration::from_secs(60);
-/// Memory that a unit is taken to need while none of its kind was measured, bytes.
+/// Memory to assume for a unit while none of its kind was measured, bytes.
 const UNMEASURED_MEMORY_BYTES: u64 = 2 << 30;
 
-/// What a unit takes of the machine: all cores, one unit after another, unless told otherwise. Times
-/// of units that share a machine are not comparable.
+/// Returns the share of the machine that a unit takes: by default all cores, one unit after another. Times of units
+/// that share a machine are not comparable.
 ///
 /// # Errors
-/// When the system does not tell how many cores it has.
+/// When the system does not report its number of cores.
 pub(super) fn needs(unit_cores: Option<u32>) -> anyhow::Result<UnitNeeds> {
     Ok(UnitNeeds {
         cores: unit_cores.unwrap_or(cores()?).max(1),
@@ -40,12 +40,11 @@ pub(super) fn needs(unit_cores: Option<u32>) -> anyhow::Result<UnitNeeds> {
     })
 }
 
-/// Runs the units that are missing or failed before, lets each failure leave its record, and gives
-/// all units in the order of the plan with their states.
+/// Runs the units that are missing or failed earlier, lets each failure leave its record, and returns all units in
+/// the order of the plan with their states.
 ///
 /// # Errors
-/// When the sweep cannot be read or written, a unit needs more than the machine has, or the command
-/// was told to end.
+/// When the sweep cannot be read or written, a unit needs more than the machine has, or the command was terminated.
 pub(super) fn run_units(
     out: &Path,
     units: Vec<SweepUnit>,
@@ -88,7 +87,7 @@ pub(super) fn run_units(
         .collect())
 }
 
-/// Why a unit is not done, and who can mend it; `None` for one that is.
+/// Returns why a unit is not done, with the kind of the error; `None` for one that is done.
 pub(super) fn failure(state: &UnitState) -> Option<(String, ErrorKind)> {
     let UnitState::Failed(outcome) = state else {
         let is_done = matches!(state, UnitState::Done(_));
@@ -105,8 +104,8 @@ fn cores() -> anyhow::Result<u32> {
     Ok(u32::try_from(thread::available_parallelism()?.get())?)
 }
 
-/// All of the machine. Memory is packed only where units run beside each other: alone, a unit has
-/// what there is.
+/// Returns all resources of the machine. Memory is reserved only where units run beside each other; a single unit may
+/// use all of it.
 fn limits(units: &[SweepUnit]) -> anyhow::Result<PoolLimits> {
     let cores = cores()?;
     let one_at_a_time = units.iter().all(|unit| unit.needs.cores * 2 > cores);

@@ -121,8 +121,8 @@ pub(crate) fn execute(command: &ReconstructCommand, progress: &dyn Progress) -> 
     }
 }
 
-/// Tells the time of a training, seconds, of which planning is a part, and beside it that of the trace's renders.
-/// The parts as they are told make the whole as it is told.
+/// Returns the time of a training, seconds, which includes planning, and beside it that of the trace's renders. The
+/// rounded parts add up to the rounded whole.
 fn training_words(training: f64, planning: f64, evaluation: f64) -> String {
     let tenths = |seconds: f64| (10.0 * seconds).round() / 10.0;
     let (training, evaluation) = (tenths(training), tenths(evaluation));
@@ -137,7 +137,7 @@ fn training_words(training: f64, planning: f64, evaluation: f64) -> String {
     text
 }
 
-/// A method for the list, one fact per line.
+/// Returns a method's description for the list, one fact per line.
 fn description(method: &Method) -> String {
     let mut text = format!(
         "{}\n  {}\n  {}\n  {}\n",
@@ -199,7 +199,7 @@ fn export(arguments: &AssetArguments, progress: &dyn Progress) -> anyhow::Result
 
 fn render(arguments: &RenderArguments, progress: &dyn Progress) -> anyhow::Result<()> {
     if let Some(file) = &arguments.video {
-        // Found out before the rendering, not after it.
+        // Checked before the rendering, not after it.
         video::check(file)?;
     }
     let rendered = render::render_poses(&arguments.request(), progress)?;
@@ -245,7 +245,7 @@ mod tests {
             training_words(0.26, 0.0, 0.01),
             "trained in 0.3 s (planning 0.0 s, steps 0.3 s)"
         );
-        // A run that went on from its checkpoint planned again.
+        // A run that resumed from its checkpoint planned again.
         assert_eq!(
             training_words(1.0, 1.2, 0.0),
             "trained in 1.0 s (planning 1.0 s, steps 0.0 s)"

@@ -1,5 +1,4 @@
-//! `omnilife leaderboard submit` and `add`: results that others hand in, and scoring a sample of them
-//! again.
+//! `omnilife leaderboard submit` and `add`: submitted results, and scoring a sample of them again.
 
 use std::{
     env, fs,
@@ -27,7 +26,7 @@ use crate::{
     plans,
 };
 
-/// How far a score may be from the one that is handed in: processors round sums differently.
+/// Largest accepted difference from a submitted score: processors round sums differently.
 const TOLERANCE: f64 = 1e-6;
 
 pub(crate) fn submit(
@@ -47,7 +46,7 @@ pub(crate) fn submit(
         Err(error) => {
             drop(lock);
             if !existed {
-                // The folder that was made for nothing; what is in it by now stays.
+                // Removes the folder that was made for nothing; one with content stays.
                 drop(fs::remove_dir(&arguments.out));
             }
             return Err(error.into());
@@ -94,8 +93,7 @@ pub(crate) fn add(arguments: &AddArguments, progress: &dyn Progress) -> anyhow::
     ))
 }
 
-/// Scores a sample of a submission's predictions again. Whoever hands in cannot know the sample,
-/// because they do not know the seed.
+/// Scores a sample of a submission's predictions again. The submitter cannot know the sample without the seed.
 fn audit(
     verified: &Verified,
     scenes: &Path,
@@ -138,7 +136,7 @@ fn audit(
     Ok(())
 }
 
-/// Scores the predictions of an entry anew, under the known protocol with the padding that its result has.
+/// Scores the predictions of an entry again, under the known protocol with the padding that its result has.
 fn score_again(
     verified: &Verified,
     entry: &SubmittedResult,
@@ -165,7 +163,7 @@ fn score_again(
         input_views: views(&entry.input_views),
         novel_views: views(&entry.novel_views),
     };
-    // What scoring would not notice, such as ground truth that is handed in as a prediction.
+    // Finds faults that scoring would not notice, such as ground truth that is submitted as a prediction.
     for finding in validate(scene, &split, &predictions, progress)?.findings {
         progress.note(&format!("{}: {}", entry.folder, finding.reason));
     }
@@ -184,7 +182,7 @@ fn score_again(
     )?)
 }
 
-/// What in a result is not what scoring its predictions gives.
+/// Returns the first difference of a result from the scores of its predictions, in words.
 fn difference(stated: &ResultRecord, again: &ResultRecord) -> Option<String> {
     if stated.scene_sha256 != again.scene_sha256 {
         return Some("was scored on other frames or poses".to_owned());
@@ -193,8 +191,8 @@ fn difference(stated: &ResultRecord, again: &ResultRecord) -> Option<String> {
         let (stated, again) = (stated.failures.len(), again.failures.len());
         return Some(format!("states {stated} failures, scoring gives {again}"));
     }
-    // A metric whose weights are not installed here says nothing against the one who had them, nor
-    // one that was not available there against the one who says so.
+    // A metric whose weights are not installed here does not count against a submitter who had them, nor does one
+    // that the submitter states as unavailable.
     let is_missing = |result: &ResultRecord, kind: &str, metric: &str| {
         let mut missing = result.unavailable.iter();
         missing.any(|missing| missing.view == kind && missing.metric == metric)

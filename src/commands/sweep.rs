@@ -24,7 +24,7 @@ use crate::{
     plans, termination,
 };
 
-/// A job is asked for no longer than this: a year.
+/// Longest time that is requested for a job: a year.
 const LONGEST_JOB_MINUTES: u64 = 365 * 24 * 60;
 
 pub(crate) fn execute(command: &SweepCommand, progress: &dyn Progress) -> anyhow::Result<()> {
@@ -85,7 +85,7 @@ fn run_units(arguments: &SweepRunArguments, progress: &dyn Progress) -> anyhow::
         _ => None,
     };
     let limits = if only.is_some() {
-        // What the unit needs was asked of the cluster's engine, which has given it.
+        // The unit's needs were requested from the cluster's engine, which has granted them.
         PoolLimits {
             cores: u32::MAX,
             memory_bytes: u64::MAX,
@@ -161,7 +161,7 @@ fn summary_words(summary: &RunSummary) -> String {
     text
 }
 
-/// An error when anything failed or was too big.
+/// Returns an error when anything failed or was too big.
 fn as_result(summary: &RunSummary) -> anyhow::Result<()> {
     let failed = summary.failed.len() + summary.too_big.len();
     let first = (summary.failed.iter())
@@ -239,7 +239,7 @@ fn print_status(folder: &Path, every: bool) -> anyhow::Result<()> {
     exit::print(&text)
 }
 
-/// What a group has cost per unit, and what is left of it would cost at that.
+/// Returns the cost of a group per unit, and the estimated cost of its remaining units.
 fn cost_words(name: &str, cost: &GroupCost, left: &[&SweepUnit]) -> String {
     let done = f64::from(cost.done);
     let mean = cost.wall_seconds / done;
@@ -284,7 +284,7 @@ fn retry(folder: &Path, ids: &[String]) -> anyhow::Result<()> {
     exit::print(&format!("{count} units are to be done again\n"))
 }
 
-/// `--minutes` and `--signal-before`, which together make the time that a job is given.
+/// Returns `--minutes` and `--signal-before`, which together make the time of a job.
 fn job_times(arguments: &SubmitArguments) -> anyhow::Result<[Duration; 2]> {
     let (minutes, signal_before) = (arguments.minutes, arguments.signal_before);
     if minutes > LONGEST_JOB_MINUTES || signal_before > 60 * LONGEST_JOB_MINUTES {

@@ -1,4 +1,4 @@
-//! Rendered views to a video.
+//! Encoding of rendered views as a video.
 
 use std::path::{Path, PathBuf};
 
@@ -8,13 +8,13 @@ use omnilife_video::{Projection, ViewVideoWriter};
 
 use crate::exit::BadRequest;
 
-/// Frames per second where times do not say.
+/// Frames per second where times do not give them.
 const DEFAULT_RATE: f64 = 30.0;
 
-/// Whether a video can be written to `file`.
+/// Refuses a path to which no video can be written.
 ///
 /// # Errors
-/// When the file is no `.mp4`, or there already.
+/// When the file is no `.mp4`, or exists already.
 pub(crate) fn check(file: &Path) -> anyhow::Result<()> {
     if file.extension().is_some_and(|extension| extension == "mp4") {
         return Ok(refuse_existing(file)?);
@@ -22,8 +22,8 @@ pub(crate) fn check(file: &Path) -> anyhow::Result<()> {
     Err(BadRequest(format!("{}: a video is an .mp4 file", file.display())).into())
 }
 
-/// Encodes PNG files of one size as H.264, evenly timed, and returns the frames per second: one over
-/// the typical time between frames.
+/// Encodes PNG files of one size as H.264, evenly timed, and returns the frames per second: one over the typical time
+/// between frames.
 ///
 /// # Errors
 /// When an image cannot be read or the video cannot be written.

@@ -1,4 +1,4 @@
-//! One unit per row of an ablation: a training with one component less, and its scores.
+//! Units of an ablation, one per row: a training with one component less, and its scores.
 //!
 //! ```text
 //! OUT/split.json
@@ -16,27 +16,27 @@ use omnilife_schemas::{
 use super::{absolute, argument, own_command, scoring, words};
 use crate::cli::MethodArguments;
 
-/// What is ablated.
+/// Request for an ablation.
 pub(crate) struct AblationRequest<'a> {
-    /// The scene.json.
+    /// Path of the scene.json.
     pub(crate) scene: &'a Path,
-    /// The split.json.
+    /// Path of the split.json.
     pub(crate) split: &'a Path,
     /// Folder of all rows.
     pub(crate) out: &'a Path,
-    /// What every row has.
+    /// Arguments that every row has.
     pub(crate) arguments: &'a MethodArguments,
     /// Optimizer steps of every row.
     pub(crate) iterations: u64,
-    /// What a row takes of the machine.
+    /// Share of the machine that a row takes.
     pub(crate) needs: UnitNeeds,
 }
 
 impl AblationRequest<'_> {
-    /// The row without one component, or with all.
+    /// Returns the unit of the row without one component, or with all.
     ///
     /// # Errors
-    /// When a path is not UTF-8, or the options are not understood.
+    /// When a path is not UTF-8, or the options are invalid.
     pub(crate) fn unit(&self, method: &Method, without: Option<&str>) -> anyhow::Result<SweepUnit> {
         let mut row = self.arguments.clone();
         row.with.retain(|name| Some(name.as_str()) != without);

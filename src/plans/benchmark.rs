@@ -1,4 +1,4 @@
-//! One unit per method, scene, seed and protocol: split, training, scores.
+//! Units of a benchmark, one per method, scene, seed and protocol: split, training, scores.
 //!
 //! ```text
 //! RESULTS/<scene>/<protocol>/split.json
@@ -30,28 +30,28 @@ use crate::{
     exit::BadRequest,
 };
 
-/// What is scored on what.
+/// Request for a benchmark: methods and scenes.
 pub(crate) struct BenchmarkRequest<'a> {
     /// Folder of the results.
     pub(crate) results: &'a Path,
     /// Scenes, or folders that are searched for them.
     pub(crate) scenes: &'a [PathBuf],
-    /// The methods, each once.
+    /// Methods, each once.
     pub(crate) methods: &'a [Method],
     /// Protocols by name.
     pub(crate) protocols: &'a [String],
-    /// Seeds; repetitions of methods that learn nothing are left out.
+    /// Seeds; methods without training run once.
     pub(crate) seeds: &'a [u64],
     /// Options of `reconstruct train` for the methods that are trained.
     pub(crate) train: &'a [String],
-    /// What a unit takes of the machine.
+    /// Share of the machine that a unit takes.
     pub(crate) needs: UnitNeeds,
 }
 
-/// Units that score one method each.
+/// Returns units that score one method each.
 ///
 /// # Errors
-/// When a scene or protocol is not known, or the options are not understood.
+/// When a scene or protocol is unknown, or the options are invalid.
 pub(crate) fn units(request: &BenchmarkRequest<'_>) -> anyhow::Result<Vec<SweepUnit>> {
     let results = absolute(request.results)?;
     let scenes = scenes(request.scenes)?;
@@ -64,12 +64,12 @@ pub(crate) fn units(request: &BenchmarkRequest<'_>) -> anyhow::Result<Vec<SweepU
             format!("{options}: options of a training, and none of the methods is trained");
         return Err(BadRequest(reason).into());
     }
-    // Whether regions of a scene are by tracks must not depend on which method came first.
+    // The use of tracks for the regions of a scene must not depend on which method came first.
     let requiring: Vec<&Method> = (request.methods.iter())
         .filter(|method| method.has_requirements())
         .collect();
     let mut units = Vec::new();
-    // What is cut short has whole repetitions, not whole scenes.
+    // A benchmark that is cut short has whole repetitions, not whole scenes.
     for (repetition, seed) in request.seeds.iter().enumerate() {
         for (id, file) in &scenes {
             for protocol in request.protocols {
@@ -95,10 +95,10 @@ pub(crate) fn units(request: &BenchmarkRequest<'_>) -> anyhow::Result<Vec<SweepU
     Ok(units)
 }
 
-/// The units of `sweep plan bench`, and the command that makes tables of their results.
+/// Returns the units of `sweep plan bench`, and the command that makes tables of their results.
 ///
 /// # Errors
-/// When a scene, method or protocol is not known, or the options are not understood.
+/// When a scene, method or protocol is unknown, or the options are invalid.
 pub(crate) fn sweep(
     arguments: &BenchPlanArguments,
 ) -> anyhow::Result<(Vec<SweepUnit>, Vec<String>)> {
@@ -123,10 +123,10 @@ pub(crate) fn sweep(
     Ok((units, own_command(reduce)?))
 }
 
-/// The methods of these names and method.toml files, each once: results are told apart by them.
+/// Returns the methods of these names and method.toml files, each once: results are told apart by them.
 ///
 /// # Errors
-/// When one is not known, is no method, or is given twice.
+/// When one is unknown, invalid or given twice.
 pub(crate) fn methods(names: &[String]) -> anyhow::Result<Vec<Method>> {
     let mut methods: Vec<Method> = Vec::new();
     for name in names {
@@ -139,7 +139,7 @@ pub(crate) fn methods(names: &[String]) -> anyhow::Result<Vec<Method>> {
     Ok(methods)
 }
 
-/// Ids and files of scenes, sorted by id.
+/// Returns ids and files of scenes, sorted by id.
 ///
 /// # Errors
 /// When one cannot be read, a folder holds none, or two have one id.
@@ -184,30 +184,30 @@ fn search(folder: &Path, found: &mut Vec<PathBuf>) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// Where the results of a scene stand, below the folder of all results; never outside of it.
+/// Returns the folder of a scene's results, below the folder of all results and never outside of it.
 fn scene_folder(id: &str) -> PathBuf {
     id.split('/').map(plan::file_name).collect()
 }
 
-/// A method and how it is run.
+/// Method with its way of running.
 pub(crate) struct Method {
     pub(crate) id: String,
     pub(crate) kind: MethodKind,
 }
 
-/// Whose method it is.
+/// Origin of a method.
 pub(crate) enum MethodKind {
-    /// Of this program, as asked for.
+    /// A method of this program, in the requested variant.
     Ours(&'static OurMethod, Variant),
-    /// An external method, by its method.toml.
+    /// External method, by its method.toml.
     External(PathBuf),
 }
 
 impl Method {
-    /// The method of this name, or of this method.toml.
+    /// Finds the method of this name, or of this method.toml.
     ///
     /// # Errors
-    /// When there is none, or the file is no method.
+    /// When the name is unknown, or the file is invalid.
     fn find(name: &str) -> anyhow::Result<Self> {
         if name.ends_with(".toml") {
             let manifest = absolute(Path::new(name))?;
@@ -225,30 +225,30 @@ impl Method {
 }
 
 impl Method {
-    /// Whether this program trains it.
+    /// Returns whether this program trains it.
     pub(crate) fn is_trained(&self) -> bool {
         matches!(self.kind, MethodKind::Ours(method, _) if method.is_trained())
     }
 
-    /// Returns true where inputs have to be made for it first.
+    /// Returns whether inputs have to be made for it first.
     fn has_requirements(&self) -> bool {
         matches!(self.kind, MethodKind::Ours(method, _) if !method.requires.is_empty())
     }
 
-    /// Whether another seed would give the same views.
+    /// Returns whether another seed would give the same views.
     fn has_no_seed(&self) -> bool {
         matches!(self.kind, MethodKind::Ours(method, _) if !method.is_trained())
     }
 }
 
-/// One unit in the making.
+/// Work of one unit.
 struct Work<'a> {
     results: &'a Path,
-    /// Id and file.
+    /// Id and file of the scene.
     scene: (&'a str, &'a Path),
     protocol: &'a str,
     method: &'a Method,
-    /// The methods of the benchmark that need inputs that have to be made first.
+    /// Methods of the benchmark whose inputs have to be made first.
     requiring: &'a [&'a Method],
     seed: u64,
     train: &'a [String],
@@ -334,8 +334,8 @@ impl Work<'_> {
         })
     }
 
-    /// Commands that make what the method requires, and, as far as the scene allows it, what others of the
-    /// benchmark do.
+    /// Returns the commands that make the method's requirements and, as far as the scene allows it, those of the
+    /// other methods of the benchmark.
     fn preparation(&self, scene: &str, split: &str) -> anyhow::Result<Vec<Vec<String>>> {
         let (own, others): (Vec<&Method>, Vec<&Method>) =
             (self.requiring.iter().copied()).partition(|method| method.id == self.method.id);

@@ -1,4 +1,4 @@
-//! One unit per video, into one dataset.
+//! Units of a curation, one per video, into one dataset.
 
 use std::{
     collections::BTreeMap,
@@ -12,10 +12,10 @@ use omnilife_sweep::plan;
 use super::{absolute, argument, needs, own_command, words};
 use crate::cli::{CurationSettingsArguments, PlanArguments};
 
-/// Units that curate one video each, and the command that makes a dataset of them.
+/// Returns units that curate one video each, and the command that makes a dataset of them.
 ///
 /// # Errors
-/// When a path does not exist or the settings are not understood.
+/// When a path does not exist or the settings are invalid.
 pub(crate) fn units(
     videos: &[PathBuf],
     dataset: &Path,

@@ -1,4 +1,4 @@
-//! One unit per line of a file.
+//! Units of a file, one per line.
 
 use std::{collections::BTreeMap, fs, path::Path};
 
@@ -8,7 +8,7 @@ use omnilife_sweep::plan;
 use super::{needs, words};
 use crate::cli::PlanArguments;
 
-/// Units that run the lines of a file with `sh`.
+/// Returns units that run the lines of a file with `sh`.
 ///
 /// # Errors
 /// When the file cannot be read.
@@ -31,7 +31,7 @@ pub(crate) fn units(file: &Path, arguments: &PlanArguments) -> anyhow::Result<Ve
         .collect())
 }
 
-/// A line of the shell as a command.
+/// Returns a line of the shell as a command.
 pub(crate) fn shell(line: &str) -> Vec<String> {
     words(&["sh", "-c", line])
 }

@@ -1,4 +1,4 @@
-//! What the units of a sweep are: which commands, which inputs, which outputs.
+//! Units of a sweep: their commands, inputs and outputs.
 
 pub(crate) mod ablation;
 pub(crate) mod benchmark;
@@ -17,7 +17,7 @@ use crate::{
     exit::BadRequest,
 };
 
-/// What every unit of a plan needs, as asked for.
+/// Returns the requested resources of every unit of a plan.
 fn needs(arguments: &PlanArguments) -> anyhow::Result<UnitNeeds> {
     Ok(UnitNeeds {
         cores: arguments.unit_cores,
@@ -27,22 +27,22 @@ fn needs(arguments: &PlanArguments) -> anyhow::Result<UnitNeeds> {
     })
 }
 
-/// A path as commands in any folder find it.
+/// Returns a path that is valid for commands in any folder.
 fn absolute(path: &Path) -> anyhow::Result<PathBuf> {
     std::path::absolute(path).with_context(|| format!("{}: cannot be located", path.display()))
 }
 
-/// A path as an argument of a command.
+/// Returns a path as an argument of a command.
 ///
 /// # Errors
-/// When it is not UTF-8, which a plan could not hold.
+/// When it is not UTF-8, which a plan cannot hold.
 fn argument(path: &Path) -> anyhow::Result<String> {
     let text = path.to_str().map(str::to_owned);
     text.ok_or_else(|| BadRequest(format!("{}: is not UTF-8", path.display())).into())
 }
 
-/// The words of a command of this program, which must be one that it understands: what is wrong
-/// with a command should not be found out by a thousand units.
+/// Returns the words of a command of this program after parsing them: a faulty command must not be found out by a
+/// thousand units.
 fn own_command(words: Vec<String>) -> anyhow::Result<Vec<String>> {
     let mut command = vec!["omnilife".to_owned()];
     command.extend(words);
@@ -60,7 +60,7 @@ fn own_command(words: Vec<String>) -> anyhow::Result<Vec<String>> {
     }
 }
 
-/// Refuses a training whose method has not the options, components or backend that are asked of it.
+/// Refuses a training whose method does not have the requested options, components or backend.
 fn refuse_training(command: &Command) -> anyhow::Result<()> {
     if let Command::Reconstruct(ReconstructCommand::Train {
         method, iterations, ..
@@ -72,8 +72,8 @@ fn refuse_training(command: &Command) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// The command that scores the run of a record into `out`. Views that fail are rows of its result, not a failure of
-/// the unit.
+/// Returns the command that scores the run of a record into `out`. Views that fail are rows of its result, not a
+/// failure of the unit.
 ///
 /// # Errors
 /// When a path is not UTF-8.
@@ -86,7 +86,7 @@ fn scoring(scene: &str, split: &str, record: &Path, out: &Path) -> anyhow::Resul
     own_command(words(&command))
 }
 
-/// Words as a command holds them.
+/// Returns words as a command holds them.
 fn words(list: &[&str]) -> Vec<String> {
     list.iter().map(|&word| word.to_owned()).collect()
 }

@@ -11,9 +11,9 @@ use indicatif::{MultiProgress, ProgressBar, ProgressDrawTarget, ProgressStyle};
 
 use super::{locked, wording::closing_line};
 
-/// Work shorter than this gets no bar.
+/// Shortest work that gets a bar.
 const SHOWN_AFTER: Duration = Duration::from_secs(1);
-/// How often bars are redrawn.
+/// Interval at which bars are redrawn.
 const REDRAW_EVERY: Duration = Duration::from_millis(100);
 
 /// Bars on a terminal, redrawn by a thread of their own that ends with them.
@@ -85,19 +85,19 @@ impl Bars {
 
     pub(super) fn line(&mut self, text: &str) {
         self.screen.suspend(|| {
-            // A closed stderr leaves nobody to tell; the work itself goes on.
+            // With stderr closed the line is lost; the work itself continues.
             drop(writeln!(io::stderr(), "{text}"));
         });
     }
 
-    /// Takes every bar off the screen, whatever work was broken off.
+    /// Removes every bar from the screen, even after interrupted work.
     pub(super) fn clear(&mut self) {
         while let Some(work) = self.stack.pop() {
             work.bar.finish_and_clear();
         }
     }
 
-    /// Shows what has lasted long enough, and lets the spinners turn.
+    /// Shows the bars of work that has lasted long enough, and turns the spinners.
     fn redraw(&mut self) {
         for work in &mut self.stack {
             if !work.on_screen && work.begun.elapsed() >= SHOWN_AFTER {

@@ -4,10 +4,10 @@ use std::{io::Write, time::Duration};
 
 use super::wording::{closing_line, count_of, joined, text_of};
 
-/// Lines about one piece of work are at least this far apart.
+/// Shortest time between lines about one piece of work.
 const LINE_EVERY: Duration = Duration::from_secs(10);
 
-/// One line per event, for logs.
+/// Progress as one line per event, for logs.
 pub(super) struct PlainLines {
     writer: Box<dyn Write + Send>,
     clock: Box<dyn Fn() -> Duration + Send>,
@@ -24,7 +24,7 @@ struct PlainWork {
 }
 
 impl PlainLines {
-    /// Lines to `writer`, timed by `clock`, which gives the time since some fixed moment.
+    /// Writes lines to `writer`, timed by `clock`, which returns the time since some fixed moment.
     pub(super) fn new(
         writer: Box<dyn Write + Send>,
         clock: Box<dyn Fn() -> Duration + Send>,
@@ -86,7 +86,7 @@ impl PlainLines {
     }
 
     fn indented_line(&mut self, depth: usize, text: &str) {
-        // A closed stderr leaves nobody to tell; the work itself goes on.
+        // With stderr closed the line is lost; the work itself continues.
         drop(writeln!(self.writer, "{:1$}{text}", "", 2 * depth));
         drop(self.writer.flush());
     }

@@ -1,8 +1,8 @@
-//! What the lines say.
+//! Texts of progress lines.
 
 use std::time::Duration;
 
-/// What stands in the log once work is over. Work that was broken off does not read as done.
+/// Returns the line of the log at the end of work. Interrupted work does not read as done.
 pub(super) fn closing_line(
     label: &str,
     duration: Duration,
@@ -24,7 +24,7 @@ pub(super) fn closing_line(
     format!("{label}: {}", joined(parts))
 }
 
-/// The count, as far as there is one: `12 of 60 (20 %)`, or `12`.
+/// Returns the count as far as it is known: `12 of 60 (20 %)`, or `12`.
 pub(super) fn count_of(done: u64, total: Option<u64>) -> Option<String> {
     match total {
         Some(total) if total > 0 => {
@@ -44,7 +44,7 @@ pub(super) fn joined<const N: usize>(parts: [Option<String>; N]) -> String {
     parts.into_iter().flatten().collect::<Vec<_>>().join(", ")
 }
 
-/// A duration for people: `0.4 s`, `83 s`, `12 min 5 s`.
+/// Returns a duration in words: `0.4 s`, `83 s`, `12 min 5 s`.
 pub(super) fn seconds(duration: Duration) -> String {
     let seconds = duration.as_secs_f64();
     if seconds < 9.95 {

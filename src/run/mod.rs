@@ -1,4 +1,4 @@
-//! `omnilife run`: from raw videos to a scored table.
+//! Main job, `omnilife run`: from raw videos to a scored table.
 //!
 //! The folder it fills:
 //!
@@ -50,21 +50,21 @@ use outcome::{Outcome, Outcomes};
 
 /// Folder of tables in all layouts and of the site.
 const BOARD_FOLDER: &str = "leaderboard";
-/// Rendered views that the site shows per scene and method.
+/// Number of rendered views that the site shows per scene and method.
 const SITE_VIEWS: usize = 4;
-/// File of the summary.
+/// Name of the summary.
 const OUTCOMES_FILE: &str = "outcomes.csv";
-/// The files of the summary and of the table.
+/// Files of the summary and of the table.
 const SUMMARY_FILES: [&str; 3] = [
     OUTCOMES_FILE,
     omnilife_leaderboard::MARKDOWN_FILE,
     omnilife_leaderboard::CSV_FILE,
 ];
 
-/// The main job. Prints the table to standard output.
+/// Runs the main job and prints the table to standard output.
 ///
 /// # Errors
-/// When nothing could be scored, or something failed beside what was scored.
+/// When nothing could be scored, or something failed beside the scored sequences.
 pub(crate) fn main_job(arguments: &RunArguments, progress: &dyn Progress) -> anyhow::Result<()> {
     termination::guard_training()?;
     let videos = expand_inputs(&arguments.videos)?;
@@ -85,7 +85,7 @@ pub(crate) fn main_job(arguments: &RunArguments, progress: &dyn Progress) -> any
         dense: arguments.dense,
         progress,
     };
-    // What is wrong with the request should not be found out after an hour of work.
+    // A faulty request must not be found out after an hour of work.
     reconstruct::check(&job.method, &job.settings, job.backend)?;
     omnilife_bench::protocols::protocol(&job.protocol)?;
     if job.poses_are_given() && videos.len() > 1 {
@@ -122,8 +122,8 @@ pub(crate) fn main_job(arguments: &RunArguments, progress: &dyn Progress) -> any
     printed
 }
 
-/// Scores all sequences, writes the summary and prints the table; what came of the printing is returned beside the
-/// outcomes.
+/// Scores all sequences, writes the summary and prints the table; returns the outcome of printing beside those of the
+/// sequences.
 fn score_all(
     job: &Job<'_>,
     curated: &CuratedDataset,
@@ -153,8 +153,8 @@ fn score_all(
         }
     }
     outcomes.write_csv(&out.join(OUTCOMES_FILE))?;
-    // Other methods' scores of these videos belong into the table; what is left of a video that was
-    // not curated this time, or of a sequence that failed this time, does not.
+    // Other methods' scores of these videos belong into the table. Leftovers of a video that was not curated this
+    // time, or of a sequence that failed this time, do not.
     let sequences: Vec<PathBuf> = curated
         .record
         .videos
@@ -188,7 +188,7 @@ fn report(
     next: &str,
 ) -> anyhow::Result<()> {
     if outcomes.scored() == 0 {
-        // Tables of an earlier run would look like this one's.
+        // Tables of an earlier run would look like those of this one.
         for file in [
             omnilife_leaderboard::MARKDOWN_FILE,
             omnilife_leaderboard::CSV_FILE,
@@ -220,12 +220,12 @@ fn report(
     ))
 }
 
-/// What is done to every sequence.
+/// Work on every sequence.
 struct Job<'a> {
     poses: PoseRequest,
     truth: GivenTruth,
     method: String,
-    /// The method's name in tables.
+    /// Name of the method in tables.
     variant: String,
     settings: MethodRequest,
     backend: BackendChoice,
@@ -241,9 +241,9 @@ impl Job<'_> {
         matches!(self.poses, PoseRequest::Given(_))
     }
 
-    /// Looks for all that a run needs. What a stage needs that may be done already is left to the stages where
-    /// the output holds sequences of an earlier run: what stands needs nothing. Structure from motion is needed
-    /// as soon as there is anything in a video that may become a sequence.
+    /// Checks everything that a run needs. Where the output holds sequences of an earlier run, needs of stages that
+    /// may be done already are left to the stages. Structure from motion is needed as soon as a video may become a
+    /// sequence.
     fn require(
         &self,
         videos: &[PathBuf],
@@ -272,7 +272,8 @@ impl Job<'_> {
         prerequisites::require(needed)
     }
 
-    /// Masks are named by frame, and every sequence counts its frames from 0.
+    /// Refuses one folder of masks for several sequences: masks are named by frame, and every sequence counts its
+    /// frames from 0.
     fn refuse_shared_masks(&self, dataset: &Dataset) -> anyhow::Result<()> {
         let sequences: usize = dataset
             .videos
@@ -283,7 +284,7 @@ impl Job<'_> {
             })
             .sum();
         let of_frames = match &self.truth.ignored {
-            // One image is of the camera, whatever it looks at.
+            // A single image belongs to the camera, in whatever direction it looks.
             Some(IgnoredRegion::Masks(path)) if path.is_dir() => Some("--ignore-mask"),
             _ => None,
         };
@@ -298,7 +299,7 @@ impl Job<'_> {
         }
     }
 
-    /// The folder of masks, whoever takes them.
+    /// Returns the folder of masks, given beside poses or for structure from motion.
     fn masks(&self) -> Option<&PathBuf> {
         match &self.poses {
             PoseRequest::Given(_) => self.truth.masks.as_ref(),
@@ -306,12 +307,12 @@ impl Job<'_> {
         }
     }
 
-    /// Where the run and the scores of a sequence go.
+    /// Returns the folder of the run and the scores of a sequence.
     fn method_folder(&self, sequence_folder: &Path) -> PathBuf {
         sequence_folder.join(&self.protocol).join(&self.variant)
     }
 
-    /// What one would do next with a sequence that was scored.
+    /// Returns the commands to suggest for a scored sequence.
     fn next_commands(&self, folder: &Path) -> String {
         let run = self.method_folder(folder).join("run");
         let (run, folder) = (run.display(), folder.display());
@@ -326,7 +327,7 @@ impl Job<'_> {
         )
     }
 
-    /// Poses, split, reconstruction and scores of one sequence.
+    /// Makes poses, split, reconstruction and scores of one sequence.
     fn score_sequence(&self, folder: &Path) -> anyhow::Result<()> {
         pose_sequence_with(folder, &self.poses, &self.truth, self.progress)?;
         let protocol_folder = folder.join(&self.protocol);
@@ -362,7 +363,7 @@ impl Job<'_> {
     }
 }
 
-/// A result without a number is a failure, whatever it says of its views.
+/// Refuses a result without scores, whatever its views state.
 fn refuse_unscored(result: &ResultRecord) -> anyhow::Result<()> {
     let summaries = result
         .input_views

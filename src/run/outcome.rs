@@ -1,4 +1,4 @@
-//! What became of every video and sequence of a job.
+//! Outcome of every video and sequence of a job.
 
 use std::path::Path;
 
@@ -12,10 +12,10 @@ use serde::Serialize;
 
 use crate::exit::{self, PartialFailure};
 
-/// One row of the summary.
+/// Row of the summary.
 #[derive(Debug, Clone, Serialize)]
 pub(crate) struct Outcome {
-    /// The video as `dataset.json` calls it.
+    /// Name of the video in `dataset.json`.
     #[serde(serialize_with = "serialize_for_spreadsheet")]
     pub(crate) video: String,
     /// Id of the sequence; empty for a video without sequences.
@@ -23,10 +23,10 @@ pub(crate) struct Outcome {
     pub(crate) sequence: String,
     /// `scored`, `curated`, `failed`.
     pub(crate) outcome: &'static str,
-    /// One line for what failed, without folders of this machine.
+    /// Reason of a failure in one line, without folders of this machine.
     #[serde(serialize_with = "serialize_for_spreadsheet")]
     pub(crate) reason: String,
-    /// The same with folders and what can be done, for the terminal.
+    /// Reason with folders and remedy, for the terminal.
     #[serde(skip)]
     message: String,
     #[serde(skip)]
@@ -34,7 +34,7 @@ pub(crate) struct Outcome {
 }
 
 impl Outcome {
-    /// A sequence went all the way.
+    /// Makes the row of a sequence that was scored.
     pub(crate) fn scored(video: &str, sequence: &str) -> Self {
         Self {
             video: video.to_owned(),
@@ -46,7 +46,7 @@ impl Outcome {
         }
     }
 
-    /// A video gave sequences, and no more was asked for.
+    /// Makes the row of a video with sequences, where no more was requested.
     pub(crate) fn curated(video: &str) -> Self {
         Self {
             outcome: "curated",
@@ -54,7 +54,7 @@ impl Outcome {
         }
     }
 
-    /// A sequence of the dataset in `out` failed.
+    /// Makes the row of a sequence of the dataset in `out` that failed.
     pub(crate) fn failed(video: &str, sequence: &str, error: &anyhow::Error, out: &Path) -> Self {
         let message = error.to_string();
         let in_dataset = message.replace(&format!("{}/", out.display()), "");
@@ -67,7 +67,7 @@ impl Outcome {
         }
     }
 
-    /// A video failed, or is kept out.
+    /// Makes the row of a video that failed or was rejected.
     pub(crate) fn failed_video(video: &str, error: &CurateError) -> Self {
         Self {
             outcome: "failed",
@@ -82,7 +82,7 @@ impl Outcome {
         self.blame.is_some()
     }
 
-    /// What it is about, and the reason where there is one.
+    /// Returns its subject, with the reason where there is one.
     fn line(&self) -> String {
         let name = if self.sequence.is_empty() {
             &self.video
@@ -115,7 +115,7 @@ impl Outcomes {
         self.list.push(outcome);
     }
 
-    /// How many sequences were scored.
+    /// Returns the number of scored sequences.
     pub(crate) fn scored(&self) -> usize {
         self.list
             .iter()
@@ -123,7 +123,7 @@ impl Outcomes {
             .count()
     }
 
-    /// One line per row.
+    /// Returns one line per row.
     pub(crate) fn text(&self) -> String {
         self.list
             .iter()
@@ -136,7 +136,7 @@ impl Outcomes {
         store::write_csv_rows(path, &self.list)
     }
 
-    /// An error when anything failed.
+    /// Returns an error when anything failed.
     pub(crate) fn as_result(&self) -> anyhow::Result<()> {
         let failed: Vec<&Outcome> = self.list.iter().filter(|row| row.has_failed()).collect();
         let Some(first) = failed.first() else {

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use omnilife_schemas::{Classified, ErrorKind, store::StoreError};
 
-/// An error of this crate. Messages are one line that names the file or unit and the reason.
+/// Error of this crate. Messages are one line that names the file or unit and the reason.
 ///
 /// A failed unit is not an error but a row in the sweep's table.
 #[derive(Debug, thiserror::Error)]
@@ -12,7 +12,7 @@ pub enum SweepError {
     /// A file could not be read or written.
     #[error(transparent)]
     Store(#[from] StoreError),
-    /// The given units make no plan.
+    /// The units do not make a plan.
     #[error("{reason}")]
     Plan {
         /// One line.

@@ -1,4 +1,4 @@
-//! A sweep's folder: the plan, and the state of every unit.
+//! Folder of a sweep: the plan, and the state of every unit.
 #![cfg_attr(
     not(test),
     deny(clippy::indexing_slicing, clippy::arithmetic_side_effects)
@@ -30,7 +30,7 @@ const DONE_FILE: &str = "done.json";
 /// Outcome of a unit whose last attempt failed.
 const FAILED_FILE: &str = "failed.json";
 
-/// A sweep: its folder and its plan.
+/// Sweep with its folder and its plan.
 #[derive(Debug, Clone)]
 pub struct Sweep {
     /// The folder, absolute.
@@ -48,9 +48,9 @@ pub enum UnitState {
     Failed(Box<UnitOutcome>),
     /// A live runner works on it.
     Running(Box<UnitRunner>),
-    /// To be done.
+    /// To be run.
     Missing {
-        /// Reason, if there is more to say than that it was never run.
+        /// Reason, other than that it was never run.
         reason: Option<String>,
     },
 }
@@ -105,7 +105,7 @@ impl Sweep {
         self.folder.join(UNITS_FOLDER).join(&unit.id)
     }
 
-    /// States of all units, in the order of the plan. Nothing is written.
+    /// Returns the states of all units, in the order of the plan. Writes nothing.
     ///
     /// # Errors
     /// When a folder cannot be read.

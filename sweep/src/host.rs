@@ -22,7 +22,7 @@ pub(crate) fn runner() -> UnitRunner {
     }
 }
 
-/// Describes a runner for people.
+/// Describes a runner in words.
 pub(crate) fn described(runner: &UnitRunner) -> String {
     let job = runner.slurm_job.as_ref();
     let job = job.map_or_else(String::new, |job| format!(", Slurm job {job}"));

@@ -24,7 +24,7 @@ pub(crate) const LOCK_FILE: &str = "running.json";
 /// State of a folder's lock.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) enum Holder {
-    /// Not locked.
+    /// The lock is free.
     Nobody,
     /// Held by this runner, or by processes that its commands left running.
     Runner(Box<UnitRunner>),
@@ -76,7 +76,7 @@ pub(crate) fn clear(folder: &Path) -> Result<(), StoreError> {
 pub(crate) struct HeldLock {
     /// The lock itself.
     pub(crate) file: LockFile,
-    /// Runners that held it before, one after another, and went away.
+    /// Number of runners that held it earlier, one after another, and disappeared.
     pub(crate) lost_runners: u32,
 }
 
@@ -113,7 +113,7 @@ impl HeldLock {
     }
 }
 
-/// What stands in an open file: `None` where it is empty, `Some(None)` where it is not whole.
+/// Returns the content of an open file: `None` where it is empty, `Some(None)` where it is not whole.
 fn content(mut file: &File) -> io::Result<Option<Option<RunnerLock>>> {
     let mut bytes = Vec::new();
     file.read_to_end(&mut bytes)?;
@@ -183,7 +183,7 @@ mod tests {
         Ok(())
     }
 
-    /// A file without a lock holds nothing: half-written, of the future, or of any process.
+    /// A file without a lock is void: half-written, of the future, or of any process.
     #[test]
     fn a_file_without_a_lock_holds_nothing() -> Outcome {
         let folder = tempfile::tempdir()?;

@@ -131,7 +131,7 @@ fn lock_sweep(folder: &Path) -> Result<HeldLock, SweepError> {
     Err(SweepError::Busy { folder, by })
 }
 
-/// A running unit.
+/// Running unit.
 struct Active {
     running: Arc<Running>,
     deadline: Option<Instant>,
@@ -165,7 +165,7 @@ struct Pool<'a> {
     failed: Vec<UnitOutcome>,
     too_big: Vec<(String, String)>,
     interrupted: usize,
-    /// The error that ends the pool.
+    /// Error that ends the pool.
     broken: Option<StoreError>,
 }
 
@@ -203,8 +203,8 @@ impl<'a> Pool<'a> {
         Ok(pool)
     }
 
-    /// Sorts a unit by its state. A runner killed between writing an outcome and releasing the lock has left a
-    /// meaningless file.
+    /// Sorts a unit by its state. A runner that was killed between writing an outcome and releasing the lock has left
+    /// a void file.
     fn sort_in(&mut self, index: usize, state: UnitState) -> Result<(), StoreError> {
         if matches!(state, UnitState::Done(_) | UnitState::Failed(_)) {
             lock::clear(&self.sweep.unit_folder(self.unit(index)))?;
@@ -347,7 +347,7 @@ impl<'a> Pool<'a> {
         if fits { Fit::Now } else { Fit::Later }
     }
 
-    /// Locks a unit; `None` if this pool must no longer do it.
+    /// Locks a unit; returns `None` if this pool must no longer run it.
     fn lock(&mut self, index: usize) -> Result<Option<HeldLock>, StoreError> {
         let unit = self.unit(index);
         let folder = self.sweep.unit_folder(unit);

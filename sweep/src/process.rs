@@ -10,7 +10,7 @@ use std::{
 
 use omnilife_schemas::child::{GRACE, Outcome, ProcessGroup, ProcessTree};
 
-/// A command and its environment.
+/// Command and its environment.
 pub(crate) struct Job<'a> {
     /// Program and arguments; the program `omnilife` is `program`.
     pub(crate) command: &'a [String],
@@ -22,11 +22,11 @@ pub(crate) struct Job<'a> {
     pub(crate) variables: &'a [(String, String)],
     /// File to which all output is appended.
     pub(crate) log: &'a Path,
-    /// A locked file that the command and its children inherit, and with it the lock.
+    /// Locked file that the command and its children inherit, and with it the lock.
     pub(crate) lock: Option<&'a File>,
 }
 
-/// Why a command is ended before its time.
+/// Reason for ending a command early.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum EndReason {
     /// The runner was asked to end.
@@ -35,7 +35,7 @@ pub(crate) enum EndReason {
     Limit,
 }
 
-/// What others ask of the running command of a unit; the thread that waits for it sees to that.
+/// Requests of other threads to the running command of a unit; the thread that waits for it carries them out.
 #[derive(Debug, Default)]
 pub(crate) struct Running {
     asked: Mutex<Asked>,
@@ -43,9 +43,9 @@ pub(crate) struct Running {
 
 #[derive(Debug, Default)]
 struct Asked {
-    /// The first reason that was given for the end.
+    /// First reason that was given for the end.
     reason: Option<EndReason>,
-    /// True where it is to end at once.
+    /// True where it has to end at once.
     at_once: bool,
 }
 
@@ -70,7 +70,7 @@ impl Running {
         self.asked().at_once = true;
     }
 
-    /// Passes on to a command what was asked and it has not been told.
+    /// Passes new requests on to a command.
     fn pass_on(&self, tree: &ProcessTree, is_told: &mut bool) {
         let asked = self.asked();
         if asked.at_once {
@@ -144,7 +144,7 @@ fn resolved(job: &Job<'_>) -> PathBuf {
     }
 }
 
-/// A command that dies with the thread that started it, which waits for it (Linux).
+/// Returns a command that dies with the thread that started it and waits for it (Linux).
 ///
 /// Requesting that between fork and exec copies all of this program's address space, with its many libraries, for every
 /// command. `setpriv` of util-linux requests it afterwards, in a small process of its own; without it, the copy is

@@ -48,7 +48,7 @@ impl Status {
         Ok(Self { sweep, states })
     }
 
-    /// Units with their states.
+    /// Returns the units with their states.
     pub fn units(&self) -> impl Iterator<Item = (&SweepUnit, &UnitState)> {
         self.sweep.plan.units.iter().zip(&self.states)
     }

@@ -1,6 +1,5 @@
-//! The adapters of published methods, with a stand-in for the method: a program named `python` that
-//! leaves the right images in the layout of that method's own code. If they reach the right frames,
-//! the scores are perfect.
+//! Adapters of published methods, with a stand-in for the method: a program named `python` that leaves the right
+//! images in the layout of that method's own code. If they reach the right frames, the scores are perfect.
 
 use std::{fs, os::unix::fs::PermissionsExt, path::Path};
 
@@ -67,8 +66,8 @@ fn numbers(frames: &[u32]) -> String {
     names.join(" ")
 }
 
-/// A virtual environment whose `python` runs our scripts with the real one, and leaves the views
-/// where anything else is asked of it.
+/// Makes a virtual environment whose `python` runs our scripts with the real one, and leaves the views on any other
+/// call.
 fn stand_in(folder: &Path, body: &str) {
     let python = folder.join("bin/python");
     fs::create_dir_all(folder.join("bin")).unwrap();
@@ -115,7 +114,7 @@ fn views_in_the_layout_of_every_published_method_reach_their_frames() {
             layout.replace(from, to)
         };
         stand_in(&at("python"), &(head + &layout));
-        // The same manifest in another environment: here is no conda.
+        // The same manifest in another environment, without conda.
         let manifest = at("code").join("method.toml");
         let adapted = fs::read_to_string(&manifest).unwrap();
         let name = adapted.find("kind = \"conda\"\nname = ").unwrap();

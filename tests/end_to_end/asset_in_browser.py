@@ -2,9 +2,8 @@
 
 usage: asset_in_browser.py PAGE VIEW.ppm [--splats N] [--moments N] [--screenshot FILE]
 
-PAGE shows as many Gaussians, at the middle one of as many moments; VIEW is what the project's own renderer makes
-of what the page shows at first (binary PPM, 640 x 480, 75 degrees high). The page has to show the same, and not
-its mirror image.
+PAGE shows N Gaussians, at the middle one of N moments. VIEW is the first view of the page by the project's own
+renderer (binary PPM, 640 x 480, 75 degrees high). The page has to show the same, and not its mirror image.
 """
 
 import argparse
@@ -28,7 +27,7 @@ webdriver.draw_without_graphics_card()
 
 
 def picture(browser):
-    """What is drawn, once nothing changes any more."""
+    """Returns the image of the page once it is stable."""
     frames = None
     while frames != (frames := browser.script("return omnilife.frames")):
         time.sleep(1)
@@ -37,14 +36,16 @@ def picture(browser):
 
 
 def change(before, after):
-    """The largest, in levels in a square."""
+    """Returns the largest change of a square, in levels."""
     return max(abs(a - b) for a, b in zip(before, after))
 
 
 def wait_for_change(browser, what, before):
-    """Squares of the first picture that differs. A moment that is chosen is seen after a sort in a worker and two
-    drawings, for which a busy machine without a graphics card may need many seconds: no pause tells that they are
-    over."""
+    """Returns the squares of the first image that differs.
+
+    A chosen moment is visible after a sort in a worker and two frames. A busy machine without a graphics card may
+    need many seconds for them, so that no fixed pause is long enough.
+    """
     drawn = before
 
     def differs():
@@ -56,7 +57,7 @@ def wait_for_change(browser, what, before):
 
 
 def look_at_moments(browser, moments):
-    """The slider goes through all of them, each looks different, and time can be played."""
+    """Checks that the slider reaches all moments, that each looks different, and that time can be played."""
     webdriver.wait_for("the middle moment", lambda: browser.script("return omnilife.moment") == moments // 2)
     webdriver.expect("moments", browser.script("return omnilife.moments"), moments)
     drawn = blocks(picture(browser))
@@ -78,7 +79,7 @@ def look_at_moments(browser, moments):
 
 
 def wait_for_view(browser, expected):
-    """What is drawn is what is expected, and not its mirror image; a line on how well."""
+    """Waits until the page shows the expected image and not its mirror image; returns a line on the agreement."""
     said = None
 
     def shows():

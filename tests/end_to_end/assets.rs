@@ -165,8 +165,8 @@ fn without_the_viewer_the_page_is_a_line_and_the_levels_are_there() {
     assert!(asset(&out)["page"].is_null());
 }
 
-/// A wall of opaque Gaussians in front of the origin, with a dark letter F on colours that change along it:
-/// not the same when it is mirrored or upside down.
+/// Writes a wall of opaque Gaussians in front of the origin, with a dark letter F on colours that change along it. It
+/// differs from its mirror image and upside down.
 fn write_poster(path: &Path) {
     let properties = [
         "x", "y", "z", "nx", "ny", "nz", "f_dc_0", "f_dc_1", "f_dc_2", "opacity", "scale_0",
@@ -204,15 +204,15 @@ fn write_poster(path: &Path) {
     std::fs::write(path, bytes).unwrap();
 }
 
-/// Why no page can be looked at here.
+/// Returns why pages cannot be shown here.
 fn no_browser() -> Option<&'static str> {
     let found = |program: &str| Command::new(program).arg("--version").output().is_ok();
     let all = found("chromium") && found("chromedriver") && found("python3");
     (!all).then_some("no Chromium with its driver, scripts/setup --browser installs them")
 }
 
-/// What the renderer makes of what an asset's page shows at first: from the origin of the files along
-/// their z, 75 degrees high at 640 x 480; a PPM.
+/// Returns the renderer's image of the first view of an asset's page: from the origin of the files along their z, 75
+/// degrees high at 640 x 480; a PPM.
 fn view_of_page(folder: &Path, out: &Path, record: &Value) -> PathBuf {
     let placement = &record["placement"];
     let [w, x, y, z] = [0, 1, 2, 3].map(|at| placement["rotation_wxyz"][at].as_f64().unwrap());
@@ -275,7 +275,7 @@ fn look_at_page(out: &Path, view: &Path, arguments: [&str; 2], screenshot: &str)
     assert!(output.status.success(), "{stderr}");
 }
 
-/// An asset of the poster.
+/// Exports an asset of the poster.
 fn exported_poster(folder: &Path, arguments: &[&str]) -> PathBuf {
     let (poster, out) = (folder.join("poster.ply"), folder.join("asset"));
     write_poster(&poster);
@@ -339,7 +339,7 @@ fn other_viewers_show_what_the_renderer_draws() {
     }
 }
 
-/// A run of a method that moves, on the small scene.
+/// Trains a method with moving Gaussians on the small scene.
 fn moving_run(folder: &Path) -> PathBuf {
     let sequence = small_run().out.join(SEQUENCE);
     let (scene, split) = (
@@ -403,8 +403,8 @@ fn a_scene_that_moves_is_exported_at_moments_and_its_page_has_a_slider() {
         still > 0 && moving.iter().all(|&moving| moving > 0),
         "{moving:?}"
     );
-    // What is still in the middle and what moves then are what the level shows, but for those that are
-    // about to be seen.
+    // The level shows everything that is static or moving at the middle, except Gaussians that are about to become
+    // visible.
     let level = record["levels"][0]["splats"].as_u64().unwrap();
     assert!((still + moving[2]).abs_diff(level) <= level / 100);
     if let (None, false) = (no_browser(), record["page"].is_null()) {
@@ -414,7 +414,7 @@ fn a_scene_that_moves_is_exported_at_moments_and_its_page_has_a_slider() {
     } else {
         omnilife_schemas::testing::skip("no Chromium, or no viewer, to look at moments with");
     }
-    // What another export leaves over is taken away.
+    // Leftovers of another export are removed.
     let record = export(&["--moments", "1"]);
     assert!(record.get("moments").is_none() && !out.join("still.splat").exists());
 }

@@ -1,4 +1,4 @@
-//! A clip of frames and masks, from its import to edits of its atlas.
+//! Clip of frames and masks, from its import to edits of its atlas.
 
 use std::{
     fs,
@@ -12,7 +12,7 @@ use crate::support::{SEQUENCE, omnilife, read_image, scratch, small_run};
 const SIZE: [u32; 2] = [64, 40];
 const FRAMES: u32 = 6;
 
-/// A square that crosses a pattern, with its masks.
+/// Writes a square that crosses a pattern, with its masks.
 fn write_clip(folder: &Path) {
     let [width, height] = SIZE;
     for name in ["rgb", "objects/square"] {
@@ -38,12 +38,12 @@ fn write_clip(folder: &Path) {
     }
 }
 
-/// Words as arguments.
+/// Runs the binary with words as arguments.
 fn run(words: &str) -> crate::support::Ended {
     omnilife(words.split_whitespace())
 }
 
-/// A small run on the clip: its folder, and the scene.
+/// Makes a small run on the clip; returns its folder, and the scene.
 fn small_atlas(folder: &Path) -> (PathBuf, PathBuf) {
     let (clip, scene, out) = (
         folder.join("clip"),
@@ -156,7 +156,7 @@ fn a_clip_is_imported_learnt_scored_taken_apart_and_edited() {
         "{middle:?}"
     );
 
-    // There and back again is where it was; without it the background is seen.
+    // There and back again is the original position; without it the background is visible.
     let there = "[[edit]]\nkind = \"shift\"\nnode = \"square\"\nby = [0.1, 0.0, 0.0]\n";
     let back = there.replace("0.1, 0.0", "-0.1, 0.0");
     edit(&atlas, &format!("{there}{back}"), &folder.join("back")).succeeded();
@@ -183,7 +183,7 @@ fn a_clip_is_imported_learnt_scored_taken_apart_and_edited() {
     let record = fs::read_to_string(folder.join("removed/run.json")).unwrap();
     assert!(record.contains("square is removed"));
 
-    // A painted frame comes back where it was painted.
+    // A painted frame returns at its painted position.
     let mut paint = image::RgbaImage::new(SIZE[0], SIZE[1]);
     for x in 29..36 {
         for y in 17..24 {
@@ -275,7 +275,7 @@ fn wrong_scripts_and_clips_are_one_line_each() {
     );
 }
 
-/// Scenes of the sphere have a sphere as background; those of the first version are read too.
+/// Scenes of the sphere have a sphere as background; scenes of the first version are read too.
 #[test]
 fn panoramas_have_a_sphere_as_background() {
     let sequence = small_run().out.join(SEQUENCE);

@@ -1,4 +1,4 @@
-//! Attaching to a scene that was imported, by the command line.
+//! Attaching to an imported scene, by the command line.
 
 use std::fs;
 
@@ -52,7 +52,7 @@ fn an_imported_scene_gets_masks_of_files_and_of_a_program() {
     let attach = ["curate", "attach", &scene, "--masks-command", &command];
     let ended = omnilife(attach).succeeded();
     assert!(ended.stderr.contains("replaced"), "{}", ended.stderr);
-    // The same masks; the scene says who made them.
+    // The same masks; the scene names their source.
     let second = read();
     assert_eq!(second.frames, first.frames);
     let problems = second.validation.problems;

@@ -11,7 +11,7 @@ use crate::support::{
     scratch, small_run,
 };
 
-/// `omnilife --quiet run` without poses.
+/// Runs `omnilife --quiet run` without poses.
 fn run_without_poses(video: &Path, out: &Path, further: &[&str]) -> crate::support::Ended {
     let mut arguments = vec!["--quiet".as_ref(), "run".as_ref(), video.as_os_str()];
     arguments.extend(["--out".as_ref(), out.as_os_str()]);
@@ -19,14 +19,14 @@ fn run_without_poses(video: &Path, out: &Path, further: &[&str]) -> crate::suppo
     omnilife(arguments)
 }
 
-/// Runs the main job on a bad video and checks that the error names the file and the reason, that
-/// the summary says the same, and that what stands on disk is whole.
+/// Runs the main job on a bad video. Checks that the error names the file and the reason, that the summary has the same
+/// reason, and that all files on disk are whole.
 #[track_caller]
 fn assert_refused(video: &Path, reason: &str) {
     assert_refused_for(video, reason, reason);
 }
 
-/// The same, where the table of outcomes says `recorded` in place of the advice to the user.
+/// Does the same where the table of outcomes has `recorded` in place of the advice to the user.
 fn assert_refused_for(video: &Path, reason: &str, recorded: &str) {
     let folder = scratch();
     let out = folder.path().join("out");
@@ -73,7 +73,7 @@ fn file(folder: &Path, name: &str, bytes: &[u8]) -> PathBuf {
 fn a_video_cut_short() {
     let folder = scratch();
     let bytes = fs::read(sample("street.mp4")).unwrap();
-    // The index stands at the front: what is cut off first is images, then the index itself.
+    // The index stands at the front: images are cut off first, then the index itself.
     for (name, part, reason) in [
         ("most.mp4", &bytes[..bytes.len() * 9 / 10], "is truncated"),
         ("third.mp4", &bytes[..bytes.len() / 3], "is truncated"),
@@ -206,7 +206,7 @@ fn an_output_of_another_video() {
     let copy = copy_of_small_run();
     let before = files(copy.path());
     let folder = scratch();
-    // The same images in another file: another input.
+    // The same images in another file are another input.
     let mut bytes = fs::read(sample("street.mp4")).unwrap();
     bytes.extend_from_slice(&[0, 0, 0, 8, b'f', b'r', b'e', b'e']);
     let other = file(folder.path(), "street.mp4", &bytes);
@@ -406,7 +406,7 @@ fn an_image_of_another_size_than_its_camera_is_refused() {
     assert!(!out.join("run.json").exists());
 }
 
-/// A split that hands out views which are scored as held out.
+/// A split that gives views as input which are scored as held out.
 #[test]
 fn an_edited_split_trains_nothing() {
     let folder = scratch();
@@ -436,7 +436,7 @@ fn an_edited_split_trains_nothing() {
     }
 }
 
-/// The limit of the user counts as the machine's own does.
+/// The user's limit counts as the machine's own does.
 #[test]
 fn a_model_beyond_the_memory_that_it_may_take_is_refused_before_training() {
     let run = &small_run().out;

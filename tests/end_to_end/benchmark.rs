@@ -1,4 +1,4 @@
-//! `bench run`: scenes, protocols and methods to tables; twice, the same scores.
+//! Benchmark from scenes, protocols and methods to tables (`bench run`): two runs have the same scores.
 
 use std::{fs, path::Path};
 
@@ -6,7 +6,7 @@ use omnilife_schemas::{records::ResultRecord, store};
 
 use crate::support::{self, SEQUENCE, omnilife, scratch, small_run};
 
-/// A stand-in for an external method: it copies the image of an input view to every novel view.
+/// Stand-in for an external method: it copies the image of an input view to every novel view.
 const COPIER: &str = r#"
 id = "copier"
 [render]
@@ -24,14 +24,14 @@ fn bench_run(methods: &str, out: &Path) -> support::Ended {
     omnilife(arguments)
 }
 
-/// All scores below a folder by the place of their result.
+/// Returns all scores below a folder with the paths of their results.
 fn scores(out: &Path) -> Vec<(String, ResultRecord)> {
     support::files(out)
         .into_iter()
         .filter(|file| file.ends_with("result.json"))
         .map(|file| {
             let mut result: ResultRecord = store::read_record(&out.join(&file)).unwrap();
-            // What depends on the moment.
+            // Values that depend on the moment.
             result.training_seconds = None;
             result.rendering_seconds = None;
             result.peak_memory_bytes = None;

@@ -1,15 +1,15 @@
 //! Random numbers from a seed.
 
-/// A generator (`SplitMix64`).
+/// Generator of random numbers (`SplitMix64`).
 pub(crate) struct Chance(u64);
 
 impl Chance {
-    /// The same seed gives the same numbers.
+    /// Makes a generator; the same seed gives the same numbers.
     pub(crate) fn new(seed: u64) -> Self {
         Self(seed)
     }
 
-    /// Between 0 and 1.
+    /// Returns a number in [0, 1).
     pub(crate) fn share(&mut self) -> f64 {
         self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
         let mut mixed = self.0;
@@ -19,12 +19,12 @@ impl Chance {
         ((mixed ^ (mixed >> 31)) >> 11) as f64 / 2_f64.powi(53)
     }
 
-    /// A number below `end`, which is not 0.
+    /// Returns a number below `end`, which is not 0.
     pub(crate) fn below(&mut self, end: usize) -> usize {
         (self.share() * end as f64) as usize
     }
 
-    /// One of them.
+    /// Returns one of the elements.
     pub(crate) fn pick<T: Copy>(&mut self, of: &[T]) -> T {
         of[self.below(of.len())]
     }

@@ -1,5 +1,5 @@
-//! Methods in containers, with a stand-in for the runtime whose containers are orphans and
-//! whose client hands no signal on.
+//! Methods in containers, with a stand-in for the runtime. Its containers are orphans, and its client passes no
+//! signal on.
 
 use std::{
     fs,
@@ -51,7 +51,7 @@ impl Method {
         self.0.path().join(name)
     }
 
-    /// `bench external` on the sample.
+    /// Returns `bench external` on the sample.
     fn command(&self) -> Command {
         let sequence = small_run().out.join(SEQUENCE);
         let mut command = Command::new(cargo_bin!("omnilife"));
@@ -68,7 +68,7 @@ impl Method {
         command
     }
 
-    /// The file of the only container that was begun, once there is one.
+    /// Returns the file of the only container that was started, once there is one.
     fn container(&self) -> Option<PathBuf> {
         let entries = fs::read_dir(self.0.path()).unwrap();
         let mut paths = entries.map(|entry| entry.unwrap().path());

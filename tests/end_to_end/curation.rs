@@ -1,4 +1,4 @@
-//! `omnilife curate`: from videos to a published dataset, checked, broken, killed and made again.
+//! Curation from videos to a published dataset (`omnilife curate`): checked, broken, killed and made again.
 
 use std::{
     collections::BTreeMap,
@@ -13,7 +13,7 @@ use crate::support::{Ended, copy_of_small_run, files, footage, omnilife, sample,
 
 const SMALL: [&str; 4] = ["--max-frames", "6", "--width", "128"];
 
-/// `omnilife curate` on videos, with slices.
+/// Runs `omnilife curate` on videos, with slices.
 fn curate(videos: &[&Path], out: &Path, further: &[&str]) -> Ended {
     omnilife(words(videos, out, further))
 }
@@ -30,7 +30,7 @@ fn verify(dataset: &Path) -> Ended {
     omnilife(["curate", "verify", dataset.to_str().unwrap(), "--quiet"])
 }
 
-/// Every published file with its content.
+/// Returns every published file with its content.
 fn published(dataset: &Path) -> BTreeMap<String, Vec<u8>> {
     files(dataset)
         .into_iter()
@@ -119,7 +119,7 @@ fn a_curated_dataset_is_sound_until_something_changes() {
     one(stale, "about.json: has changed");
     verify(&out).succeeded();
 
-    // What is said of it stays said.
+    // Its description is kept.
     let text = out.to_str().unwrap();
     omnilife([
         "curate",
@@ -239,7 +239,7 @@ fn a_scene_goes_to_another_tool_and_comes_back() {
     assert!(again.stderr.contains("is not empty"), "{}", again.stderr);
 }
 
-/// Novel views must not be trained on because an export does not say which they are.
+/// Novel views must not become training views because an export does not mark them.
 #[test]
 fn the_split_goes_into_every_export() {
     let run = copy_of_small_run();
@@ -278,7 +278,7 @@ fn the_split_goes_into_every_export() {
     assert!(!export("colmap", false).join("train.txt").exists());
 }
 
-/// COLMAP writes binary models, and numbers them.
+/// COLMAP writes numbered folders of binary models.
 #[test]
 fn poses_are_read_from_the_folder_of_a_colmap_project() {
     let run = copy_of_small_run();
@@ -334,8 +334,8 @@ fn one_segment_of_a_video_is_cut_out() {
     );
 }
 
-/// The whole of the real footage: what shows no sphere is kept out with a reason, of stereo the left eye is
-/// taken, and the rest is a dataset that holds together.
+/// The whole of the real footage: videos that show no sphere are rejected with a reason, the left eye of stereo is
+/// taken, and the rest is a sound dataset.
 #[test]
 fn the_real_footage_becomes_a_sound_dataset() {
     let Some(reef) = footage("reef.mp4") else {
@@ -357,7 +357,7 @@ fn the_real_footage_becomes_a_sound_dataset() {
     verify(&out).succeeded();
 }
 
-/// By mlcroissant, where a Python has it: `OMNILIFE_TEST_PYTHON`, else `python3`.
+/// Reads by mlcroissant, where a Python has it: `OMNILIFE_TEST_PYTHON`, else `python3`.
 #[test]
 fn croissant_metadata_is_read_by_its_own_library() {
     let python = std::env::var("OMNILIFE_TEST_PYTHON").unwrap_or_else(|_| "python3".to_owned());

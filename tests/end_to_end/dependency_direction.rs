@@ -1,9 +1,11 @@
-//! The direction of dependencies: `base` <- `schemas`; {`schemas`, `stereo`, `charts`} <- {`networks`, `engine`,
-//! `video`} <- `tracks` <- {`curate`, `reconstruct`, `bench`, `leaderboard`, `sweep`} <- {the binary, `python`},
-//! without sideways edges; `base` is for `schemas`, which exports its modules, `networks` for those that run networks,
-//! `engine` for the crates below `reconstruct/`, `video` for `tracks` and `curate`, `tracks` for the binary and the
-//! tests of `curate`, `stereo` for those that match images, `charts` for those that draw, `results` for `leaderboard`,
-//! so that Polars is nowhere else.
+//! Direction of dependencies: `base` <- `schemas`; {`schemas`, `stereo`, `charts`} <- {`networks`, `engine`, `video`}
+//! <- `tracks` <- {`curate`, `reconstruct`, `bench`, `leaderboard`, `sweep`} <- {the binary, `python`}. There are no
+//! sideways edges.
+//!
+//! `base` is for `schemas`, which exports its modules, `networks` for the crates that run networks, `engine` for the
+//! crates below `reconstruct/`, `video` for `tracks` and `curate`. `tracks` is for the binary and the tests of
+//! `curate`, `stereo` for the crates that match images, `charts` for those that draw, `results` for `leaderboard`, so
+//! that Polars is nowhere else.
 //!
 //! Below `reconstruct/`: `engine` <- `training` <- {`methods`, `atlas`} <- `reconstruct` <- `stability`, so that an
 //! edit of a method compiles neither the training nor the other crate of methods again.
@@ -39,7 +41,7 @@ const CRATES: [&str; 5] = [
     "omnilife-sweep",
 ];
 
-/// Direct dependencies of every workspace member, those of tests and build scripts included.
+/// Returns the direct dependencies of every workspace member, including those of tests and build scripts.
 fn dependencies() -> BTreeMap<String, BTreeSet<String>> {
     let output = Command::new(env!("CARGO"))
         .args(["metadata", "--no-deps", "--offline", "--format-version=1"])
@@ -146,7 +148,7 @@ fn the_binary_depends_on_all() {
     assert_eq!(ours(&dependencies()[BINARY]), expected);
 }
 
-/// Into Python's process comes no FFmpeg, OpenCV or GPU.
+/// Python's process must not load FFmpeg, OpenCV or a GPU's libraries.
 #[test]
 fn the_module_for_python_reads_and_scores_alone() {
     let expected = BTreeSet::from([SCHEMAS, "omnilife-bench", "omnilife-leaderboard"]);
@@ -180,7 +182,7 @@ fn scores_and_tables_need_no_graphics() {
     );
 }
 
-/// Packages that the project is built on by decision, each with the crate that uses it.
+/// Chosen foundations of the project, each with the crate that uses it.
 #[test]
 fn packages_that_the_project_is_built_on_are_used() {
     let dependencies = dependencies();

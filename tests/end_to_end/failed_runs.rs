@@ -1,5 +1,5 @@
-//! Runs that failed, hung or wrote something else than views: a benchmark with them ends with the exit
-//! code of bad input, and outcomes, ranks, tables and site agree on it.
+//! Runs that failed, hung or wrote other files than views. A benchmark with them ends with the exit code of bad
+//! input, and outcomes, ranks, tables and site agree on it.
 
 use std::{
     fs,
@@ -14,7 +14,7 @@ use tempfile::TempDir;
 
 use crate::support::{METHOD, SEQUENCE, copy_of_small_run, files, omnilife, scratch, small_run};
 
-/// Copies true frames to where novel views are looked for, as a trainer does that tests itself early.
+/// Copies true frames to the folder of novel views, as a trainer does that tests itself early.
 const LEAVES_VIEWS: &str =
     "for i in 4 9; do cp \"${1%/*}/frames/00000$i.png\" \"$2/00000$i.png\"; done";
 
@@ -41,7 +41,7 @@ struct Benchmark {
 }
 
 impl Benchmark {
-    /// One good method of ours and three of others that end badly with views in their folders.
+    /// Makes one good method of ours and three external ones that end badly with views in their folders.
     fn new() -> Self {
         let folder = scratch();
         let at = |id: &str, head: &str, train: &str, render: &str| {
@@ -115,7 +115,7 @@ fn what_ended_badly_is_never_ranked_and_everything_says_so() {
             assert!(result.run_failure.unwrap().contains(reason));
         }
     }
-    // Every format that somebody might read: a method without scores has no number and no mark of a best.
+    // In every format, a method without scores has neither a number nor the mark of a best one.
     let tables = files(&bench.at("leaderboard"));
     let of_format = |ending: &str| tables.iter().any(|file| file.ends_with(ending));
     assert!([".md", ".tex", ".csv", ".html"].into_iter().all(of_format));
@@ -198,7 +198,7 @@ fn a_run_that_failed_leaves_its_views_where_they_were() {
     assert_eq!(told, 1, "{}", validated.stdout);
 }
 
-/// Views of an edited model are of another world than the video, whoever rendered them and wherever to.
+/// Views of an edited model show another world than the video, whatever rendered them, and in whatever folder.
 #[test]
 fn views_of_an_edited_model_are_not_scored() {
     let copy = copy_of_small_run();

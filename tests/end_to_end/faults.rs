@@ -1,9 +1,9 @@
-//! Every command that writes, on a machine that fails it: a full disk, a disk that cannot be written, a
-//! folder of somebody else, too little memory, too few open files. It ends in one line and leaves
-//! nothing half; without the fault it then does what an undisturbed run does.
+//! Writing commands on a faulty machine: a full disk, a read-only disk, a folder of another user, too little memory,
+//! too few open files. Each ends in one line and leaves no partial files; without the fault it then does what an
+//! undisturbed run does.
 //!
-//! An ordinary test run meets each command with one of the faults; `scripts/reliability faults` with
-//! all of them, and prints a table.
+//! An ordinary test run meets each command with one of the faults; `scripts/reliability faults` with all of them, and
+//! prints a table.
 
 use std::{
     fs,
@@ -19,16 +19,16 @@ use crate::{
     writing_commands::Inputs,
 };
 
-/// Room of the disk, KiB: for every command with what it begins from.
+/// Size of the disk, KiB: for every command with its initial files.
 const DISK_KIBIBYTES: u32 = 128 << 10;
-/// What the full disk has left, KiB.
+/// Space left on the full disk, KiB.
 const LEFT_KIBIBYTES: [u64; 3] = [0, 8, 200];
 /// Address space of the process, KiB. The libraries alone take the first.
 const MEMORY_KIBIBYTES: [u32; 3] = [300 << 10, 320 << 10, 360 << 10];
 /// Open files; the system's loader takes three, and standard input and output are three more.
 const OPEN_FILES: [u32; 3] = [6, 10, 16];
 
-/// What goes wrong with the machine.
+/// Faults of the machine.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Fault {
     FullDisk,
@@ -47,7 +47,7 @@ const FAULTS: [(Fault, &str); 5] = [
 ];
 
 impl Fault {
-    /// How the command ends, run with this fault in several degrees.
+    /// Runs the command with this fault in several degrees and returns how it ended.
     fn meet(self, trial: &Trial<'_>) -> Vec<Ended> {
         let limited = |limits: [u32; 3], option: &str| {
             let run = |limit: u32| {
@@ -102,7 +102,7 @@ fn on_a_full_disk(trial: &Trial<'_>, left_kibibytes: u64) -> Ended {
     ended
 }
 
-/// Folders can be read, and nothing in them written.
+/// Runs the command as a user who can read the folders but not write into them.
 fn as_somebody_else(trial: &Trial<'_>) -> Ended {
     let is_root =
         fs::metadata("/proc/self").is_ok_and(|own| std::os::unix::fs::MetadataExt::uid(&own) == 0);
@@ -162,7 +162,7 @@ fn every_command_on_a_machine_that_fails_it() {
             }
             let ends = fault.meet(&trial);
             let mut faults: Vec<String> = ends.iter().filter_map(ending_fault).collect();
-            // Without memory FFmpeg says that the video is damaged, and nothing else is known of it.
+            // Without memory FFmpeg reports a damaged video, and no more is known about it.
             if fault != Fault::LittleMemory && ends.iter().any(|ended| ended.code == Some(2)) {
                 faults.push("the input is blamed for the machine's fault".to_owned());
             }
@@ -170,7 +170,7 @@ fn every_command_on_a_machine_that_fails_it() {
                 .left()
                 .into_keys()
                 .filter(|file| file.contains(".tmp-"));
-            // A disk that cannot be written and a process that has no memory leave what there was.
+            // A read-only disk and a process without memory leave the old files.
             if matches!(fault, Fault::FullDisk | Fault::FewOpenFiles) {
                 faults.extend(half.map(|file| format!("{file}: left over")));
             }

@@ -1,4 +1,4 @@
-//! Whatever a user keeps in a folder that a command writes into is there afterwards.
+//! Foreign files in folders of commands: all of them are kept.
 
 use std::{fs, os::unix::fs::symlink};
 
@@ -7,9 +7,9 @@ use crate::{
     writing_commands::{Inputs, WritingCommand, copy},
 };
 
-/// What is put into every folder.
+/// Files that are put into every folder.
 const FOREIGN: &[&str] = &["thesis.tex", "archive/notes.txt"];
-/// What is put there too the second time: under the folders that commands make.
+/// Files that are put there too the second time: under the folders that commands make.
 const IN_THE_WAY: &[&str] = &[
     "classes/human/mine.png",
     "comparisons/mine.png",
@@ -30,7 +30,7 @@ const IN_THE_WAY: &[&str] = &[
     "work/mine.txt",
 ];
 
-/// Runs a command among foreign files; returns what is wrong.
+/// Runs a command among foreign files; returns the fault, if any.
 fn walk(command: &WritingCommand, inputs: &Inputs, in_the_way: &[&str]) -> Option<String> {
     let folder = scratch();
     let (out, outside) = (folder.path().join("out"), folder.path().join("outside.txt"));
@@ -84,7 +84,7 @@ fn every_command_leaves_foreign_files_alone() {
     assert!(wrong.is_empty(), "{}", wrong.join("\n"));
 }
 
-/// A finished folder is the program's only where nobody has changed it.
+/// A finished folder belongs to the program only while it is unchanged.
 #[test]
 fn a_changed_card_of_a_dataset_is_not_overwritten() {
     let folder = copy_of_small_run();

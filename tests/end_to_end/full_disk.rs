@@ -1,5 +1,4 @@
-//! A disk that fills up: exit code 1, one line, and whole files only. With room again, the job goes
-//! on from where it was.
+//! Full disk: exit code 1, one line, and whole files only. With free space again, the job resumes.
 
 use crate::support::{SmallDisk, assert_all_whole, run, sample};
 

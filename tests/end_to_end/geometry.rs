@@ -1,4 +1,4 @@
-//! Rendered views are upright, not mirrored, not shifted, and whole at the seam and the poles.
+//! Geometry of rendered views: upright, not mirrored, not shifted, and whole at the seam and the poles.
 
 use std::{ops::Range, sync::LazyLock};
 
@@ -11,11 +11,11 @@ const WIDTH: u32 = 256;
 const HEIGHT: u32 = 128;
 const ITERATIONS: &str = "150";
 
-/// A predicted novel view and its ground truth.
+/// Predicted novel view with its ground truth.
 struct View {
     predicted: RgbImage,
     truth: RgbImage,
-    /// White where something moves.
+    /// Dynamic mask, white where something moves.
     moving: RgbImage,
 }
 
@@ -43,13 +43,13 @@ static VIEWS: LazyLock<Vec<View>> = LazyLock::new(|| {
         .collect()
 });
 
-/// PSNR in dB of a prediction whose pixel (x, y) is taken from `from(x, y)`.
+/// Returns the PSNR in dB of a prediction whose pixel (x, y) is taken from `from(x, y)`.
 fn psnr(view: &View, from: impl Fn(u32, u32) -> (u32, u32)) -> f64 {
     let pixels = (0..HEIGHT).flat_map(|y| (0..WIDTH).map(move |x| (x, y)));
     psnr_of(view, pixels, from)
 }
 
-/// PSNR in dB of some columns, which are counted round the sphere, where nothing moves.
+/// Returns the PSNR in dB of the static region in some columns, which are counted around the sphere.
 fn static_psnr(view: &View, columns: Range<u32>) -> f64 {
     let pixels = columns
         .flat_map(|x| (0..HEIGHT).map(move |y| (x % WIDTH, y)))
@@ -76,7 +76,7 @@ fn psnr_of(
     -10.0 * (sum / values).log10()
 }
 
-/// Mean absolute difference of two columns, in 8-bit steps.
+/// Returns the mean absolute difference of two columns, in 8-bit steps.
 fn column_difference(image: &RgbImage, left: u32, right: u32) -> f64 {
     let sum: u32 = (0..HEIGHT)
         .flat_map(|y| {

@@ -1,4 +1,4 @@
-//! What the binary says about itself.
+//! Help and version of the binary.
 
 use crate::support::omnilife;
 

@@ -1,4 +1,4 @@
-//! A training that is killed goes on where its last checkpoint left off.
+//! Killed training that resumes from its last checkpoint.
 
 use std::{
     fs,
@@ -35,7 +35,7 @@ fn start(out: &Path) -> Child {
         .unwrap()
 }
 
-/// When the checkpoint was written; `None` while there is none.
+/// Returns the time at which the checkpoint was written; `None` without a checkpoint.
 fn written(out: &Path) -> Option<SystemTime> {
     fs::metadata(out.join("checkpoint.bin"))
         .ok()?
@@ -43,7 +43,7 @@ fn written(out: &Path) -> Option<SystemTime> {
         .ok()
 }
 
-/// Waits until a checkpoint stands that is not of `before`, and some time more.
+/// Waits for a checkpoint later than `before`, and some time more.
 fn wait_for_checkpoint(
     out: &Path,
     child: &mut Child,
@@ -67,7 +67,7 @@ fn killed_twice_it_gives_the_gaussians_of_a_run_that_was_not() {
     omnilife(arguments(&whole)).succeeded();
 
     let killed = folder.path().join("killed");
-    // Told to end, it writes a checkpoint of where it is and says so; killed, it falls back to the last.
+    // On SIGTERM it writes a checkpoint of its present state and reports so; killed, it falls back to the last one.
     for (signal, longer, code) in [("-KILL", 13, None), ("-TERM", 31, Some(75))] {
         let before = written(&killed);
         let mut child = start(&killed);
@@ -96,7 +96,7 @@ fn killed_twice_it_gives_the_gaussians_of_a_run_that_was_not() {
     assert!(record.warnings[0].contains("continued from the checkpoint"));
 }
 
-/// Told to end, a run of a method of others takes along what the method has started.
+/// On SIGTERM, a run of an external method ends everything that the method has started.
 #[test]
 #[cfg(unix)]
 fn programs_of_others_end_with_the_process() {

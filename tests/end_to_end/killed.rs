@@ -1,5 +1,5 @@
-//! Every command that writes, started twice at once and killed at random moments: run again, it leaves
-//! what an undisturbed run leaves.
+//! Writing commands that are started twice at once and killed at random moments: run again, each leaves the files of
+//! an undisturbed run.
 //!
 //! An ordinary test run kills some of the commands, always at the same moments; `scripts/reliability
 //! killed` kills all of them, 200 times in all, and prints a table.
@@ -18,10 +18,10 @@ use crate::{
     writing_commands::Inputs,
 };
 
-/// Kills where no number is given; so many commands are walked then.
+/// Default number of kills, which is also the number of commands that are tested then.
 const KILLS: usize = 8;
 
-/// What one command went through.
+/// Counts of one command's attempts.
 #[derive(Default)]
 struct Outcome {
     seconds: f64,
@@ -47,7 +47,7 @@ fn walk(trial: &Trial<'_>, rounds: usize, chance: &mut Chance) -> Outcome {
         undisturbed.push(trial.left());
     }
     let expected = Expected::of(undisturbed);
-    // The first two are left to their ends.
+    // The first two run to their ends.
     for round in 0..=rounds {
         trial.reset();
         let mut both = vec![trial.start()];

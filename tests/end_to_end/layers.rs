@@ -1,5 +1,5 @@
-//! Arrows within the large crates run down: a top-level module imports modules of lower layers alone.
-//! Unit tests may look anywhere.
+//! Layers of the large crates: a top-level module imports modules of lower layers alone. Unit tests may import any
+//! module.
 
 use std::{
     collections::BTreeSet,
@@ -139,7 +139,7 @@ const LEADERBOARD: &[&[&str]] = &[
     &["figure", "leaderboard"],
 ];
 
-/// Rust files below a folder.
+/// Returns the Rust files below a folder.
 fn sources(folder: &Path) -> Vec<PathBuf> {
     let mut found = Vec::new();
     for entry in fs::read_dir(folder).unwrap() {
@@ -153,7 +153,7 @@ fn sources(folder: &Path) -> Vec<PathBuf> {
     found
 }
 
-/// The module that a file is in; `None` for the root of the crate and for files outside of `root`.
+/// Returns the module of a file; `None` for the root of the crate and for files outside of `root`.
 fn room_of(root: &Path, file: &Path) -> Option<String> {
     let first = file.strip_prefix(root).ok()?.components().next()?;
     let Component::Normal(name) = first else {
@@ -163,7 +163,7 @@ fn room_of(root: &Path, file: &Path) -> Option<String> {
     (name != "lib").then_some(name)
 }
 
-/// The text without comments and without unit tests, which stand at the end.
+/// Returns the text without comments and without unit tests, which stand at the end.
 fn code(text: &str) -> String {
     let is_comment = |line: &&str| line.trim_start().starts_with("//");
     let lines: Vec<&str> = text.lines().collect();
@@ -179,13 +179,13 @@ fn code(text: &str) -> String {
     kept.join("\n")
 }
 
-/// The identifier that a text begins with.
+/// Returns the identifier at the start of a text.
 fn identifier(text: &str) -> &str {
     let end = text.find(|letter: char| !(letter.is_alphanumeric() || letter == '_'));
     &text[..end.unwrap_or(text.len())]
 }
 
-/// First names of the members of a `{...}` that `text` begins right behind the opening brace of.
+/// Returns the first names of the members of a `{...}`; `text` starts right behind the opening brace.
 fn members(text: &str) -> Vec<String> {
     let (mut depth, mut begins, mut found) = (0_usize, true, Vec::new());
     for (at, letter) in text.char_indices() {
@@ -204,7 +204,7 @@ fn members(text: &str) -> Vec<String> {
     found
 }
 
-/// Modules that a file's code names.
+/// Returns the modules that a file's code names.
 fn imports(text: &str) -> BTreeSet<String> {
     let mut found = BTreeSet::new();
     for (at, prefix) in text.match_indices("crate::") {
@@ -219,7 +219,7 @@ fn imports(text: &str) -> BTreeSet<String> {
     found
 }
 
-/// Modules of the texts that a file includes.
+/// Returns the modules of the texts that a file includes.
 fn included(root: &Path, file: &Path, text: &str) -> BTreeSet<String> {
     let calls = text.split("include_str!(\"").skip(1);
     calls
@@ -238,7 +238,7 @@ fn included(root: &Path, file: &Path, text: &str) -> BTreeSet<String> {
         .collect()
 }
 
-/// Every arrow of a crate that does not run down, as a line.
+/// Returns a line for every import of a crate that does not lead to a lower layer.
 fn wrong_arrows(root: &Path, layers: &[&[&str]]) -> Vec<String> {
     let layer = |module: &str| layers.iter().position(|modules| modules.contains(&module));
     let mut wrong = Vec::new();

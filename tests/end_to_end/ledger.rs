@@ -11,7 +11,7 @@ use serde_json::{Value, json};
 
 use crate::support::{Ended, omnilife, sample, scratch};
 
-/// The sample, 2 s in one shot, curated into a dataset. Shots may be short.
+/// Curates the sample, 2 s in one shot, into a dataset. Shots may be short.
 fn curate(out: &Path) -> Ended {
     let video = sample("street.mp4");
     omnilife([
@@ -97,7 +97,7 @@ fn a_boundary_goes_from_an_annotator_over_an_expert_into_the_cut() {
             .contains("data:image/jpeg;base64,")
     );
 
-    // What the page saves: it lies two frames later.
+    // Statement of the page: the boundary is two frames later.
     let analysis: VideoAnalysis = store::read_record(&video.join("analysis.json")).unwrap();
     let moved = json!({
         "begin_seconds": 25.0 / 30.0, "end_seconds": 26.0 / 30.0, "kind": "cut", "score": 1.0
@@ -115,7 +115,7 @@ fn a_boundary_goes_from_an_annotator_over_an_expert_into_the_cut() {
     let file = folder.path().join("decisions.json");
     store::write_record(&file, &decisions).unwrap();
     ledger(&["merge", video_folder, file.to_str().unwrap()]).succeeded();
-    // Said twice, it stands there once.
+    // A repeated statement is entered once.
     let again = ledger(&["merge", video_folder, file.to_str().unwrap()]).succeeded();
     assert!(
         again.stdout.contains("3 lines, 1 boundaries hold"),

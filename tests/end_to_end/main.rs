@@ -1,4 +1,4 @@
-//! The binary from outside: what it prints, what it leaves on disk, and how it fails.
+//! Tests of the binary from outside: its output, its files on disk, and its failures.
 #![expect(clippy::unwrap_used, reason = "a failed set-up step fails the test")]
 
 #[cfg(unix)]

@@ -1,4 +1,4 @@
-//! `omnilife run` on the sample: what it prints and leaves, and what it does not do twice.
+//! Main job on the sample (`omnilife run`): its output and files, and the work that it does not repeat.
 
 use std::{fs, path::Path, time::Instant};
 
@@ -13,7 +13,7 @@ use crate::support::{
     copy_of_small_run, files, read_image, result, run, sample, small_run,
 };
 
-/// Cells of the only row of the only table.
+/// Returns the cells of the only row of the only table.
 fn row(markdown: &str) -> Vec<(String, String)> {
     let cells = |line: &str| -> Vec<String> {
         let inner = line.trim().trim_matches('|');
@@ -137,7 +137,7 @@ fn the_documented_files_are_there_and_no_others() {
         }
     }
     expected.sort();
-    // The site's pages are the leaderboard's to name.
+    // The leaderboard chooses the names of the site's pages.
     let (site, found): (Vec<String>, Vec<String>) = files(out)
         .into_iter()
         .partition(|file| file.starts_with("leaderboard/"));
@@ -208,7 +208,7 @@ fn comparisons_show_prediction_and_truth_side_by_side() {
     }
 }
 
-/// Lines of stderr that say that a stage was left out.
+/// Returns the lines of stderr that report a skipped stage.
 fn skipped(stderr: &str) -> Vec<&str> {
     let stages = [
         "analysis unchanged",

@@ -1,4 +1,4 @@
-//! Several videos at once: a bad one stops no other.
+//! Several videos at once: a bad one does not stop the others.
 
 use std::{
     ffi::OsStr,
@@ -17,14 +17,14 @@ use omnilife_schemas::{
 
 use crate::support::{Ended, SMALL, SMALL_SIZE, assert_all_whole, sample, scratch};
 
-/// The sample with some empty boxes at its end: the same images in files that are no duplicates.
+/// Writes the sample with some empty boxes at its end: the same images in files that are not duplicates.
 fn write_sample(file: &Path, boxes: usize) {
     let mut video = fs::read(sample("street.mp4")).unwrap();
     video.extend(b"\0\0\0\x08free".repeat(boxes));
     fs::write(file, video).unwrap();
 }
 
-/// Three videos, of which the second is empty.
+/// Writes three videos, of which the second is empty.
 fn three_videos(folder: &Path) {
     fs::create_dir(folder).unwrap();
     write_sample(&folder.join("a.mp4"), 0);
@@ -32,7 +32,7 @@ fn three_videos(folder: &Path) {
     fs::write(folder.join("b.mp4"), []).unwrap();
 }
 
-/// World to camera as COLMAP writes it: quaternion and translation.
+/// Returns world to camera as COLMAP writes it: quaternion and translation.
 fn colmap_pose(pose: &Pose) -> String {
     let inverse = pose.rotation().unwrap().inverse();
     let t = -(inverse * pose.centre());
@@ -40,8 +40,8 @@ fn colmap_pose(pose: &Pose) -> String {
     format!("{} {} {} {} {} {} {}", q.w, q.x, q.y, q.z, t.x, t.y, t.z)
 }
 
-/// Stands in for the interpreter with pycolmap: answers every call with the sample's true poses, as
-/// a text model. Returns the script's path.
+/// Writes a stand-in for the interpreter with pycolmap, which answers every call with the sample's true poses as a
+/// text model. Returns the script's path.
 fn known_poses_as_structure_from_motion(folder: &Path) -> PathBuf {
     let model = folder.join("model");
     fs::create_dir(&model).unwrap();
@@ -120,8 +120,8 @@ fn the_others_are_scored_and_the_bad_one_can_be_repaired() {
     let ended = run_all(&videos, &out, &python).succeeded();
     assert_eq!(ended.stdout.matches("scored  ").count(), 3);
 
-    // A sequence that fails now does not stay in the table with its scores of before: its scene is
-    // gone, and structure from motion breaks.
+    // A sequence that fails this time does not stay in the table with its earlier scores: its scene is gone, and
+    // structure from motion fails.
     fs::remove_file(out.join("videos/a/seq-000/scene.json")).unwrap();
     let script = fs::read_to_string(&python).unwrap();
     let (head, _) = script.split_once("cp -r").unwrap();
@@ -169,8 +169,8 @@ fn ffmpeg(folder: &Path, arguments: &[&str]) {
     assert!(made.success(), "ffmpeg {arguments:?}");
 }
 
-/// A video that asks for more memory than it may use has failed; the ones before and after it give
-/// what they give by themselves.
+/// A video that needs more memory than its limit has failed; the videos before and after it give the same results as
+/// alone.
 #[test]
 #[cfg(target_os = "linux")]
 fn a_video_that_takes_too_much_memory_stops_no_other() {

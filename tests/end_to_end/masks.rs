@@ -1,4 +1,4 @@
-//! Masks of what moves on their way into a scene.
+//! Dynamic masks on their way into a scene.
 
 use std::fs;
 
@@ -9,7 +9,7 @@ use omnilife_schemas::{
 
 use crate::support::{SEQUENCE, copy_of_small_run, omnilife, sample};
 
-/// Masks that are made after the poses are in the scene, nothing is posed anew, and scores use them.
+/// Masks that are made after the poses enter the scene, nothing is posed again, and scores use them.
 #[test]
 fn masks_that_are_made_after_the_poses_enter_the_scene() {
     let copy = copy_of_small_run();
@@ -42,7 +42,7 @@ fn masks_that_are_made_after_the_poses_enter_the_scene() {
     for (before, after) in before.frames.iter().zip(&after.frames) {
         assert_eq!((&before.image, &before.pose), (&after.image, &after.pose));
     }
-    // Posed as before, it stays as it is; so it does where the masks are made again.
+    // Posed again, the scene is unchanged; so it is where the masks are made again.
     let again = omnilife(pose).succeeded();
     assert!(again.stderr.contains("unchanged"), "{}", again.stderr);
     let again = omnilife(masks).succeeded();
@@ -75,7 +75,7 @@ fn masks_that_are_made_after_the_poses_enter_the_scene() {
     let result: ResultRecord = store::read_record(&copy.path().join("scores/result.json")).unwrap();
     assert!(result.novel_views.contains_key("psnr-dynamic"));
 
-    // Other masks do not replace them without a word.
+    // Other masks do not replace them silently.
     let other = copy.path().join("other");
     fs::create_dir(&other).unwrap();
     for frame in 0..10 {

@@ -1,9 +1,7 @@
-//! Videos whose fields are drawn at random - container, codec, pixel format, size, frame rate, time
-//! stamps, colours, rotation, sound, bytes changed in what was made - read by every command that opens
-//! one: no crash, no hang, one line.
+//! Random videos through every command that opens one: no crash, no hang, one line. Container, codec, pixel format,
+//! size, frame rate, time stamps, colours, rotation, sound and damaged bytes are drawn at random.
 //!
-//! An ordinary test run makes a few, always the same ones; `scripts/reliability media NUMBER` makes as
-//! many as are asked for.
+//! An ordinary test run makes a few, always the same ones; `scripts/reliability media NUMBER` makes the given number.
 
 use std::{fs, path::Path, process::Command};
 
@@ -14,11 +12,11 @@ use crate::{
     trial::{omnilife_through, variable},
 };
 
-/// Videos where no number is given.
+/// Default number of videos.
 const VIDEOS: usize = 6;
 
 const CONTAINERS: &[&str] = &["mp4", "mov", "mkv", "avi", "ts", "webm", "nut"];
-/// Codec and a pixel format that it takes.
+/// Codecs, each with a pixel format that it supports.
 const CODECS: &[[&str; 2]] = &[
     ["mpeg4", "yuv420p"],
     ["mjpeg", "yuvj422p"],
@@ -40,7 +38,7 @@ const SIZES: &[&str] = &[
     "64x32", "2x2", "1x1", "66x34", "4096x2", "2x1024", "16x8", "640x320",
 ];
 const RATES: &[&str] = &["10", "1", "0.01", "1000", "30000/1001", "90000"];
-/// What is done to time stamps.
+/// Changes to time stamps.
 const TIMES: &[&str] = &[
     "PTS",
     "PTS-STARTPTS-5/TB",
@@ -63,7 +61,7 @@ const OPTIONS: &[&str] = &[
     "-field_order tb",
 ];
 
-/// Makes a video; `None` where FFmpeg does not go along with the draw.
+/// Makes a video; `None` where FFmpeg does not support the draw.
 fn make(folder: &Path, number: usize, chance: &mut Chance) -> Option<(String, String)> {
     let container = chance.pick(CONTAINERS);
     let [codec, format] = chance.pick(CODECS);
@@ -108,7 +106,7 @@ fn make(folder: &Path, number: usize, chance: &mut Chance) -> Option<(String, St
     Some((file.to_str()?.to_owned(), about))
 }
 
-/// Changes bytes, most of them where fields stand: at the beginning and the end.
+/// Changes bytes, most of them at the beginning and the end, where the fields are.
 fn damage(file: &Path, chance: &mut Chance) {
     let mut bytes = fs::read(file).unwrap();
     for _ in 0..1 + chance.below(12) {
@@ -189,7 +187,7 @@ fn videos_of_any_fields_are_read_or_refused() {
             }
         }
         for left in [&video, &slice] {
-            // There is no slice of what cannot be read.
+            // An unreadable video has no slice.
             drop(fs::remove_file(left));
         }
         omnilife_schemas::store::remove(Path::new(&out)).unwrap();

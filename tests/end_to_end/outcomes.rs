@@ -1,4 +1,4 @@
-//! What a command leaves in its folder, as far as two undisturbed runs agree on it.
+//! Content of a command's folder, as far as two undisturbed runs agree on it.
 
 use std::{
     collections::{BTreeMap, BTreeSet},
@@ -10,10 +10,10 @@ use serde_json::Value;
 
 use crate::support::{Ended, files};
 
-/// The files that one run left, with their contents.
+/// Files that one run left, with their contents.
 pub(crate) type Files = BTreeMap<String, Vec<u8>>;
 
-/// Reads all files of a folder; what is not there holds none.
+/// Reads all files of a folder; a missing folder has none.
 pub(crate) fn left_in(folder: &Path) -> Files {
     if !folder.is_dir() {
         return Files::new();
@@ -27,16 +27,16 @@ pub(crate) fn left_in(folder: &Path) -> Files {
         .collect()
 }
 
-/// What every further run has to leave: everything that several undisturbed runs agree on. They differ
-/// in times, in memory, and in hashes of files that hold those.
+/// Content that every further run has to leave: everything on which several undisturbed runs agree. They differ in
+/// times, in memory, and in hashes of files that hold those.
 pub(crate) struct Expected {
     first: Files,
-    /// What is left of the others, by file.
+    /// Files of the other runs.
     others: Vec<Files>,
 }
 
 impl Expected {
-    /// `runs` are two at least.
+    /// Keeps at least two `runs`.
     pub(crate) fn of(mut runs: Vec<Files>) -> Self {
         let first = runs.remove(0);
         Self {
@@ -45,7 +45,7 @@ impl Expected {
         }
     }
 
-    /// What is wrong with what another run left.
+    /// Returns the faults in the files of another run.
     pub(crate) fn faults(&self, found: &Files) -> Vec<String> {
         let mut faults = Vec::new();
         for name in found.keys().filter(|name| name.contains(".tmp-")) {
@@ -75,7 +75,7 @@ impl Expected {
     }
 }
 
-/// How a file differs from those of undisturbed runs where they agree.
+/// Returns how a file differs from those of undisturbed runs where they agree.
 fn difference(name: &str, expected: &[u8], others: &[&[u8]], found: &[u8]) -> Option<String> {
     if others.iter().all(|other| *other == expected) {
         let differs = if shows_times(name) {
@@ -108,22 +108,22 @@ fn difference(name: &str, expected: &[u8], others: &[&[u8]], found: &[u8]) -> Op
             .find(differs)
             .map(|path| format!("{path} differs"));
     }
-    // Tables and drawings of times.
+    // Tables and plots of times.
     None
 }
 
-/// Whether a table or a page shows times of results: two runs may agree on it by chance.
+/// Returns whether a table or a page shows times of results: two runs may agree on it by chance.
 fn shows_times(name: &str) -> bool {
     let ending = name.rsplit('.').next().unwrap_or_default();
     matches!(ending, "md" | "tex" | "csv" | "svg" | "html" | "log") && !name.ends_with("frames.csv")
 }
 
-/// Whether a file tells of an attempt that failed: it stays beside those that did not.
+/// Returns whether a file records a failed attempt, which stays beside the successful ones.
 fn is_of_attempt(name: &str) -> bool {
     name.contains("/attempt-") || name.contains("/failed/")
 }
 
-/// A text by which tables of other times are the same.
+/// Returns a text without its numbers, so that tables of different times are equal.
 fn without_numbers(bytes: &[u8]) -> String {
     let text = String::from_utf8_lossy(bytes);
     text.chars()
@@ -131,7 +131,7 @@ fn without_numbers(bytes: &[u8]) -> String {
         .collect()
 }
 
-/// Whether an entry is measured, so that two runs may agree on it by chance.
+/// Returns whether an entry is measured, so that two runs may agree on it by chance.
 fn is_measured(path: &str) -> bool {
     let name = path.rsplit('/').next().unwrap_or_default();
     name == "scored_at"
@@ -141,7 +141,7 @@ fn is_measured(path: &str) -> bool {
         || matches!(name, "sha256" | "bytes" | "attempt" | "log")
 }
 
-/// All values of a JSON document by their paths.
+/// Returns all values of a JSON document by their paths.
 fn leaves(value: &Value) -> BTreeMap<String, String> {
     let mut found = BTreeMap::new();
     let mut open = vec![(String::new(), value)];
@@ -170,11 +170,11 @@ fn leaves(value: &Value) -> BTreeMap<String, String> {
     found
 }
 
-/// What is wrong with how a command ended.
+/// Returns the fault in how a command ended.
 pub(crate) fn ending_fault(ended: &Ended) -> Option<String> {
     let Ended { code, stderr, .. } = ended;
     let is_loader = *code == Some(127) && stderr.contains("error while loading shared libraries");
-    // The encoder of slices tells of its own memory itself.
+    // The encoder of slices reports its own memory itself.
     let ours: Vec<&str> = (stderr.lines())
         .filter(|line| !line.starts_with("x264 [error]: malloc"))
         .collect();

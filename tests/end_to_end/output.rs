@@ -1,4 +1,4 @@
-//! What goes to which stream.
+//! Streams of output.
 
 use std::process::{Command, Stdio};
 
@@ -30,7 +30,7 @@ fn quiet_leaves_stderr_empty_and_stdout_as_it_is() {
     let ended = run(&sample("street.mp4"), copy.path(), &quiet).succeeded();
     assert_eq!(ended.stderr, "");
     let without_paths = |text: &str| -> Vec<String> {
-        // After the tables come places.
+        // Paths follow the tables.
         text.lines()
             .take_while(|line| !line.starts_with("Table:"))
             .map(str::to_owned)
@@ -97,7 +97,7 @@ fn a_gallery_shows_the_sequences_of_a_dataset_once() {
     assert_eq!(image.width(), 96);
     let text = std::fs::read_to_string(figure.with_extension("svg")).unwrap();
     assert!(text.contains("street/seq-000</text>"), "{text:.400}");
-    // The same again is no loss; another image of that name is.
+    // The same plot again is no loss; another image of that name is.
     draw().succeeded();
     std::fs::write(figure.with_extension("png"), "another").unwrap();
     assert!(draw().failed_quietly(2).contains("is there already"));

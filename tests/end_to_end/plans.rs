@@ -1,8 +1,8 @@
-//! `omnilife reconstruct plan`: comparisons of times that repeat.
+//! Plans of training (`omnilife reconstruct plan`): repeatable comparisons of times.
 
 use crate::support::{SEQUENCE, omnilife, small_run};
 
-/// Returns the plan of the sample as it is printed.
+/// Returns the printed plan of the sample.
 fn plan(method: &str, further: &[&str]) -> String {
     let scene = small_run().out.join(SEQUENCE);
     let split = scene.join("per-scene/split.json");

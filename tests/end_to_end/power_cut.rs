@@ -1,5 +1,5 @@
-//! What a power cut would leave: before a file gets its final name its content is on the disk, and
-//! afterwards the folder with the name. Watched from outside, through `strace`.
+//! Durability in a power cut: the content of a file is on the disk before it gets its final name, and the folder with
+//! the name afterwards. Observed from outside, through `strace`.
 //!
 //! An ordinary test run watches some of the commands that write; `scripts/reliability power-cut` all.
 
@@ -14,17 +14,17 @@ use crate::{
     writing_commands::Inputs,
 };
 
-/// Every so many commands are watched where not all are.
+/// Step in the list of commands where not all are watched.
 const EVERY: usize = 6;
 
-/// A system call in the order in which they were made.
+/// System call that matters for durability.
 #[derive(Debug, PartialEq)]
 enum Call {
     Rename(PathBuf, PathBuf),
     Sync(PathBuf),
 }
 
-/// The calls in a line of `strace -f -y`; calls that failed are none.
+/// Returns the call in a line of `strace -f -y`; `None` for a failed or another one.
 fn call(line: &str) -> Option<Call> {
     let (_, call) = line.split_once(char::is_whitespace)?;
     let call = call.trim_start();
@@ -40,7 +40,7 @@ fn call(line: &str) -> Option<Call> {
         .then(|| Some(Call::Rename(names.next()?.into(), names.next()?.into())))?
 }
 
-/// Renames whose content was not on the disk before, or whose name was not afterwards.
+/// Returns renames whose content was not on the disk earlier, or whose name was not afterwards.
 fn lost(calls: &[Call], folder: &Path) -> Vec<String> {
     let mut lost = Vec::new();
     for (at, call) in calls.iter().enumerate() {
@@ -67,7 +67,7 @@ fn lost(calls: &[Call], folder: &Path) -> Vec<String> {
     lost
 }
 
-/// Whether a file stood under this name before, whose content was looked at then.
+/// Returns whether a file was renamed to this name, or a folder to one above it; its content was checked then.
 fn was_renamed(calls: &[Call], name: &Path) -> bool {
     calls
         .iter()

@@ -1,4 +1,4 @@
-//! Missing prerequisites, told before the first frame: exit code 2, one line, nothing written.
+//! Missing prerequisites, reported before the first frame: exit code 2, one line, nothing written.
 
 use std::{
     ffi::OsStr,
@@ -12,7 +12,7 @@ use crate::support::{
     Ended, SEQUENCE, SMALL, copy_of_small_run, files, omnilife, sample, scratch, small_run,
 };
 
-/// A place for an output that is not there yet.
+/// Path of an output that does not exist yet.
 struct Out {
     folder: tempfile::TempDir,
 }
@@ -26,10 +26,10 @@ impl Out {
         self.folder.path().join("out")
     }
 
-    /// Checks that a command that was not quiet said one line, and that it left nothing.
+    /// Checks that a command, run without `--quiet`, printed one line and left nothing.
     #[track_caller]
     fn assert_untouched(&self, ended: &Ended, reason: &str) {
-        // Work that had begun would have said so in a line of its own.
+        // Work that had started would have reported so in a line of its own.
         let message = ended.failed_quietly(2);
         assert!(message.contains(reason), "{message}");
         assert_eq!(ended.stdout, "");
@@ -37,7 +37,7 @@ impl Out {
     }
 }
 
-/// `omnilife run` on the sample, which reports its progress.
+/// Runs `omnilife run` on the sample, with reports of its progress.
 fn run(out: &Path, further: &[&str]) -> Ended {
     let video = sample("street.mp4");
     let arguments = ["run".as_ref(), video.as_os_str(), "--out".as_ref()];
@@ -59,7 +59,7 @@ fn structure_from_motion() {
     out.assert_untouched(&ended, "scripts/setup --sfm");
 }
 
-/// Sequences of an earlier run may stand; others are told by the stage that needs them.
+/// Sequences of an earlier run may exist; the stage that needs the others reports them.
 #[test]
 fn sequences_of_an_earlier_run_are_left_to_their_stages() {
     let copy = copy_of_small_run();
@@ -173,7 +173,7 @@ fn a_folder_of_its_own() {
     let ended = run(folder.path(), &["--poses", poses.to_str().unwrap()]);
     let message = ended.failed_quietly(2);
     assert!(message.contains("is not empty"), "{message}");
-    // In a dataset too, what is somebody else's stays.
+    // In a dataset too, foreign files stay.
     let copy = copy_of_small_run();
     fs::remove_file(copy.path().join(".done/summary.json")).unwrap();
     let ended = run(copy.path(), &["--poses", poses.to_str().unwrap()]);

@@ -1,6 +1,6 @@
 """Reads every record set of a dataset with mlcroissant: read_croissant.py CROISSANT
 
-Prints the number of records of each but that of annotations, and compares frames and poses with the scene.
+Prints the number of records of each except the annotations, and compares frames and poses with the scene.
 """
 
 import json

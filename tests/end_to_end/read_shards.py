@@ -1,4 +1,4 @@
-"""Reads the shards of a dataset and holds them against its files: read_shards.py DATASET [webdataset]
+"""Reads the shards of a dataset and compares them with its files: read_shards.py DATASET [webdataset]
 
 Prints the number of shards, of samples, and the endings of their files.
 """

@@ -1,4 +1,4 @@
-"""Another program's reading of a `.splat` of ours, or its conversion of the PLY that it was made of.
+"""Compares a `.splat` of ours with another program's reading of it, or with its conversion of the source PLY.
 
 usage: read_splats.py ply2splat OURS.splat SCENE.ply
        read_splats.py splat-transform OURS.splat PROGRAM
@@ -35,7 +35,7 @@ def near(a, b, tolerance):
 
 
 def turned(row):
-    """The rotation of a row, with w not negative: a quaternion and its opposite are one rotation."""
+    """Returns the rotation of a row, with w not negative: a quaternion and its opposite are one rotation."""
     values = [(byte - 128) / 128 for byte in row[10:14]]
     length = math.sqrt(sum(value * value for value in values)) or 1.0
     sign = -1 if values[0] < 0 else 1
@@ -50,7 +50,7 @@ def by_ply2splat(ours, ply):
     with tempfile.TemporaryDirectory() as folder:
         theirs = Path(folder) / "theirs.splat"
         ply2splat.convert(str(ply), str(theirs))
-        # Rows of one weight may stand in another order.
+        # Rows of equal weight may be in another order.
         expected = sorted(rows_of(theirs))
     found = sorted(rows_of(ours))
     check(len(found) == len(expected), f"{len(found)} rows, ply2splat has {len(expected)}")

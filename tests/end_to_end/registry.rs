@@ -31,7 +31,7 @@ fn refusal_of(requirement: Requirement) -> Option<&'static str> {
     }
 }
 
-/// One method on the sample, with a folder for its split and its outputs.
+/// Walk of one method on the sample, with a folder for its split and its outputs.
 struct Walk {
     method: &'static Method,
     folder: TempDir,
@@ -119,7 +119,7 @@ impl Walk {
         }
     }
 
-    /// Makes what the method requires: files beside the split, exactly where the sample lacks something.
+    /// Makes everything that the method requires: files beside the split, exactly where the sample lacks something.
     fn prepare(&self) {
         let id = self.method.id;
         let words = format!("reconstruct prepare SCENE --split @split --methods {id}");
@@ -129,7 +129,7 @@ impl Walk {
         let made = self.left("split");
         assert_eq!(made.len() > 1, lacks_any, "{id}: {made:?}");
         if self.method.needs(Requirement::Tracks) {
-            // The sample's own track need not be of anything that moves.
+            // The sample's own track may be of a static object.
             write_tracked_split(&self.at("split"));
         }
     }
@@ -185,8 +185,8 @@ impl Walk {
         self.check(score, "score", None);
     }
 
-    /// Returns the words that refuse a command on a run of the method: those of a method without a model, or `otherwise`
-    /// of a model that has not what the command asks of it.
+    /// Returns the words that refuse a command on a run of the method: those of a method without a model, or
+    /// `otherwise` of a model that lacks the requested feature.
     fn refusal(
         &self,
         has: fn(&ModelFormat) -> bool,
@@ -257,7 +257,7 @@ fn every_method_can_be_benchmarked() {
     ended.succeeded();
 }
 
-/// A camera that hovers shows what moves and no space: nothing can be reconstructed of it.
+/// A hovering camera shows motion but no geometry, so nothing can be reconstructed from it.
 #[test]
 fn methods_that_need_parallax_refuse_a_camera_that_hovers() {
     let copy = copy_of_small_run();

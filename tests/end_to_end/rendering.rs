@@ -13,7 +13,7 @@ fn a_run_rendered_along_its_scene_gives_its_predictions() {
     let run = small_run().out.join(METHOD).join("run");
     let scene = small_run().out.join(SEQUENCE).join("scene.json");
     let folder = scratch();
-    // The Gaussians alone, too: what the run's record adds is the normalization and the near limit.
+    // Renders the Gaussians alone too: the run's record adds the normalization and the near limit.
     for gaussians in [run.clone(), run.join("gaussians.ply")] {
         let out = folder.path().join("views");
         let ended = omnilife([
@@ -41,7 +41,7 @@ fn a_run_rendered_along_its_scene_gives_its_predictions() {
     }
 }
 
-/// The canonical Gaussians, and the network beside them.
+/// Canonical Gaussians, with the network beside them.
 #[test]
 fn deformed_gaussians_are_rendered_at_the_times_of_their_frames() {
     let sequence = small_run().out.join(SEQUENCE);
@@ -87,7 +87,7 @@ fn deformed_gaussians_are_rendered_at_the_times_of_their_frames() {
         let largest = pairs.map(|(a, b)| a.abs_diff(*b)).max();
         assert!(largest <= Some(2), "{frame}: {largest:?}");
     }
-    // A record of others may state any network.
+    // A submitted record may state any network.
     let record = run.join("run.json");
     let whole = fs::read_to_string(&record).unwrap();
     for (size, value) in [("width", 0_u64), ("width", u64::MAX), ("depth", 1 << 40)] {
@@ -103,7 +103,7 @@ fn deformed_gaussians_are_rendered_at_the_times_of_their_frames() {
     assert!(message.contains("deformation.safetensors"), "{message}");
 }
 
-/// What a run that refines poses predicts is what its Gaussians show from the poses that it leaves.
+/// A run that refines poses predicts the views of its Gaussians from the poses that it leaves.
 #[test]
 fn refined_poses_show_what_the_run_predicts() {
     let sequence = small_run().out.join(SEQUENCE);
@@ -162,7 +162,7 @@ fn a_pinhole_camera_sees_what_its_field_of_view_holds() {
     assert!(ended.stdout.contains("60 views"), "{}", ended.stdout);
     let image = read_image(&views.join("000000.png"));
     assert_eq!(image.dimensions(), (31, 20));
-    // What is straight ahead stands in the middle of both images.
+    // The view straight ahead is in the middle of both images.
     let erp = read_image(&run.join("predictions/input/000000.png"));
     let centre = erp.get_pixel(SMALL_SIZE.0 / 2, SMALL_SIZE.1 / 2).0;
     let middle = image.get_pixel(15, 10).0;
@@ -171,7 +171,7 @@ fn a_pinhole_camera_sees_what_its_field_of_view_holds() {
     }
     assert!(ended.stdout.contains("30.000 frames per second"));
     assert!(fs::metadata(&video).unwrap().len() > 1_000);
-    // The encoder keeps its own remarks to itself.
+    // The encoder's own remarks are suppressed.
     assert!(!ended.stderr.contains("264"), "{}", ended.stderr);
 }
 

@@ -1,5 +1,5 @@
-//! Roads from views to a leaderboard that a second machine verifies: every command takes only what the one
-//! before it left.
+//! Paths from views to a leaderboard that a second machine verifies: every command uses only the outputs of the
+//! previous one.
 
 use std::{
     fs,
@@ -14,7 +14,7 @@ use tempfile::TempDir;
 
 use crate::support::{Ended, SEQUENCE, files, omnilife, sample, scratch, small_run};
 
-/// A folder of somebody's, beside the scene of the sample.
+/// Folder of a user, beside the scene of the sample.
 struct Road {
     folder: TempDir,
     scene: PathBuf,
@@ -39,7 +39,7 @@ impl Road {
         self.folder.path().join(name)
     }
 
-    /// Runs a command with its places in the folder; `SCENE` is the scene.
+    /// Runs a command with its paths in the folder; `SCENE` is the scene.
     fn omnilife(&self, words: &[&str]) -> Ended {
         let place = |(at, word): (usize, &&str)| {
             let previous = at.checked_sub(1).map_or("", |before| words[before]);
@@ -66,7 +66,7 @@ impl Road {
             "SUB",
         ])
         .succeeded();
-        // The other machine has the submission, and nothing of what lay beside it.
+        // The other machine has the submission, and nothing beside it.
         let other = scratch();
         let moved = other.path().join("handed-in");
         fs::rename(self.at("SUB"), &moved).unwrap();
@@ -133,7 +133,7 @@ impl Road {
     }
 }
 
-/// A command that scores, with the further words.
+/// Returns a command that scores, with the further words.
 fn scoring<'a>(further: &[&'a str]) -> Vec<&'a str> {
     let places = [
         "bench",
@@ -146,7 +146,7 @@ fn scoring<'a>(further: &[&'a str]) -> Vec<&'a str> {
     [&places, further].concat()
 }
 
-/// Writes frames 4 and 9 of the scene into a folder, a little changed.
+/// Writes slightly changed frames 4 and 9 of the scene into a folder.
 fn write_views(scene: &Path, folder: &Path) {
     fs::create_dir_all(folder).unwrap();
     for name in ["000004.png", "000009.png"] {
@@ -229,7 +229,7 @@ fn from_an_external_method() {
     road.reaches_the_leaderboard();
 }
 
-/// Arrays in a folder that has other things in it, scored from elsewhere and without a card.
+/// Scores arrays in a folder with other files, from elsewhere and without a card.
 #[test]
 fn from_a_folder_of_arrays() {
     let road = Road::new();
@@ -298,7 +298,7 @@ fn what_is_not_what_was_scored_is_not_handed_in() {
         "{message}"
     );
     assert!(!road.at("SUB").exists());
-    // Nor what has failures, unless that is wanted.
+    // Results with failures are refused too, unless they are accepted explicitly.
     write_views(&road.scene, &road.at("VIEWS"));
     fs::remove_file(road.at("VIEWS/000009.png")).unwrap();
     let scored = road.omnilife(&score);

@@ -1,6 +1,6 @@
-//! The sample's poses, points, masks and video agree with each other through this workspace's own
-//! decoder and cameras: points seen from a frame's pose have the colours of the pixels they fall on.
-//! A mirrored image, an inverted pose or a grid that is a pixel off shows here.
+//! Agreement of the sample's poses, points, masks and video through this workspace's own decoder and cameras. Points
+//! projected from a frame's pose have the colours of their pixels. A mirrored image, an inverted pose or a grid that
+//! is a pixel off shows here.
 
 use std::{collections::HashMap, error::Error, path::PathBuf};
 
@@ -18,14 +18,14 @@ const CAMERA: ErpCamera = ErpCamera {
     width: 512,
     height: 256,
 };
-/// Of all points in a cell of this many pixels, the nearest is taken as the visible one.
+/// Side of a cell in pixels; the nearest of all points in a cell is taken as the visible one.
 const CELL_PIXELS: usize = 4;
 
 fn sample() -> PathBuf {
     PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("tests/data/street")
 }
 
-/// World to camera, written out from the quaternion: `R^T (x - centre)`.
+/// Converts world to camera, written out from the quaternion: `R^T (x - centre)`.
 fn to_camera(pose: &Pose, world: [f64; 3]) -> [f64; 3] {
     let [w, x, y, z] = pose.rotation_wxyz;
     let rotation = [
@@ -53,7 +53,7 @@ fn to_camera(pose: &Pose, world: [f64; 3]) -> [f64; 3] {
     })
 }
 
-/// Column, row and index of every point that is the nearest in its cell and not on a moving object.
+/// Returns column, row and index of every point that is the nearest in its cell and not on a moving object.
 fn visible_points(pose: &Pose, points: &PointCloud, mask: &Mask) -> Vec<(usize, usize, usize)> {
     let mut nearest = HashMap::new();
     for (index, &position) in points.positions.iter().enumerate() {
@@ -77,7 +77,7 @@ fn visible_points(pose: &Pose, points: &PointCloud, mask: &Mask) -> Vec<(usize, 
         .collect()
 }
 
-/// Pearson correlation of pairs.
+/// Returns the Pearson correlation of pairs.
 fn correlation(pairs: &[(f64, f64)]) -> f64 {
     let count = pairs.len() as f64;
     let mean_a = pairs.iter().map(|pair| pair.0).sum::<f64>() / count;

@@ -1,4 +1,4 @@
-//! `omnilife curate publish --shards`: the frames of a dataset as archives that loaders read.
+//! Shards of a dataset (`omnilife curate publish --shards`): its frames as archives that loaders read.
 
 use std::{
     fs,
@@ -26,7 +26,7 @@ fn shards(dataset: &Path) -> Vec<(String, Vec<u8>)> {
         .collect()
 }
 
-/// What Python's own module finds, or the library `webdataset` does.
+/// Returns the findings of Python's own module, or of the library `webdataset`.
 fn read_by(python: &str, dataset: &Path, library: Option<&str>) -> String {
     let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/end_to_end/read_shards.py");
     let read = Command::new(python)

@@ -1,10 +1,10 @@
-"""A .splat in other people's web viewers, in headless Chromium.
+"""Shows a .splat in external web viewers, in headless Chromium.
 
 usage: splat_in_viewers.py VIEWER NODE_MODULES SPLAT VIEW.ppm [--screenshot FILE]
 
-VIEWER is gaussian-splats-3d (npm, @mkkellogg/gaussian-splats-3d, with three) or gsplat (npm). VIEW is what the
-project's own renderer makes of the file from its origin along z, y down (binary PPM, 640 x 480, 75 degrees high):
-the viewer has to show the same, and not its mirror image. Exit code 3 where NODE_MODULES lacks the viewer.
+VIEWER is gaussian-splats-3d (npm, @mkkellogg/gaussian-splats-3d, with three) or gsplat (npm). VIEW is
+the file rendered by the project's own renderer from its origin along z, y down (binary PPM, 640 x 480, 75 degrees
+high). The viewer has to show the same, and not its mirror image. Exit code 3 where NODE_MODULES lacks the viewer.
 """
 
 import argparse
@@ -72,7 +72,7 @@ if not (asked.node_modules / package).is_dir():
 
 
 class Files(http.server.SimpleHTTPRequestHandler):
-    """The page, the file and the viewer's modules, and nothing else of this machine."""
+    """Serves the page, the file and the viewer's modules alone."""
 
     def translate_path(self, path):
         if path.startswith("/node_modules/"):

@@ -41,7 +41,7 @@ fn write_scene(path: &Path, rest: u16) {
     std::fs::write(path, bytes).unwrap();
 }
 
-/// The scene, and what it is exported to in its own axes.
+/// Returns the scene, and its export in its own axes.
 fn exported(folder: &Path) -> [PathBuf; 2] {
     let scene = folder.join("scene.ply");
     write_scene(&scene, 0);
@@ -70,7 +70,7 @@ fn exported_as(format: &str, scene: &Path, out: &Path) -> PathBuf {
     out.join(record["levels"][0]["file"].as_str().unwrap())
 }
 
-/// Runs the reader; whether the other program was there.
+/// Runs the reader; returns whether the other program is installed.
 fn read_by(arguments: &[&Path]) -> bool {
     let python = std::env::var("OMNILIFE_TEST_PYTHON").unwrap_or_else(|_| "python3".to_owned());
     let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/end_to_end/read_splats.py");

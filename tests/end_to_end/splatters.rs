@@ -1,5 +1,5 @@
-//! `scripts/compare splatters` with a program in place of a trainer, which hands Gaussians of ours back: faces
-//! out, Gaussians in, panoramas from faces, scores.
+//! Comparison with perspective trainers (`scripts/compare splatters`), with a stand-in for a trainer that returns
+//! Gaussians of ours: faces out, Gaussians in, panoramas from faces, scores.
 
 use std::{fs, os::unix::fs::PermissionsExt, path::Path, process::Command};
 

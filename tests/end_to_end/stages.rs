@@ -1,4 +1,4 @@
-//! The stages as commands of their own come to the scores of the main job.
+//! Stages as commands of their own, with the scores of the main job.
 
 use std::{fs, path::Path};
 
@@ -20,7 +20,7 @@ fn stage(words: &str, paths: &[&Path]) -> Ended {
     }))
 }
 
-/// A 16-bit image of one value, and a mask of its left half, for every frame.
+/// Writes a 16-bit image of one value, and a mask of its left half, for every frame.
 fn write_truth(depth: &Path, class: &Path, frames: u32) {
     fs::create_dir_all(depth).unwrap();
     fs::create_dir_all(class).unwrap();
@@ -55,7 +55,7 @@ fn distances_and_classes_are_given_with_the_poses_and_scored() {
     pose(&depth, &class).succeeded();
     let again = pose(&depth, &class).succeeded();
     assert!(again.stderr.contains("unchanged"), "{}", again.stderr);
-    // The sequence's own files are no source: they would be replaced by themselves.
+    // The sequence's own files are not a source: they would be replaced by themselves.
     let message = pose(&sequence.join("depth"), &class)
         .failed_quietly(2)
         .to_owned();

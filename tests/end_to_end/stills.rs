@@ -9,7 +9,7 @@ use omnilife_schemas::{
 
 use crate::support::{SEQUENCE, omnilife, small_run};
 
-/// Frames of the sample that stand for stills.
+/// Frames of the sample that are used as stills.
 const CHOSEN: [usize; 5] = [0, 2, 4, 6, 8];
 
 #[test]
@@ -22,7 +22,7 @@ fn five_stills_become_a_scored_scene() {
     let mut frames = Vec::new();
     for (number, &frame) in CHOSEN.iter().enumerate() {
         let frame = &scene.frames[frame];
-        // Natural order is not that of the letters.
+        // Natural order differs from that of the letters.
         let name = format!("R{}.png", number + 8);
         fs::copy(sequence.join(&frame.image), stills.join(name)).unwrap();
         frames.push(PosedFrame {
@@ -67,7 +67,7 @@ fn five_stills_become_a_scored_scene() {
         assert!(apart < 1e-9, "{apart}");
     }
 
-    // The given panoramas can be named.
+    // Input views can be named.
     let split_file = folder.path().join("split.json");
     let split = [
         "bench",

@@ -1,4 +1,4 @@
-//! Results that others hand in: packed, checked, scored again, and found out where they were changed.
+//! Submitted results: packed, checked, scored again, and detected where they were changed.
 
 use std::{
     fs,
@@ -53,7 +53,7 @@ fn submitted() -> (TempDir, PathBuf) {
     (folder, submission)
 }
 
-/// What somebody does who changes a file and knows about hashes.
+/// Updates size and hash of a changed file in the record, as a careful forger would.
 fn repack(submission: &Path, file: &str) {
     let path = submission.join("submission.json");
     let mut record: Submission = store::read_record(&path).unwrap();
@@ -129,7 +129,7 @@ fn a_changed_number_is_found() {
     assert!(!results.exists() || store::names_in(&results).unwrap().is_empty());
 }
 
-/// Scores of a run that failed would be shown nowhere, and be compared with nothing.
+/// Scores of a failed run would be neither shown nor compared.
 #[test]
 fn scores_of_a_run_that_failed_are_refused() {
     let (folder, submission) = submitted();
@@ -146,7 +146,7 @@ fn scores_of_a_run_that_failed_are_refused() {
     );
 }
 
-/// Numbers that agree with each other, and not with the images.
+/// Numbers that agree with each other, but not with the images.
 #[test]
 fn scores_of_other_images_are_found_by_scoring_again() {
     let (folder, submission) = submitted();
@@ -164,7 +164,7 @@ fn scores_of_other_images_are_found_by_scoring_again() {
         message.contains("of the novel views, scoring gives"),
         "{message}"
     );
-    // Without an audit nobody notices.
+    // Without an audit the change is not detected.
     add(&submission, &results, "0").succeeded();
 }
 
@@ -234,14 +234,14 @@ fn a_damaged_table_of_views_is_refused() {
     );
 }
 
-/// Whoever hands in without the weights of a network says so, and is judged by what is stated.
+/// A submitter without the weights of a network states so, and the stated metrics alone are checked.
 #[test]
 fn metrics_that_were_not_available_there_are_not_asked_for() {
     let (folder, submission) = submitted();
     let results = folder.path().join("results");
     let path = submission.join("results/0000/result.json");
     let mut record: ResultRecord = store::read_record(&path).unwrap();
-    // As if the metric needed weights: the judge can compute it, the one who hands in could not.
+    // Simulates a metric with weights: the verifier can compute it, the submitter could not.
     record.novel_views.remove("ssim").unwrap();
     store::write_record(&path, &record).unwrap();
     repack(&submission, "result.json");

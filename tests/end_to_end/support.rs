@@ -1,4 +1,4 @@
-//! Running the binary on the sample, and reading what it leaves.
+//! Runs of the binary on the sample, and readers of its files.
 
 use std::{
     fs,
@@ -18,9 +18,9 @@ use omnilife_schemas::{
 };
 use tempfile::TempDir;
 
-/// Settings that make a run of the sample a matter of seconds.
+/// Settings that reduce a run of the sample to seconds.
 pub(crate) const SMALL: [&str; 6] = ["--max-frames", "10", "--width", "128", "--iterations", "30"];
-/// What [`SMALL`] makes of the sample.
+/// Image size of the sample with [`SMALL`].
 pub(crate) const SMALL_SIZE: (u32, u32) = (128, 64);
 /// Input views of 10 frames.
 pub(crate) const INPUT_VIEWS: [u32; 8] = [0, 1, 2, 3, 5, 6, 7, 8];
@@ -31,14 +31,14 @@ pub(crate) const SEQUENCE: &str = "videos/street/seq-000";
 /// Folder of the method's run and scores in an output folder.
 pub(crate) const METHOD: &str = "videos/street/seq-000/per-scene/odgs";
 
-/// A file of the sample in the repository.
+/// Returns a file of the sample in the repository.
 pub(crate) fn sample(file: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR"))
         .join("tests/data/street")
         .join(file)
 }
 
-/// A file of the real footage beside the checkout; where it is missing, the test says so and skips.
+/// Returns a file of the real footage beside the checkout; where it is missing, the test reports that and skips.
 pub(crate) fn footage(file: &str) -> Option<PathBuf> {
     let path = Path::new(env!("CARGO_MANIFEST_DIR"))
         .join("../shared/data")
@@ -50,7 +50,7 @@ pub(crate) fn footage(file: &str) -> Option<PathBuf> {
     None
 }
 
-/// How a run of the binary ended.
+/// End of a run of the binary.
 pub(crate) struct Ended {
     pub(crate) code: Option<i32>,
     pub(crate) stdout: String,
@@ -58,15 +58,15 @@ pub(crate) struct Ended {
 }
 
 impl Ended {
-    /// Checks that all went well.
+    /// Checks that the command succeeded.
     #[track_caller]
     pub(crate) fn succeeded(self) -> Self {
         assert_eq!(self.code, Some(0), "{}\n{}", self.stdout, self.stderr);
         self
     }
 
-    /// Checks the exit code and that the error is one line, the last on stderr and (the run was
-    /// quiet) the only one. Returns the message.
+    /// Checks the exit code and that the error is one line, the last on stderr and (in a quiet run) the only one.
+    /// Returns the message.
     #[track_caller]
     pub(crate) fn failed_quietly(&self, code: i32) -> &str {
         let lines: Vec<&str> = self.stderr.lines().collect();
@@ -74,7 +74,7 @@ impl Ended {
         assert_eq!(lines.len(), 1, "{}", self.stderr);
         let message = lines[0].strip_prefix("omnilife: ").unwrap();
         assert!(!message.contains("panicked"), "{message}");
-        // A cause that is part of the message is not appended to it once more.
+        // A cause that is part of the message must not be appended to it again.
         let parts: Vec<&str> = message.split(": ").collect();
         let repeats = parts.windows(2).any(|pair| pair[0] == pair[1]);
         assert!(!repeats, "repeats itself: {message}");
@@ -82,7 +82,7 @@ impl Ended {
     }
 }
 
-/// Runs the binary. Structure from motion is not installed, as far as it can see.
+/// Runs the binary, which does not find an installation of structure from motion.
 pub(crate) fn omnilife<S: AsRef<std::ffi::OsStr>>(arguments: impl IntoIterator<Item = S>) -> Ended {
     let output = cargo_bin_cmd!("omnilife")
         .env_remove("OMNILIFE_SFM_PYTHON")
@@ -97,7 +97,7 @@ pub(crate) fn omnilife<S: AsRef<std::ffi::OsStr>>(arguments: impl IntoIterator<I
     }
 }
 
-/// `omnilife run` on one video with the sample's poses.
+/// Runs `omnilife run` on one video with the sample's poses.
 pub(crate) fn run(video: &Path, out: &Path, further: &[&str]) -> Ended {
     let poses = sample("poses.json");
     let mut arguments = vec!["run".as_ref(), video.as_os_str(), "--poses".as_ref()];
@@ -106,12 +106,12 @@ pub(crate) fn run(video: &Path, out: &Path, further: &[&str]) -> Ended {
     omnilife(arguments)
 }
 
-/// A temporary folder.
+/// Makes a temporary folder.
 pub(crate) fn scratch() -> TempDir {
     tempfile::tempdir().unwrap()
 }
 
-/// A finished run of the sample with [`SMALL`] settings.
+/// Finished run of the sample with [`SMALL`] settings.
 pub(crate) struct SmallRun {
     pub(crate) out: PathBuf,
     pub(crate) ended: Ended,
@@ -143,12 +143,12 @@ fn remove_old(folder: &Path, age: Duration) {
     }
 }
 
-/// The finished run that all tests read.
+/// Returns the finished run that all tests read.
 pub(crate) fn small_run() -> &'static SmallRun {
     &SMALL_RUN
 }
 
-/// A copy of the finished run, to be changed.
+/// Returns a copy of the finished run, to be changed.
 pub(crate) fn copy_of_small_run() -> TempDir {
     let copy = scratch();
     for file in files(&small_run().out) {
@@ -159,7 +159,7 @@ pub(crate) fn copy_of_small_run() -> TempDir {
     copy
 }
 
-/// Writes the sample's split into a folder, with the track of one object that goes by ahead of the first camera.
+/// Writes the sample's split into a folder, with the track of one object that passes ahead of the first camera.
 pub(crate) fn write_tracked_split(folder: &Path) {
     let sequence = small_run().out.join(SEQUENCE);
     fs::create_dir_all(folder).unwrap();
@@ -207,7 +207,7 @@ pub(crate) fn write_tracked_split(folder: &Path) {
     store::write_record(&folder.join("tracks.json"), &tracks).unwrap();
 }
 
-/// All files in a folder and below, relative to it, sorted.
+/// Returns all files in a folder and below, relative to it, sorted.
 pub(crate) fn files(folder: &Path) -> Vec<String> {
     let mut found = Vec::new();
     let mut folders = vec![folder.to_owned()];
@@ -226,8 +226,8 @@ pub(crate) fn files(folder: &Path) -> Vec<String> {
     found
 }
 
-/// Checks that every file in a folder is whole: records parse as what their name says, images
-/// decode, tables end as they should, and nothing temporary is left.
+/// Checks that every file in a folder is whole: records match their schemas, images decode, tables end properly, and
+/// nothing temporary is left.
 #[track_caller]
 pub(crate) fn assert_all_whole(folder: &Path) {
     assert!(!temporary_left(folder), "{:?}", files(folder));
@@ -235,7 +235,7 @@ pub(crate) fn assert_all_whole(folder: &Path) {
         let path = folder.join(&file);
         let extension = path.extension().unwrap_or_default().to_str().unwrap();
         match extension {
-            // In a format of others, which its own test reads.
+            // External format, which its own test reads.
             "json" if file.ends_with("croissant.json") => {
                 let text = fs::read_to_string(&path).unwrap();
                 serde_json::from_str::<serde_json::Value>(&text).unwrap();
@@ -273,37 +273,37 @@ fn temporary_left(folder: &Path) -> bool {
     false
 }
 
-/// The scores in an output folder of the sample.
+/// Returns the scores in an output folder of the sample.
 pub(crate) fn result(out: &Path) -> ResultRecord {
     store::read_record(&out.join(METHOD).join("score/result.json")).unwrap()
 }
 
-/// An image, 8 bits per channel.
+/// Reads an image, 8 bits per channel.
 pub(crate) fn read_image(path: &Path) -> RgbImage {
     image::open(path).unwrap().into_rgb8()
 }
 
-/// A small disk in memory.
+/// Small disk in memory.
 pub(crate) struct SmallDisk(TempDir);
 
 impl SmallDisk {
-    /// `None` where mounting is not permitted.
+    /// Mounts a disk; `None` where mounting is not permitted.
     pub(crate) fn mount(kibibytes: u32) -> Option<Self> {
         let folder = scratch();
         mount(&format!("size={kibibytes}k"), folder.path()).then(|| Self(folder))
     }
 
-    /// Gives it room.
+    /// Enlarges it.
     pub(crate) fn grow(&self) {
         assert!(mount("remount,size=64m", self.0.path()));
     }
 
-    /// Where it is.
+    /// Returns its folder.
     pub(crate) fn folder(&self) -> &Path {
         self.0.path()
     }
 
-    /// A folder on it that is not there yet.
+    /// Returns a folder on it that does not exist yet.
     pub(crate) fn out(&self) -> PathBuf {
         self.folder().join("out")
     }

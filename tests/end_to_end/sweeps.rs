@@ -1,5 +1,4 @@
-//! Sweeps of curation and of the benchmark: what their units leave is what the commands for one
-//! machine leave.
+//! Sweeps of curation and of the benchmark: their units leave the same files as the commands for one machine.
 
 use std::{
     fs,
@@ -13,7 +12,7 @@ use omnilife_schemas::{
 
 use crate::support::{Ended, SEQUENCE, omnilife, sample, scratch, small_run};
 
-/// `omnilife sweep <command> SWEEP <options>`.
+/// Runs `omnilife sweep <command> SWEEP <options>`.
 fn sweep(command: &str, folder: &Path, options: &[&str]) -> Ended {
     let mut arguments = vec!["--quiet", "sweep", command, folder.to_str().unwrap()];
     arguments.extend(options);
@@ -51,7 +50,7 @@ fn videos_one_by_one_give_the_dataset_of_all_at_once() {
         message.starts_with("1 of 2 units failed, the first: broken: "),
         "{message}"
     );
-    // The broken video is a row of the dataset, and makes the command fail that builds it.
+    // The broken video is a row of the dataset, and fails the command that builds it.
     let reduced = sweep("reduce", &work, &[]);
     assert!(
         reduced.failed_quietly(1).contains("broken.mp4"),
@@ -89,7 +88,7 @@ fn methods_scenes_and_seeds_become_one_table() {
     let results = folder.path().join("results");
     let work = folder.path().join("sweep");
     let method = folder.path().join("method.toml");
-    // A method of others that fails.
+    // An external method that fails.
     fs::write(
         &method,
         "id = \"mine\"\n[render]\ncommand = [\"sh\", \"-c\", \"echo no GPU; exit 3\"]\n\
@@ -109,14 +108,14 @@ fn methods_scenes_and_seeds_become_one_table() {
     );
     assert!(!work.exists());
     let planned = plan(&[&arguments[..], &["--", "--iterations", "3"]].concat()).succeeded();
-    // What is not trained has no seeds.
+    // Methods without training have no seeds.
     assert!(
         planned.stdout.ends_with("plan.json: 6 units\n"),
         "{}",
         planned.stdout
     );
 
-    // A method that fails is a unit that failed, and a row of failures.
+    // A method that fails is a failed unit, and a row of failures.
     let ran = sweep("run", &work, &["--cores", "2"]);
     assert_eq!(ran.code, Some(2), "{}", ran.stderr);
     sweep("reduce", &work, &[]).succeeded();
@@ -145,7 +144,7 @@ fn methods_scenes_and_seeds_become_one_table() {
         "{table}"
     );
 
-    // A unit that fails itself becomes a row of failures too, and a result once it succeeds.
+    // A unit that itself fails becomes a row of failures too, and a result once it succeeds.
     let other = folder.path().join("other");
     let out = folder.path().join("other-results");
     let mut arguments = vec!["bench", scene.to_str().unwrap(), "--methods", "odgs"];

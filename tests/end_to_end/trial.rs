@@ -1,4 +1,4 @@
-//! One command in a folder of its own, run again and again from the same state.
+//! Trials of one command in a folder of its own, repeated from the same state.
 
 use std::{
     ffi::OsStr,
@@ -15,12 +15,12 @@ use crate::{
     writing_commands::{Inputs, WritingCommand, copy},
 };
 
-/// A number in an environment variable.
+/// Returns the number in an environment variable.
 pub(crate) fn variable<T: std::str::FromStr>(name: &str) -> Option<T> {
     std::env::var(name).ok()?.parse().ok()
 }
 
-/// The binary through a program that runs it.
+/// Returns the binary as run through another program.
 fn through<S: AsRef<OsStr>>(wrapper: &[&str], words: impl IntoIterator<Item = S>) -> Command {
     let program = cargo_bin!("omnilife");
     let mut command = match wrapper {
@@ -55,7 +55,7 @@ pub(crate) fn omnilife_through(wrapper: &[&str], words: &[&str]) -> Ended {
     ended(through(wrapper, ["--quiet"].iter().chain(words)))
 }
 
-/// A command and the folder that it writes into, always the same, since records hold paths.
+/// Command with the folder that it writes into, always the same, since records hold paths.
 pub(crate) struct Trial<'a> {
     pub(crate) command: &'a WritingCommand,
     pub(crate) inputs: &'a Inputs,
@@ -67,7 +67,7 @@ impl Trial<'_> {
         self.folder.join("work/out")
     }
 
-    /// The state from which the command begins.
+    /// Restores the state from which the command starts.
     pub(crate) fn reset(&self) {
         let work = self.folder.join("work");
         if work.exists() {
@@ -76,7 +76,7 @@ impl Trial<'_> {
         fs::create_dir(&work).unwrap();
         match &self.command.copy_of {
             Some(from) => copy(from, &self.out()),
-            // Some write a file into a folder that has to be there.
+            // Some commands write a file into an existing folder.
             None if self
                 .command
                 .words
@@ -89,7 +89,7 @@ impl Trial<'_> {
         }
     }
 
-    /// The command through a program that runs it.
+    /// Returns the command as run through another program.
     fn through(&self, wrapper: &[&str]) -> Command {
         let words = self.command.arguments(self.inputs, &self.out());
         through(wrapper, words)
@@ -110,19 +110,19 @@ impl Trial<'_> {
         ended(self.through(wrapper))
     }
 
-    /// Everything below and beside the output folder.
+    /// Returns everything below and beside the output folder.
     pub(crate) fn left(&self) -> Files {
         left_in(&self.folder.join("work"))
     }
 
-    /// Runs the command to its end in what is there; what is wrong with that.
+    /// Runs the command to its end on the existing files; returns the faults.
     pub(crate) fn run_again(&self, expected: &Expected) -> Vec<String> {
         if self.command.words[..2] == ["sweep", "run"] {
-            // Units that failed stay failed until they are asked for.
+            // Failed units stay failed until a retry is requested.
             omnilife(["--quiet", "sweep", "retry", self.out().to_str().unwrap()]).succeeded();
         }
         let Ended { code, stderr, .. } = self.run();
-        // Finished work of some commands is refused, not done again.
+        // Some commands refuse finished work instead of repeating it.
         let is_finished = code == Some(2) && stderr.lines().count() == 1;
         let faults = expected.faults(&self.left());
         if code == Some(0) || is_finished && faults.is_empty() {

@@ -1,4 +1,4 @@
-//! Two processes that would write into one folder.
+//! Two processes that write into one folder.
 
 use std::{
     fs,

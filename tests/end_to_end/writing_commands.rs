@@ -1,4 +1,4 @@
-//! Every command that writes, with what it needs to succeed: tests walk the list.
+//! All commands that write, with their prerequisites; tests walk the list.
 
 use std::{
     fs,
@@ -12,7 +12,7 @@ use crate::support::{
     METHOD, SEQUENCE, SMALL, files, omnilife, sample, scratch, small_run, write_tracked_split,
 };
 
-/// Commands that write nothing but what they print.
+/// Commands that print and write no files.
 const WRITES_NOTHING: &[&str] = &[
     "bench compare",
     "bench diagnose",
@@ -32,7 +32,7 @@ const WRITES_NOTHING: &[&str] = &[
     "reconstruct plan",
     "sweep status",
 ];
-/// Commands that write and are not walked, with the reason.
+/// Commands that write but are not walked, with the reason.
 const ELSEWHERE: &[(&str, &str)] = &[
     (
         "bench stability",
@@ -56,13 +56,13 @@ const ELSEWHERE: &[(&str, &str)] = &[
     ("sweep submit", "needs Slurm: the tests of sweeps"),
 ];
 
-/// A command that writes.
+/// Command that writes.
 pub(crate) struct WritingCommand {
-    /// Its words, where `OUT` stands for the folder that it writes into.
+    /// Its words, where `OUT` stands for its folder.
     pub(crate) words: Vec<String>,
-    /// Where the folder begins as a copy of this one.
+    /// Folder that is copied to start from.
     pub(crate) copy_of: Option<PathBuf>,
-    /// The exit code where the folder holds files of others.
+    /// Exit code where the folder holds foreign files.
     pub(crate) code_among_foreign_files: i32,
 }
 
@@ -94,12 +94,12 @@ impl WritingCommand {
         }
     }
 
-    /// One that works on a folder of the sample's run.
+    /// Makes a command that works on a folder of the sample's run.
     fn in_place(folder: &str, words: &str) -> Self {
         Self::copying(&small_run().out.join(folder), words)
     }
 
-    /// One that works on a copy of this folder.
+    /// Makes a command that works on a copy of this folder.
     fn copying(folder: &Path, words: &str) -> Self {
         Self {
             copy_of: Some(folder.to_owned()),
@@ -107,7 +107,7 @@ impl WritingCommand {
         }
     }
 
-    /// The words that name it, without its arguments.
+    /// Returns the words that name it, without its arguments.
     pub(crate) fn name(&self) -> String {
         let is_name = |word: &&String| word.chars().all(|letter| letter.is_ascii_lowercase());
         let most = if self.words[..2] == ["sweep", "plan"] || self.words[1] == "ledger" {
@@ -125,7 +125,7 @@ impl WritingCommand {
         words.join(" ")
     }
 
-    /// Its words without folders.
+    /// Returns its words without folders.
     pub(crate) fn shown(&self) -> String {
         let name = |word: &String| match Path::new(word) {
             path if path.is_absolute() => {
@@ -137,7 +137,7 @@ impl WritingCommand {
         self.words.iter().map(name).collect::<Vec<_>>().join(" ")
     }
 
-    /// What follows `omnilife`, quietly, with `out` as the folder.
+    /// Returns the arguments of `omnilife`, with `--quiet`, for the folder `out`.
     pub(crate) fn arguments(&self, inputs: &Inputs, out: &Path) -> Vec<String> {
         let moved = inputs.file("moved.json");
         let fill = |word: &String| match word.as_str() {
@@ -153,13 +153,13 @@ impl WritingCommand {
     }
 }
 
-/// What several commands read.
+/// Inputs of several commands.
 pub(crate) struct Inputs {
     folder: TempDir,
 }
 
 impl Inputs {
-    /// Makes it.
+    /// Makes all inputs.
     pub(crate) fn prepare() -> Self {
         let inputs = Self { folder: scratch() };
         // Other users read them too.
@@ -232,12 +232,12 @@ impl Inputs {
         inputs
     }
 
-    /// The path of one of them.
+    /// Returns the path of one of them.
     pub(crate) fn file(&self, name: &str) -> String {
         self.folder.path().join(name).to_str().unwrap().to_owned()
     }
 
-    /// Those whose words hold what `OMNILIFE_ONLY` says; without it, all.
+    /// Returns the commands whose words contain `OMNILIFE_ONLY`; without it, all.
     pub(crate) fn chosen_commands(&self) -> Vec<WritingCommand> {
         let mut commands = self.commands();
         if let Ok(only) = std::env::var("OMNILIFE_ONLY") {
@@ -246,7 +246,7 @@ impl Inputs {
         commands
     }
 
-    /// Every command that writes.
+    /// Returns every command that writes.
     pub(crate) fn commands(&self) -> Vec<WritingCommand> {
         let extra = self.folder.path().display();
         let small = SMALL.join(" ");
@@ -388,7 +388,7 @@ pub(crate) fn copy(from: &Path, to: &Path) {
     }
 }
 
-/// The reference of the command line lists every command; one that is new belongs into a list here.
+/// The reference of the command line lists every command; a new one belongs into a list here.
 #[test]
 fn every_command_is_walked_or_writes_nothing() {
     let reference = Path::new(env!("CARGO_MANIFEST_DIR")).join("docs/cli.md");

@@ -1,4 +1,4 @@
-//! Small valid scenes in the layouts of data sets.
+//! Small valid scenes in the layouts of datasets.
 
 use std::{fs, io::Cursor, path::Path};
 
@@ -25,7 +25,7 @@ fn written(folder: &Path, files: &[(&str, &str)]) -> Vec<String> {
     found
 }
 
-/// `OmniBlender`: two panoramas.
+/// Writes `OmniBlender`: two panoramas.
 pub(crate) fn write_omniblender(folder: &Path) -> Vec<String> {
     let transform = r#"{"indoor": true, "frames": [
         {"file_path": "0.png", "transform_matrix": [[1, 0, 0, 0.5], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]},
@@ -40,7 +40,7 @@ pub(crate) fn write_omniblender(folder: &Path) -> Vec<String> {
     written(folder, &files)
 }
 
-/// `Ricoh360`: two panoramas and a point.
+/// Writes `Ricoh360`: two panoramas and a point.
 pub(crate) fn write_ricoh360(folder: &Path) -> Vec<String> {
     let images = "# list\n1 1 0 0 0 0.5 0 0 0 7.jpg\n\n2 0 1 0 0 0 0 1 0 8.jpg\n1.5 2.5 4\n";
     let files = [
@@ -57,7 +57,7 @@ pub(crate) fn write_ricoh360(folder: &Path) -> Vec<String> {
     written(folder, &files)
 }
 
-/// `OB3D`: two panoramas and a point.
+/// Writes `OB3D`: two panoramas and a point.
 pub(crate) fn write_ob3d(folder: &Path) -> Vec<String> {
     let camera = r#"[{"id": 0, "width": 16, "height": 8, "extrinsics": {
         "rotation": [[1, 0, 0], [0, 0, -1], [0, 1, 0]], "translation": [0.5, -1.0, 2.0]}}]"#;
@@ -75,7 +75,7 @@ pub(crate) fn write_ob3d(folder: &Path) -> Vec<String> {
     written(folder, &files)
 }
 
-/// `TartanAir` V2: two panoramas, one of them with distances, which are changed as well.
+/// Writes `TartanAir` V2: two panoramas, one of them with distances, which are changed as well.
 pub(crate) fn write_tartanair(folder: &Path) -> Vec<String> {
     let poses = "0 0 0 0 0 0 1\n1.5e0 -2 0.25 0 0 1 0\n";
     let files = [

@@ -1,5 +1,5 @@
-//! What is read from folders: models and scenes of other tools, runs, scores, submissions, sweeps. The
-//! files of runs are made by the binary itself.
+//! Readers of folders: models and scenes of other tools, runs, scores, submissions, sweeps. The binary itself makes
+//! the files of runs.
 
 use std::{
     ffi::OsStr,
@@ -237,7 +237,7 @@ const RUN_WORDS: &[&str] = &[
     "omnilife/run/1",
     "-",
 ];
-/// Names that mean something where tables and pages are shown. None may come out as it is.
+/// Names with a meaning in the formats of tables and pages. Each must be escaped.
 const HOSTILE_NAMES: &[&str] = &[
     "<script>alert(1)</script>",
     "<img src=x onerror=alert(1)>",
@@ -260,7 +260,7 @@ fn read_colmap(input: &Input, seed: &Seed) {
     }
 }
 
-/// A scene in another tool's format, in the folder `in`; the files that are no images are changed.
+/// Exports a scene to another tool's format, in the folder `in`; the files except images are changed.
 fn exported(folder: &Path, format: &str) -> Vec<String> {
     let (scene, out) = (folder.join("scene"), folder.join("in"));
     write_scene(&scene);
@@ -290,7 +290,7 @@ fn exported(folder: &Path, format: &str) -> Vec<String> {
     found
 }
 
-/// An exported model with a file of the frames of a rig.
+/// Returns an exported model with a file of the frames of a rig.
 fn with_rig(folder: &Path, format: &str, name: &str, frames: &[u8]) -> Vec<String> {
     let mut files = exported(folder, format);
     fs::write(folder.join(name), frames).unwrap();
@@ -312,7 +312,7 @@ fn import(input: &Input, format: &str) {
     store::remove(&out).unwrap();
 }
 
-/// What the binary makes of the sample in the repository.
+/// Outputs of the binary for the sample in the repository.
 static MADE: LazyLock<TempDir> = LazyLock::new(|| {
     let made = tempfile::tempdir().unwrap();
     let at = |name: &str| made.path().join(name).to_str().unwrap().to_owned();
@@ -371,8 +371,8 @@ static MADE: LazyLock<TempDir> = LazyLock::new(|| {
     made
 });
 
-/// Copies a folder that the binary made to `in` and its poses beside it; names the files that are
-/// changed: no images, and none of the record of how it was made.
+/// Copies a folder that the binary made to `in` and its poses beside it. Returns the files to change: neither images
+/// nor records of the folder's making.
 fn copied(name: &str, folder: &Path) -> Vec<String> {
     let mut found = Vec::new();
     for file in below(&MADE.path().join(name)) {

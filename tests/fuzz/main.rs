@@ -1,11 +1,10 @@
-//! Every reader of files that others make, on files that were changed at random: whatever they hold, a
-//! reader returns, and does not panic.
+//! Fuzzing of every reader of external files: on randomly changed files a reader returns and does not panic.
 //!
-//! An ordinary test run makes a few hundred changes per target, always the same ones. `scripts/fuzz`
-//! makes as many as fit into a time, from another seed each time. A file that makes a reader panic is
-//! written to `target/fuzz/crashes/<target>/`; once mended, it is kept in `tests/fuzz/kept/<target>/`,
-//! which every run reads first. What ends the whole process, such as an allocation that fails, leaves
-//! the file at `target/fuzz/<target>.<process>.current`.
+//! An ordinary test run makes a few hundred changes per target, always the same ones. `scripts/fuzz` makes as many as
+//! fit into a time, from another seed each time. A file that makes a reader panic is written to
+//! `target/fuzz/crashes/<target>/`. Once the defect is fixed, the file is kept in `tests/fuzz/kept/<target>/`, which
+//! every run reads first. A file that ends the whole process, such as by a failed allocation, stays at
+//! `target/fuzz/<target>.<process>.current`.
 #![cfg(unix)]
 #![expect(clippy::unwrap_used, reason = "a failed set-up step fails the test")]
 
@@ -32,14 +31,14 @@ use omnilife_schemas::{process, store};
 use targets::{FILES, Input, Reader, Seed, Target};
 use tempfile::TempDir;
 
-/// Whether a reader is at work.
+/// True while a reader is at work.
 static READS: AtomicBool = AtomicBool::new(false);
 
-/// Changed files per target where neither a time nor a number is given.
+/// Default number of changed files per target, without a time or a number.
 const NUMBER: u64 = 300;
-/// Memory of the whole process: files are small, so nothing needs more.
+/// Memory of the whole process, bytes; enough, because files are small.
 const MEMORY_BYTES: u64 = 4 << 30;
-/// The seed where none is given.
+/// Default seed.
 const SEED: u64 = 1;
 
 fn variable<T: std::str::FromStr>(name: &str) -> Option<T> {
@@ -60,7 +59,7 @@ fn no_file_makes_a_reader_panic() {
     let chosen: Vec<&Target> = all.filter(is_chosen).collect();
     assert!(!chosen.is_empty(), "there is no target {only:?}");
     let each = seconds.map(|seconds| Duration::from_secs_f64(seconds / chosen.len() as f64));
-    // Panics of readers are what is looked for: they are told at the end.
+    // Panics of readers are the findings: they are reported at the end.
     let told = panic::take_hook();
     panic::set_hook(Box::new(move |panicked| {
         if !READS.load(Ordering::Relaxed) {
@@ -113,14 +112,14 @@ fn no_file_makes_a_reader_panic() {
     assert!(crashes.is_empty(), "{}", crashes.join("\n"));
 }
 
-/// A folder in memory where the system has one.
+/// Makes a folder in memory where the system supports it.
 fn scratch() -> TempDir {
     tempfile::tempdir_in("/dev/shm")
         .or_else(|_| tempfile::tempdir())
         .unwrap()
 }
 
-/// Files of a folder, which need not be there, in order of their names.
+/// Returns the files of a folder, which may be missing, in order of their names.
 fn kept(folder: &Path) -> Vec<PathBuf> {
     let mut files: Vec<PathBuf> = fs::read_dir(folder)
         .into_iter()
@@ -131,7 +130,7 @@ fn kept(folder: &Path) -> Vec<PathBuf> {
     files
 }
 
-/// The seeds, and kept files in the place of the first seed of their ending.
+/// Returns the seeds, and kept files in the place of the first seed with their extension.
 fn bases(input: &Input, kept: &[PathBuf]) -> Vec<(usize, Vec<u8>)> {
     let seeds = input.seeds.iter().enumerate();
     let mut bases: Vec<(usize, Vec<u8>)> =
@@ -144,28 +143,28 @@ fn bases(input: &Input, kept: &[PathBuf]) -> Vec<(usize, Vec<u8>)> {
     bases
 }
 
-/// When enough files were read.
+/// Limit of the files to read.
 #[derive(Clone, Copy)]
 enum Most {
     Time(Duration),
     Files(u64),
 }
 
-/// One target's files.
+/// Run of one target.
 struct Run<'a> {
     target: &'a Target,
     input: Input,
-    /// Holds what is being read, in case that it ends the process.
+    /// Holds the file that is being read, in case that it ends the process.
     current: File,
-    /// What changes begin from, with the seed whose place it takes: the seeds, and what was kept.
+    /// Files that changes start from, with the index of the seed for which each stands: the seeds and the kept files.
     bases: Vec<(usize, Vec<u8>)>,
-    /// The seed whose file in the folder holds something else.
+    /// Index of the seed whose file in the folder has other content.
     changed: Option<usize>,
     crashes: PathBuf,
 }
 
 impl Run<'_> {
-    /// Reads changed files until there were enough; returns how many.
+    /// Reads changed files up to the limit; returns their number.
     fn change(&mut self, most: Most, seed: u64, crashes: &mut Vec<String>) -> u64 {
         let begun = Instant::now();
         let mut mutator = Mutator::new(seed, self.target.words);
@@ -177,7 +176,7 @@ impl Run<'_> {
                 Most::Time(time) => begun.elapsed() >= time,
                 Most::Files(most) => number >= most,
             };
-            // One place gives as many crashes as there is time for; three are enough to mend it.
+            // One defect gives as many crashes as there is time for; three are enough to fix it.
             if is_over || found >= 3 {
                 return number;
             }
@@ -202,7 +201,7 @@ impl Run<'_> {
         self.input.files_read += 1;
     }
 
-    /// Reads a file in the place of one of the seeds; what is wrong where the reader panics.
+    /// Reads a file in the place of one of the seeds; returns the fault where the reader panics.
     fn read(&mut self, at: usize, bytes: &[u8]) -> Option<String> {
         self.current.set_len(0).unwrap();
         self.current.write_all_at(bytes, 0).unwrap();
@@ -231,7 +230,7 @@ impl Run<'_> {
     }
 }
 
-/// What a panic says.
+/// Returns the message of a panic.
 fn reason(payload: &(dyn Any + Send)) -> String {
     let owned = payload.downcast_ref::<String>().cloned();
     owned

@@ -1,6 +1,6 @@
-//! Changing files at random, from a seed.
+//! Random changes of files, from a seed.
 
-/// Numbers at the ends of what types hold, and beyond.
+/// Numbers at the limits of types, and beyond.
 const NUMBERS: [&str; 22] = [
     "0",
     "-0",
@@ -26,7 +26,7 @@ const NUMBERS: [&str; 22] = [
     "nan",
 ];
 
-/// Changes files; two with the same seed and words make the same changes.
+/// Source of changes; the same seed and words make the same changes.
 pub(crate) struct Mutator {
     state: u64,
     words: &'static [&'static str],
@@ -37,7 +37,7 @@ impl Mutator {
         Self { state: seed, words }
     }
 
-    /// `SplitMix64`.
+    /// Returns the next number of `SplitMix64`.
     fn next(&mut self) -> u64 {
         self.state = self.state.wrapping_add(0x9e37_79b9_7f4a_7c15);
         let mut mixed = self.state;
@@ -46,7 +46,7 @@ impl Mutator {
         mixed ^ (mixed >> 31)
     }
 
-    /// A number below `end`, 0 where that is 0.
+    /// Returns a number below `end`, 0 where that is 0.
     fn below(&mut self, end: usize) -> usize {
         (self.next() % end.max(1) as u64) as usize
     }
@@ -55,7 +55,7 @@ impl Mutator {
         of[self.below(of.len())]
     }
 
-    /// One of the seeds, changed in one to eight ways, and its number.
+    /// Returns one of the seeds, changed in one to eight ways, with its number.
     pub(crate) fn changed(&mut self, seeds: &[&[u8]]) -> (usize, Vec<u8>) {
         let seed = self.below(seeds.len());
         let mut bytes = seeds[seed].to_vec();
@@ -104,7 +104,7 @@ impl Mutator {
         self.pick(self.words).into()
     }
 
-    /// Writes another number over the next one that is written in digits.
+    /// Overwrites the next number in digits with another one.
     fn change_number(&mut self, bytes: &mut Vec<u8>, at: usize) {
         let is_digit = |byte: &u8| byte.is_ascii_digit() || b".+-eE".contains(byte);
         let Some(begin) = bytes[at..].iter().position(u8::is_ascii_digit) else {
@@ -119,7 +119,7 @@ impl Mutator {
         bytes.splice(begin..begin + digits, number.bytes());
     }
 
-    /// Writes an extreme integer of 2, 4 or 8 bytes over what stands there.
+    /// Overwrites bytes with an extreme integer of 2, 4 or 8 bytes.
     fn change_integer(&mut self, bytes: &mut [u8], at: usize) {
         let number = match self.below(6) {
             0 => 0,

@@ -10,7 +10,7 @@ use omnilife_schemas::{
     store,
 };
 
-/// The similarity that leaves the world as it is.
+/// Returns the similarity that leaves the world unchanged.
 pub(crate) fn unchanged() -> Similarity {
     Similarity {
         offset: [0.0; 3],
@@ -18,15 +18,15 @@ pub(crate) fn unchanged() -> Similarity {
     }
 }
 
-/// As owned strings.
+/// Returns names as owned strings.
 pub(crate) fn names(names: &[&str]) -> Vec<String> {
     names.iter().map(|&name| name.to_owned()).collect()
 }
 
-/// A mask of 4 x 2 pixels with 2 bits each, by indices of a palette whose background is transparent.
+/// Mask of 4 x 2 pixels with 2 bits each, by indices of a palette whose background is transparent.
 pub(crate) const PALETTE_MASK: &[u8] = b"\x89PNG\x0d\x0a\x1a\x0a\x00\x00\x00\x0dIHDR\x00\x00\x00\x04\x00\x00\x00\x02\x02\x03\x00\x00\x00\x02\xc6\x95\xf0\x00\x00\x00\x09PLTE\x00\x00\x00\x80\x00\x00\x00@\x00m\xaa\xb2\x1d\x00\x00\x00\x01tRNS\x00@\xe6\xd8f\x00\x00\x00\x0cIDATx\xdac\x90`\x08\x00\x00\x00\x9c\x00iV,*\xc3\x00\x00\x00\x00IEND\xaeB`\x82";
 
-/// Two points.
+/// Returns two points.
 pub(crate) fn cloud() -> PointCloud {
     PointCloud {
         positions: vec![[0.0, 1.0, 2.0], [1.0, -1.0, 3.0]],
@@ -34,7 +34,7 @@ pub(crate) fn cloud() -> PointCloud {
     }
 }
 
-/// Two Gaussians of degree 0 as 3DGS writes them.
+/// Returns two Gaussians of degree 0 as 3DGS writes them.
 pub(crate) fn gaussians() -> Vec<u8> {
     let mut properties = ["x", "y", "z", "f_dc_0", "f_dc_1", "f_dc_2", "opacity"].to_vec();
     properties.extend([
@@ -126,7 +126,7 @@ pub(crate) fn write_scene(folder: &Path) {
     store::write_record(&folder.join("scene.json"), &scene).unwrap();
 }
 
-/// Three small panoramas in a folder, under these names.
+/// Writes three small panoramas into a folder, under these names.
 fn write_panoramas(folder: &Path, names: [&str; 3]) {
     fs::create_dir_all(folder).unwrap();
     for name in names {
@@ -136,7 +136,7 @@ fn write_panoramas(folder: &Path, names: [&str; 3]) {
     }
 }
 
-/// A scene of 360Roam in the folder `in`; names the files that are changed.
+/// Writes a scene of 360Roam to the folder `in`; returns the names of the files to change.
 pub(crate) fn write_roam360(folder: &Path) -> Vec<String> {
     write_panoramas(&folder.join("in/images"), ["0.png", "1.png", "2.png"]);
     let entry = |number: u32| {
@@ -152,7 +152,7 @@ pub(crate) fn write_roam360(folder: &Path) -> Vec<String> {
     names(&["in/pose_c2w.json", "in/scene.ply"])
 }
 
-/// A scene of OmniPhotos in the folder `in`; names the files that are changed.
+/// Writes a scene of OmniPhotos to the folder `in`; returns the names of the files to change.
 pub(crate) fn write_omniphotos(folder: &Path) -> Vec<String> {
     write_panoramas(&folder.join("in/Input"), ["p-7.png", "p-8.png", "p-9.png"]);
     let files = [
@@ -187,7 +187,7 @@ pub(crate) fn write_omniphotos(folder: &Path) -> Vec<String> {
     names(&files.each_ref().map(|(name, _)| *name))
 }
 
-/// Tracks of that scene: one object that moves.
+/// Writes tracks of that scene: one object that moves.
 pub(crate) fn write_tracks(folder: &Path) {
     let tracks = serde_json::json!({
         "schema": "omnilife/tracks/1", "scene": "a/seq-000", "frames": [0, 1, 2], "image_size": [16, 8],
@@ -208,7 +208,7 @@ pub(crate) fn write_tracks(folder: &Path) {
     fs::write(folder.join("tracks.json"), tracks.to_string()).unwrap();
 }
 
-/// The boxes of an MP4 file that states its projection in both versions.
+/// Returns the boxes of an MP4 file that states its projection in both versions.
 pub(crate) fn spherical_mp4() -> Vec<u8> {
     let boxed = |kind: &[u8; 4], content: &[u8]| -> Vec<u8> {
         let length = content.len() as u32 + 8;

@@ -1,4 +1,4 @@
-//! What is read from single files, and the valid files that changes begin from.
+//! Readers of single files, and the valid files that changes start from.
 
 use std::{
     fs,
@@ -39,18 +39,18 @@ use crate::samples::{
     write_splat_formats, write_tracks,
 };
 
-/// A file that a reader takes.
+/// File that a reader accepts.
 pub(crate) struct Seed {
     /// Its name, relative to the folder.
     pub(crate) name: String,
     pub(crate) bytes: Vec<u8>,
 }
 
-/// A folder that holds the seeds, one of them changed.
+/// Folder with the seeds, one of them changed.
 pub(crate) struct Input {
     pub(crate) folder: PathBuf,
     pub(crate) seeds: Vec<Seed>,
-    /// Changed files so far.
+    /// Number of changed files so far.
     pub(crate) files_read: u64,
 }
 
@@ -73,25 +73,25 @@ impl Input {
     }
 }
 
-/// A reader.
+/// Reader with its seeds.
 pub(crate) struct Target {
     pub(crate) id: &'static str,
     /// Words of its format.
     pub(crate) words: &'static [&'static str],
-    /// How many times as long as others it takes.
+    /// Factor by which it takes longer than others.
     pub(crate) cost: u64,
-    /// Fills a folder with files that the reader takes, and names those that are changed.
+    /// Fills a folder with files that the reader accepts, and returns the names of those to change.
     pub(crate) seeds: fn(&Path) -> Vec<String>,
-    /// Reads the changed file; what it returns does not matter.
+    /// Reads the changed file; the result is ignored.
     pub(crate) reader: Reader,
 }
 
-/// How a changed file is read.
+/// Reader of a changed file.
 #[derive(Clone, Copy)]
 pub(crate) enum Reader {
-    /// From its bytes; the seed's name says of which kind it is.
+    /// Reads bytes; the seed's name gives their kind.
     Bytes(fn(&Seed, &[u8])),
-    /// From its folder.
+    /// Reads a folder.
     Folder(fn(&Input, &Seed)),
 }
 

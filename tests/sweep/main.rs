@@ -1,4 +1,4 @@
-//! Sweeps: plans, pools of runners that are killed, and job arrays on a real Slurm.
+//! Sweeps: plans, pools of killed runners, and job arrays on a real Slurm.
 #![cfg(target_os = "linux")]
 #![expect(clippy::unwrap_used, reason = "a failed set-up step fails the test")]
 

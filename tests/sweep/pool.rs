@@ -1,4 +1,4 @@
-//! The local pool: limits, failures, runners that are killed, overhead.
+//! Local pool: limits, failures, killed runners, overhead.
 
 use std::{
     collections::BTreeMap,
@@ -23,7 +23,7 @@ fn signal(child: &Child, name: &str) {
     );
 }
 
-/// Numbers that are as good as random, and the same in every run.
+/// Returns pseudorandom numbers, the same in every run.
 fn scattered(count: u32) -> impl Iterator<Item = u64> {
     (0..count).scan(0x2545_f491_4f6c_dd1d_u64, |state, _| {
         *state ^= *state << 13;
@@ -61,7 +61,7 @@ fn failures_are_rows_with_reasons_and_can_be_retried() {
         "failed ended at its time limit of 1 s"
     );
 
-    // Failed units are left alone until somebody says so.
+    // Failed units are left alone until a retry is requested.
     fs::write(shell.path("mended"), "").unwrap();
     assert_eq!(shell.run("run", &[]).status.code(), Some(1));
     succeeded(shell.run("retry", &["line-00002"]));
@@ -77,7 +77,7 @@ fn failures_are_rows_with_reasons_and_can_be_retried() {
 
 #[test]
 fn no_more_run_at_once_than_cores_and_memory_allow() {
-    // Every unit writes how many run while it does.
+    // Every unit writes the number of running units.
     let line = "touch on-$$; ls on-* | wc -l >> at-once; sleep 0.15; rm on-$$".to_owned();
     for (options, most) in [
         (&["--cores", "3", "--memory", "64"][..], 3),
@@ -110,12 +110,11 @@ fn no_more_run_at_once_than_cores_and_memory_allow() {
     assert_eq!(shell.count("missing"), 1);
 }
 
-/// A runner, killed and begun again at scattered moments: no unit is lost, and none runs twice at a
-/// time or is done twice.
+/// A runner is killed and restarted at scattered moments: no unit is lost, runs twice at a time, or is done twice.
 #[test]
 fn killed_runners_cost_no_more_than_their_running_units() {
     const UNITS: usize = 60;
-    // A unit that begins while another process of the same unit runs says so.
+    // A unit reports if it starts while another process of the same unit runs.
     let commands: Vec<String> = (0..UNITS)
         .map(|unit| {
             format!(
@@ -133,8 +132,8 @@ fn killed_runners_cost_no_more_than_their_running_units() {
         runner = shell.runner(&["--cores", "4"]);
     }
     runner.wait().unwrap();
-    // A unit that was running at three of the kills is given up until somebody says otherwise;
-    // which those are, if any, is up to the clock.
+    // A unit that was running at three of the kills is given up until a retry. Which ones those are, if any, depends
+    // on timing.
     let rows = shell.rows();
     let failed: Vec<_> = rows.iter().filter(|row| row[1] == "failed").collect();
     assert_eq!(shell.count("done") + failed.len(), UNITS);
@@ -147,8 +146,7 @@ fn killed_runners_cost_no_more_than_their_running_units() {
     }
     assert_eq!(shell.count("done"), UNITS);
     assert_eq!(lines(&shell.path("clashes")), Vec::<String>::new());
-    // A unit that was killed after its last command and before its record runs again: at most one
-    // per core and kill.
+    // A unit that was killed after its last command and before its record runs again: at most one per core and kill.
     let finished = lines(&shell.path("finished")).len();
     assert!((UNITS..=UNITS + 14 * 4).contains(&finished), "{finished}");
     for unit in fs::read_dir(shell.path("sweep/units")).unwrap() {
@@ -182,7 +180,7 @@ fn a_unit_that_kills_its_runners_is_given_up() {
     assert_eq!(rows[1][1], "done", "and the others are done");
 }
 
-/// Told to end, a runner tells its units, waits for their checkpoints, and leaves them to be done.
+/// On SIGTERM, a runner signals its units, waits for their checkpoints, and leaves them to be done.
 #[test]
 fn told_to_end_a_runner_lets_units_save_their_work() {
     let unit = "if test -e saved; then cp saved result; exit; fi; \
@@ -202,7 +200,7 @@ fn told_to_end_a_runner_lets_units_save_their_work() {
     assert_eq!(lines(&shell.path("result")), ["half"]);
 }
 
-/// What a killed runner's unit has started does not go on beside the next attempt.
+/// The next attempt waits until everything that a killed runner's unit has started is gone.
 #[test]
 fn what_a_killed_runner_has_left_is_waited_for() {
     let unit = "if test -e begun; then test -e late && touch after; exit; fi; \
@@ -219,7 +217,7 @@ fn what_a_killed_runner_has_left_is_waited_for() {
     assert!(shell.path("after").exists());
 }
 
-/// The next unit is not to share the machine with what one has left behind.
+/// The next unit must not share the machine with leftovers of another.
 #[test]
 fn what_a_unit_leaves_running_is_ended_and_told() {
     let unit = "setsid sh -c 'echo $$ > own; exec sleep 300' & \
@@ -333,7 +331,7 @@ fn times_that_no_job_has_are_refused_in_one_line() {
 
 #[test]
 fn changed_inputs_and_lost_outputs_make_a_unit_missing() {
-    // Plans of commands know no inputs: the record is given one.
+    // Plans of commands have no inputs: the record is given one.
     let shell = Shell::planned(&["cp input output".to_owned()], &[]);
     fs::write(shell.path("input"), "one").unwrap();
     succeeded(shell.run("run", &[]));
@@ -361,8 +359,8 @@ fn changed_inputs_and_lost_outputs_make_a_unit_missing() {
     assert_eq!(fs::read_to_string(shell.path("output")).unwrap(), "two");
 }
 
-/// Wall-clock and CPU seconds of a command and its children. CPU time is read from the
-/// shell, which prints that of its children as `0m1.234s 0m0.567s`.
+/// Returns wall-clock and CPU seconds of a command and its children. CPU time is read from the shell, which prints
+/// that of its children as `0m1.234s 0m0.567s`.
 fn seconds_of(shell: &Shell, command: &str) -> [f64; 2] {
     let begun = Instant::now();
     let output = Command::new("bash")
@@ -388,7 +386,7 @@ fn overhead_is_small() {
     let units = setting("OMNILIFE_SWEEP_UNITS", 40.0);
     let seconds = setting("OMNILIFE_SWEEP_SECONDS", 0.1);
     let shell = Shell::planned(&vec![format!("sleep {seconds}"); units as usize], &[]);
-    // What the same commands take without a sweep: shells that begin and end cost time themselves.
+    // Time of the same commands without a sweep: starting and ending shells takes time itself.
     let bare = seconds_of(&shell, "xargs -P 4 -I {} sh -c {} < lines.txt");
     let binary = assert_cmd::cargo::cargo_bin!("omnilife");
     let run = format!(
@@ -406,6 +404,6 @@ fn overhead_is_small() {
         1000.0 * wall,
         1000.0 * processor
     );
-    // The target is 10 ms of a unit of 1 s. Wall-clock time says nothing while other tests run.
+    // The target is 10 ms of a unit of 1 s. Wall-clock time is meaningless while other tests run.
     assert!(processor < 0.03, "{processor}");
 }

@@ -17,7 +17,7 @@ use tempfile::TempDir;
 
 use crate::support::{Shell, lines, succeeded, wait_for};
 
-/// A cluster that ends with the test.
+/// Cluster that ends with the test.
 struct Cluster(TempDir);
 
 fn cluster_script(command: &str, folder: &Path) -> Output {
@@ -30,7 +30,7 @@ fn cluster_script(command: &str, folder: &Path) -> Output {
 }
 
 impl Cluster {
-    /// `None`, with the reason printed, where there can be none.
+    /// Starts a cluster; returns `None`, with the reason printed, where that is impossible.
     fn up() -> Option<Self> {
         let folder = tempfile::tempdir().unwrap();
         let check = cluster_script("check", folder.path());
@@ -47,7 +47,7 @@ impl Cluster {
         self.0.path().join("slurm.conf")
     }
 
-    /// What a program of Slurm prints.
+    /// Returns the output of a program of Slurm.
     fn says(&self, program: &str, arguments: &[&str]) -> String {
         let mut command = Command::new(program);
         command
@@ -56,7 +56,7 @@ impl Cluster {
         succeeded(command.output().unwrap())
     }
 
-    /// `omnilife sweep submit SWEEP --slurm <options>`.
+    /// Runs `omnilife sweep submit SWEEP --slurm <options>`.
     fn submit(&self, shell: &Shell, options: &[&str]) -> String {
         let sweep = shell.sweep();
         let mut arguments = vec!["sweep", "submit", sweep.as_str(), "--slurm"];
@@ -66,8 +66,8 @@ impl Cluster {
         succeeded(command.output().unwrap())
     }
 
-    /// Waits until the queue is empty. Jobs that were put back into it begin soon instead of in two
-    /// minutes - not at once, because their node refuses those that it has ended a second ago.
+    /// Waits until the queue is empty. Requeued jobs start soon instead of in two minutes, but not at once, because
+    /// their node refuses jobs that it has ended a second ago.
     fn drain(&self) {
         const PAUSE: Duration = Duration::from_secs(3);
         let mut seen: BTreeMap<String, Instant> = BTreeMap::new();
@@ -81,7 +81,7 @@ impl Cluster {
                     .elapsed()
                     > PAUSE
                 {
-                    // It may have begun since.
+                    // It may have started since.
                     let mut release = Command::new("scontrol");
                     release.args(["update", &format!("JobId={job}"), "StartTime=now"]);
                     release.env("SLURM_CONF", self.configuration());
@@ -105,7 +105,7 @@ impl Drop for Cluster {
     }
 }
 
-/// The result of one method on one scene.
+/// Returns the result of one method on one scene.
 fn result(scene: usize) -> ResultRecord {
     let score = Summary {
         mean: 20.0 + scene as f64 / 7.0,
@@ -148,13 +148,13 @@ fn result(scene: usize) -> ResultRecord {
 }
 
 const SCENES: usize = 19;
-/// The scene whose result is missing at first.
+/// Scene whose result is missing at first.
 const BROKEN: usize = 7;
 
-/// The scene whose node goes down.
+/// Scene whose node goes down.
 const SLOW: usize = 3;
 
-/// Units that take a while to bring one result each to its place, and how many run meanwhile.
+/// Plans units that each copy one result slowly, and record how many run meanwhile.
 fn study() -> Shell {
     let folder = tempfile::tempdir().unwrap();
     for scene in (0..SCENES).filter(|&scene| scene != BROKEN) {
@@ -196,7 +196,7 @@ fn job_arrays_do_what_a_local_run_does() {
     };
     let shell = study();
 
-    // What would be submitted: chunks below MaxArraySize, which is 9.
+    // Planned submission: chunks below MaxArraySize, which is 9.
     let planned = cluster.submit(&shell, &["--dry-run"]);
     let sizes: Vec<&str> = planned.lines().map(|line| &line[..14]).collect();
     assert_eq!(
@@ -246,7 +246,7 @@ fn job_arrays_do_what_a_local_run_does() {
     let again = format!("sweep/units/line-{:05}/attempt-2.log", SLOW + 1);
     assert!(shell.path(&again).exists(), "it ran again");
 
-    // Resubmission has what is missing alone.
+    // Resubmission has the missing units alone.
     assert!(cluster.submit(&shell, &[]).contains("nothing to submit"));
     mend(&shell);
     succeeded(shell.run("retry", &[]));

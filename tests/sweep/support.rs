@@ -1,4 +1,4 @@
-//! Sweeps of shell commands, and running the binary on them.
+//! Sweeps of shell commands, and runs of the binary on them.
 
 use std::{
     fs,
@@ -11,14 +11,14 @@ use std::{
 use assert_cmd::cargo::cargo_bin;
 use tempfile::TempDir;
 
-/// The binary with arguments.
+/// Returns the binary with arguments.
 pub(crate) fn omnilife(arguments: &[&str]) -> Command {
     let mut command = Command::new(cargo_bin!("omnilife"));
     command.args(arguments);
     command
 }
 
-/// A sweep of shell commands in a folder of its own.
+/// Sweep of shell commands in a folder of its own.
 pub(crate) struct Shell {
     folder: TempDir,
 }
@@ -29,7 +29,7 @@ impl Shell {
         Self::planned_in(tempfile::tempdir().unwrap(), lines, options)
     }
 
-    /// The same in a folder that is there.
+    /// Plans one unit per line in an existing folder.
     pub(crate) fn planned_in(folder: TempDir, lines: &[String], options: &[&str]) -> Self {
         let shell = Self { folder };
         let file = shell.path("lines.txt");
@@ -42,24 +42,24 @@ impl Shell {
         shell
     }
 
-    /// The binary, run in the folder.
+    /// Returns the binary, run in the folder.
     pub(crate) fn command(&self, arguments: &[&str]) -> Command {
         let mut command = omnilife(arguments);
         command.current_dir(self.folder.path());
         command
     }
 
-    /// A path in the folder.
+    /// Returns a path in the folder.
     pub(crate) fn path(&self, name: &str) -> PathBuf {
         self.folder.path().join(name)
     }
 
-    /// The sweep's folder.
+    /// Returns the sweep's folder.
     pub(crate) fn sweep(&self) -> String {
         self.path("sweep").to_str().unwrap().to_owned()
     }
 
-    /// `omnilife sweep <command> SWEEP <options>`, run to its end.
+    /// Runs `omnilife sweep <command> SWEEP <options>` to its end.
     pub(crate) fn run(&self, command: &str, options: &[&str]) -> Output {
         let sweep = self.sweep();
         let mut arguments = vec!["sweep", command, sweep.as_str()];
@@ -67,7 +67,7 @@ impl Shell {
         self.command(&arguments).output().unwrap()
     }
 
-    /// A runner in the background.
+    /// Starts a runner in the background.
     pub(crate) fn runner(&self, options: &[&str]) -> Child {
         let sweep = self.sweep();
         let mut arguments = vec!["--quiet", "sweep", "run", sweep.as_str()];
@@ -79,7 +79,7 @@ impl Shell {
             .unwrap()
     }
 
-    /// The rows of the table of units as unit, state, reason.
+    /// Returns the rows of the table of units as unit, state, reason.
     pub(crate) fn rows(&self) -> Vec<[String; 3]> {
         let printed = succeeded(self.run("status", &["--csv"]));
         let mut table = csv::Reader::from_reader(printed.as_bytes());
@@ -90,13 +90,13 @@ impl Shell {
         rows.collect()
     }
 
-    /// How many units are in a state.
+    /// Returns the number of units in a state.
     pub(crate) fn count(&self, state: &str) -> usize {
         self.rows().iter().filter(|row| row[1] == state).count()
     }
 }
 
-/// Checks that a command went well, and returns what it printed.
+/// Checks that a command succeeded, and returns its output.
 #[track_caller]
 pub(crate) fn succeeded(output: Output) -> String {
     let text = |bytes: &[u8]| String::from_utf8_lossy(bytes).into_owned();
@@ -115,7 +115,7 @@ pub(crate) fn wait_for(what: &str, limit: Duration, mut is_true: impl FnMut() ->
     }
 }
 
-/// Lines of a file; none where it is missing.
+/// Returns the lines of a file; empty where it is missing.
 pub(crate) fn lines(path: &Path) -> Vec<String> {
     let text = fs::read_to_string(path).unwrap_or_default();
     text.lines().map(str::to_owned).collect()

@@ -1,8 +1,8 @@
-//! The assignment of rows to columns with the least sum of costs (the Hungarian method with potentials,
-//! by shortest augmenting paths: Jonker and Volgenant 1987).
+//! Assignment of rows to columns with the least sum of costs: the Hungarian method with potentials, by shortest
+//! augmenting paths (Jonker and Volgenant 1987).
 
-/// For each row of a `rows x columns` matrix of finite costs, its column; `None` where there are more
-/// rows than columns.
+/// Returns the column of each row of a `rows x columns` matrix of finite costs; `None` where there are more rows than
+/// columns.
 pub fn assign(costs: &[Vec<f64>], columns: usize) -> Vec<Option<usize>> {
     let rows = costs.len();
     if rows == 0 || columns == 0 {
@@ -72,7 +72,7 @@ pub fn assign(costs: &[Vec<f64>], columns: usize) -> Vec<Option<usize>> {
 mod tests {
     use super::*;
 
-    /// The least sum over all ways to give each row (of no more than there are columns) a column.
+    /// Returns the least sum over all ways to give each row a column; there are at least as many columns as rows.
     fn by_force(costs: &[Vec<f64>], used: &mut Vec<bool>) -> f64 {
         let Some((first, rest)) = costs.split_first() else {
             return 0.0;

@@ -1,24 +1,24 @@
-//! Symmetric positive definite systems of equations whose matrix is a band; a band as wide as the matrix is dense.
+//! Symmetric positive definite systems of equations with a band matrix; a band as wide as the matrix is dense.
 
 use std::{
     iter::Sum,
     ops::{Div, Mul, Sub},
 };
 
-/// The lower half of a symmetric band matrix.
+/// Lower half of a symmetric band matrix.
 #[derive(Debug, Clone)]
 pub struct BandMatrix {
     size: usize,
     /// Entries beside the diagonal, to one side.
     reach: usize,
-    /// Row by row, the diagonal last.
+    /// Entries row by row, the diagonal last.
     rows: Vec<f64>,
     /// Share of its diagonal entry that every pivot exceeds.
     least_pivot: f64,
 }
 
 impl BandMatrix {
-    /// Zeros.
+    /// Makes a matrix of zeros.
     pub fn new(size: usize, reach: usize) -> Self {
         Self {
             size,
@@ -28,8 +28,8 @@ impl BandMatrix {
         }
     }
 
-    /// Refuses to be solved with a pivot of at most this share of its diagonal entry, which says how badly the
-    /// matrix is conditioned whatever its units are.
+    /// Refuses a solution with a pivot of at most this share of its diagonal entry, a measure of condition that is
+    /// independent of units.
     pub fn with_least_pivot(self, least_pivot: f64) -> Self {
         Self {
             least_pivot,
@@ -49,12 +49,12 @@ impl BandMatrix {
         self.rows[place] += value;
     }
 
-    /// The diagonal entry of a row.
+    /// Returns the diagonal entry of a row.
     pub fn diagonal(&self, row: usize) -> f64 {
         self.rows[self.place(row, row)]
     }
 
-    /// Solves `A x = right` for numbers or vectors `x`; `None` where the matrix is not positive definite.
+    /// Solves `A x = right` for scalars or vectors `x`; `None` where the matrix is not positive definite.
     pub fn solve<T>(self, right: &[T]) -> Option<Vec<T>>
     where
         T: Copy + Sum + Sub<Output = T> + Div<f64, Output = T>,
@@ -79,7 +79,7 @@ impl BandMatrix {
         Some(x)
     }
 
-    /// Cholesky's factor, in place of the matrix.
+    /// Replaces the matrix by its Cholesky factor.
     fn decomposed(mut self) -> Option<Self> {
         for row in 0..self.size {
             let first = row.saturating_sub(self.reach);
@@ -94,7 +94,7 @@ impl BandMatrix {
                 if column < row {
                     self.rows[at] = value / self.rows[self.place(column, column)];
                 } else {
-                    // Written so that NaN and infinity are refused.
+                    // This form refuses NaN and infinity too.
                     let is_positive = value > self.least_pivot * self.rows[at];
                     is_positive.then_some(())?;
                     self.rows[at] = value.sqrt();

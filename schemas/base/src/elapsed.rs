@@ -1,4 +1,4 @@
-//! How long work takes, on the wall's clock and on the CPU.
+//! Wall-clock time and CPU time of work.
 
 use std::time::{Duration, Instant};
 
@@ -16,7 +16,7 @@ pub struct Elapsed {
     pub cpu_seconds: Option<f64>,
 }
 
-/// Wall-clock time alone.
+/// From wall-clock time alone.
 impl From<f64> for Elapsed {
     fn from(wall_seconds: f64) -> Self {
         Self {
@@ -32,13 +32,13 @@ impl Elapsed {
         Duration::try_from_secs_f64(self.wall_seconds).unwrap_or_default()
     }
 
-    /// Returns the CPU time, where it is known.
+    /// Returns the CPU time, if known.
     pub fn cpu(self) -> Option<Duration> {
         let seconds = self.cpu_seconds?;
         Some(Duration::try_from_secs_f64(seconds).unwrap_or_default())
     }
 
-    /// Adds both times, of work one after the other; CPU time as far as it is known.
+    /// Returns the sum of both times, of work one after the other; CPU time as far as it is known.
     #[must_use]
     pub fn plus(self, other: Self) -> Self {
         let cpu = [self.cpu_seconds, other.cpu_seconds];
@@ -50,7 +50,7 @@ impl Elapsed {
     }
 }
 
-/// Measures how long work takes from when it is started on.
+/// Measures the time of work from its start.
 #[derive(Debug, Clone, Copy)]
 pub struct Stopwatch {
     begun: Instant,
@@ -59,12 +59,12 @@ pub struct Stopwatch {
 }
 
 impl Stopwatch {
-    /// Begins to count the time of this process and of the programs that it runs, once they have ended.
+    /// Starts to count the time of this process and of the programs that it runs, once they have ended.
     pub fn with_children() -> Self {
         Self::by(cpu_time_with_children)
     }
 
-    /// Begins to count the time of this process alone, as its parts are compared with each other.
+    /// Starts to count the time of this process alone, for comparisons of its parts.
     pub fn of_own_process() -> Self {
         Self::by(own_cpu_time)
     }
@@ -77,7 +77,7 @@ impl Stopwatch {
         }
     }
 
-    /// The time since.
+    /// Returns the time since the start.
     pub fn elapsed(&self) -> Elapsed {
         let cpu = (self.cpu_time)().zip(self.cpu_begun);
         Elapsed {
@@ -87,7 +87,7 @@ impl Stopwatch {
     }
 }
 
-/// Returns the user and system time of all threads of this process so far, where the system tells (Unix).
+/// Returns the user and system time of all threads of this process so far, where the system reports it (Unix).
 pub fn own_cpu_time() -> Option<Duration> {
     #[cfg(unix)]
     {
@@ -97,7 +97,7 @@ pub fn own_cpu_time() -> Option<Duration> {
     None
 }
 
-/// Returns [`own_cpu_time`] and the CPU time of the programs that this process has run and that have ended.
+/// Returns [`own_cpu_time`] plus the CPU time of programs that this process has run and that have ended.
 fn cpu_time_with_children() -> Option<Duration> {
     #[cfg(unix)]
     {
@@ -133,7 +133,7 @@ mod tests {
         let took = watch.elapsed();
         assert!(sum > 0.0 && took.wall_seconds >= 0.06);
         if cfg!(unix) {
-            // Other processes may have had the core for a part of it.
+            // Other processes may have used the core for a part of it.
             assert!(took.cpu_seconds.is_some_and(|cpu| cpu > 0.005), "{took:?}");
         }
     }
@@ -148,7 +148,7 @@ mod tests {
             .status();
         assert!(status.is_ok_and(|status| status.success()));
         let [with, without] = [watch, own].map(|watch| watch.elapsed().cpu_seconds);
-        // Other tests run in this process meanwhile, and count for both.
+        // Other tests run in this process at the same time, and count for both.
         let programs = with.zip(without).map(|(with, without)| with - without);
         assert!(programs.is_some_and(|cpu| cpu > 0.001), "{programs:?}");
     }

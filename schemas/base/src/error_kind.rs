@@ -1,4 +1,4 @@
-//! Whose fault an error is: the exit code of the binary follows from it.
+//! Kinds of errors, from which the exit code of the binary follows.
 
 use std::{
     cell::RefCell,
@@ -9,33 +9,33 @@ thread_local! {
     static LAST_FILE: RefCell<Option<PathBuf>> = const { RefCell::new(None) };
 }
 
-/// Remembers what this thread reads, in case that reading it shows a mistake of ours.
+/// Remembers the file that this thread reads, in case that reading it reveals a mistake of ours.
 pub fn reading(file: &Path) {
     LAST_FILE.with_borrow_mut(|last| *last = Some(file.to_owned()));
 }
 
-/// The file that this thread was [`reading`] last.
+/// Returns the last file that this thread was [`reading`].
 pub fn last_file() -> Option<PathBuf> {
-    // A thread that is ending has nothing to tell any more.
+    // A thread that is ending has no such file any more.
     LAST_FILE
         .try_with(|last| last.try_borrow().ok()?.clone())
         .ok()
         .flatten()
 }
 
-/// Who has to act for the error to go away.
+/// Kinds of errors, by the party that has to act.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum ErrorKind {
-    /// The input is bad or missing; the user has to change it. Exit code 2.
+    /// Bad or missing input, which the user has to change. Exit code 2.
     User,
-    /// Our failure or the machine's (a full disk, a bug). Exit code 1.
+    /// Failure of the program or the machine (a bug, a full disk). Exit code 1.
     Internal,
 }
 
-/// Implemented by every error type of the workspace.
+/// Errors with a kind; every error type of the workspace implements it.
 ///
 /// Messages are one line that names the file and the reason.
 pub trait Classified: std::error::Error {
-    /// Who has to act.
+    /// Returns the party that has to act.
     fn error_kind(&self) -> ErrorKind;
 }

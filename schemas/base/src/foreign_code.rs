@@ -1,4 +1,4 @@
-//! Libraries of others that panic on damaged files.
+//! Third-party libraries that panic on damaged files.
 
 use std::{
     cell::Cell,
@@ -9,14 +9,14 @@ thread_local! {
     static GUARDED: Cell<bool> = const { Cell::new(false) };
 }
 
-/// Runs code that may panic on what a file holds. A panic on this thread is an error of the file, in the
-/// library's words, and nobody is told that the program made a mistake.
+/// Runs code that may panic on the content of a file. A panic on this thread becomes an error of the file, in the
+/// library's words, and is not reported as a bug of the program.
 ///
 /// # Errors
-/// What the panic said.
+/// The message of the panic.
 pub fn guarded<T>(read: impl FnOnce() -> T) -> Result<T, String> {
     let before = GUARDED.replace(true);
-    // The file's values alone can be half-made, and they are dropped.
+    // Only the values of the file can be half-made, and they are dropped.
     let outcome = panic::catch_unwind(AssertUnwindSafe(read));
     GUARDED.set(before);
     outcome.map_err(|payload| {
@@ -26,7 +26,7 @@ pub fn guarded<T>(read: impl FnOnce() -> T) -> Result<T, String> {
     })
 }
 
-/// Whether this thread runs such code: a panic there needs no telling.
+/// Returns whether this thread runs such code; a panic there is not reported.
 pub fn is_guarded() -> bool {
     GUARDED.get()
 }

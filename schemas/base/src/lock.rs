@@ -1,7 +1,7 @@
 //! Locks: one process at a time writes into a folder or works on a unit.
 //!
-//! The lock is the system's (`flock`), so it ends with its process however that ends; the file that
-//! carries it says who holds it, and goes when it is let go.
+//! The lock is the system's (`flock`), so it ends with its process in any case. The file that carries it names the
+//! holder, and is removed on release.
 
 use std::{
     collections::BTreeMap,
@@ -20,20 +20,20 @@ use crate::{
     store::{self, StoreError},
 };
 
-/// Name of the file in a locked folder.
+/// Name of the lock's file in a locked folder.
 pub const LOCK_FILE: &str = ".omnilife.lock";
-/// With these words the file begins.
+/// First words of the file.
 const TAG: &str = "omnilife writes here: ";
-/// Characters of the file that a message repeats at most.
+/// Largest number of characters of the file that a message repeats.
 const LONGEST_HOLDER: usize = 300;
-/// How often, and how long apart, a lock is looked at that does not say yet who holds it.
+/// Number of times, and the interval, at which a lock is read whose holder has not written its text yet.
 const HOLDER_TRIES: u32 = 10;
 const HOLDER_WAIT: Duration = Duration::from_millis(20);
 
-/// What this process holds. Stages of one job lock the folders that the job has locked already.
+/// Locks of this process. Stages of one job lock folders that the job has locked already.
 static HELD: Mutex<BTreeMap<PathBuf, Weak<Held>>> = Mutex::new(BTreeMap::new());
 
-/// A file that is locked for as long as it, or a copy that another process has inherited, is open.
+/// Locked file; the lock lasts as long as it, or a copy that another process has inherited, is open.
 #[derive(Debug)]
 pub struct LockFile {
     path: PathBuf,
@@ -45,14 +45,14 @@ pub struct LockFile {
 pub enum Attempt {
     /// This process has the lock.
     Locked(LockFile),
-    /// Another process has it; what it wrote can be read from the file.
+    /// Another process has it; its text can be read from the file.
     Held(File),
     /// The file system has no locks, or fails to lock.
     Failed(io::Error),
 }
 
 impl LockFile {
-    /// Makes the file where it is missing and locks it, without waiting. Content of an earlier holder stays.
+    /// Creates the file where it is missing and locks it, without waiting. Content of an earlier holder stays.
     ///
     /// # Errors
     /// When the path is a link, or the file cannot be opened for reading and writing.
@@ -66,7 +66,7 @@ impl LockFile {
             options.read(true).write(true).create(true).truncate(false);
             let file = options.open(path).map_err(failed)?;
             return Ok(match file.try_lock() {
-                // The holder before may have removed it between opening and locking.
+                // The previous holder may have removed it between opening and locking.
                 Ok(()) if !is_still_there(&file, path).map_err(failed)? => continue,
                 Ok(()) => Attempt::Locked(Self {
                     path: path.to_owned(),
@@ -86,7 +86,7 @@ impl LockFile {
     /// Replaces the content.
     ///
     /// # Errors
-    /// Those of the system.
+    /// When the system refuses.
     pub fn write(&self, content: &[u8]) -> io::Result<()> {
         let mut file = &self.file;
         file.set_len(0)?;
@@ -94,36 +94,34 @@ impl LockFile {
         file.write_all(content)
     }
 
-    /// Removes the file and lets the lock go, whatever other process has inherited it.
+    /// Removes the file and releases the lock, even if another process has inherited it.
     ///
     /// # Errors
     /// When the file cannot be removed.
     pub fn release(&self) -> Result<(), StoreError> {
-        // Removed before it is let go: whoever locks a removed file finds that out.
+        // Removed before the release: a process that locks a removed file finds that out.
         store::remove(&self.path)?;
         let unlocked = self.file.unlock();
         unlocked.map_err(|error| StoreError::write(&self.path, error))
     }
 }
 
-/// Keeps other processes from writing into a folder until it is dropped.
+/// Lock that keeps other processes from writing into a folder until it is dropped.
 #[derive(Debug)]
 pub struct FolderLock {
     _held: Arc<Held>,
 }
 
-/// The lock; `None` where the file system has no locks.
+/// Lock of a folder; `None` where the file system has no locks.
 #[derive(Debug)]
 struct Held(Option<LockFile>);
 
 impl FolderLock {
-    /// Makes the folder where it is missing, locks it, and removes what killed processes left
-    /// half-written in it, not in folders below. On a file system without locks a note
-    /// says so and nothing is kept out.
+    /// Creates the folder where it is missing, locks it, and removes half-written files of killed processes from it,
+    /// but not from folders below. On a file system without locks a note says so and no process is kept out.
     ///
     /// # Errors
-    /// [`StoreError::Refused`] that says which process holds the folder, and when it cannot be
-    /// written into.
+    /// [`StoreError::Refused`] with the process that holds the folder, and when the folder cannot be written into.
     pub fn take(folder: &Path, progress: &dyn Progress) -> Result<Self, StoreError> {
         if folder.is_file() {
             return Err(StoreError::refused(
@@ -152,10 +150,11 @@ impl FolderLock {
         Ok(Self { _held: held })
     }
 
-    /// [`FolderLock::take`] of a folder that the command does not make: none where it is missing.
+    /// Takes the lock of a folder as [`FolderLock::take`] does, but does not create it; returns `None` where it is
+    /// missing.
     ///
     /// # Errors
-    /// As there.
+    /// Those of [`FolderLock::take`].
     pub fn take_existing(
         folder: &Path,
         progress: &dyn Progress,
@@ -169,10 +168,10 @@ impl FolderLock {
 
 impl Drop for Held {
     fn drop(&mut self) {
-        // Another thread must not find the lock half gone.
+        // Another thread must not find the lock half released.
         let mut all = all_held();
         if let Some(lock) = self.0.take() {
-            // One that cannot be removed is hidden and taken over by the next process.
+            // A file that cannot be removed is hidden and taken over by the next process.
             drop(lock.release());
         }
         all.retain(|_, held| held.strong_count() > 0);
@@ -180,11 +179,11 @@ impl Drop for Held {
 }
 
 fn all_held() -> MutexGuard<'static, BTreeMap<PathBuf, Weak<Held>>> {
-    // The map is whole whatever a panicking thread was doing.
+    // The map is consistent even if a thread panicked while it held the lock.
     HELD.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// Locks the file; `None` where the file system cannot.
+/// Locks the file; returns `None` where the file system cannot.
 fn lock(folder: &Path, path: &Path) -> Result<Option<LockFile>, StoreError> {
     let failed = |error| StoreError::write(path, error);
     let lock = match LockFile::take(path)? {
@@ -205,12 +204,12 @@ fn lock(folder: &Path, path: &Path) -> Result<Option<LockFile>, StoreError> {
     Ok(Some(lock))
 }
 
-/// The lock's text; who has just taken a lock writes it a moment later.
+/// Returns the lock's text; a process that has just taken a lock writes it a moment later.
 fn said_by_holder(file: &mut File) -> String {
     let mut text = String::new();
     for _ in 0..HOLDER_TRIES {
         text.clear();
-        // What cannot be read says nothing.
+        // An unreadable file counts as empty.
         let _ = file
             .rewind()
             .and_then(|()| Read::by_ref(file).take(4096).read_to_string(&mut text));
@@ -222,7 +221,7 @@ fn said_by_holder(file: &mut File) -> String {
     text
 }
 
-/// What another process says of itself.
+/// Returns the error that repeats the text of the holder.
 fn refusal(folder: &Path, file: &mut File) -> StoreError {
     let text = said_by_holder(file);
     let holder: String = text
@@ -238,7 +237,7 @@ fn refusal(folder: &Path, file: &mut File) -> StoreError {
     )
 }
 
-/// Who holds the lock: process, machine, command, time.
+/// Returns the text of a holder: process, machine, command, time.
 fn holder() -> String {
     let words: Vec<String> = std::env::args_os()
         .map(|word| word.to_string_lossy().into_owned())

@@ -1,21 +1,21 @@
-//! Finding by name: what stands in a slice of methods, protocols, adapters ...
+//! Search by name in a slice of methods, protocols, adapters and the like.
 
-/// There is nothing of this name; the message lists all names, and the one that may be meant.
+/// Error for an unknown name; the message lists all names, and the one that may be meant.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("there is no {kind} {name:?}; known: {known}{}", suggestion(meant.as_deref()))]
 pub struct UnknownName {
-    /// What was looked for: `method`, `protocol`.
+    /// Kind of the entry that was looked for: `method`, `protocol`.
     pub kind: String,
-    /// The name asked for.
+    /// Name that was searched for.
     pub name: String,
-    /// All names, comma-separated; `none` where there are none.
+    /// All names, comma-separated; `none` without any.
     pub known: String,
-    /// The known name that differs by a slip of the keys.
+    /// Known name that differs by a typing mistake.
     pub meant: Option<String>,
 }
 
 impl UnknownName {
-    /// `name` is none of `known`.
+    /// Makes the error for a `name` that is not among `known`.
     pub fn new<'a>(kind: &str, name: &str, known: impl IntoIterator<Item = &'a str>) -> Self {
         let known: Vec<&str> = known.into_iter().collect();
         let distance = |other: &&str| strsim::osa_distance(name, other);
@@ -34,8 +34,8 @@ impl UnknownName {
     }
 }
 
-/// Edits (insertion, deletion, substitution, swap of neighbours) up to which a name is taken for a
-/// misspelt one: one, and one more for every three letters.
+/// Returns the number of edits (insertion, deletion, substitution, swap of neighbours) up to which a name counts as
+/// misspelt: one, and one more for every three letters.
 fn most_slips(name: &str) -> usize {
     (name.chars().count() / 3).max(1)
 }
@@ -44,10 +44,10 @@ fn suggestion(meant: Option<&str>) -> String {
     meant.map_or_else(String::new, |meant| format!("; did you mean {meant:?}?"))
 }
 
-/// The entry of this name.
+/// Returns the entry of this name.
 ///
 /// # Errors
-/// [`UnknownName`] where there is none.
+/// [`UnknownName`] where the name is unknown.
 pub fn find<'a, T>(
     kind: &str,
     name: &str,

@@ -1,8 +1,8 @@
-//! `NumPy`'s array files, as far as poses and depth need them: f32 and f64, little-endian, C order
+//! Array files of `NumPy`, as far as poses and depth need them: f32 and f64, little-endian, C order
 //! (<https://numpy.org/doc/stable/reference/generated/numpy.lib.format.html>).
 //!
-//! The crates for this bring a parser for Python literals along; a header of three known entries
-//! needs none.
+//! The crates for this format depend on a parser for Python literals, which a header of three known entries does not
+//! need.
 #![cfg_attr(
     not(test),
     deny(clippy::indexing_slicing, clippy::arithmetic_side_effects)
@@ -15,12 +15,12 @@ use crate::{
     store::{self, StoreError},
 };
 
-/// An array with its shape, row-major.
+/// Array with its shape, row-major.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Array {
     /// Length of every dimension.
     pub shape: Vec<usize>,
-    /// The values.
+    /// Values in row-major order.
     pub values: Vec<f64>,
 }
 
@@ -65,10 +65,10 @@ pub fn read(path: &Path) -> Result<Array, StoreError> {
     from_bytes(&bytes).map_err(|reason| StoreError::malformed(path, reason))
 }
 
-/// [`read`] of a file's bytes.
+/// Reads an array as [`read`] does, from the bytes of a file.
 ///
 /// # Errors
-/// What is wrong with them.
+/// The fault of the bytes.
 pub fn from_bytes(bytes: &[u8]) -> Result<Array, String> {
     let broken = || "not a NumPy array, or cut off".to_owned();
     let rest = bytes.strip_prefix(b"\x93NUMPY").ok_or_else(broken)?;
@@ -110,7 +110,7 @@ fn no_rest(rest: &[u8]) -> Result<(), String> {
     Err(format!("{} bytes behind its last value", rest.len()))
 }
 
-/// The tuple after `'shape':`.
+/// Returns the tuple after `'shape':`.
 fn shape(header: &str) -> Option<Vec<usize>> {
     let (_, after) = header.split_once("'shape':")?;
     let (_, inner) = after.split_once('(')?;

@@ -1,7 +1,7 @@
-//! Which files of a folder this program made, so that it replaces and removes no others.
+//! Ownership of files in a folder: this program replaces and removes only files that it made.
 //!
-//! A file is ours where a list of ours names it and its content still has the listed hash: what the
-//! user put there, or changed, is the user's. Links below the folder are never followed.
+//! A file is ours where a list of ours names it and its content still has the listed hash. Files that the user added
+//! or changed are the user's. Links below the folder are never followed.
 
 use std::{
     collections::{BTreeMap, BTreeSet},
@@ -35,29 +35,29 @@ impl Record for FileList {
     const SCHEMA: &'static str = "omnilife/file-list/1";
 }
 
-/// The files of a folder that are ours.
+/// Files of a folder that this program made.
 #[derive(Debug, Clone)]
 pub struct OwnFiles {
     folder: PathBuf,
-    /// The hashes that a file of ours may have.
+    /// Hashes that a file of ours may have.
     hashes: BTreeMap<String, BTreeSet<String>>,
 }
 
-/// What stands under a name.
+/// State of a name in a folder.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Standing {
-    /// Nothing.
+    /// The name is free.
     Nothing,
-    /// A file of ours, as we made it.
+    /// A file of ours with the content that we wrote.
     Ours,
-    /// A file that we made, with another content since; or one that we were about to make.
+    /// A file that we made and that was changed since; or one that we were about to make.
     Changed,
     /// Anything else.
     Foreign,
 }
 
 impl OwnFiles {
-    /// The files that a list names.
+    /// Makes the set of the files that a list names.
     pub fn new(folder: &Path, files: impl IntoIterator<Item = OwnFile>) -> Self {
         let mut hashes: BTreeMap<String, BTreeSet<String>> = BTreeMap::new();
         for file in files {
@@ -69,7 +69,7 @@ impl OwnFiles {
         }
     }
 
-    /// The listed files.
+    /// Returns the listed files.
     pub fn files(&self) -> impl Iterator<Item = OwnFile> + '_ {
         self.hashes.iter().flat_map(|(file, hashes)| {
             let known = hashes.iter().cloned().map(Some);
@@ -81,7 +81,7 @@ impl OwnFiles {
         })
     }
 
-    /// Whose a file is.
+    /// Returns the state of a name.
     ///
     /// # Errors
     /// When the name leads out of the folder, or the file cannot be read.
@@ -104,10 +104,10 @@ impl OwnFiles {
         }
     }
 
-    /// Refuses to write a file where somebody else's stands.
+    /// Refuses to write a file where a foreign one exists.
     ///
     /// # Errors
-    /// When one does, a folder does, or the name leads out of the folder.
+    /// When one exists, a folder has the name, or the name leads out of the folder.
     pub fn refuse_foreign(&self, file: &str) -> Result<(), StoreError> {
         match self.standing(file)? {
             Standing::Foreign => Err(in_the_way(&self.folder.join(file))),
@@ -115,11 +115,11 @@ impl OwnFiles {
         }
     }
 
-    /// Refuses to replace a file that is not as we made it, unless it has this content already. Returns whose the
-    /// file is.
+    /// Refuses to replace a file that differs from the one that we made, unless it has this content already. Returns
+    /// the state of the name.
     ///
     /// # Errors
-    /// When somebody else's file or a changed one stands there, or the name leads out of the folder.
+    /// When a foreign or changed file has the name, or the name leads out of the folder.
     pub fn refuse_changed(&self, file: &str, sha256: &str) -> Result<Standing, StoreError> {
         let path = self.folder.join(file);
         match self.standing(file)? {
@@ -129,14 +129,14 @@ impl OwnFiles {
         }
     }
 
-    /// Removes the listed files that are as we made them and that `goes` accepts, with the folders
-    /// that they leave empty. Everything else stays.
+    /// Removes the listed files that are unchanged and that `goes` accepts, with the folders that become empty.
+    /// Everything else stays.
     ///
     /// # Errors
     /// When a file cannot be read or removed.
     pub fn remove(&self, goes: impl Fn(&str) -> bool) -> Result<(), StoreError> {
         for file in self.hashes.keys().filter(|file| goes(file)) {
-            // What a link leads to, or a damaged list names outside, is nothing of ours.
+            // Targets of links, and names outside of the folder in a damaged list, are not ours.
             if !matches!(self.standing(file), Ok(Standing::Ours)) {
                 continue;
             }
@@ -144,7 +144,7 @@ impl OwnFiles {
             store::remove(&path)?;
             let folders = path.ancestors().skip(1);
             for folder in folders.take_while(|folder| *folder != self.folder) {
-                // A folder that still holds something stays.
+                // A folder with other entries stays.
                 if fs::remove_dir(folder).is_err() {
                     break;
                 }
@@ -154,14 +154,14 @@ impl OwnFiles {
     }
 }
 
-/// Whether a name of a record is that of a file in the record's folder or below: relative, without
-/// `..`, not empty. Links are not looked at.
+/// Returns whether a name of a record is that of a file in the record's folder or below: relative, without `..`, not
+/// empty. Links are not checked.
 pub fn is_inside(file: &str) -> bool {
     let mut parts = Path::new(file).components().peekable();
     parts.peek().is_some() && parts.all(|part| matches!(part, Component::Normal(_)))
 }
 
-/// The path of a file in a folder.
+/// Returns the path of a file in a folder.
 ///
 /// # Errors
 /// When the name is empty, absolute, has a part `.` or `..`, or leads through a link.
@@ -183,8 +183,8 @@ pub fn path_inside(folder: &Path, file: &str) -> Result<PathBuf, StoreError> {
     Ok(path)
 }
 
-/// Refuses to write a single file where one stands, whoever made it. What killed processes left
-/// half-written beside it is removed.
+/// Refuses to write a single file over an existing one of any origin. Removes half-written files of killed processes
+/// beside it.
 ///
 /// # Errors
 /// When there is anything under the name.
@@ -200,8 +200,8 @@ pub fn refuse_existing(path: &Path) -> Result<(), StoreError> {
     }
 }
 
-/// Refuses to write a single file over one that does not begin as such a file does. What killed
-/// processes left half-written beside it is removed.
+/// Refuses to write a single file over one that does not start with `beginning`. Removes half-written files of killed
+/// processes beside it.
 ///
 /// # Errors
 /// When there is something else under the name.
@@ -246,7 +246,7 @@ fn in_the_way(path: &Path) -> StoreError {
     )
 }
 
-/// Whether nothing is there, or the way there leads through a file.
+/// Returns whether the path does not exist, or leads through a file.
 fn is_absence(error: &io::Error) -> bool {
     matches!(
         error.kind(),

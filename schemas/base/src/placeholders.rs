@@ -1,14 +1,14 @@
-//! Placeholders in the texts of configuration files: `{name}`, and `{name:06}` for a number that is padded with
-//! zeros to 6 digits.
+//! Placeholders in the texts of configuration files: `{name}`, and `{name:06}` for a number that is padded with zeros
+//! to 6 digits.
 #![cfg_attr(
     not(test),
     deny(clippy::indexing_slicing, clippy::arithmetic_side_effects)
 )]
 
-/// Refuses placeholders that are not known; `known` are the names, and whether they are numbers.
+/// Refuses unknown placeholders; `known` are the names, each with true for a number.
 ///
 /// # Errors
-/// Then, and where a brace is not closed or what is no number is padded.
+/// When one is unknown, a brace is not closed, or padding is given for a text.
 pub fn check(text: &str, known: &[(&str, bool)]) -> Result<(), String> {
     for (name, digits) in names(text)? {
         let Some((_, is_number)) = known.iter().find(|(other, _)| *other == name) else {
@@ -28,10 +28,10 @@ pub fn check(text: &str, known: &[(&str, bool)]) -> Result<(), String> {
     Ok(())
 }
 
-/// The placeholders in a text with the digits they are padded to (0 without padding).
+/// Returns the placeholders in a text with the digits to which they are padded (0 without padding).
 ///
 /// # Errors
-/// When a brace is not closed, or padding is written otherwise.
+/// When a brace is not closed, or padding has another form.
 pub fn names(text: &str) -> Result<Vec<(String, usize)>, String> {
     let mut found = Vec::new();
     let mut rest = text;
@@ -47,7 +47,7 @@ pub fn names(text: &str) -> Result<Vec<(String, usize)>, String> {
     Ok(found)
 }
 
-/// Name and digits of `frame:06`.
+/// Returns name and digits of `frame:06`.
 fn parse(inside: &str) -> Option<(String, usize)> {
     let Some((name, padding)) = inside.split_once(':') else {
         return Some((inside.to_owned(), 0));

@@ -1,11 +1,11 @@
-//! Text of others, such as names, ids and reasons, made harmless where it is shown.
+//! Text of others, such as names, ids and reasons, made harmless for output.
 
 use std::borrow::Cow;
 
 use serde::Serializer;
 
-/// Text for a terminal: control characters, and those that turn the direction of writing, are spelled
-/// out; line breaks stay.
+/// Returns text for a terminal. Control characters, and those that change the direction of writing, are spelled out;
+/// line breaks stay.
 pub fn for_terminal(text: &str) -> Cow<'_, str> {
     let is_harmful = |character: char| {
         (character.is_control() && character != '\n') || turns_direction(character)
@@ -24,13 +24,13 @@ pub fn for_terminal(text: &str) -> Cow<'_, str> {
     Cow::Owned(shown)
 }
 
-/// Whether what follows a character may be shown in another order than it is written in.
+/// Returns whether a character changes the order in which the text behind it is shown.
 fn turns_direction(character: char) -> bool {
     matches!(character, '\u{202a}'..='\u{202e}' | '\u{2066}'..='\u{2069}')
 }
 
-/// Text within a line or a table cell of Markdown: nothing of it is a link, an image, markup or the
-/// end of the cell.
+/// Returns text for a line or a table cell of Markdown: no part of it is a link, an image, markup or the end of the
+/// cell.
 pub fn for_markdown(text: &str) -> String {
     let mut escaped = String::with_capacity(text.len());
     for character in text.chars() {
@@ -46,8 +46,8 @@ pub fn for_markdown(text: &str) -> String {
     escaped
 }
 
-/// Text in a cell of a table that spreadsheets open: they take what begins with one of `= + - @` as a
-/// formula, and an apostrophe before it as the sign that it is text.
+/// Returns text for a cell of a table that spreadsheets open. They take a text that starts with one of `= + - @` as a
+/// formula, and an apostrophe in front as the mark of a text.
 pub fn for_spreadsheet(text: &str) -> Cow<'_, str> {
     if text.starts_with(['=', '+', '-', '@', '\t', '\r']) {
         Cow::Owned(format!("'{text}"))
@@ -56,7 +56,7 @@ pub fn for_spreadsheet(text: &str) -> Cow<'_, str> {
     }
 }
 
-/// [`for_spreadsheet`] for `#[serde(serialize_with = "...")]` on a field of a row.
+/// Serializes with [`for_spreadsheet`], for `#[serde(serialize_with = "...")]` on a field of a row.
 ///
 /// # Errors
 /// Those of the serializer.
@@ -67,8 +67,8 @@ pub fn serialize_for_spreadsheet<S: Serializer>(
     serializer.serialize_str(&for_spreadsheet(text))
 }
 
-/// Text for records that are handed on: of paths that begin at a root, in the home folder or in a folder above, the
-/// last name stays. What does not begin with such a path after white space, a quote or a bracket stays as it is.
+/// Returns text for shared records: a path that begins at a root, in the home folder, or with `./` or `../` keeps its
+/// last name alone. It must be at the start or behind white space, a quote, a bracket or one of `,;=`.
 pub fn without_folders(text: &str) -> String {
     let ends = |character: char| character.is_whitespace() || "'\"`()[]<>,;=".contains(character);
     let mut shown = String::with_capacity(text.len());
@@ -90,7 +90,7 @@ pub fn without_folders(text: &str) -> String {
     shown
 }
 
-/// Lists the first three names, and how many more there are.
+/// Lists the first three names, and the number of the others.
 pub fn first_of(names: &[String]) -> String {
     const SHOWN: usize = 3;
     let shown = &names[..names.len().min(SHOWN)];

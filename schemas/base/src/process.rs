@@ -1,5 +1,4 @@
-//! Processes: whether they run, what commands of others may use, and how they ended, in words for a
-//! record.
+//! Processes: their state, the resources that external commands may use, and their end in words for a record.
 
 use std::{
     fs::File,
@@ -8,7 +7,7 @@ use std::{
     process::ExitStatus,
 };
 
-/// Name of this machine; `unknown` where the system does not tell.
+/// Returns the name of this machine; `unknown` where the system does not report it.
 pub fn host_name() -> String {
     #[cfg(unix)]
     if let Ok(name) = nix::unistd::gethostname() {
@@ -17,15 +16,15 @@ pub fn host_name() -> String {
     "unknown".to_owned()
 }
 
-/// A process in Linux's list of processes.
+/// Entry of a process in Linux's list of processes.
 #[cfg(target_os = "linux")]
 #[derive(Debug)]
 pub(crate) struct Stat {
     /// Name of its program, cut off after 15 bytes.
     pub(crate) name: String,
-    /// True for one that has ended and only waits for its parent to ask how.
+    /// True for a process that has ended and whose parent has not collected its status.
     pub(crate) has_ended: bool,
-    /// Ids of its parent, its process group and its session; 0 where the system tells none.
+    /// Ids of its parent, its process group and its session; 0 where the system gives none.
     pub(crate) parent: u32,
     pub(crate) group: u32,
     pub(crate) session: u32,
@@ -33,7 +32,7 @@ pub(crate) struct Stat {
 
 #[cfg(target_os = "linux")]
 impl Stat {
-    /// The process with this id, if it exists.
+    /// Returns the process with this id, if it exists.
     pub(crate) fn of(id: u32) -> Option<Self> {
         let bytes = std::fs::read(format!("/proc/{id}/stat")).ok()?;
         let text = String::from_utf8_lossy(&bytes);
@@ -53,7 +52,7 @@ impl Stat {
     }
 }
 
-/// Whether a process has ended and only waits for its parent to ask how; Linux alone tells.
+/// Returns whether a process has ended and its parent has not collected its status; known on Linux alone.
 #[cfg(unix)]
 fn is_zombie(id: u32) -> bool {
     #[cfg(target_os = "linux")]
@@ -67,7 +66,7 @@ fn is_zombie(id: u32) -> bool {
     }
 }
 
-/// Whether a process with this id runs on this machine; where the system does not tell, it does.
+/// Returns whether a process with this id runs on this machine; true where the system does not tell.
 pub fn is_running(id: u32) -> bool {
     #[cfg(unix)]
     {
@@ -83,7 +82,7 @@ pub fn is_running(id: u32) -> bool {
     }
 }
 
-/// `exit 3`, `signal 9`.
+/// Returns an ending in words: `exit 3`, `signal 9`.
 pub fn ending(status: ExitStatus) -> String {
     #[cfg(unix)]
     {
@@ -97,13 +96,13 @@ pub fn ending(status: ExitStatus) -> String {
         .map_or_else(|| "no exit code".to_owned(), |code| format!("exit {code}"))
 }
 
-/// The last line of a log that is not blank, at most 300 characters of it; logs of other programs
-/// need not be UTF-8.
+/// Returns the last line of a log that is not blank, at most 300 characters of it. Logs of other programs need not be
+/// UTF-8.
 pub fn last_line(log: &Path) -> Option<String> {
     last_line_of(&tail(log).ok()?)
 }
 
-/// [`last_line`] of what a program printed.
+/// Returns the [`last_line`] of a program's output.
 pub fn last_line_of(printed: &[u8]) -> Option<String> {
     const LONGEST: usize = 300;
     let text = String::from_utf8_lossy(printed);
@@ -112,7 +111,7 @@ pub fn last_line_of(printed: &[u8]) -> Option<String> {
     Some(line.chars().take(LONGEST).collect())
 }
 
-/// The last bytes of a log, of whatever length it is.
+/// Returns the last bytes of a log of any length.
 fn tail(log: &Path) -> io::Result<Vec<u8>> {
     const BYTES: u64 = 64 << 10;
     let mut file = File::open(log)?;
@@ -124,14 +123,14 @@ fn tail(log: &Path) -> io::Result<Vec<u8>> {
     Ok(bytes)
 }
 
-/// The last bytes of a pipe, however much comes before them.
+/// Returns the last bytes of a pipe, after any number of others.
 pub fn read_tail(pipe: Option<impl Read>, most: usize) -> Vec<u8> {
     let Some(mut pipe) = pipe else {
         return Vec::new();
     };
     let mut tail = Vec::new();
     let mut block = [0; 8 << 10];
-    // What came before a broken pipe is shown like any error.
+    // Output in front of a broken pipe is shown like any error.
     while let Ok(read @ 1..) = pipe.read(&mut block) {
         tail.extend_from_slice(&block[..read]);
         let spare = tail.len().saturating_sub(most);
@@ -140,8 +139,8 @@ pub fn read_tail(pipe: Option<impl Read>, most: usize) -> Vec<u8> {
     tail
 }
 
-/// Limits the memory of this process that is its own and can be written, for good: where more is asked
-/// for, there is none. Systems without such a limit (all but Linux) are left as they are.
+/// Limits the private writable memory of this process for good; requests for more fail. Systems without such a limit
+/// (all but Linux) are left as they are.
 ///
 /// # Errors
 /// When the system refuses.
@@ -189,7 +188,7 @@ mod tests {
         assert_eq!(last_line(&log).as_deref(), Some("broken: \u{fffd}"));
         fs::write(&log, "x".repeat(1000))?;
         assert_eq!(last_line(&log).map(|line| line.len()), Some(300));
-        // A log of a terabyte, of which no byte but the last ones is there.
+        // A sparse log of a terabyte, of which only the last bytes are stored.
         let file = File::create(&log)?;
         file.set_len(1 << 40)?;
         std::os::unix::fs::FileExt::write_all_at(&file, b"\nthe end\n", 1 << 40)?;

@@ -1,27 +1,26 @@
-//! The one interface through which long work reports itself.
+//! Interface through which long work reports itself.
 //!
 //! Libraries call it and draw nothing; the binary decides between bars, plain lines and silence.
 
 /// Receives the progress of one piece of work at a time.
 pub trait Progress: Sync {
-    /// Work named `label` begins; `total` counts its steps where that is known.
+    /// Starts work named `label`; `total` is the number of its steps where that is known.
     fn begin(&self, label: &str, total: Option<u64>);
-    /// `steps` more steps are done.
+    /// Counts `steps` more steps as done.
     fn advance(&self, steps: u64);
-    /// Status next to the bar, such as the current loss.
+    /// Shows a status next to the bar, such as the current loss.
     fn status(&self, text: &str);
-    /// The work begun last is over.
+    /// Ends the work that was started last.
     fn end(&self);
-    /// A line the user should see whatever happens to the bar: a decision, a skipped stage.
+    /// Prints a line that the user should see in any case: a decision, a skipped stage.
     fn note(&self, line: &str);
-    /// Whether whoever waits for the work has given it up. Work that asks ends soon, with an error that
-    /// says so.
+    /// Returns whether the caller has given the work up. Work that asks ends soon, with an error that says so.
     fn is_interrupted(&self) -> bool {
         false
     }
 }
 
-/// Reports nothing.
+/// Progress that reports nothing.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Silent;
 

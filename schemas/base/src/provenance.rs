@@ -1,4 +1,4 @@
-//! What made a record: the program with its commit, and the machine.
+//! Origin of a record: the program with its commit, and the machine.
 
 use std::{
     collections::BTreeMap,
@@ -15,13 +15,13 @@ use serde::{Deserialize, Serialize};
 const PROGRAM: &str = "omnilife";
 /// Entry of the commit that the program was built from.
 const COMMIT: &str = "omnilife commit";
-/// Stands for a commit that nobody knows.
+/// Stands for an unknown commit.
 const UNKNOWN: &str = "unknown";
 
 static BUILT_FROM: OnceLock<&'static str> = OnceLock::new();
 
-/// States once what the program was built from. A library does not know; the binary does, because
-/// its build script asks git, and says so here before anything else. An empty text says nothing.
+/// States once from which commit the program was built. The binary knows it, because its build script asks git, and
+/// states it first of all; a library does not know it. An empty text states nothing.
 pub fn state_commit(commit: &'static str) {
     if !commit.is_empty() {
         // A second statement changes nothing: a process has been built once.
@@ -29,13 +29,13 @@ pub fn state_commit(commit: &'static str) {
     }
 }
 
-/// The commit that the program was built from, 40 hexadecimal digits, with `-changed` after them
-/// where files differed from it; `unknown` where it was built without git, or is a library's test.
+/// Returns the commit that the program was built from, 40 hexadecimal digits, with `-changed` after them where files
+/// differed from it. It is `unknown` in a build without git and in a library's test.
 pub fn commit() -> &'static str {
     BUILT_FROM.get().copied().unwrap_or(UNKNOWN)
 }
 
-/// Name, version and commit of this program, as records carry them.
+/// Returns name, version and commit of this program, as records carry them.
 pub fn versions() -> BTreeMap<String, String> {
     BTreeMap::from([
         (PROGRAM.to_owned(), env!("CARGO_PKG_VERSION").to_owned()),
@@ -43,7 +43,7 @@ pub fn versions() -> BTreeMap<String, String> {
     ])
 }
 
-/// The commit among a record's versions; `None` where nobody knew it.
+/// Returns the commit among a record's versions; `None` where it is unknown.
 pub fn commit_in(versions: &BTreeMap<String, String>) -> Option<&str> {
     let commit = versions.get(COMMIT).map(String::as_str);
     commit.filter(|&commit| commit != UNKNOWN)
@@ -63,7 +63,7 @@ pub struct Hardware {
 }
 
 impl Hardware {
-    /// The machine that this process runs on.
+    /// Returns the machine that this process runs on.
     pub fn here() -> Self {
         let threads = std::thread::available_parallelism().map_or(1, std::num::NonZero::get);
         Self {
@@ -82,12 +82,12 @@ fn processor() -> Option<String> {
     Some(name.trim().to_owned())
 }
 
-/// Highest resident memory of this process so far, bytes, where the system tells (Linux).
+/// Returns the highest resident memory of this process so far, bytes, where the system reports it (Linux).
 pub fn peak_memory_bytes() -> Option<u64> {
     kibibytes(Path::new("/proc/self/status"), "VmHWM:")
 }
 
-/// An entry of one of Linux's tables of sizes, such as `/proc/meminfo`, in bytes.
+/// Returns an entry of one of Linux's tables of sizes, such as `/proc/meminfo`, in bytes.
 pub fn kibibytes(file: &Path, key: &str) -> Option<u64> {
     let text = fs::read_to_string(file).ok()?;
     let rest = text.lines().find_map(|line| line.strip_prefix(key))?;
@@ -95,7 +95,7 @@ pub fn kibibytes(file: &Path, key: &str) -> Option<u64> {
     Some(kibibytes * 1024)
 }
 
-/// A time as `2026-01-31 23:59:59 UTC`.
+/// Returns a time as `2026-01-31 23:59:59 UTC`.
 pub fn utc(time: SystemTime) -> String {
     let seconds = time
         .duration_since(UNIX_EPOCH)

@@ -1,12 +1,11 @@
 //! Stages: idempotent pieces of work that are skipped while their inputs have not changed.
 //!
-//! A finished stage leaves a done-record beside its outputs with the hash of everything that went
-//! in and came out. [`StagePlan::is_done`] compares hashes and checks that the outputs still stand.
+//! A finished stage leaves a done-record beside its outputs with the hashes of all inputs and outputs.
+//! [`StagePlan::is_done`] compares hashes and checks that the outputs still exist.
 //!
-//! The record also says which files are the stage's own. Before a stage writes anything it claims
-//! its outputs: what stands in their way and was not made by it is refused. The
-//! claim is kept on disk until the stage is finished, so that a killed process leaves its successor
-//! what it made. [`StagePlan::make`] and [`StagePlan::run`] do all that in the one order in which it is safe.
+//! The record also names the stage's own files. Before a stage writes anything it claims its outputs, and refuses to
+//! replace a file that it has not made. The claim is kept on disk until the stage is finished, so that the successor
+//! of a killed process owns its files. [`StagePlan::make`] and [`StagePlan::run`] do all that in the one safe order.
 
 mod outputs;
 
@@ -88,7 +87,7 @@ impl Record for Begun {
     const SCHEMA: &'static str = "omnilife/begun/1";
 }
 
-/// A stage about to run (or to be skipped): its folder, name and inputs.
+/// Stage that may have to run: its folder, name and inputs.
 #[derive(Debug, Clone)]
 pub struct StagePlan {
     folder: PathBuf,
@@ -97,7 +96,7 @@ pub struct StagePlan {
 }
 
 impl StagePlan {
-    /// A stage named `stage` that writes into `folder`.
+    /// Makes a stage named `stage` that writes into `folder`.
     ///
     /// The program's version is always an input: another version may compute something else.
     pub fn new(folder: &Path, stage: &str) -> Self {
@@ -120,8 +119,8 @@ impl StagePlan {
 
     /// Adds settings, as their JSON, as an input.
     pub fn with_settings(self, name: &str, settings: &impl Serialize) -> Self {
-        // Settings are plain structs of numbers and strings; a failure to serialize them becomes
-        // part of the hash instead of being lost.
+        // Settings are plain structs of numbers and strings. A failure to serialize them becomes part of the hash
+        // instead of being lost.
         let text = serde_json::to_string(settings).unwrap_or_else(|error| error.to_string());
         self.with_text(name, &text)
     }
@@ -144,7 +143,7 @@ impl StagePlan {
         self
     }
 
-    /// SHA-256 over all inputs, in the order in which they were added.
+    /// Returns the SHA-256 over all inputs, in the order in which they were added.
     pub fn inputs_sha256(&self) -> String {
         let text: String = self
             .inputs
@@ -154,9 +153,9 @@ impl StagePlan {
         store::sha256_bytes(text.as_bytes())
     }
 
-    /// Returns the record that the finished stage has left, with the note `skipped`; otherwise has `work` make it, as
-    /// [`StagePlan::run`] does, and writes it behind all other outputs. `claimed` holds the record too, unless whatever
-    /// stands there may be replaced.
+    /// Returns the record of the finished stage, with the note `skipped`. Otherwise has `work` make it, as
+    /// [`StagePlan::run`] does, and writes it after all other outputs. `claimed` holds the record too, unless any
+    /// file in its place may be replaced.
     ///
     /// # Errors
     /// As [`StagePlan::run`], and when the record cannot be read or written.
@@ -179,13 +178,13 @@ impl StagePlan {
         })
     }
 
-    /// Has `work` write into the stage's folder: makes and locks it, claims files, and records as outputs what `work`
-    /// has added to them.
+    /// Has `work` write into the stage's folder: creates and locks the folder, claims files, and records the outputs
+    /// that `work` has added.
     ///
     /// # Errors
-    /// Those of [`FolderLock::take`], and [`StoreError::Refused`] where something that the stage has not made stands
-    /// under a claimed name, before anything is written; those of `work`, which leave the stage begun; and when a
-    /// record of the stage cannot be written or removed.
+    /// Those of [`FolderLock::take`]; [`StoreError::Refused`], before anything is written, where a file that the
+    /// stage has not made has a claimed name; those of `work`, which leave the stage started. Also when a record of
+    /// the stage cannot be written or removed.
     pub fn run<S: AsRef<str>, T, E: From<StoreError>>(
         &self,
         claimed: impl IntoIterator<Item = S>,
@@ -202,9 +201,9 @@ impl StagePlan {
         Ok(made)
     }
 
-    /// Whether a done-record with the same inputs exists and all its outputs stand as they were
-    /// made. An unreadable done-record means that the stage is not done. What a process left that was
-    /// killed just after it was done is removed.
+    /// Returns whether a done-record with the same inputs exists and all its outputs are as they were made. An
+    /// unreadable done-record means that the stage is not done. Removes leftovers of a process that was killed just
+    /// after the stage was done.
     pub fn is_done(&self) -> bool {
         let Ok(done) = store::read_record::<Done>(&self.record_path()) else {
             return false;
@@ -217,12 +216,12 @@ impl StagePlan {
         is_done
     }
 
-    /// Removes what a process has left that was killed when all was done but its own tidying up.
+    /// Removes leftovers of a process that was killed when only its own clean-up remained.
     fn end_interrupted(&self) {
         let begun = self.begun_path();
         if begun.exists() || self.folder.join(LOCK_FILE).exists() {
-            // Where another process works, or nothing can be written, it stays: it is hidden, and
-            // taken over by whoever writes next.
+            // Where another process works, or nothing can be written, the file stays: it is hidden, and the next
+            // process that writes takes it over.
             let _ = FolderLock::take(&self.folder, &Silent).and_then(|_lock| store::remove(&begun));
         }
     }
@@ -237,18 +236,18 @@ impl StagePlan {
                 .is_none_or(|sha256| store::sha256_file(&path).is_ok_and(|found| found == *sha256))
     }
 
-    /// How long the stage took when it last ran; `None` where it has not finished.
+    /// Returns the time that the stage took when it last ran; `None` where it has not finished.
     pub fn took(&self) -> Option<Elapsed> {
         let done = store::read_record::<Done>(&self.record_path()).ok()?;
         Some(done.took)
     }
 
-    /// Whether this stage has begun or finished in its folder before.
+    /// Returns whether this stage has started or finished in its folder already.
     pub fn has_begun(&self) -> bool {
         self.record_path().is_file() || self.begun_path().is_file()
     }
 
-    /// Refuses a folder of this name that holds something, where the stage has never begun: what it writes there is not
+    /// Refuses a folder of this name that is not empty, where the stage has never started: its files in there are not
     /// known beforehand.
     ///
     /// # Errors
@@ -263,7 +262,7 @@ impl StagePlan {
         Ok(())
     }
 
-    /// The files of the folder that this stage made, finished or not.
+    /// Returns the files of the folder that this stage made, finished or not.
     pub fn own_files(&self) -> OwnFiles {
         let done = store::read_record::<Done>(&self.record_path());
         let begun = store::read_record::<Begun>(&self.begun_path());
@@ -273,8 +272,8 @@ impl StagePlan {
         OwnFiles::new(&self.folder, finished.chain(begun))
     }
 
-    /// Claims files that the stage is about to write. From here on it is not done, because the outputs may be half
-    /// new; what killed processes left half-written beside the outputs is removed.
+    /// Claims files that the stage is about to write. From here on it is not done, because its outputs may be partly
+    /// new. Removes half-written files of killed processes beside the outputs.
     fn claim(&self, files: &[String]) -> Result<(), StoreError> {
         let own = self.own_files();
         let mut folders = BTreeSet::from([self.folder.clone(), self.records_folder()]);
@@ -293,13 +292,13 @@ impl StagePlan {
             .try_for_each(|folder| store::remove_abandoned(folder))
     }
 
-    /// Moves files from a folder beside to their places in the stage's folder, all of them or, when
-    /// one is refused, none. No file is ever missing on the way. Returns those that are the stage's
-    /// own afterwards: a file of the user's that has the same content already stays the user's.
+    /// Moves files from a staging folder to their places in the stage's folder: all of them or, when one is refused,
+    /// none. No file is missing at any time. Returns the files that are the stage's own afterwards; a user's file
+    /// that has the same content already stays the user's.
     ///
     /// # Errors
-    /// [`StoreError::Refused`] where a file that this stage has not made, or that was changed since,
-    /// would be lost, and when a file cannot be moved.
+    /// [`StoreError::Refused`] where a file would be lost that this stage has not made or that was changed since, and
+    /// when a file cannot be moved.
     pub fn publish(&self, staged: &Path, files: &[String]) -> Result<Vec<OwnFile>, StoreError> {
         let own = self.own_files();
         let mut moved = Vec::new();
@@ -341,11 +340,11 @@ impl StagePlan {
         self.finish_hashed(outputs.into_iter().map(unhashed), took)
     }
 
-    /// [`StagePlan::finish`] with the SHA-256 of outputs whose bytes were hashed when they were written;
+    /// Writes the done-record as [`StagePlan::finish`] does, with the SHA-256 of outputs that were hashed on writing;
     /// the others are read for it.
     ///
     /// # Errors
-    /// As there.
+    /// Those of [`StagePlan::finish`].
     pub fn finish_hashed(
         &self,
         outputs: impl IntoIterator<Item = OwnFile>,
@@ -367,9 +366,9 @@ impl StagePlan {
         store::remove(&self.begun_path())
     }
 
-    /// Records `files`, with their present content where no hash is given, in the done-record of this stage:
-    /// files that a finished stage made and that another step has completed, and further ones that go with them. Those
-    /// of which `is_gone` holds are outputs no more.
+    /// Adds `files` to the done-record of this stage, with their present content where no hash is given. They are
+    /// files of a finished stage that another step has completed, and further ones that belong to them. Those for
+    /// which `is_gone` holds are removed from the outputs.
     ///
     /// # Errors
     /// When the stage has not finished, a file is missing, or the record cannot be written.
@@ -392,7 +391,7 @@ impl StagePlan {
         store::remove(&self.begun_path())
     }
 
-    /// A file as it stands, with its hash where that is known.
+    /// Returns the entry of an existing file, with its hash where that is known.
     fn output(&self, OwnFile { file, sha256 }: OwnFile) -> Result<StageOutput, StoreError> {
         let path = self.folder.join(&file);
         let metadata = fs::metadata(&path).map_err(|source| StoreError::write(&path, source))?;

@@ -1,20 +1,20 @@
-//! A hidden folder for files that are not complete yet.
+//! Hidden folders for files that are not complete yet.
 
 use std::path::{Path, PathBuf};
 
 use crate::store::{self, StoreError, Unfinished};
 
-/// The folder; removed on drop with its content.
+/// Staging folder; removed on drop with its content.
 pub struct Staging {
     /// Its path.
     pub folder: PathBuf,
-    /// The files started in it, relative to it.
+    /// Files started in it, relative to it.
     pub files: Vec<String>,
     _unfinished: Unfinished,
 }
 
 impl Staging {
-    /// Creates one in `parent`, after removing those of killed processes.
+    /// Creates a folder in `parent`, after removing those of killed processes.
     ///
     /// # Errors
     /// When it cannot be created.

@@ -2,9 +2,9 @@
 
 use std::cmp::Ordering;
 
-/// A number with a total order, NaN last: `f32` and `f64`.
+/// Numbers with a total order, NaN last: `f32` and `f64`.
 pub trait Real: Copy {
-    /// The order of IEEE 754, as `f64::total_cmp`.
+    /// Compares by the order of IEEE 754, as `f64::total_cmp`.
     fn total_order(&self, other: &Self) -> Ordering;
 }
 
@@ -20,8 +20,8 @@ impl Real for f64 {
     }
 }
 
-/// Quantile `share` in [0, 1] (nearest rank, NaN sorted last) of values in any order; `None` of
-/// none.
+/// Returns the quantile `share` in [0, 1] (nearest rank, NaN sorted last) of values in any order; `None` without
+/// values.
 pub fn quantile<T: Real>(values: &[T], share: f64) -> Option<T> {
     let last = values.len().checked_sub(1)?;
     let rank = (share * last as f64).round() as usize;
@@ -30,14 +30,14 @@ pub fn quantile<T: Real>(values: &[T], share: f64) -> Option<T> {
     Some(*value)
 }
 
-/// Median of values in any order; `None` of none. Of an even count it is the upper one of the two in
-/// the middle, so that it is always one of the values.
+/// Returns the median of values in any order; `None` without values. With an even count it is the upper one of the
+/// two in the middle, so that it is always one of the values.
 pub fn median<T: Real>(values: &[T]) -> Option<T> {
     quantile(values, 0.5)
 }
 
-/// Quantile `share` in [0, 1] of the values whose times lie within `reach_seconds` of that of
-/// `index`. `times` is sorted and as long as `values`.
+/// Returns the quantile `share` in [0, 1] of the values whose times are within `reach_seconds` of that of `index`.
+/// `times` is sorted and as long as `values`.
 pub fn local_quantile(
     times: &[f64],
     values: &[f32],
@@ -51,15 +51,14 @@ pub fn local_quantile(
     quantile(&values[first..last], share).unwrap_or(values[index])
 }
 
-/// By how much of the median an interval may leave it and still be one of a frame: at 120 frames per second whole
+/// Largest deviation of a frame's interval from the median, as a share of the median. At 120 frames per second whole
 /// milliseconds are 8 and 9, and a dropped frame makes twice the median.
 const FRAME_INTERVAL_SPREAD: f64 = 0.25;
 
-/// Typical distance of consecutive timestamps in the unit of the times; `None` below two of them.
+/// Returns the typical distance of consecutive timestamps in the unit of the times; `None` for fewer than two.
 ///
-/// It is the mean of the distances within a quarter of their median: gaps and dropped frames do not count, and
-/// the rounding of time stamps averages out, which the median alone would keep (41 and 42 ms at 24 frames per
-/// second).
+/// It is the mean of the distances within a quarter of their median: gaps and dropped frames do not count. The
+/// rounding of time stamps averages out, which the median alone would keep (41 and 42 ms at 24 frames per second).
 pub fn frame_interval(times: &[f64]) -> Option<f64> {
     let intervals: Vec<f64> = times.windows(2).map(|pair| pair[1] - pair[0]).collect();
     let median = median(&intervals)?;
@@ -67,7 +66,7 @@ pub fn frame_interval(times: &[f64]) -> Option<f64> {
         .iter()
         .filter(|&interval| (interval - median).abs() <= FRAME_INTERVAL_SPREAD * median);
     let count = of_frames.clone().count();
-    // Of times that go backwards there may be none.
+    // Times that go backwards may leave none.
     Some(match count {
         0 => median,
         count => of_frames.sum::<f64>() / count as f64,

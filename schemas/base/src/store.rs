@@ -1,8 +1,8 @@
-//! How a file reaches the disk and comes back: whole or not at all.
+//! Atomic reading and writing of files: whole or not at all.
 //!
-//! Everything is written beside its final name, synced and renamed, so that a killed process or a
-//! full disk never leaves a partial file under a final name. JSON records carry their schema's
-//! name and version in `schema`, which is checked on reading.
+//! Every file is written beside its final name, synced and renamed, so that a killed process or a full disk never
+//! leaves a partial file under a final name. JSON records carry their schema's name and version in `schema`, which is
+//! checked on reading.
 #![cfg_attr(
     not(test),
     expect(
@@ -25,7 +25,7 @@ use sha2::{Digest, Sha256};
 use crate::error_kind::{self, Classified, ErrorKind};
 pub use temporary::{Unfinished, remove_abandoned, temporary_beside};
 
-/// A JSON file with a published schema.
+/// JSON files with a published schema.
 pub trait Record: Serialize + DeserializeOwned + schemars::JsonSchema {
     /// `omnilife/<name>/<version>`.
     const SCHEMA: &'static str;
@@ -33,10 +33,10 @@ pub trait Record: Serialize + DeserializeOwned + schemars::JsonSchema {
     const OLDER: &'static [&'static str] = &[];
 }
 
-/// Why a file could not be read or written. Messages name the file.
+/// Error of reading or writing a file. Messages name the file.
 #[derive(Debug, thiserror::Error)]
 pub enum StoreError {
-    /// The file is not there or cannot be read.
+    /// The file is missing or cannot be read.
     #[error("{}: cannot be read: {source}", path.display())]
     Read {
         /// The file.
@@ -52,20 +52,20 @@ pub enum StoreError {
         /// The system's reason.
         source: io::Error,
     },
-    /// The content is not what the format asks for.
+    /// The content does not match the format.
     #[error("{}: {reason}", path.display())]
     Malformed {
         /// The file.
         path: PathBuf,
-        /// What is wrong with it.
+        /// Fault of the content.
         reason: String,
     },
-    /// Something that is not ours is in the way, or another process is at work.
+    /// A foreign file is in the way, or another process is at work.
     #[error("{}: {reason}", path.display())]
     Refused {
         /// The file or folder.
         path: PathBuf,
-        /// What is in the way, and what can be done.
+        /// Obstacle and remedy.
         reason: String,
     },
 }
@@ -84,7 +84,7 @@ impl StoreError {
         format!("{}: {reason}", name.to_string_lossy())
     }
 
-    /// `path` is left as it is.
+    /// Makes the error of a refusal, which leaves `path` as it is.
     pub fn refused(path: &Path, reason: impl Into<String>) -> Self {
         Self::Refused {
             path: path.to_owned(),
@@ -92,7 +92,7 @@ impl StoreError {
         }
     }
 
-    /// The content of `path` is not what its format asks for.
+    /// Makes the error of a `path` whose content does not match its format.
     pub fn malformed(path: &Path, reason: impl Into<String>) -> Self {
         Self::Malformed {
             path: path.to_owned(),
@@ -100,7 +100,7 @@ impl StoreError {
         }
     }
 
-    /// `path` cannot be read.
+    /// Makes the error of a `path` that cannot be read.
     pub fn read(path: &Path, source: io::Error) -> Self {
         Self::Read {
             path: path.to_owned(),
@@ -108,7 +108,7 @@ impl StoreError {
         }
     }
 
-    /// `path` cannot be written.
+    /// Makes the error of a `path` that cannot be written.
     pub fn write(path: &Path, source: io::Error) -> Self {
         Self::Write {
             path: path.to_owned(),
@@ -128,7 +128,7 @@ impl Classified for StoreError {
     }
 }
 
-/// Whether the machine fails whoever reads whatever file: no memory, no more open files, a broken disk.
+/// Returns whether the cause is the machine, whatever the file: no memory, too many open files, a broken disk.
 fn is_of_machine(error: &io::Error) -> bool {
     #[cfg(unix)]
     if let Some(code) = error.raw_os_error() {
@@ -140,7 +140,7 @@ fn is_of_machine(error: &io::Error) -> bool {
     error.kind() == io::ErrorKind::OutOfMemory
 }
 
-/// Whether nothing can be written because of the path that was asked for.
+/// Returns whether the requested path is why nothing can be written.
 fn is_bad_path(kind: io::ErrorKind) -> bool {
     matches!(
         kind,
@@ -165,17 +165,17 @@ pub fn create_folder(path: &Path) -> Result<(), StoreError> {
         .map_err(|source| StoreError::write(path, source))
 }
 
-/// Gives a file or folder its final name, and has the disk keep that name: a power cut afterwards
-/// loses neither the content, where that was synced before, nor the name.
+/// Gives a file or folder its final name, and syncs that name to the disk. A power cut afterwards loses neither the
+/// name nor the content, where that was synced earlier.
 ///
 /// # Errors
-/// Those of the system.
+/// When the system refuses.
 pub fn rename(from: &Path, to: &Path) -> io::Result<()> {
     fs::rename(from, to)?;
     sync_folder_of(to)
 }
 
-/// Copies a file into a folder of ours that goes with the work: a power cut may lose the copy.
+/// Copies a file into a temporary folder of ours: a power cut may lose the copy.
 ///
 /// # Errors
 /// When the file cannot be read, or the copy cannot be written.
@@ -187,14 +187,14 @@ pub fn copy(from: &Path, to: &Path) -> Result<(), StoreError> {
     fs::copy(from, to).map(drop).map_err(failed)
 }
 
-/// Writes the entries of the folder that holds `path` to the disk.
+/// Syncs the entries of the folder that holds `path` to the disk.
 #[cfg(unix)]
 fn sync_folder_of(path: &Path) -> io::Result<()> {
     let parent = path
         .parent()
         .filter(|parent| !parent.as_os_str().is_empty());
     match File::open(parent.unwrap_or(Path::new("."))).and_then(|folder| folder.sync_all()) {
-        // Folders that may be written into and not be listed, and file systems that sync no folders.
+        // Some folders may be written into but not listed, and some file systems sync no folders.
         Err(error)
             if matches!(
                 error.kind(),
@@ -209,14 +209,14 @@ fn sync_folder_of(path: &Path) -> io::Result<()> {
     }
 }
 
-/// Folders cannot be opened there; the file system's journal keeps renames in order.
+/// Does nothing: folders cannot be opened on this system; the file system's journal keeps renames in order.
 #[cfg(not(unix))]
 fn sync_folder_of(_: &Path) -> io::Result<()> {
     Ok(())
 }
 
-/// Where `scripts/setup` installs what is no part of the program: `$OMNILIFE_DATA`, else
-/// `$XDG_DATA_HOME/omnilife`, else `~/.local/share/omnilife`; `None` where none of them is set.
+/// Returns the folder into which `scripts/setup` installs data and programs of others: `$OMNILIFE_DATA`, else
+/// `$XDG_DATA_HOME/omnilife`, else `~/.local/share/omnilife`. Returns `None` where none of them is set.
 pub fn data_folder() -> Option<PathBuf> {
     let set = |name: &str| {
         std::env::var_os(name)
@@ -228,10 +228,10 @@ pub fn data_folder() -> Option<PathBuf> {
         .or_else(|| set("HOME").map(|home| home.join(".local/share/omnilife")))
 }
 
-/// Removes a file or a link, or a folder with all it holds. What is not there needs no removing.
+/// Removes a file or a link, or a folder with its content; a missing one is no error.
 ///
 /// # Errors
-/// When it is there and cannot be removed.
+/// When it exists and cannot be removed.
 pub fn remove(path: &Path) -> Result<(), StoreError> {
     let removed = if path.is_dir() && !path.is_symlink() {
         fs::remove_dir_all(path)
@@ -246,7 +246,7 @@ pub fn remove(path: &Path) -> Result<(), StoreError> {
     }
 }
 
-/// Names of the entries of a folder, sorted; what is not UTF-8 in them is replaced.
+/// Returns the names of the entries of a folder, sorted; parts that are not UTF-8 are replaced.
 ///
 /// # Errors
 /// When the folder or an entry cannot be read.
@@ -256,7 +256,7 @@ pub fn names_in(folder: &Path) -> Result<Vec<String>, StoreError> {
     })
 }
 
-/// Paths of the entries of a folder, sorted.
+/// Returns the paths of the entries of a folder, sorted.
 ///
 /// # Errors
 /// When the folder or an entry cannot be read.
@@ -275,8 +275,7 @@ fn entries_in<T: Ord>(folder: &Path, of: impl Fn(&DirEntry) -> T) -> Result<Vec<
 
 /// Writes a file through `fill`: beside its final name, synced, then renamed.
 ///
-/// On any error the temporary file is removed and nothing stands under the final name that was not
-/// there before.
+/// On any error the temporary file is removed and the final name stays as it was.
 pub fn write_with(
     path: &Path,
     fill: impl FnOnce(&mut BufWriter<File>) -> io::Result<()>,
@@ -301,7 +300,7 @@ pub fn write_with(
     written.map_err(|source| StoreError::write(path, source))
 }
 
-/// The bytes of a file that holds at most `most_bytes`.
+/// Returns the bytes of a file that holds at most `most_bytes`.
 ///
 /// # Errors
 /// When the file is missing, cannot be read or is larger.
@@ -310,8 +309,8 @@ pub fn read_limited(path: &Path, most_bytes: u64) -> Result<Vec<u8>, StoreError>
     let failed = |source| StoreError::read(path, source);
     let file = File::open(path).map_err(failed)?;
     let mut bytes = Vec::new();
-    // One more, so that a file that is too large is told from one that just fits; of what has no
-    // stated length, such as a pipe, no more is read either.
+    // One more, so that a file that is too large is told from one that just fits. It also limits sources without a
+    // stated length, such as pipes.
     file.take(most_bytes.saturating_add(1))
         .read_to_end(&mut bytes)
         .map_err(failed)?;
@@ -322,7 +321,7 @@ pub fn read_limited(path: &Path, most_bytes: u64) -> Result<Vec<u8>, StoreError>
     Ok(bytes)
 }
 
-/// The text of a file, without the byte order mark that some programs begin files with.
+/// Returns the text of a file, without the byte order mark with which some programs begin files.
 ///
 /// # Errors
 /// When the file is missing, cannot be read or is not UTF-8.
@@ -375,7 +374,7 @@ struct Tag {
     schema: Option<String>,
 }
 
-/// The bytes of a record's file: pretty JSON with its schema first and a closing newline.
+/// Returns the bytes of a record's file: pretty JSON with its schema first and a closing newline.
 pub fn record_bytes<T: Record>(record: &T) -> Result<Vec<u8>, serde_json::Error> {
     let mut bytes = serde_json::to_vec_pretty(&Tagged {
         schema: T::SCHEMA,
@@ -385,7 +384,7 @@ pub fn record_bytes<T: Record>(record: &T) -> Result<Vec<u8>, serde_json::Error>
     Ok(bytes)
 }
 
-/// A record on one line without a line break, its schema first: for files of many records.
+/// Returns a record on one line without a line break, its schema first: for files of many records.
 pub fn record_line<T: Record>(record: &T) -> Result<String, serde_json::Error> {
     serde_json::to_string(&Tagged {
         schema: T::SCHEMA,
@@ -396,17 +395,17 @@ pub fn record_line<T: Record>(record: &T) -> Result<String, serde_json::Error> {
 /// Writes a record as JSON.
 ///
 /// # Errors
-/// When the file cannot be written, or when the record could not be read back: JSON has no NaN and
-/// no infinity, so a record that holds one is refused here instead of by its next reader. In an
-/// optional entry both become `null`, which reads back as a missing value.
+/// When the file cannot be written, or when the record could not be read back. JSON has neither NaN nor infinity, so
+/// a record that holds one is refused here instead of by its next reader. In an optional entry both become `null`,
+/// which reads back as a missing value.
 pub fn write_record<T: Record>(path: &Path, record: &T) -> Result<(), StoreError> {
     write_record_hashed(path, record).map(drop)
 }
 
-/// [`write_record`] that returns the SHA-256 of the file.
+/// Writes a record as [`write_record`] does and returns the SHA-256 of the file.
 ///
 /// # Errors
-/// As there.
+/// Those of [`write_record`].
 pub fn write_record_hashed<T: Record>(path: &Path, record: &T) -> Result<String, StoreError> {
     let failed = |error: serde_json::Error| StoreError::write(path, io::Error::other(error));
     let bytes = record_bytes(record).map_err(failed)?;
@@ -415,11 +414,11 @@ pub fn write_record_hashed<T: Record>(path: &Path, record: &T) -> Result<String,
     Ok(sha256_bytes(&bytes))
 }
 
-/// Writes a record where the file does not hold the same one already, and removes what killed
-/// processes left half-written beside it.
+/// Writes a record unless the file holds the same one already, and removes half-written files of killed processes
+/// beside it.
 ///
 /// # Errors
-/// As [`write_record`]; a file that cannot be read is written anew.
+/// Those of [`write_record`]; an unreadable file is written anew.
 pub fn update_record<T: Record + PartialEq>(path: &Path, record: &T) -> Result<(), StoreError> {
     let folder = path.parent().filter(|folder| folder.is_dir());
     folder.map_or(Ok(()), remove_abandoned)?;
@@ -429,10 +428,10 @@ pub fn update_record<T: Record + PartialEq>(path: &Path, record: &T) -> Result<(
     write_record(path, record)
 }
 
-/// The schema that a JSON file says it is of.
+/// Returns the schema that a JSON file names.
 ///
 /// # Errors
-/// When it cannot be read, is no JSON, or does not say.
+/// When it cannot be read, is no JSON, or names no schema.
 pub fn schema_of(path: &Path) -> Result<String, StoreError> {
     let text = read_text(path)?;
     tag(path, &text)?
@@ -445,7 +444,7 @@ fn tag(path: &Path, text: &str) -> Result<Option<String>, StoreError> {
         .map_err(|error| StoreError::malformed(path, format!("not a JSON record: {error}")))
 }
 
-/// Reads a record and checks that it is of the schema asked for.
+/// Reads a record and checks that it has the requested schema.
 pub fn read_record<T: Record>(path: &Path) -> Result<T, StoreError> {
     let text = read_text(path)?;
     match tag(path, &text)?.as_deref() {
@@ -467,17 +466,17 @@ pub fn read_record<T: Record>(path: &Path) -> Result<T, StoreError> {
         .map_err(|error| StoreError::malformed(path, format!("not a {}: {error}", T::SCHEMA)))
 }
 
-/// Whether a file of this schema is read as a `T`.
+/// Returns whether a file of this schema is read as a `T`.
 pub fn is_read_as<T: Record>(schema: &str) -> bool {
     schema == T::SCHEMA || T::OLDER.contains(&schema)
 }
 
-/// SHA-256 of bytes in lower-case hexadecimal.
+/// Returns the SHA-256 of bytes in lower-case hexadecimal.
 pub fn sha256_bytes(bytes: &[u8]) -> String {
     hexadecimal(&Sha256::digest(bytes))
 }
 
-/// SHA-256 of a file, read as a stream, in lower-case hexadecimal.
+/// Returns the SHA-256 of a file, read as a stream, in lower-case hexadecimal.
 pub fn sha256_file(path: &Path) -> Result<String, StoreError> {
     let failed = |source| StoreError::read(path, source);
     let mut file = File::open(path).map_err(failed)?;

@@ -10,11 +10,11 @@ use std::{
 
 use crate::progress::Progress;
 
-/// Names the file in which skipped tests are counted; `scripts/test` sets it and prints it.
+/// Name of the variable with the file in which skipped tests are counted; `scripts/test` sets it and prints the file.
 const LIST_VARIABLE: &str = "OMNILIFE_SKIPPED_TESTS";
 
-/// Says that the running test, or a part of it, cannot be done here and why, in one line: on standard
-/// output and, where the variable `OMNILIFE_SKIPPED_TESTS` names a file, as a line at its end.
+/// Reports in one line that the running test, or a part of it, is skipped, with the reason. The line goes to standard
+/// output and, where the variable `OMNILIFE_SKIPPED_TESTS` names a file, to its end.
 pub fn skip(reason: impl Display) {
     println!("skipped: {reason}");
     let Some(list) = std::env::var_os(LIST_VARIABLE) else {
@@ -23,7 +23,7 @@ pub fn skip(reason: impl Display) {
     let package = std::env::var("CARGO_PKG_NAME").unwrap_or_default();
     let thread = std::thread::current();
     let test = thread.name().unwrap_or("a thread");
-    // One write, so that lines of tests that run at a time do not mix.
+    // One write, so that lines of parallel tests do not mix.
     let line = format!("{package} {test}: {reason}\n");
     let written = File::options()
         .append(true)
@@ -35,7 +35,7 @@ pub fn skip(reason: impl Display) {
     }
 }
 
-/// Keeps every note and reports nothing.
+/// Progress that keeps every note and reports nothing.
 #[derive(Debug, Default)]
 pub struct Notes(Mutex<Vec<String>>);
 

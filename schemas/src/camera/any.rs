@@ -1,4 +1,4 @@
-//! A camera of one of the models that scenes may have.
+//! Camera of any model that scenes may have.
 
 use glam::{DVec2, DVec3};
 use schemars::JsonSchema;
@@ -17,7 +17,7 @@ pub enum Camera {
 }
 
 impl Camera {
-    /// Pixels per row.
+    /// Returns the pixels per row.
     pub fn width(&self) -> u32 {
         match self {
             Self::Erp(camera) => camera.width,
@@ -25,7 +25,7 @@ impl Camera {
         }
     }
 
-    /// Rows of pixels.
+    /// Returns the rows of pixels.
     pub fn height(&self) -> u32 {
         match self {
             Self::Erp(camera) => camera.height,
@@ -33,12 +33,12 @@ impl Camera {
         }
     }
 
-    /// Columns and rows of pixels.
+    /// Returns the columns and rows of pixels.
     pub fn size(&self) -> [usize; 2] {
         [self.width() as usize, self.height() as usize]
     }
 
-    /// Whether the first column follows the last.
+    /// Returns whether the first column follows the last.
     pub fn wraps(&self) -> bool {
         match self {
             Self::Erp(_) => true,
@@ -46,7 +46,7 @@ impl Camera {
         }
     }
 
-    /// The name of the model in files and on the command line.
+    /// Returns the name of the model in files and on the command line.
     pub fn model(&self) -> &'static str {
         match self {
             Self::Erp(_) => "erp",
@@ -54,7 +54,7 @@ impl Camera {
         }
     }
 
-    /// The same camera with images of another size: focal lengths and principal point scale with it.
+    /// Returns the camera with images of another size: focal lengths and principal point scale with it.
     #[must_use]
     pub fn resized(&self, width: u32, height: u32) -> Self {
         match self {
@@ -111,7 +111,7 @@ enum Model {
     Pinhole,
 }
 
-/// A camera as it stands in a file. The first version of scenes names no model: all were ERP.
+/// Camera as stored in a file. The first version of scenes names no model: all were ERP.
 #[derive(Deserialize)]
 struct Entry {
     model: Option<Model>,

@@ -1,4 +1,4 @@
-//! The cube around a camera: six square perspective views that show the whole sphere once.
+//! Cube around a camera: six square perspective views that show the whole sphere once.
 
 use std::f64::consts::{FRAC_PI_2, PI};
 
@@ -6,16 +6,16 @@ use glam::{DMat3, DVec3};
 
 use super::PinholeCamera;
 
-/// A face of the cube.
+/// Face of the cube.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct CubeFace {
-    /// What it shows, seen from the camera that looks to the front.
+    /// Name of its direction, seen from the camera that looks to the front.
     pub name: &'static str,
-    /// From the face's axes (x right, y down, z forward) to the camera's.
+    /// Rotation from the face's axes (x right, y down, z forward) to the camera's.
     pub to_camera: DMat3,
 }
 
-/// Front first, then by turning right, then up and down as seen by turning from the front.
+/// Faces: front first, then by turning right, then up and down as seen by turning from the front.
 pub const CUBE_FACES: [CubeFace; 6] = [
     face("front", DVec3::X, DVec3::Y, DVec3::Z),
     face("right", DVec3::NEG_Z, DVec3::Y, DVec3::X),
@@ -32,12 +32,12 @@ const fn face(name: &'static str, right: DVec3, down: DVec3, forward: DVec3) -> 
     }
 }
 
-/// The camera of a face that is `side` pixels wide and high.
+/// Returns the camera of a face that is `side` pixels wide and high.
 pub fn face_camera(side: u32) -> PinholeCamera {
     PinholeCamera::with_horizontal_field_of_view(side, side, FRAC_PI_2)
 }
 
-/// The side in pixels at which the middle of a face has as many pixels for an angle as the equator of an
+/// Returns the side in pixels of a face with the angular resolution, in its middle, of the equator of an
 /// equirectangular image of this width: `width / pi`.
 pub fn side_of_equal_resolution(erp_width: u32) -> u32 {
     ((f64::from(erp_width) / PI).round() as u32).max(1)

@@ -1,4 +1,4 @@
-//! The equirectangular (ERP) camera.
+//! Equirectangular (ERP) camera.
 //!
 //! `lon = atan2(x, z)`, `lat = asin(-y / |p|)` (north up),
 //! `u = (lon / 2pi + 1/2) W`, `v = (1/2 - lat / pi) H`. The direction +z is the image centre;
@@ -23,7 +23,7 @@ pub struct ErpCamera {
 }
 
 impl ErpCamera {
-    /// Longitude in (-pi, pi] and latitude in [-pi/2, pi/2], radians, of a non-zero direction.
+    /// Returns longitude in (-pi, pi] and latitude in [-pi/2, pi/2], radians, of a non-zero direction.
     ///
     /// The latitude is computed as `atan2(-y, hypot(x, z))`, which equals `asin(-y/|p|)` and keeps
     /// its precision at the poles, where the arc sine loses half of its digits.
@@ -32,22 +32,22 @@ impl ErpCamera {
         dvec2(direction.x.atan2(direction.z), (-direction.y).atan2(rho))
     }
 
-    /// Unit direction of a longitude and latitude in radians.
+    /// Returns the unit direction of a longitude and latitude in radians.
     pub fn direction(longitude: f64, latitude: f64) -> DVec3 {
         let (sin_lon, cos_lon) = longitude.sin_cos();
         let (sin_lat, cos_lat) = latitude.sin_cos();
         dvec3(cos_lat * sin_lon, -sin_lat, cos_lat * cos_lon)
     }
 
-    /// Signed distance in pixels from column `from` to column `to` the short way around the seam,
-    /// in [-W/2, W/2].
+    /// Returns the signed distance in pixels from column `from` to column `to` the short way around the seam, in
+    /// [-W/2, W/2].
     pub fn wrapped_column_distance(&self, from: f64, to: f64) -> f64 {
         let width = f64::from(self.width);
         let distance = to - from;
         distance - width * (distance / width).round()
     }
 
-    /// Solid angle of a pixel of row `row` (0 at the north pole), steradians, to first order:
+    /// Returns the solid angle of a pixel of row `row` (0 at the north pole), steradians, to first order:
     /// `2pi/W * pi/H * cos(lat)` at the pixel centre.
     pub fn pixel_solid_angle(&self, row: u32) -> f64 {
         let latitude = (0.5 - (f64::from(row) + 0.5) / f64::from(self.height)) * PI;
@@ -56,7 +56,7 @@ impl ErpCamera {
 }
 
 impl CameraModel for ErpCamera {
-    /// `u` is in [0, W) and `v` in [0, H]. `None` for the zero vector and non-finite input only.
+    /// Returns `u` in [0, W) and `v` in [0, H]; `None` for the zero vector and non-finite input only.
     fn project(&self, point_camera: DVec3) -> Option<DVec2> {
         if !point_camera.is_finite() || point_camera == DVec3::ZERO {
             return None;

@@ -1,4 +1,4 @@
-//! The pinhole camera: `u = fx x/z + cx`, `v = fy y/z + cy`.
+//! Pinhole camera: `u = fx x/z + cx`, `v = fy y/z + cy`.
 
 use glam::{DVec2, DVec3, dvec2, dvec3};
 use schemars::JsonSchema;
@@ -24,8 +24,8 @@ pub struct PinholeCamera {
 }
 
 impl PinholeCamera {
-    /// A camera with square pixels, a centred principal point and the given horizontal field of
-    /// view in radians, in (0, pi).
+    /// Makes a camera with square pixels, a centred principal point and the given horizontal field of view in
+    /// radians, in (0, pi).
     pub fn with_horizontal_field_of_view(width: u32, height: u32, radians: f64) -> Self {
         let focal = 0.5 * f64::from(width) / (0.5 * radians).tan();
         Self {
@@ -40,8 +40,8 @@ impl PinholeCamera {
 }
 
 impl CameraModel for PinholeCamera {
-    /// `None` for points on or behind the image plane's parallel through the centre (`z <= 0`),
-    /// and for points so close to it that their coordinates overflow.
+    /// Returns `None` for points on or behind the plane through the centre that is parallel to the image plane
+    /// (`z <= 0`). Points so close to it that their coordinates overflow give `None` too.
     fn project(&self, point_camera: DVec3) -> Option<DVec2> {
         if !point_camera.is_finite() || point_camera.z <= 0.0 {
             return None;

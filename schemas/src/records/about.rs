@@ -1,4 +1,4 @@
-//! `about`: what its makers say of a dataset.
+//! `about`: description of a dataset by its makers.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};

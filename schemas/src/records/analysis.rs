@@ -1,4 +1,4 @@
-//! `analysis`: what one pass over a video found, before anything is cut.
+//! `analysis`: findings of one pass over a video, before anything is cut.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};

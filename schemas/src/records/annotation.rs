@@ -1,4 +1,4 @@
-//! `annotation`: what a sequence shows, said by people and programs, and how it moves, measured.
+//! `annotation`: content of a sequence, described by people and programs, and its measured motion.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -80,7 +80,7 @@ pub struct EgoMotion {
 }
 
 impl EgoMotion {
-    /// The class for statistics: that of the action, which a person chose, else the measured one.
+    /// Returns the class for statistics: that of the action, which a person chose, else the measured one.
     pub fn class(&self) -> Option<&str> {
         let measured = self
             .measured
@@ -90,7 +90,7 @@ impl EgoMotion {
     }
 }
 
-/// How much moves beside the camera.
+/// Amount of motion beside that of the camera.
 pub type Dynamics = Measured;
 
 /// A measured class with what it rests on.

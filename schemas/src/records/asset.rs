@@ -1,4 +1,4 @@
-//! `asset`: a scene of Gaussians as it is handed to people: levels of detail for web viewers.
+//! `asset`: published scene of Gaussians with levels of detail for web viewers.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};

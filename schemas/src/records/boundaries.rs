@@ -1,4 +1,4 @@
-//! `boundaries`: where shots begin and end, and who said so.
+//! `boundaries`: boundaries of shots with their sources.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -88,7 +88,7 @@ impl BoundaryKind {
         Self::SeamlessTraversal,
     ];
 
-    /// Name in records and tables.
+    /// Returns the name in records and tables.
     pub fn name(self) -> &'static str {
         match self {
             Self::Cut => "cut",
@@ -98,7 +98,7 @@ impl BoundaryKind {
         }
     }
 
-    /// Whether a video is cut there.
+    /// Returns whether a video is cut there.
     pub fn separates(self) -> bool {
         self != Self::SeamlessTraversal
     }

@@ -1,4 +1,4 @@
-//! `dataset`: the sequences cut from a set of videos, and every video that gave none.
+//! `dataset`: the sequences cut from a set of videos, and every video without one.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -80,7 +80,7 @@ pub enum OriginKind {
 }
 
 impl OriginKind {
-    /// As people read it.
+    /// Returns the words for pages and messages.
     pub fn words(self) -> &'static str {
         match self {
             Self::Web => "web",

@@ -1,4 +1,4 @@
-//! `dense`: distances of what the pixels of a scene's frames show, by stereo, and the points they give.
+//! `dense`: distances of the pixels of a scene's frames by stereo, and the points they give.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};

@@ -1,4 +1,4 @@
-//! `external-run`: how a method that is not ours was run on one scene.
+//! `external-run`: run of an external method on one scene.
 
 use std::collections::BTreeMap;
 
@@ -88,7 +88,7 @@ pub enum PhaseName {
 }
 
 impl PhaseName {
-    /// As it is written in records and file names.
+    /// Returns the name that records and file names use.
     pub fn name(self) -> &'static str {
         match self {
             Self::Prepare => "prepare",

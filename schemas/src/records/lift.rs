@@ -1,4 +1,4 @@
-//! `lift`: what became of the pixels of views with distances when they were lifted to Gaussians.
+//! `lift`: counts of the pixels that were lifted from views with distances to Gaussians.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};

@@ -1,4 +1,4 @@
-//! `masks`: masks of what moves in a sequence, and how they were made.
+//! `masks`: dynamic masks of a sequence, and their method.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};

@@ -1,4 +1,4 @@
-//! The JSON files that the crates hand to each other, one file per contract.
+//! JSON files that the crates exchange, one module per contract.
 //!
 //! Each type implements [`Record`]; its JSON Schema is generated into `schemas/json/` and a test
 //! fails when the two drift apart.
@@ -96,7 +96,7 @@ use crate::{
     store::{self, Record, StoreError},
 };
 
-/// A record type's name and its JSON Schema.
+/// Name of a record type and its JSON Schema.
 #[derive(Debug, Clone, Copy)]
 pub struct SchemaEntry {
     /// `omnilife/<name>/<version>`.
@@ -127,7 +127,7 @@ pub fn check_file(path: &Path) -> Result<(), StoreError> {
     }
 }
 
-/// Every record of the workspace; tests walk it.
+/// All records of the workspace; tests walk them.
 pub const SCHEMAS: &[SchemaEntry] = &[
     entry::<Dataset>(),
     entry::<About>(),

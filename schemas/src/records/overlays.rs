@@ -1,5 +1,5 @@
-//! Overlays of a video: what stays in the image while the scene moves, and mosaics that move with
-//! what they hide. Part of `analysis`.
+//! Overlays of a video: parts that stay in the image while the scene moves, and mosaics that move with what they
+//! hide. They are a part of `analysis`.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -56,7 +56,7 @@ pub struct Sightings {
 }
 
 impl Sightings {
-    /// Share of the looked-at frames in which it was seen.
+    /// Returns the share of the sampled frames in which it was seen.
     pub fn share(&self) -> f64 {
         f64::from(self.seen_frames) / f64::from(self.looked_at_frames.max(1))
     }
@@ -79,13 +79,13 @@ pub enum OverlayClass {
 }
 
 impl OverlayClass {
-    /// Whether it hides what could be reconstructed or puts patterns where there are none. What
-    /// covers the nadir hides the tripod.
+    /// Returns whether it hides reconstructable content or adds patterns that are not in the scene. A patch over the
+    /// nadir hides the tripod, so it does not count.
     pub fn spoils_geometry(self) -> bool {
         matches!(self, Self::Watermark | Self::Caption | Self::Mosaic)
     }
 
-    /// The name used in files.
+    /// Returns the name used in files.
     pub fn name(self) -> &'static str {
         match self {
             Self::Watermark => "watermark",

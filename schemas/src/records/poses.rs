@@ -1,4 +1,4 @@
-//! `poses`: camera poses that somebody supplies for a video.
+//! `poses`: camera poses that a user supplies for a video.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -23,7 +23,7 @@ pub struct Poses {
 
 impl Record for Poses {
     const SCHEMA: &'static str = "omnilife/poses/2";
-    /// It has no camera.
+    /// The older version has no camera.
     const OLDER: &'static [&'static str] = &["omnilife/poses/1"];
 }
 

@@ -1,4 +1,4 @@
-//! `protocol`: what exactly is scored, so that scores can be compared.
+//! `protocol`: definition of the scored views and metrics, so that scores can be compared.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -40,12 +40,12 @@ impl Record for Protocol {
 }
 
 impl Protocol {
-    /// Width and height of the scored images of a scene, in pixels: the scene's own, or where that
-    /// is wider than [`Protocol::largest_width`], that width with the height in proportion (rounded
-    /// to nearest); of padded frames, the size of the image in them.
+    /// Returns width and height of the scored images of a scene, in pixels: the scene's own, or where that is wider
+    /// than [`Protocol::largest_width`], that width with the height in proportion (rounded to nearest). With padded
+    /// frames it is the size of the image in them.
     ///
     /// # Errors
-    /// When nothing could be scored at that size; says why.
+    /// When nothing could be scored at that size; states the reason.
     pub fn scored_size(&self, camera: &Camera) -> Result<[u32; 2], String> {
         match self.padded_frame(camera)? {
             Some(frame) => Ok(frame.image()),
@@ -53,10 +53,10 @@ impl Protocol {
         }
     }
 
-    /// The frame in which methods are given the images of a scene; `None` without padding.
+    /// Returns the frame in which methods get the images of a scene; `None` without padding.
     ///
     /// # Errors
-    /// As [`Protocol::scored_size`].
+    /// Those of [`Protocol::scored_size`].
     pub fn padded_frame(&self, camera: &Camera) -> Result<Option<PaddedFrame>, String> {
         match self.padding {
             Padding::None => Ok(None),
@@ -83,7 +83,7 @@ impl Protocol {
         }
     }
 
-    /// SHA-256 of the protocol's JSON; the first 12 digits are printed beside scores.
+    /// Returns the SHA-256 of the protocol's JSON; the first 12 digits are printed beside scores.
     pub fn hash(&self) -> String {
         // A protocol is numbers and strings: its JSON cannot fail. An error would still give a
         // hash that equals no other protocol's.
@@ -139,12 +139,12 @@ pub enum ScoredViews {
 }
 
 impl ScoredViews {
-    /// Whether input views are scored.
+    /// Returns whether input views are scored.
     pub fn has_input(self) -> bool {
         self != Self::Novel
     }
 
-    /// Whether novel views are scored.
+    /// Returns whether novel views are scored.
     pub fn has_novel(self) -> bool {
         self != Self::Input
     }

@@ -11,8 +11,8 @@ use super::{
 };
 use crate::{provenance::Hardware, store::Record};
 
-/// Begins every warning of a result about a likely mistake of convention in its predictions, such as
-/// another order of channels: whoever made them should read these first.
+/// Prefix of every warning of a result about a likely mistake of convention in its predictions, such as another order
+/// of channels. The author of the predictions should read these first.
 pub const DIAGNOSIS_PREFIX: &str = "check the convention: ";
 
 /// `result.json`. Per-frame values are in the Parquet table beside it.
@@ -167,20 +167,20 @@ pub struct ScoredFile {
     pub sha256: String,
 }
 
-/// Whether a metric is of a region of the image: of what stands still, or of what moves.
+/// Returns whether a metric scores one region of the image, static or dynamic.
 pub fn is_of_region(metric: &str) -> bool {
     metric.ends_with("-static") || metric.ends_with("-dynamic")
 }
 
 impl ResultRecord {
-    /// Returns true where the run ended well and every view has scores. Anything less is not ranked, marked as
-    /// best, compared, averaged over scenes or handed in.
+    /// Returns true where the run succeeded and every view has scores. Any other result is not ranked, marked as
+    /// best, compared, averaged over scenes or submitted.
     pub fn is_complete(&self) -> bool {
         self.run_failure.is_none() && self.failures.is_empty()
     }
 
-    /// Returns why the result is not complete, in one line: the reason of the run's failure, or else of the
-    /// first view's. `None` where it is complete.
+    /// Returns the reason why the result is not complete, in one line: that of the run's failure, or else of the
+    /// first view's. Returns `None` where it is complete.
     pub fn why_incomplete(&self) -> Option<String> {
         if let Some(reason) = &self.run_failure {
             return Some(format!("the run failed: {reason}"));
@@ -196,7 +196,8 @@ impl ResultRecord {
         })
     }
 
-    /// Whether both score regions of the image, and by other ones: these scores are not comparable.
+    /// Returns whether both score regions of the image that were found in different ways: these scores are not
+    /// comparable.
     pub fn has_other_regions(&self, other: &Self) -> bool {
         self.regions != other.regions && self.scores_regions() && other.scores_regions()
     }
@@ -259,7 +260,7 @@ pub enum Direction {
 }
 
 impl Direction {
-    /// Whether score `left` is better than score `right`.
+    /// Returns whether score `left` is better than score `right`.
     pub fn prefers(self, left: f64, right: f64) -> bool {
         match self {
             Self::HigherIsBetter => left > right,

@@ -1,4 +1,4 @@
-//! `run`: how one method was run on one scene.
+//! `run`: run of one method on one scene.
 
 use std::collections::BTreeMap;
 
@@ -122,15 +122,16 @@ impl Edits {
         self.0.is_empty()
     }
 
-    /// The changes in their order.
+    /// Returns the changes in their order.
     pub fn lines(&self) -> &[String] {
         &self.0
     }
 }
 
 impl RunRecord {
-    /// The record of this run's model after further changes: it names no predictions, trace or measured
-    /// surfaces, because those are of the model before. `novel_folder` is where views may be rendered to.
+    /// Returns the record of this run's model after further changes. It names no predictions, trace or measured
+    /// surfaces, because those are of the unchanged model. `novel_folder` is the folder into which views may be
+    /// rendered.
     pub fn edited(mut self, lines: impl IntoIterator<Item = String>, novel_folder: &str) -> Self {
         self.edits.0.extend(lines);
         self.predictions = ViewPredictions {
@@ -145,7 +146,7 @@ impl RunRecord {
 }
 
 impl RunRecord {
-    /// Returns the times of all stages from the video to rendered predictions; planning is apart from training here.
+    /// Returns the times of all stages from the video to rendered predictions, with planning apart from training.
     pub fn stage_times(&self) -> Vec<StageTime> {
         // Records of older versions have the CPU time of rendering among the stages alone.
         let mut older = self.stages.iter().filter(|stage| stage.stage == RENDERING);
@@ -199,17 +200,17 @@ pub struct StageTime {
 }
 
 impl StageTime {
-    /// Whether it is a stage of the run itself, not of what the run was given.
+    /// Returns whether it is a stage of the run itself, not one that made an input of the run.
     pub fn is_of_run(&self) -> bool {
         RUN_STAGES.contains(&self.stage.as_str())
     }
 }
 
-/// Names of the stages of a run itself.
+/// Planning, a stage of the run itself.
 pub const PLANNING: &str = "planning";
-/// Steps and density control.
+/// Training, a stage of the run itself: steps and density control.
 pub const TRAINING: &str = "training";
-/// Predicted views.
+/// Rendering of predicted views, a stage of the run itself.
 pub const RENDERING: &str = "rendering";
 const RUN_STAGES: [&str; 3] = [PLANNING, TRAINING, RENDERING];
 

@@ -1,4 +1,4 @@
-//! `scene`: a sequence with cameras, ready for reconstruction and scoring.
+//! `scene`: sequence with cameras, ready for reconstruction and scoring.
 
 use std::{
     collections::{BTreeMap, BTreeSet},
@@ -38,20 +38,20 @@ pub struct Scene {
 }
 
 impl Scene {
-    /// A line that names the frames whose cameras are far from all others; `None` without any.
+    /// Returns a line that names the frames whose cameras are far from all others; `None` without any.
     pub fn far_frames(&self) -> Option<String> {
         let poses: Vec<_> = self.frames.iter().map(|frame| frame.pose).collect();
         pose::far_frames(&poses)
     }
 
-    /// SHA-256 of its camera and poses. What was measured in its world is worth nothing with others.
+    /// Returns the SHA-256 of its camera and poses. Measurements in its world are invalid with other ones.
     pub fn geometry_sha256(&self) -> String {
         let poses: Vec<_> = self.frames.iter().map(|frame| &frame.pose).collect();
         let text = serde_json::json!([self.camera, poses]).to_string();
         store::sha256_bytes(text.as_bytes())
     }
 
-    /// SHA-256 of what its frames mark as no part of the scene; `None` where they mark nothing.
+    /// Returns the SHA-256 of the ignored regions of its frames; `None` where they have none.
     ///
     /// # Errors
     /// When a mask cannot be read.
@@ -75,7 +75,7 @@ impl Scene {
 
 impl Record for Scene {
     const SCHEMA: &'static str = "omnilife/scene/2";
-    /// Its camera has no model: all were ERP.
+    /// The older version has a camera without model: all were ERP.
     const OLDER: &'static [&'static str] = &["omnilife/scene/1"];
 }
 
@@ -124,7 +124,7 @@ pub struct SceneFrame {
 }
 
 impl SceneFrame {
-    /// All files of the frame, its image first.
+    /// Returns all files of the frame, its image first.
     pub fn files(&self) -> impl Iterator<Item = &String> {
         std::iter::once(&self.image)
             .chain(&self.mask)

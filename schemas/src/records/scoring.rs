@@ -1,4 +1,4 @@
-//! `scoring`: how a result was computed.
+//! `scoring`: settings with which a result was computed.
 
 use std::collections::BTreeMap;
 

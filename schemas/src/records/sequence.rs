@@ -27,8 +27,8 @@ pub struct Sequence {
 }
 
 impl Sequence {
-    /// Whether its frames are perspective images. The evidence alone never makes a sequence of such a
-    /// video: somebody said so.
+    /// Returns whether its frames are perspective images. The evidence alone never makes a sequence of such a video;
+    /// a user has to state it.
     pub fn is_pinhole(&self) -> bool {
         self.projection.projection == VideoProjection::Rectilinear
     }
@@ -60,12 +60,12 @@ pub struct TimeRange {
 }
 
 impl TimeRange {
-    /// Length in seconds.
+    /// Returns the length in seconds.
     pub fn duration_seconds(&self) -> f64 {
         self.end_seconds - self.begin_seconds
     }
 
-    /// Whether an instant lies inside.
+    /// Returns whether an instant lies inside.
     pub fn contains(&self, seconds: f64) -> bool {
         self.begin_seconds <= seconds && seconds < self.end_seconds
     }
@@ -107,17 +107,17 @@ pub struct Probe {
 }
 
 impl Probe {
-    /// Whether levels are coded for high dynamic range. They are used as coded, not tone-mapped.
+    /// Returns whether levels are coded for high dynamic range. They are used as coded, not tone-mapped.
     pub fn is_hdr(&self) -> bool {
         matches!(self.transfer.as_str(), "smpte2084" | "arib-std-b67")
     }
 
-    /// Quarter turns clockwise that bring the coded image upright, 0 to 3.
+    /// Returns the quarter turns clockwise that bring the coded image upright, 0 to 3.
     pub fn clockwise_quarter_turns(&self) -> u32 {
         (self.rotation_degrees / 90.0).round().rem_euclid(4.0) as u32
     }
 
-    /// Width and height in pixels of the upright image.
+    /// Returns width and height in pixels of the upright image.
     pub fn upright_size(&self) -> (u32, u32) {
         if self.clockwise_quarter_turns() % 2 == 1 {
             (self.height, self.width)
@@ -191,12 +191,12 @@ pub enum VideoProjection {
 }
 
 impl VideoProjection {
-    /// Whether frames can be used as ERP after resizing to 2:1.
+    /// Returns whether frames can be used as ERP after resizing to 2:1.
     pub fn is_monoscopic_erp(self) -> bool {
         matches!(self, Self::Erp | Self::ErpSqueezed)
     }
 
-    /// The name used in files.
+    /// Returns the name used in files.
     pub fn name(self) -> &'static str {
         match self {
             Self::Erp => "erp",
@@ -275,7 +275,7 @@ pub enum Sampling {
     FramesPerSecond(f64),
 }
 
-/// Pixels of a side of an image, as far as images are read.
+/// Reads the side of an image in pixels, up to the limit for reading images.
 fn side_pixels<'de, D: Deserializer<'de>>(deserializer: D) -> Result<u32, D::Error> {
     const MOST: u32 = 16_384;
     let pixels = u32::deserialize(deserializer)?;

@@ -1,4 +1,4 @@
-//! `slices`: what became of every second of a video.
+//! `slices`: outcome of every second of a video.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};

@@ -1,4 +1,4 @@
-//! How a sphere is stored in the frames of a video, where it is not one equirectangular image.
+//! Layouts of a sphere in the frames of a video, other than one equirectangular image.
 
 use std::{fmt, str::FromStr};
 
@@ -43,17 +43,17 @@ pub enum SphereLayout {
     },
 }
 
-/// Where a lens's circle lies in its half of a frame.
+/// Circle of a lens in its half of a frame.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct FisheyeCircle {
-    /// Its middle, shares of the half's width and height from the half's corner.
+    /// Its centre, shares of the half's width and height from the half's corner.
     pub centre: [f64; 2],
     /// Its radius, share of the half's width across and of its height down.
     pub radius: f64,
 }
 
 impl FisheyeCircle {
-    /// The largest one that the half holds.
+    /// Largest circle in the half.
     pub const WHOLE: Self = Self {
         centre: [0.5, 0.5],
         radius: 0.5,
@@ -97,10 +97,10 @@ pub struct FaceOrder([u8; 6]);
 const FACE_LETTERS: [u8; 6] = *b"frblud";
 
 impl FaceOrder {
-    /// Right, left, up, down, front, back: the order of `v360`.
+    /// Order of `v360`: right, left, up, down, front, back.
     pub const STANDARD: Self = Self(*b"rludfb");
 
-    /// Where a face of [`CUBE_FACES`](crate::camera::cube::CUBE_FACES) lies in the order, 0 to 5.
+    /// Returns the position in the order, 0 to 5, of a face of [`CUBE_FACES`](crate::camera::cube::CUBE_FACES).
     pub fn position(&self, face: usize) -> usize {
         let letter = FACE_LETTERS.get(face);
         let found = self.0.iter().position(|other| Some(other) == letter);
@@ -129,7 +129,7 @@ impl fmt::Display for FaceOrder {
     }
 }
 
-/// Reads what stands behind `dual-fisheye:`.
+/// Reads the text behind `dual-fisheye:`.
 fn dual_fisheye(detail: &str) -> Result<SphereLayout, String> {
     let (degrees, circles) = match detail.split_once('@') {
         None => (detail, [FisheyeCircle::WHOLE; 2]),
@@ -153,7 +153,7 @@ fn dual_fisheye(detail: &str) -> Result<SphereLayout, String> {
 }
 
 impl SphereLayout {
-    /// Every layout as it is named without its details.
+    /// Name of every layout without its details.
     pub const NAMES: [&'static str; 10] = [
         "stereo-top-bottom",
         "stereo-left-right",

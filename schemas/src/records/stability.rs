@@ -1,4 +1,4 @@
-//! `stability`: how stiff and extreme cases come out, on every backend.
+//! `stability`: outcomes of stiff and extreme cases on every backend.
 
 use std::collections::BTreeMap;
 

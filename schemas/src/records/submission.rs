@@ -1,4 +1,4 @@
-//! `submission`: results that somebody hands in, with what a reader should know of the method.
+//! `submission`: submitted results, with facts about the method for readers.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};

@@ -1,4 +1,4 @@
-//! `sweep-plan`, `unit-outcome`, `runner-lock`: many pieces of work, and what became of each.
+//! `sweep-plan`, `unit-outcome`, `runner-lock`: many units of work, and the outcome of each.
 
 use std::collections::BTreeMap;
 

@@ -1,4 +1,4 @@
-//! `tracks`: what moves through a scene, in its images and in space.
+//! `tracks`: moving objects of a scene, in its images and in space.
 
 use std::{collections::BTreeSet, path::Path};
 
@@ -40,7 +40,7 @@ impl Record for Tracks {
 }
 
 impl Tracks {
-    /// The tracks of a scene beside a split in `split_folder`; `None` where there are none.
+    /// Returns the tracks of a scene beside a split in `split_folder`; `None` where the file is missing.
     ///
     /// # Errors
     /// When they cannot be read, are unsound or those of another scene.
@@ -60,8 +60,8 @@ impl Tracks {
         }
     }
 
-    /// Why they cannot be used; `None` where they can: ids are unique, of each object there is one box in a frame
-    /// at most, paths and boxes are sound.
+    /// Returns why they cannot be used; `None` where they are valid: ids are unique, each object has at most one box
+    /// in a frame, paths and boxes are sound.
     pub fn fault(&self) -> Option<String> {
         let mut ids = BTreeSet::new();
         let of_tracks = self.tracks.iter().find_map(|track| {
@@ -140,7 +140,7 @@ pub struct Track {
 }
 
 impl Track {
-    /// Why it is no object; `None` where it is one.
+    /// Returns why the object is invalid; `None` where it is valid.
     fn fault(&self) -> Option<String> {
         let mut sides = self.dimensions.iter();
         let is_box = sides.all(|&side| side.is_finite() && side > 0.0);

@@ -12,7 +12,7 @@ fn erp_cameras() -> impl Strategy<Value = ErpCamera> {
     (1_u32..=4096, 1_u32..=4096).prop_map(|(width, height)| ErpCamera { width, height })
 }
 
-/// Shares of an image side, with the neighbourhood of both ends as likely as the inside.
+/// Returns shares of an image side, with the neighbourhood of both ends as likely as the inside.
 fn shares() -> impl Strategy<Value = f64> {
     prop_oneof![
         0.0..1.0,

@@ -13,7 +13,7 @@ fn crc32(bytes: &[u8]) -> u32 {
     })
 }
 
-/// A grey PNG file that states a size and holds next to nothing.
+/// Writes a grey PNG file that states a size and has almost no pixels.
 fn write_stating(path: &Path, width: u32, height: u32) {
     let mut bytes = b"\x89PNG\r\n\x1a\n".to_vec();
     let header = [
@@ -52,7 +52,7 @@ fn sizes_are_looked_at_before_pixels() {
             );
         }
     }
-    // A size that is allowed is told without its pixels, which are damaged.
+    // The size is known without the pixels, which are damaged.
     write_stating(&path, 4096, 2048);
     let file = ImageFile::open(&path).unwrap();
     assert_eq!(file.size(), [4096, 2048]);
@@ -79,7 +79,7 @@ fn depth_of_another_kind_is_refused_before_it_is_decoded() {
     );
 }
 
-/// Images of 4 x 2 pixels, one of which is as opaque as `alpha` says, the rest wholly.
+/// Returns images of 4 x 2 pixels, one with opacity `alpha`, the others opaque.
 fn with_alpha(alpha: u16) -> [DynamicImage; 4] {
     let at = |x: u32, y: u32| if (x, y) == (3, 1) { alpha } else { u16::MAX };
     let byte = |x: u32, y: u32| (at(x, y) >> 8) as u8;
@@ -118,7 +118,7 @@ fn what_is_transparent_anywhere_is_refused_and_shown_in_black() {
     }
 }
 
-/// Enters into a PNG file an orientation of EXIF, 1 to 8, behind the header, which is 33 bytes long.
+/// Enters an orientation of EXIF, 1 to 8, into a PNG file, behind the header, which is 33 bytes long.
 fn orient(path: &Path, orientation: u8) {
     const ENTRY: &[u8] = b"eXIfMM\0\x2a\0\0\0\x08\0\x01\x01\x12\0\x03\0\0\0\x01\0";
     let mut bytes = fs::read(path).unwrap();
@@ -160,7 +160,7 @@ fn what_asks_to_be_turned_is_refused_and_shown_turned() {
     }
 }
 
-/// Greys of 8 and 16 bits are images as before.
+/// Greys of 8 and 16 bits are plain images.
 #[test]
 fn greys_are_plain() {
     let temp = tempfile::tempdir().unwrap();

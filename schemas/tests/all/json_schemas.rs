@@ -1,4 +1,4 @@
-//! The JSON Schemas in `schemas/json/` are those of the types.
+//! Agreement of the JSON Schemas in `schemas/json/` with the types.
 
 use std::{
     collections::BTreeSet,
@@ -12,7 +12,7 @@ fn folder() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("json")
 }
 
-/// `omnilife/scene/1` -> `scene.v1.schema.json`.
+/// Converts `omnilife/scene/1` to `scene.v1.schema.json`.
 fn file_name(id: &str) -> String {
     let parts: Vec<_> = id.split('/').collect();
     assert_eq!((parts.len(), parts[0]), (3, "omnilife"), "{id}");

@@ -1,4 +1,4 @@
-//! Masks as programs write them: whatever the kind of the file, the same pixels are marked.
+//! Masks as programs write them: every kind of file gives the same marked pixels.
 
 use std::{
     fs::File,
@@ -27,7 +27,7 @@ fn is_marked(pixel: usize) -> bool {
     x * x + y * y < 9
 }
 
-/// Pixels of `size` values each.
+/// Returns pixels of `size` values each.
 fn pixels(marked: &[u8], other: &[u8]) -> Vec<u8> {
     let count = (SIZE[0] * SIZE[1]) as usize;
     (0..count)
@@ -106,7 +106,7 @@ fn assert_marks_the_disc(path: &Path, encoding: MaskEncoding) {
     let expected: Vec<bool> = (0..marks.len()).map(is_marked).collect();
     assert_eq!(marks, expected);
     assert_eq!(decoded.encoding, encoding);
-    // What everybody calls is the same reader.
+    // The common entry point is the same reader.
     assert_eq!(Mask::read(path).unwrap(), decoded.mask);
 }
 
@@ -130,7 +130,7 @@ fn white_on_black_is_marked_at_every_depth() {
     assert_marks_the_disc(&path, MaskEncoding::BlackAndWhite);
 }
 
-/// Edges that were smoothed are marked from the middle on.
+/// Smoothed edges are marked from the middle on.
 #[test]
 fn soft_edges_are_cut_at_half() {
     let folder = Folder::new();
@@ -162,14 +162,14 @@ fn small_numbers_are_labels() {
         &pixels(&[0, 3], &[0, 0]),
     );
     assert_marks_the_disc(&path, MaskEncoding::Labels);
-    // Nothing at all is no label.
+    // A file without any marked pixel holds no label.
     let path = folder.write(ColorType::Grayscale, BitDepth::Eight, &pixels(&[0], &[0]));
     let decoded = decode(&path);
     assert_eq!(decoded.encoding, MaskEncoding::BlackAndWhite);
     assert!(decoded.mask.data.iter().all(|&value| value == 0));
 }
 
-/// Palettes as data sets of segmentation have them: what is dark there is an object like any other.
+/// Palettes of segmentation datasets: a dark entry is an object like any other.
 #[test]
 fn palettes_are_read_by_their_index() {
     let folder = Folder::new();
@@ -186,7 +186,7 @@ fn palettes_are_read_by_their_index() {
         );
         assert_marks_the_disc(&path, MaskEncoding::Palette);
     }
-    // A transparent background says the same; a transparent object does not.
+    // A transparent background agrees with the indices; a transparent object does not.
     let data = pixels(&[2], &[0]);
     let path = folder.write_with(ColorType::Indexed, BitDepth::Eight, (&palette, &[0]), &data);
     assert_marks_the_disc(&path, MaskEncoding::Palette);
@@ -224,7 +224,7 @@ fn colours_and_alpha_mark_too() {
         &pixels(&[0, 255], &[0, 0]),
     );
     assert_marks_the_disc(&path, MaskEncoding::Alpha);
-    // Alpha that says what the colours say, and alpha that contradicts them.
+    // Alpha that agrees with the colours, and alpha that contradicts them.
     let path = folder.write(
         ColorType::Rgba,
         BitDepth::Eight,
@@ -239,7 +239,7 @@ fn colours_and_alpha_mark_too() {
     assert!(Mask::read(&path).is_err());
 }
 
-/// A JPEG file keeps white and black nearly, and labels not at all.
+/// A JPEG file keeps white and black approximately, and no labels.
 #[test]
 fn jpeg_files_hold_no_labels() {
     let folder = Folder::new();
@@ -297,7 +297,7 @@ fn where_to_look_is_all_but_black() {
     );
 }
 
-/// Assumptions, masks that mark nothing and masks that look inverted are a line each, once.
+/// Assumptions, masks that mark nothing and inverted-looking masks give one line each, once.
 #[test]
 fn oddities_are_told() {
     let folder = Folder::new();

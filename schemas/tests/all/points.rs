@@ -115,7 +115,7 @@ fn ascii_files_are_read() {
     assert_eq!(read(folder.path(), windows.as_bytes()).unwrap(), cloud);
 }
 
-/// Floats as long as they do, which is what all programs read.
+/// Coordinates are floats as long as these suffice, because all programs read them.
 #[test]
 fn coordinates_are_doubles_where_floats_would_lose_the_scene() {
     let wave = |n: u32| (0.7 * f64::from(n)).sin();
@@ -129,10 +129,10 @@ fn coordinates_are_doubles_where_floats_would_lose_the_scene() {
         (around(10.0), Coordinates::Float),
         (around(5e5), Coordinates::Double),
         (around(-6.4e6), Coordinates::Double),
-        // Rounded before: nothing is left to lose.
+        // Rounded already: nothing is left to lose.
         (vec![[4e6, 0.5, -7.0]; 3], Coordinates::Float),
         (vec![[4e6 + 0.1, 0.5, -7.0]; 3], Coordinates::Double),
-        // Few points far out do not stretch the scene that the others are.
+        // A few points far out do not stretch the extent of the scene.
         (
             [around(5e5), vec![[1e9; 3]; 3]].concat(),
             Coordinates::Double,

@@ -71,7 +71,7 @@ proptest! {
         if let Some(similarity) = similarity {
             let world = offset + point * across;
             let back = similarity.restore(similarity.normalize(world));
-            // Rounding of world coordinates themselves is all that may be lost.
+            // Only the rounding of world coordinates themselves may be lost.
             let unit = f64::EPSILON * (offset.length() + 20.0 * across);
             prop_assert!(back.distance(world) <= 8.0 * unit);
             for centre in &centres {
@@ -126,7 +126,7 @@ proptest! {
     }
 }
 
-/// Cameras along a bent path.
+/// Returns cameras along a bent path.
 fn walk(count: usize) -> Vec<DVec3> {
     let at = |n: usize| {
         let along = n as f64 / count as f64;
@@ -155,8 +155,8 @@ fn far_frames_are_named() {
     assert!(!line.contains('\n'));
 }
 
-/// A camera that stands for most of a clip and then walks is not wrong, and cameras in one place are no
-/// measure of what is far.
+/// A camera that stands for most of a clip and then walks is not wrong, and cameras in one place give no measure of
+/// distance.
 #[test]
 fn the_end_of_a_path_still_counts() {
     let jitter = |n: usize| 1e-3 * dvec3((n as f64).sin(), (1.7 * n as f64).cos(), 0.0);

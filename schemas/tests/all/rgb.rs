@@ -26,7 +26,7 @@ fn channel_means(image: &RgbImage) -> [f64; 3] {
     sums.map(|sum| sum / pixels)
 }
 
-/// The definition, in f64 and one pixel at a time: the mean over the footprint.
+/// Computes the definition, in f64 and one pixel at a time: the mean over the footprint.
 fn reference_pixel(image: &RgbImage, size: [usize; 2], at: [usize; 2], channel: usize) -> f64 {
     let ratios = [
         image.width as f64 / size[0] as f64,

@@ -1,4 +1,4 @@
-//! When a stage is skipped and when it runs again.
+//! Skipped and repeated stages.
 
 use std::{fs, path::Path};
 
@@ -16,7 +16,7 @@ fn plan(folder: &Path, input: &Path, iterations: u32) -> StagePlan {
         .with_settings("settings", &[iterations])
 }
 
-/// Claims outputs, as a process does that is killed then.
+/// Claims outputs, as a process does that is killed afterwards.
 fn begin(stage: &StagePlan, outputs: &[&str]) -> Result<(), StoreError> {
     stage.run(outputs, &Silent, |out| {
         out.leave_begun();
@@ -24,7 +24,7 @@ fn begin(stage: &StagePlan, outputs: &[&str]) -> Result<(), StoreError> {
     })
 }
 
-/// A folder with an input file and a finished stage.
+/// Returns a folder with an input file and a finished stage.
 fn finished() -> (tempfile::TempDir, std::path::PathBuf) {
     let folder = tempfile::tempdir().unwrap();
     let input = folder.path().join("input.txt");
@@ -139,8 +139,8 @@ fn names(folder: &Path) -> Vec<String> {
     store::names_in(folder).unwrap()
 }
 
-/// Foreign files under the names of outputs stop a stage before it writes; its own do not, whether
-/// it has finished or was killed on the way.
+/// Foreign files under the names of outputs stop a stage before it writes. Its own files do not, whether it has
+/// finished or was killed on the way.
 #[test]
 fn outputs_are_claimed_before_they_are_written() {
     let (folder, input) = finished();
@@ -162,7 +162,7 @@ fn outputs_are_claimed_before_they_are_written() {
     assert!(folder.path().join("views/000004.png").is_file());
 }
 
-/// Masks and the like: never replaced where they are not as the stage made them.
+/// Published files, such as masks, are replaced only where they are unchanged.
 #[test]
 fn published_files_replace_only_unchanged_ones() {
     let folder = tempfile::tempdir().unwrap();
@@ -185,7 +185,7 @@ fn published_files_replace_only_unchanged_ones() {
     let own = stage_files("mine").unwrap();
     let own: Vec<_> = own.iter().map(|own| own.file.as_str()).collect();
     assert_eq!(own, ["masks/0.png"], "the same content stays the user's");
-    // Killed before it finished: what it published is its own.
+    // Killed before it finished: its published files are its own.
     fs::remove_file(path("masks/1.png")).unwrap();
     assert_eq!(stage_files("b").unwrap().len(), 2);
     fs::write(path("masks/0.png"), "touched up").unwrap();
@@ -194,7 +194,7 @@ fn published_files_replace_only_unchanged_ones() {
     assert_eq!(fs::read(path("masks/1.png")).unwrap(), b"b");
 }
 
-/// A process may be killed between the last record and its own tidying up.
+/// A process may be killed between the last record and its own clean-up.
 #[test]
 fn a_finished_stage_takes_away_what_its_killed_process_left() {
     let (folder, input) = finished();
@@ -213,7 +213,7 @@ fn a_finished_stage_takes_away_what_its_killed_process_left() {
     );
 }
 
-/// The record is written last, and what failed is tried again.
+/// The record is written last, and failed work is tried again.
 #[test]
 fn a_record_is_made_once_and_again_after_a_failure() {
     let temp = tempfile::tempdir().unwrap();

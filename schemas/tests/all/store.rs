@@ -1,4 +1,4 @@
-//! Files appear whole or not at all, and records are what they say.
+//! Files that appear whole or not at all, and records that match their schema.
 
 use std::{
     fs,
@@ -119,8 +119,8 @@ fn a_failed_write_keeps_the_old_file() {
     assert_eq!(store::names_in(folder.path()).unwrap(), ["table.csv"]);
 }
 
-/// The temporary name is led to a device that is always full. One write fails when the buffer is
-/// flushed at the end, the other while it is filled.
+/// The temporary name leads to a device that is always full. One write fails when the buffer is flushed at the end,
+/// the other while it is filled.
 #[cfg(target_os = "linux")]
 #[test]
 fn a_full_disk_is_told_and_keeps_the_old_file() {
@@ -170,7 +170,7 @@ fn temporary_names_lie_beside_and_keep_the_extension() {
     assert_ne!(temporary, path);
 }
 
-/// Only what another process left under a temporary name goes.
+/// Only leftovers of another process under a temporary name are removed.
 #[test]
 fn what_a_killed_process_left_is_removed() {
     let folder = tempfile::tempdir().unwrap();
@@ -333,7 +333,7 @@ fn a_result_of_the_version_before_is_read() {
     omnilife_schemas::records::check_file(&path).unwrap();
 }
 
-/// Editors of some systems begin files with one.
+/// Editors of some systems write a byte order mark at the start of files.
 #[test]
 fn a_byte_order_mark_is_no_part_of_a_text() {
     let folder = tempfile::tempdir().unwrap();

@@ -1,5 +1,4 @@
-//! Files that are made to break readers, and nothing of which another program would have to be had but
-//! FFmpeg's command line.
+//! Files that are made to break readers. The only other program that they need is FFmpeg's command line.
 
 use std::{
     fs,
@@ -16,13 +15,13 @@ use crate::{
     writing_commands::copy,
 };
 
-/// A folder of them.
+/// Folder of hostile files.
 pub(super) struct Hostile {
     folder: TempDir,
 }
 
 impl Hostile {
-    /// `None` where there is no `ffmpeg` command.
+    /// Makes them; returns `None` without an `ffmpeg` command.
     pub(super) fn make() -> Option<Self> {
         let hostile = Self { folder: scratch() };
         let at = |name: &str| hostile.path(name);
@@ -63,12 +62,12 @@ impl Hostile {
         Some(hostile)
     }
 
-    /// A file or folder in it.
+    /// Returns the path of a file or folder in it.
     pub(super) fn path(&self, name: &str) -> PathBuf {
         self.folder.path().join(name)
     }
 
-    /// [`Hostile::path`] as a word of a command.
+    /// Returns [`Hostile::path`] as a word of a command.
     pub(super) fn word(&self, name: &str) -> String {
         self.path(name).to_str().unwrap().to_owned()
     }
@@ -107,12 +106,12 @@ impl Hostile {
         self.write(name, value.to_string());
     }
 
-    /// What a file holds; nothing where it is missing.
+    /// Returns the content of a file; empty where it is missing.
     pub(super) fn read(&self, name: &str) -> Vec<u8> {
         fs::read(self.path(name)).unwrap_or_default()
     }
 
-    /// Files of a folder whose content, as text, `is_wrong` about.
+    /// Returns the files of a folder whose content, as text, `is_wrong` flags.
     pub(super) fn files_where(
         &self,
         name: &str,
@@ -128,7 +127,7 @@ impl Hostile {
     }
 }
 
-/// The Matroska colour element with a value that is no member of FFmpeg's enumerations.
+/// Returns the Matroska colour element with a value outside of FFmpeg's enumerations.
 fn with_colour(plain: &[u8], element: u8) -> Vec<u8> {
     // MatrixCoefficients, TransferCharacteristics and Primaries of one byte each, in this order.
     let at = plain
@@ -144,7 +143,7 @@ fn with_colour(plain: &[u8], element: u8) -> Vec<u8> {
     bytes
 }
 
-/// An AVI file of raw video whose extra data say that its rows run upwards.
+/// Returns an AVI file of raw video whose extra data state that its rows run upwards.
 fn bottom_up(four_characters: [u8; 4], bits: u32) -> Vec<u8> {
     const FRAMES: u32 = 15;
     let (width, height) = (256_u32, 128_u32);
@@ -205,7 +204,7 @@ fn bottom_up(four_characters: [u8; 4], bits: u32) -> Vec<u8> {
     chunk(b"RIFF", &body)
 }
 
-/// A PNG of so many grey pixels that it takes gigabytes when it is decoded, in some hundred kilobytes.
+/// Returns a PNG of some hundred kilobytes with so many grey pixels that decoding takes gigabytes.
 pub(super) fn bomb(side: u32) -> Vec<u8> {
     let mut bytes = Vec::new();
     let pixels = vec![0x80; side as usize * side as usize];
@@ -215,7 +214,7 @@ pub(super) fn bomb(side: u32) -> Vec<u8> {
     bytes
 }
 
-/// Processes that were started with this word.
+/// Counts the processes that were started with this word.
 pub(super) fn processes_with(word: &str) -> usize {
     let has_word = |process: &Path| {
         let line = fs::read(process.join("cmdline")).unwrap_or_default();

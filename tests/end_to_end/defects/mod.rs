@@ -1,5 +1,5 @@
-//! Inputs that once made a command crash, hang, lose files or mislead without a word: each ends in one
-//! line, with the right exit code, and nothing is lost. `scripts/reliability defects` prints the table.
+//! Fixed defects: inputs that made a command crash, hang, lose files or mislead silently. Each must end in one line
+//! with the right exit code, and nothing is lost. `scripts/reliability defects` prints the table.
 
 mod hostile_files;
 mod readers;
@@ -16,18 +16,18 @@ use assert_cmd::cargo::cargo_bin;
 use crate::support::{METHOD, SEQUENCE, sample, small_run};
 use hostile_files::Hostile;
 
-/// No command of these takes longer.
+/// Longest time of these commands.
 const LONGEST: Duration = Duration::from_secs(60);
 
-/// A defect and the commands that showed it.
+/// Defect with the commands that showed it.
 struct Defect {
     id: &'static str,
     about: &'static str,
-    /// Runs the commands and looks at what they leave.
+    /// Runs the commands and checks their leftovers.
     try_again: fn(&mut Attempt<'_>),
 }
 
-/// What is being tried, and what was found.
+/// Current attempt and its findings.
 struct Attempt<'a> {
     hostile: &'a Hostile,
     codes: Vec<String>,
@@ -35,13 +35,13 @@ struct Attempt<'a> {
 }
 
 impl Attempt<'_> {
-    /// Runs a command, whose words are filled in as `SCENE`, `SPLIT` and so on; it has to end with one
-    /// of these exit codes, in one line where it fails. Returns what it printed, errors last.
+    /// Runs a command, in whose words `SCENE`, `SPLIT` and so on are filled in. It has to end with one of these exit
+    /// codes, in one line where it fails. Returns its output, errors last.
     fn ends(&mut self, words: &[&str], codes: &[i32]) -> String {
         self.ends_under("", words, codes)
     }
 
-    /// [`Attempt::ends`] under a limit of the shell's, such as `ulimit -v 3000000`.
+    /// Runs [`Attempt::ends`] under a limit of the shell, such as `ulimit -v 3000000`.
     fn ends_under(&mut self, limit: &str, words: &[&str], codes: &[i32]) -> String {
         let script = if limit.is_empty() {
             "exec \"$0\" \"$@\"".to_owned()
@@ -107,7 +107,7 @@ impl Attempt<'_> {
         }
     }
 
-    /// A file of the user's has to hold what it held.
+    /// Expects that a file of the user still has its content.
     fn expect_kept(&mut self, name: &str, content: &[u8]) {
         let kept = self.hostile.read(name) == content;
         self.expect(kept, &format!("{name} is lost or changed"));

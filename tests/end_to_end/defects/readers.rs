@@ -1,4 +1,4 @@
-//! Defects of reading: crashes, hangs, memory, results that mislead.
+//! Defects of reading: crashes, hangs, memory, misleading results.
 
 use std::fs;
 
@@ -219,7 +219,7 @@ pub(super) const DEFECTS: &[Defect] = &[
             attempt.ends(&["curate", "ledger", "show", &video], &[0, 2]);
             for number in 0..24 {
                 let mut bytes = whole.clone();
-                // The footer, in which sizes and offsets stand, and pages before it.
+                // The footer with sizes and offsets, and pages before it.
                 let at = bytes.len() - 9 - number * number % (bytes.len() - 9);
                 bytes[at] ^= 0xff;
                 attempt.hostile.write("video/signals.parquet", bytes);
@@ -372,7 +372,7 @@ pub(super) const DEFECTS: &[Defect] = &[
     },
 ];
 
-/// Poses of one frame.
+/// Returns poses of one frame.
 fn one_pose(attempt: &Attempt<'_>) -> String {
     let text = fs::read(sample("poses.json")).unwrap();
     let mut poses: Value = serde_json::from_slice(&text).unwrap();
@@ -383,7 +383,7 @@ fn one_pose(attempt: &Attempt<'_>) -> String {
     attempt.hostile.write("one.json", poses.to_string())
 }
 
-/// Sets every entry of this name that is a number.
+/// Sets every numeric entry of this name.
 fn set_all(value: &mut Value, key: &str, number: u64) {
     match value {
         Value::Object(entries) => {

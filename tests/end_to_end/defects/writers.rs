@@ -1,4 +1,4 @@
-//! Defects of writing: files of the user's that were lost, names, leftovers, sweeps.
+//! Defects of writing: lost files of the user, names, leftovers, sweeps.
 
 use std::{
     fs,
@@ -430,7 +430,7 @@ fn omnilife(attempt: &Attempt<'_>, words: &[String]) -> std::process::Child {
         .unwrap()
 }
 
-/// A sweep of two units that do nothing.
+/// Plans a sweep of two units that do nothing.
 fn plan(attempt: &mut Attempt<'_>, out: &str) {
     let lines = attempt.hostile.write("lines.txt", "true\ntrue\n");
     attempt.ends(&["sweep", "plan", "commands", &lines, "--out", out], &[0]);

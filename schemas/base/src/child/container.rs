@@ -1,4 +1,4 @@
-//! A container, which is no descendant of the client that runs it, and is ended by its name.
+//! Containers. A container does not descend from the client that runs it, so it is ended by its name.
 
 use std::{
     fmt,
@@ -27,11 +27,10 @@ impl fmt::Display for Container {
 }
 
 impl Container {
-    /// Kills it; false where it does not run any more.
+    /// Kills it; returns false where it does not run.
     ///
     /// # Errors
-    /// When the runtime cannot be started, refuses or takes longer than 10 s, in words that name the
-    /// container.
+    /// When the runtime cannot be started, refuses or takes longer than 10 s; the message names the container.
     pub(super) fn kill(&self) -> Result<bool, String> {
         let failed = |reason: &str| format!("{self} ({} kill: {reason})", self.runtime);
         let mut command = Command::new(&self.runtime);
@@ -48,7 +47,7 @@ impl Container {
         let id = child.id();
         let (sender, receiver) = mpsc::channel();
         thread::spawn(move || {
-            // Its parent may have stopped waiting for it.
+            // The receiver may have stopped waiting.
             drop(sender.send(child.wait_with_output()));
         });
         match receiver.recv_timeout(LONGEST_KILL) {
@@ -71,8 +70,8 @@ impl Container {
     }
 }
 
-/// True where a runtime says that there is no such container, or that it does not run: the words of
-/// Docker, Podman and nerdctl.
+/// Returns true where a runtime reports that the container does not exist or does not run, in the words of Docker,
+/// Podman and nerdctl.
 fn has_ended(said: &str) -> bool {
     let said = said.to_lowercase();
     ["no such container", "not running", "can only kill running"]

@@ -14,15 +14,14 @@ use nix::{
 use super::tree::{Remnant, VARIABLE};
 use crate::process::Stat;
 
-/// Running processes of the group that `leader` leads or led, those that descend from it, and orphans
-/// that carry its mark, with all that descends from them. `None` where the system does not list the
-/// processes that this one sees.
+/// Returns the running processes of the group that `leader` leads or led, their descendants, and orphans that carry
+/// its mark with their descendants. `None` where the system does not list the processes that this one sees.
 ///
-/// Orphans that have ended are reaped here, because their parents are gone. Programs for which this process waits
-/// by itself are left alone: they stay in its session.
+/// Orphans that have ended are reaped here, because their parents are gone. Programs for which this process waits by
+/// itself are left alone: they stay in its session.
 pub(super) fn look(leader: u32, mark: &str, known: &mut BTreeSet<u32>) -> Option<Vec<Remnant>> {
     let here = std::process::id();
-    // Another one where the list is that of another namespace.
+    // This id differs where the list is that of another namespace.
     let listed = fs::read_link("/proc/self").ok()?;
     if listed != Path::new(&here.to_string()) {
         return None;
@@ -82,7 +81,7 @@ fn members(all: &BTreeMap<u32, Stat>, here: u32, leader: u32, mark: &str) -> BTr
     }
 }
 
-/// True for a process that was begun with this mark; one that hides its variables is left alone.
+/// Returns true for a process that was started with this mark; one that hides its variables is left alone.
 fn has_mark(id: u32, mark: &str) -> bool {
     let variables = fs::read(format!("/proc/{id}/environ")).unwrap_or_default();
     let mut variables = variables.split(|&byte| byte == 0);

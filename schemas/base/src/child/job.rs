@@ -1,4 +1,4 @@
-//! One command of somebody else's program, run to its end or its limits with its output in a log.
+//! Commands of external programs, run to their end or their limits with their output in a log.
 
 use std::{
     collections::BTreeMap,
@@ -11,29 +11,29 @@ use std::{
 use super::{Container, Outcome, ProcessGroup};
 use crate::store::StoreError;
 
-/// Command to run, with its surroundings and limits.
+/// Command to run, with its environment and limits.
 #[derive(Debug)]
 pub struct Job {
     /// Program and arguments.
     pub command: Vec<String>,
-    /// Variables set beside those of this process.
+    /// Variables that are added to those of this process.
     pub variables: BTreeMap<String, String>,
     /// Working directory.
     pub folder: PathBuf,
     /// File for everything it prints.
     pub log: PathBuf,
-    /// After this long it is ended, with everything that it started.
+    /// Time after which it is ended, with everything that it started.
     pub time_limit: Option<Duration>,
-    /// Time that it has to put things in order before it is killed.
+    /// Time that it has to clean up before it is killed.
     pub grace: Duration,
-    /// The container that it runs, where it is the client of a runtime.
+    /// Container that it runs, where it is the client of a runtime.
     pub container: Option<Container>,
 }
 
-/// A command that prints more than this is ended: it would fill the disk.
+/// Largest output of a command, bytes; a command that prints more is ended, because it would fill the disk.
 const MOST_LOG_BYTES: u64 = 4 << 30;
 
-/// Opens an empty log for what a program prints.
+/// Opens an empty log for the output of a program.
 ///
 /// # Errors
 /// When it cannot be written.

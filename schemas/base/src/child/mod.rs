@@ -1,10 +1,10 @@
-//! Child processes, with everything that they start: when the program ends or is ended, what it
-//! has started ends too, and what it has used is known.
+//! Child processes with everything that they start. When the program ends or is ended, all that it has started ends
+//! too, and its use of resources is known.
 //!
-//! There is one way to end them, at a limit, at an interrupt, and where a program leaves something
-//! behind: SIGTERM, a time of grace, SIGKILL, and a container by its name. On Linux this reaches
-//! everything that descends from the program, in whatever group or session; on other systems its
-//! process group (Unix) or the program alone.
+//! There is one way to end them: at a limit, at an interrupt, and where a program leaves something behind. It is
+//! SIGTERM, a time of grace, SIGKILL, and a container by its name. On Linux this reaches everything that descends
+//! from the program, in whatever group or session. On other systems it reaches the process group (Unix) or the
+//! program alone.
 
 mod container;
 #[cfg(target_os = "linux")]
@@ -32,17 +32,17 @@ use wait4::Wait4;
 
 use crate::{process, provenance};
 
-/// Time that programs have to put things in order when a limit ends them.
+/// Time that programs have to clean up when a limit ends them.
 pub const GRACE: Duration = Duration::from_secs(5);
 
-/// Longest time between two looks at a running program. Its end is seen this late, which is added to its
+/// Longest time between two looks at a running program. Its end is seen up to this much late, which is added to its
 /// time at most once.
 const LOOK_EVERY: Duration = Duration::from_millis(20);
 
-/// Time that they have when this process is told to end: whoever told it waits.
+/// Time that programs have to clean up when this process is terminated: its caller waits.
 const INTERRUPT_GRACE: Duration = Duration::from_secs(1);
 
-/// Programs of this process that are running, for [`end_all`].
+/// Running programs of this process, for [`end_all`].
 static RUNNING: Mutex<Vec<Running>> = Mutex::new(Vec::new());
 
 struct Running {
@@ -54,42 +54,41 @@ fn running() -> MutexGuard<'static, Vec<Running>> {
     RUNNING.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// End of a program, and what it used with the children that it waited for.
+/// End of a program, and the resources that it and the children that it waited for have used.
 #[derive(Debug, Clone, Copy)]
 pub struct Ended {
-    /// Status that the system tells.
+    /// Status by the system.
     pub status: ExitStatus,
     /// CPU time, user and system.
     pub cpu_time: Duration,
-    /// Highest resident memory, bytes, where the system tells.
+    /// Highest resident memory, bytes, where the system reports it.
     pub peak_memory_bytes: Option<u64>,
 }
 
-/// End of a program and of what it has started, for a record.
+/// End of a program and of everything that it has started, for a record.
 #[derive(Debug, Default)]
 pub struct Outcome {
-    /// True where it ended by itself and with success, and nothing is left of it.
+    /// True where it ended by itself and with success, and left nothing running.
     pub succeeded: bool,
-    /// Exit code; `None` for one that ended by a signal, or that the system lost.
+    /// Exit code; `None` where a signal ended it, or the system lost it.
     pub exit_code: Option<i32>,
-    /// In words.
+    /// End in words.
     pub ending: String,
-    /// The last line that it had printed then, where it had printed any.
+    /// Last line that it had printed by then, if any.
     pub last_line: Option<String>,
-    /// Processes and containers that ran on when it had ended, or did not end when they were told to at a
-    /// limit, in words. All have been ended but for those that say that they could not be; the command
-    /// has failed then.
+    /// Processes and containers that were running after its end, or did not end when a limit asked them to, in words.
+    /// All have been ended, except those that are marked as still running. The command has failed then.
     pub left_running: Vec<String>,
     /// Wall-clock time until its end or its limit, seconds.
     pub wall_seconds: f64,
-    /// CPU time, seconds, where the system tells.
+    /// CPU time, seconds, where the system reports it.
     pub cpu_seconds: Option<f64>,
-    /// Highest resident memory, bytes, where the system tells.
+    /// Highest resident memory, bytes, where the system reports it.
     pub peak_memory_bytes: Option<u64>,
 }
 
 impl Outcome {
-    /// Returns the outcome of a program that has not begun, for this reason.
+    /// Returns the outcome of a program that was not started, for this reason.
     pub fn not_begun(reason: impl Into<String>) -> Self {
         Self {
             ending: reason.into(),
@@ -110,8 +109,8 @@ impl Outcome {
     }
 }
 
-/// A running program that leads a process group. Dropping it ends what [`ProcessGroup::end`] has not,
-/// without grace.
+/// Running program that leads a process group. Dropping it ends without grace everything that [`ProcessGroup::end`]
+/// has not ended.
 #[derive(Debug)]
 pub struct ProcessGroup {
     leader: Child,
@@ -120,21 +119,21 @@ pub struct ProcessGroup {
     begun: Instant,
     /// Peak memory of this process at the start, bytes: Linux counts it as the child's until the child's own is larger.
     inherited_peak_bytes: u64,
-    /// The end of the program, once it was waited for.
+    /// End of the program, once it was waited for.
     ended: Option<Ended>,
-    /// True where its end was brought about, or what it left was ended.
+    /// True where its end was brought about, or its leftovers were ended.
     is_over: bool,
 }
 
 impl ProcessGroup {
-    /// Starts a program as the leader of a group of its own. `container` is the one that it runs, as
-    /// the client of a runtime.
+    /// Starts a program as the leader of a group of its own. `container` is the container that it runs as the client
+    /// of a runtime.
     ///
     /// # Errors
     /// When it cannot be started.
     pub fn spawn(command: &mut Command, container: Option<Container>) -> io::Result<Self> {
         let begun = Instant::now();
-        // Held over the start: a group is either not begun when all are ended, or among them.
+        // Held over the start: a group either does not start when all are ended, or is among them.
         let mut running = running();
         let (leader, tree) = ProcessTree::spawn(command)?;
         running.push(Running {
@@ -157,11 +156,10 @@ impl ProcessGroup {
         &mut self.leader
     }
 
-    /// Returns the end of the program, if it has ended. What it has left behind is for
-    /// [`ProcessGroup::end`].
+    /// Returns the end of the program, if it has ended. [`ProcessGroup::end`] ends its leftovers.
     ///
     /// # Errors
-    /// When the system does not tell.
+    /// When the system does not report it.
     pub fn try_wait(&mut self) -> io::Result<Option<Ended>> {
         // Asked for once: afterwards its id may be that of another process.
         if self.ended.is_none() {
@@ -178,17 +176,16 @@ impl ProcessGroup {
     /// Waits for the end of the program.
     ///
     /// # Errors
-    /// When the system does not tell.
+    /// When the system does not report it.
     pub fn wait(&mut self) -> io::Result<Ended> {
         let Ok(ended) = self.wait_unless(|_| None::<Infallible>)?;
         Ok(ended)
     }
 
-    /// Waits for the end of the program, or until `limit`, which is asked at every look, gives a reason to
-    /// end it.
+    /// Waits for the end of the program, or until `limit`, which is called at every look, returns a reason to end it.
     ///
     /// # Errors
-    /// When the system does not tell.
+    /// When the system does not report it.
     pub fn wait_unless<R>(
         &mut self,
         mut limit: impl FnMut(&ProcessTree) -> Option<R>,
@@ -206,7 +203,7 @@ impl ProcessGroup {
         }
     }
 
-    /// Waits as [`ProcessGroup::wait_unless`] does, and ends what is running then. The program prints to `log`.
+    /// Waits as [`ProcessGroup::wait_unless`] does, and ends everything that still runs. The program prints to `log`.
     pub fn finish(
         mut self,
         log: &Path,
@@ -214,7 +211,7 @@ impl ProcessGroup {
         limit: impl FnMut(&ProcessTree) -> Option<String>,
     ) -> Outcome {
         let waited = self.wait_unless(limit);
-        // Before the end of what is left: that is not its time, and not what it had to say.
+        // Taken before the leftovers are ended: neither their time nor their output is that of the program.
         let wall_seconds = self.begun.elapsed().as_secs_f64();
         let last_line = process::last_line(log);
         let leftovers = self.end(grace);
@@ -235,22 +232,21 @@ impl ProcessGroup {
         }
     }
 
-    /// Ends the program if it runs, and everything that it has started; its container too, unless the
-    /// program has ended with success by itself. Returns when nothing is left, or seconds after what
-    /// is left was killed.
+    /// Ends the program if it runs, and everything that it has started. Ends its container too, unless the program
+    /// has ended with success by itself. Returns when nothing is left, or seconds after the rest was killed.
     pub fn end(&mut self, grace: Duration) -> Leftovers {
         self.is_over = true;
         let ended = self.try_wait().ok().flatten();
         let mut leftovers = if ended.is_some() {
             self.tree.end_rest(grace)
         } else {
-            // Where there are no groups.
+            // For systems without groups.
             #[cfg(not(unix))]
             drop(self.leader.kill());
             let tree = self.tree.clone();
             tree::end(&[&tree], grace, &mut || drop(self.try_wait()))
         };
-        // It has just ended, and stays a zombie until it is asked how.
+        // It has just ended, and stays a zombie until its status is collected.
         drop(self.try_wait());
         if let Some(container) = &self.container
             && !ended.is_some_and(|ended| ended.status.success())
@@ -274,11 +270,11 @@ impl Drop for ProcessGroup {
     }
 }
 
-/// Ends all programs of this process, which is about to end itself: asks them to, and kills what is
-/// left after a second. Returns what could not be ended.
+/// Ends all programs of this process, which is about to end itself: asks them to end, and kills the rest after a
+/// second. Returns descriptions of everything that could not be ended.
 ///
-/// From here on no program begins, and a thread that gives one up waits for ever: that its program was
-/// ended must not be recorded as how the program ended by itself.
+/// From here on no program starts, and a thread that gives one up waits for ever. A program that was ended here must
+/// not be recorded as one that ended by itself.
 pub fn end_all() -> Vec<String> {
     // Never given back.
     let programs = ManuallyDrop::new(running());

@@ -10,7 +10,7 @@ use crate::process::Stat;
 
 const GRACE_HERE: Duration = Duration::from_millis(300);
 
-/// `detached FILE`: an orphan with a session of its own, whose id stands in the file.
+/// `detached FILE`: an orphan with a session of its own, whose id is written to the file.
 const DETACHED: &str = r#"detached() {
   (setsid sh -c 'echo $$ > "$0.new"; mv "$0.new" "$0"; exec sleep 300' "$1" > /dev/null 2>&1 &)
   while ! test -e "$1"; do sleep 0.01; done
@@ -28,14 +28,14 @@ impl Folder {
         self.0.path().join(name)
     }
 
-    /// A script that runs in the folder.
+    /// Starts a script in the folder.
     fn begin(&self, script: &str) -> ProcessGroup {
         let mut command = Command::new("sh");
         command.args(["-c", &format!("{DETACHED}{script}")]);
         ProcessGroup::spawn(command.current_dir(self.0.path()), None).unwrap()
     }
 
-    /// The id that a script leaves in a file.
+    /// Returns the id that a script writes to a file.
     fn id(&self, name: &str) -> u32 {
         let file = self.at(name);
         wait_for(&file);
@@ -59,12 +59,12 @@ fn wait_for_end(group: &mut ProcessGroup) -> ExitStatus {
     group.wait().unwrap().status
 }
 
-/// Neither running nor a zombie.
+/// Returns true for a process that neither runs nor is a zombie.
 fn is_gone(id: u32) -> bool {
     Stat::of(id).is_none()
 }
 
-/// Waits for the end of a process that has been killed, which is not there at once on a busy machine.
+/// Waits for the end of a killed process, which takes a moment on a busy machine.
 fn ends(id: u32) -> bool {
     let begun = Instant::now();
     while process::is_running(id) {
@@ -107,7 +107,7 @@ fn children_in_any_session_end_with_their_program() {
     }
 }
 
-/// Helpers that see the end of their program are not told, and leave nothing in the list of processes.
+/// Helpers that see the end of their program are not reported, and leave nothing in the list of processes.
 #[test]
 fn what_ends_by_itself_soon_is_not_left() {
     let folder = Folder::new();
@@ -155,7 +155,7 @@ fn one_that_will_not_end_is_killed() {
     assert!(is_gone(folder.id("own")));
 }
 
-/// A process that a program within a program has marked once more belongs to both.
+/// A process that a nested program has marked once more belongs to both programs.
 #[test]
 fn one_of_two_programs_ends_without_what_the_other_has_left() {
     let folder = Folder::new();
@@ -174,8 +174,8 @@ fn one_of_two_programs_ends_without_what_the_other_has_left() {
     assert!(is_gone(two));
 }
 
-/// A stand-in for a runtime: its containers are orphans without a mark, and its client
-/// does not end when it is asked to. `kill` of the container `stuck` fails.
+/// Stand-in for a runtime. Its containers are orphans without a mark, and its client does not end when it is asked
+/// to. `kill` of the container `stuck` fails.
 const RUNTIME: &str = r#"#!/bin/sh
 cd "$(dirname "$0")" || exit 1
 case $1 in
@@ -238,7 +238,7 @@ fn containers_end_by_their_names() {
     assert_eq!(failed.left_running, ["container failed"]);
     assert!(ends(folder.id("failed")));
 
-    // One that cannot be ended is told, in the ending too.
+    // A container that cannot be ended is reported, in the ending too.
     let stuck = outcome_of(&folder, "stuck", "fail");
     assert!(stuck.ending.contains("container stuck"), "{stuck:?}");
     assert!(stuck.ending.contains("cannot connect to the daemon"));

@@ -1,4 +1,4 @@
-//! A program and everything that descends from it: how that is found, signalled and ended.
+//! A program and everything that descends from it: finding, signalling and ending them.
 
 use std::{
     collections::BTreeSet,
@@ -15,27 +15,27 @@ use nix::{
     unistd::Pid,
 };
 
-/// Variable that says to which programs a process belongs: their marks from the outermost to the
-/// innermost, with `:` between them.
+/// Variable with the marks of the programs to which a process belongs, from the outermost to the innermost, separated
+/// by `:`.
 pub(super) const VARIABLE: &str = "OMNILIFE_JOB";
-/// Time in which what a program has left behind may end by itself: helpers that see that their parent
-/// is gone, such as those of Python's `multiprocessing`, do within milliseconds.
+/// Time in which leftovers of a program may end by themselves. Helpers that see that their parent is gone, such as
+/// those of Python's `multiprocessing`, do so within milliseconds.
 const SETTLE: Duration = Duration::from_millis(500);
-/// Time for which what was killed is waited for.
+/// Time to wait for the end of killed processes.
 const AFTER_KILL: Duration = Duration::from_secs(5);
-/// Time between two looks at what is being ended.
+/// Time between two looks at processes that are being ended.
 const LOOK_EVERY: Duration = Duration::from_millis(20);
 
-/// A program that leads a process group, and everything that descends from it.
+/// Program that leads a process group, and everything that descends from it.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct ProcessTree {
     /// Process id of the program, and of its group.
     leader: u32,
-    /// Its mark in [`VARIABLE`], by which a descendant whose parents are gone is known.
+    /// Its mark in [`VARIABLE`], which identifies a descendant whose parents are gone.
     mark: String,
 }
 
-/// Processes and containers that were still running when a program had ended, or after it was asked to.
+/// Processes and containers that were still running after the end of a program, or after it was asked to end.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct Leftovers {
     /// Ended: processes, as `sleep (process 4711)`, and containers, as `container omnilife-1`.
@@ -45,14 +45,14 @@ pub struct Leftovers {
 }
 
 impl Leftovers {
-    /// All of them; those that could not be ended say so.
+    /// Returns all of them; the lines of those that could not be ended say so.
     pub fn lines(&self) -> Vec<String> {
         let running = self.running.iter();
         let running = running.map(|what| format!("{what}, which could not be ended"));
         self.ended.iter().cloned().chain(running).collect()
     }
 
-    /// An ending in words, and what could not be ended.
+    /// Returns an ending in words, with everything that could not be ended.
     pub fn added_to(&self, ending: String) -> String {
         if self.running.is_empty() {
             ending
@@ -65,8 +65,7 @@ impl Leftovers {
     }
 }
 
-/// A process that is left of a program; without a name its whole group, where the system does not list
-/// processes.
+/// Process that is left of a program; without a name its whole group, where the system does not list processes.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(super) struct Remnant {
     pub(super) id: u32,
@@ -84,9 +83,9 @@ impl fmt::Display for Remnant {
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum EndSignal {
-    /// A process may still put things in order.
+    /// Asks a process to end, which may still clean up.
     Terminate,
-    /// At once.
+    /// Ends it at once.
     Kill,
 }
 
@@ -105,7 +104,7 @@ impl Remnant {
                 EndSignal::Terminate => Signal::SIGTERM,
                 EndSignal::Kill => Signal::SIGKILL,
             };
-            // One that has ended meanwhile, or may not be signalled, is seen at the next look.
+            // A process that has ended meanwhile, or may not be signalled, is seen at the next look.
             let _ = match self.name {
                 Some(_) => kill(id, signal),
                 None => killpg(id, signal),
@@ -121,7 +120,7 @@ pub(super) fn kill_group(leader: u32) {
     Remnant::group(leader).signal(EndSignal::Kill);
 }
 
-/// An id that can be signalled: 0 would be the group of this process.
+/// Returns an id that can be signalled: 0 would be the group of this process.
 #[cfg(unix)]
 fn pid(id: u32) -> Option<Pid> {
     i32::try_from(id)
@@ -159,15 +158,15 @@ impl ProcessTree {
         Remnant::group(self.leader).signal(EndSignal::Terminate);
     }
 
-    /// Kills the program and everything that descends from it, and does not wait for the end.
+    /// Kills the program and everything that descends from it, without waiting for the end.
     pub fn kill(&self) {
         for remnant in self.look(&mut BTreeSet::new()) {
             remnant.signal(EndSignal::Kill);
         }
     }
 
-    /// Ends what a program that has ended, and was waited for, has left behind: lets it end by itself
-    /// for half a second, asks it to end, and kills what is left after `grace`.
+    /// Ends the leftovers of a program that has ended and was waited for. Lets them end by themselves for half a
+    /// second, asks them to end, and kills the rest after `grace`.
     pub(super) fn end_rest(&self, grace: Duration) -> Leftovers {
         let begun = Instant::now();
         let mut known = BTreeSet::new();
@@ -182,7 +181,7 @@ impl ProcessTree {
             thread::sleep(LOOK_EVERY);
         };
         let mut leftovers = end(&[self], grace, &mut || {});
-        // What ended when it was asked to has run on, too.
+        // A process that ended on request had been left running as well.
         for name in left.iter().map(Remnant::to_string) {
             if !leftovers.ended.contains(&name) && !leftovers.running.contains(&name) {
                 leftovers.ended.push(name);
@@ -191,8 +190,8 @@ impl ProcessTree {
         leftovers
     }
 
-    /// Its running processes. Orphans among them that have ended are waited for; `known` are processes
-    /// of it that were seen before.
+    /// Returns its running processes, and waits for orphans among them that have ended. `known` are processes of it
+    /// that were seen earlier.
     fn look(&self, known: &mut BTreeSet<u32>) -> Vec<Remnant> {
         #[cfg(target_os = "linux")]
         if let Some(found) = super::descendants::look(self.leader, &self.mark, known) {
@@ -208,8 +207,8 @@ impl ProcessTree {
     }
 }
 
-/// Ends programs and everything that descends from them: asks all to end, and kills what is left after
-/// `grace`. `at_every_look` reaps the programs, where no other thread does.
+/// Ends programs and everything that descends from them: asks all to end, and kills the rest after `grace`.
+/// `at_every_look` reaps the programs, where no other thread does.
 pub(super) fn end(
     trees: &[&ProcessTree],
     grace: Duration,
@@ -225,8 +224,8 @@ pub(super) fn end(
                 .iter()
                 .flat_map(|tree| tree.look(&mut known))
                 .collect();
-            // Asked once: a second request means "at once" to many programs, and what they start to put
-            // things in order has to come to its end.
+            // Asked once: many programs take a second request as "at once", and the processes that they start for
+            // cleaning up have to finish.
             if is_first || how == EndSignal::Kill {
                 for remnant in &left {
                     remnant.signal(how);

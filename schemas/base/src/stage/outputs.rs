@@ -12,14 +12,14 @@ use crate::{
     store::{self, Record, StoreError},
 };
 
-/// Files that a running stage has written, for its done-record. What is written through it is hashed
-/// once, on the way.
+/// Files that a running stage has written, for its done-record. Files that are written through it are hashed once, on
+/// the way.
 #[derive(Debug)]
 pub struct StageOutputs<'a> {
     plan: &'a StagePlan,
     clock: Stopwatch,
     files: Vec<OwnFile>,
-    /// Files that stay where others are replaced: those that were claimed, and the record.
+    /// Files that are kept where others are replaced: those that were claimed, and the record.
     pub(super) kept: Vec<String>,
     is_left_begun: bool,
 }
@@ -45,18 +45,18 @@ impl<'a> StageOutputs<'a> {
         self.clock = clock;
     }
 
-    /// Adds a file that stands in the stage's folder.
+    /// Adds an existing file of the stage's folder.
     pub fn add(&mut self, file: impl Into<String>) {
         let file = file.into();
         self.files.push(OwnFile { file, sha256: None });
     }
 
-    /// Adds files that stand in the stage's folder.
+    /// Adds existing files of the stage's folder.
     pub fn add_all<S: Into<String>>(&mut self, files: impl IntoIterator<Item = S>) {
         files.into_iter().for_each(|file| self.add(file));
     }
 
-    /// Adds a file that stands in the stage's folder and whose SHA-256 is known.
+    /// Adds an existing file of the stage's folder whose SHA-256 is known.
     pub fn add_hashed(&mut self, file: OwnFile) {
         self.files.push(file);
     }
@@ -82,7 +82,7 @@ impl<'a> StageOutputs<'a> {
     /// Writes a record and adds it.
     ///
     /// # Errors
-    /// As [`store::write_record`].
+    /// Those of [`store::write_record`].
     pub fn write_record<T: Record>(&mut self, file: &str, record: &T) -> Result<(), StoreError> {
         let sha256 = Some(store::write_record_hashed(&self.path(file), record)?);
         let file = file.to_owned();
@@ -93,24 +93,23 @@ impl<'a> StageOutputs<'a> {
     /// Moves files into the stage's folder, as [`StagePlan::publish`], and adds those that are its own.
     ///
     /// # Errors
-    /// As there.
+    /// Those of [`StagePlan::publish`].
     pub fn place(&mut self, staged: &Path, files: &[String]) -> Result<(), StoreError> {
         self.files.extend(self.plan.publish(staged, files)?);
         Ok(())
     }
 
-    /// Places files, see [`StageOutputs::place`], and removes all others that are the stage's own but for those
-    /// that were claimed.
+    /// Places files, see [`StageOutputs::place`], and removes all other files of the stage except the claimed ones.
     ///
     /// # Errors
-    /// As there, and when a file cannot be removed.
+    /// Those of [`StageOutputs::place`], and when a file cannot be removed.
     pub fn replace(&mut self, staged: &Path, files: &[String]) -> Result<(), StoreError> {
         self.place(staged, files)?;
         let kept: BTreeSet<&str> = files.iter().chain(&self.kept).map(String::as_str).collect();
         self.plan.own_files().remove(|file| !kept.contains(file))
     }
 
-    /// Has the stage stay begun when its work is over: it is to run again.
+    /// Leaves the stage unfinished when its work is over, so that it runs again.
     pub fn leave_begun(&mut self) {
         self.is_left_begun = true;
     }

@@ -1,7 +1,7 @@
-//! Names of files and folders that are not finished, and what killed processes leave of them.
+//! Names of unfinished files and folders, and the removal of leftovers of killed processes.
 //!
-//! A name says which process of which machine writes it, because folders are shared between machines
-//! and containers, where process ids repeat.
+//! A name identifies the process and the machine that write it, because folders are shared between machines and
+//! containers, where process ids repeat.
 
 use std::{
     fs,
@@ -20,7 +20,7 @@ const PREFIX: &str = ".tmp-";
 /// Longest file name of the file systems in use, bytes.
 const LONGEST_NAME: usize = 255;
 
-/// `<host>-<process>-<random>`, the same for as long as this process lives.
+/// `<host>-<process>-<random>`, the same for the life of this process.
 static OWN: LazyLock<String> = LazyLock::new(|| {
     // The standard library seeds its hashers from the system's randomness.
     let random = RandomState::new().hash_one(std::process::id()) as u32;
@@ -35,10 +35,10 @@ static HOST: LazyLock<String> = LazyLock::new(|| {
     store::sha256_bytes(text.as_bytes())[..8].to_owned()
 });
 
-/// Where a file is written before it gets its final name; the same for every call of a process.
+/// Returns the path under which a file is written until it gets its final name; the same for every call of a process.
 ///
-/// The final extension is kept last, because image encoders choose the format by it. Of a name that
-/// leaves no room the beginning is replaced.
+/// The final extension is kept last, because image encoders choose the format by it. A name that would be too long
+/// loses its beginning.
 pub fn temporary_beside(path: &Path) -> PathBuf {
     let name = path.file_name().unwrap_or_default().to_string_lossy();
     let prefix = format!("{PREFIX}{}-", *OWN);
@@ -52,20 +52,20 @@ pub fn temporary_beside(path: &Path) -> PathBuf {
     path.with_file_name(format!("{prefix}{short}{rest}"))
 }
 
-/// File or folder that is removed with all it holds when this is dropped, unless it has got its final name by then.
+/// File or folder that is removed with its content on drop, unless it has got its final name by then.
 #[derive(Debug)]
 pub struct Unfinished(PathBuf);
 
 impl Unfinished {
-    /// Returns a place beside `path`, see [`temporary_beside`], where nothing is made yet.
+    /// Returns a free place beside `path`, see [`temporary_beside`]; creates nothing.
     pub fn beside(path: &Path) -> Self {
         Self(temporary_beside(path))
     }
 
-    /// Makes an empty folder beside `path`, see [`temporary_beside`].
+    /// Creates an empty folder beside `path`, see [`temporary_beside`].
     ///
     /// # Errors
-    /// When what was there cannot be removed, or the folder cannot be made.
+    /// When an old one cannot be removed, or the folder cannot be created.
     pub fn folder_beside(path: &Path) -> Result<Self, StoreError> {
         let folder = Self::beside(path);
         store::remove(&folder.0)?;
@@ -76,7 +76,7 @@ impl Unfinished {
     /// Gives it its final name, see [`store::rename`].
     ///
     /// # Errors
-    /// Those of the system; it is removed then.
+    /// When the system refuses; it is removed then.
     pub fn rename(mut self, path: &Path) -> io::Result<()> {
         store::rename(&self.0, path)?;
         // Another thread may begin to write the same by now.
@@ -93,19 +93,17 @@ impl Unfinished {
 impl Drop for Unfinished {
     fn drop(&mut self) {
         if !self.0.as_os_str().is_empty() {
-            // The work is done or has failed already: what cannot be removed is hidden and harmless.
+            // The work is done or has failed already: leftovers that cannot be removed are hidden and harmless.
             drop(store::remove(&self.0));
         }
     }
 }
 
-/// Removes what killed processes of this machine left in a folder: entries named by
-/// [`temporary_beside`] in a process that no longer runs. What other machines or unknown programs
-/// left stays.
+/// Removes leftovers of killed processes of this machine from a folder: entries named by [`temporary_beside`] in a
+/// process that no longer runs. Leftovers of other machines or unknown programs stay.
 ///
 /// # Errors
-/// When the folder cannot be listed or an entry cannot be removed; a folder that is not there holds
-/// nothing.
+/// When the folder cannot be listed or an entry cannot be removed; a missing folder holds nothing.
 pub fn remove_abandoned(folder: &Path) -> Result<(), StoreError> {
     let failed = |source| StoreError::read(folder, source);
     let entries = match fs::read_dir(folder) {
@@ -135,7 +133,7 @@ fn is_abandoned(name: &str) -> bool {
         return false;
     };
     let is_own = format!("{host}-{id}-{random}") == *OWN;
-    // Another random part under this process's own id is of an earlier process.
+    // Another random part under this process's own id belongs to an earlier process.
     host == *HOST && !is_own && (id == std::process::id() || !process::is_running(id))
 }
 
