@@ -4,6 +4,7 @@
 //! image and render at a point is minus the slope of the render times that displacement. The displacement is that
 //! of a camera which rotates by `w` and moves by `t` (world frame). For a point in the unit direction `n` at the
 //! distance `d`
+//!
 //! ```text
 //! dn = -w x n - (t - n (n.t)) / d
 //! ```
