@@ -23,7 +23,7 @@ use omnilife_training::{
 pub const FLOW: &str = "flow";
 /// Component: colours and opacities depend on the direction from which a surface is seen.
 pub const VIEW: &str = "view";
-/// Component: opacity is learnt beyond its base texture.
+/// Component: opacity is trained beyond its base texture.
 pub const OPACITY_FIELD: &str = "opacity-field";
 /// Component: planes of objects rotate.
 pub const OBJECT_ROTATION: &str = "object-rotation";

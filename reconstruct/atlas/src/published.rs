@@ -13,7 +13,7 @@ use super::{graph::Graph, render::Seen};
 pub const EPOCHS: f64 = 80.0;
 /// Weight of the mask loss in all published configurations.
 pub const MASK_WEIGHT: f64 = 0.005;
-/// Step size of everything that is learnt, before the first plateau.
+/// Step size of all trained parameters, before the first plateau.
 pub const STEP_SIZE: f32 = 1e-3;
 
 /// Transmittances below this one divide nothing (`model/hooks.py`).

@@ -163,7 +163,7 @@ pub(super) fn decide_on_time(draft: &mut Draft<'_>) {
     }
 }
 
-/// Returns the reason that excludes the other components if no Gaussian depends on time.
+/// Returns the missing component that others require, if no Gaussian depends on time.
 pub(super) fn missing_time(draft: &Draft<'_>) -> Option<&'static str> {
     let depends = draft.is_used(TEMPORAL_OPACITY) || draft.is_used(TEMPORAL_MOTION);
     (!depends).then_some("time")

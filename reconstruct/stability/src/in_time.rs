@@ -156,7 +156,7 @@ fn smoothed() -> Setup {
     setup
 }
 
-/// Returns thirty frames per second; every Gaussian is visible around the last frame.
+/// Returns a clip of thirty frames per second; every Gaussian is visible around the last frame.
 fn last_frame() -> Setup {
     let clock = Clock {
         origin_seconds: 1e6,

@@ -220,8 +220,8 @@ fn saturating(condition: f64) -> Setup {
     Setup::new(gaussians)
 }
 
-/// Returns a frame before the end of a clip, where times are farthest from its middle; lifespans are the shortest
-/// allowed, or shorter with the clip.
+/// Returns a setup one frame before the end of a clip, where times are farthest from its middle; lifespans are
+/// the shortest allowed, or shorter with the clip.
 fn short_lives(condition: f64) -> Setup {
     let lifespan = 0.25_f64.max(1.0 / condition);
     let clock = Clock {

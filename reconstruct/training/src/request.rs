@@ -73,7 +73,7 @@ impl MethodRequest {
 pub enum DefaultPlan {
     /// The scene's evidence decides: for methods of this project, and those without a choice.
     Auto,
-    /// All of them, as published: for published methods.
+    /// All of them, as published: for methods of other authors.
     Full,
 }
 

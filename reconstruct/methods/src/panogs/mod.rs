@@ -115,7 +115,7 @@ pub const METHOD: Method = Method {
 
 /// Position steps over those of 3DGS.
 const CENTRE_STEP: f32 = 0.1;
-/// Share of the iterations after which centres begin to move.
+/// Share of the iterations after which centres start to move.
 const CENTRES_BEGIN: f64 = 0.3;
 /// Maximum distance of centres from their first positions, in radii of their samples.
 const CENTRE_REACH: f32 = 0.5;

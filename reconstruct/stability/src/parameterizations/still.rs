@@ -46,9 +46,7 @@ pub(super) fn table(gaussians: &[RawGaussian]) -> ParameterTable {
     table
 }
 
-/// Returns `scale = exp(raw)` within bounds, `rotation = raw / max(
-/// raw
-/// , 1e-12)`, `opacity = sigmoid(raw)`.
+/// Returns `scale = exp(raw)` within bounds, `rotation = raw / max(|raw|, 1e-12)`, `opacity = sigmoid(raw)`.
 pub(super) fn definition(row: &[f64]) -> Gaussian {
     let length = row[6..10].iter().map(|q| q * q).sum::<f64>().sqrt();
     let length = length.max(1e-12);

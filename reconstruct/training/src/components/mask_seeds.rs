@@ -85,7 +85,7 @@ mod tests {
             };
             share(coverage, &seeding)
         };
-        // Five sets of one in a hundred; one set that lives longer than the clip; a limit.
+        // Five sets of one in a hundred; one set with a lifespan above the clip; a limit.
         for (found, expected) in [
             (share(0.01, 66.6), 0.05),
             (share(0.01, 3.0), 0.01),

@@ -13,8 +13,8 @@ use crate::evidence::flat_surfaces::{DirectionFit, FlatSurfaces, Observation};
 
 /// Maximum deviation of colours from the direction's prediction, levels of 1; larger ones are passing objects.
 const LARGEST_DEVIATION: f32 = 0.1;
-/// Minimum change from view to view for which points everywhere keep their time, root mean square, levels of 1
-/// (docs/results/evidence.md).
+/// Minimum change that lasts from one view to the next for which points everywhere keep their time, root mean
+/// square, levels of 1 (docs/results/evidence.md).
 const LEAST_CHANGE: f64 = 0.008;
 /// Standard errors by which the covariance has to lie below that of [`LEAST_CHANGE`] for constant light: one clip
 /// in 160 by chance.

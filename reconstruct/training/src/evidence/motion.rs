@@ -4,9 +4,8 @@
 //! After a [pilot fit](crate::evidence::pilot) input views are compared with their renders at the images of the
 //! same scene points, those that are visible by depth and not masked. The residual of a static scene at a point -
 //! too little texture, a wrong colour - is the same in all views. So only the deviation `d` of a residual from
-//! its point's median counts, channel by channel. Photometric noise is the median of `
-//! d
-//! `. An object or shadow that passes a point deviates by many times as much, in a few views.
+//! its point's median counts, channel by channel. Photometric noise is the median of `|d|`. An object or shadow
+//! that passes a point deviates by many times as much, in a few views.
 
 use std::fmt;
 

@@ -34,7 +34,7 @@ use omnilife_engine::camera::{Camera, pose::PoseCorrection};
 /// (docs/results/evidence.md). In wider images it is the same angle and more pixels. In narrower ones it is as
 /// many pixels: a fit shows no smaller part of one.
 const LEAST_SHIFT_PIXELS: f64 = 0.12;
-/// Minimum mean of the products of agreeing halves, in its standard errors.
+/// Minimum mean of the products of agreeing halves, in its standard errors above 0.
 const LEAST_STANDARD_ERRORS: f64 = 3.0;
 /// Squares of the chess-board between the centre of the sphere and its surface, along each axis.
 const SQUARES: f64 = 3.0;
@@ -129,7 +129,7 @@ pub struct PoseEvidence {
     /// Pixels of a full rotation at the scale of small angles in the image centre.
     #[serde(skip)]
     pub turn_pixels: f64,
-    /// Correction of the pose of each given view; `None` without enough evidence.
+    /// Correction of the pose of each input view; `None` without enough evidence.
     #[serde(skip)]
     pub corrections: Vec<Option<PoseCorrection>>,
 }

@@ -1,4 +1,5 @@
 //! Gaussians as the PLY that 3DGS writes and its viewers read.
+//!
 //! Properties as in 3DGS `scene/gaussian_model.py` `save_ply`: x y z, nx ny nz (zero), `f_dc_*`, `f_rest_*` (all
 //! coefficients of red, then green, then blue), opacity (logit), `scale_*` (logarithm), `rot_*` (w, x, y, z).
 //!

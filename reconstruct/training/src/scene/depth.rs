@@ -1,4 +1,4 @@
-//! Estimated distances of a scene's input views, read on demand.
+//! Depth priors of a scene's input views, read on demand.
 
 use std::path::PathBuf;
 

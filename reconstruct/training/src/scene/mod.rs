@@ -58,9 +58,9 @@ pub struct TrainingScene {
     pub added_points: usize,
     /// Warning for readers of the scores if the points were made with held-out views.
     pub seen_for_points: Option<String>,
-    /// Estimated distances of the input views, in their order; empty if no view has any.
+    /// Depth priors of the input views, in their order; empty if no view has any.
     pub depth_priors: Vec<Option<PriorFile>>,
-    /// Estimated distances of the novel views. No method sees them: the trace measures holes there.
+    /// Depth priors of the novel views. No method sees them: the trace measures holes there.
     pub novel_depth_priors: Vec<Option<PriorFile>>,
     /// Masks of single objects in the input views, by the object's name and the frame: covered share of each
     /// pixel, 255 for all of it.
@@ -319,7 +319,7 @@ impl TrainingScene {
     }
 }
 
-/// Returns the files of the estimated distances of these frames.
+/// Returns the files of the depth priors of these frames.
 fn depth_priors(scene: &Scene, folder: &Path, frames: &[u32]) -> Vec<Option<PriorFile>> {
     let of_frame = |&frame: &u32| {
         let prior = scene.frames.get(frame as usize)?.depth_prior.clone()?;

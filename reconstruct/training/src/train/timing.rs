@@ -59,7 +59,7 @@ impl MedianRange {
 
 impl PairedSteps {
     /// Times steps of two learners in turns, with all parts that are active at the end of a schedule of
-    /// `iterations`. The first learner changes from pair to pair. The steps change the learners, which are of no
+    /// `iterations`. Their order changes from pair to pair. The steps change the learners, which are of no
     /// further use.
     ///
     /// # Errors

@@ -10,7 +10,7 @@ use super::lift::{DistanceView, Lifted, pixel_angle};
 const LEAST_TOLERANCE: f64 = 0.02;
 /// The tolerance in disagreements of the views' distances.
 const DISAGREEMENTS: f64 = 3.0;
-/// Tolerances by which a view that sees past a sample sees farther.
+/// Minimum excess of the distance in a view that sees past a sample, in tolerances.
 const FREE_TOLERANCES: f64 = 2.5;
 /// Minimum cosine in the density of samples of a slanted surface.
 const LEAST_COSINE: f32 = 0.05;
@@ -51,10 +51,8 @@ fn is_farther(theirs: f32, distance: f32, tolerance: f32) -> bool {
 
 /// Compares the samples of view number `own` with all other views.
 ///
-/// A view j sees the sample's surface where `
-/// D_j - d
-/// < tolerance d`, with the distance `d` of the sample from it. There its own samples have the radius `d pitch /
-/// sqrt(cos)`. Among equals the earlier view's stays.
+/// A view j sees the sample's surface where `|D_j - d| < tolerance d`, with the distance `d` of the sample from
+/// it. There its own samples have the radius `d pitch / sqrt(cos)`. Among equals the earlier view's stays.
 pub fn agreement(
     lifted: &Lifted,
     own: usize,

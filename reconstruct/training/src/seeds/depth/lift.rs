@@ -342,10 +342,8 @@ pub(super) fn pixel_angle(camera: &Camera, ray: DVec3) -> f64 {
     }
 }
 
-/// Returns `
-/// n . r
-/// ` of the surface under each pixel of a view, as input of the fusion of views. It is 0 at unknown or masked
-/// distances, without a normal, and at edges of depth.
+/// Returns `|n . r|` of the surface under each pixel of a view, as input of the fusion of views. It is 0 at
+/// unknown or masked distances, without a normal, and at edges of depth.
 pub fn incidence(view: &DistanceView<'_>) -> Vec<f32> {
     let points = Points::new(view.view.camera, view.distances);
     let noise = normals::relative_noise(view.distances);

@@ -17,9 +17,7 @@ const STEPS: [usize; 2] = [4, 2];
 pub(super) struct Sighting {
     /// `log(D_j / |x - c_j|)`: above 0 the second view sees past the place.
     pub(super) log_ratio: f64,
-    /// Derivative of `log
-    /// x - c_j
-    /// ` by the logarithm of the first view's distances.
+    /// Derivative of `log |x - c_j|` by the logarithm of the first view's distances.
     pub(super) slope: f64,
     /// The pixel of the first view, and that of the second one.
     pub(super) pixels: [usize; 2],

@@ -1,8 +1,7 @@
 //! One factor for the distances of each view, from the agreement of the views.
 //!
-//! A place `x` that view k shows at the distance `D_k` is seen by view j at `
-//! x - c_j
-//! `; the distance of j itself is `D_j`. With the logarithms `a` of the factors,
+//! A place `x` that view k shows at the distance `D_k` is seen by view j at `|x - c_j|`; the distance of j itself
+//! is `D_j`. With the logarithms `a` of the factors,
 //!
 //! ```text
 //! r = log(D_j e^{a_j} / |x - c_j|),   a_j - t a_k = -median(r),
