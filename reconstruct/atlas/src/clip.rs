@@ -26,13 +26,13 @@ pub struct Clip {
     pub frames: Vec<ClipFrame>,
     /// Names of the objects.
     pub objects: Vec<String>,
-    /// From seconds to the time of splines.
+    /// Clock from seconds to the time of splines.
     pub clock: UnitClock,
     /// Warnings for readers of the scores.
     pub warnings: Vec<String>,
 }
 
-/// From seconds to [0, 1].
+/// Clock from seconds to [0, 1].
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct UnitClock {
     /// The time that is 0.

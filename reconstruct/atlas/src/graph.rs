@@ -16,7 +16,7 @@ pub struct Graph {
     pub nodes: Vec<Node>,
     /// Corrections of the camera's poses; `None` where the poses are given and exact.
     pub camera: Option<LearntOffsets>,
-    /// From seconds to the time of splines.
+    /// Clock from seconds to the time of splines.
     pub clock: UnitClock,
     /// The frames of its training.
     pub footage: Footage,

@@ -160,7 +160,7 @@ pub const METHOD: Method = Method {
 pub struct FirstNodes {
     /// Objects in the order of their names, the background last; no fields yet.
     pub graph: Graph,
-    /// Which of the clip's objects have a node.
+    /// Numbers of the clip's objects that have a node.
     pub with_node: Vec<usize>,
     /// Distance of the background, normalized units.
     pub distance: f64,

@@ -47,7 +47,7 @@ pub struct Detail {
 }
 
 impl Detail {
-    /// Everything.
+    /// All fields at full detail.
     pub const FULL: Self = Self {
         kinds: [true; 4],
         active_share: 1.0,
@@ -96,9 +96,9 @@ pub struct Shaded {
 /// Gradients by the appearance of samples.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct ShadeGradient {
-    /// By the colour.
+    /// Gradient by the colour.
     pub colour: DVec3,
-    /// By the opacity.
+    /// Gradient by the opacity.
     pub opacity: f64,
 }
 

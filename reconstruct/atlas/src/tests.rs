@@ -238,7 +238,7 @@ fn layers_make_the_image() {
     assert_eq!(compose(&alone), compose(&layers));
 }
 
-/// One ray hits both objects and the background, another the farther object and the background.
+/// Checks the scales of gradients: one ray hits both objects and the background, another the farther object and the background.
 #[test]
 fn published_gradients_are_scaled_by_hits_and_transmittance() {
     let (mut graph, mut rays) = scene();

@@ -48,7 +48,7 @@ pub struct RenderRequest {
 /// The camera of rendered images.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum RenderCamera {
-    /// That of the poses; ERP where they have none.
+    /// The camera of the poses; ERP for poses without a camera.
     OfPoses,
     /// ERP.
     Erp,

@@ -77,7 +77,7 @@ impl RawGaussian {
 /// Units and settings of time.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Timing {
-    /// From seconds to frames.
+    /// Clock from seconds to frames.
     pub clock: Clock,
     /// Cycle of periodic motions, frames.
     pub cycle_frames: f32,

@@ -20,7 +20,7 @@ pub enum ReconstructError {
         /// Reason.
         reason: String,
     },
-    /// No method, component or option of this name.
+    /// The name of a method, component or option is unknown.
     #[error(transparent)]
     Unknown(#[from] UnknownName),
     /// The work does not fit into memory.

@@ -80,7 +80,7 @@ pub(super) struct Agreed {
 /// The samples that stay.
 #[derive(Debug)]
 pub(super) struct Chosen {
-    /// By view.
+    /// The samples of each view.
     pub(super) lifted: Vec<Lifted>,
     pub(super) shape: LiftSettings,
     /// Share of all samples that two or more views see past.

@@ -29,7 +29,7 @@ const PLAUSIBLE_SLOPE: f32 = 0.3;
 pub(super) struct Observation {
     /// Number of the view.
     pub(super) view: usize,
-    /// From the camera to the surface, world frame, unit.
+    /// Unit direction from the camera to the surface, world frame.
     pub(super) direction: Vec3,
     /// Levels of 1.
     pub(super) colour: [f32; 3],

@@ -21,9 +21,9 @@ const LEAST_SHOWING_VIEWS: usize = 2;
 pub struct MaskEvidence {
     /// Input views.
     pub views: usize,
-    /// Those with a mask.
+    /// Input views with a mask.
     pub masked_views: usize,
-    /// Those with a mask that marks more than specks.
+    /// Input views with a mask that marks more than specks.
     pub showing_views: usize,
     /// Mean share of the sphere that the masks cover, 0 to 1; `None` without masks.
     pub coverage: Option<f64>,

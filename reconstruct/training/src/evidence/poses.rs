@@ -58,7 +58,7 @@ type Twist = [f64; 6];
 /// Observation of a point, as evidence of the pose of a view.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PoseObservation {
-    /// From the camera to the point, normalized units, world frame.
+    /// Offset from the camera to the point, normalized units, world frame.
     offset: DVec3,
     /// Derivative of each channel of the render by the pose.
     slopes: [Twist; 3],

@@ -1,9 +1,9 @@
 //! Gaussians that depend on time as a PLY: the properties of 3DGS, which its viewers read, and those
 //! of their motion.
 //!
-//! Further properties are named as the arrays of [`temporal`](omnilife_engine::gaussians::temporal), numbered where an
-//! array has several values: peak times in seconds from the clip's middle, logarithms of lifespans in
-//! seconds, velocities in world units per second.
+//! Further properties are named as the arrays of [`temporal`](omnilife_engine::gaussians::temporal), numbered
+//! where an array has several values. Peak times are in seconds from the clip's middle, lifespans are logarithms
+//! of seconds, and velocities are in world units per second.
 #![cfg_attr(
     not(test),
     deny(clippy::indexing_slicing, clippy::arithmetic_side_effects)

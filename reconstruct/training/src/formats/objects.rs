@@ -1,5 +1,5 @@
-//! The objects of a graph: their paths as a record, and their Gaussians as a PLY in the objects' own coordinates,
-//! with the number of the object as a further property.
+//! The objects of a graph: their paths as a record, and their Gaussians as a PLY. Its coordinates are the
+//! objects' own, and the number of the object is a further property.
 #![cfg_attr(
     not(test),
     deny(clippy::indexing_slicing, clippy::arithmetic_side_effects)

@@ -138,7 +138,7 @@ pub enum Unit {
 pub enum Axes {
     /// Right, down and forward of the camera in the clip's first frame.
     Camera,
-    /// Those of the scene's world.
+    /// Axes of the scene's world.
     World,
     /// Headings 0 and 90 degrees along the ground, and up.
     Ground,

@@ -86,7 +86,7 @@ pub enum SeedVelocity {
 /// Settings of the seeds.
 #[derive(Debug, Clone, Copy)]
 pub struct SeedSettings<'a> {
-    /// From seconds to frames.
+    /// Clock from seconds to frames.
     pub clock: Clock,
     /// First lifespan of a seed, frames.
     pub lifespan_frames: f32,

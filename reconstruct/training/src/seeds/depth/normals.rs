@@ -18,7 +18,7 @@ const LARGEST_SLOPE_ERROR: f64 = 0.05;
 const LEAST_NEIGHBOURS: usize = 4;
 /// Minimum ratio of the second largest variance to the largest; points below it lie on a line.
 const LEAST_FLATNESS: f64 = 1e-3;
-/// From the median of absolute values of a normal distribution to its standard deviation.
+/// Standard deviation of a normal distribution over its median of absolute values.
 const MEDIAN_TO_DEVIATION: f64 = 1.4826;
 
 /// The points of a view, in its camera's frame; `None` where the distance is unknown.
