@@ -1,5 +1,5 @@
-//! Cost against size: CPU milliseconds per stage of a training iteration, over the number of
-//! Gaussians and over the number of pixels, with the slope of each stage in a log-log plot.
+//! Cost against size: CPU milliseconds per stage of a training iteration, over the numbers of Gaussians and of
+//! pixels. Each stage has its slope in a log-log plot.
 //!
 //! Writes `scaling.csv` (one row per size and stage) and `scaling.svg` (whole iterations) into the
 //! folder and prints the slopes. A slope above 1 is a stage that grows faster than its input.

@@ -62,9 +62,9 @@ pub(super) const LIFESPANS: LifespanRange = LifespanRange {
     largest_frames: LARGEST_LIFESPAN_FRAMES,
 };
 
-/// PVG's density control in time, for a schedule as long as `settings` has it: a threshold of 2e-3
-/// per unit, clones up to 0.01 units, shorter lives from half of the densification on (PVG
-/// `arguments/__init__.py`, `no_time_split`).
+/// Returns PVG's density control in time, for a schedule as long as that of `settings` (PVG
+/// `arguments/__init__.py`, `no_time_split`). It has a threshold of 2e-3 per unit, clones up to 0.01 units, and
+/// shorter lifespans from half of the densification on.
 pub(super) fn temporal_density(settings: &TrainSettings) -> TemporalDensity {
     TemporalDensity {
         gradient_threshold: 2e-3 / FRAMES_PER_UNIT,

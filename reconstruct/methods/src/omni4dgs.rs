@@ -107,9 +107,8 @@ pub(super) const DYNAMIC_WEIGHT: f32 = 0.1;
 const DYNAMIC_SSIM_WEIGHT: f32 = 0.2;
 /// `lambda_v`, as PVG on Waymo.
 const VELOCITY_WEIGHT: f32 = 0.01;
-/// `lambda_m`: at this weight a direction that changes by 0.1 rad per frame costs as much as an
-/// error of 1e-4 in all pixels; its gradient by one velocity is far below that of the image
-/// (docs/results/dynamic.md).
+/// `lambda_m`: at this weight a direction that changes by 0.1 rad per frame costs as much as an error of 1e-4 in
+/// all pixels. Its gradient by one velocity is far below that of the image (docs/results/dynamic.md).
 const MOTION_WEIGHT: f32 = 0.01;
 
 fn prepare(

@@ -44,6 +44,8 @@ pub(crate) struct Frames<'a> {
 }
 
 impl<'a> Frames<'a> {
+    /// Loads a scene and its split.
+    ///
     /// # Errors
     /// When the split asks for images of another size than the scene's, or the camera is not equirectangular.
     pub(crate) fn new(

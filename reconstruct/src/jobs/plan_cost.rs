@@ -169,8 +169,8 @@ fn milliseconds(seconds: Option<MedianRange>) -> String {
     )
 }
 
-/// Compares a step of one plan with one of another by the ratio of their times: in its direction with the range,
-/// or as no difference where the range has both directions.
+/// Compares a step of one plan with one of another by the ratio of their times. The text gives the direction with
+/// its range, or no difference where the range has both directions.
 fn steps_beside(ratio: Option<MedianRange>, pairs: usize) -> String {
     let Some(ratio) = ratio else {
         return "no step was measured".to_owned();

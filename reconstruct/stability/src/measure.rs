@@ -27,9 +27,9 @@ pub struct Measured {
 /// Step of the finite differences, relative to the change of a parameter that visibly changes the image.
 const STEP: f64 = 1e-3;
 
-/// Renders a setup on a device and compares image and gradients with the reference, for which the
-/// last `degenerate` Gaussians do not exist: only Adam, which refuses them, sees their gradients.
-/// Colour values that differ by more than their limit are counted.
+/// Renders a setup on a device and compares image and gradients with the reference. The reference lacks the last
+/// `degenerate` Gaussians: only Adam, which refuses them, sees their gradients. Colour values that differ by more
+/// than their limit are counted.
 ///
 /// # Errors
 /// When the device fails.

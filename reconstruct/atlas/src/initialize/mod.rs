@@ -1,5 +1,5 @@
-//! First nodes of an atlas, from a clip with poses and masks (Neural Atlas Graphs, supplement A.4, with
-//! the evidence of this project in place of depth networks and tracked features).
+//! First nodes of an atlas, from a clip with poses and masks (Neural Atlas Graphs, supplement A.4). The evidence
+//! of this project replaces depth networks and tracked features.
 //!
 //! * [`background`]: a plane behind everything, or a sphere around the cameras.
 //! * [`objects`]: a plane for each object, at the distance that its size in the image gives. [`silhouettes`]: the

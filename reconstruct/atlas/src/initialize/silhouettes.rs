@@ -309,7 +309,7 @@ mod tests {
     const WIDTH: usize = 120;
     const HEIGHT: usize = 80;
 
-    /// Returns a disc of 14 pixels around a place, behind all that is right of `hidden_from`, and that side's mask.
+    /// Returns a disc of 14 pixels around a place, hidden to the right of `hidden_from`, and that side's mask.
     fn frame(number: u32, middle: [f64; 2], hidden_from: usize) -> ClipFrame {
         let is_hidden = |pixel: usize| pixel % WIDTH >= hidden_from;
         let is_in =

@@ -2,8 +2,10 @@
 //!
 //! Viewers of `.splat` files keep covariances in half floats. The smallest eigenvalue of thin Gaussians comes out
 //! negative, and small Gaussians come out as 0; viewers leave out both. They sort by depth in 16 bits over the
-//! whole range. So an axis has at least a tenth of the longest; the 1st percentile of the sizes is 0.003 in the
-//! unit of the file; no shell is far outside the scene.
+//! whole range.
+//!
+//! So each axis is at least a tenth of the longest. The 1st percentile of the sizes is 0.003 in the unit of the
+//! file. No shell is far outside the scene.
 
 use glam::{DQuat, DVec3};
 use omnilife_engine::gaussians::ActivatedGaussians;

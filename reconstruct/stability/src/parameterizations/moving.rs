@@ -1,8 +1,8 @@
 //! Gaussians that appear around a moment and vibrate about a centre: PVG, and Omni4DGS with its velocity
 //! of two parts in both of its readings.
 //!
-//! The definition, with `t` the instant, `tau` the peak time, `beta` the lifespan and `l` the cycle, all
-//! in frames, and `s` frames of temporal smoothing (PVG; Omni4DGS Eqs. 1 to 3):
+//! The definition (PVG; Omni4DGS Eqs. 1 to 3), in frames: `t` is the instant, `tau` the peak time, `beta` the
+//! lifespan, `l` the cycle, and `s` the shift of temporal smoothing:
 //!
 //! ```text
 //! d = t - s - tau          mu(t) = mu + v l/(2 pi) sin(2 pi d / l) + s v exp(-beta/(2 l))

@@ -23,7 +23,7 @@ use omnilife_engine::{
 const DEPTH_SLACK: f32 = 1.05;
 /// where at least this much of the pixel is covered.
 const LEAST_OPACITY: f32 = 0.5;
-/// Minimum distance from the vertical axis, over that from the camera, of a point as evidence of a pose: nearer
+/// Minimum distance from the vertical axis, over that from the camera, of a point as evidence of a pose. Nearer
 /// to it the neighbours in a row of pixels are nearly equal.
 const LEAST_HORIZONTAL: f32 = 0.2;
 /// Blocks side by side at the equator.

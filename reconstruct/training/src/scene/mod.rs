@@ -135,8 +135,9 @@ impl TrainingScene {
         })
     }
 
-    /// Returns the mean marked share of the input views' masks, over the sphere (rows of ERP images weighted by
-    /// the cosine of their latitude) or, for a pinhole, over the image. `None` when no input view has a mask.
+    /// Returns the mean marked share of the input views' masks, over the sphere or, for a pinhole, over the
+    /// image. Rows of ERP images are weighted by the cosine of their latitude. `None` when no input view has a
+    /// mask.
     pub fn mask_coverage(&self) -> Option<f64> {
         let [width, height] = self.camera.size();
         let weight = |row: usize| match self.camera {
@@ -268,7 +269,7 @@ impl TrainingScene {
         Ok(Clock::from_times(&times))
     }
 
-    /// Returns the frames from an input view to the next one: half of the time between the first and the last
+    /// Returns the frames from an input view to the next one. Half of the time between the first and the last
     /// lies in gaps of at least this length. 1 without gaps.
     pub fn input_gap_frames(&self, clock: &Clock) -> f32 {
         let frames = self

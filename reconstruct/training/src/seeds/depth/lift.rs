@@ -176,9 +176,9 @@ struct Sample {
 /// the rotation about the normal open: it has no effect). The radius is the root of a sample's area on the
 /// surface, `D pitch / sqrt(cos i)`.
 ///
-/// With thinned poles, a pixel of a panorama is kept with probability `cos(latitude)`, by a hash of its place, so
-/// that samples are as dense at the poles as at the equator. Otherwise samples near the poles have the same radii
-/// and overlap each other.
+/// With thinned poles, a pixel of a panorama is kept with probability `cos(latitude)`, by a hash of its place. So
+/// samples are as dense at the poles as at the equator. Otherwise samples near the poles have the same radii and
+/// overlap each other.
 ///
 /// `number` is that of the view: it keeps the views' hashes apart.
 pub fn lift(view: &DistanceView<'_>, number: u64, settings: &LiftSettings) -> Lifted {
