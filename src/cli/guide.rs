@@ -6,7 +6,7 @@
 use clap::{Command, CommandFactory, Id};
 use omnilife_bench::{ADAPTERS, PROTOCOLS};
 use omnilife_curate::{boundaries::DETECTORS, exchange, masks};
-use omnilife_reconstruct::methods::METHODS;
+use omnilife_reconstruct::{formats::exchange::SPLAT_FORMATS, methods::METHODS};
 
 use super::Cli;
 
@@ -173,6 +173,7 @@ pub(crate) const EXAMPLES: &[Examples] = &[
         &[
             "reconstruct export RUN --lod 1M,5M,full --page --out ASSET",
             "reconstruct export gaussians.ply --up 0,-1,0 --out ASSET",
+            "reconstruct export RUN --lod 500k,full --format spz --out ASSET",
         ],
     ),
     ("reconstruct atlas", &["reconstruct atlas RUN --out ATLAS"]),
@@ -332,6 +333,7 @@ pub(crate) const VALUES: &[Values] = &[
     ("curate tracks", "detector", vehicle_detector_names),
     ("curate tracks", "distance", distance_names),
     ("curate tracks", "association", association_names),
+    ("reconstruct export", "format", splat_format_names),
     ("bench adapter", "method", adapter_names),
 ];
 
@@ -376,6 +378,10 @@ fn association_names() -> Vec<&'static str> {
     omnilife_tracks::association::ASSOCIATIONS
         .map(omnilife_tracks::association::Association::id)
         .to_vec()
+}
+
+fn splat_format_names() -> Vec<&'static str> {
+    SPLAT_FORMATS.iter().map(|format| format.name).collect()
 }
 
 fn adapter_names() -> Vec<&'static str> {

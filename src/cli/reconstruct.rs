@@ -4,6 +4,7 @@ use std::path::PathBuf;
 
 use clap::{Args, Subcommand, ValueEnum};
 use omnilife_reconstruct::{
+    formats::exchange::SPLAT_FORMATS,
     jobs::{
         export::{ExportRequest, levels::Level},
         render::{RenderCamera, RenderRequest},
@@ -172,7 +173,7 @@ impl MethodArguments {
 
 #[derive(Debug, Args)]
 pub(crate) struct RenderArguments {
-    /// A run's folder, or a PLY of Gaussians as 3DGS writes it.
+    /// A run's folder, or a file of Gaussians in a format of export.
     #[arg(value_name = "RUN")]
     pub(crate) model: PathBuf,
     /// A poses.json or scene.json, whose poses are used as they stand; a run that refined poses leaves
@@ -237,11 +238,14 @@ impl RenderArguments {
 
 #[derive(Debug, Args)]
 pub(crate) struct AssetArguments {
-    /// A run's folder, or a PLY of Gaussians as 3DGS writes it.
+    /// A run's folder, or a file of Gaussians in a format of export.
     pub(crate) gaussians: PathBuf,
     /// Levels of detail: numbers of Gaussians at most, or all of them.
     #[arg(long, value_name = "1M,500k,full", value_delimiter = ',', default_value = "full", value_parser = Level::parse)]
     pub(crate) lod: Vec<Level>,
+    /// Format of the levels; all but splat keep harmonics.
+    #[arg(long, default_value = SPLAT_FORMATS[0].name)]
+    pub(crate) format: String,
     /// Makes a page too, one HTML file that opens from disk; it needs the viewer of scripts/setup
     /// --viewer.
     #[arg(long)]
@@ -266,6 +270,7 @@ impl AssetArguments {
     pub(crate) fn request(&self) -> ExportRequest {
         ExportRequest {
             gaussians: self.gaussians.clone(),
+            format: self.format.clone(),
             levels: self.lod.clone(),
             with_page: self.page,
             up: self.up,
@@ -372,7 +377,7 @@ pub(crate) enum ReconstructCommand {
     },
     /// Renders a run, or Gaussians, along given poses to PNG files, and to a video.
     Render(RenderArguments),
-    /// Writes Gaussians as levels of detail (.splat) for web viewers, with a record and a page.
+    /// Writes Gaussians as levels of detail for viewers, with a record and a page.
     Export(AssetArguments),
     /// Writes the atlas of a run of nag: an RGBA image of each object and of the background.
     Atlas {

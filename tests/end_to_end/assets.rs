@@ -6,6 +6,7 @@ use std::{
     process::Command,
 };
 
+use omnilife_reconstruct::formats::exchange::SPLAT_FORMATS;
 use serde_json::Value;
 
 use crate::support::{METHOD, SEQUENCE, omnilife, read_image, scratch, small_run};
@@ -48,12 +49,21 @@ fn levels_are_exported_with_a_record_and_rendered_again() {
             level["splats"].as_u64().map(|splats| 32 * splats)
         );
     }
+    // Bytes of colours and rotations, thickened needles, the shell pulled in: the same place still.
+    let decibels = decibels_of_view(&out.join("full.splat"), folder.path());
+    assert!(decibels > 25.0, "{decibels}");
+}
+
+/// PSNR between a view of a file of the small run and that of the run.
+fn decibels_of_view(file: &Path, folder: &Path) -> f64 {
     let scene = small_run().out.join(SEQUENCE).join("scene.json");
-    let views = folder.path().join("views");
+    let views = folder
+        .join("views")
+        .with_extension(file.extension().unwrap());
     omnilife([
         "reconstruct".as_ref(),
         "render".as_ref(),
-        out.join("full.splat").as_os_str(),
+        file.as_os_str(),
         "--poses".as_ref(),
         scene.as_os_str(),
         "--out".as_ref(),
@@ -68,8 +78,32 @@ fn levels_are_exported_with_a_record_and_rendered_again() {
         .zip(rendered.iter())
         .map(|(a, b)| f64::from(a.abs_diff(*b)).powi(2));
     let mean = squares.sum::<f64>() / predicted.len() as f64;
-    // Bytes of colours and rotations, thickened needles, the shell pulled in: the same place still.
-    assert!(10.0 * (255.0 * 255.0 / mean).log10() > 25.0, "{mean}");
+    10.0 * (255.0 * 255.0 / mean).log10()
+}
+
+#[test]
+fn levels_of_every_format_are_rendered_as_the_run_is() {
+    let folder = scratch();
+    for format in SPLAT_FORMATS
+        .iter()
+        .filter(|format| !format.is_for_old_viewers)
+    {
+        let out = folder.path().join(format.name);
+        exported(&out, &["--lod", "100,full", "--format", format.name]).succeeded();
+        let record = asset(&out);
+        let levels = record["levels"].as_array().unwrap();
+        assert_eq!(levels.len(), 2);
+        for level in levels {
+            let file = level["file"].as_str().unwrap();
+            assert!(file.ends_with(format.ending), "{file}");
+            let bytes = std::fs::metadata(out.join(file)).unwrap().len();
+            assert_eq!(Some(bytes), level["bytes"].as_u64());
+        }
+        assert_eq!(levels[0]["splats"], 100);
+        let full = out.join(format!("full{}", format.ending));
+        let decibels = decibels_of_view(&full, &out);
+        assert!(decibels > 25.0, "{}: {decibels}", format.name);
+    }
 }
 
 #[test]
@@ -82,6 +116,8 @@ fn requests_that_make_no_asset_are_refused_in_one_line_and_leave_nothing() {
             "fewer than every level that is asked for; ask for full",
         ),
         (&["--up", "0,0,0"], "is no direction up"),
+        (&["--format", "spz", "--page"], "a page holds .splat levels"),
+        (&["--format", "spx"], "did you mean \"spz\"?"),
     ] {
         let ended = exported(&out, arguments);
         let line = ended.failed_quietly(2);

@@ -2,11 +2,12 @@
 
 usage: read_splats.py ply2splat OURS.splat SCENE.ply
        read_splats.py splat-transform OURS.splat PROGRAM
+       read_splats.py alike SCENE.ply OTHER.ply [DEGREES]
 
 `ply2splat` (PyPI) converts the PLY, whose Gaussians the export did not have to change: as many rows, the same
 positions up to rounding, sizes, and bytes up to one. `splat-transform` (npm, @playcanvas/splat-transform) converts
-ours to a PLY: the same order and positions, logarithms of sizes, colours, and rotations up to a degree. Prints a line; ends with 3 where the program is
-missing.
+ours to a PLY: the same order and positions, logarithms of sizes, colours, and rotations up to a degree. `alike`
+compares two PLYs in any order, up to what formats round and to a turn of DEGREES. Prints a line; ends with 3 where the program is missing.
 """
 
 import math
@@ -91,8 +92,39 @@ def by_splat_transform(ours, program):
     print(f"splat-transform: {len(found)} rows alike")
 
 
+# What values of a PLY may differ by.
+ROUNDED = {"x": 0.02, "y": 0.02, "z": 0.02, "f_dc": 0.0135, "f_rest": 0.067, "opacity": 0.0021, "scale": 0.032}
+
+
+def alike(scene, other, most_degrees="0.4"):
+    expected, found = ply_of(scene), ply_of(other)
+    check(len(found) == len(expected), f"{len(found)} Gaussians in place of {len(expected)}")
+    for number, own in enumerate(expected):
+        nearest = min(found, key=lambda row: sum((row[axis] - own[axis]) ** 2 for axis in "xyz"))
+        found.remove(nearest)
+        for name, value in own.items():
+            kind = name.rsplit("_", 1)[0]
+            if kind not in ROUNDED:
+                continue
+            pair = (value, nearest[name])
+            if kind == "opacity":
+                pair = tuple(1 / (1 + math.exp(-logit)) for logit in pair)
+            check(abs(pair[0] - pair[1]) <= ROUNDED[kind], f"Gaussian {number}: {name} {pair}")
+        turns = [[row[f"rot_{axis}"] for axis in range(4)] for row in (own, nearest)]
+        lengths = [math.sqrt(sum(part * part for part in turn)) for turn in turns]
+        w, x, y, z = turns[1]
+        # A half turn about an axis of its own changes no Gaussian.
+        same = [(w, x, y, z), (-x, w, z, -y), (-y, -z, w, x), (-z, y, -x, w)]
+        along = max(abs(sum(a * b for a, b in zip(turns[0], turn))) for turn in same) / (lengths[0] * lengths[1])
+        degrees = 2 * math.degrees(math.acos(min(along, 1.0)))
+        check(degrees < float(most_degrees), f"Gaussian {number}: turned by {degrees} degrees")
+    print(f"{other}: {len(expected)} Gaussians alike")
+
+
 if __name__ == "__main__":
     if sys.argv[1] == "ply2splat":
         by_ply2splat(*sys.argv[2:])
+    elif sys.argv[1] == "alike":
+        alike(*sys.argv[2:])
     else:
         by_splat_transform(*sys.argv[2:])

@@ -51,6 +51,33 @@ pub(crate) fn gaussians() -> Vec<u8> {
     bytes
 }
 
+/// A `.splat` of three equal Gaussians; names it.
+pub(crate) fn write_splat(folder: &Path) -> Vec<String> {
+    let mut row = Vec::new();
+    for value in [0.5_f32, -1.0, 2.0, 0.1, 0.2, 0.3] {
+        row.extend(value.to_le_bytes());
+    }
+    row.extend([200, 100, 50, 255, 255, 128, 128, 128]);
+    fs::write(folder.join("a.splat"), row.repeat(3)).unwrap();
+    names(&["a.splat"])
+}
+
+/// Files of Gaussians of another program, one of each format and version; names them.
+pub(crate) fn write_splat_formats(folder: &Path) -> Vec<String> {
+    let peer = "reconstruct/training/src/formats/exchange/peer";
+    let peer = Path::new(env!("CARGO_MANIFEST_DIR")).join(peer);
+    let files = [
+        "version-3.spz",
+        "version-4.spz",
+        "peer.compressed.ply",
+        "peer.glb",
+    ];
+    for file in files {
+        fs::copy(peer.join(file), folder.join(file)).unwrap();
+    }
+    names(&files)
+}
+
 /// A scene of three small images, with points.
 pub(crate) fn write_scene(folder: &Path) {
     let frame = |number: usize| SceneFrame {

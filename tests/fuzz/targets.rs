@@ -15,7 +15,7 @@ use omnilife_curate::{
     origins,
 };
 use omnilife_reconstruct::formats::{
-    ply,
+    exchange, ply,
     splat::{self, Placement},
 };
 use omnilife_schemas::{
@@ -35,7 +35,8 @@ use omnilife_sweep::slurm;
 use omnilife_tracks::detectors::{self, DetectorInput};
 
 use crate::samples::{
-    PALETTE_MASK, cloud, gaussians, names, spherical_mp4, unchanged, write_scene, write_tracks,
+    PALETTE_MASK, cloud, gaussians, names, spherical_mp4, unchanged, write_scene, write_splat,
+    write_splat_formats, write_tracks,
 };
 
 /// A file that a reader takes.
@@ -314,17 +315,24 @@ pub(crate) const FILES: &[Target] = &[
         id: "splat",
         words: &[],
         cost: 1,
-        seeds: |folder| {
-            let mut row = Vec::new();
-            for value in [0.5_f32, -1.0, 2.0, 0.1, 0.2, 0.3] {
-                row.extend(value.to_le_bytes());
-            }
-            row.extend([200, 100, 50, 255, 255, 128, 128, 128]);
-            fs::write(folder.join("a.splat"), row.repeat(3)).unwrap();
-            names(&["a.splat"])
-        },
+        seeds: write_splat,
         reader: Bytes(|seed, bytes| {
             drop(splat::from_bytes(
+                Path::new(&seed.name),
+                bytes,
+                &Placement::WORLD,
+                &unchanged(),
+                &mut InvalidGaussians::default(),
+            ));
+        }),
+    },
+    Target {
+        id: "splat-formats",
+        words: SPLAT_FORMAT_WORDS,
+        cost: 1,
+        seeds: write_splat_formats,
+        reader: Bytes(|seed, bytes| {
+            drop(exchange::from_bytes(
                 Path::new(&seed.name),
                 bytes,
                 &Placement::WORLD,
@@ -439,6 +447,8 @@ pub(crate) const FILES: &[Target] = &[
         reader: Folder(|input, seed| drop(omnilife_video::probe(&input.path(seed)))),
     },
 ];
+
+const SPLAT_FORMAT_WORDS: &[&str] = &["NGSP", "element sh 6", "uchar", "5121", "\"scale\":"];
 
 const MP4_WORDS: &[&str] = &[
     "moov", "trak", "uuid", "st3d", "sv3d", "proj", "equi", "stsd", "tkhd", "colr", "mdat",

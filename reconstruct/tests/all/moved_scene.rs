@@ -87,6 +87,7 @@ impl Trained {
     fn exported(&self, gaussians: PathBuf, out: &str) -> PathBuf {
         let request = ExportRequest {
             gaussians,
+            format: "splat".to_owned(),
             levels: vec![Level::parse("full").unwrap()],
             with_page: false,
             up: None,

@@ -66,7 +66,7 @@ pub struct AssetSource {
 pub struct AssetLevel {
     /// Its name, such as `1M` or `full`.
     pub name: String,
-    /// A `.splat`.
+    /// A file of Gaussians.
     pub file: String,
     /// Gaussians in it.
     pub splats: u64,

@@ -2,6 +2,7 @@
 
 use std::borrow::Cow;
 
+use omnilife_engine::gaussians::{ActivatedGaussians, subset};
 use omnilife_schemas::points::PointCloud;
 
 use omnilife_training::{
@@ -48,9 +49,9 @@ impl Level {
         })
     }
 
-    /// Returns the name of its file.
-    pub fn file(&self) -> String {
-        format!("{}.splat", self.name.to_ascii_lowercase())
+    /// Returns the name of its file in a format with this ending of names.
+    pub fn file(&self, ending: &str) -> String {
+        format!("{}{ending}", self.name.to_ascii_lowercase())
     }
 }
 
@@ -61,40 +62,83 @@ pub(super) struct LevelRows<'a> {
     pub(super) growth: f64,
 }
 
-/// Returns the rows of levels with these numbers of Gaussians, which fall from one to the next. They are evenly
-/// spread along a curve through space, each level among those of the one before it. Sizes grow by the root of the
-/// thinning: coverage stays.
+/// Gaussians of a level among all of them.
+#[derive(Debug)]
+pub(super) struct Selection {
+    /// `None` for all of them.
+    indices: Option<Vec<usize>>,
+    /// Factor of their sizes, for being fewer.
+    pub(super) growth: f64,
+}
+
+impl Selection {
+    /// Returns the level's rows.
+    fn rows(self, all: &[SplatRow]) -> LevelRows<'_> {
+        let growth = self.growth;
+        let grown = |&index: &usize| SplatRow {
+            scale: all[index].scale.map(|scale| scale * growth as f32),
+            ..all[index]
+        };
+        LevelRows {
+            rows: match self.indices {
+                Some(indices) => indices.iter().map(grown).collect(),
+                None => Cow::Borrowed(all),
+            },
+            growth,
+        }
+    }
+
+    /// Returns the level's Gaussians with all that belongs to them.
+    pub(super) fn gaussians<'a>(&self, all: &'a ActivatedGaussians) -> Cow<'a, ActivatedGaussians> {
+        let Some(indices) = &self.indices else {
+            return Cow::Borrowed(all);
+        };
+        let mut level = ActivatedGaussians::default();
+        subset::gather(all, indices, &mut level);
+        for scale in level.scales.as_flattened_mut() {
+            *scale *= self.growth as f32;
+        }
+        Cow::Owned(level)
+    }
+}
+
+/// Returns the rows of levels with these numbers of Gaussians, as [`selections`] chooses them.
 pub(super) fn nested<'a>(rows: &'a [SplatRow], counts: &[u64]) -> Vec<LevelRows<'a>> {
-    let everything = || LevelRows {
-        rows: Cow::Borrowed(rows),
+    let positions = rows.iter().map(|row| row.position).collect();
+    let chosen = selections(positions, counts).into_iter();
+    chosen.map(|selection| selection.rows(rows)).collect()
+}
+
+/// Returns levels with these numbers of Gaussians, which fall from one to the next. They are evenly spread along a
+/// curve through space, each level among those of the one before it. Sizes grow by the root of the thinning:
+/// coverage stays.
+pub(super) fn selections(positions: Vec<[f32; 3]>, counts: &[u64]) -> Vec<Selection> {
+    let all = positions.len();
+    let everything = || Selection {
+        indices: None,
         growth: 1.0,
     };
-    let thinned = counts.iter().filter(|&&count| count < rows.len() as u64);
-    let mut levels: Vec<LevelRows<'_>> = (thinned.clone().count()..counts.len())
+    let thinned = counts.iter().filter(|&&count| count < all as u64);
+    let mut levels: Vec<Selection> = (thinned.clone().count()..counts.len())
         .map(|_| everything())
         .collect();
     if levels.len() == counts.len() {
         return levels;
     }
-    let mut indices: Vec<usize> = (0..rows.len()).collect();
+    let mut indices: Vec<usize> = (0..all).collect();
     let mut points = PointCloud {
-        positions: rows.iter().map(|row| row.position).collect(),
-        colours: vec![[0; 3]; rows.len()],
+        positions,
+        colours: vec![[0; 3]; all],
     };
     levels.extend(thinned.map(|&count| {
         let kept = thinned_indices(&points, count as usize);
         points = selected(&points, &kept);
         indices = kept.iter().map(|&at| indices[at]).collect();
-        let growth = (rows.len() as f64 / indices.len().max(1) as f64)
-            .sqrt()
-            .min(LARGEST_GROWTH);
-        let grown = |&index: &usize| SplatRow {
-            scale: rows[index].scale.map(|scale| scale * growth as f32),
-            ..rows[index]
-        };
-        LevelRows {
-            rows: indices.iter().map(grown).collect(),
-            growth,
+        Selection {
+            growth: (all as f64 / indices.len().max(1) as f64)
+                .sqrt()
+                .min(LARGEST_GROWTH),
+            indices: Some(indices.clone()),
         }
     }));
     levels

@@ -1,6 +1,7 @@
-//! A run's Gaussians, or those of a PLY, as levels of detail for web viewers, with a record and a page.
+//! A run's Gaussians, or those of a file, as levels of detail for viewers, with a record and a page.
 //!
-//! * `source`: exported Gaussians. `moments`: dynamic scenes. `viewer_limits`: capabilities of viewers.
+//! * `source`: exported Gaussians. `moments`: dynamic scenes. `viewer_limits`: limits of viewers of `.splat`. `whole`:
+//!   unchanged Gaussians, for other formats.
 //! * [`levels`]: number, choice and size of Gaussians. [`page`]: one HTML file with everything in it.
 
 pub mod levels;
@@ -8,9 +9,11 @@ mod moments;
 pub mod page;
 mod source;
 mod viewer_limits;
+mod whole;
 
 use std::path::{Path, PathBuf};
 
+use omnilife_engine::gaussians::ActivatedGaussians;
 use omnilife_schemas::{
     elapsed::Stopwatch,
     layout::ASSET_FILE,
@@ -22,7 +25,7 @@ use omnilife_schemas::{
 };
 
 use self::{
-    levels::{Level, nested},
+    levels::{Level, nested, selections},
     moments::Moments,
     page::{Inside, MOST_SPLATS_INSIDE, MOST_SPLATS_OF_MOMENTS, PageContent},
     source::ExportedScene,
@@ -30,7 +33,10 @@ use self::{
 };
 use omnilife_training::{
     error::ReconstructError,
-    formats::splat::{self, MOST_ROWS, SplatRow},
+    formats::{
+        exchange::{self, SplatFormat},
+        splat::{self, MOST_ROWS, SplatRow},
+    },
 };
 
 /// The page, in an asset's folder.
@@ -46,8 +52,10 @@ fn moment_file(number: usize) -> String {
 /// Request of an export.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ExportRequest {
-    /// A run's folder, or a PLY.
+    /// A run's folder, or a file of Gaussians.
     pub gaussians: PathBuf,
+    /// Name of the format ([`exchange::SPLAT_FORMATS`]).
+    pub format: String,
     /// Requested levels.
     pub levels: Vec<Level>,
     /// True if a page is requested.
@@ -75,24 +83,26 @@ pub struct Exported {
 /// Exports Gaussians as an asset.
 ///
 /// # Errors
-/// When the Gaussians cannot be read, every level is larger than the scene, or a level has more Gaussians than
-/// viewers can draw. When a file cannot be written or belongs to someone else.
+/// When the format is unknown, the Gaussians cannot be read, or every level is larger than the scene. When a level
+/// has more Gaussians than viewers can draw or the format can hold. When a file cannot be written or belongs to
+/// someone else.
 pub fn export(
     request: &ExportRequest,
     progress: &dyn Progress,
 ) -> Result<Exported, ReconstructError> {
     let begun = Stopwatch::with_children();
+    let format = format_of(request)?;
     let ExportedScene {
         drawable,
         source,
         invalid,
         without_moments,
-    } = ExportedScene::open(request, progress)?;
-    let splats = drawable.rows.len() as u64;
+    } = ExportedScene::open(request, format, progress)?;
+    let splats = drawable.len() as u64;
     let Wanted {
         levels: wanted,
         mut left_out,
-    } = levels_within(request, splats)?;
+    } = levels_within(request, format, splats)?;
     left_out.extend(without_moments);
     let mut notes = left_out.clone();
     let dropped = drawable.changes.dropped_sh_degree;
@@ -111,7 +121,9 @@ pub fn export(
         }
     };
     let stage = StagePlan::new(&request.out, "export").with_text("source", &source.sha256);
-    let mut outputs: Vec<String> = wanted.iter().map(|(level, _)| level.file()).collect();
+    let mut outputs: Vec<String> = (wanted.iter())
+        .map(|(level, _)| level.file(format.ending))
+        .collect();
     outputs.push(ASSET_FILE.to_owned());
     outputs.extend(libraries.iter().map(|_| PAGE_FILE.to_owned()));
     if let Some(moments) = &drawable.moments {
@@ -125,7 +137,7 @@ pub fn export(
         stage
             .own_files()
             .remove(|file| !outputs.iter().any(|new| new == file))?;
-        let levels = write_levels(&request.out, &drawable, &wanted, progress)?;
+        let levels = write_levels(&request.out, &drawable, format, &wanted, progress)?;
         let moments = drawable
             .moments
             .as_ref()
@@ -159,6 +171,20 @@ pub fn export(
     })
 }
 
+/// Returns the requested format.
+fn format_of(request: &ExportRequest) -> Result<&'static SplatFormat, ReconstructError> {
+    let format = exchange::by_name(&request.format)?;
+    if request.with_page && !format.is_for_old_viewers {
+        return Err(ReconstructError::Request {
+            reason: format!(
+                "a page holds .splat levels: leave out the page, or the format {}",
+                format.name
+            ),
+        });
+    }
+    Ok(format)
+}
+
 /// Levels of an asset.
 struct Wanted {
     /// The smallest first, each with its number of Gaussians.
@@ -168,7 +194,11 @@ struct Wanted {
 }
 
 /// Returns the levels that the scene has enough Gaussians for.
-fn levels_within(request: &ExportRequest, splats: u64) -> Result<Wanted, ReconstructError> {
+fn levels_within(
+    request: &ExportRequest,
+    format: &SplatFormat,
+    splats: u64,
+) -> Result<Wanted, ReconstructError> {
     let refuse = |reason: String| Err(ReconstructError::scene(&request.gaussians, reason));
     let (mut wanted, mut left_out) = (Vec::new(), Vec::new());
     for level in &request.levels {
@@ -181,13 +211,14 @@ fn levels_within(request: &ExportRequest, splats: u64) -> Result<Wanted, Reconst
         }
     }
     wanted.sort_by_key(|(_, count)| *count);
-    wanted.dedup_by(|a, b| a.0.file() == b.0.file() || a.1 == b.1);
+    let file = |level: &Level| level.file(format.ending);
+    wanted.dedup_by(|a, b| file(&a.0) == file(&b.0) || a.1 == b.1);
     let Some((level, count)) = wanted.last() else {
         return refuse(format!(
             "has {splats} Gaussians, fewer than every level that is asked for; ask for full"
         ));
     };
-    if *count > MOST_ROWS {
+    if format.is_for_old_viewers && *count > MOST_ROWS {
         return refuse(format!(
             "level {} has {count} Gaussians, viewers draw {MOST_ROWS} at most; ask for a smaller one",
             level.name
@@ -202,35 +233,65 @@ fn levels_within(request: &ExportRequest, splats: u64) -> Result<Wanted, Reconst
 fn write_levels(
     out: &Path,
     drawable: &Drawable,
+    format: &SplatFormat,
     wanted: &[(Level, u64)],
     progress: &dyn Progress,
 ) -> Result<Vec<AssetLevel>, ReconstructError> {
     progress.begin("writing levels", Some(wanted.len() as u64));
     // The largest first: the smaller ones are part of it.
     let counts: Vec<u64> = wanted.iter().rev().map(|(_, count)| *count).collect();
-    let rows = nested(&drawable.rows, &counts);
+    let names = wanted.iter().rev().map(|(level, _)| level);
     let mut levels = Vec::new();
-    let written = wanted
-        .iter()
-        .rev()
-        .zip(rows)
-        .try_for_each(|((level, _), of_level)| {
-            let written = write_splats(out, level.file(), &of_level.rows)?;
-            levels.push(AssetLevel {
-                name: level.name.clone(),
-                file: written.file,
-                splats: written.splats,
-                bytes: written.bytes,
-                sha256: written.sha256,
-                growth: of_level.growth,
-            });
-            progress.advance(1);
-            Ok::<(), ReconstructError>(())
+    let mut add = |level: &Level, written: AssetSplats, growth: f64| {
+        levels.push(AssetLevel {
+            name: level.name.clone(),
+            file: written.file,
+            splats: written.splats,
+            bytes: written.bytes,
+            sha256: written.sha256,
+            growth,
         });
+        progress.advance(1);
+    };
+    let file = |level: &Level| level.file(format.ending);
+    let written: Result<(), ReconstructError> = match &drawable.whole {
+        None => (names.zip(nested(&drawable.rows, &counts))).try_for_each(|(level, of_level)| {
+            let written = write_splats(out, file(level), &of_level.rows)?;
+            add(level, written, of_level.growth);
+            Ok(())
+        }),
+        Some(all) => {
+            let chosen = selections(all.positions.clone(), &counts);
+            names.zip(chosen).try_for_each(|(level, selection)| {
+                let gaussians = selection.gaussians(all);
+                let written = write_whole(out, file(level), format, &gaussians)?;
+                add(level, written, selection.growth);
+                Ok(())
+            })
+        }
+    };
     progress.end();
     written?;
     levels.reverse();
     Ok(levels)
+}
+
+fn write_whole(
+    out: &Path,
+    file: String,
+    format: &SplatFormat,
+    gaussians: &ActivatedGaussians,
+) -> Result<AssetSplats, ReconstructError> {
+    let path = out.join(&file);
+    let bytes =
+        (format.write)(gaussians).map_err(|reason| ReconstructError::scene(&path, reason))?;
+    store::write_bytes(&path, &bytes)?;
+    Ok(AssetSplats {
+        file,
+        splats: gaussians.len() as u64,
+        bytes: bytes.len() as u64,
+        sha256: store::sha256_bytes(&bytes),
+    })
 }
 
 fn write_splats(

@@ -18,9 +18,14 @@ use super::{
     ExportRequest,
     moments::Moments,
     viewer_limits::{Drawable, FileFrame, drawable},
+    whole::whole,
 };
 use crate::registry;
-use omnilife_training::{error::ReconstructError, formats::validity, models::gaussians::Source};
+use omnilife_training::{
+    error::ReconstructError,
+    formats::{exchange::SplatFormat, validity},
+    models::gaussians::Source,
+};
 
 /// Gaussians to be written.
 pub(super) struct ExportedScene {
@@ -39,6 +44,7 @@ impl ExportedScene {
     /// When the Gaussians cannot be read, or a viewer could draw none of them.
     pub(super) fn open(
         request: &ExportRequest,
+        format: &SplatFormat,
         progress: &dyn Progress,
     ) -> Result<Self, ReconstructError> {
         let record = request
@@ -57,7 +63,7 @@ impl ExportedScene {
             1.0 / normalization.scale,
         );
         let seconds = shown_moment(request, &model);
-        let (moments, without_moments) = match moments(request, &mut model, &frame) {
+        let (moments, without_moments) = match moments(request, format, &mut model, &frame) {
             None => (None, None),
             Some(Ok(moments)) => (Some(moments), None),
             Some(Err(reason)) => (None, Some(format!("moments are left out: {reason}"))),
@@ -66,11 +72,15 @@ impl ExportedScene {
         let at = Viewpoint::of_moment(seconds.unwrap_or(0.0));
         model.activate(&at, &TemporalFeatures::default(), &mut gaussians);
         drop(model);
-        let drawable = drawable(&gaussians, moments, &frame, &mut invalid);
+        let drawable = if format.is_for_old_viewers {
+            drawable(&gaussians, moments, &frame, &mut invalid)
+        } else {
+            whole(&gaussians, &frame, &mut invalid)
+        };
         for note in validity::notes(&request.gaussians, &invalid) {
             progress.note(&note);
         }
-        if drawable.rows.is_empty() {
+        if drawable.len() == 0 {
             let reason = match seconds {
                 Some(seconds) => {
                     format!("has no Gaussian that a viewer could draw at {seconds} seconds")
@@ -125,12 +135,19 @@ fn shown_moment(request: &ExportRequest, model: &Model) -> Option<f64> {
 /// Returns the moments of a dynamic scene; `None` for a static scene or for one moment.
 fn moments(
     request: &ExportRequest,
+    format: &SplatFormat,
     model: &mut Model,
     frame: &FileFrame,
 ) -> Option<Result<Moments, String>> {
     let span = model.time_span()?;
     if request.moments == Some(1) {
         return None;
+    }
+    if !format.is_for_old_viewers {
+        return Some(Err(format!(
+            "they are written as .splat, not as {}",
+            format.name
+        )));
     }
     let row = |gaussians: &ActivatedGaussians, index: usize| frame.row(gaussians, index);
     Some(Moments::of(model, &span, request.moments, row))

@@ -27,11 +27,21 @@ const FARTHEST: f32 = 3.0;
 /// Gaussians in the form of files, with counts of the changes.
 #[derive(Debug)]
 pub(super) struct Drawable {
+    /// For viewers of `.splat`; empty in other formats.
     pub(super) rows: Vec<SplatRow>,
+    /// Unchanged Gaussians with their harmonics, for other formats.
+    pub(super) whole: Option<ActivatedGaussians>,
     /// The Gaussians of other moments, in the same frame.
     pub(super) moments: Option<Moments>,
     pub(super) placement: AssetPlacement,
     pub(super) changes: AssetChanges,
+}
+
+impl Drawable {
+    /// Returns the number of Gaussians.
+    pub(super) fn len(&self) -> usize {
+        (self.whole.as_ref()).map_or(self.rows.len(), ActivatedGaussians::len)
+    }
 }
 
 /// The frame of files: around the origin of a normalized scene, with up on the negative y axis.
@@ -49,6 +59,21 @@ impl FileFrame {
             turn: DQuat::from_rotation_arc(up.normalize(), DVec3::NEG_Y),
             world,
             offset,
+        }
+    }
+
+    /// Returns the rotation from the world to it.
+    pub(super) fn turn(&self) -> DQuat {
+        self.turn
+    }
+
+    /// Returns the placement of files with `scale` units for each of the world.
+    pub(super) fn placement(&self, scale: f64) -> AssetPlacement {
+        let DQuat { x, y, z, w } = self.turn;
+        AssetPlacement {
+            offset: self.offset.to_array(),
+            scale,
+            rotation_wxyz: [w, x, y, z],
         }
     }
 
@@ -115,15 +140,11 @@ pub(super) fn drawable(
     let enlarge = |row: &mut SplatRow| resize(row, scale);
     rows.par_iter_mut().for_each(enlarge);
     (moments.iter_mut().flat_map(Moments::rows_mut)).for_each(enlarge);
-    let DQuat { x, y, z, w } = frame.turn;
     Drawable {
         rows,
+        whole: None,
         moments,
-        placement: AssetPlacement {
-            offset: frame.offset.to_array(),
-            scale: f64::from(scale),
-            rotation_wxyz: [w, x, y, z],
-        },
+        placement: frame.placement(f64::from(scale)),
         changes,
     }
 }

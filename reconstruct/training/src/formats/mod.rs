@@ -1,13 +1,18 @@
-//! Files of a model in a run's folder: one format for each parameterization.
+//! Files of a model in a run's folder: one format for each parameterization. [`exchange`] has those of other programs.
 //!
 //! A new one needs a file with its writer and reader, and a line in `FORMATS`.
 
+pub mod axes;
+mod compressed_ply;
 pub mod deformation;
+pub mod exchange;
+mod glb;
 pub mod moving_ply;
 pub mod objects;
 pub mod ply;
 mod refined_poses;
 pub mod splat;
+mod spz;
 pub mod validity;
 
 use std::path::Path;
@@ -162,21 +167,6 @@ pub fn read_static(
     invalid: &mut InvalidGaussians,
 ) -> Result<Part, ReconstructError> {
     let table = ply::read(path, normalization, invalid)?;
-    let parameterization = StaticGaussians;
-    Ok(Part::new(parameterization, table))
-}
-
-/// Reads static Gaussians of a `.splat`; invalid values are counted in `invalid`.
-///
-/// # Errors
-/// When the file cannot be read, or is malformed.
-pub fn read_splat(
-    path: &Path,
-    placement: &splat::Placement,
-    normalization: &Similarity,
-    invalid: &mut InvalidGaussians,
-) -> Result<Part, ReconstructError> {
-    let table = splat::read(path, placement, normalization, invalid)?;
     let parameterization = StaticGaussians;
     Ok(Part::new(parameterization, table))
 }

@@ -11,7 +11,11 @@
     deny(clippy::indexing_slicing, clippy::arithmetic_side_effects)
 )]
 
-use std::{fs, io::Write, path::Path};
+use std::{
+    fs,
+    io::{self, Write},
+    path::Path,
+};
 
 use glam::{DVec3, Vec3};
 use omnilife_schemas::{
@@ -64,6 +68,20 @@ pub fn write(
     write_with(path, table, normalization, &[], |_, _| {})
 }
 
+/// Returns the bytes of a file of static Gaussians.
+///
+/// # Errors
+/// The reason why they could not be written.
+pub(super) fn to_bytes(
+    table: &ParameterTable,
+    normalization: &Similarity,
+) -> Result<Vec<u8>, String> {
+    let mut bytes = Vec::new();
+    write_to(&mut bytes, table, normalization, &[], |_, _| {})
+        .map_err(|error| error.to_string())?;
+    Ok(bytes)
+}
+
 /// Writes like [`write()`], with `further` properties at the end, whose values `push` adds for each Gaussian.
 pub(super) fn write_with(
     path: &Path,
@@ -72,36 +90,46 @@ pub(super) fn write_with(
     further: &[String],
     push: impl Fn(usize, &mut Vec<f32>),
 ) -> Result<(), StoreError> {
+    store::write_with(path, |writer| {
+        write_to(writer, table, normalization, further, push)
+    })
+}
+
+fn write_to(
+    writer: &mut dyn Write,
+    table: &ParameterTable,
+    normalization: &Similarity,
+    further: &[String],
+    push: impl Fn(usize, &mut Vec<f32>),
+) -> io::Result<()> {
     let degree = static_gaussians::sh_degree(table);
     let log_unit = normalization.scale.ln() as f32;
     let coordinates = Coordinates::around(normalization);
-    store::write_with(path, |writer| {
-        write!(
-            writer,
-            "ply\nformat binary_little_endian 1.0\nelement vertex {}\n",
-            table.len()
-        )?;
-        for property in properties(degree).iter().chain(further) {
-            let kind = match property.as_str() {
-                "x" | "y" | "z" => coordinates.ply_type(),
-                _ => "float",
-            };
-            writeln!(writer, "property {kind} {property}")?;
+    write!(
+        writer,
+        "ply\nformat binary_little_endian 1.0\nelement vertex {}\n",
+        table.len()
+    )?;
+    for property in properties(degree).iter().chain(further) {
+        let kind = match property.as_str() {
+            "x" | "y" | "z" => coordinates.ply_type(),
+            _ => "float",
+        };
+        writeln!(writer, "property {kind} {property}")?;
+    }
+    writeln!(writer, "end_header")?;
+    let mut row = Vec::new();
+    for index in 0..table.len() {
+        let position = Vec3::from_slice(table.row(POSITIONS, index)).as_dvec3();
+        coordinates.write(writer, &normalization.restore(position).to_array())?;
+        row.clear();
+        push_row(table, index, log_unit, &mut row);
+        push(index, &mut row);
+        for value in &row {
+            writer.write_all(&value.to_le_bytes())?;
         }
-        writeln!(writer, "end_header")?;
-        let mut row = Vec::new();
-        for index in 0..table.len() {
-            let position = Vec3::from_slice(table.row(POSITIONS, index)).as_dvec3();
-            coordinates.write(writer, &normalization.restore(position).to_array())?;
-            row.clear();
-            push_row(table, index, log_unit, &mut row);
-            push(index, &mut row);
-            for value in &row {
-                writer.write_all(&value.to_le_bytes())?;
-            }
-        }
-        Ok(())
-    })
+    }
+    Ok(())
 }
 
 /// Returns the properties of one Gaussian behind its position.
@@ -135,6 +163,16 @@ pub fn read(
     read_with(path, normalization, &[], invalid).map(|(table, _)| table)
 }
 
+/// Reads a file's bytes like [`read`]; `path` names the file.
+pub(super) fn from_bytes(
+    path: &Path,
+    bytes: &[u8],
+    normalization: &Similarity,
+    invalid: &mut InvalidGaussians,
+) -> Result<ParameterTable, ReconstructError> {
+    parsed(path, bytes, normalization, &[], invalid).map(|(table, _)| table)
+}
+
 /// Reads like [`read`], with `further` properties, one column each.
 pub(super) fn read_with(
     path: &Path,
@@ -143,8 +181,18 @@ pub(super) fn read_with(
     invalid: &mut InvalidGaussians,
 ) -> Result<(ParameterTable, Vec<Vec<f32>>), ReconstructError> {
     let bytes = fs::read(path).map_err(|source| StoreError::read(path, source))?;
+    parsed(path, &bytes, normalization, further, invalid)
+}
+
+fn parsed(
+    path: &Path,
+    bytes: &[u8],
+    normalization: &Similarity,
+    further: &[String],
+    invalid: &mut InvalidGaussians,
+) -> Result<(ParameterTable, Vec<Vec<f32>>), ReconstructError> {
     let malformed = |reason: String| StoreError::malformed(path, reason);
-    let ply = PlyTable::parse(&bytes).map_err(malformed)?;
+    let ply = PlyTable::parse(bytes).map_err(malformed)?;
     let degree = stored_degree(&ply).map_err(malformed)?;
     crate::process::require(
         memory::table_bytes(ply.len() as u64, &static_gaussians::shapes(degree)),
@@ -271,14 +319,13 @@ impl Rows {
 }
 
 /// Returns a world point to keep the positions of a PLY around in 32-bit floats: the origin, or their median
-/// where floats would lose them around the origin. Invalid positions are left out.
+/// where floats would lose them around the origin. Invalid positions are left out. `path` names the file.
 ///
 /// # Errors
-/// When the file is missing, malformed or truncated.
-pub fn origin(path: &Path) -> Result<DVec3, ReconstructError> {
-    let bytes = fs::read(path).map_err(|source| StoreError::read(path, source))?;
+/// When the file is malformed or truncated.
+pub fn origin(path: &Path, bytes: &[u8]) -> Result<DVec3, ReconstructError> {
     let malformed = |reason: String| StoreError::malformed(path, reason);
-    let ply = PlyTable::parse(&bytes).map_err(malformed)?;
+    let ply = PlyTable::parse(bytes).map_err(malformed)?;
     let columns = ["x", "y", "z"].map(|name| ply.column(name));
     let mut places = Vec::with_capacity(ply.len());
     ply.for_each_row(|_, row| {

@@ -107,15 +107,12 @@ impl SplatRow {
     }
 }
 
-/// Writes rows atomically, the largest first; returns the SHA-256 of the file.
-///
-/// # Errors
-/// When the file cannot be written.
+/// Returns the bytes of rows, the largest first.
 #[expect(
     clippy::indexing_slicing,
     reason = "the order is one of the rows that are there"
 )]
-pub fn write(path: &Path, rows: &[SplatRow]) -> Result<String, StoreError> {
+pub(super) fn ordered(rows: &[SplatRow]) -> Vec<[u8; ROW_BYTES]> {
     let mut order: Vec<(f32, u32)> = rows
         .par_iter()
         .enumerate()
@@ -125,11 +122,18 @@ pub fn write(path: &Path, rows: &[SplatRow]) -> Result<String, StoreError> {
     order.par_sort_unstable_by(|a, b| b.0.total_cmp(&a.0).then(a.1.cmp(&b.1)));
     // Rows are fetched from all over the memory: the file's form is shorter.
     let unordered: Vec<[u8; ROW_BYTES]> = rows.par_iter().map(SplatRow::bytes).collect();
-    let ordered: Vec<[u8; ROW_BYTES]> = order
+    order
         .par_iter()
         .map(|(_, index)| unordered[*index as usize])
-        .collect();
-    drop((unordered, order));
+        .collect()
+}
+
+/// Writes rows atomically, the largest first; returns the SHA-256 of the file.
+///
+/// # Errors
+/// When the file cannot be written.
+pub fn write(path: &Path, rows: &[SplatRow]) -> Result<String, StoreError> {
+    let ordered = ordered(rows);
     let bytes = ordered.as_flattened();
     let (written, sha256) = rayon::join(
         || store::write_bytes(path, bytes),
@@ -157,7 +161,7 @@ impl Placement {
         rotation: DQuat::IDENTITY,
     };
 
-    fn to_world(self, place: DVec3) -> DVec3 {
+    pub(super) fn to_world(self, place: DVec3) -> DVec3 {
         self.rotation.inverse() * place / self.scale + self.offset
     }
 }

@@ -13,9 +13,12 @@ use serde::Deserialize;
 
 use omnilife_engine::{
     camera::{Camera, View},
-    gaussians::{ActivatedGaussians, static_gaussians},
+    gaussians::{
+        ActivatedGaussians,
+        static_gaussians::{self, StaticGaussians},
+    },
     model::{
-        Model,
+        Model, Part,
         layers::{Layer, LayerRenderer},
     },
     render::{
@@ -27,7 +30,7 @@ use omnilife_engine::{
 
 use crate::{
     error::ReconstructError,
-    formats::{self, GAUSSIAN_FILES, splat::Placement, validity},
+    formats::{self, GAUSSIAN_FILES, exchange, splat::Placement, validity},
     models::{Export, ModelFormat, OpenRequest, OpenedModel},
 };
 
@@ -126,18 +129,18 @@ impl OpenedModel for OpenedGaussians {
 
 /// Gaussians with the settings of their renderer.
 pub struct Source {
-    /// A run's folder, or a PLY.
+    /// A run's folder, or a file of Gaussians.
     path: PathBuf,
     /// Map from world to normalized coordinates.
     pub normalization: Similarity,
     renderer: RendererChoice,
     settings: RenderSettings,
-    /// Settings of a run's training; `None` for a PLY.
+    /// Settings of a run's training; `None` for a file.
     trained: Option<TrainSettings>,
 }
 
 impl Source {
-    /// Opens a run's Gaussians under the run's settings. A PLY has neither normalization nor settings: it is
+    /// Opens a run's Gaussians under the run's settings. A file has neither normalization nor settings: it is
     /// normalized by the cameras, and the minimum visible distance is a thousandth of their radius.
     fn open(
         path: &Path,
@@ -177,10 +180,11 @@ impl Source {
     pub fn open_in_place(path: &Path, run: Option<&RunRecord>) -> Result<Self, ReconstructError> {
         let offset = if run.is_some() {
             DVec3::ZERO
-        } else if is_splat(path) {
-            placement(path)?.offset
         } else {
-            formats::ply::origin(path)?
+            match placement(path)? {
+                Some(placement) => placement.offset,
+                None => exchange::origin(path)?,
+            }
         };
         let in_place = Similarity {
             offset: offset.to_array(),
@@ -199,13 +203,9 @@ impl Source {
                 formats::read_model(&self.path, settings, &self.normalization, invalid)
             }
             None => {
-                let part = if is_splat(&self.path) {
-                    let placement = placement(&self.path)?;
-                    formats::read_splat(&self.path, &placement, &self.normalization, invalid)?
-                } else {
-                    formats::read_static(&self.path, &self.normalization, invalid)?
-                };
-                Ok(Model::new(vec![part]))
+                let placement = placement(&self.path)?.unwrap_or(Placement::WORLD);
+                let table = exchange::read(&self.path, &placement, &self.normalization, invalid)?;
+                Ok(Model::new(vec![Part::new(StaticGaussians, table)]))
             }
         }
     }
@@ -218,27 +218,23 @@ impl Source {
     }
 }
 
-fn is_splat(path: &Path) -> bool {
-    path.extension().is_some_and(|kind| kind == "splat")
-}
-
-/// Returns the map from the world's coordinates to a `.splat`'s: that of the record beside it, or the identity.
-fn placement(path: &Path) -> Result<Placement, StoreError> {
+/// Returns how the coordinates of an exported file came from the world's: as the record beside it says.
+fn placement(path: &Path) -> Result<Option<Placement>, StoreError> {
     let record = path.parent().unwrap_or(Path::new(".")).join(ASSET_FILE);
     if !record.exists() {
-        return Ok(Placement::WORLD);
+        return Ok(None);
     }
     let asset: Asset = store::read_record(&record)?;
     let name = path.file_name().and_then(|name| name.to_str());
     if asset.splat_files().all(|file| Some(file) != name) {
-        return Ok(Placement::WORLD);
+        return Ok(None);
     }
     let [w, x, y, z] = asset.placement.rotation_wxyz;
-    Ok(Placement {
+    Ok(Some(Placement {
         offset: DVec3::from_array(asset.placement.offset),
         scale: asset.placement.scale,
         rotation: DQuat::from_xyzw(x, y, z, w),
-    })
+    }))
 }
 
 /// Refuses sizes and bounds outside of every run's range.

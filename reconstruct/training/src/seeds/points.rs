@@ -40,7 +40,7 @@ pub fn thinned(points: &PointCloud<f32>, maximum: usize) -> PointCloud<f32> {
 
 /// Returns the position along the Z-order curve. The bits of a float's magnitude rise with it, so that the curve
 /// resolves near points as finely, for their distance, as far ones.
-fn morton_code(position: [f32; 3]) -> u128 {
+pub(crate) fn morton_code(position: [f32; 3]) -> u128 {
     let ordered = position.map(|value| {
         let bits = value.to_bits();
         let sign = 1 << 31;

@@ -59,7 +59,7 @@ pub mod cpu;
 mod ellipse;
 pub(crate) mod gpu;
 mod place;
-mod sh;
+pub mod sh;
 
 use glam::Vec3;
 

@@ -16,7 +16,7 @@ const C3: [f32; 5] = [
 ];
 
 /// Returns the non-constant harmonics at a unit direction. Only the first `sh_rest_count(degree)` are set.
-pub(super) fn basis(degree: usize, direction: Vec3) -> [f32; 15] {
+pub fn basis(degree: usize, direction: Vec3) -> [f32; 15] {
     let mut values = [0.0; 15];
     let [x, y, z] = direction.to_array();
     if degree >= 1 {

@@ -262,7 +262,7 @@ fn runs_far_from_the_origin_are_read_back() -> Result<(), Box<dyn std::error::Er
             let error = a.values.iter().zip(&b.values).map(|(a, b)| (a - b).abs());
             assert!(error.fold(0.0, f32::max) < 1e-5, "{} at {offset:?}", a.name);
         }
-        let origin = origin(&path)?;
+        let origin = origin(&path, &bytes)?;
         let middle = DVec3::from_array(offset);
         if kind == "float" {
             assert_eq!(origin, DVec3::ZERO);
@@ -294,8 +294,7 @@ fn positions_out_of_reach_do_not_move_the_origin() -> Result<(), Box<dyn std::er
         for [x, y, z] in places {
             text += &format!("{x} {y} {z}\n");
         }
-        fs::write(&path, text)?;
-        Ok(origin(&path)?)
+        Ok(origin(&path, text.as_bytes())?)
     };
     let of_near = origin_of(&near)?;
     assert!(

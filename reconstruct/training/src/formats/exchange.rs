@@ -1,0 +1,361 @@
+//! Files of Gaussians that other programs write and read: one list for exports, renderings and help.
+//!
+//! To add one: a file with how it is written and read, and a line in [`SPLAT_FORMATS`]. Writers get Gaussians with x to
+//! the right, y down and z forward, and readers give them so.
+
+use std::{fs, path::Path};
+
+use glam::{DQuat, DVec3};
+use omnilife_engine::{
+    gaussians::{
+        ActivatedGaussians,
+        static_gaussians::{self, LOG_SCALES, OPACITY_LOGITS, POSITIONS, QUATERNIONS, SH_REST},
+    },
+    parameters::{ArrayShape, ParameterTable, memory},
+};
+use omnilife_schemas::{
+    Similarity,
+    names::{self, UnknownName},
+    records::InvalidGaussians,
+    store::StoreError,
+};
+
+use super::{
+    axes::HarmonicTurn,
+    compressed_ply, glb, ply,
+    splat::{self, Placement, SplatRow},
+    spz,
+    validity::{self, FileGaussian},
+};
+use crate::error::ReconstructError;
+
+/// A file, where its coordinates are, and which are asked for.
+struct FileToRead<'a> {
+    path: &'a Path,
+    bytes: &'a [u8],
+    placement: &'a Placement,
+    normalization: &'a Similarity,
+}
+
+/// A format.
+#[derive(Debug)]
+pub struct SplatFormat {
+    /// Its name on the command line.
+    pub name: &'static str,
+    /// End of the names of its files.
+    pub ending: &'static str,
+    /// Values that are rounded, and to what.
+    pub rounded: &'static str,
+    /// True where viewers have the limits of the first ones: of `.splat` alone.
+    pub is_for_old_viewers: bool,
+    /// Writes Gaussians; the reason in one line where the format cannot hold them.
+    pub write: fn(&ActivatedGaussians) -> Result<Vec<u8>, String>,
+    read: fn(&FileToRead<'_>, &mut InvalidGaussians) -> Result<ParameterTable, ReconstructError>,
+}
+
+/// All formats; the first is the default.
+pub const SPLAT_FORMATS: &[SplatFormat] = &[
+    SplatFormat {
+        name: "splat",
+        ending: ".splat",
+        rounded: "colour, opacity and rotation to 8 bits a value; no harmonics",
+        is_for_old_viewers: true,
+        write: |gaussians| {
+            let rows = (0..gaussians.len()).map(|index| SplatRow::of(gaussians, index));
+            Ok(splat::ordered(&rows.collect::<Vec<_>>()).into_flattened())
+        },
+        read: |file, invalid| {
+            let FileToRead { path, bytes, .. } = file;
+            Ok(splat::from_bytes(
+                path,
+                bytes,
+                file.placement,
+                file.normalization,
+                invalid,
+            )?)
+        },
+    },
+    SplatFormat {
+        name: "ply",
+        ending: ".ply",
+        rounded: "nothing",
+        is_for_old_viewers: false,
+        write: |gaussians| ply::to_bytes(&table(gaussians), &UNCHANGED),
+        read: |file, invalid| {
+            if *file.placement == Placement::WORLD {
+                // Doubles of a file far from the origin are normalized as doubles.
+                return ply::from_bytes(file.path, file.bytes, file.normalization, invalid);
+            }
+            file.placed(ply::from_bytes(file.path, file.bytes, &UNCHANGED, invalid)?)
+        },
+    },
+    SplatFormat {
+        name: "compressed-ply",
+        ending: ".compressed.ply",
+        rounded: "positions, log sizes and colours to 11, 10, 11 and 8 bits between the bounds of 256 Gaussians, rotations \
+                  to 10 bits a value, opacity to 8 bits, harmonics to 1/32",
+        is_for_old_viewers: false,
+        write: compressed_ply::write,
+        read: |file, invalid| file.placed(compressed_ply::read(file.path, file.bytes, invalid)?),
+    },
+    SplatFormat {
+        name: "spz",
+        ending: ".spz",
+        rounded: "positions to 24 bits, log sizes to 1/16, colour and opacity to 8 bits, rotations to 10 bits a value, \
+                  harmonics to 5 and 4 bits",
+        is_for_old_viewers: false,
+        write: spz::write,
+        read: |file, invalid| file.placed(spz::read(file.path, file.bytes, invalid)?),
+    },
+    SplatFormat {
+        name: "glb",
+        ending: ".glb",
+        rounded: "nothing but to floats",
+        is_for_old_viewers: false,
+        write: glb::write,
+        read: |file, invalid| file.placed(glb::read(file.path, file.bytes, invalid)?),
+    },
+];
+
+/// Files as they stand.
+const UNCHANGED: Similarity = Similarity {
+    offset: [0.0; 3],
+    scale: 1.0,
+};
+
+/// Returns the format of a name.
+///
+/// # Errors
+/// [`UnknownName`] where there is none.
+pub fn by_name(name: &str) -> Result<&'static SplatFormat, UnknownName> {
+    names::find("format", name, SPLAT_FORMATS, |format| format.name)
+}
+
+/// Returns the format of a file: that of its ending, and PLY of every other. The two kinds of PLY are told by their
+/// headers.
+fn of_file(path: &Path, bytes: &[u8]) -> &'static SplatFormat {
+    let name = path.file_name().unwrap_or_default().to_string_lossy();
+    let name = name.to_ascii_lowercase();
+    let is_of = |format: &&SplatFormat| match format.name {
+        "ply" => false,
+        "compressed-ply" => compressed_ply::is_compressed(bytes),
+        _ => name.ends_with(format.ending),
+    };
+    SPLAT_FORMATS
+        .iter()
+        .find(is_of)
+        .unwrap_or(&SPLAT_FORMATS[1])
+}
+
+/// Reads static Gaussians into normalized coordinates of the world; what is not valid is repaired or left out, and
+/// counted in `invalid`.
+///
+/// # Errors
+/// When the file cannot be read, is not of its format, or would not fit into memory.
+pub fn read(
+    path: &Path,
+    placement: &Placement,
+    normalization: &Similarity,
+    invalid: &mut InvalidGaussians,
+) -> Result<ParameterTable, ReconstructError> {
+    let bytes = fs::read(path).map_err(|source| StoreError::read(path, source))?;
+    from_bytes(path, &bytes, placement, normalization, invalid)
+}
+
+/// [`read`] of a file's bytes; `path` names it and its format.
+///
+/// # Errors
+/// See [`read`].
+pub fn from_bytes(
+    path: &Path,
+    bytes: &[u8],
+    placement: &Placement,
+    normalization: &Similarity,
+    invalid: &mut InvalidGaussians,
+) -> Result<ParameterTable, ReconstructError> {
+    let file = FileToRead {
+        path,
+        bytes,
+        placement,
+        normalization,
+    };
+    (of_file(path, bytes).read)(&file, invalid)
+}
+
+/// Returns a place to keep the positions of a file around in 32-bit floats: as [`ply::origin`] does, and the origin of
+/// other formats, which hold no more than floats.
+///
+/// # Errors
+/// When the file cannot be read, or is a malformed PLY.
+pub fn origin(path: &Path) -> Result<DVec3, ReconstructError> {
+    let bytes = fs::read(path).map_err(|source| StoreError::read(path, source))?;
+    if of_file(path, &bytes).name == "ply" {
+        ply::origin(path, &bytes)
+    } else {
+        Ok(DVec3::ZERO)
+    }
+}
+
+impl FileToRead<'_> {
+    /// Brings Gaussians from the file's coordinates to normalized ones of the world.
+    fn placed(&self, mut table: ParameterTable) -> Result<ParameterTable, ReconstructError> {
+        let (placement, normalization) = (self.placement, self.normalization);
+        let back = placement.rotation.inverse();
+        for place in table.arrays[POSITIONS].values.as_chunks_mut::<3>().0 {
+            let world = placement.to_world(DVec3::from_array(place.map(f64::from)));
+            *place = normalization.normalize(world).as_vec3().to_array();
+        }
+        let log_unit = (normalization.scale / placement.scale).ln();
+        for log in &mut table.arrays[LOG_SCALES].values {
+            *log = (f64::from(*log) + log_unit) as f32;
+        }
+        if placement.rotation != DQuat::IDENTITY {
+            for quaternion in table.arrays[QUATERNIONS].values.as_chunks_mut::<4>().0 {
+                let [w, x, y, z] = quaternion.map(f64::from);
+                let turned = back * DQuat::from_xyzw(x, y, z, w);
+                *quaternion = [turned.w, turned.x, turned.y, turned.z].map(|part| part as f32);
+            }
+            let turn = HarmonicTurn::new(back);
+            let degree = static_gaussians::sh_degree(&table);
+            if degree > 0 {
+                let rest = &mut table.arrays[SH_REST];
+                for row in rest.values.chunks_exact_mut(rest.width) {
+                    turn.apply(row.as_chunks_mut().0);
+                }
+            }
+        }
+        let mut values = table.arrays.iter().flat_map(|array| &array.values);
+        if values.all(|value| value.is_finite()) {
+            Ok(table)
+        } else {
+            let reason = "lies outside of what 32-bit floats hold, where its record places it";
+            Err(StoreError::malformed(self.path, reason).into())
+        }
+    }
+}
+
+/// Gaussians as a table of parameters.
+fn table(gaussians: &ActivatedGaussians) -> ParameterTable {
+    let mut table = ParameterTable::new(gaussians.len());
+    let logs = gaussians
+        .scales
+        .as_flattened()
+        .iter()
+        .map(|scale| scale.ln());
+    let mut columns = [
+        gaussians.positions.as_flattened().to_vec(),
+        logs.collect(),
+        gaussians.rotations.as_flattened().to_vec(),
+        (gaussians.opacities.iter())
+            .map(|&opacity| static_gaussians::logit(opacity))
+            .collect(),
+        gaussians.sh_constant.as_flattened().to_vec(),
+        gaussians.sh_rest.as_flattened().to_vec(),
+    ]
+    .into_iter();
+    for ArrayShape { name, width } in static_gaussians::shapes(gaussians.sh_degree) {
+        table.add(name, width, columns.next().unwrap_or_default(), 0.0);
+    }
+    table
+}
+
+/// Gaussians on their way from a file into a table, in the file's units.
+pub(super) struct Gathered<'a> {
+    shapes: Vec<ArrayShape>,
+    arrays: Vec<Vec<f32>>,
+    read: u64,
+    invalid: &'a mut InvalidGaussians,
+}
+
+impl<'a> Gathered<'a> {
+    /// Begins a table of `len` Gaussians with harmonics of a degree. The file holds that many: its size was checked.
+    pub(super) fn new(
+        path: &Path,
+        len: usize,
+        degree: usize,
+        invalid: &'a mut InvalidGaussians,
+    ) -> Result<Self, ReconstructError> {
+        require(path, len as u64, degree)?;
+        let shapes = static_gaussians::shapes(degree);
+        let arrays = shapes.iter();
+        Ok(Self {
+            arrays: arrays
+                .map(|shape| Vec::with_capacity(shape.width.saturating_mul(len)))
+                .collect(),
+            shapes,
+            read: 0,
+            invalid,
+        })
+    }
+
+    /// Adds a Gaussian, where it is valid, with its coefficients of the constant and the other harmonics.
+    pub(super) fn push(
+        &mut self,
+        given: &FileGaussian,
+        sh_constant: [f32; 3],
+        sh_rest: &[[f32; 3]],
+    ) -> Result<(), String> {
+        let number = self.read;
+        self.read = number.saturating_add(1);
+        let colours = || sh_constant.iter().chain(sh_rest.as_flattened());
+        for (what, is_sound) in [
+            ("place", given.position.iter().all(|value| !value.is_nan())),
+            (
+                "size",
+                given.log_scales.iter().all(|log| *log < f64::INFINITY),
+            ),
+            ("opacity", !given.opacity_logit.is_nan()),
+            (
+                "rotation",
+                given.quaternion.iter().all(|part| part.is_finite()),
+            ),
+            ("colour", colours().all(|value| value.is_finite())),
+        ] {
+            if !is_sound {
+                return Err(format!(
+                    "{what} of Gaussian {number} is not a finite number"
+                ));
+            }
+        }
+        let Some(gaussian) = validity::valid(given, self.invalid) else {
+            return Ok(());
+        };
+        let float = |value: f64| value as f32;
+        let values: [&[f32]; 6] = [
+            &gaussian.position.map(float),
+            &gaussian.log_scales.map(float),
+            &gaussian.quaternion.map(float),
+            &[float(gaussian.opacity_logit)],
+            &sh_constant,
+            sh_rest.as_flattened(),
+        ];
+        for (array, values) in self.arrays.iter_mut().zip(values) {
+            array.extend(values);
+        }
+        Ok(())
+    }
+
+    /// Returns the table.
+    pub(super) fn into_table(self) -> ParameterTable {
+        let kept = self.arrays.get(OPACITY_LOGITS).map_or(0, Vec::len);
+        let mut table = ParameterTable::new(kept);
+        for (shape, values) in self.shapes.iter().zip(self.arrays) {
+            table.add(shape.name, shape.width, values, 0.0);
+        }
+        table
+    }
+}
+
+/// Refuses no Gaussians, and more of them than fit into memory.
+pub(super) fn require(path: &Path, len: u64, degree: usize) -> Result<(), ReconstructError> {
+    if len == 0 {
+        return Err(StoreError::malformed(path, "holds no Gaussians").into());
+    }
+    crate::process::require(
+        memory::table_bytes(len, &static_gaussians::shapes(degree)),
+        &format!("{}: {len} Gaussians", path.display()),
+    )
+}
+
+#[cfg(test)]
+pub(super) mod tests;
