@@ -1,5 +1,5 @@
-//! Options of single methods: declared by the method, checked before any computation. `--set
-//! densify-threshold=2e-4` sets one.
+//! Options of single methods: declared by the method, checked before any computation.
+//! `--set densify-threshold=2e-4` sets one.
 
 use std::collections::BTreeMap;
 

@@ -347,7 +347,7 @@ impl<'a> Gathered<'a> {
     }
 }
 
-/// Refuses an empty file, and more Gaussians than fit into memory.
+/// Refuses an empty file, and a number of Gaussians that does not fit into memory.
 pub(super) fn require(path: &Path, len: u64, degree: usize) -> Result<(), ReconstructError> {
     if len == 0 {
         return Err(StoreError::malformed(path, "holds no Gaussians").into());

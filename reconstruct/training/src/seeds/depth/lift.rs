@@ -361,8 +361,8 @@ pub fn incidence(view: &DistanceView<'_>) -> Vec<f32> {
     normals.par_iter().enumerate().map(of_pixel).collect()
 }
 
-/// Returns the unit quaternion (w, x, y, z) that brings z onto a unit normal by the shortest way: `(1 + n_z,
-/// -n_y, n_x, 0)`; half a rotation about x where the normal is -z.
+/// Returns the unit quaternion (w, x, y, z) that brings z onto a unit normal by the shortest way:
+/// `(1 + n_z, -n_y, n_x, 0)`; half a rotation about x where the normal is -z.
 pub fn z_onto(normal: Vec3) -> [f32; 4] {
     let w = 1.0 + normal.z;
     if w < 1e-6 {
