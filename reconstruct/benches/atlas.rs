@@ -1,5 +1,5 @@
-//! Plane samples that `nag` takes in a second, by the size of its fields: a step of 6,144 rays through two
-//! objects and the background, with all fields taking part.
+//! Plane samples of `nag` in a second, by the size of its fields: a step of 6,144 rays through two objects and
+//! the background, with all fields.
 //!
 //! `cargo bench --bench atlas`; criterion's element is a plane sample.
 
@@ -26,7 +26,7 @@ const HEIGHT: usize = 96;
 const FRAMES: usize = 16;
 const STEPS: u64 = 300;
 
-/// Stripes, and two objects that cover a third of the frame each.
+/// Makes stripes, and two objects that cover a third of the frame each.
 fn clip() -> Clip {
     let column = |pixel: usize| pixel % WIDTH;
     let mask = |object: usize| {

@@ -5,8 +5,8 @@
 //! ```
 //!
 //! `VOXEL` is in units of the scene (metres, where its scale is). `SURFACE` has points of another program's
-//! surface of the same views: little-endian f32, three a point, world coordinates. Prints one line of JSON,
-//! for `scripts/compare fusion`: the best of the rounds, and how far the points are from our surface.
+//! surface of the same views: little-endian f32, three a point, world coordinates. Prints one line of JSON for
+//! `scripts/compare fusion`: the best of the rounds, and the points' distances from this program's surface.
 
 use std::{fs, path::Path, time::Instant};
 
@@ -87,7 +87,7 @@ fn main() {
     println!("{line}");
 }
 
-/// Points of a file in normalized units.
+/// Returns the points of a file in normalized units.
 fn points_of(bytes: &[u8], normalization: &Similarity) -> Vec<Vec3> {
     let values: Vec<f64> = bytes
         .as_chunks::<4>()
@@ -101,7 +101,8 @@ fn points_of(bytes: &[u8], normalization: &Similarity) -> Vec<Vec3> {
         .collect()
 }
 
-/// How far places are from the surface of a field, in voxels, and how many of them it knows.
+/// Returns distances of places from the surface of a field, in voxels, and the number of places that the field
+/// covers.
 fn distances_in_voxels(field: &Scaffold, places: &[Vec3], voxel: f32) -> serde_json::Value {
     let known = places.iter().filter_map(|&place| field.value(place));
     let mut distances: Vec<f32> = known.map(|known| known.distance.abs() / voxel).collect();

@@ -4,8 +4,8 @@
 //! cargo bench --bench lift -- SCENE SPLIT OUT
 //! ```
 //!
-//! `OUT` gets every sample: place, normal, radius and the place of its camera, ten little-endian f32, normalized
-//! units. Prints one line of JSON, for `scripts/compare lift`.
+//! `OUT` gets every sample: position, normal, radius and the position of its camera, ten little-endian f32,
+//! normalized units. Prints one line of JSON, for `scripts/compare lift`.
 
 use std::{path::Path, time::Instant};
 

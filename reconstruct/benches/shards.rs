@@ -1,12 +1,12 @@
-//! Time and memory of training in shards, and what it is worth that they learn from near views alone.
+//! Time and memory of training in shards, and the gain of training on near views alone.
 //!
 //! ```text
 //! cargo bench --bench shards -- SCENE SPLIT ITERATIONS SHARDS GAUSSIANS [COMPONENT ...]
 //! ```
 //!
-//! Trains `panogs` on every sample of every view, with the components named beside what the plan decides, and with
-//! neighbour-views only where it is named. Prints one line of JSON: CPU seconds of planning and of a step, the peak
-//! of the process, the mean PSNR of the novel views.
+//! Trains `panogs` on every sample of every view, with the named components beside those of the plan;
+//! neighbour-views takes part only by name. Prints one line of JSON: CPU seconds of planning and of a step, the
+//! peak of the process, the mean PSNR of the novel views.
 
 use std::path::Path;
 

@@ -1,4 +1,4 @@
-//! Methods and backends, as Markdown, and the needs of a backend.
+//! Tables of methods and backends in Markdown, and the requirements of a backend.
 
 use std::fmt::Write;
 
@@ -11,10 +11,10 @@ use omnilife_engine::{
 use crate::registry::METHODS;
 use omnilife_training::{error::ReconstructError, method::Method};
 
-/// Checks that the machine has what a backend computes on.
+/// Checks that the machine has the device of a backend.
 ///
 /// # Errors
-/// [`GpuError::NoAdapter`] where a GPU is asked for and no adapter is found, not even a software one.
+/// [`GpuError::NoAdapter`] when a GPU is requested and no adapter is found, not even a software one.
 pub fn check(backend: BackendChoice) -> Result<(), ReconstructError> {
     if backend == BackendChoice::Gpu && adapters().is_empty() {
         return Err(GpuError::NoAdapter.into());
@@ -22,7 +22,7 @@ pub fn check(backend: BackendChoice) -> Result<(), ReconstructError> {
     Ok(())
 }
 
-/// Tables of methods, components, parameterizations and kernels with `Present` or `Missing` on each
+/// Returns tables of methods, components, parameterizations and kernels with `Present` or `Missing` on each
 /// backend.
 pub fn tables() -> String {
     let mut text = "| Method | CPU | GPU |\n|---|---|---|\n".to_owned();
@@ -64,7 +64,7 @@ fn components_of(method: &Method) -> impl Iterator<Item = &'static str> {
     all.copied()
 }
 
-/// Those of all methods, each once, in the order in which methods name them.
+/// Returns the components of all methods, each once, in the order in which methods name them.
 fn components() -> Vec<&'static str> {
     let mut all = Vec::new();
     for name in METHODS.iter().flat_map(components_of) {

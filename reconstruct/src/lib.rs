@@ -1,12 +1,13 @@
-//! From a posed sequence to a trained model and rendered views.
+//! Reconstruction of a posed sequence: trained models and rendered views.
 //!
-//! What renders, differentiates and optimizes is [`omnilife_engine`]; scenes, evidence and the training loop are in
-//! [`omnilife_training`], methods in [`omnilife_methods`] and [`omnilife_atlas`]. Modules here, from the top down (a
-//! module imports only from those below it; a test holds that):
+//! Rendering, differentiation and optimization are in [`omnilife_engine`]; scenes, evidence and the training loop
+//! in [`omnilife_training`]; methods in [`omnilife_methods`] and [`omnilife_atlas`].
 //!
-//! * [`jobs`]: one method on one scene, from `scene.json` and `split.json` to `run.json` and images;
-//!   a model along given poses; what a plan would cost.
-//! * [`backends`]: methods and what they run on.
+//! Modules here, from the top down. A module imports only from those below it; a test checks that.
+//!
+//! * [`jobs`]: one method on one scene, from `scene.json` and `split.json` to `run.json` and images; a model
+//!   along given poses; the cost of a plan.
+//! * [`backends`]: methods and their backends.
 //! * [`variant`]: names of methods with other components than their own.
 //! * [`registry`]: all methods, found by name.
 #![cfg_attr(not(test), warn(clippy::disallowed_methods))]
@@ -22,7 +23,7 @@ pub use omnilife_training::{
     options, process, random, request, scene, seeds, stereo, train,
 };
 
-/// Methods of all crates with the registry that finds them.
+/// Methods of all crates with their registry.
 pub mod methods {
     #[doc(no_inline)]
     pub use omnilife_atlas as neural_atlas;

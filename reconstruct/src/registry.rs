@@ -30,12 +30,12 @@ pub const METHODS: &[Method] = &[
 /// Returns the method of this name.
 ///
 /// # Errors
-/// When there is none; the error lists all names.
+/// When no method has this name; the error lists all names.
 pub fn find(id: &str) -> Result<&'static Method, ReconstructError> {
     Ok(names::find("method", id, METHODS, |method| method.id)?)
 }
 
-/// Run that was opened: its record, and the kind of model in its folder.
+/// An open run: its record, and the kind of model in its folder.
 #[derive(Debug)]
 pub struct OpenedRun {
     /// The run's record.
@@ -44,10 +44,10 @@ pub struct OpenedRun {
     pub model: &'static ModelFormat,
 }
 
-/// Reads a run's record and finds the kind of model that its method leaves.
+/// Reads a run's record and finds the model format of its method.
 ///
 /// # Errors
-/// When there is no record, its method is unknown, or it leaves no model.
+/// When the record is missing, its method is unknown, or the method leaves no model.
 pub fn open_run(folder: &Path) -> Result<OpenedRun, ReconstructError> {
     let path = folder.join(RUN_FILE);
     let record: RunRecord = store::read_record(&path)?;

@@ -1,7 +1,7 @@
 //! Names of a method with other components than its own: `odgs-with-short-schedule`,
 //! `omni4dgs-plus-without-mask-seeds`, `omni4dgs-plan-auto`.
 //!
-//! Tables show them in place of the method's name, so that no row claims to be what it is not.
+//! Tables show them in place of the method's name, so that every row has an exact name.
 
 use crate::registry::find;
 use omnilife_training::{
@@ -14,7 +14,7 @@ const WITH: &str = "-with-";
 const WITHOUT: &str = "-without-";
 const PLAN: &str = "-plan-";
 
-/// A method and what is asked of it beside its length and seed.
+/// A method with its requested components.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Variant {
     /// Id of the method.
@@ -23,12 +23,12 @@ pub struct Variant {
     pub with: Vec<String>,
     /// Components to leave out.
     pub without: Vec<String>,
-    /// How the others are decided; `None` is as the method has it by itself.
+    /// Plan of the other components; `None` is the method's own.
     pub plan: Option<PlanChoice>,
 }
 
 impl Variant {
-    /// What a request asks of a method.
+    /// Returns the variant of a request.
     pub fn of(method: &Method, request: &MethodRequest) -> Self {
         let sorted = |names: &[String]| {
             let mut names = names.to_vec();
@@ -45,11 +45,11 @@ impl Variant {
         }
     }
 
-    /// Reads a name: that of a method, and behind it any number of `-with-COMPONENT`,
-    /// `-without-COMPONENT`, and `-plan-auto` or `-plan-full`.
+    /// Reads a name: that of a method, and behind it any number of `-with-COMPONENT`, `-without-COMPONENT`, and
+    /// `-plan-auto` or `-plan-full`.
     ///
     /// # Errors
-    /// When there is no such method, or it has no such component.
+    /// When the method does not exist, or lacks a component.
     pub fn parse(name: &str) -> Result<Self, ReconstructError> {
         let (id, mut rest) = name.split_at(next_mark(name));
         let method = find(id)?;
@@ -70,11 +70,11 @@ impl Variant {
         }
         let request = variant.request(1, 0);
         method.check(&request, BackendChoice::Cpu)?;
-        // One name for one variant: results are told apart by it.
+        // One name for one variant: results are identified by it.
         Ok(Self::of(method, &request))
     }
 
-    /// The request that it stands for.
+    /// Returns its request.
     pub fn request(&self, iterations: u64, seed: u64) -> MethodRequest {
         let plan =
             || find(self.method).map_or(PlanChoice::Auto, |method| method.default_plan.into());
@@ -106,14 +106,14 @@ impl std::fmt::Display for Variant {
     }
 }
 
-/// Where the next mark of a text begins, or where it ends.
+/// Returns the position of the next mark of a text, or its length.
 fn next_mark(text: &str) -> usize {
     let marks = [WITH, WITHOUT, PLAN];
     let found = marks.iter().filter_map(|mark| text.find(mark)).min();
     found.unwrap_or(text.len())
 }
 
-/// The mark that a text begins with, and what is behind it.
+/// Returns the mark at the start of a text, and the rest.
 fn mark_of(text: &str) -> Option<(&'static str, &str)> {
     [WITH, WITHOUT, PLAN]
         .into_iter()
@@ -150,7 +150,7 @@ mod tests {
             let method = find(variant.method).expect("a method");
             assert_eq!(Variant::of(method, &variant.request(600, 3)), variant);
         }
-        // One name for one variant, in whatever order it was said.
+        // One name for one variant, in any order of its parts.
         let other = Variant::parse("omni4dgs-with-static-table-plan-full-with-mask-seeds");
         let name = other.map(|variant| variant.to_string());
         assert_eq!(

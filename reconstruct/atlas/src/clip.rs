@@ -1,4 +1,4 @@
-//! A clip as the method sees it: frames with cameras, images and the masks of objects.
+//! The clip of the method: frames with cameras, images and the masks of objects.
 
 use std::collections::BTreeMap;
 
@@ -17,7 +17,7 @@ use super::{
 };
 use omnilife_training::{error::ReconstructError, scene::TrainingScene};
 
-/// Frames to learn from.
+/// Training frames of a clip.
 #[derive(Debug, Clone)]
 pub struct Clip {
     /// Size and model of all images.
@@ -26,23 +26,23 @@ pub struct Clip {
     pub frames: Vec<ClipFrame>,
     /// Names of the objects.
     pub objects: Vec<String>,
-    /// From seconds to the time of splines.
+    /// Clock from seconds to the time of splines.
     pub clock: UnitClock,
-    /// Lines that a reader of the scores should know.
+    /// Warnings for readers of the scores.
     pub warnings: Vec<String>,
 }
 
-/// From seconds to [0, 1].
+/// Clock from seconds to [0, 1].
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct UnitClock {
     /// The time that is 0.
     pub begin_seconds: f64,
-    /// How long it takes to 1; positive.
+    /// The duration that becomes 1, seconds; positive.
     pub length_seconds: f64,
 }
 
 impl UnitClock {
-    /// The clock that begins at the earliest of some times and ends at the latest.
+    /// Returns the clock that starts at the earliest of some times and ends at the latest.
     pub fn of(times: impl Iterator<Item = f64> + Clone) -> Self {
         let begin_seconds = times.clone().fold(f64::INFINITY, f64::min);
         let length = times.fold(f64::NEG_INFINITY, f64::max) - begin_seconds;
@@ -52,7 +52,7 @@ impl UnitClock {
         }
     }
 
-    /// The time of splines.
+    /// Returns the time of splines.
     pub fn time(&self, seconds: f64) -> f64 {
         (seconds - self.begin_seconds) / self.length_seconds
     }
@@ -69,39 +69,39 @@ pub struct ClipFrame {
     pub pose: RigidPose,
     /// 8-bit RGB, row by row.
     pub pixels: Vec<u8>,
-    /// For each object, how much of each pixel it covers visibly, 255 for all of it; `None` where it is
-    /// nowhere in the frame.
+    /// Visible coverage of each pixel by each object, 255 for all of it; `None` where the object is not in the
+    /// frame.
     pub masks: Vec<Option<Vec<u8>>>,
-    /// Marks (not zero) the pixels that show nothing of the scene; `None` where there are none.
+    /// Marks (not zero) the pixels outside the scene; `None` where every pixel belongs to it.
     pub ignored: Option<Vec<u8>>,
 }
 
 impl ClipFrame {
-    /// The colour of a pixel, [0, 1].
+    /// Returns the colour of a pixel, [0, 1].
     pub fn colour(&self, pixel: usize) -> [f64; 3] {
         let bytes = &self.pixels[3 * pixel..3 * pixel + 3];
         [bytes[0], bytes[1], bytes[2]].map(|byte| f64::from(byte) / 255.0)
     }
 
-    /// How much of a pixel an object covers, [0, 1].
+    /// Returns the share of a pixel that an object covers, [0, 1].
     pub fn covered(&self, object: usize, pixel: usize) -> f64 {
         let mask = self.masks[object].as_ref();
         mask.map_or(0.0, |mask| f64::from(mask[pixel]) / 255.0)
     }
 
-    /// Whether a pixel shows something of the scene.
+    /// Returns true if a pixel belongs to the scene.
     pub fn shows_scene(&self, pixel: usize) -> bool {
         (self.ignored.as_ref()).is_none_or(|ignored| ignored[pixel] == 0)
     }
 
-    /// Whether any object covers a pixel by half or more.
+    /// Returns true if an object covers at least half of a pixel.
     pub fn is_covered(&self, pixel: usize) -> bool {
         (0..self.masks.len()).any(|object| self.covered(object, pixel) >= 0.5)
     }
 }
 
 impl Clip {
-    /// The input views of a scene; objects are connected pieces of their masks.
+    /// Makes a clip of the input views of a scene; objects are connected pieces of their masks.
     ///
     /// # Errors
     /// When the timestamps do not increase with the frames' numbers.
@@ -131,7 +131,7 @@ impl Clip {
         })
     }
 
-    /// The frames without their images.
+    /// Returns the frames without their images.
     pub fn footage(&self) -> Footage {
         let frames = self.frames.iter().map(|frame| TakenFrame {
             number: frame.number,
@@ -144,23 +144,23 @@ impl Clip {
         }
     }
 
-    /// Columns and rows of pixels.
+    /// Returns the columns and rows of pixels.
     pub fn size(&self) -> [usize; 2] {
         [self.camera.width() as usize, self.camera.height() as usize]
     }
 
-    /// Of a frame.
+    /// Returns the number of pixels of a frame.
     pub fn pixel_count(&self) -> usize {
         let [width, height] = self.size();
         width * height
     }
 }
 
-/// Masks of an object, one for each frame; `None` where it is nowhere.
+/// Masks of an object, one for each frame; `None` where the object is not visible.
 type ObjectMasks = Vec<Option<Vec<u8>>>;
 
-/// Names of objects, and for each its masks in some views: those that the scene names, or connected pieces
-/// of its masks.
+/// Returns the names of objects and the masks of each in some views: those that the scene names, or connected
+/// pieces of its masks.
 fn objects_of(
     scene: &TrainingScene,
     views: &[&TrainingView],
@@ -180,7 +180,7 @@ fn objects_of(
     (names.collect(), objects)
 }
 
-/// Camera to world of a view.
+/// Returns the pose of a view, camera to world.
 pub fn pose_of(view: &View) -> RigidPose {
     RigidPose {
         centre: view.centre.as_dvec3(),
@@ -190,7 +190,7 @@ pub fn pose_of(view: &View) -> RigidPose {
     }
 }
 
-/// The unit direction of an image place in the camera's frame.
+/// Returns the unit direction of a position in the image, in the camera's frame.
 pub fn camera_direction(camera: &Camera, place: DVec2) -> glam::DVec3 {
     match camera {
         Camera::Erp(camera) => camera.unproject(place),
@@ -199,7 +199,7 @@ pub fn camera_direction(camera: &Camera, place: DVec2) -> glam::DVec3 {
     .normalize()
 }
 
-/// Where a point of the camera's frame is in the image, pixels.
+/// Returns the position in the image of a point of the camera's frame, pixels.
 pub fn project(camera: &Camera, point: glam::DVec3) -> Option<DVec2> {
     match camera {
         Camera::Erp(camera) => camera.project(point),
@@ -207,12 +207,12 @@ pub fn project(camera: &Camera, point: glam::DVec3) -> Option<DVec2> {
     }
 }
 
-/// The place of a pixel's centre.
+/// Returns the position of a pixel's centre.
 pub fn pixel_centre(pixel: usize, width: usize) -> DVec2 {
     DVec2::new((pixel % width) as f64 + 0.5, (pixel / width) as f64 + 0.5)
 }
 
-/// The ray of an image place from a camera's pose.
+/// Returns the ray of a position in the image from a camera's pose.
 pub fn ray_of(pose: &RigidPose, direction: glam::DVec3) -> Ray {
     Ray {
         origin: pose.centre,

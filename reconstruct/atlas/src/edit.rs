@@ -28,7 +28,7 @@ use omnilife_training::{
 /// Applies a script to a run's atlas.
 ///
 /// # Errors
-/// When an edit names a part that is not there, makes no sense for it, or an image has no painted pixels.
+/// When an edit names a missing part or does not suit its part, or when an image has no painted pixels.
 pub(super) fn edit<'a>(
     folder: &'a Path,
     run: &RunRecord,
@@ -141,8 +141,8 @@ fn apply(graph: &mut Graph, edit: &Edit, folder: &Path, run: &RunRecord) -> Resu
     }
 }
 
-/// A node's distance from the camera where it was learnt: earlier shifts do not change it, so that there
-/// and back again is where it was.
+/// Returns a node's distance from the camera of its training. Earlier shifts do not change it, so that a shift
+/// and its reverse cancel.
 fn distance_of(node: &Node, camera: DVec3) -> f64 {
     match &node.offsets {
         Some(offsets) => offsets.unit,
@@ -176,7 +176,7 @@ fn trajectory_of(
     }
 }
 
-/// A node like another one, under a name of its own.
+/// Returns a copy of a node under another name.
 fn copied(node: &Node, id: &str) -> Node {
     let mut fields = Fields::default();
     for kind in FieldKind::ALL {
@@ -205,7 +205,7 @@ fn copied(node: &Node, id: &str) -> Node {
     }
 }
 
-/// An RGBA image, colours weighted by opacity.
+/// Reads an RGBA image with colours weighted by opacity.
 fn read_rgba(path: &Path) -> Result<Texture<4>, String> {
     let decoded = ImageFile::open(path).and_then(ImageFile::decode);
     let rgba = decoded.map_err(|error| error.to_string())?.to_rgba8();
@@ -226,12 +226,12 @@ fn read_rgba(path: &Path) -> Result<Texture<4>, String> {
     })
 }
 
-/// What was painted in a frame, over the node's atlas, and the share of the painted pixels that come back
-/// within half a pixel.
+/// Returns the paint of a frame over the node's atlas, and the share of the painted pixels that come back within
+/// half a pixel.
 ///
-/// The ray of every painted pixel is followed to the node and moved by the flow of the frame's moment; what
-/// was painted there is spread linearly over the four texels around. Texels between that got nothing take
-/// the mean of their neighbours.
+/// The ray of every painted pixel is followed to the node and moved by the flow of the frame's moment. Its paint
+/// is spread linearly over the four texels around. Texels without paint between painted ones take the mean of
+/// their neighbours.
 fn from_frame(
     graph: &mut Graph,
     node: usize,
@@ -305,8 +305,8 @@ fn from_frame(
         height: down,
         texels,
     };
-    // A pixel comes back where the atlas holds something painted within half of it; rays of neighbouring
-    // pixels say how far that is on the atlas.
+    // A pixel comes back if the atlas holds paint within half a pixel of it; rays of neighbouring pixels give
+    // that distance on the atlas.
     let half = 0.5
         * spacing(
             samples
@@ -327,7 +327,7 @@ fn from_frame(
     Ok((texture, returned))
 }
 
-/// Median distance on the atlas between pixels beside each other in a row.
+/// Returns the median distance on the atlas between neighbouring pixels of a row.
 fn spacing(places: impl Iterator<Item = (usize, DVec2)>) -> f64 {
     let places: Vec<(usize, DVec2)> = places.collect();
     let mut steps: Vec<f64> = places
@@ -339,7 +339,7 @@ fn spacing(places: impl Iterator<Item = (usize, DVec2)>) -> f64 {
     steps.get(steps.len() / 2).copied().unwrap_or(1.0)
 }
 
-/// Weighted sums as values; a texel that got nothing between two that did takes their mean.
+/// Returns weighted sums as values; a texel without paint between two painted ones takes their mean.
 fn without_holes(sums: &[[f32; 5]], across: usize, down: usize) -> Vec<[f32; 4]> {
     let value = |at: usize| {
         let [a, b, c, d, weight] = sums[at];

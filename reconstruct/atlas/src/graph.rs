@@ -1,4 +1,4 @@
-//! An atlas: its nodes, and what is learnt of the camera.
+//! An atlas: its nodes, and corrections of the camera.
 
 use glam::{DMat3, DVec3};
 use omnilife_engine::{camera::Camera, trajectories::rigid_spline::RigidPose};
@@ -14,15 +14,15 @@ use super::{
 pub struct Graph {
     /// Objects in the order of their names, the background last.
     pub nodes: Vec<Node>,
-    /// What is learnt of the camera's poses; `None` where they are given and exact.
+    /// Corrections of the camera's poses; `None` where the poses are given and exact.
     pub camera: Option<LearntOffsets>,
-    /// From seconds to the time of splines.
+    /// Clock from seconds to the time of splines.
     pub clock: UnitClock,
-    /// What it was learnt from.
+    /// The frames of its training.
     pub footage: Footage,
 }
 
-/// The frames that an atlas was learnt from, without their images.
+/// The training frames of an atlas, without their images.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Footage {
     /// Size and model of all frames.
@@ -31,7 +31,7 @@ pub struct Footage {
     pub frames: Vec<TakenFrame>,
 }
 
-/// When and from where a frame was taken.
+/// Time and pose of a frame.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct TakenFrame {
     /// Its number in the scene.
@@ -43,7 +43,7 @@ pub struct TakenFrame {
 }
 
 impl Footage {
-    /// The camera of the first frame.
+    /// Returns the camera's pose at the first frame.
     pub fn first_pose(&self) -> RigidPose {
         let still = RigidPose {
             centre: DVec3::ZERO,
@@ -53,10 +53,10 @@ impl Footage {
     }
 }
 
-/// Names of everything that is trained, in the order of [`Graph::parameter_counts`].
+/// Names of all trained parameters, in the order of [`Graph::parameter_counts`].
 pub const ARRAYS: [&str; 5] = ["colour", "opacity", "flow", "view", "trajectories"];
 
-/// What is shown of an atlas.
+/// Visible part of an atlas.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Shown {
@@ -64,14 +64,14 @@ pub enum Shown {
     All,
     /// One node alone, over black.
     Only(String),
-    /// How much a node covers of each pixel, with what is before it in front.
+    /// The share of each pixel that a node covers, with nearer nodes in front.
     Matte(String),
     /// All nodes but one.
     Without(String),
 }
 
 impl Graph {
-    /// Values that are learnt, by the names of [`ARRAYS`].
+    /// Returns the numbers of trained values, by the names of [`ARRAYS`].
     pub fn parameter_counts(&self) -> [usize; 5] {
         let mut sums = [0; 5];
         for node in &self.nodes {
@@ -84,12 +84,12 @@ impl Graph {
         sums
     }
 
-    /// Number of the node of this name.
+    /// Returns the number of the node of this name.
     pub fn find(&self, id: &str) -> Option<usize> {
         self.nodes.iter().position(|node| node.id == id)
     }
 
-    /// A camera's pose at a time, with what was learnt of it.
+    /// Returns a camera's pose at a time, with its correction.
     pub fn camera_pose(&self, given: &RigidPose, time: f64) -> RigidPose {
         match &self.camera {
             Some(offsets) => offsets.offsets().applied(given, time),
@@ -97,7 +97,7 @@ impl Graph {
         }
     }
 
-    /// Whether a parameter is not a finite number, and which.
+    /// Returns a message that names the first array with a parameter that is not a finite number.
     pub fn not_finite(&self) -> Option<String> {
         let is_bad = |values: &[f32]| values.iter().any(|value| !value.is_finite());
         for node in &self.nodes {

@@ -1,4 +1,4 @@
-//! An atlas that learns: batches of rays, phases, checkpoints.
+//! Training of an atlas: batches of rays, phases, checkpoints.
 
 use std::path::Path;
 
@@ -32,10 +32,10 @@ use omnilife_training::{
     random::{Purpose, stream},
 };
 
-/// Share of rays without a hit from which it is a warning.
+/// Minimum share of rays without a hit for a warning.
 const MANY_MISSED: f64 = 1e-3;
 
-/// An atlas with what trains it.
+/// An atlas with its training state.
 #[derive(Debug)]
 pub struct AtlasLearner {
     clip: Clip,
@@ -43,7 +43,7 @@ pub struct AtlasLearner {
     settings: Settings,
     /// Unit directions of the pixels' centres, camera.
     directions: Vec<DVec3>,
-    /// The first row whose rays a random number below it stands for, where rows differ in size.
+    /// For rows of different sizes: cumulative shares, from which a random number picks a row.
     row_shares: Vec<f64>,
     state: State,
     statistics: StepStatistics,
@@ -68,7 +68,7 @@ struct Header {
 }
 
 impl AtlasLearner {
-    /// Ready for the first step.
+    /// Makes a learner before its first step.
     pub fn new(clip: Clip, graph: Graph, settings: Settings) -> Self {
         let [width, height] = clip.size();
         let directions = (0..width * height)
@@ -103,17 +103,17 @@ impl AtlasLearner {
         }
     }
 
-    /// The atlas.
+    /// Returns the atlas.
     pub fn graph(&mut self) -> &mut Graph {
         &mut self.graph
     }
 
-    /// Hits of nodes so far.
+    /// Returns the number of hits of nodes so far.
     pub fn samples(&self) -> u64 {
         self.state.samples
     }
 
-    /// A frame and a pixel of it that shows the scene, evenly over the directions of an image.
+    /// Draws a frame and a pixel of its scene, evenly over the directions of an image.
     fn random_pixel(&mut self) -> [usize; 2] {
         let [width, height] = self.clip.size();
         loop {
@@ -122,14 +122,14 @@ impl AtlasLearner {
             let row = self.row_shares.partition_point(|&end| end < share);
             let column = self.state.rays.random_range(0..width);
             let pixel = row.min(height - 1) * width + column;
-            // No frame is without such pixels, so that one is found.
+            // Every frame has such pixels, so that the loop ends.
             if self.clip.frames[number].shows_scene(pixel) {
                 return [number, pixel];
             }
         }
     }
 
-    /// Rays at random pixels of random frames, evenly over the directions of an image.
+    /// Draws rays at random pixels of random frames, evenly over the directions of an image.
     fn batch(&mut self) -> (Rays, Targets) {
         let objects = self.clip.objects.len();
         let count = self.settings.rays;
@@ -221,7 +221,7 @@ impl Learner for AtlasLearner {
             .collect()
     }
 
-    /// A step on rays of all views: which view's turn it is says nothing.
+    /// Makes a step on rays of all views; the drawn view has no effect.
     fn step(&mut self, _view: usize, at: &Position) -> Result<(), EngineError> {
         self.iteration = at.iteration;
         let detail = self.settings.detail(at);

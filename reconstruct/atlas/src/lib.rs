@@ -3,13 +3,13 @@
 //! Source: J. P. Schneider et al., "Neural Atlas Graphs for Dynamic Scene Decomposition and Editing",
 //! `NeurIPS` 2025 (arXiv 2509.16336), its supplement, and its code <https://github.com/jp-schneider/nag>.
 //!
-//! * [`clip`]: what the method sees of a scene; [`linked_masks`]: objects from one mask per frame.
-//! * [`node`], [`graph`]: nodes, and the atlas that they make. [`initialize`]: the first ones.
-//! * [`shade`], [`render`], [`step`]: what rays see, images, and one step of the optimizer.
-//! * [`plan`]: which components a clip gives reason for. [`settings`]: sizes, rates, phases.
-//!   [`published`]: what the published code does otherwise, on request.
-//! * [`learner`]: batches and checkpoints. [`saved`]: an atlas in files. [`outputs`]: layers and images of
-//!   the atlas. [`edit`]: edits by a script.
+//! * [`clip`]: input of the method; [`linked_masks`]: objects from one mask per frame.
+//! * [`node`], [`graph`]: nodes, and the atlas that they make. [`initialize`]: first nodes.
+//! * [`shade`], [`render`], [`step`]: appearance along rays, images, and one step of the optimizer.
+//! * [`plan`]: components by the evidence of a clip. [`settings`]: sizes, rates, phases. [`published`]:
+//!   deviations of the published code, on request.
+//! * [`learner`]: batches and checkpoints. [`saved`]: an atlas in files. [`outputs`]: layers and images of the
+//!   atlas. [`edit`]: edits by a script.
 #![cfg_attr(not(test), warn(clippy::disallowed_methods))]
 
 pub mod clip;
@@ -84,7 +84,7 @@ pub const RAYS: MethodOption = MethodOption {
     default: "16384",
 };
 
-/// The loss on masks.
+/// Option of the loss on masks.
 pub const MASK_LOSS: MethodOption = MethodOption {
     id: "mask-loss",
     doc: "loss on masks: published weighs 0.005, under which an object's plane takes reflections and shadows \
@@ -93,7 +93,7 @@ pub const MASK_LOSS: MethodOption = MethodOption {
     values: OptionValues::Word(&["strong", "published"]),
     default: "strong",
 };
-/// Gradients by planes.
+/// Option of the gradients by planes.
 pub const GRADIENTS: MethodOption = MethodOption {
     id: "gradients",
     doc: "gradients by poses of planes: true, or rescaled as published, by one over an object's hits and, \
@@ -102,7 +102,7 @@ pub const GRADIENTS: MethodOption = MethodOption {
     values: OptionValues::Word(&["true", "published"]),
     default: "true",
 };
-/// Step sizes.
+/// Option of the step sizes.
 pub const SCHEDULE: MethodOption = MethodOption {
     id: "schedule",
     doc: "step sizes: decay has one for each kind of parameter, which falls by ten; published has 0.001 for \
@@ -155,12 +155,12 @@ pub const METHOD: Method = Method {
     },
 };
 
-/// First nodes of a clip, with what became of each object.
+/// First nodes of a clip, with the outcome for each object.
 #[derive(Debug)]
 pub struct FirstNodes {
     /// Objects in the order of their names, the background last; no fields yet.
     pub graph: Graph,
-    /// Which of the clip's objects have a node.
+    /// Numbers of the clip's objects that have a node.
     pub with_node: Vec<usize>,
     /// Distance of the background, normalized units.
     pub distance: f64,
@@ -239,7 +239,7 @@ fn knots_of(clip: &Clip) -> usize {
     (clip.frames.len().div_ceil(2)).max(1)
 }
 
-/// The clip without objects that have no node: the masks' numbers are those of the nodes.
+/// Returns the clip without objects that have no node: the masks' numbers are those of the nodes.
 fn with_nodes_alone(clip: Clip, with_node: &[usize]) -> Clip {
     let mut clip = clip;
     clip.objects = with_node.iter().map(|&o| clip.objects[o].clone()).collect();
@@ -314,7 +314,7 @@ fn add_fields_of(
         if !is_wanted {
             continue;
         }
-        // Angles ask for no more cells than the surface: its texels bound the levels alone.
+        // Angles need no more cells than the surface: its texels bound the levels alone.
         let all = if kind == FieldKind::View {
             f64::MAX
         } else {
@@ -327,7 +327,7 @@ fn add_fields_of(
     }
 }
 
-/// Settings as a request asks for them.
+/// Returns the settings of a request.
 fn settings_of(request: &MethodRequest) -> Settings {
     let mut settings = Settings::new(request.seed);
     let size = |option: &MethodOption| request.options.word(option).and_then(FieldSize::named);
@@ -383,7 +383,7 @@ fn prepare<'a>(
     })
 }
 
-/// What learning a clip begins with.
+/// Start of training on a clip.
 #[derive(Debug)]
 pub struct Begun {
     /// The atlas before its first step.
@@ -427,8 +427,9 @@ pub fn begin(
     })
 }
 
-/// Bytes that training takes: values, gradients and two moments of every parameter, and what a step keeps
-/// of its rays (activations of four fields of four hidden layers for one and a half hits of each).
+/// Returns the bytes that training takes: values, gradients and two moments of every parameter, and the stored
+/// activations of a step's rays. Those are of four fields of four hidden layers, for one and a half hits of each
+/// ray.
 fn training_bytes(values: usize, rays: usize) -> u64 {
     16 * values as u64 + rays as u64 * 9_000
 }

@@ -6,16 +6,16 @@
 
 use omnilife_training::scene::mask_pieces::{Piece, pieces};
 
-/// Pixels of which so much is covered are marked, of 255.
+/// Minimum coverage of a marked pixel, of 255.
 const MARKED: u8 = 128;
-/// Fewer frames make no object.
+/// Minimum number of frames of an object.
 const LEAST_FRAMES: usize = 3;
-/// A smaller share of the image in the largest frame makes none.
+/// Minimum share of the image in an object's largest frame.
 const LEAST_SHARE: f64 = 5e-4;
-/// Pieces that overlap by less are not the same, intersection over union.
+/// Minimum intersection over union of pieces of the same object.
 const LEAST_OVERLAP: f64 = 0.1;
 
-/// Masks of the objects that are found: for each object, one for each frame.
+/// Returns the masks of the objects that are found: for each object, one for each frame.
 pub fn linked(
     masks: &[Option<&[u8]>],
     [width, height]: [usize; 2],
@@ -79,7 +79,7 @@ pub fn linked(
     tracks.into_iter().filter(is_object).map(of_track).collect()
 }
 
-/// Intersection over union of sorted pixels.
+/// Returns the intersection over union of sorted pixels.
 fn overlap(a: &Piece, b: &Piece) -> f64 {
     let both = a
         .iter()

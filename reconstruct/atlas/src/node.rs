@@ -29,7 +29,7 @@ use serde::{Deserialize, Serialize};
 /// Weight of every field.
 pub const FIELD_WEIGHT: f64 = 0.1;
 
-/// What rays hit.
+/// Surface of a node.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", tag = "kind")]
 pub enum Surface {
@@ -37,7 +37,7 @@ pub enum Surface {
     Plane {
         /// Its sides, normalized units.
         size: DVec2,
-        /// Where it is, without what is learnt.
+        /// Its trajectory, without the trained correction.
         trajectory: RigidSpline,
     },
     /// The sphere around the cameras.
@@ -49,7 +49,7 @@ pub enum Surface {
     },
 }
 
-/// Where a ray meets a node.
+/// Hit of a node by a ray.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Hit {
     /// A rectangle.
@@ -59,7 +59,7 @@ pub enum Hit {
 }
 
 impl Hit {
-    /// Distance along the ray.
+    /// Returns the distance along the ray.
     pub fn distance(&self) -> f64 {
         match self {
             Self::Plane(hit) => hit.distance,
@@ -99,14 +99,14 @@ impl FieldKind {
     /// All of them.
     pub const ALL: [Self; 4] = [Self::Colour, Self::Opacity, Self::Flow, Self::View];
 
-    /// Its place in [`FieldKind::ALL`].
+    /// Returns its index in [`FieldKind::ALL`].
     pub fn number(self) -> usize {
         self as usize
     }
 }
 
 impl Fields {
-    /// A field.
+    /// Returns the field of a kind.
     pub fn get(&self, kind: FieldKind) -> Option<&GridField> {
         self.slot(kind).as_ref()
     }
@@ -120,7 +120,7 @@ impl Fields {
         }
     }
 
-    /// A field's place.
+    /// Returns the slot of a field.
     pub fn slot_mut(&mut self, kind: FieldKind) -> &mut Option<GridField> {
         match kind {
             FieldKind::Colour => &mut self.colour,
@@ -131,19 +131,19 @@ impl Fields {
     }
 }
 
-/// A learnt part of a trajectory, as Adam sees it: positions first, then rotation vectors.
+/// Trained corrections of a trajectory, as Adam sees them: positions first, then rotation vectors.
 #[derive(Debug)]
 pub struct LearntOffsets {
-    /// What an offset of 1 is.
+    /// Length of an offset of 1.
     pub unit: f64,
-    /// Whether rotations are learnt.
+    /// True if rotations are trained.
     pub with_rotation: bool,
     /// Three values per knot and kind.
     pub parameters: SharedParameters,
 }
 
 impl LearntOffsets {
-    /// Offsets of 0 for so many knots on [0, 1].
+    /// Returns offsets of 0 for so many knots on [0, 1].
     pub fn zero(inner: usize, unit: f64, with_rotation: bool) -> Self {
         let count = Knots::with_neighbours(inner).count;
         Self {
@@ -153,7 +153,7 @@ impl LearntOffsets {
         }
     }
 
-    /// As a trajectory's offsets.
+    /// Returns the offsets of a trajectory.
     pub fn offsets(&self) -> RigidOffsets {
         let values = &self.parameters.array.values;
         let vectors = |values: &[f32]| -> Vec<glam::DVec3> {
@@ -183,26 +183,26 @@ pub struct Overlay {
 pub struct Node {
     /// Name of the object, or `background`.
     pub id: String,
-    /// What rays hit.
+    /// Its surface.
     pub surface: Surface,
     /// Base colours.
     pub colour: Texture<3>,
     /// Base opacities, within (0, 1); none where the node is opaque.
     pub opacity: Option<Texture<1>>,
-    /// What is learnt over the surface.
+    /// Its fields over the surface.
     pub fields: Fields,
-    /// What is learnt of the trajectory.
+    /// Its trained corrections of the trajectory.
     pub offsets: Option<LearntOffsets>,
-    /// When the node is there, times in [0, 1].
+    /// Start and end of the node's existence, in [0, 1].
     pub times: [f64; 2],
-    /// How much later than its frames the node is shown, in the same unit (an edit).
+    /// Delay of the node against its frames, in the same unit (an edit).
     pub delay: f64,
-    /// What was painted on it (an edit).
+    /// An image painted on it (an edit).
     pub overlay: Option<Overlay>,
 }
 
 impl Node {
-    /// Whether it is there at a time.
+    /// Returns true if the node exists at a time.
     pub fn is_there(&self, time: f64) -> bool {
         // Half a millionth of the clip: less than a frame of any.
         const ROUNDING: f64 = 5e-7;
@@ -210,7 +210,7 @@ impl Node {
         own >= self.times[0] - ROUNDING && own <= self.times[1] + ROUNDING
     }
 
-    /// The given pose at a time; that of the sphere says only where it is.
+    /// Returns the given pose at a time; for the sphere that is its position alone.
     pub fn given_pose(&self, time: f64) -> RigidPose {
         match &self.surface {
             Surface::Plane { trajectory, .. } => trajectory.pose(time),
@@ -221,7 +221,7 @@ impl Node {
         }
     }
 
-    /// The pose at a time, with what was learnt.
+    /// Returns the pose at a time, with its correction.
     pub fn pose(&self, time: f64) -> RigidPose {
         let own = time - self.delay;
         let given = self.given_pose(own);
@@ -231,7 +231,7 @@ impl Node {
         }
     }
 
-    /// Where a ray meets it at a pose.
+    /// Intersects a ray with the node at a pose.
     pub fn hit(&self, ray: &Ray, pose: &RigidPose) -> Option<Hit> {
         match &self.surface {
             Surface::Plane { size, .. } => plane::hit(ray, pose, *size).map(Hit::Plane),
@@ -245,7 +245,7 @@ impl Node {
         }
     }
 
-    /// Coordinates of the surface: 2 on a plane, 3 on the sphere.
+    /// Returns the number of coordinates of the surface: 2 on a plane, 3 on the sphere.
     pub fn dimensions(&self) -> usize {
         match self.surface {
             Surface::Plane { .. } => 2,
@@ -253,14 +253,14 @@ impl Node {
         }
     }
 
-    /// Control points of its flow, without the one beyond each end.
+    /// Returns the control points of its flow, without the one beyond each end.
     pub fn flow_points(&self) -> Option<usize> {
         let flow = self.fields.flow.as_ref()?;
         Some(flow.shape().outputs / self.dimensions() - 2)
     }
 
-    /// Values that are learnt of each kind: of fields in the order of [`FieldKind::ALL`], then of the
-    /// trajectory.
+    /// Returns the number of trained values of each kind: of fields in the order of [`FieldKind::ALL`], then of
+    /// the trajectory.
     pub fn parameter_counts(&self) -> [usize; 5] {
         let mut counts = [0; 5];
         for kind in FieldKind::ALL {

@@ -1,4 +1,4 @@
-//! What a run of the method gives out: layers of views, and images of its atlas.
+//! Outputs of a run of the method: layers of views, and images of its atlas.
 
 use std::path::Path;
 
@@ -23,7 +23,7 @@ use omnilife_training::{
     models::{Export, ModelFormat, OpenRequest, OpenedModel, PlannedFiles},
 };
 
-/// Textured planes and spheres that move along trajectories.
+/// Model format of textured planes and spheres that move along trajectories.
 pub const ATLAS: ModelFormat = ModelFormat {
     files: &[saved::ATLAS_FILE, saved::ATLAS_VALUES_FILE],
     open: |request| Ok(Box::new(OpenedAtlas::open(request)?)),
@@ -34,7 +34,7 @@ pub const ATLAS: ModelFormat = ModelFormat {
 /// Layers of an atlas, by name.
 const LAYERS: &str = "all, background, object:ID, matte:ID or without:ID";
 
-/// An atlas with what is shown of it.
+/// An atlas with its visible part.
 struct OpenedAtlas {
     graph: Graph,
     shown: Shown,
@@ -63,7 +63,7 @@ impl OpenedModel for OpenedAtlas {
     }
 }
 
-/// The layer of this name.
+/// Returns the layer of this name.
 fn shown(graph: &Graph, folder: &Path, layer: &str) -> Result<Shown, ReconstructError> {
     let id = |id: &str| match find(graph, id) {
         Ok(_) => Ok(id.to_owned()),
@@ -83,10 +83,10 @@ fn shown(graph: &Graph, folder: &Path, layer: &str) -> Result<Shown, Reconstruct
     }
 }
 
-/// The number of a node.
+/// Returns the number of a node.
 ///
 /// # Errors
-/// When there is none of this name; the error lists all.
+/// When no node has this name; the error lists all names.
 pub(super) fn find(graph: &Graph, id: &str) -> Result<usize, String> {
     graph.find(id).ok_or_else(|| {
         let all: Vec<&str> = graph.nodes.iter().map(|node| node.id.as_str()).collect();
@@ -94,7 +94,7 @@ pub(super) fn find(graph: &Graph, id: &str) -> Result<usize, String> {
     })
 }
 
-/// What stands in the list of an atlas's images.
+/// An entry in the list of an atlas's images.
 #[derive(Debug, Serialize)]
 struct AtlasEntry {
     id: String,
@@ -107,8 +107,8 @@ struct AtlasEntry {
 /// Name of the list of an atlas's images.
 const LIST_FILE: &str = "nodes.json";
 
-/// Plans an RGBA image of each node of a run's atlas, and a list of them: base colour and the colour field, base
-/// opacity and the opacity field, without flow and view.
+/// Plans an RGBA image of each node of a run's atlas, and a list of them. Each has base colour and the colour
+/// field, base opacity and the opacity field, without flow and view.
 fn textures(run: &Path) -> Result<PlannedFiles<'static>, ReconstructError> {
     let graph = saved::read(run)?;
     let images = graph.nodes.iter().map(image_file);
@@ -157,7 +157,7 @@ fn write_textures(mut graph: Graph, out: &Path) -> Result<(), ReconstructError> 
     Ok(store::write_bytes(&list, &text)?)
 }
 
-/// RGBA of a node's surface, texel by texel.
+/// Returns the RGBA of a node's surface, texel by texel.
 fn node_image(node: &mut Node, width: usize, height: usize) -> Vec<u8> {
     let hits: Vec<Sample> = (0..width * height)
         .map(|texel| Sample {
@@ -182,7 +182,7 @@ fn node_image(node: &mut Node, width: usize, height: usize) -> Vec<u8> {
         .collect()
 }
 
-/// The hit of a ray straight onto a texel.
+/// Returns the hit of a ray straight onto a texel.
 fn hit_at(node: &Node, texel: usize, width: usize, height: usize) -> Hit {
     let (column, row) = (texel % width, texel / width);
     match node.surface {

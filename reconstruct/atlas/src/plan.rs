@@ -1,7 +1,7 @@
-//! Which components a clip gives reason for.
+//! Choice of components by the evidence of a clip.
 //!
-//! The first nodes, without any field, are held against the clip: what they leave unexplained, beside what
-//! the images' noise would leave, says what fields there have to be.
+//! The first nodes, without any field, are compared with the clip. Their residual beyond the images' noise
+//! decides on the fields.
 
 use glam::DVec3;
 use omnilife_engine::surfaces::{compose::compose, view_angle::view_angle};
@@ -23,29 +23,29 @@ use omnilife_training::{
 pub const FLOW: &str = "flow";
 /// Component: colours and opacities depend on the direction from which a surface is seen.
 pub const VIEW: &str = "view";
-/// Component: opacity is learnt beyond its base texture.
+/// Component: opacity is trained beyond its base texture.
 pub const OPACITY_FIELD: &str = "opacity-field";
-/// Component: planes of objects turn.
+/// Component: planes of objects rotate.
 pub const OBJECT_ROTATION: &str = "object-rotation";
 /// Component: the camera's poses are corrected.
 pub const CAMERA_OFFSETS: &str = "camera-offsets";
-/// Component: opacities are held against the masks.
+/// Component: opacities are compared with the masks.
 pub const MASK_LOSS: &str = "mask-loss";
-/// Component: flow and view fields begin coarse.
+/// Component: flow and view fields start coarse.
 pub const COARSE_TO_FINE: &str = "coarse-to-fine";
 
-/// A residual below so many times the noise needs no explanation.
+/// Residuals below this multiple of the noise need no explanation.
 const ABOVE_NOISE: f64 = 3.0;
-/// Angles of view span at least this, radians (1 degree).
+/// Minimum span of the angles of view, radians (1 degree).
 const LEAST_SPAN: f64 = std::f64::consts::PI / 180.0;
 /// Base opacities that overlap the masks by this need no field.
 const GOOD_OVERLAP: f64 = 0.98;
-/// A change of shape by less than this is no turn, pixels.
+/// Minimum change of shape that counts as a rotation, pixels.
 const LEAST_DEVIATION: f64 = 0.5;
-/// Pixels of each frame that are looked at, about.
+/// Approximate number of examined pixels of each frame.
 const LOOKED_AT: usize = 4000;
 
-/// What a node has.
+/// Components of a node.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct OfNode {
     /// A flow field.
@@ -54,35 +54,35 @@ pub struct OfNode {
     pub view: bool,
     /// An opacity field.
     pub opacity: bool,
-    /// A rotation that is learnt.
+    /// Trained rotations.
     pub rotation: bool,
 }
 
-/// What a clip gives reason for.
+/// Components for a clip.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Plan {
-    /// Node by node.
+    /// The components of each node.
     pub nodes: Vec<OfNode>,
-    /// Whether the camera's poses are corrected.
+    /// True if the camera's poses are corrected.
     pub camera_offsets: bool,
-    /// Whether opacities are held against the masks.
+    /// True if opacities are compared with the masks.
     pub mask_loss: bool,
-    /// Whether flow and view fields begin coarse.
+    /// True if flow and view fields start coarse.
     pub coarse_to_fine: bool,
     /// A line for each decision.
     pub decisions: Vec<ComponentDecision>,
 }
 
-/// What the first nodes leave unexplained.
+/// Residuals of the first nodes.
 #[derive(Debug, Clone, PartialEq, Default)]
 struct Measured {
     /// Root mean square of the residual where a node is in front, [0, 1].
     residual: f64,
-    /// From the smallest to the largest angle of view at which the node's middle is seen, radians.
+    /// Range of the angles of view to the node's middle, radians.
     span: f64,
     /// Overlap of base opacity and masks, intersection over union.
     overlap: f64,
-    /// How far the mask's outline departs from one that only moves and grows, pixels.
+    /// Deviation of the mask's outline from pure translation and scaling, pixels.
     deviation: f64,
 }
 
@@ -164,11 +164,11 @@ impl Plan {
     }
 }
 
-/// Standard deviation of what rounding to 8 bits does to a value in [0, 1]: there is no less noise.
+/// Standard deviation of the error of rounding a value in [0, 1] to 8 bits: the minimum of the noise.
 const ROUNDING: f64 = 0.288_675 / 255.0;
 
-/// Standard deviation of the images' noise, [0, 1]: from the mean absolute response to the difference of
-/// two Laplacians (Immerkaer 1996); fine texture counts as noise, too.
+/// Returns the standard deviation of the images' noise, [0, 1]. It comes from the mean absolute response to the
+/// difference of two Laplacians (Immerkaer 1996); fine texture counts as noise, too.
 fn noise(clip: &Clip) -> f64 {
     let [width, height] = clip.size();
     if width < 3 || height < 3 {
@@ -202,7 +202,7 @@ fn noise(clip: &Clip) -> f64 {
     measured.unwrap_or(0.0).max(ROUNDING)
 }
 
-/// Holds the base textures against the clip.
+/// Compares the base textures with the clip.
 fn measure(clip: &Clip, graph: &mut Graph) -> Vec<Measured> {
     let [width, _] = clip.size();
     let step = (clip.pixel_count() / LOOKED_AT).max(1);
@@ -295,8 +295,7 @@ fn measure(clip: &Clip, graph: &mut Graph) -> Vec<Measured> {
         .collect()
 }
 
-/// How much the width of a mask changes beside its height, pixels: what only moves and grows keeps their
-/// ratio.
+/// Returns the change of a mask's width against its height, pixels; translation and scaling keep their ratio.
 fn deviation(clip: &Clip, object: usize) -> f64 {
     let [width, height] = clip.size();
     let boxes: Vec<[f64; 2]> = clip
@@ -336,6 +335,6 @@ fn deviation(clip: &Clip, object: usize) -> f64 {
     };
     let mut changes: Vec<f64> = boxes.iter().map(|[w, h]| (w - middle * h).abs()).collect();
     changes.sort_by(f64::total_cmp);
-    // Nine frames of ten: one bad mask is no turn.
+    // Nine frames of ten: one bad mask is no rotation.
     changes[(changes.len() - 1) * 9 / 10]
 }

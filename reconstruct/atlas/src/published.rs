@@ -1,4 +1,4 @@
-//! What the published code does and this implementation does not, unless it is asked to.
+//! Deviations of the published code from this implementation, on request.
 //!
 //! * Its mask loss: weight 0.005, and pixels that another object covers count as not covered
 //!   (`loss/l1_mask_loss.py`).
@@ -13,16 +13,16 @@ use super::{graph::Graph, render::Seen};
 pub const EPOCHS: f64 = 80.0;
 /// Weight of the mask loss in all published configurations.
 pub const MASK_WEIGHT: f64 = 0.005;
-/// Step size of everything that is learnt, before the first plateau.
+/// Step size of all trained parameters, before the first plateau.
 pub const STEP_SIZE: f32 = 1e-3;
 
 /// Transmittances below this one divide nothing (`model/hooks.py`).
 const LEAST_TRANSMITTANCE: f64 = 1e-6;
-/// Bound on what a transmittance divides by. The published code has none: a layer that is nearly hidden
-/// has gradients a million times their size there.
+/// Maximum factor of a division by a transmittance. The published code has no maximum: a layer that is nearly
+/// hidden has gradients a million times their size there.
 const MOST_BY_TRANSMITTANCE: f64 = 1e3;
 
-/// What is done as published.
+/// Parts that follow the published code.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 pub struct Published {
     /// The mask loss.
@@ -33,11 +33,11 @@ pub struct Published {
     pub schedule: bool,
 }
 
-/// What gradients by poses, through distances of hits, are multiplied with: node by node, sample by sample.
+/// Returns the factors of the gradients by poses through distances of hits, node by node, sample by sample.
 ///
-/// At every moment an object that few rays hit gets as large a gradient as one that many hit: each is
-/// scaled by one over its hits, relative to the mean of that over the objects that are hit. While poses
-/// are learnt alone, gradients are divided by the transmittance before the layer.
+/// At every moment an object that few rays hit gets as large a gradient as one that many hit. Each is scaled by
+/// one over its hits, relative to the mean of that over the objects that are hit. While poses are trained alone,
+/// gradients are divided by the transmittance before the layer.
 pub fn scales_of_gradients(graph: &Graph, seen: &Seen, poses_alone: bool) -> Vec<Vec<f64>> {
     let moments = seen.poses.first().map_or(0, Vec::len);
     let is_object = |node: usize| graph.nodes[node].opacity.is_some();
@@ -89,11 +89,11 @@ fn by_transmittance(transmittance: f64) -> f64 {
     }
 }
 
-/// Halves step sizes where the loss of an epoch has not become smaller for a while: `ReduceLROnPlateau` of
-/// `PyTorch` with the published settings, from epoch 20 on.
+/// Halves step sizes after epochs without a smaller loss: `ReduceLROnPlateau` of `PyTorch` with the published
+/// settings, from epoch 20 on.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Plateau {
-    /// What step sizes are multiplied with.
+    /// Factor of the step sizes.
     factor: f32,
     /// The smallest loss of an epoch.
     best: Option<f64>,
@@ -125,15 +125,15 @@ impl Plateau {
     const FIRST_EPOCH: u32 = 20;
     const PATIENCE: u32 = 4;
     const COOLDOWN: u32 = 4;
-    /// A smaller loss is one that is smaller by this share.
+    /// Minimum relative decrease of a smaller loss.
     const THRESHOLD: f64 = 0.01;
 
-    /// The step size now.
+    /// Returns the current step size.
     pub fn step_size(&self) -> f32 {
         self.factor * STEP_SIZE
     }
 
-    /// Takes in the loss of a step at a share of the run.
+    /// Adds the loss of a step at a share of the run.
     pub fn add(&mut self, share: f64, loss: f64) {
         let epoch = (EPOCHS * share) as u32;
         if epoch > self.epoch {
@@ -172,8 +172,8 @@ impl Plateau {
 mod tests {
     use super::*;
 
-    /// As `torch.optim.lr_scheduler.ReduceLROnPlateau(factor=0.5, patience=4, threshold=0.01, cooldown=4)`
-    /// does it: the fifth bad epoch halves, then four are not counted.
+    /// Follows `torch.optim.lr_scheduler.ReduceLROnPlateau(factor=0.5, patience=4, threshold=0.01, cooldown=4)`:
+    /// the fifth bad epoch halves, then four are not counted.
     #[test]
     fn a_plateau_halves_step_sizes_after_patience_and_cooldown() {
         let mut plateau = Plateau::default();

@@ -1,4 +1,4 @@
-//! Colours of rays: hits with every node, what nodes look like there, layers.
+//! Colours of rays: hits with every node, the appearance there, layers.
 
 use glam::{DVec2, DVec3};
 use omnilife_engine::{
@@ -23,11 +23,11 @@ use super::{
 pub struct Moment {
     /// In [0, 1].
     pub time: f64,
-    /// The camera, without what is learnt.
+    /// The camera's pose, without its correction.
     pub given: RigidPose,
 }
 
-/// Rays to be coloured.
+/// Rays of a batch.
 #[derive(Debug, Default)]
 pub struct Rays {
     /// Moments.
@@ -38,23 +38,23 @@ pub struct Rays {
     pub directions: Vec<DVec3>,
 }
 
-/// What rays saw.
+/// Hits and appearance of rays.
 #[derive(Debug)]
 pub struct Seen {
     /// The rays in the scene.
     pub rays: Vec<Ray>,
     /// Hits, node by node.
     pub samples: Vec<Vec<Sample>>,
-    /// What they look like, node by node.
+    /// Their appearance, node by node.
     pub shaded: Vec<Shaded>,
     /// Poses of each node at each moment.
     pub poses: Vec<Vec<RigidPose>>,
-    /// Of each ray: node and number of its sample there.
+    /// Node and sample number of each hit, ray by ray.
     pub links: Vec<Vec<(usize, usize)>>,
 }
 
 impl Seen {
-    /// The layers of a ray, nearest first, with their links.
+    /// Returns the layers of a ray, nearest first, with their links.
     pub fn layers(&self, ray: usize) -> (Vec<Layer>, Vec<(usize, usize)>) {
         let mut links = self.links[ray].clone();
         let layer = |&(node, sample): &(usize, usize)| {
@@ -74,8 +74,8 @@ impl Seen {
 }
 
 impl Graph {
-    /// What rays see of the nodes that `is_shown` names. Where `keep` holds, fields keep what gradients
-    /// need.
+    /// Returns the appearance of the nodes that `is_shown` names along rays. If `keep` is true, fields store the
+    /// activations for gradients.
     pub fn see(
         &mut self,
         rays: &Rays,
@@ -133,9 +133,9 @@ impl Graph {
         }
     }
 
-    /// An image of what a view shows, in [0, 1], and how many of its rays hit nothing.
+    /// Returns the image of a view, in [0, 1], and the number of its rays without a hit.
     pub fn image(&mut self, view: &View, shown: &Shown) -> (RgbImage, usize) {
-        // Rows of pixels at once: as much as keeps fields' rows in the caches.
+        // Rows of pixels at once: as many as keep fields' rows in the caches.
         const RAYS: usize = 1 << 14;
         let (width, height) = (view.camera.width() as usize, view.camera.height() as usize);
         let named = match shown {

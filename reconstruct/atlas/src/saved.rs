@@ -261,7 +261,7 @@ impl Words<'_> {
     }
 }
 
-/// `None` where what there is cannot be read; `Some(None)` where there is nothing.
+/// Returns `None` for an unreadable value, and `Some(None)` for a missing one.
 fn optional<T, U>(value: Option<T>, read: impl FnOnce(T) -> Option<U>) -> Option<Option<U>> {
     match value {
         Some(value) => read(value).map(Some),

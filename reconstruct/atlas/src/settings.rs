@@ -1,4 +1,4 @@
-//! Settings of Neural Atlas Graphs, as they stand in a run's record.
+//! Settings of Neural Atlas Graphs, as written to a run's record.
 
 use omnilife_engine::{
     fields::{
@@ -22,9 +22,9 @@ use super::{
 pub struct Settings {
     /// Rays of a step.
     pub rays: usize,
-    /// Sizes of colour and opacity fields, at most; the extent of a node may give reason for less.
+    /// Maximum sizes of colour and opacity fields; the extent of a node may lower them.
     pub base_fields: FieldSize,
-    /// Sizes of flow and view fields, at most.
+    /// Maximum sizes of flow and view fields.
     pub motion_fields: FieldSize,
     /// Step sizes of hash tables.
     pub table_rate: Decay,
@@ -34,11 +34,11 @@ pub struct Settings {
     pub pose_rate: Decay,
     /// Weight of the mask loss; 0 leaves it out.
     pub mask_weight: f64,
-    /// What is done as published. Its schedule stands in for the three rates above.
+    /// Parts that follow the published code. Its schedule replaces the three rates above.
     pub published: Published,
-    /// Whether flow and view fields begin coarse.
+    /// True if flow and view fields start coarse.
     pub coarse_to_fine: bool,
-    /// Shares of the run at which colour and opacity join the poses, and flow and view join them.
+    /// Shares of the run at which colour and opacity start beside the poses, and at which flow and view start.
     pub phases: [f64; 2],
     /// Seed.
     pub seed: u64,
@@ -48,7 +48,7 @@ pub struct Settings {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum FieldSize {
-    /// As published.
+    /// The published size.
     Large,
     /// 12 levels of 2^15.
     Medium,
@@ -59,7 +59,7 @@ pub enum FieldSize {
 }
 
 impl FieldSize {
-    /// The size of this name.
+    /// Returns the size of this name.
     pub fn named(name: &str) -> Option<Self> {
         match name {
             "large" => Some(Self::Large),
@@ -70,7 +70,7 @@ impl FieldSize {
         }
     }
 
-    /// Levels, binary logarithm of their entries, layers of the network that are hidden, their width.
+    /// Returns levels, binary logarithm of their entries, number of hidden layers of the network, their width.
     fn sizes(self) -> (usize, u32, usize, usize) {
         match self {
             Self::Large => (16, 17, 5, 64),
@@ -80,8 +80,8 @@ impl FieldSize {
         }
     }
 
-    /// A field over a surface with so many texels along its longer side and in all: no level is finer
-    /// than the texels, and no table larger than their number asks for.
+    /// Returns a field over a surface with so many texels along its longer side and in all. No level is finer
+    /// than the texels, and no table is larger than their number requires.
     pub fn shape(self, dimensions: usize, outputs: usize, longer: f64, all: f64) -> GridFieldShape {
         let (levels, log2_entries, hidden_layers, width) = self.sizes();
         let needed = all.max(1.0).log2().ceil().max(8.0) as u32;
@@ -99,8 +99,8 @@ impl FieldSize {
 }
 
 impl Settings {
-    /// The defaults on a CPU: medium fields for colour and opacity, small ones for flow and view, and the
-    /// published shares of the phases (5, 15 and 60 of 80 epochs).
+    /// Returns the defaults on a CPU: medium fields for colour and opacity, small ones for flow and view. The
+    /// phases have their published shares (5, 15 and 60 of 80 epochs).
     pub fn new(seed: u64) -> Self {
         Self {
             rays: 1 << 14,
@@ -126,7 +126,7 @@ impl Settings {
         }
     }
 
-    /// What is learnt at a position of the run.
+    /// Returns the trained fields at a position of the run.
     pub fn detail(&self, at: &Position) -> Detail {
         let [colour, motion] = self.phases.map(|begin| at.share >= begin);
         let mut kinds = [false; 4];
@@ -144,7 +144,7 @@ impl Settings {
         }
     }
 
-    /// How fast.
+    /// Returns the step sizes at a position of the run.
     pub fn rates(&self, at: &Position, plateau: &Plateau) -> StepRates {
         let share = at.share as f32;
         let [poses, tables, networks] = if self.published.schedule {
@@ -162,8 +162,8 @@ impl Settings {
     }
 }
 
-/// Share of the features of flow and view that is used at an epoch (supplement eq. 5, 6, with the bound
-/// and the 0.4 of `callbacks/nag_callback.py`).
+/// Returns the share of the features of flow and view that is used at an epoch (supplement eq. 5, 6, with the
+/// bound and the 0.4 of `callbacks/nag_callback.py`).
 fn active_share(epoch: f64) -> f64 {
     let turn = (epoch / 64.0).min(1.0) * std::f64::consts::FRAC_PI_2;
     0.4 + 0.6 * (0.05 + turn.sin()).min(1.0)

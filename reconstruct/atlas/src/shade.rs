@@ -1,4 +1,4 @@
-//! What a node looks like where rays hit it, and the gradients of that.
+//! Appearance of a node at its hits, and its gradients.
 
 mod places;
 
@@ -33,21 +33,21 @@ pub struct Sample {
     pub ray: usize,
     /// Number of the moment, for poses and splines that all samples of a moment share.
     pub moment: usize,
-    /// Where.
+    /// Position of the hit.
     pub hit: Hit,
 }
 
-/// Which fields take part, and how fine.
+/// Evaluated fields, and their level of detail.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Detail {
-    /// Whether each kind of field takes part, in the order of [`FieldKind::ALL`].
+    /// True for each evaluated kind of field, in the order of [`FieldKind::ALL`].
     pub kinds: [bool; 4],
     /// Share of the features of flow and view that is used (coarse to fine).
     pub active_share: f64,
 }
 
 impl Detail {
-    /// Everything.
+    /// All fields at full detail.
     pub const FULL: Self = Self {
         kinds: [true; 4],
         active_share: 1.0,
@@ -65,46 +65,46 @@ impl Detail {
     }
 }
 
-/// What a sample looks like.
+/// Appearance of a sample.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Shade {
     /// Colour, [0, 1].
     pub colour: DVec3,
     /// Opacity, [0, 1].
     pub opacity: f64,
-    /// Where textures are read: `uv` with 0 behind it, or a unit direction.
+    /// Query of the textures: `uv` followed by 0, or a unit direction.
     pub query: DVec3,
     /// The colour before it is clamped.
     unclamped: DVec3,
     /// Derivatives of the base textures by the query: of each channel, then of the logit.
     by_query: [DVec3; 4],
-    /// What the flow field says on the sphere, before it is projected.
+    /// Output of the flow field on the sphere, before it is projected.
     flow: DVec3,
 }
 
-/// What samples look like, and what their gradients need.
+/// Appearance of samples, with the inputs of their gradients.
 #[derive(Debug)]
 pub struct Shaded {
     /// One for each sample.
     pub shades: Vec<Shade>,
     /// Control points of the flow at each moment.
     flow_weights: Vec<KnotWeights>,
-    /// Which fields were evaluated.
+    /// The evaluated kinds of fields.
     evaluated: [bool; 4],
 }
 
-/// Gradients by what samples look like.
+/// Gradients by the appearance of samples.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct ShadeGradient {
-    /// By the colour.
+    /// Gradient by the colour.
     pub colour: DVec3,
-    /// By the opacity.
+    /// Gradient by the opacity.
     pub opacity: f64,
 }
 
 impl Node {
-    /// What samples look like. `times` are those of the moments. Where `keep` holds, fields keep what
-    /// [`Node::shade_vjp`] needs.
+    /// Returns the appearance of samples. `times` are those of the moments. If `keep` is true, fields store the
+    /// activations for [`Node::shade_vjp`].
     pub fn shade(
         &mut self,
         samples: &[Sample],
@@ -212,7 +212,7 @@ impl Node {
         }
     }
 
-    /// Base textures with what fields add.
+    /// Adds the fields' outputs to the base textures.
     fn shade_of(&self, query: DVec3, flow: DVec3, colour: DVec3, logit: f64) -> Shade {
         let base = match self.surface {
             Surface::Plane { .. } => {
@@ -260,8 +260,8 @@ impl Node {
         }
     }
 
-    /// Gradients by the fields, which keep them, and by what was hit, from those by what samples look
-    /// like; after [`Node::shade`] of the same samples.
+    /// Returns gradients by the hits from those by appearance, and keeps those by the fields in the fields. Call
+    /// it after [`Node::shade`] of the same samples.
     pub fn shade_vjp(
         &mut self,
         samples: &[Sample],
@@ -351,7 +351,7 @@ impl Node {
             .collect()
     }
 
-    /// Gradients by the places of hits from those by queries, through the flow.
+    /// Returns gradients by the positions of hits from those by queries, through the flow.
     fn flow_vjp(
         &mut self,
         samples: &[Sample],
@@ -421,8 +421,8 @@ impl Node {
     }
 }
 
-/// Returns the gradient where a colour is clamped: only where it points inwards, so that no texel is lost for
-/// good beyond the bounds.
+/// Returns the gradient of a clamped colour: only if it points inwards, so that no texel stays beyond the bounds
+/// for good.
 pub fn let_inwards(unclamped: DVec3, upstream: DVec3) -> DVec3 {
     let pass = |value: f64, gradient: f64| {
         let is_outwards = (value < 0.0 && gradient > 0.0) || (value > 1.0 && gradient < 0.0);

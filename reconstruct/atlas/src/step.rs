@@ -4,9 +4,9 @@
 //! L = mean |C - C_image| + weight mean |alpha_o - M_o|
 //! ```
 //!
-//! over rays, and over rays and objects (Neural Atlas Graphs, supplement A.3). `alpha_o` is a plane's own
-//! opacity at the hit, 0 where it is missed. `M_o` is the visible mask; rays that another object's mask
-//! covers say nothing of it and are left out (the published code counts them: [`super::published`]).
+//! over rays, and over rays and objects (Neural Atlas Graphs, supplement A.3). `alpha_o` is a plane's own opacity
+//! at the hit, 0 where it is missed. `M_o` is the visible mask. Rays that another object's mask covers are left
+//! out (the published code counts them: [`super::published`]).
 
 use glam::{DMat3, DVec3};
 use omnilife_engine::{
@@ -27,32 +27,32 @@ use super::{
     shade::{Detail, ShadeGradient},
 };
 
-/// What a batch's rays should see.
+/// Targets of a batch's rays.
 #[derive(Debug, Default)]
 pub struct Targets {
     /// Colours, [0, 1].
     pub colours: Vec<DVec3>,
-    /// For each ray and object, how much the object covers it; `None` where another one hides it.
-    /// Empty without a mask loss.
+    /// The share of each ray that an object covers, ray by ray and object by object; `None` where another object
+    /// hides it. Empty without a mask loss.
     pub covered: Vec<Option<f64>>,
 }
 
-/// What a step learns, and how fast.
+/// Step sizes and options of a step.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct StepRates {
-    /// Of poses.
+    /// Step size of poses.
     pub poses: f32,
-    /// Of hash tables.
+    /// Step size of hash tables.
     pub tables: f32,
-    /// Of networks.
+    /// Step size of networks.
     pub networks: f32,
     /// Weight of the mask loss.
     pub mask_weight: f64,
-    /// Whether gradients by planes are rescaled as published.
+    /// True if gradients by planes are rescaled as published.
     pub rescales_gradients: bool,
 }
 
-/// What a step found.
+/// Results of a step.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct StepOutcome {
     /// The loss.
@@ -76,7 +76,7 @@ struct OfRay {
 }
 
 impl Graph {
-    /// The loss of a batch, and gradients by what nodes look like, node by node.
+    /// Returns the loss of a batch, and gradients by the appearance of nodes, node by node.
     pub fn loss(
         &self,
         seen: &Seen,
@@ -145,9 +145,9 @@ impl Graph {
         (outcome, gradients)
     }
 
-    /// Gradients by the fields, which keep them, by each node's pose at each moment and by the camera's.
-    /// `scales` are what gradients by poses through distances of hits are multiplied with, node by node
-    /// and sample by sample; without them they are what they are.
+    /// Returns gradients by each node's pose at each moment and by the camera's; those by the fields stay in the
+    /// fields. `scales` multiply the gradients by poses through distances of hits, node by node and sample by
+    /// sample; `None` leaves them unscaled.
     pub fn backward(
         &mut self,
         rays: &Rays,
@@ -188,7 +188,7 @@ impl Graph {
         (by_poses, by_camera)
     }
 
-    /// One step on a batch.
+    /// Makes one step on a batch.
     pub fn step(
         &mut self,
         rays: &Rays,
@@ -235,7 +235,7 @@ impl Graph {
 }
 
 impl LearntOffsets {
-    /// Gradients by the parameters from those by poses.
+    /// Returns gradients by the parameters from those by poses.
     pub fn gradients(&mut self, given: &[RigidPose], times: &[f64], by_poses: &[PoseGradient]) {
         let offsets = self.offsets();
         let count = offsets.positions.len();
@@ -276,7 +276,7 @@ impl LearntOffsets {
     }
 }
 
-/// The derivative of the absolute value; 0 at 0.
+/// Returns the derivative of the absolute value; 0 at 0.
 fn sign_of(value: f64) -> f64 {
     if value == 0.0 { 0.0 } else { value.signum() }
 }

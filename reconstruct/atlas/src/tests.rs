@@ -36,7 +36,7 @@ fn numbers(value: &Value) -> Vec<f64> {
         .collect()
 }
 
-/// Parameters as `scripts/golden/neural_atlas.py` makes them.
+/// Returns parameters as `scripts/golden/neural_atlas.py` makes them.
 fn wave(count: usize, phase: f64, size: f64) -> Vec<f32> {
     (0..count)
         .map(|at| (size * (1.3 * at as f64 + phase).sin()) as f32)
@@ -99,7 +99,7 @@ fn node(phase: f64, pose: [[f64; 3]; 2], size: [f64; 2], is_background: bool) ->
     }
 }
 
-/// The golden scene: three nodes and one ray.
+/// Returns the golden scene: three nodes and one ray.
 fn scene() -> (Graph, Rays) {
     let nodes = vec![
         node(
@@ -217,8 +217,8 @@ fn gradients_by_poses_are_golden() {
     }
 }
 
-/// Layers over black, one behind the other, are the image bit for bit; a node that no ray hits changes
-/// nothing where it is left out.
+/// Checks that layers over black, one behind the other, are the image bit for bit, and that leaving out a node
+/// without a hit changes nothing.
 #[test]
 fn layers_make_the_image() {
     let (mut graph, rays) = scene();
@@ -238,7 +238,7 @@ fn layers_make_the_image() {
     assert_eq!(compose(&alone), compose(&layers));
 }
 
-/// One ray hits both objects and the background, another the farther object and the background.
+/// Checks the scales of gradients: one ray hits both objects and the background, another the farther object and the background.
 #[test]
 fn published_gradients_are_scaled_by_hits_and_transmittance() {
     let (mut graph, mut rays) = scene();

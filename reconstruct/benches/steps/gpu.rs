@@ -1,11 +1,11 @@
 //! Cost of training steps and of density control on a GPU, measured on the device and at the host.
 //!
-//! Prints one line of JSON with the size and either `error`, the reason why it could not be measured, or
-//! `measured`, in seconds and bytes:
+//! Prints one line of JSON with the size and either `error`, the reason for a missing measurement, or `measured`,
+//! in seconds and bytes:
 //!
 //! * `stages`: for each stage the least seconds of all steps on the device, its kernels, and the bytes of their
 //!   buffers if each passes once for each kernel.
-//! * `wall_seconds`, `cpu_seconds`: one step among others, by the clock and by what the host computes.
+//! * `wall_seconds`, `cpu_seconds`: one step among others, by the clock and by the host's computation.
 //! * `bytes_read`: read back in 1,000 iterations, density control included.
 //! * `densifications`: one that needs more room, and one within it. `decision_seconds` last until the host goes
 //!   on, `device_seconds` from then on until the rows have moved; `made` counts buffers and bind groups.
@@ -179,14 +179,14 @@ fn take_least(stages: &mut Stages, step: Stages) {
     }
 }
 
-/// The scene that steps are made on.
+/// Scene of the steps.
 struct Subject {
     kind: SceneKind,
     gaussians: usize,
     width: u32,
     settings: TrainSettings,
     table: ParameterTable,
-    /// Arrays that learn.
+    /// Number of trained arrays.
     arrays: usize,
 }
 
@@ -194,7 +194,7 @@ impl Subject {
     fn new(kind: SceneKind, gaussians: usize, width: u32) -> Self {
         let mut settings = baseline::published_settings(30_000);
         settings.rendering.near = 0.01;
-        // All that are seen would grow.
+        // All visible Gaussians would grow.
         settings.densify.gradient_threshold = Threshold::constant(f32::MIN_POSITIVE);
         settings.densify.maximum_gaussians = Self::most_gaussians(gaussians, 2);
         let table = match kind {

@@ -11,7 +11,7 @@ use omnilife_reconstruct::process::own_cpu_time;
 
 use crate::scene::{scene, target, view};
 
-/// Everything that one training iteration touches.
+/// State of one training iteration.
 pub(crate) struct Iteration {
     /// The camera.
     pub(crate) view: View,

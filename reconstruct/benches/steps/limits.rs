@@ -2,11 +2,10 @@
 //! and operations per second on one thread, beside the machine's own limits measured in the same
 //! run.
 //!
-//! An evaluation is a Gaussian's opacity, at least 1/255, in a pixel that has not stopped, with
-//! everything that follows from it. Lanes that fall beside a footprint are work but no evaluations:
-//! they count against us. Operations per evaluation are counted in the formulas of
-//! `render/raster/mod.rs` as written (a fused multiply-add is two), not in what the compiler makes
-//! of them.
+//! An evaluation is a Gaussian's opacity, at least 1/255, in a pixel that has not stopped, with all operations
+//! that follow from it. Lanes outside of a footprint are work but not evaluations: they lower the rate.
+//! Operations per evaluation are counted in the formulas of `render/raster/mod.rs` as written (a fused
+//! multiply-add is two), not in the compiler's output.
 
 use std::{error::Error, hint::black_box, time::Instant};
 
@@ -27,8 +26,8 @@ use crate::{iteration::Iteration, number};
 /// Forward: square of the offset and its row (4), `2^t` (13), weight and transmittance (2), three
 /// colours (6).
 const FORWARD_OPERATIONS: f64 = 25.0;
-/// Backward: opacity and transmittance as forward (19); `g . c` (5), colours' gradient (6), what is
-/// behind (2), by opacity (4 and a division), by its logarithm (2), moments of the shape (11).
+/// Backward: opacity and transmittance as forward (19); `g . c` (5), colours' gradient (6), the part behind (2),
+/// by opacity (4 and a division), by its logarithm (2), moments of the shape (11).
 const BACKWARD_OPERATIONS: f64 = 50.0;
 /// Rounds, of which the fastest counts.
 const ROUNDS: usize = 15;
@@ -47,8 +46,8 @@ pub(crate) fn run(words: &[&str]) -> Result<(), Box<dyn Error>> {
     let settings = RenderSettings::new(0.01);
     let mut iteration = Iteration::new(count, width, settings);
     let evaluations = evaluations(&iteration, &settings) as f64;
-    // What a Gaussian's evaluations in a tile read and write beside the planes, which stay in the
-    // first cache: its splat, and its gradient.
+    // Memory traffic of a Gaussian's evaluations in a tile, beside the planes, which stay in the first cache: its
+    // splat, and its gradient.
     let (mut peak, mut bandwidth) = (0.0_f64, 0.0_f64);
     let mut best = [f64::INFINITY; 2];
     for _ in 0..ROUNDS {
@@ -82,7 +81,7 @@ pub(crate) fn run(words: &[&str]) -> Result<(), Box<dyn Error>> {
     Ok(())
 }
 
-/// Evaluations of one forward pass, by plain loops over the tiles' lists.
+/// Counts the evaluations of one forward pass, by plain loops over the tiles' lists.
 fn evaluations(iteration: &Iteration, settings: &RenderSettings) -> u64 {
     let rays = Rays::new(iteration.view.camera);
     let mut instant = iteration.instant.clone();
@@ -145,7 +144,7 @@ fn alpha(splats: &Splats, index: usize, rays: &Rays, column: usize, row: usize) 
     (splat.log2_opacity - 0.5 * std::f32::consts::LOG2_E * q).exp2()
 }
 
-/// Operations per second of independent fused multiply-adds on 8 lanes, in registers.
+/// Returns operations per second of independent fused multiply-adds on 8 lanes, in registers.
 fn multiply_adds_per_second() -> f64 {
     const STEPS: usize = 2_000_000;
     let begun = Instant::now();
@@ -170,7 +169,7 @@ fn multiply_adds<S: Simd>(simd: S, steps: usize) -> f32 {
     chains.iter().map(|chain| chain.reduce_sum()).sum()
 }
 
-/// Bytes per second of a copy that no cache holds, read and written.
+/// Returns bytes per second of a copy beyond all caches, read and written.
 fn bytes_per_second() -> f64 {
     const BYTES: usize = 1 << 27;
     let source = vec![1_u8; BYTES];

@@ -1,5 +1,5 @@
-//! Cost against size: CPU milliseconds per stage of a training iteration, over the number of
-//! Gaussians and over the number of pixels, with the slope of each stage in a log-log plot.
+//! Cost against size: CPU milliseconds per stage of a training iteration, over the numbers of Gaussians and of
+//! pixels. Each stage has its slope in a log-log plot.
 //!
 //! Writes `scaling.csv` (one row per size and stage) and `scaling.svg` (whole iterations) into the
 //! folder and prints the slopes. A slope above 1 is a stage that grows faster than its input.
@@ -18,7 +18,7 @@ const FIXED: (u32, usize) = (512, 50_000);
 const WARM_UP: usize = 1;
 const ROUNDS: usize = 4;
 
-/// What one size costs.
+/// Cost of one size.
 struct Measurement {
     series: &'static str,
     /// Gaussians or pixels, whichever varies.
@@ -98,7 +98,7 @@ fn of_series<'a>(
         .filter(move |measurement| measurement.series == series)
 }
 
-/// Slope of the straight line through the logarithms, for each stage.
+/// Prints the slope of the straight line through the logarithms, for each stage.
 fn print_slopes(series: &str, measurements: &[Measurement]) {
     println!(
         "| stage | first, ms | last, ms | slope over {series} | steepest step |\n|---|---:|---:|---:|---:|"
@@ -135,7 +135,7 @@ fn slope(points: &[(f64, f64)]) -> f64 {
     covariance / variance
 }
 
-/// Two log-log plots side by side: whole iterations over Gaussians and over pixels.
+/// Writes two log-log plots side by side: whole iterations over Gaussians and over pixels.
 fn plot(path: &Path, measurements: &[Measurement]) -> Result<(), Box<dyn Error>> {
     let area = SVGBackend::new(path, (900, 360)).into_drawing_area();
     area.fill(&WHITE)?;

@@ -1,4 +1,4 @@
-//! Scenes of a given size to measure with.
+//! Scenes of a given size for measurements.
 
 use std::f64::consts::PI;
 
@@ -22,8 +22,8 @@ use rand::{RngExt, SeedableRng};
 use rand_distr::{Distribution, StandardNormal};
 use rand_pcg::Pcg64Mcg;
 
-/// Returns Gaussians all around the camera as training leaves them: as wide as the distance to their
-/// neighbours, more or less, flattened and turned at random, 1 to 10 units away.
+/// Returns Gaussians all around the camera, as after training: about as wide as the distance to their neighbours,
+/// flattened and rotated at random, 1 to 10 units away.
 pub(crate) fn scene(count: usize) -> ParameterTable {
     let mut random = Pcg64Mcg::seed_from_u64(1);
     let mut table = static_gaussians::table(&initial(count, &mut random), 0);
@@ -50,7 +50,7 @@ fn initial(count: usize, random: &mut Pcg64Mcg) -> InitialGaussians {
     initial
 }
 
-/// Makes round Gaussians long and flat, and turns them.
+/// Makes round Gaussians long and flat, and rotates them.
 fn vary(table: &mut ParameterTable, random: &mut Pcg64Mcg) {
     let mut normal = || -> f32 { StandardNormal.sample(random) };
     for value in &mut table.arrays[static_gaussians::LOG_SCALES].values {
@@ -61,7 +61,7 @@ fn vary(table: &mut ParameterTable, random: &mut Pcg64Mcg) {
     }
 }
 
-/// Returns a camera at the centre of a [`scene`], turned.
+/// Returns a rotated camera at the centre of a [`scene`].
 pub(crate) fn view(width: u32) -> View {
     let rotation = DQuat::from_euler(glam::EulerRot::XYZ, 0.3, -1.1, 0.2);
     View {
@@ -90,7 +90,7 @@ const CLIP: Clock = Clock {
     duration_frames: 60.0,
 };
 
-/// Returns the network of Deformable-GS, which takes part from the first step on, in a [`CLIP`].
+/// Returns the network of Deformable-GS, active from the first step on, in a [`CLIP`].
 pub(crate) fn deformation() -> Deformable {
     let model = DeformationModel::published(3.0);
     let settings = DeformationSettings {
@@ -141,8 +141,8 @@ pub(crate) fn dynamics() -> DynamicSettings {
     }
 }
 
-/// Returns a [`scene`] whose Gaussians have times of their own: a tenth of them lives for two frames, the
-/// others for the whole clip.
+/// Returns a [`scene`] whose Gaussians have times of their own: a tenth of them with lifespans of two frames, the
+/// others with the whole clip.
 pub(crate) fn moving_scene(count: usize, dynamics: &DynamicSettings) -> ParameterTable {
     let mut random = Pcg64Mcg::seed_from_u64(1);
     let initial = initial(count, &mut random);

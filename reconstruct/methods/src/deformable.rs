@@ -1,4 +1,4 @@
-//! Deformable-GS: canonical Gaussians, and a network that says where they are at a time.
+//! Deformable-GS: canonical Gaussians, and a network that moves them to their positions at a time.
 //!
 //! Source: Z. Yang et al., "Deformable 3D Gaussians for High-Fidelity Monocular Dynamic Scene
 //! Reconstruction", CVPR 2024, and its repository (ingra14m/Deformable-3D-Gaussians).
@@ -63,22 +63,22 @@ pub const METHOD: Method = Method {
 
 /// Component: Gaussians are deformed; without it there is no network, and the method is odgs.
 const DEFORMATION: &str = "deformation";
-/// Component: noise on the time of training views, so that the network does not learn every view's
-/// errors at its very time (annealed smooth training).
+/// Component: noise on the time of training views, so that the network does not fit every view's errors at its
+/// exact time (annealed smooth training).
 const TIME_NOISE: &str = "time-noise";
 
 /// Length of the published schedule, iterations (`arguments/__init__.py` `deform_lr_max_steps`).
 const PUBLISHED_ITERATIONS: f64 = 40_000.0;
-/// Iterations in which the canonical Gaussians are trained alone (`warm_up`): a network that comes in
-/// before there is a scene explains the scene by motion.
+/// Iterations in which the canonical Gaussians are trained alone (`warm_up`): a network that starts without a
+/// scene explains the scene by motion.
 const WARM_UP_ITERATIONS: f64 = 3_000.0;
 /// The network's step size (`scene/deform_model.py`).
 const LEARNING_RATE: Decay = Decay {
     begin: 8e-4,
     end: 1.6e-6,
 };
-/// Noise on the time at first, training intervals, and the iteration at which it has gone
-/// (`train.py`). The scale is `PyTorch`'s standard deviation.
+/// First noise on the time, training intervals, and the iteration at which it has vanished (`train.py`). The
+/// scale is `PyTorch`'s standard deviation.
 const NOISE_INTERVALS: f32 = 0.1;
 const NOISE_ITERATIONS: f64 = 20_000.0;
 

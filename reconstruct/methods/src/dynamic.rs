@@ -1,4 +1,4 @@
-//! What the methods for dynamic scenes have in common: defaults, first Gaussians, components.
+//! Shared parts of the methods for dynamic scenes: defaults, first Gaussians, components.
 
 use std::mem::take;
 
@@ -27,12 +27,11 @@ use omnilife_training::{
     seeds::{masks::SeedVelocity, points},
 };
 
-/// Component: opacities rise and fall with time; without it no Gaussian has a lifespan, and none
-/// counts as dynamic.
+/// Component: opacities rise and fall with time. Without it Gaussians have no lifespan, and all count as static.
 pub(super) const TEMPORAL_OPACITY: &str = "temporal-opacity";
 /// Component: Gaussians move.
 pub(super) const TEMPORAL_MOTION: &str = "temporal-motion";
-/// Component: renders of neighbouring moments, moved on, are held against an image.
+/// Component: renders of neighbouring moments, moved on, are compared with an image.
 pub(super) const TEMPORAL_SMOOTHING: &str = "temporal-smoothing";
 /// First lifespans of scene points are the square root of this share of the clip (PVG
 /// `configs/waymo_nvs.yaml`, `t_init`).
@@ -50,8 +49,8 @@ pub(super) const TEMPORAL_DENSITY: &str = "temporal-density";
 pub(super) const FRAMES_PER_UNIT: f32 = 50.0;
 /// Cycle length: 0.2 units (PVG `configs/`).
 pub(super) const CYCLE_FRAMES: f32 = 0.2 * FRAMES_PER_UNIT;
-/// Least lifespan: a Gaussian that lives shorter is seen at one frame at most, and its gradients grow
-/// with the inverse square.
+/// Minimum lifespan: a shorter one is visible at one frame at most, and its gradients grow with the inverse
+/// square.
 const LEAST_LIFESPAN_FRAMES: f32 = 0.25;
 /// Largest lifespan: opacities are constant over any clip to a part in a million.
 const LARGEST_LIFESPAN_FRAMES: f32 = 1e6;
@@ -63,9 +62,9 @@ pub(super) const LIFESPANS: LifespanRange = LifespanRange {
     largest_frames: LARGEST_LIFESPAN_FRAMES,
 };
 
-/// PVG's density control in time, for a schedule as long as `settings` has it: a threshold of 2e-3
-/// per unit, clones up to 0.01 units, shorter lives from half of the densification on (PVG
-/// `arguments/__init__.py`, `no_time_split`).
+/// Returns PVG's density control in time, for a schedule as long as that of `settings` (PVG
+/// `arguments/__init__.py`, `no_time_split`). It has a threshold of 2e-3 per unit, clones up to 0.01 units, and
+/// shorter lifespans from half of the densification on.
 pub(super) fn temporal_density(settings: &TrainSettings) -> TemporalDensity {
     TemporalDensity {
         gradient_threshold: 2e-3 / FRAMES_PER_UNIT,
@@ -94,18 +93,17 @@ pub(super) fn add_learning_rates(settings: &mut TrainSettings, extent: f32) {
     );
 }
 
-/// What a velocity is measured in where it is rendered: PVG's, whose scenes have an extent of 1.
+/// Returns the unit of velocities where they are rendered: PVG's, whose scenes have an extent of 1.
 pub(super) fn velocity_unit(extent: f32) -> f32 {
     extent / FRAMES_PER_UNIT
 }
 
-/// `sqrt(share * duration)` in PVG's unit, in frames: first lifespans (PVG
-/// `scene/gaussian_model.py`).
+/// Returns first lifespans, `sqrt(share * duration)` in PVG's unit, in frames (PVG `scene/gaussian_model.py`).
 pub(super) fn first_lifespan(clock: &Clock, share: f32) -> f32 {
     (share * clock.duration_frames.max(1.0) * FRAMES_PER_UNIT).sqrt()
 }
 
-/// Peak times drawn evenly from the clip and a tenth of it on both sides.
+/// Draws peak times evenly from the clip and a tenth of it on both sides.
 fn scattered_times(clock: &Clock, len: usize, lifespan: f32, seed: u64) -> InitialTimes {
     let mut random = Pcg64Mcg::seed_from_u64(seed);
     let half = 0.5 * PEAK_RANGE * clock.duration_frames;
@@ -116,7 +114,7 @@ fn scattered_times(clock: &Clock, len: usize, lifespan: f32, seed: u64) -> Initi
     times
 }
 
-/// What a run begins with: Gaussians that never move and those that may.
+/// First Gaussians of a run: static ones and those that may move.
 #[derive(Debug, Default)]
 pub(super) struct Beginning {
     pub(super) fixed: InitialGaussians,
@@ -125,7 +123,7 @@ pub(super) struct Beginning {
 }
 
 impl Beginning {
-    /// The drafted Gaussians: those at scene points have this first lifespan and peaks all over the clip,
+    /// Returns the drafted Gaussians. Those at scene points have this first lifespan and peaks all over the clip;
     /// seeds have their own.
     pub(super) fn of(draft: &mut Draft<'_>, clock: &Clock, lifespan: f32) -> Self {
         let mut beginning = Self {
@@ -146,7 +144,7 @@ impl Beginning {
         self.times.extend(times);
     }
 
-    /// A model of both.
+    /// Makes a model of both.
     pub(super) fn model(&self, dynamics: &DynamicSettings, sh_degree: usize) -> Model {
         let fixed = static_gaussians::table(&self.fixed, sh_degree);
         let moving = dynamics.time.table(&self.moving, &self.times, sh_degree);
@@ -165,20 +163,19 @@ pub(super) fn decide_on_time(draft: &mut Draft<'_>) {
     }
 }
 
-/// What others cannot be without where no Gaussian depends on time.
+/// Returns the missing component that others require, if no Gaussian depends on time.
 pub(super) fn missing_time(draft: &Draft<'_>) -> Option<&'static str> {
     let depends = draft.is_used(TEMPORAL_OPACITY) || draft.is_used(TEMPORAL_MOTION);
     (!depends).then_some("time")
 }
 
-/// Lets the component of mask seeds begin so, where Gaussians have lives: seeds without an end would stay
-/// for the whole clip.
+/// Allows mask seeds where Gaussians have lifespans: seeds without an end would stay for the whole clip.
 pub(super) fn allow_seeds(draft: &mut Draft<'_>, seeding: Seeding) {
     let fades = draft.is_used(TEMPORAL_OPACITY);
     draft.seeding = fades.then_some(seeding);
 }
 
-/// Seeds at rest, as the published methods have them.
+/// Returns seeds at rest, as the published methods have them.
 pub(super) fn resting_seeds(clock: Clock) -> Seeding {
     Seeding {
         clock,
@@ -187,8 +184,8 @@ pub(super) fn resting_seeds(clock: Clock) -> Seeding {
     }
 }
 
-/// A model whose settings and components are decided. Where nothing depends on time it is a static
-/// one, and training knows nothing of time.
+/// Makes a model with its settings and components. If nothing depends on time it is a static one, and training
+/// ignores time.
 pub(super) fn prepared(
     mut draft: Draft<'_>,
     beginning: &Beginning,
@@ -208,7 +205,7 @@ pub(super) fn prepared(
     Ok(PreparedGaussians::new(draft, model))
 }
 
-/// The mean vertical of the input cameras.
+/// Returns the mean vertical of the input cameras.
 pub(super) fn down(scene: &TrainingScene) -> [f32; 3] {
     mean_vertical(scene.input_views.iter().map(|view| &view.view))
 }

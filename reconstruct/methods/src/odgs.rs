@@ -48,7 +48,7 @@ pub const METHOD: Method = Method {
     },
 };
 
-/// Static Gaussians at the points and in the sky.
+/// Prepares static Gaussians at the points and in the sky.
 fn prepare(
     scene: &TrainingScene,
     request: &MethodRequest,

@@ -1,4 +1,4 @@
-//! ODGS as its authors published it, defects included: to compare with, and for nothing else.
+//! ODGS as its authors published it, defects included: for comparison only.
 //!
 //! Source: <https://github.com/esw0116/ODGS>, `train.py`, `arguments/__init__.py`,
 //! `scene/gaussian_model.py` and its rasterizer (see [`omnilife_engine::render::published`]).
@@ -54,7 +54,7 @@ pub const METHOD: Method = Method {
 const GRADIENT_THRESHOLD: f32 = 1e-4;
 /// Added to the cameras' extent before sizes are compared with it, world units (ODGS `train.py`).
 const ADDED_EXTENT: f64 = 100.0;
-/// Gaussians nearer than this are not drawn, world units (ODGS `forward.cu`).
+/// Minimum distance of visible Gaussians, world units (ODGS `forward.cu`).
 const NEAR: f64 = 0.2;
 /// Least mean squared distance to the nearest neighbours, square world units (3DGS
 /// `scene/gaussian_model.py`).

@@ -1,4 +1,4 @@
-//! Omni4DGS: dynamic Gaussians on the sphere, told from static ones by masks.
+//! Omni4DGS: dynamic Gaussians on the sphere, separated from static ones by masks.
 //!
 //! Source: "OmniLife360", section 4, Eqs. 1 to 12. The paper gives neither weights nor first values
 //! nor rules of density; every such setting is named here with the reason for its value.
@@ -86,30 +86,29 @@ pub(super) const MOTION_REGULARIZATION: &str = "motion-regularization";
 /// Component: no velocities outside the masks (Eq. 9).
 pub(super) const VELOCITY_REGULARIZATION: &str = "velocity-regularization";
 
-/// Velocities (Eq. 3). `gamma`: weights "increase more smoothly in the equatorial region and decay
-/// more rapidly in the polar regions", a flat top, so below 1. Literal: with projections and weights
-/// nothing on the equator could approach. World: velocities that depend on who looks are none.
+/// Velocities (Eq. 3). `gamma`: weights "increase more smoothly in the equatorial region and decay more rapidly
+/// in the polar regions", a flat top, so below 1. Literal: with projections and weights nothing on the equator
+/// could approach. World: a velocity must not depend on the camera.
 const DECOMPOSITION: Decomposition = Decomposition {
     gamma: 0.5,
     form: VelocityForm::Literal,
     origin: DirectionOrigin::World,
 };
-/// `theta_dgm`, as PVG tells static from dynamic on Waymo (`separate_scaling_t` 0.2 over the cycle's
-/// 0.2), with the staticness `rho = beta / l`: the paper's `beta / tau` is singular at `tau = 0` and
-/// changes with the origin of time.
+/// `theta_dgm`, as PVG separates static from dynamic on Waymo (`separate_scaling_t` 0.2 over the cycle's 0.2),
+/// with the staticness `rho = beta / l`. The paper's `beta / tau` is singular at `tau = 0` and changes with the
+/// origin of time.
 const DYNAMIC_BELOW_STATICNESS: f32 = 1.0;
-/// First lifespan of scene points over the one below which Gaussians are dynamic, at least.
+/// Minimum ratio of the first lifespan of scene points to the one below which Gaussians are dynamic.
 const FIRST_OVER_DYNAMIC_LIFESPAN: f32 = 1.5;
-/// `lambda_dyn`: the dynamic region is small; more than the photometric loss pulls the dynamic
-/// Gaussians away from the image that both make.
+/// `lambda_dyn`: the dynamic region is small. A weight above that of the photometric loss pulls the dynamic
+/// Gaussians away from the image that static and dynamic ones make together.
 pub(super) const DYNAMIC_WEIGHT: f32 = 0.1;
 /// `lambda_d`, as `lambda` of 3DGS.
 const DYNAMIC_SSIM_WEIGHT: f32 = 0.2;
 /// `lambda_v`, as PVG on Waymo.
 const VELOCITY_WEIGHT: f32 = 0.01;
-/// `lambda_m`: at this weight a direction that changes by 0.1 rad per frame costs as much as an
-/// error of 1e-4 in all pixels; its gradient by one velocity is far below that of the image
-/// (docs/results/dynamic.md).
+/// `lambda_m`: at this weight a direction that changes by 0.1 rad per frame costs as much as an error of 1e-4 in
+/// all pixels. Its gradient by one velocity is far below that of the image (docs/results/dynamic.md).
 const MOTION_WEIGHT: f32 = 0.01;
 
 fn prepare(
@@ -161,7 +160,7 @@ pub(super) fn decide(draft: &mut Draft<'_>) {
     }
 }
 
-/// Settings of time as the paper's components that are used have them; without density control.
+/// Returns the settings of time by the paper's components that are used; without density control.
 pub(super) fn dynamics(draft: &Draft<'_>, clock: Clock) -> DynamicSettings {
     let velocity = if !draft.is_used(TEMPORAL_MOTION) {
         VelocityModel::None
@@ -205,9 +204,9 @@ pub(super) fn dynamics(draft: &Draft<'_>, clock: Clock) -> DynamicSettings {
     }
 }
 
-/// First lifespan of Gaussians at scene points, frames.
+/// Returns the first lifespan of Gaussians at scene points, frames.
 pub(super) fn first_lifespan(clock: &Clock, dynamics: &DynamicSettings) -> f32 {
-    // In a short clip too, points begin static: masks show what is dynamic.
+    // Points start static in a short clip too: masks show the dynamic region.
     let dynamic_below_frames = dynamics.dynamic_below_staticness * dynamics.time.cycle_frames;
     let least = FIRST_OVER_DYNAMIC_LIFESPAN * dynamic_below_frames;
     dynamic::first_lifespan(clock, dynamic::FIRST_LIFESPAN_SHARE).max(least)

@@ -1,10 +1,10 @@
-//! Omni4DGS without its overfitting in time: ours.
+//! Omni4DGS without its overfitting in time: this project's own method.
 //!
-//! The published method gains far more on input views than on novel ones. Its Gaussians can live for
-//! less than a frame: each input view gets some of its own, which are not there at the moments
-//! between. Here dynamic Gaussians live longer than the gap that a novel view leaves, begin with the
-//! velocity of their mask's connected component, move nearly straight while they live, and are held against
-//! images of neighbouring moments; nothing splits them in time.
+//! The published method gains far more on input views than on novel ones. Its Gaussians can have lifespans of
+//! less than a frame: each input view gets some of its own, which are missing at the moments between. Here
+//! dynamic Gaussians have lifespans above the gap of a novel view, and start with the velocity of their mask's
+//! connected component. They move nearly straight, and are compared with images of neighbouring moments. Density
+//! control never splits them in time.
 
 use omnilife_engine::model::dynamic_settings::TemporalSmoothing;
 
@@ -30,7 +30,7 @@ use omnilife_training::{
     seeds::masks::SeedVelocity,
 };
 
-/// Ours.
+/// Omni4DGS without overfitting in time.
 pub const METHOD: Method = Method {
     id: "omni4dgs-plus",
     title: "Omni4DGS, ours",
@@ -79,11 +79,11 @@ pub const METHOD: Method = Method {
     },
 };
 
-/// What depends on the gap between input views: how long Gaussians live, how far in time renders are compared,
-/// and what masks may demand.
+/// Settings by the gap between input views: lifespans, the distance in time of compared renders, and the weight
+/// of the masks.
 ///
-/// A novel view lies in a gap. Gaussians that die before its middle leave a hole or a ghost there, whatever
-/// the views on both sides look like.
+/// A novel view lies in a gap. Gaussians that vanish before its middle leave a hole or a ghost there, however the
+/// views on both sides look.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct GapSettings {
     least_frames: f32,
@@ -96,26 +96,25 @@ struct GapSettings {
 }
 
 impl GapSettings {
-    /// Of a scene whose input views are this many frames apart.
+    /// Returns the settings of a scene whose input views are this many frames apart.
     fn across(gap_frames: f32) -> Self {
         let half = 0.5 * gap_frames;
-        // One frame from its peak, where a novel view lies that follows an input view, a Gaussian still has
-        // 88 % of its opacity, and 61 % in the middle of a longer gap.
+        // A Gaussian still has 88 % of its opacity one frame from its peak, where a novel view lies that follows
+        // an input view. In the middle of a longer gap it has 61 %.
         let least_frames = half.max(2.0);
         Self {
             least_frames,
             seed_frames: least_frames.max(mask_seeds::LIFESPAN_FRAMES),
-            // As published, or else nothing would be dynamic in the longest gaps.
+            // The published value is the minimum: otherwise every Gaussian would be static in the longest gaps.
             dynamic_below_frames: (2.5 * least_frames).max(dynamic::CYCLE_FRAMES),
-            // Of the motion `sin(2 pi t / l) l / (2 pi) v`. With PVG's 10 frames a Gaussian swings by 1.6 times
-            // its velocity, in the 5 to 13 frames that it is seen, and turns round; what walks or drives goes
+            // Period of the motion `sin(2 pi t / l) l / (2 pi) v`. With PVG's 10 frames a Gaussian swings by 1.6
+            // times its velocity in the 5 to 13 frames of its visibility, and returns; pedestrians and cars go
             // on. With 40 frames it goes as far as 6.4 frames take it (docs/results/dynamic.md).
             cycle_frames: 20.0 * least_frames,
             smoothing_reach_frames: half.max(dynamic::SMOOTHING.reach_frames),
-            // The loss wants dynamic Gaussians to be empty outside of the masks, where shadows, reflections and
-            // what a segmenter missed change too. Where views are dense that costs more than it gives; where they
-            // are far apart it keeps what stands still out of the Gaussians that may change
-            // (docs/results/dynamic.md).
+            // The loss pulls dynamic Gaussians out of unmasked pixels, where shadows, reflections and unsegmented
+            // objects change too. In dense views that costs more than it gives. In sparse views it keeps the
+            // static region out of the Gaussians that may change (docs/results/dynamic.md).
             dynamic_weight: (0.01 * gap_frames).min(omni4dgs::DYNAMIC_WEIGHT),
         }
     }

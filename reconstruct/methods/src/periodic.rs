@@ -81,23 +81,21 @@ pub const METHOD: Method = Method {
 
 /// Component: velocities cost.
 const VELOCITY_LOSS: &str = "velocity-loss";
-/// Component: short lives cost.
+/// Component: short lifespans cost.
 const LIFESPAN_LOSS: &str = "lifespan-loss";
-/// The lifespan as that loss sees it, in PVG's unit; what lives for 2 units is not told apart from
-/// what lives longer (PVG `train.py`).
+/// Lifespan in that loss, in PVG's unit; all lifespans of 2 units and above count alike (PVG `train.py`).
 const LIFESPAN_FEATURE: LifespanFeature = LifespanFeature {
     unit_frames: FRAMES_PER_UNIT,
     largest_frames: 2.0 * FRAMES_PER_UNIT,
 };
-/// Weight of that loss (PVG `configs/kitti_nvs.yaml`, `lambda_t_reg`; the other configurations have
-/// none).
+/// Weight of that loss (PVG `configs/kitti_nvs.yaml`, `lambda_t_reg`; the other configurations do without it).
 const LIFESPAN_WEIGHT: f32 = 0.01;
 /// Step size of opacities (PVG `configs/waymo_nvs.yaml`): a tenth of that of 3DGS.
 const OPACITY_RATE: f32 = 5e-3;
 /// Image gradient from which Gaussians are cloned or split (PVG `configs/waymo_nvs.yaml`).
 const GRADIENT_THRESHOLD: f32 = 1.7e-4;
 /// Staticness below which a Gaussian is shown as dynamic: `separate_scaling_t` over `cycle` (PVG
-/// `configs/waymo_nvs.yaml`); nothing that is learnt depends on it.
+/// `configs/waymo_nvs.yaml`); it does not affect training.
 const DYNAMIC_BELOW_STATICNESS: f32 = 1.0;
 /// A Gaussian is not drawn at this share of its opacity or less (PVG `gaussian_renderer`).
 const LEAST_MARGINAL: f32 = 0.05;

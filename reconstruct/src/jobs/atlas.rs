@@ -10,7 +10,7 @@ use omnilife_training::error::ReconstructError;
 /// Writes an RGBA image of each surface of a run's model, and a list of them; returns the names of the files.
 ///
 /// # Errors
-/// When the run's model has no surfaces, a file of someone else would be replaced, or one cannot be written.
+/// When the run's model has no surfaces, a file of someone else would be replaced, or a file cannot be written.
 pub fn export(
     run: &Path,
     out: &Path,

@@ -1,5 +1,5 @@
-//! A panorama put together from the six faces of a cube, each rendered by the pinhole camera: what Gaussians
-//! that a perspective trainer left look like as that trainer draws them.
+//! Panoramas from the six faces of a cube, each rendered by the pinhole camera. They show the Gaussians of a
+//! perspective trainer as that trainer renders them.
 
 use glam::{DQuat, DVec3, dvec2};
 use omnilife_engine::camera::{Camera, View};
@@ -37,7 +37,7 @@ pub(super) fn panorama(
     Ok(Some(stitched(&faces, camera)))
 }
 
-/// Every pixel from the face that its direction meets, bilinear within the face.
+/// Samples every pixel from the face that its direction meets, bilinear within the face.
 fn stitched(faces: &[RgbImage], camera: ErpCamera) -> RgbImage {
     let (width, height) = (camera.width as usize, camera.height as usize);
     let mut panorama = RgbImage::black(width, height);

@@ -1,4 +1,4 @@
-//! A feed-forward method on one scene: the novel views of every group from its two given ones.
+//! A feed-forward method on one scene: the novel views of every group from its two input views.
 
 use omnilife_schemas::{
     RgbImage,
@@ -35,7 +35,7 @@ struct GroupRow {
     rendering_seconds: f64,
 }
 
-/// A scene and its split, whose images are read when they are needed.
+/// A scene and its split, with images that are read on demand.
 pub(crate) struct Frames<'a> {
     request: &'a ReconstructRequest,
     scene: &'a Scene,
@@ -44,8 +44,10 @@ pub(crate) struct Frames<'a> {
 }
 
 impl<'a> Frames<'a> {
+    /// Loads a scene and its split.
+    ///
     /// # Errors
-    /// When the split asks for images of no size that the scene has, or the camera is no ERP one.
+    /// When the split asks for images of another size than the scene's, or the camera is not equirectangular.
     pub(crate) fn new(
         request: &'a ReconstructRequest,
         scene: &'a Scene,
@@ -69,12 +71,11 @@ impl<'a> Frames<'a> {
         })
     }
 
-    /// Predicts the novel views of all groups into the run's folder and completes the run's record; returns the files
-    /// relative to that folder.
+    /// Predicts the novel views of all groups into the run's folder and completes the run's record; returns the
+    /// files relative to that folder.
     ///
     /// # Errors
-    /// When the split gives fewer than two views, an image cannot be read or a file cannot be
-    /// written.
+    /// When the split gives fewer than two views, an image cannot be read or a file cannot be written.
     pub(crate) fn make_views(
         &self,
         method: &str,
@@ -180,7 +181,7 @@ impl<'a> Frames<'a> {
     }
 }
 
-/// What became of a group.
+/// Result of a group.
 struct MadeGroup {
     row: GroupRow,
     files: Vec<String>,

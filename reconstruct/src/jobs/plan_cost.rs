@@ -1,8 +1,8 @@
-//! What a scene gives a method reason for, and what leaving out the rest saves.
+//! Components of a method by the evidence of a scene, and the savings from leaving out the rest.
 //!
-//! The decisions are the method's own, as a run makes them and its record keeps them.
-//! Here they stand beside the cost of the same method under the plan full: first Gaussians, bytes of
-//! their tables, and the time of a step, measured in turns ([`PairedSteps`]) where the plans differ.
+//! The decisions are the method's own, as a run makes and records them. Here they stand beside the cost of the
+//! same method under the plan full: first Gaussians, bytes of their tables, and the time of a step. Steps are
+//! measured in turns ([`PairedSteps`]) where the plans differ.
 
 use std::{collections::BTreeSet, path::Path};
 
@@ -26,9 +26,9 @@ pub struct ScenePlan {
     pub method: String,
     /// The scene.
     pub scene: String,
-    /// What is used and what is left out, with the evidence.
+    /// Used and left-out components, with the evidence.
     pub decisions: Vec<ComponentDecision>,
-    /// Size of the model at the beginning of its training.
+    /// Size of the model at the start of its training.
     pub planned: ModelSize,
     /// Its size under the plan full.
     pub full: ModelSize,
@@ -39,7 +39,7 @@ pub struct ScenePlan {
 /// Decides a method's components on a scene.
 ///
 /// # Errors
-/// When the scene cannot be loaded, or the request makes no sense for the method.
+/// When the scene cannot be loaded, or the request does not suit the method.
 pub fn decisions(
     scene: &Path,
     split: &Path,
@@ -55,7 +55,7 @@ pub fn decisions(
 /// Decides a method's components on a scene, and measures them against all of them.
 ///
 /// # Errors
-/// When the scene cannot be loaded, or the request makes no sense for the method.
+/// When the scene cannot be loaded, or the request does not suit the method.
 pub fn plan(
     scene: &Path,
     split: &Path,
@@ -110,7 +110,7 @@ fn are_the_same(left: &Prepared<'_>, right: &Prepared<'_>) -> bool {
 }
 
 impl ScenePlan {
-    /// The decisions as a Markdown table, and the cost.
+    /// Returns the decisions as a Markdown table, and the cost.
     pub fn text(&self) -> String {
         let mut text = format!("{} on {}\n\n", self.method, self.scene);
         text += "| Component | Used | Evidence |\n|---|---|---|\n";
@@ -169,8 +169,8 @@ fn milliseconds(seconds: Option<MedianRange>) -> String {
     )
 }
 
-/// Compares a step of one plan with one of another by the ratio of their times: in its direction with the range,
-/// or as no difference where the range has both directions.
+/// Compares a step of one plan with one of another by the ratio of their times. The text gives the direction with
+/// its range, or no difference where the range has both directions.
 fn steps_beside(ratio: Option<MedianRange>, pairs: usize) -> String {
     let Some(ratio) = ratio else {
         return "no step was measured".to_owned();
@@ -191,7 +191,7 @@ fn steps_beside(ratio: Option<MedianRange>, pairs: usize) -> String {
     )
 }
 
-/// A ratio in words: `29 % smaller`, `the same`. What a plan leaves out can be what saves memory.
+/// Writes a ratio in words: `29 % smaller`, `the same`. Left-out components can save memory.
 fn beside(ratio: f64, [less, more]: [&str; 2]) -> String {
     let percent = (100.0 * (ratio - 1.0)).round();
     match percent {

@@ -38,17 +38,17 @@ use omnilife_training::{
     scene,
 };
 
-/// Name of the checkpoint in the run's folder; it is there while a run is not over.
+/// Name of the checkpoint in the run's folder; it exists until the run ends.
 pub const CHECKPOINT_FILE: &str = "checkpoint.bin";
-/// What became of lifted pixels, in the folder of a run that began with them.
+/// Record of lifted pixels, in the folder of a run that started with them.
 pub const LIFT_FILE: &str = "lift.json";
 pub(super) const TRACE_FILE: &str = "trace.csv";
-/// Files of a training beside views, the record and the model.
+/// Files of a training run beside views, the record and the model.
 const TRAINING_FILES: [&str; 3] = [TRACE_FILE, LIFT_FILE, CHECKPOINT_FILE];
 pub(super) const INPUT_FOLDER: &str = "predictions/input";
 pub(crate) const NOVEL_FOLDER: &str = "predictions/novel";
 
-/// What to reconstruct, how, and where to.
+/// Request of a reconstruction.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ReconstructRequest {
     /// The scene.
@@ -57,22 +57,22 @@ pub struct ReconstructRequest {
     pub split: PathBuf,
     /// Name of the method.
     pub method: String,
-    /// What is asked of it.
+    /// Requested settings.
     pub settings: MethodRequest,
-    /// What computes.
+    /// Backend of the computation.
     pub backend: BackendChoice,
     /// Iterations between two checkpoints; 0 writes none.
     pub checkpoint_every: u64,
-    /// Novel views that are kept at each row of the trace, at most; all where none is given.
+    /// Maximum number of novel views at each row of the trace; `None` for all.
     pub trace_views: Option<usize>,
     /// Folder of the run.
     pub out: PathBuf,
 }
 
-/// Checks that there is such a method, and that what is asked of it makes sense.
+/// Checks that the method exists, and that the request suits it.
 ///
 /// # Errors
-/// When there is none, or it has no such component or backend.
+/// When the method does not exist, or lacks a requested component or backend.
 pub fn check(
     method: &str,
     settings: &MethodRequest,
@@ -81,13 +81,12 @@ pub fn check(
     registry::find(method)?.check(settings, backend)
 }
 
-/// Runs one method on one scene, or returns the stored record when nothing has changed. A training
-/// that was interrupted goes on from its checkpoint. Feed-forward methods learn nothing and leave no
-/// model, trace or input views.
+/// Runs one method on one scene, or returns the stored record if nothing has changed. An interrupted training run
+/// resumes from its checkpoint. Feed-forward methods do not train: they leave no model, trace or input views.
 ///
 /// # Errors
-/// When the scene cannot be loaded, the request makes no sense for the method, training diverges,
-/// the checkpoint is damaged, a file that no run has made is in the way, or one cannot be written.
+/// When the scene cannot be loaded, the request does not suit the method, training diverges, or the checkpoint is
+/// damaged. When a file of another origin is in the way, or a file cannot be written.
 pub fn reconstruct(
     request: &ReconstructRequest,
     progress: &dyn Progress,
@@ -108,7 +107,7 @@ pub fn reconstruct(
         return Ok(store::read_record(&record_path)?);
     }
     backends::check(request.backend)?;
-    // Until the checkpoint is gone, too: another process may have begun one of its own by then.
+    // The lock lasts until the checkpoint is gone: another process may have started one of its own by then.
     let _lock = FolderLock::take(&request.out, progress)?;
     stage.refuse_foreign_folder(TRACE_FOLDER)?;
     let planned = planned_files(method, &split);
@@ -147,7 +146,7 @@ pub fn reconstruct(
     Ok(record)
 }
 
-/// Returns the record of a run that has done nothing yet.
+/// Returns the record of a run at its start.
 fn begun_record(
     method: &Method,
     request: &ReconstructRequest,
@@ -202,7 +201,7 @@ fn begun_record(
     }
 }
 
-/// Refuses a scene whose camera turns where it stands to a method that needs places in space.
+/// Refuses a scene whose camera only rotates to a method that needs places in space.
 fn refuse_without_parallax(method: &Method, scene: &Scene) -> Result<(), ReconstructError> {
     if method.needs(Requirement::Parallax)
         && let PoseSource::Registered { reason, .. } = &scene.pose_source
@@ -217,7 +216,7 @@ fn refuse_without_parallax(method: &Method, scene: &Scene) -> Result<(), Reconst
     Ok(())
 }
 
-/// What a run may leave, relative to its folder; its checkpoint goes at the end.
+/// Returns the files that a run may leave, relative to its folder; its checkpoint is removed at the end.
 fn planned_files(method: &Method, split: &Split) -> Vec<String> {
     let views = |folder: &'static str, frames: &[u32]| {
         let files = frames.iter().map(|&frame| view_file(folder, frame));
@@ -228,7 +227,7 @@ fn planned_files(method: &Method, split: &Split) -> Vec<String> {
     if method.is_trained() {
         files.extend(views(INPUT_FOLDER, &split.input_views));
         others.extend(TRAINING_FILES);
-        // Those of an earlier run by another method are replaced or removed.
+        // Files of an earlier run by another method are replaced or removed.
         others.extend(registry::model_files());
     } else {
         others.push(GROUPS_FILE);
@@ -237,12 +236,12 @@ fn planned_files(method: &Method, split: &Split) -> Vec<String> {
     files
 }
 
-/// The file of a predicted view, relative to the run's folder.
+/// Returns the file of a novel view, relative to the run's folder.
 pub(crate) fn view_file(folder: &str, frame: u32) -> String {
     format!("{folder}/{frame:06}.png")
 }
 
-/// The stage with its inputs, and the inputs' hashes by name for the record.
+/// Returns the stage with its inputs, and the inputs' hashes by name for the record.
 fn plan_stage(
     request: &ReconstructRequest,
     scene: &Scene,
@@ -284,8 +283,8 @@ fn plan_stage(
     Ok((stage, inputs))
 }
 
-/// Makes a folder of views, and removes those of an earlier run, which another split would score by
-/// mistake, and nothing else.
+/// Makes a folder of views, and removes the views of an earlier run alone: another split would score them by
+/// mistake.
 pub(crate) fn prepare_predictions(
     stage: &StagePlan,
     out: &Path,

@@ -1,4 +1,4 @@
-//! Rendering models along given poses: those of runs in layers, and Gaussians of anyone.
+//! Rendering of models along given poses: those of runs in layers, and Gaussians of other programs.
 
 use std::{
     collections::BTreeSet,
@@ -26,20 +26,20 @@ use omnilife_training::{
     process,
 };
 
-/// What to render, from where, and where to.
+/// Request of a rendering.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RenderRequest {
     /// A run's folder, or a PLY of Gaussians.
     pub model: PathBuf,
     /// A `poses.json` or `scene.json`.
     pub poses: PathBuf,
-    /// Width and height in pixels; the scene's, or 1024x512, where none is given.
+    /// Width and height in pixels; by default the scene's, or 1024x512.
     pub size: Option<[u32; 2]>,
-    /// With which camera.
+    /// Camera of the images.
     pub camera: RenderCamera,
-    /// The layer that is shown, by the name that it has in models of that kind.
+    /// The visible layer, by its name in models of that kind.
     pub layer: String,
-    /// Panoramas are put together from perspective faces of a cube, this many pixels wide.
+    /// Width of the perspective cube faces that panoramas are made of, pixels.
     pub cube_faces: Option<u32>,
     /// Folder of the images.
     pub out: PathBuf,
@@ -48,7 +48,7 @@ pub struct RenderRequest {
 /// The camera of rendered images.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum RenderCamera {
-    /// That of the poses; ERP where they have none.
+    /// The camera of the poses; ERP for poses without a camera.
     OfPoses,
     /// ERP.
     Erp,
@@ -56,7 +56,7 @@ pub enum RenderCamera {
     Pinhole(f64),
 }
 
-/// What was rendered.
+/// Result of a rendering.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RenderedViews {
     /// PNG files `<number of the frame, 6 digits>.png`, in order.
@@ -65,25 +65,25 @@ pub struct RenderedViews {
     pub camera: Camera,
     /// Presentation timestamps in seconds, one per file.
     pub times_seconds: Vec<f64>,
-    /// Frames without a usable pose; they are left out.
+    /// Number of frames without a usable pose; they are left out.
     pub unposed: usize,
-    /// What a velocity map shows at most, world units per second; `None` for other layers.
+    /// Maximum of a velocity map, world units per second; `None` for other layers.
     pub largest_speed: Option<f64>,
 }
 
-/// Size of ERP images where neither the request nor the poses say one.
+/// Default size of ERP images, if the poses have no size.
 const DEFAULT_SIZE: [u32; 2] = [1024, 512];
-/// Memory that rendering takes per pixel, at least: colours, transmittance and depth in f32 as they
-/// are accumulated, the image of them, and its bytes as they are written.
+/// Minimum memory of rendering per pixel: accumulated colours, transmittance and depth in f32, their image, and
+/// its bytes for writing.
 const BYTES_PER_PIXEL: u64 = 5 * 4 + 3 * 4 + 3;
-/// Sides of images are at most this, pixels.
+/// Maximum side of images, pixels.
 const LARGEST_SIDE: u32 = 1 << 15;
 
 /// Renders every posed frame.
 ///
 /// # Errors
-/// When a file is missing or malformed, nothing is posed, an image that was not rendered here would
-/// be replaced, or one cannot be written.
+/// When a file is missing or malformed, no frame has a pose, an image of another origin would be replaced, or one
+/// cannot be written.
 pub fn render_poses(
     request: &RenderRequest,
     progress: &dyn Progress,
@@ -100,7 +100,7 @@ pub fn render_poses(
     let mut of_cameras = Similarity::from_most_cameras(&centres)
         .ok_or_else(|| ReconstructError::scene(&request.poses, "has no usable pose"))?;
     if centres.iter().all(|centre| *centre == centres[0]) {
-        // Cameras in one place say nothing of the size of the scene: its own unit is as good as any.
+        // Cameras in one place do not determine the size of the scene: its own unit is as good as any.
         of_cameras.scale = 1.0;
     }
     let camera = camera(request, path.camera)?;
@@ -150,7 +150,7 @@ pub fn render_poses(
         progress.end();
         outcome?;
         out.add_all(&images);
-        // Images of earlier renderings stay, and stay ours.
+        // Images of earlier renderings stay, and stay this stage's own.
         let own = stage.own_files();
         for OwnFile { file, .. } in own.files() {
             if !out.has(&file) && own.standing(&file)? == Standing::Ours {
@@ -165,7 +165,7 @@ fn image_file(number: usize) -> String {
     format!("{number:06}.png")
 }
 
-/// Opens what is to be rendered: a run of whatever kind, or a PLY of Gaussians.
+/// Opens a model: a run of any kind, or a PLY of Gaussians.
 fn open(
     request: &RenderRequest,
     of_cameras: Similarity,
@@ -189,7 +189,7 @@ fn open(
     })
 }
 
-/// Frames with their times and poses, and the camera where the file has one.
+/// Frames with their times and poses, and the camera if the file has one.
 struct CameraPath {
     camera: Option<Camera>,
     frames: Vec<(f64, Option<Pose>)>,

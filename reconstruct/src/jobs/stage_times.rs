@@ -13,7 +13,7 @@ use omnilife_schemas::{
 use crate::jobs::reconstruct::ReconstructRequest;
 use omnilife_training::method::{Method, requirement::Requirement};
 
-/// Stages that a scene's folder knows of: frames, and their poses.
+/// Stages in a scene's folder: frames, and their poses.
 const FRAMES: &str = "frames";
 const POSES: &str = "poses";
 /// The stage of a folder of dense points.

@@ -12,7 +12,7 @@ use omnilife_training::train::{trace::TracePoint, trace_views::TraceViews};
 /// Its name in the run's folder.
 pub(super) const TRACE_FOLDER: &str = "trace";
 
-/// Removes what killed processes left half-written along a trace, whose rows another run need not have.
+/// Removes half-written files of killed processes along a trace; another run may have other rows.
 pub(super) fn remove_abandoned(out: &Path) -> Result<(), StoreError> {
     let folder = path_inside(out, TRACE_FOLDER)?;
     if !folder.is_dir() {
@@ -25,13 +25,13 @@ pub(super) fn remove_abandoned(out: &Path) -> Result<(), StoreError> {
         .try_for_each(|folder| store::remove_abandoned(folder))
 }
 
-/// Whether a file of a run, relative to its folder, is one of them.
+/// Returns true if a file of a run, relative to its folder, is in this folder.
 pub(super) fn holds(file: &str) -> bool {
     let rest = file.strip_prefix(TRACE_FOLDER);
     rest.is_some_and(|rest| rest.starts_with('/'))
 }
 
-/// The views that stand at the rows of a trace, relative to the run's folder.
+/// Returns the views at the rows of a trace, relative to the run's folder.
 pub(super) fn files<'a>(
     trace: &'a [TracePoint],
     frames: &'a [u32],

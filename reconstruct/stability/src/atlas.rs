@@ -1,4 +1,4 @@
-//! Cases of atlases: rays on planes, layers, splines, hash grids, and clips that say little.
+//! Cases of atlases: rays on planes, layers, splines, hash grids, and clips with little evidence.
 
 mod clips;
 
@@ -174,7 +174,7 @@ pub(super) const CASES: &[SpecialCase] = &[
     },
 ];
 
-/// A case that passes where its function finds no fault.
+/// Judges a case: it passes if its function finds no fault.
 fn judge(action: &str, find: fn() -> Result<(), String>) -> Judgement {
     Judgement {
         action: action.to_owned(),

@@ -1,4 +1,4 @@
-//! What the cases of the catalogue consist of: the difficult Gaussians, with mild ones around them.
+//! Setups of the catalogue's cases: the difficult Gaussians, with mild ones around them.
 
 use glam::{DQuat, DVec3, dvec3};
 use omnilife_engine::render::settings::Footprint;
@@ -57,7 +57,7 @@ pub(super) fn camera_inside(footprint: Footprint) -> Setup {
     .with_footprint(footprint)
 }
 
-/// Needles with the longest axis a third of the distance.
+/// Returns needles with the longest axis a third of the distance.
 pub(super) fn needles(ratio: f64) -> Setup {
     let thin = 0.9 / ratio;
     straight([
@@ -78,7 +78,7 @@ pub(super) fn discs(ratio: f64) -> Setup {
     ])
 }
 
-/// Standard deviations of a share of the distance; small ones of a share of a pixel.
+/// Returns Gaussians with standard deviations of a share of the distance; small ones of a share of a pixel.
 pub(super) fn sized(share: f64) -> Setup {
     let pixel = std::f64::consts::PI / 24.0;
     let unit = if share < 0.1 { pixel } else { 1.0 };
@@ -115,7 +115,7 @@ pub(super) fn shifted_out(distance: f64) -> Setup {
     ])
 }
 
-/// Layers with an opacity of about 1/64, one behind the other; the gradients of some are judged.
+/// Returns layers with an opacity of about 1/64, one behind the other; the gradients of some are judged.
 pub(super) fn layers(count: usize) -> Setup {
     let gaussians = (0..count)
         .map(|index| {
@@ -136,7 +136,7 @@ pub(super) fn layers(count: usize) -> Setup {
     setup
 }
 
-/// The mild Gaussians in a world far away, or of another size: `scale` makes it normalized.
+/// Returns the mild Gaussians in a world far away, or of another size: `scale` makes it normalized.
 pub(super) fn in_world(offset: [f64; 3], scale: f64) -> Setup {
     let turn = DQuat::from_euler(glam::EulerRot::XYZ, 0.3, -1.1, 0.2);
     let similarity = Similarity { offset, scale };

@@ -1,4 +1,4 @@
-//! The catalogue: cases that make rendering and its gradient hard.
+//! The catalogue: difficult cases for rendering and its gradient.
 
 use crate::{
     Limits,
@@ -18,21 +18,21 @@ use omnilife_engine::render::settings::Footprint;
 pub struct Case {
     /// Id, unique among all cases.
     pub id: &'static str,
-    /// What it is, in words.
+    /// Title in words.
     pub title: &'static str,
-    /// What the code does about it, in words; empty where it needs to do nothing.
+    /// Handling in the code, in words; empty where none is needed.
     pub action: &'static str,
-    /// The parameterizations that the case is about.
+    /// Parameterizations of the case.
     pub about: &'static [InTime],
-    /// What there is.
+    /// Setup of the case.
     pub setup: fn() -> Setup,
-    /// What has to come out.
+    /// Expected result.
     pub expectation: Expectation,
-    /// What it may be off by.
+    /// Limits of the errors.
     pub limits: Limits,
 }
 
-/// What has to come out of a case.
+/// Expected result of a case.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Expectation {
     /// Image and gradient are those of the reference.
@@ -41,13 +41,13 @@ pub enum Expectation {
     ImageAgrees,
     /// The last Gaussians are left out, and the image is to the last bit the one without them.
     LeavesOut {
-        /// How many.
+        /// Number of degenerate Gaussians.
         degenerate: usize,
     },
 }
 
 impl Expectation {
-    /// The limits that were kept, in words.
+    /// Returns the limits that were kept, in words.
     pub(super) fn in_words(self, limits: &Limits) -> String {
         match self {
             Self::Agrees => format!(
@@ -63,13 +63,13 @@ impl Expectation {
     }
 }
 
-/// About ten times what most cases are off by, on the CPU and on a software adapter alike.
+/// About ten times the errors of most cases, on the CPU and on a software adapter alike.
 pub(super) const PLAIN_LIMITS: Limits = Limits {
     forward: 1e-5,
     gradient: 4e-4,
 };
 
-/// The same for gradients that are sums of large terms of both signs.
+/// Returns the plain limits with another limit for gradients that are sums of large terms of both signs.
 const fn with_gradient(gradient: f64) -> Limits {
     Limits {
         gradient,
@@ -87,7 +87,7 @@ pub(super) const PLAIN: Case = Case {
     limits: PLAIN_LIMITS,
 };
 
-/// All cases that are rendered.
+/// Returns all cases that are rendered.
 pub fn all() -> impl Iterator<Item = &'static Case> {
     CASES.iter().chain(in_time::CASES)
 }
@@ -98,7 +98,7 @@ pub(super) const LAYERED: Limits = Limits {
     gradient: 6e-3,
 };
 
-/// Those that are not about time.
+/// Cases without time.
 const CASES: &[Case] = &[
     Case {
         id: "mild",

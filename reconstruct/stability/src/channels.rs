@@ -1,5 +1,5 @@
-//! Cases about what a Gaussian shows beside one colour: harmonics of degrees 1 to 3, and feature channels
-//! such as the maps that masks supervise. Activated Gaussians are judged, on every device.
+//! Cases of Gaussians with more than one colour: harmonics of degrees 1 to 3, and feature channels such as the
+//! maps that masks supervise. Activated Gaussians are judged, on every device.
 
 use glam::{DQuat, DVec3, dvec3};
 use omnilife_schemas::{
@@ -23,7 +23,7 @@ use omnilife_training::error::ReconstructError;
 pub struct ChannelCase {
     /// Id, unique among all cases.
     pub id: &'static str,
-    /// What it is, in words.
+    /// Title in words.
     pub title: &'static str,
     sh_degree: usize,
     features: usize,
@@ -33,10 +33,10 @@ pub struct ChannelCase {
     limits: Limits,
 }
 
-/// Where a Gaussian is and how it lies: direction, distance, standard deviations, opacity.
+/// Position and shape of a Gaussian: direction, distance, standard deviations, opacity.
 pub(super) type Shape = (DVec3, f64, [f64; 3], f64);
 
-/// Ten times what is measured, on the CPU and on a software adapter alike.
+/// Ten times the measured errors, on the CPU and on a software adapter alike.
 const LIMITS: Limits = Limits {
     forward: 5e-6,
     gradient: 1e-4,
@@ -53,7 +53,7 @@ const PLAIN: ChannelCase = ChannelCase {
     limits: LIMITS,
 };
 
-/// All of them.
+/// All cases of channels.
 pub(super) const CASES: &[ChannelCase] = &[
     ChannelCase {
         id: "harmonics-1",
@@ -104,7 +104,7 @@ pub(super) const CASES: &[ChannelCase] = &[
     },
 ];
 
-/// A panorama of Gaussians of one colour each.
+/// Returns a panorama of Gaussians of one colour each.
 pub(super) fn setup_of(shapes: Vec<Shape>) -> (RefView, Vec<Gaussian>) {
     let case = ChannelCase {
         sh_degree: 0,
@@ -115,7 +115,7 @@ pub(super) fn setup_of(shapes: Vec<Shape>) -> (RefView, Vec<Gaussian>) {
 }
 
 impl ChannelCase {
-    /// Judges it on a device.
+    /// Judges the case on a device.
     ///
     /// # Errors
     /// When the device fails.
@@ -161,7 +161,7 @@ impl ChannelCase {
         (view, gaussians)
     }
 
-    /// With coefficients and features that depend on its number.
+    /// Returns a Gaussian with coefficients and features that depend on its number.
     fn gaussian(&self, number: usize, (direction, distance, scale, opacity): Shape) -> Gaussian {
         let wave = |index: usize| (1.3 * number as f64 + 0.9 * index as f64).sin();
         let bands = sh_rest_count(self.sh_degree) + 1;
@@ -255,7 +255,7 @@ pub(super) fn layers() -> Vec<Shape> {
         .collect()
 }
 
-/// Image, features and gradients of a device against the reference.
+/// Compares image, features and gradients of a device with the reference.
 fn measure(
     view: &RefView,
     gaussians: &[Gaussian],
@@ -311,8 +311,8 @@ fn measure(
     })
 }
 
-/// Gradients of the kernels in the order of [`Gaussian::parameters`], one row per Gaussian. The reference
-/// normalizes quaternions, so only what is orthogonal to them counts.
+/// Returns gradients of the kernels in the order of [`Gaussian::parameters`], one row per Gaussian. The reference
+/// normalizes quaternions, so only the part orthogonal to them counts.
 pub fn gradient_rows(
     gaussians: &ActivatedGaussians,
     gradient: &ActivatedGaussians,
@@ -337,7 +337,7 @@ pub fn gradient_rows(
         .collect()
 }
 
-/// The largest error of a value, relative to its size or to the root mean square of its array.
+/// Returns the largest error of a value, relative to its size or to the root mean square of its array.
 fn largest_error(shape: &Gaussian, found: &[Vec<f64>], expected: &[Vec<f64>]) -> f64 {
     let (mut worst, mut begin) = (0.0_f64, 0);
     for (_, width) in parameter_arrays(shape) {

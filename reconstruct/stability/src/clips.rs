@@ -1,5 +1,4 @@
-//! Clips that leave methods little to learn from: a few steps of training on each, by every method that
-//! knows of time.
+//! Clips with little to learn from: a few steps of training on each, by every method with time.
 
 use glam::{DQuat, DVec3};
 use omnilife_schemas::{
@@ -24,7 +23,7 @@ const ITERATIONS: u64 = 12;
 const LONG_ITERATIONS: u64 = 3_000;
 const FRAMES: u32 = 6;
 
-/// All of them.
+/// All cases of clips.
 pub(super) const CASES: &[SpecialCase] = &[
     SpecialCase {
         id: "masks-empty",
@@ -74,7 +73,7 @@ fn fill_masks(scene: &mut TrainingScene, value: u8) {
     }
 }
 
-/// Half of the frames come ten thousand after the others.
+/// Moves half of the frames ten thousand frames after the others.
 fn lengthen(scene: &mut TrainingScene) {
     for view in &mut scene.input_views {
         let gap = if view.frame < FRAMES / 2 { 0.0 } else { 1e4 };
@@ -82,7 +81,7 @@ fn lengthen(scene: &mut TrainingScene) {
     }
 }
 
-/// What a run has to be better by in the end: its loss over that of its beginning.
+/// Maximum loss at the end of a run, over that at its start.
 const LEARNT: f64 = 0.5;
 
 /// Trains with all components for thousands of steps: errors that grow slowly show only then.
@@ -129,7 +128,7 @@ fn train_long() -> Judgement {
     }
 }
 
-/// Trains every method, with all components and with those that it finds reason for.
+/// Trains every method, with all components and with those of its plan.
 fn train_all(change: impl Fn(&mut TrainingScene)) -> Judgement {
     let Some(mut scene) = scene() else {
         return Judgement::failed("the scene has a camera without a place".to_owned());
@@ -204,8 +203,8 @@ fn fault_in(mut outcome: MethodOutcome<'_>) -> Option<String> {
         .then(|| "lifespans left their bounds".to_owned())
 }
 
-/// A camera that walks through a ball of coloured stripes while a red disc passes in front of it.
-/// `None` cannot be: every camera has a place.
+/// Returns a scene: a camera moves through a ball of coloured stripes while a red disc passes in front of it.
+/// `None` cannot occur: every camera has a position.
 fn scene() -> Option<TrainingScene> {
     let camera = ErpCamera {
         width: 48,

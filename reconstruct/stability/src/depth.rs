@@ -1,4 +1,4 @@
-//! Cases of distances: lifting them, bringing views together, and the surface that they are fused to.
+//! Cases of distances: their lift, the agreement of views, and their fused surface.
 
 use glam::{Mat3, Vec3, vec3};
 use omnilife_engine::{
@@ -68,7 +68,7 @@ fn image(value: impl Fn(usize, usize) -> f32) -> DistanceImage {
     }
 }
 
-/// Distances of the walls of a cube of half a side `half` from its middle.
+/// Returns distances of the walls of a cube of half a side `half` from its middle.
 fn cube(half: f32) -> DistanceImage {
     image(|column, row| {
         let longitude = ((column as f32 + 0.5) / 64.0 - 0.5) * std::f32::consts::TAU;
@@ -95,7 +95,7 @@ fn lifted(view: &View, distances: &DistanceImage) -> Lifted {
     lift(&given, 0, &LiftSettings::OF_BEST_VIEWS)
 }
 
-/// Passes where there is no fault.
+/// Returns a judgement that passes without a fault.
 fn judged(action: impl Into<String>, fault: Option<String>) -> Judgement {
     Judgement {
         action: action.into(),
@@ -105,7 +105,7 @@ fn judged(action: impl Into<String>, fault: Option<String>) -> Judgement {
     }
 }
 
-/// What is wrong with samples, if anything.
+/// Returns the fault of samples, if they have one.
 fn fault_of(lifted: &Lifted) -> Option<String> {
     let gaussians = &lifted.gaussians;
     let is_size = |scale: &f32| *scale > 0.0 && scale.is_finite();

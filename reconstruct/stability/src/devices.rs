@@ -1,4 +1,4 @@
-//! What renders a case: the CPU, or a GPU.
+//! Devices that render a case: the CPU, or a GPU.
 
 use std::{cell::RefCell, sync::Arc};
 
@@ -28,10 +28,10 @@ pub enum DeviceKind {
 }
 
 impl DeviceKind {
-    /// All of them.
+    /// Both kinds.
     pub const ALL: [Self; 2] = [Self::Cpu, Self::Gpu];
 
-    /// Its name in reports.
+    /// Returns its name in reports.
     pub fn id(self) -> &'static str {
         match self {
             Self::Cpu => "cpu",
@@ -40,7 +40,7 @@ impl DeviceKind {
     }
 }
 
-/// A device that is ready.
+/// An open device.
 #[derive(Debug)]
 pub struct Device {
     gpu: Option<GpuDevice>,
@@ -57,7 +57,7 @@ struct GpuDevice {
 impl GpuDevice {
     fn open() -> Result<Self, EngineError> {
         let gpu = Arc::new(Gpu::open()?);
-        // Cases bring settings of their own.
+        // Cases have settings of their own.
         let renderer = GpuRenderer::new(Arc::clone(&gpu), RenderSettings::new(0.0));
         Ok(Self {
             activator: GpuActivator::new(Arc::clone(&gpu))?,
@@ -74,7 +74,7 @@ pub struct RoundTrip {
     pub colour: Vec<f32>,
     /// Gradients of [`Device::weights`] times colour, by the raw parameters.
     pub table: ParameterTable,
-    /// Gaussians that were drawn.
+    /// Number of drawn Gaussians.
     pub drawn: usize,
 }
 
@@ -85,13 +85,13 @@ pub struct ActivatedRoundTrip {
     pub colour: Vec<f32>,
     /// Plane after plane.
     pub features: Vec<f32>,
-    /// Gradients of the weighted image by what the Gaussians are.
+    /// Gradients of the weighted image by the activated parameters.
     pub gradient: ActivatedGaussians,
-    /// Gaussians that were drawn.
+    /// Number of drawn Gaussians.
     pub drawn: usize,
 }
 
-/// Gaussians of a part, and what takes gradients by them back to its parameters.
+/// Gaussians of a part, with the backward pass from them to its parameters.
 struct Activation {
     gaussians: ActivatedGaussians,
     back: WayBack,
@@ -103,7 +103,7 @@ enum WayBack {
 }
 
 impl Activation {
-    /// The part's table with gradients.
+    /// Returns the part's table with gradients.
     fn backward(
         &mut self,
         mut gradient: ActivatedGaussians,
@@ -124,7 +124,7 @@ impl Device {
     /// Opens a device.
     ///
     /// # Errors
-    /// Why there is none, in one line.
+    /// The reason for a missing device, in one line.
     pub fn open(kind: DeviceKind) -> Result<Self, String> {
         match kind {
             DeviceKind::Cpu => Ok(Self { gpu: None }),
@@ -135,7 +135,7 @@ impl Device {
         }
     }
 
-    /// Which kind it is.
+    /// Returns its kind.
     pub fn kind(&self) -> DeviceKind {
         if self.gpu.is_some() {
             DeviceKind::Gpu
@@ -144,7 +144,7 @@ impl Device {
         }
     }
 
-    /// What it is, in words.
+    /// Returns its description in words.
     pub fn describe(&self) -> String {
         match &self.gpu {
             None => format!("{} processor", std::env::consts::ARCH),
@@ -155,8 +155,7 @@ impl Device {
         }
     }
 
-    /// Weights of the loss that gradients are taken of: the same for every device, one per value of
-    /// an image.
+    /// Returns the weights of the loss for gradients: the same for every device, one per value of an image.
     pub fn weights(values: usize) -> Vec<f32> {
         let mut random = Pcg64Mcg::seed_from_u64(7);
         (0..values)
@@ -179,7 +178,7 @@ impl Device {
         self.round_trip_with(setup, parameterization, table, &Self::weights(values))
     }
 
-    /// The same with other weights.
+    /// Renders a case like [`Device::round_trip`], with other weights.
     ///
     /// # Errors
     /// When the device fails.
@@ -218,8 +217,8 @@ impl Device {
         Ok(Activation { gaussians, back })
     }
 
-    /// Renders activated Gaussians and takes the gradient of the image, weighted by colour and by feature
-    /// planes (empty where they do not count), back to them.
+    /// Renders activated Gaussians and takes the gradient of the image back to them. The image is weighted by
+    /// colour and by feature planes (empty weights leave those out).
     ///
     /// # Errors
     /// When the device fails.

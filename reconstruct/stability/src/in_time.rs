@@ -1,5 +1,4 @@
-//! Cases about time: lives too short and too long, clips too long, motion too fast, directions that
-//! are not defined.
+//! Cases of time: lifespans too short and too long, clips too long, motion too fast, undefined directions.
 
 use glam::dvec3;
 
@@ -10,13 +9,13 @@ use crate::{
 };
 use omnilife_engine::clock::Clock;
 
-/// About peak times, lifespans and velocities.
+/// Case of peak times, lifespans and velocities.
 const OF_MOTION: Case = Case {
     about: &[InTime::Moving],
     ..PLAIN
 };
 
-/// All of them.
+/// All cases of time.
 pub(super) const CASES: &[Case] = &[
     Case {
         id: "lifespan-0",
@@ -42,7 +41,7 @@ pub(super) const CASES: &[Case] = &[
         id: "time-outside",
         title: "moments 1e5 seconds before and after the clip, lifespans as long",
         action: "whole cycles are taken off before the sine",
-        // Beside half a cycle, where velocities would do nothing.
+        // Away from half a cycle, where velocities would have no effect.
         setup: || timed(1e5 + 0.137, 1e5, 0.05),
         ..OF_MOTION
     },
@@ -116,7 +115,7 @@ pub(super) const CASES: &[Case] = &[
     },
 ];
 
-/// Half of the Gaussians at their moment, half of them half a lifespan beside it.
+/// Returns Gaussians, half of them at their peak, half of them half a lifespan away from it.
 fn timed(peak_seconds: f64, lifespan_seconds: f64, speed: f64) -> Setup {
     let mut gaussians = mild();
     for (index, gaussian) in gaussians.iter_mut().enumerate() {
@@ -157,14 +156,14 @@ fn smoothed() -> Setup {
     setup
 }
 
-/// Thirty frames per second; every Gaussian lives around the last frame.
+/// Returns a clip of thirty frames per second; every Gaussian is visible around the last frame.
 fn last_frame() -> Setup {
     let clock = Clock {
         origin_seconds: 1e6,
         frame_seconds: 1.0 / 30.0,
         duration_frames: 10_000.0,
     };
-    // Not a number of frames that f32 has.
+    // Not a frame number that f32 represents.
     let last = 1e6 + 4_999.863 * clock.frame_seconds;
     let mut setup = timed(last, 1.0, 0.3);
     for (index, gaussian) in setup.gaussians.iter_mut().enumerate() {
@@ -176,7 +175,7 @@ fn last_frame() -> Setup {
     setup.at(last, clock)
 }
 
-/// Gaussians at these angles from the poles, which a few tenths of a second move far; rad.
+/// Returns Gaussians at these angles from the poles, which a few tenths of a second move far; rad.
 pub(super) fn beside_the_poles(angles: &[f64]) -> Setup {
     let mut gaussians = mild();
     for (index, angle) in angles.iter().enumerate() {
@@ -190,13 +189,13 @@ pub(super) fn beside_the_poles(angles: &[f64]) -> Setup {
     Setup::straight(gaussians)
 }
 
-/// The camera stands beside the origin, so that what is there can be seen.
+/// Returns Gaussians at the origin; the camera stands beside it to see them.
 fn at_the_origin() -> Setup {
     let mut gaussians = mild();
     for (index, distance) in [1e-30, 1e-9, 0.9e-6, 1.1e-6, 1e-5].into_iter().enumerate() {
         let direction = dvec3(0.6, -0.7, 0.4);
         let mut gaussian = RawGaussian::new(direction, distance, [0.02; 3], 0.3, index);
-        // Each goes another way: where depths are equal, the order is anybody's.
+        // Each moves differently: where depths are equal, the order is undefined.
         gaussian.motion.velocity = [0.5, -0.2, 0.3].map(|v| v * (1 + index) as f64);
         gaussians.push(gaussian);
     }

@@ -1,15 +1,16 @@
 //! Stiff and extreme cases on every backend and parameterization, judged by the f64 reference.
 //!
-//! * [`setup`]: what a case consists of;
-//! * [`cases`]: the catalogue, `case_setups` what they consist of, `in_time` what of it is about time, and `channels` what of it is about
-//!   harmonics and features; [`special`]: what renders
-//!   nothing, `losses`, the photometric loss of awkward images, `networks`, `clips`, on which methods are trained, `depth`, which is lifted and fused, `atlas`,
-//!   what atlases are made of, and `objects`, what moves along paths;
+//! * [`setup`]: setups of cases;
+//! * [`cases`]: the catalogue. `case_setups`: its setups, `in_time`: cases of time, `channels`: harmonics and
+//!   features;
+//! * [`special`]: cases without rendering. `losses`: the photometric loss of awkward images, `networks`:
+//!   networks, `clips`: clips for training, `depth`: lift and fusion, `atlas`: parts of atlases, `objects`:
+//!   motion along paths;
 //! * [`sweeps`]: families of cases whose condition number grows;
-//! * [`parameterizations`], [`devices`]: what they are tried on;
+//! * [`parameterizations`], [`devices`]: parameterizations and devices under test;
 //! * [`mod@measure`]: errors of image and gradient against [`omnilife_engine::render::reference`].
 //!
-//! To add a case: a function and a line in its slice.
+//! A new case needs a function and a line in its slice.
 #![cfg_attr(not(test), warn(clippy::disallowed_methods))]
 
 mod atlas;
@@ -45,12 +46,12 @@ use omnilife_training::error::ReconstructError;
 use parameterizations::{PARAMETERIZATIONS, Parameterization};
 use sweeps::SWEEPS;
 
-/// Where the case is not about a parameterization.
+/// Name in cases without a parameterization.
 const NO_PARAMETERIZATION: &str = "none";
-/// Largest difference of a colour value where a Gaussian's edge, or the end of compositing, falls on
-/// one side in f32 and on the other in f64: two steps of 1/255.
+/// Maximum difference of a colour value where a Gaussian's edge, or the end of compositing, is on different sides
+/// in f32 and in f64: two steps of 1/255.
 const LARGEST_SWITCH: f64 = 8e-3;
-/// Share of the values that may differ by as much.
+/// Maximum share of the values with such a difference.
 const SWITCH_SHARE: f64 = 0.01;
 
 /// Runs the whole catalogue on these devices.
@@ -183,7 +184,7 @@ fn row(
     })
 }
 
-/// What a case may be off by.
+/// Limits of a case's errors.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Limits {
     /// Difference of a colour value.
@@ -192,7 +193,7 @@ pub struct Limits {
     pub gradient: f64,
 }
 
-/// The larger of two values; NaN where either is none.
+/// Returns the larger of two values; NaN if either is NaN.
 fn largest_or_nan(a: f64, b: f64) -> f64 {
     if a.is_nan() || b.is_nan() {
         return f64::NAN;
@@ -200,7 +201,7 @@ fn largest_or_nan(a: f64, b: f64) -> f64 {
     a.max(b)
 }
 
-/// Why the measures are not what is expected, where they are not.
+/// Returns the reason for unexpected measures, or `None`.
 fn fault(
     expectation: Expectation,
     measures: &StabilityMeasures,
@@ -227,7 +228,7 @@ fn fault(
     })
 }
 
-/// What the degenerate Gaussians at the end of a setup change, where they change anything.
+/// Returns the changes by the degenerate Gaussians at the end of a setup, or `None` without a change.
 fn damage_of(
     setup: &setup::Setup,
     degenerate: usize,

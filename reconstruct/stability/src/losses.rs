@@ -1,6 +1,6 @@
-//! Cases about the photometric loss: images that are dark, flat, far too bright, all but equal, and masks with
-//! hardly any weight. The kernel in f32 is judged by loops in f64. In [`maps`] and [`motion`] those about the losses
-//! that only dynamic scenes have.
+//! Cases of the photometric loss: images that are dark, flat, far too bright or nearly equal, and masks with
+//! almost no weight. The kernel in f32 is judged by loops in f64. [`maps`] and [`motion`] have the cases of the
+//! losses of dynamic scenes.
 
 mod maps;
 mod motion;
@@ -15,11 +15,11 @@ use crate::{
     special::{Judgement, SpecialCase},
 };
 
-/// Rows that no vector and no strip ends with.
+/// Size with rows that end inside of a vector and of a strip.
 const SIZE: [usize; 2] = [37, 19];
 const LAMBDA: f32 = 0.2;
 
-/// All cases of losses.
+/// Returns all cases of losses.
 pub(super) fn all() -> impl Iterator<Item = &'static SpecialCase> {
     CASES.iter().chain(maps::CASES).chain(motion::CASES)
 }
@@ -62,13 +62,12 @@ const CASES: &[SpecialCase] = &[
     },
 ];
 
-/// Ten times what is measured.
+/// Ten times the measured errors.
 const LIMITS: Limits = Limits {
     forward: 1e-7,
     gradient: 5e-6,
 };
-/// The same where variances are far smaller than the rounding of the squares that they are the difference
-/// of.
+/// The same where variances are far smaller than the rounding of the squares whose difference they are.
 const CANCELLING: Limits = Limits {
     forward: 1e-7,
     gradient: 1.5e-3,
@@ -81,8 +80,8 @@ struct Images {
     mask: Vec<f32>,
 }
 
-/// A render of a level with noise on it, and a target of the same level, or white where it is brighter, with other
-/// noise.
+/// Returns a render of a level with noise on it, and a target with other noise: of the same level, or white for
+/// levels above white.
 fn images(level: f32, noise: f32, weight: f32) -> Images {
     let mut random = Pcg64Mcg::seed_from_u64(8);
     let [width, height] = SIZE;
@@ -128,7 +127,7 @@ fn light_mask() -> Images {
     images
 }
 
-/// Errors of the value, absolute, and of the gradient, relative to its largest value.
+/// Judges errors of the value, absolute, and of the gradient, relative to its largest value.
 fn judge(images: &Images, limits: Limits) -> Judgement {
     let [width, height] = SIZE;
     let mut loss = Loss::new(width, height, Columns::Wrap);
@@ -152,7 +151,7 @@ fn judge(images: &Images, limits: Limits) -> Judgement {
     compared(&found, &(expected.total, by_render), limits)
 }
 
-/// A value with its gradient against what is expected: the error of the value, absolute, and those of the
+/// Compares a value and its gradient with the expected ones: the error of the value, absolute, and those of the
 /// gradient, relative to its largest value.
 fn compared(
     (value, gradient): &(f64, Vec<f64>),

@@ -15,7 +15,7 @@ use omnilife_engine::{
 };
 use omnilife_training::error::ReconstructError;
 
-/// A case as a device made it, and how far it is from the reference.
+/// A case as a device rendered it, with its errors against the reference.
 #[derive(Debug)]
 pub struct Measured {
     /// The measures.
@@ -24,13 +24,12 @@ pub struct Measured {
     pub colour: Vec<f32>,
 }
 
-/// Step of the finite differences, relative to what a parameter has to change by for the image to
-/// change its looks.
+/// Step of the finite differences, relative to the change of a parameter that visibly changes the image.
 const STEP: f64 = 1e-3;
 
-/// Renders a setup on a device and compares image and gradients with the reference, for which the
-/// last `degenerate` Gaussians do not exist: only Adam, which refuses them, sees their gradients.
-/// Colour values that differ by more than their limit are counted.
+/// Renders a setup on a device and compares image and gradients with the reference. The reference lacks the last
+/// `degenerate` Gaussians: only Adam, which refuses them, sees their gradients. Colour values that differ by more
+/// than their limit are counted.
 ///
 /// # Errors
 /// When the device fails.
@@ -80,7 +79,7 @@ pub fn measure(
     })
 }
 
-/// A setup's raw parameters in f64, as the table holds them.
+/// A setup's raw parameters in f64, with the table's values.
 struct Reference<'a> {
     setup: &'a Setup,
     parameterization: &'a Parameterization,
@@ -113,7 +112,7 @@ impl<'a> Reference<'a> {
         }
     }
 
-    /// The Gaussian of a row that differs from the table's row `index`.
+    /// Returns the Gaussian of a row that differs from the table's row `index`.
     fn gaussian(&self, row: &[f64], index: usize) -> Gaussian {
         (self.parameterization.definition)(row, &self.rows[index], self.setup)
     }
@@ -123,8 +122,8 @@ impl<'a> Reference<'a> {
         rows.map(|(index, row)| self.gaussian(row, index)).collect()
     }
 
-    /// The largest error of a gradient value of the judged Gaussians, relative to its size or to the
-    /// root mean square of its array.
+    /// Returns the largest error of a gradient value of the judged Gaussians, relative to its size or to the root
+    /// mean square of its array.
     fn gradient_error(&self, table: &ParameterTable, decisions: &Decisions) -> f64 {
         let mut gaussians = self.gaussians();
         let mut worst = 0.0_f64;
@@ -143,7 +142,7 @@ impl<'a> Reference<'a> {
             begin += array.width;
             let mean_square =
                 pairs.iter().map(|(_, g)| g * g).sum::<f64>() / pairs.len().max(1) as f64;
-            // An array that does nothing here (rounding noise of the differences) has no error.
+            // An array without effect here (rounding noise of the differences) has no error.
             let typical = mean_square.sqrt().max(1e-6);
             for (found, expected) in pairs {
                 worst = worst.max((found - expected).abs() / expected.abs().max(typical));
@@ -155,7 +154,7 @@ impl<'a> Reference<'a> {
         worst
     }
 
-    /// Five-point difference of the weighted image by one raw parameter, with the decisions of the
+    /// Returns the five-point difference of the weighted image by one raw parameter, with the decisions of the
     /// unchanged render.
     fn derivative(
         &self,
@@ -189,9 +188,9 @@ impl<'a> Reference<'a> {
         }
     }
 
-    /// How far to step: positions (the first three values of every parameterization) by a share of
-    /// how wide the Gaussian looks, its smallest axis or a pixel; a quaternion by one of its length,
-    /// what only some parameterizations have by one of its unit, everything else has a unit of 1.
+    /// Returns the step size. Positions (the first three values of every parameterization) step by a share of the
+    /// Gaussian's apparent width, its smallest axis or a pixel. A quaternion steps by a share of its length,
+    /// parameters of single parameterizations by a share of their unit. All others have a unit of 1.
     fn step(&self, gaussian: &Gaussian, row: &[f64], parameter: usize) -> f64 {
         let offset = glam::DVec3::from_array(gaussian.position) - self.setup.exact.centre;
         let pixel = match self.setup.exact.camera {

@@ -1,4 +1,4 @@
-//! Cases about networks that Gaussians share.
+//! Cases of networks that Gaussians share.
 
 use omnilife_engine::{
     fields::mlp::{
@@ -33,7 +33,7 @@ pub(super) const CASES: &[SpecialCase] = &[
     },
 ];
 
-/// One bad Gaussian must not reach the weights that all Gaussians share.
+/// Checks that one bad Gaussian does not reach the weights that all Gaussians share.
 fn network_weights() -> Judgement {
     let mut setup = Setup::new(mild());
     let good = setup.gaussians.len();
@@ -79,12 +79,12 @@ fn network_weights() -> Judgement {
     }
 }
 
-/// Ten times what is measured, relative to the outputs' and the derivative's sizes.
+/// Ten times the measured error, relative to the outputs' and the derivative's sizes.
 const PUBLISHED_LIMIT: f64 = 3e-5;
-/// Rows of the published network that are tried.
+/// Number of tried rows of the published network.
 const ROWS: usize = 40;
 
-/// Outputs against f64, and the derivative along one direction of all weights against a central difference.
+/// Compares outputs with f64, and the derivative along one direction of all weights with a central difference.
 fn published_network() -> Judgement {
     let model = DeformationModel::published(1.0);
     let shape = model.network();
@@ -145,7 +145,7 @@ fn published_network() -> Judgement {
             .map(|(a, &b)| a * f64::from(b))
             .sum()
     };
-    // Short enough that hardly any rectifier switches.
+    // Short enough that almost no rectifier switches.
     let h = 1e-9;
     let by_direction = (along(h) - along(-h)) / (2.0 * h);
     let found: f64 = gradient
@@ -168,7 +168,7 @@ fn published_network() -> Judgement {
     };
     let worst = [measures.forward_error, measures.gradient_error];
     let worst = worst.into_iter().flatten().fold(0.0, largest_or_nan);
-    // Written so that NaN is a fault.
+    // In this form NaN is a fault.
     let is_right = measures.is_finite && worst <= PUBLISHED_LIMIT;
     Judgement {
         action: "outputs and the derivative along one direction of all weights, against f64"

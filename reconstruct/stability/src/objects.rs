@@ -1,4 +1,4 @@
-//! Cases of objects that move along paths: their poses, their boxes, where they are not.
+//! Cases of objects that move along paths: poses, boxes, and times without the object.
 
 use glam::{DVec3, Vec3};
 use omnilife_engine::{
@@ -52,7 +52,7 @@ const AS_IS: Similarity = Similarity {
     scale: 1.0,
 };
 
-/// A path from `begin` along x in `seconds`, with its headings at both ends.
+/// Returns a path from `begin` along x in `seconds`, with its headings at both ends.
 fn path(begin: DVec3, seconds: f64, headings: [f64; 2]) -> ObjectPath {
     ObjectPath {
         centre: BSpline {
@@ -73,7 +73,7 @@ fn object(id: u32, size: f32, path: &ObjectPath, normalization: &Similarity) -> 
     }
 }
 
-/// What some objects, of three Gaussians each, are at a time, and all gradients of a loss of it.
+/// Returns the activated Gaussians of some objects, three each, at a time, and all gradients of a loss of them.
 fn activated(objects: Vec<TrackedObject>, seconds: f64) -> (ActivatedGaussians, Vec<f32>) {
     let mut initial = InitialGaussians::default();
     let mut numbers = Vec::new();
@@ -125,7 +125,7 @@ fn is_finite(gaussians: &ActivatedGaussians, gradients: &[f32]) -> bool {
     values.chain(gradients).all(|value| value.is_finite())
 }
 
-/// Largest distance of the centres of two lots of Gaussians.
+/// Returns the largest distance between the centres of two sets of Gaussians.
 fn apart(one: &ActivatedGaussians, other: &ActivatedGaussians) -> f32 {
     let pairs = one.positions.iter().zip(&other.positions);
     pairs

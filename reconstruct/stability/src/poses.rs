@@ -1,5 +1,5 @@
-//! The gradient by a camera's pose, where it is learnt: a sum over Gaussians that may be far away, near, on the poles
-//! or thin. Judged by finite differences of the reference in f64.
+//! Gradient by a trained camera pose: a sum over Gaussians that may be far away, near, on the poles or thin. It
+//! is judged by finite differences of the reference in f64.
 
 use glam::{DMat3, DQuat, DVec3};
 use omnilife_engine::{
@@ -19,7 +19,7 @@ use crate::{
     special::{Judgement, SpecialCase},
 };
 
-/// Ten times what is measured: of a gradient's length.
+/// Ten times the measured error, relative to a gradient's length.
 const LIMIT: f64 = 1e-3;
 
 pub(super) const CASES: &[SpecialCase] = &[
@@ -55,7 +55,7 @@ pub(super) const CASES: &[SpecialCase] = &[
     },
 ];
 
-/// Those around the camera, so many times as far and as large.
+/// Returns Gaussians around the camera, so many times as far and as large.
 fn away(times: f64) -> Vec<Shape> {
     let shapes = channels::around().into_iter();
     shapes
@@ -70,7 +70,7 @@ fn away(times: f64) -> Vec<Shape> {
         .collect()
 }
 
-/// The view after a rotation of the world about its centre and a shift.
+/// Returns the view after a rotation of the world about its centre and a shift.
 fn moved(view: &RefView, rotation: DVec3, shift: DVec3) -> RefView {
     RefView {
         rotation: view.rotation * DMat3::from_quat(DQuat::from_scaled_axis(-rotation)),
@@ -79,7 +79,7 @@ fn moved(view: &RefView, rotation: DVec3, shift: DVec3) -> RefView {
     }
 }
 
-/// `size` is about the distance of the Gaussians.
+/// Judges the gradient; `size` is about the distance of the Gaussians.
 fn judge(shapes: Vec<Shape>, size: f64) -> Judgement {
     let (view, gaussians) = channels::setup_of(shapes);
     let pixels = view.camera.width() as usize * view.camera.height() as usize;
@@ -127,7 +127,7 @@ fn judge(shapes: Vec<Shape>, size: f64) -> Judgement {
     }
 }
 
-/// By the turn and by the place of the camera.
+/// Returns the differences by the rotation and by the position of the camera.
 fn by_differences(
     view: &RefView,
     gaussians: &[Gaussian],

@@ -1,4 +1,4 @@
-//! What a case consists of: raw Gaussians and a view, in f64.
+//! Setup of a case: raw Gaussians and a view, in f64.
 
 use glam::{DMat3, DQuat, DVec3, dvec3};
 use omnilife_schemas::{
@@ -29,14 +29,14 @@ pub struct RawGaussian {
     pub opacity_logit: f64,
     /// Constant coefficients of colour.
     pub sh: [f64; 3],
-    /// How it moves and how long it lives; parameterizations without time ignore it.
+    /// Motion and lifespan; parameterizations without time ignore it.
     pub motion: Motion,
 }
 
 /// A Gaussian in time.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Motion {
-    /// When it is most opaque, seconds.
+    /// Time of its highest opacity, seconds.
     pub peak_seconds: f64,
     /// Standard deviation of its opacity over time, seconds.
     pub lifespan_seconds: f64,
@@ -45,7 +45,7 @@ pub struct Motion {
 }
 
 impl Motion {
-    /// Hardly moves and lives about as long as a clip.
+    /// Slow motion and a lifespan of about a clip.
     pub const MILD: Self = Self {
         peak_seconds: 0.4,
         lifespan_seconds: 2.0,
@@ -54,7 +54,7 @@ impl Motion {
 }
 
 impl RawGaussian {
-    /// A Gaussian in a direction from the origin, turned somehow; the colour depends on `number`.
+    /// Returns a Gaussian in a direction from the origin with some rotation; the colour depends on `number`.
     pub fn new(
         direction: DVec3,
         distance: f64,
@@ -74,19 +74,19 @@ impl RawGaussian {
     }
 }
 
-/// What time is measured by.
+/// Units and settings of time.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Timing {
-    /// From seconds to frames.
+    /// Clock from seconds to frames.
     pub clock: Clock,
     /// Cycle of periodic motions, frames.
     pub cycle_frames: f32,
-    /// How much earlier the drawn state is, frames (temporal smoothing).
+    /// Shift of the drawn state to earlier times, frames (temporal smoothing).
     pub shift_frames: f32,
 }
 
 impl Timing {
-    /// A clip of ten frames in a second, which begins a little before 0.
+    /// A clip of ten frames in a second, which starts a little before 0.
     pub const MILD: Self = Self {
         clock: Clock {
             origin_seconds: 0.45,
@@ -101,15 +101,15 @@ impl Timing {
 /// A case before anything has been computed.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Setup {
-    /// What there is.
+    /// Gaussians of the case.
     pub gaussians: Vec<RawGaussian>,
-    /// Those of them whose gradients are judged.
+    /// Indices of the Gaussians whose gradients are judged.
     pub judged: Vec<usize>,
-    /// The view as it really is.
+    /// The exact view.
     pub exact: RefView,
-    /// The view as it comes out of the loader, for the kernels.
+    /// The view from the loader, for the kernels.
     pub view: View,
-    /// What its time is measured by.
+    /// Units and settings of its time.
     pub timing: Timing,
 }
 
@@ -117,23 +117,23 @@ pub struct Setup {
 pub const TIME_SECONDS: f64 = 0.5;
 
 impl Setup {
-    /// When and from where the Gaussians are looked at, in training.
+    /// Returns time and view of the Gaussians, in training.
     pub fn viewpoint(&self) -> Viewpoint {
         Viewpoint::of_step(&self.view, self.timing.shift_frames, 1)
     }
 
-    /// These Gaussians from a camera that is not straight.
+    /// Returns these Gaussians from a rotated camera.
     pub fn new(gaussians: Vec<RawGaussian>) -> Self {
         let turned = DQuat::from_euler(glam::EulerRot::XYZ, 0.3, -1.1, 0.2);
         Self::seen(gaussians, turned, dvec3(0.05, -0.02, 0.04), 48)
     }
 
-    /// These Gaussians from a straight camera at the origin.
+    /// Returns these Gaussians from a straight camera at the origin.
     pub fn straight(gaussians: Vec<RawGaussian>) -> Self {
         Self::seen(gaussians, DQuat::IDENTITY, DVec3::ZERO, 48)
     }
 
-    /// These Gaussians from a camera with this camera-to-world rotation, in an image of this width.
+    /// Returns these Gaussians from a camera with this camera-to-world rotation, in an image of this width.
     pub fn seen(gaussians: Vec<RawGaussian>, turn: DQuat, centre: DVec3, width: u32) -> Self {
         let identity = Similarity {
             offset: [0.0; 3],
@@ -142,8 +142,8 @@ impl Setup {
         Self::in_world(gaussians, turn, centre, width, identity)
     }
 
-    /// The same in a world of which `similarity` makes the normalized scene: the loader sees the
-    /// world's numbers.
+    /// Returns the same in a world of which `similarity` makes the normalized scene: the loader sees the world's
+    /// numbers.
     pub fn in_world(
         gaussians: Vec<RawGaussian>,
         turn: DQuat,
@@ -180,8 +180,8 @@ impl Setup {
         }
     }
 
-    /// Through a pinhole of 48x32 pixels with this horizontal field of view, degrees, and its principal point
-    /// off the middle by some pixels.
+    /// Returns the setup through a pinhole of 48x32 pixels with this horizontal field of view, degrees, and its
+    /// principal point off the middle by some pixels.
     pub fn through(mut self, degrees: f64, [off_x, off_y]: [f64; 2]) -> Self {
         let camera = PinholeCamera::with_horizontal_field_of_view(48, 32, degrees.to_radians());
         let camera = Camera::Pinhole(PinholeCamera {
@@ -194,19 +194,19 @@ impl Setup {
         self
     }
 
-    /// With another definition of the falloff.
+    /// Returns the setup with another definition of the falloff.
     pub fn with_footprint(mut self, footprint: Footprint) -> Self {
         self.exact.settings.footprint = footprint;
         self
     }
 
-    /// With another cycle of periodic motions, frames.
+    /// Returns the setup with another cycle of periodic motions, frames.
     pub fn with_cycle(mut self, frames: f64) -> Self {
         self.timing.cycle_frames = frames as f32;
         self
     }
 
-    /// At another time of another clip.
+    /// Returns the setup at another time of another clip.
     pub fn at(mut self, seconds: f64, clock: Clock) -> Self {
         self.view.time_seconds = seconds;
         self.timing.clock = clock;
@@ -214,7 +214,7 @@ impl Setup {
     }
 }
 
-/// Gaussians all around the origin, none of them difficult.
+/// Returns mild Gaussians all around the origin.
 pub fn mild() -> Vec<RawGaussian> {
     (0..10)
         .map(|index| {

@@ -1,5 +1,4 @@
-//! Cases that render nothing: what training does with pixels and gradients that are not numbers, or
-//! hardly.
+//! Cases without rendering: training on pixels and gradients that are NaN, infinite or nearly 0.
 
 use omnilife_schemas::records::{StabilityMeasures, StabilityRow, StabilityStatus};
 
@@ -21,23 +20,23 @@ use omnilife_engine::{
 pub struct SpecialCase {
     /// Id, unique among all cases.
     pub id: &'static str,
-    /// What it is, in words.
+    /// Title in words.
     pub title: &'static str,
     pub(super) judge: fn() -> Judgement,
 }
 
-/// What a case came to.
+/// Result of a case.
 pub(super) struct Judgement {
     pub(super) action: String,
-    /// `None` passes.
+    /// Fault of the case; `None` passes.
     pub(super) fault: Option<String>,
     pub(super) measured: Option<StabilityMeasures>,
-    /// Why nothing ran.
+    /// Reason for a case that did not run.
     pub(super) missing: Option<&'static str>,
 }
 
 impl Judgement {
-    /// A case that could not be tried.
+    /// Returns the judgement of a case that failed to run.
     pub(super) fn failed(reason: String) -> Self {
         Self {
             action: String::new(),
@@ -48,7 +47,7 @@ impl Judgement {
     }
 }
 
-/// All cases that render nothing.
+/// Returns all cases without rendering.
 pub fn all() -> impl Iterator<Item = &'static SpecialCase> {
     let further = clips::CASES.iter().chain(depth::CASES).chain(atlas::CASES);
     let own = SPECIAL_CASES
@@ -82,7 +81,7 @@ const SPECIAL_CASES: &[SpecialCase] = &[
 ];
 
 impl SpecialCase {
-    /// Judges it.
+    /// Judges the case.
     pub fn row(&self, kind: DeviceKind) -> StabilityRow {
         let judgement = match kind {
             DeviceKind::Cpu => (self.judge)(),
@@ -120,7 +119,7 @@ fn image(value: impl Fn(usize) -> f32) -> Vec<f32> {
     (0..SIDE * SIDE * 3).map(value).collect()
 }
 
-/// A loss that is not finite ends training with an error: nothing is learned from such an image.
+/// Checks that a loss that is not finite ends training with an error: nothing is learned from such an image.
 fn non_finite_pixels() -> Judgement {
     let rendered = image(|index| (index % 7) as f32 / 7.0);
     let survivors = [f32::NAN, f32::INFINITY, f32::NEG_INFINITY]
@@ -143,7 +142,7 @@ fn non_finite_pixels() -> Judgement {
     }
 }
 
-/// Gradients that are not finite are not applied, and are counted.
+/// Checks that gradients that are not finite are not applied, and are counted.
 fn non_finite_gradient() -> Judgement {
     let setup = Setup::new(mild());
     let camera = setup.view.camera;
@@ -192,7 +191,7 @@ fn non_finite_gradient() -> Judgement {
     }
 }
 
-/// Where an image is flat its variance is zero; SSIM's constants hold the quotient.
+/// Judges flat images, whose variance is zero; SSIM's constants bound the quotient.
 fn flat_images() -> Judgement {
     let mut loss = Loss::new(SIDE, SIDE, Columns::Wrap);
     let flat = image(|_| 0.5);
@@ -215,7 +214,7 @@ fn flat_images() -> Judgement {
     }
 }
 
-/// Adam's second moment of a gradient of 1e-25 is zero in f32: the step must shrink, not explode.
+/// Checks that Adam's step shrinks for a gradient of 1e-25, whose second moment is zero in f32.
 fn tiny_gradients() -> Judgement {
     let mut table = ParameterTable::new(3);
     table.add("values", 1, vec![1.0; 3], 0.01);

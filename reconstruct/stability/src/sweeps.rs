@@ -1,4 +1,4 @@
-//! Stiff cases over their condition number: how the error grows.
+//! Growth of the error of stiff cases over their condition number.
 
 use glam::dvec3;
 use omnilife_schemas::records::{StabilityPoint, StabilitySweep};
@@ -22,21 +22,21 @@ use omnilife_training::error::ReconstructError;
 pub struct Sweep {
     /// Id, unique among sweeps.
     pub id: &'static str,
-    /// What it is, in words.
+    /// Title in words.
     pub title: &'static str,
-    /// What the condition number counts.
+    /// Quantity of the condition number.
     pub condition: &'static str,
-    /// Which Gaussians.
+    /// Parameterization of the Gaussians.
     pub parameterization: Parameterization,
     conditions: &'static [f64],
     setup: fn(f64) -> Setup,
-    /// What it may be off by where it is easy.
+    /// Limits of the errors at low condition numbers.
     limits: Limits,
-    /// What the gradient may be off by for each unit of the condition number, where that is more.
+    /// Limit of the gradient's error for each unit of the condition number, where that is more.
     gradient_slope: f64,
 }
 
-/// All of them.
+/// All sweeps.
 pub const SWEEPS: &[Sweep] = &[
     Sweep {
         id: "needle",
@@ -144,7 +144,7 @@ pub const SWEEPS: &[Sweep] = &[
 ];
 
 impl Sweep {
-    /// The record of this sweep, without points.
+    /// Returns the record of this sweep, without points.
     pub fn record(&self) -> StabilitySweep {
         StabilitySweep {
             id: self.id.to_owned(),
@@ -155,7 +155,7 @@ impl Sweep {
         }
     }
 
-    /// Its points on a device.
+    /// Returns its points on a device.
     ///
     /// # Errors
     /// When the device fails.
@@ -220,8 +220,8 @@ fn saturating(condition: f64) -> Setup {
     Setup::new(gaussians)
 }
 
-/// A frame before the end of a clip, where times are as far from its middle as they come; lives are as
-/// short as they may be, unless the clip is shorter still.
+/// Returns a setup one frame before the end of a clip, where times are farthest from its middle; lifespans are
+/// the shortest allowed, or shorter with the clip.
 fn short_lives(condition: f64) -> Setup {
     let lifespan = 0.25_f64.max(1.0 / condition);
     let clock = Clock {
@@ -229,7 +229,7 @@ fn short_lives(condition: f64) -> Setup {
         frame_seconds: 0.1,
         duration_frames: (2.0 * condition * lifespan) as f32,
     };
-    // Not a number of frames that f32 has.
+    // Not a frame number that f32 represents.
     let seconds = 100.0 + 0.1 * (condition * lifespan - 0.137);
     let mut gaussians = mild();
     for (index, gaussian) in gaussians.iter_mut().enumerate() {
@@ -245,13 +245,13 @@ fn moving_fast(condition: f64) -> Setup {
     for gaussian in &mut gaussians {
         let speed = 0.2 * condition / frame;
         gaussian.motion.velocity = [0.8 * speed, -0.4 * speed, 0.45 * speed];
-        // Away from its peak by as much as brings it past the camera.
+        // Away from its peak by the time that brings it past the camera.
         gaussian.motion.peak_seconds = TIME_SECONDS - frame / condition;
     }
     Setup::new(gaussians)
 }
 
-/// Their scales and rotations are seen at any distance.
+/// Returns ellipsoids whose scales and rotations are visible at any distance.
 fn far_ellipsoids(distance: f64) -> Setup {
     let mut gaussians = mild();
     for (index, direction) in [dvec3(-1.0, 0.2, 0.7), dvec3(0.4, -0.7, 0.3)]

@@ -1,5 +1,4 @@
-//! A run that was interrupted goes on as if it had not been, and only from a checkpoint that is its
-//! own and whole.
+//! Resumed runs: an interrupted run resumes as if it had run through, and only from its own complete checkpoint.
 
 use std::{
     fs,
@@ -55,7 +54,7 @@ fn train<'a>(
         .train(scene, request, &session)
 }
 
-/// Keeps a copy of the checkpoint that stands when an iteration ends.
+/// Copies the checkpoint at the end of an iteration.
 struct CopyAt {
     iteration: u64,
     from: PathBuf,
@@ -75,7 +74,7 @@ impl Progress for CopyAt {
     fn note(&self, _: &str) {}
 }
 
-/// A whole run, and a folder with the checkpoint of its iteration `EVERY`.
+/// Returns a whole run, and a folder with the checkpoint of its iteration `EVERY`.
 fn whole_run(scene: &TrainingScene, folder: &Path) -> (Model, Vec<[Option<f64>; 2]>, PathBuf) {
     let interrupted = folder.join("interrupted");
     fs::create_dir(&interrupted).unwrap();

@@ -1,4 +1,4 @@
-//! Components in methods that do not have them by themselves.
+//! Components in methods that do not have them by default.
 
 use glam::{Vec3, vec3};
 use omnilife_engine::{camera::pose::PoseCorrection, gaussians::static_gaussians::OPACITY_LOGITS};
@@ -19,7 +19,7 @@ const EXPOSURE: &str = "exposure-compensation";
 const POSES: &str = "pose-refinement";
 const SHORT: &str = "short-schedule";
 
-/// The test scene with a gain that falls over the clip and poses that drift.
+/// Returns the test scene with a gain that falls over the clip and poses that drift.
 fn spoilt(mut scene: TrainingScene) -> TrainingScene {
     for view in scene.input_views.iter_mut().chain(&mut scene.novel_views) {
         let gain = 1.0 - 0.25 * f64::from(view.frame) / 14.0;
@@ -80,7 +80,7 @@ fn odgs_takes_exposure_and_poses_one_by_one_and_together() {
 fn methods_with_one_seed_see_the_same_views_in_the_same_order() {
     let scene = moving_ball::scene();
     let views = scene.input_views.len() as u64;
-    // In the middle of the third epoch; `periodic` has drawn shifts in time by then, and children's places.
+    // In the middle of the third epoch: `periodic` has drawn shifts in time by then, and children's positions.
     let state = |method: &str| {
         let request = MethodRequest {
             options: Options::at_most(1_500),
@@ -192,7 +192,7 @@ fn every_optional_component_of_every_method_trains() {
     let scene = spoilt(moving_ball::scene());
     for method in METHODS {
         let with = method.optional_components;
-        // An object graph needs tracks: `object_graph.rs` has some.
+        // An object graph needs tracks, which `object_graph.rs` has.
         if with.is_empty() || method.id == "object-graph" {
             continue;
         }

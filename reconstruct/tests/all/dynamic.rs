@@ -1,4 +1,4 @@
-//! Methods for dynamic scenes as a whole: a ball that passes, its masks, and every awkward clip.
+//! Methods for dynamic scenes as a whole: a ball that passes, its masks, and awkward clips.
 
 use std::fs;
 
@@ -30,7 +30,7 @@ use crate::support::trained::{request, settings, train};
 
 use crate::support::moving_ball;
 
-/// A request for a network's sake: it takes time for every Gaussian.
+/// Returns a request with few Gaussians: a network takes time for every Gaussian.
 fn few_gaussians(iterations: u64) -> MethodRequest {
     MethodRequest {
         options: Options::at_most(600),
@@ -38,7 +38,7 @@ fn few_gaussians(iterations: u64) -> MethodRequest {
     }
 }
 
-/// PSNR of the novel views' masked pixels.
+/// Returns the PSNR of the novel views' masked pixels.
 fn dynamic_psnr(scene: &TrainingScene, outcome: &mut MethodOutcome<'_>) -> f64 {
     let (mut sum, mut count) = (0.0, 0.0);
     for view in &scene.novel_views {
@@ -62,7 +62,7 @@ fn dynamic_psnr(scene: &TrainingScene, outcome: &mut MethodOutcome<'_>) -> f64 {
     -10.0 * (sum / count).log10()
 }
 
-/// Mean colour of a view's layer inside and outside its mask.
+/// Returns the mean colour of a view's layer inside and outside its mask.
 fn colours(image: &[f32], view: &TrainingView) -> [[f32; 3]; 2] {
     let (mut sums, mut counts) = ([[0.0; 3]; 2], [0.0_f32; 2]);
     for (rgb, covered) in image
@@ -107,14 +107,14 @@ fn a_passing_ball_is_dynamic_and_predicted_better_than_by_static_gaussians() {
         inside[0] < 0.7 && outside[1] > 0.2,
         "{inside:?} {outside:?}"
     );
-    // The ball is nearer than what is behind it.
+    // The ball is nearer than the background.
     let [inside, outside] = colours(&layer(Layer::Depth), view);
     assert!(inside[0] > outside[0], "{inside:?} {outside:?}");
     let velocities = layer(Layer::Velocity);
     assert!(velocities.iter().all(|value| value.is_finite()));
 }
 
-/// Everything that a row of the ablation leaves out, and the arrays that it has then.
+/// Checks each left-out component of the ablation, and the arrays of its model.
 #[test]
 fn what_is_left_out_has_no_arrays() {
     let scene = moving_ball::scene();
@@ -190,10 +190,10 @@ fn what_is_left_out_has_no_arrays() {
     }
 }
 
-/// A name, and what makes the scene awkward.
+/// A name, and a change that makes the scene awkward.
 type Variant = (&'static str, fn(&mut TrainingScene));
 
-/// More of them, of one frame to ten thousand, are in the catalogue of stability.
+/// The catalogue of stability has more of these clips, of one frame to ten thousand.
 #[test]
 fn awkward_clips_train_without_a_panic_or_a_nan() {
     let variants: [Variant; 4] = [
@@ -262,7 +262,7 @@ fn times_that_do_not_increase_are_refused() {
     assert!(message.contains("frame 3 is at 1 s"), "{message}");
 }
 
-/// The model of a whole run of 40 iterations, and of one that goes on from its checkpoint at 25.
+/// Returns the model of a whole run of 40 iterations, and of one that resumes from its checkpoint at 25.
 fn whole_and_resumed(method: &str) -> [Model; 2] {
     let scene = moving_ball::scene();
     let folder = tempfile::tempdir().unwrap();
@@ -276,7 +276,7 @@ fn whole_and_resumed(method: &str) -> [Model; 2] {
             inputs_sha256: "these".to_owned(),
         }
     };
-    // The first run's only checkpoint is the one that the second begins from.
+    // The first run's only checkpoint is the start of the second.
     [("whole", 25), ("resumed", 0)].map(|(name, every)| {
         let files = files(name, every);
         if name == "resumed" {
@@ -345,8 +345,8 @@ fn a_network_takes_part_after_a_warm_up_and_without_it_gaussians_are_those_of_od
     );
 }
 
-/// Half of some Gaussians moves: what the network learns at some times holds at another one between
-/// them, and the other half stays.
+/// Moves half of some Gaussians: the network's motion at trained times holds at another one between them, and the
+/// other half stays.
 #[test]
 fn a_network_learns_which_gaussians_move_and_when() {
     const TIMES: [f32; 5] = [0.0, 0.25, 0.5, 0.75, 1.0];

@@ -1,4 +1,4 @@
-//! What a plan goes by: what changes at scene points, whether anything moves, how bright the views are.
+//! Evidence of a plan: changes at scene points, motion, brightness of the views.
 
 use glam::{DVec2, DVec3, Vec3};
 use omnilife_engine::training_view::TrainingView;
@@ -38,7 +38,7 @@ fn points_that_do_not_change_have_no_time_where_it_is_known_that_light_does_not(
     let [full, auto, separate] = sizes;
     // Balls have no flat surfaces: light may change everywhere, as far as the plan can tell.
     assert!(full.0 == 0 && full.1 > 900 && auto == full, "{sizes:?}");
-    // What moves hides points; it changes none.
+    // A moving object hides points, but changes none of them.
     assert!(
         separate.0 > 800 && separate.0 + separate.1 == full.1,
         "{sizes:?}"
@@ -77,7 +77,7 @@ fn points_in_a_shadow_that_no_mask_shows_change() {
     assert!(shares[0] > 0.25 && shares[1] < 0.02, "{shares:?} {}", found);
 }
 
-/// Views with masks and an exposure that falls: no scene point may be taken to change for it.
+/// Checks that an exposure that falls over views with masks does not mark scene points as changing.
 #[test]
 fn gains_of_the_camera_are_no_change_of_points() {
     let mut scene = moving_ball::scene();
@@ -141,13 +141,13 @@ fn gains_of_the_camera_are_found_and_compensated() {
     assert!(decision.is_some_and(|part| !part.used && part.reason.contains("limit 2 %")));
 }
 
-/// A gain that flickers from view to view says nothing of the views between those that are looked at first.
+/// Checks that a gain that flickers from view to view does not affect the views between the first examined ones.
 #[test]
 fn flicker_is_found_in_every_one_of_many_views() {
     let mut scene = moving_ball::scene();
     let once = scene.input_views.clone();
     scene.novel_views.clear();
-    // 48 views: the clip four times over, brighter and darker by turns that no regular sample has.
+    // 48 views: the clip four times over, brighter and darker in an order that differs from any regular sample.
     let gain = |number: usize| if number % 5 < 2 { 0.8 } else { 1.0 };
     scene.input_views = (0..4 * once.len())
         .map(|number| {
@@ -217,7 +217,7 @@ fn saturated_pixels_are_counted_where_the_scene_is_shown() {
     for view in &mut scene.input_views {
         view.pixels.fill(100);
         let pixels = view.pixels.len() / 3;
-        // One channel is enough; a quarter of the image, half of which is no part of the scene.
+        // One channel is enough; a quarter of the image, half of it an ignored region.
         for pixel in 0..pixels / 4 {
             view.pixels[3 * pixel + pixel % 3] = 255;
         }
@@ -228,7 +228,7 @@ fn saturated_pixels_are_counted_where_the_scene_is_shown() {
     assert!((scene.saturated_share() - 1.0 / 7.0).abs() < 1e-3);
 }
 
-/// Noise of a segmenter: a pixel in one of the views.
+/// Checks noise of a segmenter: a pixel in one of the views.
 #[test]
 fn a_speck_in_one_mask_does_not_make_a_still_scene_move() {
     let mut scene = balls::scene();
@@ -278,7 +278,7 @@ fn every_method_has_the_same_evidence() {
     assert_eq!(changing["changes"], serde_json::Value::Null);
     assert!(changing["unknown"].is_u64() && recorded["masks"]["coverage"].is_f64());
 
-    // What is not needed is not looked for.
+    // Unneeded evidence is not gathered.
     for method in ["odgs", "deformable", "periodic"] {
         assert!(evidence(method, &[]).unwrap().pilot.is_none(), "{method}");
     }
@@ -300,7 +300,7 @@ fn planning_counts_as_training() {
 #[test]
 fn gloss_is_found_and_drawn() {
     let smooth = |_: &mut Pcg64Mcg, direction: DVec3| (0.2 * direction + 0.5).as_vec3().to_array();
-    // Whether harmonics are used, why, and how good the novel views are.
+    // Use of harmonics, its reason, and the quality of the novel views.
     let trained = |gloss: f32, without: &[&str]| {
         let scene = balls::scene_with(balls::CAMERA, smooth, 0.5, gloss);
         let request = MethodRequest {
@@ -329,7 +329,7 @@ fn gloss_is_found_and_drawn() {
     assert!(!used && reason.contains("limit 0.012"), "{reason}");
 }
 
-/// Nothing to go by is no reason for a component: such scenes are planned, trained, and say so.
+/// Checks that missing evidence does not select a component: such scenes are planned, trained, and report it.
 #[test]
 fn scenes_that_show_little_are_planned_without_a_fault() {
     let change = |change: fn(&mut TrainingScene)| {
@@ -400,7 +400,7 @@ fn scenes_that_show_little_are_planned_without_a_fault() {
                     && !part.reason.contains("inf "),
                 "{name}: {part:?}"
             );
-            // What says nothing gives no reason for what costs.
+            // Missing evidence does not select costly components.
             let costs = [
                 "exposure-compensation",
                 "pose-refinement",

@@ -1,4 +1,4 @@
-//! Whatever is exported is read again, whatever odd values the source has, and drawn as the source is.
+//! Exported Gaussians: any export is read again, with odd values of its source too, and rendered like its source.
 
 use std::{
     fs,
@@ -83,7 +83,7 @@ fn placement(of: &AssetPlacement) -> Placement {
     }
 }
 
-/// Ordinary values, and now and then one of others.
+/// Generates ordinary values, and sometimes one of others.
 fn with_odd(ordinary: std::ops::Range<f32>, odd: &[f32]) -> impl Strategy<Value = f32> + use<> {
     prop_oneof![12 => ordinary, 1 => prop::sample::select(odd.to_vec())]
 }
@@ -180,7 +180,7 @@ proptest! {
     }
 }
 
-/// An image of a model from the origin.
+/// Renders an image of a model from the origin.
 fn drawn(model: &Path, folder: &Path, progress: &dyn Progress) -> RgbImage {
     let poses = folder.join("poses.json");
     let record = Poses {
@@ -212,7 +212,7 @@ fn mean_difference(a: &RgbImage, b: &RgbImage) -> f32 {
     255.0 * differences.sum::<f32>() / a.data.len() as f32
 }
 
-/// Gaussians around the origin with odd values, and the same as they are meant.
+/// Returns Gaussians around the origin with odd values, and the same with their intended values.
 fn odd_and_meant() -> [Vec<Row>; 2] {
     let mut random = Pcg64Mcg::seed_from_u64(21);
     let (mut odd, mut meant) = (Vec::new(), Vec::new());
@@ -262,7 +262,7 @@ fn odd_values_are_drawn_as_they_are_meant_and_so_is_what_is_exported() {
     }
     let told = Notes::default();
     let [odd, meant] = [&paths[0], &paths[1]].map(|path| drawn(path, folder.path(), &told));
-    // Padding, opacities of 0 and quaternions of zeros of the one file, nothing of the other.
+    // Padding, opacities of 0 and quaternions of zeros of the one file; no notes on the other.
     assert_eq!(told.take().len(), 3);
     assert!(odd.data.iter().any(|value| *value > 0.2));
     assert_eq!(odd.data, meant.data);

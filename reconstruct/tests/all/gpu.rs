@@ -1,5 +1,5 @@
-//! The GPU backend, on whatever adapter there is: images against the f64 reference, gradients
-//! against those of the CPU, which the reference judges in `renderer/`.
+//! The GPU backend on any adapter: images against the f64 reference, gradients against those of the CPU, which
+//! the reference judges in `renderer/`.
 
 use std::sync::Arc;
 
@@ -41,8 +41,8 @@ fn view(camera: Camera, rotation: DQuat, footprint: Footprint) -> RefView {
     )
 }
 
-/// Every value within 1e-3, but for the few pixels where a Gaussian stands on the very edge of its
-/// footprint, or compositing at its end, and falls on one side here and on the other there.
+/// Asserts that every value is within 1e-3. A few pixels are exempt: there a Gaussian at the very edge of its
+/// footprint, or the end of compositing, falls on different sides.
 fn assert_images_agree(what: &str, of_gpu: &[f32], expected: &[f64]) {
     assert_eq!(of_gpu.len(), expected.len(), "{what}");
     let mut off_by_a_switch = 0;
@@ -143,7 +143,7 @@ fn images_and_gradients_agree(gpu: Arc<Gpu>) {
             );
         }
     }
-    // Harmonics above the drawn degree are left alone.
+    // Harmonics above the drawn degree stay unchanged.
     let richness = Richness {
         sh_degree: 3,
         features: 2,
@@ -172,8 +172,8 @@ fn more_entries_than_there_is_room_for_are_not_lost() {
     }
 }
 
-/// A long list behind which nothing more is seen, and one gradient again and again: neither what was left
-/// of another step nor the order of threads changes it.
+/// Checks that a long list behind an opaque surface, and one gradient repeated, depend neither on leftovers of
+/// another step nor on the order of threads.
 #[test]
 fn what_is_hidden_has_no_gradient_and_gradients_are_the_same_each_time() {
     let layer = |index: u32| {

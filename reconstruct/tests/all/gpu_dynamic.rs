@@ -51,7 +51,7 @@ fn initial(scene: &TrainingScene, first: usize) -> InitialGaussians {
     points::from_points(&points, 3.0)
 }
 
-/// Values that differ from Gaussian to Gaussian: no gradient vanishes.
+/// Varies values from Gaussian to Gaussian: no gradient vanishes.
 fn vary(table: &mut ParameterTable, name: &str, size: f32) {
     let Some(array) = table.position(name) else {
         return;
@@ -61,7 +61,7 @@ fn vary(table: &mut ParameterTable, name: &str, size: f32) {
     }
 }
 
-/// Gaussians that never move, and those that do: some live for two frames, some for sixty.
+/// Returns static Gaussians, and moving ones: some with lifespans of two frames, some of sixty.
 fn model(scene: &TrainingScene, dynamics: &DynamicSettings, refines_poses: bool) -> Model {
     let mut fixed = static_gaussians::table(&initial(scene, 0), 1);
     let moving = initial(scene, 4);
@@ -116,7 +116,7 @@ fn dynamics(scene: &TrainingScene, velocity: VelocityModel) -> DynamicSettings {
     }
 }
 
-/// PVG with both of its losses on maps.
+/// Returns PVG's settings with both of its losses on maps.
 fn periodic(scene: &TrainingScene) -> TrainSettings {
     let mut dynamics = dynamics(scene, VelocityModel::Free);
     dynamics.time.least_marginal = 0.05;
@@ -135,7 +135,7 @@ fn periodic(scene: &TrainingScene) -> TrainSettings {
     settings(dynamics)
 }
 
-/// Omni4DGS with all of its losses, heavier than they are there.
+/// Returns Omni4DGS's settings with all of its losses, with larger weights.
 fn omni4dgs(scene: &TrainingScene, form: VelocityForm, origin: DirectionOrigin) -> TrainSettings {
     let decomposition = Decomposition {
         gamma: 0.5,
@@ -168,7 +168,7 @@ fn settings(dynamics: DynamicSettings) -> TrainSettings {
     }
 }
 
-/// A rate for every array of a model.
+/// Returns a rate for every array of a model.
 fn rates(model: &Model) -> Vec<f32> {
     let rate = |name: &str| match name {
         "positions" => 2e-3,
@@ -277,7 +277,8 @@ fn steps_of_omni4dgs_are_those_of_the_cpu() {
     }
 }
 
-/// With gains taken out of the images, poses that move, and Gaussians left out; half of the views have no mask.
+/// Checks steps with gains removed from the images, poses that move, and Gaussians left out; half of the views
+/// have no mask.
 #[test]
 fn steps_with_gains_poses_and_dropout_are_those_of_the_cpu() {
     let mut scene = scene();
@@ -305,7 +306,7 @@ fn steps_with_gains_poses_and_dropout_are_those_of_the_cpu() {
     compare("gains, poses and dropout", &scene, &settings);
 }
 
-/// Nothing depends on time but the opacity, and nothing but the place.
+/// Checks models in which only the opacity depends on time, and only the position.
 #[test]
 fn steps_with_parts_of_time_left_out_are_those_of_the_cpu() {
     let scene = scene();

@@ -32,10 +32,10 @@ use crate::support::{balls, device};
 
 const ITERATIONS: u64 = 30;
 const CHECKPOINT_EVERY: u64 = 10;
-/// The step after which something happens to the device, before the second densification.
+/// Step of the device's failure, before the second densification.
 const FAILS_AFTER: u64 = 15;
 
-/// Hears of every step, and does something to the device after one of them.
+/// Receives every step, and changes the device after one of them.
 struct Fails<'a> {
     gpu: &'a Gpu,
     steps: AtomicU64,
@@ -65,7 +65,7 @@ fn model(scene: &TrainingScene) -> Model {
     Model::of_static(static_gaussians::table(&initial, 0))
 }
 
-/// Densifies at every tenth step, lets all grow that were seen, and removes none for its size.
+/// Densifies at every tenth step, lets all visible Gaussians grow, and removes none for its size.
 fn settings() -> TrainSettings {
     let published = baseline::published_settings(ITERATIONS);
     TrainSettings {
@@ -106,7 +106,7 @@ fn run(
     train::train(scene, learner, LoopSettings::from(&settings()), &session)
 }
 
-/// Trains until the device fails; returns how it did.
+/// Trains until the device fails; returns its failure.
 fn failed(how: fn(&Gpu)) -> Option<GpuError> {
     let gpu = device()?;
     let scene = balls::scene();
@@ -120,14 +120,14 @@ fn failed(how: fn(&Gpu)) -> Option<GpuError> {
         how,
     };
     let error = run(&scene, &mut learner, folder.path(), &fails).unwrap_err();
-    // Of ours: exit code 1, with one line.
+    // An error of this program: exit code 1, with one line.
     assert_eq!(error.error_kind(), ErrorKind::Internal, "{error}");
     assert_eq!(error.to_string().lines().count(), 1, "{error}");
     let kept = fs::read_dir(folder.path()).unwrap();
     let kept = kept.map(|file| file.unwrap().file_name().into_string().unwrap());
     let kept: Vec<String> = kept.filter(|name| name.starts_with("checkpoint")).collect();
     assert_eq!(kept, ["checkpoint.bin"]);
-    // Training goes on from the last checkpoint, on the CPU as well.
+    // Training resumes from the last checkpoint, on the CPU as well.
     let mut learner =
         GaussianLearner::new(&scene, model(&scene), settings(), BackendChoice::Cpu).unwrap();
     let counts = Fails {

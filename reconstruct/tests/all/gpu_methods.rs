@@ -1,5 +1,5 @@
-//! Every method over fifty steps of its whole plan: a GPU goes where the CPU goes. The model is as large as it may be
-//! from the beginning, so that density control prunes alone; how it grows is judged by `gpu_density` of the engine.
+//! Every method over fifty steps of its whole plan: GPU and CPU agree. The model starts at its maximum size, so
+//! that density control prunes alone; `gpu_density` of the engine judges its growth.
 
 use device::device;
 use held_camera::scene;
@@ -16,12 +16,12 @@ use omnilife_schemas::{progress::Silent, records::Backend};
 use crate::support::{device, held_camera, novel_views};
 
 const STEPS: u64 = 50;
-/// By how much the sum of all steps' losses may differ, relative to it: as that of four steps may.
+/// Maximum relative difference of the sum of all steps' losses: the same as for that of four steps.
 const LOSS_LIMIT: f64 = 2e-3;
 
-/// What a run came to.
+/// Result of a run.
 struct Run {
-    /// Of every step.
+    /// Losses of all steps.
     losses: Vec<f64>,
     gaussians: Vec<u64>,
     psnr_db: f64,
@@ -81,7 +81,7 @@ fn compare(method: &Method) {
     assert_eq!([cpu.losses.len(), gpu.losses.len()], [STEPS as usize; 2]);
     let what = method.id;
     assert!((sums[0] - sums[1]).abs() < LOSS_LIMIT * sums[0], "{what}");
-    // A Gaussian that is on either side of a threshold by its last bits grows on one of them.
+    // A Gaussian that is on different sides of a threshold by its last bits grows on one of them.
     assert!(
         numbers[0].abs_diff(numbers[1]) <= numbers[0] / 100,
         "{what}"

@@ -1,4 +1,4 @@
-//! Training steps on a GPU against those on the CPU, and how training goes on or ends.
+//! Training steps on a GPU against those on the CPU; resumed and failed training.
 
 use std::sync::Arc;
 
@@ -22,7 +22,7 @@ use omnilife_schemas::{camera::ErpCamera, records::Backend};
 
 use crate::support::{balls, device};
 
-/// Every fifth point of the scene as a model with harmonics up to a degree.
+/// Returns every fifth point of the scene as a model with harmonics up to a degree.
 fn model(scene: &TrainingScene, sh_degree: usize) -> Model {
     Model::of_static(table(scene, sh_degree))
 }
@@ -104,7 +104,7 @@ fn compare_steps(gpu: &Arc<Gpu>) {
     assert_images_agree(&gpu, &cpu);
 }
 
-/// A network that takes part from the second step on and says something from the beginning.
+/// Returns a network that takes part from the second step on, with an output other than 0 from the start.
 fn deformation(scene: &TrainingScene) -> Deformable {
     let model = DeformationModel {
         depth: 3,
@@ -182,13 +182,13 @@ fn steps_with_a_network_are_those_of_the_cpu() {
     }
 }
 
-/// A step without room for its tile entries, and the steps behind it, are done again: the model is
-/// to the last bit what it is where there was room from the beginning.
+/// Checks that a step without room for its tile entries, and the steps after it, are repeated: the model equals
+/// that with enough room to the last bit.
 #[test]
 fn steps_that_found_no_room_are_done_again() {
     let Some(gpu) = device() else { return };
     let scene = scene();
-    // Wide footprints: more entries than there is room for at first.
+    // Wide footprints: more entries than the initial room.
     let wide = || {
         let mut wide = table(&scene, 0);
         for value in &mut wide.arrays[static_gaussians::LOG_SCALES].values {

@@ -1,4 +1,4 @@
-//! Interpolators: depth of the spherical sweep against known depth, views against what is there.
+//! Interpolators: depth of the spherical sweep against known depth, views against ground truth.
 
 use std::path::{Path, PathBuf};
 
@@ -27,7 +27,7 @@ fn camera_pose(along: f64) -> CameraPose {
     }
 }
 
-/// A group in the room, the distances seen from its first view, and the views to predict.
+/// Returns a group in the room, the distances seen from its first view, and the novel views.
 fn room_group(width: u32) -> (Group, Vec<f64>, Vec<RgbImage>) {
     let camera = ErpCamera {
         width,
@@ -60,12 +60,12 @@ struct DepthScore {
     relative: f64,
     /// Share within a factor of 1.25.
     within: f64,
-    /// Share of pixels that count.
+    /// Share of counted pixels.
     share: f64,
 }
 
-/// Scores the pixels that `counts` accepts (pixel of the depth map, known distance), weighted by
-/// their solid angle. What is found farther than `farthest` counts as there.
+/// Scores the pixels that `counts` accepts (pixel of the depth map, known distance), weighted by their solid
+/// angle. Distances beyond `farthest` count as `farthest`.
 fn depth_score(
     depth: &SweptDepth,
     baseline: f64,
@@ -122,7 +122,7 @@ fn psnr(image: &RgbImage, truth: &RgbImage) -> f64 {
     -10.0 * (error / image.data.len() as f64).log10()
 }
 
-/// What each of them knows more than the next one must show.
+/// Checks that each interpolator is better than the next simpler one.
 #[test]
 fn knowing_more_gives_better_views() {
     let (group, _, truth) = room_group(192);
@@ -224,8 +224,8 @@ fn novel_views_are_predicted_from_the_input_views_around_them() {
     assert!(groups(&split(&[3], &[4])).is_none());
 }
 
-/// A scene rendered for this project beside the checkout, with depth; nothing and a line why where
-/// it is missing.
+/// Returns the folder of a scene rendered for this project beside the checkout, with depth. Without it: `None`,
+/// and a line with the reason.
 fn rendered(name: &str) -> Option<PathBuf> {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR"))
         .join("../../shared/data")

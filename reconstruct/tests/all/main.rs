@@ -1,4 +1,4 @@
-//! Scenes, methods and training from outside.
+//! Integration tests of scenes, methods and training.
 #![expect(clippy::unwrap_used, reason = "a failed set-up step fails the test")]
 
 mod checkpoints;

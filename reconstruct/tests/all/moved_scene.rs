@@ -1,5 +1,5 @@
-//! A scene whose world lies far from the origin and is turned, through the files of its run: everything is as
-//! where it was made.
+//! A scene whose world lies far from the origin and is rotated, through the files of its run: every result keeps
+//! its place.
 
 use std::path::{Path, PathBuf};
 
@@ -27,13 +27,13 @@ use tempfile::TempDir;
 
 use crate::support::balls;
 
-/// Too few for density control, which draws places along the axes of the world.
+/// Too few for density control, which draws positions along the axes of the world.
 const ITERATIONS: u64 = 20;
 
-/// Views of a run that are compared: one that was given, one that was not.
+/// Compared views of a run: one input view, one novel view.
 const VIEWS: [&str; 2] = ["input/000002.png", "novel/000004.png"];
 
-/// Turn and offset of the scene's world.
+/// Rotation and offset of the scene's world.
 struct World {
     turn: DQuat,
     offset: DVec3,
@@ -44,7 +44,8 @@ const AS_MADE: World = World {
     offset: DVec3::ZERO,
 };
 
-/// A quarter turn maps axes to axes: steps of the optimizer, which are taken along each, stay the same.
+/// Returns a world with a quarter rotation, which maps axes to axes: steps of the optimizer, taken along each,
+/// stay the same.
 fn far_away() -> World {
     World {
         turn: DQuat::from_rotation_x(std::f64::consts::FRAC_PI_2),
@@ -67,7 +68,7 @@ impl Trained {
         self.file("run/predictions").join(view)
     }
 
-    /// The folder of the scene's views, rendered from a model.
+    /// Returns the folder of the scene's views, rendered from a model.
     fn rendered(&self, model: &Path, out: &str) -> PathBuf {
         let request = RenderRequest {
             model: model.to_owned(),
@@ -82,7 +83,7 @@ impl Trained {
         request.out
     }
 
-    /// The `.splat` of a model with everything in it.
+    /// Returns the complete `.splat` of a model.
     fn exported(&self, gaussians: PathBuf, out: &str) -> PathBuf {
         let request = ExportRequest {
             gaussians,
@@ -190,7 +191,7 @@ fn trained(world: &World, change: impl Fn(&mut Scene)) -> Trained {
     Trained { folder, record }
 }
 
-/// PSNR between two images, dB; infinite of equal ones.
+/// Returns the PSNR between two images, dB; infinite for equal ones.
 fn psnr(one: &Path, other: &Path) -> f64 {
     let [one, other] = [one, other].map(|path| RgbImage::read(path).unwrap());
     let values = one.data.iter().zip(&other.data);
@@ -215,7 +216,7 @@ fn a_scene_far_from_the_origin_is_learnt_kept_and_exported_as_near_it() {
             let out = trained.rendered(&trained.file(model), "views");
             for view in VIEWS {
                 let kept = psnr(&trained.prediction(view), &out.join(file_name(view)));
-                // A PLY alone does not say what is too near to be drawn.
+                // A PLY alone has no near limit.
                 let limit = if model == "run" { 60.0 } else { 50.0 };
                 assert!(kept > limit, "{model}, {view}: {kept} dB");
             }

@@ -1,5 +1,5 @@
-//! Neural Atlas Graphs on a clip whose truth is known: two textured planes, one passing behind the other,
-//! drawn ray by ray in f64.
+//! Neural Atlas Graphs on a clip with known truth: two textured planes, one passing behind the other, rendered
+//! ray by ray in f64.
 
 use std::time::Instant;
 
@@ -66,7 +66,7 @@ impl Truth {
         )
     }
 
-    /// An ellipse with a soft edge; 1 for the background.
+    /// Returns the opacity of an ellipse with a soft edge; 1 for the background.
     fn opacity(&self, uv: DVec2) -> f64 {
         if !self.is_object {
             return 1.0;
@@ -90,7 +90,7 @@ fn truths() -> [Truth; 3] {
     ]
 }
 
-/// Where the planes are: the far object goes right and behind the near one, which goes left.
+/// Returns the poses of the planes: the far object moves right and behind the near one, which moves left.
 fn poses(time: f64) -> [RigidPose; 3] {
     let pose = |centre: [f64; 3]| RigidPose {
         centre: DVec3::from_array(centre),
@@ -103,7 +103,7 @@ fn poses(time: f64) -> [RigidPose; 3] {
     ]
 }
 
-/// A pixel's colour, and how much of it each object covers visibly.
+/// Returns a pixel's colour, and its visible coverage by each object.
 fn draw(time: f64, pixel: usize, without: Option<usize>) -> (DVec3, [f64; 2]) {
     let ray = Ray {
         origin: DVec3::ZERO,
@@ -191,7 +191,7 @@ fn learn(learner: &mut AtlasLearner, steps: std::ops::Range<u64>, of: u64) {
     }
 }
 
-/// PSNR over pixels that a rule names.
+/// Returns the PSNR over pixels that a rule selects.
 fn psnr(image: &[f32], truth: impl Fn(usize) -> DVec3, is_scored: impl Fn(usize) -> bool) -> f64 {
     let (mut sum, mut count) = (0.0, 0);
     for (pixel, rgb) in image.chunks_exact(3).enumerate() {
@@ -257,8 +257,8 @@ fn two_planes_are_taken_apart() {
     let overlap = [0, 1].map(|object| f64::from(both[object]) / f64::from(any[object]));
     let removed_mean = -10.0
         * (removed.iter().map(|db| 10_f64.powf(-0.1 * db)).sum::<f64>() / FRAMES as f64).log10();
-    // How the planes move in the image, beside where they were on average: which point of an object is its
-    // plane's middle is not determined.
+    // Motion of the planes in the image, relative to their mean position: the point of an object at its plane's
+    // middle is not determined.
     let mut apart = [0.0_f64; 2];
     for (object, name) in NAMES.iter().enumerate() {
         let node = &graph.nodes[graph.find(name).unwrap()];
@@ -296,7 +296,7 @@ fn small_request() -> MethodRequest {
     MethodRequest::new(12, 3)
 }
 
-/// Parameters and moments after all steps.
+/// Returns parameters and moments after all steps.
 fn body(learner: &mut AtlasLearner) -> Vec<u8> {
     learner.save().unwrap().body
 }

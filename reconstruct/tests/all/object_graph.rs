@@ -1,4 +1,4 @@
-//! The object graph: what moves along a track is an object of its own, and can be taken out.
+//! The object graph: each moving track is an object of its own, and can be removed.
 
 use omnilife_engine::model::{
     Model,
@@ -18,7 +18,7 @@ use omnilife_schemas::{
 
 use crate::support::moving_ball;
 
-/// The clip of the moving ball with its true track.
+/// Returns the clip of the moving ball with its true track.
 fn scene() -> TrainingScene {
     let mut scene = moving_ball::scene();
     let times: Vec<f64> = (0..15).map(f64::from).collect();
@@ -62,7 +62,7 @@ fn train<'a>(scene: &'a TrainingScene, method: &str) -> MethodOutcome<'a> {
         .unwrap()
 }
 
-/// Mean PSNR of the masked pixels of the novel views, dB.
+/// Returns the mean PSNR of the masked pixels of the novel views, dB.
 fn dynamic_psnr(outcome: &mut MethodOutcome<'_>, scene: &TrainingScene) -> f64 {
     let scores = scene.novel_views.iter().map(|view| {
         let image = outcome.learner.image(&view.view).unwrap();
@@ -98,7 +98,7 @@ fn what_moves_is_better_than_a_static_scene_has_it_and_can_be_taken_out() {
             .any(|one| one.component == name && one.used)
     };
     assert!(used("object-graph") && used("object-poses"));
-    // Taken out: the static render to the bit.
+    // Removed: the static render to the bit.
     let model = graph.learner.gaussians().unwrap().unwrap().clone();
     assert_eq!(model.parts.len(), 2);
     let settings = omnilife_engine::render::settings::RenderSettings::new(0.01);

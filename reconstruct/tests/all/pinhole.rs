@@ -1,4 +1,4 @@
-//! Scenes of a pinhole camera: every method trains on them or says why not.
+//! Scenes of a pinhole camera: every method trains on them or gives a reason.
 
 use novel_views::novel_psnr;
 use omnilife_reconstruct::{
@@ -16,7 +16,7 @@ use rand::RngExt;
 
 use crate::support::{balls, novel_views};
 
-/// What a pinhole sees of the balls. Its pixels are not square and its axis is not in the middle.
+/// Returns a pinhole's view of the balls. Its pixels are not square and its axis is off the middle.
 fn scene() -> TrainingScene {
     let camera = Camera::Pinhole(PinholeCamera {
         width: 64,
@@ -83,7 +83,7 @@ fn no_sky_is_looked_for_where_no_view_looks() {
     let mut scene = scene();
     scene.points = Default::default();
     let sky = OpenSky::of(&scene, 100_000);
-    // About the solid angle of the image, a sixth of the sphere, and nothing behind the camera.
+    // About the solid angle of the image, a sixth of the sphere, and no direction behind the camera.
     let share = sky.seen as f32 / sky.directions as f32;
     assert!((0.1..0.3).contains(&share), "{share}");
     assert_eq!(sky.open.len(), sky.seen);

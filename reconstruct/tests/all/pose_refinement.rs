@@ -1,4 +1,4 @@
-//! Poses that are off: found out, refined, and left alone where they are not.
+//! Inaccurate poses: detected, refined, and left alone where they are exact.
 
 use std::fs;
 
@@ -25,7 +25,7 @@ use crate::support::{
 
 use crate::support::{balls, moving_ball};
 
-/// What is wrong with the pose of a frame: a drift of two degrees, most of it.
+/// Returns the error of a frame's pose: mostly a drift of two degrees.
 fn error(frame: u32) -> PoseCorrection {
     let along = 0.45 * frame as f32;
     let jitter = 0.004 * vec3((frame % 3) as f32 - 1.0, (frame % 2) as f32 - 0.5, 0.0);
@@ -42,8 +42,8 @@ fn disturbed(mut scene: TrainingScene) -> TrainingScene {
     scene
 }
 
-/// By how much the directions of points at a distance of 5 are wrong in these views, root mean square,
-/// beyond what is the same in all of them: radians.
+/// Returns the root mean square error of the directions to points at a distance of 5 in these views, beyond the
+/// part that all views share: radians.
 fn remaining(views: &[TrainingView], exact: &[TrainingView], model: &Model) -> f32 {
     let errors: Vec<[Vec3; 2]> = views
         .iter()
@@ -66,7 +66,7 @@ fn remaining(views: &[TrainingView], exact: &[TrainingView], model: &Model) -> f
     squares.iter().sum::<f32>().sqrt()
 }
 
-/// Whether poses are refined, and why.
+/// Returns the decision on refining poses, with its reason.
 fn decision(outcome: &MethodOutcome<'_>) -> (bool, String) {
     let decision = outcome
         .findings
@@ -86,7 +86,7 @@ fn refined<'a>(scene: &'a TrainingScene, iterations: u64, without: &[&str]) -> M
     train(scene, "omni4dgs-plus", &request)
 }
 
-/// That most of the error is gone, in novel views too, and that the scene stayed where it was.
+/// Asserts that most of the error is corrected, in novel views too, and that the scene keeps its place.
 fn assert_refined(outcome: &mut MethodOutcome<'_>, scene: &TrainingScene, exact: &TrainingScene) {
     assert!(decision(outcome).0, "{}", decision(outcome).1);
     let model = outcome.learner.gaussians().unwrap().unwrap();
@@ -120,7 +120,7 @@ fn poses_that_are_off_are_refined() {
     assert!(psnr[0] > psnr[1] + 1.5, "{psnr:?}");
     assert_refined(&mut with, &scene, &exact);
 
-    // An input view is drawn with its own correction, any other camera with that of its moment.
+    // An input view is rendered with its own correction, any other camera with that of its moment.
     let model = with.learner.gaussians().unwrap().unwrap();
     let poses = model.poses.as_ref().unwrap();
     let view = &scene.input_views[3].view;
@@ -148,7 +148,7 @@ fn poses_are_refined_where_nothing_moves_too() {
 
 #[test]
 fn what_is_seen_beside_its_place_tells_how_poses_are_off() {
-    // A jitter: what goes along with the path of the camera is not told from a bent scene.
+    // A jitter: an error along the camera's path cannot be distinguished from a bent scene.
     let error = |frame: u32| {
         let [one, two, three] = [2.4, 3.1, 4.3].map(|pace| (pace * frame as f32).sin());
         0.02 * vec3(one, two, three)
@@ -163,7 +163,7 @@ fn what_is_seen_beside_its_place_tells_how_poses_are_off() {
     }
     let mut fit = PilotFit::of(&scene, 7).unwrap();
     let before = fit.motion();
-    // Every view is looked at here. Small corrections take errors back.
+    // Every view is examined here. Small corrections reverse the errors.
     let found = fit.poses();
     let views = scene.input_views.iter().zip(&found.corrections);
     let pairs: Vec<[Vec3; 2]> = views
@@ -177,8 +177,8 @@ fn what_is_seen_beside_its_place_tells_how_poses_are_off() {
         together += (expected - mean[0]).dot(found - mean[1]);
         alone += (expected - mean[0]).length_squared();
     }
-    // Slopes are those of the render, whose edges are blurred and too flat: corrections come out a
-    // quarter too large (with the mean of its slopes and the image's, a seventh).
+    // Slopes are those of the render, whose edges are blurred and too flat. So corrections come out a quarter too
+    // large (with the mean of its slopes and the image's, a seventh).
     let share = together / alone;
     assert!((0.5..1.3).contains(&share), "{share}");
     fit.correct_poses(&found);
@@ -207,7 +207,7 @@ fn exact_poses_are_left_alone() {
             .contains_key(CAMERA_CENTRES)
     );
 
-    // Under the plan full they are refined, which makes little of them.
+    // Under the plan full they are refined, with little effect.
     let full = MethodRequest {
         plan: PlanChoice::Full,
         ..request(30)
@@ -252,7 +252,7 @@ fn a_run_that_refines_poses_goes_on_to_the_bit() {
                 scores,
             )
         };
-        // The first run's only checkpoint is the one that the second begins from.
+        // The first run's only checkpoint is the start of the second.
         let [whole, resumed] = [run("whole", 25), run("resumed", 0)];
         let steps: u64 = whole.0.poses.as_ref().unwrap().steps.iter().sum();
         // From iteration 2 of 40.

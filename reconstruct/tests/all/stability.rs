@@ -1,4 +1,4 @@
-//! The stability catalogue on every backend: every case is as good as it has to be.
+//! The stability catalogue on every backend: every case keeps its limits.
 
 use omnilife_schemas::{progress::Silent, records::StabilityStatus};
 use omnilife_stability::devices::{Device, DeviceKind};

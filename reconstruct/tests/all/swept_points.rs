@@ -1,5 +1,5 @@
-//! A scene with poses and without points, or with points on a part of its surfaces: those of a sweep lie on
-//! the rest, and training on them ends as it does on points that were measured.
+//! A scene with poses and without points, or with points on a part of its surfaces. Points of a sweep lie on the
+//! rest, and training on them matches training on measured points.
 
 use glam::{DMat3, DQuat, DVec3, Vec3, dvec2, dvec3};
 use novel_views::novel_psnr;
@@ -39,7 +39,7 @@ fn camera_pose(frame: u32) -> CameraPose {
     }
 }
 
-/// A walk through the room, every fifth view a novel one, without points.
+/// Returns a path through the room, every fifth view a novel one, without points.
 fn walk() -> TrainingScene {
     let (mut input_views, mut novel_views) = (Vec::new(), Vec::new());
     for frame in 0..15 {
@@ -83,7 +83,7 @@ fn walk() -> TrainingScene {
     }
 }
 
-/// Points of the room's surfaces as a laser at a view would measure them.
+/// Returns points of the room's surfaces as a laser at a view would measure them.
 fn measured() -> PointCloud<f32> {
     let pose = camera_pose(6);
     let mut points = PointCloud::default();
@@ -145,7 +145,7 @@ fn swept_points_lie_on_the_surfaces() {
             let offset = Vec3::from_array(position).as_dvec3() - origin;
             let nearest =
                 |direction: DVec3| (room(origin, direction).1 / offset.length() - 1.0).abs();
-            // What is behind a pillar from here may be in sight from elsewhere.
+            // A place behind a pillar from here may be visible from elsewhere.
             let beside = camera_pose(0).centre - origin;
             let again = Vec3::from_array(position).as_dvec3() - (origin + beside);
             let from_beside =
@@ -187,7 +187,7 @@ fn they_can_be_left_out_and_need_parallax() {
     );
 }
 
-/// The walk with measured points on one side of the room, and a method that can be asked to complete them.
+/// Returns the path with measured points on one side of the room, and a method that can complete them.
 fn half_measured(with: &[&str]) -> (TrainingScene, Option<ComponentDecision>) {
     let mut scene = walk();
     let all = measured();
@@ -260,7 +260,7 @@ fn a_scene_whose_surfaces_have_points_gets_no_more() {
     );
 }
 
-/// What the evidence means was measured on the points that scenes come with.
+/// Checks that added points give no evidence except changes at them: limits were measured on scenes' own points.
 #[test]
 fn added_points_are_no_evidence_but_are_asked_whether_they_change() {
     let [half, completed] = [&[][..], &[denser_points::ID]].map(|with| half_measured(with).0);

@@ -1,5 +1,5 @@
-//! A method and a parameterization from outside, with kernels on a GPU: what new ones take, without a line of
-//! the engine. All Gaussians of the toy drift with one velocity, which it learns.
+//! A method and a parameterization outside of the engine, with kernels on a GPU: the parts of a new one. All
+//! Gaussians of the toy drift with one trained velocity.
 
 use std::sync::Arc;
 
@@ -306,7 +306,7 @@ fn prepare(
     })
 }
 
-/// The balls as they are seen by cameras that are off by a drift: the world seems to move.
+/// Returns the balls as seen by cameras whose error is a drift: the world seems to move.
 fn drifting_scene(velocity: Vec3) -> TrainingScene {
     let mut scene = balls::scene();
     let clock = scene.clock().unwrap();
@@ -397,7 +397,7 @@ fn a_training_with_kernels_from_outside_is_that_of_the_cpu() {
             ..Session::without_files(&Silent)
         };
         let request = MethodRequest {
-            // As many as it begins with, so that a Gaussian at a threshold leads to no others.
+            // The limit is the first number, so that a Gaussian at a threshold makes no others.
             options: Options::at_most(scene.points.positions.len() as u64),
             trace_every: Some(1),
             ..MethodRequest::new(50, 3)
@@ -407,7 +407,7 @@ fn a_training_with_kernels_from_outside_is_that_of_the_cpu() {
         let loss: f64 = trace.filter_map(|point| point.train_loss).sum();
         (loss, learnt_velocity(&mut outcome))
     });
-    // As far apart as those of other methods may be.
+    // The same tolerance as for other methods.
     assert!((gpu.0 - cpu.0).abs() < 2e-3 * cpu.0, "{gpu:?} {cpu:?}");
     let apart = gpu.1.distance(cpu.1);
     assert!(apart < 0.05 * VELOCITY.length(), "{gpu:?} {cpu:?}");
@@ -449,8 +449,7 @@ fn a_backend_without_its_kernels_refuses_it_by_name() {
         ..TOY
     });
     assert!(message.contains("toy has no GPU kernels"), "{message}");
-    // A method that says more than its parameterization can keep. A machine without any adapter says that
-    // instead.
+    // A method with more than its parameterization can keep. A machine without any adapter reports that instead.
     let message = refusal(WITHOUT_KERNELS);
     assert!(
         message.contains("drifting Gaussians have no GPU kernels") || message.contains("adapter"),

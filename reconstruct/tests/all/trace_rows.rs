@@ -1,4 +1,4 @@
-//! Rows of the trace: where they are, and that looking at a model does not change it.
+//! Rows of the trace: their iterations, and unchanged models after their renders.
 
 use std::path::Path;
 
@@ -15,7 +15,7 @@ use crate::support::{balls, moving_ball};
 
 const ITERATIONS: u64 = 40;
 
-/// A run with its novel views rendered at the rows, where there is a folder for them.
+/// Runs a training with its novel views rendered at the rows, if it has a folder for them.
 fn run(
     scene: &TrainingScene,
     method: &str,

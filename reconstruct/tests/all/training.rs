@@ -1,4 +1,4 @@
-//! Training as a whole, on views rendered from Gaussians that are known.
+//! Training as a whole, on views rendered from known Gaussians.
 
 use balls::scene;
 use novel_views::novel_psnr;
@@ -13,7 +13,7 @@ use omnilife_schemas::{points::PointCloud, progress::Silent, records::ComponentD
 
 use crate::support::{balls, novel_views};
 
-/// Whether open sky was found.
+/// Returns the decision on open sky.
 fn sky<'o>(outcome: &'o MethodOutcome<'_>) -> &'o ComponentDecision {
     let mut plan = outcome.findings.plan.iter();
     plan.find(|part| part.component == "sky-shell").unwrap()
@@ -173,7 +173,7 @@ fn a_budget_ends_training() {
     );
 }
 
-/// The scene with whoever holds the camera, at the same pixels of every view.
+/// Returns the scene with the operator at the same pixels of every view.
 fn held(is_ignored: bool) -> TrainingScene {
     let mut scene = scene();
     let [width, height] = scene.camera.size();

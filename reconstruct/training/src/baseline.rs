@@ -1,5 +1,5 @@
-//! What every Gaussian method begins with: the schedule of 3DGS and ODGS, and first Gaussians at the
-//! points and in the sky.
+//! Baseline of all Gaussian methods: the schedule of 3DGS and ODGS, and first Gaussians at the points and in the
+//! sky.
 
 use std::collections::BTreeMap;
 
@@ -24,7 +24,7 @@ use crate::{
     },
 };
 
-/// Component: opacities are set down now and then.
+/// Component: opacities are reset from time to time.
 pub const OPACITY_RESET: &str = "opacity-reset";
 
 /// Length of the published schedule, iterations.
@@ -38,24 +38,24 @@ pub(crate) const SHORT_SCHEDULE: ShortSchedule = ShortSchedule {
 /// Extent of the cameras in a normalized scene: 1.1 times their radius (3DGS `getNerfppNorm`).
 pub const CAMERA_EXTENT: f32 = 1.1;
 
-/// Iterations that opacities need to recover from a reset: at 0.05 per step, the way from 0.01 back
-/// to 1/2 takes about 100 steps, and every view has to be seen some times.
+/// Iterations that opacities need to recover from a reset. At 0.05 per step, the way from 0.01 back to 1/2 takes
+/// about 100 steps, and every view has to be seen some times.
 const RESET_RECOVERY_ITERATIONS: u64 = 500;
 
-/// First scales are kept within this factor of their median, so that duplicate and lonely points
-/// give neither dust nor blankets.
+/// Maximum factor between first scales and their median, so that duplicate and lonely points give neither dust
+/// nor blankets.
 const SCALE_SPREAD: f32 = 10.0;
 
 /// Threshold of 3DGS. ODGS publishes 1e-4, for twice the Gaussians and more; with a limit on their
 /// number the larger gradients come first anyway.
 const GRADIENT_THRESHOLD: f32 = 2e-4;
 
-/// Gaussians per pixel of an input view, at most, where the user sets no limit: a Gaussian that
-/// covers fewer than two pixels is not held by its views.
+/// Default maximum number of Gaussians per pixel of an input view: a Gaussian that covers fewer than two pixels
+/// is not constrained by its views.
 const GAUSSIANS_PER_PIXEL: f64 = 0.5;
 
-/// The published settings, scaled to a number of iterations, for a scene as large as the cameras'
-/// path. Sources: ODGS `arguments/__init__.py`, 3DGS `arguments/__init__.py`.
+/// Returns the published settings, scaled to a number of iterations, for a scene as large as the cameras' path.
+/// Sources: ODGS `arguments/__init__.py`, 3DGS `arguments/__init__.py`.
 pub fn published_settings(iterations: u64) -> TrainSettings {
     let scale = iterations as f64 / PUBLISHED_ITERATIONS;
     let scaled = |published: f64| ((published * scale).round() as u64).max(1);
@@ -97,7 +97,7 @@ pub fn published_settings(iterations: u64) -> TrainSettings {
     }
 }
 
-/// Step sizes for a scene of this extent, in normalized units.
+/// Returns the step sizes for a scene of this extent, in normalized units.
 fn learning_rates(extent: f32) -> BTreeMap<String, Decay> {
     let positions = Decay {
         begin: 1.6e-4 * extent,
@@ -115,7 +115,7 @@ fn learning_rates(extent: f32) -> BTreeMap<String, Decay> {
     .into()
 }
 
-/// The published settings with what this implementation does otherwise.
+/// Returns the published settings with the changes of this implementation.
 pub fn settings(scene: &TrainingScene, request: &MethodRequest) -> TrainSettings {
     let published = published_settings(request.iterations);
     // Statistics over less than one epoch would miss views.
@@ -166,8 +166,8 @@ pub fn settings(scene: &TrainingScene, request: &MethodRequest) -> TrainSettings
     }
 }
 
-/// What position steps are relative to, normalized units. 3DGS scales them by the cameras' radius,
-/// which is its scene's size. A video's cameras stand close together in a scene many times as large:
+/// Returns the extent that position steps are relative to, normalized units. 3DGS scales them by the cameras'
+/// radius, which is its scene's size. A video's cameras stand close together in a scene many times as large:
 /// there it is the distance of the points.
 pub fn scene_extent(scene: &TrainingScene) -> f32 {
     scene.median_point_distance().max(CAMERA_EXTENT)
@@ -181,8 +181,8 @@ pub fn default_maximum(scene: &TrainingScene) -> u64 {
     ((GAUSSIANS_PER_PIXEL * pixels) as u64).max(points)
 }
 
-/// Checks at once what a user's limit on the Gaussians, or on the memory, asks for: the default is a few
-/// Gaussians per pixel, and not every scene fills it. `other_bytes` are what training needs beside them.
+/// Checks a user's limit on the Gaussians, or on the memory, in advance. The default limit is a few Gaussians per
+/// pixel, and many scenes stay below it. `other_bytes` is the memory that training needs beside them.
 ///
 /// # Errors
 /// When that many Gaussians do not fit into the memory that is left.
@@ -200,7 +200,7 @@ pub fn require_memory(
     Ok(())
 }
 
-/// Which of the scene's points there is room for, evenly spread, and Gaussians at them.
+/// Returns the scene's points that fit under the limit, evenly spread, and Gaussians at them.
 pub(crate) fn gaussians_at_points(
     scene: &TrainingScene,
     room: usize,
@@ -210,7 +210,7 @@ pub(crate) fn gaussians_at_points(
     (indices, points::from_points(&taken, SCALE_SPREAD))
 }
 
-/// The static model that every scene can be fitted with: Gaussians at its points and in its open sky.
+/// Returns a static model for any scene: Gaussians at its points and in its open sky.
 pub(crate) fn static_model(scene: &TrainingScene, settings: &TrainSettings) -> Model {
     let maximum = settings.densify.maximum_gaussians;
     let sky = OpenSky::of(scene, maximum);
@@ -225,7 +225,7 @@ pub(crate) fn static_model(scene: &TrainingScene, settings: &TrainSettings) -> M
     static_gaussians::table(&initial, settings.rendering.sh_degree).into()
 }
 
-/// Whether opacities are set down, and why.
+/// Decides on resets of opacities, with a reason.
 pub(crate) fn reset_decision(
     settings: &TrainSettings,
     request: &MethodRequest,

@@ -1,4 +1,4 @@
-//! Why a reconstruction could not be made.
+//! Errors of a reconstruction.
 
 use std::path::PathBuf;
 
@@ -17,10 +17,10 @@ pub enum ReconstructError {
     Scene {
         /// The scene, split or image.
         path: PathBuf,
-        /// Why not.
+        /// Reason.
         reason: String,
     },
-    /// No method, component or option of this name.
+    /// The name of a method, component or option is unknown.
     #[error(transparent)]
     Unknown(#[from] UnknownName),
     /// The work does not fit into memory.
@@ -28,14 +28,14 @@ pub enum ReconstructError {
         "{purpose} would take {gibibytes:.1} GiB of memory, {available_gibibytes:.1} GiB are left"
     )]
     Memory {
-        /// What would be made.
+        /// Purpose of the memory.
         purpose: String,
-        /// What it takes.
+        /// Required memory.
         gibibytes: f64,
-        /// What is left.
+        /// Available memory.
         available_gibibytes: f64,
     },
-    /// The process was told to end.
+    /// The process was terminated.
     #[error(
         "scene {scene}: training was interrupted at iteration {iteration}; begun again, it goes on \
          from its last checkpoint"
@@ -46,10 +46,10 @@ pub enum ReconstructError {
         /// Iterations done.
         iteration: u64,
     },
-    /// A request that makes no sense.
+    /// An invalid request.
     #[error("{reason}")]
     Request {
-        /// Why not.
+        /// Reason.
         reason: String,
     },
     /// The engine failed.
@@ -62,13 +62,13 @@ pub enum ReconstructError {
         scene: String,
         /// Iteration of the first bad value.
         iteration: u64,
-        /// What was not finite.
+        /// The value that was not finite.
         what: String,
     },
 }
 
 impl ReconstructError {
-    /// What the engine says, with the scene's name where training went wrong.
+    /// Returns the error of the engine, with the scene's name if training diverged.
     pub(crate) fn of_engine(scene: &str, error: EngineError) -> Self {
         match error {
             EngineError::Diverged { iteration, what } => Self::Diverged {

@@ -1,15 +1,16 @@
-//! Scenes, evidence, components and the training loop: everything that a reconstruction method builds on.
+//! Basis of reconstruction methods: scenes, evidence, components and the training loop.
 //!
-//! Modules from the top down; a module imports only from those below it, and a test holds that:
+//! Modules from the top down. A module imports only from those below it, and a test checks that.
 //!
 //! * [`method`]: the row that describes a method.
-//! * [`components`]: what a scene may give a method reason for, decided by [`evidence`].
-//! * [`baseline`]: the schedule and first Gaussians that every Gaussian method starts from.
+//! * [`components`]: optional parts of a run, decided by [`evidence`].
+//! * [`baseline`]: the schedule and first Gaussians of every Gaussian method.
 //! * [`train`]: the loop, its checkpoint and trace.
-//! * [`models`]: what trained methods leave: files, layers, edits, exports. [`learner`]: all that the loop knows of a model.
+//! * [`models`]: files, layers, edits and exports of trained models. [`learner`]: the model's interface for the
+//!   loop.
 //! * [`seeds`]: first Gaussians. [`formats`]: files of a model.
 //! * [`stereo`]: depth from two panoramas. [`scene`]: a scene in memory.
-//! * [`request`]: what a user asks of a method; [`options`]: what only some methods understand.
+//! * [`request`]: a user's request; [`options`]: options of single methods.
 #![cfg_attr(not(test), warn(clippy::disallowed_methods))]
 
 pub mod baseline;

@@ -1,5 +1,5 @@
-//! Options that only some methods understand: declared by the method, checked before anything is
-//! computed. `--set densify-threshold=2e-4` asks for one.
+//! Options of single methods: declared by the method, checked before any computation.
+//! `--set densify-threshold=2e-4` sets one.
 
 use std::collections::BTreeMap;
 
@@ -14,11 +14,11 @@ use crate::error::ReconstructError;
 pub struct MethodOption {
     /// Name on the command line.
     pub id: &'static str,
-    /// What it decides.
+    /// Effect of the option.
     pub doc: &'static str,
-    /// Which values there are.
+    /// Allowed values.
     pub values: OptionValues,
-    /// What holds where it is not given.
+    /// Default value.
     pub default: &'static str,
 }
 
@@ -27,14 +27,14 @@ pub struct MethodOption {
 pub enum OptionValues {
     /// Whole numbers.
     Whole {
-        /// The least.
+        /// Minimum.
         least: u64,
-        /// The greatest.
+        /// Maximum.
         most: u64,
     },
     /// One positive number, or two: at the equator and at the poles.
     ByLatitude,
-    /// One of some words.
+    /// One word of a list.
     Word(&'static [&'static str]),
 }
 
@@ -51,7 +51,7 @@ pub enum OptionValue {
 }
 
 impl OptionValues {
-    /// As help shows them.
+    /// Returns the text for help.
     pub fn text(&self) -> String {
         match self {
             Self::Whole { least, most } if *most == u64::MAX => {
@@ -87,7 +87,7 @@ impl OptionValues {
     }
 }
 
-/// The number of Gaussians never grows above this.
+/// Maximum number of Gaussians.
 pub const MAX_GAUSSIANS: MethodOption = MethodOption {
     id: "max-gaussians",
     doc: "never more Gaussians than this; more points are thinned out",
@@ -97,7 +97,7 @@ pub const MAX_GAUSSIANS: MethodOption = MethodOption {
     },
     default: "half the pixels of a view",
 };
-/// How many shards learn one after another.
+/// Number of shards that train one after another.
 pub const SHARDS: MethodOption = MethodOption {
     id: "shards",
     doc: "into how many shards Gaussians are cut, of which one after another learns from a drawing of all; 1 for \
@@ -118,7 +118,7 @@ pub const SH_DEGREE: MethodOption = MethodOption {
     },
     default: "0, or what the scene gives reason for",
 };
-/// How a Gaussian's falloff in a pixel is defined.
+/// Definition of a Gaussian's falloff in a pixel.
 pub const FOOTPRINT: MethodOption = MethodOption {
     id: "footprint",
     doc: "footprint of a Gaussian: linearized at its centre, or its largest value along the pixel's \
@@ -138,16 +138,16 @@ pub const DENSIFY_THRESHOLD: MethodOption = MethodOption {
 /// Options of all methods whose model is Gaussians.
 pub const OF_GAUSSIANS: &[MethodOption] = &[MAX_GAUSSIANS, SH_DEGREE, FOOTPRINT, DENSIFY_THRESHOLD];
 
-/// What is asked of a method beyond what all methods understand, by the names of its options.
+/// Requested values of a method's own options, by name.
 #[derive(Debug, Clone, Default, PartialEq, Serialize)]
 #[serde(transparent)]
 pub struct Options(BTreeMap<&'static str, OptionValue>);
 
 impl Options {
-    /// Reads `NAME=VALUE` lines against what a method declares.
+    /// Reads `NAME=VALUE` lines against a method's declarations.
     ///
     /// # Errors
-    /// When the method has no such option, a value is none of its values, or one is given twice.
+    /// When the method does not have an option, a value is not allowed, or an option is given twice.
     pub fn parse(
         method: &str,
         declared: &'static [MethodOption],
@@ -171,27 +171,27 @@ impl Options {
         Ok(options)
     }
 
-    /// At most so many Gaussians.
+    /// Returns options with this maximum number of Gaussians.
     pub fn at_most(gaussians: u64) -> Self {
         Self([(MAX_GAUSSIANS.id, OptionValue::Whole(gaussians))].into())
     }
 
-    /// Learning in so many shards.
+    /// Returns options with training in so many shards.
     pub fn in_shards(shards: u64) -> Self {
         Self([(SHARDS.id, OptionValue::Whole(shards))].into())
     }
 
-    /// Spherical harmonics of this degree.
+    /// Returns options with spherical harmonics of this degree.
     pub fn of_sh_degree(degree: usize) -> Self {
         Self([(SH_DEGREE.id, OptionValue::Whole(degree as u64))].into())
     }
 
-    /// The names of what is asked for.
+    /// Returns the names of the requested options.
     pub fn names(&self) -> impl Iterator<Item = &'static str> + '_ {
         self.0.keys().copied()
     }
 
-    /// The value of an option that is a word.
+    /// Returns the value of an option that is a word.
     pub fn word(&self, option: &MethodOption) -> Option<&str> {
         match self.0.get(option.id) {
             Some(OptionValue::Word(word)) => Some(word),
@@ -199,7 +199,7 @@ impl Options {
         }
     }
 
-    /// The value of an option that is a whole number.
+    /// Returns the value of an option that is a whole number.
     pub fn whole(&self, option: &MethodOption) -> Option<u64> {
         match self.0.get(option.id) {
             Some(OptionValue::Whole(value)) => Some(*value),
@@ -207,22 +207,22 @@ impl Options {
         }
     }
 
-    /// [`MAX_GAUSSIANS`].
+    /// Returns [`MAX_GAUSSIANS`].
     pub fn maximum_gaussians(&self) -> Option<u64> {
         self.whole(&MAX_GAUSSIANS)
     }
 
-    /// [`SHARDS`].
+    /// Returns [`SHARDS`].
     pub fn shards(&self) -> Option<usize> {
         self.whole(&SHARDS).map(|shards| shards as usize)
     }
 
-    /// [`SH_DEGREE`].
+    /// Returns [`SH_DEGREE`].
     pub fn sh_degree(&self) -> Option<usize> {
         self.whole(&SH_DEGREE).map(|degree| degree as usize)
     }
 
-    /// [`DENSIFY_THRESHOLD`] at the equator and at the poles.
+    /// Returns [`DENSIFY_THRESHOLD`] at the equator and at the poles.
     pub fn densify_threshold(&self) -> Option<[f32; 2]> {
         match self.0.get(DENSIFY_THRESHOLD.id) {
             Some(OptionValue::ByLatitude(values)) => Some(*values),
@@ -230,7 +230,7 @@ impl Options {
         }
     }
 
-    /// [`FOOTPRINT`].
+    /// Returns [`FOOTPRINT`].
     pub fn footprint(&self) -> Footprint {
         match self.0.get(FOOTPRINT.id) {
             Some(OptionValue::Word(word)) if word == "ray" => Footprint::Ray,

@@ -1,4 +1,4 @@
-//! What the system says about this process: time on the CPU, memory, and that it shall end.
+//! State of this process: CPU time, memory, and requests to terminate.
 
 use std::{
     fs,
@@ -13,7 +13,7 @@ use crate::error::ReconstructError;
 use omnilife_schemas::provenance::kibibytes;
 pub use omnilife_schemas::{elapsed::own_cpu_time, provenance::peak_memory_bytes};
 
-/// What the program's signal handlers and training tell each other. This crate installs no handler.
+/// Flags between the program's signal handlers and training. This crate installs no handler.
 pub static TERMINATION: LazyLock<Termination> = LazyLock::new(|| Termination {
     requested: Arc::default(),
     at_once: Arc::new(AtomicBool::new(true)),
@@ -22,26 +22,26 @@ pub static TERMINATION: LazyLock<Termination> = LazyLock::new(|| Termination {
 /// Flags for signal handlers.
 #[derive(Debug)]
 pub struct Termination {
-    /// To be set when the process was told to end: training writes a checkpoint and returns.
+    /// Set when the process is told to terminate: training writes a checkpoint and returns.
     pub requested: Arc<AtomicBool>,
-    /// While it is set nobody looks at `requested`, and the process had better end at once.
+    /// True while `requested` is not watched, so that the process should end at once.
     pub at_once: Arc<AtomicBool>,
 }
 
 impl Termination {
-    /// Promises to look at `requested` until the returned value is dropped.
+    /// Promises to watch `requested` until the returned value is dropped.
     pub(crate) fn guard(&self) -> ShutdownGuard<'_> {
         self.at_once.store(false, Ordering::SeqCst);
         ShutdownGuard(self)
     }
 
-    /// Whether the process was told to end.
+    /// Returns true if the process was told to terminate.
     pub(crate) fn is_requested(&self) -> bool {
         self.requested.load(Ordering::Relaxed)
     }
 }
 
-/// Somebody looks at [`Termination::requested`].
+/// Guard while [`Termination::requested`] is watched.
 pub(crate) struct ShutdownGuard<'a>(&'a Termination);
 
 impl Drop for ShutdownGuard<'_> {
@@ -50,47 +50,47 @@ impl Drop for ShutdownGuard<'_> {
     }
 }
 
-/// Memory that this process could still take without swapping, bytes, where the system tells
-/// (Linux): the less of what the machine and what its control group have left.
+/// Returns the memory that this process can still take without swapping, bytes: the lesser of the free memory of
+/// the machine and of its control group. `None` where the system does not report it (other than Linux).
 pub fn available_memory_bytes() -> Option<u64> {
     let machine = kibibytes(Path::new("/proc/meminfo"), "MemAvailable:");
     [machine, control_group_bytes()].into_iter().flatten().min()
 }
 
-/// What is left below the limit of a container's control group (version 2).
+/// Returns the free memory below the limit of a container's control group (version 2), bytes.
 fn control_group_bytes() -> Option<u64> {
     let read = |file: &str| -> Option<u64> {
         let path = Path::new("/sys/fs/cgroup").join(file);
         fs::read_to_string(path).ok()?.trim().parse().ok()
     };
-    // Without a limit the file says "max", which is no number.
+    // Without a limit the file has "max" in place of a number.
     Some(read("memory.max")?.saturating_sub(read("memory.current")?))
 }
 
-/// Most memory that work of this process may take, bytes; 0 where the user gave no limit.
+/// Maximum memory for work of this process, bytes; 0 without a limit by the user.
 static MEMORY_LIMIT: AtomicU64 = AtomicU64::new(0);
 
-/// From here on [`require`] refuses what takes more than this many bytes, however much the machine has.
+/// Makes [`require`] refuse work beyond this many bytes, however much the machine has.
 pub fn limit_memory(bytes: u64) {
     MEMORY_LIMIT.store(bytes, Ordering::Relaxed);
 }
 
-/// The limit of [`limit_memory`], bytes.
+/// Returns the limit of [`limit_memory`], bytes.
 pub(crate) fn memory_limit() -> Option<u64> {
     Some(MEMORY_LIMIT.load(Ordering::Relaxed)).filter(|&limit| limit > 0)
 }
 
-/// Returns the memory that work of this process may still take, bytes: the less of what the system has left and of the limit
-/// of [`limit_memory`]; `None` where neither is known.
+/// Returns the memory that work of this process may still take, bytes: the lesser of the system's free memory and
+/// of the limit of [`limit_memory`]. `None` where neither is known.
 pub fn left_bytes() -> Option<u64> {
     let left = [available_memory_bytes(), memory_limit()];
     left.into_iter().flatten().min()
 }
 
-/// Refuses work that does not fit. `purpose` says what would be made.
+/// Refuses work that does not fit. `purpose` describes the work.
 ///
-/// Without a limit by [`limit_memory`], and where the system does not say what it has left (elsewhere
-/// than on Linux), nothing is refused.
+/// Accepts all work without a limit by [`limit_memory`] if the system does not report its free memory (other than
+/// Linux).
 ///
 /// # Errors
 /// With both figures, when `bytes` is more than what is left.

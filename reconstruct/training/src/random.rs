@@ -1,28 +1,28 @@
-//! Random streams: one for each purpose, so that what one draws does not shift what another one does,
-//! and two methods with one seed see the same views in the same order.
+//! Random streams: one for each purpose, so that draws of one do not shift another. Two methods with one seed see
+//! the same views in the same order.
 
 use rand::SeedableRng;
 use rand_pcg::Pcg64Mcg;
 
-/// What random numbers are drawn for.
+/// Purpose of random numbers.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Purpose {
-    /// The order in which a training sees its views.
+    /// Order of a training's views.
     ViewOrder,
-    /// Times at which Gaussians are shown too early or too late.
+    /// Shifts in time of rendered Gaussians.
     TimeShift,
-    /// Where children of split Gaussians lie.
+    /// Positions of the children of split Gaussians.
     Density,
-    /// Which of the places that a sweep finds become points.
+    /// Choice of a sweep's places that become points.
     SweptPoints,
-    /// Which rays of a clip a step takes.
+    /// Choice of a step's rays from a clip.
     Rays,
 }
 
 /// Steps of the golden ratio keep the seeds of the purposes apart.
 const SEED_STEP: u64 = 0x9e37_79b9_7f4a_7c15;
 
-/// The stream of a purpose under a run's seed.
+/// Returns the stream of a purpose under a run's seed.
 pub fn stream(seed: u64, purpose: Purpose) -> Pcg64Mcg {
     Pcg64Mcg::seed_from_u64(seed.wrapping_add((purpose as u64).wrapping_mul(SEED_STEP)))
 }

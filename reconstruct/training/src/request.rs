@@ -1,11 +1,11 @@
-//! What a user asks of a method.
+//! A user's request to a method.
 
 pub use omnilife_engine::step::BackendChoice;
 use serde::{Deserialize, Serialize};
 
 use crate::options::Options;
 
-/// What a user asks of a method.
+/// A user's request to a method.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct MethodRequest {
     /// Steps of the optimizer; schedules are scaled to it.
@@ -14,22 +14,21 @@ pub struct MethodRequest {
     pub budget_seconds: Option<f64>,
     /// Random seed.
     pub seed: u64,
-    /// Components to use whatever the scene and the plan say; those too that the method does not have
-    /// by itself.
+    /// Components to use whatever the scene and the plan say, optional ones included.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub with: Vec<String>,
     /// Components to leave out whatever the scene and the plan say.
     pub without: Vec<String>,
-    /// How the others are decided.
+    /// Decision on the others.
     pub plan: PlanChoice,
-    /// Iterations from one row of the trace to the next; rows at equal ratios of iterations where none is given.
+    /// Iterations from one row of the trace to the next; `None` for rows at equal ratios of iterations.
     pub trace_every: Option<u64>,
-    /// What the method alone understands.
+    /// Values of the method's own options.
     pub options: Options,
 }
 
 impl MethodRequest {
-    /// A request that leaves everything else to the method.
+    /// Returns a request with defaults for the rest.
     pub fn new(iterations: u64, seed: u64) -> Self {
         Self {
             iterations,
@@ -43,17 +42,17 @@ impl MethodRequest {
         }
     }
 
-    /// Whether a component is asked for by name.
+    /// Returns true if a component is requested by name.
     pub fn asks_for(&self, component: &str) -> bool {
         self.with.iter().any(|name| name == component)
     }
 
-    /// Whether a component is left out by name.
+    /// Returns true if a component is left out by name.
     pub fn leaves_out(&self, component: &str) -> bool {
         self.without.iter().any(|name| name == component)
     }
 
-    /// Whether a component may be used, whatever the evidence.
+    /// Returns true if a component may be used, whatever the evidence.
     pub fn allows(&self, component: &str) -> bool {
         !self.leaves_out(component)
             && (self.asks_for(component)
@@ -63,18 +62,18 @@ impl MethodRequest {
                 })
     }
 
-    /// Whether the evidence decides on a component.
+    /// Returns true if the evidence decides on a component.
     pub fn leaves_to_evidence(&self, component: &str) -> bool {
         self.plan == PlanChoice::Auto && !self.leaves_out(component) && !self.asks_for(component)
     }
 }
 
-/// How a method's components are decided where a request does not say.
+/// Default decision on a method's components.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum DefaultPlan {
-    /// The scene's evidence decides: methods of this project, and those without a choice.
+    /// The scene's evidence decides: for methods of this project, and those without a choice.
     Auto,
-    /// All of them, as published: methods of others.
+    /// All of them, as published: for methods of other authors.
     Full,
 }
 
@@ -87,7 +86,7 @@ impl From<DefaultPlan> for PlanChoice {
     }
 }
 
-/// How components that were neither asked for nor left out by name are decided.
+/// Decision on components that were neither requested nor left out by name.
 #[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum PlanChoice {
@@ -97,6 +96,6 @@ pub enum PlanChoice {
     /// All of the method's own components; every Gaussian at a scene point carries every parameter, as
     /// published. Those of the sky shell stay static.
     Full,
-    /// These alone.
+    /// Only these.
     Only(Vec<String>),
 }

@@ -20,14 +20,14 @@ use crate::{
 pub const BACKGROUND: &str = "background";
 /// Half of the field of view beyond which a plane is no background, radians.
 const WIDEST: f64 = 60.0 * PI / 180.0;
-/// How much larger than what is seen the plane is, each way.
+/// Size of the plane over its visible part, each way.
 const MARGIN: f64 = 1.06;
 /// Texels of a side, at most.
 const MOST_TEXELS: f64 = 2048.0;
-/// Distance where nothing says one: cameras do not move.
+/// Distance without evidence: cameras do not move.
 const STILL_DISTANCE: f64 = 2.0;
 
-/// Where the background is, and why.
+/// Surface of the background, with a reason.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Placed {
     /// Its surface.
@@ -36,11 +36,11 @@ pub struct Placed {
     pub texels: [usize; 2],
     /// Distance from the mean camera, normalized units.
     pub distance: f64,
-    /// Why this surface and this distance.
+    /// Reason for this surface and this distance.
     pub reason: String,
 }
 
-/// Directions from the cameras to the borders of their images, world.
+/// Returns directions from the cameras to the borders of their images, world.
 fn border_directions(clip: &Clip) -> Vec<(DVec3, DVec3)> {
     let [width, height] = clip.size().map(|side| side as f64);
     let steps = (0..=16).map(|step| f64::from(step) / 16.0);
@@ -63,7 +63,7 @@ fn border_directions(clip: &Clip) -> Vec<(DVec3, DVec3)> {
     rays.collect()
 }
 
-/// Decides on surface and distance. `point_distances` are those of scene points from the mean camera.
+/// Decides on surface and distance. `point_distances` are the scene points' distances from the mean camera.
 pub fn place(clip: &Clip, point_distances: &[f64]) -> Placed {
     let count = clip.frames.len().max(1) as f64;
     let mean = clip.frames.iter().map(|f| f.pose.centre).sum::<DVec3>() / count;
@@ -143,15 +143,15 @@ pub fn place(clip: &Clip, point_distances: &[f64]) -> Placed {
     }
 }
 
-/// Axes of a plane that is looked at along `axis`, as upright as a camera.
+/// Returns the axes of a plane that faces `axis`, as upright as a camera.
 fn facing(axis: DVec3, camera: &RigidPose) -> DMat3 {
     let right = camera.rotation.col(0);
     let x = (right - right.dot(axis) * axis).normalize_or(DVec3::X);
     DMat3::from_cols(x, axis.cross(x), axis)
 }
 
-/// The background's node: texels are read where the frame nearest in time to the clip's middle sees them
-/// uncovered.
+/// Makes the background's node. Texels are read from the frame nearest in time to the clip's middle that sees
+/// them uncovered.
 ///
 /// # Errors
 /// When no frame shows an uncovered pixel.
@@ -209,7 +209,8 @@ fn shows_background(frame: &ClipFrame, pixel: usize) -> bool {
     frame.shows_scene(pixel) && !frame.is_covered(pixel)
 }
 
-/// Pixels of a frame with no covered one within two: a mask's edge is not exact, and pixels mix there.
+/// Returns the pixels of a frame with no covered pixel within two: a mask's edge is not exact, and pixels mix
+/// there.
 fn far_from_masks(clip: &Clip, frame: &ClipFrame) -> Vec<bool> {
     let [width, height] = clip.size();
     let mut open = vec![true; width * height];
@@ -224,8 +225,7 @@ fn far_from_masks(clip: &Clip, frame: &ClipFrame) -> Vec<bool> {
     open
 }
 
-/// Texels that nothing was read for take the colours of their neighbours, from coarser images of the
-/// texture down.
+/// Gives unread texels the colours of their neighbours, from coarser images of the texture down.
 pub(super) fn filled(width: usize, height: usize, read: &[Option<[f64; 3]>]) -> Texture<3> {
     let known: Vec<[f64; 4]> = read
         .iter()
@@ -242,7 +242,7 @@ pub(super) fn filled(width: usize, height: usize, read: &[Option<[f64; 3]>]) -> 
     }
 }
 
-/// Colours with weights of 0 or more: where the weight is 0, those of the image at half the size.
+/// Spreads colours with weights of at least 0: a weight of 0 takes the colour of the image at half the size.
 fn spread(width: usize, height: usize, mut known: Vec<[f64; 4]>) -> Vec<[f64; 4]> {
     if known.iter().all(|texel| texel[3] > 0.0) || (width <= 1 && height <= 1) {
         return known;

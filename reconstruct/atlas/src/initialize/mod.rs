@@ -1,9 +1,9 @@
-//! First nodes of an atlas, from a clip with poses and masks (Neural Atlas Graphs, supplement A.4, with
-//! the evidence of this project in place of depth networks and tracked features).
+//! First nodes of an atlas, from a clip with poses and masks (Neural Atlas Graphs, supplement A.4). The evidence
+//! of this project replaces depth networks and tracked features.
 //!
 //! * [`background`]: a plane behind everything, or a sphere around the cameras.
-//! * [`objects`]: a plane for each object, as far away as its size in the image says. [`silhouettes`]: what is
-//!   seen of it in each frame, and where the whole is. [`order`]: what hides what.
+//! * [`objects`]: a plane for each object, at the distance that its size in the image gives. [`silhouettes`]: the
+//!   visible part in each frame, and the position of the whole. [`order`]: occlusion.
 
 pub mod background;
 pub mod objects;
@@ -15,7 +15,7 @@ use omnilife_engine::{camera::Camera, trajectories::rigid_spline::RigidPose};
 
 use super::clip::{Clip, ClipFrame, project};
 
-/// The place in a frame's image where a world point is seen, pixels; `None` outside of the image.
+/// Returns the position of a world point in a frame's image, pixels; `None` outside of the image.
 fn seen_at(clip: &Clip, frame: &ClipFrame, point: glam::DVec3) -> Option<DVec2> {
     let local = frame.pose.rotation.transpose() * (point - frame.pose.centre);
     let at = project(&clip.camera, local)?;
@@ -24,7 +24,7 @@ fn seen_at(clip: &Clip, frame: &ClipFrame, point: glam::DVec3) -> Option<DVec2> 
     is_inside.then_some(at)
 }
 
-/// The number of the pixel at a place.
+/// Returns the number of the pixel at a position.
 fn pixel_at(clip: &Clip, at: DVec2) -> usize {
     let [width, height] = clip.size();
     let column = (at.x as usize).min(width - 1);
@@ -32,7 +32,7 @@ fn pixel_at(clip: &Clip, at: DVec2) -> usize {
     row * width + column
 }
 
-/// The colour of a frame at a place, linear between pixels' centres.
+/// Returns the colour of a frame at a position, linear between pixels' centres.
 fn colour_at(clip: &Clip, frame: &ClipFrame, at: DVec2) -> [f64; 3] {
     let [width, height] = clip.size();
     let place = at - 0.5;
@@ -58,12 +58,12 @@ fn colour_at(clip: &Clip, frame: &ClipFrame, at: DVec2) -> [f64; 3] {
     colour
 }
 
-/// The world point of a plane's `uv`.
+/// Returns the world point of a plane's `uv`.
 fn point_on(pose: &RigidPose, size: DVec2, uv: DVec2) -> glam::DVec3 {
     pose.centre + pose.rotation * ((uv - 0.5) * size).extend(0.0)
 }
 
-/// `uv` of a texel, of which 0 and 1 are the outermost centres.
+/// Returns the `uv` of a texel; 0 and 1 are the outermost centres.
 fn texel_uv(texel: usize, width: usize, height: usize) -> DVec2 {
     let share = |at: usize, count: usize| {
         if count > 1 {
@@ -75,7 +75,7 @@ fn texel_uv(texel: usize, width: usize, height: usize) -> DVec2 {
     DVec2::new(share(texel % width, width), share(texel / width, height))
 }
 
-/// Frames in the order of their distance in time from a moment.
+/// Returns frames in the order of their distance in time from a moment.
 fn by_distance_in_time(clip: &Clip, time: f64) -> Vec<&ClipFrame> {
     let mut frames: Vec<&ClipFrame> = clip.frames.iter().collect();
     frames.sort_by(|a, b| (a.time - time).abs().total_cmp(&(b.time - time).abs()));

@@ -1,10 +1,10 @@
-//! Planes of objects: where their masks are, as far away as their size in the image says.
+//! Planes of objects: at the position of their masks, and at the distance that their size in the image gives.
 //!
-//! In the frame where its mask is largest an object is at the distance of the scene points in the mask, or where
-//! there are none at a guess by [what hides what](super::order). In other frames it is as much farther as the root
-//! of its area is smaller: things keep their size. Frames in which the mask touches the image's border or
-//! another object's mask show a part: they say nothing of the distance, and of the place what the
-//! [silhouette](super::silhouettes) of the whole says.
+//! The frame with the largest mask is the reference frame. There an object is at the distance of the scene points
+//! in its mask; without points it is at a guess from [occlusion](super::order). In other frames its distance
+//! grows as the root of its area shrinks: objects keep their size. A mask that touches the image's border or
+//! another object's mask shows a part of the object. Such a frame gives no distance; its position comes from the
+//! [silhouette](super::silhouettes) of the whole.
 
 use glam::{DQuat, DVec2, DVec3};
 use omnilife_engine::{
@@ -25,13 +25,13 @@ use crate::{
     node::{Fields, Node, Surface},
 };
 
-/// How much larger than what is seen a plane is, each way.
+/// Size of a plane over its visible part, each way.
 const MARGIN: f64 = 1.3;
 /// The share of a mask's points that may be nearer than the object.
 const NEAR_SHARE: f64 = 0.1;
 /// Points from this share of the background's distance on are the background's.
 const NOT_BACKGROUND: f64 = 0.9;
-/// Fewer points say nothing.
+/// Minimum number of points for a distance.
 const LEAST_POINTS: usize = 3;
 /// Half angle of a mask, seen from the camera, beyond which it gets no plane, radians.
 const WIDEST: f64 = 50.0 * std::f64::consts::PI / 180.0;
@@ -41,24 +41,24 @@ const OPACITIES: [f64; 2] = [0.1, 0.9];
 /// Masks of two frames that overlap by so much are the same place of the image.
 const SAME_PLACE: f64 = 0.95;
 
-/// What became of an object.
+/// Outcome of placing an object.
 #[derive(Debug)]
 pub enum Made {
-    /// A node, and how its distance was found.
+    /// A node, and the source of its distance.
     Node(Box<Node>, String),
-    /// None, and why.
+    /// No node, and the reason.
     LeftOut(String),
 }
 
-/// Whether a silhouette reaches the first or the last row of a panorama.
+/// Returns true if a silhouette reaches the first or the last row of a panorama.
 fn is_on_a_pole(clip: &Clip, seen: &Silhouette) -> bool {
     let [width, height] = clip.size();
     let mut rows = seen.pixels.iter().map(|&pixel| pixel / width);
     rows.any(|row| row == 0 || row + 1 == height)
 }
 
-/// Whether masks stay where they are in the image while the camera turns by more than they are wide: a part of
-/// what carries the camera, and nothing in the scene.
+/// Returns true if masks keep their position in the image while the camera rotates by more than their width. Such
+/// an object is a part of the camera's carrier, outside of the scene.
 fn is_carried_along(clip: &Clip, seen: &[Silhouette]) -> bool {
     let Some((first, others)) = seen.split_first() else {
         return false;
@@ -83,22 +83,22 @@ fn is_carried_along(clip: &Clip, seen: &[Silhouette]) -> bool {
             .all(|other| first.overlap(other) >= SAME_PLACE)
 }
 
-/// Where objects are to be placed.
+/// Inputs for placing objects.
 #[derive(Debug)]
 pub struct Setting<'a> {
     /// Silhouettes of each object.
     pub seen: &'a [Vec<Silhouette>],
-    /// What scene points say of the distance of each, and how many they are.
+    /// The distance of each by scene points, and their number.
     pub by_points: &'a [Option<(f64, usize)>],
     /// The distance of each in its reference frame.
     pub depths: &'a [f64],
-    /// How far away the background is.
+    /// Distance of the background.
     pub background: f64,
-    /// How many knots trajectories have.
+    /// Number of knots of trajectories.
     pub knots: usize,
 }
 
-/// The node of an object, without fields.
+/// Makes the node of an object, without fields.
 pub fn node(clip: &Clip, object: usize, setting: &Setting<'_>) -> Made {
     let name = &clip.objects[object];
     let (seen, background) = (&setting.seen[object], setting.background);
@@ -193,8 +193,8 @@ pub fn node(clip: &Clip, object: usize, setting: &Setting<'_>) -> Made {
     Made::Node(Box::new(made), depth_from)
 }
 
-/// Distance along the plane's normal of the scene points in an object's reference silhouette, and how many they
-/// are; `None` where they are too few, or as far as the background.
+/// Returns the distance along the plane's normal of the scene points in an object's reference silhouette, and
+/// their number. `None` where they are too few, or as far as the background.
 pub fn depth_of_points(
     clip: &Clip,
     object: usize,
@@ -222,8 +222,8 @@ pub fn depth_of_points(
     is_enough.then(|| (depths[near], depths.len()))
 }
 
-/// Base textures: opacity from the reference frame's mask, colours from there and, where the mask is not,
-/// from the frame nearest in time that sees the object there.
+/// Paints the base textures: opacity from the reference frame's mask, colours from inside the mask. Other colours
+/// come from the frame nearest in time that sees the object there.
 fn paint(clip: &Clip, object: usize, node: &mut Node, texels: [usize; 2], reference: usize) {
     let [width, height] = texels;
     let Surface::Plane { size, .. } = &node.surface else {
@@ -268,7 +268,7 @@ fn paint(clip: &Clip, object: usize, node: &mut Node, texels: [usize; 2], refere
     node.opacity = Some(opacity);
 }
 
-/// A Gaussian of 5 by 5 texels and a standard deviation of 1.
+/// Blurs with a Gaussian of 5 by 5 texels and a standard deviation of 1.
 fn blurred(values: &[f64], width: usize, height: usize) -> Vec<f64> {
     let kernel: Vec<f64> = (-2..=2).map(|x| (-0.5 * f64::from(x * x)).exp()).collect();
     let sum: f64 = kernel.iter().sum();

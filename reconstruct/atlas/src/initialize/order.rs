@@ -1,20 +1,20 @@
-//! How far away objects are whose distance nothing tells: half as far as the background, and behind those that
-//! hide them.
+//! Distances of objects without evidence: half as far as the background, and behind the objects that hide them.
 
 use rayon::prelude::*;
 
 use super::silhouettes::{Shape, Silhouette, reference, relative_depths};
 use crate::clip::Clip;
 
-/// Distance where nothing tells it, over that of the background.
+/// Distance without evidence, over that of the background.
 const GUESSED_DEPTH: f64 = 0.5;
-/// An object is so much farther than one that hides it, where they meet.
+/// Ratio of the distances of a hidden object and the one that hides it, where they meet.
 const BEHIND: f64 = 1.1;
-/// No object is farther than this, over the distance of the background.
+/// Maximum distance of an object, over the distance of the background.
 const FARTHEST: f64 = 0.95;
-/// A smaller share of an object that another covers may be an inaccurate mask.
+/// Minimum covered share of an object: a smaller one may be an inaccurate mask.
 const LEAST_COVERED: f64 = 0.02;
-/// Of two objects that cover each other's places the one that covers so much more hides the other.
+/// Minimum ratio of covered shares: if two objects cover each other, the one that covers so much more hides the
+/// other.
 const CLEARLY: f64 = 1.5;
 
 /// A frame in which one object hides a part of another.
@@ -26,7 +26,7 @@ struct Occlusion {
     relative: [f64; 2],
 }
 
-/// The distance of each object in its reference frame. `known` are those that scene points tell.
+/// Returns the distance of each object in its reference frame. `known` are the distances from scene points.
 pub fn depths(
     clip: &Clip,
     seen: &[Vec<Silhouette>],
@@ -36,7 +36,7 @@ pub fn depths(
     let guess = GUESSED_DEPTH * background;
     let mut depths: Vec<f64> = known.iter().map(|depth| depth.unwrap_or(guess)).collect();
     let occlusions = occlusions(clip, seen);
-    // One object pushes the next: as often as there are objects at most, in circles too.
+    // One object pushes the next: at most as often as there are objects, in circles too.
     for _ in 0..depths.len() {
         for occlusion in occlusions.iter().filter(|one| known[one.behind].is_none()) {
             let [own, of_front] = occlusion.relative;
@@ -91,7 +91,7 @@ fn relative_to_reference(seen: &[Silhouette]) -> Vec<f64> {
     reference(seen).map_or_else(Vec::new, |reference| relative_depths(seen, reference))
 }
 
-/// In frames that show a part of an object, which shares of it lie under the masks of others.
+/// Returns the shares of an object under the masks of others, for frames that show a part of it.
 fn covered_shares(
     clip: &Clip,
     object: usize,

@@ -1,8 +1,8 @@
-//! What the masks of an object are in each frame, and where the whole of it is when a part is seen.
+//! Silhouettes of an object in each frame, and the position of the whole where a part is visible.
 //!
-//! The middle of what is seen of a thing behind another is not the middle of the thing. So the silhouette of
-//! a frame that shows the whole is laid over what is seen: it belongs where it covers most of the mask, and
-//! little besides but what hides it and what is outside of the image.
+//! The middle of the visible part is not the middle of a hidden object. So the silhouette of a frame that shows
+//! the whole is laid over the visible part. It belongs where it covers most of the mask and little else, apart
+//! from occluders and the outside of the image.
 
 use glam::{DMat3, DVec2, DVec3};
 use omnilife_engine::{camera::Camera, trajectories::rigid_spline::RigidPose};
@@ -18,26 +18,26 @@ const FIRST_STEP: f64 = 0.25;
 const LAST_STEP_PIXELS: f64 = 0.2;
 /// Steps of one length.
 const STEPS: usize = 24;
-/// Less of a silhouette does not say where the whole is.
+/// Minimum visible share of a silhouette that gives the position of the whole.
 const LEAST_SHARE: f64 = 0.2;
 
-/// What a mask is in one frame.
+/// The mask of one frame.
 #[derive(Debug, Clone)]
 pub struct Silhouette {
     pub(super) frame: usize,
-    /// Of its plane at a distance of 1: steradians in a panorama, whose planes face the camera, and the image's
-    /// own area over that of a focal length squared in a perspective image, to which they are parallel.
+    /// Area on its plane at a distance of 1. In a panorama, whose planes face the camera: steradians. In a
+    /// perspective image, to which planes are parallel: the image's own area over that of a focal length squared.
     pub(super) area: f64,
     /// Unit direction to its middle, camera.
     pub(super) direction: DVec3,
-    /// Whether it touches the image's border, another object or what is no part of the scene: it may be a part
-    /// of what there is.
+    /// True if it touches the image's border, another object or an ignored region: it may be a part of the
+    /// object.
     pub(super) is_partial: bool,
     pub(super) pixels: Vec<usize>,
 }
 
 impl Silhouette {
-    /// Intersection over union of the pixels, which are in ascending order.
+    /// Returns the intersection over union of the pixels, which are in ascending order.
     pub(super) fn overlap(&self, other: &Self) -> f64 {
         let both = self
             .pixels
@@ -49,7 +49,7 @@ impl Silhouette {
     }
 }
 
-/// The silhouettes of an object, in the frames whose masks show it.
+/// Returns the silhouettes of an object, in the frames whose masks show it.
 pub fn of_object(clip: &Clip, object: usize) -> Vec<Silhouette> {
     let frames = (0..clip.frames.len()).into_par_iter();
     frames
@@ -57,7 +57,7 @@ pub fn of_object(clip: &Clip, object: usize) -> Vec<Silhouette> {
         .collect()
 }
 
-/// The silhouette of an object in a frame; `None` where its mask is empty.
+/// Returns the silhouette of an object in a frame; `None` where its mask is empty.
 fn silhouette(clip: &Clip, object: usize, number: usize) -> Option<Silhouette> {
     let frame = &clip.frames[number];
     let mask = frame.masks[object].as_ref()?;
@@ -100,8 +100,8 @@ fn silhouette(clip: &Clip, object: usize, number: usize) -> Option<Silhouette> {
     })
 }
 
-/// Axes of a plane in the camera's frame: the camera's own for a perspective image, those that face the
-/// camera for a panorama.
+/// Returns the axes of a plane in the camera's frame: the camera's own for a perspective image, axes that face
+/// the camera for a panorama.
 pub(super) fn plane_axes(camera: &Camera, direction: DVec3) -> DMat3 {
     match camera {
         Camera::Pinhole(_) => DMat3::IDENTITY,
@@ -112,7 +112,8 @@ pub(super) fn plane_axes(camera: &Camera, direction: DVec3) -> DMat3 {
     }
 }
 
-/// Where directions of a silhouette's pixels meet a plane at `depth` along its normal, in its coordinates.
+/// Returns the intersections of a silhouette's directions with a plane at `depth` along its normal, in its
+/// coordinates.
 pub(super) fn on_plane(clip: &Clip, seen: &Silhouette, axes: &DMat3, depth: f64) -> Vec<DVec2> {
     let [width, _] = clip.size();
     let centre = axes.transpose() * seen.direction;
@@ -125,7 +126,7 @@ pub(super) fn on_plane(clip: &Clip, seen: &Silhouette, axes: &DMat3, depth: f64)
     places.collect()
 }
 
-/// The pose of a plane around the middle of a silhouette, `depth` away along its normal.
+/// Returns the pose of a plane around the middle of a silhouette, `depth` away along its normal.
 pub(super) fn middle(clip: &Clip, seen: &Silhouette, depth: f64) -> RigidPose {
     let frame = &clip.frames[seen.frame];
     let axes = plane_axes(&clip.camera, seen.direction);
@@ -136,7 +137,7 @@ pub(super) fn middle(clip: &Clip, seen: &Silhouette, depth: f64) -> RigidPose {
     }
 }
 
-/// The silhouette that shows most of an object, of those that show all of it where there are any.
+/// Returns the largest silhouette of an object, among complete ones where there are any.
 pub(super) fn reference(seen: &[Silhouette]) -> Option<&Silhouette> {
     let largest = |a: &&Silhouette, b: &&Silhouette| a.area.total_cmp(&b.area);
     let whole = seen.iter().filter(|seen| !seen.is_partial);
@@ -145,8 +146,8 @@ pub(super) fn reference(seen: &[Silhouette]) -> Option<&Silhouette> {
         .or_else(|| seen.iter().max_by(largest))
 }
 
-/// How far away an object is in each of its frames, over its distance in the reference frame: as much farther as
-/// the root of its area is smaller, in the nearest frame that shows all of it.
+/// Returns the distance of an object in each of its frames, over its distance in the reference frame. It grows as
+/// the root of the area shrinks, in the nearest frame that shows all of the object.
 pub(super) fn relative_depths(seen: &[Silhouette], reference: &Silhouette) -> Vec<f64> {
     let in_frame = |own: &Silhouette| {
         let distance = |other: &&Silhouette| other.frame.abs_diff(own.frame);
@@ -157,16 +158,16 @@ pub(super) fn relative_depths(seen: &[Silhouette], reference: &Silhouette) -> Ve
     seen.iter().map(in_frame).collect()
 }
 
-/// A whole silhouette as it lies in the plane of the object.
+/// A complete silhouette in the plane of its object.
 pub(super) struct Shape {
-    /// Places around its middle, units of the scene.
+    /// Positions around its middle, units of the scene.
     places: Vec<DVec2>,
-    /// The area that each of them stands for, at a distance of 1 as [`Silhouette::area`].
+    /// The area of each position, at a distance of 1 as [`Silhouette::area`].
     area_at_one: f64,
 }
 
 impl Shape {
-    /// Of a silhouette whose plane is `depth` away along its normal.
+    /// Returns the shape of a silhouette whose plane is `depth` away along its normal.
     pub(super) fn of(clip: &Clip, seen: &Silhouette, depth: f64) -> Self {
         let axes = plane_axes(&clip.camera, seen.direction);
         let share = SAMPLES as f64 / seen.pixels.len() as f64;
@@ -183,7 +184,8 @@ impl Shape {
         }
     }
 
-    /// The pose of its plane, `depth` away, in a frame that shows a part of it; `None` where too little is seen.
+    /// Returns the pose of its plane, `depth` away, in a frame that shows a part of it; `None` where too little
+    /// is visible.
     pub(super) fn placed(
         &self,
         clip: &Clip,
@@ -229,7 +231,7 @@ impl Shape {
         Some(pose(best.0))
     }
 
-    /// How much of the shape at a pose each object's mask covers in a frame, as shares of it.
+    /// Returns the shares of the shape at a pose that the objects' masks cover in a frame.
     pub(super) fn covered_shares(&self, clip: &Clip, frame: usize, pose: &RigidPose) -> Vec<f64> {
         let frame = &clip.frames[frame];
         let mut counts = vec![0.0; frame.masks.len()];
@@ -248,7 +250,7 @@ impl Shape {
             .collect()
     }
 
-    /// What the shape at a pose and a mask have in common, over what either covers where both could be seen.
+    /// Returns the intersection over union of the shape at a pose and a mask, where both can be visible.
     fn overlap(
         &self,
         clip: &Clip,
@@ -278,14 +280,14 @@ impl Shape {
     }
 }
 
-/// Whether a pixel is among a share of all: every so many in a row would be stripes.
+/// Returns true if a pixel is drawn for a share of all. A hash decides: regular steps in a row would be stripes.
 fn is_drawn(pixel: usize, share: f64) -> bool {
     // Knuth's multiplicative hash, 2^32 over the golden ratio.
     let hash = (pixel as u32).wrapping_mul(2_654_435_761);
     f64::from(hash) < share * f64::from(u32::MAX)
 }
 
-/// Where a search looks next.
+/// Directions of the search.
 const NEIGHBOURS: [[f64; 2]; 8] = [
     [1.0, 0.0],
     [-1.0, 0.0],
@@ -307,7 +309,7 @@ mod tests {
     const WIDTH: usize = 120;
     const HEIGHT: usize = 80;
 
-    /// A disc of 14 pixels around a place, behind all that is right of `hidden_from`, and that side's mask.
+    /// Returns a disc of 14 pixels around a place, hidden to the right of `hidden_from`, and that side's mask.
     fn frame(number: u32, middle: [f64; 2], hidden_from: usize) -> ClipFrame {
         let is_hidden = |pixel: usize| pixel % WIDTH >= hidden_from;
         let is_in =
@@ -375,7 +377,7 @@ mod tests {
         assert!(depths[0] > 1.05 * depths[1], "{depths:?}");
         let known = order::depths(&clip, &both, &[Some(1.0), None], 4.0);
         assert_eq!(known, [1.0, 2.0]);
-        // A sliver says nothing.
+        // A sliver gives no position.
         let sliver = Silhouette {
             area: 0.1 * seen[0].area,
             ..seen[1].clone()

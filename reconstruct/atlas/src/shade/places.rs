@@ -1,4 +1,4 @@
-//! Where a field is read: places on surfaces, moved by the flow, as coordinates of grids.
+//! Queries of fields: positions on surfaces, moved by the flow, as coordinates of grids.
 
 use std::f64::consts::{PI, TAU};
 
@@ -7,7 +7,7 @@ use omnilife_engine::{surfaces::view_angle::view_angle, trajectories::catmull_ro
 
 use super::super::node::{FIELD_WEIGHT, Hit};
 
-/// Place of a hit on its surface: `uv`, or a unit direction.
+/// Returns the position of a hit on its surface: `uv`, or a unit direction.
 pub(super) fn place(hit: &Hit) -> DVec3 {
     match hit {
         Hit::Plane(hit) => hit.uv.extend(0.0),
@@ -15,7 +15,7 @@ pub(super) fn place(hit: &Hit) -> DVec3 {
     }
 }
 
-/// A place as fields take it: in the unit square or cube.
+/// Writes a position as input of a field: in the unit square or cube.
 pub(super) fn coordinates(query: DVec3, dimensions: usize, out: &mut [f32]) {
     let of_cube = if dimensions == 2 {
         query
@@ -27,12 +27,12 @@ pub(super) fn coordinates(query: DVec3, dimensions: usize, out: &mut [f32]) {
     }
 }
 
-/// How coordinates change with a query.
+/// Returns the derivative of the coordinates by a query.
 pub(super) fn coordinate_scale(dimensions: usize) -> f64 {
     if dimensions == 2 { 1.0 } else { 0.5 }
 }
 
-/// The flow at a moment between control points.
+/// Returns the flow at a moment between control points.
 pub(super) fn spline_of(points: &[f32], dimensions: usize, weights: &KnotWeights) -> DVec3 {
     let mut flow = [0.0; 3];
     for (&knot, weight) in weights.knots.iter().zip(weights.weights) {
@@ -44,7 +44,7 @@ pub(super) fn spline_of(points: &[f32], dimensions: usize, weights: &KnotWeights
     DVec3::from_array(flow)
 }
 
-/// Where a place is read after the flow.
+/// Returns the query of a position after the flow.
 pub(super) fn moved(at: DVec3, flow: DVec3, dimensions: usize) -> DVec3 {
     if dimensions == 2 {
         return at + FIELD_WEIGHT * flow;
@@ -53,7 +53,7 @@ pub(super) fn moved(at: DVec3, flow: DVec3, dimensions: usize) -> DVec3 {
     (at + FIELD_WEIGHT * tangent).normalize()
 }
 
-/// Gradients of [`moved`] by the place and by the flow.
+/// Returns the gradients of [`moved`] by the position and by the flow.
 pub(super) fn moved_vjp(
     at: DVec3,
     flow: DVec3,
@@ -74,7 +74,7 @@ pub(super) fn moved_vjp(
     (by_at, by_flow)
 }
 
-/// Coordinates of the view field: the query and the angle, each in [0, 1].
+/// Returns the coordinates of the view field: the query and the angle, each in [0, 1].
 pub(super) fn view_coordinates(query: DVec3, hit: &Hit) -> [f32; 4] {
     let Hit::Plane(hit) = hit else {
         return [0.0; 4];

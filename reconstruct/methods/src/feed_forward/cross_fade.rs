@@ -1,4 +1,4 @@
-//! `cross-fade`: the two given views blended by time.
+//! `cross-fade`: the two input views blended by time.
 
 use std::time::Instant;
 
@@ -12,7 +12,7 @@ use omnilife_training::{
     stereo::warp::mixed,
 };
 
-/// The baseline that knows the time only.
+/// Baseline that uses the time only.
 pub const METHOD: Method = Method {
     id: "cross-fade",
     title: "Cross-fade",

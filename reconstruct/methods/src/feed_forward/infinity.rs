@@ -1,5 +1,5 @@
-//! `infinity-homography`: both given views turned into the orientation of the novel view, then
-//! blended by time, as if everything were infinitely far.
+//! `infinity-homography`: both input views rotated into the orientation of the novel view, then blended by time,
+//! as if everything were infinitely far.
 
 use std::time::Instant;
 
@@ -15,7 +15,7 @@ use omnilife_training::{
     stereo::warp::{mixed, turned},
 };
 
-/// The baseline that knows orientations, and no depth.
+/// Baseline that uses orientations, and no depth.
 pub const METHOD: Method = Method {
     id: "infinity-homography",
     title: "Homography at infinity",
@@ -52,11 +52,11 @@ fn interpolate(group: &Group) -> Result<Interpolated, ReconstructError> {
     })
 }
 
-/// The view from a target if everything were infinitely far.
+/// Returns the view from a target if everything were infinitely far.
 pub(super) fn at_infinity(group: &Group, target: &CameraPose) -> RgbImage {
     let [first, second] = [0, 1].map(|index| {
         let view = &group.context[index];
-        // From the target's camera frame to the given view's.
+        // From the target's camera frame to the input view's.
         let turn = view.camera_pose.to_world.transpose() * target.to_world;
         turned(&view.image, turn.as_mat3())
     });

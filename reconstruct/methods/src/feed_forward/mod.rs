@@ -1,6 +1,6 @@
-//! Methods that learn nothing from a scene: from two views of a group, those between them.
+//! Methods without training: from two views of a group, those between them.
 //!
-//! One file each. They follow any split: a protocol with groups says which views belong together; under others
+//! One file each. They follow any split. A protocol with groups says which views belong together; under others
 //! every novel view is predicted from the input views before and after it.
 
 pub mod cross_fade;
@@ -10,18 +10,18 @@ pub mod sweep;
 
 use omnilife_schemas::records::Split;
 
-/// Numbers of frames: two given ones and those to predict from them.
+/// Frame numbers: two input views and the novel views to predict from them.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct GroupFrames {
-    /// Given, the earlier one first.
+    /// Input views, the earlier one first.
     pub context: [u32; 2],
-    /// To predict.
+    /// Novel views to predict.
     pub novel_views: Vec<u32>,
 }
 
-/// The groups of a split: its own, or, where its protocol has none, the novel views between two
-/// input views that follow each other. Novel views before the first input view or after the last
-/// are predicted from the two input views nearest to them. `None` with fewer than two input views.
+/// Returns the groups of a split: its own, or the novel views between two consecutive input views. Novel views
+/// before the first input view or after the last are predicted from the two nearest input views. `None` with
+/// fewer than two input views.
 pub fn groups(split: &Split) -> Option<Vec<GroupFrames>> {
     if !split.groups.is_empty() {
         return split

@@ -1,4 +1,4 @@
-//! `nearest-input`: the given view that is nearest in time, as it is.
+//! `nearest-input`: the input view that is nearest in time, unchanged.
 
 use std::time::Instant;
 
@@ -11,7 +11,7 @@ use omnilife_training::{
     request::DefaultPlan,
 };
 
-/// The baseline that knows nothing at all.
+/// Baseline without any computation.
 pub const METHOD: Method = Method {
     id: "nearest-input",
     title: "Nearest input view",

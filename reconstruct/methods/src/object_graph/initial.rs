@@ -1,4 +1,4 @@
-//! First Gaussians of objects: where the rays of pixels enter their boxes.
+//! First Gaussians of objects: at the entry points of pixels' rays into their boxes.
 
 use glam::{DVec3, Vec3, dvec2};
 use omnilife_engine::{
@@ -14,9 +14,9 @@ use omnilife_schemas::{
 
 use omnilife_training::scene::TrainingScene;
 
-/// Views whose pixels an object's Gaussians come from, at most.
+/// Maximum number of views for an object's Gaussians.
 const VIEWS: usize = 8;
-/// Gaussians of an object at first, at most.
+/// Maximum number of an object's first Gaussians.
 const MOST: usize = 2_000;
 /// Below this many, Gaussians are spread evenly in the box instead (4DGF).
 const LEAST: usize = 32;
@@ -35,7 +35,7 @@ pub(super) struct FirstObjects {
     pub(super) warnings: Vec<String>,
 }
 
-/// The objects of a scene's tracks.
+/// Returns the objects of a scene's tracks.
 pub(super) fn objects(scene: &TrainingScene, tracks: &Tracks) -> FirstObjects {
     let mut first = FirstObjects::default();
     for track in &tracks.tracks {
@@ -72,7 +72,7 @@ fn tracked_object(scene: &TrainingScene, track: &Track, up: DVec3) -> TrackedObj
         .map(|side| (side * scene.normalization.scale) as f32);
     let [begin, end] = track.path.centre.range();
     let knots = ((end - begin) / KNOT_SECONDS).ceil() as usize + 1;
-    // No more than the detections can tell apart.
+    // At most as many as the detections can distinguish.
     let knots = knots.min((track.detections as usize / 2).max(1));
     TrackedObject {
         id: track.id,
@@ -87,7 +87,7 @@ fn tracked_object(scene: &TrainingScene, track: &Track, up: DVec3) -> TrackedObj
     }
 }
 
-/// Gaussians where pixels see an object's box, in its coordinates, and how many views see it.
+/// Returns Gaussians where pixels see an object's box, in its coordinates, and the number of views that see it.
 fn seen(scene: &TrainingScene, object: &TrackedObject) -> (InitialGaussians, usize) {
     let corrections = vec![0.0; object.path.correction_len()];
     let mut sightings: Vec<(&TrainingView, RigidPose, [usize; 4])> = scene
@@ -128,7 +128,8 @@ fn seen(scene: &TrainingScene, object: &TrackedObject) -> (InitialGaussians, usi
     (all, sightings.len())
 }
 
-/// Columns and rows (from, to) of the pixels that an object's box may cover; `None` where it is not seen.
+/// Returns columns and rows (from, to) of the pixels that an object's box may cover; `None` where it is not
+/// visible.
 fn pixel_range(
     scene: &TrainingScene,
     view: &TrainingView,
@@ -150,12 +151,13 @@ fn pixel_range(
             }
         }
     }
-    // Half of it in the image at least, and not across the seam of a panorama.
+    // At least half of it in the image, and not across the seam of a panorama.
     let is_seen = corners >= 4 && high[0] - low[0] <= width / 2 && high[1] <= height;
     is_seen.then(|| [low[0], low[1], high[0], high[1]])
 }
 
-/// Where the ray of a pixel enters an object's box, in its coordinates, and how far that is from the camera.
+/// Returns the entry point of a pixel's ray into an object's box, in its coordinates, and its distance from the
+/// camera.
 fn entry(
     scene: &TrainingScene,
     view: &TrainingView,
@@ -179,7 +181,7 @@ fn entry(
     (from < to && from > 0.0).then(|| (origin + direction * from, from))
 }
 
-/// Gaussians on a grid in an object's box.
+/// Returns Gaussians on a grid in an object's box.
 fn evenly(object: &TrackedObject) -> InitialGaussians {
     const SIDE: usize = 4;
     let half = object.half_box();

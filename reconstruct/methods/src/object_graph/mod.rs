@@ -1,7 +1,7 @@
 //! Object graph: a static scene, and the Gaussians of each vehicle in coordinates that move with it.
 //!
-//! Source: "Dynamic urban scenes from UAV video" (S2), which trains 4DGF (Fischer et al., "Dynamic 3D
-//! Gaussian Fields for Urban Areas", `NeurIPS` 2024) on tracks that it finds itself.
+//! Source: "Dynamic urban scenes from UAV video" (S2). It trains 4DGF (Fischer et al., "Dynamic 3D Gaussian
+//! Fields for Urban Areas", `NeurIPS` 2024) on tracks that it finds itself.
 
 mod initial;
 
@@ -148,7 +148,7 @@ fn prepare(
     Ok(prepared)
 }
 
-/// Whether anything moves that is worth Gaussians of its own.
+/// Decides on Gaussians for moving objects, by the tracks.
 fn of_tracks(tracks: &Tracks) -> Decision {
     let moving = tracks.tracks.len();
     let reason = if moving == 0 {
@@ -158,7 +158,7 @@ fn of_tracks(tracks: &Tracks) -> Decision {
         format!("{moving} vehicles move, by {detections} detections")
     };
     let decision = Decision::new(moving > 0, reason);
-    // Without any there is nothing that a plan could ask for.
+    // Without moving objects a plan has nothing to use.
     if moving == 0 {
         decision.settled()
     } else {
@@ -166,7 +166,7 @@ fn of_tracks(tracks: &Tracks) -> Decision {
     }
 }
 
-/// Whether paths are refined: they are as good as what they were made of.
+/// Decides on refining paths: paths are as good as their inputs.
 fn of_poses(tracks: &Tracks) -> Decision {
     let detector = tracks.stages.iter().find(|stage| stage.stage == "detector");
     match detector {

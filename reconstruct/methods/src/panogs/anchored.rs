@@ -1,4 +1,4 @@
-//! Static Gaussians whose centres stay near the samples that they began as, and near a scaffold.
+//! Static Gaussians whose centres stay near their first samples, and near a scaffold.
 
 use std::sync::Arc;
 
@@ -14,25 +14,25 @@ use omnilife_engine::{
     parameters::ParameterTable,
 };
 
-/// How centres may move.
+/// Bounds and losses of centres.
 #[derive(Debug, Clone)]
 pub(super) struct CentreRefinement {
-    /// Where each centre began.
+    /// First position of each centre.
     pub(super) anchors: Arc<Vec<[f32; 3]>>,
-    /// How far from there it may go.
+    /// Maximum distance of each centre from its anchor.
     pub(super) reach: Arc<Vec<f32>>,
     /// Centres of all shards together, over which the scaffold's loss is a mean.
     pub(super) all: usize,
-    /// The iteration of the schedule from which on centres move.
+    /// The iteration of the schedule from which centres move.
     pub(super) begin_iteration: u64,
-    /// What they are held to, where anything, and how strongly.
+    /// The scaffold of the centres, with its weight; `None` without a scaffold.
     pub(super) scaffold: Option<(Arc<Scaffold>, f32)>,
 }
 
 /// Static Gaussians with bounded centres.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Anchored {
-    /// How centres may move; not at all where nothing is said.
+    /// Bounds of the centres; `None` keeps them fixed.
     pub(super) refinement: Option<CentreRefinement>,
 }
 
@@ -71,12 +71,12 @@ impl Parameterization for Anchored {
             by_centres.fill([0.0; 3]);
         } else if let Some((scaffold, weight)) = &refinement.scaffold {
             let centres = positions.values.as_chunks::<3>().0;
-            // What it adds to the loss is for the optimizer alone: the trace has the photometric loss.
+            // Its part of the loss is for the optimizer alone: the trace has the photometric loss.
             scaffold.loss(centres, (*weight, refinement.all), by_centres);
         }
     }
 
-    /// Brings centres back into their balls, and takes the part of their moments that leads out of it.
+    /// Returns centres to their balls, and removes the outward part of their moments.
     fn keep_within_bounds(&mut self, table: &mut ParameterTable) {
         let Some(refinement) = &self.refinement else {
             return;

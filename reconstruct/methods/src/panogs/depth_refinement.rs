@@ -1,5 +1,5 @@
-//! Distances with fewer pixels than the image, brought to its grid along its edges: joint bilateral
-//! upsampling of inverse distances (Kopf et al. 2007).
+//! Joint bilateral upsampling of inverse distances (Kopf et al. 2007): distances with fewer pixels than the image
+//! get its grid, along its edges.
 
 use omnilife_engine::training_view::TrainingView;
 use omnilife_schemas::distances::{DistanceImage, EDGE_RATIO};
@@ -14,10 +14,10 @@ const SPREAD_PIXELS: f32 = 0.8;
 /// Standard deviation of the weight over colours, of a channel in [0, 255].
 const SPREAD_COLOUR: f32 = 12.0;
 
-/// A view on its image's own grid.
+/// Returns a view on its image's own grid.
 ///
-/// Of the coarse pixels around an image's pixel the likeliest by place and colour says which surface it
-/// is; those of the same surface are averaged. Nothing between two surfaces is made.
+/// Among the coarse pixels around an image's pixel, the likeliest by position and colour selects the surface. The
+/// distances of the same surface are averaged; no distance between two surfaces is made.
 pub(super) fn refined(image: &TrainingView, coarse: &SourceView) -> SourceView {
     let camera = &image.view.camera;
     let size = camera.size();
@@ -64,7 +64,7 @@ struct Upsampler<'a> {
 }
 
 impl Upsampler<'_> {
-    /// The distance of a pixel of the image, and the coarse pixel that it is most like.
+    /// Returns the distance of a pixel of the image, and the coarse pixel that it is most like.
     fn at(&self, [column, row]: [usize; 2], size: [usize; 2]) -> Option<(f32, usize)> {
         let (width, height) = (self.distances.width as i64, self.distances.height as i64);
         let u = (column as f32 + 0.5) * width as f32 / size[0] as f32 - 0.5;

@@ -1,4 +1,4 @@
-//! The record of a lift: what became of the pixels of each view.
+//! Record of a lift: counts of the pixels of each view by their use.
 
 use glam::{DVec3, Vec3};
 use omnilife_schemas::{
@@ -12,7 +12,7 @@ use omnilife_training::{
     seeds::depth::{Lifted, tolerance},
 };
 
-/// The record without the numbers that [`completed`] fills in.
+/// Returns the record without the numbers that [`completed`] fills in.
 pub(super) fn begun(scene: &TrainingScene, origin: &str, agreed: &Agreed, chosen: &Chosen) -> Lift {
     let views = scene.input_views.iter().zip(&agreed.factors);
     let views = views.zip(&chosen.lifted).map(|((view, &factor), lifted)| {
@@ -50,7 +50,7 @@ pub(super) fn begun(scene: &TrainingScene, origin: &str, agreed: &Agreed, chosen
     }
 }
 
-/// The record of what a run begins with.
+/// Completes the record with a run's first samples.
 pub(super) fn completed(mut lift: Lift, scene: &TrainingScene, samples: &Samples) -> Lift {
     lift.median_radius = f64::from(samples.median_radius) / scene.normalization.scale;
     lift.gaussians = samples.gaussians.len() as u64;
@@ -58,7 +58,7 @@ pub(super) fn completed(mut lift: Lift, scene: &TrainingScene, samples: &Samples
     lift
 }
 
-/// The corners of the smallest box around all samples, world.
+/// Returns the corners of the smallest box around all samples, world.
 fn bounds(lifted: &[Lifted], normalization: &Similarity) -> [[f64; 3]; 2] {
     let places = lifted.iter().flat_map(|lifted| &lifted.gaussians.positions);
     let (least, greatest) = places.fold(

@@ -1,14 +1,16 @@
-//! PanoGS: from a few panoramas with distances to Gaussians on their surfaces.
+//! PanoGS: Gaussians on surfaces, from a few panoramas with distances.
 //!
-//! Source: "PanoGS" (see [`METHOD`]); its equations stand beside what implements them.
+//! Source: "PanoGS" (see [`METHOD`]); its equations stand beside their code.
 //!
-//! * `sources`: the distances, from files or by the sphere sweep. `depth_refinement`: brought to the image's
-//!   grid where they have fewer pixels. `samples`: views agree on scales, pixels become Gaussians, the finest
-//!   view's stay; `manifest`: the record of that. `surface`: the scaffold (Eq. 9). `anchored`: what training may
-//!   change; `shards`: what of it at a time; `neighbour_views`: from which views.
+//! * `sources`: the distances, from files or by the sphere sweep. `depth_refinement`: distances with fewer pixels
+//!   on the image's grid.
+//! * `samples`: views agree on scales, pixels become Gaussians, and the finest view's stay; `manifest`: their
+//!   record.
+//! * `surface`: the scaffold (Eq. 9). `anchored`: trained parameters; `shards`: the part that trains at a time;
+//!   `neighbour_views`: its views.
 //!
-//! Lift, normals, scales and redundancy themselves are in [`omnilife_training::seeds::depth`]: any method can begin
-//! there.
+//! Lift, normals, scales and redundancy themselves are in [`omnilife_training::seeds::depth`]: any method can
+//! start there.
 
 mod anchored;
 mod depth_refinement;
@@ -50,23 +52,23 @@ use omnilife_training::{
 
 /// Component: one factor per view on its distances.
 pub const DEPTH_SCALE: &str = "depth-scale";
-/// Component: distances on a coarser grid than the image's are brought to it along the image's edges.
+/// Component: distances on a coarser grid than the image's are upsampled along the image's edges.
 pub const DEPTH_REFINEMENT: &str = "depth-refinement";
 /// Component: pixels near the poles of panoramas, which crowd, are thinned out.
 pub const POLE_THINNING: &str = "pole-thinning";
-/// Component: of what several views see, the finest view's sample stays.
+/// Component: where several views see a surface, the finest view's sample stays.
 pub const REDUNDANT_SAMPLES: &str = "redundant-samples";
-/// Component: opacities and colours learn.
+/// Component: opacities and colours are trained.
 pub const WARM_START: &str = "warm-start";
-/// Component: centres learn, late, slowly and within half a radius of where they began.
+/// Component: centres are trained, late, slowly and within half a radius of their first positions.
 pub const CENTRE_REFINEMENT: &str = "centre-refinement";
-/// Component: centres are held to the fused surface of all views.
+/// Component: a loss keeps centres near the fused surface of all views.
 pub const SCAFFOLD: &str = "scaffold";
-/// Component: sizes and rotations learn too; not in the paper.
+/// Component: sizes and rotations are trained too; not in the paper.
 pub const SHAPE_REFINEMENT: &str = "shape-refinement";
-/// Component: one shard of the Gaussians after another learns from a drawing of all.
+/// Component: one shard of the Gaussians after another trains on a render of all.
 pub const SHARDS: &str = "shards";
-/// Component: a shard learns from the views near its own cameras alone.
+/// Component: a shard trains on the views near its own cameras alone.
 pub const NEIGHBOUR_VIEWS: &str = "neighbour-views";
 
 /// PanoGS.
@@ -113,14 +115,14 @@ pub const METHOD: Method = Method {
 
 /// Position steps over those of 3DGS.
 const CENTRE_STEP: f32 = 0.1;
-/// Share of the iterations after which centres begin to move.
+/// Share of the iterations after which centres start to move.
 const CENTRES_BEGIN: f64 = 0.3;
-/// How far centres may go, in radii of their samples.
+/// Maximum distance of centres from their first positions, in radii of their samples.
 const CENTRE_REACH: f32 = 0.5;
 /// Weight of the scaffold's loss.
 const SCAFFOLD_WEIGHT: f32 = 0.1;
 
-/// Which arrays learn, and what centres are held to.
+/// Arrays that are trained, and the losses of centres.
 struct Learning {
     /// Arrays that keep their values.
     frozen: Vec<usize>,
@@ -161,7 +163,7 @@ fn prepare(
     })
 }
 
-/// The settings of 3DGS without density control, with steps of centres that are a tenth as long.
+/// Returns the settings of 3DGS without density control, with steps of centres that are a tenth as long.
 fn settings(
     scene: &TrainingScene,
     request: &MethodRequest,
@@ -184,7 +186,7 @@ fn settings(
     settings
 }
 
-/// Decides what learns.
+/// Decides on the trained parameters.
 fn learning(samples: &Samples, plan: &mut DecisionLog<'_>) -> Learning {
     let warms_up = plan.decide(
         WARM_START,
@@ -219,7 +221,7 @@ fn learning(samples: &Samples, plan: &mut DecisionLog<'_>) -> Learning {
     }
 }
 
-/// The Gaussians with what of them learns: one part, or one for each shard.
+/// Makes the Gaussians with their trained part: one part, or one for each shard.
 fn model(
     scene: &TrainingScene,
     samples: &mut Samples,
@@ -268,7 +270,7 @@ fn model(
     Model::new(model.parts.into_iter().map(anchored).collect())
 }
 
-/// The fused surface, where there is a reason for it.
+/// Returns the fused surface, if the evidence calls for it.
 fn surface(samples: &Samples, plan: &mut DecisionLog<'_>, centres_move: bool) -> Option<Surface> {
     let missing = match (samples.views.len(), centres_move) {
         (0 | 1, _) => Some("a second view"),
@@ -284,7 +286,7 @@ fn surface(samples: &Samples, plan: &mut DecisionLog<'_>, centres_move: bool) ->
     plan.decide(SCAFFOLD, surface.decision()).then_some(surface)
 }
 
-/// Whether distances of views that see one surface differ by more than pixels explain.
+/// Returns true if the distances of views of one surface differ by more than the rounding to pixels.
 fn differ(disagreement: f64) -> bool {
     disagreement > LEAST_DISAGREEMENT
 }

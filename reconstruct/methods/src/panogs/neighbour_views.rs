@@ -1,7 +1,7 @@
-//! The views that a shard learns from: those near its own cameras (PanoGS, Section 3.5).
+//! Training views of a shard: those near its own cameras (PanoGS, Section 3.5).
 //!
-//! A pixel of a view that is `k` times as far from a surface as the view that a sample is of shows `k^2` such
-//! samples, and says one thing of all of them.
+//! A view that is `k` times as far from a surface as a sample's own view shows `k^2` such samples in one pixel,
+//! and gives one value for all of them.
 
 use glam::Vec3;
 use omnilife_engine::camera::nearest::Projector;
@@ -10,23 +10,23 @@ use rayon::prelude::*;
 use super::samples::Samples;
 use omnilife_training::components::Decision;
 
-/// A view is near a sample where it is at most this many times as far from it as the sample's own.
+/// Maximum distance of a near view from a sample, over that of the sample's own view.
 const NEAR: f32 = 4.0;
-/// Share of a shard's samples that a view has to be near, and to see, to teach the shard.
+/// Minimum share of a shard's samples that a training view of the shard is near and sees.
 const LEAST_NEAR: f64 = 0.05;
-/// What a view shows may be nearer than a sample by this share where it sees the sample.
+/// Tolerance of visibility: the surface in a view may be nearer than a visible sample by this share.
 const TOLERANCE: f32 = 0.05;
-/// Share of the pairs of shard and view that must be of no use for them to be left out.
+/// Minimum share of useless pairs of shard and view for leaving them out.
 const LEAST_LEFT_OUT: f64 = 0.1;
-/// Samples of a shard that are looked at, at most.
+/// Maximum number of examined samples of a shard.
 const MOST_SAMPLES: usize = 4_000;
 
-/// By shard, the views near it.
+/// Near views of each shard.
 #[derive(Debug)]
 pub(super) struct NearViews {
-    /// Numbers of input views; one of each shard at least.
+    /// Numbers of input views; at least one for each shard.
     pub(super) views: Vec<Vec<u32>>,
-    /// Pairs of shard and view that there are.
+    /// Number of pairs of shard and view.
     pairs: usize,
 }
 
@@ -46,13 +46,13 @@ impl NearViews {
         }
     }
 
-    /// Share of the pairs of shard and view that are not near.
+    /// Returns the share of the pairs of shard and view that are not near.
     pub(super) fn share_left_out(&self) -> f64 {
         let near: usize = self.views.iter().map(Vec::len).sum();
         1.0 - near as f64 / self.pairs.max(1) as f64
     }
 
-    /// Used where enough pairs are of no use; `saved` are CPU seconds of a step.
+    /// Decides on leaving out useless pairs; `saved` are CPU seconds of a step.
     pub(super) fn decision(&self, saved: f64) -> Decision {
         let reason = format!(
             "{:.0} % of {} pairs of shard and view are not near (the view sees less than {:.0} % of the shard \
@@ -67,8 +67,8 @@ impl NearViews {
     }
 }
 
-/// By view, the share of a shard's samples that it is near and sees. The sky's, which no view knows, count
-/// as seen by all.
+/// Returns, by view, the share of a shard's samples that it is near and sees. Samples of the sky, which have no
+/// view, count as visible to all.
 fn near_shares(samples: &Samples, members: &[usize]) -> Vec<f64> {
     let views = samples.distance_views();
     let projectors: Vec<Projector> = views.iter().map(|view| Projector::new(view.view)).collect();

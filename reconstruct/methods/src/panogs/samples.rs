@@ -1,4 +1,4 @@
-//! From views with distances to the Gaussians that a run begins with.
+//! First Gaussians of a run, from views with distances.
 
 use omnilife_engine::gaussians::static_gaussians::InitialGaussians;
 use omnilife_schemas::{
@@ -27,64 +27,63 @@ use omnilife_training::{
 
 /// Differences between views that the rounding to pixels explains.
 pub(super) const LEAST_DISAGREEMENT: f64 = 0.005;
-/// Share of the samples that another view must see too for their choice to be worth it.
+/// Minimum share of samples in two views for a choice between them.
 const LEAST_SHARED: f64 = 0.05;
-/// A world is mirrored where views agree better by this, dB, when they are mirrored.
+/// Minimum gain in agreement of mirrored views for a mirrored world, dB.
 const MIRRORED_DECIBELS: f64 = 3.0;
-/// Share of places seen by two views on whose distances they may disagree; what hides one from the other
-/// counts.
+/// Maximum share of places in two views with different distances; occlusions count.
 const MOST_APART: f64 = 0.1;
-/// How much larger it has to be than with mirrored distances before those are taken for the right ones.
+/// Minimum ratio of that share to the share with mirrored distances for a mirrored world.
 const APART_FACTOR: f64 = 1.5;
-/// Another convention is meant where views agree better by this factor under it.
+/// Minimum gain in agreement under another convention for taking it as the meant one, a factor.
 const CONVENTION_FACTOR: f64 = 3.0;
-/// How much larger samples get at most where they are thinned out.
+/// Maximum growth of thinned samples.
 const LARGEST_GROWTH: f32 = 4.0;
-/// Places among which directions without any are looked for, at most.
+/// Maximum number of places for finding directions without distances.
 const MOST_PLACES: usize = 200_000;
-/// Views in whose free space a sample has to stand to be a ghost.
+/// Minimum number of views that see past a ghost.
 const GHOST_VIEWS: u16 = 2;
 
-/// What a run begins with.
+/// First samples of a run.
 #[derive(Debug)]
 pub(super) struct Samples {
-    /// The views, with the scales of their distances put right.
+    /// The views, with corrected scales of their distances.
     pub(super) views: Vec<SourceView>,
     pub(super) gaussians: InitialGaussians,
-    /// The view of each sample; the sky's have none and are at the end.
+    /// The view of each sample; samples of the sky have no view and are at the end.
     pub(super) view_of: Vec<u16>,
-    /// How they were shaped.
+    /// Settings of their shapes.
     pub(super) shape: LiftSettings,
     /// Median radius of a sample, normalized units.
     pub(super) median_radius: f32,
-    /// Lines that a reader of the scores should know.
+    /// Warnings for readers of the scores.
     pub(super) warnings: Vec<String>,
     /// Gaussians of the sky.
     pub(super) sky: usize,
-    /// What became of the pixels.
+    /// Counts of the pixels by their use.
     pub(super) record: Lift,
-    /// Median difference between views, with scales where they are used.
+    /// Median difference between views, with scale factors if they are used.
     disagreement: f64,
 }
 
-/// What views say of each other's scales.
+/// Agreement of the views on their scales.
 #[derive(Debug)]
 pub(super) struct Agreed {
-    /// Median difference between views as they came.
+    /// Median difference between views without factors.
     pub(super) before: f64,
     /// Median difference with the factors.
     pub(super) disagreement: f64,
-    /// What the distances of each view were multiplied by.
+    /// The factor on the distances of each view.
     pub(super) factors: Vec<f64>,
 }
 
 /// The samples that stay.
 #[derive(Debug)]
 pub(super) struct Chosen {
-    /// By view.
+    /// The samples of each view.
     pub(super) lifted: Vec<Lifted>,
     pub(super) shape: LiftSettings,
-    /// Share of all samples that stand where two views or more see past them.
+    /// Share of all samples that two or more views see past.
     pub(super) ghost_share: f64,
 }
 
@@ -164,12 +163,12 @@ impl Samples {
         }
     }
 
-    /// The views as the lift sees them.
+    /// Returns the views as inputs of the lift.
     pub(super) fn distance_views(&self) -> Vec<DistanceView<'_>> {
         distance_views(&self.views)
     }
 
-    /// Whether centres have a reason to move.
+    /// Decides on moving centres.
     pub(super) fn centre_decision(&self) -> Decision {
         let reason = format!(
             "views differ by {:.2} % where they see one surface (limit {:.1} %)",
@@ -179,7 +178,7 @@ impl Samples {
         Decision::new(differ(self.disagreement), reason)
     }
 
-    /// A shell in the directions that no view knows a distance of.
+    /// Adds a shell in the directions without a distance in any view.
     fn add_sky(
         &mut self,
         scene: &TrainingScene,
@@ -206,7 +205,7 @@ impl Samples {
         }
     }
 
-    /// No more Gaussians than asked for, evenly spread and larger for it.
+    /// Limits the number of Gaussians to the requested maximum: evenly spread, and larger for it.
     fn thin(&mut self, plan: &DecisionLog<'_>) {
         let Some(maximum) = plan.request.options.maximum_gaussians() else {
             return;
@@ -216,7 +215,7 @@ impl Samples {
             return;
         }
         let mut indices = points::thinned_indices(&points_of(&self.gaussians), maximum as usize);
-        // The sky's, which no view knows, stay at the end.
+        // Samples of the sky, which have no view, stay at the end.
         indices.sort_unstable();
         let growth = (all as f32 / maximum as f32).sqrt().min(LARGEST_GROWTH);
         self.gaussians = self.gaussians.selected(&indices);
@@ -231,7 +230,7 @@ impl Samples {
     }
 }
 
-/// Places on the surfaces that the views show: enough of them to find the directions without any.
+/// Returns places on the visible surfaces: enough of them to find the directions without any.
 fn some_places(lifted: &[Lifted]) -> PointCloud<f32> {
     let all: usize = lifted.iter().map(Lifted::len).sum();
     let positions = lifted.iter().flat_map(|lifted| &lifted.gaussians.positions);
@@ -242,7 +241,7 @@ fn some_places(lifted: &[Lifted]) -> PointCloud<f32> {
     }
 }
 
-/// The centres as points.
+/// Returns the centres as points.
 fn points_of(gaussians: &InitialGaussians) -> PointCloud<f32> {
     PointCloud {
         positions: gaussians.positions.clone(),
@@ -254,7 +253,7 @@ fn distance_views(views: &[SourceView]) -> Vec<DistanceView<'_>> {
     views.iter().map(SourceView::as_given).collect()
 }
 
-/// Refuses distances of a mirrored world, or along something else than they are said to be.
+/// Refuses distances of a mirrored world, or of another convention than their record's.
 fn check(scene: &TrainingScene, views: &[SourceView]) -> Result<(), ReconstructError> {
     let views = distance_views(views);
     let refuse = |reason: String| {
@@ -304,7 +303,7 @@ fn check(scene: &TrainingScene, views: &[SourceView]) -> Result<(), ReconstructE
     }
 }
 
-/// Puts factors on the views' distances where they disagree.
+/// Applies factors to the views' distances where they disagree.
 fn agreed(
     scene: &TrainingScene,
     views: &mut [SourceView],
@@ -355,7 +354,7 @@ fn agreed(
     }
 }
 
-/// Brings distances to the images' grids where those are finer.
+/// Upsamples distances to the images' grids where those are finer.
 fn refine(
     scene: &TrainingScene,
     views: &mut [SourceView],
@@ -376,7 +375,7 @@ fn refine(
     }
 }
 
-/// Whether pixels near the poles are left out.
+/// Decides on leaving out pixels near the poles.
 fn thins_poles(scene: &TrainingScene, views: &[SourceView], plan: &mut DecisionLog<'_>) -> bool {
     let pixels: usize = views.iter().map(|view| view.distances.values.len()).sum();
     // The mean of cos(latitude) over the rows of a panorama is 2 / pi.
@@ -443,7 +442,7 @@ fn chosen(
     }
 }
 
-/// What became of the pixels, in a line.
+/// Returns a summary of the pixels' use, in a line.
 fn summary(counts: &LiftCounts, kept: usize) -> String {
     format!(
         "{kept} samples of {} pixels: {} without a distance, {} masked, {} thinned near the poles, {} \

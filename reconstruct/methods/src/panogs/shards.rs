@@ -1,5 +1,5 @@
-//! Shards: Gaussians that lie together learn together, one shard after another from one drawing of all. So
-//! what a backward pass takes of memory is there of one shard at a time.
+//! Shards: neighbouring Gaussians train together, one shard after another from one render of all. So the memory
+//! of a backward pass is that of one shard at a time.
 
 use std::ops::Range;
 
@@ -22,27 +22,28 @@ use omnilife_training::{
     scene::TrainingScene,
 };
 
-/// Share of the memory that is left which training may take: drawn and scored images come beside it.
+/// Maximum share of the free memory for training: rendered and scored images need memory beside it.
 const SHARE_OF_MEMORY: f64 = 0.8;
-/// Shards at most: with more, what is drawn takes nearly all of the memory, and each walks its tiles again.
+/// Maximum number of shards: with more, the render takes nearly all of the memory, and each shard walks its tiles
+/// again.
 const MOST_SHARDS: usize = 64;
-/// Shards where they are asked for and nothing says how many.
+/// Default number of shards on request.
 const SHARDS_ON_REQUEST: usize = 8;
-/// Gaussians that a step is tried with.
+/// Gaussians of a trial step.
 const TRIAL_GAUSSIANS: usize = 100_000;
 
-/// Which Gaussians learn together, and from which views.
+/// Shards of Gaussians, and their training views.
 #[derive(Debug)]
 pub(super) struct Sharding {
     /// The Gaussians of each shard.
     pub(super) members: Vec<Vec<usize>>,
-    /// The input views that each learns from; all where nothing is said.
+    /// The input views of each shard; `None` for all.
     pub(super) views: Option<Vec<Vec<u32>>>,
 }
 
 impl Sharding {
-    /// Decides on shards, and on the views that each learns from; `None` where all learn at once. `memory` is
-    /// that of a step.
+    /// Decides on shards, and on the training views of each; `None` where all train at once. `memory` is that of
+    /// a step.
     pub(super) fn of(
         scene: &TrainingScene,
         samples: &Samples,
@@ -92,12 +93,12 @@ impl Sharding {
         })
     }
 
-    /// Gaussians of the largest shard.
+    /// Returns the number of Gaussians of the largest shard.
     pub(super) fn largest(&self) -> usize {
         self.members.iter().map(Vec::len).max().unwrap_or(0)
     }
 
-    /// As training takes it.
+    /// Returns the settings for training.
     pub(super) fn settings(self) -> Shards {
         Shards {
             gaussians: self
@@ -114,7 +115,7 @@ fn gigabytes(bytes: u64) -> f64 {
     bytes as f64 / 1e9
 }
 
-/// What the backward pass of a step takes, tried with some of the Gaussians on the first view.
+/// Cost of the backward pass of a step, tried with some of the Gaussians on the first view.
 #[derive(Debug, Default)]
 struct Trial {
     /// CPU seconds, all Gaussians at once.
@@ -159,13 +160,13 @@ impl Trial {
         }
     }
 
-    /// CPU seconds that shards add to a step.
+    /// Returns the CPU seconds that shards add to a step.
     fn seconds_of_shards(&mut self) -> f64 {
         (self.seconds_of_backward - self.seconds_whole).max(0.0)
     }
 }
 
-/// A view that was drawn.
+/// A rendered view.
 struct Drawing {
     renderer: Renderer,
     view: View,
@@ -209,7 +210,7 @@ impl Drawing {
     }
 }
 
-/// Where the members of each shard are when they stand one after another.
+/// Returns the range of each shard's members when the shards are stored one after another.
 fn ranges(members: &[Vec<usize>]) -> Vec<Range<usize>> {
     let mut first = 0;
     let lengths = members.iter().map(Vec::len);

@@ -1,4 +1,4 @@
-//! Where the distances of the input views come from: files, or the sphere sweep.
+//! Sources of the distances of the input views: files, or the sphere sweep.
 
 use omnilife_engine::{camera::View, training_view::TrainingView};
 use omnilife_schemas::{
@@ -13,25 +13,25 @@ use omnilife_training::{
     stereo::{self, Placement, SweepSettings, SweptDepth},
 };
 
-/// The views of a scene, and what their distances are.
+/// The views of a scene, and the origin of their distances.
 #[derive(Debug)]
 pub(super) struct Sources {
     pub(super) views: Vec<SourceView>,
-    /// In words.
+    /// Origin in words.
     pub(super) origin: String,
-    /// Size of the distance images as they came.
+    /// Size of the distance images as read.
     pub(super) size: [usize; 2],
 }
 
-/// Views that each panorama is swept against.
+/// Number of other views in the sweep of a panorama.
 const NEIGHBOURS: usize = 2;
 /// Inverse distances below this, per distance between the two cameras, are too far to be known.
 const FARTHEST_BASELINES: f32 = 200.0;
 
-/// Distances of all input views: from their files, or by the sphere sweep where there are none.
+/// Returns the distances of all input views: from their files, or without files by the sphere sweep.
 ///
 /// # Errors
-/// When some views have a file and others none, a file is not usable, or no two cameras stand apart.
+/// When only some views have a file, a file is not usable, or all cameras stand in one place.
 pub(super) fn of_scene(scene: &TrainingScene) -> Result<Sources, ReconstructError> {
     let count = scene.input_views.len();
     let given: Vec<Option<DistanceImage>> = (0..count)
@@ -66,7 +66,7 @@ pub(super) fn of_scene(scene: &TrainingScene) -> Result<Sources, ReconstructErro
     })
 }
 
-/// Every panorama against its nearest neighbours, each direction confirmed by the other view.
+/// Sweeps every panorama against its nearest neighbours; the other view confirms each direction.
 fn swept(scene: &TrainingScene) -> Result<Sources, ReconstructError> {
     if !scene.camera.wraps() {
         return Err(ReconstructError::Request {
@@ -117,7 +117,7 @@ fn swept(scene: &TrainingScene) -> Result<Sources, ReconstructError> {
     })
 }
 
-/// Each view with those that stand nearest to it, every pair once.
+/// Returns each view with its nearest neighbours, every pair once.
 fn pairs(views: &[TrainingView]) -> Vec<[usize; 2]> {
     let mut pairs: Vec<[usize; 2]> = Vec::new();
     for (number, view) in views.iter().enumerate() {
@@ -142,8 +142,8 @@ fn placement(view: &View) -> Placement {
     }
 }
 
-/// The estimates of one view put together: what another view confirmed, weighted by confidence where two
-/// agree, the more confident one where they do not. `None` without any estimate.
+/// Merges the estimates of one view. Confirmed ones are weighted by confidence where two agree; otherwise the
+/// more confident one wins. `None` without any estimate.
 fn merged(view: &TrainingView, estimates: &[(SweptDepth, f64)]) -> Option<SourceView> {
     let (first, _) = estimates.first()?;
     let (width, height) = (first.width, first.height);

@@ -1,4 +1,4 @@
-//! The fused surface of all views, and how far their samples are from it.
+//! Fused surface of all views, and the distances of their samples from it.
 
 use omnilife_engine::losses::scaffold::{Scaffold, fuse::FusedView};
 
@@ -7,10 +7,10 @@ use glam::Vec3;
 use super::samples::Samples;
 use omnilife_training::{components::Decision, seeds::depth::incidence};
 
-/// Share of the samples that must be off by more than a voxel for the field to be worth holding them to.
+/// Minimum share of the samples that are off by more than a voxel, for a loss on the field.
 const LEAST_MISREGISTERED: f64 = 0.01;
 
-/// The field with what it says of the samples.
+/// The field with its measures of the samples.
 #[derive(Debug)]
 pub(super) struct Surface {
     pub(super) field: Scaffold,
@@ -58,7 +58,7 @@ impl Surface {
         }
     }
 
-    /// Used where enough samples are off.
+    /// Decides on the scaffold by the share of samples that are off.
     pub(super) fn decision(&self) -> Decision {
         let most = self
             .bias_voxels

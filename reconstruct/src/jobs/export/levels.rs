@@ -1,4 +1,4 @@
-//! Levels of detail: how many Gaussians, which, and how large.
+//! Levels of detail: number, choice and size of Gaussians.
 
 use std::borrow::Cow;
 
@@ -10,13 +10,13 @@ use omnilife_training::{
     seeds::points::{selected, thinned_indices},
 };
 
-/// How much larger the Gaussians of a level get at most.
+/// Maximum growth of the Gaussians of a level.
 const LARGEST_GROWTH: f64 = 4.0;
 
-/// A level that is asked for.
+/// A requested level.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Level {
-    /// As it was asked for, such as `1M` or `full`.
+    /// Its name in the request, such as `1M` or `full`.
     pub name: String,
     /// Gaussians at most; `None` for all.
     pub most: Option<u64>,
@@ -26,7 +26,7 @@ impl Level {
     /// Reads `full`, a number, or one with `k` or `M`.
     ///
     /// # Errors
-    /// When it is none of them, or 0.
+    /// When the text has another form, or is 0.
     pub fn parse(text: &str) -> Result<Self, String> {
         let refuse =
             || format!("{text:?} is no level: expected full, or a number such as 1M or 500k");
@@ -49,13 +49,13 @@ impl Level {
         })
     }
 
-    /// The name of its file in a format, whose names end so.
+    /// Returns the name of its file in a format with this ending of names.
     pub fn file(&self, ending: &str) -> String {
         format!("{}{ending}", self.name.to_ascii_lowercase())
     }
 }
 
-/// The Gaussians of a level, larger for being fewer, and by how much.
+/// The Gaussians of a level, and their growth for being fewer.
 #[derive(Debug)]
 pub(super) struct LevelRows<'a> {
     pub(super) rows: Cow<'a, [SplatRow]>,
@@ -65,7 +65,7 @@ pub(super) struct LevelRows<'a> {
 /// Gaussians of a level among all of them.
 #[derive(Debug)]
 pub(super) struct Selection {
-    /// `None` where it is all of them.
+    /// `None` for all of them.
     indices: Option<Vec<usize>>,
     /// Factor of their sizes, for being fewer.
     pub(super) growth: f64,
@@ -102,16 +102,16 @@ impl Selection {
     }
 }
 
-/// The rows of levels with these numbers of Gaussians, as [`selections`] chooses them.
+/// Returns the rows of levels with these numbers of Gaussians, as [`selections`] chooses them.
 pub(super) fn nested<'a>(rows: &'a [SplatRow], counts: &[u64]) -> Vec<LevelRows<'a>> {
     let positions = rows.iter().map(|row| row.position).collect();
     let chosen = selections(positions, counts).into_iter();
     chosen.map(|selection| selection.rows(rows)).collect()
 }
 
-/// Levels with these numbers of Gaussians, which fall from one to the next: evenly spread
-/// along a curve through space, each level among those of the one before it. Sizes grow by the root of
-/// the thinning: coverage stays.
+/// Returns levels with these numbers of Gaussians, which fall from one to the next. They are evenly spread along a
+/// curve through space, each level among those of the one before it. Sizes grow by the root of the thinning:
+/// coverage stays.
 pub(super) fn selections(positions: Vec<[f32; 3]>, counts: &[u64]) -> Vec<Selection> {
     let all = positions.len();
     let everything = || Selection {

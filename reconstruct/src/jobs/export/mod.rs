@@ -1,8 +1,8 @@
 //! A run's Gaussians, or those of a file, as levels of detail for viewers, with a record and a page.
 //!
-//! * `source`: what is exported. `moments`: of a scene that moves. `viewer_limits`: what viewers of `.splat` can draw.
-//!   `whole`: Gaussians as they are, for other formats. [`levels`]: how many, which, how large. [`page`]: one HTML file
-//!   with everything in it.
+//! * `source`: exported Gaussians. `moments`: dynamic scenes. `viewer_limits`: limits of viewers of `.splat`. `whole`:
+//!   unchanged Gaussians, for other formats.
+//! * [`levels`]: number, choice and size of Gaussians. [`page`]: one HTML file with everything in it.
 
 pub mod levels;
 mod moments;
@@ -41,51 +41,51 @@ use omnilife_training::{
 
 /// The page, in an asset's folder.
 const PAGE_FILE: &str = "index.html";
-/// What stands still in a scene that moves.
+/// File of the static Gaussians of a dynamic scene.
 const STILL_FILE: &str = "still.splat";
 
-/// What moves, at a moment.
+/// Returns the file of the dynamic Gaussians at a moment.
 fn moment_file(number: usize) -> String {
     format!("moment-{number:03}.splat")
 }
 
-/// What to export.
+/// Request of an export.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ExportRequest {
     /// A run's folder, or a file of Gaussians.
     pub gaussians: PathBuf,
     /// Name of the format ([`exchange::SPLAT_FORMATS`]).
     pub format: String,
-    /// Levels that are asked for.
+    /// Requested levels.
     pub levels: Vec<Level>,
-    /// Whether a page is asked for.
+    /// True if a page is requested.
     pub with_page: bool,
-    /// Up in the world; that of the run's cameras, or of a world with z up, where nothing is said.
+    /// Up in the world; by default that of the run's cameras, or of a world with z up.
     pub up: Option<[f64; 3]>,
-    /// The moment that levels show of a scene that moves, seconds; the middle of its clip where nothing is
-    /// said.
+    /// The moment that levels show of a dynamic scene, seconds; by default the middle of its clip.
     pub time_seconds: Option<f64>,
-    /// At how many moments a scene that moves is exported beside its levels; 1 for none. Where nothing is
-    /// said, one per frame of its clip, as far as there is room.
+    /// Number of exported moments of a dynamic scene beside its levels; 1 for none. By default one per frame of
+    /// its clip, within the limit of size.
     pub moments: Option<usize>,
     /// Folder of the asset.
     pub out: PathBuf,
 }
 
-/// An exported asset, and lines that its maker should know.
+/// An exported asset, with notes for its maker.
 #[derive(Debug)]
 pub struct Exported {
     /// The record.
     pub asset: Asset,
-    /// What is not as it was asked for.
+    /// Differences from the request.
     pub notes: Vec<String>,
 }
 
-/// Exports.
+/// Exports Gaussians as an asset.
 ///
 /// # Errors
-/// When there is no such format, the Gaussians cannot be read, no level is as small as the scene, a level has more
-/// Gaussians than viewers can draw or the format can hold, or a file cannot be written or is somebody else's.
+/// When the format is unknown, the Gaussians cannot be read, or every level is larger than the scene. When a level
+/// has more Gaussians than viewers can draw or the format can hold. When a file cannot be written or belongs to
+/// someone else.
 pub fn export(
     request: &ExportRequest,
     progress: &dyn Progress,
@@ -171,7 +171,7 @@ pub fn export(
     })
 }
 
-/// Returns the format that is asked for.
+/// Returns the requested format.
 fn format_of(request: &ExportRequest) -> Result<&'static SplatFormat, ReconstructError> {
     let format = exchange::by_name(&request.format)?;
     if request.with_page && !format.is_for_old_viewers {
@@ -185,15 +185,15 @@ fn format_of(request: &ExportRequest) -> Result<&'static SplatFormat, Reconstruc
     Ok(format)
 }
 
-/// Which levels there will be.
+/// Levels of an asset.
 struct Wanted {
     /// The smallest first, each with its number of Gaussians.
     levels: Vec<(Level, u64)>,
-    /// Why others are not there.
+    /// Reasons for leaving out others.
     left_out: Vec<String>,
 }
 
-/// The levels that there are Gaussians for.
+/// Returns the levels that the scene has enough Gaussians for.
 fn levels_within(
     request: &ExportRequest,
     format: &SplatFormat,
@@ -331,7 +331,7 @@ fn write_moments(
     })
 }
 
-/// The page with all moments of a scene that moves, or with the largest level that fits inside.
+/// Writes the page with all moments of a dynamic scene, or with the largest level that fits inside.
 fn write_page(
     out: &Path,
     asset: &Asset,
@@ -373,7 +373,7 @@ fn write_page(
     })
 }
 
-/// What of an asset stands in its page.
+/// Returns the part of an asset in its page.
 fn inside(asset: &Asset) -> Option<Inside<'_>> {
     let fits = |level: &&AssetLevel| level.splats <= MOST_SPLATS_INSIDE;
     let all_of = |moments: &AssetMoments| {

@@ -1,7 +1,7 @@
-//! A scene that moves, at moments: what stands still once, what moves at each of them.
+//! Moments of a dynamic scene: static Gaussians once, dynamic ones at each moment.
 //!
-//! Nothing of a parameterization is asked but what it shows at a time, so that every method that moves
-//! has moments: Gaussians with times of their own, objects on paths, Gaussians that a network deforms.
+//! The only input is a parameterization's Gaussians at a time, so that every dynamic method has moments:
+//! Gaussians with times of their own, objects on paths, Gaussians that a network deforms.
 
 use omnilife_engine::{
     clock::TimeSpan,
@@ -14,12 +14,12 @@ use rayon::prelude::*;
 
 use omnilife_training::formats::splat::{MOST_ROWS, SplatRow};
 
-/// Moments where nobody says how many: no more than this, nor than the clip has frames.
+/// Default maximum number of moments; the clip's number of frames is another.
 const MOST_MOMENTS: usize = 60;
-/// Gaussians of all moments together at most, where nobody says how many moments: 64 MB.
+/// Default maximum number of Gaussians of all moments together: 64 MB.
 const MOST_MOVING_ROWS: usize = 2_000_000;
 
-/// Places that differ by less than this share of a Gaussian's middle axis are one.
+/// Positions that differ by less than this share of a Gaussian's middle axis are the same.
 const SAME_PLACE: f32 = 0.1;
 /// Sizes that differ by less than this share are the same.
 const SAME_SIZE: f32 = 0.02;
@@ -28,18 +28,18 @@ const SAME_ROTATION: f32 = 0.9999;
 /// Opacities and colours that differ by less are the same: a step of a file's bytes.
 const SAME_LEVEL: f32 = 1.0 / 255.0;
 
-/// The Gaussians of a scene that moves.
+/// The Gaussians of a dynamic scene.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Moments {
-    /// Those that are always the same.
+    /// The Gaussians that never change.
     pub(super) still: Vec<SplatRow>,
-    /// The moments, seconds, with the other Gaussians as they are seen there.
+    /// The moments, seconds, with the other Gaussians as visible there.
     pub(super) moving: Vec<(f64, Vec<SplatRow>)>,
 }
 
 impl Moments {
-    /// Of a model over the time in which it changes, at as many moments as are asked for or as its clip
-    /// has; `row` is a Gaussian as files hold it. An error says in words why there are none.
+    /// Returns the moments of a model over the time in which it changes, at the requested number or the clip's.
+    /// `row` converts a Gaussian to its form in files. An error says why there are no moments.
     pub(super) fn of(
         model: &mut Model,
         span: &TimeSpan,
@@ -69,7 +69,7 @@ impl Moments {
             rows.filter(|row| row.rgba[3] > 0).collect()
         };
         if asked.is_none() {
-            // Many of those that move are not seen at most moments.
+            // Many moving Gaussians are invisible at most moments.
             let seen: usize = span
                 .moments(count)
                 .into_iter()
@@ -101,25 +101,26 @@ impl Moments {
         })
     }
 
-    /// The Gaussians of each file.
+    /// Returns the Gaussians of each file.
     pub(super) fn files(&self) -> impl Iterator<Item = &[SplatRow]> {
         let moving = self.moving.iter().map(|(_, rows)| &rows[..]);
         [&self.still[..]].into_iter().chain(moving)
     }
 
-    /// The same, to be changed.
+    /// Returns the Gaussians of each file, mutable.
     pub(super) fn files_mut(&mut self) -> impl Iterator<Item = &mut Vec<SplatRow>> {
         let moving = self.moving.iter_mut().map(|(_, rows)| rows);
         [&mut self.still].into_iter().chain(moving)
     }
 
-    /// All of them, to be changed.
+    /// Returns all Gaussians, mutable.
     pub(super) fn rows_mut(&mut self) -> impl Iterator<Item = &mut SplatRow> {
         self.files_mut().flatten()
     }
 }
 
-/// How many of `count` moments have room, where all of them together show `seen` Gaussians.
+/// Returns the number of moments, at most `count`, that the limit allows, if all of them together show `seen`
+/// Gaussians.
 fn fitting(count: usize, seen: usize) -> usize {
     if seen <= MOST_MOVING_ROWS {
         return count;
@@ -127,7 +128,7 @@ fn fitting(count: usize, seen: usize) -> usize {
     count * MOST_MOVING_ROWS / seen
 }
 
-/// How many of some Gaussians a viewer would draw.
+/// Returns the number of Gaussians that a viewer would draw.
 fn seen_of(gaussians: &ActivatedGaussians, indices: &[usize]) -> usize {
     let is_seen = |&&index: &&usize| gaussians.opacities[index] >= 0.5 * SAME_LEVEL;
     indices.iter().filter(is_seen).count()
@@ -140,7 +141,7 @@ fn activated(model: &mut Model, seconds: f64) -> ActivatedGaussians {
     gaussians
 }
 
-/// Whether a viewer would show a Gaussian alike at two moments.
+/// Returns true if a viewer would show a Gaussian alike at two moments.
 fn is_same(a: &ActivatedGaussians, b: &ActivatedGaussians, index: usize) -> bool {
     let [before, after] = [a, b].map(|all| all.opacities[index]);
     if before.max(after) < 0.5 * SAME_LEVEL {
@@ -154,7 +155,7 @@ fn is_same(a: &ActivatedGaussians, b: &ActivatedGaussians, index: usize) -> bool
     let [from, to] = [a, b].map(|all| glam::Vec3::from_array(all.positions[index]));
     let dot = |a: &[f32], b: &[f32]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f32>();
     let is_close = |(a, b): (&f32, &f32)| (a - b).abs() < SAME_LEVEL / SH_C0;
-    // Written so that NaN is no likeness.
+    // In this form NaN is not the same.
     (before - after).abs() < SAME_LEVEL
         && from.distance(to) <= SAME_PLACE * scales[1]
         && (scales.iter().zip(others)).all(|(a, b)| (a - b).abs() <= SAME_SIZE * a)

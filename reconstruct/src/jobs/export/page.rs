@@ -1,8 +1,8 @@
-//! One HTML file that shows an asset, from disk and without a network: the viewer's libraries and a level
-//! stand in it.
+//! One HTML file that shows an asset, from disk and without a network: it contains the viewer's libraries and a
+//! level.
 //!
-//! The libraries are Spark and three.js, under the MIT licence, which `scripts/setup --viewer` fetches into
-//! the data folder. They are checked by their SHA-256 before they go into a page.
+//! The libraries are Spark and three.js, under the MIT licence. `scripts/setup --viewer` fetches them into the
+//! data folder; their SHA-256 is checked before they go into a page.
 
 use std::{fs, path::PathBuf};
 
@@ -12,14 +12,14 @@ use omnilife_schemas::{
     store,
 };
 
-/// Gaussians inside a page at most: 43 MB of text.
+/// Maximum number of Gaussians inside a page: 43 MB of text.
 pub const MOST_SPLATS_INSIDE: u64 = 1_000_000;
-/// The same of all moments of a scene that moves together, of which few are drawn at a time.
+/// Maximum number of Gaussians of all moments of a dynamic scene together, of which few are drawn at a time.
 pub(super) const MOST_SPLATS_OF_MOMENTS: u64 = 2_500_000;
 
 /// A file of the viewer.
 struct Library {
-    /// In the viewer's folder, and in the page's import map.
+    /// Name in the viewer's folder, and in the page's import map.
     file: &'static str,
     name: &'static str,
     sha256: &'static str,
@@ -48,20 +48,20 @@ const LIBRARIES: [Library; 4] = [
     },
 ];
 
-/// Why there can be no page; one line with the command that mends it.
+/// Reason for a missing page; one line with the command that fixes it.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("no page: {0}; scripts/setup --viewer fetches the viewer's libraries")]
 pub struct NoViewer(String);
 
-/// Where the viewer's libraries lie; `None` where no folder for data is known.
+/// Returns the folder of the viewer's libraries; `None` without a folder for data.
 pub fn viewer_folder() -> Option<PathBuf> {
     Some(store::data_folder()?.join("viewer"))
 }
 
-/// The libraries, checked, in the order of `LIBRARIES`.
+/// Returns the libraries, checked, in the order of `LIBRARIES`.
 ///
 /// # Errors
-/// When one is not there or not the one that is meant.
+/// When one is missing or has another checksum.
 pub fn libraries() -> Result<Vec<Vec<u8>>, NoViewer> {
     let folder = viewer_folder().ok_or_else(|| {
         NoViewer("neither OMNILIFE_DATA, XDG_DATA_HOME nor HOME is set".to_owned())
@@ -82,30 +82,30 @@ pub fn libraries() -> Result<Vec<Vec<u8>>, NoViewer> {
     LIBRARIES.iter().map(read).collect()
 }
 
-/// What a page shows.
+/// Content of a page.
 pub(super) struct PageContent<'a> {
-    /// Of the scene; it comes from a file.
+    /// Title of the scene; it comes from a file.
     pub(super) title: &'a str,
     pub(super) levels: &'a [AssetLevel],
     pub(super) moments: Option<&'a AssetMoments>,
     pub(super) placement: AssetPlacement,
-    /// What is inside the page.
+    /// The part of the asset inside the page.
     pub(super) inside: Option<Inside<'a>>,
     /// The bytes of its files, one after the other.
     pub(super) bytes: &'a [u8],
 }
 
-/// What a page holds.
+/// Data inside a page.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum Inside<'a> {
     /// A level.
     Level(&'a AssetLevel),
-    /// All moments of a scene that moves, behind what stands still.
+    /// All moments of a dynamic scene, behind its static Gaussians.
     Moments(&'a AssetMoments),
 }
 
 impl<'a> Inside<'a> {
-    /// Its files, in their order in the page.
+    /// Returns its files, in their order in the page.
     pub(super) fn files(&self) -> Vec<&'a str> {
         match self {
             Self::Level(level) => vec![&level.file],
@@ -119,11 +119,11 @@ impl<'a> Inside<'a> {
 
 const TEMPLATE: &str = include_str!("page.html");
 
-/// The text of a page.
+/// Returns the text of a page.
 pub(super) fn html(content: &PageContent<'_>, libraries: &[Vec<u8>]) -> String {
     let data_url = |bytes: &[u8]| format!("data:text/javascript;base64,{}", base64(bytes));
     let imports = LIBRARIES.iter().zip(libraries).map(|(library, bytes)| {
-        // A module in a data: URL has no folder in which "./" could be.
+        // A module in a data: URL has no folder for "./".
         let text =
             String::from_utf8_lossy(bytes).replace("\"./three.core.min.js\"", "\"three-core\"");
         (library.name, data_url(text.as_bytes()))
@@ -153,7 +153,7 @@ pub(super) fn html(content: &PageContent<'_>, libraries: &[Vec<u8>]) -> String {
     });
     let inside = base64(content.bytes);
     let import_map = serde_json::json!({ "imports": imports });
-    // Each placeholder once, and the text of one is not looked through for the next.
+    // Each placeholder is replaced once, and its text is not searched for the next.
     let mut page = String::with_capacity(TEMPLATE.len() + inside.len() + 8_000_000);
     for (index, part) in TEMPLATE.split("@@").enumerate() {
         match part {
@@ -167,7 +167,7 @@ pub(super) fn html(content: &PageContent<'_>, libraries: &[Vec<u8>]) -> String {
     page
 }
 
-/// What the page knows of moments.
+/// Returns the page's data about moments.
 fn moments_of(moments: &AssetMoments) -> serde_json::Value {
     let file =
         |splats: &AssetSplats| serde_json::json!({ "file": splats.file, "bytes": splats.bytes });
@@ -181,7 +181,7 @@ fn moments_of(moments: &AssetMoments) -> serde_json::Value {
     serde_json::json!({ "still": file(&moments.still), "moments": all })
 }
 
-/// JSON that nothing in it can end the script around.
+/// Returns JSON that cannot end the script around it.
 fn in_script(value: &serde_json::Value) -> String {
     value.to_string().replace('<', "\\u003c")
 }

@@ -1,4 +1,4 @@
-//! What is exported: a run's Gaussians, or those of a file, in the frame of an asset's files.
+//! Exported Gaussians: a run's, or those of a file, in the frame of an asset's files.
 
 use std::path::Path;
 
@@ -33,12 +33,12 @@ pub(super) struct ExportedScene {
     pub(super) source: AssetSource,
     /// Counts of invalid Gaussians.
     pub(super) invalid: InvalidGaussians,
-    /// Why a scene that could move has no moments.
+    /// Reason for a dynamic scene without moments.
     pub(super) without_moments: Option<String>,
 }
 
 impl ExportedScene {
-    /// Opens what is asked for, and tells what of it is not valid.
+    /// Opens the requested Gaussians, and counts the invalid ones.
     ///
     /// # Errors
     /// When the Gaussians cannot be read, or a viewer could draw none of them.
@@ -122,7 +122,7 @@ fn run_with_splats(folder: &Path) -> Result<RunRecord, ReconstructError> {
     Err(ReconstructError::scene(folder, reason))
 }
 
-/// The moment that levels show, where anything depends on it.
+/// Returns the moment that levels show, if the scene depends on time.
 fn shown_moment(request: &ExportRequest, model: &Model) -> Option<f64> {
     let span = model.time_span()?;
     Some(
@@ -132,7 +132,7 @@ fn shown_moment(request: &ExportRequest, model: &Model) -> Option<f64> {
     )
 }
 
-/// The moments of a scene that moves; `None` of one that does not, or where one moment is asked for.
+/// Returns the moments of a dynamic scene; `None` for a static scene or for one moment.
 fn moments(
     request: &ExportRequest,
     format: &SplatFormat,
@@ -153,7 +153,7 @@ fn moments(
     Some(Moments::of(model, &span, request.moments, row))
 }
 
-/// Up in the world.
+/// Returns up in the world.
 fn up(request: &ExportRequest, record: Option<&RunRecord>) -> Result<DVec3, ReconstructError> {
     let given = request.up.or_else(|| record.and_then(|record| record.up));
     let up = DVec3::from_array(given.unwrap_or([0.0, 0.0, 1.0]));

@@ -1,9 +1,11 @@
-//! What web viewers can draw, and what has to change for it.
+//! Limits of web viewers, and the changes that they require.
 //!
-//! Viewers of `.splat` files keep covariances in half floats: the smallest eigenvalue of thin Gaussians
-//! comes out negative, and of small ones everything as 0; both are left out. They sort by depth in 16 bits
-//! over the whole range. So: no axis below a tenth of the longest; a unit in which the 1st percentile of
-//! the sizes is 0.003; no shell far outside the scene.
+//! Viewers of `.splat` files keep covariances in half floats. The smallest eigenvalue of thin Gaussians comes out
+//! negative, and small Gaussians come out as 0; viewers leave out both. They sort by depth in 16 bits over the
+//! whole range.
+//!
+//! So each axis is at least a tenth of the longest. The 1st percentile of the sizes is 0.003 in the unit of the
+//! file. No shell is far outside the scene.
 
 use glam::{DQuat, DVec3};
 use omnilife_engine::gaussians::ActivatedGaussians;
@@ -13,23 +15,23 @@ use rayon::prelude::*;
 use super::moments::Moments;
 use omnilife_training::formats::{splat::SplatRow, validity::REACH};
 
-/// Least ratio of a Gaussian's shortest to its longest axis.
+/// Minimum ratio of a Gaussian's shortest to its longest axis.
 const LEAST_THICKNESS: f32 = 0.1;
-/// Least 1st percentile of the longest axes, in units of the file.
+/// Minimum 1st percentile of the longest axes, in units of the file.
 const LEAST_SIZE: f32 = 0.003;
-/// Where the scene ends: this quantile of the distances.
+/// Quantile of the distances at which the scene ends.
 const SCENE_QUANTILE: f64 = 0.95;
-/// The farthest place in radii of the scene.
+/// Maximum distance in radii of the scene.
 const FARTHEST: f32 = 3.0;
 
-/// Gaussians as files hold them, and what was changed.
+/// Gaussians in the form of files, with counts of the changes.
 #[derive(Debug)]
 pub(super) struct Drawable {
     /// For viewers of `.splat`; empty in other formats.
     pub(super) rows: Vec<SplatRow>,
-    /// In other formats, as they are and with their harmonics.
+    /// Unchanged Gaussians with their harmonics, for other formats.
     pub(super) whole: Option<ActivatedGaussians>,
-    /// The same at other moments, in the same place.
+    /// The Gaussians of other moments, in the same frame.
     pub(super) moments: Option<Moments>,
     pub(super) placement: AssetPlacement,
     pub(super) changes: AssetChanges,
@@ -51,7 +53,7 @@ pub(super) struct FileFrame {
 }
 
 impl FileFrame {
-    /// Of a normalized scene with `world` units each, moved by `offset`, in which `up` is up.
+    /// Returns the frame of a normalized scene with `world` units each, moved by `offset`, in which `up` is up.
     pub(super) fn new(up: DVec3, offset: DVec3, world: f64) -> Self {
         Self {
             turn: DQuat::from_rotation_arc(up.normalize(), DVec3::NEG_Y),
@@ -60,12 +62,12 @@ impl FileFrame {
         }
     }
 
-    /// From the world to it.
+    /// Returns the rotation from the world to it.
     pub(super) fn turn(&self) -> DQuat {
         self.turn
     }
 
-    /// The place of files with `scale` units for each of the world.
+    /// Returns the placement of files with `scale` units for each of the world.
     pub(super) fn placement(&self, scale: f64) -> AssetPlacement {
         let DQuat { x, y, z, w } = self.turn;
         AssetPlacement {
@@ -75,7 +77,7 @@ impl FileFrame {
         }
     }
 
-    /// A Gaussian in that frame.
+    /// Returns a Gaussian in that frame.
     pub(super) fn row(&self, gaussians: &ActivatedGaussians, index: usize) -> SplatRow {
         let row = SplatRow::of(gaussians, index);
         let place = self.turn * (DVec3::from_array(row.position.map(f64::from)) * self.world);
@@ -92,8 +94,8 @@ impl FileFrame {
     }
 }
 
-/// Brings Gaussians, and those of other moments, into a frame and within what viewers can draw; what a file
-/// cannot hold is counted in `invalid`.
+/// Moves Gaussians, and those of other moments, into a frame and within the limits of viewers. `invalid` counts
+/// Gaussians that a file cannot hold.
 pub(super) fn drawable(
     gaussians: &ActivatedGaussians,
     mut moments: Option<Moments>,
@@ -111,7 +113,7 @@ pub(super) fn drawable(
         dropped_sh_degree: gaussians.sh_degree as u32,
         ..AssetChanges::default()
     };
-    // What is counted is of the levels.
+    // Counts are those of the levels.
     keep_valid(&mut rows, invalid);
     for rows in moments.iter_mut().flat_map(Moments::files_mut) {
         keep_valid(rows, &mut InvalidGaussians::default());
@@ -127,13 +129,13 @@ pub(super) fn drawable(
             pull_in(row, farthest);
         }
     }
-    // One scale for all files; that of the one with the smallest Gaussians.
+    // One scale for all files: that of the file with the smallest Gaussians.
     let sizes = |rows: &[SplatRow]| enlargement(rows.par_iter().map(longest).collect());
     let of_moments = moments.iter().flat_map(Moments::files).map(sizes);
     let scale = of_moments.fold(sizes(&rows), f32::max);
     let files = moments.iter().flat_map(Moments::files);
     let extent = files.map(extent).fold(extent(&rows), f32::max);
-    // Half of it: rounding must not lead out of it.
+    // Half of the range: rounding must stay within it.
     let scale = scale.min((0.5 * REACH / f64::from(extent)) as f32);
     let enlarge = |row: &mut SplatRow| resize(row, scale);
     rows.par_iter_mut().for_each(enlarge);
@@ -147,7 +149,7 @@ pub(super) fn drawable(
     }
 }
 
-/// Keeps what a file can hold.
+/// Keeps the Gaussians that a file can hold.
 fn keep_valid(rows: &mut Vec<SplatRow>, invalid: &mut InvalidGaussians) {
     rows.retain_mut(
         |row| match row.valid(row.position.map(f64::from), invalid) {
@@ -160,7 +162,7 @@ fn keep_valid(rows: &mut Vec<SplatRow>, invalid: &mut InvalidGaussians) {
     );
 }
 
-/// Makes a Gaussian larger with its distance from the origin. What f32 rounds to 0 stays a size.
+/// Scales a Gaussian with its distance from the origin. A size that f32 rounds to 0 stays positive.
 fn resize(row: &mut SplatRow, factor: f32) {
     row.position = row.position.map(|value| value * factor);
     row.scale = row
@@ -168,7 +170,7 @@ fn resize(row: &mut SplatRow, factor: f32) {
         .map(|value| (value * factor).max(f32::MIN_POSITIVE));
 }
 
-/// Largest coordinate or size.
+/// Returns the largest coordinate or size.
 fn extent(rows: &[SplatRow]) -> f32 {
     let of_row = |row: &SplatRow| {
         row.position
@@ -185,10 +187,10 @@ fn longest(row: &SplatRow) -> f32 {
     row.scale.into_iter().fold(0.0, f32::max)
 }
 
-/// Makes a thin Gaussian thicker; returns 1 where it was thin.
+/// Makes a thin Gaussian thicker; returns 1 if it was thin.
 fn thicken(row: &mut SplatRow) -> u64 {
     let least = LEAST_THICKNESS * longest(row);
-    // What rounding leaves below a tenth is none the worse for it.
+    // Rounding slightly below a tenth does no harm.
     let is_thin = row.scale.iter().any(|&scale| scale < 0.999 * least);
     row.scale = row.scale.map(|scale| scale.max(least));
     u64::from(is_thin)
@@ -198,16 +200,16 @@ fn away(row: &SplatRow) -> f32 {
     glam::Vec3::from_array(row.position).length()
 }
 
-/// Three radii of the scene. What is exactly in the middle, such as rows of zeros, says nothing of them; a scene that
-/// is one point has no end.
+/// Returns three radii of the scene. Rows exactly in the middle, such as zeros, do not count; a scene that is one
+/// point has no end.
 fn farthest(rows: &[SplatRow]) -> f32 {
     let distances = rows.iter().map(away).filter(|&distance| distance > 0.0);
     let radius = quantile(distances.collect(), SCENE_QUANTILE);
     radius.map_or(f32::INFINITY, |radius| FARTHEST * radius)
 }
 
-/// Brings what is farther than `farthest` to that distance, as large in every view from the middle as
-/// before; returns 1 where it was.
+/// Moves a Gaussian beyond `farthest` to that distance and keeps its size in every view from the middle; returns
+/// 1 if it moved.
 fn pull_in(row: &mut SplatRow, farthest: f32) -> u64 {
     let distance = away(row);
     if distance <= farthest {
@@ -217,7 +219,7 @@ fn pull_in(row: &mut SplatRow, farthest: f32) -> u64 {
     1
 }
 
-/// By how much everything is to be larger, where sizes are too small for half floats.
+/// Returns the factor on all sizes if they are too small for half floats.
 fn enlargement(sizes: Vec<f32>) -> f32 {
     match quantile(sizes, 0.01) {
         Some(size) if size > 0.0 && size < LEAST_SIZE => LEAST_SIZE / size,
@@ -238,8 +240,8 @@ mod tests {
 
     use super::*;
 
-    /// A float as viewers pack it: bits behind the tenth of the mantissa are cut off, what is below the
-    /// smallest normal half loses more of them.
+    /// Returns a float as viewers pack it: bits after the tenth of the mantissa are cut off, and values below the
+    /// smallest normal half lose more of them.
     fn half(value: f32) -> f64 {
         let magnitude = f64::from(value.abs());
         let exponent = magnitude.log2().floor().max(-14.0);
@@ -247,7 +249,7 @@ mod tests {
         (magnitude / step).floor() * step * f64::from(value.signum())
     }
 
-    /// Smallest eigenvalue of a Gaussian's covariance as a viewer has it: 4 Sigma in half floats.
+    /// Returns the smallest eigenvalue of a Gaussian's covariance in a viewer: 4 Sigma in half floats.
     fn least_eigenvalue(row: &SplatRow) -> f64 {
         let [w, x, y, z] = row
             .rotation
@@ -259,8 +261,8 @@ mod tests {
         let packed = [(0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)]
             .map(|(column, row)| half(sigma.col(column)[row]));
         let a = m.map(|row| row.map(|index| packed[index]));
-        // By trisection of the determinant's sign changes: the smallest root of the characteristic
-        // polynomial, from below.
+        // Trisection of the determinant's sign changes finds the smallest root of the characteristic polynomial,
+        // from below.
         let determinant = |lambda: f64| {
             let b = |i: usize, j: usize| a[i][j] - if i == j { lambda } else { 0.0 };
             b(0, 0) * (b(1, 1) * b(2, 2) - b(1, 2) * b(2, 1))
@@ -375,7 +377,7 @@ mod tests {
         assert_eq!(moments.moving[1].1, drawable.rows[400..450]);
         assert_eq!(drawable.changes.thickened, 500, "counted once");
     }
-    /// Rows that a reader of the format takes as they are.
+    /// Checks rows that a reader of the format takes without changes.
     fn are_sound(rows: &[SplatRow]) -> bool {
         let mut invalid = InvalidGaussians::default();
         let are_kept = rows.iter().all(|row| {
@@ -389,7 +391,7 @@ mod tests {
     fn scenes_of_any_extent_make_rows_that_are_valid() {
         let frame = FileFrame::new(DVec3::Z, DVec3::ZERO, 1.0);
         for (place, size, share) in [
-            // Nearly all in one point, as rows of padding were.
+            // Nearly all in one point, as rows of padding are.
             (0.0, 0.1, 0.98),
             (0.0, 1e-13, 0.98),
             (1e-25, 1e-13, 0.98),
@@ -406,7 +408,7 @@ mod tests {
             assert_eq!(drawable.rows.len(), 400, "{place} {size} {share}");
             assert!(are_sound(&drawable.rows), "{place} {size} {share}");
         }
-        // The real ones of a scene of padding stay where they were.
+        // The real rows of a scene with padding stay in place.
         let mut gaussians = flat(0.05, 1.0, 12, 400);
         gaussians.positions[5..].fill([0.0; 3]);
         let drawable = drawable(&gaussians, None, &frame, &mut InvalidGaussians::default());

@@ -1,4 +1,4 @@
-//! Gaussians as they are, for formats that hold them so: in the frame of files, with their harmonics.
+//! Unchanged Gaussians for formats beyond `.splat`: in the frame of files, with their harmonics.
 
 use glam::DQuat;
 use omnilife_engine::gaussians::{ActivatedGaussians, sh_rest_count};
@@ -8,8 +8,8 @@ use rayon::prelude::*;
 
 use super::viewer_limits::{Drawable, FileFrame};
 
-/// Brings Gaussians into a frame. Those whose opacity rounds to 0 in 8 bits are left out; what a file cannot hold is
-/// counted in `invalid`.
+/// Moves Gaussians into a frame. Those whose opacity rounds to 0 in 8 bits are left out; `invalid` counts
+/// Gaussians that a file cannot hold.
 pub(super) fn whole(
     gaussians: &ActivatedGaussians,
     frame: &FileFrame,

@@ -1,4 +1,4 @@
-//! Clips that say little to atlases: nothing moves, odd masks, extreme units.
+//! Clips with little evidence for atlases: no motion, odd masks, extreme units.
 
 use glam::{DMat3, DVec3};
 use omnilife_engine::{schedule::Position, trajectories::rigid_spline::RigidPose};
@@ -14,13 +14,13 @@ use omnilife_training::{learner::Learner, request::MethodRequest};
 
 const SIDE: usize = 24;
 
-/// Frames of one pattern, with the masks of one object.
+/// Makes frames of one pattern, with the masks of one object.
 fn clip(camera: Camera, unit: f64, origin: DVec3, masks: &[Option<Vec<u8>>]) -> Clip {
     let masks: Vec<_> = masks.iter().map(|mask| vec![mask.clone()]).collect();
     clip_of_objects(camera, unit, origin, &masks)
 }
 
-/// The same with masks of several objects in each frame.
+/// Makes frames of one pattern, with masks of several objects in each.
 fn clip_of_objects(
     camera: Camera,
     unit: f64,
@@ -67,7 +67,7 @@ fn request() -> MethodRequest {
     MethodRequest::new(8, 0)
 }
 
-/// Learns a clip for a few steps of all phases.
+/// Trains a clip for a few steps of all phases.
 fn learn(clip: Clip) -> Result<Begun, String> {
     learn_with_points(clip, &[])
 }
@@ -158,7 +158,7 @@ pub(super) fn wide_masks() -> Result<(), String> {
     Ok(())
 }
 
-/// A pattern of 8 by 8 objects, of which one is behind the camera from the second frame on.
+/// Judges a pattern of 8 by 8 objects, of which one is behind the camera from the second frame on.
 pub(super) fn many_objects() -> Result<(), String> {
     let cell = |object: usize| {
         let (left, top) = (3 * (object % 8), 3 * (object / 8));
@@ -178,7 +178,7 @@ pub(super) fn many_objects() -> Result<(), String> {
     check(nodes == 64, || format!("{nodes} nodes of 64"))
 }
 
-/// The poses and the fields of what no ray hits stay as they are.
+/// Checks that poses and fields of nodes without hits stay as they are.
 pub(super) fn never_hit() -> Result<(), String> {
     let corner = vec![mask(|x, y| x < 2 && y < 2); 3];
     let mut begun = begin(
@@ -211,7 +211,7 @@ pub(super) fn never_hit() -> Result<(), String> {
     check(before == values(&mut begun), || "it was changed".to_owned())
 }
 
-/// One frame is white, and another one has twice the exposure.
+/// Judges a clip with one white frame, and another frame with twice the exposure.
 pub(super) fn flash() -> Result<(), String> {
     let mut flashed = clip(small_pinhole(), 1.0, DVec3::ZERO, &vec![None; 6]);
     flashed.frames[2].pixels.fill(255);
@@ -221,7 +221,7 @@ pub(super) fn flash() -> Result<(), String> {
     learn(flashed).map(|_| ())
 }
 
-/// The bonnet of a car that turns, and the same mask before a camera that does not.
+/// Judges the bonnet of a rotating car, and the same mask before a still camera.
 pub(super) fn carried_along() -> Result<(), String> {
     let bonnet = vec![mask(|x, y| (6..18).contains(&x) && y > 19); 5];
     for (turns, is_used) in [(true, false), (false, true)] {
@@ -239,7 +239,7 @@ pub(super) fn carried_along() -> Result<(), String> {
     Ok(())
 }
 
-/// A camera that turns further than a plane reaches.
+/// Judges a camera that rotates beyond the extent of a plane.
 pub(super) fn turned_around() -> Result<(), String> {
     for (angle, surface) in [(0.5, "a plane"), (3.0, "a sphere")] {
         let mut turned = clip(small_pinhole(), 0.1, DVec3::ZERO, &vec![None; 5]);
@@ -259,7 +259,7 @@ pub(super) fn turned_around() -> Result<(), String> {
     Ok(())
 }
 
-/// Points at the camera, all at one distance, and behind the background.
+/// Judges points at the camera, all at one distance, and behind the background.
 pub(super) fn odd_points() -> Result<(), String> {
     let block = vec![mask(|x, y| (8..16).contains(&x) && (8..16).contains(&y)); 3];
     for distance in [0.0, 1e-9, 1.0, 1e9] {
@@ -273,7 +273,8 @@ pub(super) fn odd_points() -> Result<(), String> {
     Ok(())
 }
 
-/// Clips are normalized when they are loaded: what reaches the method is the same up to rounding, as here.
+/// Judges units: clips are normalized when they are loaded, so that the method's input is the same up to
+/// rounding.
 pub(super) fn units() -> Result<(), String> {
     let image = |unit: f64, origin: DVec3| -> Result<Vec<f32>, String> {
         let clip = clip(small_pinhole(), unit, origin, &[]);

@@ -1,5 +1,5 @@
-//! Losses on maps of velocity, lifespan and opacity (Omni4DGS Eqs. 6 and 9, PVG): where nothing covers a pixel they
-//! divide by hardly anything, and where nothing counts they are means over nothing.
+//! Losses on maps of velocity, lifespan and opacity (Omni4DGS Eqs. 6 and 9, PVG). Uncovered pixels make them
+//! divide by almost zero, and without counted pixels they are means over nothing.
 
 use omnilife_engine::losses::maps::{Counted, lifespan_map, opacity_map, velocity_map};
 
@@ -14,7 +14,7 @@ const PIXELS: usize = 60;
 const OPACITY_EPSILON: f64 = 1e-5;
 const WEIGHT: f32 = 0.01;
 
-/// Ten times what is measured.
+/// Ten times the measured errors.
 const LIMITS: Limits = Limits {
     forward: 1e-5,
     gradient: 1e-5,
@@ -58,17 +58,17 @@ pub(super) const CASES: &[SpecialCase] = &[
     },
 ];
 
-/// Maps as they are composited, pixel after pixel.
+/// Composited maps, pixel after pixel.
 struct Maps {
     transmittance: Vec<f32>,
     /// Three of velocities, one of lifespans, one of opacities.
     planes: [Vec<f32>; 5],
     mask: Vec<f32>,
-    /// How many of the pixels count.
+    /// Number of counted pixels.
     counted: usize,
 }
 
-/// Maps that are transparent by `base` and up to `spread` less, of values up to `size` either way.
+/// Makes maps that are transparent by `base` and up to `spread` less, of values up to `size` either way.
 fn maps(base: f64, spread: f64, size: f64) -> Maps {
     let wave = |seed: f64| -> Vec<f64> {
         (0..PIXELS)
@@ -123,7 +123,7 @@ fn of_kernels(maps: &Maps) -> (f64, Vec<f64>) {
     (value, gradient)
 }
 
-/// The definitions in f64.
+/// Returns loss and gradients by the definitions in f64.
 fn of_definition(maps: &Maps) -> (f64, Vec<f64>) {
     let weight = f64::from(WEIGHT) / maps.counted.max(1) as f64;
     let wide = |values: &[f32], pixel: usize| f64::from(values[pixel]);

@@ -1,4 +1,4 @@
-//! The regularization of motion (Omni4DGS Eqs. 10 and 11): differences of directions that hardly differ, or are
+//! Regularization of motion (Omni4DGS Eqs. 10 and 11): tiny differences of directions, and directions that are
 //! hardly defined.
 
 use glam::{DVec3, Vec3};
@@ -10,7 +10,7 @@ use crate::{
     special::{Judgement, SpecialCase},
 };
 
-/// Ten times what is measured.
+/// Ten times the measured errors.
 const LIMITS: Limits = Limits {
     forward: 1e-5,
     gradient: 1e-4,
@@ -85,7 +85,7 @@ pub(super) const CASES: &[SpecialCase] = &[
     },
 ];
 
-/// A Gaussian that moves.
+/// A moving Gaussian.
 struct Moving {
     distance: f64,
     speed: f64,
@@ -100,7 +100,7 @@ const PLAIN: Moving = Moving {
     cycle: 10.0,
 };
 
-/// Where it is, how it moves, and when it is at its peak.
+/// Its direction, motion and peak time.
 const DIRECTION: DVec3 = DVec3::new(0.48, -0.6, 0.64);
 const HEADING: DVec3 = DVec3::new(0.6, 0.64, 0.48);
 const PEAK: f64 = 1.25;
@@ -119,7 +119,8 @@ fn judge(moving: &Moving) -> Judgement {
         return Judgement::failed("no direction is defined".to_owned());
     };
     let (expected, (in_centre, in_velocity, in_peak)) = reference(moving, centre, velocity);
-    // Each array's gradient relative to its own size, so that none hides behind another; the value relative too.
+    // Each array's gradient is relative to its own size, so that none hides behind another; the value is relative
+    // too.
     let relative = |found: Vec3, expected: DVec3| -> [Vec<f64>; 2] {
         let size = expected.length();
         [found.as_dvec3(), expected].map(|vector| (vector / size).to_array().to_vec())
@@ -140,8 +141,8 @@ fn judge(moving: &Moving) -> Judgement {
     )
 }
 
-/// Value and gradients by centre, velocity and peak from the definition, in f64: its 16 digits are enough for
-/// differences in the eighth.
+/// Returns value and gradients by centre, velocity and peak from the definition, in f64: its 16 digits are enough
+/// for differences in the eighth.
 fn reference(moving: &Moving, centre: Vec3, velocity: Vec3) -> (f64, (DVec3, DVec3, f64)) {
     let (centre, velocity) = (centre.as_dvec3(), velocity.as_dvec3());
     let turns = |frame: f64| std::f64::consts::TAU * (frame - PEAK) / moving.cycle;

@@ -1,7 +1,7 @@
 //! Static Gaussians that a network moves (Deformable-GS).
 //!
-//! The definition, with `u` a length, `t` the time in [0, 1] over the clip, `PE` sines and cosines of
-//! ten octaves and `f` layers with rectifiers, the input put in again after the second:
+//! The definition, with `u` a length, `t` the time in [0, 1] over the clip, `PE` sines and cosines of ten octaves
+//! and `f` layers with rectifiers. The input enters again after the second layer:
 //!
 //! ```text
 //! (dx, dq, ds) = f(PE(sg(mu)/u), PE(t))
@@ -52,7 +52,7 @@ const MODEL: DeformationModel = DeformationModel {
     length_unit: 3.0,
 };
 
-/// Weights whose output layer says something.
+/// Returns weights with an output layer other than 0.
 fn weights() -> &'static [f32] {
     static WEIGHTS: OnceLock<Vec<f32>> = OnceLock::new();
     WEIGHTS.get_or_init(|| {
@@ -65,7 +65,7 @@ fn weights() -> &'static [f32] {
     })
 }
 
-/// The network's ten outputs for a centre.
+/// Returns the network's ten outputs for a centre.
 fn network_outputs(centre: &[f64], setup: &Setup) -> Vec<f64> {
     let clock = setup.timing.clock;
     let frame = (setup.view.time_seconds - clock.origin_seconds) / clock.frame_seconds;

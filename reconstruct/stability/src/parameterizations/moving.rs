@@ -1,8 +1,8 @@
 //! Gaussians that appear around a moment and vibrate about a centre: PVG, and Omni4DGS with its velocity
 //! of two parts in both of its readings.
 //!
-//! The definition, with `t` the instant, `tau` the peak time, `beta` the lifespan and `l` the cycle, all
-//! in frames, and `s` frames of temporal smoothing (PVG; Omni4DGS Eqs. 1 to 3):
+//! The definition (PVG; Omni4DGS Eqs. 1 to 3), in frames: `t` is the instant, `tau` the peak time, `beta` the
+//! lifespan, `l` the cycle, and `s` the shift of temporal smoothing:
 //!
 //! ```text
 //! d = t - s - tau          mu(t) = mu + v l/(2 pi) sin(2 pi d / l) + s v exp(-beta/(2 l))
@@ -44,7 +44,7 @@ pub const PERIODIC: Parameterization = Parameterization {
     gradient_scale: |_, _, _| 1.0,
 };
 
-/// Omni4DGS, Eq. 3 as it is written, seen from the world's origin.
+/// Omni4DGS, Eq. 3 as written, seen from the world's origin.
 pub const OMNI4DGS: Parameterization = Parameterization {
     id: "omni4dgs",
     in_time: InTime::Moving,
@@ -111,8 +111,8 @@ fn projected(setup: &Setup) -> TimeModel {
     decomposed(setup, VelocityForm::Projected, DirectionOrigin::Camera)
 }
 
-/// The static arrays, then those of the model. Lifespans may lie outside their bounds: what training
-/// would put back, reading has to bear.
+/// Returns the static arrays, then those of the model. Lifespans may lie outside their bounds: training would
+/// restore them, and reading has to accept them.
 fn table(setup: &Setup, model: &TimeModel) -> ParameterTable {
     let mut table = still::table(&setup.gaussians);
     let clock = setup.timing.clock;
@@ -128,7 +128,7 @@ fn table(setup: &Setup, model: &TimeModel) -> ParameterTable {
                     LOG_LIFESPANS => {
                         vec![(motion.lifespan_seconds / clock.frame_seconds).ln() as f32]
                     }
-                    // Two parts that are not the same.
+                    // Two different parts.
                     RADIAL_VELOCITIES => vec![y, z, -x],
                     TANGENTIAL_VELOCITIES => vec![x, -y, z],
                     _ => vec![x, y, z],
@@ -159,7 +159,7 @@ struct Temporal {
     velocity: DVec3,
 }
 
-/// Reads them from a row; bounds and directions are those of the row `frozen`.
+/// Reads the temporal values from a row; bounds and directions are those of the row `frozen`.
 fn temporal(row: &[f64], frozen: &[f64], setup: &Setup, form: Option<VelocityForm>) -> Temporal {
     let at = still::STATIC_VALUES;
     let timing = &setup.timing;
@@ -195,9 +195,9 @@ fn temporal(row: &[f64], frozen: &[f64], setup: &Setup, form: Option<VelocityFor
     }
 }
 
-/// How a Gaussian is seen by whom velocities are decomposed for.
+/// The view of a Gaussian from the centre of the velocity decomposition.
 struct Sight {
-    /// Unit; zero where none is defined.
+    /// Unit; zero where it is undefined.
     direction: DVec3,
     /// `w_t`.
     tangential: f64,
@@ -257,8 +257,8 @@ fn definition(
     }
 }
 
-/// Peak times: the shortest of lifespan, part of the cycle and what the velocity needs for `size`.
-/// Velocities: what moves the Gaussian by `size`.
+/// Returns the unit of a parameter. Peak times: the shortest of lifespan, part of the cycle and the time in which
+/// the velocity moves by `size`. Velocities: the one that moves the Gaussian by `size`.
 fn unit(
     row: &[f64],
     parameter: usize,
@@ -281,7 +281,7 @@ fn unit(
     }
 }
 
-/// `w_r` and `w_t` in the projected form; 0 for a velocity whose weight is below 1e-3, which gets no
+/// Returns `w_r` and `w_t` in the projected form; 0 for a velocity whose weight is below 1e-3, which gets no
 /// gradient.
 fn scale(row: &[f64], parameter: usize, setup: &Setup, form: VelocityForm) -> f64 {
     let tangential = Sight::of(row, setup, form).tangential;

@@ -14,7 +14,7 @@ use omnilife_engine::{
 /// Values of a static Gaussian: centre, scales, quaternion, opacity, constant harmonics.
 pub const STATIC_VALUES: usize = 14;
 
-/// Nothing depends on time.
+/// Parameterization without time.
 pub const STATIC: Parameterization = Parameterization {
     id: "static",
     in_time: InTime::Still,
@@ -25,7 +25,7 @@ pub const STATIC: Parameterization = Parameterization {
     gradient_scale: |_, _, _| 1.0,
 };
 
-/// Raw values in the arrays of the static parameterization.
+/// Writes raw values into the arrays of the static parameterization.
 pub(super) fn table(gaussians: &[RawGaussian]) -> ParameterTable {
     let mut table = ParameterTable::new(gaussians.len());
     let columns: [fn(&RawGaussian) -> Vec<f64>; 5] = [
@@ -46,7 +46,7 @@ pub(super) fn table(gaussians: &[RawGaussian]) -> ParameterTable {
     table
 }
 
-/// `scale = exp(raw)` within bounds, `rotation = raw / max(|raw|, 1e-12)`, `opacity = sigmoid(raw)`.
+/// Returns `scale = exp(raw)` within bounds, `rotation = raw / max(|raw|, 1e-12)`, `opacity = sigmoid(raw)`.
 pub(super) fn definition(row: &[f64]) -> Gaussian {
     let length = row[6..10].iter().map(|q| q * q).sum::<f64>().sqrt();
     let length = length.max(1e-12);

@@ -1,4 +1,4 @@
-//! Pixels with distances as Gaussians on surfaces, against a room that is known in closed form.
+//! Pixels with distances as Gaussians on surfaces, in a room in closed form.
 
 use std::f64::consts::PI;
 
@@ -29,7 +29,7 @@ fn place(lifted: &Lifted, index: usize) -> DVec3 {
     Vec3::from_array(lifted.gaussians.positions[index]).as_dvec3()
 }
 
-/// The value that `share` of the values are below.
+/// Returns the value that `share` of the values are below.
 fn quantile(mut values: Vec<f64>, share: f64) -> f64 {
     values.sort_by(f64::total_cmp);
     values[((values.len() - 1) as f64 * share) as usize]
@@ -47,14 +47,14 @@ fn samples_lie_on_the_surfaces_on_every_grid() {
     let view = room::view(1, 512);
     let exact = errors_metres(&lifted(&view, &view.distances, None));
     assert!(quantile(exact, 1.0) < 1e-4);
-    // What a file of the width 1024 gives at 512, and what the grid with ends does.
+    // A file of the width 1024 at 512, and the grid with ends.
     let finer = room::view(1, 1024).distances.resampled(512, 256);
     let resampled = errors_metres(&lifted(&view, &finer, None));
     assert!(quantile(resampled.clone(), 0.5) < 5e-5);
     assert!(quantile(resampled, 0.98) < 3e-4);
     let ends = endpoint_distances(&view, 1024).brought_from(DistanceGrid::Endpoint);
     let brought = errors_metres(&lifted(&view, &ends.resampled(512, 256), None));
-    // Twice between pixels: where two walls meet, and at edges, it is off twice.
+    // Resampling twice between pixels has twice the error at corners of walls and at edges.
     assert!(quantile(brought.clone(), 0.5) < 5e-5);
     assert!(
         quantile(brought.clone(), 0.95) < 3e-4,
@@ -65,7 +65,7 @@ fn samples_lie_on_the_surfaces_on_every_grid() {
     assert!(quantile(misread, 0.5) > 1e-3, "the grids differ");
 }
 
-/// Distances on the grid of PanoGS, Eq. 4.
+/// Returns distances on the grid of PanoGS, Eq. 4.
 fn endpoint_distances(view: &RoomView, width: usize) -> DistanceImage {
     let height = width / 2;
     let value = |at: usize| {
@@ -129,7 +129,7 @@ fn normals_are_as_good_as_the_noise_lets_them_be() {
 fn radii_are_the_roots_of_the_area_of_a_sample() {
     let view = room::view(0, 512);
     let all = lifted(&view, &view.distances, None);
-    // Brute force: a disc of rho holds pi rho^2 / r^2 of those on its wall.
+    // Brute force: a disc of rho holds pi rho^2 / r^2 of the samples on its wall.
     let ratio = |index: usize| {
         let (here, normal, radius) = (
             place(&all, index),
@@ -197,7 +197,7 @@ fn every_pixel_is_kept_where_poles_are_not_thinned() {
     );
     assert_eq!(all.counts.thinned, 0);
     assert_eq!(all.len() as u64 + all.counts.flying, 128 * 64);
-    // What is kept of both is the same.
+    // The kept samples of both are the same.
     let keep: Vec<bool> = all
         .pixels
         .iter()
@@ -229,7 +229,7 @@ fn the_gaussians_lie_flat_on_the_surfaces() {
 fn what_hangs_between_surfaces_is_masked_or_unknown_is_left_out() {
     let view = room::view(1, 512);
     let mut smeared = view.distances.clone();
-    // Edges between columns as a network smears them.
+    // Edges between columns, smeared as by a network.
     for row in smeared.values.chunks_exact_mut(512) {
         let before = row.to_vec();
         let mut column = 1;

@@ -1,4 +1,4 @@
-//! Distances: lifting them, what views say of each other's, and the method that begins with them.
+//! Distances: their lift, the agreement of views, and the method that starts with them.
 
 mod lift;
 mod panogs;

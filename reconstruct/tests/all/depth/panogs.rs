@@ -1,5 +1,4 @@
-//! The method on a room that is known in closed form: what it begins with, what it decides, what may move,
-//! and what it refuses.
+//! PanoGS in a room in closed form: first samples, decisions, moving parameters, and refusals.
 
 use std::{fs, path::Path};
 
@@ -32,7 +31,7 @@ const CAMERA: ErpCamera = ErpCamera {
 /// Normalized units per metre.
 const UNIT: f64 = 0.25;
 
-/// The room with files of distances in metres, after `change`.
+/// Returns the room with files of distances in metres, after `change`.
 pub(crate) fn scene(
     folder: &Path,
     count: usize,
@@ -184,7 +183,7 @@ fn the_record_of_the_lift_accounts_for_every_pixel() {
         (0, 128 * 64 - 300)
     );
     assert!(lift.views[0].redundant > 0 && lift.views[0].thinned > 0);
-    // What the files are wrong by is put right, relative to each other; a masked view says nothing.
+    // Relative errors of the files are corrected; a masked view gives no evidence.
     let ratio = lift.views[0].factor / lift.views[3].factor;
     assert!((ratio - 1.03).abs() < 3e-3, "{ratio}");
     assert!(lift.disagreement < 0.3 * lift.disagreement_before);
@@ -245,7 +244,7 @@ fn what_is_frozen_keeps_its_bits_and_centres_stay_near() {
     assert!(short.arrays[LOG_SCALES].values == moved.arrays[LOG_SCALES].values);
 }
 
-/// Ghosts and holes of a method after a request's iterations.
+/// Returns ghosts and holes of a method after a request's iterations.
 fn faults(scene: &TrainingScene, method: &str, request: &MethodRequest) -> SurfaceFaults {
     let folder = tempfile::tempdir().unwrap();
     let trace = folder.path().join("trace.csv");
@@ -288,7 +287,7 @@ fn ghosts_and_holes_are_found_where_distances_are_known() {
     assert!(few.input_hole_share.unwrap() > 0.2, "{few:?}");
     assert!(few.novel_hole_share.unwrap() > 0.2, "{few:?}");
 
-    // Points on the way from a camera to what it sees, and there.
+    // Points between a camera and a visible surface, and on it.
     let first = &room.input_views[0].view;
     let distances = room.distances(0).unwrap().unwrap();
     let rays = Rays::new(first.camera);
@@ -303,7 +302,7 @@ fn ghosts_and_holes_are_found_where_distances_are_known() {
             positions,
         }
     };
-    // A shell of the sky is no ghost, and would outweigh the points.
+    // A shell of the sky is not a ghost, and would outweigh the points.
     let points_alone = MethodRequest {
         without: vec!["sky-shell".to_owned()],
         ..once.clone()

@@ -1,5 +1,5 @@
-//! A room whose distances, normals and signed distances are known in closed form: a box with three balls
-//! in it, which stand before each other and before the walls. World z up, metres.
+//! A room in closed form, with distances, normals and signed distances: a box with three balls in it, which
+//! occlude each other and the walls. World z up, metres.
 
 use glam::{DMat3, DQuat, DVec3, dvec2, dvec3};
 use omnilife_engine::camera::{Camera, View};
@@ -18,7 +18,7 @@ const BALLS: [(DVec3, f64); 3] = [
     (dvec3(0.6, -3.5, 2.3), 0.3),
 ];
 
-/// What a ray meets.
+/// Intersection of a ray with the room.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Hit {
     pub(crate) distance: f64,
@@ -28,14 +28,14 @@ pub(crate) struct Hit {
     pub(crate) colour: DVec3,
 }
 
-/// Distance from the nearest surface, positive in the free space of the room.
+/// Returns the distance from the nearest surface, positive in the free space of the room.
 pub(crate) fn signed_distance(place: DVec3) -> f64 {
     let walls = (place - LOW).min(HIGH - place).min_element();
     let ball = |&(centre, radius): &(DVec3, f64)| place.distance(centre) - radius;
     BALLS.iter().map(ball).fold(walls, f64::min)
 }
 
-/// The first surface along a unit ray from a place in free space.
+/// Returns the first surface along a unit ray from a position in free space.
 pub(crate) fn trace(from: DVec3, ray: DVec3) -> Hit {
     let (mut distance, mut normal) = (f64::INFINITY, DVec3::ZERO);
     for axis in [DVec3::X, DVec3::Y, DVec3::Z] {
@@ -63,7 +63,7 @@ pub(crate) fn trace(from: DVec3, ray: DVec3) -> Hit {
     }
 }
 
-/// Squares of half a metre over slow waves.
+/// Returns squares of half a metre over slow waves.
 fn colour(place: DVec3, normal: DVec3) -> DVec3 {
     let square = (place * 2.0 + 1e-6).floor().element_sum().rem_euclid(2.0);
     let waves = dvec3(
@@ -76,7 +76,8 @@ fn colour(place: DVec3, normal: DVec3) -> DVec3 {
     (waves * shade).clamp(DVec3::ZERO, DVec3::ONE)
 }
 
-/// Camera-to-world rotation and centre of camera number `number`: they walk through the room and turn.
+/// Returns the camera-to-world rotation and centre of camera number `number`: the cameras move through the room
+/// and rotate.
 pub(crate) fn camera_pose(number: usize) -> (DMat3, DVec3) {
     let step = number as f64;
     let centre = dvec3(
@@ -90,7 +91,7 @@ pub(crate) fn camera_pose(number: usize) -> (DMat3, DVec3) {
     (to_world, centre)
 }
 
-/// A view of the room with everything that is known of it.
+/// A view of the room with its exact values.
 pub(crate) struct RoomView {
     pub(crate) view: View,
     pub(crate) to_world: DMat3,
@@ -101,7 +102,7 @@ pub(crate) struct RoomView {
     pub(crate) normals: Vec<DVec3>,
 }
 
-/// The view of a camera in metres.
+/// Returns the view of a camera in metres.
 pub(crate) fn view(number: usize, width: usize) -> RoomView {
     let camera = ErpCamera {
         width: width as u32,
@@ -117,7 +118,7 @@ pub(crate) fn view(number: usize, width: usize) -> RoomView {
     )
 }
 
-/// The view of a camera of any kind in normalized units.
+/// Returns the view of a camera of any kind in normalized units.
 pub(crate) fn view_of(number: usize, camera: Camera, normalization: &Similarity) -> RoomView {
     let (to_world, centre) = camera_pose(number);
     let (width, height) = (camera.width() as usize, camera.height() as usize);

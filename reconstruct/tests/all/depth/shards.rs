@@ -1,4 +1,5 @@
-//! Shards of the method: they learn what all learn at once, survive an interruption, and are written as one.
+//! Shards of the method: they train like all Gaussians at once, survive an interruption, and are written as one
+//! model.
 
 use std::path::Path;
 
@@ -18,7 +19,7 @@ use omnilife_reconstruct::{
 };
 use omnilife_schemas::{RgbImage, progress::Silent, records::InvalidGaussians};
 
-/// Centres learn and are held to the surface.
+/// Returns a request in which centres are trained with the scaffold's loss.
 fn request(shards: u64, iterations: u64) -> MethodRequest {
     let owned = |names: &[&str]| names.iter().map(|&name| name.to_owned()).collect();
     MethodRequest {
@@ -41,7 +42,7 @@ fn train<'a>(
     method.train(scene, request, &session).unwrap()
 }
 
-/// All rows of a model in an order that is theirs alone.
+/// Returns all rows of a model in an order that depends on the rows alone.
 fn rows(model: &Model) -> Vec<Vec<u32>> {
     let row = |table: &ParameterTable, index: usize| {
         let arrays = 0..table.arrays.len();
@@ -73,8 +74,8 @@ fn one_shard_and_eight_learn_the_same() {
     let view = scene.input_views[1].view;
     let [first, second] =
         [&mut one, &mut eight].map(|outcome| outcome.learner.image(&view).unwrap());
-    // Gaussians of equal distances are drawn in the order of the table, which is another one in shards; what each
-    // learns from one order is equal to the last bit (omnilife-engine, step/shards.rs).
+    // Gaussians of equal distances are drawn in the order of the table, which is another one in shards. Training
+    // from one order is equal to the last bit (omnilife-engine, step/shards.rs).
     let psnr = |image: &RgbImage, other: &RgbImage| {
         let values = image.data.iter().zip(&other.data);
         let sum: f64 = values.map(|(a, b)| f64::from(a - b).powi(2)).sum();
@@ -127,7 +128,7 @@ fn shards_go_on_from_a_checkpoint_to_the_same_bits() {
     let folder = tempfile::tempdir().unwrap();
     let scene = scene(folder.path(), 4, as_given);
     let request = request(3, 16);
-    // The checkpoint that is left is of iteration 10.
+    // The remaining checkpoint is of iteration 10.
     let mut whole = train(&scene, &request, Some(files(folder.path())));
     let mut continued = train(&scene, &request, Some(files(folder.path())));
     assert_eq!(continued.training.state.resumed, 1);
@@ -143,7 +144,7 @@ fn shards_go_on_from_a_checkpoint_to_the_same_bits() {
         )
     });
     assert!(whole == continued);
-    // Of another number of shards it is another run's.
+    // With another number of shards it belongs to another run.
     let other = MethodRequest {
         options: Options::in_shards(2),
         ..request

@@ -1,5 +1,5 @@
-//! What views with distances say of each other: scales, redundancy, the fused surface, conventions and
-//! mirrored worlds. Against a room that is known in closed form, and loops in f64.
+//! Agreement of views with distances: scales, redundancy, the fused surface, conventions and mirrored worlds.
+//! Expected values come from a room in closed form, and from loops in f64.
 
 use crate::depth::room::{self, RoomView};
 use glam::{DVec3, Vec3};
@@ -83,7 +83,7 @@ fn views_without_a_common_surface_are_groups_of_their_own() {
     assert_eq!((alone.log_scales, alone.groups), (vec![0.0], vec![vec![0]]));
 }
 
-/// Support, views that see past it and whether it is the finest, one sample and f64 throughout.
+/// Returns support, number of views that see past it and the finest flag, one sample and f64 throughout.
 fn by_brute_force(
     lifted: &Lifted,
     index: usize,
@@ -107,7 +107,7 @@ fn by_brute_force(
         let away = place - other.centre;
         let distance = away.length();
         let pixel = camera.project(other.to_world.transpose() * away).unwrap();
-        // On the border between pixels f32 may see the other one.
+        // On the border between pixels f32 may select the other one.
         let [u, v] = [pixel.x.fract(), pixel.y.fract()];
         if [u, v].iter().any(|at| !(1e-3..0.999).contains(at)) {
             return None;
@@ -177,7 +177,7 @@ fn fused(views: &[RoomView], order: &[usize], voxel: f32) -> Scaffold {
     Scaffold::fuse(&views, voxel, Vec3::ZERO)
 }
 
-/// Places along the rays of some pixels, before and behind the surfaces.
+/// Returns positions along the rays of some pixels, in front of and behind the surfaces.
 fn places(views: &[RoomView], reach: f64) -> Vec<DVec3> {
     let mut random = Pcg64Mcg::seed_from_u64(9);
     let mut found = Vec::new();
@@ -242,7 +242,7 @@ fn the_order_of_the_views_changes_no_bit_and_the_loss_has_the_gradient_that_diff
     let mut gradient = vec![[0.0; 3]; centres.len()];
     let loss = forward.loss(&centres, (0.1, centres.len()), &mut gradient);
     assert!(loss > 0.0 && loss.is_finite());
-    // Steps down the gradient lessen it.
+    // Steps down the gradient reduce it.
     let longest = gradient
         .as_flattened()
         .iter()
@@ -279,7 +279,7 @@ fn a_mirrored_world_and_a_wrong_convention_show() {
     let all = flipped(true);
     let [straight, mirrored] = checks::handedness_scores(&distance_views(&all)).unwrap();
     assert!(mirrored > straight + 3.0, "{straight} {mirrored}");
-    // Distances alone: colours say nothing of it.
+    // Distances alone: colours give no evidence of it.
     let distances = flipped(false);
     let distances = distance_views(&distances);
     if let Some([straight, mirrored]) = checks::handedness_scores(&distances) {

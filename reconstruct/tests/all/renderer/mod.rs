@@ -20,8 +20,8 @@ use crate::support;
 
 const FOOTPRINTS: [Footprint; 2] = [Footprint::Projected, Footprint::Ray];
 
-/// Compares values that may differ by more where a Gaussian's 1/255 edge or the end of compositing
-/// falls on either side in f32.
+/// Asserts that values are close. They may differ by more where a Gaussian's 1/255 edge or the end of compositing
+/// falls on different sides in f32.
 fn assert_close(what: &str, values: &[f32], expected: &[f64], tolerance: f64) {
     assert_eq!(values.len(), expected.len(), "{what}");
     let mut off_by_a_switch = 0;
@@ -149,7 +149,7 @@ fn gradients_are_those_of_the_reference() {
     }
 }
 
-/// A stored degree above the drawn one changes nothing and gets no gradient.
+/// Checks that a stored degree above the drawn one has no effect and gets no gradient.
 #[test]
 fn harmonics_above_the_drawn_degree_are_not_there() {
     let mut random = Pcg64Mcg::seed_from_u64(16);
@@ -221,7 +221,7 @@ fn results_do_not_depend_on_the_number_of_threads() {
     assert_eq!(run(1), run(3));
 }
 
-/// Gradients of some consecutive Gaussians are those of all, to the last bit.
+/// Checks that gradients of some consecutive Gaussians are those of all, to the last bit.
 #[test]
 fn some_gaussians_learn_what_they_learn_among_all() {
     let mut random = Pcg64Mcg::seed_from_u64(15);
@@ -270,7 +270,7 @@ fn some_gaussians_learn_what_they_learn_among_all() {
     }
 }
 
-/// What a renderer draws does not depend on what it drew before.
+/// Checks that a render does not depend on earlier renders.
 #[test]
 fn a_renderer_has_no_memory() {
     let mut random = Pcg64Mcg::seed_from_u64(18);

@@ -17,7 +17,7 @@ use crate::renderer::{
     },
 };
 
-/// The view after a world rotation about its centre and a shift.
+/// Returns the view after a world rotation about its centre and a shift.
 fn moved(view: &RefView, rotation: DVec3, shift: DVec3) -> RefView {
     RefView {
         rotation: view.rotation * DMat3::from_quat(DQuat::from_scaled_axis(-rotation)),

@@ -1,4 +1,4 @@
-//! The seam is nowhere and the poles are like everything else.
+//! Symmetry of the sphere: seam and poles have no effect.
 
 use glam::{DQuat, DVec3, dvec2, dvec3};
 use omnilife_engine::{
@@ -17,8 +17,7 @@ use super::{
     },
 };
 
-/// Turning the camera by half a turn and rolling the image back must change nothing: the seam is
-/// nowhere.
+/// Checks that a half rotation of the camera with the image rolled back changes nothing: the seam has no effect.
 #[test]
 fn half_a_turn_moves_the_seam_and_nothing_else() {
     let mut random = Pcg64Mcg::seed_from_u64(13);
@@ -56,12 +55,13 @@ fn half_a_turn_moves_the_seam_and_nothing_else() {
     }
 }
 
-/// An image turned by `turn` (from the other camera's frame to this one's).
+/// Resamples an image rotated by `turn` (from the other camera's frame to this one's).
 fn resampled(image: &[f32], camera: ErpCamera, turn: DQuat) -> Vec<f32> {
     seen_by(&camera.into(), image, camera, turn)
 }
 
-/// What a camera sees of a panorama, by Catmull-Rom interpolation; `turn` is from its frame to the panorama's.
+/// Returns a camera's view of a panorama, by Catmull-Rom interpolation; `turn` is from its frame to the
+/// panorama's.
 fn seen_by(other: &Camera, image: &[f32], camera: ErpCamera, turn: DQuat) -> Vec<f32> {
     let (width, height) = (i64::from(camera.width), i64::from(camera.height));
     let kernel = |x: f64| {
@@ -74,7 +74,7 @@ fn seen_by(other: &Camera, image: &[f32], camera: ErpCamera, turn: DQuat) -> Vec
             0.0
         }
     };
-    // Beyond a pole the image goes on downwards, half a turn away.
+    // Beyond a pole the image continues downwards, half a rotation away.
     let fetch = |column: i64, row: i64, channel: usize| {
         let (column, row) = if row < 0 {
             (column + width / 2, -1 - row)
@@ -111,7 +111,7 @@ fn seen_by(other: &Camera, image: &[f32], camera: ErpCamera, turn: DQuat) -> Vec
     out
 }
 
-/// Round about the sphere, no two at one distance: rounding must not decide which is in front.
+/// Returns Gaussians all around the sphere, each at another distance: rounding must not decide their order.
 fn all_around(count: u32, scales: std::ops::Range<f64>) -> ActivatedGaussians {
     let mut random = Pcg64Mcg::seed_from_u64(17);
     let gaussians: Vec<Gaussian> = (0..count)
@@ -130,11 +130,10 @@ fn all_around(count: u32, scales: std::ops::Range<f64>) -> ActivatedGaussians {
     instant(&gaussians)
 }
 
-/// A pitch by a quarter turn brings the poles to the horizon: turned back, the image must be the
-/// same but for what resampling does. What resampling does is seen where there is no pole: the same
-/// Gaussians at the horizon, turned by up to half a pixel. Compared are root mean squares over
-/// everything within 30 degrees of the poles; single pixels may differ by where the edges of
-/// footprints, steps of 1/255, fall between pixels.
+/// Checks that a pitch by a quarter rotation brings the poles to the horizon: rotated back, the image is the same
+/// up to resampling. The effect of resampling alone is measured without poles: the same Gaussians at the horizon,
+/// rotated by up to half a pixel. Compared are root mean squares over all pixels within 30 degrees of the poles.
+/// Single pixels may differ where the edges of footprints, steps of 1/255, fall between pixels.
 #[test]
 fn a_quarter_turn_moves_the_poles_and_nothing_else() {
     let camera = ErpCamera {
@@ -143,9 +142,9 @@ fn a_quarter_turn_moves_the_poles_and_nothing_else() {
     };
     let half_pixel = std::f64::consts::PI / f64::from(camera.height) / 2.0;
     let quarter = DQuat::from_rotation_x(std::f64::consts::FRAC_PI_2);
-    // Along the ray nothing is linearized. The projected footprint is, and its low-pass filter is
-    // wide by a share of a pixel, which spans less of the sphere at a pole: it is not the same there
-    // by definition.
+    // Along the ray nothing is linearized. The projected footprint is linearized, and its low-pass filter is a
+    // share of a pixel wide. A pixel spans less of the sphere at a pole, so that the result differs there by
+    // definition.
     let gaussians = all_around(220, 0.1..0.25);
     let draw = |rotation: DQuat| {
         let view = RefView::new(camera, rotation, DVec3::ZERO, settings(Footprint::Ray));
@@ -173,18 +172,19 @@ fn a_quarter_turn_moves_the_poles_and_nothing_else() {
     );
 }
 
-/// A pinhole and a panorama in one place show the same where both look, be it over the seam or a pole. A pixel
-/// to the side is not the same.
+/// Checks that a pinhole and a panorama in one place show the same in their common directions, across the seam
+/// and the poles. A shift by one pixel is a difference.
 #[test]
 fn a_pinhole_and_a_panorama_agree_on_their_overlap() {
     let panorama = ErpCamera {
         width: 1024,
         height: 512,
     };
-    // Pixels of about the same size: what is smaller than one is spread over it.
+    // Pixels of about the same size: a Gaussian smaller than a pixel is spread over it.
     let narrow = pinhole(330, 240);
     let centre = dvec3(0.1, -0.05, 0.2);
-    // Footprints in the image are linear about their middles, each camera's in its own way: the smaller, the nearer.
+    // Footprints in the image are linear about their middles, in each camera differently: the smaller, the
+    // nearer.
     let large = all_around(220, 0.1..0.25);
     let small = all_around(2000, 0.02..0.06);
     for (footprint, gaussians, most) in [
@@ -222,7 +222,7 @@ fn a_pinhole_and_a_panorama_agree_on_their_overlap() {
     }
 }
 
-/// How far values are from zero.
+/// Distance of values from zero.
 #[derive(Debug, Clone, Copy)]
 struct Spread {
     rms: f64,

@@ -1,5 +1,5 @@
-//! A scene rendered from Gaussians that are known: opaque balls all around a camera that walks past
-//! them; every fifth view is a novel one.
+//! A scene rendered from known Gaussians: opaque balls all around a camera that moves past them; every fifth view
+//! is a novel one.
 
 use glam::{DQuat, DVec3, dvec3};
 use omnilife_engine::{
@@ -29,14 +29,14 @@ pub(crate) const CAMERA: Camera = Camera::Erp(ErpCamera {
     height: 48,
 });
 
-/// The scene: every ball has a colour of its own, the same from everywhere.
+/// Returns the scene: every ball has a colour of its own, the same from all directions.
 pub(crate) fn scene() -> TrainingScene {
     let colour = |random: &mut Pcg64Mcg, _| [0; 3].map(|_| random.random_range(0.1..0.9));
     scene_with(CAMERA, colour, 0.25, 0.0)
 }
 
-/// What a camera sees of the scene with balls of this standard deviation and with colours by the direction of a ball, which
-/// change by `gloss` times the `z` of the direction from which it is seen.
+/// Returns the scene with balls of this standard deviation and with colours by the direction of a ball. Colours
+/// change by `gloss` times the `z` of the viewing direction.
 pub(crate) fn scene_with(
     camera: Camera,
     mut colour: impl FnMut(&mut Pcg64Mcg, DVec3) -> [f32; 3],
@@ -111,8 +111,8 @@ pub(crate) fn scene_with(
     }
 }
 
-/// Every fifth point of a scene as static Gaussians with harmonics up to a degree. Each Gaussian is turned
-/// and longer one way than the other: no gradient vanishes.
+/// Returns every fifth point of a scene as static Gaussians with harmonics up to a degree. Each Gaussian is
+/// rotated and longer along one axis: no gradient vanishes.
 pub(crate) fn table(scene: &TrainingScene, sh_degree: usize) -> ParameterTable {
     let points = PointCloud {
         positions: scene.points.positions.iter().step_by(5).copied().collect(),

@@ -1,11 +1,11 @@
-//! A GPU for tests, and how closely it has to agree with the CPU.
+//! A GPU for tests, and its tolerances against the CPU.
 
 use std::sync::Arc;
 
 use omnilife_engine::device::{Gpu, GpuError};
 use omnilife_schemas::RgbImage;
 
-/// A device, or nothing and a line why on a machine without any adapter.
+/// Returns a device; without any adapter `None`, and a line with the reason.
 pub(crate) fn device() -> Option<Arc<Gpu>> {
     match Gpu::open() {
         Ok(gpu) => {
@@ -20,8 +20,8 @@ pub(crate) fn device() -> Option<Arc<Gpu>> {
     }
 }
 
-/// A device with subgroups and the same without, so that both ways of adding up over pixels are judged;
-/// fewer, and a line why, on a machine that has less.
+/// Returns a device with subgroups and the same without, so that both ways of adding up over pixels are judged.
+/// On a smaller machine: fewer, and a line with the reason.
 pub(crate) fn devices() -> Vec<Arc<Gpu>> {
     let Some(gpu) = device() else {
         return Vec::new();
@@ -43,7 +43,7 @@ pub(crate) fn devices() -> Vec<Arc<Gpu>> {
     }
 }
 
-/// Every value within 5e-3 of its own size or of the array's typical size.
+/// Asserts that every value is within 5e-3 of its own size or of the array's typical size.
 pub(crate) fn assert_gradients_agree(name: &str, of_gpu: &[f32], of_cpu: &[f32]) {
     assert_eq!(of_gpu.len(), of_cpu.len(), "{name}");
     let mean_square = of_cpu.iter().map(|g| g * g).sum::<f32>() / of_cpu.len().max(1) as f32;
@@ -57,7 +57,7 @@ pub(crate) fn assert_gradients_agree(name: &str, of_gpu: &[f32], of_cpu: &[f32])
     }
 }
 
-/// Where a gradient is next to nothing, Adam's first steps go one way here, the other there.
+/// Asserts that images agree. Where a gradient is nearly 0, Adam's first steps differ between the two.
 pub(crate) fn assert_images_agree(of_gpu: &RgbImage, of_cpu: &RgbImage) {
     let pairs = of_gpu.data.iter().zip(&of_cpu.data);
     let error: f32 = pairs.map(|(a, b)| (a - b).abs()).sum();

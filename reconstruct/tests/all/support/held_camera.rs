@@ -1,10 +1,11 @@
-//! The scene of `moving_ball.rs` with somebody who holds the camera.
+//! The scene of `moving_ball.rs` with an operator.
 
 use omnilife_reconstruct::scene::TrainingScene;
 
 use super::moving_ball;
 
-/// The ball passes in fifteen frames of a second each; who holds the camera is below in every other one.
+/// Returns the scene: the ball passes in fifteen frames of a second each; the operator is below in every other
+/// one.
 pub(crate) fn scene() -> TrainingScene {
     let mut scene = moving_ball::scene();
     let [width, height] = scene.camera.size();

@@ -11,11 +11,11 @@ use super::balls;
 const RADIUS: f32 = 0.7;
 /// Its centre in the middle of the clip.
 const MIDDLE: Vec3 = Vec3::new(0.0, 0.2, 3.0);
-/// How far it moves from frame to frame.
+/// Motion from frame to frame.
 const STEP: Vec3 = Vec3::new(0.1, 0.0, 0.0);
 const COLOUR: [u8; 3] = [230, 20, 20];
 
-/// The scene.
+/// Returns the scene.
 pub(crate) fn scene() -> TrainingScene {
     let mut scene = balls::scene();
     let camera = scene.camera;

@@ -1,8 +1,8 @@
-//! How good the novel views of a trained model are.
+//! Quality of the novel views of a trained model.
 
 use omnilife_reconstruct::{methods::MethodOutcome, scene::TrainingScene};
 
-/// Mean PSNR of the novel views as they are rendered, dB, where they show the scene.
+/// Returns the mean PSNR of the rendered novel views, dB, outside of ignored regions.
 pub(crate) fn novel_psnr(outcome: &mut MethodOutcome<'_>, scene: &TrainingScene) -> f64 {
     let mut target = Vec::new();
     let scores = scene.novel_views.iter().map(|view| {

@@ -1,4 +1,4 @@
-//! A room whose colours and distances are known exactly.
+//! A room with exactly known colours and distances.
 
 use glam::{DVec3, dvec3};
 use omnilife_reconstruct::methods::group::CameraPose;
@@ -7,7 +7,7 @@ use omnilife_schemas::{
     camera::{CameraModel, ErpCamera},
 };
 
-/// A room with painted walls and three pillars: colour and distance along a ray, exactly.
+/// Returns exact colour and distance along a ray, in a room with painted walls and three pillars.
 pub(crate) fn room(origin: DVec3, direction: DVec3) -> (DVec3, f64) {
     let half = dvec3(3.0, 1.6, 4.0);
     let mut distance = (0..3)
@@ -41,7 +41,7 @@ pub(crate) fn room(origin: DVec3, direction: DVec3) -> (DVec3, f64) {
     (colour, distance)
 }
 
-/// What a camera in the room sees: its image, and the distance of every pixel.
+/// Returns a camera's view of the room: its image, and the distance of every pixel.
 pub(crate) fn seen(camera: ErpCamera, camera_pose: &CameraPose) -> (RgbImage, Vec<f64>) {
     let (width, height) = (camera.width as usize, camera.height as usize);
     let mut image = RgbImage::black(width, height);

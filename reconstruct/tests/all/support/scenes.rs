@@ -1,4 +1,4 @@
-//! Scenes that make rendering hard, around a camera near the origin.
+//! Difficult scenes for rendering, around a camera near the origin.
 
 use glam::{DQuat, DVec3, dvec3};
 use omnilife_engine::{
@@ -10,14 +10,14 @@ use rand::{Rng, RngExt};
 
 use super::reference::Gaussian;
 
-/// How rich the Gaussians of a scene are.
+/// Richness of a scene's Gaussians.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Richness {
     pub(crate) sh_degree: usize,
     pub(crate) features: usize,
 }
 
-/// A Gaussian in a direction from the origin.
+/// Returns a Gaussian in a direction from the origin.
 pub(crate) fn at(direction: DVec3, distance: f64, scale: [f64; 3], opacity: f64) -> Gaussian {
     Gaussian {
         position: (direction.normalize() * distance).to_array(),
@@ -29,7 +29,7 @@ pub(crate) fn at(direction: DVec3, distance: f64, scale: [f64; 3], opacity: f64)
     }
 }
 
-/// The awkward ones: on the seam, over and near both poles, nearly as large as their distance and
+/// Returns the awkward Gaussians: on the seam, over and near both poles, nearly as large as their distance and
 /// larger, needles, one behind a camera that looks along +z, one very wide in longitude.
 pub(crate) fn awkward() -> Vec<Gaussian> {
     vec![
@@ -47,7 +47,7 @@ pub(crate) fn awkward() -> Vec<Gaussian> {
     ]
 }
 
-/// The awkward ones and random ones all around.
+/// Returns the awkward Gaussians and random ones all around.
 pub(crate) fn scene(random: &mut impl Rng, count: usize, richness: Richness) -> Vec<Gaussian> {
     let mut gaussians = awkward();
     gaussians.truncate(count);
@@ -88,12 +88,12 @@ pub(crate) fn scene(random: &mut impl Rng, count: usize, richness: Richness) -> 
     gaussians
 }
 
-/// A camera that is not straight.
+/// Returns the orientation of a rotated camera.
 pub(crate) fn turned() -> DQuat {
     DQuat::from_euler(glam::EulerRot::XYZ, 0.3, -1.1, 0.2)
 }
 
-/// A panorama of `width` columns.
+/// Returns a panorama of `width` columns.
 pub(crate) fn erp(width: u32) -> Camera {
     Camera::Erp(ErpCamera {
         width,
@@ -101,7 +101,7 @@ pub(crate) fn erp(width: u32) -> Camera {
     })
 }
 
-/// A pinhole camera with unequal focal lengths, off its middle.
+/// Returns a pinhole camera with unequal focal lengths, off its middle.
 pub(crate) fn pinhole(width: u32, height: u32) -> Camera {
     let camera = PinholeCamera::with_horizontal_field_of_view(width, height, 1.6);
     Camera::Pinhole(PinholeCamera {
@@ -111,7 +111,7 @@ pub(crate) fn pinhole(width: u32, height: u32) -> Camera {
     })
 }
 
-/// Settings with a coloured background.
+/// Returns settings with a coloured background.
 pub(crate) fn settings(footprint: Footprint) -> RenderSettings {
     RenderSettings {
         background: [0.1, 0.3, 0.2],

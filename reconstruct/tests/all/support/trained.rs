@@ -9,12 +9,12 @@ use omnilife_reconstruct::{
 };
 use omnilife_schemas::progress::Silent;
 
-/// All defaults, one seed.
+/// Returns a request with all defaults and one seed.
 pub(crate) fn request(iterations: u64) -> MethodRequest {
     MethodRequest::new(iterations, 7)
 }
 
-/// The outcome of a training that has to succeed.
+/// Returns the outcome of a training that has to succeed.
 pub(crate) fn train<'a>(
     scene: &'a TrainingScene,
     method: &str,
@@ -26,7 +26,7 @@ pub(crate) fn train<'a>(
         .unwrap()
 }
 
-/// The settings of a training as its record has them.
+/// Returns the settings of a training as its record has them.
 pub(crate) fn settings(outcome: &MethodOutcome<'_>) -> TrainSettings {
     serde_json::from_value(outcome.configuration.clone()).unwrap()
 }

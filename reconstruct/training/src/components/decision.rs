@@ -1,4 +1,4 @@
-//! Whether a component is used: by what it needs, the request, the plan and the evidence, in this order.
+//! Decision on a component: by its requirements, the request, the plan and the evidence, in this order.
 
 use omnilife_schemas::records::ComponentDecision;
 
@@ -7,7 +7,7 @@ use crate::{
     request::{MethodRequest, PlanChoice},
 };
 
-/// What the evidence says of a component.
+/// Decision on a component by the evidence.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Decision {
     used: bool,
@@ -15,7 +15,7 @@ pub struct Decision {
     overruled_by: Overruling,
 }
 
-/// What goes before the evidence.
+/// Precedence over the evidence.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Overruling {
     RequestAndPlan,
@@ -24,7 +24,7 @@ enum Overruling {
 }
 
 impl Decision {
-    /// Used or not, for this reason, where neither request nor plan say otherwise.
+    /// Returns a decision with its reason, for components that neither request nor plan decide.
     pub fn new(used: bool, reason: impl Into<String>) -> Self {
         Self {
             used,
@@ -33,42 +33,43 @@ impl Decision {
         }
     }
 
-    /// Of what only makes sense where something moves.
+    /// Returns the decision on a component for dynamic scenes.
     pub fn of_motion(evidence: &SceneEvidence) -> Self {
         Self::new(evidence.moves(), evidence.motion_reason())
     }
 
-    /// Left out: the evidence for it was not looked for.
+    /// Returns a decision against a component whose evidence was not gathered.
     pub fn not_looked_for() -> Self {
         Self::new(false, "its evidence was not looked for")
     }
 
-    /// Left out whatever request and plan say, for what the scene or the run does not have.
+    /// Returns a decision against a component that the scene or the run cannot have, whatever request and plan
+    /// say.
     pub fn without(missing: &str) -> Self {
         Self::new(false, format!("cannot be without {missing}")).settled()
     }
 
-    /// The decision where nothing is missing.
+    /// Returns the decision, unless an input is missing.
     #[must_use]
     pub fn unless(self, missing: Option<&str>) -> Self {
         missing.map_or(self, Self::without)
     }
 
-    /// The decision where no plan has a say.
+    /// Returns the decision without the plan's influence.
     #[must_use]
     pub fn whatever_the_plan(mut self) -> Self {
         self.overruled_by = Overruling::Request;
         self
     }
 
-    /// The decision whatever request and plan say.
+    /// Returns the decision without the influence of request and plan.
     #[must_use]
     pub fn settled(mut self) -> Self {
         self.overruled_by = Overruling::Nothing;
         self
     }
 
-    /// The decision under a request, for the record.
+    /// Returns the decision under a request, for the record.
     pub(crate) fn resolved(self, component: &str, request: &MethodRequest) -> ComponentDecision {
         let Self {
             used,

@@ -1,8 +1,7 @@
-//! Component: points beside a scene's own, on surfaces that those leave bare, before anything else looks at
-//! them.
+//! Component: points beside a scene's own, on bare surfaces, before any other component uses them.
 //!
-//! Points of structure from motion are few, and lie where images have corners. What they leave bare density
-//! control has to grow into from afar, step by step; under a limit on the Gaussians it hardly gets there.
+//! Points of structure from motion are few, and lie where images have corners. Density control has to grow into
+//! bare surfaces from afar, step by step. Under a limit on the Gaussians it rarely gets there.
 
 use omnilife_schemas::records::ComponentDecision;
 
@@ -17,16 +16,15 @@ use crate::{
 /// Its name.
 pub const ID: &str = "denser-points";
 
-/// Share of what a limit on the Gaussians leaves beside the scene's points that may be added; the rest is for
-/// the sky, for what moves and for density control.
+/// Maximum share of the room that a limit on the Gaussians leaves beside the scene's points. The rest is for the
+/// sky, the dynamic region and density control.
 const SHARE_OF_ROOM: f64 = 0.75;
-/// Share of the places on surfaces that have no point near from which on points are added
-/// (docs/results/quality.md).
+/// Minimum share of places on surfaces without a near point, for adding points (docs/results/quality.md).
 const LEAST_BARE_SHARE: f64 = 0.17;
 
-/// Adds to a scene's points those that a spherical sweep between its input views finds where there are none,
-/// where a method has this component. `None` where there is nothing to decide: a scene without points is
-/// that of [`swept_points`](crate::components::swept_points).
+/// Adds points to a scene, where a method has this component: points of a spherical sweep between the input
+/// views, on bare surfaces. `None` without a decision: a scene without points belongs to
+/// [`swept_points`](crate::components::swept_points).
 pub fn complete(
     scene: &mut TrainingScene,
     supported: Supported,
@@ -62,7 +60,7 @@ pub fn complete(
     Some(decision)
 }
 
-/// Adds what was found, and says so.
+/// Adds the points, and records them in the decision.
 fn add(found: SweptPoints, scene: &mut TrainingScene, decision: &mut ComponentDecision) {
     decision.reason += &format!(
         ": {} points from {} pairs of views beside the scene's {}",
@@ -75,7 +73,7 @@ fn add(found: SweptPoints, scene: &mut TrainingScene, decision: &mut ComponentDe
     scene.points.colours.extend(found.points.colours);
 }
 
-/// How many points may be added.
+/// Returns the maximum number of added points.
 fn wanted(scene: &TrainingScene, request: &MethodRequest) -> usize {
     let limit = request.options.maximum_gaussians();
     let limit = limit.unwrap_or_else(|| baseline::default_maximum(scene));

@@ -15,25 +15,25 @@ use omnilife_engine::{
     clock::Clock, gaussians::static_gaussians::InitialGaussians, step::settings::TrainSettings,
 };
 
-/// What a method decides and places before it makes its model: settings, plan and first Gaussians.
+/// Draft of a run before its model: settings, plan and first Gaussians.
 #[derive(Debug)]
 pub struct Draft<'a> {
     /// The scene.
     pub scene: &'a TrainingScene,
-    /// What is asked of the method.
+    /// The request.
     pub request: &'a MethodRequest,
     supported: Supported,
-    /// What the scene shows of itself.
+    /// Evidence of the scene.
     pub evidence: SceneEvidence,
     /// Settings as resolved so far.
     pub settings: TrainSettings,
-    /// How dynamic seeds begin, where Gaussians have times of their own.
+    /// Start of dynamic seeds, if Gaussians have times of their own.
     pub seeding: Option<Seeding>,
-    /// Gaussians on what moves.
+    /// Gaussians in the dynamic region.
     pub seeds: MaskSeeds,
     /// Gaussians at scene points that have all of the method's parameters.
     pub points: InitialGaussians,
-    /// Which scene points those are.
+    /// Indices of the scene points of those.
     pub(crate) point_indices: Vec<usize>,
     /// Gaussians without temporal parameters.
     pub fixed: InitialGaussians,
@@ -42,7 +42,7 @@ pub struct Draft<'a> {
     motion: MotionEvidenceUse,
 }
 
-/// How dynamic seeds begin.
+/// Start of dynamic seeds.
 #[derive(Debug, Clone, Copy)]
 pub struct Seeding {
     /// Frames of the clip in time.
@@ -56,14 +56,14 @@ pub struct Seeding {
 /// Use that a method has for the evidence of motion in a scene.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum MotionEvidenceUse {
-    /// Its Gaussians change with time; a plan may leave time out where nothing moves.
+    /// Its Gaussians change with time; a plan may leave time out of static scenes.
     Decides,
-    /// It does not ask for it.
+    /// The method does not use it.
     None,
 }
 
 impl<'a> Draft<'a> {
-    /// Takes the baseline's settings, and as much evidence as the components that may be used need.
+    /// Takes the baseline's settings, and the evidence that the allowed components need.
     ///
     /// # Errors
     /// When the pilot fit fails.
@@ -101,23 +101,23 @@ impl<'a> Draft<'a> {
         Ok(draft)
     }
 
-    /// Decides on a part of the method itself, and writes the decision down; returns true where it is used.
+    /// Decides on a part of the method itself, and logs the decision; returns true if it is used.
     pub fn decide(&mut self, component: &str, decision: Decision) -> bool {
         self.plan.decide(component, decision)
     }
 
-    /// Returns true where a component was decided on and is used.
+    /// Returns true if a component was decided on and is used.
     pub fn is_used(&self, component: &str) -> bool {
         self.plan.is_used(component)
     }
 
-    /// Returns the component where it is not used: what others cannot be without.
+    /// Returns the component if it is not used, as a missing requirement of others.
     pub fn missing(&self, component: &'static str) -> Option<&'static str> {
         (!self.is_used(component)).then_some(component)
     }
 
-    /// Decides on the shared components that the method supports, puts those into the run that are
-    /// used, and places Gaussians at the scene's points between them.
+    /// Decides on the shared components that the method supports, and applies the used ones. Between the turns it
+    /// places Gaussians at the scene's points.
     pub fn add_components(&mut self) {
         self.take_turn(Turn::BeforePoints);
         self.place_points();
@@ -138,7 +138,7 @@ impl<'a> Draft<'a> {
         }
     }
 
-    /// Room for Gaussians that are not seeds.
+    /// Returns the room for Gaussians that are not seeds.
     pub(crate) fn room(&self) -> u64 {
         let maximum = self.settings.densify.maximum_gaussians;
         maximum.saturating_sub(self.seeds.gaussians.len() as u64)
@@ -161,7 +161,7 @@ impl<'a> Draft<'a> {
         }
     }
 
-    /// Lines that a reader of the scores should know.
+    /// Returns warnings for readers of the scores.
     pub(crate) fn warnings(&self) -> Vec<String> {
         let masks = match self.motion {
             MotionEvidenceUse::Decides => self.evidence.masks.warnings(),
@@ -172,7 +172,7 @@ impl<'a> Draft<'a> {
 }
 
 impl Supported {
-    /// Whether a run of the method decides on a component.
+    /// Returns true if a run of the method decides on a component.
     pub(crate) fn has(&self, component: &str, request: &MethodRequest) -> bool {
         let is_named = request.asks_for(component)
             || matches!(&request.plan, PlanChoice::Only(_)) && request.allows(component);

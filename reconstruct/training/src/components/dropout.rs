@@ -11,7 +11,7 @@ use crate::{
 /// Its name.
 pub const ID: &str = "dropout";
 
-/// Share of the Gaussians that the last step leaves out, as published.
+/// Share of the Gaussians that the last step leaves out, the published value.
 const LAST_SHARE: f32 = 0.2;
 
 /// Dropout.
@@ -32,7 +32,7 @@ fn decide(evidence: &SceneEvidence, draft: &Draft<'_>) -> Decision {
         None => Decision::not_looked_for(),
         Some(pilot) => Decision::new(pilot.coverage.is_sparse(), pilot.coverage.to_string()),
     };
-    // It adds nothing to a model: where many views see every point it is in the way.
+    // It adds nothing to a model: where many views see every point it only harms.
     if draft.request.plan == PlanChoice::Full {
         decision.whatever_the_plan()
     } else {
@@ -44,7 +44,7 @@ fn apply(draft: &mut Draft<'_>) {
     draft.settings.dropout = Some(Dropout {
         last_share: LAST_SHARE,
         iterations: draft.settings.iterations,
-        // Any 32 bits of it do.
+        // Any 32 bits of the seed suffice.
         seed: draft.settings.seed as u32,
     });
 }

@@ -1,4 +1,4 @@
-//! Component: dynamic Gaussians begin on the masked pixels.
+//! Component: dynamic Gaussians start on the masked pixels.
 
 use crate::{
     components::{Component, Decision, Draft, Turn, draft::Seeding},
@@ -22,13 +22,12 @@ pub(crate) const COMPONENT: Component = Component {
     apply,
 };
 
-/// First lifespan of a seed, where a method has no reason for another one: four tenths of PVG's cycle of 10
-/// frames, well below the staticness from which Gaussians count as static, but alive for some frames.
+/// Default first lifespan of a seed: four tenths of PVG's cycle of 10 frames. That is well below the staticness
+/// of static Gaussians, but still some frames.
 pub const LIFESPAN_FRAMES: f32 = 4.0;
-/// Seeds take at most this share of all Gaussians: what they take, the static region goes without.
+/// Maximum share of seeds among all Gaussians: they reduce the room of the static region.
 const LARGEST_SHARE: f64 = 0.125;
-/// A seed is seen while it has a quarter of its opacity: for this many of its lifespans,
-/// `2 sqrt(2 ln 4)`.
+/// Lifespans in which a seed is visible, with at least a quarter of its opacity: `2 sqrt(2 ln 4)`.
 const SEEN_LIFESPANS: f32 = 3.33;
 
 fn decide(evidence: &SceneEvidence, draft: &Draft<'_>) -> Decision {
@@ -57,8 +56,8 @@ fn apply(draft: &mut Draft<'_>) {
     draft.seeds = mask_seeds(draft.scene, &settings);
 }
 
-/// The share of all Gaussians with which the masked region is as dense as the others at any time:
-/// its share of the sphere, times the number of sets that follow each other in the clip.
+/// Returns the share of all Gaussians with which the masked region is as dense as the others at any time. It is
+/// the region's share of the sphere, times the number of sets that follow each other in the clip.
 fn share(coverage: f64, seeding: &Seeding) -> f64 {
     let seen_frames = SEEN_LIFESPANS * seeding.lifespan_frames;
     let sets = (seeding.clock.duration_frames / seen_frames).max(1.0);
@@ -86,7 +85,7 @@ mod tests {
             };
             share(coverage, &seeding)
         };
-        // Five sets of one in a hundred; one set that lives longer than the clip; a limit.
+        // Five sets of one in a hundred; one set with a lifespan above the clip; a limit.
         for (found, expected) in [
             (share(0.01, 66.6), 0.05),
             (share(0.01, 3.0), 0.01),

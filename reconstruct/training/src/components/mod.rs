@@ -1,14 +1,13 @@
 //! Components: parts of a run that any method may have, one file each, one line in [`COMPONENTS`].
 //!
-//! A component says by the [evidence](crate::evidence) whether a scene gives reason for it ([`Decision`]);
-//! the user's request and plan may overrule that. Where it is used, it changes the [`Draft`] of a run: its
-//! settings, or its first Gaussians. Every method names the components that it has by itself and those
-//! that it can be asked for ([`Supported`]).
+//! A component decides by the [evidence](crate::evidence) whether a scene needs it ([`Decision`]); the user's
+//! request and plan may overrule that. A used component changes the [`Draft`] of a run: its settings, or its
+//! first Gaussians. Every method lists its default components and its optional ones ([`Supported`]).
 //!
-//! Two go before all others, because these look at the points that they give: [`swept_points`] where a scene
-//! has none, [`denser_points`] where it has some ([`complete_points`]).
+//! Two come before all others, which use their points: [`swept_points`] for scenes without points,
+//! [`denser_points`] for scenes with points ([`complete_points`]).
 //!
-//! To add one: its file, a line in [`COMPONENTS`], and its id in the lists of the methods that can have it.
+//! A new one needs its file, a line in [`COMPONENTS`], and its id in the lists of its methods.
 
 mod decision;
 mod decision_log;
@@ -43,38 +42,38 @@ pub struct Component {
     pub id: &'static str,
     /// Full name.
     pub title: &'static str,
-    /// What it does, and on what evidence.
+    /// Effect and evidence.
     pub description: &'static str,
-    /// When it takes its turn.
+    /// Turn in the making of a run.
     pub turn: Turn,
-    /// Whether a pilot fit is needed, to decide on it or to use it.
+    /// Returns true if deciding on it or using it needs a pilot fit.
     pub needs_pilot: fn(&MethodRequest, &MaskEvidence) -> bool,
-    /// What the evidence says of it for a run as drafted so far.
+    /// Decides by the evidence, for a run as drafted so far.
     pub decide: fn(&SceneEvidence, &Draft<'_>) -> Decision,
-    /// Puts it into the run.
+    /// Applies it to the run.
     pub apply: fn(&mut Draft<'_>),
 }
 
-/// When a component takes its turn in the making of a run.
+/// Turn of a component in the making of a run.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Turn {
-    /// Before there are Gaussians at the scene's points.
+    /// Before Gaussians are placed at the scene's points.
     BeforePoints,
-    /// After that.
+    /// After Gaussians are placed at the scene's points.
     AfterPoints,
 }
 
 /// The components that a method can have, by id.
 #[derive(Debug, Clone, Copy)]
 pub struct Supported {
-    /// Those that it has by itself.
+    /// Default components.
     pub default: &'static [&'static str],
-    /// Those that it has where they are asked for.
+    /// Components on request.
     pub optional: &'static [&'static str],
 }
 
-/// All components, in the order in which they take their turn: gains go before the colours of first
-/// Gaussians, and seeds before the sky, which takes its share of what they leave.
+/// All components, in the order of their turns: gains before the colours of first Gaussians, and seeds before the
+/// sky, which takes its share of the remaining room.
 pub const COMPONENTS: &[Component] = &[
     exposure_compensation::COMPONENT,
     view_dependent_colour::COMPONENT,
@@ -86,7 +85,7 @@ pub const COMPONENTS: &[Component] = &[
     static_table::COMPONENT,
 ];
 
-/// Components without an effect on what a Gaussian is: any trained method can be asked for them.
+/// Components without an effect on a Gaussian's parameters: any trained method can use them on request.
 pub const OF_ANY_METHOD: &[&str] = &[
     exposure_compensation::ID,
     view_dependent_colour::ID,
@@ -96,7 +95,7 @@ pub const OF_ANY_METHOD: &[&str] = &[
     denser_points::ID,
 ];
 
-/// Gives a scene the points that it lacks, as far as a method and a request have components for that.
+/// Adds the points that a scene lacks, if a method and a request have components for that.
 pub fn complete_points(
     scene: &mut TrainingScene,
     supported: Supported,

@@ -26,19 +26,17 @@ pub(crate) const COMPONENT: Component = Component {
     apply,
 };
 
-/// Share of the schedule before poses move: until then there is little of a scene to hold them
-/// against.
+/// Share of the schedule before poses move: until then the scene is too coarse for comparison.
 const BEGIN_SHARE: f64 = 0.05;
-/// The step sizes of a view's rotation add up to this many times the displacement that was found, over
-/// all of its steps: in a schedule of 30,000 iterations on 50 views to about 1e-4 radians each at
-/// first, the 1e-4 of nerfstudio's splatfacto (the trainer of gsplat's examples has 1e-5, BARF and
-/// nerfacto 1e-3).
+/// Sum of a view's rotation steps, in multiples of the measured displacement. In a schedule of 30,000 iterations
+/// on 50 views that is about 1e-4 radians per step at first, the 1e-4 of nerfstudio's splatfacto. The trainer of
+/// gsplat's examples has 1e-5, BARF and nerfacto 1e-3.
 const REACH: f64 = 2.0;
-/// Step sizes fall to this share of the first ones.
+/// Share of the first step sizes at the end.
 const END_SHARE: f32 = 0.1;
-/// A rate has a logarithm.
+/// Minimum rate, for its logarithm.
 const LEAST_RATE: f64 = 1e-9;
-/// Fewer steps than this would have to be too long.
+/// Minimum number of steps: fewer would have to be too long.
 const LEAST_STEPS: f64 = 6.0;
 
 fn decide(evidence: &SceneEvidence, _: &Draft<'_>) -> Decision {
@@ -56,11 +54,11 @@ fn apply(draft: &mut Draft<'_>) {
     }
 }
 
-/// Lets training refine poses that are off as the evidence says.
+/// Lets training refine poses by the measured error.
 fn refine(settings: &mut TrainSettings, views: usize, evidence: &PoseEvidence) {
     let views = views.max(1) as f64;
     let steps = (settings.iterations as f64 * (1.0 - BEGIN_SHARE) / views).max(LEAST_STEPS);
-    // The mean of a rate that falls log-linearly, over the first.
+    // Mean of a rate that falls log-linearly, over the first.
     let mean = f64::from((1.0 - END_SHARE) / -END_SHARE.ln());
     let rate = (REACH * evidence.shift_radians / (steps * mean)).max(LEAST_RATE) as f32;
     let distance = evidence.distance as f32;

@@ -29,13 +29,13 @@ pub(crate) const COMPONENT: Component = Component {
     apply,
 };
 
-// What always is there is not missing at other times; what changes outside the masks, such as shadows,
-// needs to be (docs/results/dynamic.md).
+// A permanent point is not missing at other times. A point that changes outside the masks, such as a shadow, has
+// to be absent at times (docs/results/dynamic.md).
 fn decide(evidence: &SceneEvidence, draft: &Draft<'_>) -> Decision {
     if draft.request.plan == PlanChoice::Full && !draft.request.asks_for(ID) {
         return Decision::without("leaving out parameters, which the plan full does not");
     }
-    // Any point may move where nothing tells them apart.
+    // Without evidence any point may move.
     if let Some(missing) = draft.missing(mask_seeds::ID) {
         return Decision::without(missing);
     }

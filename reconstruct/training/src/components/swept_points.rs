@@ -1,4 +1,4 @@
-//! Component: points for a scene that has none, before anything else looks at them.
+//! Component: points for a scene without points, before any other component uses them.
 
 use omnilife_schemas::records::ComponentDecision;
 
@@ -13,12 +13,12 @@ use crate::{
 /// Its name.
 pub const ID: &str = "swept-points";
 
-/// Share of a limit on the Gaussians that points may begin with: the others are for density control.
-/// Without a limit the number of Gaussians grows with that of the points, as where points are given.
+/// Share of a limit on the Gaussians for first points; the rest is for density control. Without a limit the
+/// number of Gaussians grows with that of the points, as with given points.
 const SHARE: f64 = 0.5;
 
-/// Gives a scene, which has no points, those that a spherical sweep between its input views finds, where a
-/// method has this component. `None` where it has not.
+/// Adds points of a spherical sweep between the input views to a scene without points. `None` for a method
+/// without this component.
 pub fn complete(
     scene: &mut TrainingScene,
     supported: Supported,

@@ -1,4 +1,4 @@
-//! Component: colours depend on the direction from which they are seen.
+//! Component: colours depend on the viewing direction.
 
 use crate::{
     components::{Component, Decision, Draft, Turn},

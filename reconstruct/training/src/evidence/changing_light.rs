@@ -1,9 +1,9 @@
-//! Whether light changes while the clip lasts: what flat surfaces show of it.
+//! Changes of light during the clip, measured on flat surfaces.
 //!
-//! What neither the tone of a whole view nor the direction explains of a surface's colour, and what the next
-//! view shows too, changes with time: clouds and lamps, caustics and murk under water, screens, dusk. Such a
-//! scene has points everywhere that need parameters of time, masks or not. Noise of an image is not that of the
-//! next one: the covariance of neighbours in time leaves it out.
+//! The colour of a surface may deviate from the tone of its view and the viewing direction. If the next view
+//! shows the same deviation, the light changes with time: clouds and lamps, caustics and murk under water,
+//! screens, dusk. Such a scene has points everywhere that need parameters of time, with or without masks. Image
+//! noise differs from view to view: the covariance of neighbours in time excludes it.
 
 use std::fmt;
 
@@ -11,31 +11,31 @@ use serde::Serialize;
 
 use crate::evidence::flat_surfaces::{DirectionFit, FlatSurfaces, Observation};
 
-/// Colours that are farther from what the direction predicts, levels of 1, are something that passes.
+/// Maximum deviation of colours from the direction's prediction, levels of 1; larger ones are passing objects.
 const LARGEST_DEVIATION: f32 = 0.1;
-/// Change that lasts from one view to the next from which points everywhere keep their time, root mean square,
-/// levels of 1 (docs/results/evidence.md).
+/// Minimum change that lasts from one view to the next for which points everywhere keep their time, root mean
+/// square, levels of 1 (docs/results/evidence.md).
 const LEAST_CHANGE: f64 = 0.008;
-/// Standard errors by which the covariance has to lie below that of [`LEAST_CHANGE`] to say that light is the
-/// same everywhere: one clip in 160 by chance.
+/// Standard errors by which the covariance has to lie below that of [`LEAST_CHANGE`] for constant light: one clip
+/// in 160 by chance.
 const STANDARD_ERRORS: f64 = 2.5;
-/// Surfaces from which on their spread tells the standard error of their mean.
+/// Minimum number of surfaces for a standard error of their mean.
 const LEAST_SURFACES: usize = 10;
 
-/// What was found.
+/// Evidence of changing light.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize)]
 pub struct ChangingLight {
     /// Surfaces in pairs of neighbouring views, channel by channel.
     pub samples: usize,
     /// Square root of the covariance of neighbours in time, levels of 1; 0 where it is negative.
     pub change: f64,
-    /// Most change that the samples allow, levels of 1: 2.5 standard errors above. `None` where too few surfaces
-    /// are seen to have a spread.
+    /// Largest change that the samples allow, levels of 1: 2.5 standard errors above. `None` where too few
+    /// surfaces are visible for a spread.
     pub largest_change: Option<f64>,
 }
 
 impl ChangingLight {
-    /// Evidence from the colours of flat surfaces.
+    /// Measures the evidence on the colours of flat surfaces.
     pub(super) fn of(flat: &FlatSurfaces) -> Self {
         let products: Vec<Products> = flat
             .surfaces
@@ -45,7 +45,7 @@ impl ChangingLight {
         let samples: usize = products.iter().map(|of_one| of_one.samples).sum();
         let sum: f64 = products.iter().map(|of_one| of_one.sum).sum();
         let covariance = sum / samples.max(1) as f64;
-        // Views and channels of one surface depend on each other: surfaces are what is drawn.
+        // Views and channels of one surface depend on each other: the surfaces are the samples.
         let squares = products.iter().map(|of_one| {
             let expected = covariance * of_one.samples as f64;
             (of_one.sum - expected).powi(2)
@@ -59,26 +59,26 @@ impl ChangingLight {
         }
     }
 
-    /// Whether it is known that light changes.
+    /// Returns true if light certainly changes.
     pub fn is_seen(&self) -> bool {
         self.largest_change.is_some() && self.change >= LEAST_CHANGE
     }
 
-    /// Whether points everywhere may need parameters of time. Where too little is seen to tell, they may.
+    /// Returns true if points everywhere may need parameters of time, also without enough evidence.
     pub fn is_everywhere(&self) -> bool {
         self.largest_change
             .is_none_or(|largest| largest >= LEAST_CHANGE)
     }
 }
 
-/// Products of deviations in neighbouring views of one surface: on average 0 where nothing but noise differs.
+/// Products of deviations in neighbouring views of one surface: on average 0 if only noise differs.
 struct Products {
     samples: usize,
     sum: f64,
 }
 
 impl Products {
-    /// Deviations are from what directions predict; `noise`: variance of a colour.
+    /// Returns the products of deviations from the predictions by direction. `noise`: variance of a colour.
     fn of(views: &[Observation], noise: f32) -> Self {
         let fit = DirectionFit::of(views.iter(), noise);
         let deviations: Vec<[f32; 3]> = views
@@ -93,7 +93,8 @@ impl Products {
             .collect();
         let leverage =
             |of: usize, with: usize| fit.leverage(views[of].direction, views[with].direction);
-        // What the fit takes from each view makes neighbours of pure noise differ: E[d_i d_j] = -H_ij * variance.
+        // The fit absorbs a part of each view, so that neighbours of pure noise differ: E[d_i d_j] = -H_ij *
+        // variance.
         let taken: f32 = (1..views.len()).map(|of| leverage(of - 1, of)).sum();
         let left = views.len() as f32 - (0..views.len()).map(|of| leverage(of, of)).sum::<f32>();
         let (mut samples, mut sum) = (0, 0.0);
@@ -132,7 +133,7 @@ mod tests {
 
     use super::*;
 
-    /// Surfaces beside a path of 20 cameras with noise of 0.01, and light of their own over time.
+    /// Returns surfaces beside a path of 20 cameras with noise of 0.01, and light of their own over time.
     fn surfaces(light: impl Fn(usize, usize) -> f32) -> FlatSurfaces {
         let surface = |number: usize| {
             let at = Vec3::new(0.7 * (number % 9) as f32 - 3.0, 1.0, 2.0);
@@ -171,7 +172,8 @@ mod tests {
         );
     }
 
-    /// A fit to six or eight views takes so much of their noise that what is left of neighbours differs.
+    /// Checks that a fit to six or eight views absorbs so much of their noise that the residuals of neighbours
+    /// differ.
     #[test]
     fn noise_in_few_views_is_neither_change_nor_the_opposite() {
         let few = |views: usize, light: f32| {

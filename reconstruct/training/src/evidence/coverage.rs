@@ -1,25 +1,27 @@
-//! How many of the input views see the scene's points.
+//! Numbers of input views that see the scene's points.
 
 use std::fmt;
 
 use omnilife_schemas::statistics::median;
 use serde::Serialize;
 
-/// Median number of views up to which Gaussians can agree on all of them and on nothing else
+/// Maximum median number of views for which Gaussians can fit all of them without fitting other views
 /// (docs/results/quality.md).
 const FEW_VIEWS: f64 = 8.0;
 
-/// What was found.
+/// Evidence of coverage.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize)]
 pub struct Coverage {
     /// Input views.
     pub input_views: usize,
-    /// Those in which a scene point is seen and not masked: the median over points, `None` without points.
+    /// Median over points of the number of input views in which a scene point is visible and not masked; `None`
+    /// without points.
     pub views_of_a_point: Option<f64>,
 }
 
 impl Coverage {
-    /// From the number of views in which each point is seen, of `looked_at` ones among `input_views`.
+    /// Returns the coverage from the number of views in which each point is visible, of `looked_at` ones among
+    /// `input_views`.
     pub(super) fn of(seen: &[usize], looked_at: usize, input_views: usize) -> Self {
         let scale = input_views as f64 / looked_at.max(1) as f64;
         let seen: Vec<f64> = seen.iter().map(|&views| scale * views as f64).collect();
@@ -29,7 +31,7 @@ impl Coverage {
         }
     }
 
-    /// Whether most points are seen by few views.
+    /// Returns true if few views see most points.
     pub fn is_sparse(&self) -> bool {
         self.views_of_a_point
             .is_some_and(|views| views <= FEW_VIEWS)
@@ -55,7 +57,7 @@ mod tests {
 
     #[test]
     fn a_median_up_to_the_limit_is_sparse() {
-        // 30 of 60 views were looked at.
+        // 30 of 60 views were examined.
         let sparse = Coverage::of(&[0, 4, 30], 30, 60);
         assert_eq!(sparse.views_of_a_point, Some(8.0));
         assert!(sparse.is_sparse() && sparse.to_string().contains("8.0 of 60"));

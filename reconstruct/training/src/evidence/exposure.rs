@@ -1,10 +1,9 @@
-//! Whether the camera's exposure changes: gains of whole views, and whether they hold everywhere in them.
+//! Changes of the camera's exposure: gains of whole views, and their agreement within a view.
 //!
-//! A gain is one for the whole image, so it is taken from all of it. At scene points alone, which lie where there
-//! is texture and mostly near, other things look like one: under water what is near is brighter than what is
-//! far, and gains of 13 % that were found there explained nothing of whole images and cost 0.9 dB
-//! (docs/results/evidence.md). And the parts of an image are asked one by one: where lamps pass by, or the sun
-//! comes into view, they do not agree.
+//! A gain holds for the whole image, so it is measured on all of it. Scene points alone lie on textures and
+//! mostly near the camera, where other effects look like a gain. Under water near surfaces are brighter than far
+//! ones: gains of 13 % from points explained nothing of whole images and cost 0.9 dB (docs/results/evidence.md).
+//! Parts of an image are measured separately: they disagree where lamps pass by, or the sun comes into view.
 
 use std::fmt;
 
@@ -13,30 +12,29 @@ use serde::Serialize;
 
 use crate::evidence::rendered_view::{Block, SECTORS};
 
-/// Standard deviation of the gains from which they are worth compensating: below it errors of other
-/// kinds are larger.
+/// Minimum standard deviation of the gains for compensation: below it errors of other kinds are larger.
 const LEAST_DRIFT: f64 = 0.02;
-/// Agreement of the parts of the images below which no gain holds for all of them. Parts of an image are small
-/// and what a short fit leaves unexplained in them is not: where exposure really changes they agree by 0.4 and
-/// more, but for dark night clips; elsewhere by 0.3 at most, but for one clip under water, where gains do neither
-/// good nor harm (docs/results/evidence.md).
+/// Minimum agreement of the parts of the images for a gain that holds for all of them. Parts of an image are
+/// small, but the residuals of a short fit in them are large. Under real changes of exposure they agree by 0.4
+/// and more, except in dark night clips. Elsewhere they agree by 0.3 at most, except in one clip under water,
+/// where gains have no effect (docs/results/evidence.md).
 const LEAST_AGREEMENT: f64 = 0.35;
 
-/// A view: when it was taken, seconds, and its blocks.
+/// A view: its time, seconds, and its blocks.
 pub(super) type ViewBlocks = (f64, Vec<Block>);
 
-/// What was found.
+/// Evidence of exposure.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct ExposureEvidence {
     /// The gains.
     pub gains: Exposure,
-    /// Covariance of the logarithms of the gains that two parts of the images give, over their variance: 1 where
-    /// all parts change alike.
+    /// Covariance of the logarithms of the gains from two parts of the images, over their variance: 1 where all
+    /// parts change alike.
     pub agreement: f64,
 }
 
 impl ExposureEvidence {
-    /// From the blocks of views. `None` where too little of them can be compared.
+    /// Measures the evidence on the blocks of views. `None` where too few of them can be compared.
     pub(super) fn of(views: &[ViewBlocks]) -> Option<Self> {
         let of_sectors: Vec<Exposure> = (0..SECTORS)
             .filter_map(|sector| gains_of(views, |block| block.sector == sector))
@@ -47,7 +45,7 @@ impl ExposureEvidence {
         })
     }
 
-    /// The same decision with gains of more views.
+    /// Returns the same decision with gains of more views.
     pub(super) fn with_gains_of(self, views: &[ViewBlocks]) -> Self {
         Self {
             gains: gains_of(views, |_| true).unwrap_or(self.gains),
@@ -55,7 +53,7 @@ impl ExposureEvidence {
         }
     }
 
-    /// Whether the gains are worth compensating.
+    /// Returns true if the gains are worth compensating.
     pub fn is_worth_compensating(&self) -> bool {
         self.gains.drift() >= LEAST_DRIFT && self.agreement >= LEAST_AGREEMENT
     }
@@ -75,7 +73,7 @@ impl fmt::Display for ExposureEvidence {
     }
 }
 
-/// Gains from some of the blocks of each view.
+/// Returns gains from some of the blocks of each view.
 fn gains_of(views: &[ViewBlocks], is_used: impl Fn(&Block) -> bool) -> Option<Exposure> {
     let pairs = |blocks: &[Block]| {
         let used = blocks.iter().filter(|block| is_used(block));
@@ -88,7 +86,8 @@ fn gains_of(views: &[ViewBlocks], is_used: impl Fn(&Block) -> bool) -> Option<Ex
     Exposure::estimate(&views)
 }
 
-/// Mean product of the logarithms of two parts' gains over the mean square of one's; 0 where there are no two.
+/// Returns the mean product of the logarithms of two parts' gains over the mean square of one's; 0 for fewer than
+/// two views.
 fn agreement(parts: &[Exposure], times: impl Iterator<Item = f64>) -> f64 {
     let (mut products, mut squares) = (0.0, 0.0);
     for seconds in times {
@@ -116,7 +115,7 @@ fn agreement(parts: &[Exposure], times: impl Iterator<Item = f64>) -> f64 {
 mod tests {
     use super::*;
 
-    /// Views of 400 blocks whose levels are those of the render times `gain(view, block)`.
+    /// Returns views of 400 blocks whose levels are those of the render times `gain(view, block)`.
     fn views(gain: impl Fn(usize, usize) -> f32) -> Vec<ViewBlocks> {
         let block = |view: usize, block: usize| {
             let level = 0.2 + 0.001 * block as f32;
@@ -145,7 +144,7 @@ mod tests {
 
     #[test]
     fn what_changes_in_a_part_of_each_view_is_no_exposure() -> Result<(), &'static str> {
-        // Each part at times of its own, as where lamps pass by.
+        // Each part at times of its own, as under passing lamps.
         let lamps = views(|view, block| {
             let phase = 2.4 * (block % SECTORS) as f32;
             1.0 + 0.2 * (view as f32 + phase).sin()

@@ -1,27 +1,27 @@
 //! Colours of flat surfaces in the views that see them.
 //!
-//! Around a flat surface every view shows next to one colour, so that neither parallax nor what a pilot fit
-//! blurs plays a part: where its colour differs between views the light, the surface or the camera does.
-//! What changes all surfaces of a colour alike in a view is taken out: an exposure that is not quite a gain,
-//! light that changes everywhere.
+//! Around a flat surface every view shows nearly one colour, so that neither parallax nor the blur of a pilot fit
+//! plays a part. A difference of its colour between views comes from the light, the surface or the camera.
+//! Changes of a view that all surfaces of a colour share are removed: an exposure that is not quite a gain, light
+//! that changes everywhere.
 
 use std::collections::BTreeMap;
 
 use glam::{Mat3, Vec3};
 use omnilife_schemas::statistics::median;
 
-/// A surface is flat where the colours of a window differ by less than this, levels of 1.
+/// Maximum difference of the colours in a window of a flat surface, levels of 1.
 pub(super) const FLAT: f32 = 0.1;
-/// Surfaces seen by fewer views have nothing to fit and to test.
+/// Minimum number of views of a surface for a fit and a test.
 pub(super) const LEAST_VIEWS: usize = 6;
-/// Fewer samples tell nothing.
+/// Minimum number of samples.
 pub(super) const LEAST_SAMPLES: usize = 1_000;
 /// Rounds of the robust fit of a view's tones; changes of this many medians have half their weight.
 const TONE_ROUNDS: usize = 5;
 const TONE_REACH: f32 = 3.0;
-/// Variance of levels below which there is no slope to speak of.
+/// Minimum variance of levels for a slope.
 const TONE_RIDGE: f64 = 1e-4;
-/// Slopes of this size, levels of 1 per unit of direction, are as plausible as none.
+/// Slopes of this size, levels of 1 per unit of direction, are as plausible as 0.
 const PLAUSIBLE_SLOPE: f32 = 0.3;
 
 /// A surface in one view.
@@ -29,13 +29,13 @@ const PLAUSIBLE_SLOPE: f32 = 0.3;
 pub(super) struct Observation {
     /// Number of the view.
     pub(super) view: usize,
-    /// From the camera to the surface, world frame, unit.
+    /// Unit direction from the camera to the surface, world frame.
     pub(super) direction: Vec3,
     /// Levels of 1.
     pub(super) colour: [f32; 3],
 }
 
-/// Flat surfaces, each with the views in which it is seen, in the order of time; tones of views are taken out.
+/// Flat surfaces, each with the views that see it, in the order of time; tones of views are removed.
 #[derive(Debug, Default)]
 pub(super) struct FlatSurfaces {
     pub(super) surfaces: Vec<Vec<Observation>>,
@@ -44,7 +44,7 @@ pub(super) struct FlatSurfaces {
 }
 
 impl FlatSurfaces {
-    /// Those of all surfaces that enough views see.
+    /// Returns all surfaces that enough views see.
     pub(super) fn of(mut surfaces: Vec<Vec<Observation>>) -> Self {
         surfaces.retain(|views| views.len() >= LEAST_VIEWS);
         subtract_tones(&mut surfaces);
@@ -55,8 +55,8 @@ impl FlatSurfaces {
     }
 }
 
-/// Takes out of every view what changes all surfaces of a colour alike: an exposure that is not quite a gain,
-/// light that changes. For each view and channel that is an affine function of the surfaces' mean colours.
+/// Removes from every view the change that all surfaces of a colour share: an exposure that is not quite a gain,
+/// light that changes. For each view and channel it is an affine function of the surfaces' mean colours.
 fn subtract_tones(surfaces: &mut [Vec<Observation>]) {
     let means: Vec<[f32; 3]> = surfaces
         .iter()
@@ -94,7 +94,7 @@ struct Tone {
 }
 
 impl Tone {
-    /// Robust least squares: what is far from the others has little say.
+    /// Fits robust least squares: outliers have little weight.
     fn of(pairs: &[(f32, f32)]) -> Self {
         let mut tone = Self::default();
         for _ in 0..TONE_ROUNDS {
@@ -113,7 +113,7 @@ impl Tone {
                 xx += weight * level * level;
                 xy += weight * level * change;
             }
-            // Levels that are all alike have no slope.
+            // Equal levels have no slope.
             let spread = xx * weights - x * x + TONE_RIDGE * weights * weights;
             if weights <= 0.0 {
                 return Self::default();
@@ -141,12 +141,12 @@ pub(super) struct DirectionFit {
     slopes: [Vec3; 3],
     /// Number of observations, at least 1.
     count: f32,
-    /// Of the squares of the directions, prior included.
+    /// Inverse of the matrix of squared directions, prior included.
     inverse: Mat3,
 }
 
 impl DirectionFit {
-    /// Least squares with slopes drawn to 0; `noise` is the variance of a colour.
+    /// Fits least squares with slopes drawn to 0; `noise` is the variance of a colour.
     pub(super) fn of<'a>(views: impl Iterator<Item = &'a Observation> + Clone, noise: f32) -> Self {
         let count = views.clone().count().max(1) as f32;
         let direction = views.clone().map(|seen| seen.direction).sum::<Vec3>() / count;
@@ -166,7 +166,7 @@ impl DirectionFit {
             }
         }
         let inverse = squares.inverse();
-        // Where neither directions nor noise leave anything to divide by.
+        // Singular if both directions and noise vanish.
         let inverse = if inverse.is_finite() {
             inverse
         } else {
@@ -181,8 +181,8 @@ impl DirectionFit {
         }
     }
 
-    /// What the fit's prediction in one direction takes over from the colour observed in another: an element of
-    /// its hat matrix.
+    /// Returns the weight of the colour observed in one direction in the fit's prediction for another: an element
+    /// of its hat matrix.
     pub(super) fn leverage(&self, predicted: Vec3, observed: Vec3) -> f32 {
         let [predicted, observed] = [predicted, observed].map(|one| one - self.direction);
         1.0 / self.count + predicted.dot(self.inverse * observed)
@@ -194,7 +194,7 @@ impl DirectionFit {
     }
 }
 
-/// Median square of the colours around the mean of their surface.
+/// Returns the median square of the colours around the mean of their surface.
 fn median_square<'a>(surfaces: impl Iterator<Item = &'a Vec<Observation>>) -> f32 {
     let mut squares = Vec::new();
     for views in surfaces {

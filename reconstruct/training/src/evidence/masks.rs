@@ -1,4 +1,4 @@
-//! What masks say of motion.
+//! Evidence of motion in masks.
 
 use std::{f64::consts::PI, fmt};
 
@@ -10,27 +10,27 @@ use serde::Serialize;
 
 use crate::scene::{TrainingScene, mask_pieces::pieces};
 
-/// Share of what a camera sees that a connected patch has to cover to be more than a speck: 1.0e-3 sr of the whole
+/// Minimum share of the visible directions for a connected patch larger than a speck: 1.0e-3 sr of the whole
 /// sphere, a spot of two degrees. A person 20 m away, two degrees wide and five high, has three times as much.
 const LEAST_PATCH_SHARE: f64 = 8e-5;
-/// Views in which there has to be such a patch: what moves is there for longer than an instant.
+/// Minimum number of views with such a patch: a moving object is visible for longer than an instant.
 const LEAST_SHOWING_VIEWS: usize = 2;
 
-/// How much of the input views masks cover.
+/// Coverage of the input views by masks.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct MaskEvidence {
     /// Input views.
     pub views: usize,
-    /// Those with a mask.
+    /// Input views with a mask.
     pub masked_views: usize,
-    /// Those with a mask that marks more than specks.
+    /// Input views with a mask that marks more than specks.
     pub showing_views: usize,
     /// Mean share of the sphere that the masks cover, 0 to 1; `None` without masks.
     pub coverage: Option<f64>,
 }
 
 impl MaskEvidence {
-    /// Of the input views of a scene.
+    /// Measures the input views of a scene.
     pub fn of(scene: &TrainingScene) -> Self {
         let views = &scene.input_views;
         let masks: Vec<&[u8]> = views
@@ -45,18 +45,17 @@ impl MaskEvidence {
         }
     }
 
-    /// Returns whether masks show that something moves. Masks that are empty, or mark specks alone, may have
-    /// missed it.
+    /// Returns true if masks show motion. Empty masks, or masks with specks alone, may have missed it.
     pub fn show_something(&self) -> bool {
         self.showing_views >= LEAST_SHOWING_VIEWS
     }
 
-    /// Returns whether masks mark something, and too little of it to say that anything moves.
+    /// Returns true if masks mark too little for motion.
     fn are_noise(&self) -> bool {
         self.coverage.is_some_and(|coverage| coverage > 0.0) && !self.show_something()
     }
 
-    /// Lines for the run's warnings: where masks look inverted, and where they are taken for noise.
+    /// Returns warnings of the run: masks that look inverted, and masks that are taken for noise.
     pub(crate) fn warnings(&self) -> Vec<String> {
         let inverted = self.coverage.filter(|&coverage| coverage > INVERTED_SHARE);
         let inverted = inverted.map(|coverage| {
@@ -121,7 +120,7 @@ fn pixel_steradians(camera: &Camera, pixel: usize) -> f64 {
     }
 }
 
-/// Returns the solid angle that a camera sees, steradians.
+/// Returns the solid angle of a camera's image, steradians.
 fn seen_steradians(camera: &Camera) -> f64 {
     let [width, height] = camera.size();
     match camera {

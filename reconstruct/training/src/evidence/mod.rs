@@ -1,13 +1,13 @@
-//! What a scene shows of itself before it is trained.
+//! Evidence of a scene before its training.
 //!
-//! * [`masks`]: what masks say of motion. [`pilot`]: a short static training, in which the rest is seen;
-//!   `rendered_view`: a view compared with its render.
-//! * [`motion`]: whether anything moves, and where. [`coverage`]: how many views see a point. [`poses`]: how far poses are off.
-//!   [`view_dependence`]: whether colours depend on the direction. [`exposure`]: whether whole views are
-//!   brighter or darker than others. [`changing_light`]: whether light changes in them.
+//! * [`masks`]: motion in masks. [`pilot`]: a short static training, the base of the rest; `rendered_view`: a
+//!   view compared with its render.
+//! * [`motion`]: motion and its places. [`coverage`]: numbers of views that see a point. [`poses`]: errors of
+//!   poses. [`view_dependence`]: colours that depend on the direction. [`exposure`]: brightness of whole views.
+//!   [`changing_light`]: light that changes in them.
 //!
-//! [`gather`] puts it together in one order and never changes it afterwards: every method has the same
-//! evidence on one scene and seed, whatever it uses of it.
+//! [`gather`] gathers all of it in one order and never changes it afterwards: every method has the same evidence
+//! on one scene and seed, whatever it uses of it.
 
 pub mod changing_light;
 pub mod coverage;
@@ -34,41 +34,41 @@ use self::{
 };
 use crate::{error::ReconstructError, scene::TrainingScene};
 
-/// Iterations of the pilot fit: enough for colours, and for edges where they belong.
+/// Iterations of the pilot fit: enough for colours, and for edges in their places.
 pub const PILOT_ITERATIONS: u64 = 120;
-/// Points seen by fewer views have no median to speak of.
+/// Minimum number of views of a point for a median.
 pub(crate) const LEAST_VIEWS: usize = 6;
 /// Standard deviation of a normal distribution over its median absolute deviation.
 pub(crate) const PER_MEDIAN: f32 = 1.4826;
 
-/// The evidence on a scene; it stands in the run's record.
+/// The evidence on a scene, as written to the run's record.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct SceneEvidence {
     /// Seed of the pilot fit.
     pub seed: u64,
-    /// What masks say.
+    /// Evidence of the masks.
     pub masks: MaskEvidence,
-    /// What a pilot fit shows, where one was needed.
+    /// Evidence of a pilot fit, if one was needed.
     pub pilot: Option<PilotEvidence>,
 }
 
-/// What a pilot fit shows, each with what stands before it taken into account.
+/// Evidence of a pilot fit; each item takes the ones before it into account.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct PilotEvidence {
-    /// How bright the views are; `None` where too little of them can be compared.
+    /// Brightness of the views; `None` where too few of them can be compared.
     pub exposure: Option<ExposureEvidence>,
-    /// How far the poses are off, once gains that drift are taken out.
+    /// Errors of the poses, after gains that drift are removed.
     pub poses: PoseEvidence,
-    /// Whether anything moves, once poses that are off are corrected too: neither automatic exposure
-    /// nor an edge beside its place is motion.
+    /// Motion, after the correction of inaccurate poses too: neither automatic exposure nor a displaced edge is
+    /// motion.
     pub motion: MotionEvidence,
-    /// Which of the scene's points change outside the masks.
+    /// Scene points that change outside the masks.
     pub changing: ChangingPoints,
-    /// How many views see them.
+    /// Numbers of views that see them.
     pub coverage: Coverage,
-    /// Whether colours depend on the direction.
+    /// Dependence of colours on the direction.
     pub view_dependence: ViewDependence,
-    /// Whether light changes.
+    /// Changes of light.
     pub changing_light: ChangingLight,
 }
 
@@ -119,7 +119,8 @@ impl PilotEvidence {
 }
 
 impl SceneEvidence {
-    /// Whether something moves or changes, or may: masks say what; where they show nothing, the pilot fit does.
+    /// Returns true if something moves or changes, or may: by the masks, or by the pilot fit if they show
+    /// nothing.
     pub fn moves(&self) -> bool {
         let by_fit = self
             .pilot
@@ -128,7 +129,7 @@ impl SceneEvidence {
         self.masks.show_something() || by_fit
     }
 
-    /// Why [`SceneEvidence::moves`] says what it says.
+    /// Returns the reason for [`SceneEvidence::moves`].
     pub fn motion_reason(&self) -> String {
         match &self.pilot {
             Some(pilot) if !self.masks.show_something() => {

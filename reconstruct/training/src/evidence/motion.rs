@@ -1,12 +1,11 @@
-//! What static Gaussians cannot explain: whether anything moves in a scene without masks, and at
-//! which points something changes outside of them, such as the shadow of what moves.
+//! Residuals of static Gaussians: motion in a scene without masks, and points with changes outside of masks, such
+//! as the shadow of a moving object.
 //!
-//! After a [pilot fit](crate::evidence::pilot) input views are compared with their renders at the
-//! images of the same scene points, those that its depth shows to be visible and no mask
-//! covers. What a static scene leaves unexplained at a point - too little texture, a wrong colour - is
-//! the same in all views: only the deviation `d` of a residual from its point's median counts, channel
-//! by channel. Photometric noise is the median of `|d|`; what passes in front of a point, or shades it,
-//! deviates by many times as much, in a few views.
+//! After a [pilot fit](crate::evidence::pilot) input views are compared with their renders at the images of the
+//! same scene points, those that are visible by depth and not masked. The residual of a static scene at a point -
+//! too little texture, a wrong colour - is the same in all views. So only the deviation `d` of a residual from
+//! its point's median counts, channel by channel. Photometric noise is the median of `|d|`. An object or shadow
+//! that passes a point deviates by many times as much, in a few views.
 
 use std::fmt;
 
@@ -16,22 +15,21 @@ use serde::Serialize;
 
 use crate::evidence::{LEAST_VIEWS, PER_MEDIAN, PILOT_ITERATIONS};
 
-/// A deviation is transient above this many times the noise, and above this in grey levels of 1.
+/// A deviation is transient above this multiple of the noise, and above this level in grey levels of 1.
 const NOISE_FACTOR: f32 = 8.0;
 const LEAST_DEVIATION: f32 = 0.1;
-/// Views in which a point deviates, from which on it changes: one alone may be an edge.
+/// Minimum number of deviating views of a changing point: one alone may be an edge.
 const LEAST_DEVIATING_VIEWS: usize = 2;
-/// Share of transient samples from which parameters of time are worth their price, where no light changes.
-/// Reflections that run over glossy ground are transient too, and gain from them as what walks does
-/// (docs/results/evidence.md).
+/// Minimum share of transient samples for parameters of time, under constant light. Reflections that run over
+/// glossy ground are transient too, and gain from these parameters as pedestrians do (docs/results/evidence.md).
 const TRANSIENT_SHARE: f64 = 0.0008;
-/// Standard errors by which there have to be more of them: few samples say little.
+/// Standard errors by which the share has to exceed it: few samples give little evidence.
 const STANDARD_ERRORS: f64 = 2.0;
 
-/// What was found.
+/// Evidence of motion.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize)]
 pub struct MotionEvidence {
-    /// Points in views that were compared, channel by channel.
+    /// Compared points in views, channel by channel.
     pub samples: usize,
     /// Photometric noise: standard deviation, grey levels in `[0, 1]`.
     pub noise: f32,
@@ -40,19 +38,19 @@ pub struct MotionEvidence {
 }
 
 impl MotionEvidence {
-    /// Whether something moves. Without samples nothing is known, and it may.
+    /// Returns true if something moves. Without samples it may.
     pub fn moves(&self) -> bool {
         self.samples == 0 || self.transient_share >= self.share_limit()
     }
 
-    /// Share of transient samples from which something moves. They are rare events: their number varies by the
-    /// root of what is expected.
+    /// Returns the minimum share of transient samples for motion. They are rare events: their number varies by
+    /// the root of the expectation.
     fn share_limit(&self) -> f64 {
         let expected = TRANSIENT_SHARE * self.samples as f64;
         (expected + STANDARD_ERRORS * expected.sqrt()) / self.samples.max(1) as f64
     }
 
-    /// Deviation from which a sample is transient.
+    /// Returns the minimum deviation of a transient sample.
     fn limit(&self) -> f32 {
         (NOISE_FACTOR * self.noise).max(LEAST_DEVIATION)
     }
@@ -78,23 +76,23 @@ impl fmt::Display for MotionEvidence {
     }
 }
 
-/// Points at which something changes, and how that was found out.
+/// Points that change, with their evidence.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct ChangingPoints {
-    /// What is known of all of them.
+    /// Evidence of all points.
     pub evidence: MotionEvidence,
-    /// Points that change.
+    /// Number of points that change.
     pub changing: usize,
-    /// Points that too few views see to tell. They are taken not to change.
+    /// Number of points that too few views see. They count as unchanged.
     pub unknown: usize,
-    /// Per point, whether it changes.
+    /// Per point, true if it changes.
     #[serde(skip)]
     pub changes: Vec<bool>,
 }
 
 impl ChangingPoints {
-    /// Which points change, from the residuals of each in the views that see it: one series per point
-    /// and channel.
+    /// Finds the changing points, from the residuals of each in the views that see it: one series per point and
+    /// channel.
     pub(crate) fn of(residuals: &[Vec<f32>]) -> Self {
         let evidence = transients(residuals);
         let limit = evidence.limit();
@@ -140,7 +138,7 @@ impl fmt::Display for ChangingPoints {
     }
 }
 
-/// Evidence from the residuals of every point.
+/// Returns the evidence from the residuals of every point.
 pub(crate) fn transients(residuals: &[Vec<f32>]) -> MotionEvidence {
     let mut deviations: Vec<f32> = residuals
         .par_iter()
@@ -163,7 +161,7 @@ pub(crate) fn transients(residuals: &[Vec<f32>]) -> MotionEvidence {
     evidence
 }
 
-/// Deviations from a point's median; none where too few views see it.
+/// Returns the deviations from a point's median; empty if too few views see it.
 fn deviations(residuals: &[f32]) -> impl Iterator<Item = f32> {
     let seen = if residuals.len() >= LEAST_VIEWS {
         residuals
@@ -180,7 +178,7 @@ mod tests {
 
     #[test]
     fn what_is_wrong_in_every_view_is_no_motion() {
-        // Every point has an error of its own, and one in twenty something passing for one view.
+        // Every point has an error of its own, and one in twenty a passing object in one view.
         let point = |number: usize, passes: bool| -> Vec<f32> {
             let own = 0.3 * ((number % 7) as f32 - 3.0);
             let noise = |view: usize| 0.01 * ((view * 5 + number) % 3) as f32;

@@ -1,4 +1,4 @@
-//! A short static training, and input views next to its renders: what a plan's evidence is found in.
+//! A short static training, and input views next to its renders: the source of a plan's evidence.
 
 use glam::{Vec3, dvec2};
 use omnilife_schemas::{camera::CameraModel, progress::Silent};
@@ -33,39 +33,38 @@ use omnilife_engine::{
     step::settings::TrainSettings,
 };
 
-/// Gaussians of the pilot fit, at most.
+/// Maximum number of Gaussians of the pilot fit.
 const MAXIMUM_GAUSSIANS: u64 = 10_000;
-/// Views are looked at no wider than they have to be to show what moves, pixels.
+/// Maximum width of examined views, enough to show moving objects, pixels.
 pub(super) const WIDTH: u32 = 256;
 /// Iterations in views of half that width, which show colours and coarse shapes as well, and cost less,
 const COARSE_ITERATIONS: u64 = 80;
 /// and after these in views of the whole width.
 const FINE_ITERATIONS: u64 = PILOT_ITERATIONS - COARSE_ITERATIONS;
-/// Arrays whose steps are a share of what a short schedule has. Colours that follow the tone of the last view, and
-/// Gaussians that grow over what differs from place to place, would take gains into the fit.
+/// Arrays whose steps are a share of those of a short schedule. Colours that follow the tone of the last view,
+/// and Gaussians that grow over local differences, would absorb gains into the fit.
 const SLOWER: &[(&str, f32)] = &[("sh_constant", 1.0 / 7.0), ("log_scales", 0.25)];
-/// Points and views that are looked at, evenly from all.
+/// Maximum number of examined points and views, evenly from all.
 const POINTS: usize = 4_000;
 const VIEWS: usize = 30;
-/// Pixels between those at which flat surfaces are looked for.
+/// Pixels between candidates for flat surfaces.
 const GRID_STEP: usize = 8;
-/// Half of the window, as a share of the images' width, over which a patch is averaged to tell whether anything moves: what
-/// moves is wrong all over, an edge that the fit blurs is wrong on both sides, with both signs.
+/// Half of the averaging window for motion, as a share of the images' width. A moving object is wrong all over;
+/// an edge that the fit blurs is wrong on both sides, with both signs.
 const MOTION_REACH_SHARE: f32 = 4.0 / 256.0;
 
 /// Input views next to the renders of a short static training.
 #[derive(Debug)]
 pub struct PilotFit {
-    /// The scene at the size that it was looked at, with the points that it came with: what the evidence means
-    /// was measured with those.
+    /// The scene at the examined size, with its own points: the limits of the evidence were measured with those.
     scene: TrainingScene,
-    /// All points, those too that were added.
+    /// All points, including added ones.
     places: Vec<[f32; 3]>,
     views: Vec<RenderedView>,
-    /// What the views are compared with.
+    /// Gaussians of the comparison.
     gaussians: ActivatedGaussians,
     renderer: Renderer,
-    /// Gains that were taken out of the views.
+    /// Gains that were removed from the views.
     taken_out: Option<Exposure>,
 }
 
@@ -109,15 +108,15 @@ impl PilotFit {
         })
     }
 
-    /// Whether anything moves, by some of the scene's points.
+    /// Returns the evidence of motion, by some of the scene's points.
     pub fn motion(&self) -> MotionEvidence {
         let points = self.some_points();
         let reach = (self.scene.camera.width() as f32 * MOTION_REACH_SHARE).round() as usize;
         transients(&self.residuals(&points, reach.max(1)))
     }
 
-    /// At which of all points something changes outside the masks, and how many views see those that the scene
-    /// came with.
+    /// Returns the points of all that change outside the masks, and the numbers of views that see the scene's own
+    /// points.
     pub fn points(&self) -> (ChangingPoints, Coverage) {
         let residuals = self.residuals(&self.places, 1);
         let given = self.scene.points.len();
@@ -131,7 +130,7 @@ impl PilotFit {
         (ChangingPoints::of(&residuals), coverage)
     }
 
-    /// Whether colours depend on the direction from which they are seen, and whether light changes.
+    /// Returns the evidence of view-dependent colours, and of changing light.
     pub fn colours(&self) -> (ViewDependence, ChangingLight) {
         let flat = self.flat_colours();
         (ViewDependence::of(&flat), ChangingLight::of(&flat))
@@ -153,7 +152,7 @@ impl PilotFit {
         FlatSurfaces::of(series)
     }
 
-    /// Where every other view shows something flat, on a grid of its pixels.
+    /// Returns the places of flat surfaces in every other view, on a grid of its pixels.
     fn flat_surfaces(&self) -> Vec<Vec3> {
         let mut surfaces = Vec::new();
         for rendered in self.views.iter().step_by(2) {
@@ -177,8 +176,8 @@ impl PilotFit {
         surfaces
     }
 
-    /// How bright the views are; `None` where too little of them can be compared. Where gains drift all
-    /// input views are looked at: one that flickers says nothing of the views between.
+    /// Returns the brightness of the views; `None` where too few of them can be compared. If gains drift, all
+    /// input views are examined: one that flickers gives no evidence of the views between.
     pub fn exposure(&mut self) -> Option<ExposureEvidence> {
         let views = self.views.iter();
         let mut views: Vec<_> = views.map(|rendered| self.blocks(rendered)).collect();
@@ -202,7 +201,7 @@ impl PilotFit {
         (seconds, rendered.blocks(&self.scene.camera))
     }
 
-    /// Takes gains out of what the views show, once.
+    /// Removes gains from the views, once.
     pub fn normalize(&mut self, exposure: Exposure) {
         for rendered in &mut self.views {
             let view = &self.scene.input_views[rendered.number].view;
@@ -211,8 +210,7 @@ impl PilotFit {
         self.taken_out = Some(exposure);
     }
 
-    /// How far the views' poses are off, by what some of the scene's points show next to where they
-    /// should.
+    /// Returns the errors of the views' poses, by the displacements of some of the scene's points.
     pub fn poses(&self) -> PoseEvidence {
         let points = self.some_points();
         let views = self.views.iter().map(|rendered| {
@@ -225,8 +223,7 @@ impl PilotFit {
         PoseEvidence::of(views.collect(), &self.scene.camera)
     }
 
-    /// Compares the views with renders from where they were taken by the evidence: an edge beside its
-    /// place is no change of the scene.
+    /// Compares the views with renders from their corrected poses: a displaced edge is not a change of the scene.
     pub fn correct_poses(&mut self, evidence: &PoseEvidence) {
         for (rendered, correction) in self.views.iter_mut().zip(&evidence.corrections) {
             let Some(correction) = correction else {
@@ -263,7 +260,7 @@ impl PilotFit {
             .collect()
     }
 
-    /// Residuals of the views in which a point is seen: one series per point and channel.
+    /// Returns the residuals of the views in which a point is visible: one series per point and channel.
     fn residuals(&self, points: &[[f32; 3]], reach: usize) -> Vec<Vec<f32>> {
         let mut residuals: Vec<Vec<f32>> = vec![Vec::new(); 3 * points.len()];
         for rendered in &self.views {
@@ -279,7 +276,8 @@ impl PilotFit {
     }
 }
 
-/// Settings of a part of the pilot fit: steps are as large as in the shortest of schedules, but for [`SLOWER`].
+/// Returns the settings of a part of the pilot fit: steps are as large as in the shortest of schedules, but for
+/// [`SLOWER`].
 fn pilot_settings(scene: &TrainingScene, iterations: u64, seed: u64) -> TrainSettings {
     let request = MethodRequest {
         options: Options::at_most(MAXIMUM_GAUSSIANS),

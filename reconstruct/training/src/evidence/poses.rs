@@ -1,26 +1,24 @@
-//! How far the poses of some views are off, by what scene points show beside where they should.
+//! Errors of the poses of some views, from the displacements of scene points.
 //!
-//! A camera whose pose is slightly wrong sees every point a little beside its place. To first order the
-//! difference of image and render at a point is minus the slope of the render times that displacement, and
-//! the displacement is that of a camera which turns by `w` and moves by `t` (world frame): for a point
-//! in the unit direction `n` at the distance `d`
+//! A camera whose pose is slightly wrong sees every point slightly displaced. To first order the difference of
+//! image and render at a point is minus the slope of the render times that displacement. The displacement is that
+//! of a camera which rotates by `w` and moves by `t` (world frame). For a point in the unit direction `n` at the
+//! distance `d`
 //!
 //! ```text
 //! dn = -w x n - (t - n (n.t)) / d
 //! ```
 //!
-//! Six numbers per view explain the differences at thousands of points: robust least squares finds
-//! them, iteratively reweighted with Cauchy's weights, which leave what moves, and what hides a point,
-//! without much say. What is wrong with a point in all views - a blurred edge, a colour - says nothing
-//! of a pose: medians over views are taken out first. Corrections that are the same in all views, or
-//! change in proportion to the place of the camera, say nothing either: a scene that the pilot fit has
-//! a percent too near looks like a path that is a percent too long.
+//! Six numbers per view explain the differences at thousands of points. Robust least squares finds them,
+//! iteratively reweighted with Cauchy's weights, which give moving objects and occluders little weight. An error
+//! of a point in all views - a blurred edge, a colour - is no evidence of a pose: medians over views are removed
+//! first. The same holds for corrections that all views share, or that change in proportion to the camera's
+//! position. A scene that the pilot fit has a percent too near looks like a path that is a percent too long.
 //!
-//! The evidence is how far two halves of the points agree on a displacement. Neighbouring points err
-//! alike, so that the covariance of a fit says too little of its error. But the halves lie in different
-//! directions, as the squares of a chess-board: what is by chance in one is not in the other, the product
-//! of their displacements is 0 on average for poses that are exact, and its spread over the views says how
-//! near to 0.
+//! The evidence is the agreement of two halves of the points on a displacement. Neighbouring points err alike, so
+//! that the covariance of a fit underestimates its error. But the halves lie in different directions, as the
+//! squares of a chess-board: random errors differ between them. The product of their displacements is 0 on
+//! average for exact poses, and its spread over the views gives the standard error.
 
 use std::{f64::consts::TAU, fmt};
 
@@ -31,48 +29,48 @@ use serde::Serialize;
 use crate::evidence::{LEAST_VIEWS, PER_MEDIAN, PILOT_ITERATIONS, pilot::WIDTH};
 use omnilife_engine::camera::{Camera, pose::PoseCorrection};
 
-/// Displacement from which poses are worth refining, pixels of images that are [`WIDTH`] pixels wide: in the middle
-/// between exact poses, 0.09 at most, and those that are off by a tenth of a degree or two, 0.14 at least
-/// (docs/results/evidence.md). In wider images it is the same angle and more pixels; in narrower ones as many
-/// pixels, for a fit shows no smaller part of one.
+/// Minimum displacement for refining poses, pixels of images that are [`WIDTH`] pixels wide. It is in the middle
+/// between exact poses, 0.09 at most, and poses that are off by a tenth of a degree or two, 0.14 at least
+/// (docs/results/evidence.md). In wider images it is the same angle and more pixels. In narrower ones it is as
+/// many pixels: a fit shows no smaller part of one.
 const LEAST_SHIFT_PIXELS: f64 = 0.12;
-/// The halves agree when the mean of their products is this many of its standard errors above 0.
+/// Minimum mean of the products of agreeing halves, in its standard errors above 0.
 const LEAST_STANDARD_ERRORS: f64 = 3.0;
 /// Squares of the chess-board between the centre of the sphere and its surface, along each axis.
 const SQUARES: f64 = 3.0;
-/// Fewer observations do not say six numbers; of a half of the points, half as many.
+/// Minimum number of observations for six numbers; of a half of the points, half as many.
 const LEAST_OBSERVATIONS: usize = 50;
 /// Rounds of reweighting.
 const ROUNDS: usize = 8;
 /// Residuals of this many standard deviations have half their weight (Cauchy's: 95 % efficiency on
 /// normal residuals).
 const CAUCHY: f64 = 2.385;
-/// Weight of no trend beside the cameras' path, over their mean square distance from its middle.
+/// Ridge of the trend beside the cameras' path, over their mean square distance from its middle.
 const PATH_RIDGE: f64 = 1e-3;
-/// Residuals of a render without any noise still differ by rounding, grey levels of 1.
+/// Minimum noise: residuals of an exact render still differ by rounding, grey levels of 1.
 const LEAST_NOISE: f64 = 1e-6;
-/// Share of what observations say of a number of a twist that the others must not say as well.
+/// Minimum share of the evidence on a number of a twist that is independent of the others.
 const LEAST_PIVOT: f64 = 1e-9;
 
-/// Turn (3, radians) and shift (3, normalized units) of a camera in the world.
+/// Rotation (3, radians) and shift (3, normalized units) of a camera in the world.
 type Twist = [f64; 6];
 
-/// What a point says of the pose of a view that sees it.
+/// Observation of a point, as evidence of the pose of a view.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PoseObservation {
-    /// From the camera to the point, normalized units, world frame.
+    /// Offset from the camera to the point, normalized units, world frame.
     offset: DVec3,
-    /// How each channel of the render changes with the pose.
+    /// Derivative of each channel of the render by the pose.
     slopes: [Twist; 3],
     /// Image minus render, by channel.
     residual: [f32; 3],
 }
 
 impl PoseObservation {
-    /// Of a point at `offset` from the camera (world frame), how the channels of the render change from
-    /// its place to where it would be seen if it moved in the world, and the differences of image and
-    /// render at its place. What is seen there when the point moves comes from the other side: the sign
-    /// of the displacement turns around.
+    /// Makes the observation of a point at `offset` from the camera (world frame). `by_point` are the derivatives
+    /// of the channels of the render, from its place to its image after a motion of the point in the world.
+    /// `residual` are the differences of image and render at its place. The content that moves into a place comes
+    /// from the other side, so that the sign of the displacement is reversed.
     pub fn new(offset: Vec3, by_point: [Vec3; 3], residual: [f32; 3]) -> Self {
         let offset = offset.as_dvec3();
         let slopes = by_point.map(|by_point| {
@@ -87,13 +85,13 @@ impl PoseObservation {
         }
     }
 
-    /// Which half of the points it belongs to.
+    /// Returns the index of its half of the points.
     fn half(&self) -> usize {
         let squares = (SQUARES * self.offset.normalize_or_zero()).floor();
         (squares.x + squares.y + squares.z).rem_euclid(2.0) as usize
     }
 
-    /// By how much the point's direction changes with each of the pose's numbers.
+    /// Returns the derivative of the point's direction by each of the pose's numbers.
     fn displacements(&self) -> [DVec3; 6] {
         let distance = self.offset.length();
         let direction = self.offset / distance;
@@ -111,33 +109,33 @@ impl PoseObservation {
     }
 }
 
-/// How far poses are off.
+/// Errors of the poses.
 #[derive(Debug, Clone, PartialEq, Default, Serialize)]
 pub struct PoseEvidence {
-    /// Views that said something.
+    /// Number of views with enough evidence.
     pub views: usize,
     /// Root mean square displacement of the points by the corrections, chance included, radians.
     pub shift_radians: f64,
-    /// Mean product of the displacements that two halves of the points say, radians squared: the mean
-    /// square without what is by chance. It may be below 0.
+    /// Mean product of the displacements from two halves of the points, radians squared: the mean square without
+    /// random errors. It may be below 0.
     pub agreed_square: f64,
     /// Standard error of that mean over the views.
     pub standard_error: f64,
-    /// A shift of the camera by this times an angle displaces the points as a turn by the angle does, root
-    /// mean square; normalized units.
+    /// Ratio of shift to angle: a shift of the camera by this times an angle displaces the points as a rotation
+    /// by the angle does, root mean square; normalized units.
     pub distance: f64,
-    /// Width of the images that were looked at, pixels.
+    /// Width of the examined images, pixels.
     pub width: u32,
-    /// Pixels at the image centre that a whole turn of small angles makes.
+    /// Pixels of a full rotation at the scale of small angles in the image centre.
     #[serde(skip)]
     pub turn_pixels: f64,
-    /// What would correct the pose of each view that was given; `None` where too little was seen.
+    /// Correction of the pose of each input view; `None` without enough evidence.
     #[serde(skip)]
     pub corrections: Vec<Option<PoseCorrection>>,
 }
 
 impl PoseEvidence {
-    /// From what every view, a camera at a centre, shows at the same points.
+    /// Measures the errors from each view's observations of the same points; a view has the centre of its camera.
     pub fn of(mut views: Vec<(Vec3, Vec<Option<PoseObservation>>)>, camera: &Camera) -> Self {
         subtract_medians(&mut views);
         let whole = Estimates::of(&views, LEAST_OBSERVATIONS, |_| true);
@@ -149,7 +147,7 @@ impl PoseEvidence {
             .map(|one| Some(one.as_ref()?.correction()));
         let found: Vec<&Estimate> = whole.of_views.iter().flatten().collect();
         let left = found.len() as f64 - whole.taken_out;
-        // Written so that NaN is refused.
+        // In this form NaN is refused.
         let says_something = left >= 1.0;
         if !says_something {
             return Self::default();
@@ -175,25 +173,25 @@ impl PoseEvidence {
         }
     }
 
-    /// Root mean square displacement without what is by chance, pixels at the images' centre.
+    /// Returns the root mean square displacement without random errors, pixels at the images' centre.
     pub fn agreed_pixels(&self) -> f64 {
         self.agreed_square.max(0.0).sqrt() / TAU * self.turn_pixels
     }
 
-    /// Whether the poses are worth refining.
+    /// Returns true if the poses are worth refining.
     pub fn are_off(&self) -> bool {
         self.standard_error > 0.0
             && self.agreed_square >= LEAST_STANDARD_ERRORS * self.standard_error
             && self.agreed_pixels() >= self.limit_pixels()
     }
 
-    /// Returns the displacement from which poses are worth refining, pixels of the images that were looked at.
+    /// Returns the minimum displacement for refining poses, pixels of the examined images.
     fn limit_pixels(&self) -> f64 {
         LEAST_SHIFT_PIXELS * (f64::from(self.width) / f64::from(WIDTH)).max(1.0)
     }
 }
 
-/// The width of an ERP image; a pinhole shows the tangent of an angle.
+/// Returns the pixels of a full rotation: the width of an ERP image; a pinhole shows the tangent of an angle.
 fn pixels_per_turn(camera: &Camera) -> f64 {
     match camera {
         Camera::Erp(camera) => f64::from(camera.width),
@@ -203,7 +201,7 @@ fn pixels_per_turn(camera: &Camera) -> f64 {
 
 impl fmt::Display for PoseEvidence {
     fn fmt(&self, out: &mut fmt::Formatter<'_>) -> fmt::Result {
-        // Zero where fewer than two views have enough points in both halves.
+        // Zero if fewer than two views have enough points in both halves.
         if self.standard_error <= 0.0 {
             return write!(
                 out,
@@ -226,7 +224,7 @@ impl fmt::Display for PoseEvidence {
     }
 }
 
-/// Mean over the views of the product of the displacements that two halves of the points say, and its
+/// Returns the mean over the views of the product of the displacements from two halves of the points, and its
 /// standard error.
 fn agreement(whole: &Estimates, halves: &[Estimates; 2]) -> (f64, f64) {
     let views = whole
@@ -253,11 +251,11 @@ fn agreement(whole: &Estimates, halves: &[Estimates; 2]) -> (f64, f64) {
     (mean, (squares / (left * (left - 1.0))).sqrt())
 }
 
-/// What some of the points say of each view's pose, without what a bent scene explains.
+/// Estimates of each view's pose by some of the points, without the part that a bent scene explains.
 struct Estimates {
-    /// `None` where too little was seen.
+    /// `None` without enough observations.
     of_views: Vec<Option<Estimate>>,
-    /// How many views' worth of freedom a bent scene takes.
+    /// Degrees of freedom of a bent scene, in views.
     taken_out: f64,
 }
 
@@ -287,9 +285,9 @@ impl Estimates {
     }
 }
 
-/// Takes out of the twists what is the same in all views, and what changes in proportion to the place of
-/// the camera: a scene that is turned, moved, scaled or sheared a little explains both. Returns how
-/// many views' worth of freedom that was.
+/// Removes from the twists the part that all views share, and the part that changes in proportion to the camera's
+/// position. A scene that is slightly rotated, moved, scaled or sheared explains both. Returns the removed
+/// degrees of freedom, in views.
 fn subtract_trend(centres: &[DVec3], mut found: Vec<&mut Estimate>) -> f64 {
     let count = found.len().max(1) as f64;
     let mean = centres.iter().sum::<DVec3>() / count;
@@ -298,7 +296,7 @@ fn subtract_trend(centres: &[DVec3], mut found: Vec<&mut Estimate>) -> f64 {
         let from = centre - mean;
         normal += DMat3::from_cols(from * from.x, from * from.y, from * from.z);
     }
-    // Cameras on a line say nothing of what changes beside it.
+    // Cameras on a line do not determine changes beside it.
     let ridge = PATH_RIDGE * normal.diagonal().element_sum();
     let inverse = (normal + DMat3::from_diagonal(DVec3::splat(ridge))).try_inverse();
     let mut trend = [(0.0, DVec3::ZERO); 6];
@@ -322,7 +320,7 @@ fn subtract_trend(centres: &[DVec3], mut found: Vec<&mut Estimate>) -> f64 {
     })
 }
 
-/// Takes out of each residual what it is over all views; points that few views see have no say.
+/// Removes from each residual its median over all views; points that few views see are left out.
 fn subtract_medians(views: &mut [(Vec3, Vec<Option<PoseObservation>>)]) {
     let points = views
         .first()
@@ -355,11 +353,11 @@ fn subtract_medians(views: &mut [(Vec3, Vec<Option<PoseObservation>>)]) {
 /// A view's correction.
 struct Estimate {
     twist: Twist,
-    /// The mean of the product of two displacements is a bilinear form of their twists: this.
+    /// Bilinear form of two twists: the mean of the product of their displacements.
     displacement: [Twist; 6],
 }
 
-/// How a channel of the render changes with the pose, and by how much the image differs.
+/// Derivative of a channel of the render by the pose, and the difference of the image.
 type Row<'a> = (&'a Twist, f64);
 
 /// Returns the twist that explains residuals best, under Cauchy's weights by the residuals of another one; `None`
@@ -416,7 +414,7 @@ impl Estimate {
         }
     }
 
-    /// Mean product of the displacements of the points by two twists, radians squared.
+    /// Returns the mean product of the displacements of the points by two twists, radians squared.
     fn product(&self, one: &Twist, other: &Twist) -> f64 {
         (0..6)
             .map(|i| one[i] * dot(&self.displacement[i], other))

@@ -1,4 +1,4 @@
-//! A view and its render of the pilot fit: what it shows at a point, and how that differs.
+//! A view and its render of the pilot fit: both at a point, and their difference.
 
 use std::f32::consts::PI;
 
@@ -23,27 +23,27 @@ use omnilife_engine::{
 const DEPTH_SLACK: f32 = 1.05;
 /// where at least this much of the pixel is covered.
 const LEAST_OPACITY: f32 = 0.5;
-/// Distance from the vertical axis, over that from the camera, below which a point says nothing of a
-/// pose: there the neighbours in a row of pixels hardly differ.
+/// Minimum distance from the vertical axis, over that from the camera, of a point as evidence of a pose. Nearer
+/// to it the neighbours in a row of pixels are nearly equal.
 const LEAST_HORIZONTAL: f32 = 0.2;
 /// Blocks side by side at the equator.
 const BLOCKS_ACROSS: usize = 64;
 /// Parts of an image.
 pub(super) const SECTORS: usize = 8;
 
-/// What a view shows at a point: means over a window.
+/// A view at a point: means over a window.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Patch {
     pub(super) shown: [f32; 3],
-    /// Shown minus rendered.
+    /// Image minus render.
     pub(super) residual: [f32; 3],
 }
 
-/// Means over a square of pixels, none of them masked; each stands for the same part of the sphere, or of a
-/// pinhole image.
+/// Means over a square of pixels without masks; each stands for the same part of the sphere, or of a pinhole
+/// image.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Block {
-    /// Which part of the image it is in, of [`SECTORS`]: quarters side by side, above and below the middle.
+    /// Number of its part of the image, of [`SECTORS`]: quarters side by side, above and below the middle.
     pub(super) sector: usize,
     pub(super) shown: [f32; 3],
     pub(super) rendered: [f32; 3],
@@ -64,9 +64,9 @@ pub(super) struct RenderedView {
     pub(super) height: usize,
     /// The image.
     shown: Vec<[f32; 3]>,
-    /// Image minus render; not a number where a mask says that something else is seen, or nothing.
+    /// Image minus render; NaN in masked and ignored pixels.
     difference: Vec<[f32; 3]>,
-    /// Radial depth, infinite where little is rendered, or nothing of the scene is seen.
+    /// Radial depth; infinite where the render is thin, and in ignored regions.
     pub(super) depth: Vec<f32>,
 }
 
@@ -124,7 +124,7 @@ impl RenderedView {
         }
     }
 
-    /// Blocks of the whole image that no mask touches: as many in a row as there is room for on the sphere.
+    /// Returns the unmasked blocks of the whole image: as many in a row as fit on the sphere.
     pub(super) fn blocks(&self, camera: &Camera) -> Vec<Block> {
         let side = (self.width / BLOCKS_ACROSS).max(1);
         let reach = side / 2;
@@ -155,7 +155,7 @@ impl RenderedView {
         blocks
     }
 
-    /// Takes a gain out of the image.
+    /// Removes a gain from the image.
     pub(super) fn normalize(&mut self, exposure: &Exposure, seconds: f64) {
         let gain = exposure.gain(seconds);
         for (shown, difference) in self.shown.iter_mut().zip(&mut self.difference) {
@@ -167,9 +167,9 @@ impl RenderedView {
         }
     }
 
-    /// The pixel of a point `offset` from the camera in its frame, at least `margin` pixels from the borders
-    /// of the image, where columns wrap from the upper and lower one alone; `None` where the point is hidden
-    /// or not in the image.
+    /// Returns the pixel of a point `offset` from the camera in its frame, at least `margin` pixels from the
+    /// borders of the image. Where columns wrap, only the upper and lower border count. `None` where the point is
+    /// hidden or not in the image.
     fn visible_pixel(
         &self,
         scene: &TrainingScene,
@@ -192,8 +192,8 @@ impl RenderedView {
         is_visible.then_some([column, row])
     }
 
-    /// Mean of the pixels within `reach` of one, which is as far from the borders that do not wrap; not a
-    /// number where a mask covers one of them.
+    /// Returns the mean of the pixels within `reach` of one, which is as far from the borders that do not wrap;
+    /// NaN if one of them is masked.
     fn mean(&self, [column, row]: [usize; 2], reach: usize) -> Patch {
         let (mut shown, mut residual) = ([0.0; 3], [0.0; 3]);
         for row in row - reach..=row + reach {
@@ -212,8 +212,8 @@ impl RenderedView {
         }
     }
 
-    /// Means of the pixels within `reach` of a point's image: a pixel alone has the error of every edge
-    /// that it lies on. `None` where the point is hidden, or masked.
+    /// Returns means of the pixels within `reach` of a point's image: a single pixel has the error of every edge
+    /// on it. `None` where the point is hidden, or masked.
     pub(super) fn patch(
         &self,
         scene: &TrainingScene,
@@ -227,7 +227,7 @@ impl RenderedView {
         (!patch.residual[0].is_nan()).then_some(patch)
     }
 
-    /// Whether next to one colour is shown around a pixel.
+    /// Returns true if the pixels around one have nearly one colour.
     pub(super) fn is_flat(&self, [column, row]: [usize; 2]) -> bool {
         let (mut least, mut largest) = ([f32::INFINITY; 3], [f32::NEG_INFINITY; 3]);
         for row in row - 1..=row + 1 {
@@ -242,7 +242,7 @@ impl RenderedView {
         (0..3).all(|channel| largest[channel] - least[channel] < FLAT)
     }
 
-    /// The colour of a surface, where it is seen and looks flat.
+    /// Returns the colour of a surface where it is visible and looks flat.
     pub(super) fn flat_colour(
         &self,
         scene: &TrainingScene,
@@ -259,7 +259,7 @@ impl RenderedView {
         })
     }
 
-    /// What a point says of the view's pose. `None` where it is hidden, masked, or near a pole.
+    /// Returns a point's observation of the view's pose. `None` where it is hidden, masked, or near a pole.
     pub(super) fn pose_observation(
         &self,
         scene: &TrainingScene,
@@ -292,7 +292,7 @@ impl RenderedView {
         let residual = self.mean([column, row], 1).residual;
         let [by_column, by_row] = scene.camera.pixel_jacobian(offset);
         let to_world = view.rotation.transpose();
-        // How each channel changes towards where the point would be seen if it moved in the world.
+        // Derivative of each channel towards the image of the point after a motion in the world.
         let by_point = [0, 1, 2].map(|channel| {
             let slope = 0.5 * vec2(right[channel] - left[channel], down[channel] - up[channel]);
             to_world * (by_column * slope.x + by_row * slope.y)

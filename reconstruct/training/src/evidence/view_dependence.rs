@@ -1,12 +1,11 @@
-//! Whether colours depend on the direction from which they are seen.
+//! Dependence of colours on the viewing direction.
 //!
-//! Residuals of a pilot fit always do: what it blurs shows another neighbour from another
-//! side, and harmonics on its Gaussians predict views that were left out better in scenes without
-//! any gloss. So the question is put to the images, where neighbours do not matter: at
-//! flat surfaces (`flat_surfaces.rs`). Each surface's colours are fitted by a linear function of
-//! the viewing direction - spherical harmonics of degree 1 - from every other view that shows it, and
-//! predicted in the rest. What the fit predicts better than the mean of the same views depends on the
-//! direction; noise and what passes for a view or two is predicted worse. (Light that changes slowly
+//! Residuals of a pilot fit always depend on it: a blurred point shows another neighbour from another side.
+//! Harmonics on its Gaussians predicted left-out views better even in scenes without any gloss. So the measure
+//! uses the images at flat surfaces (`flat_surfaces.rs`), where neighbours do not matter. Each surface's colours
+//! are fitted by a linear function of the viewing direction - spherical harmonics of degree 1 - from every other
+//! view that shows it, and predicted in the rest. A better prediction than the mean of the same views comes from
+//! the direction; noise, and objects that pass for a view or two, are predicted worse. (Light that changes slowly
 //! while the camera passes looks the same.)
 
 use std::fmt;
@@ -15,27 +14,25 @@ use serde::Serialize;
 
 use crate::evidence::flat_surfaces::{DirectionFit, FlatSurfaces, LEAST_SAMPLES};
 
-/// Degree of the harmonics that this is evidence for.
+/// Degree of the harmonics of this evidence.
 pub const SH_DEGREE: usize = 1;
-/// Squared errors count up to this many times their median over all surfaces: what moves is not to
-/// decide.
+/// Maximum of squared errors in multiples of their median over all surfaces: moving objects must not decide.
 const LARGEST_OVER_MEDIAN: f32 = 25.0;
-/// Change of colours with the direction from which harmonics are worth their memory: root mean square,
-/// levels of 1; three grey levels of 256. Renders without gloss have up to 0.005, real footage has 0.033
-/// and more (docs/results/dynamic.md).
+/// Minimum change of colours with the direction for harmonics: root mean square, levels of 1; three grey levels
+/// of 256. Renders without gloss have up to 0.005, real footage has 0.033 and more (docs/results/dynamic.md).
 const LEAST_CHANGE: f64 = 0.012;
 
-/// What was found.
+/// Evidence of view dependence.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize)]
 pub struct ViewDependence {
-    /// Surfaces in views that were predicted, channel by channel.
+    /// Predicted surfaces in views, channel by channel.
     pub samples: usize,
-    /// Root mean square of what directions predict of the colours, levels of 1.
+    /// Root mean square of the predicted part of the colours, levels of 1.
     pub change: f64,
 }
 
 impl ViewDependence {
-    /// Evidence from the colours of flat surfaces.
+    /// Measures the evidence on the colours of flat surfaces.
     pub(super) fn of(flat: &FlatSurfaces) -> Self {
         let largest = LARGEST_OVER_MEDIAN * flat.noise;
         let square = |error: f32| f64::from((error * error).min(largest));
@@ -64,7 +61,7 @@ impl ViewDependence {
         }
     }
 
-    /// Whether colours depend on the direction enough to be worth harmonics.
+    /// Returns true if colours depend on the direction enough for harmonics.
     pub fn is_worth_harmonics(&self) -> bool {
         self.samples >= LEAST_SAMPLES && self.change >= LEAST_CHANGE
     }
@@ -94,15 +91,15 @@ mod tests {
     use super::*;
     use crate::evidence::flat_surfaces::{LEAST_VIEWS, Observation};
 
-    /// Surfaces beside a path of 20 cameras, with noise, and with a gloss of this slope, which brightens every
-    /// other one towards the one side.
+    /// Returns surfaces beside a path of 20 cameras, with noise, and with a gloss of this slope, which brightens
+    /// every other one towards the one side.
     fn surfaces(slope: f32) -> Vec<Vec<Observation>> {
         let surface = |number: usize| {
             let at = Vec3::new(0.7 * (number % 9) as f32 - 3.0, 1.0, 2.0);
             let view = |view: usize| {
                 let direction = (at - Vec3::new(0.2 * view as f32 - 2.0, 0.0, 0.0)).normalize();
                 let noise = 0.02 * (((view * 7 + number * 3) % 11) as f32 / 5.0 - 1.0);
-                // Something passes for a view.
+                // An object passes for a view.
                 let passing = if view == number % 370 { 0.5 } else { 0.0 };
                 let own = 0.1 * (number % 5) as f32;
                 let slope = if (number / 5).is_multiple_of(2) {
@@ -138,7 +135,7 @@ mod tests {
 
     #[test]
     fn what_changes_a_whole_view_is_no_gloss() {
-        // A tone curve that goes on changing while the camera passes, as the direction does.
+        // A tone curve that changes while the camera passes, as the direction does.
         let mut surfaces = surfaces(0.0);
         for seen in surfaces.iter_mut().flatten() {
             let share = 0.01 * (seen.view as f32 - 10.0);
@@ -159,7 +156,7 @@ mod tests {
             assert_eq!(nothing, ViewDependence::default());
             assert!(!nothing.is_worth_harmonics() && nothing.to_string().contains("too few"));
         }
-        // Far away the direction never changes, and nothing else does: nothing to divide by.
+        // Far away the direction is constant, and all else too: the divisor is 0.
         let seen = Observation {
             view: 0,
             direction: Vec3::Z,

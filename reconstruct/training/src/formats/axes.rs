@@ -1,6 +1,7 @@
 //! Changes of axes of Gaussians with their harmonics.
 //!
-//! Files of this program have x to the right, y down and z forward, as 3DGS and COLMAP have it. SPZ and glTF have y up.
+//! Files of this program have x to the right, y down and z forward, as in 3DGS and COLMAP. SPZ and glTF have y
+//! up.
 
 use std::f64::consts::TAU;
 
@@ -31,7 +32,7 @@ const ODD: [[bool; 3]; 15] = {
     ]
 };
 
-/// A half turn about an axis: the other two change their sign. Done twice it is undone.
+/// A half rotation about an axis: the other two change their sign. It is its own inverse.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct HalfTurn([f32; 3]);
 
@@ -41,15 +42,15 @@ impl HalfTurn {
     /// From x right and y down to x left and y up.
     pub(super) const ABOUT_Z: Self = Self([-1.0, -1.0, 1.0]);
 
-    /// Turns a place.
+    /// Rotates a position.
     pub(super) fn place(self, place: [f32; 3]) -> [f32; 3] {
         let Self([a, b, c]) = self;
         let [x, y, z] = place;
         [a * x, b * y, c * z]
     }
 
-    /// Turns a Gaussian's rotation (w, x, y, z). Its own axes change their signs too, which its covariance does not
-    /// see.
+    /// Rotates a Gaussian's rotation (w, x, y, z). Its own axes change their signs too, which does not affect its
+    /// covariance.
     pub(super) fn rotation(self, quaternion: [f32; 4]) -> [f32; 4] {
         let [w, x, y, z] = quaternion;
         let [x, y, z] = self.place([x, y, z]);
@@ -108,7 +109,7 @@ impl HarmonicTurn {
         Self { by_degree }
     }
 
-    /// Turns the coefficients of a Gaussian but the constant one, of whole degrees.
+    /// Rotates the coefficients of a Gaussian but the constant one, of whole degrees.
     pub fn apply(&self, coefficients: &mut [[f32; 3]]) {
         let mut rest = coefficients;
         for (degree, matrix) in (1..).zip(&self.by_degree) {

@@ -54,10 +54,10 @@ const PACKED: [&str; 4] = [
     "packed_scale",
     "packed_color",
 ];
-/// Log sizes end here, as other writers have it.
+/// Maximum log size, as in other writers.
 const MOST_LOG_SIZE: f32 = 20.0;
 
-/// Least and largest values of three columns in a chunk.
+/// Minimum and maximum values of three columns in a chunk.
 #[derive(Debug, Clone, Copy)]
 struct Bounds {
     least: [f32; 3],
@@ -85,7 +85,7 @@ impl Bounds {
         [function(a, d, x), function(b, e, y), function(c, f, z)]
     }
 
-    /// Returns how far values are on the way between the bounds.
+    /// Returns values as shares of the way between the bounds.
     fn shares(&self, row: [f32; 3]) -> [f32; 3] {
         self.each(row, |least, largest, value| {
             if largest > least {
@@ -104,7 +104,7 @@ impl Bounds {
     }
 }
 
-/// Largest number of so many bits.
+/// Returns the largest number of so many bits.
 fn most(bits: u32) -> u32 {
     (1_u32 << bits).wrapping_sub(1)
 }
@@ -120,7 +120,7 @@ fn share(word: u32, shift: u32, bits: u32) -> f32 {
     (word >> shift & most(bits)) as f32 / most(bits) as f32
 }
 
-/// Three shares in 11, 10 and 11 bits.
+/// Packs three shares in 11, 10 and 11 bits.
 fn packed(shares: [f32; 3]) -> u32 {
     let [a, b, c] = shares;
     with_share(with_share(with_share(0, 11, a), 10, b), 11, c)
@@ -253,7 +253,7 @@ fn harmonic_names(degree: usize) -> Vec<String> {
         .collect()
 }
 
-/// Returns whether bytes begin as a compressed PLY: the first element of the header is a chunk.
+/// Returns true if bytes begin as a compressed PLY: the first element of the header is a chunk.
 pub(super) fn is_compressed(bytes: &[u8]) -> bool {
     let head = bytes.get(..4096).unwrap_or(bytes);
     let mut lines = head.split(|byte| *byte == b'\n');
@@ -271,14 +271,14 @@ struct Element<'a> {
 }
 
 impl Element<'_> {
-    /// Returns whether its properties are these, all of a type.
+    /// Returns true if its properties are these, all of a type.
     fn has(&self, kind: &str, names: &[impl AsRef<str>]) -> bool {
         let expected = names.iter().map(|name| [kind, name.as_ref()]);
         self.properties.iter().copied().eq(expected)
     }
 }
 
-/// The elements of a header, and what follows it.
+/// Returns the elements of a header, and the rest of the bytes.
 fn parsed(bytes: &[u8]) -> Result<(Vec<Element<'_>>, &[u8]), String> {
     const END: &[u8] = b"\nend_header\n";
     let end = bytes.windows(END.len()).position(|window| window == END);
@@ -374,7 +374,7 @@ impl<'a> Arrays<'a> {
         })
     }
 
-    /// Bounds of places, log sizes and colours of each chunk.
+    /// Returns the bounds of positions, log sizes and colours of each chunk.
     fn bounds(&self) -> Vec<[Bounds; 3]> {
         let width = if self.has_colour_bounds { 18 } else { 12 };
         let floats = self.chunks.as_chunks::<4>().0;
@@ -406,7 +406,7 @@ pub(super) fn read(
         .as_chunks::<4>()
         .0
         .chunks(4usize.saturating_mul(CHUNK));
-    // Gaussians without harmonics have rows of none.
+    // Gaussians without harmonics have empty rows.
     let mut harmonics = arrays.harmonics.chunks_exact(rest.saturating_mul(3).max(1));
     for ([places, sizes, colours], words) in arrays.bounds().iter().zip(rows) {
         for row in words.as_chunks::<4>().0 {
@@ -434,7 +434,7 @@ pub(super) fn read(
     Ok(gathered.into_table())
 }
 
-/// The middle of a step, and the ends of the range at both ends, as other readers have it.
+/// Returns the middle of a step, and the ends of the range at both ends, as other readers do.
 fn harmonic(byte: u8) -> f32 {
     let share = match byte {
         0 => 0.0,

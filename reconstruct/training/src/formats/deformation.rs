@@ -1,6 +1,6 @@
-//! The network of deformable Gaussians as a safetensors file, under the names and in the layout that
-//! Deformable-3D-Gaussians has in `PyTorch`: `linear.<i>.weight`, `gaussian_warp.weight`, ..., each with
-//! a row per output; inputs are the encoded position, the encoded time and the layer before.
+//! The network of deformable Gaussians as a safetensors file, under the names and in the layout of
+//! Deformable-3D-Gaussians in `PyTorch`: `linear.<i>.weight`, `gaussian_warp.weight`, ..., each with a row per
+//! output. Inputs are the encoded position, the encoded time and the layer before.
 #![cfg_attr(
     not(test),
     deny(clippy::indexing_slicing, clippy::arithmetic_side_effects)
@@ -22,7 +22,7 @@ const HEADS: [(&str, std::ops::Range<usize>); 3] = [
     ("gaussian_scaling", 7..10),
 ];
 
-/// A linear layer of the file: its name, the layer that it is of, and which of its outputs.
+/// A linear layer of the file: its name, its layer in the model, and the range of its outputs.
 struct Part {
     name: String,
     layer: Layer,
@@ -52,7 +52,7 @@ impl Part {
         trunk.chain(heads).collect()
     }
 
-    /// Where in the model's weights the file's are, in the file's order: output by output.
+    /// Indices of the file's weights in the model, in the file's order: output by output.
     #[expect(
         clippy::arithmetic_side_effects,
         reason = "places in weights that are there"
@@ -82,7 +82,7 @@ impl Part {
         self.outputs.clone().map(|output| begin + output).collect()
     }
 
-    /// Names, shapes and places of both tensors.
+    /// Returns names, shapes and indices of both tensors.
     fn tensors(&self) -> [(String, Vec<usize>, Vec<usize>); 2] {
         let rows = self.outputs.len();
         [
@@ -96,7 +96,7 @@ impl Part {
     }
 }
 
-/// Writes the weights, whole or not at all.
+/// Writes the weights atomically.
 ///
 /// # Errors
 /// When the file cannot be written.
@@ -134,7 +134,7 @@ pub fn write(
 /// Reads the weights of a model.
 ///
 /// # Errors
-/// When the file is missing, is not of this network or holds a value that is not finite.
+/// When the file is missing, belongs to another network or holds a value that is not finite.
 #[expect(clippy::indexing_slicing, reason = "places of the same network")]
 pub fn read(path: &Path, model: &DeformationModel) -> Result<SharedParameters, StoreError> {
     let bytes = fs::read(path).map_err(|source| StoreError::read(path, source))?;

@@ -1,7 +1,7 @@
-//! Files of Gaussians that other programs write and read: one list for exports, renderings and help.
+//! Formats of Gaussians of other programs: one list for exports, renderings and help.
 //!
-//! To add one: a file with how it is written and read, and a line in [`SPLAT_FORMATS`]. Writers get Gaussians with x to
-//! the right, y down and z forward, and readers give them so.
+//! A new one needs a file with its writer and reader, and a line in [`SPLAT_FORMATS`]. Writers get Gaussians with
+//! x to the right, y down and z forward, and readers return them so.
 
 use std::{fs, path::Path};
 
@@ -29,7 +29,7 @@ use super::{
 };
 use crate::error::ReconstructError;
 
-/// A file, where its coordinates are, and which are asked for.
+/// A file to read, with its placement and the requested coordinates.
 struct FileToRead<'a> {
     path: &'a Path,
     bytes: &'a [u8],
@@ -44,11 +44,11 @@ pub struct SplatFormat {
     pub name: &'static str,
     /// End of the names of its files.
     pub ending: &'static str,
-    /// Values that are rounded, and to what.
+    /// Rounded values, with their steps.
     pub rounded: &'static str,
-    /// True where viewers have the limits of the first ones: of `.splat` alone.
+    /// True for viewers with the limits of the first ones: of `.splat` alone.
     pub is_for_old_viewers: bool,
-    /// Writes Gaussians; the reason in one line where the format cannot hold them.
+    /// Writes Gaussians; an error gives the reason in one line if the format cannot hold them.
     pub write: fn(&ActivatedGaussians) -> Result<Vec<u8>, String>,
     read: fn(&FileToRead<'_>, &mut InvalidGaussians) -> Result<ParameterTable, ReconstructError>,
 }
@@ -117,7 +117,7 @@ pub const SPLAT_FORMATS: &[SplatFormat] = &[
     },
 ];
 
-/// Files as they stand.
+/// Coordinates of a file, unchanged.
 const UNCHANGED: Similarity = Similarity {
     offset: [0.0; 3],
     scale: 1.0,
@@ -126,13 +126,13 @@ const UNCHANGED: Similarity = Similarity {
 /// Returns the format of a name.
 ///
 /// # Errors
-/// [`UnknownName`] where there is none.
+/// [`UnknownName`] for an unknown name.
 pub fn by_name(name: &str) -> Result<&'static SplatFormat, UnknownName> {
     names::find("format", name, SPLAT_FORMATS, |format| format.name)
 }
 
-/// Returns the format of a file: that of its ending, and PLY of every other. The two kinds of PLY are told by their
-/// headers.
+/// Returns the format of a file: that of its ending, and PLY for every other. The header distinguishes the two
+/// kinds of PLY.
 fn of_file(path: &Path, bytes: &[u8]) -> &'static SplatFormat {
     let name = path.file_name().unwrap_or_default().to_string_lossy();
     let name = name.to_ascii_lowercase();
@@ -147,7 +147,7 @@ fn of_file(path: &Path, bytes: &[u8]) -> &'static SplatFormat {
         .unwrap_or(&SPLAT_FORMATS[1])
 }
 
-/// Reads static Gaussians into normalized coordinates of the world; what is not valid is repaired or left out, and
+/// Reads static Gaussians into normalized coordinates of the world; invalid values are repaired or left out, and
 /// counted in `invalid`.
 ///
 /// # Errors
@@ -162,10 +162,10 @@ pub fn read(
     from_bytes(path, &bytes, placement, normalization, invalid)
 }
 
-/// [`read`] of a file's bytes; `path` names it and its format.
+/// Reads a file's bytes like [`read`]; `path` names the file and its format.
 ///
 /// # Errors
-/// See [`read`].
+/// Those of [`read`].
 pub fn from_bytes(
     path: &Path,
     bytes: &[u8],
@@ -182,8 +182,8 @@ pub fn from_bytes(
     (of_file(path, bytes).read)(&file, invalid)
 }
 
-/// Returns a place to keep the positions of a file around in 32-bit floats: as [`ply::origin`] does, and the origin of
-/// other formats, which hold no more than floats.
+/// Returns a world point to keep the positions of a file around in 32-bit floats: that of [`ply::origin`], and
+/// the origin for other formats, which hold floats alone.
 ///
 /// # Errors
 /// When the file cannot be read, or is a malformed PLY.
@@ -197,7 +197,7 @@ pub fn origin(path: &Path) -> Result<DVec3, ReconstructError> {
 }
 
 impl FileToRead<'_> {
-    /// Brings Gaussians from the file's coordinates to normalized ones of the world.
+    /// Moves Gaussians from the file's coordinates to normalized ones of the world.
     fn placed(&self, mut table: ParameterTable) -> Result<ParameterTable, ReconstructError> {
         let (placement, normalization) = (self.placement, self.normalization);
         let back = placement.rotation.inverse();
@@ -234,7 +234,7 @@ impl FileToRead<'_> {
     }
 }
 
-/// Gaussians as a table of parameters.
+/// Returns Gaussians as a table of parameters.
 fn table(gaussians: &ActivatedGaussians) -> ParameterTable {
     let mut table = ParameterTable::new(gaussians.len());
     let logs = gaussians
@@ -268,7 +268,8 @@ pub(super) struct Gathered<'a> {
 }
 
 impl<'a> Gathered<'a> {
-    /// Begins a table of `len` Gaussians with harmonics of a degree. The file holds that many: its size was checked.
+    /// Starts a table of `len` Gaussians with harmonics of a degree. The file holds that many: its size was
+    /// checked.
     pub(super) fn new(
         path: &Path,
         len: usize,
@@ -288,7 +289,7 @@ impl<'a> Gathered<'a> {
         })
     }
 
-    /// Adds a Gaussian, where it is valid, with its coefficients of the constant and the other harmonics.
+    /// Adds a valid Gaussian with its coefficients of the constant and the other harmonics.
     pub(super) fn push(
         &mut self,
         given: &FileGaussian,
@@ -346,7 +347,7 @@ impl<'a> Gathered<'a> {
     }
 }
 
-/// Refuses no Gaussians, and more of them than fit into memory.
+/// Refuses an empty file, and a number of Gaussians that does not fit into memory.
 pub(super) fn require(path: &Path, len: u64, degree: usize) -> Result<(), ReconstructError> {
     if len == 0 {
         return Err(StoreError::malformed(path, "holds no Gaussians").into());

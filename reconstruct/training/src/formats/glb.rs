@@ -1,10 +1,12 @@
-//! glTF in its binary container, with Gaussians as `KHR_gaussian_splatting` has them (release candidate).
+//! glTF in its binary container, with Gaussians in `KHR_gaussian_splatting` (release candidate).
 //!
-//! The text is the release candidate of 2026 with linear sizes: pull request 2567 of `KhronosGroup/glTF`, in which
-//! `README.md` is blob a6b7e656ce. Drafts before it, such as that of commit f966a3fb, had logarithms. A primitive of points
-//! has the attributes `POSITION` and, behind `KHR_gaussian_splatting:`, `ROTATION` (x, y, z, w), `SCALE` (standard
-//! deviations), `OPACITY` and `SH_DEGREE_l_COEF_n`. Harmonics have the order and the signs of 3DGS. Axes are x left, y up,
-//! z forward. All is written as floats; integers are read in place of them. Nodes may move, turn and scale what they show.
+//! The text is the release candidate of 2026 with linear sizes: pull request 2567 of `KhronosGroup/glTF`, in
+//! which `README.md` is blob a6b7e656ce. Drafts before it, such as that of commit f966a3fb, had logarithms.
+//!
+//! A primitive of points has the attributes `POSITION` and, behind `KHR_gaussian_splatting:`, `ROTATION` (x, y,
+//! z, w), `SCALE` (standard deviations), `OPACITY` and `SH_DEGREE_l_COEF_n`. Harmonics have the order and the
+//! signs of 3DGS. Axes are x left, y up, z forward. All values are written as floats; integers are read too.
+//! Nodes may move, rotate and scale their meshes.
 #![cfg_attr(
     not(test),
     deny(clippy::indexing_slicing, clippy::arithmetic_side_effects)
@@ -50,12 +52,12 @@ const ARRAY_BUFFER: u32 = 34_962;
 /// Types of values by the number of their components.
 const VALUES: [(usize, &str); 3] = [(1, "SCALAR"), (3, "VEC3"), (4, "VEC4")];
 
-/// Names an attribute of the extension.
+/// Returns the name of an attribute of the extension.
 fn named(attribute: &str) -> String {
     format!("{EXTENSION}:{attribute}")
 }
 
-/// Names a coefficient but the constant one, counted over all degrees.
+/// Returns the name of a coefficient but the constant one, counted over all degrees.
 fn harmonic_name(number: usize) -> String {
     let degree = (1..=MAX_SH_DEGREE)
         .find(|degree| number < sh_rest_count(*degree))
@@ -65,7 +67,7 @@ fn harmonic_name(number: usize) -> String {
     named(&format!("SH_DEGREE_{degree}_COEF_{within}"))
 }
 
-/// A document that is being written.
+/// A document under construction.
 #[derive(Default)]
 struct Document {
     attributes: Map<String, Value>,
@@ -85,7 +87,7 @@ impl Document {
         self.add_accessor(name, begin, N, FLOAT);
     }
 
-    /// Adds what was appended to the binary part as an attribute.
+    /// Adds the appended bytes of the binary part as an attribute.
     fn add_accessor(&mut self, name: String, begin: usize, width: usize, component: u64) {
         let length = self.binary.len().saturating_sub(begin);
         let size = if component == FLOAT { 4 } else { 1 };
@@ -120,7 +122,7 @@ impl Document {
             views,
             binary,
         } = self;
-        // Those of the positions, which come first.
+        // Bounds of the positions, which come first.
         if let Some(Value::Object(positions)) = accessors.first_mut() {
             let [least, largest] = bounds;
             positions.insert("min".to_owned(), json!(least));
@@ -206,7 +208,7 @@ pub(super) fn write(gaussians: &ActivatedGaussians) -> Result<Vec<u8>, String> {
         let coefficients = coefficients.map(|rgb| rgb.map(|value| sign * value));
         document.add(harmonic_name(number), coefficients);
     }
-    // What programs without the extension show.
+    // Colours for programs without the extension.
     let begin = document.binary.len();
     for (constant, opacity) in gaussians.sh_constant.iter().zip(&gaussians.opacities) {
         let byte = |value: f32| (255.0 * value).round().clamp(0.0, 255.0) as u8;
@@ -217,7 +219,7 @@ pub(super) fn write(gaussians: &ActivatedGaussians) -> Result<Vec<u8>, String> {
     document.finish(bounds)
 }
 
-/// The text and the binary part of a file.
+/// Returns the text and the binary part of a file.
 fn parts(bytes: &[u8]) -> Result<(&[u8], &[u8]), String> {
     let cut_off = || "is cut off in its header".to_owned();
     let mut rest = bytes;
@@ -273,7 +275,7 @@ struct Primitive<'a> {
     sizes: Column<'a>,
     opacities: Column<'a>,
     constant: Column<'a>,
-    /// Of whole degrees.
+    /// Harmonics of whole degrees.
     harmonics: Vec<Column<'a>>,
     node: NodePlace,
 }
@@ -392,7 +394,7 @@ impl<'a> Primitive<'a> {
             for (rgb, sign) in harmonics.iter_mut().zip(signs) {
                 *rgb = rgb.map(|value| sign * value);
             }
-            // Those that a primitive of a lower degree has not are 0.
+            // Missing coefficients of a primitive of a lower degree are 0.
             harmonics.resize(rest, [0.0; 3]);
             gathered.push(&gaussian, self.constant.row(index), &harmonics)?;
         }
@@ -404,7 +406,7 @@ fn extension(primitive: &Value) -> Option<&Value> {
     primitive.get("extensions")?.get(EXTENSION)
 }
 
-/// The primitives with Gaussians that nodes of a document show; all of one without nodes.
+/// Returns the primitives with Gaussians in the nodes of a document; all of a document without nodes.
 fn primitives<'a>(document: &Value, binary: &'a [u8]) -> Result<Vec<Primitive<'a>>, String> {
     let meshes = list(document, "meshes");
     let placed = if list(document, "nodes").is_empty() {

@@ -1,6 +1,6 @@
 //! Files of a model in a run's folder: one format for each parameterization. [`exchange`] has those of other programs.
 //!
-//! To add one: a file with how it is written and read, and a line in `FORMATS`.
+//! A new one needs a file with its writer and reader, and a line in `FORMATS`.
 
 pub mod axes;
 mod compressed_ply;
@@ -36,12 +36,12 @@ use crate::{error::ReconstructError, scene::TrainingScene};
 
 /// Name of the static or canonical Gaussians in a run's folder.
 pub const GAUSSIANS_FILE: &str = "gaussians.ply";
-/// Name of the Gaussians with times of their own; static methods have none.
+/// Name of the Gaussians with times of their own; static methods do without.
 pub const MOVING_GAUSSIANS_FILE: &str = "gaussians-moving.ply";
-/// Name of the network that deforms Gaussians; most methods have none.
+/// Name of the network that deforms Gaussians; most methods do without.
 pub const DEFORMATION_FILE: &str = "deformation.safetensors";
 
-/// Files of Gaussians that no method tells objects of, and of the poses refined with them.
+/// Files of Gaussians without objects, and of the poses refined with them.
 pub const GAUSSIAN_FILES: &[&str] = &[
     GAUSSIANS_FILE,
     MOVING_GAUSSIANS_FILE,
@@ -57,11 +57,11 @@ struct Format {
     files: &'static [&'static str],
     /// Writes a part into a folder.
     write: fn(&Path, &Part, &TrainSettings, &Similarity) -> Result<(), StoreError>,
-    /// Reads a part; `None` where settings have none.
+    /// Reads a part; `None` if the settings do not have it.
     read: fn(&Path, &TrainSettings, &Similarity, &mut InvalidGaussians) -> ReadPart,
 }
 
-/// A part of a model, where its settings have it.
+/// A part of a model, if its settings have it.
 type ReadPart = Result<Option<Part>, ReconstructError>;
 
 /// All formats, in the order of the parts of a model.
@@ -77,7 +77,7 @@ const FORMATS: &[Format] = &[
             None => read_static(&folder.join(GAUSSIANS_FILE), normalization, invalid).map(Some),
         },
     },
-    // Static Gaussians that are held near where they began, which matters while they learn.
+    // Static Gaussians that are kept near their first positions; that matters in training only.
     Format {
         parameterization: "anchored",
         files: &[GAUSSIANS_FILE],
@@ -105,7 +105,7 @@ const FORMATS: &[Format] = &[
             let table = ply::read(&folder.join(GAUSSIANS_FILE), normalization, invalid)?;
             let weights = deformation::read(&folder.join(DEFORMATION_FILE), &settings.model)?;
             let mut deformable = Deformable::new(settings, Vec::new());
-            // It has learnt whatever it has learnt: it takes part in images.
+            // Trained weights always take part in images.
             deformable.weights = weights;
             deformable.weights.steps = deformable.weights.steps.max(1);
             Ok(Some(Part::new(deformable, table)))
@@ -157,10 +157,10 @@ const FORMATS: &[Format] = &[
     },
 ];
 
-/// Static Gaussians of a PLY, ours or of another program; what is not valid is counted in `invalid`.
+/// Reads static Gaussians of a PLY, of this or of another program; invalid values are counted in `invalid`.
 ///
 /// # Errors
-/// When the file cannot be read, or holds no Gaussians.
+/// When the file cannot be read, or is empty.
 pub fn read_static(
     path: &Path,
     normalization: &Similarity,
@@ -171,8 +171,8 @@ pub fn read_static(
     Ok(Part::new(parameterization, table))
 }
 
-/// Writes the files of a model, and its refined poses where it has any; removes those of an earlier
-/// model that it has not. Returns their names.
+/// Writes the files of a model with its refined poses, and removes leftover files of an earlier model. Returns
+/// their names.
 ///
 /// # Errors
 /// When a file cannot be written, or a part has no format.
@@ -211,13 +211,13 @@ pub fn write_model(
     Ok(written)
 }
 
-/// Shards as one part.
+/// Returns shards as one part.
 fn joined(parts: &[Part]) -> Part {
     let tables = parts.iter().map(|part| &part.table);
     Part::new(StaticGaussians, ParameterTable::joined(tables))
 }
 
-/// The model in a run's folder, trained under `settings`; what is not valid is counted in `invalid`.
+/// Reads the model in a run's folder, trained under `settings`; invalid values are counted in `invalid`.
 ///
 /// # Errors
 /// When a file is missing or malformed.

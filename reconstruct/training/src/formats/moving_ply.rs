@@ -1,9 +1,9 @@
 //! Gaussians that depend on time as a PLY: the properties of 3DGS, which its viewers read, and those
 //! of their motion.
 //!
-//! Further properties are named as the arrays of [`temporal`](omnilife_engine::gaussians::temporal), numbered where an
-//! array has several values: peak times in seconds from the clip's middle, logarithms of lifespans in
-//! seconds, velocities in world units per second.
+//! Further properties are named as the arrays of [`temporal`](omnilife_engine::gaussians::temporal), numbered
+//! where an array has several values. Peak times are in seconds from the clip's middle, lifespans are logarithms
+//! of seconds, and velocities are in world units per second.
 #![cfg_attr(
     not(test),
     deny(clippy::indexing_slicing, clippy::arithmetic_side_effects)
@@ -20,7 +20,7 @@ use omnilife_engine::{
     parameters::{ArrayShape, ParameterTable},
 };
 
-/// Names of the properties of an array.
+/// Returns the names of the properties of an array.
 fn properties(shape: &ArrayShape) -> Vec<String> {
     if shape.width == 1 {
         vec![shape.name.to_owned()]
@@ -31,7 +31,7 @@ fn properties(shape: &ArrayShape) -> Vec<String> {
     }
 }
 
-/// An array's unit in the file is that in the table times this plus this.
+/// Returns factor and offset of an array's unit in the file, from that in the table.
 fn unit(name: &str, normalization: &Similarity, clock: &Clock) -> [f64; 2] {
     match name {
         PEAK_TIMES => [clock.frame_seconds, 0.0],
@@ -40,7 +40,7 @@ fn unit(name: &str, normalization: &Similarity, clock: &Clock) -> [f64; 2] {
     }
 }
 
-/// Writes moving Gaussians, whole or not at all.
+/// Writes moving Gaussians atomically.
 ///
 /// # Errors
 /// When the file cannot be written.
@@ -68,11 +68,11 @@ pub fn write(
     })
 }
 
-/// Reads moving Gaussians of a model into normalized coordinates and frames; what is not valid is counted in
+/// Reads moving Gaussians of a model into normalized coordinates and frames; invalid values are counted in
 /// `invalid`.
 ///
 /// # Errors
-/// As [`ply::read`].
+/// Those of [`ply::read`].
 #[expect(
     clippy::indexing_slicing,
     clippy::arithmetic_side_effects,

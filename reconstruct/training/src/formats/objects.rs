@@ -1,5 +1,5 @@
-//! The objects of a graph: their paths as a record, and their Gaussians as a PLY whose coordinates are
-//! the objects' own, with the number of the object as a further property.
+//! The objects of a graph: their paths as a record, and their Gaussians as a PLY. Its coordinates are the
+//! objects' own, and the number of the object is a further property.
 #![cfg_attr(
     not(test),
     deny(clippy::indexing_slicing, clippy::arithmetic_side_effects)
@@ -36,7 +36,7 @@ const AS_IS: Similarity = Similarity {
     scale: 1.0,
 };
 
-/// Writes the objects of a part with the corrections of their paths, object after object, whole or not at all.
+/// Writes the objects of a part with the corrections of their paths, object after object, atomically.
 ///
 /// # Errors
 /// When a file cannot be written.
@@ -91,10 +91,10 @@ pub(crate) fn write_table(folder: &Path, table: &ParameterTable) -> Result<(), S
     )
 }
 
-/// Reads what [`write()`] wrote; Gaussians that are not valid are counted in `invalid`.
+/// Reads the files of [`write()`]; invalid Gaussians are counted in `invalid`.
 ///
 /// # Errors
-/// When a file is missing or malformed, or a Gaussian is of an object that is not there.
+/// When a file is missing or malformed, or a Gaussian belongs to a missing object.
 pub fn read(
     folder: &Path,
     normalization: &Similarity,
@@ -130,10 +130,10 @@ pub fn read(
     Ok(Part::new(tracked, table))
 }
 
-/// The record and the Gaussians of a run's objects.
+/// Returns the record and the Gaussians of a run's objects.
 ///
 /// # Errors
-/// As [`read`].
+/// Those of [`read`].
 #[expect(
     clippy::indexing_slicing,
     reason = "static Gaussians begin with their positions"
@@ -165,7 +165,7 @@ pub(crate) fn read_parts(
         }
     }
     if record.objects.is_empty() {
-        // All were taken out.
+        // All objects were removed.
         return Ok((record, tracked::table(&InitialGaussians::default(), &[])));
     }
     let gaussians = folder.join(OBJECT_GAUSSIANS_FILE);

@@ -1,11 +1,11 @@
 //! Gaussians as the PLY that 3DGS writes and its viewers read.
 //!
-//! Properties as in 3DGS `scene/gaussian_model.py` `save_ply`: x y z, nx ny nz (zero), `f_dc_*`,
-//! `f_rest_*` (all coefficients of red, then green, then blue), opacity (logit), `scale_*`
-//! (logarithm), `rot_*` (w, x, y, z). Coordinates are the scene's own: the normalization is undone.
-//! It does not rotate, so spherical harmonics and quaternions stay as they are. All properties are
-//! `float`, but x, y and z of a scene so far from the origin that floats would lose it, which are `double`.
-//! Which values make a Gaussian, `validity` says.
+//! Properties as in 3DGS `scene/gaussian_model.py` `save_ply`: x y z, nx ny nz (zero), `f_dc_*`, `f_rest_*` (all
+//! coefficients of red, then green, then blue), opacity (logit), `scale_*` (logarithm), `rot_*` (w, x, y, z).
+//!
+//! Coordinates are the scene's own: the normalization is undone. It does not rotate, so spherical harmonics and
+//! quaternions stay as they are. All properties are `float`, except x, y and z of a scene so far from the origin
+//! that floats would lose it, which are `double`. `validity` defines the valid values.
 #![cfg_attr(
     not(test),
     deny(clippy::indexing_slicing, clippy::arithmetic_side_effects)
@@ -38,7 +38,7 @@ use omnilife_engine::{
     parameters::{ArrayShape, ParameterTable},
 };
 
-/// Names of the properties of Gaussians of a degree, in the order in which they are written.
+/// Returns the names of the properties of Gaussians of a degree, in the order of the file.
 #[expect(clippy::arithmetic_side_effects, reason = "degrees are 3 at most")]
 fn properties(sh_degree: usize) -> Vec<String> {
     let rest = 3 * sh_rest_count(sh_degree);
@@ -56,7 +56,7 @@ fn properties(sh_degree: usize) -> Vec<String> {
     .concat()
 }
 
-/// Writes static Gaussians, whole or not at all.
+/// Writes static Gaussians atomically.
 ///
 /// # Errors
 /// When the file cannot be written.
@@ -68,10 +68,10 @@ pub fn write(
     write_with(path, table, normalization, &[], |_, _| {})
 }
 
-/// The bytes of a file of static Gaussians.
+/// Returns the bytes of a file of static Gaussians.
 ///
 /// # Errors
-/// Why they could not be written.
+/// The reason why they could not be written.
 pub(super) fn to_bytes(
     table: &ParameterTable,
     normalization: &Similarity,
@@ -82,7 +82,7 @@ pub(super) fn to_bytes(
     Ok(bytes)
 }
 
-/// [`write()`] with `further` properties at the end, whose values `push` adds for each Gaussian.
+/// Writes like [`write()`], with `further` properties at the end, whose values `push` adds for each Gaussian.
 pub(super) fn write_with(
     path: &Path,
     table: &ParameterTable,
@@ -132,7 +132,7 @@ fn write_to(
     Ok(())
 }
 
-/// The properties of one Gaussian behind its position.
+/// Returns the properties of one Gaussian behind its position.
 #[expect(clippy::indexing_slicing, reason = "colours have three channels")]
 fn push_row(table: &ParameterTable, index: usize, log_unit: f32, row: &mut Vec<f32>) {
     let values = |array: usize| table.row(array, index);
@@ -149,12 +149,12 @@ fn push_row(table: &ParameterTable, index: usize, log_unit: f32, row: &mut Vec<f
     row.extend(values(QUATERNIONS));
 }
 
-/// Reads static Gaussians into normalized coordinates. Normals and properties that 3DGS does not
-/// write are passed over; what is not valid is repaired or left out, and counted in `invalid`.
+/// Reads static Gaussians into normalized coordinates. Normals and properties beyond those of 3DGS are ignored.
+/// Invalid values are repaired or left out, and counted in `invalid`.
 ///
 /// # Errors
-/// When the file is missing, malformed or truncated, lacks a property, holds a value that is not
-/// finite where that has no meaning, or would not fit into memory.
+/// When the file is missing, malformed or truncated, lacks a property, or would not fit into memory. When it
+/// holds a value that is not finite and has no meaning.
 pub fn read(
     path: &Path,
     normalization: &Similarity,
@@ -163,7 +163,7 @@ pub fn read(
     read_with(path, normalization, &[], invalid).map(|(table, _)| table)
 }
 
-/// [`read`] of a file's bytes; `path` names it.
+/// Reads a file's bytes like [`read`]; `path` names the file.
 pub(super) fn from_bytes(
     path: &Path,
     bytes: &[u8],
@@ -173,7 +173,7 @@ pub(super) fn from_bytes(
     parsed(path, bytes, normalization, &[], invalid).map(|(table, _)| table)
 }
 
-/// [`read`] with `further` properties, one column each.
+/// Reads like [`read`], with `further` properties, one column each.
 pub(super) fn read_with(
     path: &Path,
     normalization: &Similarity,
@@ -222,7 +222,7 @@ fn parsed(
     Ok(rows.into_table())
 }
 
-/// Positions of the properties that are read, in the order of [`properties`] without normals.
+/// Returns the positions of the properties that are read, in the order of [`properties`] without normals.
 fn columns(ply: &PlyTable<'_>, degree: usize, further: &[String]) -> Result<Vec<usize>, String> {
     properties(degree)
         .iter()
@@ -232,7 +232,8 @@ fn columns(ply: &PlyTable<'_>, degree: usize, further: &[String]) -> Result<Vec<
         .collect()
 }
 
-/// Returns why a PLY without a property does not hold Gaussians: the kind of file that it is, as far as that can be told.
+/// Returns the reason why a PLY without a property does not hold Gaussians: the kind of file, if it is
+/// recognized.
 fn missing(ply: &PlyTable<'_>, name: &str) -> String {
     let has = |name: &str| ply.column(name).is_some();
     if has("scale_1") && !has("scale_2") {
@@ -276,7 +277,7 @@ impl Rows {
         }
     }
 
-    /// Adds a row, where it is valid.
+    /// Adds a row, if it is valid.
     fn push(&mut self, row: &[f64], invalid: &mut InvalidGaussians) {
         let (geometry, others) = row.split_at(3);
         let (colour, others) = others.split_at(3 + 3 * self.rest);
@@ -317,8 +318,8 @@ impl Rows {
     }
 }
 
-/// A world point to keep the positions of a PLY around in 32-bit floats: the origin, or their median
-/// where floats would lose them around the origin. Positions that make no Gaussian have no say. `path` names the file.
+/// Returns a world point to keep the positions of a PLY around in 32-bit floats: the origin, or their median
+/// where floats would lose them around the origin. Invalid positions are left out. `path` names the file.
 ///
 /// # Errors
 /// When the file is malformed or truncated.
@@ -328,7 +329,7 @@ pub fn origin(path: &Path, bytes: &[u8]) -> Result<DVec3, ReconstructError> {
     let columns = ["x", "y", "z"].map(|name| ply.column(name));
     let mut places = Vec::with_capacity(ply.len());
     ply.for_each_row(|_, row| {
-        // What is missing is named when the Gaussians are read.
+        // Missing properties are reported when the Gaussians are read.
         let at = |column: Option<usize>| column.and_then(|column| row.get(column)).copied();
         let place = columns.map(|column| at(column).unwrap_or(f64::NAN));
         // Not NaN either.
@@ -342,7 +343,7 @@ pub fn origin(path: &Path, bytes: &[u8]) -> Result<DVec3, ReconstructError> {
     Ok(around.map_or(DVec3::ZERO, |around| DVec3::from_array(around.offset)))
 }
 
-/// Degree of the harmonics by the number of `f_rest_*` properties.
+/// Returns the degree of the harmonics by the number of `f_rest_*` properties.
 #[expect(clippy::arithmetic_side_effects, reason = "degrees are 3 at most")]
 fn stored_degree(ply: &PlyTable<'_>) -> Result<usize, String> {
     let count = ply

@@ -1,4 +1,4 @@
-//! The poses of the views as a model has them.
+//! The poses of the views in a model.
 
 use std::path::Path;
 
@@ -12,8 +12,8 @@ use omnilife_schemas::{
 
 use crate::scene::TrainingScene;
 
-/// Name of the refined poses in a run's folder, where they were refined: those of the input views,
-/// and what is taken for those of the novel views.
+/// Name of the refined poses in a run's folder: those of the input views, and the assumed ones of the novel
+/// views.
 pub const REFINED_POSES_FILE: &str = "refined-poses.json";
 
 /// Writes the poses of all views of the split, in world units and in order of time.
@@ -22,7 +22,7 @@ pub(super) fn write(folder: &Path, scene: &TrainingScene, model: &Model) -> Resu
     store::write_record(&path, &refined_poses(scene, model))
 }
 
-/// The poses of all views of the split as the model has them, in world units and in order of time.
+/// Returns the model's poses of all views of the split, in world units and in order of time.
 fn refined_poses(scene: &TrainingScene, model: &Model) -> Poses {
     let views = scene.input_views.iter().chain(&scene.novel_views);
     let mut frames: Vec<PosedFrame> = views

@@ -1,13 +1,13 @@
-//! The `.splat` of web viewers: 32 bytes a Gaussian and nothing else (antimatter15/splat `convert.py`).
+//! The `.splat` of web viewers: 32 bytes per Gaussian, without a header (antimatter15/splat `convert.py`).
 //!
 //! ```text
 //! f32 x 3  position          f32 x 3  standard deviations
 //! u8 x 4   red, green, blue, opacity     u8 x 4   quaternion (w, x, y, z), 128 (q + 1)
 //! ```
 //!
-//! Little-endian, no header; rows by volume times opacity, the largest first, so that a viewer that is
-//! still loading shows what covers most. Bytes are rounded here, `convert.py` cuts them off: the turn of a
-//! quaternion is off by half as much.
+//! Little-endian; rows by volume times opacity, the largest first, so that a viewer shows the most covering
+//! Gaussians while it loads. Bytes are rounded here, but cut off in `convert.py`: the rotation of a quaternion is
+//! off by half as much.
 #![cfg_attr(
     not(test),
     deny(clippy::indexing_slicing, clippy::arithmetic_side_effects)
@@ -34,10 +34,10 @@ use super::validity::{self, FileGaussian};
 
 /// Bytes of a Gaussian.
 pub const ROW_BYTES: usize = 32;
-/// Rows of a file at most: what fits into a texture of 8192 x 2048 with two texels each.
+/// Maximum number of rows of a file: those in a texture of 8192 x 2048 with two texels each.
 pub const MOST_ROWS: u64 = 8192 * 2048 / 2;
 
-/// One Gaussian as a file holds it.
+/// One Gaussian in the form of a file.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SplatRow {
     /// Centre.
@@ -51,7 +51,7 @@ pub struct SplatRow {
 }
 
 impl SplatRow {
-    /// A Gaussian as a renderer sees it, with its constant colour.
+    /// Returns a Gaussian as a renderer sees it, with its constant colour.
     #[expect(clippy::indexing_slicing, reason = "the Gaussian is one of them")]
     pub fn of(gaussians: &ActivatedGaussians, index: usize) -> Self {
         let byte = |value: f32| (value.clamp(0.0, 1.0) * 255.0).round() as u8;
@@ -65,8 +65,8 @@ impl SplatRow {
         }
     }
 
-    /// Returns the row as it can be held, or `None` where it is left out; `place` is its centre in the units in
-    /// which it will be held. Counts what was not valid.
+    /// Returns the valid form of the row, or `None` if it is left out; `place` is its centre in the units of its
+    /// storage. Counts invalid values.
     pub fn valid(mut self, place: [f64; 3], invalid: &mut InvalidGaussians) -> Option<Self> {
         let opacity = f64::from(self.rgba[3]) / 255.0;
         let given = FileGaussian {
@@ -76,7 +76,7 @@ impl SplatRow {
             quaternion: self.rotation.map(f64::from),
         };
         let valid = validity::valid(&given, invalid)?;
-        // What was valid stays as it is, to the bit.
+        // Valid values stay unchanged, to the bit.
         if valid.log_scales != given.log_scales {
             self.scale = valid.log_scales.map(|log| log.exp() as f32);
         }
@@ -86,7 +86,7 @@ impl SplatRow {
         Some(self)
     }
 
-    /// What rows are ordered by: volume times opacity.
+    /// Returns the sort key of rows: volume times opacity.
     fn weight(&self) -> f32 {
         self.scale.iter().product::<f32>() * f32::from(self.rgba[3])
     }
@@ -107,7 +107,7 @@ impl SplatRow {
     }
 }
 
-/// The bytes of rows, the largest first.
+/// Returns the bytes of rows, the largest first.
 #[expect(
     clippy::indexing_slicing,
     reason = "the order is one of the rows that are there"
@@ -118,9 +118,9 @@ pub(super) fn ordered(rows: &[SplatRow]) -> Vec<[u8; ROW_BYTES]> {
         .enumerate()
         .map(|(index, row)| (row.weight(), index as u32))
         .collect();
-    // Of equals the earlier one first: one order on every machine.
+    // Among equals the earlier one comes first: one order on every machine.
     order.par_sort_unstable_by(|a, b| b.0.total_cmp(&a.0).then(a.1.cmp(&b.1)));
-    // Rows are fetched from all over the memory: those of the file are the shorter ones.
+    // Rows are fetched from all over the memory: the file's form is shorter.
     let unordered: Vec<[u8; ROW_BYTES]> = rows.par_iter().map(SplatRow::bytes).collect();
     order
         .par_iter()
@@ -128,7 +128,7 @@ pub(super) fn ordered(rows: &[SplatRow]) -> Vec<[u8; ROW_BYTES]> {
         .collect()
 }
 
-/// Writes rows, the largest first, whole or not at all; returns the SHA-256 of the file.
+/// Writes rows atomically, the largest first; returns the SHA-256 of the file.
 ///
 /// # Errors
 /// When the file cannot be written.
@@ -142,7 +142,7 @@ pub fn write(path: &Path, rows: &[SplatRow]) -> Result<String, StoreError> {
     written.map(|()| sha256)
 }
 
-/// How a file's coordinates came from the world's: `y = scale R (x - offset)`.
+/// Map from the world's coordinates to a file's: `y = scale R (x - offset)`.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Placement {
     /// World point that is the file's origin.
@@ -154,7 +154,7 @@ pub struct Placement {
 }
 
 impl Placement {
-    /// A file in world coordinates.
+    /// The map of a file in world coordinates.
     pub const WORLD: Self = Self {
         offset: DVec3::ZERO,
         scale: 1.0,
@@ -166,12 +166,12 @@ impl Placement {
     }
 }
 
-/// Reads a file into normalized coordinates of the world; what is not valid is repaired or left out, and
-/// counted in `invalid`.
+/// Reads a file into normalized coordinates of the world; invalid values are repaired or left out, and counted in
+/// `invalid`.
 ///
 /// # Errors
-/// When the file is missing, does not hold a whole number of rows, or has a row with a place that is not a number or a
-/// size that is negative or not finite; names the row.
+/// When the file is missing, or does not hold a whole number of rows. When a row has a position that is not a
+/// number or a size that is negative or not finite; the error names the row.
 pub fn read(
     path: &Path,
     placement: &Placement,
@@ -182,10 +182,10 @@ pub fn read(
     from_bytes(path, &bytes, placement, normalization, invalid)
 }
 
-/// [`read`] of a file's bytes; `path` names it.
+/// Reads a file's bytes like [`read`]; `path` names the file.
 ///
 /// # Errors
-/// As there.
+/// Those of [`read`].
 pub fn from_bytes(
     path: &Path,
     bytes: &[u8],
@@ -229,7 +229,7 @@ pub fn from_bytes(
     Ok(table(&initial, 0))
 }
 
-/// A row of a file, its quaternion normalized where it has a length.
+/// Returns a row of a file, with its quaternion normalized if it has a length.
 #[expect(clippy::indexing_slicing, reason = "places within a row")]
 fn parsed(bytes: &[u8; ROW_BYTES]) -> Result<SplatRow, String> {
     let mut floats = [0.0; 6];
@@ -240,7 +240,7 @@ fn parsed(bytes: &[u8; ROW_BYTES]) -> Result<SplatRow, String> {
     if [x, y, z].iter().any(|place| place.is_nan()) {
         return Err("has a place that is not a number".to_owned());
     }
-    // Of 0 on: other programs round small ones to it.
+    // From 0 on: other programs round small ones to 0.
     if ![a, b, c]
         .iter()
         .all(|size| (0.0..f32::INFINITY).contains(size))
@@ -299,7 +299,7 @@ mod tests {
         Ok(())
     }
 
-    /// Against `scripts/golden/splat.py`.
+    /// Compares with `scripts/golden/splat.py`.
     #[test]
     fn the_bytes_are_those_of_the_layout() -> Result<(), Box<dyn std::error::Error>> {
         let expected = [
@@ -422,7 +422,7 @@ mod tests {
             let rows: Vec<SplatRow> = values
                 .into_iter()
                 .map(|(position, scale, mut rgba, q)| {
-                    // One of opacity 0 is left out.
+                    // A Gaussian of opacity 0 is left out.
                     rgba[3] = rgba[3].max(1);
                     let length = q.iter().map(|q| q * q).sum::<f32>().sqrt().max(1e-3);
                     SplatRow { position, scale, rgba, rotation: q.map(|q| q / length) }

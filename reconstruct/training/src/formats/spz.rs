@@ -9,8 +9,8 @@
 //!
 //! Each line is an array over all Gaussians. Versions up to 3 are one gzip stream. In version 4 a header of 32 bytes
 //! and a table of sizes come first, and each array is a Zstandard stream. Axes are x right, y up, z back.
-//! A rotation is the quaternion's three smallest values of x, y, z, w in the order in which they come: the number of the
-//! largest in 2 bits, then a sign and 9 bits of each, of 511 for the square root of 1/2.
+//! A rotation is the quaternion's three smallest values, in their order among x, y, z, w. The number of the
+//! largest has 2 bits. Each value has a sign and 9 bits, of 511 for the square root of 1/2.
 #![cfg_attr(
     not(test),
     deny(clippy::indexing_slicing, clippy::arithmetic_side_effects)
@@ -43,14 +43,14 @@ const HEADER_BYTES: usize = 16;
 const LONG_HEADER_BYTES: usize = 32;
 /// Bytes of a stream in the table of version 4: its sizes compressed and not.
 const STREAM_ENTRY_BYTES: usize = 16;
-/// Extensions follow the header.
+/// Flag of extensions behind the header.
 const HAS_EXTENSIONS: u8 = 2;
-/// The extension of Adobe that bounds the orbit of a camera, which says nothing of Gaussians.
+/// The extension of Adobe that bounds the orbit of a camera; it does not affect Gaussians.
 const SAFE_ORBIT: u32 = 0xADBE_0002;
 const COLOUR_SCALE: f32 = 0.15;
 /// Largest coordinate in steps.
 const MOST_STEPS: f64 = 8_388_607.0;
-/// Fractional bits at most: programs shift 32-bit integers by them.
+/// Maximum number of fractional bits: programs shift 32-bit integers by them.
 const MOST_FRACTIONAL_BITS: u8 = 23;
 /// Bits of a small value of a rotation, but its sign.
 const SMALL_BITS: u32 = 9;
@@ -95,7 +95,7 @@ pub(super) fn write(gaussians: &ActivatedGaussians) -> Result<Vec<u8>, String> {
         let signs = signs.iter().take(sh_rest_count(gaussians.sh_degree));
         for (coefficient, (number, sign)) in gaussians.sh_rest.iter().zip(signs.enumerate().cycle())
         {
-            // Five bits of degree 1 and four of the others, as other writers keep them.
+            // Five bits of degree 1 and four of the others, as in other writers.
             let step = if number < 3 { 8.0 } else { 16.0 };
             to.write_all(&coefficient.map(|value| {
                 let value = 128.0 * sign * value;
@@ -176,7 +176,7 @@ fn unpacked(bits: u32) -> [f32; 4] {
     [w, x, y, z]
 }
 
-/// A quaternion (w, x, y, z) of version 2.
+/// Unpacks a quaternion (w, x, y, z) of version 2.
 fn of_three_bytes(bytes: [u8; 3]) -> [f32; 4] {
     let [x, y, z] = bytes.map(|byte| f32::from(byte) / 127.5 - 1.0);
     let w = (1.0 - x * x - y * y - z * z).max(0.0).sqrt();
@@ -191,7 +191,7 @@ struct Header {
     degree: usize,
     fractional_bits: u8,
     flags: u8,
-    /// Streams of version 4.
+    /// Number of streams of version 4.
     streams: u8,
 }
 
@@ -227,7 +227,7 @@ impl Header {
         })
     }
 
-    /// Bytes of a Gaussian in each array.
+    /// Returns the bytes of a Gaussian in each array.
     fn widths(&self) -> [usize; 6] {
         let rotation = if self.version == 2 { 3 } else { 4 };
         let harmonics = sh_rest_count(self.degree).saturating_mul(3);
@@ -257,7 +257,7 @@ pub(super) fn read(
         );
         return Err(malformed(reason).into());
     }
-    // Arrays are decoded into memory: what a header claims has to fit before.
+    // Arrays are decoded into memory: the size in the header has to fit before.
     exchange::require(path, header.len as u64, header.degree)?;
     let arrays = if is_plain {
         streams(bytes, &header)
@@ -269,7 +269,7 @@ pub(super) fn read(
     gathered(path, &header, &arrays.map_err(malformed)?, invalid)
 }
 
-/// Decodes as many bytes of a stream.
+/// Decodes `count` bytes of a stream.
 fn decoded(stream: &mut dyn Read, count: usize) -> Result<Vec<u8>, String> {
     let mut bytes = Vec::new();
     let read = stream.take(count as u64).read_to_end(&mut bytes);
@@ -349,7 +349,7 @@ fn streams(bytes: &[u8], header: &Header) -> Result<Vec<Vec<u8>>, String> {
     Ok(arrays)
 }
 
-/// Refuses extensions that may change what the arrays mean: those for coordinates and for harmonics do.
+/// Refuses extensions that may change the meaning of the arrays: those for coordinates and for harmonics do.
 fn check_extensions(mut zone: &[u8]) -> Result<(), String> {
     let cut_off = || "is cut off in its extensions".to_owned();
     while !zone.is_empty() {
@@ -367,7 +367,7 @@ fn check_extensions(mut zone: &[u8]) -> Result<(), String> {
     Ok(())
 }
 
-/// Takes the arrays apart.
+/// Gathers the Gaussians of the arrays.
 fn gathered(
     path: &Path,
     header: &Header,
@@ -382,7 +382,7 @@ fn gathered(
     let mut rows = arrays
         .iter()
         .zip(header.widths())
-        // An array without bytes has rows of none.
+        // An array without bytes has empty rows.
         .map(|(array, width)| array.chunks_exact(width.max(1)))
         .collect::<Vec<_>>();
     let mut harmonics = Vec::with_capacity(sh_rest_count(header.degree));
@@ -400,7 +400,7 @@ fn gathered(
         let mut coordinates = place.as_chunks::<3>().0.iter();
         let place = [(); 3].map(|()| {
             let [a, b, c] = coordinates.next().copied().unwrap_or_default();
-            // The sign goes on into the fourth byte.
+            // The sign extends into the fourth byte.
             let fixed = i32::from_le_bytes([0, a, b, c]) >> 8;
             (f64::from(fixed) * step) as f32
         });

@@ -1,12 +1,12 @@
-//! Validity of Gaussians: one rule in front of every reader of a file and of what is exported.
+//! Validity of Gaussians: one rule for all readers of files and for exports.
 //!
 //! * An opacity logit of infinity is an opacity of 1, and valid. One of minus infinity is an opacity of 0: the
 //!   Gaussian is left out.
-//! * A quaternion of zeros is read as the identity, as renderers draw it. Where log scales and opacity are 0 as well,
-//!   which nothing that was trained is, the row is padding and left out.
+//! * A quaternion of zeros is read as the identity, as renderers draw it. If log scales and opacity are 0 as
+//!   well, which training never produces, the row is padding and left out.
 //! * An axis of size 0 becomes as thin as f32 allows.
-//! * Farther out than [`REACH`] a Gaussian is left out.
-//! * What is not a number, or infinite elsewhere, makes no Gaussian: readers refuse the file.
+//! * A Gaussian farther out than [`REACH`] is left out.
+//! * Readers refuse a file with NaN, or with infinity elsewhere.
 
 use std::path::Path;
 
@@ -15,7 +15,7 @@ use omnilife_schemas::records::InvalidGaussians;
 
 /// Largest coordinate of a centre: f32 holds the sum of the squares of three.
 pub const REACH: f64 = 1e18;
-/// Logarithm of a size below which f32 loses bits, and what a smaller one becomes; normal numbers end at
+/// Minimum logarithm of a size; smaller ones are raised to it. Below it f32 loses bits; normal numbers end at
 /// exp(-87.34).
 const LEAST_LOG_SCALE: f64 = -87.4;
 const LEAST_REPAIRED_LOG_SCALE: f64 = -87.0;
@@ -25,7 +25,7 @@ const OPAQUE_LOGIT: f64 = 20.0;
 /// A Gaussian between a file and a table.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct FileGaussian {
-    /// Centre, in the units in which it will be held.
+    /// Centre, in the units of its storage.
     pub(crate) position: [f64; 3],
     /// Logarithms of the standard deviations, in units of the file.
     pub(crate) log_scales: [f64; 3],
@@ -35,8 +35,8 @@ pub(crate) struct FileGaussian {
     pub(crate) quaternion: [f64; 4],
 }
 
-/// Returns a Gaussian as it can be held, or `None` where it is left out; counts what was not valid. All values
-/// of what is returned are finite in f32.
+/// Returns the valid form of a Gaussian, or `None` if it is left out; counts invalid values. All returned values
+/// are finite in f32.
 pub(crate) fn valid(given: &FileGaussian, invalid: &mut InvalidGaussians) -> Option<FileGaussian> {
     let is_unrotated = given.quaternion == [0.0; 4];
     if is_unrotated && given.log_scales == [0.0; 3] && given.opacity_logit == 0.0 {
@@ -73,7 +73,7 @@ pub(crate) fn valid(given: &FileGaussian, invalid: &mut InvalidGaussians) -> Opt
     })
 }
 
-/// Written so that NaN is out of reach.
+/// Returns true if a centre is within reach; in this form NaN is out of reach.
 fn is_within_reach(gaussian: &FileGaussian) -> bool {
     gaussian.position.iter().all(|place| place.abs() <= REACH)
         && gaussian
@@ -84,7 +84,7 @@ fn is_within_reach(gaussian: &FileGaussian) -> bool {
         && !gaussian.opacity_logit.is_nan()
 }
 
-/// The same rotation, of a length whose square f32 holds.
+/// Returns the same rotation, with a length whose square f32 holds.
 fn rotation(quaternion: [f64; 4]) -> [f64; 4] {
     let largest = quaternion.into_iter().map(f64::abs).fold(0.0, f64::max);
     if largest == 0.0 {
@@ -96,7 +96,7 @@ fn rotation(quaternion: [f64; 4]) -> [f64; 4] {
     }
 }
 
-/// Returns whether [`valid`] gives a meaning to a value, not finite in f32, of a property of 3DGS.
+/// Returns true if [`valid`] gives a meaning to a value, not finite in f32, of a property of 3DGS.
 pub(crate) fn has_meaning(property: &str, value: f64) -> bool {
     match property {
         "x" | "y" | "z" | "opacity" => !value.is_nan(),
@@ -105,7 +105,7 @@ pub(crate) fn has_meaning(property: &str, value: f64) -> bool {
     }
 }
 
-/// Count of the Gaussians of a file whose scales and opacities look as if activated already.
+/// Count of the Gaussians of a file whose scales and opacities look already activated.
 #[derive(Debug, Default)]
 pub(crate) struct ActivationCheck {
     gaussians: u64,
@@ -113,7 +113,7 @@ pub(crate) struct ActivationCheck {
 }
 
 impl ActivationCheck {
-    /// Takes a Gaussian that is not left out into account.
+    /// Counts a Gaussian that is not left out.
     pub(crate) fn add(&mut self, gaussian: &FileGaussian) {
         let are_sizes = gaussian.log_scales.iter().all(|log| *log >= 0.0);
         let is_opacity = (0.0..=1.0).contains(&gaussian.opacity_logit);
@@ -121,13 +121,13 @@ impl ActivationCheck {
         self.like_activated += u64::from(are_sizes && is_opacity);
     }
 
-    /// Returns whether all of them look so.
+    /// Returns true if all of them look so.
     pub(crate) fn is_activated(&self) -> bool {
         self.gaussians > 0 && self.like_activated == self.gaussians
     }
 }
 
-/// Returns lines on what was not valid in a file or a run.
+/// Returns notes on invalid values in a file or a run.
 pub fn notes(path: &Path, invalid: &InvalidGaussians) -> Vec<String> {
     let counted = [
         (invalid.padding, "are rows of zeros and left out"),
@@ -184,7 +184,7 @@ mod tests {
             opacity_logit: -80.0,
             ..SOUND
         };
-        // A round one of size 1 and opacity 1/2 is no padding where it has a rotation.
+        // A round one of size 1 and opacity 1/2 with a rotation is not padding.
         let round = FileGaussian {
             log_scales: [0.0; 3],
             opacity_logit: 0.0,
@@ -232,7 +232,7 @@ mod tests {
             ..SOUND
         };
         assert_eq!((found, invalid.unrotated), (Some(expected), 1));
-        // Short and long ones are the rotation that they were.
+        // Short and long ones keep their rotation.
         for factor in [1e-40, 1e25] {
             let given = FileGaussian {
                 quaternion: SOUND.quaternion.map(|part| part * factor),

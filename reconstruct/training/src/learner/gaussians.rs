@@ -1,4 +1,4 @@
-//! Gaussians that learn: schedules, density control, and steps on a backend.
+//! Training of Gaussians: schedules, density control, and steps on a backend.
 
 use std::path::Path;
 
@@ -41,20 +41,20 @@ pub struct GaussianLearner<'a> {
     scene: &'a TrainingScene,
     settings: TrainSettings,
     stepper: Box<dyn Stepper + 'a>,
-    /// Of each array, with its name.
+    /// Schedule of each array, with its name.
     decays: Vec<(&'static str, Decay)>,
     schedule: StepSchedule,
-    /// The view rendered last.
+    /// The last rendered view.
     last_view: usize,
     state: State,
 }
 
-/// Where schedules stand beside the iteration.
+/// Position of the schedules beside the iteration.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 struct State {
     time_shift: Pcg64Mcg,
     density: Pcg64Mcg,
-    /// The iteration of the schedule at which opacities were reset last.
+    /// The iteration of the schedule at the last reset of opacities.
     last_reset: u64,
     sh_degree: usize,
 }
@@ -67,11 +67,10 @@ struct Header {
 }
 
 impl<'a> GaussianLearner<'a> {
-    /// Ready for the first step.
+    /// Makes a learner before its first step.
     ///
     /// # Errors
-    /// When an array of the model has no learning rate in the settings, or the backend cannot train the
-    /// model.
+    /// When an array of the model has no learning rate in the settings, or the backend cannot train the model.
     pub fn new(
         scene: &'a TrainingScene,
         model: Model,
@@ -82,7 +81,7 @@ impl<'a> GaussianLearner<'a> {
         Self::with_stepper(scene, stepper, settings)
     }
 
-    /// The same with a stepper that was made with these settings.
+    /// Makes a learner with a stepper that was made with these settings.
     ///
     /// # Errors
     /// When an array of its model has no learning rate in the settings.
@@ -124,8 +123,7 @@ impl<'a> GaussianLearner<'a> {
         })
     }
 
-    /// What a reader should know before it begins: where the adapter has less room than density control may
-    /// ask for.
+    /// Returns a warning for the start of a run: the adapter has less room than density control may need.
     pub fn room(&self) -> Option<String> {
         let room = self.stepper.most_gaussians()? as u64;
         let maximum = self.settings.densify.maximum_gaussians;
@@ -141,7 +139,7 @@ impl<'a> GaussianLearner<'a> {
         })
     }
 
-    /// Step sizes of the next step, by the number of steps that the run will have had in the end.
+    /// Sets the step sizes of the next step, by the number of steps of the whole run.
     fn set_learning_rates(&mut self, at: &Position) {
         let share = at.share as f32;
         let iterations = at.real_iterations(self.settings.iterations) as f64;
@@ -158,7 +156,8 @@ impl<'a> GaussianLearner<'a> {
         }
     }
 
-    /// How early the next step's Gaussians are shown: temporal smoothing, noise on the time, or 0.
+    /// Returns the shift of the next step's Gaussians to earlier times: temporal smoothing, noise on the time, or
+    /// 0.
     fn next_shift(&mut self, scheduled: u64) -> f32 {
         let random = &mut self.state.time_shift;
         let deformation = self.settings.deformation.as_ref();

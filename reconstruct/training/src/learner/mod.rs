@@ -1,8 +1,6 @@
-//! What learns a scene: all that the training loop, the trace, the checkpoint and the job know of a
-//! model.
+//! Learners of scenes: the interface of a model for the training loop, the trace, the checkpoint and the job.
 //!
-//! To add one that is not made of Gaussians: a type that implements [`Learner`], made by a method's
-//! `prepare`.
+//! A new one without Gaussians needs a type that implements [`Learner`], made by a method's `prepare`.
 
 pub mod gaussians;
 
@@ -20,14 +18,14 @@ use omnilife_schemas::{RgbImage, records::Backend};
 
 use crate::error::ReconstructError;
 
-/// How large a model is at the moment.
+/// Current size of a model.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct ModelSize {
-    /// Gaussians, or whatever else the model is made of.
+    /// Number of Gaussians, or of other primitives of the model.
     pub primitives: u64,
-    /// How many of them have times of their own.
+    /// Number of those with times of their own.
     pub with_times: u64,
-    /// Objects that move as one, where the model tells any apart.
+    /// Number of objects that move as one, if the model distinguishes objects.
     pub objects: Option<u64>,
     /// Bytes of everything that is trained, with gradients and moments.
     pub bytes: u64,
@@ -36,33 +34,33 @@ pub struct ModelSize {
 /// A learner in a checkpoint.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SavedLearner {
-    /// What the words of the body are, and where schedules stand; one line of text.
+    /// Layout of the body, and position of the schedules; one line of text.
     pub header: String,
     /// Parameters with their moments, 32-bit words in little-endian order.
     pub body: Vec<u8>,
 }
 
-/// A model with what trains it.
+/// A model with its training state.
 ///
-/// A step need not be over when [`Learner::step`] returns; all other calls wait for it. On the CPU what
-/// it does depends on its settings and the views alone, not on the number of threads.
+/// A step may still run when [`Learner::step`] returns; all other calls wait for it. On the CPU its result
+/// depends on its settings and the views alone, not on the number of threads.
 pub trait Learner: fmt::Debug {
-    /// What computes, for the run's record.
+    /// Returns the backend, for the run's record.
     fn backend(&self) -> Backend;
 
-    /// How large the model is.
+    /// Returns the size of the model.
     fn size(&self) -> ModelSize;
 
-    /// Everything that is trained, by name, in the order of [`StepStatistics::refused`].
+    /// Returns all trained arrays, by name, in the order of [`StepStatistics::refused`].
     fn arrays(&self) -> Vec<TrainedArray>;
 
     /// Renders input view number `view`, takes the losses and moves the parameters.
     ///
     /// # Errors
-    /// When a loss is found not to be finite, or the backend fails.
+    /// When a loss is not finite, or the backend fails.
     fn step(&mut self, view: usize, at: &Position) -> Result<(), EngineError>;
 
-    /// What happens between steps: density control. It is not called after the last one.
+    /// Runs density control between steps. It is not called after the last one.
     ///
     /// # Errors
     /// When the backend fails.
@@ -70,19 +68,19 @@ pub trait Learner: fmt::Debug {
         Ok(())
     }
 
-    /// Sums over the steps since the last call.
+    /// Returns sums over the steps since the last call, and resets them.
     ///
     /// # Errors
     /// When a loss was not finite, or the backend fails.
     fn take_statistics(&mut self) -> Result<StepStatistics, EngineError>;
 
-    /// An image of the scene as a camera of its clip would have taken it, in [0, 1].
+    /// Renders an image of the scene from a camera of its clip, in [0, 1].
     ///
     /// # Errors
     /// When the backend fails.
     fn image(&mut self, view: &View) -> Result<RgbImage, EngineError>;
 
-    /// The Gaussians, where the model is made of any, read back from wherever they live.
+    /// Returns the Gaussians of the model, read back from the device; `None` for other models.
     ///
     /// # Errors
     /// When the backend fails.
@@ -90,8 +88,8 @@ pub trait Learner: fmt::Debug {
         Ok(None)
     }
 
-    /// The Gaussians as a view sees them, where the model is made of any, and the distance (normalized
-    /// units) within which none is drawn.
+    /// Returns the Gaussians as a view sees them, and their minimum visible distance (normalized units); `None`
+    /// for other models.
     ///
     /// # Errors
     /// When the backend fails.
@@ -103,14 +101,14 @@ pub trait Learner: fmt::Debug {
         Ok(None)
     }
 
-    /// Everything that training needs to go on as if it had never stopped.
+    /// Saves all state that training needs to resume exactly.
     ///
     /// # Errors
-    /// When a parameter is not finite: a poisoned model is no checkpoint. When the backend fails.
+    /// When a parameter is not finite: such a model must not be saved. When the backend fails.
     fn save(&mut self) -> Result<SavedLearner, EngineError>;
 
-    /// Goes on from what was saved. What was saved by another learner changes nothing; after any other error
-    /// the learner is not to be used.
+    /// Resumes from saved state. State of another kind of learner changes nothing; after any other error the
+    /// learner must not be used.
     ///
     /// # Errors
     /// When it was saved by a learner of another kind, or is damaged.
@@ -123,12 +121,12 @@ pub trait Learner: fmt::Debug {
     /// When a file cannot be written, or the backend fails.
     fn export(&mut self, folder: &Path) -> Result<Vec<String>, ReconstructError>;
 
-    /// Whether its first primitives are put at the scene's points.
+    /// Returns true if its first primitives are placed at the scene's points.
     fn begins_with_points(&self) -> bool {
         true
     }
 
-    /// What a reader of the scores should know of the model.
+    /// Returns warnings about the model for readers of the scores.
     fn warnings(&self) -> Vec<String> {
         Vec::new()
     }

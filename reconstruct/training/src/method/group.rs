@@ -1,20 +1,20 @@
-//! Groups of views: what a feed-forward method is given and what it makes.
+//! Groups of views: inputs and outputs of feed-forward methods.
 
 use glam::{DMat3, DVec3};
 use omnilife_schemas::{Pose, RgbImage, camera::ErpCamera};
 
-/// A view that is given.
+/// An input view.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ContextView {
     /// Number of the frame in the scene.
     pub frame: u32,
-    /// Where its camera is.
+    /// Pose of its camera.
     pub camera_pose: CameraPose,
     /// Its image, at the scored size.
     pub image: RgbImage,
 }
 
-/// A camera's place, orientation and time.
+/// A camera's position, orientation and time.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct CameraPose {
     /// Camera-to-world rotation.
@@ -26,7 +26,7 @@ pub struct CameraPose {
 }
 
 impl CameraPose {
-    /// `None` when the pose is not usable.
+    /// Returns `None` if the pose is not usable.
     pub fn new(pose: &Pose, time_seconds: f64) -> Option<Self> {
         let centre = pose.centre();
         centre.is_finite().then_some(())?;
@@ -38,19 +38,19 @@ impl CameraPose {
     }
 }
 
-/// Two given views and where the views between them are.
+/// Two input views and the poses of the views between them.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Group {
     /// Size and model of all images.
     pub camera: ErpCamera,
-    /// The given views, the earlier one first.
+    /// The input views, the earlier one first.
     pub context: [ContextView; 2],
-    /// Where the predicted views are.
+    /// Poses of the novel views.
     pub targets: Vec<CameraPose>,
 }
 
 impl Group {
-    /// Share of the second view at a target by time, in [0, 1]; 1/2 where both have the same time.
+    /// Returns the share of the second view at a target by time, in [0, 1]; 1/2 where both have the same time.
     pub fn share_of_second(&self, target: &CameraPose) -> f32 {
         let [first, second] = [0, 1].map(|i| self.context[i].camera_pose.time_seconds);
         let whole = second - first;
@@ -61,17 +61,17 @@ impl Group {
     }
 }
 
-/// What a feed-forward method makes of a group.
+/// Output of a feed-forward method for a group.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Interpolated {
     /// One image per target.
     pub images: Vec<RgbImage>,
-    /// Gaussians that were made and drawn.
+    /// Number of rendered Gaussians.
     pub gaussians: u64,
-    /// Time to understand the group, seconds; rendering is not in it.
+    /// Time of the analysis of the group, seconds, without rendering.
     pub analysis_seconds: f64,
-    /// Time to make the images, seconds.
+    /// Time of rendering the images, seconds.
     pub rendering_seconds: f64,
-    /// What a reader of the images should know; empty where nothing is out of the ordinary.
+    /// Warnings for readers of the images; mostly empty.
     pub warnings: Vec<String>,
 }

@@ -1,4 +1,4 @@
-//! Reconstruction methods: what the row of a method says, and how it trains.
+//! Reconstruction methods: the row of a method, and its training.
 
 pub mod group;
 mod prepared;
@@ -27,12 +27,12 @@ use crate::{
 };
 use omnilife_engine::{EngineError, model::Model, step::settings::TrainSettings};
 
-/// What a method gives back.
+/// Outcome of a method's training.
 #[derive(Debug)]
 pub struct MethodOutcome<'a> {
     /// The trained model, ready to render.
     pub learner: Box<dyn Learner + 'a>,
-    /// How its training ended.
+    /// End of its training.
     pub training: TrainingOutcome,
     /// Iterations of the schedule.
     pub iterations: u64,
@@ -40,17 +40,16 @@ pub struct MethodOutcome<'a> {
     pub configuration: serde_json::Value,
     /// Decisions and their evidence; its warnings are among those of the training.
     pub findings: Findings,
-    /// What deciding and placing the first Gaussians took, the pilot fit included; training time
-    /// includes it.
+    /// Time of deciding and placing the first Gaussians, the pilot fit included; training time includes it.
     pub planning: Elapsed,
 }
 
-/// What a method begins with on a scene.
+/// Start of a method on a scene.
 #[derive(Debug)]
 pub struct Prepared<'a> {
     /// The model before its first step.
     pub learner: Box<dyn Learner + 'a>,
-    /// How long it is trained.
+    /// Length of its training.
     pub length: LoopSettings,
     /// Every setting as resolved, for the run's record.
     pub configuration: serde_json::Value,
@@ -58,20 +57,20 @@ pub struct Prepared<'a> {
     pub findings: Findings,
 }
 
-/// Decisions that a method makes on a scene before it trains, with their evidence.
+/// Decisions of a method on a scene before training, with their evidence.
 #[derive(Debug, Default)]
 pub struct Findings {
     /// Components used and left out, with reasons.
     pub plan: Vec<ComponentDecision>,
-    /// Evidence of the scene, where the method gathers it.
+    /// Evidence of the scene, if the method gathers it.
     pub evidence: Option<SceneEvidence>,
-    /// Counts of lifted pixels, where the method begins with them.
+    /// Counts of lifted pixels, if the method starts with them.
     pub lift: Option<Lift>,
-    /// Lines that a reader of the scores should know.
+    /// Warnings for readers of the scores.
     pub warnings: Vec<String>,
 }
 
-/// What a method of Gaussians begins with on a scene.
+/// Start of a method of Gaussians on a scene.
 #[derive(Debug)]
 pub struct PreparedGaussians {
     /// The first Gaussians.
@@ -83,7 +82,7 @@ pub struct PreparedGaussians {
 }
 
 impl PreparedGaussians {
-    /// Lets them learn on a backend.
+    /// Makes a learner of them on a backend.
     ///
     /// # Errors
     /// When the backend cannot train them.
@@ -116,47 +115,47 @@ pub type PrepareMethod = for<'a> fn(
     BackendChoice,
 ) -> Result<Prepared<'a>, ReconstructError>;
 
-/// Makes the novel views of a group from its two given ones.
+/// Makes the novel views of a group from its two input views.
 pub type InterpolateGroup = fn(&Group) -> Result<Interpolated, ReconstructError>;
 
-/// A method that can be asked for by name.
+/// A method with a name.
 #[derive(Debug, Clone, Copy)]
 pub struct Method {
     /// Name on the command line and in tables.
     pub id: &'static str,
     /// Full name.
     pub title: &'static str,
-    /// Where it was published.
+    /// Publication.
     pub source: &'static str,
-    /// What this implementation is, and where it departs from the source.
+    /// Description of this implementation, and its deviations from the source.
     pub description: &'static str,
-    /// Components that it has by itself; they can be left out by name.
+    /// Default components; they can be left out by name.
     pub components: &'static [&'static str],
-    /// Components that it can be asked for by name.
+    /// Optional components, used by name.
     pub optional_components: &'static [&'static str],
-    /// How its components are decided where a request does not say.
+    /// Default decision on its components.
     pub default_plan: DefaultPlan,
-    /// What it runs on.
+    /// Supported backends.
     pub backends: &'static [BackendChoice],
-    /// Inputs that it needs beside posed frames and a split, in the order in which they are prepared.
+    /// Required inputs beside posed frames and a split, in the order of their preparation.
     pub requires: &'static [Requirement],
-    /// Options that it understands beside what all methods do.
+    /// Its options beside those of all methods.
     pub options: &'static [MethodOption],
-    /// How it comes to its views.
+    /// Kind: trained or feed-forward.
     pub kind: MethodKind,
 }
 
-/// Backends of methods that have no kernels on a GPU.
+/// Backends of methods without kernels on a GPU.
 pub const ON_CPU: &[BackendChoice] = &[BackendChoice::Cpu];
-/// Backends of methods whose every part has.
+/// Backends of methods with kernels for every part.
 pub const ON_CPU_AND_GPU: &[BackendChoice] = &[BackendChoice::Cpu, BackendChoice::Gpu];
 
-/// How a method comes to its views.
+/// Kind of a method.
 #[derive(Debug, Clone, Copy)]
 pub enum MethodKind {
-    /// It learns a model of each scene.
+    /// It trains a model of each scene.
     Trained {
-        /// Which cameras give a scene its extent.
+        /// Cameras of a scene's extent.
         extent: CameraExtent,
         /// Its use for the evidence of motion.
         motion: MotionEvidenceUse,
@@ -165,7 +164,7 @@ pub enum MethodKind {
         /// Prepares its training.
         prepare: PrepareMethod,
     },
-    /// It learns nothing of a scene: from two given views those between them. It has no seed.
+    /// It predicts the views between two input views, without training and without a seed.
     FeedForward {
         /// Its settings, for the run's record.
         settings: fn() -> serde_json::Value,
@@ -175,17 +174,17 @@ pub enum MethodKind {
 }
 
 impl Method {
-    /// Returns true where it needs this input beside posed frames and a split.
+    /// Returns true if it requires this input beside posed frames and a split.
     pub fn needs(&self, requirement: Requirement) -> bool {
         self.requires.contains(&requirement)
     }
 
-    /// Whether it learns a model of each scene; another seed gives another one.
+    /// Returns true if it trains a model of each scene; another seed gives another one.
     pub fn is_trained(&self) -> bool {
         matches!(self.kind, MethodKind::Trained { .. })
     }
 
-    /// Returns the kind of model that its runs leave; `None` where it learns nothing.
+    /// Returns the kind of model of its runs; `None` for feed-forward methods.
     pub fn model(&self) -> Option<&'static ModelFormat> {
         match self.kind {
             MethodKind::Trained { model, .. } => Some(model),
@@ -193,7 +192,7 @@ impl Method {
         }
     }
 
-    /// Returns its use for the evidence of motion; [`MotionEvidenceUse::None`] where it learns nothing.
+    /// Returns its use for the evidence of motion; [`MotionEvidenceUse::None`] for feed-forward methods.
     pub fn motion(&self) -> MotionEvidenceUse {
         match self.kind {
             MethodKind::Trained { motion, .. } => motion,
@@ -201,7 +200,7 @@ impl Method {
         }
     }
 
-    /// Which cameras give a scene its extent. [`CameraExtent::Most`] where it learns nothing.
+    /// Returns the cameras of a scene's extent; [`CameraExtent::Most`] for feed-forward methods.
     pub fn camera_extent(&self) -> CameraExtent {
         match self.kind {
             MethodKind::Trained { extent, .. } => extent,
@@ -212,7 +211,7 @@ impl Method {
     /// Decides its settings and components on a scene and makes its first model.
     ///
     /// # Errors
-    /// When the request makes no sense for it, the scene is not one for it, or it is not trained.
+    /// When the request or the scene does not suit it, or it is not a trained method.
     pub fn prepare<'a>(
         &self,
         scene: &'a TrainingScene,
@@ -231,8 +230,7 @@ impl Method {
     /// Trains it on a scene.
     ///
     /// # Errors
-    /// When the request makes no sense for the method, the scene is not one for it, it is not
-    /// trained, or training fails.
+    /// When the request or the scene does not suit the method, it is not a trained method, or training fails.
     pub fn train<'a>(
         &self,
         scene: &'a TrainingScene,
@@ -270,7 +268,7 @@ impl Method {
         })
     }
 
-    /// Returns the components that it can have.
+    /// Returns its default and optional components.
     pub const fn supported(&self) -> Supported {
         Supported {
             default: self.components,
@@ -278,11 +276,11 @@ impl Method {
         }
     }
 
-    /// Checks that a request makes sense for this method, before anything is computed.
+    /// Checks that a request suits this method, before any computation.
     ///
     /// # Errors
-    /// When it names a component or option that the method does not have, a component to use and to leave
-    /// out, or a backend that it never runs on.
+    /// When it names a component or option that the method does not have, or a component to use and to leave out.
+    /// When it names an unsupported backend.
     pub fn check(
         &self,
         request: &MethodRequest,

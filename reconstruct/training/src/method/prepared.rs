@@ -1,4 +1,4 @@
-//! From a draft to what a method of Gaussians begins with.
+//! Conversion of a draft to the start of a method of Gaussians.
 
 use crate::{
     components::Draft,
@@ -7,7 +7,7 @@ use crate::{
 use omnilife_engine::model::{Model, pose_corrections::PoseCorrections};
 
 impl PreparedGaussians {
-    /// Makes them of a drafted run and its model, which gets poses to refine where the settings say so.
+    /// Makes the start of a drafted run from its model, which gets poses to refine if the settings say so.
     pub fn new(draft: Draft<'_>, mut model: Model) -> Self {
         let warnings = draft.warnings();
         if draft.settings.pose_refinement.is_some() {

@@ -1,20 +1,20 @@
-//! Inputs that a method needs beside posed frames and a split.
+//! Required inputs of a method beside posed frames and a split.
 
-/// An input that a method needs beside posed frames and a split. A method's row lists them, and
-/// every command that runs methods walks the list.
+/// A required input of a method beside posed frames and a split. A method's row lists them, and every command
+/// that runs methods walks the list.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Requirement {
-    /// A camera that moves, so that places in space follow from its views. Nothing makes it: a scene
-    /// has it or is refused.
+    /// A camera that moves, so that its views determine places in space. It cannot be prepared: a scene without
+    /// it is refused.
     Parallax,
-    /// Points of perspective scenes that are dense enough to tell what moves from what stands.
+    /// Points of perspective scenes, dense enough to separate dynamic from static regions.
     DensePoints,
     /// Tracks of vehicles beside the split.
     Tracks,
 }
 
 impl Requirement {
-    /// Noun for messages and lists.
+    /// Returns a noun for messages and lists.
     pub fn name(self) -> &'static str {
         match self {
             Self::Parallax => "a camera that moves",

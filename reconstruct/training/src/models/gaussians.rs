@@ -1,4 +1,4 @@
-//! Gaussians of a run, or of a file that any program wrote, opened for rendering.
+//! Gaussians of a run, or of a file of any program, opened for rendering.
 
 use std::path::{Path, PathBuf};
 
@@ -34,7 +34,7 @@ use crate::{
     models::{Export, ModelFormat, OpenRequest, OpenedModel},
 };
 
-/// Gaussians, still or moving.
+/// Model format of Gaussians, static or dynamic.
 pub const GAUSSIANS: ModelFormat = ModelFormat {
     files: GAUSSIAN_FILES,
     open,
@@ -45,7 +45,7 @@ pub const GAUSSIANS: ModelFormat = ModelFormat {
 /// Opens Gaussians of a run or a file to render one of their layers.
 ///
 /// # Errors
-/// When a file is missing or malformed, or the Gaussians have no such layer.
+/// When a file is missing or malformed, or the layer does not exist.
 pub fn open(request: &OpenRequest<'_>) -> Result<Box<dyn OpenedModel>, ReconstructError> {
     Ok(Box::new(OpenedGaussians::open(request)?))
 }
@@ -59,7 +59,7 @@ const LAYERS: [(&str, Layer); 5] = [
     ("depth", Layer::Depth),
 ];
 
-/// Gaussians with what is shown of them.
+/// Gaussians with their visible layer.
 struct OpenedGaussians {
     source: Source,
     layer: Layer,
@@ -127,7 +127,7 @@ impl OpenedModel for OpenedGaussians {
     }
 }
 
-/// Gaussians with what a renderer has to know about them.
+/// Gaussians with the settings of their renderer.
 pub struct Source {
     /// A run's folder, or a file of Gaussians.
     path: PathBuf,
@@ -135,13 +135,13 @@ pub struct Source {
     pub normalization: Similarity,
     renderer: RendererChoice,
     settings: RenderSettings,
-    /// Settings that a run's Gaussians were trained under; a file has none.
+    /// Settings of a run's training; `None` for a file.
     trained: Option<TrainSettings>,
 }
 
 impl Source {
-    /// A run's Gaussians under the run's settings. A file alone says neither: it is normalized by the
-    /// cameras, and what is nearer than a thousandth of their radius is not drawn.
+    /// Opens a run's Gaussians under the run's settings. A file has neither normalization nor settings: it is
+    /// normalized by the cameras, and the minimum visible distance is a thousandth of their radius.
     fn open(
         path: &Path,
         run: Option<&RunRecord>,
@@ -172,8 +172,8 @@ impl Source {
         })
     }
 
-    /// Opens Gaussians to be exported: a file stays in its own coordinates, around a place within it where 32-bit
-    /// floats would lose them around the world's origin.
+    /// Opens Gaussians for export. A file keeps its own coordinates, around a place within it where 32-bit floats
+    /// would lose them around the world's origin.
     ///
     /// # Errors
     /// When the settings of the run or a file of the model are malformed.
@@ -193,7 +193,7 @@ impl Source {
         Self::open(path, run, in_place)
     }
 
-    /// Reads the Gaussians; what of them is not valid is counted in `invalid`.
+    /// Reads the Gaussians; invalid values are counted in `invalid`.
     ///
     /// # Errors
     /// When a file is missing or malformed.
@@ -210,7 +210,7 @@ impl Source {
         }
     }
 
-    /// World units per second of normalized ones per frame.
+    /// Returns world units per second of normalized ones per frame.
     fn world_speed(&self, speed: f32) -> f64 {
         let dynamics = self.trained.as_ref().and_then(|run| run.dynamics.as_ref());
         let seconds = dynamics.map_or(1.0, |dynamics| dynamics.clock.frame_seconds);
@@ -237,7 +237,7 @@ fn placement(path: &Path) -> Result<Option<Placement>, StoreError> {
     }))
 }
 
-/// Refuses sizes and bounds that no run has.
+/// Refuses sizes and bounds outside of every run's range.
 fn check(settings: &TrainSettings) -> Result<(), String> {
     if let Some(deformation) = &settings.deformation {
         deformation.model.check()?;

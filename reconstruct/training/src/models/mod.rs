@@ -1,6 +1,7 @@
-//! Models that trained methods leave in a run's folder: files, layers, edits and exports.
+//! Models of trained methods in a run's folder: files, layers, edits and exports.
 //!
-//! To add a kind of model: a [`ModelFormat`] in a file of its own, named in the row of each method that trains it.
+//! A new kind of model needs a [`ModelFormat`] in a file of its own, named in the row of each method that trains
+//! it.
 
 pub mod gaussians;
 pub mod objects;
@@ -14,14 +15,14 @@ use omnilife_schemas::{RgbImage, Similarity, progress::Progress, records::RunRec
 
 use crate::{error::ReconstructError, models::script::Script};
 
-/// Kind of model: everything that commands ask of a run's model, whatever method trained it.
+/// Kind of model: the interface of a run's model for commands, for every method.
 #[derive(Debug, Clone, Copy)]
 pub struct ModelFormat {
-    /// All files that models of this kind may consist of, relative to the run's folder.
+    /// All possible files of models of this kind, relative to the run's folder.
     pub files: &'static [&'static str],
     /// Opens a model to render one of its layers.
     pub open: OpenModel,
-    /// Applies an edit script; `None` for models without parts that could be edited.
+    /// Applies an edit script; `None` for models without editable parts.
     pub edit: Option<EditModel>,
     /// Exports beside rendered views.
     pub exports: &'static [Export],
@@ -29,7 +30,7 @@ pub struct ModelFormat {
 
 /// Opens a run's model.
 pub type OpenModel = fn(&OpenRequest<'_>) -> Result<Box<dyn OpenedModel>, ReconstructError>;
-/// Checks all edits of a script on a run's model; nothing is written yet.
+/// Checks all edits of a script on a run's model, without writing.
 pub type EditModel =
     for<'a> fn(&'a Path, &RunRecord, &Script) -> Result<EditedModel<'a>, ReconstructError>;
 /// Lists and writes images of a model's surfaces.
@@ -45,13 +46,13 @@ pub enum Export {
 }
 
 impl ModelFormat {
-    /// Returns true where `reconstruct export` can write the model for web viewers.
+    /// Returns true if `reconstruct export` can write the model for web viewers.
     pub fn has_splats(&self) -> bool {
         let mut exports = self.exports.iter();
         exports.any(|export| matches!(export, Export::Splats))
     }
 
-    /// Returns the export of surface images, where the model has any.
+    /// Returns the export of surface images, if the model has one.
     pub fn textures(&self) -> Option<PlanTextures> {
         self.exports.iter().find_map(|export| match export {
             Export::Textures(plan) => Some(*plan),
@@ -60,7 +61,7 @@ impl ModelFormat {
     }
 }
 
-/// Model to open, with the layer and camera it is rendered by.
+/// Model to open, with its layer and camera.
 #[derive(Clone, Copy)]
 pub struct OpenRequest<'a> {
     /// The run's folder, or a file of Gaussians.
@@ -69,15 +70,15 @@ pub struct OpenRequest<'a> {
     pub run: Option<&'a RunRecord>,
     /// Name of the layer.
     pub layer: &'a str,
-    /// Normalization by the cameras, for files, which carry none.
+    /// Normalization by the cameras, for files without one.
     pub of_cameras: Similarity,
     /// Camera of the images.
     pub camera: Camera,
-    /// Receives notes on what is not valid in the files.
+    /// Receives notes on invalid values in the files.
     pub progress: &'a dyn Progress,
 }
 
-/// Model that was opened for rendering.
+/// An open model for rendering.
 pub trait OpenedModel {
     /// Returns the map from world to normalized coordinates.
     fn normalization(&self) -> Similarity;
@@ -88,7 +89,7 @@ pub trait OpenedModel {
     /// When the backend fails.
     fn image(&mut self, view: &View) -> Result<RgbImage, ReconstructError>;
 
-    /// Returns the speed that a velocity map shows at most, world units per second; `None` for other layers.
+    /// Returns the maximum speed of a velocity map, world units per second; `None` for other layers.
     fn largest_speed(&self) -> Option<f64> {
         None
     }
@@ -97,7 +98,7 @@ pub trait OpenedModel {
 /// Writes checked files into a folder.
 pub type WriteFiles<'a> = Box<dyn FnOnce(&Path) -> Result<(), ReconstructError> + 'a>;
 
-/// Files that were checked and not yet written.
+/// Checked files before they are written.
 pub struct PlannedFiles<'a> {
     /// Names of the files, relative to the folder.
     pub files: Vec<String>,
@@ -105,12 +106,12 @@ pub struct PlannedFiles<'a> {
     pub write: WriteFiles<'a>,
 }
 
-/// Edited model that was checked and not yet written.
+/// A checked edited model before it is written.
 pub struct EditedModel<'a> {
     /// Files of the model.
     pub planned: PlannedFiles<'a>,
     /// Changes, one line each.
     pub changes: Vec<String>,
-    /// Lines that a reader of the edited run should know.
+    /// Warnings for readers of the edited run.
     pub warnings: Vec<String>,
 }

@@ -21,7 +21,7 @@ use crate::{
     },
 };
 
-/// Gaussians of a still world and of the objects that move in it.
+/// Model format of Gaussians of a static world and of its moving objects.
 pub const OBJECT_GRAPH: ModelFormat = ModelFormat {
     files: &[
         GAUSSIANS_FILE,
@@ -37,7 +37,8 @@ pub const OBJECT_GRAPH: ModelFormat = ModelFormat {
 /// Applies edits to the objects of a run and checks the outcome.
 ///
 /// # Errors
-/// When the run has no objects, an edit makes no sense for them, or it sends an object to when no view of the run is.
+/// When the run has no objects, an edit does not suit them, or it moves an object to a time outside of the run's
+/// views.
 fn edit<'a>(
     folder: &'a Path,
     run: &RunRecord,
@@ -80,8 +81,7 @@ fn copy(from: &Path, to: &Path) -> Result<(), StoreError> {
     store::write_bytes(to, &bytes)
 }
 
-/// Objects and their Gaussians, with what the run says of its views; runs of older versions say neither when nor
-/// where they are.
+/// Objects and their Gaussians, with the run's views; runs of older versions lack their times and poses.
 struct EditedObjects<'a> {
     record: Objects,
     table: ParameterTable,
@@ -90,7 +90,7 @@ struct EditedObjects<'a> {
 }
 
 impl EditedObjects<'_> {
-    /// Applies an edit; returns what it did.
+    /// Applies an edit; returns its description.
     fn apply(&mut self, edit: &Edit) -> Result<String, String> {
         let id = edit.object();
         let at = self.position(id)?;
@@ -253,7 +253,7 @@ impl EditedObjects<'_> {
         Ok(id)
     }
 
-    /// Refuses to send an object to when there is no view of the run.
+    /// Refuses to move an object to a time outside of the run's views.
     fn stays_in_clip(&self, at: usize) -> Result<(), String> {
         let Some([first, last]) = self.clip_seconds else {
             return Ok(());
@@ -270,7 +270,7 @@ impl EditedObjects<'_> {
         Ok(())
     }
 
-    /// Returns a line for each object that no view of the run shows as it is now; other cameras may.
+    /// Returns a line for each edited object that is outside of all views of the run; other cameras may see it.
     fn out_of_view(&self) -> Vec<String> {
         let Some(views) = self.views else {
             return Vec::new();
@@ -416,7 +416,7 @@ mod tests {
         assert!(edited(None, None).axes(Some(Axes::Camera)).is_err());
     }
 
-    /// One view from 40 m straight down.
+    /// Returns one view from 40 m straight down.
     fn views() -> Poses {
         let looks_down = DMat3::from_cols(DVec3::X, -DVec3::Y, -DVec3::Z);
         let pose = Pose::new(DQuat::from_mat3(&looks_down), DVec3::Z * 40.0);

@@ -1,4 +1,4 @@
-//! What a run's record says of the views of its split.
+//! Views of a run's split, by the run's record.
 
 use glam::{DVec2, DVec3, dvec3};
 use omnilife_schemas::{
@@ -7,7 +7,7 @@ use omnilife_schemas::{
     trajectory::GroundAxes,
 };
 
-/// Returns the mean direction up of the input views' cameras, in the world; `None` where they have none together.
+/// Returns the mean direction up of the input views' cameras, in the world; `None` where they have no common one.
 pub fn up(scene: &Scene, split: &Split) -> Option<[f64; 3]> {
     let frames = split.input_views.iter();
     let poses = frames.filter_map(|&frame| scene.frames.get(frame as usize)?.pose);
@@ -17,7 +17,7 @@ pub fn up(scene: &Scene, split: &Split) -> Option<[f64; 3]> {
     up.try_normalize().map(|up| up.to_array())
 }
 
-/// Returns the times of the first and the last view of a split, seconds; `None` where it has none.
+/// Returns the times of the first and the last view of a split, seconds; `None` for a split without views.
 pub fn clip_seconds(scene: &Scene, split: &Split) -> Option<[f64; 2]> {
     let views = split.input_views.iter().chain(&split.novel_views);
     let times = views.filter_map(|&frame| Some(scene.frames.get(frame as usize)?.time_seconds));
@@ -49,8 +49,8 @@ pub fn poses(scene: &Scene, split: &Split) -> Poses {
     }
 }
 
-/// Returns true where any view shows a part of the box of an object while the object is there. What stands before it is
-/// not asked for.
+/// Returns true if any view shows a part of the box of an object during the object's existence. Occlusion is
+/// ignored.
 pub fn is_in_view(object: &GraphObject, up: [f64; 3], views: &Poses) -> bool {
     let axes = GroundAxes::new(DVec3::from_array(up));
     let is_shown = |frame: &PosedFrame| {
@@ -74,7 +74,7 @@ pub fn is_in_view(object: &GraphObject, up: [f64; 3], views: &Poses) -> bool {
     views.frames.iter().any(|frame| is_shown(frame).is_some())
 }
 
-/// Whether the hull of some pixels, along columns and rows, meets the image.
+/// Returns true if the hull of some pixels, along columns and rows, meets the image.
 fn meets_image(camera: &Camera, pixels: impl Iterator<Item = DVec2>) -> bool {
     let Camera::Pinhole(_) = camera else {
         return true;
@@ -100,7 +100,7 @@ mod tests {
 
     use super::*;
 
-    /// Seconds 0 to 4, straight down from 40 m: 64 x 36 m of the ground.
+    /// Returns views at seconds 0 to 4, straight down from 40 m: 64 x 36 m of the ground.
     fn views(camera: Camera) -> Poses {
         let looks_down = DMat3::from_cols(DVec3::X, -DVec3::Y, -DVec3::Z);
         let pose = Pose::new(DQuat::from_mat3(&looks_down), dvec3(0.0, 0.0, 40.0));
@@ -117,7 +117,7 @@ mod tests {
         }
     }
 
-    /// From a place along x at 2 m/s, from second 2 to 6.
+    /// Returns an object that moves from a place along x at 2 m/s, from second 2 to 6.
     fn object(x: f64, y: f64) -> GraphObject {
         GraphObject {
             id: 3,
@@ -148,8 +148,8 @@ mod tests {
         let views = views(camera.into());
         let is_in_view = |x: f64, y: f64| is_in_view(&object(x, y), [0.0, 0.0, 1.0], &views);
         assert!(is_in_view(0.0, 0.0));
-        // The last view is at 4 s, when it has gone 4 m: the border is 32 m from the middle, half of the car 2.25 m
-        // (and its roof is nearer to the camera).
+        // The last view is at 4 s, when it has moved 4 m. The border is 32 m from the middle, half of the car
+        // 2.25 m (and its roof is nearer to the camera).
         assert!(is_in_view(-37.0, 0.0));
         assert!(!is_in_view(-40.0, 0.0));
         assert!(is_in_view(33.0, 0.0));

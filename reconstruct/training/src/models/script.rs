@@ -74,7 +74,7 @@ pub enum Edit {
         /// Frame that the image was painted in; `None`: painted over the atlas.
         frame: Option<u32>,
     },
-    /// Takes a part out.
+    /// Removes a part.
     Remove {
         /// Part of the model.
         #[serde(alias = "node")]
@@ -92,7 +92,7 @@ pub enum Edit {
         /// Axes of the displacement; `None`: the model's own.
         axes: Option<Axes>,
     },
-    /// Turns a part about its own middle.
+    /// Rotates a part about its own middle.
     Rotate {
         /// Part of the model.
         #[serde(alias = "node")]
@@ -107,7 +107,7 @@ pub enum Edit {
         /// Part of the model.
         #[serde(alias = "node")]
         object: String,
-        /// Name of the copy; `None`: the next free id, where parts have numbers.
+        /// Name of the copy; `None`: the next free id, if parts have numbers.
         new: Option<String>,
     },
     /// Shows a part later.
@@ -138,7 +138,7 @@ pub enum Unit {
 pub enum Axes {
     /// Right, down and forward of the camera in the clip's first frame.
     Camera,
-    /// Those of the scene's world.
+    /// Axes of the scene's world.
     World,
     /// Headings 0 and 90 degrees along the ground, and up.
     Ground,
@@ -154,7 +154,7 @@ pub enum Delay {
 }
 
 impl Script {
-    /// Reads a script and checks what holds for every kind of model: known words, finite numbers.
+    /// Reads a script and checks the rules for every kind of model: known words, finite numbers.
     ///
     /// # Errors
     /// When the file cannot be read or is malformed; the error names its line.
@@ -192,7 +192,7 @@ impl Script {
     /// Applies each edit in its order; returns one line per edit.
     ///
     /// # Errors
-    /// The first that `apply` returns, behind the name of the file and the line of the edit.
+    /// The first that `apply` returns, preceded by the name of the file and the line of the edit.
     pub fn apply(
         &self,
         mut apply: impl FnMut(&Edit) -> Result<String, String>,
@@ -207,7 +207,7 @@ impl Script {
 }
 
 impl Edit {
-    /// Returns the part that it changes.
+    /// Returns the part that the edit changes.
     pub fn object(&self) -> &str {
         match self {
             Self::Texture { object, .. }

@@ -1,4 +1,4 @@
-//! Estimated distances of a scene's input views, read when a method asks for them.
+//! Depth priors of a scene's input views, read on demand.
 
 use std::path::PathBuf;
 
@@ -10,18 +10,18 @@ use omnilife_schemas::{
 use super::TrainingScene;
 use crate::error::ReconstructError;
 
-/// Where the distances of a view are.
+/// File of a view's distances.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PriorFile {
     /// The file.
     pub path: PathBuf,
-    /// What it holds.
+    /// Its content.
     pub prior: DepthPrior,
 }
 
 impl TrainingScene {
-    /// Distances along the rays of input view number `view`, in normalized units and at the file's size;
-    /// `None` where the scene has none of it.
+    /// Reads the distances along the rays of input view number `view`, in normalized units and at the file's
+    /// size; `None` where the scene does not have them.
     ///
     /// # Errors
     /// When the file is missing, damaged, or of another size than the scene says.
@@ -35,7 +35,7 @@ impl TrainingScene {
 }
 
 impl PriorFile {
-    /// Distances along the rays of a camera, in normalized units and at the file's size.
+    /// Reads distances along the rays of a camera, in normalized units and at the file's size.
     ///
     /// # Errors
     /// When the file is missing, damaged, or of another size than the scene says.
@@ -60,7 +60,7 @@ impl PriorFile {
     }
 }
 
-/// A view with fewer pixels or as many: colours and masks are averaged over the area of a pixel.
+/// Resizes a view to at most its number of pixels: colours and masks are averaged over the area of a pixel.
 pub fn resized_view(view: &TrainingView, size: [usize; 2]) -> TrainingView {
     let camera = &view.view.camera;
     let own = camera.size();

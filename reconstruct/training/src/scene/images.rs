@@ -1,4 +1,4 @@
-//! Images and masks of a scene's frames, at the size that a method works on.
+//! Images and masks of a scene's frames, at a method's size.
 
 use std::{collections::BTreeMap, path::Path};
 
@@ -9,7 +9,7 @@ use omnilife_schemas::{
 
 use crate::error::ReconstructError;
 
-/// A view of a frame with everything that is seen in it.
+/// Loads a view of a frame with its masks.
 pub(super) fn load_view(
     scene: &Scene,
     scene_path: &Path,
@@ -51,7 +51,7 @@ pub(super) fn load_view(
     })
 }
 
-/// The masks of single objects in some frames.
+/// Loads the masks of single objects in some frames.
 pub(super) fn load_objects(
     scene: &Scene,
     folder: &Path,
@@ -71,7 +71,7 @@ pub(super) fn load_objects(
     Ok(objects)
 }
 
-/// Reads a frame's image and brings it to the size of `camera` by area averaging.
+/// Reads a frame's image and resizes it to `camera` by area averaging.
 ///
 /// # Errors
 /// When the file is unreadable or not of the size of the scene's camera.
@@ -96,8 +96,7 @@ pub fn read_image(
     Ok(image.resized_by_area(camera.width() as usize, camera.height() as usize))
 }
 
-/// A mask of the scene's images, `expected` wide and high, brought to the size of `camera` by area
-/// averaging.
+/// Loads a mask of the scene's images, `expected` wide and high, and resizes it to `camera` by area averaging.
 fn load_mask(
     path: &Path,
     expected: [usize; 2],
@@ -110,8 +109,8 @@ fn load_mask(
     Ok(resized.to_rgb8().into_iter().step_by(3).collect())
 }
 
-/// What is ignored of the scene's images, `expected` wide and high, at the size of `camera`: every pixel over
-/// which a marked one lies.
+/// Loads the ignored region of the scene's images, `expected` wide and high, at the size of `camera`: every pixel
+/// that overlaps a marked one.
 fn load_ignore_mask(
     path: &Path,
     expected: [usize; 2],
@@ -139,7 +138,7 @@ fn read_mask(path: &Path, [width, height]: [usize; 2]) -> Result<Mask, Reconstru
     ))
 }
 
-/// A mask of what moves, or of an object, without what is ignored.
+/// Removes the ignored region from a dynamic mask, or from an object's.
 fn without(mut mask: Vec<u8>, ignored: Option<&[u8]>) -> Vec<u8> {
     let marks = ignored.unwrap_or_default();
     for (value, _) in mask.iter_mut().zip(marks).filter(|(_, mark)| **mark != 0) {

@@ -11,8 +11,7 @@ use omnilife_schemas::{
 
 use crate::error::ReconstructError;
 
-/// Returns lines on what is assumed of the masks of a split's frames, and where what is no part of the scene looks
-/// inverted.
+/// Returns notes on assumptions about the masks of a split's frames, and on ignored regions that look inverted.
 ///
 /// # Errors
 /// When the scene, the split or a mask cannot be read.
@@ -70,7 +69,7 @@ mod tests {
         }
     }
 
-    /// Four frames that share a mask of what moves and one of who holds the camera.
+    /// Returns four frames that share a dynamic mask and a mask of the operator.
     fn scene() -> Scene {
         Scene {
             id: "held/seq-000".to_owned(),
@@ -151,7 +150,7 @@ mod tests {
             matches!(&inverted[..], [line] if line.contains("4 frames")),
             "{inverted:?}"
         );
-        // Most of what is seen may move.
+        // Most of the visible scene may move.
         assert_eq!(notes(&white(7), &white(2)), [""; 0]);
         std::fs::write(at("holder.png"), "no image").unwrap();
         assert!(mask_notes(&at("scene.json"), &at("split.json")).is_err());

@@ -3,8 +3,8 @@
 /// A piece of a mask: its pixels in order.
 pub type Piece = Vec<usize>;
 
-/// Returns the pieces of a mask of `width` x `height` pixels that are connected by sides: of the pixels that have
-/// `least` or more. Where the mask wraps the first column follows the last.
+/// Returns the pieces of a mask of `width` x `height` pixels that are connected by sides, among pixels of at
+/// least `least`. If the mask wraps, the first column follows the last.
 pub fn pieces(mask: &[u8], [width, height]: [usize; 2], wraps: bool, least: u8) -> Vec<Piece> {
     let mut is_open: Vec<bool> = mask.iter().map(|&byte| byte >= least).collect();
     let mut found = Vec::new();

@@ -44,34 +44,34 @@ pub struct TrainingScene {
     pub camera: Camera,
     /// Views to train on.
     pub input_views: Vec<TrainingView>,
-    /// Views to predict. Their images serve the trace alone.
+    /// Views to predict. Their images are for the trace alone.
     pub novel_views: Vec<TrainingView>,
     /// World to normalized coordinates.
     pub normalization: Similarity,
-    /// What a unit of the world is.
+    /// Unit of the world.
     pub scale: Scale,
-    /// Whether the cameras stand too close together to give the scene its scale.
+    /// True if the cameras stand too close together to determine the scene's scale.
     pub is_normalized_by_points: bool,
     /// Points in normalized coordinates with their colours; may be empty.
     pub points: PointCloud<f32>,
-    /// How many of the points, the last ones, the scene did not come with.
+    /// Number of added points, the last ones.
     pub added_points: usize,
-    /// What a reader of scores should know where the points were made with views that are held out.
+    /// Warning for readers of the scores if the points were made with held-out views.
     pub seen_for_points: Option<String>,
-    /// Estimated distances of the input views, in their order; no entries where no view has any.
+    /// Depth priors of the input views, in their order; empty if no view has any.
     pub depth_priors: Vec<Option<PriorFile>>,
-    /// The same of the novel views. No method sees them: the trace measures holes there.
+    /// Depth priors of the novel views. No method sees them: the trace measures holes there.
     pub novel_depth_priors: Vec<Option<PriorFile>>,
-    /// Masks of single objects in the input views, by the object's name and the frame: share of each pixel
-    /// that it covers, 255 for all of it.
+    /// Masks of single objects in the input views, by the object's name and the frame: covered share of each
+    /// pixel, 255 for all of it.
     pub objects: BTreeMap<String, BTreeMap<u32, Vec<u8>>>,
-    /// What moves through it, world, as far as `tracks.json` beside the split says so.
+    /// Moving objects, world, if `tracks.json` beside the split lists them.
     pub tracks: Option<Tracks>,
 }
 
 impl TrainingScene {
-    /// Loads `scene.json` and `split.json`; `extent` says which cameras it is normalized by. Images are
-    /// brought to the protocol's width by area averaging where they are larger.
+    /// Loads `scene.json` and `split.json`; `extent` selects the cameras of the normalization. Larger images are
+    /// resized to the protocol's width by area averaging.
     ///
     /// # Errors
     /// When a file is missing or malformed, a split's frame has no pose, image sizes differ from
@@ -135,8 +135,8 @@ impl TrainingScene {
         })
     }
 
-    /// Mean share of the input views' masks that is marked, over the sphere (rows of ERP images weighted
-    /// by the cosine of their latitude) or, of a pinhole, over the image; `None` when no input view has a
+    /// Returns the mean marked share of the input views' masks, over the sphere or, for a pinhole, over the
+    /// image. Rows of ERP images are weighted by the cosine of their latitude. `None` when no input view has a
     /// mask.
     pub fn mask_coverage(&self) -> Option<f64> {
         let [width, height] = self.camera.size();
@@ -162,8 +162,7 @@ impl TrainingScene {
         (all > 0.0).then(|| marked / all)
     }
 
-    /// Returns the share of the input views' pixels with a saturated channel, 0 to 1, of those that show something of
-    /// the scene.
+    /// Returns the share of the input views' pixels with a saturated channel, 0 to 1, outside of ignored regions.
     pub fn saturated_share(&self) -> f64 {
         let (mut saturated, mut all) = (0_u64, 0_u64);
         for view in &self.input_views {
@@ -177,7 +176,7 @@ impl TrainingScene {
         saturated as f64 / all.max(1) as f64
     }
 
-    /// Keeps the points that the scene came with.
+    /// Keeps the scene's own points.
     pub(crate) fn leave_added_points_out(&mut self) {
         let given = self.points.len() - self.added_points;
         self.points.positions.truncate(given);
@@ -185,8 +184,8 @@ impl TrainingScene {
         self.added_points = 0;
     }
 
-    /// The scene with images and masks averaged over whole squares of pixels: as small as they get
-    /// without becoming narrower than `least_width`.
+    /// Returns the scene with images and masks averaged over whole squares of pixels: at the minimum width of at
+    /// least `least_width`.
     pub fn reduced(&self, least_width: u32) -> Self {
         let (width, height) = (self.camera.width(), self.camera.height());
         let fits = |factor: &u32| width.is_multiple_of(*factor) && height.is_multiple_of(*factor);
@@ -239,7 +238,7 @@ impl TrainingScene {
         }
     }
 
-    /// The clock of a scene's views, input and novel ones.
+    /// Returns the clock of a scene's views, input and novel ones.
     ///
     /// # Errors
     /// When the timestamps do not increase with the frames' numbers.
@@ -270,8 +269,8 @@ impl TrainingScene {
         Ok(Clock::from_times(&times))
     }
 
-    /// Frames from an input view to the next one: half of the time between the first and the last lies in
-    /// gaps of at least this length. 1 where there is no gap.
+    /// Returns the frames from an input view to the next one. Half of the time between the first and the last
+    /// lies in gaps of at least this length. 1 without gaps.
     pub fn input_gap_frames(&self, clock: &Clock) -> f32 {
         let frames = self
             .input_views
@@ -280,7 +279,7 @@ impl TrainingScene {
         gap_of_half_the_time(frames.collect()).unwrap_or(1.0) as f32
     }
 
-    /// Returns a line for readers of the scores where tracks were made with views that are held out.
+    /// Returns a warning for readers of the scores if tracks were made with held-out views.
     pub fn held_out_tracks(&self) -> Option<String> {
         let tracks = self.tracks.as_ref()?;
         let held_out = self
@@ -293,7 +292,7 @@ impl TrainingScene {
         })
     }
 
-    /// What training sees of the input views.
+    /// Returns the training inputs of the input views.
     pub fn inputs(&self) -> InputViews<'_> {
         InputViews {
             camera: self.camera,
@@ -301,8 +300,8 @@ impl TrainingScene {
         }
     }
 
-    /// Median distance between input views that follow each other, in normalized units; 0 for a
-    /// camera that does not move.
+    /// Returns the median distance between consecutive input views, in normalized units; 0 for a camera that does
+    /// not move.
     pub fn median_camera_step(&self) -> f32 {
         let pairs = self.input_views.windows(2);
         let steps: Vec<f32> = pairs
@@ -311,7 +310,7 @@ impl TrainingScene {
         median(&steps).unwrap_or(0.0)
     }
 
-    /// Median distance of the points from the mean camera, in normalized units; 0 without points.
+    /// Returns the median distance of the points from the mean camera, in normalized units; 0 without points.
     pub fn median_point_distance(&self) -> f32 {
         let positions = self.points.positions.iter();
         let distances: Vec<f32> = positions
@@ -321,7 +320,7 @@ impl TrainingScene {
     }
 }
 
-/// Where the estimated distances of these frames are.
+/// Returns the files of the depth priors of these frames.
 fn depth_priors(scene: &Scene, folder: &Path, frames: &[u32]) -> Vec<Option<PriorFile>> {
     let of_frame = |&frame: &u32| {
         let prior = scene.frames.get(frame as usize)?.depth_prior.clone()?;
@@ -335,7 +334,7 @@ fn depth_priors(scene: &Scene, folder: &Path, frames: &[u32]) -> Vec<Option<Prio
     priors
 }
 
-/// Means over squares of `factor` pixels of an image with `C` channels.
+/// Returns means over squares of `factor` pixels of an image with `C` channels.
 fn averaged<const C: usize>(pixels: &[u8], width: usize, factor: usize) -> Vec<u8> {
     let rows = pixels.len() / (width * C);
     let mut means = Vec::with_capacity(pixels.len() / (factor * factor));
@@ -355,7 +354,7 @@ fn averaged<const C: usize>(pixels: &[u8], width: usize, factor: usize) -> Vec<u
     means
 }
 
-/// Whether any of the squares of `factor` pixels of a mask is marked.
+/// Marks each square of `factor` pixels of a mask with a marked pixel.
 fn marked_in_any(marks: &[u8], width: usize, factor: usize) -> Vec<u8> {
     let mask = Mask {
         width,
@@ -366,8 +365,8 @@ fn marked_in_any(marks: &[u8], width: usize, factor: usize) -> Vec<u8> {
         .data
 }
 
-/// Returns the camera of the images that a method works on, after a check that the split is the one that its
-/// protocol makes of this scene.
+/// Returns the camera of a method's images, after a check that the split is the one of its protocol for this
+/// scene.
 ///
 /// # Errors
 /// When the split is another one, or its protocol has no size for the scene's camera.
@@ -376,7 +375,7 @@ pub fn checked_camera(
     split: &Split,
     split_path: &Path,
 ) -> Result<Camera, ReconstructError> {
-    // An edited split would hand out views that are scored as held out.
+    // An edited split would provide views that are scored as held out.
     split_rules::check(split, scene)
         .map_err(|reason| ReconstructError::scene(split_path, reason))?;
     let [width, height] = split
@@ -386,7 +385,7 @@ pub fn checked_camera(
     Ok(scene.camera.resized(width, height))
 }
 
-/// The longest gap between moments such that half of the time between the first and the last lies in gaps
+/// Returns the longest gap between moments such that half of the time between the first and the last lies in gaps
 /// of at least this length.
 fn gap_of_half_the_time(mut moments: Vec<f64>) -> Option<f64> {
     moments.sort_by(f64::total_cmp);
@@ -407,7 +406,7 @@ mod tests {
     #[test]
     fn the_gap_is_that_in_which_half_of_the_time_lies() {
         for (frames, expected) in [
-            // Every fifth frame is left out; the first and the last of ten are given; one long hole alone.
+            // Every fifth frame is left out; the first and the last of ten are inputs; one long hole alone.
             (&[0, 1, 2, 3, 5, 6, 7, 8, 10][..], Some(1.0)),
             (&[20, 0, 9, 10, 19], Some(9.0)),
             (&[0, 1, 2, 3, 4, 5, 6, 7, 8, 13], Some(1.0)),

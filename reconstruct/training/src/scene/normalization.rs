@@ -1,16 +1,15 @@
-//! Similarity that brings a scene's cameras and points to the size that training works in.
+//! Similarity that brings a scene's cameras and points to the size of training.
 
 use glam::{DVec3, Vec3};
 use omnilife_schemas::{Similarity, points::PointCloud, statistics};
 
-/// Median distance of the points from the mean camera, in camera radii, above which the cameras do
-/// not give the scale.
+/// Maximum median distance of the points from the mean camera, in camera radii, for a scale by the cameras.
 const FARTHEST_MEDIAN_POINT: f64 = 1000.0;
 
-/// Which cameras give a scene its extent.
+/// Cameras that determine a scene's extent.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum CameraExtent {
-    /// Up to the farthest one, as 3DGS and what follows it measure.
+    /// All up to the farthest one, as in 3DGS and its successors.
     Farthest,
     /// Without those that are far from all others, whose poses are wrong
     /// ([`Similarity::from_most_cameras`]).
@@ -18,7 +17,7 @@ pub enum CameraExtent {
 }
 
 impl CameraExtent {
-    /// The similarity that normalizes cameras; `None` without cameras or with non-finite centres.
+    /// Returns the similarity that normalizes cameras; `None` without cameras or with non-finite centres.
     pub(super) fn similarity(self, centres: &[DVec3]) -> Option<Similarity> {
         match self {
             Self::Farthest => Similarity::from_cameras(centres),
@@ -27,7 +26,7 @@ impl CameraExtent {
     }
 }
 
-/// The cameras' similarity; where they hardly move (a tripod), one that puts the median point at
+/// Returns the cameras' similarity; where they hardly move (a tripod), one that puts the median point at
 /// [`FARTHEST_MEDIAN_POINT`].
 pub(super) fn normalization(cameras: Similarity, points: &PointCloud) -> Similarity {
     let distances: Vec<f64> = points
@@ -44,7 +43,7 @@ pub(super) fn normalization(cameras: Similarity, points: &PointCloud) -> Similar
     }
 }
 
-/// Whether a point (normalized) is farther from some camera (world) than rounding puts it.
+/// Returns true if a point (normalized) is farther from some camera (world) than the error of rounding.
 pub(super) fn any_point_away_from_cameras(
     points: &PointCloud<f32>,
     normalization: &Similarity,
@@ -62,7 +61,7 @@ pub(super) fn any_point_away_from_cameras(
     })
 }
 
-/// World points in normalized coordinates.
+/// Returns world points in normalized coordinates.
 pub(super) fn normalized(points: PointCloud, normalization: &Similarity) -> PointCloud<f32> {
     let normalize = |&position: &[f64; 3]| {
         let normalized = normalization.normalize(DVec3::from_array(position));
@@ -96,7 +95,7 @@ mod tests {
         assert_eq!(normalization(moving, &points), moving);
     }
 
-    /// Measures of a scene do not change when the scene is moved.
+    /// Checks that measures of a scene do not change when the scene is moved.
     #[test]
     fn points_far_from_the_origin_are_normalized_as_near_it() {
         let place = |n: usize| DVec3::new((n as f64).sin(), (1.7 * n as f64).cos(), 0.3 * n as f64);

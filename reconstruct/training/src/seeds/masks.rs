@@ -1,17 +1,17 @@
-//! First dynamic Gaussians: on what moves, where masks show it.
+//! First dynamic Gaussians: on masked pixels.
 //!
-//! Structure from motion has no points on moving objects, and at first no Gaussian is dynamic: the
-//! losses of dynamic Gaussians alone would have nothing to render and no gradient (the cold start of
-//! Omni4DGS). So Gaussians are put onto the masked pixels of the input views, at the views' times.
+//! Structure from motion has no points on moving objects, and at first all Gaussians are static. The losses of
+//! dynamic Gaussians alone would have an empty render and no gradient (the cold start of Omni4DGS). So Gaussians
+//! are placed on the masked pixels of the input views, at the views' times.
 //!
-//! A pixel has no depth. An object hides everything behind it: it is no farther than the nearest
-//! scene point in its silhouette, which for what stands on the ground is the ground at its foot. Each
-//! connected component of a mask gets one distance, the 10th percentile of the points in it.
+//! A pixel has no depth. An object hides everything behind it: it is no farther than the nearest scene point in
+//! its silhouette. For an object that stands on the ground, that is the ground at its foot. Each connected
+//! component of a mask gets one distance, the 10th percentile of the points in it.
 //!
-//! Where asked for, seeds begin with a velocity: that of their component from the view before to the view
-//! after, or from or to its own where one of them does not show it, across the line of sight. Components
-//! are the same where each is the other's nearest, within a few degrees, and of about the same size; along
-//! the line of sight nothing is known.
+//! On request, seeds start with a velocity: that of their component from the view before to the view after,
+//! across the line of sight. If one of those does not show it, the view itself takes its place. Components are
+//! the same where each is the other's nearest, within a few degrees, and of about the same size. The velocity
+//! along the line of sight is unknown.
 
 use std::f32::consts::PI;
 
@@ -28,29 +28,29 @@ use omnilife_engine::{
     training_view::TrainingView,
 };
 
-/// Opacity of a seed: it is known to be there.
+/// Opacity of a seed: its existence is known.
 const SEED_OPACITY: f32 = 0.5;
 /// The share of a component's points that may be nearer than it.
 const NEAR_SHARE: f32 = 0.1;
-/// A pixel belongs to a mask when half of it is covered.
+/// Minimum coverage of a masked pixel.
 const COVERED: u8 = 128;
-/// Two components of neighbouring views may be the same up to this angle, radians.
+/// Maximum angle between components of neighbouring views that are the same, radians.
 const LARGEST_STEP: f32 = 0.2;
-/// And up to this ratio of their areas.
+/// Maximum ratio of their areas.
 const LARGEST_GROWTH: f32 = 1.6;
-/// Components with fewer points than this take the distance of the view's median component.
+/// Minimum number of points for a component's own distance; others take that of the view's median component.
 const LEAST_POINTS: usize = 3;
 
-/// Dynamic Gaussians at the beginning.
+/// First dynamic Gaussians.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct MaskSeeds {
     /// The Gaussians.
     pub gaussians: InitialGaussians,
-    /// When they are.
+    /// Their times.
     pub times: InitialTimes,
-    /// Masked pixels of all input views, from which they were taken evenly.
+    /// Number of masked pixels of all input views, from which seeds were taken evenly.
     pub masked_pixels: usize,
-    /// Seeds whose distance is not from points of their own component.
+    /// Number of seeds without points of their own component for their distance.
     pub without_points: usize,
 }
 
@@ -74,31 +74,31 @@ struct MaskedPixel {
     pixel: usize,
 }
 
-/// Whether seeds begin with the velocity of their component.
+/// Choice of the seeds' first velocity.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum SeedVelocity {
-    /// They begin at rest.
+    /// Rest.
     None,
-    /// With that of their component across the line of sight.
+    /// The velocity of their component across the line of sight.
     Tracked,
 }
 
-/// How seeds are made.
+/// Settings of the seeds.
 #[derive(Debug, Clone, Copy)]
 pub struct SeedSettings<'a> {
-    /// From seconds to frames.
+    /// Clock from seconds to frames.
     pub clock: Clock,
     /// First lifespan of a seed, frames.
     pub lifespan_frames: f32,
     /// First velocities.
     pub velocity: SeedVelocity,
-    /// Gains that are taken out of the colours.
+    /// Gains that are removed from the colours.
     pub exposure: Option<&'a Exposure>,
-    /// Seeds, at most.
+    /// Maximum number of seeds.
     pub maximum: usize,
 }
 
-/// Seeds, evenly from all masked pixels.
+/// Places seeds, evenly from all masked pixels.
 pub fn mask_seeds(scene: &TrainingScene, settings: &SeedSettings<'_>) -> MaskSeeds {
     let SeedSettings {
         clock,
@@ -135,7 +135,7 @@ pub fn mask_seeds(scene: &TrainingScene, settings: &SeedSettings<'_>) -> MaskSee
     if count == 0 {
         return seeds;
     }
-    // A pixel is shown by the seeds of all views within a lifespan: so many fewer are enough.
+    // The seeds of all views within a lifespan show a pixel: so many fewer are enough.
     let pixels_per_seed = all.len() as f32 / count as f32 / lifespan_frames.max(1.0);
     let spread = pixels_per_seed.max(1.0).sqrt();
     let velocities: Vec<Vec<Vec3>> = match settings.velocity {
@@ -173,9 +173,9 @@ pub fn mask_seeds(scene: &TrainingScene, settings: &SeedSettings<'_>) -> MaskSee
     seeds
 }
 
-/// The velocity of every component of every view, units per frame: from where it is found in the view before to
-/// where it is in the view after; from or to where it is now, where one of them does not show it; zero where
-/// neither does.
+/// Returns the velocity of every component of every view, units per frame: from its position in the view before
+/// to that in the view after. If one of them does not show it, the position in the view itself takes its place;
+/// zero if neither does.
 fn tracked_velocities(
     scene: &TrainingScene,
     clock: &Clock,
@@ -217,7 +217,7 @@ fn tracked_velocities(
     velocities
 }
 
-/// The component among `others` that is component `number` of `all`.
+/// Returns the component among `others` that is component `number` of `all`.
 fn same_component<'p>(
     number: usize,
     all: &[ConnectedComponent],
@@ -237,7 +237,7 @@ fn same_component<'p>(
     is_same.then_some(other)
 }
 
-/// World direction of a pixel's centre.
+/// Returns the world direction of a pixel's centre.
 fn direction(camera: &Camera, view: &TrainingView, pixel: usize) -> Vec3 {
     let width = camera.width() as usize;
     let centre = glam::dvec2((pixel % width) as f64 + 0.5, (pixel / width) as f64 + 0.5);
@@ -245,7 +245,7 @@ fn direction(camera: &Camera, view: &TrainingView, pixel: usize) -> Vec3 {
     view.view.rotation.transpose() * ray
 }
 
-/// The components of one view's mask.
+/// Returns the components of one view's mask.
 fn components(scene: &TrainingScene, view: &TrainingView) -> Vec<ConnectedComponent> {
     let Some(mask) = &view.mask else {
         return Vec::new();
@@ -291,7 +291,7 @@ fn components(scene: &TrainingScene, view: &TrainingView) -> Vec<ConnectedCompon
     components
 }
 
-/// Solid angle of a pixel over that of one at the image centre.
+/// Returns the solid angle of a pixel over that of one at the image centre.
 fn area_of_pixel(camera: &Camera, pixel: usize, [width, height]: [usize; 2]) -> f32 {
     match camera {
         Camera::Erp(_) => {
@@ -306,15 +306,15 @@ fn area_of_pixel(camera: &Camera, pixel: usize, [width, height]: [usize; 2]) -> 
     }
 }
 
-/// The distance of a component from those of the points in it.
+/// Returns the distance of a component from those of the points in it.
 fn near_distance(mut distances: Vec<f32>) -> Option<f32> {
     distances.sort_by(f32::total_cmp);
     let nearest = (NEAR_SHARE * distances.len() as f32) as usize;
     (distances.len() >= LEAST_POINTS).then(|| distances[nearest])
 }
 
-/// Numbers the connected components of a mask (4 neighbours, around the seam where columns wrap); returns
-/// the number of each pixel's component and how many there are.
+/// Numbers the connected components of a mask (4 neighbours, around the seam where columns wrap); returns the
+/// number of each pixel's component and the number of components.
 fn connected_components(mask: &[u8], width: usize, wraps: bool) -> (Vec<Option<usize>>, usize) {
     let mut labels = vec![None; mask.len()];
     let mut components = 0;

@@ -1,8 +1,7 @@
 //! First Gaussians.
 //!
-//! * [`points`]: at the points of a scene; [`swept`]: points for a scene without any. [`depth`]: at pixels
-//!   whose distances are known. [`sky`]: in the directions without any. [`masks`]: where masks show that
-//!   something moves.
+//! * [`points`]: at the points of a scene; [`swept`]: points for a scene without points. [`depth`]: at pixels of
+//!   known distance. [`sky`]: in the directions without points. [`masks`]: on masked pixels.
 
 pub mod depth;
 pub mod masks;

@@ -11,8 +11,8 @@ const POINT_OPACITY: f32 = 0.1;
 /// Neighbours whose mean squared distance gives a Gaussian's first scale (3DGS).
 const NEIGHBOURS: usize = 3;
 
-/// Indices of at most `maximum` of the points, evenly spread: the points are walked along a curve
-/// through space, and every so manieth is taken.
+/// Returns indices of at most `maximum` of the points, evenly spread: one of every so many along a curve through
+/// space.
 pub fn thinned_indices(points: &PointCloud<f32>, maximum: usize) -> Vec<usize> {
     let mut order: Vec<usize> = (0..points.len()).collect();
     if points.len() <= maximum {
@@ -24,7 +24,7 @@ pub fn thinned_indices(points: &PointCloud<f32>, maximum: usize) -> Vec<usize> {
         .collect()
 }
 
-/// The points at these indices.
+/// Returns the points at these indices.
 pub fn selected(points: &PointCloud<f32>, indices: &[usize]) -> PointCloud<f32> {
     let (positions, colours) = indices
         .iter()
@@ -33,12 +33,12 @@ pub fn selected(points: &PointCloud<f32>, indices: &[usize]) -> PointCloud<f32> 
     PointCloud { positions, colours }
 }
 
-/// At most `maximum` of the points, evenly spread ([`thinned_indices`]).
+/// Returns at most `maximum` of the points, evenly spread ([`thinned_indices`]).
 pub fn thinned(points: &PointCloud<f32>, maximum: usize) -> PointCloud<f32> {
     selected(points, &thinned_indices(points, maximum))
 }
 
-/// Position along the Z-order curve. The bits of a float's magnitude rise with it, so that the curve
+/// Returns the position along the Z-order curve. The bits of a float's magnitude rise with it, so that the curve
 /// resolves near points as finely, for their distance, as far ones.
 pub(crate) fn morton_code(position: [f32; 3]) -> u128 {
     let ordered = position.map(|value| {
@@ -53,8 +53,8 @@ pub(crate) fn morton_code(position: [f32; 3]) -> u128 {
     })
 }
 
-/// Gaussians at points in normalized coordinates: colour of the point, isotropic scale from the
-/// three nearest neighbours and within a factor `spread` of their median, opacity 0.1.
+/// Makes Gaussians at points in normalized coordinates: colour of the point, opacity 0.1, and an isotropic scale
+/// from the three nearest neighbours within a factor `spread` of their median.
 pub fn from_points(points: &PointCloud<f32>, spread: f32) -> InitialGaussians {
     let positions = &points.positions;
     let tree = RTree::bulk_load(positions.clone());
@@ -95,13 +95,13 @@ pub fn from_points(points: &PointCloud<f32>, spread: f32) -> InitialGaussians {
     )
 }
 
-/// Both sets one after the other.
+/// Returns both sets one after the other.
 pub fn join(mut first: InitialGaussians, second: InitialGaussians) -> InitialGaussians {
     first.append(second);
     first
 }
 
-/// Those that are `chosen`, and the others.
+/// Returns the Gaussians that are `chosen`, and the others.
 pub fn partition(
     gaussians: &InitialGaussians,
     chosen: &[bool],

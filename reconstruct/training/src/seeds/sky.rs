@@ -17,17 +17,17 @@ use omnilife_engine::{
     training_view::TrainingView,
 };
 
-/// Directions in which open sky is looked for, where the number of Gaussians allows as many.
+/// Maximum number of examined directions for open sky; a limit on the Gaussians may lower it.
 pub(crate) const SKY_DIRECTIONS: usize = 8_000;
-/// The shell takes at most one of this many Gaussians.
+/// Inverse of the shell's maximum share of all Gaussians.
 const SKY_PART: u64 = 4;
-/// Share of the sphere that must be open for a shell to be worth it.
+/// Minimum open share of the sphere for a shell.
 pub const SKY_SHARE: f32 = 0.02;
-/// Opacity of the shell: there is nothing behind it.
+/// Opacity of the shell: the space behind it is empty.
 const SHELL_OPACITY: f32 = 0.8;
 /// The shell's radius over the 95th percentile of the points' distance from the mean camera.
 const SHELL_RADIUS_FACTOR: f32 = 1.5;
-/// A shell without any points has this radius in camera radii.
+/// Radius of a shell without any points, camera radii.
 const SHELL_RADIUS_WITHOUT_POINTS: f32 = 100.0;
 
 /// Directions from the mean camera in which a scene has no points.
@@ -35,15 +35,15 @@ const SHELL_RADIUS_WITHOUT_POINTS: f32 = 100.0;
 pub struct OpenSky {
     /// Directions evenly spread over the sphere.
     pub directions: usize,
-    /// Those in which some input view shows the scene.
+    /// Number of those in which some input view shows the scene.
     pub seen: usize,
-    /// Those of them without points, unit vectors, world frame.
+    /// Visible directions without points, unit vectors, world frame.
     pub open: Vec<Vec3>,
 }
 
 impl OpenSky {
-    /// Looks in as many directions as a shell may take of `maximum` Gaussians. A direction is open when
-    /// no point lies within twice the directions' spacing of it.
+    /// Examines as many directions as a shell may take of `maximum` Gaussians. A direction is open when no point
+    /// lies within twice the directions' spacing of it.
     pub fn of(scene: &TrainingScene, maximum: u64) -> Self {
         let directions = SKY_DIRECTIONS.min((maximum / SKY_PART) as usize).max(1);
         let points: Vec<[f32; 3]> = scene
@@ -70,17 +70,17 @@ impl OpenSky {
         }
     }
 
-    /// Share of what is seen of the sphere without points.
+    /// Returns the share of the visible sphere without points.
     pub fn share(&self) -> f32 {
         self.open.len() as f32 / self.seen.max(1) as f32
     }
 
-    /// Whether enough of the sphere is open for a shell.
+    /// Returns true if enough of the sphere is open for a shell.
     pub fn is_worth_a_shell(&self) -> bool {
         self.share() >= SKY_SHARE
     }
 
-    /// The shell. Colours are the mean over the input views at a direction, which is exact at infinity;
+    /// Makes the shell. Colours are the mean over the input views at a direction, which is exact at infinity;
     /// with an exposure, without its gains.
     pub fn shell(&self, scene: &TrainingScene, exposure: Option<&Exposure>) -> InitialGaussians {
         let radius = shell_radius(scene);
@@ -99,7 +99,7 @@ impl OpenSky {
     }
 }
 
-/// Mean distance between neighbours on the unit sphere.
+/// Returns the mean distance between neighbours on the unit sphere.
 fn spacing(directions: usize) -> f32 {
     (4.0 * PI / directions as f32).sqrt()
 }
@@ -113,7 +113,7 @@ fn shell_radius(scene: &TrainingScene) -> f32 {
         .collect();
     distances.sort_by(f32::total_cmp);
     match distances.get(distances.len() * 95 / 100) {
-        // Never so near that the cameras (within one unit) see its parallax.
+        // Minimum distance at which the cameras (within one unit) see no parallax of the shell.
         Some(&distance) => (SHELL_RADIUS_FACTOR * distance).max(10.0),
         None => SHELL_RADIUS_WITHOUT_POINTS,
     }
@@ -131,7 +131,7 @@ fn fibonacci_sphere(count: usize) -> Vec<Vec3> {
         .collect()
 }
 
-/// Whether some input view shows a direction of the world at infinity.
+/// Returns true if some input view shows a direction of the world at infinity.
 fn is_seen(scene: &TrainingScene, direction_world: Vec3) -> bool {
     match scene.camera {
         Camera::Erp(_) if scene.input_views.iter().any(|view| view.ignored.is_none()) => true,
@@ -142,7 +142,7 @@ fn is_seen(scene: &TrainingScene, direction_world: Vec3) -> bool {
     }
 }
 
-/// The pixel that shows the scene in a direction of the camera; `None` where none does.
+/// Returns the pixel that shows the scene in a direction of the camera; `None` without one.
 fn pixel_showing(view: &TrainingView, direction: Vec3) -> Option<usize> {
     let camera = &view.view.camera;
     let [column, row] = camera.pixel_of(direction, 1.0)?;
@@ -150,7 +150,7 @@ fn pixel_showing(view: &TrainingView, direction: Vec3) -> Option<usize> {
     view.shows_scene(pixel).then_some(pixel)
 }
 
-/// Mean over the input views that show a direction.
+/// Returns the mean over the input views that show a direction.
 fn mean_colour(
     scene: &TrainingScene,
     exposure: Option<&Exposure>,

@@ -1,5 +1,5 @@
-//! Points of a scene that came without any, or with too few: surfaces that a spherical sweep between its
-//! views finds, that other views confirm, and that no point of the scene is near to.
+//! Points for a scene without points, or with too few. They lie on surfaces that a spherical sweep between its
+//! views finds, that other views confirm, and that have no scene point nearby.
 
 use std::f32::consts::TAU;
 
@@ -15,66 +15,66 @@ use crate::{
     stereo::{self, Placement, SweepSettings, SweptDepth, warp::ErpRays},
 };
 
-/// Views whose depth is swept, at most, evenly from all input views.
+/// Maximum number of swept views, evenly from all input views.
 const REFERENCES: usize = 12;
-/// Views at which bare surfaces are looked for, evenly from all input views.
+/// Maximum number of views for finding bare surfaces, evenly from all input views.
 const TRIALS: usize = 6;
-/// Views between the two of a pair that are tried.
+/// Tried gaps between the two views of a pair.
 const GAPS: [usize; 4] = [1, 2, 4, 8];
-/// Width at which the gaps are tried, and that of the sweeps, pixels.
+/// Width of images for trying gaps, and for the sweeps, pixels.
 const TRIAL_WIDTH: usize = 128;
 const SEARCH_WIDTH: usize = 256;
-/// Parallax below which a distance is a guess, pixels of the search.
+/// Minimum parallax of a distance, pixels of the search; below it a distance is a guess.
 const LEAST_PARALLAX: f32 = 1.0;
-/// Parallax at which a distance is good enough to count when gaps are compared, pixels.
+/// Minimum parallax of a good distance in the comparison of gaps, pixels.
 const GOOD_PARALLAX: f32 = 2.0;
-/// Confidence from which a match counts.
+/// Minimum confidence of a match.
 const LEAST_CONFIDENCE: f32 = 0.1;
-/// Steps of the search by which a second pair may differ, and beyond which it sees past a point.
+/// Maximum difference of a second pair, in steps of the search; beyond it the pair sees past a point.
 const AGREEING_STEPS: f32 = 2.0;
 const PAST_STEPS: f32 = 4.0;
-/// A point of the scene that is nearer than this covers a place, pixels of the search as its view sees it.
+/// Maximum distance of a scene point that covers a place, pixels of the search in its view.
 const NEAR_PIXELS: f32 = 3.0;
-/// Masks from this value on hide what is behind them.
+/// Minimum value of masked pixels.
 const MASKED: u8 = 128;
-/// Weight of a pixel without any detail, of the mean: flat walls get points, too.
+/// Weight of a pixel without any detail, over the mean: flat walls get points, too.
 const FLAT_WEIGHT: f32 = 0.5;
 
-/// Points that were found, and how.
+/// Points of a sweep, with its settings.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SweptPoints {
     /// The points, normalized units.
     pub points: PointCloud<f32>,
-    /// Pairs of views that were swept.
+    /// Number of swept pairs of views.
     pub pairs: usize,
-    /// Input views from one of a pair to the other.
+    /// Gap between the two views of a pair, in input views.
     pub gap: usize,
     /// Share of the pixels with a distance that both views of the pair agree on.
     pub confirmed: f32,
 }
 
-/// How much of its surfaces the points of a scene leave bare.
+/// Bare share of a scene's surfaces.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct BareSurfaces {
     /// Places on surfaces that pairs of views agree on.
     pub places: usize,
-    /// Those of them that no point of the scene is near to.
+    /// Number of those without a near scene point.
     pub bare: usize,
 }
 
 impl BareSurfaces {
-    /// Share of the places, 0 to 1.
+    /// Returns the share of bare places, 0 to 1.
     pub fn share(&self) -> f64 {
         self.bare as f64 / self.places.max(1) as f64
     }
 }
 
-/// Looks for surfaces that no point of the scene is near to, at a few places and a small size. `None` where no
-/// two views stand apart, or the views are not panoramas.
+/// Finds surfaces without near scene points, at a few places and a small size. `None` if all views stand in one
+/// place, or the views are not panoramas.
 pub fn bare_surfaces(scene: &TrainingScene) -> Option<BareSurfaces> {
     let gap = best_gap(scene)?;
     let given = RTree::bulk_load(scene.points.positions.clone());
-    // Of an angle that is the same in both sizes.
+    // The same angle in both sizes.
     let near_pixels = NEAR_PIXELS * TRIAL_WIDTH as f32 / SEARCH_WIDTH as f32;
     let mut found = BareSurfaces { places: 0, bare: 0 };
     for reference in references(scene, TRIALS, gap, TRIAL_WIDTH) {
@@ -86,9 +86,8 @@ pub fn bare_surfaces(scene: &TrainingScene) -> Option<BareSurfaces> {
     (found.places > 0).then_some(found)
 }
 
-/// Surfaces that the input views show and no point of the scene is near to, as at most `maximum` points,
-/// denser where the views have detail. `None` where no two views stand apart, or the views are not
-/// panoramas.
+/// Returns points on visible surfaces without near scene points, at most `maximum`, denser where the views have
+/// detail. `None` if all views stand in one place, or the views are not panoramas.
 pub fn points(scene: &TrainingScene, maximum: usize, seed: u64) -> Option<SweptPoints> {
     let gap = best_gap(scene)?;
     let references = references(scene, REFERENCES, gap, SEARCH_WIDTH);
@@ -123,7 +122,7 @@ pub fn points(scene: &TrainingScene, maximum: usize, seed: u64) -> Option<SweptP
     })
 }
 
-/// At most so many input views, evenly spread, with their depth at a width.
+/// Returns at most so many input views, evenly spread, with their depth at a width.
 fn references(scene: &TrainingScene, most: usize, gap: usize, width: usize) -> Vec<Reference<'_>> {
     let views = scene.input_views.len();
     let count = most.min(views);
@@ -135,8 +134,8 @@ fn references(scene: &TrainingScene, most: usize, gap: usize, width: usize) -> V
         .collect()
 }
 
-/// The number of views from one of a pair to the other that gives most pixels a good distance: near
-/// views have too little parallax, far ones see different sides of things.
+/// Returns the gap that gives most pixels a good distance: near views have too little parallax, far ones see
+/// different sides of surfaces.
 fn best_gap(scene: &TrainingScene) -> Option<usize> {
     if !scene.camera.wraps() {
         return None;
@@ -159,7 +158,7 @@ fn best_gap(scene: &TrainingScene) -> Option<usize> {
                 });
             Some((good.count(), gap))
         });
-    // Of equals the smallest gap.
+    // Among equals the smallest gap.
     let (_, gap) = scored.max_by_key(|&(good, gap)| (good, std::cmp::Reverse(gap)))?;
     Some(gap)
 }
@@ -181,12 +180,12 @@ struct Candidate {
     colour: [u8; 3],
     /// Size of its pixel there, normalized units.
     size: f32,
-    /// How much the image varies there.
+    /// Variation of the image there.
     detail: f32,
 }
 
 impl Candidate {
-    /// Whether no point of the scene is nearer than so many pixels of its view.
+    /// Returns true if no point of the scene is nearer than so many pixels of its view.
     fn is_bare(&self, given: &RTree<[f32; 3]>, near_pixels: f32) -> bool {
         let reach = near_pixels * self.size;
         let mut near = given.locate_within_distance(self.position.to_array(), reach * reach);
@@ -195,7 +194,7 @@ impl Candidate {
 }
 
 impl<'a> Reference<'a> {
-    /// Sweeps input view `first` against the one `gap` later, or earlier where there is none.
+    /// Sweeps input view `first` against the one `gap` later, or against an earlier one at the end.
     fn new(scene: &'a TrainingScene, first: usize, gap: usize, width: usize) -> Option<Self> {
         let views = &scene.input_views;
         let second = if first + gap < views.len() {
@@ -227,13 +226,13 @@ impl<'a> Reference<'a> {
         })
     }
 
-    /// The largest parallax at an inverse distance (per baseline), pixels.
+    /// Returns the largest parallax at an inverse distance (per baseline), pixels.
     fn parallax(&self, inverse: f32) -> f32 {
         inverse * self.depth.width as f32 / TAU
     }
 
-    /// Every pixel whose distance both views agree on, as far as it can be told and nothing hides it;
-    /// towards the poles fewer, so that they are as dense there as anywhere.
+    /// Returns every unmasked pixel with a sufficiently accurate distance that both views confirm. Towards the
+    /// poles there are fewer, for the same density there.
     fn candidates(&self) -> Vec<Candidate> {
         let (width, height) = (self.depth.width, self.depth.height);
         let rays = ErpRays::new(width, height);
@@ -285,7 +284,7 @@ impl<'a> Reference<'a> {
         moves || !self.view.shows_scene(pixel)
     }
 
-    /// Differences from the pixel's neighbours to the right and below, summed over channels.
+    /// Returns the differences from the pixel's neighbours to the right and below, summed over channels.
     fn detail(&self, column: usize, row: usize) -> f32 {
         let (width, height) = (self.depth.width, self.depth.height);
         let at = |column: usize, row: usize| {
@@ -297,8 +296,8 @@ impl<'a> Reference<'a> {
         differences.element_sum()
     }
 
-    /// The inverse distance that this view sees in the direction of a place, that of the place, and the
-    /// search's step, all per baseline; `None` where nothing is known.
+    /// Returns this view's inverse distance in the direction of a place, that of the place, and the search's
+    /// step, all per baseline; `None` where the distance is unknown.
     fn look(&self, place: Vec3) -> Option<[f32; 3]> {
         let point = self.view.view.rotation * (place - self.view.view.centre);
         let distance = point.length();
@@ -321,7 +320,7 @@ impl<'a> Reference<'a> {
     }
 }
 
-/// Whether a place of view `own` stays: at least as many other views see it as see past it, and none of
+/// Returns true if a place of view `own` stays: at least as many other views see it as see past it, and none of
 /// those sees it in finer pixels.
 fn is_kept(candidate: &Candidate, own: usize, references: &[Reference<'_>]) -> bool {
     let (mut seen, mut past, mut is_finest) = (0, 0, true);
@@ -345,7 +344,7 @@ fn is_kept(candidate: &Candidate, own: usize, references: &[Reference<'_>]) -> b
     is_finest && seen >= past
 }
 
-/// At most `maximum` of the candidates, each with a probability that rises with its detail.
+/// Returns at most `maximum` of the candidates, each with a probability that rises with its detail.
 fn thinned(candidates: &[Candidate], maximum: usize, seed: u64) -> PointCloud<f32> {
     let mean = candidates
         .iter()

@@ -1,4 +1,4 @@
-//! The left-right check: what one view says about a place must be what the other says about it.
+//! Left-right check: the two views must agree on a place.
 
 use glam::{Mat3, Vec3};
 use rayon::prelude::*;
@@ -8,15 +8,15 @@ use crate::stereo::{
     warp::{ErpRays, bilinear, erp_pixel},
 };
 
-/// Steps of the search by which the two views may differ.
+/// Maximum difference of the two views, in steps of the search.
 const TOLERANCE_STEPS: f32 = 1.5;
 
-/// Checks `view` against `other`, and fills what fails. `turn` and `shift` lead from its camera's
-/// frame to the other's; `step` is the search's step of inverse distance.
+/// Checks `view` against `other`, and fills pixels that fail. `turn` and `shift` lead from its camera's frame to
+/// the other's; `step` is the search's step of inverse distance.
 ///
-/// A pixel that fails is seen by one view alone, or matched wrongly. Its inverse distance becomes
-/// the smaller of those of the nearest good pixels on both sides of its row (which is a circle):
-/// what is hidden is behind. Its confidence becomes 0.
+/// A pixel that fails is visible in one view alone, or matched wrongly. Its inverse distance becomes the smaller
+/// of those of the nearest good pixels on both sides of its row (which is a circle): hidden surfaces are behind.
+/// Its confidence becomes 0.
 pub(super) fn checked(
     view: &SweptDepth,
     other: &SweptDepth,
@@ -52,17 +52,17 @@ pub(super) fn checked(
     checked
 }
 
-/// Whether the other view has something at the distance at which it would see the place. `seen` is
-/// the place in its frame, divided by its distance from the first camera.
+/// Returns true if the other view has a surface at its distance of the place. `seen` is the place in its frame,
+/// divided by its distance from the first camera.
 fn is_confirmed(other: &SweptDepth, seen: Vec3, inverse: f32, step: f32) -> bool {
     let distance = seen.length();
-    // Where the other camera stands it sees nothing.
+    // At the other camera's own position it sees nothing.
     if distance < 1e-6 {
         return false;
     }
     let expected = inverse / distance;
     let place = erp_pixel(seen, other.width as f32, other.height as f32);
-    // One pixel around is enough: at an edge of depth the other ones belong to something else.
+    // One pixel around is enough: at an edge of depth the other pixels belong to another surface.
     bilinear(other.width, other.height, place)
         .iter()
         .any(|&(pixel, weight)| {
@@ -77,7 +77,7 @@ fn fill(row: &mut [f32], is_good: &[bool]) {
     if !is_good.contains(&true) {
         return;
     }
-    // The nearest good entry to the left of every column, and to the right, going round.
+    // The nearest good entry to the left of every column, and to the right, with wrapping.
     let mut left = vec![0.0; width];
     let mut right = vec![0.0; width];
     let (mut last, mut next) = (0.0, 0.0);
@@ -100,7 +100,7 @@ fn fill(row: &mut [f32], is_good: &[bool]) {
     }
 }
 
-/// The median of every pixel and its eight neighbours.
+/// Returns the median of every pixel and its eight neighbours.
 fn median(depth: &SweptDepth) -> Vec<f32> {
     let (width, height) = (depth.width, depth.height);
     let mut out = vec![0.0; width * height];

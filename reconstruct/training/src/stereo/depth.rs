@@ -1,4 +1,4 @@
-//! From aggregated costs to inverse distances.
+//! Conversion of aggregated costs to inverse distances.
 
 use omnilife_stereo::PathSums;
 
@@ -13,12 +13,12 @@ pub struct SweptDepth {
     pub height: usize,
     /// Inverse distances along the ray, per distance between the two cameras; 0 is infinitely far.
     pub inverse_distances: Vec<f32>,
-    /// How much the inverse distance can be trusted, in [0, 1]; 0 where the other view contradicts
-    /// it or does not see the place.
+    /// Confidence of each inverse distance, in [0, 1]; 0 where the other view contradicts it or does not see the
+    /// place.
     pub confidences: Vec<f32>,
 }
 
-/// The best inverse distance of every pixel.
+/// Returns the best inverse distance of every pixel.
 pub(super) fn best(sums: &PathSums, hypotheses: &Hypotheses) -> SweptDepth {
     let (inverse_distances, confidences) = omnilife_stereo::best(sums)
         .into_iter()

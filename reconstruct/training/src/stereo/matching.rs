@@ -1,10 +1,9 @@
-//! The matching cost of every pixel at every inverse distance.
+//! Matching cost of every pixel at every inverse distance.
 //!
-//! A pixel with the unit ray `r` at inverse distance `w` (per distance between the cameras) is seen
-//! by the other camera in the direction `Q r + w s`, with the rotation `Q` between the cameras and
-//! the first centre `s` in the other camera's frame. The other image is brought onto the first one's
-//! grid for every `w`, and compared there (`omnilife-stereo`). Comparing on one grid makes the cost
-//! indifferent to how the cameras are turned, also near the poles.
+//! A pixel with the unit ray `r` at inverse distance `w` (per distance between the cameras) is seen by the other
+//! camera in the direction `Q r + w s`. `Q` is the rotation between the cameras, and `s` the first centre in the
+//! other camera's frame. The other image is brought onto the first one's grid for every `w`, and compared there
+//! (`omnilife-stereo`). On one grid the cost does not depend on the cameras' rotation, also near the poles.
 
 use std::f32::consts::TAU;
 
@@ -18,10 +17,10 @@ use crate::stereo::{
     warp::{ErpRays, erp_pixel, sample},
 };
 
-/// Hypotheses, at least and at most.
+/// Minimum and maximum number of hypotheses.
 const COUNT: (usize, usize) = (16, 192);
 
-/// The inverse distances that are tried: from infinity in equal steps.
+/// The tried inverse distances: from infinity in equal steps.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Hypotheses {
     count: usize,
@@ -31,7 +30,7 @@ pub(super) struct Hypotheses {
 impl Hypotheses {
     pub(super) fn new(width: usize, settings: &SweepSettings) -> Self {
         let largest = 1.0 / settings.nearest_baselines;
-        // A point at inverse distance w has a parallax of w radians where it is largest.
+        // A point at inverse distance w has a maximum parallax of w radians.
         let parallax = largest * width as f32 / TAU;
         let steps = (parallax / settings.step_pixels).ceil() as usize;
         Self {
@@ -44,19 +43,18 @@ impl Hypotheses {
         self.count
     }
 
-    /// From one hypothesis to the next.
+    /// Returns the difference between two hypotheses.
     pub(super) fn step(&self) -> f32 {
         self.largest / (self.count - 1) as f32
     }
 
-    /// The inverse distance at a number of steps, which may be a fraction.
+    /// Returns the inverse distance at a number of steps, which may be a fraction.
     pub(super) fn inverse_distance(&self, steps: f32) -> f32 {
         steps * self.step()
     }
 }
 
-/// The costs of `image` against `other`; `turn` and `shift` lead from its camera's frame to the
-/// other's.
+/// Returns the costs of `image` against `other`; `turn` and `shift` lead from its camera's frame to the other's.
 pub(super) fn costs(
     image: &RgbImage,
     other: &RgbImage,

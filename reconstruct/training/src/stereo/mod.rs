@@ -20,14 +20,14 @@ use serde::Serialize;
 
 pub use depth::SweptDepth;
 
-/// What the sweep can be told.
+/// Settings of the sweep.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct SweepSettings {
-    /// Width at which depth is searched, pixels; images that are narrower are searched at their own.
+    /// Width of the search for depth, pixels; narrower images are searched at their own.
     pub search_width: usize,
     /// Parallax between two hypotheses on the search's equator, pixels.
     pub step_pixels: f32,
-    /// Nearest distance that is searched, in distances between the two cameras.
+    /// Minimum distance of the search, in distances between the two cameras.
     pub nearest_baselines: f32,
 }
 
@@ -40,11 +40,11 @@ impl SweepSettings {
     };
 }
 
-/// Cameras closer together than this share of their distance from the world's origin, or than
-/// anything that can be measured, see no parallax.
+/// Minimum ratio of the cameras' distance to their distance from the world's origin: closer cameras have no
+/// measurable parallax.
 const SMALLEST_BASELINE: f64 = 1e-9;
 
-/// Orientation and place of a camera.
+/// Orientation and position of a camera.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Placement {
     /// Camera-to-world rotation.
@@ -67,7 +67,7 @@ pub struct Rig {
 }
 
 impl Rig {
-    /// `None` where the cameras stand in one place.
+    /// Returns `None` if the cameras stand in one place.
     pub fn new(cameras: [Placement; 2]) -> Option<Self> {
         let [first, second] = cameras.map(|camera| camera.centre);
         let baseline = first.distance(second);
@@ -84,13 +84,13 @@ impl Rig {
         })
     }
 
-    /// A point of the world in the rig's frame.
+    /// Returns a point of the world in the rig's frame.
     pub fn place(&self, world: DVec3) -> Vec3 {
         ((world - self.middle) / self.baseline).as_vec3()
     }
 }
 
-/// Depth of two panoramas of one size by sweeping each against the other. `None` where the cameras
+/// Estimates the depth of two panoramas of one size by sweeping each against the other. `None` if the cameras
 /// stand in one place: there is no parallax to measure.
 pub fn depths(
     images: [&RgbImage; 2],
@@ -105,7 +105,7 @@ pub fn depths(
     let hypotheses = matching::Hypotheses::new(width, settings);
     let search = |view: usize| {
         let other = 1 - view;
-        // From this camera's frame to the other's, and where this centre is there.
+        // From this camera's frame to the other's, and this centre in it.
         let turn = rig.to_rig[other].transpose() * rig.to_rig[view];
         let shift = rig.to_rig[other].transpose() * (rig.centres[view] - rig.centres[other]);
         let costs = matching::costs(&images[view], &images[other], turn, shift, &hypotheses);

@@ -1,4 +1,4 @@
-//! Looking things up in ERP images: bilinear samples that wrap, and turned images.
+//! Sampling of ERP images: bilinear samples that wrap, and rotated images.
 
 use std::f32::consts::{PI, TAU};
 
@@ -13,7 +13,7 @@ use omnilife_engine::camera::{Camera, rays::Rays};
 pub struct ErpRays(Rays);
 
 impl ErpRays {
-    /// Those of an image of this size.
+    /// Returns the rays of an image of this size.
     pub fn new(width: usize, height: usize) -> Self {
         Self(Rays::new(Camera::Erp(ErpCamera {
             width: width as u32,
@@ -21,7 +21,7 @@ impl ErpRays {
         })))
     }
 
-    /// The ray through the centre of a pixel, camera frame.
+    /// Returns the ray through the centre of a pixel, camera frame.
     pub fn ray(&self, column: usize, row: usize) -> Vec3 {
         let rays = &self.0;
         vec3(
@@ -32,7 +32,7 @@ impl ErpRays {
     }
 }
 
-/// Where a direction of the camera frame (not zero) is in an ERP image, pixels.
+/// Returns the position of a direction of the camera frame (not zero) in an ERP image, pixels.
 pub fn erp_pixel(direction: Vec3, width: f32, height: f32) -> [f32; 2] {
     let rho = (direction.x * direction.x + direction.z * direction.z).sqrt();
     let longitude = direction.x.atan2(direction.z);
@@ -43,7 +43,7 @@ pub fn erp_pixel(direction: Vec3, width: f32, height: f32) -> [f32; 2] {
     ]
 }
 
-/// The four pixels around a place in an ERP image with their weights: columns wrap, rows end at the
+/// Returns the four pixels around a position in an ERP image with their weights: columns wrap, rows end at the
 /// poles.
 pub fn bilinear(width: usize, height: usize, [u, v]: [f32; 2]) -> [(usize, f32); 4] {
     let (x, y) = (u - 0.5, v - 0.5);
@@ -60,7 +60,7 @@ pub fn bilinear(width: usize, height: usize, [u, v]: [f32; 2]) -> [(usize, f32);
     ]
 }
 
-/// The colour at a place, bilinear.
+/// Returns the colour at a position, bilinear.
 pub fn sample(image: &RgbImage, place: [f32; 2]) -> [f32; 3] {
     let mut colour = [0.0; 3];
     for (pixel, weight) in bilinear(image.width, image.height, place) {
@@ -71,7 +71,7 @@ pub fn sample(image: &RgbImage, place: [f32; 2]) -> [f32; 3] {
     colour
 }
 
-/// An image of the same size in another orientation: `turn` leads from the new camera frame to the
+/// Returns an image of the same size in another orientation: `turn` leads from the new camera frame to the
 /// image's.
 pub fn turned(image: &RgbImage, turn: Mat3) -> RgbImage {
     let (width, height) = (image.width, image.height);
@@ -89,7 +89,7 @@ pub fn turned(image: &RgbImage, turn: Mat3) -> RgbImage {
     out
 }
 
-/// `(1 - share) first + share second` of two images of one size.
+/// Returns `(1 - share) first + share second` of two images of one size.
 pub fn mixed(first: &RgbImage, second: &RgbImage, share: f32) -> RgbImage {
     RgbImage {
         width: first.width,
@@ -109,7 +109,7 @@ mod tests {
 
     use super::*;
 
-    /// A smooth function of the direction, as an image.
+    /// Returns a smooth function of the direction, as an image.
     fn image(turn: DQuat) -> RgbImage {
         let (width, height) = (64, 32);
         let rays = ErpRays::new(width, height);

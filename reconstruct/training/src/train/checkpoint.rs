@@ -1,4 +1,4 @@
-//! Checkpoints: everything that training needs to go on as if it had never stopped.
+//! Checkpoints: the complete state that training needs to resume exactly.
 //!
 //! ```text
 //! omnilife/checkpoint/3\n
@@ -6,8 +6,7 @@
 //! body: what the learner saved
 //! ```
 //!
-//! On the CPU a run that is continued gives the same bits as one that was never interrupted, unless a
-//! time budget steers it.
+//! On the CPU a resumed run gives the same bits as one without interruption, unless a time budget steers it.
 #![cfg_attr(
     not(test),
     deny(clippy::indexing_slicing, clippy::arithmetic_side_effects)
@@ -29,7 +28,7 @@ use crate::{
 const MAGIC: &str = "omnilife/checkpoint/";
 const VERSION: &str = "3";
 
-/// Where the loop stands.
+/// State of the loop.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct LoopState {
     /// Iterations done.
@@ -42,7 +41,7 @@ pub struct LoopState {
     pub training: Duration,
     /// Wall-clock time of the trace's renders.
     pub evaluation: Duration,
-    /// CPU time of the training steps, where the system tells.
+    /// CPU time of the training steps, if the system reports it.
     pub training_cpu: Option<Duration>,
     /// Sums over the steps since the last row of the trace.
     pub since_trace: StepStatistics,
@@ -50,12 +49,12 @@ pub struct LoopState {
     pub refused: Vec<u64>,
     /// Error against run time.
     pub trace: Vec<TracePoint>,
-    /// How often the run was interrupted and continued.
+    /// Number of times that the run was interrupted and resumed.
     pub resumed: u64,
 }
 
 impl LoopState {
-    /// The beginning.
+    /// Returns the state at the start.
     pub(super) fn new(view_order: Pcg64Mcg) -> Self {
         Self {
             iteration: 0,
@@ -81,16 +80,16 @@ struct Header {
     body_sha256: String,
 }
 
-/// Why a checkpoint cannot be continued.
+/// Reason why a run cannot resume from a checkpoint.
 #[derive(Debug)]
 pub enum Refusal {
-    /// It belongs to another scene, split, method or configuration: training begins anew.
+    /// It belongs to another scene, split, method or configuration: training starts anew.
     OtherRun(String),
-    /// It cannot be used by anything.
+    /// It is unusable.
     Damaged(StoreError),
 }
 
-/// Writes a checkpoint, whole or not at all.
+/// Writes a checkpoint atomically.
 ///
 /// # Errors
 /// When the file cannot be written.
@@ -117,11 +116,11 @@ pub fn write(
     })
 }
 
-/// Reads the checkpoint of a run with these inputs and settings into `learner`, which is as the run
-/// began; returns where the loop stood.
+/// Reads the checkpoint of a run with these inputs and settings into `learner`, which must be at the run's start;
+/// returns the state of the loop.
 ///
 /// # Errors
-/// When it is not the run's, or truncated, damaged or not finite.
+/// When it belongs to another run, or is truncated, damaged or not finite.
 pub fn read(
     path: &Path,
     inputs_sha256: &str,
@@ -163,7 +162,7 @@ pub fn read(
     }
 }
 
-/// The header's JSON and the body.
+/// Returns the header's JSON and the body.
 fn split(bytes: &[u8]) -> Result<(&str, &[u8]), String> {
     let not_one = || "is not a checkpoint".to_owned();
     let (first, rest) = line(bytes).ok_or_else(not_one)?;
@@ -181,7 +180,7 @@ fn split(bytes: &[u8]) -> Result<(&str, &[u8]), String> {
     Ok((header, body))
 }
 
-/// The first line and what follows it.
+/// Returns the first line and the rest.
 fn line(bytes: &[u8]) -> Option<(&[u8], &[u8])> {
     let mut parts = bytes.splitn(2, |&byte| byte == b'\n');
     Some((parts.next()?, parts.next()?))

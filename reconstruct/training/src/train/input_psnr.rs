@@ -1,8 +1,7 @@
-//! How well input views are met while a model trains, by region: the whole view, what stands still in it and
-//! what moves.
+//! PSNR of input views during training, by region: the whole view, the static region and the dynamic region.
 //!
-//! Measured at the rows of the trace, on a few of the views that have a mask of what moves; it counts as
-//! evaluation. It is no score: those are of the benchmark's metrics, on the views as they were written.
+//! It is measured at the rows of the trace, on a few of the views with a dynamic mask; it counts as evaluation.
+//! It is not a score: scores are the benchmark's metrics, on the written views.
 
 use omnilife_engine::training_view::TrainingView;
 use omnilife_schemas::RgbImage;
@@ -11,26 +10,26 @@ use serde::{Deserialize, Serialize};
 use super::trace_views::spread;
 use crate::{error::ReconstructError, learner::Learner, scene::TrainingScene};
 
-/// Input views that are looked at, at most; evenly spread.
+/// Maximum number of examined input views; evenly spread.
 const MOST_VIEWS: usize = 4;
-/// Share of a pixel, of 255, from which on it is of what moves.
+/// Minimum share of a dynamic pixel, of 255.
 const DYNAMIC: u8 = 128;
-/// Least mean squared error: 80 dB.
+/// Minimum mean squared error: 80 dB.
 const LEAST_ERROR: f64 = 1e-8;
 
-/// Mean PSNR over some input views, dB; none where no view shows the region.
+/// Mean PSNR over some input views, dB; `None` if no view shows the region.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 pub struct InputPsnr {
-    /// Of all that counts.
+    /// All counted pixels.
     pub whole_db: Option<f64>,
-    /// Of what stands still.
+    /// Static region.
     pub static_db: Option<f64>,
-    /// Of what moves.
+    /// Dynamic region.
     pub dynamic_db: Option<f64>,
 }
 
 impl InputPsnr {
-    /// Of a model as it is; `None` where no input view has a mask of what moves.
+    /// Measures the current model; `None` if no input view has a dynamic mask.
     pub(super) fn of(
         scene: &TrainingScene,
         learner: &mut dyn Learner,
@@ -57,7 +56,8 @@ impl InputPsnr {
     }
 }
 
-/// PSNR of a view as a whole, where it stands still and where it moves; none of a region without pixels.
+/// Returns the PSNR of a view as a whole, in its static and in its dynamic region; `None` for a region without
+/// pixels.
 fn of_view(view: &TrainingView, rendered: &RgbImage) -> [Option<f64>; 3] {
     let (mut errors, mut counts) = ([0.0; 3], [0_u64; 3]);
     let given = view.pixels.as_chunks::<3>().0.iter();
@@ -110,7 +110,7 @@ mod tests {
             ignored: Some(vec![0, 0, 0, 0, 0, 0, 0, 1]),
         };
         let mut rendered = RgbImage::from_rgb8(4, 2, &[51; 24]);
-        // Wrong by 0.1 where it moves, by 0.01 where it stands, and by a lot where nothing counts.
+        // Errors of 0.1 in the dynamic region, of 0.01 in the static region, and large ones in ignored pixels.
         for (pixel, colour) in rendered.data.as_chunks_mut::<3>().0.iter_mut().enumerate() {
             let error = match pixel {
                 0 | 1 => 0.1,

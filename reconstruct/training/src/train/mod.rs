@@ -1,10 +1,9 @@
-//! The training loop: it orders calls and holds no mathematics. It knows a learner and nothing of what
-//! that is made of.
+//! The training loop: it orders calls and holds no mathematics. It knows a learner, but not the learner's model.
 //!
-//! * [`timing`]: what a step takes; [`trace`]: where it stood, row by row; [`trace_views`]: the
-//!   novel views at these rows; `surface_faults`: ghosts and holes there; [`input_psnr`]: how well input views are
-//!   met there, by region; [`checkpoint`]: how a run survives
-//!   an interruption; `resume`: how it goes on; `nonfinite`: when it stops for want of numbers.
+//! * [`timing`]: times of steps. [`trace`]: progress, row by row; [`trace_views`]: the novel views at these rows;
+//!   `surface_faults`: ghosts and holes there; [`input_psnr`]: PSNR of input views there, by region.
+//! * [`checkpoint`]: saved state; `resume`: resuming from it; `nonfinite`: the stop on values that are not
+//!   finite.
 
 pub mod checkpoint;
 pub mod input_psnr;
@@ -34,19 +33,19 @@ use crate::{
     scene::TrainingScene,
 };
 
-/// Iterations between two looks at what the backend has summed up.
+/// Iterations between two checks of the backend's sums.
 const CHECK_INTERVAL: u64 = 100;
 
-/// What surrounds a run: who hears of it, where it goes, what computes it.
+/// Environment of a run: progress, files and backend.
 #[derive(Clone)]
 pub struct Session<'a> {
-    /// Hears how far it is.
+    /// Receives the progress.
     pub progress: &'a dyn Progress,
-    /// Where trace and checkpoints go; nowhere in tests and previews.
+    /// Files of trace and checkpoints; `None` in tests and previews.
     pub files: Option<TrainingFiles>,
-    /// What computes the steps.
+    /// Backend of the steps.
     pub backend: BackendChoice,
-    /// What the run took before its first step. It counts as training.
+    /// Time of the run before its first step. It counts as training.
     pub planning: Elapsed,
 }
 
@@ -57,16 +56,16 @@ pub struct TrainingFiles {
     pub trace: PathBuf,
     /// Novel views that are rendered at its rows.
     pub trace_views: Option<TraceViews>,
-    /// The checkpoint; read at the beginning when it is there.
+    /// The checkpoint; read at the start if it exists.
     pub checkpoint: PathBuf,
     /// Iterations between two checkpoints; 0 writes none.
     pub checkpoint_every: u64,
-    /// Hash of everything that went into the run.
+    /// Hash of all inputs of the run.
     pub inputs_sha256: String,
 }
 
 impl<'a> Session<'a> {
-    /// A run on the CPU that leaves no files.
+    /// Returns a session on the CPU without files.
     pub fn without_files(progress: &'a dyn Progress) -> Self {
         Self {
             progress,
@@ -77,7 +76,7 @@ impl<'a> Session<'a> {
     }
 }
 
-/// How long a run is, and what the loop draws and writes.
+/// Length of a run, and settings of the loop's views and trace.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct LoopSettings {
     /// Steps of the optimizer.
@@ -87,13 +86,13 @@ pub struct LoopSettings {
     pub budget_seconds: Option<f64>,
     /// Seed of the order of views.
     pub seed: u64,
-    /// Iterations from one row of the trace to the next; none: rows after 1, 2, 3, 4, 6, 8, 11, 16 ... iterations,
-    /// at equal ratios. Before the first step and after the last one there are rows too.
+    /// Iterations from one row of the trace to the next. `None`: rows after 1, 2, 3, 4, 6, 8, 11, 16 ...
+    /// iterations, at equal ratios. Rows before the first step and after the last one are added.
     pub trace_every: Option<u64>,
 }
 
 impl LoopSettings {
-    /// Returns true where the trace has a row after these iterations, whether or not the run ends there.
+    /// Returns true if the trace has a row after these iterations, whether or not the run ends there.
     fn has_row(&self, iteration: u64) -> bool {
         self.trace_every.map_or_else(
             || trace::is_half_octave(iteration),
@@ -101,8 +100,8 @@ impl LoopSettings {
         )
     }
 
-    /// Where in its schedule a run stands. Under a time budget the schedule has the time that planning
-    /// leaves.
+    /// Returns the position of a run in its schedule. Under a time budget the schedule has the time after
+    /// planning.
     fn position(&self, iteration: u64, training: Duration, planning: Duration) -> Position {
         let steps = training.saturating_sub(planning).as_secs_f64();
         let left = |budget: f64| (budget - planning.as_secs_f64()).max(f64::MIN_POSITIVE);
@@ -126,25 +125,25 @@ impl From<&TrainSettings> for LoopSettings {
     }
 }
 
-/// How a training ended.
+/// Result of a training.
 #[derive(Debug)]
 pub struct TrainingOutcome {
-    /// Where the loop ended, with the trace.
+    /// Final state of the loop, with the trace.
     pub state: LoopState,
-    /// Whether the time budget ended the run before its last iteration.
+    /// True if the time budget ended the run before its last iteration.
     pub stopped_by_budget: bool,
-    /// Lines that a reader of the scores should know.
+    /// Warnings for readers of the scores.
     pub warnings: Vec<String>,
 }
 
-/// Trains `learner` on the scene's input views, from the session's checkpoint where there is one.
+/// Trains `learner` on the scene's input views, from the session's checkpoint if it exists.
 ///
-/// On the CPU the result depends on the settings and the scene alone, not on the number of threads or
-/// on interruptions - unless a time budget stops it.
+/// On the CPU the result depends on the settings and the scene alone, not on the number of threads or on
+/// interruptions, unless a time budget stops it.
 ///
 /// # Errors
-/// When the loss or a large share of an array's gradients is not finite, the checkpoint is damaged,
-/// a file cannot be written or the backend fails.
+/// When the loss or a large share of an array's gradients is not finite, the checkpoint is damaged, a file cannot
+/// be written or the backend fails.
 pub fn train(
     scene: &TrainingScene,
     learner: &mut dyn Learner,
@@ -167,7 +166,7 @@ struct Trainer<'a> {
     session: &'a Session<'a>,
     learner: &'a mut dyn Learner,
     state: LoopState,
-    /// Where ghosts and holes are looked for.
+    /// Known surfaces for the measure of ghosts and holes.
     surfaces: Option<KnownSurfaces>,
     stopped_by_budget: bool,
     warnings: Vec<String>,
@@ -194,8 +193,7 @@ impl<'a> Trainer<'a> {
         })
     }
 
-    /// Reads the distances that the scene knows; what makes them unusable is a warning, for a method need
-    /// not use them.
+    /// Reads the scene's known distances. Unusable ones cause a warning, for a method need not use them.
     fn find_surfaces(&mut self) {
         if self.session.files.is_none() {
             return;
@@ -233,7 +231,7 @@ impl<'a> Trainer<'a> {
             if last || iteration.is_multiple_of(CHECK_INTERVAL) {
                 self.check()?;
             }
-            // Before density control: a row right after an opacity reset says nothing of the scene.
+            // Before density control: a row right after an opacity reset does not represent the scene.
             if last || self.settings.has_row(iteration) {
                 self.record(last)?;
             }
@@ -252,7 +250,7 @@ impl<'a> Trainer<'a> {
         Ok(())
     }
 
-    /// Counts a part of training into the run's time; evaluation is not training.
+    /// Adds the time of a part of training to the run's; evaluation is not training.
     fn timed(
         &mut self,
         part: impl FnOnce(&mut dyn Learner) -> Result<(), EngineError>,
@@ -264,12 +262,12 @@ impl<'a> Trainer<'a> {
         Ok(())
     }
 
-    /// An error of the engine with the scene's name.
+    /// Returns an error of the engine with the scene's name.
     fn named(&self, error: EngineError) -> ReconstructError {
         ReconstructError::of_engine(&self.scene.id, error)
     }
 
-    /// Random views without replacement, epoch by epoch.
+    /// Draws random views without replacement, epoch by epoch.
     fn next_view(&mut self) -> usize {
         if self.state.queue.is_empty() {
             self.state.queue.extend(0..self.scene.input_views.len());
@@ -278,7 +276,7 @@ impl<'a> Trainer<'a> {
         self.state.queue.pop().unwrap_or(0)
     }
 
-    /// Adds up what happened since the last look, and stops a run that is not worth its time.
+    /// Adds up the statistics since the last check, and stops a run whose values are not finite.
     fn check(&mut self) -> Result<(), ReconstructError> {
         let statistics = self
             .learner
@@ -331,15 +329,15 @@ impl<'a> Trainer<'a> {
         Ok(())
     }
 
-    /// Whether novel views are left at the rows of the trace: then ghosts, holes and input views are measured there
-    /// too.
+    /// Returns true if novel views are written at the rows of the trace: then ghosts, holes and input views are
+    /// measured there too.
     fn keeps_novel_views(&self) -> bool {
         let files = self.session.files.as_ref();
         let kept = files.and_then(|files| files.trace_views.as_ref());
         kept.is_some_and(|kept| !kept.frames.is_empty())
     }
 
-    /// Leaves the novel views as they are now, for the benchmark to score.
+    /// Writes the current novel views, for the benchmark to score.
     fn keep_novel_views(&mut self) -> Result<(), ReconstructError> {
         let files = self.session.files.as_ref();
         let Some(kept) = files.and_then(|files| files.trace_views.as_ref()) else {
@@ -350,7 +348,7 @@ impl<'a> Trainer<'a> {
         })
     }
 
-    /// Writes a checkpoint where one is due, or `now`.
+    /// Writes a checkpoint if one is due, or if `now` is true.
     fn save_checkpoint(&mut self, now: bool) -> Result<(), ReconstructError> {
         let Some(files) = &self.session.files else {
             return Ok(());
@@ -380,7 +378,7 @@ impl<'a> Trainer<'a> {
     }
 }
 
-/// `sum` and the CPU time since `begun`.
+/// Returns `sum` and the CPU time since `begun`.
 fn sum_of_cpu_time(sum: Option<Duration>, begun: Option<Duration>) -> Option<Duration> {
     Some(sum? + process::own_cpu_time()?.saturating_sub(begun?))
 }

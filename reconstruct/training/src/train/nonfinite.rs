@@ -1,12 +1,12 @@
-//! When gradients that are not finite stop a run.
+//! Stop of a run on gradients that are not finite.
 
 use omnilife_engine::{model::TrainedArray, step::StepStatistics};
 
-/// Share of an array's gradient values that may be not finite between two looks. Above it a run is
-/// not worth its time: something is wrong that leaving values out does not mend.
+/// Maximum share of an array's gradient values that are not finite between two checks. Above it the run stops:
+/// leaving values out does not fix the cause.
 const NONFINITE_SHARE: f64 = 0.01;
 
-/// The first array of which more than [`NONFINITE_SHARE`] of the gradients were not finite, described.
+/// Returns a description of the first array with more than [`NONFINITE_SHARE`] of its gradients not finite.
 pub(super) fn too_many_nonfinite(
     arrays: &[TrainedArray],
     statistics: &StepStatistics,

@@ -1,4 +1,4 @@
-//! Where a run begins: anew, or where an interrupted one left off.
+//! Start of a run: from the beginning, or from a checkpoint.
 
 use super::{
     LoopSettings, Session,
@@ -10,7 +10,7 @@ use crate::{
     random::{Purpose, stream},
 };
 
-/// The beginning, or where the session's checkpoint left off; then `learner` stands there too.
+/// Returns the first state, or that of the session's checkpoint, and brings `learner` to it.
 pub(super) fn resume(
     learner: &mut dyn Learner,
     settings: &LoopSettings,
@@ -34,7 +34,7 @@ pub(super) fn resume(
                 state.resumed += 1;
                 return Ok(state);
             }
-            // The line goes into the record of the run, which says nothing of where it lies.
+            // The line goes into the record of the run, which does not name the run's folder.
             Err(Refusal::OtherRun(reason)) => say(format!(
                 "{}: not continued, {reason}; training begins anew",
                 path.file_name().unwrap_or_default().display()

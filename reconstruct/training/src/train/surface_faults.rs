@@ -1,9 +1,9 @@
-//! Ghosts and holes: how a model of Gaussians stands to the distances that a scene knows.
+//! Ghosts and holes: errors of a model of Gaussians against a scene's known distances.
 //!
-//! A ghost stands where cameras see that there is nothing: its centre is in the free space of two input
-//! views or more. A hole is a pixel whose surface is known and that is more than half transparent. Both are
-//! measured at the rows of the trace and count as evaluation. They are no loss and no score: a method that
-//! lifts the same distances begins with hardly any of both.
+//! A ghost lies where cameras see free space: its centre is in the free space of two input views or more. A hole
+//! is a pixel with a known surface that is more than half transparent. Both are measured at the rows of the trace
+//! and count as evaluation. They are neither loss nor score: a method that lifts the same distances starts with
+//! hardly any of both.
 
 use glam::Vec3;
 use omnilife_engine::{
@@ -23,28 +23,28 @@ use crate::{
     seeds::depth::{SourceView, fit_scales, scaled, sees_past, tolerance},
 };
 
-/// Input views in whose free space Gaussians are looked for, at most; evenly spread.
+/// Maximum number of input views for finding ghosts; evenly spread.
 const MOST_GHOST_VIEWS: usize = 20;
-/// Views of a kind in which holes are looked for, at most; evenly spread.
+/// Maximum number of views of a kind for finding holes; evenly spread.
 const MOST_HOLE_VIEWS: usize = 4;
-/// Views in whose free space a Gaussian has to stand to be a ghost.
+/// Minimum number of views with a ghost in their free space.
 const GHOST_VIEWS: u16 = 2;
 /// Opacity below which a pixel is a hole.
 const HOLE_OPACITY: f32 = 0.5;
 
-/// The views of a scene whose distances are known.
+/// The views of a scene with known distances.
 #[derive(Debug)]
 pub(super) struct KnownSurfaces {
-    /// Input views, with the factors by which they agree best.
+    /// Input views, with the factors of their best agreement.
     inputs: Vec<SourceView>,
-    /// Novel views, in which holes alone are looked for.
+    /// Novel views, for holes alone.
     novel: Vec<SourceView>,
-    /// How far distances of two views of one surface may differ, as a share.
+    /// Maximum difference of two views' distances to one surface, as a share.
     tolerance: f32,
 }
 
 impl KnownSurfaces {
-    /// Those of a scene; `None` where no input view has distances.
+    /// Reads those of a scene; `None` if no input view has distances.
     ///
     /// # Errors
     /// When a file of distances is not usable.
@@ -81,7 +81,7 @@ impl KnownSurfaces {
         }))
     }
 
-    /// What a model does wrong; `None` of one that is not made of Gaussians.
+    /// Measures a model's ghosts and holes; `None` for a model without Gaussians.
     pub(super) fn faults(
         &self,
         learner: &mut dyn Learner,
@@ -99,8 +99,8 @@ impl KnownSurfaces {
         }))
     }
 
-    /// Share of the Gaussians, weighted by opacity, that stand in the free space of two views or more. What
-    /// moves is compared with each view at its own time, with the mean of its opacities.
+    /// Returns the share of the Gaussians, weighted by opacity, that lie in the free space of two views or more.
+    /// Moving ones are compared with each view at its own time, with the mean of their opacities.
     fn ghost_share(
         &self,
         learner: &mut dyn Learner,
@@ -136,8 +136,8 @@ impl KnownSurfaces {
     }
 }
 
-/// Share of the pixels with a known distance, masked ones left out, whose opacity is below a half; `None`
-/// without such pixels.
+/// Returns the share of the pixels with a known distance, masked ones left out, whose opacity is below a half;
+/// `None` without such pixels.
 fn hole_share(
     views: &[&SourceView],
     learner: &mut dyn Learner,

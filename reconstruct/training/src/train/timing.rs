@@ -1,5 +1,5 @@
-//! Times of training steps, of two learners in turns because a single time on a machine that does
-//! other things too says nothing.
+//! Times of training steps. Steps of two learners are timed in turns, because a single time is unreliable on a
+//! machine with other work.
 
 use std::time::Instant;
 
@@ -8,14 +8,13 @@ use omnilife_schemas::statistics::median;
 
 use crate::{error::ReconstructError, learner::Learner};
 
-/// Pairs of steps that are timed.
+/// Number of timed pairs of steps.
 const PAIRS: usize = 15;
-/// Pairs before them, which fill buffers and caches.
+/// Untimed pairs before them, which fill buffers and caches.
 const WARM_UP_PAIRS: usize = 2;
-/// Values below and above the range of a median. Of 15 values that are as likely to lie below the true
-/// median as above it, the third and the third last enclose it with probability
-/// `1 - 2 (1 + 15 + 105) / 2^15`, 99.3 % (sign test: Conover, Practical Nonparametric Statistics, 1999,
-/// section 3.2).
+/// Values below and above the range of a median. Take 15 values that are as likely to lie below the true median
+/// as above it. The third and the third last enclose it with probability `1 - 2 (1 + 15 + 105) / 2^15`, 99.3 %
+/// (sign test: Conover, Practical Nonparametric Statistics, 1999, section 3.2).
 const BEYOND_RANGE: usize = 2;
 
 /// Times of training steps of two learners: in every pair one step of each, right after each other, on
@@ -26,7 +25,7 @@ pub struct PairedSteps {
     pairs: Vec<[f64; 2]>,
 }
 
-/// A median, and the range that encloses the true one nearly always ([`MedianRange::of`]).
+/// A median, and a range that nearly always encloses the true one ([`MedianRange::of`]).
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct MedianRange {
     /// Lower end of the range.
@@ -38,8 +37,8 @@ pub struct MedianRange {
 }
 
 impl MedianRange {
-    /// Returns the median of values in any order, and its range: from the third value to the third last.
-    /// `None` of fewer than five values.
+    /// Returns the median of values in any order, and its range: from the third value to the third last. `None`
+    /// for fewer than five values.
     pub fn of(values: &[f64]) -> Option<Self> {
         let mut sorted = values.to_vec();
         sorted.sort_by(f64::total_cmp);
@@ -59,9 +58,9 @@ impl MedianRange {
 }
 
 impl PairedSteps {
-    /// Takes the time of steps of two learners in turns, with everything taking part that does at the end
-    /// of a schedule of `iterations`. Which of them comes first changes from pair to pair. The learners
-    /// are changed by the steps and are of no further use.
+    /// Times steps of two learners in turns, with all parts that are active at the end of a schedule of
+    /// `iterations`. Their order changes from pair to pair. The steps change the learners, which are of no
+    /// further use.
     ///
     /// # Errors
     /// When a loss is not finite.
@@ -144,7 +143,7 @@ mod tests {
         assert!(expected.excludes(2.9) && expected.excludes(7.1) && !expected.excludes(3.0));
     }
 
-    /// A machine that slows down fourfold changes both steps of a pair, and hardly their ratio.
+    /// Checks that a machine that slows down fourfold changes both steps of a pair, but hardly their ratio.
     #[test]
     fn load_that_both_steps_share_hides_no_difference() {
         let load = |pair: usize| 1.0 + 3.0 * (pair / 5) as f64;
@@ -153,7 +152,7 @@ mod tests {
         assert!((measured.median - 0.8).abs() < 1e-12 && measured.excludes(1.0));
         let [first, second] = paired(pairs).seconds().map(|range| range.expect("enough"));
         assert!(first.most > second.least, "the times alone would not tell");
-        // A hiccup or two on either side change nothing.
+        // A few slow steps on either side change nothing.
         let hiccups = |pair: usize| match pair {
             3 | 9 => [20.0, 1.0],
             5 | 11 => [0.8, 30.0],
@@ -163,7 +162,7 @@ mod tests {
         assert_eq!((measured.least, measured.most), (0.8, 0.8));
     }
 
-    /// Times of the same work: now one step is disturbed, now the other.
+    /// Checks times of the same work: sometimes one step is disturbed, sometimes the other.
     #[test]
     fn the_same_work_shows_no_direction() {
         let disturbed = |pair: usize| 1.0 + 0.02 * pair as f64;

@@ -1,4 +1,4 @@
-//! Error against run time: one row now and then while a method trains.
+//! Error against run time: rows of a trace during training.
 
 use std::path::Path;
 
@@ -24,33 +24,33 @@ pub struct TracePoint {
     pub wall_seconds: f64,
     /// Wall-clock time of the trace's own renders so far.
     pub evaluation_seconds: f64,
-    /// CPU time (user and system) of planning and of the training steps so far, where the system tells.
+    /// CPU time (user and system) of planning and of the training steps so far, if the system reports it.
     pub cpu_seconds: Option<f64>,
     /// Iterations done.
     pub iteration: u64,
-    /// Primitives of the model: Gaussians, or whatever else it is made of.
+    /// Number of primitives of the model: Gaussians, or others.
     #[serde(alias = "gaussians")]
     pub primitives: u64,
-    /// Objects that move as one, where the model tells any apart.
+    /// Number of objects that move as one, if the model distinguishes objects.
     #[serde(default)]
     pub objects: Option<u64>,
     /// Bytes of parameters, gradients and moments.
     pub table_bytes: u64,
-    /// Highest resident memory of the process so far, where the system tells.
+    /// Highest resident memory of the process so far, if the system reports it.
     pub peak_memory_bytes: Option<u64>,
-    /// Mean training loss since the row before; none before the first step.
+    /// Mean training loss since the row before; `None` before the first step.
     pub train_loss: Option<f64>,
-    /// PSNR of the mean squared error over the training steps since the row before, dB; none before the first
+    /// PSNR of the mean squared error over the training steps since the row before, dB; `None` before the first
     /// step.
     pub train_psnr_db: Option<f64>,
-    /// How well some input views are met by region, where they have masks and it was measured.
+    /// PSNR of some input views by region, if they have masks and it was measured.
     #[serde(default)]
     pub input_psnr: Option<InputPsnr>,
-    /// Ghosts and holes, where the scene knows distances and they were looked for.
+    /// Ghosts and holes, if the scene has known distances and they were measured.
     #[serde(default)]
     pub surfaces: Option<SurfaceFaults>,
-    /// Gradient values that were not finite and were not applied since the row before, by name of
-    /// the parameter array.
+    /// Number of gradient values since the row before that were not finite and not applied, by name of the
+    /// parameter array.
     pub refused: Vec<(String, u64)>,
 }
 
@@ -66,8 +66,7 @@ const COLUMNS: [&str; 9] = [
     "train_psnr_db",
 ];
 
-/// Columns that are there where any row of a trace has something in them: objects, input views by region, ghosts
-/// and holes.
+/// Optional columns, written if any row of a trace has a value: objects, input views by region, ghosts and holes.
 const FURTHER_COLUMNS: [&str; 7] = [
     "objects",
     "input_psnr_db",
@@ -79,8 +78,8 @@ const FURTHER_COLUMNS: [&str; 7] = [
 ];
 
 impl TracePoint {
-    /// A row from where the loop stands, the sums since the row before, the size of the model, and
-    /// the arrays.
+    /// Makes a row from the state of the loop, the sums since the row before, the size of the model, and the
+    /// arrays.
     pub(super) fn new(
         state: &LoopState,
         statistics: &StepStatistics,
@@ -111,7 +110,7 @@ impl TracePoint {
         }
     }
 
-    /// A short status for people: what the model is, and what the time of the loop went to; planning came before
+    /// Returns a short status for the user: size of the model, and use of the loop's time; planning came before
     /// it.
     pub(super) fn text(&self, planning_seconds: f64) -> String {
         let input_views = self
@@ -125,7 +124,7 @@ impl TracePoint {
         )
     }
 
-    /// What stands in [`COLUMNS`].
+    /// Returns the cells of [`COLUMNS`].
     fn fixed_cells(&self) -> [String; 9] {
         [
             self.wall_seconds.to_string(),
@@ -140,7 +139,7 @@ impl TracePoint {
         ]
     }
 
-    /// What stands in [`FURTHER_COLUMNS`]; empty where nothing is known.
+    /// Returns the cells of [`FURTHER_COLUMNS`]; empty for unknown values.
     fn further_cells(&self) -> [String; 7] {
         let psnr = self.input_psnr.unwrap_or_default();
         let faults = self.surfaces.as_ref();
@@ -156,11 +155,10 @@ impl TracePoint {
     }
 }
 
-/// Returns true for rounded half octaves, the iterations after which a trace has rows unless it has them every N
-/// iterations: 1, 2, 3, 4, 6, 8, 11, 16, 23, 32 ...
+/// Returns true for rounded half octaves, the iterations of rows by default: 1, 2, 3, 4, 6, 8, 11, 16, 23, 32 ...
 ///
-/// Ratios of iterations and not of time: which rows there are is then the same in every run and on every machine,
-/// and the same in runs of other lengths.
+/// Ratios of iterations, rather than of time, give the same rows in every run, on every machine and in runs of
+/// other lengths.
 pub(super) fn is_half_octave(iteration: u64) -> bool {
     let half_octaves = (2.0 * (iteration as f64).log2()).round();
     iteration > 0 && (half_octaves / 2.0).exp2().round() as u64 == iteration
@@ -170,8 +168,8 @@ fn or_empty(value: Option<impl ToString>) -> String {
     value.map_or(String::new(), |value| value.to_string())
 }
 
-/// Writes the rows so far as CSV, whole or not at all; `refused_<array>` columns stand at the end, before them those
-/// of the further columns in which any row has something.
+/// Writes the rows so far as CSV, atomically. `refused_<array>` columns are at the end, after the optional
+/// columns with values.
 ///
 /// # Errors
 /// When the file cannot be written.

@@ -1,7 +1,7 @@
-//! Novel views along the trace, as they were rendered at each of its rows.
+//! Novel views along the trace, as rendered at each of its rows.
 //!
-//! Training does not score them: the benchmark does, with the protocol's own metrics, so that a bug
-//! in a loss cannot hide in a curve of error against run time.
+//! Training does not score them. The benchmark does, with the protocol's own metrics, so that a bug in a loss
+//! cannot hide in a curve of error against run time.
 
 use std::path::PathBuf;
 
@@ -10,8 +10,7 @@ use omnilife_schemas::{RgbImage, store};
 
 use crate::error::ReconstructError;
 
-/// Which novel views are kept at every row of the trace but the last one, whose views are the run's
-/// predictions.
+/// Novel views that are kept at every row of the trace but the last one, whose views are the run's predictions.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct TraceViews {
     /// Folder of the rows' folders.
@@ -21,7 +20,7 @@ pub struct TraceViews {
 }
 
 impl TraceViews {
-    /// All of the novel views, or `most` of them, evenly spread.
+    /// Returns all of the novel views, or `most` of them, evenly spread.
     pub fn new(folder: PathBuf, novel: &[u32], most: Option<usize>) -> Self {
         let frames = spread(novel, most.unwrap_or(novel.len())).copied();
         Self {
@@ -30,7 +29,7 @@ impl TraceViews {
         }
     }
 
-    /// The file of a view at a row, relative to the folder.
+    /// Returns the file of a view at a row, relative to the folder.
     pub fn file(iteration: u64, frame: u32) -> String {
         format!("{iteration:06}/{frame:06}.png")
     }
@@ -54,7 +53,7 @@ impl TraceViews {
     }
 }
 
-/// At most `most` of these, evenly spread: the middles of equal parts.
+/// Returns at most `most` of these, evenly spread: the middles of equal parts.
 pub(super) fn spread<T>(all: &[T], most: usize) -> impl Iterator<Item = &T> {
     let count = most.min(all.len());
     (0..count).map(move |part| &all[(2 * part + 1) * all.len() / (2 * count)])

@@ -14,15 +14,14 @@ use omnilife_training::{
     stereo::Rig,
 };
 
-/// Gaussians nearer than this are not drawn, in distances between the cameras.
+/// Minimum distance of visible Gaussians, in distances between the cameras.
 const NEAR: f32 = 0.01;
-/// Weight of what a view draws beside its confidence, so that the better of two unconfirmed views
-/// is still drawn.
+/// Weight of a view's render beside its confidence, so that the better of two unconfirmed views is still visible.
 const LEAST_WEIGHT: f32 = 1e-3;
-/// Weight of the far background where neither view draws anything.
+/// Weight of the far background where both views are empty.
 const BACKGROUND_WEIGHT: f32 = 1e-4;
 
-/// One image per target of the group.
+/// Returns one image per target of the group.
 pub(super) fn images(group: &Group, rig: &Rig, clouds: &[ActivatedGaussians; 2]) -> Vec<RgbImage> {
     let mut renderers = [0, 1].map(|_| Renderer::new(RenderSettings::new(NEAR)));
     group
@@ -45,8 +44,7 @@ pub(super) fn images(group: &Group, rig: &Rig, clouds: &[ActivatedGaussians; 2])
         .collect()
 }
 
-/// Colours weighted by confidence and by how near the target is to the view that they come from, in
-/// space and in time.
+/// Mixes colours by confidence and by the target's proximity to their view, in space and in time.
 fn mixed(group: &Group, rig: &Rig, target: &CameraPose, drawn: [&Raster; 2]) -> RgbImage {
     let background = at_infinity(group, target);
     let place = rig.place(target.centre);

@@ -6,8 +6,8 @@
 //! blend           both views' Gaussians rendered at the target, mixed by confidence and nearness
 //! ```
 //!
-//! The published feed-forward methods (PanSplat, Splatter-360, OmniSplat) learn what is fixed here: the
-//! matching cost, its smoothing and the opacities.
+//! The published feed-forward methods (PanSplat, Splatter-360, OmniSplat) train the parts that are fixed here:
+//! the matching cost, its smoothing and the opacities.
 
 mod blend;
 mod splats;
@@ -51,7 +51,7 @@ pub const METHOD: Method = Method {
     },
 };
 
-/// Depth of both views of a group. `None` where the cameras stand in one place.
+/// Returns the depth of both views of a group. `None` where the cameras stand in one place.
 pub fn depths(group: &Group, settings: &SweepSettings) -> Option<(Rig, [SweptDepth; 2])> {
     let cameras = [0, 1].map(|index: usize| {
         let pose = group.context[index].camera_pose;

@@ -1,4 +1,4 @@
-//! From a view with depth to Gaussians.
+//! Conversion of a view with depth to Gaussians.
 
 use std::f32::consts::{PI, TAU};
 
@@ -12,21 +12,21 @@ use omnilife_training::stereo::{
     warp::{bilinear, sample},
 };
 
-/// What counts as infinitely far, in distances between the cameras.
+/// Distance that counts as infinitely far, in distances between the cameras.
 const FARTHEST: f32 = 2000.0;
 /// Standard deviation of a Gaussian in pixels of the image's equator.
 const SIZE_PIXELS: f32 = 0.35;
 /// Opacity of every Gaussian.
 const OPACITY: f32 = 0.9;
-/// Confidence of what the other view does not confirm: it is drawn where nothing better is.
+/// Confidence of directions that the other view does not confirm: they are visible where no better Gaussian is.
 const LEAST_CONFIDENCE: f32 = 0.02;
-/// Differences of colour (summed over channels, [0, 1]) between a direction and a pixel of the depth
-/// map beyond which they belong to different things.
+/// Differences of colour (summed over channels, [0, 1]) between a direction and a pixel of the depth map beyond
+/// which they belong to different surfaces.
 const COLOUR_SCALE: f32 = 0.08;
 
-/// One Gaussian per direction of an area-uniform sampling of the sphere: every row of the image gets
-/// as many as its circle is long, `W cos(latitude)`, so that no direction is denser than another and
-/// the poles are not heaps. Feature 0 is the confidence.
+/// Makes one Gaussian per direction of an area-uniform sampling of the sphere. Every row of the image gets as
+/// many as its circle is long, `W cos(latitude)`, so that density is even and the poles are not crowded. Feature
+/// 0 is the confidence.
 pub(super) fn of_view(
     image: &RgbImage,
     depth: &SweptDepth,
@@ -90,8 +90,8 @@ struct Sampled {
     confidence: f32,
 }
 
-/// Inverse distance and confidence of a direction: of the four pixels of the depth map around it,
-/// those that look like it. A mean across an edge of depth would hang in the air.
+/// Returns inverse distance and confidence of a direction, from the similar ones among the four pixels of the
+/// depth map around it. A mean across an edge of depth would float in the air.
 fn looked_up(
     depth: &SweptDepth,
     small: &RgbImage,

@@ -1,4 +1,4 @@
-//! Moving things, at several sizes and places, against specks.
+//! Moving objects, at several sizes and positions, against specks.
 
 use omnilife_schemas::camera::{ErpCamera, PinholeCamera};
 
@@ -11,7 +11,8 @@ fn panorama(height: u32) -> Camera {
     ErpCamera { width, height }.into()
 }
 
-/// The share of each of `pixels` that lies within a range, pixels; the range may go on beyond the last one.
+/// Returns the share of each of `pixels` that lies within a range, pixels; the range may go on beyond the last
+/// one.
 fn shares(pixels: usize, [begin, end]: [f64; 2]) -> Vec<f64> {
     let share = |at: usize, offset: f64| {
         let first = at as f64 + offset;
@@ -22,7 +23,7 @@ fn shares(pixels: usize, [begin, end]: [f64; 2]) -> Vec<f64> {
         .collect()
 }
 
-/// Marks of a panorama between two longitudes (from the left border) and two colatitudes, degrees.
+/// Returns marks of a panorama between two longitudes (from the left border) and two colatitudes, degrees.
 fn marks(height: u32, longitudes: [f64; 2], colatitudes: [f64; 2]) -> Vec<u8> {
     let per_degree = f64::from(height) / 180.0;
     let columns = shares(2 * height as usize, longitudes.map(|at| at * per_degree));
@@ -35,7 +36,7 @@ fn marks(height: u32, longitudes: [f64; 2], colatitudes: [f64; 2]) -> Vec<u8> {
     rows.iter().flat_map(of_row).collect()
 }
 
-/// The evidence of masks among twenty views.
+/// Returns the evidence of masks among twenty views.
 fn evidence(masks: &[Vec<u8>], camera: &Camera) -> MaskEvidence {
     let masks: Vec<&[u8]> = masks.iter().map(|mask| &mask[..]).collect();
     let is_marked = masks.iter().copied().flatten().any(|&mark| mark > 0);
@@ -70,7 +71,7 @@ fn a_person_far_away_is_shown_at_any_size_and_place() {
 
 #[test]
 fn specks_show_nothing_however_many() {
-    // A pixel of the smallest panorama is as large as a person: there one is noise where it stands alone in time.
+    // A pixel of the smallest panorama is as large as a person: there one is noise if it stands alone in time.
     let one = |height: u32, step: usize| -> Vec<u8> {
         let pixels = 2 * (height * height) as usize;
         let mut mask = vec![0; pixels];

@@ -1,4 +1,4 @@
-//! Poses that are known to be off, and what is not their fault.
+//! Poses with known errors, and displacements from other causes.
 
 use glam::vec3;
 use omnilife_schemas::camera::{ErpCamera, PinholeCamera};
@@ -12,8 +12,8 @@ const CAMERA: Camera = Camera::Erp(ErpCamera {
     height: 128,
 });
 
-/// Observations of points all around cameras on a path, whose images are displaced as the twists say, with
-/// noise and some things that move.
+/// Returns observations of points all around cameras on a path, whose images are displaced by the twists, with
+/// noise and some moving objects.
 fn views(twists: &[Twist], noise: f32) -> Vec<(Vec3, Vec<Option<PoseObservation>>)> {
     let mut random = Pcg64Mcg::seed_from_u64(5);
     let mut vector = |size: f32| Vec3::from_array([0; 3].map(|_| random.random_range(-size..size)));
@@ -49,7 +49,7 @@ fn views(twists: &[Twist], noise: f32) -> Vec<(Vec3, Vec<Option<PoseObservation>
     twists.iter().enumerate().map(view).collect()
 }
 
-/// Turns of twenty views by so many radians, each about an axis of its own.
+/// Returns rotations of twenty views by so many radians, each about an axis of its own.
 fn turns(size: f64) -> Vec<Twist> {
     let turn = |view: i32| {
         let along = f64::from(view * view);
@@ -81,7 +81,7 @@ fn wrong_poses_are_told_from_noise_and_from_a_bent_scene() {
     assert!((4.5..5.5).contains(&found.distance), "{found:?}");
 
     let still = vec![[0.0; 6]; 20];
-    // A path that is too long, and a scene that is turned.
+    // A path that is too long, and a scene that is rotated.
     let bent: Vec<Twist> = (0..20)
         .map(|view| [0.02, 0.0, 0.0, 0.0, 0.0, 0.005 * f64::from(view)])
         .collect();
@@ -94,14 +94,14 @@ fn wrong_poses_are_told_from_noise_and_from_a_bent_scene() {
     }
 }
 
-/// Poses are off by an angle, whatever the images' size.
+/// Checks that errors of poses are angles, whatever the images' size.
 #[test]
 fn the_same_poses_are_refined_in_images_of_any_width() {
     let pinhole = PinholeCamera::with_horizontal_field_of_view(256, 144, 1.0);
     for camera in [CAMERA, Camera::Pinhole(pinhole)] {
         let resized =
             |factor: u32| camera.resized(factor * camera.width(), factor * camera.height());
-        // The turn of a view that displaces points by so many pixels at the least width.
+        // The rotation of a view that displaces points by so many pixels at the least width.
         let radians = |pixels: f64| {
             let turn_pixels = PoseEvidence::of(views(&turns(0.01), 0.01), &camera).turn_pixels;
             pixels / turn_pixels * TAU / (2.0_f64 / 3.0).sqrt()
@@ -124,8 +124,7 @@ fn the_same_poses_are_refined_in_images_of_any_width() {
 #[test]
 fn neighbours_that_err_alike_are_no_wrong_pose() {
     let mut views = views(&[[0.0; 6]; 20], 0.01);
-    // In every view a patch of the sphere, another one each time, is displaced by much: points all over it
-    // say one thing.
+    // In every view a patch of the sphere, another one each time, is displaced by much: points all over it agree.
     for (number, (_, observations)) in views.iter_mut().enumerate() {
         let along = number as f32;
         let towards = vec3(along.sin(), along.cos(), 0.3).normalize().as_dvec3();
@@ -148,7 +147,7 @@ fn too_little_to_see_says_nothing() {
     for (_, observations) in &mut few {
         observations.truncate(40);
     }
-    // Fewer views than it takes to tell a point's own error.
+    // Too few views for a point's own error.
     let short = views(&[[0.0; 6]; 4], 0.01);
     for views in [few, short, Vec::new()] {
         assert_eq!(PoseEvidence::of(views, &CAMERA), PoseEvidence::default());

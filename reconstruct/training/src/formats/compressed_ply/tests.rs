@@ -1,4 +1,4 @@
-//! Chunks and words of the layout, and files that are none.
+//! Chunks and words of the layout, and refused files.
 
 use super::*;
 use crate::formats::exchange::tests::{activated, apart, varied};

@@ -1,4 +1,4 @@
-//! Every format with Gaussians of all kinds, in and out, at their place and in the world.
+//! Every format with Gaussians of all kinds, written and read, in the file's and the world's coordinates.
 
 use omnilife_engine::gaussians::{sh_rest_count, subset};
 use rand::{RngExt, SeedableRng};
@@ -6,7 +6,7 @@ use rand_pcg::Pcg64Mcg;
 
 use super::*;
 
-/// Gaussians whose values are within what all formats hold, poles of quaternions among them.
+/// Returns Gaussians whose values are within the range of all formats, poles of quaternions among them.
 pub(in crate::formats) fn varied(len: usize, degree: usize) -> ActivatedGaussians {
     let mut random = Pcg64Mcg::seed_from_u64(17 + len as u64);
     let mut gaussians = ActivatedGaussians::default();
@@ -34,7 +34,7 @@ pub(in crate::formats) fn varied(len: usize, degree: usize) -> ActivatedGaussian
     gaussians
 }
 
-/// The activated Gaussians of a file's bytes.
+/// Returns the activated Gaussians of a file's bytes.
 pub(in crate::formats) fn activated(
     name: &str,
     bytes: &[u8],
@@ -83,7 +83,7 @@ pub(in crate::formats) fn apart(a: &ActivatedGaussians, b: &ActivatedGaussians) 
         chosen.flat_map(|(_, rgb)| *rgb).collect()
     };
     let degrees = |a: &[f32; 4], b: &[f32; 4]| {
-        // By the chord: the arc cosine of nearly 1 says little.
+        // By the chord: the arc cosine of nearly 1 is inaccurate.
         let along: f32 = a.iter().zip(b).map(|(a, b)| a * b).sum();
         let squares = a
             .iter()
@@ -96,7 +96,7 @@ pub(in crate::formats) fn apart(a: &ActivatedGaussians, b: &ActivatedGaussians) 
     };
     let turns = a.rotations.iter().zip(&b.rotations).map(|(a, b)| {
         let [w, x, y, z] = *b;
-        // A half turn about an axis of its own changes no Gaussian.
+        // A half rotation about an axis of its own changes no Gaussian.
         let alike = [[w, x, y, z], [-x, w, z, -y], [-y, -z, w, x], [-z, y, -x, w]];
         alike
             .iter()
@@ -114,7 +114,7 @@ pub(in crate::formats) fn apart(a: &ActivatedGaussians, b: &ActivatedGaussians) 
     }
 }
 
-/// Refuses what is further apart than any format rounds.
+/// Asserts that differences are within the rounding of all formats.
 pub(in crate::formats) fn assert_near(what: &str, a: &ActivatedGaussians, b: &ActivatedGaussians) {
     let apart = apart(a, b);
     // A share of 11 bits of 160 units is the coarsest.
@@ -162,7 +162,7 @@ fn what_is_written_is_read_in_every_format_and_degree() {
     }
 }
 
-/// The Gaussians of one list in the order of another that holds the same.
+/// Returns the Gaussians of one list in the order of another that holds the same.
 fn in_order(of: &ActivatedGaussians, gaussians: &ActivatedGaussians) -> ActivatedGaussians {
     let distance =
         |a: [f32; 3], b: [f32; 3]| -> f32 { a.iter().zip(b).map(|(a, b)| (a - b).powi(2)).sum() };
@@ -177,7 +177,7 @@ fn in_order(of: &ActivatedGaussians, gaussians: &ActivatedGaussians) -> Activate
     ordered
 }
 
-/// Files of `scripts/golden/splat_formats.mjs`.
+/// Reads the files of `scripts/golden/splat_formats.mjs`.
 #[test]
 fn files_of_a_peer_are_read() {
     let source = activated("source.ply", include_bytes!("peer/source.ply")).expect("read");

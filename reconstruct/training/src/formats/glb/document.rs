@@ -39,7 +39,7 @@ pub(super) fn size(of: &Value, name: &str, default: usize) -> Result<usize, Stri
 pub(super) struct Column<'a> {
     bytes: &'a [u8],
     stride: usize,
-    /// Rows.
+    /// Number of rows.
     pub(super) count: usize,
     component: u64,
     is_normalized: bool,
@@ -115,7 +115,7 @@ impl<'a> Column<'a> {
         })
     }
 
-    /// Returns a row, which is one of those that are there.
+    /// Returns a row; `index` must be below the number of rows.
     pub(super) fn row<const N: usize>(&self, index: usize) -> [f32; N] {
         let row = self.bytes.get(index.saturating_mul(self.stride)..);
         let row = row.unwrap_or_default();

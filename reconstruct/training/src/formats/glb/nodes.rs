@@ -1,4 +1,4 @@
-//! Nodes of a glTF document: where they place their meshes.
+//! Nodes of a glTF document: the placement of their meshes.
 #![cfg_attr(
     not(test),
     deny(clippy::indexing_slicing, clippy::arithmetic_side_effects)
@@ -9,10 +9,10 @@ use serde_json::Value;
 
 use super::document::{list, size};
 
-/// Largest relative difference between the scales of axes that are taken for one.
+/// Maximum relative difference between the scales of axes of a uniform scale.
 const UNIFORM: f64 = 1e-4;
 
-/// Map from a node to what is around it: `x -> scale R x + translation`.
+/// Map from a node to its parent: `x -> scale R x + translation`.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct NodePlace {
     pub(super) rotation: DQuat,
@@ -27,7 +27,7 @@ impl NodePlace {
         translation: DVec3::ZERO,
     };
 
-    /// Returns the place of a node: its matrix, or its translation, rotation and scale.
+    /// Returns the placement of a node: its matrix, or its translation, rotation and scale.
     fn of(node: &Value) -> Result<Self, String> {
         let translation = DVec3::from_array(numbers(node, "translation")?.unwrap_or([0.0; 3]));
         let [x, y, z, w] = numbers(node, "rotation")?.unwrap_or([0.0, 0.0, 0.0, 1.0]);
@@ -47,7 +47,7 @@ impl NodePlace {
         }
     }
 
-    /// Takes a matrix, column by column, apart.
+    /// Splits a matrix, column by column.
     fn of_matrix(matrix: [f64; 16]) -> Result<Self, String> {
         let [a, b, c, _, d, e, f, _, g, h, i, _, x, y, z, _] = matrix;
         let axes = [[a, b, c], [d, e, f], [g, h, i]].map(DVec3::from_array);
@@ -63,7 +63,7 @@ impl NodePlace {
         })
     }
 
-    /// Returns the place within what this one is the place of.
+    /// Returns the placement of `inner` within this one.
     fn then(&self, inner: &Self) -> Self {
         Self {
             rotation: self.rotation * inner.rotation,
@@ -72,7 +72,7 @@ impl NodePlace {
         }
     }
 
-    /// Brings a point to its place.
+    /// Moves a point to its place.
     pub(super) fn place(&self, point: DVec3) -> DVec3 {
         self.rotation * point * self.scale + self.translation
     }
@@ -108,7 +108,7 @@ fn numbers<const N: usize>(node: &Value, name: &str) -> Result<Option<[f64; N]>,
     }
 }
 
-/// Returns the meshes that nodes show, by their numbers, each with its place in the scene.
+/// Returns the meshes of the nodes, by their numbers, each with its placement in the scene.
 pub(super) fn placed_meshes(document: &Value) -> Result<Vec<(usize, NodePlace)>, String> {
     let nodes = list(document, "nodes");
     let mut above = vec![None; nodes.len()];
@@ -126,7 +126,7 @@ pub(super) fn placed_meshes(document: &Value) -> Result<Vec<(usize, NodePlace)>,
         }
         let mut place = NodePlace::of(node)?;
         let mut outer = above.get(number).copied().flatten();
-        // Longer than all nodes is no way up but a circle.
+        // A path longer than all nodes is a circle.
         for _ in nodes {
             let Some(number) = outer else { break };
             let node = nodes.get(number).unwrap_or(&Value::Null);

@@ -1,17 +1,17 @@
-//! Attributes of the extension, in floats and integers, and files that are none.
+//! Attributes of the extension, in floats and integers, and refused files.
 
 use super::*;
 use crate::formats::exchange::tests::{activated, apart, varied};
 
 const NAME: &str = "a.glb";
 
-/// The document and the binary part of a file.
+/// Returns the document and the binary part of a file.
 fn taken_apart(bytes: &[u8]) -> (Value, Vec<u8>) {
     let (text, binary) = parts(bytes).expect("parts");
     (serde_json::from_slice(text).expect("JSON"), binary.to_vec())
 }
 
-/// A file of a text and a binary part.
+/// Returns a file of a text and a binary part.
 fn put_together(text: &str, binary: &[u8]) -> Vec<u8> {
     let word = |length: usize| (length as u32).to_le_bytes();
     let length = 28 + text.len() + binary.len();
@@ -137,12 +137,12 @@ fn normalized_integers_and_strides_are_read() {
     assert_eq!(read.rotations[0].map(f32::abs), [0.0, 0.0, 0.0, 1.0]);
 }
 
-/// A tower of two nodes, one with a matrix.
+/// Checks two nodes in a chain, one with a matrix.
 #[test]
 fn nodes_move_and_turn_their_gaussians() {
     let written = varied(5, 2);
     let (document, binary) = taken_apart(&write(&written).expect("written"));
-    // A quarter turn about z and twice as large; then along x.
+    // A quarter rotation about z and twice as large; then along x.
     let nodes = "\"nodes\":[{\"children\":[1],\"translation\":[10,0,0]},\
          {\"mesh\":0,\"matrix\":[0,2,0,0,-2,0,0,0,0,0,2,0,0,0,1,1]}]";
     let text = document
@@ -151,7 +151,7 @@ fn nodes_move_and_turn_their_gaussians() {
     assert!(text.contains("matrix"));
     let read = activated(NAME, &put_together(&text, &binary)).expect("read");
     let place = written.positions[0];
-    // In axes of glTF (-x, -y, z) becomes (2 y + 10, -2 x, 2 z + 1), which is turned back.
+    // In axes of glTF (-x, -y, z) becomes (2 y + 10, -2 x, 2 z + 1), which is rotated back.
     let expected = [-2.0 * place[1] - 10.0, 2.0 * place[0], 2.0 * place[2] + 1.0];
     let found = read.positions[0];
     assert!(
@@ -162,7 +162,7 @@ fn nodes_move_and_turn_their_gaussians() {
         "{found:?} {expected:?}"
     );
     assert!((read.scales[0][1] / written.scales[0][1] - 2.0).abs() < 1e-5);
-    // About z the same turn in both axes.
+    // About z the same rotation in both axes.
     let quarter = DQuat::from_xyzw(0.0, 0.0, 0.5_f64.sqrt(), 0.5_f64.sqrt());
     let mut turned = written;
     for row in turned.sh_rest.chunks_exact_mut(8) {

@@ -1,4 +1,4 @@
-//! Files that are written and read back, and files of others that are taken or refused by name.
+//! Files that are written and read back, and files of other programs that are accepted or refused by name.
 
 use omnilife_schemas::points::PointCloud;
 
@@ -112,12 +112,12 @@ fn what_is_missing_is_named() -> Result<(), Box<dyn std::error::Error>> {
     nan[last..].copy_from_slice(&f32::NAN.to_le_bytes());
     assert!(refused(nan)?.contains("rot_3 of Gaussian 1 is not finite"));
     assert!(refused(whole[..whole.len() - 1].to_vec())?.contains("ends after 1 of 2"));
-    // A count that no file of this size holds must not make us allocate it.
+    // A count beyond the file's size must not cause an allocation.
     let many = renamed(b"vertex 2\n", b"vertex 9\n");
     assert!(refused(many)?.contains("ends after 2 of 9"));
     Ok(())
 }
-/// A file of rows of these columns, in text.
+/// Returns a file of rows of these columns, in text.
 fn text(columns: &[&str], rows: &[Vec<f64>]) -> String {
     let count = rows.len();
     let mut text = format!("ply\nformat ascii 1.0\nelement vertex {count}\n");
@@ -137,7 +137,7 @@ const COLUMNS: [&str; 14] = [
     "rot_0", "rot_1", "rot_2", "rot_3",
 ];
 
-/// A Gaussian of which one column has another value.
+/// Returns a Gaussian with another value in one column.
 fn with(column: &str, value: f64) -> Vec<f64> {
     let mut row = vec![
         1.0, 2.0, 3.0, 0.1, 0.2, 0.3, -0.5, -3.0, -4.0, -5.0, 1.0, 0.0, 0.0, 0.0,
@@ -240,7 +240,7 @@ fn other_kinds_of_ply_are_called_by_their_names() {
     }
 }
 
-/// Wherever a scene lies; the file's positions are floats near the origin, as everybody reads them.
+/// Checks scenes at any place: the file's positions are floats near the origin, as all programs read them.
 #[test]
 fn runs_far_from_the_origin_are_read_back() -> Result<(), Box<dyn std::error::Error>> {
     let folder = tempfile::tempdir()?;

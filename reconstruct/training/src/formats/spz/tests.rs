@@ -1,9 +1,9 @@
-//! Bytes of the layout, those of the peer, and files that are none.
+//! Bytes of the layout, those of the peer, and refused files.
 
 use super::*;
 use crate::formats::exchange::tests::{activated, apart, varied};
 
-/// The content of a file.
+/// Returns the content of a file.
 fn unzipped(bytes: &[u8]) -> Vec<u8> {
     let mut content = Vec::new();
     let read = GzDecoder::new(bytes).read_to_end(&mut content);
@@ -95,7 +95,7 @@ fn version_2_is_read() {
     of_two.extend(&content[rotations + 50 * 4..]);
     let read = activated("a.spz", &zipped(&of_two)).expect("read");
     let apart = apart(&written, &read);
-    // Where w is small, so is what three bytes say of it.
+    // Where w is small, three bytes hold it inaccurately.
     assert!(apart.degrees < 12.0 && apart.linear < 0.0325, "{apart:?}");
 }
 

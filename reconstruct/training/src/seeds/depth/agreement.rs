@@ -1,5 +1,4 @@
-//! What the other views say of a view's samples: that they see it too, that they see it better, or that they
-//! see past it.
+//! Agreement of the other views with a view's samples: they see the sample too, see it finer, or see past it.
 
 use glam::Vec3;
 use omnilife_engine::camera::nearest::Projector;
@@ -7,32 +6,32 @@ use rayon::prelude::*;
 
 use super::lift::{DistanceView, Lifted, pixel_angle};
 
-/// Two views see one surface where their distances differ by less than this share, at least.
+/// Minimum tolerance of the distances of two views of one surface, as a share.
 const LEAST_TOLERANCE: f64 = 0.02;
 /// The tolerance in disagreements of the views' distances.
 const DISAGREEMENTS: f64 = 3.0;
-/// A view sees past a sample where what it sees is farther by this many tolerances.
+/// Minimum excess of the distance in a view that sees past a sample, in tolerances.
 const FREE_TOLERANCES: f64 = 2.5;
-/// Cosine below which the samples of a slanted surface do not get sparser any more.
+/// Minimum cosine in the density of samples of a slanted surface.
 const LEAST_COSINE: f32 = 0.05;
 
-/// What the views say of one sample.
+/// Agreement of the views on one sample.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Agreement {
     /// Other views that see a surface there.
     pub support: u16,
-    /// Other views that see past it: it stands in their free space.
+    /// Other views that see past it: it lies in their free space.
     pub free: u16,
-    /// Whether no other view has a finer sample of the surface.
+    /// True if no other view has a finer sample of the surface.
     pub is_finest: bool,
 }
 
-/// How far the distances of two views of one surface may differ, as a share.
+/// Returns the maximum difference of two views' distances to one surface, as a share.
 pub fn tolerance(disagreement: f64) -> f64 {
     LEAST_TOLERANCE.max(DISAGREEMENTS * disagreement)
 }
 
-/// Whether a view sees past a place: what it shows there is farther by more than two and a half tolerances.
+/// Returns true if a view sees past a place: its surface there is farther by more than two and a half tolerances.
 pub fn sees_past(
     view: &DistanceView<'_>,
     projector: &Projector,
@@ -52,9 +51,8 @@ fn is_farther(theirs: f32, distance: f32, tolerance: f32) -> bool {
 
 /// Compares the samples of view number `own` with all other views.
 ///
-/// A view j sees the sample's surface where `|D_j - d| < tolerance d`, with the distance `d` of the
-/// sample from it; there its own samples have the radius `d pitch / sqrt(cos)`. Of equals the earlier
-/// view's stays.
+/// A view j sees the sample's surface where `|D_j - d| < tolerance d`, with the distance `d` of the sample from
+/// it. There its own samples have the radius `d pitch / sqrt(cos)`. Among equals the earlier view's stays.
 pub fn agreement(
     lifted: &Lifted,
     own: usize,

@@ -1,4 +1,4 @@
-//! Whether distances mean what they are said to mean, by how well views agree on places and colours.
+//! Checks of the meaning of distances, by the agreement of views on places and colours.
 
 use omnilife_schemas::{
     camera::Camera, distances::DistanceImage, records::DistanceConvention, statistics::median,
@@ -9,14 +9,14 @@ use super::{
     pairs::{ScaledViews, Sighting},
 };
 
-/// Places of which two views say more different things are not one surface.
+/// Maximum difference of two views' values at one surface.
 const ONE_SURFACE: f64 = 0.1;
-/// Places whose colours are compared, at least.
+/// Minimum number of places for comparing colours.
 const LEAST_PLACES: usize = 500;
 
-/// Median relative difference between the distances of two views, all pairs together: of the distances as
-/// they are, and of the same numbers read by another convention. What one view hides from another counts
-/// in both. `None` where no view sees what another shows.
+/// Returns the median relative difference between the distances of two views, all pairs together: of the
+/// distances as they are, and of the same numbers read by another convention. Occlusions count in both. `None`
+/// where no view sees the surfaces of another.
 pub fn convention_disagreements(
     views: &[DistanceView<'_>],
     other: DistanceConvention,
@@ -28,10 +28,10 @@ pub fn convention_disagreements(
     Some([as_given, disagreement(&shown(views, &otherwise))?])
 }
 
-/// Share of the places that one view shows of which another one sees something at another distance: of the
-/// distances as they are, and mirrored left to right. The second is smaller where distances were made from
-/// mirrored images. Not the median: floors and ceilings are as far mirrored as not. `None` where no view
-/// sees what another shows.
+/// Returns the share of one view's places at which another one sees another distance: of the distances as they
+/// are, and mirrored left to right. The second is smaller where distances were made from mirrored images. The
+/// median is unsuitable: floors and ceilings are as far mirrored as not. `None` where no view sees the surfaces
+/// of another.
 pub fn mirrored_disagreements(views: &[DistanceView<'_>]) -> Option<[f64; 2]> {
     let as_given = share_apart(views)?;
     let mirrored = with_distances(views, |view| DistanceImage {
@@ -48,7 +48,7 @@ fn with_distances(
     views.iter().map(other).collect()
 }
 
-/// Views with other distances.
+/// Returns views with other distances.
 fn shown<'a>(views: &[DistanceView<'a>], distances: &'a [DistanceImage]) -> Vec<DistanceView<'a>> {
     let views = views.iter().zip(distances);
     views
@@ -56,7 +56,7 @@ fn shown<'a>(views: &[DistanceView<'a>], distances: &'a [DistanceImage]) -> Vec<
         .collect()
 }
 
-/// Distances along rays, of numbers that were read by the one convention and were meant by the other.
+/// Returns distances along rays, of numbers that were read by the one convention and meant by the other.
 fn read_as(
     mut distances: DistanceImage,
     meant: DistanceConvention,
@@ -87,7 +87,7 @@ fn share_apart(views: &[DistanceView<'_>]) -> Option<f64> {
     (all.len() >= LEAST_PLACES).then(|| apart as f64 / all.len() as f64)
 }
 
-/// How far the distances of two views are apart where one shows what the other sees, as logarithms.
+/// Returns the differences of two views' distances at common places, as logarithms.
 fn log_ratios(views: &[DistanceView<'_>]) -> Vec<f64> {
     let log_scales = vec![0.0; views.len()];
     let scaled = ScaledViews {
@@ -100,9 +100,9 @@ fn log_ratios(views: &[DistanceView<'_>]) -> Vec<f64> {
     scaled.of_pairs(of_pair).concat()
 }
 
-/// PSNR in dB between the colours of places that two views show, with images and distances as they are,
-/// and with both mirrored left to right: the second is higher where the poses are of a mirrored world.
-/// `None` where too few places are seen by two views.
+/// Returns the PSNR in dB between the colours of places in two views, with images and distances as they are, and
+/// with both mirrored left to right. The second is higher where the poses are of a mirrored world. `None` where
+/// two views share too few places.
 pub fn handedness_scores(views: &[DistanceView<'_>]) -> Option<[f64; 2]> {
     let straight = colour_score(views)?;
     let mirrored: Vec<Mirrored> = views
@@ -135,7 +135,7 @@ pub fn handedness_scores(views: &[DistanceView<'_>]) -> Option<[f64; 2]> {
     Some([straight, colour_score(&mirrored).unwrap_or(0.0)])
 }
 
-/// Colours, masks of what moves and of what is ignored, and distances of a mirrored view.
+/// Colours, dynamic and ignored masks, and distances of a mirrored view.
 type Mirrored = (Vec<u8>, [Option<Vec<u8>>; 2], DistanceImage);
 
 fn mirror<T: Copy>(values: &[T], width: usize) -> Vec<T> {

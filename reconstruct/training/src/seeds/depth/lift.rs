@@ -1,4 +1,4 @@
-//! A view's pixels as flat Gaussians on the surfaces that they show.
+//! Lift of a view's pixels to flat Gaussians on their surfaces.
 
 use std::f64::consts::{PI, TAU};
 
@@ -12,13 +12,13 @@ use rayon::prelude::*;
 
 use super::normals::{self, Points};
 
-/// Cosine of the angle between ray and normal below which radii do not grow any more.
+/// Minimum cosine of the angle between ray and normal in the size of radii.
 const LEAST_COSINE: f64 = 0.1;
 /// The largest radius in pitches of the pixel.
 const LARGEST_RADIUS: f64 = 3.0;
-/// At an edge of depth, a surface that is seen under a smaller cosine hangs between its two sides.
+/// Minimum cosine of a surface at an edge of depth; a smaller one hangs between the two sides.
 const FLYING_COSINE: f64 = 0.1;
-/// Masks from this value on hide what is behind them.
+/// Minimum value of masked pixels.
 pub(super) const MASKED: u8 = 128;
 
 /// A view with its distances. All of its lists are of one size, that of the view's camera.
@@ -28,17 +28,17 @@ pub struct DistanceView<'a> {
     pub view: &'a View,
     /// 8-bit RGB, HWC.
     pub pixels: &'a [u8],
-    /// 255 on what moves; those pixels are left out.
+    /// 255 in the dynamic region; those pixels are left out.
     pub mask: Option<&'a [u8]>,
-    /// Not zero where nothing of the scene is seen; those pixels are left out as well.
+    /// Not zero in the ignored region; those pixels are left out as well.
     pub ignored: Option<&'a [u8]>,
     /// Distances along the rays, normalized units.
     pub distances: &'a DistanceImage,
-    /// How much each distance can be trusted, in [0, 1], where somebody says so.
+    /// Confidence of each distance, in [0, 1]; `None` if the source has none.
     pub confidences: Option<&'a [f32]>,
 }
 
-/// How pixels become Gaussians.
+/// Settings of the lift.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct LiftSettings {
     /// Standard deviations along the surface, in radii of a sample.
@@ -47,16 +47,15 @@ pub struct LiftSettings {
     pub normal: f32,
     /// Opacity.
     pub opacity: f32,
-    /// Whether pixels near the poles of a panorama are left out, so that samples are equally dense on the
-    /// sphere.
+    /// True if pixels near the poles of a panorama are left out, so that samples are equally dense on the sphere.
     pub thins_poles: bool,
-    /// Seed of which pixels near the poles are kept.
+    /// Seed of the choice of pixels near the poles.
     pub seed: u64,
 }
 
 impl LiftSettings {
-    /// For samples of which no other view has a better one: found on a scene with known distances, where
-    /// opacity and sizes were tried in steps.
+    /// For samples that no other view has finer: found on a scene with known distances, by steps of opacity and
+    /// sizes.
     pub const OF_BEST_VIEWS: Self = Self {
         tangential: 0.6,
         normal: 0.06,
@@ -64,7 +63,7 @@ impl LiftSettings {
         thins_poles: true,
         seed: 0,
     };
-    /// For samples of all views, which lie on top of each other.
+    /// For samples of all views, which overlap each other.
     pub const OF_ALL_VIEWS: Self = Self {
         tangential: 0.35,
         normal: 0.035,
@@ -75,59 +74,59 @@ impl LiftSettings {
 }
 
 impl LiftSettings {
-    /// Standard deviations of a sample of this radius.
+    /// Returns the standard deviations of a sample of this radius.
     fn scales(&self, radius: f32) -> [f32; 3] {
         let along = self.tangential * radius;
         [along, along, self.normal * radius]
     }
 }
 
-/// What became of the pixels of a view.
+/// Counts of the pixels of a view by their use.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct LiftCounts {
-    /// All of them.
+    /// All pixels.
     pub pixels: u64,
-    /// Their distance is not known.
+    /// Pixels of unknown distance.
     pub unknown: u64,
-    /// A mask hides them.
+    /// Masked pixels.
     pub masked: u64,
-    /// Left out near the poles, where pixels crowd.
+    /// Pixels left out near the poles, where they crowd.
     pub thinned: u64,
-    /// They hang between the two sides of an edge of depth.
+    /// Pixels between the two sides of an edge of depth.
     pub flying: u64,
-    /// Kept without a normal of their own: they face the camera.
+    /// Pixels kept without a normal of their own: they face the camera.
     pub without_normal: u64,
 }
 
-/// Samples of the surfaces that a view shows; all lists are of one length.
+/// Samples of a view's surfaces; all lists are of one length.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Lifted {
     /// The Gaussians, normalized units. The third axis is along the normal.
     pub gaussians: InitialGaussians,
     /// Unit normals in the world, towards the camera.
     pub normals: Vec<Vec3>,
-    /// Radius of each sample: the root of the area of surface that it stands for, normalized units.
+    /// Radius of each sample: the root of its area on the surface, normalized units.
     pub radii: Vec<f32>,
     /// Number of each sample's pixel, row by row.
     pub pixels: Vec<u32>,
-    /// How much the distance can be trusted, in [0, 1]; 1 where nobody says.
+    /// Confidence of each distance, in [0, 1]; 1 without a source.
     pub confidences: Vec<f32>,
-    /// What became of the pixels.
+    /// Counts of the pixels by their use.
     pub counts: LiftCounts,
 }
 
 impl Lifted {
-    /// Number of samples.
+    /// Returns the number of samples.
     pub fn len(&self) -> usize {
         self.radii.len()
     }
 
-    /// Whether there are none.
+    /// Returns true without samples.
     pub fn is_empty(&self) -> bool {
         self.radii.is_empty()
     }
 
-    /// The same samples in another shape.
+    /// Returns the same samples in another shape.
     #[must_use]
     pub fn shaped(mut self, settings: &LiftSettings) -> Self {
         let scales = self.gaussians.scales.iter_mut().zip(&self.radii);
@@ -136,7 +135,7 @@ impl Lifted {
         self
     }
 
-    /// The samples whose flag is set, in their order.
+    /// Returns the samples whose flag is set, in their order.
     #[must_use]
     pub fn retained(&self, keep: &[bool]) -> Self {
         let indices: Vec<usize> = (0..self.len()).filter(|&index| keep[index]).collect();
@@ -154,7 +153,7 @@ impl Lifted {
     }
 }
 
-/// What becomes of a pixel.
+/// Use of a pixel.
 enum PixelUse {
     Unknown,
     Masked,
@@ -170,15 +169,16 @@ struct Sample {
     has_normal: bool,
 }
 
-/// Samples of a view, row by row.
+/// Lifts the samples of a view, row by row.
 ///
-/// `x = c + R (D r)` (PanoGS, Eq. 6); the two scales along the surface are `tangential` radii and that
-/// along the normal `normal` radii (Eq. 7); the rotation brings z onto the normal by the shortest way (Eq.
-/// 8, which leaves the turn about the normal open: it changes nothing). The radius is the root of the area
-/// of the surface that a sample stands for, `D pitch / sqrt(cos i)`. Where poles are thinned, a pixel of a
-/// panorama is kept with probability `cos(latitude)`, by a hash of its place, so that samples are as dense
-/// at the poles as at the equator. Where they are not, samples near the poles have the same radii and lie
-/// on top of each other.
+/// `x = c + R (D r)` (PanoGS, Eq. 6). The two scales along the surface are `tangential` radii and that along the
+/// normal `normal` radii (Eq. 7). The rotation brings z onto the normal by the shortest way (Eq. 8, which leaves
+/// the rotation about the normal open: it has no effect). The radius is the root of a sample's area on the
+/// surface, `D pitch / sqrt(cos i)`.
+///
+/// With thinned poles, a pixel of a panorama is kept with probability `cos(latitude)`, by a hash of its place. So
+/// samples are as dense at the poles as at the equator. Otherwise samples near the poles have the same radii and
+/// overlap each other.
 ///
 /// `number` is that of the view: it keeps the views' hashes apart.
 pub fn lift(view: &DistanceView<'_>, number: u64, settings: &LiftSettings) -> Lifted {
@@ -287,7 +287,7 @@ impl Lifter<'_> {
         let cosine = normal.map_or(1.0, |normal| normal.dot(ray).abs());
         let [is_behind, is_before] = edges(&self.points, column, row);
         let is_grazed = cosine < FLYING_COSINE && (is_behind || is_before);
-        // A thin thing before a wall has no normal either, but nothing is nearer beside it.
+        // A thin object in front of a wall has no normal either, but its neighbours are farther.
         let hangs_between = normal.is_none() && is_behind && is_before;
         if is_grazed || hangs_between {
             return PixelUse::Flying;
@@ -306,7 +306,7 @@ impl Lifter<'_> {
         })
     }
 
-    /// Which share of the pixels of a row is kept: `cos(latitude)` in a panorama whose poles are thinned.
+    /// Returns the share of the pixels of a row that is kept: `cos(latitude)` in a panorama with thinned poles.
     fn kept_share(&self, row: usize) -> f64 {
         match self.view.view.camera {
             Camera::Erp(camera) if self.settings.thins_poles => {
@@ -318,7 +318,7 @@ impl Lifter<'_> {
     }
 }
 
-/// Whether a neighbour above, below, left or right is on a nearer surface, and on a farther one.
+/// Returns two flags: a neighbour above, below, left or right is on a nearer surface, and on a farther one.
 fn edges(points: &Points<'_>, column: usize, row: usize) -> [bool; 2] {
     let own = points.distance(column, row);
     let neighbours = [[1, 0], [-1, 0], [0, 1], [0, -1]]
@@ -331,7 +331,7 @@ fn edges(points: &Points<'_>, column: usize, row: usize) -> [bool; 2] {
     })
 }
 
-/// Root of the solid angle that a kept pixel in the direction of a unit ray stands for, radians.
+/// Returns the root of the solid angle of a kept pixel in the direction of a unit ray, radians.
 pub(super) fn pixel_angle(camera: &Camera, ray: DVec3) -> f64 {
     match camera {
         Camera::Erp(camera) => {
@@ -342,8 +342,8 @@ pub(super) fn pixel_angle(camera: &Camera, ray: DVec3) -> f64 {
     }
 }
 
-/// `|n . r|` of the surface under each pixel of a view, as the fusion of views wants it: 0 where the distance
-/// is not known or masked, where there is no normal, and at edges of depth.
+/// Returns `|n . r|` of the surface under each pixel of a view, as input of the fusion of views. It is 0 at
+/// unknown or masked distances, without a normal, and at edges of depth.
 pub fn incidence(view: &DistanceView<'_>) -> Vec<f32> {
     let points = Points::new(view.view.camera, view.distances);
     let noise = normals::relative_noise(view.distances);
@@ -361,8 +361,8 @@ pub fn incidence(view: &DistanceView<'_>) -> Vec<f32> {
     normals.par_iter().enumerate().map(of_pixel).collect()
 }
 
-/// The unit quaternion (w, x, y, z) that brings z onto a unit normal by the shortest way:
-/// `(1 + n_z, -n_y, n_x, 0)`; half a turn about x where the normal is -z.
+/// Returns the unit quaternion (w, x, y, z) that brings z onto a unit normal by the shortest way:
+/// `(1 + n_z, -n_y, n_x, 0)`; half a rotation about x where the normal is -z.
 pub fn z_onto(normal: Vec3) -> [f32; 4] {
     let w = 1.0 + normal.z;
     if w < 1e-6 {
@@ -372,7 +372,7 @@ pub fn z_onto(normal: Vec3) -> [f32; 4] {
     [w / length, -normal.y / length, normal.x / length, 0.0]
 }
 
-/// A number in [0, 1) that depends on the words alone (`SplitMix64`).
+/// Returns a number in [0, 1) that depends on the words alone (`SplitMix64`).
 fn share(words: [u64; 4]) -> f64 {
     let mixed = words.into_iter().fold(0, |state: u64, word| {
         let mut z = (state ^ word).wrapping_add(0x9e37_79b9_7f4a_7c15);

@@ -1,12 +1,12 @@
 //! Oriented Gaussians at the pixels of views whose distances are known.
 //!
-//! * [`lift()`]: a view's pixels as flat Gaussians on the surfaces that they show (PanoGS, Eqs. 6 to 8).
-//! * [`normals`]: how the surface under each pixel is turned, from as many neighbours as the noise asks for.
-//! * [`scales`]: one factor for the distances of each view. [`agreement()`]: which samples other views have
-//!   finer, confirm or contradict. [`checks`]: whether distances mean what they are said to mean.
-//! * [`source_view`]: a view with its distances, as whatever knows them gives it.
+//! * [`lift()`]: a view's pixels as flat Gaussians on their surfaces (PanoGS, Eqs. 6 to 8).
+//! * [`normals`]: orientation of the surface under each pixel, from as many neighbours as the noise requires.
+//! * [`scales`]: one factor for the distances of each view. [`agreement()`]: finer, confirming and contradicting
+//!   samples of other views. [`checks`]: checks of the distances' meaning.
+//! * [`source_view`]: a view with its distances, from any source.
 //!
-//! Nothing here knows where distances come from: of a sensor, a network or a sweep.
+//! All of it is independent of the source of distances: a sensor, a network or a sweep.
 
 pub mod agreement;
 pub mod checks;

@@ -1,4 +1,4 @@
-//! Normals of the surfaces that a distance image shows.
+//! Normals of the surfaces in a distance image.
 
 use std::f64::consts::PI;
 
@@ -12,16 +12,16 @@ use rayon::prelude::*;
 
 /// Half widths of the windows, pixels.
 const HALF_WIDTHS: [usize; 5] = [1, 2, 3, 5, 8];
-/// Error of the slope up to which a smaller window is good enough, radians.
+/// Maximum error of the slope in a window, radians; the smallest such window is used.
 const LARGEST_SLOPE_ERROR: f64 = 0.05;
-/// Points that a plane is fitted to, at least, besides the pixel's own.
+/// Minimum number of points for a plane, besides the pixel's own.
 const LEAST_NEIGHBOURS: usize = 4;
-/// Points whose second largest variance is below this share of the largest lie on a line.
+/// Minimum ratio of the second largest variance to the largest; points below it lie on a line.
 const LEAST_FLATNESS: f64 = 1e-3;
-/// From the median of absolute values of a normal distribution to its standard deviation.
+/// Standard deviation of a normal distribution over its median of absolute values.
 const MEDIAN_TO_DEVIATION: f64 = 1.4826;
 
-/// The points that a view sees, in its camera's frame; `None` where the distance is not known.
+/// The points of a view, in its camera's frame; `None` where the distance is unknown.
 #[derive(Debug)]
 pub struct Points<'a> {
     distances: &'a DistanceImage,
@@ -29,7 +29,7 @@ pub struct Points<'a> {
 }
 
 impl<'a> Points<'a> {
-    /// Those of a distance image of the camera's size.
+    /// Returns the points of a distance image of the camera's size.
     pub fn new(camera: Camera, distances: &'a DistanceImage) -> Self {
         Self {
             distances,
@@ -37,7 +37,7 @@ impl<'a> Points<'a> {
         }
     }
 
-    /// The unit ray through the centre of a pixel.
+    /// Returns the unit ray through the centre of a pixel.
     pub fn ray(&self, column: usize, row: usize) -> DVec3 {
         let ray = self.rays.ray(column, row).as_dvec3();
         // Those of a panorama have length 1.
@@ -48,12 +48,12 @@ impl<'a> Points<'a> {
         }
     }
 
-    /// The distance of a pixel, 0 where it is not known.
+    /// Returns the distance of a pixel, 0 where it is unknown.
     pub fn distance(&self, column: usize, row: usize) -> f32 {
         self.distances.values[row * self.distances.width + column]
     }
 
-    /// The pixel so many columns and rows away; columns go round in a panorama.
+    /// Returns the pixel so many columns and rows away; columns wrap in a panorama.
     pub fn neighbour(
         &self,
         [column, row]: [usize; 2],
@@ -71,13 +71,13 @@ impl<'a> Points<'a> {
         (row < self.distances.height && column < self.distances.width).then_some([column, row])
     }
 
-    /// Whether two distances are of one surface, as far as they say.
+    /// Returns true if two distances can be of one surface.
     pub fn are_close(a: f32, b: f32) -> bool {
         a > 0.0 && b > 0.0 && a.max(b) < EDGE_RATIO * a.min(b)
     }
 }
 
-/// Relative noise of the distances: from the median of second differences of inverse distances, which
+/// Returns the relative noise of the distances: from the median of second differences of inverse distances, which
 /// vanish on planes.
 pub fn relative_noise(distances: &DistanceImage) -> f64 {
     let DistanceImage { width, height, .. } = *distances;
@@ -100,9 +100,9 @@ pub fn relative_noise(distances: &DistanceImage) -> f64 {
     MEDIAN_TO_DEVIATION * median / 6.0_f64.sqrt()
 }
 
-/// Half width of the smallest window in which noise turns a fitted plane by less than a twentieth of a
-/// radian: the slope's deviation is `noise / (pitch sqrt(S))` with `S = (2k + 1)^2 k (k + 1) / 3`, the
-/// sum of the squared steps, and `pitch` the angle of a pixel.
+/// Returns the half width of the smallest window in which noise rotates a fitted plane by less than a twentieth
+/// of a radian. The slope's deviation is `noise / (pitch sqrt(S))` with `S = (2k + 1)^2 k (k + 1) / 3`, the sum
+/// of the squared steps, and `pitch` the angle of a pixel.
 pub fn window(relative_noise: f64, rows: usize) -> usize {
     let pitch = PI / rows.max(1) as f64;
     let error = |k: usize| {
@@ -115,11 +115,11 @@ pub fn window(relative_noise: f64, rows: usize) -> usize {
     HALF_WIDTHS.into_iter().find(is_enough).unwrap_or(largest)
 }
 
-/// Unit normals in the camera's frame, towards the camera; `None` where the neighbours give none: fewer
-/// than four of the same surface, or all on a line.
+/// Returns unit normals in the camera's frame, towards the camera. `None` without a plane: fewer than four
+/// neighbours of the same surface, or all on a line.
 ///
-/// The window is `2 half_width + 1` pixels wide and high. Near the poles of a panorama, where columns
-/// crowd, it takes every so manieth, so that it is as wide as high on the sphere.
+/// The window is `2 half_width + 1` pixels wide and high. Near the poles of a panorama, where columns crowd, it
+/// has a stride of columns, so that it is as wide as high on the sphere.
 pub fn normals(points: &Points<'_>, half_width: usize) -> Vec<Option<Vec3>> {
     let (width, height) = (points.distances.width, points.distances.height);
     let mut normals = vec![None; width * height];
@@ -135,7 +135,7 @@ pub fn normals(points: &Points<'_>, half_width: usize) -> Vec<Option<Vec3>> {
     normals
 }
 
-/// Columns of a row of a panorama that are as wide as a row is high.
+/// Returns the columns of a row of a panorama that are as wide as a row is high.
 fn column_stride(points: &Points<'_>, row: usize) -> i64 {
     let width = points.distances.width;
     if !points.distances.wraps {
@@ -199,8 +199,8 @@ fn at_pixel(points: &Points<'_>, pixel: [usize; 2], k: i64, stride: i64) -> Opti
     Some(towards.as_vec3())
 }
 
-/// Unit eigenvector of the smallest eigenvalue of a symmetric matrix of covariances, in closed form;
-/// `None` where the second largest is next to nothing beside the largest.
+/// Returns the unit eigenvector of the smallest eigenvalue of a symmetric matrix of covariances, in closed form;
+/// `None` where the second largest is nearly 0 beside the largest.
 fn thinnest_direction(covariance: DMat3) -> Option<DVec3> {
     let [largest, middle, least] = eigenvalues(covariance)?;
     if middle < LEAST_FLATNESS * largest {
@@ -214,8 +214,8 @@ fn thinnest_direction(covariance: DMat3) -> Option<DVec3> {
     candidates.into_iter().max_by(longer)?.try_normalize()
 }
 
-/// Eigenvalues of a symmetric matrix, largest first (Smith 1961); `None` of one that is not finite or is
-/// zero.
+/// Returns the eigenvalues of a symmetric matrix, largest first (Smith 1961); `None` for a matrix that is zero or
+/// not finite.
 fn eigenvalues(matrix: DMat3) -> Option<[f64; 3]> {
     let [a, b, c] = [matrix.x_axis, matrix.y_axis, matrix.z_axis];
     let mean = (a.x + b.y + c.z) / 3.0;
@@ -291,7 +291,7 @@ mod tests {
             values,
         };
         let clean = image((0..width * height).map(wall).collect());
-        // A plane is no straight line in angles: it is off by the square of a pixel's.
+        // A plane is not linear in angles: the difference is the square of a pixel's angle.
         assert!(relative_noise(&clean) < 5e-4);
         let noisy = |at| wall(at) * (1.0 + 0.01 * noise());
         let noisy = image((0..width * height).map(noisy).collect());

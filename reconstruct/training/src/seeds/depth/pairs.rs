@@ -1,4 +1,4 @@
-//! What two views say of each other's distances.
+//! Comparisons of two views' distances.
 
 use glam::Vec3;
 use omnilife_engine::camera::nearest::Projector;
@@ -9,30 +9,30 @@ use super::{
     normals::Points,
 };
 
-/// Steps between the columns and the rows of the pixels that are looked at: one pixel in eight.
+/// Steps between the columns and the rows of examined pixels: one pixel in eight.
 const STEPS: [usize; 2] = [4, 2];
 
-/// A place that one view shows and another sees.
+/// A place of one view that another one sees.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Sighting {
     /// `log(D_j / |x - c_j|)`: above 0 the second view sees past the place.
     pub(super) log_ratio: f64,
-    /// How `log |x - c_j|` grows with the logarithm of the first view's distances.
+    /// Derivative of `log |x - c_j|` by the logarithm of the first view's distances.
     pub(super) slope: f64,
     /// The pixel of the first view, and that of the second one.
     pub(super) pixels: [usize; 2],
 }
 
-/// Views with the factors that their distances are multiplied by.
+/// Views with factors on their distances.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct ScaledViews<'a> {
     pub(super) views: &'a [DistanceView<'a>],
-    /// Logarithms.
+    /// Logarithms of the factors.
     pub(super) log_scales: &'a [f64],
 }
 
 impl ScaledViews<'_> {
-    /// Every place that view `first` shows and `second` sees; nothing that a mask hides.
+    /// Returns every unmasked place of view `first` that `second` sees.
     pub(super) fn sightings(&self, first: usize, second: usize) -> Vec<Sighting> {
         let (from, to) = (&self.views[first], &self.views[second]);
         let [scale, other_scale] = [first, second].map(|view| self.log_scales[view].exp());
@@ -55,8 +55,8 @@ impl ScaledViews<'_> {
                     continue;
                 };
                 let seen = projector.pixel_at([u, v]);
-                // Between pixels: on a slanted surface the nearest one's is off by more than what is
-                // looked for.
+                // Between pixels: on a slanted surface the nearest one's error is larger than the differences of
+                // interest.
                 let theirs = to.distances.sample(f64::from(u), f64::from(v));
                 if theirs <= 0.0 || to.hides(seen) {
                     continue;
@@ -72,7 +72,7 @@ impl ScaledViews<'_> {
         found
     }
 
-    /// What `of` makes of each ordered pair of views.
+    /// Returns the results of `of` for each ordered pair of views.
     pub(super) fn of_pairs<T: Send>(
         &self,
         of: impl Fn(usize, usize, Vec<Sighting>) -> T + Sync,
@@ -90,7 +90,7 @@ impl ScaledViews<'_> {
 }
 
 impl DistanceView<'_> {
-    /// Whether a pixel shows what moves, or nothing of the scene.
+    /// Returns true if a pixel is dynamic or ignored.
     pub(crate) fn hides(&self, pixel: usize) -> bool {
         self.mask.is_some_and(|mask| mask[pixel] >= MASKED)
             || self.ignored.is_some_and(|ignored| ignored[pixel] != 0)

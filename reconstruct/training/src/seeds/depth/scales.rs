@@ -1,27 +1,27 @@
-//! One factor for the distances of each view, from what the views say of each other.
+//! One factor for the distances of each view, from the agreement of the views.
 //!
-//! A place `x` that view k shows at the distance `D_k` is seen by view j at `|x - c_j|`; what j says
-//! itself is `D_j`. With the logarithms `a` of the factors,
+//! A place `x` that view k shows at the distance `D_k` is seen by view j at `|x - c_j|`; the distance of j itself
+//! is `D_j`. With the logarithms `a` of the factors,
 //!
 //! ```text
 //! r = log(D_j e^{a_j} / |x - c_j|),   a_j - t a_k = -median(r),
 //! t = median((x - c_k) . (x - c_j) / |x - c_j|^2)
 //! ```
 //!
-//! for every pair, in the least squares sense, with a sum of 0: what all views are wrong by together is the
-//! scale of the world.
+//! for every pair, in the least squares sense, with a sum of 0: the common error of all views is the scale of the
+//! world.
 
 use omnilife_schemas::{band_matrix::BandMatrix, statistics::median};
 
 use super::{lift::DistanceView, pairs::ScaledViews};
 
-/// Places of which two views say more different things than this are two surfaces.
+/// Maximum difference of two views' places on one surface.
 const LARGEST_LOG_RATIO: f64 = 0.1;
-/// Places that a pair of views must have in common.
+/// Minimum number of common places of a pair of views.
 const LEAST_SIGHTINGS: usize = 200;
-/// Share of the diagonal below which a pivot is a rounding error.
+/// Minimum ratio of a pivot to the diagonal; a smaller one is a rounding error.
 const LEAST_PIVOT: f64 = 1e-12;
-/// How often the system is made again with the factors found.
+/// Number of systems, each with the factors found before.
 const ROUNDS: usize = 3;
 
 /// The factors of some views.
@@ -29,15 +29,15 @@ const ROUNDS: usize = 3;
 pub struct ScaleFit {
     /// Logarithm of each view's factor; they sum up to 0 in each group.
     pub log_scales: Vec<f64>,
-    /// Median of the relative differences between views before, 0 without any pair.
+    /// Median of the relative differences between views without factors, 0 without any pair.
     pub disagreement_before: f64,
-    /// The same with the factors.
+    /// Median of the relative differences with the factors.
     pub disagreement_after: f64,
-    /// Views that see enough of the same places, directly or by way of others.
+    /// Views that share enough places, directly or through others.
     pub groups: Vec<Vec<usize>>,
 }
 
-/// What a pair of views says.
+/// Equation of a pair of views.
 struct Equation {
     first: usize,
     second: usize,
@@ -46,14 +46,14 @@ struct Equation {
     differences: Vec<f64>,
 }
 
-/// Finds the factors.
+/// Fits the factors.
 pub fn fit_scales(views: &[DistanceView<'_>]) -> ScaleFit {
     let mut log_scales = vec![0.0; views.len()];
     let mut equations = equations(views, &log_scales);
     let disagreement_before = disagreement(&equations);
     let groups = groups(views.len(), &equations);
     for _ in 0..ROUNDS {
-        // Factors that nothing tells stay; the disagreement says how well they fit.
+        // Undetermined factors stay; the disagreement measures their fit.
         let Some(step) = solved(views.len(), &equations, &groups) else {
             break;
         };
@@ -96,7 +96,7 @@ fn disagreement(equations: &[Equation]) -> f64 {
     median(&all).unwrap_or(0.0)
 }
 
-/// Views that equations connect.
+/// Returns the groups of views that equations connect.
 fn groups(count: usize, equations: &[Equation]) -> Vec<Vec<usize>> {
     let mut label: Vec<usize> = (0..count).collect();
     for equation in equations {
@@ -115,8 +115,8 @@ fn groups(count: usize, equations: &[Equation]) -> Vec<Vec<usize>> {
         .collect()
 }
 
-/// Least squares by the normal equations. In each group the sum is asked to be 0 as strongly as all pairs
-/// together ask for anything. `None` where that does not tell all factors.
+/// Solves least squares by the normal equations. In each group the sum of 0 has the weight of all pairs together.
+/// `None` if that does not determine all factors.
 fn solved(count: usize, equations: &[Equation], groups: &[Vec<usize>]) -> Option<Vec<f64>> {
     let mut matrix = BandMatrix::new(count, count.saturating_sub(1)).with_least_pivot(LEAST_PIVOT);
     let mut right = vec![0.0; count];

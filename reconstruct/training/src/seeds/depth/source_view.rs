@@ -1,4 +1,4 @@
-//! Views with the distances that somebody has of them.
+//! Views with distances from any source.
 
 use omnilife_engine::training_view::TrainingView;
 use omnilife_schemas::distances::DistanceImage;
@@ -13,12 +13,12 @@ pub struct SourceView {
     pub view: TrainingView,
     /// Distances along the rays, normalized units.
     pub distances: DistanceImage,
-    /// How much each can be trusted, where the source says so.
+    /// Confidence of each distance, if the source has it.
     pub confidences: Option<Vec<f32>>,
 }
 
 impl SourceView {
-    /// As the lift sees it.
+    /// Returns the view as input of the lift.
     pub fn as_given(&self) -> DistanceView<'_> {
         DistanceView {
             view: &self.view.view,
@@ -29,8 +29,8 @@ impl SourceView {
             confidences: self.confidences.as_deref(),
         }
     }
-    /// Image and distances on the coarser of their grids: a finer one would have samples that no pixel
-    /// holds, or distances that nobody measured.
+    /// Returns image and distances on the coarser of their grids: a finer one would have samples beyond the
+    /// pixels, or distances beyond the measured ones.
     pub fn on_one_grid(view: &TrainingView, distances: DistanceImage) -> Self {
         let camera = &view.view.camera;
         let size = camera.size().min([distances.width, distances.height]);
@@ -42,7 +42,7 @@ impl SourceView {
     }
 }
 
-/// Puts the factors on the views' distances.
+/// Applies the factors to the views' distances.
 pub fn scaled(views: &mut [SourceView], fit: &ScaleFit) {
     for (view, log_scale) in views.iter_mut().zip(&fit.log_scales) {
         let factor = log_scale.exp() as f32;

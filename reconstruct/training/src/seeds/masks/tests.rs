@@ -1,4 +1,4 @@
-//! Masks of which every pixel is known.
+//! Seeds of masks with known pixels.
 
 use glam::Mat3;
 use omnilife_schemas::{
@@ -20,7 +20,7 @@ fn settings(clock: Clock, velocity: SeedVelocity, maximum: usize) -> SeedSetting
     }
 }
 
-/// One view of a mask with a component across the seam and one in the middle of the image.
+/// Returns one view of a mask with a component across the seam and one in the middle of the image.
 fn scene() -> TrainingScene {
     let camera = ErpCamera {
         width: 16,
@@ -44,7 +44,7 @@ fn scene() -> TrainingScene {
         mask: Some(mask),
         ignored: None,
     };
-    // Ten points before the component in the middle, the nearest at 3, and one beside everything.
+    // Ten points in front of the component in the middle, the nearest at 3, and one beside everything.
     let positions: Vec<[f32; 3]> = (0..10)
         .map(|index| [0.2, 0.2, 3.5 + index as f32])
         .chain([[5.0, 0.0, 0.0]])
@@ -153,7 +153,7 @@ fn a_component_that_walks_has_its_velocity() {
     };
     let seeds = mask_seeds(&scene, &settings(clock, SeedVelocity::Tracked, 100));
     assert_eq!(seeds.gaussians.len(), 8);
-    // In the first and the last view too, which have none before or after.
+    // In the first and the last view too, which have only one neighbour.
     for (velocity, position) in seeds
         .times
         .velocities
@@ -162,10 +162,10 @@ fn a_component_that_walks_has_its_velocity() {
     {
         let offset = Vec3::from_array(*position) - Vec3::Z * 0.5;
         let speed = Vec3::from_array(*velocity).length() / offset.length();
-        // A column is a sixty-fourth of a turn.
+        // A column is a sixty-fourth of a full rotation.
         assert!((speed - 2.0 * PI / 64.0).abs() < 0.01, "{speed}");
     }
-    // What only one view shows is at rest.
+    // A component in only one view is at rest.
     scene.input_views.truncate(1);
     let alone = mask_seeds(&scene, &settings(clock, SeedVelocity::Tracked, 100));
     assert_eq!(alone.times.velocities, [[0.0; 3]; 2]);
@@ -210,7 +210,7 @@ fn empty_masks_have_no_seeds() {
     }
 }
 
-/// Seeds lie where the pixels of a pinhole look, and are as large as its pixels are there.
+/// Checks that seeds lie along the pixels of a pinhole, and have the size of its pixels there.
 #[test]
 fn seeds_of_a_pinhole_lie_on_its_rays() {
     let mut scene = scene();
@@ -230,7 +230,7 @@ fn seeds_of_a_pinhole_lie_on_its_rays() {
         duration_frames: 10.0,
     };
     let seeds = mask_seeds(&scene, &settings(clock, SeedVelocity::None, 9));
-    // Those at both sides of the image are no one component.
+    // Those at both sides of the image are two components.
     assert_eq!(seeds.masked_pixels, 4);
     let centre = scene.input_views[0].view.centre.as_dvec3();
     let mut pixels: Vec<[u32; 2]> = seeds

@@ -1,4 +1,4 @@
-//! What is written is read back, and what is damaged or of another run is refused.
+//! Checkpoints: written ones are read back, and damaged ones or those of another run are refused.
 
 use omnilife_engine::{EngineError, camera::View, model::TrainedArray, schedule::Position};
 use omnilife_schemas::{RgbImage, records::Backend};
@@ -7,7 +7,7 @@ use rand::SeedableRng;
 use super::*;
 use crate::{error::ReconstructError, learner::ModelSize};
 
-/// A learner that is nothing but what it was given.
+/// A learner that stores its inputs.
 #[derive(Debug, PartialEq)]
 struct Remembered(Vec<u8>);
 
