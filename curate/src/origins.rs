@@ -201,7 +201,10 @@ impl Origins {
             }
         }
         for file in unused.keys() {
-            progress.note(&format!("{}: {file} is none of the videos", list.display()));
+            progress.note(&format!(
+                "{}: {file} is not one of the videos",
+                list.display()
+            ));
         }
         Ok(store::write_record(&out.join(DATASET_FILE), record)?)
     }

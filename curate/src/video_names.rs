@@ -86,7 +86,7 @@ mod tests {
             names(&["/m/1/day/x.mp4", "/m/2/day/x.mp4", "/m/2/night/x.mp4"]),
             ["1/day/x.mp4", "2/day/x.mp4", "night/x.mp4"]
         );
-        // One lies above the other: their common folder is no part of a name.
+        // One lies above the other: their common folder does not belong to a name.
         assert_eq!(
             names(&[
                 "/home/ann/x.mp4",

@@ -55,7 +55,7 @@ class Frame:
     image_path: Path
     #: What moves.
     mask_path: Optional[Path]
-    #: What is no part of the scene: nothing is learned from it, and no score counts it.
+    #: Ignored regions: nothing is learned from it, and no score counts it.
     ignore_mask_path: Optional[Path]
     #: Masks by the name of a class, such as `human` and `vehicle`.
     class_paths: dict[str, Path]
@@ -79,7 +79,7 @@ class Frame:
         return None if self.mask_path is None else self._mask(self.mask_path, size)
 
     def ignored(self, size: Optional[Size] = None) -> Optional[Bool]:
-        """What is no part of the scene, (height, width); None where all of it is.
+        """Ignored regions, (height, width); None without any.
 
         At another size, every pixel over which a marked one lies, as scoring does.
         """

@@ -104,12 +104,12 @@ impl MaskSurvey {
         let empty = empty.count();
         if empty > 0 {
             notes.push(format!(
-                "{empty} of {frames} masks of what is no part of the scene mark nothing"
+                "{empty} of {frames} masks of ignored regions mark nothing"
             ));
         }
         if let Some(share) = median(&self.ignored_shares).filter(|&share| share > INVERTED_SHARE) {
             notes.push(format!(
-                "what is no part of the scene is {:.0} % of the sphere (median of {frames} frames): is its mask \
+                "ignored regions are {:.0} % of the sphere (median of {frames} frames): is its mask \
                  inverted? It is white where nothing is to be learned or scored",
                 100.0 * share
             ));

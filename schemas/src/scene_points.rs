@@ -52,7 +52,7 @@ impl ScenePoints {
             return Err(StoreError::malformed(&record, reason));
         }
         if dense.ignored_sha256 != scene.ignored_sha256(scene_folder)? {
-            let reason = "was measured with other masks of what is no part of the scene than it has now: make \
+            let reason = "was measured with other masks of ignored regions than it has now: make \
                           it again (omnilife curate dense), or remove its folder";
             return Err(StoreError::malformed(&record, reason));
         }

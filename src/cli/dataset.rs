@@ -83,7 +83,7 @@ impl AnnotateArguments {
     /// Where annotations come from.
     ///
     /// # Errors
-    /// When the environment holds a key that is none.
+    /// When the environment holds an invalid key.
     pub(crate) fn settings(&self) -> anyhow::Result<AnnotateSettings> {
         let timeout = Duration::from_secs(self.caption_timeout);
         Ok(AnnotateSettings {
@@ -179,8 +179,8 @@ pub(crate) struct ImportArguments {
     /// [default for layouts of data sets: their own].
     #[arg(long)]
     pub(crate) fps: Option<f64>,
-    /// What the masks mark: what moves, or what is no part of the scene (who holds the camera, a tripod),
-    /// from which nothing is learned and which no score counts. Masks in ignore/ always mark the latter.
+    /// Meaning of the masks: dynamic regions, or ignored regions (the operator, a tripod), from which
+    /// nothing is learned and which no score counts. Masks in ignore/ always mark the latter.
     #[arg(long, value_enum, default_value_t = MasksMark::Moving)]
     pub(crate) masks: MasksMark,
     /// Folder to fill with scene.json, frames, masks and points.

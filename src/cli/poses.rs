@@ -46,7 +46,7 @@ impl From<PosesConventionArgument> for PoseConvention {
     }
 }
 
-/// Masks of what moves, and of what is no part of the scene.
+/// Masks of dynamic and of ignored regions.
 #[derive(Debug, Args)]
 #[command(next_help_heading = "Camera poses")]
 pub(crate) struct FrameMaskArguments {
@@ -54,9 +54,9 @@ pub(crate) struct FrameMaskArguments {
     /// structure from motion leaves it out, and the scene keeps it.
     #[arg(long)]
     pub(crate) masks: Option<PathBuf>,
-    /// What is no part of the scene, such as who holds the camera or a tripod: an image for all frames, or a
-    /// folder with one per frame, white where it is; or nadir:DEGREES, all within that angle of straight
-    /// down. It gives no features, nothing is learned from it, and no score counts it.
+    /// Ignored region, such as the operator or a tripod: an image for all frames, or a folder with one per
+    /// frame, white where it is; or nadir:DEGREES, all within that angle of straight down. It gives no
+    /// features, nothing is learned from it, and no score counts it.
     #[arg(long, value_name = "PATH")]
     pub(crate) ignore_mask: Option<IgnoredRegion>,
 }

@@ -166,7 +166,7 @@ impl Manifest {
         if let Some(limit) = self.time_limit_seconds
             && !(limit > 0.0 && limit < Duration::MAX.as_secs_f64())
         {
-            return Err(format!("a time limit of {limit} seconds is none"));
+            return Err(format!("the time limit must be positive, got {limit} s"));
         }
         for (name, command) in self.phases() {
             if command.is_empty() {

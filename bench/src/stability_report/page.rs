@@ -62,7 +62,7 @@ fn counts(text: &mut String, rows: &[Row<'_>]) {
     }
 }
 
-/// Of equal shares the earlier row comes first.
+/// Appends the rows with the largest shares of their limits; equal shares keep the order of the rows.
 fn worst(text: &mut String, rows: &[Row<'_>]) {
     *text += "\n| Case | Part | Backend | Image | Gradient | Share of the limit | Action |\n\
               | --- | --- | --- | ---: | ---: | ---: | --- |\n";

@@ -24,7 +24,7 @@ pub(super) struct Row<'a> {
     finite: Option<bool>,
     pub(super) action: &'a str,
     pub(super) status: StabilityStatus,
-    /// Why a row fails or did not run; empty where it passes.
+    /// Reason for a failure or for not running; empty where the row passes.
     pub(super) reason: &'a str,
     /// The larger of both errors relative to their limits, percent.
     #[serde(skip)]

@@ -10,6 +10,7 @@ use omnilife_schemas::{
     layout::FRAMES_FOLDER,
     plain_text,
     rgb::{self, Mask},
+    store,
 };
 
 use super::ForeignFrame;
@@ -73,7 +74,7 @@ impl FrameImage {
         } else {
             let path = out.join(&file);
             super::refuse_second(&path)?;
-            super::copy(&frame.image, &path)?;
+            store::copy_atomically(&frame.image, &path)?;
         }
         Ok(Self {
             file,
@@ -110,7 +111,7 @@ impl UnusualFrames {
         let kinds = [
             (
                 &self.transparent,
-                "are transparent in places, which is no part of the scene",
+                "are transparent in places, which are ignored regions",
             ),
             (
                 &self.turned,

@@ -102,13 +102,13 @@ fn export(scene: &ExportScene, out: &Path) -> Result<(), CurateError> {
         let name = numbered_name(index);
         let is_png = frame.name.to_ascii_lowercase().ends_with(".png");
         if is_png {
-            super::copy(&frame.image, &panoramas.join(&name))?;
+            store::copy_atomically(&frame.image, &panoramas.join(&name))?;
         } else {
             RgbImage::read(&frame.image)?.write_png(&panoramas.join(&name))?;
         }
         if let Some(mask) = &frame.mask {
             store::create_folder(&masks)?;
-            super::copy(mask, &masks.join(&name))?;
+            store::copy_atomically(mask, &masks.join(&name))?;
         }
         super::masks::copy_ignore_mask(frame, &name, out)?;
         // Valid poses have a rotation: frames were selected by that.

@@ -6,8 +6,11 @@
 use std::path::{Path, PathBuf};
 
 use omnilife_schemas::{
-    layout::IGNORE_MASKS_FOLDER, mask_file::MarkedGreys, mask_survey::MaskSurvey, rgb::Mask,
-    store::StoreError,
+    layout::IGNORE_MASKS_FOLDER,
+    mask_file::MarkedGreys,
+    mask_survey::MaskSurvey,
+    rgb::Mask,
+    store::{self, StoreError},
 };
 
 use super::{ExportFrame, ExportScene, ForeignMask};
@@ -99,7 +102,7 @@ pub(super) fn copy_ignore_mask(
     };
     let path = ignore_mask_path(out, name);
     super::create_parent(&path)?;
-    super::copy(mask, &path)
+    store::copy_atomically(mask, &path)
 }
 
 /// Returns the place of a frame's mask of pixels outside the scene, by the frame's name.

@@ -367,12 +367,6 @@ fn stem(name: &str) -> &str {
     name.rsplit_once('.').map_or(name, |(stem, _)| stem)
 }
 
-/// Copies a file atomically.
-fn copy(from: &Path, to: &Path) -> Result<(), StoreError> {
-    let bytes = fs::read(from).map_err(|error| StoreError::read(from, error))?;
-    store::write_bytes(to, &bytes)
-}
-
 /// Copies the images of a scene into `images`, under their names, and beside it the masks of pixels outside the scene.
 fn copy_images(scene: &ExportScene, out: &Path) -> Result<(), CurateError> {
     let folder = out.join("images");
@@ -381,7 +375,7 @@ fn copy_images(scene: &ExportScene, out: &Path) -> Result<(), CurateError> {
         let path = folder.join(&frame.name);
         refuse_second(&path)?;
         create_parent(&path)?;
-        copy(&frame.image, &path)?;
+        store::copy_atomically(&frame.image, &path)?;
         masks::copy_ignore_mask(frame, &frame.name, out)?;
     }
     Ok(())

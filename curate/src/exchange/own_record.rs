@@ -8,6 +8,7 @@ use std::{
 use omnilife_schemas::{
     layout::{CLASSES_FOLDER, DEPTH_FOLDER, DEPTH_PRIOR_FOLDER},
     records::{DepthImage, DepthPrior, PoseValidation, Scene, SceneFrame},
+    store,
 };
 
 use super::{ForeignFrame, Format, Part, frame_times::FrameTimes, frames};
@@ -85,7 +86,7 @@ impl OwnRecord {
         let copy = |file: &str, to: String| -> Result<String, CurateError> {
             let path = out.join(&to);
             super::create_parent(&path)?;
-            super::copy(&self.folder.join(file), &path)?;
+            store::copy_atomically(&self.folder.join(file), &path)?;
             Ok(to)
         };
         for (class, file) in &known.classes {

@@ -160,7 +160,7 @@ impl Sums {
         PixelStability {
             constancy: self.gradient[0].hypot(self.gradient[1]) / self.strength.max(1e-3),
             strength: self.strength / count,
-            // Intermittent detail is no part of an overlay.
+            // Intermittent detail does not belong to an overlay.
             stayed: if 2.0 * f32::from(self.detailed) >= count {
                 f32::from(self.stayed) / f32::from(self.detailed.max(1))
             } else {

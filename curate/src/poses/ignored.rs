@@ -80,8 +80,9 @@ impl IgnoredPixels {
             None => {}
             Some(IgnoredRegion::Nadir { degrees }) => {
                 if frames.is_pinhole {
-                    let reason =
-                        format!("nadir:{degrees} is of panoramas, and its frames are none");
+                    let reason = format!(
+                        "nadir:{degrees} applies to panoramas only; its frames are perspective"
+                    );
                     return Err(CurateError::input(Path::new(&frames.id), reason));
                 }
                 let below = nadir(size, *degrees);

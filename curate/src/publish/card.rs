@@ -169,7 +169,7 @@ const FILES: &str = "\
 | `videos/*/slices/*.mp4`, `metadata.csv` | the sequences as video, where they were asked for, and their classes |
 | `videos/*/seq-*/sequence.json`, `frames/` | a sequence and its sampled frames |
 | `videos/*/seq-*/annotation.json` | what it shows and how it moves |
-| `videos/*/seq-*/scene.json`, `points.ply`, `masks/`, `ignore/` | cameras, world points, masks of what moves and of what is no part of the scene |
+| `videos/*/seq-*/scene.json`, `points.ply`, `masks/`, `ignore/` | cameras, world points, masks of dynamic and of ignored regions of the scene |
 | `statistics/` | counts as CSV and figures |
 | `tables/*.csv` | frames, masks, poses, points, annotations and splits, one row each |
 | `DATASHEET.md`, `croissant.json` | statements of the makers, and metadata for loaders |

@@ -88,7 +88,7 @@ pub(super) static MASKS: Kind = Kind {
         ("file", TEXT, "mask image in the dataset"),
     ],
     images: &["cr:SegmentationMask", "sc:ImageObject"],
-    activity: "masking of what moves and of what is no part of the scene",
+    activity: "masking of dynamic and of ignored regions",
 };
 pub(super) static POSES: Kind = Kind {
     name: "poses",

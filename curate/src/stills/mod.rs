@@ -151,7 +151,7 @@ fn parts_note(stills: &[Still]) -> Option<String> {
     let names: Vec<String> = parts.map(Still::name).collect();
     (!names.is_empty()).then(|| {
         format!(
-            "{} images show a part of the sphere by their metadata, the rest is no part of the scene: {}",
+            "{} images show a part of the sphere by their metadata, the rest is ignored: {}",
             names.len(),
             plain_text::first_of(&names)
         )

@@ -50,7 +50,7 @@ fn a_list_goes_into_the_record_and_the_card_and_stays() {
     ));
     assert_eq!(notes.len(), 2, "{notes:?}");
     assert!(notes[0].contains("ride.mp4: ") && notes[0].ends_with("list.csv says nothing of it"));
-    assert!(notes[1].ends_with("list.csv: gone.mp4 is none of the videos"));
+    assert!(notes[1].ends_with("list.csv: gone.mp4 is not one of the videos"));
     let origin = record().videos[0].origin.clone().unwrap();
     assert_eq!(origin.url.as_deref(), Some("https://e.org/a|b"));
     assert_eq!(origin.kind, Some(OriginKind::Web));

@@ -77,6 +77,5 @@ fn copy(from: &Path, to: &Path) -> Result<(), StoreError> {
     if let Some(folder) = to.parent() {
         store::create_folder(folder)?;
     }
-    let mut source = fs::File::open(from).map_err(|error| StoreError::read(from, error))?;
-    store::write_with(to, |writer| std::io::copy(&mut source, writer).map(drop))
+    store::copy_atomically(from, to)
 }

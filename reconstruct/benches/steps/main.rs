@@ -9,7 +9,7 @@
 //!
 //! * [`profile`]: one size on the CPU; `--export` writes the scene for `scripts/compare`.
 //! * [`scaling`]: cost against size on the CPU.
-//! * [`limits`]: rasterization against the limits of the processor.
+//! * [`limits`]: rasterization against the limits of the CPU.
 //! * [`gpu`]: one size on the GPU.
 
 mod gpu;

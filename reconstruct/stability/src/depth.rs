@@ -120,7 +120,8 @@ fn fault_of(lifted: &Lifted) -> Option<String> {
         return Some("a place or a rotation is not finite".to_owned());
     }
     let is_unit = |q: &[f32; 4]| (q.iter().map(|q| q * q).sum::<f32>() - 1.0).abs() < 1e-5;
-    (!gaussians.rotations.iter().all(is_unit)).then(|| "a rotation is none".to_owned())
+    (!gaussians.rotations.iter().all(is_unit))
+        .then(|| "a rotation is not a unit quaternion".to_owned())
 }
 
 fn lifted_distances() -> Judgement {

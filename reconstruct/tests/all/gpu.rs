@@ -122,6 +122,17 @@ fn images_and_gradients_are_those_of_the_reference_and_of_the_cpu() {
 }
 
 fn images_and_gradients_agree(gpu: Arc<Gpu>) {
+    let mut unused = GpuRenderer::new(Arc::clone(&gpu), settings(Footprint::Projected));
+    let upstream = RasterGradient {
+        colour: &[],
+        features: &[],
+    };
+    let refused = unused.backward(&upstream, &mut ActivatedGaussians::default());
+    assert!(
+        matches!(refused, Err(GpuError::Failed { .. })),
+        "{refused:?}"
+    );
+
     let mut random = Pcg64Mcg::seed_from_u64(21);
     let mut renderer = GpuRenderer::new(gpu, settings(Footprint::Projected));
     for footprint in [Footprint::Projected, Footprint::Ray] {

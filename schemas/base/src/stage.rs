@@ -158,7 +158,7 @@ impl StagePlan {
     /// file in its place may be replaced.
     ///
     /// # Errors
-    /// As [`StagePlan::run`], and when the record cannot be read or written.
+    /// Those of [`StagePlan::run`], and when the record cannot be read or written.
     pub fn make<S: AsRef<str>, R: Record, E: From<StoreError>>(
         &self,
         (record, skipped): (&str, &str),

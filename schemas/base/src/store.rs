@@ -175,6 +175,15 @@ pub fn rename(from: &Path, to: &Path) -> io::Result<()> {
     sync_folder_of(to)
 }
 
+/// Copies a file atomically, as [`write_with`] writes one.
+///
+/// # Errors
+/// When the file cannot be read, or the copy cannot be written.
+pub fn copy_atomically(from: &Path, to: &Path) -> Result<(), StoreError> {
+    let mut source = File::open(from).map_err(|error| StoreError::read(from, error))?;
+    write_with(to, |writer| io::copy(&mut source, writer).map(drop))
+}
+
 /// Copies a file into a temporary folder of ours: a power cut may lose the copy.
 ///
 /// # Errors

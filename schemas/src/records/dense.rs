@@ -13,7 +13,7 @@ pub struct DenseStereo {
     /// Camera and poses that they were measured with ([`super::Scene::geometry_sha256`]): points are in
     /// the world of those alone.
     pub geometry_sha256: String,
-    /// Masks of what is no part of the scene ([`super::Scene::ignored_sha256`]): points of it must not be
+    /// Masks of ignored regions ([`super::Scene::ignored_sha256`]): points of it must not be
     /// taken for the scene's.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub ignored_sha256: Option<String>,

@@ -58,9 +58,9 @@ pub enum LedgerAction {
     },
     /// There is a boundary: a prediction, an annotation, or an addition by an expert.
     Propose(Boundary),
-    /// The boundary that a line proposed is one.
+    /// The boundary proposed by a line is accepted.
     Accept(u64),
-    /// The boundary that a line proposed is none.
+    /// The boundary proposed by a line is rejected.
     Reject(u64),
     /// The boundary that a line proposed lies elsewhere or is of another kind; it is accepted.
     Move {

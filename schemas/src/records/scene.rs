@@ -105,8 +105,8 @@ pub struct SceneFrame {
     pub pose: Option<Pose>,
     /// Mask image of dynamic objects (white).
     pub mask: Option<String>,
-    /// Mask image of what is no part of the scene (white): who holds the camera, a tripod, directions that
-    /// were not recorded. Nothing is learned from these pixels, and no score counts them.
+    /// Mask image of ignored regions (white): the operator, a tripod, directions that were not recorded.
+    /// Nothing is learned from these pixels, and no score counts them.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub ignore_mask: Option<String>,
     /// Mask images of the objects of a class (white), by its name, such as `human` and `vehicle`.

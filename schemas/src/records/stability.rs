@@ -51,7 +51,7 @@ pub struct StabilityRow {
     pub reason: String,
 }
 
-/// What a case came to. An error is none where it is not finite or has nothing to be compared with.
+/// Outcome of a case. An error is absent where it is not finite or has nothing to be compared with.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct StabilityMeasures {
     /// Largest difference of a colour value from the f64 reference, in [0, 1] units.

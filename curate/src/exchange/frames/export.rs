@@ -21,7 +21,7 @@ use super::{
 use crate::{
     error::CurateError,
     exchange::{
-        ExportScene, SceneSource, copy, create_parent, file_name, masks::copy_ignore_mask,
+        ExportScene, SceneSource, create_parent, file_name, masks::copy_ignore_mask,
         own_record::extension, refuse_second, stem, write_split_lists,
     },
 };
@@ -77,9 +77,9 @@ fn write_frames(scene: &ExportScene, out: &Path) -> Result<(), CurateError> {
     };
     for frame in &scene.frames {
         let name = &frame.name;
-        copy(&frame.image, &place(format!("{IMAGES_FOLDER}/{name}"))?)?;
+        store::copy_atomically(&frame.image, &place(format!("{IMAGES_FOLDER}/{name}"))?)?;
         if let Some(mask) = &frame.mask {
-            copy(mask, &place(format!("{MASK_FOLDER}/{}.png", stem(name)))?)?;
+            store::copy_atomically(mask, &place(format!("{MASK_FOLDER}/{}.png", stem(name)))?)?;
         }
         copy_ignore_mask(frame, name, out)?;
     }
@@ -98,7 +98,7 @@ impl Files<'_> {
         let path = self.out.join(&to);
         refuse_second(&path)?;
         create_parent(&path)?;
-        copy(&self.from.join(file), &path)?;
+        store::copy_atomically(&self.from.join(file), &path)?;
         Ok(to)
     }
 

@@ -249,7 +249,7 @@ fn what_is_no_part_of_the_scene_is_kept_for_every_frame() {
     assert_eq!(told(27..32, 7), (27, 1));
     assert_eq!(told(4..28, 255), (4, 1));
 
-    // A mask that marks nothing is none.
+    // A mask that marks nothing is not used.
     save(&tripod, 32);
     assert!(
         pose(tripod_text)

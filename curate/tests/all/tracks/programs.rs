@@ -143,7 +143,7 @@ fn programs_that_fail_are_told_in_one_line() {
         (
             "id = \"a\"\ncommand = [\"sleep\", \"9\", \"{frames}{boxes}\"]\nformat = \"mot\"\n\
              time_limit_seconds = -1\n",
-            "a time limit of -1 seconds is none",
+            "the time limit must be positive, got -1 s",
         ),
         (
             "id = \"a\"\ncommand = [\"/nonexistent\", \"{frames}{boxes}\"]\nformat = \"mot\"\n",

@@ -114,7 +114,7 @@ impl Program {
         if let Some(limit) = self.time_limit_seconds
             && Duration::try_from_secs_f64(limit).map_or(true, |limit| limit.is_zero())
         {
-            return Err(format!("a time limit of {limit} seconds is none"));
+            return Err(format!("the time limit must be positive, got {limit} s"));
         }
         if self.classes.as_ref().is_some_and(BTreeMap::is_empty) {
             return Err("[classes] names none: without it every box counts".to_owned());

@@ -319,7 +319,7 @@ fn bic_chooses_the_number_that_made_the_path_or_the_next() {
             let path = fit(&observations, 0.005).expect("a path");
             let found = path.spline.coefficients.len();
             let chosen = sizes.iter().position(|&size| size == found);
-            let chosen = chosen.unwrap_or_else(|| panic!("{found} is none of the numbers"));
+            let chosen = chosen.unwrap_or_else(|| panic!("{found} is not one of the numbers"));
             near += usize::from(chosen.abs_diff(number) <= 1);
             all += 1;
         }

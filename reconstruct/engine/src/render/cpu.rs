@@ -7,7 +7,7 @@ use omnilife_schemas::RgbImage;
 use crate::render::Visible;
 pub use crate::render::settings::{Footprint, RenderSettings};
 use crate::{
-    camera::{View, rays::Rays},
+    camera::{Camera, View, rays::Rays},
     gaussians::ActivatedGaussians,
     render::{
         bin::{TileLists, cpu::Binner, learning::LearningEntries},
@@ -34,6 +34,17 @@ pub struct Renderer {
     raster: Raster,
     entries: EntryGradients,
     centres: Vec<[f32; 2]>,
+}
+
+/// Returns the tables of a camera, the given ones if they are.
+fn tables_of(camera: Camera, tables: Option<(Rays, Binner)>) -> (Rays, Binner) {
+    tables
+        .filter(|(rays, _)| rays.camera == camera)
+        .unwrap_or_else(|| {
+            let rays = Rays::new(camera);
+            let binner = Binner::new(&rays);
+            (rays, binner)
+        })
 }
 
 impl Renderer {
@@ -67,15 +78,7 @@ impl Renderer {
         gaussians: &ActivatedGaussians,
         mut done: impl FnMut(&'static str),
     ) -> &Raster {
-        let tables = self.tables.take();
-        let (rays, binner) = match tables {
-            Some((rays, binner)) if rays.camera == view.camera => (rays, binner),
-            _ => {
-                let rays = Rays::new(view.camera);
-                let binner = Binner::new(&rays);
-                (rays, binner)
-            }
-        };
+        let (rays, binner) = tables_of(view.camera, self.tables.take());
         project::cpu::forward(
             view,
             gaussians,
@@ -107,10 +110,7 @@ impl Renderer {
     }
 
     /// Computes gradients by the Gaussians of the view rendered last, from the gradient by its raster. `out`
-    /// is overwritten.
-    ///
-    /// # Panics
-    /// If no view was rendered before.
+    /// is overwritten. The view is rendered first if none was rendered before.
     pub fn backward(
         &mut self,
         view: &View,
@@ -124,9 +124,6 @@ impl Renderer {
     /// Computes gradients by a range of Gaussians of the view rendered last: the same bits as
     /// [`Renderer::backward`], with memory and time in proportion to the range. `out` is overwritten and
     /// begins with the first of them.
-    ///
-    /// # Panics
-    /// If no view was rendered before.
     pub fn backward_of(
         &mut self,
         learning: Range<usize>,
@@ -139,9 +136,6 @@ impl Renderer {
     }
 
     /// Does the same as [`Renderer::backward_of`] and calls `done` with the name of each stage at its end.
-    ///
-    /// # Panics
-    /// If no view was rendered before.
     pub fn backward_timed(
         &mut self,
         learning: Range<usize>,
@@ -151,14 +145,15 @@ impl Renderer {
         out: &mut ActivatedGaussians,
         mut done: impl FnMut(&'static str),
     ) {
-        let Some((rays, _)) = &self.tables else {
-            panic!("the backward pass follows a forward pass");
-        };
+        if self.tables.is_none() {
+            self.forward(view, gaussians);
+        }
+        let (rays, binner) = tables_of(view.camera, self.tables.take());
         let input = raster::cpu::Input {
             splats: &self.splats,
             gaussians,
             lists: &self.lists,
-            rays,
+            rays: &rays,
             background: self.settings.background,
         };
         self.learning
@@ -187,6 +182,7 @@ impl Renderer {
             out,
         );
         done("project backward");
+        self.tables = Some((rays, binner));
     }
 
     /// Returns the visible Gaussians of the last backward pass, with their gradients.

@@ -153,10 +153,8 @@ impl GpuRenderer {
             shape.entries = shape.entries.max(last.chain.buffers.shape.entries);
         }
         loop {
-            self.fit(shape)?;
-            let Some(RoundTrip { chain, .. }) = &self.round_trip else {
-                unreachable!("a chain of this shape was made");
-            };
+            let fitting = self.fitting(shape)?;
+            let RoundTrip { chain, .. } = self.round_trip.insert(fitting);
             let (gpu, buffers) = (&*self.gpu, &chain.buffers);
             buffers.status.write(gpu, 0, &[DeviceStatus::default()]);
             buffers.set_view(gpu, view, &self.settings);
@@ -170,17 +168,13 @@ impl GpuRenderer {
         }
     }
 
-    /// Creates buffers and programs of this shape, unless they exist.
-    fn fit(&mut self, shape: RenderShape) -> Result<(), GpuError> {
-        let is_there = self
-            .round_trip
-            .as_ref()
-            .is_some_and(|last| last.chain.buffers.shape == shape);
-        if is_there {
-            return Ok(());
+    /// Takes the buffers and programs of this shape, or creates them.
+    fn fitting(&mut self, shape: RenderShape) -> Result<RoundTrip, GpuError> {
+        // One of another shape is freed first: both may not fit.
+        let last = self.round_trip.take();
+        if let Some(last) = last.filter(|last| last.chain.buffers.shape == shape) {
+            return Ok(last);
         }
-        // Free the old one first: both may not fit.
-        self.round_trip = None;
         let gpu = &*self.gpu;
         let status = DeviceBuffer::zeros(gpu, "status", 1)?;
         let chain = self.chains.chain(gpu, (shape, shape.gaussians), status)?;
@@ -188,22 +182,18 @@ impl GpuRenderer {
         let mut backward = Program::default();
         self.chains
             .backward(gpu, &mut backward, &chain.buffers, &upstream)?;
-        self.round_trip = Some(RoundTrip {
+        Ok(RoundTrip {
             chain,
             upstream,
             backward,
-        });
-        Ok(())
+        })
     }
 
     /// Computes gradients by the Gaussians of the view rendered last, from the gradient by its raster. `out`
     /// is overwritten.
     ///
     /// # Errors
-    /// If the device fails.
-    ///
-    /// # Panics
-    /// If no view was rendered before.
+    /// If the device fails, or no view was rendered before.
     pub fn backward(
         &mut self,
         upstream: &RasterGradient<'_>,
@@ -211,7 +201,7 @@ impl GpuRenderer {
     ) -> Result<(), GpuError> {
         let gpu = &*self.gpu;
         let Some(last) = &self.round_trip else {
-            panic!("a backward pass follows a forward pass");
+            return Err(gpu.failed("a backward pass was started before any view was rendered"));
         };
         let pixels = last.chain.buffers.shape.pixels();
         let mut values = vec![0.0; last.upstream.len()];

@@ -186,6 +186,36 @@ fn harmonics_above_the_drawn_degree_are_not_there() {
     }
 }
 
+/// A backward pass without a forward pass before it renders the view itself.
+#[test]
+fn gradients_without_an_earlier_image_are_those_of_the_view() {
+    let mut random = Pcg64Mcg::seed_from_u64(15);
+    let plain = Richness {
+        sh_degree: 0,
+        features: 0,
+    };
+    let gaussians = instant(&scene(&mut random, 40, plain));
+    for settings in FOOTPRINTS.map(settings) {
+        let view = RefView::new(erp(64), turned(), DVec3::ZERO, settings).view();
+        let colour = vec![1.0; 64 * 32 * 3];
+        let upstream = RasterGradient {
+            colour: &colour,
+            features: &[],
+        };
+        let [alone, behind_image] = [false, true].map(|draws| {
+            let mut renderer = Renderer::new(settings);
+            if draws {
+                renderer.forward(&view, &gaussians);
+            }
+            let mut gradient = ActivatedGaussians::default();
+            renderer.backward(&view, &gaussians, &upstream, &mut gradient);
+            gradient
+        });
+        assert!(alone.positions.iter().flatten().any(|&value| value != 0.0));
+        assert_eq!(alone, behind_image);
+    }
+}
+
 #[test]
 fn results_do_not_depend_on_the_number_of_threads() {
     let mut random = Pcg64Mcg::seed_from_u64(14);

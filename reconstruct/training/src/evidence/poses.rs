@@ -11,7 +11,7 @@
 //!
 //! Six numbers per view explain the differences at thousands of points. Robust least squares finds them,
 //! iteratively reweighted with Cauchy's weights, which give moving objects and occluders little weight. An error
-//! of a point in all views - a blurred edge, a colour - is no evidence of a pose: medians over views are removed
+//! of a point in all views - a blurred edge, a colour - says nothing about a pose: medians over views are removed
 //! first. The same holds for corrections that all views share, or that change in proportion to the camera's
 //! position. A scene that the pilot fit has a percent too near looks like a path that is a percent too long.
 //!

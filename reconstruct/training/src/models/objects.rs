@@ -6,7 +6,7 @@ use glam::{DMat3, DVec3};
 use omnilife_engine::{gaussians::tracked::OBJECT_NUMBERS, parameters::ParameterTable};
 use omnilife_schemas::{
     records::{GraphObject, InvalidGaussians, Objects, Poses, RunRecord},
-    store::{self, StoreError},
+    store,
     trajectory::GroundAxes,
 };
 
@@ -61,7 +61,7 @@ fn edit<'a>(
     warnings.extend(graph.out_of_view());
     let EditedObjects { record, table, .. } = graph;
     let write = move |out: &Path| {
-        copy(&folder.join(GAUSSIANS_FILE), &out.join(GAUSSIANS_FILE))?;
+        store::copy_atomically(&folder.join(GAUSSIANS_FILE), &out.join(GAUSSIANS_FILE))?;
         objects::write_table(out, &table)?;
         Ok(store::write_record(&out.join(OBJECTS_FILE), &record)?)
     };
@@ -74,11 +74,6 @@ fn edit<'a>(
         changes,
         warnings,
     })
-}
-
-fn copy(from: &Path, to: &Path) -> Result<(), StoreError> {
-    let bytes = std::fs::read(from).map_err(|error| StoreError::read(from, error))?;
-    store::write_bytes(to, &bytes)
 }
 
 /// Objects and their Gaussians, with the run's views; runs of older versions lack their times and poses.

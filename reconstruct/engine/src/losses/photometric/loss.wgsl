@@ -76,7 +76,7 @@ fn saturated_at(pixel: u32) -> vec3<bool> {
     return rgb_mask.xyz > vec3(0.999);
 }
 
-// Render with the target's colour where a pixel is ignored, or saturated and the render is no darker. It is
+// Render with the target's colour where a pixel is ignored, or saturated and the render is at least as bright. It is
 // needed for the windows that reach over such pixels.
 fn render_at(pixel: u32) -> vec3<f32> {
     if is_ignored(pixel) {

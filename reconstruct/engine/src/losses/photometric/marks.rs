@@ -3,7 +3,7 @@
 //! A saturated value is only a lower bound: a camera with gain `g` shows `min(g L, 1)`. Once the gain is
 //! removed from the image, its target is `1 / g`, which may be darker or brighter than the scene and differs
 //! from view to view. The render is therefore compared with the largest value that the camera could show. As
-//! soon as the render is no darker, both images take the target there, and the gradient is 0. Black needs no
+//! soon as the render is at least as bright, both images take the target there, and the gradient is 0. Black needs no
 //! such care: it is 0 under every gain.
 
 use super::rows::CHANNELS;

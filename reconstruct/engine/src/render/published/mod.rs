@@ -57,6 +57,20 @@ pub struct PublishedRenderer {
     visible: Vec<Visible>,
 }
 
+/// Returns the tables of a camera, the given ones if they are.
+fn tables_of(
+    camera: ErpCamera,
+    tables: Option<(ErpCamera, Rays, Binner)>,
+) -> (ErpCamera, Rays, Binner) {
+    tables
+        .filter(|tables| tables.0 == camera)
+        .unwrap_or_else(|| {
+            let rays = Rays::new(without_seam(camera));
+            let binner = Binner::new(&rays);
+            (camera, rays, binner)
+        })
+}
+
 impl PublishedRenderer {
     /// Creates a renderer; memory is allocated by the first view. Footprint and degree of the settings are
     /// ignored.
@@ -80,14 +94,8 @@ impl PublishedRenderer {
     /// Renders one view.
     pub fn forward(&mut self, view: &View, gaussians: &ActivatedGaussians) -> &Raster {
         let camera = erp(view);
-        let (_, rays, binner) = match self.tables.take() {
-            Some(tables) if tables.0 == camera => self.tables.insert(tables),
-            _ => {
-                let rays = Rays::new(without_seam(camera));
-                let binner = Binner::new(&rays);
-                self.tables.insert((camera, rays, binner))
-            }
-        };
+        let tables = tables_of(camera, self.tables.take());
+        let (_, rays, binner) = self.tables.insert(tables);
         let projected = (0..gaussians.len()).into_par_iter().map(|index| {
             project::forward(view, camera, gaussians, &self.settings, index)
                 .unwrap_or((Splat::default(), NOT_DRAWN))
@@ -112,10 +120,7 @@ impl PublishedRenderer {
     }
 
     /// Computes the published gradients by the Gaussians of the view rendered last, from the gradient by its
-    /// image (HWC). `out` is overwritten.
-    ///
-    /// # Panics
-    /// If no view was rendered before.
+    /// image (HWC). `out` is overwritten. The view is rendered first if none was rendered before.
     pub fn backward(
         &mut self,
         view: &View,
@@ -123,9 +128,11 @@ impl PublishedRenderer {
         image_gradient: &[f32],
         out: &mut ActivatedGaussians,
     ) {
-        let Some((camera, rays, _)) = &self.tables else {
-            panic!("the backward pass follows a forward pass");
-        };
+        if self.tables.is_none() {
+            self.forward(view, gaussians);
+        }
+        let tables = tables_of(erp(view), self.tables.take());
+        let (camera, rays, _) = self.tables.insert(tables);
         let input = raster::cpu::Input {
             splats: &self.splats,
             gaussians,
@@ -328,6 +335,16 @@ mod tests {
                 "{published} and {right}"
             );
         }
+    }
+
+    /// A backward pass without a forward pass before it renders the view itself.
+    #[test]
+    fn gradients_without_an_earlier_image_are_those_of_the_view() {
+        let gaussians = one(2.0 * direction(20.3, 12.6), [0.1; 3]);
+        let (_, behind_image) = loss(&gaussians);
+        let mut alone = ActivatedGaussians::default();
+        renderer().backward(&view(), &gaussians, &weights(), &mut alone);
+        assert_eq!(alone, behind_image);
     }
 
     #[test]

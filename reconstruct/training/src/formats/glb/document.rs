@@ -32,7 +32,7 @@ pub(super) fn size(of: &Value, name: &str, default: usize) -> Result<usize, Stri
     let number = value
         .as_u64()
         .and_then(|number| usize::try_from(number).ok());
-    number.ok_or_else(|| format!("has {name} {value}, which is no size"))
+    number.ok_or_else(|| format!("has {name} {value}, must be a size of 0 or more"))
 }
 
 /// Values of an attribute.

@@ -253,7 +253,7 @@ fn what_is_no_glb_of_gaussians_is_refused_by_name() {
         ),
         (
             with("\"byteOffset\":60", "\"byteOffset\":-1"),
-            "has byteOffset -1, which is no size",
+            "has byteOffset -1, must be a size of 0 or more",
         ),
         (
             with("\"buffers\":[{", "\"buffers\":[{\"uri\":\"a.bin\","),
