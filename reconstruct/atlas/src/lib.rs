@@ -65,6 +65,7 @@ pub const BASE_FIELDS: MethodOption = MethodOption {
     doc: "size of the fields of colour and opacity, at most; large is what was published",
     values: SIZES,
     default: "medium",
+    constant: None,
 };
 /// Sizes of flow and view fields.
 pub const MOTION_FIELDS: MethodOption = MethodOption {
@@ -72,6 +73,7 @@ pub const MOTION_FIELDS: MethodOption = MethodOption {
     doc: "size of the fields of flow and view, at most; large is what was published",
     values: SIZES,
     default: "small",
+    constant: None,
 };
 /// Rays of a step.
 pub const RAYS: MethodOption = MethodOption {
@@ -82,6 +84,7 @@ pub const RAYS: MethodOption = MethodOption {
         most: 1 << 22,
     },
     default: "16384",
+    constant: None,
 };
 
 /// Option of the loss on masks.
@@ -92,6 +95,7 @@ pub const MASK_LOSS: MethodOption = MethodOption {
           leaves them out",
     values: OptionValues::Word(&["strong", "published"]),
     default: "strong",
+    constant: None,
 };
 /// Option of the gradients by planes.
 pub const GRADIENTS: MethodOption = MethodOption {
@@ -101,6 +105,7 @@ pub const GRADIENTS: MethodOption = MethodOption {
           has no bound)",
     values: OptionValues::Word(&["true", "published"]),
     default: "true",
+    constant: None,
 };
 /// Option of the step sizes.
 pub const SCHEDULE: MethodOption = MethodOption {
@@ -109,6 +114,7 @@ pub const SCHEDULE: MethodOption = MethodOption {
           all, halved on plateaus of the loss",
     values: OptionValues::Word(&["decay", "published"]),
     default: "decay",
+    constant: None,
 };
 
 /// Neural Atlas Graphs.

@@ -20,6 +20,19 @@ pub struct MethodOption {
     pub values: OptionValues,
     /// Default value.
     pub default: &'static str,
+    /// Its publication, if it is a constant of a published method. A variant with another value has it in its name.
+    pub constant: Option<Constant>,
+}
+
+/// Constant of a published method.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Constant {
+    /// Unit; empty for words and pure numbers.
+    pub unit: &'static str,
+    /// Equation, section or file in the publication.
+    pub source: &'static str,
+    /// Component whose weight it is, if it is a weight.
+    pub weighs: Option<&'static str>,
 }
 
 /// Values of an option.
@@ -31,6 +44,13 @@ pub enum OptionValues {
         least: u64,
         /// Maximum.
         most: u64,
+    },
+    /// Numbers.
+    Number {
+        /// Minimum.
+        least: f64,
+        /// Maximum.
+        most: f64,
     },
     /// One positive number, or two: at the equator and at the poles.
     ByLatitude,
@@ -44,6 +64,8 @@ pub enum OptionValues {
 pub enum OptionValue {
     /// A whole number.
     Whole(u64),
+    /// A number.
+    Number(f64),
     /// Values at the equator and at the poles.
     ByLatitude([f32; 2]),
     /// A word.
@@ -58,6 +80,7 @@ impl OptionValues {
                 format!("a whole number, {least} at least")
             }
             Self::Whole { least, most } => format!("a whole number, {least} to {most}"),
+            Self::Number { least, most } => format!("a number, {least} to {most}"),
             Self::ByLatitude => "one or two positive numbers such as 2e-4 or 1e-4,2e-4".to_owned(),
             Self::Word(words) => words.join(" or "),
         }
@@ -70,6 +93,13 @@ impl OptionValues {
                 (*least..=*most)
                     .contains(&value)
                     .then_some(OptionValue::Whole(value))
+            }
+            Self::Number { least, most } => {
+                let value = text.parse().ok()?;
+                // Never true of NaN.
+                (*least..=*most)
+                    .contains(&value)
+                    .then_some(OptionValue::Number(value))
             }
             Self::ByLatitude => {
                 let (equator, pole) = text.split_once(',').unwrap_or((text, text));
@@ -87,6 +117,55 @@ impl OptionValues {
     }
 }
 
+impl std::fmt::Display for OptionValue {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Self::Whole(value) => write!(f, "{value}"),
+            Self::Number(value) => write!(f, "{value}"),
+            Self::ByLatitude([equator, pole]) => write!(f, "{equator},{pole}"),
+            Self::Word(word) => f.write_str(word),
+        }
+    }
+}
+
+impl MethodOption {
+    /// Returns a constant that is a number of the range `[least, most]`.
+    pub const fn number(
+        (id, doc): (&'static str, &'static str),
+        [least, most]: [f64; 2],
+        default: &'static str,
+        constant: Constant,
+    ) -> Self {
+        Self {
+            id,
+            doc,
+            values: OptionValues::Number { least, most },
+            default,
+            constant: Some(constant),
+        }
+    }
+
+    /// Returns a constant that is one of some words, the form of an equation for example.
+    pub const fn form(
+        (id, doc): (&'static str, &'static str),
+        words: &'static [&'static str],
+        default: &'static str,
+        source: &'static str,
+    ) -> Self {
+        Self {
+            id,
+            doc,
+            values: OptionValues::Word(words),
+            default,
+            constant: Some(Constant {
+                unit: "",
+                source,
+                weighs: None,
+            }),
+        }
+    }
+}
+
 /// Maximum number of Gaussians.
 pub const MAX_GAUSSIANS: MethodOption = MethodOption {
     id: "max-gaussians",
@@ -96,6 +175,7 @@ pub const MAX_GAUSSIANS: MethodOption = MethodOption {
         most: u64::MAX,
     },
     default: "half the pixels of a view",
+    constant: None,
 };
 /// Number of shards that train one after another.
 pub const SHARDS: MethodOption = MethodOption {
@@ -107,6 +187,7 @@ pub const SHARDS: MethodOption = MethodOption {
         most: 4096,
     },
     default: "as few as fit into memory",
+    constant: None,
 };
 /// Degree of the spherical harmonics of colour.
 pub const SH_DEGREE: MethodOption = MethodOption {
@@ -117,6 +198,7 @@ pub const SH_DEGREE: MethodOption = MethodOption {
         most: MAX_SH_DEGREE as u64,
     },
     default: "0, or what the scene gives reason for",
+    constant: None,
 };
 /// Definition of a Gaussian's falloff in a pixel.
 pub const FOOTPRINT: MethodOption = MethodOption {
@@ -125,6 +207,7 @@ pub const FOOTPRINT: MethodOption = MethodOption {
           ray",
     values: OptionValues::Word(&["projected", "ray"]),
     default: "projected",
+    constant: None,
 };
 /// Image gradient from which Gaussians are cloned or split.
 pub const DENSIFY_THRESHOLD: MethodOption = MethodOption {
@@ -133,6 +216,7 @@ pub const DENSIFY_THRESHOLD: MethodOption = MethodOption {
           equator and at the poles",
     values: OptionValues::ByLatitude,
     default: "that of the method",
+    constant: None,
 };
 
 /// Options of all methods whose model is Gaussians.
@@ -205,6 +289,32 @@ impl Options {
             Some(OptionValue::Whole(value)) => Some(*value),
             _ => None,
         }
+    }
+
+    /// Returns the value of an option that is a number.
+    pub fn number(&self, option: &MethodOption) -> Option<f32> {
+        match self.0.get(option.id) {
+            Some(OptionValue::Number(value)) => Some(*value as f32),
+            _ => None,
+        }
+    }
+
+    /// Returns the constants among a method's options that have other values than by default.
+    #[must_use]
+    pub fn changed_constants(&self, declared: &[MethodOption]) -> Self {
+        let is_changed = |id: &str, value: &OptionValue| {
+            let mut constants = declared.iter().filter(|option| option.constant.is_some());
+            let option = constants.find(|option| option.id == id);
+            option.is_some_and(|option| option.values.parse(option.default).as_ref() != Some(value))
+        };
+        let values = self.0.iter();
+        let changed = values.filter(|(id, value)| is_changed(id, value));
+        Self(changed.map(|(id, value)| (*id, value.clone())).collect())
+    }
+
+    /// Returns the lines that [`Options::parse`] reads.
+    pub fn lines(&self) -> impl Iterator<Item = String> + '_ {
+        self.0.iter().map(|(id, value)| format!("{id}={value}"))
     }
 
     /// Returns [`MAX_GAUSSIANS`].
@@ -293,6 +403,52 @@ mod tests {
         ] {
             let message = parse(lines).expect_err("refused");
             assert!(message.contains(expected), "{message}");
+        }
+    }
+    const WEIGHTS: &[MethodOption] = &[
+        MAX_GAUSSIANS,
+        MethodOption::number(
+            ("loss-weight", "weight of a loss"),
+            [0.0, 10.0],
+            "0.01",
+            Constant {
+                unit: "of the photometric loss",
+                source: "Eq. 1",
+                weighs: Some("loss"),
+            },
+        ),
+        MethodOption::form(
+            ("loss-form", "form of a loss"),
+            &["sum", "mean"],
+            "sum",
+            "Eq. 1",
+        ),
+    ];
+
+    #[test]
+    fn constants_with_their_default_values_are_no_change() {
+        let parse = |lines: &[&str]| {
+            let lines: Vec<String> = lines.iter().map(|&line| line.to_owned()).collect();
+            Options::parse("odgs", WEIGHTS, &lines).map_err(|error| error.to_string())
+        };
+        for (lines, changed) in [
+            (
+                &["loss-weight=0.5", "max-gaussians=7"][..],
+                &["loss-weight=0.5"][..],
+            ),
+            (&["loss-weight=1e-2", "loss-form=mean"], &["loss-form=mean"]),
+            (&["loss-form=sum"], &[]),
+        ] {
+            let options = parse(lines).expect("good options");
+            let found: Vec<String> = options.changed_constants(WEIGHTS).lines().collect();
+            assert_eq!(found, changed);
+        }
+        let options = parse(&["loss-weight=0.5"]).expect("good options");
+        assert_eq!(options.number(&WEIGHTS[1]), Some(0.5));
+        assert_eq!(options.number(&MAX_GAUSSIANS), None);
+        for value in ["-1", "11", "NaN", "inf", "much"] {
+            let message = parse(&[&format!("loss-weight={value}")]).expect_err("refused");
+            assert!(message.contains("is not a number, 0 to 10"), "{message}");
         }
     }
 }

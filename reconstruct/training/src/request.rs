@@ -47,6 +47,12 @@ impl MethodRequest {
         self.with.iter().any(|name| name == component)
     }
 
+    /// Returns true if a component is requested by name, alone or in the list of a plan.
+    pub fn names(&self, component: &str) -> bool {
+        self.asks_for(component)
+            || matches!(self.plan, PlanChoice::Only(_)) && self.allows(component)
+    }
+
     /// Returns true if a component is left out by name.
     pub fn leaves_out(&self, component: &str) -> bool {
         self.without.iter().any(|name| name == component)

@@ -43,6 +43,18 @@ impl Decision {
         Self::new(false, "its evidence was not looked for")
     }
 
+    /// Returns a decision against a component that has nothing to do in this scene: used on request alone, and
+    /// under a plan that names it.
+    pub fn no_case(why: &str) -> Self {
+        Self::new(false, format!("no case: {why}")).whatever_the_plan()
+    }
+
+    /// Returns a decision against a component that no default plan has: used on request alone, and under a plan
+    /// that names it.
+    pub fn on_request(why: &str) -> Self {
+        Self::new(false, format!("on request alone: {why}")).whatever_the_plan()
+    }
+
     /// Returns a decision against a component that the scene or the run cannot have, whatever request and plan
     /// say.
     pub fn without(missing: &str) -> Self {
@@ -77,10 +89,10 @@ impl Decision {
             overruled_by,
         } = self;
         let by_plan = || match &request.plan {
+            PlanChoice::Only(_) if request.allows(component) => Some((true, "named in the plan")),
             _ if overruled_by == Overruling::Request => None,
             PlanChoice::Auto => None,
             PlanChoice::Full => Some((true, "the plan is full")),
-            PlanChoice::Only(_) if request.allows(component) => Some((true, "named in the plan")),
             PlanChoice::Only(_) => Some((false, "not named in the plan")),
         };
         let overruled = if overruled_by == Overruling::Nothing {
@@ -161,5 +173,25 @@ mod tests {
         assert!(!sky().resolved("sky", &full).used);
         let asked = request(PlanChoice::Full, &["sky"], &[]);
         assert!(sky().resolved("sky", &asked).used);
+    }
+
+    #[test]
+    fn what_has_no_case_or_no_default_is_used_by_name_alone() {
+        let only = |name: &str| PlanChoice::Only(vec![name.to_owned()]);
+        for decision in [
+            Decision::no_case("one shard is enough"),
+            Decision::on_request("it changes nothing"),
+        ] {
+            let used = |plan, with: &[&str]| {
+                let request = request(plan, with, &[]);
+                decision.clone().resolved("a", &request).used
+            };
+            assert!(!used(PlanChoice::Auto, &[]) && !used(PlanChoice::Full, &[]));
+            assert!(!used(only("b"), &[]));
+            assert!(used(PlanChoice::Auto, &["a"]) && used(only("a"), &[]));
+        }
+        let request = request(PlanChoice::Auto, &[], &[]);
+        let line = Decision::no_case("one shard is enough").resolved("a", &request);
+        assert_eq!(line.reason, "no case: one shard is enough");
     }
 }

@@ -174,9 +174,8 @@ impl<'a> Draft<'a> {
 impl Supported {
     /// Returns true if a run of the method decides on a component.
     pub(crate) fn has(&self, component: &str, request: &MethodRequest) -> bool {
-        let is_named = request.asks_for(component)
-            || matches!(&request.plan, PlanChoice::Only(_)) && request.allows(component);
-        self.default.contains(&component) || self.optional.contains(&component) && is_named
+        self.default.contains(&component)
+            || self.optional.contains(&component) && request.names(component)
     }
 
     fn may_use(&self, component: &str, request: &MethodRequest) -> bool {
