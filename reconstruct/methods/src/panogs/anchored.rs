@@ -21,12 +21,27 @@ pub(super) struct CentreRefinement {
     pub(super) anchors: Arc<Vec<[f32; 3]>>,
     /// Maximum distance of each centre from its anchor.
     pub(super) reach: Arc<Vec<f32>>,
-    /// Centres of all shards together, over which the scaffold's loss is a mean.
-    pub(super) all: usize,
     /// The iteration of the schedule from which centres move.
     pub(super) begin_iteration: u64,
-    /// The scaffold of the centres, with its weight; `None` without a scaffold.
-    pub(super) scaffold: Option<(Arc<Scaffold>, f32)>,
+    /// The scaffold of the centres.
+    pub(super) scaffold: Option<ScaffoldLoss>,
+}
+
+/// Loss that keeps centres near a scaffold.
+#[derive(Debug, Clone)]
+pub(super) struct ScaffoldLoss {
+    pub(super) field: Arc<Scaffold>,
+    pub(super) weight: ScaffoldWeight,
+}
+
+/// Weight of a centre's distance from the scaffold.
+#[derive(Debug, Clone, Copy)]
+pub(super) enum ScaffoldWeight {
+    /// As published, the same for every centre: per scene unit.
+    Mean(f32),
+    /// Of the centres in the view's image alone, for which their Gaussian has a gradient by its opacity: per reach
+    /// of the centre, which is a multiple of its sample's pixel.
+    Seen(f32),
 }
 
 /// Static Gaussians with bounded centres.
@@ -69,10 +84,16 @@ impl Parameterization for Anchored {
         let by_centres = positions.gradients.as_chunks_mut::<3>().0;
         if at.scheduled < Some(refinement.begin_iteration) {
             by_centres.fill([0.0; 3]);
-        } else if let Some((scaffold, weight)) = &refinement.scaffold {
+        } else if let Some(scaffold) = &refinement.scaffold {
             let centres = positions.values.as_chunks::<3>().0;
+            let by_opacities = &gradient.opacities[first..first + centres.len()];
+            let weight = |number: usize| match scaffold.weight {
+                ScaffoldWeight::Mean(of_each) => of_each,
+                ScaffoldWeight::Seen(_) if by_opacities[number] == 0.0 => 0.0,
+                ScaffoldWeight::Seen(of_each) => of_each / refinement.reach[number],
+            };
             // Its part of the loss is for the optimizer alone: the trace has the photometric loss.
-            scaffold.loss(centres, (*weight, refinement.all), by_centres);
+            scaffold.field.loss(centres, weight, by_centres);
         }
     }
 
@@ -123,7 +144,6 @@ mod tests {
             refinement: Some(CentreRefinement {
                 anchors: Arc::new(vec![[0.0; 3]; 2]),
                 reach: Arc::new(vec![0.1; 2]),
-                all: 2,
                 begin_iteration: 0,
                 scaffold: None,
             }),

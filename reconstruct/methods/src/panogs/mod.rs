@@ -6,7 +6,7 @@
 //!   on the image's grid.
 //! * `samples`: views agree on scales, pixels become Gaussians, and the finest view's stay; `manifest`: their
 //!   record.
-//! * `surface`: the scaffold (Eq. 9). `anchored`: trained parameters; `shards`: the part that trains at a time;
+//! * `surface`: the scaffold (Eq. 9), on request. `anchored`: trained parameters; `shards`: the part that trains at a time;
 //!   `neighbour_views`: its views.
 //!
 //! Lift, normals, scales and redundancy themselves are in [`omnilife_training::seeds::depth`]: any method can
@@ -35,7 +35,7 @@ use omnilife_engine::{
 };
 
 use self::{
-    anchored::{Anchored, CentreRefinement},
+    anchored::{Anchored, CentreRefinement, ScaffoldLoss, ScaffoldWeight},
     samples::{LEAST_DISAGREEMENT, Samples},
     shards::Sharding,
     surface::Surface,
@@ -45,7 +45,9 @@ use omnilife_training::{
     components::{Decision, DecisionLog, MotionEvidenceUse, sky_shell},
     error::ReconstructError,
     method::{Findings, Method, MethodKind, ON_CPU, PreparedGaussians},
-    models, options, process,
+    models,
+    options::{self, Constant, MethodOption, Options},
+    process,
     request::{BackendChoice, DefaultPlan, MethodRequest},
     scene::{CameraExtent, TrainingScene},
 };
@@ -84,6 +86,8 @@ pub const METHOD: Method = Method {
                   agree on scales, and of what several see the finest sample stays; the exact ERP \
                   projection replaces its soft footprint; TSDF distances are point-to-plane; FRED, its \
                   depth network, is not public and is replaced by an upsampling along the image's edges; \
+                  the scaffold is left to a request, in a form that acts (--with scaffold), because the \
+                  printed one, a mean over all Gaussians, is too small to (--set scaffold-form=mean); \
                   sizes and rotations learn, where the paper keeps them (--without shape-refinement); \
                   shards do not learn independently, each against images that others fill, but one after \
                   another from a drawing of all, with the gradients of the whole scene.",
@@ -95,16 +99,22 @@ pub const METHOD: Method = Method {
         sky_shell::ID,
         WARM_START,
         CENTRE_REFINEMENT,
-        SCAFFOLD,
         SHAPE_REFINEMENT,
         SHARDS,
         NEIGHBOUR_VIEWS,
     ],
-    optional_components: &[],
+    optional_components: &[SCAFFOLD],
     default_plan: DefaultPlan::Auto,
     backends: ON_CPU,
     requires: &[],
-    options: &[options::MAX_GAUSSIANS, options::FOOTPRINT, options::SHARDS],
+    options: &[
+        options::MAX_GAUSSIANS,
+        options::FOOTPRINT,
+        options::SHARDS,
+        CENTRE_STEP_OPTION,
+        SCAFFOLD_WEIGHT_OPTION,
+        SCAFFOLD_FORM,
+    ],
     kind: MethodKind::Trained {
         extent: CameraExtent::Most,
         motion: MotionEvidenceUse::None,
@@ -115,12 +125,49 @@ pub const METHOD: Method = Method {
 
 /// Position steps over those of 3DGS.
 const CENTRE_STEP: f32 = 0.1;
+/// [`CENTRE_STEP`] as an option.
+const CENTRE_STEP_OPTION: MethodOption = MethodOption::number(
+    ("centre-step", "step size of centres"),
+    [0.0, 100.0],
+    "0.1",
+    Constant {
+        unit: "of the step size of 3DGS",
+        source: "PanoGS, Section 3.4",
+        weighs: None,
+    },
+);
 /// Share of the iterations after which centres start to move.
 const CENTRES_BEGIN: f64 = 0.3;
 /// Maximum distance of centres from their first positions, in radii of their samples.
 const CENTRE_REACH: f32 = 0.5;
-/// Weight of the scaffold's loss.
+/// Weight of the scaffold's loss: a centre that is a radius of its sample off the surface costs as much as an error
+/// of 0.1 in one pixel.
 const SCAFFOLD_WEIGHT: f32 = 0.1;
+/// [`SCAFFOLD_WEIGHT`] as an option.
+const SCAFFOLD_WEIGHT_OPTION: MethodOption = MethodOption::number(
+    (
+        "scaffold-weight",
+        "weight of the loss on distances from the fused surface",
+    ),
+    [0.0, 100.0],
+    "0.1",
+    Constant {
+        unit: "of the photometric loss",
+        source: "PanoGS, Eq. 9",
+        weighs: Some(SCAFFOLD),
+    },
+);
+/// Sum over the centres.
+const SCAFFOLD_FORM: MethodOption = MethodOption::form(
+    (
+        "scaffold-form",
+        "that loss: each Gaussian in the image, in radii of its sample, counts as one pixel; or a mean over all, \
+         in scene units, as printed, which is too small to act",
+    ),
+    &["seen", "mean"],
+    "seen",
+    "PanoGS, Eq. 9",
+);
 
 /// Arrays that are trained, and the losses of centres.
 struct Learning {
@@ -149,7 +196,13 @@ fn prepare(
     let largest = sharding.as_ref().map(Sharding::largest);
     let bytes = memory.bytes(count, largest.map_or(count, |len| len as u64));
     process::require(bytes, &format!("training {count} Gaussians"))?;
-    let model = model(scene, &mut samples, &settings, learning, sharding.as_ref());
+    let model = model(
+        (scene, &request.options),
+        &mut samples,
+        &settings,
+        learning,
+        sharding.as_ref(),
+    );
     settings.shards = sharding.map(Sharding::settings);
     Ok(PreparedGaussians {
         model,
@@ -181,7 +234,8 @@ fn settings(
     distances.sort_by(f32::total_cmp);
     let median = distances.get(distances.len() / 2).copied().unwrap_or(0.0);
     let extent = median.max(baseline::CAMERA_EXTENT);
-    let step = Decay::constant(CENTRE_STEP * 1.6e-4 * extent);
+    let share = request.options.number(&CENTRE_STEP_OPTION);
+    let step = Decay::constant(share.unwrap_or(CENTRE_STEP) * 1.6e-4 * extent);
     settings.learning_rates.insert("positions".to_owned(), step);
     settings
 }
@@ -223,7 +277,7 @@ fn learning(samples: &Samples, plan: &mut DecisionLog<'_>) -> Learning {
 
 /// Makes the Gaussians with their trained part: one part, or one for each shard.
 fn model(
-    scene: &TrainingScene,
+    (scene, options): (&TrainingScene, &Options),
     samples: &mut Samples,
     settings: &TrainSettings,
     learning: Learning,
@@ -248,7 +302,10 @@ fn model(
     });
     drop(gaussians);
     density::order::along_sphere(&mut model, &scene.input_views);
-    let scaffold = (learning.surface).map(|surface| (Arc::new(surface.field), SCAFFOLD_WEIGHT));
+    let scaffold = learning.surface.map(|surface| ScaffoldLoss {
+        field: Arc::new(surface.field),
+        weight: scaffold_weight(scene, options, all),
+    });
     let anchored = |part: Part| {
         let table = part.table;
         let refinement = learning.centres_move.then(|| {
@@ -260,7 +317,6 @@ fn model(
             CentreRefinement {
                 anchors: Arc::new(positions.to_vec()),
                 reach: Arc::new(scales.iter().map(reach).collect()),
-                all,
                 begin_iteration: (CENTRES_BEGIN * settings.iterations as f64) as u64,
                 scaffold: scaffold.clone(),
             }
@@ -270,16 +326,27 @@ fn model(
     Model::new(model.parts.into_iter().map(anchored).collect())
 }
 
-/// Returns the fused surface, if the evidence calls for it.
+/// Returns the weight of the scaffold's loss on one of so many centres.
+fn scaffold_weight(scene: &TrainingScene, options: &Options, all: usize) -> ScaffoldWeight {
+    let asked = options.number(&SCAFFOLD_WEIGHT_OPTION);
+    let weight = asked.unwrap_or(SCAFFOLD_WEIGHT);
+    if options.word(&SCAFFOLD_FORM) == Some("mean") {
+        return ScaffoldWeight::Mean(weight / all.max(1) as f32);
+    }
+    let [width, height] = scene.camera.size();
+    ScaffoldWeight::Seen(weight * CENTRE_REACH / (width * height) as f32)
+}
+
+/// Returns the fused surface, where it is asked for. What it costs in planning is not spent without that.
 fn surface(samples: &Samples, plan: &mut DecisionLog<'_>, centres_move: bool) -> Option<Surface> {
     let missing = match (samples.views.len(), centres_move) {
         (0 | 1, _) => Some("a second view"),
         (_, false) => Some("centres that move"),
         _ => None,
     };
-    if missing.is_some() || plan.request.leaves_out(SCAFFOLD) {
-        let reason = "not fused";
-        plan.decide(SCAFFOLD, Decision::new(false, reason).unless(missing));
+    if missing.is_some() || !plan.request.names(SCAFFOLD) {
+        let reason = "the published mean over all Gaussians is too small to act; not fused";
+        plan.decide(SCAFFOLD, Decision::on_request(reason).unless(missing));
         return None;
     }
     let surface = Surface::of(samples);
@@ -289,4 +356,19 @@ fn surface(samples: &Samples, plan: &mut DecisionLog<'_>, centres_move: bool) ->
 /// Returns true if the distances of views of one surface differ by more than the rounding to pixels.
 fn differ(disagreement: f64) -> bool {
     disagreement > LEAST_DISAGREEMENT
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn defaults_in_the_list_are_those_of_a_run() {
+        for (option, usual) in [
+            (CENTRE_STEP_OPTION, CENTRE_STEP),
+            (SCAFFOLD_WEIGHT_OPTION, SCAFFOLD_WEIGHT),
+        ] {
+            assert_eq!(option.default.parse(), Ok(usual), "{}", option.id);
+        }
+    }
 }

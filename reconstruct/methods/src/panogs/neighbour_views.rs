@@ -63,7 +63,11 @@ impl NearViews {
             100.0 * LEAST_NEAR,
             100.0 * LEAST_LEFT_OUT
         );
-        Decision::new(self.share_left_out() > LEAST_LEFT_OUT, reason)
+        if self.share_left_out() > LEAST_LEFT_OUT {
+            Decision::new(true, reason)
+        } else {
+            Decision::no_case(&reason)
+        }
     }
 }
 

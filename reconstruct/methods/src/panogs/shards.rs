@@ -65,20 +65,27 @@ impl Sharding {
             (None, needed) => needed,
         };
         let few = (count < number).then_some("as many Gaussians as shards");
-        let mut trial = Trial::of(scene, samples, number.min(count.max(1)), rendering);
-        let reason = format!(
-            "training {count} Gaussians takes {:.2} GB, {}; {number} shards take {:.2} GB less and about {:.2} \
-             CPU seconds a step more",
+        let all_at_once = format!(
+            "training {count} Gaussians takes {:.2} GB, {}",
             gigabytes(bytes(1)),
             allowed.map_or(
                 "the system does not say what is left".to_owned(),
                 |allowed| format!("{:.2} GB may be taken", gigabytes(allowed))
             ),
+        );
+        let has_case = asked.map_or(needed > 1, |asked| asked > 1);
+        if !has_case && !plan.request.names(SHARDS) {
+            plan.decide(SHARDS, Decision::no_case(&all_at_once).unless(few));
+            plan.decide(NEIGHBOUR_VIEWS, Decision::without("shards"));
+            return None;
+        }
+        let mut trial = Trial::of(scene, samples, number.min(count.max(1)), rendering);
+        let reason = format!(
+            "{all_at_once}; {number} shards take {:.2} GB less and about {:.2} CPU seconds a step more",
             gigabytes(bytes(1) - bytes(number)),
             trial.seconds_of_shards()
         );
-        let decision = Decision::new(needed > 1 || asked.is_some_and(|asked| asked > 1), reason);
-        let is_used = plan.decide(SHARDS, decision.unless(few));
+        let is_used = plan.decide(SHARDS, Decision::new(has_case, reason).unless(few));
         if !is_used {
             plan.decide(NEIGHBOUR_VIEWS, Decision::without("shards"));
             return None;

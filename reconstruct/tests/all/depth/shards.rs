@@ -11,7 +11,7 @@ use omnilife_engine::{
 };
 use omnilife_reconstruct::{
     formats::{self, GAUSSIANS_FILE},
-    methods::{self, MethodOutcome},
+    methods::{self, MethodOutcome, Prepared},
     options::Options,
     request::{MethodRequest, PlanChoice},
     scene::TrainingScene,
@@ -154,35 +154,51 @@ fn shards_go_on_from_a_checkpoint_to_the_same_bits() {
 }
 
 #[test]
-fn what_fits_into_memory_needs_no_shards_and_the_plan_says_what_they_would_save() {
+fn what_fits_into_memory_has_no_case_for_shards_and_gets_them_by_name_alone() {
     let folder = tempfile::tempdir().unwrap();
     let scene = scene(folder.path(), 4, as_given);
-    let plain = prepared(&scene, &MethodRequest::new(10, 0));
-    assert!(!is_used(&plain, "shards") && !is_used(&plain, "neighbour-views"));
-    let reason = |component: &str| {
-        let mut plan = plain.findings.plan.iter();
+    let plain = MethodRequest::new(10, 0);
+    let reason = |prepared: &Prepared<'_>, component: &str| {
+        let mut plan = prepared.findings.plan.iter();
         let decision = plan.find(|decision| decision.component == component);
         decision.unwrap().reason.clone()
     };
-    let shards = reason("shards");
+    for plan in [PlanChoice::Auto, PlanChoice::Full] {
+        let plain = MethodRequest {
+            plan,
+            ..plain.clone()
+        };
+        let plain = prepared(&scene, &plain);
+        assert!(!is_used(&plain, "shards") && !is_used(&plain, "neighbour-views"));
+        let shards = reason(&plain, "shards");
+        assert!(
+            shards.starts_with("no case: ") && shards.contains(" GB"),
+            "{shards}"
+        );
+        let near = reason(&plain, "neighbour-views");
+        assert_eq!(near, "cannot be without shards");
+    }
+    let named = |with: &[&str]| {
+        let with = with.iter().map(|&name| name.to_owned()).collect();
+        let request = MethodRequest {
+            with,
+            ..plain.clone()
+        };
+        prepared(&scene, &request)
+    };
+    let without = named(&["shards"]);
+    assert!(is_used(&without, "shards"));
+    let shards = reason(&without, "shards");
     assert!(
         shards.contains(" GB less") && shards.contains("CPU seconds a step more"),
         "{shards}"
     );
-    assert_eq!(reason("neighbour-views"), "cannot be without shards");
-    let full = MethodRequest {
-        plan: PlanChoice::Full,
-        ..MethodRequest::new(10, 0)
-    };
-    let full = prepared(&scene, &full);
+    let near = reason(&without, "neighbour-views");
+    let has_case = !near.starts_with("no case: ");
+    assert_eq!(is_used(&without, "neighbour-views"), has_case, "{near}");
+    let full = named(&["shards", "neighbour-views"]);
     assert!(is_used(&full, "shards") && is_used(&full, "neighbour-views"));
-    let without = MethodRequest {
-        plan: PlanChoice::Full,
-        without: vec!["neighbour-views".to_owned()],
-        ..MethodRequest::new(10, 0)
-    };
-    let without = prepared(&scene, &without);
-    assert!(is_used(&without, "shards") && !is_used(&without, "neighbour-views"));
+    let plain = prepared(&scene, &plain);
     let shards = full.configuration["shards"]["gaussians"]
         .as_array()
         .unwrap();

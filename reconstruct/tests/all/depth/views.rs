@@ -240,7 +240,8 @@ fn the_order_of_the_views_changes_no_bit_and_the_loss_has_the_gradient_that_diff
     assert_eq!(forward.value(Vec3::splat(1e30)), None);
     assert_eq!(forward.value(Vec3::splat(f32::NAN)), None);
     let mut gradient = vec![[0.0; 3]; centres.len()];
-    let loss = forward.loss(&centres, (0.1, centres.len()), &mut gradient);
+    let mean = |_: usize| 0.1 / centres.len() as f32;
+    let loss = forward.loss(&centres, mean, &mut gradient);
     assert!(loss > 0.0 && loss.is_finite());
     // Steps down the gradient reduce it.
     let longest = gradient
@@ -252,8 +253,30 @@ fn the_order_of_the_views_changes_no_bit_and_the_loss_has_the_gradient_that_diff
         .zip(&gradient)
         .map(|(centre, by)| [0, 1, 2].map(|axis| centre[axis] - 0.004 * by[axis] / longest))
         .collect();
-    let after = forward.loss(&moved, (0.1, moved.len()), &mut vec![[0.0; 3]; moved.len()]);
+    let after = forward.loss(&moved, mean, &mut vec![[0.0; 3]; moved.len()]);
     assert!(after < loss, "{after} {loss}");
+    // Each centre has its own weight, and without one neither loss nor gradient.
+    let by_number = |number: usize| [0.0, 0.3, 0.5][number % 3] / centres.len() as f32;
+    let mut weighted = vec![[0.0; 3]; centres.len()];
+    let value = forward.loss(&centres, by_number, &mut weighted);
+    let mut expected = 0.0;
+    for (number, centre) in centres.iter().enumerate() {
+        let share = by_number(number) / mean(number);
+        let mut alone = [[0.0; 3]];
+        let own = forward.loss(std::slice::from_ref(centre), |_| 1.0, &mut alone);
+        expected += own * f64::from(by_number(number));
+        for axis in 0..3 {
+            let (found, whole) = (weighted[number][axis], share * gradient[number][axis]);
+            assert!(
+                (found - whole).abs() <= 1e-6 * whole.abs(),
+                "{found} {whole}"
+            );
+        }
+    }
+    assert!(
+        (value - expected).abs() < 1e-9 * (1.0 + expected),
+        "{value} {expected}"
+    );
 }
 
 #[test]

@@ -88,22 +88,28 @@ impl Scaffold {
         (weight > 0).then(|| (f64::from(sum) / f64::from(weight)) as f32 / STEPS * self.truncation)
     }
 
-    /// Returns the loss `weight / N sum_i Huber(|Phi(mu_i)|)` (PanoGS, Eq. 9) of some of `N = all` centres,
-    /// and adds its gradient by the centres to `gradient`. Huber is quadratic within half a voxel of the
-    /// surface: half the square over that width. Centres where the field has no value have neither loss nor
-    /// gradient.
+    /// Returns the loss `sum_i w_i Huber(|Phi(mu_i)|)` of some centres, and adds its gradient by the centres to
+    /// `gradient`. Huber is quadratic within half a voxel of the surface: half the square over that width.
+    /// Centres where the field has no value have neither loss nor gradient.
+    ///
+    /// `weight` returns `w_i`, per scene unit, by the number of the centre. Published is `lambda / N` (PanoGS,
+    /// Eq. 9), under which one centre's gradient falls with their number `N` and has the scale of the scene.
     pub fn loss(
         &self,
         centres: &[[f32; 3]],
-        (weight, all): (f32, usize),
+        weight: impl Fn(usize) -> f32 + Sync,
         gradient: &mut [[f32; 3]],
     ) -> f64 {
-        let factor = weight / all.max(1) as f32;
         let width = HUBER_VOXELS * self.voxel;
-        let sum: f64 = (centres.par_iter(), gradient.par_iter_mut())
+        (centres.par_iter(), gradient.par_iter_mut())
             .into_par_iter()
             .with_min_len(1024)
-            .map(|(&centre, gradient)| {
+            .enumerate()
+            .map(|(number, (&centre, gradient))| {
+                let factor = weight(number);
+                if factor == 0.0 {
+                    return 0.0;
+                }
                 let Some(field) = self.value(Vec3::from_array(centre)) else {
                     return 0.0;
                 };
@@ -112,10 +118,9 @@ impl Scaffold {
                 for (sum, by) in gradient.iter_mut().zip(by_centre.to_array()) {
                     *sum += by;
                 }
-                f64::from(value)
+                f64::from(factor) * f64::from(value)
             })
-            .sum();
-        f64::from(factor) * sum
+            .sum()
     }
 }
 
