@@ -235,7 +235,7 @@ def main():
                  ("`object-graph`, exact tracks", "exact"), ("`periodic`", "periodic"),
                  ("`omni4dgs`", "omni4dgs"), ("`periodic`, as long as `odgs`", "periodic-equal"),
                  ("`omni4dgs`, as long as `odgs`", "omni4dgs-equal")]
-    ablated = [("all", "object-graph"), ("without `object-poses`", "without-object-poses"),
+    ablated = [("all", "object-graph"), ("with `object-poses`", "with-object-poses"),
                ("without `sky-shell`", "without-sky-shell"), ("without `object-graph` (is `odgs`)", "odgs")]
     text = [f"{iterations} iterations, images {road.width} wide, tracks from images 640 wide; "
             f"{hardware['threads']} threads of {hardware['processor']}, shared with other work. Where there are "
