@@ -13,7 +13,7 @@ use omnilife_engine::{
         static_gaussians::{self, InitialGaussians},
         temporal::{InitialTimes, LifespanRange, TemporalFeatures, TimeModel, VelocityModel},
     },
-    model::dynamic_settings::{DynamicLoss, DynamicSettings, VelocityLoss},
+    model::dynamic_settings::{DynamicLoss, DynamicSettings, MotionForm, MotionLoss, VelocityLoss},
     parameters::ParameterTable,
     render::{cpu::Renderer, settings::RenderSettings},
 };
@@ -135,7 +135,10 @@ pub(crate) fn dynamics() -> DynamicSettings {
             velocity_unit: Some(1.0),
             lifespan: None,
         },
-        motion_weight: 0.01,
+        motion_loss: Some(MotionLoss {
+            weight: 0.01,
+            form: MotionForm::Seen,
+        }),
         smoothing: None,
         density: None,
     }

@@ -1,18 +1,15 @@
 //! Omni4DGS: dynamic Gaussians on the sphere, separated from static ones by masks.
 //!
 //! Source: "OmniLife360", section 4, Eqs. 1 to 12. The paper gives neither weights nor first values
-//! nor rules of density; every such setting is named here with the reason for its value.
+//! nor rules of density; every such setting is named in `constants` with the reason for its value.
 
-use crate::dynamic::{
-    self, Beginning, CYCLE_FRAMES, TEMPORAL_DENSITY, TEMPORAL_MOTION, TEMPORAL_OPACITY,
-};
+pub(super) mod constants;
+
+use crate::dynamic::{self, Beginning, TEMPORAL_DENSITY, TEMPORAL_MOTION, TEMPORAL_OPACITY};
 use omnilife_engine::{
     clock::Clock,
-    gaussians::{
-        omni4dgs::{Decomposition, DirectionOrigin, VelocityForm},
-        temporal::{TemporalFeatures, TimeModel, VelocityModel},
-    },
-    model::dynamic_settings::{DynamicLoss, DynamicSettings, VelocityLoss},
+    gaussians::temporal::{TemporalFeatures, TimeModel, VelocityModel},
+    model::dynamic_settings::{DynamicSettings, VelocityLoss},
 };
 use omnilife_training::{
     baseline::{OPACITY_RESET, scene_extent},
@@ -33,22 +30,21 @@ pub const METHOD: Method = Method {
     id: "omni4dgs",
     title: "Omni4DGS",
     source: "OmniLife360, section 4 (Omni4DGS)",
-    description: "Gaussians that appear, move and vanish, with velocities of a radial and a \
-                  tangential part; masks supervise the dynamic ones rendered alone; velocities \
-                  are kept out of the static region and static Gaussians in their place. The paper \
+    description: "Gaussians that appear, move and vanish; masks supervise the dynamic ones rendered \
+                  alone; velocities are kept out of the static region. The paper \
                   has no density control: in time it is PVG's, in space 3DGS's, and below the limit \
-                  on their number Gaussians with time come first. Under Adam the two velocities step \
-                  as one, and the motion loss, a mean over all, is too small to act. The sky's shell has no time. On \
-                  request, and not the paper's: mask-seeds, with which dynamic Gaussians begin on \
-                  masked pixels, and static-table, with which scene points that do not change carry \
-                  no temporal parameters. Readings of what the paper leaves open are named in the \
-                  source.",
+                  on their number Gaussians with time come first. The sky's shell has no time. Two \
+                  components of the paper are left to a request, in forms that act: \
+                  velocity-decomposition, whose two velocities as printed step as one under Adam \
+                  (velocity-form=literal), and motion-regularization, which as a mean over all \
+                  Gaussians is too small to act (motion-form=mean). On request, and not the paper's: \
+                  mask-seeds, with which dynamic Gaussians begin on masked pixels, and static-table, \
+                  with which scene points that do not change carry no temporal parameters. Readings \
+                  of what the paper leaves open are named in the source.",
     components: &[
         TEMPORAL_OPACITY,
         TEMPORAL_MOTION,
-        VELOCITY_DECOMPOSITION,
         DYNAMIC_MASK,
-        MOTION_REGULARIZATION,
         VELOCITY_REGULARIZATION,
         TEMPORAL_DENSITY,
         swept_points::ID,
@@ -56,6 +52,8 @@ pub const METHOD: Method = Method {
         OPACITY_RESET,
     ],
     optional_components: &[
+        VELOCITY_DECOMPOSITION,
+        MOTION_REGULARIZATION,
         exposure_compensation::ID,
         view_dependent_colour::ID,
         pose_refinement::ID,
@@ -68,7 +66,22 @@ pub const METHOD: Method = Method {
     default_plan: DefaultPlan::Full,
     backends: ON_CPU_AND_GPU,
     requires: &[],
-    options: options::OF_GAUSSIANS,
+    options: &[
+        options::MAX_GAUSSIANS,
+        options::SH_DEGREE,
+        options::FOOTPRINT,
+        options::DENSIFY_THRESHOLD,
+        constants::GAMMA,
+        constants::VELOCITY_FORM,
+        constants::VELOCITY_ORIGIN,
+        constants::DYNAMIC_BELOW,
+        constants::CYCLE,
+        constants::DYNAMIC_LOSS,
+        constants::DYNAMIC_SSIM,
+        constants::VELOCITY_LOSS,
+        constants::MOTION_LOSS,
+        constants::MOTION_FORM,
+    ],
     kind: MethodKind::Trained {
         extent: CameraExtent::Most,
         motion: MotionEvidenceUse::Decides,
@@ -86,30 +99,8 @@ pub(super) const MOTION_REGULARIZATION: &str = "motion-regularization";
 /// Component: no velocities outside the masks (Eq. 9).
 pub(super) const VELOCITY_REGULARIZATION: &str = "velocity-regularization";
 
-/// Velocities (Eq. 3). `gamma`: weights "increase more smoothly in the equatorial region and decay more rapidly
-/// in the polar regions", a flat top, so below 1. Literal: with projections and weights nothing on the equator
-/// could approach. World: a velocity must not depend on the camera.
-const DECOMPOSITION: Decomposition = Decomposition {
-    gamma: 0.5,
-    form: VelocityForm::Literal,
-    origin: DirectionOrigin::World,
-};
-/// `theta_dgm`, as PVG separates static from dynamic on Waymo (`separate_scaling_t` 0.2 over the cycle's 0.2),
-/// with the staticness `rho = beta / l`. The paper's `beta / tau` is singular at `tau = 0` and changes with the
-/// origin of time.
-const DYNAMIC_BELOW_STATICNESS: f32 = 1.0;
 /// Minimum ratio of the first lifespan of scene points to the one below which Gaussians are dynamic.
 const FIRST_OVER_DYNAMIC_LIFESPAN: f32 = 1.5;
-/// `lambda_dyn`: the dynamic region is small. A weight above that of the photometric loss pulls the dynamic
-/// Gaussians away from the image that static and dynamic ones make together.
-pub(super) const DYNAMIC_WEIGHT: f32 = 0.1;
-/// `lambda_d`, as `lambda` of 3DGS.
-const DYNAMIC_SSIM_WEIGHT: f32 = 0.2;
-/// `lambda_v`, as PVG on Waymo.
-const VELOCITY_WEIGHT: f32 = 0.01;
-/// `lambda_m`: at this weight a direction that changes by 0.1 rad per frame costs as much as an error of 1e-4 in
-/// all pixels. Its gradient by one velocity is far below that of the image (docs/results/dynamic.md).
-const MOTION_WEIGHT: f32 = 0.01;
 
 fn prepare(
     scene: &TrainingScene,
@@ -142,15 +133,22 @@ pub(super) fn decide(draft: &mut Draft<'_>) {
     let missing_masks = without_masks.then_some("masks that show something");
     let missing_motion = draft.missing(TEMPORAL_MOTION);
     let missing_time = dynamic::missing_time(draft);
-    let published = || Decision::new(true, "as published");
     let by_masks = || Decision::new(true, masks.to_string());
     for (component, decision) in [
-        (VELOCITY_DECOMPOSITION, published().unless(missing_motion)),
+        (
+            VELOCITY_DECOMPOSITION,
+            Decision::on_request("Adam does not feel the weights of two velocities")
+                .unless(missing_motion),
+        ),
         (
             DYNAMIC_MASK,
             by_masks().unless(missing_time.or(missing_masks)),
         ),
-        (MOTION_REGULARIZATION, published().unless(missing_motion)),
+        (
+            MOTION_REGULARIZATION,
+            Decision::on_request("the published mean over all Gaussians is too small to act")
+                .unless(missing_motion),
+        ),
         (
             VELOCITY_REGULARIZATION,
             by_masks().unless(missing_motion.or(missing_masks)),
@@ -162,10 +160,11 @@ pub(super) fn decide(draft: &mut Draft<'_>) {
 
 /// Returns the settings of time by the paper's components that are used; without density control.
 pub(super) fn dynamics(draft: &Draft<'_>, clock: Clock) -> DynamicSettings {
+    let options = &draft.request.options;
     let velocity = if !draft.is_used(TEMPORAL_MOTION) {
         VelocityModel::None
     } else if draft.is_used(VELOCITY_DECOMPOSITION) {
-        VelocityModel::Decomposed(DECOMPOSITION)
+        VelocityModel::Decomposed(constants::decomposition(options))
     } else {
         VelocityModel::Free
     };
@@ -175,7 +174,7 @@ pub(super) fn dynamics(draft: &Draft<'_>, clock: Clock) -> DynamicSettings {
     DynamicSettings {
         clock,
         time: TimeModel {
-            cycle_frames: CYCLE_FRAMES,
+            cycle_frames: constants::cycle_frames(options),
             lifespans: draft
                 .is_used(TEMPORAL_OPACITY)
                 .then_some(dynamic::LIFESPANS),
@@ -183,14 +182,12 @@ pub(super) fn dynamics(draft: &Draft<'_>, clock: Clock) -> DynamicSettings {
             least_marginal: 0.0,
         },
         down: dynamic::down(draft.scene),
-        dynamic_below_staticness: DYNAMIC_BELOW_STATICNESS,
-        dynamic_loss: draft.is_used(DYNAMIC_MASK).then_some(DynamicLoss {
-            weight: DYNAMIC_WEIGHT,
-            ssim_weight: DYNAMIC_SSIM_WEIGHT,
-            begin_iteration: 0,
-        }),
-        velocity_loss: slows.then_some(VelocityLoss {
-            weight: VELOCITY_WEIGHT,
+        dynamic_below_staticness: constants::dynamic_below_staticness(options),
+        dynamic_loss: draft
+            .is_used(DYNAMIC_MASK)
+            .then(|| constants::dynamic_loss(options)),
+        velocity_loss: slows.then(|| VelocityLoss {
+            weight: constants::velocity_weight(options),
             outside_masks: true,
         }),
         lifespan_weight: 0.0,
@@ -198,7 +195,7 @@ pub(super) fn dynamics(draft: &Draft<'_>, clock: Clock) -> DynamicSettings {
             velocity_unit: slows.then(|| dynamic::velocity_unit(extent)),
             lifespan: None,
         },
-        motion_weight: if steadies { MOTION_WEIGHT } else { 0.0 },
+        motion_loss: steadies.then(|| constants::motion_loss(options)),
         smoothing: None,
         density: None,
     }

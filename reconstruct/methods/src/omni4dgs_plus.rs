@@ -12,6 +12,7 @@ use crate::{
     dynamic::{self, Beginning, TEMPORAL_MOTION, TEMPORAL_OPACITY, TEMPORAL_SMOOTHING},
     omni4dgs::{
         self, DYNAMIC_MASK, MOTION_REGULARIZATION, VELOCITY_DECOMPOSITION, VELOCITY_REGULARIZATION,
+        constants,
     },
 };
 use omnilife_training::{
@@ -24,7 +25,8 @@ use omnilife_training::{
     },
     error::ReconstructError,
     method::{Method, MethodKind, ON_CPU_AND_GPU, PreparedGaussians},
-    models, options,
+    models,
+    options::{self, MethodOption},
     request::{BackendChoice, DefaultPlan, MethodRequest},
     scene::{CameraExtent, TrainingScene},
     seeds::masks::SeedVelocity,
@@ -49,9 +51,7 @@ pub const METHOD: Method = Method {
     components: &[
         TEMPORAL_OPACITY,
         TEMPORAL_MOTION,
-        VELOCITY_DECOMPOSITION,
         DYNAMIC_MASK,
-        MOTION_REGULARIZATION,
         VELOCITY_REGULARIZATION,
         mask_seeds::ID,
         static_table::ID,
@@ -66,17 +66,35 @@ pub const METHOD: Method = Method {
         sky_shell::ID,
         OPACITY_RESET,
     ],
-    optional_components: &[],
+    optional_components: &[VELOCITY_DECOMPOSITION, MOTION_REGULARIZATION],
     default_plan: DefaultPlan::Auto,
     backends: ON_CPU_AND_GPU,
     requires: &[],
-    options: options::OF_GAUSSIANS,
+    options: &[
+        options::MAX_GAUSSIANS,
+        options::SH_DEGREE,
+        options::FOOTPRINT,
+        options::DENSIFY_THRESHOLD,
+        constants::GAMMA,
+        constants::VELOCITY_FORM,
+        constants::VELOCITY_ORIGIN,
+        DYNAMIC_LOSS,
+        constants::VELOCITY_LOSS,
+        constants::MOTION_LOSS,
+        constants::MOTION_FORM,
+    ],
     kind: MethodKind::Trained {
         extent: CameraExtent::Most,
         motion: MotionEvidenceUse::Decides,
         model: &models::gaussians::GAUSSIANS,
         prepare: |scene, request, backend| prepare(scene, request, backend)?.on(scene, backend),
     },
+};
+
+/// The weight of the masks as an option, with the default of [`GapSettings`].
+const DYNAMIC_LOSS: MethodOption = MethodOption {
+    default: "0.01 for each frame of the gap between input views, 0.1 at most",
+    ..constants::DYNAMIC_LOSS
 };
 
 /// Settings by the gap between input views: lifespans, the distance in time of compared renders, and the weight
@@ -115,7 +133,7 @@ impl GapSettings {
             // The loss pulls dynamic Gaussians out of unmasked pixels, where shadows, reflections and unsegmented
             // objects change too. In dense views that costs more than it gives. In sparse views it keeps the
             // static region out of the Gaussians that may change (docs/results/dynamic.md).
-            dynamic_weight: (0.01 * gap_frames).min(omni4dgs::DYNAMIC_WEIGHT),
+            dynamic_weight: (0.01 * gap_frames).min(constants::DYNAMIC_WEIGHT),
         }
     }
 }
@@ -145,7 +163,8 @@ fn prepare(
         lifespans.least_frames = gap.least_frames;
     }
     if let Some(loss) = &mut dynamics.dynamic_loss {
-        loss.weight = gap.dynamic_weight;
+        let asked = request.options.number(&DYNAMIC_LOSS);
+        loss.weight = asked.unwrap_or(gap.dynamic_weight);
     }
     dynamics.time.cycle_frames = gap.cycle_frames;
     dynamics.dynamic_below_staticness = gap.dynamic_below_frames / gap.cycle_frames;
@@ -186,7 +205,7 @@ mod tests {
                 "seeds are dynamic"
             );
             assert!(settings.least_frames <= settings.seed_frames);
-            assert!(settings.dynamic_weight <= omni4dgs::DYNAMIC_WEIGHT);
+            assert!(settings.dynamic_weight <= constants::DYNAMIC_WEIGHT);
             // Motion over half of the gap is straight within a twentieth: sin(x) / x at x = pi / 20 * 2.
             let phase = std::f32::consts::TAU * 0.5 * gap / settings.cycle_frames;
             assert!(phase.sin() / phase > 0.95, "{phase}");

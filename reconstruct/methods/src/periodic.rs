@@ -23,7 +23,8 @@ use omnilife_training::{
     },
     error::ReconstructError,
     method::{Method, MethodKind, ON_CPU_AND_GPU, PreparedGaussians},
-    models, options,
+    models,
+    options::{self, Constant, MethodOption},
     request::{BackendChoice, DefaultPlan, MethodRequest},
     scene::{CameraExtent, TrainingScene},
 };
@@ -70,7 +71,15 @@ pub const METHOD: Method = Method {
     default_plan: DefaultPlan::Full,
     backends: ON_CPU_AND_GPU,
     requires: &[],
-    options: options::OF_GAUSSIANS,
+    options: &[
+        options::MAX_GAUSSIANS,
+        options::SH_DEGREE,
+        options::FOOTPRINT,
+        options::DENSIFY_THRESHOLD,
+        CYCLE,
+        VELOCITY_WEIGHT_OPTION,
+        LIFESPAN_WEIGHT_OPTION,
+    ],
     kind: MethodKind::Trained {
         extent: CameraExtent::Most,
         motion: MotionEvidenceUse::Decides,
@@ -101,6 +110,39 @@ const DYNAMIC_BELOW_STATICNESS: f32 = 1.0;
 const LEAST_MARGINAL: f32 = 0.05;
 /// Weight of the velocity loss (PVG `configs/waymo_nvs.yaml`, `lambda_v_reg`).
 const VELOCITY_WEIGHT: f32 = 0.01;
+/// Cycle of the motion.
+const CYCLE: MethodOption = MethodOption::number(
+    ("cycle", "length of the cycle in which Gaussians vibrate"),
+    [1.0, 1e6],
+    "10",
+    Constant {
+        unit: "frames",
+        source: "PVG, Eq. 3; configs/waymo_nvs.yaml",
+        weighs: None,
+    },
+);
+/// [`VELOCITY_WEIGHT`] as an option.
+const VELOCITY_WEIGHT_OPTION: MethodOption = MethodOption::number(
+    ("velocity-weight", "weight of the loss on velocities"),
+    [0.0, 100.0],
+    "0.01",
+    Constant {
+        unit: "of the photometric loss",
+        source: "PVG configs/waymo_nvs.yaml, lambda_v_reg",
+        weighs: Some(VELOCITY_LOSS),
+    },
+);
+/// [`LIFESPAN_WEIGHT`] as an option.
+const LIFESPAN_WEIGHT_OPTION: MethodOption = MethodOption::number(
+    ("lifespan-weight", "weight of the loss on short lifespans"),
+    [0.0, 100.0],
+    "0.01",
+    Constant {
+        unit: "of the photometric loss",
+        source: "PVG configs/kitti_nvs.yaml, lambda_t_reg",
+        weighs: Some(LIFESPAN_LOSS),
+    },
+);
 
 fn prepare(
     scene: &TrainingScene,
@@ -145,13 +187,14 @@ fn decide(draft: &mut Draft<'_>) {
 }
 
 fn dynamics(draft: &Draft<'_>, clock: Clock) -> DynamicSettings {
+    let options = &draft.request.options;
     let slows = draft.is_used(VELOCITY_LOSS);
     let prolongs = draft.is_used(LIFESPAN_LOSS);
     let extent = scene_extent(draft.scene);
     DynamicSettings {
         clock,
         time: TimeModel {
-            cycle_frames: CYCLE_FRAMES,
+            cycle_frames: options.number(&CYCLE).unwrap_or(CYCLE_FRAMES),
             lifespans: draft
                 .is_used(TEMPORAL_OPACITY)
                 .then_some(dynamic::LIFESPANS),
@@ -165,21 +208,44 @@ fn dynamics(draft: &Draft<'_>, clock: Clock) -> DynamicSettings {
         down: dynamic::down(draft.scene),
         dynamic_below_staticness: DYNAMIC_BELOW_STATICNESS,
         dynamic_loss: None,
-        velocity_loss: slows.then_some(VelocityLoss {
-            weight: VELOCITY_WEIGHT,
+        velocity_loss: slows.then(|| VelocityLoss {
+            weight: options
+                .number(&VELOCITY_WEIGHT_OPTION)
+                .unwrap_or(VELOCITY_WEIGHT),
             outside_masks: false,
         }),
-        lifespan_weight: if prolongs { LIFESPAN_WEIGHT } else { 0.0 },
+        lifespan_weight: if prolongs {
+            let asked = options.number(&LIFESPAN_WEIGHT_OPTION);
+            asked.unwrap_or(LIFESPAN_WEIGHT)
+        } else {
+            0.0
+        },
         features: TemporalFeatures {
             velocity_unit: slows.then(|| dynamic::velocity_unit(extent)),
             lifespan: prolongs.then_some(LIFESPAN_FEATURE),
         },
-        motion_weight: 0.0,
+        motion_loss: None,
         smoothing: draft
             .is_used(TEMPORAL_SMOOTHING)
             .then_some(dynamic::SMOOTHING),
         density: draft
             .is_used(TEMPORAL_DENSITY)
             .then(|| dynamic::temporal_density(&draft.settings)),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn defaults_in_the_list_are_those_of_a_run() {
+        for (option, usual) in [
+            (CYCLE, CYCLE_FRAMES),
+            (VELOCITY_WEIGHT_OPTION, VELOCITY_WEIGHT),
+            (LIFESPAN_WEIGHT_OPTION, LIFESPAN_WEIGHT),
+        ] {
+            assert_eq!(option.default.parse(), Ok(usual), "{}", option.id);
+        }
     }
 }

@@ -18,7 +18,7 @@ use omnilife_engine::{
     },
     model::{
         Model, Part, Statistics,
-        dynamic_settings::{DynamicLoss, DynamicSettings, VelocityLoss},
+        dynamic_settings::{DynamicLoss, DynamicSettings, MotionForm, MotionLoss, VelocityLoss},
         exposure::Exposure,
         pose_corrections::PoseCorrections,
     },
@@ -110,7 +110,7 @@ fn dynamics(scene: &TrainingScene, velocity: VelocityModel) -> DynamicSettings {
         velocity_loss: None,
         lifespan_weight: 0.0,
         features: TemporalFeatures::default(),
-        motion_weight: 0.0,
+        motion_loss: None,
         smoothing: None,
         density: None,
     }
@@ -153,7 +153,10 @@ fn omni4dgs(scene: &TrainingScene, form: VelocityForm, origin: DirectionOrigin) 
         outside_masks: true,
     });
     dynamics.features.velocity_unit = Some(0.05);
-    dynamics.motion_weight = 3.0;
+    dynamics.motion_loss = Some(MotionLoss {
+        weight: 3.0,
+        form: MotionForm::Mean,
+    });
     settings(dynamics)
 }
 
@@ -315,6 +318,10 @@ fn steps_with_parts_of_time_left_out_are_those_of_the_cpu() {
     compare("no motion", &scene, &settings(fading));
     let mut moving = dynamics(&scene, VelocityModel::Free);
     moving.time.lifespans = None;
-    moving.motion_weight = 3.0;
+    // A pixel is 0.065 radians here: about as much for a Gaussian as above.
+    moving.motion_loss = Some(MotionLoss {
+        weight: 0.3,
+        form: MotionForm::Seen,
+    });
     compare("no lifespans", &scene, &settings(moving));
 }

@@ -225,7 +225,7 @@ mod tests {
             compare::<kernels::StepView>(&modules, "StepView"),
             compare::<temporal::gpu::TemporalView>(&modules, "TemporalView"),
             compare::<maps::gpu::MapLosses>(&modules, "MapLosses"),
-            compare::<motion::gpu::MotionLoss>(&modules, "MotionLoss"),
+            compare::<motion::gpu::MotionWeight>(&modules, "MotionWeight"),
             compare::<project::by_camera::gpu::DevicePoseGradient>(&modules, "PoseGradient"),
             compare::<deformable::gpu::Canonical>(&modules, "Canonical"),
             compare::<mlp::gpu::SharedInputs>(&modules, "SharedInputs"),

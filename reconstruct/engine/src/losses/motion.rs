@@ -2,11 +2,13 @@
 //! which a static Gaussian is seen.
 //!
 //! ```text
-//! d(t) = (mu(t) - c) / |mu(t) - c|         L_m = mean over G_s of |d(t + Dt) - d(t)|^2 / Dt^2
+//! d(t) = (mu(t) - c) / |mu(t) - c|         L_m = sum over G_s of w |d(t + Dt) - d(t)|^2 / Dt^2
 //! ```
 //!
-//! with `Dt` = 1 frame: radians per frame, squared. The paper gives neither a sum nor a divisor; a mean of
-//! rates depends neither on the number of Gaussians nor on the frame rate. `c` is the same at both moments.
+//! with `Dt` = 1 frame: radians per frame, squared. `c` is the same at both moments. The paper gives neither a
+//! sum nor a divisor, so there are two weights `w` of a Gaussian
+//! ([`MotionForm`](crate::model::dynamic_settings::MotionForm)). In a mean, `1 / N`, a Gaussian's gradient is too
+//! small to act. In a sum over those of a view, in its pixels, it is of the size of a pixel's.
 //!
 //! Directions of distant Gaussians hardly differ, and those of near, fast ones are almost opposite: both
 //! cases must avoid differences of nearly equal numbers. Let `n = |p|`, `n' = |p'|`, and `s = p' - p` the
@@ -34,8 +36,8 @@ const STEP_FRAMES: f32 = 1.0;
 /// Distance from the observer below which directions are not defined and not constrained.
 const LEAST_DISTANCE: f32 = 1e-6;
 
-/// Returns the value, and the gradients times `weight` by raw parameters and centres of those `members` that
-/// have any.
+/// Returns the value, and the gradients by raw parameters and centres of those `members` that have any, all times
+/// the `weight` of one Gaussian.
 pub fn motion(
     temporal_table: &TemporalTable<'_>,
     members: &[usize],
@@ -43,7 +45,6 @@ pub fn motion(
     cycle: f32,
     weight: f32,
 ) -> (f64, Vec<CentreGradient>) {
-    let scale = weight / members.len().max(1) as f32;
     let origin = temporal_table.observer().centre;
     let parts: Vec<(f32, Option<CentreGradient>)> = members
         .par_iter()
@@ -59,17 +60,17 @@ pub fn motion(
                 return (0.0, None);
             };
             let by_temporal = TemporalGradient {
-                peak: scale * by_temporal.peak,
-                log_lifespan: scale * by_temporal.log_lifespan,
-                velocity: by_temporal.velocity * scale,
+                peak: weight * by_temporal.peak,
+                log_lifespan: weight * by_temporal.log_lifespan,
+                velocity: by_temporal.velocity * weight,
             };
             let raw = temporal_table.raw_vjp(index, &by_temporal);
-            (value, Some((index, raw, by_centre * scale)))
+            (value, Some((index, raw, by_centre * weight)))
         })
         .collect();
     let sum: f64 = parts.iter().map(|(value, _)| f64::from(*value)).sum();
     let gradients = parts.into_iter().filter_map(|(_, gradient)| gradient);
-    (sum / members.len().max(1) as f64, gradients.collect())
+    (f64::from(weight) * sum, gradients.collect())
 }
 
 /// Returns one Gaussian's `|d(t + Dt) - d(t)|^2 / Dt^2` and its gradients by temporal parameters and by the

@@ -4,7 +4,7 @@ use glam::Vec3;
 use serde::{Deserialize, Serialize};
 
 use crate::{
-    camera::View,
+    camera::{Camera, CameraKernels, View},
     clock::Clock,
     gaussians::{
         temporal::{TemporalFeatures, TimeModel},
@@ -31,8 +31,8 @@ pub struct DynamicSettings {
     pub lifespan_weight: f32,
     /// Feature channels that these losses need.
     pub features: TemporalFeatures,
-    /// Weight of the motion regularization of static Gaussians; 0 disables it.
-    pub motion_weight: f32,
+    /// Motion regularization of static Gaussians.
+    pub motion_loss: Option<MotionLoss>,
     /// Temporal smoothing.
     pub smoothing: Option<TemporalSmoothing>,
     /// Density control in time.
@@ -57,6 +57,40 @@ pub struct VelocityLoss {
     pub weight: f32,
     /// True if it applies only outside the masks; then views without a mask do not have it.
     pub outside_masks: bool,
+}
+
+/// `L_m` (Omni4DGS Eqs. 10, 11).
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct MotionLoss {
+    /// Weight of the loss, `lambda_m`.
+    pub weight: f32,
+    /// Sum over the static Gaussians.
+    pub form: MotionForm,
+}
+
+/// Sum of the motion regularization over the static Gaussians.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum MotionForm {
+    /// As published: a mean over all of them, of squared radians per frame. The gradient of one Gaussian falls with
+    /// their number.
+    Mean,
+    /// A sum over those in the view's image, of squared pixels per frame, over the number of pixels. One Gaussian
+    /// counts as one pixel of the photometric loss.
+    Seen,
+}
+
+impl MotionLoss {
+    /// Returns the weight of the squared radians per frame of each of so many Gaussians.
+    pub(crate) fn of_each(&self, gaussians: usize, camera: &Camera) -> f32 {
+        match self.form {
+            MotionForm::Mean => self.weight / gaussians.max(1) as f32,
+            MotionForm::Seen => {
+                let [width, height] = camera.size();
+                self.weight / ((width * height) as f32 * camera.pixel_radians().powi(2))
+            }
+        }
+    }
 }
 
 /// Temporal smoothing: renders of another moment, moved on, compared with a view's image (PVG).
@@ -103,4 +137,27 @@ impl DynamicSettings {
 pub fn mean_vertical<'a>(views: impl Iterator<Item = &'a View>) -> [f32; 3] {
     let sum: Vec3 = views.map(|view| view.rotation.transpose() * Vec3::Y).sum();
     sum.normalize_or(Vec3::Y).to_array()
+}
+
+#[cfg(test)]
+mod tests {
+    use omnilife_schemas::camera::ErpCamera;
+
+    use super::*;
+
+    #[test]
+    fn a_gaussian_that_moves_by_a_pixel_costs_a_pixel_however_many_there_are() {
+        let camera = Camera::Erp(ErpCamera {
+            width: 128,
+            height: 64,
+        });
+        let loss = |form| MotionLoss { weight: 0.5, form };
+        let pixel = std::f32::consts::PI / 64.0;
+        for gaussians in [0, 1, 1_000, 1_000_000] {
+            let cost = loss(MotionForm::Seen).of_each(gaussians, &camera) * pixel * pixel;
+            assert!((cost * 128.0 * 64.0 - 0.5).abs() < 1e-6, "{cost}");
+            let mean = loss(MotionForm::Mean).of_each(gaussians, &camera);
+            assert_eq!(mean, 0.5 / gaussians.max(1) as f32);
+        }
+    }
 }

@@ -305,7 +305,7 @@ impl Stepper for CpuStepper<'_> {
         self.model
             .activate_backward(&at, &features, &mut self.activated, &mut self.gradient);
         if let Some(dynamic) = &self.dynamic {
-            total += dynamic.regularize_motion(&at, &mut self.model);
+            total += dynamic.regularize_motion(&drawn, &at, &mut self.model);
         }
         require_finite(total, view.frame, schedule)?;
         self.add_statistics();

@@ -7,6 +7,7 @@ use crate::{
     gaussians::{
         ActivatedGaussians,
         parameterization::Viewpoint,
+        static_gaussians::OPACITY_LOGITS,
         subset,
         temporal::{self, TemporalFeatures},
     },
@@ -15,7 +16,10 @@ use crate::{
         maps::{self, Counted},
         photometric::{PixelMarks, cpu::Loss},
     },
-    model::{Model, dynamic_settings::DynamicSettings},
+    model::{
+        Model,
+        dynamic_settings::{DynamicSettings, MotionForm},
+    },
     render::{
         cpu::Renderer,
         raster::{Raster, RasterGradient},
@@ -164,16 +168,23 @@ impl DynamicLosses {
         f64::from(dynamic.weight) * (value.total + opacity)
     }
 
-    /// Returns `L_m` and adds its gradient to the raw ones of static Gaussians with their own times.
-    pub(super) fn regularize_motion(&self, at: &Viewpoint, model: &mut Model) -> f64 {
-        let weight = self.settings.motion_weight;
+    /// Returns `L_m` and adds its gradient to the raw ones of static Gaussians with their own times. Those of the
+    /// photometric loss tell which a view shows.
+    pub(super) fn regularize_motion(&self, drawn: &View, at: &Viewpoint, model: &mut Model) -> f64 {
+        let Some(loss) = self.settings.motion_loss else {
+            return 0.0;
+        };
         let mut total = 0.0;
-        for part in model.parts.iter_mut().filter(|_| weight > 0.0) {
+        for part in &mut model.parts {
             let Some(temporal) = part.parameterization.temporal() else {
                 continue;
             };
             let look = temporal.look(at);
-            let members = temporal.members(&part.table, &look, false);
+            let mut members = temporal.members(&part.table, &look, false);
+            if loss.form == MotionForm::Seen {
+                let by_logits = &part.table.arrays[OPACITY_LOGITS].gradients;
+                members.retain(|&index| by_logits[index] != 0.0);
+            }
             let temporal_table = temporal.time.temporal_table(&part.table, look.observer);
             let cycle = temporal.time.cycle_frames;
             let (value, gradients) = losses::motion::motion(
@@ -181,10 +192,10 @@ impl DynamicLosses {
                 &members,
                 look.frame_time.frame,
                 cycle,
-                weight,
+                loss.of_each(members.len(), &drawn.camera),
             );
             temporal::add_gradients(&mut part.table, &gradients);
-            total += f64::from(weight) * value;
+            total += value;
         }
         total
     }

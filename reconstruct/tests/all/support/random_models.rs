@@ -100,7 +100,7 @@ pub(crate) fn dynamics(scene: &Scene) -> DynamicSettings {
         velocity_loss: None,
         lifespan_weight: 0.0,
         features: TemporalFeatures::default(),
-        motion_weight: 0.0,
+        motion_loss: None,
         smoothing: None,
         density: Some(TemporalDensity {
             gradient_threshold: 1.0,

@@ -1,17 +1,20 @@
 //! Motion regularization on a GPU.
 
 use crate::{
+    camera::Camera,
     device::{
         DeviceBuffer, Gpu, GpuError, Kernel, Program, Shader, Uniform, WORKGROUP, wgsl_struct,
     },
     gaussians::temporal::gpu::{DeviceTime, table_constants},
+    model::dynamic_settings::{MotionForm, MotionLoss},
     parameters::device_table::TableBuffers,
 };
 
 wgsl_struct! {
     /// Weight of the loss.
-    pub(crate) struct MotionLoss {
+    pub(crate) struct MotionWeight {
         weight: f32,
+        seen_alone: u32,
     }
 }
 
@@ -34,18 +37,23 @@ pub(crate) fn shader() -> Shader {
 pub(crate) struct Motion {
     count_static: Kernel,
     regularize_motion: Kernel,
-    settings: Uniform<MotionLoss>,
+    settings: Uniform<MotionWeight>,
 }
 
 impl Motion {
-    /// Compiles the kernels with the loss's weight.
-    pub(crate) fn new(gpu: &Gpu, weight: f32) -> Result<Self, GpuError> {
+    /// Compiles the kernels with the loss's weight, for views of a camera.
+    pub(crate) fn new(gpu: &Gpu, loss: &MotionLoss, camera: &Camera) -> Result<Self, GpuError> {
+        // That of one Gaussian, or the sum of all of them, whose number the device counts.
+        let settings = MotionWeight {
+            weight: loss.of_each(1, camera),
+            seen_alone: u32::from(loss.form == MotionForm::Seen),
+        };
         let [count_static, regularize_motion] =
             Kernel::compile(gpu, &shader(), ["count_static", "regularize_motion"])?;
         Ok(Self {
             count_static,
             regularize_motion,
-            settings: Uniform::of(gpu, "motion loss", &MotionLoss { weight })?,
+            settings: Uniform::of(gpu, "motion loss", &settings)?,
         })
     }
 

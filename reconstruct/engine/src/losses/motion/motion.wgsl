@@ -10,11 +10,13 @@
 @group(0) @binding(4) var<storage, read_write> partials: array<f32>;
 
 // Settings of the loss.
-@group(0) @binding(5) var<uniform> motion: MotionLoss;
+@group(0) @binding(5) var<uniform> motion: MotionWeight;
 
-struct MotionLoss {
-    // Weight of the loss.
+struct MotionWeight {
+    // Weight of one Gaussian, or the sum of those of all static ones.
     weight: f32,
+    // Not 0 if the loss is on the Gaussians alone that the view shows, each with the weight.
+    seen_alone: u32,
 }
 
 @compute @workgroup_size(256)
@@ -86,7 +88,11 @@ fn regularize_motion(
     let index = number * WORKGROUP + thread;
     var value = 0.0;
     if index < temporal.len && !is_dynamic(index) {
-        value = motion_of(index, motion.weight / f32(max(all_static[0], 1u)));
+        if motion.seen_alone == 0u {
+            value = motion_of(index, motion.weight / f32(max(all_static[0], 1u)));
+        } else if gradients[temporal.opacity_logits + index] != 0.0 {
+            value = motion_of(index, motion.weight);
+        }
     }
     let sum = workgroup_sum(value, thread);
     if thread == 0u && number < arrayLength(&partials) {

@@ -50,7 +50,6 @@ impl DynamicKernels {
         settings: &DynamicSettings,
         camera: &Camera,
     ) -> Result<Self, GpuError> {
-        let moves = settings.motion_weight > 0.0;
         let alone = settings.dynamic_loss.map(|dynamic| {
             let weights = LossWeights {
                 ssim: dynamic.ssim_weight,
@@ -67,8 +66,9 @@ impl DynamicKernels {
         Ok(Self {
             settings: settings.clone(),
             maps: Maps::new(gpu, width * height)?,
-            motion: moves
-                .then(|| Motion::new(gpu, settings.motion_weight))
+            motion: settings
+                .motion_loss
+                .map(|loss| Motion::new(gpu, &loss, camera))
                 .transpose()?,
             alone: alone.transpose()?,
         })
