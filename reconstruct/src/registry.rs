@@ -71,6 +71,7 @@ mod tests {
     use omnilife_training::{
         components::{COMPONENTS, OF_ANY_METHOD},
         models::Export,
+        options::Options,
         request::{BackendChoice, MethodRequest},
         scene::CameraExtent,
     };
@@ -95,12 +96,40 @@ mod tests {
             let is_explained = |name: &&str| shared(name) || method.description.contains(*name);
             assert!(optional.iter().all(is_explained), "{}", method.id);
             assert!(optional.iter().all(|name| !own.contains(name)));
+            let has = |name: &&str| own.contains(name) || optional.contains(name);
+            assert!(method.ablation.iter().all(has), "{}", method.id);
         }
         let message = find("nerf").map(|_| ()).expect_err("unknown").to_string();
         assert!(
             message.contains("nerf") && message.contains("odgs"),
             "{message}"
         );
+    }
+
+    #[test]
+    fn constants_have_a_source_and_a_default_in_their_range() {
+        for method in METHODS {
+            for option in method.options {
+                let Some(constant) = option.constant else {
+                    continue;
+                };
+                assert!(!constant.source.is_empty(), "{}", option.id);
+                let weighs = constant.weighs.iter();
+                let mut unknown = weighs.filter(|name| {
+                    !method.components.contains(*name)
+                        && !method.optional_components.contains(*name)
+                });
+                assert_eq!(unknown.next(), None, "{}: {}", method.id, option.id);
+                // A default by the scene is described in words.
+                let line = format!("{}={}", option.id, option.default);
+                let read = Options::parse(method.id, method.options, &[line]);
+                assert!(
+                    read.is_ok() || option.default.contains(' '),
+                    "{}",
+                    option.id
+                );
+            }
+        }
     }
 
     #[test]

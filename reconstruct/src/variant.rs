@@ -1,5 +1,5 @@
-//! Names of a method with other components than its own: `odgs-with-short-schedule`,
-//! `omni4dgs-plus-without-mask-seeds`, `omni4dgs-plan-auto`.
+//! Names of a method with other components or constants than its own: `odgs-with-short-schedule`,
+//! `omni4dgs-plus-without-mask-seeds`, `omni4dgs-plan-auto`, `omni4dgs-set-gamma=1`.
 //!
 //! Tables show them in place of the method's name, so that every row has an exact name.
 
@@ -7,12 +7,14 @@ use crate::registry::find;
 use omnilife_training::{
     error::ReconstructError,
     method::Method,
+    options::Options,
     request::{BackendChoice, DefaultPlan, MethodRequest, PlanChoice},
 };
 
 const WITH: &str = "-with-";
 const WITHOUT: &str = "-without-";
 const PLAN: &str = "-plan-";
+const SET: &str = "-set-";
 
 /// A method with its requested components.
 #[derive(Debug, Clone, PartialEq)]
@@ -25,6 +27,8 @@ pub struct Variant {
     pub without: Vec<String>,
     /// Plan of the other components; `None` is the method's own.
     pub plan: Option<PlanChoice>,
+    /// Constants of its publication with other values than by default.
+    pub constants: Options,
 }
 
 impl Variant {
@@ -42,14 +46,15 @@ impl Variant {
             with: sorted(&request.with),
             without: sorted(&request.without),
             plan: (!by_default).then(|| request.plan.clone()),
+            constants: request.options.changed_constants(method.options),
         }
     }
 
-    /// Reads a name: that of a method, and behind it any number of `-with-COMPONENT`, `-without-COMPONENT`, and
-    /// `-plan-auto` or `-plan-full`.
+    /// Reads a name: that of a method, and behind it any number of `-with-COMPONENT`, `-without-COMPONENT`,
+    /// `-set-CONSTANT=VALUE`, and `-plan-auto` or `-plan-full`.
     ///
     /// # Errors
-    /// When the method does not exist, or lacks a component.
+    /// When the method does not exist, or lacks a component or a constant, or a value is not allowed.
     pub fn parse(name: &str) -> Result<Self, ReconstructError> {
         let (id, mut rest) = name.split_at(next_mark(name));
         let method = find(id)?;
@@ -58,16 +63,21 @@ impl Variant {
             with: Vec::new(),
             without: Vec::new(),
             plan: None,
+            constants: Options::default(),
         };
+        let mut set = Vec::new();
         while let Some((mark, behind)) = mark_of(rest) {
             let (word, following) = behind.split_at(next_mark(behind));
             match mark {
                 WITH => variant.with.push(word.to_owned()),
                 WITHOUT => variant.without.push(word.to_owned()),
+                SET => set.push(word.to_owned()),
                 _ => variant.plan = Some(plan(name, word)?.into()),
             }
             rest = following;
         }
+        variant.constants = Options::parse(method.id, method.options, &set)?;
+        refuse_others(method, &variant.constants)?;
         let request = variant.request(1, 0);
         method.check(&request, BackendChoice::Cpu)?;
         // One name for one variant: results are identified by it.
@@ -82,6 +92,7 @@ impl Variant {
             with: self.with.clone(),
             without: self.without.clone(),
             plan: self.plan.clone().unwrap_or_else(plan),
+            options: self.constants.clone(),
             ..MethodRequest::new(iterations, seed)
         }
     }
@@ -102,20 +113,39 @@ impl std::fmt::Display for Variant {
         for name in &self.without {
             write!(f, "{WITHOUT}{name}")?;
         }
+        for line in self.constants.lines() {
+            write!(f, "{SET}{line}")?;
+        }
         Ok(())
+    }
+}
+
+/// Refuses options that are no constants of a publication: results of one name may differ in them.
+fn refuse_others(method: &Method, options: &Options) -> Result<(), ReconstructError> {
+    let mut declared = method.options.iter();
+    let other = declared
+        .find(|option| option.constant.is_none() && options.names().any(|name| name == option.id));
+    match other {
+        None => Ok(()),
+        Some(option) => Err(ReconstructError::Request {
+            reason: format!(
+                "{}: the option {} stands in no name of a method; give it with --set",
+                method.id, option.id
+            ),
+        }),
     }
 }
 
 /// Returns the position of the next mark of a text, or its length.
 fn next_mark(text: &str) -> usize {
-    let marks = [WITH, WITHOUT, PLAN];
+    let marks = [WITH, WITHOUT, PLAN, SET];
     let found = marks.iter().filter_map(|mark| text.find(mark)).min();
     found.unwrap_or(text.len())
 }
 
 /// Returns the mark at the start of a text, and the rest.
 fn mark_of(text: &str) -> Option<(&'static str, &str)> {
-    [WITH, WITHOUT, PLAN]
+    [WITH, WITHOUT, PLAN, SET]
         .into_iter()
         .find_map(|mark| Some((mark, text.strip_prefix(mark)?)))
 }
@@ -144,12 +174,17 @@ mod tests {
             "omni4dgs-plan-auto-with-mask-seeds-with-static-table",
             "omni4dgs-plus-plan-full-without-mask-seeds",
             "periodic-without-temporal-density",
+            "omni4dgs-with-velocity-decomposition-set-gamma=0.25-set-velocity-form=literal",
+            "panogs-with-scaffold-set-scaffold-weight=10",
         ] {
             let variant = Variant::parse(name).expect(name);
             assert_eq!(variant.to_string(), name);
             let method = find(variant.method).expect("a method");
             assert_eq!(Variant::of(method, &variant.request(600, 3)), variant);
         }
+        // Values by default are no variant, however they are written.
+        let usual = Variant::parse("omni4dgs-set-gamma=5e-1-set-motion-form=seen");
+        assert_eq!(usual.expect("a name").to_string(), "omni4dgs");
         // One name for one variant, in any order of its parts.
         let other = Variant::parse("omni4dgs-with-static-table-plan-full-with-mask-seeds");
         let name = other.map(|variant| variant.to_string());
@@ -166,6 +201,9 @@ mod tests {
             ("odgs-with-masks", "masks"),
             ("odgs-without-", "odgs component"),
             ("odgs-plan-half", "auto or full"),
+            ("omni4dgs-set-gamma=much", "is not a number, 0 to 8"),
+            ("omni4dgs-set-gama=1", "did you mean \"gamma\"?"),
+            ("odgs-set-max-gaussians=7", "give it with --set"),
             (
                 "odgs-with-sky-shell-without-sky-shell",
                 "asked for and left out",
@@ -180,7 +218,9 @@ mod tests {
     fn no_name_of_a_method_reads_as_a_variant() {
         for method in METHODS {
             let all = [method.components, method.optional_components].concat();
-            for mark in [WITH, WITHOUT, PLAN] {
+            let options: Vec<&str> = method.options.iter().map(|option| option.id).collect();
+            let all = [&all[..], &options[..]].concat();
+            for mark in [WITH, WITHOUT, PLAN, SET] {
                 let holds = |name: &str| format!("-{name}-").contains(mark);
                 assert!(!holds(method.id) && !all.iter().any(|name| holds(name)));
             }

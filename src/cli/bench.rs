@@ -260,6 +260,9 @@ pub(crate) enum BenchCommand {
         /// them. `run` and `bench run` have 1500.
         #[arg(long, default_value_t = 30_000)]
         iterations: u64,
+        /// Uses the components of the ablation in the method's publication, and leaves them out one at a time.
+        #[arg(long)]
+        paper: bool,
     },
     /// Lists the protocols, the metrics and the adapters.
     List,

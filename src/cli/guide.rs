@@ -181,7 +181,10 @@ pub(crate) const EXAMPLES: &[Examples] = &[
         "reconstruct edit",
         &["reconstruct edit RUN --script edit.toml --out EDITED"],
     ),
-    ("reconstruct methods", &["reconstruct methods"]),
+    (
+        "reconstruct methods",
+        &["reconstruct methods", "reconstruct methods --json"],
+    ),
     ("reconstruct backends", &["reconstruct backends"]),
     (
         "bench split",
@@ -238,7 +241,7 @@ pub(crate) const EXAMPLES: &[Examples] = &[
     ),
     (
         "bench ablate",
-        &["bench ablate SEQUENCE --method omni4dgs --plan full --out ABLATION"],
+        &["bench ablate SEQUENCE --method omni4dgs --paper --out ABLATION"],
     ),
     ("bench list", &["bench list"]),
     (

@@ -403,8 +403,12 @@ pub(crate) enum ReconstructCommand {
         #[arg(long)]
         out: PathBuf,
     },
-    /// Lists the methods.
-    Methods,
+    /// Lists the methods, their components, and their options with unit, range, default and source.
+    Methods {
+        /// Prints the list as JSON.
+        #[arg(long)]
+        json: bool,
+    },
     /// Says for each method, component, parameterization and kernel whether a backend has it.
     Backends,
 }

@@ -29,18 +29,26 @@ use crate::{
 /// Name of the table, in the folder of the runs.
 const TABLE_FILE: &str = "ablation.md";
 
-/// Runs every row, or takes it from the folder where its inputs are unchanged; prints the table.
+/// Runs every row, or takes it from the folder where its inputs are unchanged; prints the table. `of_paper`: the rows
+/// are those of the ablation in the method's publication.
 ///
 /// # Errors
-/// When the method has no such component, or a run fails; the others are in the table.
+/// When the method has no such component, its publication no ablation, or a run fails; the others are in the table.
 pub(crate) fn execute(
     scene: &Path,
     out: &Path,
     protocol: &str,
     (arguments, iterations): (&MethodArguments, u64),
+    of_paper: bool,
     progress: &dyn Progress,
 ) -> anyhow::Result<()> {
     let method = methods::find(&arguments.method)?;
+    let arguments = if of_paper {
+        with_ablated(method, arguments)?
+    } else {
+        arguments.clone()
+    };
+    let arguments = &arguments;
     // A faulty request must not be found out by every row.
     let asked = arguments.request(iterations)?;
     method.check(&asked, arguments.backend.into())?;
@@ -56,7 +64,11 @@ pub(crate) fn execute(
                 method.check(&without, arguments.backend.into()).is_ok()
             };
             let decisions = plan_cost::decisions(scene, &split, method, &asked)?;
-            let rows = rows(&decisions, can_be_left_out);
+            let is_in_question =
+                |component: &str| !of_paper || method.ablation.contains(&component);
+            let rows = rows(&decisions, |component| {
+                is_in_question(component) && can_be_left_out(component)
+            });
             if rows.len() == 1 {
                 return Err(BadRequest(format!(
                     "{} uses no components on this scene that could be left out",
@@ -97,6 +109,29 @@ pub(crate) fn execute(
         })?;
     exit::print(&format!("{table}\n{}\n", out.join(TABLE_FILE).display()))?;
     as_result(&failures, rows)
+}
+
+/// Returns the arguments with all components of the ablation in the method's publication.
+///
+/// # Errors
+/// When the publication has no ablation of components.
+fn with_ablated(method: &Method, arguments: &MethodArguments) -> anyhow::Result<MethodArguments> {
+    if method.ablation.is_empty() {
+        return Err(BadRequest(format!(
+            "{}: its publication has no ablation of components that are here; leave --paper out",
+            method.id
+        ))
+        .into());
+    }
+    let mut arguments = arguments.clone();
+    let is_given = |name: &str, names: &[String]| names.iter().any(|given| given == name);
+    for &name in method.ablation {
+        let is_decided = is_given(name, &arguments.with) || is_given(name, &arguments.without);
+        if method.optional_components.contains(&name) && !is_decided {
+            arguments.with.push(name.to_owned());
+        }
+    }
+    Ok(arguments)
 }
 
 /// Returns an error where a row failed.
@@ -173,7 +208,44 @@ fn row(result: &ResultRecord) -> String {
 
 #[cfg(test)]
 mod tests {
+    use clap::Parser;
+
     use super::*;
+
+    #[derive(Debug, Parser)]
+    struct MethodLine {
+        #[command(flatten)]
+        method: MethodArguments,
+    }
+
+    #[test]
+    fn what_is_an_option_here_is_used_where_the_publication_ablates_it() {
+        let arguments = |method: &str, without: &[&str]| {
+            let words = ["omnilife", "--method", method];
+            let without = without.iter().flat_map(|&name| ["--without", name]);
+            MethodLine::try_parse_from(words.into_iter().chain(without))
+                .expect("arguments")
+                .method
+        };
+        let names = |method: &str, without: &[&str]| {
+            let row = methods::find(method).expect("a method");
+            let arguments = with_ablated(row, &arguments(method, without));
+            arguments.map(|arguments| arguments.with)
+        };
+        assert_eq!(
+            names("omni4dgs", &[]).expect("an ablation"),
+            ["velocity-decomposition", "motion-regularization"]
+        );
+        assert_eq!(
+            names("omni4dgs", &["velocity-decomposition"]).expect("an ablation"),
+            ["motion-regularization"]
+        );
+        let refused = names("odgs", &[]).expect_err("no ablation").to_string();
+        assert!(
+            refused.contains("odgs: its publication has no ablation"),
+            "{refused}"
+        );
+    }
 
     #[test]
     fn what_a_plan_uses_is_left_out_one_at_a_time() {

@@ -231,7 +231,11 @@ pub(crate) fn execute(command: &BenchCommand, progress: &dyn Progress) -> anyhow
             protocol,
             method,
             iterations,
-        } => ablate::execute(scene, out, protocol, (method, *iterations), progress),
+            paper,
+        } => {
+            let method = (&**method, *iterations);
+            ablate::execute(scene, out, protocol, method, *paper, progress)
+        }
         BenchCommand::List => exit::print(&list()),
     }
 }

@@ -10,6 +10,7 @@ pub(crate) mod curate;
 pub(crate) mod dataset;
 pub(crate) mod leaderboard;
 mod ledger;
+mod method_list;
 mod pooled;
 pub(crate) mod reconstruct;
 mod submission;

@@ -9,15 +9,13 @@ use omnilife_reconstruct::{
         reconstruct::{self, ReconstructRequest},
         render,
     },
-    methods::{self, METHODS, Method},
-    process,
-    request::BackendChoice,
-    scene,
+    methods::{self, METHODS},
+    process, scene,
 };
 use omnilife_schemas::{camera::Camera, layout::RUN_FILE, progress::Progress};
 use omnilife_video::Projection;
 
-use super::{note_far_frames, video};
+use super::{curate::print_json, method_list, note_far_frames, video};
 use crate::{
     cli::{AssetArguments, ReconstructCommand, RenderArguments},
     exit, preparation, termination,
@@ -114,8 +112,12 @@ pub(crate) fn execute(command: &ReconstructCommand, progress: &dyn Progress) -> 
             let lines = done.iter().map(|line| format!("{line}\n"));
             exit::print(&lines.collect::<String>())
         }
-        ReconstructCommand::Methods => {
-            exit::print(&METHODS.iter().map(description).collect::<String>())
+        ReconstructCommand::Methods { json: false } => {
+            exit::print(&METHODS.iter().map(method_list::text).collect::<String>())
+        }
+        ReconstructCommand::Methods { json: true } => {
+            let records = METHODS.iter().map(method_list::record);
+            print_json(&records.collect::<Vec<_>>())
         }
         ReconstructCommand::Backends => exit::print(&backends::tables()),
     }
@@ -133,40 +135,6 @@ fn training_words(training: f64, planning: f64, evaluation: f64) -> String {
     );
     if evaluation > 0.0 {
         text += &format!(", measuring on the way took {evaluation:.1} s more");
-    }
-    text
-}
-
-/// Returns a method's description for the list, one fact per line.
-fn description(method: &Method) -> String {
-    let mut text = format!(
-        "{}\n  {}\n  {}\n  {}\n",
-        method.id, method.title, method.source, method.description
-    );
-    let backends = method.backends.iter().map(|backend| match backend {
-        BackendChoice::Cpu => "cpu",
-        BackendChoice::Gpu => "gpu",
-    });
-    text += &format!("  Backends: {}\n", backends.collect::<Vec<_>>().join(", "));
-    for (label, components) in [
-        ("Components", method.components),
-        ("On request", method.optional_components),
-    ] {
-        if !components.is_empty() {
-            text += &format!("  {label}: {}\n", components.join(", "));
-        }
-    }
-    if !method.options.is_empty() {
-        text += "  Options (--set NAME=VALUE):\n";
-    }
-    for option in method.options {
-        text += &format!(
-            "    {}: {}; {} [default: {}]\n",
-            option.id,
-            option.doc,
-            option.values.text(),
-            option.default
-        );
     }
     text
 }

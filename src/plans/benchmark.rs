@@ -379,6 +379,9 @@ impl Work<'_> {
                 for (option, value) in with.chain(without).chain(plan) {
                     command.extend(words(&[option, value]));
                 }
+                for line in variant.constants.lines() {
+                    command.extend(words(&["--set", &line]));
+                }
                 command
             }
         };

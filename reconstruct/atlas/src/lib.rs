@@ -142,6 +142,13 @@ pub const METHOD: Method = Method {
         plan::COARSE_TO_FINE,
     ],
     optional_components: &[],
+    // Supplement, Table 10.
+    ablation: &[
+        plan::COARSE_TO_FINE,
+        plan::FLOW,
+        plan::VIEW,
+        plan::MASK_LOSS,
+    ],
     default_plan: DefaultPlan::Auto,
     backends: ON_CPU,
     requires: &[],

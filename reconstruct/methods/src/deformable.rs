@@ -49,6 +49,7 @@ pub const METHOD: Method = Method {
         OPACITY_RESET,
     ],
     optional_components: components::OF_ANY_METHOD,
+    ablation: &[],
     default_plan: DefaultPlan::Full,
     backends: ON_CPU_AND_GPU,
     requires: &[],

@@ -36,6 +36,7 @@ pub const METHOD: Method = Method {
                   begins with those of a spherical sweep.",
     components: &[swept_points::ID, sky_shell::ID, OPACITY_RESET],
     optional_components: components::OF_ANY_METHOD,
+    ablation: &[],
     default_plan: DefaultPlan::Auto,
     backends: ON_CPU_AND_GPU,
     requires: &[],

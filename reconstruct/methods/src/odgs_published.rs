@@ -38,6 +38,7 @@ pub const METHOD: Method = Method {
                   limit (that of odgs holds).",
     components: &[],
     optional_components: &[],
+    ablation: &[],
     default_plan: DefaultPlan::Auto,
     backends: ON_CPU,
     requires: &[],

@@ -63,6 +63,14 @@ pub const METHOD: Method = Method {
         mask_seeds::ID,
         static_table::ID,
     ],
+    // Table 6.
+    ablation: &[
+        TEMPORAL_OPACITY,
+        TEMPORAL_MOTION,
+        VELOCITY_DECOMPOSITION,
+        DYNAMIC_MASK,
+        MOTION_REGULARIZATION,
+    ],
     default_plan: DefaultPlan::Full,
     backends: ON_CPU_AND_GPU,
     requires: &[],

@@ -47,7 +47,8 @@ pub const METHOD: Method = Method {
                   spherical sweep where the scene's leave surfaces bare, and no density control in \
                   time: dynamic Gaussians are there at the moments between input views too. Below the \
                   limit on their number Gaussians with time grow first. Components are left out \
-                  where a scene gives no reason for them.",
+                  where a scene gives no reason for them. On request, in forms that act: \
+                  velocity-decomposition and motion-regularization.",
     components: &[
         TEMPORAL_OPACITY,
         TEMPORAL_MOTION,
@@ -67,6 +68,7 @@ pub const METHOD: Method = Method {
         OPACITY_RESET,
     ],
     optional_components: &[VELOCITY_DECOMPOSITION, MOTION_REGULARIZATION],
+    ablation: &[],
     default_plan: DefaultPlan::Auto,
     backends: ON_CPU_AND_GPU,
     requires: &[],

@@ -68,6 +68,7 @@ pub const METHOD: Method = Method {
         static_table::ID,
         LIFESPAN_LOSS,
     ],
+    ablation: &[],
     default_plan: DefaultPlan::Full,
     backends: ON_CPU_AND_GPU,
     requires: &[],

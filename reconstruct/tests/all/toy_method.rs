@@ -278,6 +278,7 @@ const TOY: Method = Method {
     description: "Static Gaussians that drift with one velocity, as the simplest thing that moves.",
     components: &[],
     optional_components: &[],
+    ablation: &[],
     default_plan: DefaultPlan::Auto,
     backends: ON_CPU_AND_GPU,
     requires: &[],

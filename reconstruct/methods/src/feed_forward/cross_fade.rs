@@ -21,6 +21,7 @@ pub const METHOD: Method = Method {
                   near they are in time. No pose is used.",
     components: &[],
     optional_components: &[],
+    ablation: &[],
     default_plan: DefaultPlan::Auto,
     backends: ON_CPU,
     requires: &[],

@@ -26,6 +26,7 @@ pub const METHOD: Method = Method {
                   are in time. Orientations are used, positions and depth are not.",
     components: &[],
     optional_components: &[],
+    ablation: &[],
     default_plan: DefaultPlan::Auto,
     backends: ON_CPU,
     requires: &[],

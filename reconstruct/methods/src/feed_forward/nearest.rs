@@ -20,6 +20,7 @@ pub const METHOD: Method = Method {
                   earlier one of two as near). No pose is used.",
     components: &[],
     optional_components: &[],
+    ablation: &[],
     default_plan: DefaultPlan::Auto,
     backends: ON_CPU,
     requires: &[],

@@ -64,6 +64,7 @@ pub const METHOD: Method = Method {
         dropout::ID,
         denser_points::ID,
     ],
+    ablation: &[],
     default_plan: DefaultPlan::Auto,
     backends: ON_CPU,
     requires: &[

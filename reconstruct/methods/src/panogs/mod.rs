@@ -104,6 +104,7 @@ pub const METHOD: Method = Method {
         NEIGHBOUR_VIEWS,
     ],
     optional_components: &[SCAFFOLD],
+    ablation: &[],
     default_plan: DefaultPlan::Auto,
     backends: ON_CPU,
     requires: &[],

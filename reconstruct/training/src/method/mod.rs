@@ -133,6 +133,8 @@ pub struct Method {
     pub components: &'static [&'static str],
     /// Optional components, used by name.
     pub optional_components: &'static [&'static str],
+    /// Components that the ablation in its publication leaves out; empty if it has none.
+    pub ablation: &'static [&'static str],
     /// Default decision on its components.
     pub default_plan: DefaultPlan,
     /// Supported backends.

@@ -41,6 +41,7 @@ pub const METHOD: Method = Method {
                   and blended by confidence and nearness.",
     components: &[],
     optional_components: &[],
+    ablation: &[],
     default_plan: DefaultPlan::Auto,
     backends: ON_CPU,
     requires: &[],
