@@ -20,7 +20,7 @@ const POSES: &str = "pose-refinement";
 const SHORT: &str = "short-schedule";
 
 /// Returns the test scene with a gain that falls over the clip and poses that drift.
-fn spoilt(mut scene: TrainingScene) -> TrainingScene {
+pub(crate) fn spoilt(mut scene: TrainingScene) -> TrainingScene {
     for view in scene.input_views.iter_mut().chain(&mut scene.novel_views) {
         let gain = 1.0 - 0.25 * f64::from(view.frame) / 14.0;
         for value in &mut view.pixels {

@@ -16,6 +16,7 @@ mod gpu_training;
 mod interpolation;
 mod moved_scene;
 mod neural_atlas;
+mod no_ops;
 mod object_graph;
 mod pinhole;
 mod pose_refinement;

@@ -2,6 +2,6 @@
 
 mod lift;
 mod panogs;
-mod room;
+pub(crate) mod room;
 mod shards;
 mod views;

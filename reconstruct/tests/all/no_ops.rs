@@ -1,0 +1,365 @@
+//! A detector of components without an effect: every component of every method in a run with all of them, without
+//! it, and with a hundred times its weight if it has one. Images must differ by more than last bits.
+//!
+//! A component that fails may be in no default plan, price or table: its row loses it, or it gets a form that acts.
+
+use std::{cell::OnceCell, collections::BTreeSet, path::Path};
+
+use glam::{DMat3, DQuat, DVec3, dvec2, dvec3};
+use omnilife_engine::{
+    camera::{Camera, View},
+    schedule::Position,
+    training_view::TrainingView,
+};
+use omnilife_reconstruct::{
+    components,
+    methods::{self, METHODS, Method, Prepared},
+    options::{MethodOption, OptionValues, Options},
+    request::{BackendChoice, MethodRequest},
+    scene::{TrainingScene, depth::PriorFile},
+};
+use omnilife_schemas::{
+    Pose, RgbImage, Similarity,
+    camera::{CameraModel, ErpCamera},
+    npy,
+    points::PointCloud,
+    records::{DepthPrior, DistanceConvention, Scale},
+};
+
+use crate::{components::spoilt, depth::room, object_graph};
+
+/// Least relative difference of images, root mean square. Last bits make less than a hundredth of it.
+const LIMIT: f64 = 1e-4;
+/// Steps of a run.
+const STEPS: u64 = 24;
+/// A schedule in which there are resets of opacities; a run takes steps that are evenly spread over it.
+const LONG_SCHEDULE: u64 = 250 * STEPS;
+/// Options that make runs short, for the methods that have them.
+const SMALL: [(&str, &str); 4] = [
+    ("max-gaussians", "600"),
+    ("rays", "512"),
+    ("base-fields", "tiny"),
+    ("motion-fields", "tiny"),
+];
+
+/// A scene with a schedule.
+struct Case {
+    name: &'static str,
+    scene: TrainingScene,
+    iterations: u64,
+}
+
+/// A run of a method on a case.
+struct Trial {
+    /// Names of the used components.
+    used: BTreeSet<String>,
+    images: Vec<RgbImage>,
+}
+
+/// Returns the cases, of which a component must act in one.
+fn cases(folder: &Path) -> Vec<Case> {
+    let clip = clip();
+    let mut without_points = clip.clone();
+    without_points.points = PointCloud::default();
+    let case = |name, scene, iterations| Case {
+        name,
+        scene,
+        iterations,
+    };
+    // Two corners of the room, far from each other: few surfaces that one camera is near to are near to all.
+    let corners = [
+        dvec3(-5.0, -7.0, 0.5),
+        dvec3(-4.6, -6.6, 0.9),
+        dvec3(5.0, 7.0, 0.5),
+        dvec3(4.6, 6.6, 0.9),
+    ];
+    let walk = [0, 1, 2, 3, 4].map(|number| room::camera_pose(number).1);
+    vec![
+        case("clip", clip.clone(), STEPS),
+        case("long schedule", clip, LONG_SCHEDULE),
+        case("clip without points", without_points, STEPS),
+        case("room", furnished(&folder.join("walk"), &walk), STEPS),
+        case(
+            "corners",
+            furnished(&folder.join("corners"), &corners),
+            STEPS,
+        ),
+    ]
+}
+
+/// Returns a clip with all that components look for: a ball that moves, with masks and a track; gains and poses
+/// that drift; directions without points, and surfaces with few.
+fn clip() -> TrainingScene {
+    let mut scene = spoilt(object_graph::scene());
+    let all = std::mem::take(&mut scene.points);
+    let points = all.positions.into_iter().zip(all.colours);
+    // The world's y axis points down.
+    let below = points.filter(|(position, _)| position[1] > -2.0);
+    for (position, colour) in below.step_by(2) {
+        scene.points.positions.push(position);
+        scene.points.colours.push(colour);
+    }
+    scene
+}
+
+/// Returns the room without a ceiling as cameras at some places see it, with distances on a coarser grid than the
+/// images', which get worse from camera to camera.
+fn furnished(folder: &Path, centres: &[DVec3]) -> TrainingScene {
+    std::fs::create_dir(folder).unwrap();
+    let normalization = Similarity {
+        offset: [0.0; 3],
+        scale: 0.25,
+    };
+    let [camera, coarse] = [128, 64].map(|width| ErpCamera {
+        width,
+        height: width / 2,
+    });
+    let (mut input_views, mut depth_priors) = (Vec::new(), Vec::new());
+    for (number, &centre) in centres.iter().enumerate() {
+        let to_world = room::camera_pose(number).0;
+        let pose = Pose::new(DQuat::from_mat3(&to_world), centre);
+        let colours = hits(camera, &to_world, centre);
+        let pixels = colours
+            .iter()
+            .flat_map(|hit| (hit.colour * 255.0).round().as_u8vec3().to_array());
+        input_views.push(TrainingView {
+            frame: number as u32,
+            view: View::new(camera.into(), &pose, &normalization, 0.1 * number as f64).unwrap(),
+            pixels: pixels.collect(),
+            mask: None,
+            ignored: None,
+        });
+        let metres = hits(coarse, &to_world, centre);
+        let metres = metres.iter().enumerate().map(|(pixel, hit)| {
+            let is_known = pixel as u32 / coarse.width >= 12;
+            let error = 1.0 + 0.01 * number as f64;
+            if is_known {
+                (hit.distance * error) as f32
+            } else {
+                0.0
+            }
+        });
+        let path = folder.join(format!("{number}.npy"));
+        let shape = [coarse.height as usize, coarse.width as usize];
+        npy::write_f32(&path, &shape, &metres.collect::<Vec<_>>()).unwrap();
+        depth_priors.push(Some(PriorFile {
+            path,
+            prior: DepthPrior {
+                file: format!("{number}.npy"),
+                unit: 1.0,
+                width: coarse.width,
+                height: coarse.height,
+                convention: DistanceConvention::Ray,
+                source: "closed form".to_owned(),
+            },
+        }));
+    }
+    TrainingScene {
+        id: "room".to_owned(),
+        camera: Camera::from(camera),
+        input_views,
+        novel_views: Vec::new(),
+        normalization,
+        scale: Scale::Metres,
+        is_normalized_by_points: false,
+        added_points: 0,
+        seen_for_points: None,
+        points: PointCloud::default(),
+        depth_priors,
+        novel_depth_priors: Vec::new(),
+        objects: [].into(),
+        tracks: None,
+    }
+}
+
+/// Returns what the pixels of a camera see of the room.
+fn hits(camera: ErpCamera, to_world: &DMat3, centre: DVec3) -> Vec<room::Hit> {
+    let [width, height] = [camera.width as usize, camera.height as usize];
+    let hit = |at: usize| {
+        let pixel = dvec2((at % width) as f64 + 0.5, (at / width) as f64 + 0.5);
+        room::trace(centre, *to_world * camera.unproject(pixel))
+    };
+    (0..width * height).map(hit).collect()
+}
+
+/// Returns a request for a method with components and options, beside those that make it short.
+fn request(
+    method: &Method,
+    case: &Case,
+    with: &[&str],
+    without: &[&str],
+    set: &[String],
+) -> MethodRequest {
+    let owned = |names: &[&str]| names.iter().map(|&name| name.to_owned()).collect();
+    let has = |id: &str| method.options.iter().any(|option| option.id == id);
+    let small = SMALL.iter().filter(|(id, _)| has(id));
+    let small = small.map(|(id, value)| format!("{id}={value}"));
+    let lines: Vec<String> = small.chain(set.iter().cloned()).collect();
+    MethodRequest {
+        with: owned(with),
+        without: owned(without),
+        options: Options::parse(method.id, method.options, &lines).unwrap(),
+        ..MethodRequest::new(case.iterations, 7)
+    }
+}
+
+/// Returns a run; `None` for a scene that lacks an input of the method.
+fn trial(method: &Method, case: &Case, request: &MethodRequest) -> Option<Trial> {
+    let mut scene = case.scene.clone();
+    let points = components::complete_points(&mut scene, method.supported(), request);
+    let prepared = method.prepare(&scene, request, BackendChoice::Cpu);
+    let Prepared {
+        mut learner,
+        findings,
+        ..
+    } = prepared.ok()?;
+    let plan = points.into_iter().chain(findings.plan);
+    let used = plan.filter(|decision| decision.used).map(|decision| {
+        // A decision on one part of a model.
+        let name = decision.component.split(':').next();
+        name.unwrap_or_default().to_owned()
+    });
+    let used = used.collect();
+    let views = scene.input_views.len();
+    for step in 1..=STEPS {
+        let iteration = step * request.iterations / STEPS;
+        let at = Position::new(request.iterations, None, iteration, 0.0);
+        // All views in turn, far ones one after another.
+        learner.step(5 * step as usize % views, &at).unwrap();
+        learner.maintain(&at).unwrap();
+    }
+    let seen = scene.input_views.iter().chain(&scene.novel_views);
+    let images = seen
+        .step_by(3)
+        .map(|view| learner.image(&view.view).unwrap());
+    let images = images.collect();
+    Some(Trial { used, images })
+}
+
+/// Returns the relative difference of two runs' images, root mean square.
+fn difference(one: &Trial, other: &Trial) -> f64 {
+    let values = |trial: &Trial| -> Vec<f64> {
+        let images = trial.images.iter().flat_map(|image| &image.data);
+        images.map(|&value| f64::from(value)).collect()
+    };
+    let [one, other] = [one, other].map(values);
+    let squares = one.iter().zip(&other).map(|(a, b)| (a - b).powi(2));
+    let of_one: f64 = one.iter().map(|value| value * value).sum();
+    (squares.sum::<f64>() / of_one.max(f64::MIN_POSITIVE)).sqrt()
+}
+
+/// Returns lines of options that make the weights of a component a hundred times as large, or as large as allowed.
+fn heavier(method: &Method, component: &str) -> Vec<String> {
+    let weighs = |option: &&MethodOption| {
+        let constant = option.constant;
+        constant.and_then(|constant| constant.weighs) == Some(component)
+    };
+    let weights = method.options.iter().filter(weighs);
+    let line = |option: &MethodOption| {
+        let OptionValues::Number { most, .. } = option.values else {
+            panic!("{}: a weight is a number", option.id);
+        };
+        let usual: Option<f64> = option.default.parse().ok();
+        let heavy = usual.map_or(most, |usual| (100.0 * usual).min(most));
+        format!("{}={heavy}", option.id)
+    };
+    weights.map(line).collect()
+}
+
+/// The runs of one method.
+struct Walk<'a> {
+    method: &'static Method,
+    cases: &'a [Case],
+    /// With all components, by case.
+    whole: Vec<OnceCell<Option<Trial>>>,
+}
+
+impl Walk<'_> {
+    fn all(&self) -> Vec<&'static str> {
+        [self.method.components, self.method.optional_components].concat()
+    }
+
+    /// Returns the run with all components.
+    fn whole(&self, number: usize) -> Option<&Trial> {
+        let case = &self.cases[number];
+        let run = || {
+            let request = request(self.method, case, &self.all(), &[], &[]);
+            trial(self.method, case, &request)
+        };
+        self.whole[number].get_or_init(run).as_ref()
+    }
+
+    /// Returns the difference that a component makes in a case, or a weight of it where that makes less; `None`
+    /// where it is not used.
+    fn effect(&self, number: usize, component: &str) -> Option<f64> {
+        let (method, case) = (self.method, &self.cases[number]);
+        let whole = self.whole(number)?;
+        if !whole.used.contains(component) {
+            return None;
+        }
+        let mut others = self.all();
+        others.retain(|name| *name != component);
+        let without = request(method, case, &others, &[component], &[]);
+        let mut least = difference(whole, &trial(method, case, &without)?);
+        for line in heavier(method, component) {
+            let heavier = request(method, case, &self.all(), &[], &[line]);
+            least = least.min(difference(whole, &trial(method, case, &heavier)?));
+        }
+        println!("{} {component}, {}: {least:.1e}", method.id, case.name);
+        Some(least)
+    }
+
+    /// Returns a line for each component without an effect in any case.
+    fn idle(&self) -> Vec<String> {
+        let acts = |component: &&&'static str| {
+            let mut numbers = 0..self.cases.len();
+            numbers.any(|number| self.effect(number, component).is_some_and(|by| by > LIMIT))
+        };
+        let all = self.all();
+        let idle = all.iter().filter(|component| !acts(component));
+        idle.map(|component| format!("{}: {component}", self.method.id))
+            .collect()
+    }
+}
+
+#[test]
+fn every_component_of_every_method_acts() {
+    let folder = tempfile::tempdir().unwrap();
+    let cases = cases(folder.path());
+    let mut idle = Vec::new();
+    for method in METHODS.iter().filter(|method| method.is_trained()) {
+        let walk = Walk {
+            method,
+            cases: &cases,
+            whole: cases.iter().map(|_| OnceCell::new()).collect(),
+        };
+        idle.extend(walk.idle());
+    }
+    assert_eq!(idle, Vec::<String>::new(), "without an effect in any case");
+}
+
+/// The limit finds what it is for: under Adam, two velocities whose weights add up to one are one velocity.
+#[test]
+fn the_printed_velocities_are_found_to_have_no_effect() {
+    let method = methods::find("omni4dgs").unwrap();
+    let case = Case {
+        name: "clip",
+        scene: clip(),
+        iterations: STEPS,
+    };
+    let run = |with: &[&str], form: &str| {
+        let set = [format!("velocity-form={form}")];
+        trial(method, &case, &request(method, &case, with, &[], &set)).unwrap()
+    };
+    let with = &["velocity-decomposition"];
+    let without = run(&[], "literal");
+    let [literal, projected] = ["literal", "projected"].map(|form| {
+        let trial = run(with, form);
+        assert!(trial.used.contains(with[0]));
+        difference(&without, &trial)
+    });
+    assert!(
+        literal < LIMIT && projected > LIMIT,
+        "{literal:.1e} {projected:.1e}"
+    );
+}
