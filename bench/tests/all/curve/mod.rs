@@ -382,7 +382,9 @@ fn a_curve_is_of_the_region_that_is_asked_for() {
     .unwrap_err();
     assert_eq!(error.error_kind(), ErrorKind::User);
     assert!(
-        error.to_string().contains("psnr-dynamic of novel views: the scene has no masks"),
+        error
+            .to_string()
+            .contains("psnr-dynamic of novel views: the scene has no masks"),
         "{error}"
     );
 }
