@@ -46,15 +46,19 @@ pub(super) fn mean(curves: &[&[CurvePoint]]) -> Vec<MeanPoint> {
         .collect()
 }
 
-/// Returns the rows after time 0.
+/// Returns the rows after time 0, one per iteration and in order, which a file need not have.
 fn timed(curve: &[CurvePoint]) -> Vec<MeanPoint> {
     let rows = curve.iter().filter(|point| point.seconds > 0.0);
-    rows.map(|point| MeanPoint {
-        seconds: point.seconds,
-        iteration: point.iteration,
-        psnr_db: point.psnr_db,
-    })
-    .collect()
+    let mut rows: Vec<MeanPoint> = rows
+        .map(|point| MeanPoint {
+            seconds: point.seconds,
+            iteration: point.iteration,
+            psnr_db: point.psnr_db,
+        })
+        .collect();
+    rows.sort_by_key(|point| point.iteration);
+    rows.dedup_by_key(|point| point.iteration);
+    rows
 }
 
 /// Returns a curve at an iteration from its first row on.
@@ -120,6 +124,8 @@ mod tests {
         assert_eq!(mean(&[]), []);
         let alone = [mean_point(1.0, 10, 20.0), mean_point(4.0, 30, 23.0)];
         assert_eq!(mean(&[&first]), alone);
+        let [start, middle, last] = first;
+        assert_eq!(mean(&[&[last, middle, start, last]]), alone);
     }
 
     #[test]
