@@ -18,7 +18,7 @@ use crate::{
     class::MethodClass,
     format::{self, PUBLISHED_LPIPS},
     group::{Group, MethodRow},
-    published::{Paper, PublishedLayout},
+    published::{ANCHORS, Paper, PublishedLayout},
     quantity::{Quantity, ViewKind},
     remarks::Remarks,
     table::{Column, Holds, Mark, Row, STATED_MARK, Table, mark_standings},
@@ -67,13 +67,12 @@ pub(crate) const LAYOUTS: &[Layout] = &[
     },
 ];
 
-/// Returns the published table that the methods of a protocol are shown with.
+/// Returns the published tables that the methods of a protocol are shown with.
 pub(crate) fn published_layout(protocol: &str) -> PublishedLayout {
-    if feed_forward::PUBLISHED.is_of(protocol) {
-        feed_forward::PUBLISHED
-    } else {
-        views::PUBLISHED
-    }
+    [feed_forward::PUBLISHED, ANCHORS]
+        .into_iter()
+        .find(|layout| layout.is_of(protocol))
+        .unwrap_or(views::PUBLISHED)
 }
 
 /// Returns the methods without variants.

@@ -27,7 +27,11 @@ fn train_as<'a>(scene: &'a TrainingScene, request: &MethodRequest) -> MethodOutc
 }
 
 fn train(scene: &TrainingScene, iterations: u64) -> MethodOutcome<'_> {
-    train_as(scene, &MethodRequest::new(iterations, 7))
+    let request = MethodRequest {
+        trace_every: Some(10),
+        ..MethodRequest::new(iterations, 7)
+    };
+    train_as(scene, &request)
 }
 
 #[test]

@@ -21,7 +21,7 @@ pub struct MethodRequest {
     pub without: Vec<String>,
     /// Decision on the others.
     pub plan: PlanChoice,
-    /// Iterations from one row of the trace to the next; `None` for rows at equal ratios of iterations.
+    /// Iterations from one row of the trace to the next; `None` for rows at equal ratios of CPU time.
     pub trace_every: Option<u64>,
     /// Values of the method's own options.
     pub options: Options,

@@ -62,7 +62,7 @@ pub struct TrainSettings {
     /// Shards that are trained one after another; `None` trains all Gaussians at once.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub shards: Option<Shards>,
-    /// Iterations between rows of the trace; `None` for rows at equal ratios of iterations. There is also a
+    /// Iterations between rows of the trace; `None` for rows at equal ratios of CPU time. There is also a
     /// row before the first step and after the last.
     pub trace_every: Option<u64>,
 }
