@@ -15,7 +15,7 @@ use omnilife_engine::{
         static_gaussians::{self, StaticGaussians},
     },
     model::{Model, Part},
-    parameters::decay::Decay,
+    parameters::{decay::Decay, short_schedule::LearningRate},
 };
 use omnilife_training::{
     baseline::{OPACITY_RESET, require_memory, scene_extent},
@@ -72,11 +72,12 @@ const PUBLISHED_ITERATIONS: f64 = 40_000.0;
 /// Iterations in which the canonical Gaussians are trained alone (`warm_up`): a network that starts without a
 /// scene explains the scene by motion.
 const WARM_UP_ITERATIONS: f64 = 3_000.0;
-/// The network's step size (`scene/deform_model.py`).
-const LEARNING_RATE: Decay = Decay {
+/// The network's step size (`scene/deform_model.py`), in shorter schedules too: with larger ones the weights of all
+/// layers, which Adam moves at once, do not settle.
+const LEARNING_RATE: LearningRate = LearningRate::unchanged(Decay {
     begin: 8e-4,
     end: 1.6e-6,
-};
+});
 /// First noise on the time, training intervals, and the iteration at which it has vanished (`train.py`). The
 /// scale is `PyTorch`'s standard deviation.
 const NOISE_INTERVALS: f32 = 0.1;

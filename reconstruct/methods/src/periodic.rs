@@ -12,7 +12,10 @@ use omnilife_engine::{
     density::settings::Threshold,
     gaussians::temporal::{LifespanFeature, TemporalFeatures, TimeModel, VelocityModel},
     model::dynamic_settings::{DynamicSettings, VelocityLoss},
-    parameters::decay::Decay,
+    parameters::{
+        decay::Decay,
+        short_schedule::{Growth, LearningRate},
+    },
 };
 use omnilife_training::{
     baseline::{OPACITY_RESET, scene_extent},
@@ -112,7 +115,7 @@ fn prepare(
     let mut draft = Draft::new(scene, request, supported, METHOD.motion())?;
     let extent = scene_extent(scene);
     dynamic::add_learning_rates(&mut draft.settings, extent);
-    let opacities = Decay::constant(OPACITY_RATE);
+    let opacities = LearningRate::new(Decay::constant(OPACITY_RATE), Growth::SETTLING);
     let rates = &mut draft.settings.learning_rates;
     rates.insert("opacity_logits".to_owned(), opacities);
     if request.options.densify_threshold().is_none() {

@@ -13,7 +13,10 @@ use omnilife_engine::{
         tracked::{self, OBJECT_POSES, OBJECT_POSITIONS, TrackedGaussians},
     },
     model::{Model, Part},
-    parameters::decay::Decay,
+    parameters::{
+        decay::Decay,
+        short_schedule::{Growth, LearningRate},
+    },
 };
 use omnilife_schemas::records::Tracks;
 
@@ -133,8 +136,12 @@ fn prepare(
         };
         draft.settings.objects = true;
         let rates = &mut draft.settings.learning_rates;
-        rates.insert(OBJECT_POSITIONS.to_owned(), POSITION_RATE);
-        rates.insert(OBJECT_POSES.to_owned(), pose_rate);
+        for (array, decay, growth) in [
+            (OBJECT_POSITIONS, POSITION_RATE, Growth::LASTING),
+            (OBJECT_POSES, pose_rate, Growth::EVEN),
+        ] {
+            rates.insert(array.to_owned(), LearningRate::new(decay, growth));
+        }
         let table = tracked::table(&objects.gaussians, &objects.numbers);
         parts.push(Part::new(
             TrackedGaussians::new(objects.objects, refines),

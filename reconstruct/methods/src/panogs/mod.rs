@@ -30,7 +30,11 @@ use omnilife_engine::{
         StaticGaussians,
     },
     model::{Model, Part},
-    parameters::{ArrayShape, decay::Decay},
+    parameters::{
+        ArrayShape,
+        decay::Decay,
+        short_schedule::{Growth, LearningRate},
+    },
     step::{memory::StepMemory, settings::TrainSettings},
 };
 
@@ -182,6 +186,7 @@ fn settings(
     let median = distances.get(distances.len() / 2).copied().unwrap_or(0.0);
     let extent = median.max(baseline::CAMERA_EXTENT);
     let step = Decay::constant(CENTRE_STEP * 1.6e-4 * extent);
+    let step = LearningRate::new(step, Growth::SETTLING);
     settings.learning_rates.insert("positions".to_owned(), step);
     settings
 }
