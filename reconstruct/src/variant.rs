@@ -1,5 +1,5 @@
-//! Names of a method with other components than its own: `odgs-with-short-schedule`,
-//! `omni4dgs-plus-without-mask-seeds`, `omni4dgs-plan-auto`.
+//! Names of a method with other components than its own: `odgs-without-short-schedule`, which has the published
+//! rates, `omni4dgs-without-aids`, `omni4dgs-plan-auto`.
 //!
 //! Tables show them in place of the method's name, so that every row has an exact name.
 
@@ -140,7 +140,10 @@ mod tests {
         for name in [
             "odgs",
             "omni4dgs-plus",
-            "odgs-with-short-schedule",
+            "odgs-with-dropout",
+            "odgs-without-short-schedule",
+            "omni4dgs-with-aids",
+            "omni4dgs-without-aids",
             "omni4dgs-plan-auto-with-mask-seeds-with-static-table",
             "omni4dgs-plus-plan-full-without-mask-seeds",
             "periodic-without-temporal-density",
@@ -166,6 +169,7 @@ mod tests {
             ("odgs-with-masks", "masks"),
             ("odgs-without-", "odgs component"),
             ("odgs-plan-half", "auto or full"),
+            ("odgs-published-without-aids", "aids"),
             (
                 "odgs-with-sky-shell-without-sky-shell",
                 "asked for and left out",

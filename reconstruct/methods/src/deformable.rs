@@ -19,7 +19,10 @@ use omnilife_engine::{
 };
 use omnilife_training::{
     baseline::{OPACITY_RESET, require_memory, scene_extent},
-    components::{self, Decision, Draft, draft::MotionEvidenceUse, sky_shell, swept_points},
+    components::{
+        Decision, Draft, aids, denser_points, draft::MotionEvidenceUse, short_schedule, sky_shell,
+        swept_points,
+    },
     error::ReconstructError,
     method::{Method, MethodKind, ON_CPU_AND_GPU, PreparedGaussians},
     models, options,
@@ -40,15 +43,18 @@ pub const METHOD: Method = Method {
                   is scaled to the run's; lengths are relative to the median distance of the \
                   points; its output layer begins at 0; quaternions are normalized and scales \
                   positive after the deformation; the noise's unit is one training interval \
-                  throughout, not one that grows within an epoch.",
+                  throughout, not one that grows within an epoch. Aids as odgs has them; the network's \
+                  rate is the published one. Its Gaussians have no lifespans, so it cannot have mask seeds.",
     components: &[
         DEFORMATION,
         TIME_NOISE,
         swept_points::ID,
+        denser_points::ID,
+        short_schedule::ID,
         sky_shell::ID,
         OPACITY_RESET,
     ],
-    optional_components: components::OF_ANY_METHOD,
+    optional_components: aids::ON_REQUEST,
     default_plan: DefaultPlan::Full,
     backends: ON_CPU_AND_GPU,
     requires: &[],

@@ -10,7 +10,7 @@ use omnilife_schemas::records::ComponentDecision;
 
 use crate::registry;
 use omnilife_training::{
-    components,
+    components::{self, static_table},
     error::ReconstructError,
     learner::ModelSize,
     method::{Method, Prepared},
@@ -68,7 +68,8 @@ pub fn plan(
     let points = components::complete_points(&mut scene, method.supported(), request);
     let full = MethodRequest {
         plan: PlanChoice::Full,
-        without: Vec::new(),
+        // Every Gaussian at a scene point carries every parameter.
+        without: vec![static_table::ID.to_owned()],
         ..request.clone()
     };
     let prepare = |request: &MethodRequest| method.prepare(&scene, request, BackendChoice::Cpu);

@@ -22,7 +22,9 @@ use omnilife_schemas::records::Tracks;
 
 use omnilife_training::{
     baseline::{self, OPACITY_RESET, require_memory},
-    components::{self, Decision, Draft, draft::MotionEvidenceUse, sky_shell},
+    components::{
+        Decision, Draft, aids, denser_points, draft::MotionEvidenceUse, short_schedule, sky_shell,
+    },
     error::ReconstructError,
     method::{Method, MethodKind, ON_CPU, PreparedGaussians, requirement::Requirement},
     models, options,
@@ -50,14 +52,16 @@ pub const METHOD: Method = Method {
                   background of odgs, not a random one; what does not move is static, whatever found it; \
                   static Gaussians begin at the points that came with the poses, or at those of `omnilife \
                   curate dense`; distances of vehicles are those of the ground around them, of a monocular \
-                  network where somebody gives its estimates.",
+                  network where somebody gives its estimates. Aids as odgs has them.",
     components: &[
         OBJECT_GRAPH,
         OBJECT_POSES_COMPONENT,
+        denser_points::ID,
+        short_schedule::ID,
         sky_shell::ID,
         OPACITY_RESET,
     ],
-    optional_components: components::OF_ANY_METHOD,
+    optional_components: aids::ON_REQUEST,
     default_plan: DefaultPlan::Auto,
     backends: ON_CPU,
     requires: &[
