@@ -24,12 +24,12 @@ use omnilife_schemas::{
     records::{DepthPrior, DistanceConvention, Scale, SurfaceFaults},
 };
 
-const CAMERA: ErpCamera = ErpCamera {
+pub(crate) const CAMERA: ErpCamera = ErpCamera {
     width: 128,
     height: 64,
 };
 /// Normalized units per metre.
-const UNIT: f64 = 0.25;
+pub(crate) const UNIT: f64 = 0.25;
 
 /// Returns the room with files of distances in metres, after `change`.
 pub(crate) fn scene(
