@@ -3,7 +3,7 @@
 pub use omnilife_engine::step::BackendChoice;
 use serde::{Deserialize, Serialize};
 
-use crate::{components::aids, options::Options};
+use crate::{aids, options::Options};
 
 /// A user's request to a method.
 #[derive(Debug, Clone, PartialEq, Serialize)]

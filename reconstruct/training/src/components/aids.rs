@@ -1,34 +1,11 @@
-//! Aids: components that help any method whose Gaussians can have them.
-//!
-//! They belong neither to a published method nor to one of this project. Scores compare methods only where both use
-//! the same aids. So methods of one class have the same aids by default, and records of runs say which they used.
-//!
-//! [`ALL`] in a request stands for all of them. `--without aids` leaves them out: the bare method. `--with aids` lets
-//! the evidence decide on the optional ones too.
+//! Aids of a method and of a run.
 
 use std::collections::BTreeMap;
 
 use omnilife_schemas::records::ComponentDecision;
 
-use super::{
-    Supported, denser_points, dropout, exposure_compensation, mask_seeds, pose_refinement,
-    short_schedule, static_table, view_dependent_colour,
-};
-
-/// Name of all aids together in a request.
-pub const ALL: &str = "aids";
-
-/// The aids.
-pub const AIDS: &[&str] = &[
-    exposure_compensation::ID,
-    view_dependent_colour::ID,
-    pose_refinement::ID,
-    short_schedule::ID,
-    dropout::ID,
-    denser_points::ID,
-    mask_seeds::ID,
-    static_table::ID,
-];
+use super::{Supported, dropout, exposure_compensation, pose_refinement, view_dependent_colour};
+pub use crate::aids::{AIDS, ALL, is_aid};
 
 /// Aids that methods of Gaussians have on request. They need a pilot fit, and their gain depends on the scene.
 pub const ON_REQUEST: &[&str] = &[
@@ -37,11 +14,6 @@ pub const ON_REQUEST: &[&str] = &[
     pose_refinement::ID,
     dropout::ID,
 ];
-
-/// Returns true for an aid.
-pub fn is_aid(component: &str) -> bool {
-    AIDS.contains(&component)
-}
 
 impl Supported {
     /// Returns the aids that a method can have, by default or on request.
@@ -64,6 +36,20 @@ impl Supported {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::components::{denser_points, mask_seeds, short_schedule, static_table};
+
+    #[test]
+    fn aids_are_components() {
+        let own = [
+            short_schedule::ID,
+            denser_points::ID,
+            mask_seeds::ID,
+            static_table::ID,
+        ];
+        let all: Vec<&str> = own.iter().chain(ON_REQUEST).copied().collect();
+        assert_eq!(all.len(), AIDS.len());
+        assert!(all.iter().all(|aid| is_aid(aid)));
+    }
 
     #[test]
     fn aids_are_told_from_other_components_and_said_to_be_used_or_not() {
