@@ -68,8 +68,11 @@ pub fn plan(
     let points = components::complete_points(&mut scene, method.supported(), request);
     let full = MethodRequest {
         plan: PlanChoice::Full,
-        // Every Gaussian at a scene point carries every parameter.
-        without: vec![static_table::ID.to_owned()],
+        without: match request.plan {
+            PlanChoice::Full => Vec::new(),
+            // Every Gaussian at a scene point carries every parameter.
+            PlanChoice::Auto | PlanChoice::Only(_) => vec![static_table::ID.to_owned()],
+        },
         ..request.clone()
     };
     let prepare = |request: &MethodRequest| method.prepare(&scene, request, BackendChoice::Cpu);
