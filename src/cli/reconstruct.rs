@@ -33,10 +33,11 @@ pub(crate) struct MethodArguments {
     #[arg(long = "set", value_name = "NAME=VALUE")]
     pub(crate) options: Vec<String>,
     /// Uses components whatever the scene says, those too that the method does not have by itself;
-    /// `reconstruct methods` lists them.
+    /// `reconstruct methods` lists them. `aids` are all that help any method, where the scene gives reason.
     #[arg(long, value_name = "COMPONENT", value_delimiter = ',')]
     pub(crate) with: Vec<String>,
-    /// Leaves out components of the method; `reconstruct methods` lists them.
+    /// Leaves out components of the method; `reconstruct methods` lists them. `aids` are all that help any
+    /// method: without `short-schedule`, one of them, step sizes are the published ones.
     #[arg(long, value_name = "COMPONENT", value_delimiter = ',')]
     pub(crate) without: Vec<String>,
     /// Components of the method: those that the scene gives reason for, all of them as published, or a

@@ -14,6 +14,7 @@ mod views;
 use std::collections::BTreeSet;
 
 use crate::{
+    aids,
     budget::{has_unusual_budget, usual_iterations},
     class::MethodClass,
     format::{self, PUBLISHED_LPIPS},
@@ -151,6 +152,8 @@ pub(crate) fn common_notes(group: &Group<'_>) -> Vec<String> {
         format::counted(places.len(), "video"),
     ));
     notes.extend(mark_notes(group));
+    notes.extend(aids::warning(group));
+    notes.extend(aids::note(group));
     notes.extend(class_note(group));
     notes.push(if places.len() < 2 {
         "No intervals: they need scenes of at least two videos.".to_owned()

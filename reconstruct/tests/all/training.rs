@@ -38,7 +38,7 @@ fn train(scene: &TrainingScene, iterations: u64) -> MethodOutcome<'_> {
 fn grey_points_become_the_scene() {
     let scene = scene();
     let mut outcome = train(&scene, 300);
-    let before = novel_psnr(&mut train(&scene, 30), &scene);
+    let before = novel_psnr(&mut train(&scene, 1), &scene);
     let after = novel_psnr(&mut outcome, &scene);
     let trace = &outcome.training.state.trace;
     let last = trace.last().unwrap();

@@ -48,6 +48,7 @@ fn record(method: &str, scene: &str) -> ResultRecord {
         hardware: None,
         rendering_seconds: Some(1.0),
         stages: Vec::new(),
+        aids: None,
         peak_memory_bytes: Some(3 << 29),
         warnings: Vec::new(),
         versions: [].into(),
