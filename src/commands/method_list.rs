@@ -23,6 +23,10 @@ pub(super) fn text(method: &Method) -> String {
             text += &format!("  {label}: {}\n", components.join(", "));
         }
     }
+    let aids: Vec<&str> = method.supported().aids().collect();
+    if !aids.is_empty() {
+        text += &format!("  Aids among them: {}\n", aids.join(", "));
+    }
     if !method.options.is_empty() {
         text += "  Options (--set NAME=VALUE):\n";
     }
@@ -74,6 +78,7 @@ pub(super) fn record(method: &Method) -> Value {
         "components": method.components,
         "on_request": method.optional_components,
         "ablation": method.ablation,
+        "aids": method.supported().aids().collect::<Vec<_>>(),
         "plan": plan,
         "options": method.options.iter().map(option).collect::<Vec<_>>(),
     })

@@ -37,10 +37,11 @@ pub const METHOD: Method = Method {
                   components of the paper are left to a request, in forms that act: \
                   velocity-decomposition, whose two velocities as printed step as one under Adam \
                   (velocity-form=literal), and motion-regularization, which as a mean over all \
-                  Gaussians is too small to act (motion-form=mean). On request, and not the paper's: \
-                  mask-seeds, with which dynamic Gaussians begin on masked pixels, and static-table, \
-                  with which scene points that do not change carry no temporal parameters. Readings \
-                  of what the paper leaves open are named in the source.",
+                  Gaussians is too small to act (motion-form=mean). Aids, not the paper's: denser \
+                  points, larger steps in short schedules, mask-seeds, with which dynamic Gaussians \
+                  begin on masked pixels, and static-table, with which scene points that do not \
+                  change carry no temporal parameters; --without aids is the published method. \
+                  Readings of what the paper leaves open are named in the source.",
     components: &[
         TEMPORAL_OPACITY,
         TEMPORAL_MOTION,
@@ -48,6 +49,10 @@ pub const METHOD: Method = Method {
         VELOCITY_REGULARIZATION,
         TEMPORAL_DENSITY,
         swept_points::ID,
+        denser_points::ID,
+        short_schedule::ID,
+        mask_seeds::ID,
+        static_table::ID,
         sky_shell::ID,
         OPACITY_RESET,
     ],
@@ -57,11 +62,7 @@ pub const METHOD: Method = Method {
         exposure_compensation::ID,
         view_dependent_colour::ID,
         pose_refinement::ID,
-        short_schedule::ID,
         dropout::ID,
-        denser_points::ID,
-        mask_seeds::ID,
-        static_table::ID,
     ],
     // Table 6.
     ablation: &[

@@ -13,7 +13,10 @@ use omnilife_engine::{
         tracked::{self, OBJECT_POSES, OBJECT_POSITIONS, TrackedGaussians, TrackedObject},
     },
     model::{Model, Part},
-    parameters::decay::Decay,
+    parameters::{
+        decay::Decay,
+        short_schedule::{Growth, LearningRate},
+    },
 };
 use omnilife_schemas::records::Tracks;
 
@@ -53,16 +56,20 @@ pub const METHOD: Method = Method {
                   background of odgs, not a random one; what does not move is static, whatever found it; \
                   static Gaussians begin at the points that came with the poses, or at those of `omnilife \
                   curate dense`; distances of vehicles are those of the ground around them, of a monocular \
-                  network where somebody gives its estimates.",
-    components: &[OBJECT_GRAPH, sky_shell::ID, OPACITY_RESET],
+                  network where somebody gives its estimates. Aids as odgs has them.",
+    components: &[
+        OBJECT_GRAPH,
+        denser_points::ID,
+        short_schedule::ID,
+        sky_shell::ID,
+        OPACITY_RESET,
+    ],
     optional_components: &[
         OBJECT_POSES_COMPONENT,
         exposure_compensation::ID,
         view_dependent_colour::ID,
         pose_refinement::ID,
-        short_schedule::ID,
         dropout::ID,
-        denser_points::ID,
     ],
     ablation: &[],
     default_plan: DefaultPlan::Auto,
@@ -167,8 +174,10 @@ fn prepare(
         draft.settings.objects = true;
         let pose_rate = pose_rate(scene, request, &objects.objects);
         let rates = &mut draft.settings.learning_rates;
-        rates.insert(OBJECT_POSITIONS.to_owned(), POSITION_RATE);
-        rates.insert(OBJECT_POSES.to_owned(), pose_rate);
+        let positions = LearningRate::new(POSITION_RATE, Growth::LASTING);
+        rates.insert(OBJECT_POSITIONS.to_owned(), positions);
+        // Its sum over a run is the same in every schedule.
+        rates.insert(OBJECT_POSES.to_owned(), LearningRate::unchanged(pose_rate));
         let table = tracked::table(&objects.gaussians, &objects.numbers);
         parts.push(Part::new(
             TrackedGaussians::new(objects.objects, refines),

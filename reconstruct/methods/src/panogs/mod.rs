@@ -6,8 +6,8 @@
 //!   on the image's grid.
 //! * `samples`: views agree on scales, pixels become Gaussians, and the finest view's stay; `manifest`: their
 //!   record.
-//! * `surface`: the scaffold (Eq. 9), on request. `anchored`: trained parameters; `shards`: the part that trains at a time;
-//!   `neighbour_views`: its views.
+//! * `surface`: the scaffold (Eq. 9), on request. `anchored`: trained parameters; `shards`: the part that trains at
+//!   a time; `neighbour_views`: its views.
 //!
 //! Lift, normals, scales and redundancy themselves are in [`omnilife_training::seeds::depth`]: any method can
 //! start there.
@@ -30,7 +30,11 @@ use omnilife_engine::{
         StaticGaussians,
     },
     model::{Model, Part},
-    parameters::{ArrayShape, decay::Decay},
+    parameters::{
+        ArrayShape,
+        decay::Decay,
+        short_schedule::{Growth, LearningRate},
+    },
     step::{memory::StepMemory, settings::TrainSettings},
 };
 
@@ -42,7 +46,7 @@ use self::{
 };
 use omnilife_training::{
     baseline,
-    components::{Decision, DecisionLog, MotionEvidenceUse, sky_shell},
+    components::{Decision, DecisionLog, MotionEvidenceUse, short_schedule, sky_shell},
     error::ReconstructError,
     method::{Findings, Method, MethodKind, ON_CPU, PreparedGaussians},
     models,
@@ -90,7 +94,8 @@ pub const METHOD: Method = Method {
                   printed one, a mean over all Gaussians, is too small to (--set scaffold-form=mean); \
                   sizes and rotations learn, where the paper keeps them (--without shape-refinement); \
                   shards do not learn independently, each against images that others fill, but one after \
-                  another from a drawing of all, with the gradients of the whole scene.",
+                  another from a drawing of all, with the gradients of the whole scene. Aid: larger steps in \
+                  short schedules; its samples stand for denser points.",
     components: &[
         DEPTH_SCALE,
         DEPTH_REFINEMENT,
@@ -102,6 +107,7 @@ pub const METHOD: Method = Method {
         SHAPE_REFINEMENT,
         SHARDS,
         NEIGHBOUR_VIEWS,
+        short_schedule::ID,
     ],
     optional_components: &[SCAFFOLD],
     ablation: &[],
@@ -188,6 +194,7 @@ fn prepare(
     let count = samples.gaussians.len() as u64;
     let learning = learning(&samples, &mut plan);
     let mut settings = settings(scene, request, &samples.gaussians);
+    short_schedule::decide_for(&mut settings, &mut plan);
     let shapes = static_gaussians::shapes(0);
     let learns = |(array, _): &(usize, &ArrayShape)| !learning.frozen.contains(array);
     let learns = shapes.iter().enumerate().filter(learns);
@@ -237,6 +244,7 @@ fn settings(
     let extent = median.max(baseline::CAMERA_EXTENT);
     let share = request.options.number(&CENTRE_STEP_OPTION);
     let step = Decay::constant(share.unwrap_or(CENTRE_STEP) * 1.6e-4 * extent);
+    let step = LearningRate::new(step, Growth::SETTLING);
     settings.learning_rates.insert("positions".to_owned(), step);
     settings
 }

@@ -4,7 +4,7 @@ use omnilife_schemas::records::ComponentDecision;
 
 use crate::{
     baseline,
-    components::{COMPONENTS, Component, Decision, DecisionLog, Supported, Turn},
+    components::{COMPONENTS, Component, Decision, DecisionLog, Supported, Turn, aids},
     error::ReconstructError,
     evidence::{self, SceneEvidence, masks::MaskEvidence},
     request::{MethodRequest, PlanChoice},
@@ -174,8 +174,9 @@ impl<'a> Draft<'a> {
 impl Supported {
     /// Returns true if a run of the method decides on a component.
     pub(crate) fn has(&self, component: &str, request: &MethodRequest) -> bool {
-        self.default.contains(&component)
-            || self.optional.contains(&component) && request.names(component)
+        let is_named =
+            request.names(component) || request.asks_for(aids::ALL) && aids::is_aid(component);
+        self.default.contains(&component) || self.optional.contains(&component) && is_named
     }
 
     fn may_use(&self, component: &str, request: &MethodRequest) -> bool {
