@@ -5,7 +5,7 @@ use omnilife_engine::model::{
     layers::{Layer, LayerRenderer},
 };
 use omnilife_reconstruct::{
-    methods::{self, MethodOutcome},
+    methods::{self, MethodOutcome, Prepared},
     request::{BackendChoice, MethodRequest},
     scene::TrainingScene,
     train::Session,
@@ -54,16 +54,30 @@ pub(crate) fn scene() -> TrainingScene {
 }
 
 #[test]
-fn steps_of_objects_and_their_poses_grow_in_short_schedules() {
+fn steps_of_objects_grow_in_short_schedules_and_paths_go_as_far_in_any() {
     let scene = scene();
     let method = methods::find("object-graph").unwrap();
-    let request = MethodRequest::new(250, 3);
-    let prepared = method.prepare(&scene, &request, BackendChoice::Cpu);
-    let prepared = prepared.unwrap();
-    let arrays = arrays_with_growth(&prepared);
-    assert!(arrays.contains(&"object_positions") && arrays.contains(&"object_poses"));
-    let used = method.supported().used_aids(&prepared.findings.plan);
+    let prepared = |iterations: u64| {
+        let request = MethodRequest::new(iterations, 3);
+        let prepared = method.prepare(&scene, &request, BackendChoice::Cpu);
+        prepared.unwrap()
+    };
+    let short = prepared(250);
+    let arrays = arrays_with_growth(&short);
+    assert!(arrays.contains(&"object_positions") && !arrays.contains(&"object_poses"));
+    let used = method.supported().used_aids(&short.findings.plan);
     assert!(used["short-schedule"]);
+    let way = |prepared: &Prepared<'_>, iterations: f64| {
+        let rate = &prepared.configuration["learning_rates"]["object_poses"];
+        let [begin, end] = ["begin", "end"].map(|name| rate[name].as_f64().unwrap());
+        // Mean of a rate that falls log-linearly.
+        iterations * (begin - end) / (begin / end).ln()
+    };
+    // A fifth of the ball's diameter.
+    for (prepared, iterations) in [(&short, 250.0), (&prepared(25_000), 25_000.0)] {
+        let way = way(prepared, iterations);
+        assert!((way - 0.28).abs() < 1e-4, "{way} in {iterations} steps");
+    }
 }
 
 fn train<'a>(scene: &'a TrainingScene, method: &str) -> MethodOutcome<'a> {
