@@ -213,7 +213,10 @@ fn every_trained_array_states_its_growth_in_short_schedules() {
         }
         let request = MethodRequest {
             plan: PlanChoice::Full,
-            ..asked_for(&[POSES, "view-dependent-colour"], 300)
+            ..asked_for(
+                &[POSES, "view-dependent-colour", "velocity-decomposition"],
+                300,
+            )
         };
         let prepared = method.prepare(&scene, &request, BackendChoice::Cpu);
         seen.extend(arrays_with_growth(&prepared.unwrap()));

@@ -64,7 +64,10 @@ fn steps_of_objects_grow_in_short_schedules_and_paths_go_as_far_in_any() {
     };
     let short = prepared(250);
     let arrays = arrays_with_growth(&short);
-    assert!(arrays.contains(&"object_positions") && !arrays.contains(&"object_poses"));
+    assert!(arrays.contains(&"object_positions") && arrays.contains(&"object_poses"));
+    let rates = &short.configuration["learning_rates"];
+    assert_eq!(rates["object_poses"]["growth"], "unchanged");
+    assert_ne!(rates["object_positions"]["growth"], "unchanged");
     let used = method.supported().used_aids(&short.findings.plan);
     assert!(used["short-schedule"]);
     let way = |prepared: &Prepared<'_>, iterations: f64| {
