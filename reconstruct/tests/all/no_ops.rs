@@ -15,7 +15,7 @@ use omnilife_reconstruct::{
     components,
     methods::{self, METHODS, Method, Prepared},
     options::{MethodOption, OptionValues, Options},
-    request::{BackendChoice, MethodRequest},
+    request::{BackendChoice, MethodRequest, PlanChoice},
     scene::{TrainingScene, depth::PriorFile},
 };
 use omnilife_schemas::{
@@ -182,12 +182,11 @@ fn hits(camera: ErpCamera, to_world: &DMat3, centre: DVec3) -> Vec<room::Hit> {
     (0..width * height).map(hit).collect()
 }
 
-/// Returns a request for a method with components and options, beside those that make it short.
+/// Returns a request for a method with components and options, beside those that make it short, and without others.
 fn request(
     method: &Method,
     case: &Case,
-    with: &[&str],
-    without: &[&str],
+    [with, without]: [&[&str]; 2],
     set: &[String],
 ) -> MethodRequest {
     let owned = |names: &[&str]| names.iter().map(|&name| name.to_owned()).collect();
@@ -266,6 +265,13 @@ fn heavier(method: &Method, component: &str) -> Vec<String> {
     weights.map(line).collect()
 }
 
+/// Components of a run beside the one in question.
+#[derive(Debug, Clone, Copy)]
+enum Others {
+    All,
+    OfPlanFull,
+}
+
 /// The runs of one method.
 struct Walk<'a> {
     method: &'static Method,
@@ -279,46 +285,74 @@ impl Walk<'_> {
         [self.method.components, self.method.optional_components].concat()
     }
 
+    /// Returns a request with or without a component.
+    fn request(
+        &self,
+        number: usize,
+        (others, component): (Others, Option<&'static str>),
+        is_used: bool,
+        set: &[String],
+    ) -> MethodRequest {
+        let (mut with, plan) = match others {
+            Others::All => (self.all(), PlanChoice::Auto),
+            Others::OfPlanFull => (component.into_iter().collect(), PlanChoice::Full),
+        };
+        let without: Vec<&str> = component.into_iter().filter(|_| !is_used).collect();
+        with.retain(|name| !without.contains(name));
+        MethodRequest {
+            plan,
+            ..request(self.method, &self.cases[number], [&with, &without], set)
+        }
+    }
+
     /// Returns the run with all components.
     fn whole(&self, number: usize) -> Option<&Trial> {
-        let case = &self.cases[number];
         let run = || {
-            let request = request(self.method, case, &self.all(), &[], &[]);
-            trial(self.method, case, &request)
+            let request = self.request(number, (Others::All, None), true, &[]);
+            trial(self.method, &self.cases[number], &request)
         };
         self.whole[number].get_or_init(run).as_ref()
     }
 
-    /// Returns the difference that a component makes in a case, or a weight of it where that makes less; `None`
-    /// where it is not used.
-    fn effect(&self, number: usize, component: &str) -> Option<f64> {
+    /// Returns the difference that a component makes in a case beside others, or a weight of it where that makes
+    /// less; `None` where it is not used.
+    fn effect(&self, number: usize, others: Others, component: &'static str) -> Option<f64> {
         let (method, case) = (self.method, &self.cases[number]);
-        let whole = self.whole(number)?;
+        let run = |is_used: bool, set: &[String]| {
+            let request = self.request(number, (others, Some(component)), is_used, set);
+            trial(method, case, &request)
+        };
+        let own;
+        let whole = match others {
+            Others::All => self.whole(number)?,
+            Others::OfPlanFull => {
+                own = run(true, &[])?;
+                &own
+            }
+        };
         if !whole.used.contains(component) {
             return None;
         }
-        let mut others = self.all();
-        others.retain(|name| *name != component);
-        let without = request(method, case, &others, &[component], &[]);
-        let mut least = difference(whole, &trial(method, case, &without)?);
+        let mut least = difference(whole, &run(false, &[])?);
         for line in heavier(method, component) {
-            let heavier = request(method, case, &self.all(), &[], &[line]);
-            least = least.min(difference(whole, &trial(method, case, &heavier)?));
+            least = least.min(difference(whole, &run(true, &[line])?));
         }
-        println!("{} {component}, {}: {least:.1e}", method.id, case.name);
+        println!(
+            "{} {component}, {}, {others:?}: {least:.1e}",
+            method.id, case.name
+        );
         Some(least)
     }
 
-    /// Returns a line for each component without an effect in any case.
-    fn idle(&self) -> Vec<String> {
-        let acts = |component: &&&'static str| {
+    /// Returns true for a component with an effect in any case, beside any others.
+    fn acts(&self, component: &'static str) -> bool {
+        [Others::All, Others::OfPlanFull].into_iter().any(|others| {
             let mut numbers = 0..self.cases.len();
-            numbers.any(|number| self.effect(number, component).is_some_and(|by| by > LIMIT))
-        };
-        let all = self.all();
-        let idle = all.iter().filter(|component| !acts(component));
-        idle.map(|component| format!("{}: {component}", self.method.id))
-            .collect()
+            numbers.any(|number| {
+                let effect = self.effect(number, others, component);
+                effect.is_some_and(|effect| effect > LIMIT)
+            })
+        })
     }
 }
 
@@ -333,7 +367,9 @@ fn every_component_of_every_method_acts() {
             cases: &cases,
             whole: cases.iter().map(|_| OnceCell::new()).collect(),
         };
-        idle.extend(walk.idle());
+        let all = walk.all().into_iter();
+        let without_effect = all.filter(|&component| !walk.acts(component));
+        idle.extend(without_effect.map(|component| format!("{}: {component}", method.id)));
     }
     assert_eq!(idle, Vec::<String>::new(), "without an effect in any case");
 }
@@ -349,7 +385,7 @@ fn the_printed_velocities_are_found_to_have_no_effect() {
     };
     let run = |with: &[&str], form: &str| {
         let set = [format!("velocity-form={form}")];
-        trial(method, &case, &request(method, &case, with, &[], &set)).unwrap()
+        trial(method, &case, &request(method, &case, [with, &[]], &set)).unwrap()
     };
     let with = &["velocity-decomposition"];
     let without = run(&[], "literal");
