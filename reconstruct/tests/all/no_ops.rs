@@ -124,7 +124,7 @@ fn furnished(folder: &Path, centres: &[DVec3]) -> TrainingScene {
             .flat_map(|hit| (hit.colour * 255.0).round().as_u8vec3().to_array());
         input_views.push(TrainingView {
             frame: number as u32,
-            view: View::new(camera.into(), &pose, &normalization, 0.1 * number as f64).unwrap(),
+            view: View::new(camera, &pose, &normalization, 0.1 * number as f64).unwrap(),
             pixels: pixels.collect(),
             mask: None,
             ignored: None,
