@@ -114,12 +114,17 @@ mod tests {
                     continue;
                 };
                 assert!(!constant.source.is_empty(), "{}", option.id);
-                let weighs = constant.weighs.iter();
-                let mut unknown = weighs.filter(|name| {
+                let components = constant.component.iter();
+                let mut unknown = components.filter(|name| {
                     !method.components.contains(*name)
                         && !method.optional_components.contains(*name)
                 });
                 assert_eq!(unknown.next(), None, "{}: {}", method.id, option.id);
+                assert!(
+                    !constant.is_weight || constant.component.is_some(),
+                    "{}",
+                    option.id
+                );
                 // A default by the scene is described in words.
                 let line = format!("{}={}", option.id, option.default);
                 let read = Options::parse(method.id, method.options, &[line]);

@@ -62,7 +62,8 @@ pub(super) fn record(method: &Method) -> Value {
             "default": option.default,
             "unit": option.constant.map(|constant| constant.unit),
             "source": option.constant.map(|constant| constant.source),
-            "weight_of": option.constant.and_then(|constant| constant.weighs),
+            "component": option.constant.and_then(|constant| constant.component),
+            "is_weight": option.constant.is_some_and(|constant| constant.is_weight),
         })
     };
     let plan = match method.default_plan {
@@ -114,7 +115,8 @@ mod tests {
             .iter()
             .find(|option| option["name"] == "motion-weight");
         let weight = weight.expect("a weight");
-        assert_eq!(weight["weight_of"], "motion-regularization");
+        assert_eq!(weight["component"], "motion-regularization");
+        assert_eq!(weight["is_weight"], true);
         assert_eq!(weight["default"], "0.01");
         assert_eq!(record["ablation"][0], "temporal-opacity");
     }

@@ -123,7 +123,8 @@ const CYCLE: MethodOption = MethodOption::number(
     Constant {
         unit: "frames",
         source: "PVG, Eq. 3; configs/waymo_nvs.yaml",
-        weighs: None,
+        component: Some(TEMPORAL_MOTION),
+        is_weight: false,
     },
 );
 /// [`VELOCITY_WEIGHT`] as an option.
@@ -134,7 +135,8 @@ const VELOCITY_WEIGHT_OPTION: MethodOption = MethodOption::number(
     Constant {
         unit: "of the photometric loss",
         source: "PVG configs/waymo_nvs.yaml, lambda_v_reg",
-        weighs: Some(VELOCITY_LOSS),
+        component: Some(VELOCITY_LOSS),
+        is_weight: true,
     },
 );
 /// [`LIFESPAN_WEIGHT`] as an option.
@@ -145,7 +147,8 @@ const LIFESPAN_WEIGHT_OPTION: MethodOption = MethodOption::number(
     Constant {
         unit: "of the photometric loss",
         source: "PVG configs/kitti_nvs.yaml, lambda_t_reg",
-        weighs: Some(LIFESPAN_LOSS),
+        component: Some(LIFESPAN_LOSS),
+        is_weight: true,
     },
 );
 

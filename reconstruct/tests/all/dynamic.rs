@@ -192,6 +192,27 @@ fn what_is_left_out_has_no_arrays() {
     }
 }
 
+/// Constants of components that are not used would make rows of a name of their own with the numbers of another.
+#[test]
+fn a_constant_without_its_component_is_told() {
+    let scene = moving_ball::scene();
+    let method = methods::find("omni4dgs").unwrap();
+    let warnings = |with: &[&str], line: &str| {
+        let request = MethodRequest {
+            with: with.iter().map(|&name| name.to_owned()).collect(),
+            options: Options::parse(method.id, method.options, &[line.to_owned()]).unwrap(),
+            ..request(2)
+        };
+        train(&scene, method.id, &request).training.warnings
+    };
+    let is_told = |warnings: &[String]| warnings.iter().any(|line| line.contains("has no effect"));
+    let told = warnings(&[], "gamma=1");
+    let expected = "gamma was set and has no effect: velocity-decomposition is not used";
+    assert!(told.iter().any(|line| line == expected), "{told:?}");
+    assert!(!is_told(&warnings(&["velocity-decomposition"], "gamma=1")));
+    assert!(!is_told(&warnings(&[], "gamma=0.5")) && !is_told(&warnings(&[], "cycle=20")));
+}
+
 /// A name, and a change that makes the scene awkward.
 type Variant = (&'static str, fn(&mut TrainingScene));
 

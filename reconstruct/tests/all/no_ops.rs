@@ -14,7 +14,7 @@ use omnilife_engine::{
 use omnilife_reconstruct::{
     components,
     methods::{self, METHODS, Method, Prepared},
-    options::{MethodOption, OptionValues, Options},
+    options::{Constant, MethodOption, OptionValues, Options},
     request::{BackendChoice, MethodRequest, PlanChoice},
     scene::{TrainingScene, depth::PriorFile},
 };
@@ -250,8 +250,9 @@ fn difference(one: &Trial, other: &Trial) -> f64 {
 /// Returns lines of options that make the weights of a component a hundred times as large, or as large as allowed.
 fn heavier(method: &Method, component: &str) -> Vec<String> {
     let weighs = |option: &&MethodOption| {
-        let constant = option.constant;
-        constant.and_then(|constant| constant.weighs) == Some(component)
+        let is_weight =
+            |constant: Constant| constant.is_weight && constant.component == Some(component);
+        option.constant.is_some_and(is_weight)
     };
     let weights = method.options.iter().filter(weighs);
     let line = |option: &MethodOption| {

@@ -31,8 +31,10 @@ pub struct Constant {
     pub unit: &'static str,
     /// Equation, section or file in the publication.
     pub source: &'static str,
-    /// Component whose weight it is, if it is a weight.
-    pub weighs: Option<&'static str>,
+    /// Component that it belongs to: without it the constant has no effect.
+    pub component: Option<&'static str>,
+    /// True for the weight of the component's loss, or the length of its steps.
+    pub is_weight: bool,
 }
 
 /// Values of an option.
@@ -145,22 +147,24 @@ impl MethodOption {
         }
     }
 
-    /// Returns a constant that is one of some words, the form of an equation for example.
+    /// Returns a constant of a component that is one of some words, the form of an equation for example. The first
+    /// word is the default.
     pub const fn form(
         (id, doc): (&'static str, &'static str),
         words: &'static [&'static str],
-        default: &'static str,
         source: &'static str,
+        component: &'static str,
     ) -> Self {
         Self {
             id,
             doc,
             values: OptionValues::Word(words),
-            default,
+            default: words[0],
             constant: Some(Constant {
                 unit: "",
                 source,
-                weighs: None,
+                component: Some(component),
+                is_weight: false,
             }),
         }
     }
@@ -414,14 +418,15 @@ mod tests {
             Constant {
                 unit: "of the photometric loss",
                 source: "Eq. 1",
-                weighs: Some("loss"),
+                component: Some("loss"),
+                is_weight: true,
             },
         ),
         MethodOption::form(
             ("loss-form", "form of a loss"),
             &["sum", "mean"],
-            "sum",
             "Eq. 1",
+            "loss",
         ),
     ];
 

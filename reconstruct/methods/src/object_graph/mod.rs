@@ -119,7 +119,8 @@ const POSE_REACH_OPTION: MethodOption = MethodOption::number(
     Constant {
         unit: "lengths of the median vehicle",
         source: "4DGF, learning rate of object poses",
-        weighs: Some(OBJECT_POSES_COMPONENT),
+        component: Some(OBJECT_POSES_COMPONENT),
+        is_weight: true,
     },
 );
 /// Share of the first step size at the end (4DGF).

@@ -7,8 +7,8 @@ use omnilife_engine::{
 };
 use omnilife_training::options::{Constant, MethodOption, Options};
 
-use super::{DYNAMIC_MASK, MOTION_REGULARIZATION, VELOCITY_REGULARIZATION};
-use crate::dynamic::CYCLE_FRAMES;
+use super::{DYNAMIC_MASK, MOTION_REGULARIZATION, VELOCITY_DECOMPOSITION, VELOCITY_REGULARIZATION};
+use crate::dynamic::{CYCLE_FRAMES, TEMPORAL_MOTION, TEMPORAL_OPACITY};
 
 /// Unit of weights of losses.
 const OF_PHOTOMETRIC: &str = "of the photometric loss";
@@ -26,7 +26,8 @@ pub(crate) const GAMMA: MethodOption = MethodOption::number(
     Constant {
         unit: "",
         source: "Omni4DGS, Eq. 3",
-        weighs: None,
+        component: Some(VELOCITY_DECOMPOSITION),
+        is_weight: false,
     },
 );
 /// Literal: under Adam the two velocities step as one.
@@ -37,8 +38,8 @@ pub(crate) const VELOCITY_FORM: MethodOption = MethodOption::form(
          sum of two free vectors, which under Adam step as one",
     ),
     &["projected", "literal"],
-    "projected",
     "Omni4DGS, Eq. 3",
+    VELOCITY_DECOMPOSITION,
 );
 /// World: a velocity must not depend on the camera.
 pub(crate) const VELOCITY_ORIGIN: MethodOption = MethodOption::form(
@@ -47,8 +48,8 @@ pub(crate) const VELOCITY_ORIGIN: MethodOption = MethodOption::form(
         "origin of latitudes and radial directions: the mean camera, or the camera of the view",
     ),
     &["world", "camera"],
-    "world",
     "Omni4DGS, Eq. 3",
+    VELOCITY_DECOMPOSITION,
 );
 /// `theta_dgm`, as PVG separates static from dynamic on Waymo (`separate_scaling_t` 0.2 over the cycle's 0.2),
 /// with the staticness `rho = beta / l`. The paper's `beta / tau` is singular at `tau = 0` and changes with the
@@ -64,7 +65,8 @@ pub(crate) const DYNAMIC_BELOW: MethodOption = MethodOption::number(
     Constant {
         unit: "cycles of lifespan",
         source: "Omni4DGS, theta_dgm before Eq. 4",
-        weighs: None,
+        component: Some(TEMPORAL_OPACITY),
+        is_weight: false,
     },
 );
 /// Cycle of the motion.
@@ -75,7 +77,8 @@ pub(crate) const CYCLE: MethodOption = MethodOption::number(
     Constant {
         unit: "frames",
         source: "Omni4DGS, Eq. 1; PVG configs/",
-        weighs: None,
+        component: Some(TEMPORAL_MOTION),
+        is_weight: false,
     },
 );
 /// `lambda_dyn`: the dynamic region is small. A weight above that of the photometric loss pulls the dynamic
@@ -92,7 +95,8 @@ pub(crate) const DYNAMIC_LOSS: MethodOption = MethodOption::number(
     Constant {
         unit: OF_PHOTOMETRIC,
         source: "Omni4DGS, Eq. 12",
-        weighs: Some(DYNAMIC_MASK),
+        component: Some(DYNAMIC_MASK),
+        is_weight: true,
     },
 );
 /// `lambda_d`, as `lambda` of 3DGS.
@@ -107,7 +111,8 @@ pub(crate) const DYNAMIC_SSIM: MethodOption = MethodOption::number(
     Constant {
         unit: "",
         source: "Omni4DGS, Eq. 4",
-        weighs: None,
+        component: Some(DYNAMIC_MASK),
+        is_weight: false,
     },
 );
 /// `lambda_v`, as PVG on Waymo.
@@ -122,7 +127,8 @@ pub(crate) const VELOCITY_LOSS: MethodOption = MethodOption::number(
     Constant {
         unit: OF_PHOTOMETRIC,
         source: "Omni4DGS, Eq. 12",
-        weighs: Some(VELOCITY_REGULARIZATION),
+        component: Some(VELOCITY_REGULARIZATION),
+        is_weight: true,
     },
 );
 /// `lambda_m`, as `lambda_v`: a direction that changes by a pixel per frame costs as much as an error of 0.01 in
@@ -138,7 +144,8 @@ pub(crate) const MOTION_LOSS: MethodOption = MethodOption::number(
     Constant {
         unit: OF_PHOTOMETRIC,
         source: "Omni4DGS, Eq. 12",
-        weighs: Some(MOTION_REGULARIZATION),
+        component: Some(MOTION_REGULARIZATION),
+        is_weight: true,
     },
 );
 /// Sum over the static Gaussians.
@@ -149,8 +156,8 @@ pub(crate) const MOTION_FORM: MethodOption = MethodOption::form(
          radians, which is too small to act",
     ),
     &["seen", "mean"],
-    "seen",
     "Omni4DGS, Eq. 11",
+    MOTION_REGULARIZATION,
 );
 
 /// Returns the form of velocities.

@@ -140,7 +140,8 @@ const CENTRE_STEP_OPTION: MethodOption = MethodOption::number(
     Constant {
         unit: "of the step size of 3DGS",
         source: "PanoGS, Section 3.4",
-        weighs: None,
+        component: Some(CENTRE_REFINEMENT),
+        is_weight: false,
     },
 );
 /// Share of the iterations after which centres start to move.
@@ -161,7 +162,8 @@ const SCAFFOLD_WEIGHT_OPTION: MethodOption = MethodOption::number(
     Constant {
         unit: "of the photometric loss",
         source: "PanoGS, Eq. 9",
-        weighs: Some(SCAFFOLD),
+        component: Some(SCAFFOLD),
+        is_weight: true,
     },
 );
 /// Sum over the centres.
@@ -172,8 +174,8 @@ const SCAFFOLD_FORM: MethodOption = MethodOption::form(
          in scene units, as printed, which is too small to act",
     ),
     &["seen", "mean"],
-    "seen",
     "PanoGS, Eq. 9",
+    SCAFFOLD,
 );
 
 /// Arrays that are trained, and the losses of centres.

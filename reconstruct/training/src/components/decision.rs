@@ -49,13 +49,13 @@ impl Decision {
     /// Returns a decision against a component that has nothing to do in this scene: used on request alone, and
     /// under a plan that names it.
     pub fn no_case(why: &str) -> Self {
-        Self::new(false, format!("no case: {why}")).whatever_the_plan()
+        Self::new(false, format!("no case: {why}")).even_if_full()
     }
 
     /// Returns a decision against a component that no default plan has: used on request alone, and under a plan
     /// that names it.
     pub fn on_request(why: &str) -> Self {
-        Self::new(false, format!("on request alone: {why}")).whatever_the_plan()
+        Self::new(false, format!("on request alone: {why}")).even_if_full()
     }
 
     /// Returns a decision against a component that the scene or the run cannot have, whatever request and plan
@@ -100,13 +100,13 @@ impl Decision {
             overruled_by,
         } = self;
         let by_plan = || match &request.plan {
-            PlanChoice::Only(_) if request.allows(component) => Some((true, "named in the plan")),
             _ if overruled_by == Overruling::Request => None,
             PlanChoice::Auto => None,
             PlanChoice::Full if overruled_by == Overruling::RequestAndNames => None,
             // Whoever asks for all aids leaves each to the evidence.
             PlanChoice::Full if request.asks_for(aids::ALL) && aids::is_aid(component) => None,
             PlanChoice::Full => Some((true, "the plan is full")),
+            PlanChoice::Only(_) if request.allows(component) => Some((true, "named in the plan")),
             PlanChoice::Only(_) => Some((false, "not named in the plan")),
         };
         let overruled = if overruled_by == Overruling::Nothing {

@@ -248,8 +248,10 @@ impl Method {
             mut learner,
             length,
             configuration,
-            findings,
+            mut findings,
         } = prepared?;
+        let idle = self.idle_constants(request, &findings.plan);
+        findings.warnings.extend(idle);
         for warning in &findings.warnings {
             session.progress.note(warning);
         }
@@ -268,6 +270,28 @@ impl Method {
             findings,
             planning,
         })
+    }
+
+    /// Returns a line for each changed constant of a component that a plan does not use.
+    fn idle_constants(&self, request: &MethodRequest, plan: &[ComponentDecision]) -> Vec<String> {
+        let is_used = |component: &str| {
+            let mut used = plan.iter().filter(|decision| decision.used);
+            used.any(|decision| decision.component == component)
+        };
+        let changed = request.options.changed_constants(self.options);
+        let names: Vec<&str> = changed.names().collect();
+        let options = self.options.iter();
+        let changed = options.filter(|option| names.contains(&option.id));
+        let line = |option: &MethodOption| {
+            let component = option.constant?.component?;
+            (!is_used(component)).then(|| {
+                format!(
+                    "{} was set and has no effect: {component} is not used",
+                    option.id
+                )
+            })
+        };
+        changed.filter_map(line).collect()
     }
 
     /// Returns its default and optional components.
