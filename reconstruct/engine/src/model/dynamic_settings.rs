@@ -72,8 +72,8 @@ pub struct MotionLoss {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum MotionForm {
-    /// As published: a mean over all of them, of squared radians per frame. The gradient of one Gaussian falls with
-    /// their number.
+    /// The published form, a mean over all of them of squared radians per frame. The gradient of one Gaussian falls
+    /// with their number.
     Mean,
     /// A sum over those in the view's image, of squared pixels per frame, over the number of pixels. One Gaussian
     /// counts as one pixel of the photometric loss.

@@ -37,10 +37,10 @@ pub(super) struct ScaffoldLoss {
 /// Weight of a centre's distance from the scaffold.
 #[derive(Debug, Clone, Copy)]
 pub(super) enum ScaffoldWeight {
-    /// As published, the same for every centre: per scene unit.
+    /// The published weight, the same for every centre: per scene unit.
     Mean(f32),
-    /// Of the centres in the view's image alone, for which their Gaussian has a gradient by its opacity: per reach
-    /// of the centre, which is a multiple of its sample's pixel.
+    /// The weight of a centre in the view's image, whose Gaussian has a gradient by its opacity: per reach of the
+    /// centre, a multiple of its sample's pixel. Other centres have none.
     Seen(f32),
 }
 
