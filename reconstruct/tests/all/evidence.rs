@@ -228,14 +228,19 @@ fn saturated_pixels_are_counted_where_the_scene_is_shown() {
     assert!((scene.saturated_share() - 1.0 / 7.0).abs() < 1e-3);
 }
 
-/// Checks noise of a segmenter: a pixel in one of the views.
+/// Checks noise of a segmenter: a pixel in one of the views, or in two.
 #[test]
-fn a_speck_in_one_mask_does_not_make_a_still_scene_move() {
+fn specks_in_a_mask_or_two_do_not_make_a_still_scene_move() {
+    specks_show_no_motion(&[4]);
+    specks_show_no_motion(&[4, 7]);
+}
+
+fn specks_show_no_motion(speckled: &[usize]) {
     let mut scene = balls::scene();
     let pixels = scene.input_views[0].pixels.len() / 3;
     for (number, view) in scene.input_views.iter_mut().enumerate() {
         let mut mask = vec![0; pixels];
-        if number == 4 {
+        if speckled.contains(&number) {
             mask[pixels / 2] = 255;
         }
         view.mask = Some(mask);
