@@ -58,6 +58,8 @@ const MOTION_REACH_SHARE: f32 = 4.0 / 256.0;
 pub struct PilotFit {
     /// The scene at the examined size, with its own points: the limits of the evidence were measured with those.
     scene: TrainingScene,
+    /// Camera of the images of the training.
+    trained: Camera,
     /// All points, including added ones.
     places: Vec<[f32; 3]>,
     views: Vec<RenderedView>,
@@ -74,6 +76,7 @@ impl PilotFit {
     /// # Errors
     /// When the training diverges.
     pub fn of(scene: &TrainingScene, seed: u64) -> Result<Self, ReconstructError> {
+        let trained = scene.camera;
         let mut scene = scene.reduced(WIDTH);
         // The trace's scores of novel views are not needed.
         scene.novel_views.clear();
@@ -100,6 +103,7 @@ impl PilotFit {
             .collect();
         Ok(Self {
             scene,
+            trained,
             places,
             views,
             gaussians,
@@ -220,7 +224,7 @@ impl PilotFit {
             });
             (view.centre, observations.collect())
         });
-        PoseEvidence::of(views.collect(), &self.scene.camera)
+        PoseEvidence::of(views.collect(), &self.scene.camera, &self.trained)
     }
 
     /// Compares the views with renders from their corrected poses: a displaced edge is not a change of the scene.
