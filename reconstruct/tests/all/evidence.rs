@@ -11,6 +11,7 @@ use omnilife_schemas::camera::CameraModel;
 use rand_pcg::Pcg64Mcg;
 
 use crate::support::{
+    gains::brighten,
     novel_views::novel_psnr,
     trained::{request, settings, train},
 };
@@ -87,10 +88,7 @@ fn gains_of_the_camera_are_no_change_of_points() {
     };
     let fixed = changing(&scene);
     for view in &mut scene.input_views {
-        let gain = 1.0 - 0.4 * f64::from(view.frame) / 14.0;
-        for value in &mut view.pixels {
-            *value = (f64::from(*value) * gain).round() as u8;
-        }
+        brighten(view, 1.0 - 0.65 * f64::from(view.frame) / 14.0);
     }
     let falling = changing(&scene);
     assert!(falling <= fixed + 10, "{falling} {fixed}");
@@ -99,12 +97,10 @@ fn gains_of_the_camera_are_no_change_of_points() {
 #[test]
 fn gains_of_the_camera_are_found_and_compensated() {
     let mut scene = moving_ball::scene();
-    let gain = |frame: u32| 1.0 - 0.25 * (f64::from(frame) / 14.0);
+    let gain = |frame: u32| 1.0 - 0.45 * (f64::from(frame) / 14.0);
     for view in scene.input_views.iter_mut().chain(&mut scene.novel_views) {
         let gain = gain(view.frame);
-        for value in &mut view.pixels {
-            *value = (f64::from(*value) * gain).round() as u8;
-        }
+        brighten(view, gain);
     }
     let trained = |without: &[&str]| {
         let without = without.iter().map(|&name| name.to_owned()).collect();
@@ -124,7 +120,7 @@ fn gains_of_the_camera_are_found_and_compensated() {
         let expected = (gain(view.frame.min(13)) / gain(6)) as f32;
         let found = exposure.gain(view.view.time_seconds)[1];
         assert!(
-            (found / expected - 1.0).abs() < 0.02,
+            (found / expected - 1.0).abs() < 0.04,
             "{}: {found} {expected}",
             view.frame
         );
@@ -138,7 +134,7 @@ fn gains_of_the_camera_are_found_and_compensated() {
     let decision = decisions
         .iter()
         .find(|part| part.component == "exposure-compensation");
-    assert!(decision.is_some_and(|part| !part.used && part.reason.contains("limit 2 %")));
+    assert!(decision.is_some_and(|part| !part.used && part.reason.contains("limit 4.3 %")));
 }
 
 /// Checks that a gain that flickers from view to view does not affect the views between the first examined ones.
@@ -148,15 +144,13 @@ fn flicker_is_found_in_every_one_of_many_views() {
     let once = scene.input_views.clone();
     scene.novel_views.clear();
     // 48 views: the clip four times over, brighter and darker in an order that differs from any regular sample.
-    let gain = |number: usize| if number % 5 < 2 { 0.8 } else { 1.0 };
+    let gain = |number: usize| if number % 5 < 2 { 0.6 } else { 1.0 };
     scene.input_views = (0..4 * once.len())
         .map(|number| {
             let mut view = once[number % once.len()].clone();
             view.frame = number as u32;
             view.view.time_seconds = number as f64;
-            for value in &mut view.pixels {
-                *value = (f64::from(*value) * gain(number)).round() as u8;
-            }
+            brighten(&mut view, gain(number));
             view
         })
         .collect();
@@ -166,7 +160,7 @@ fn flicker_is_found_in_every_one_of_many_views() {
         let found = exposure.gain(number as f64)[1] / exposure.gain(2.0)[1];
         let expected = gain(number) as f32;
         assert!(
-            (found / expected - 1.0).abs() < 0.04,
+            (found / expected - 1.0).abs() < 0.08,
             "{number}: {found} {expected}"
         );
     }
