@@ -325,7 +325,7 @@ fn gloss_is_found_and_drawn() {
     let (used, _, without) = trained(0.6, &["view-dependent-colour"]);
     assert!(!used && with > without + 0.3, "{with} {without}");
     let (used, reason, _) = trained(0.0, &[]);
-    assert!(!used && reason.contains("limit 0.012"), "{reason}");
+    assert!(!used && reason.contains("limit 0.024"), "{reason}");
 }
 
 /// Checks that missing evidence does not select a component: such scenes are planned, trained, and report it.

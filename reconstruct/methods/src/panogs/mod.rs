@@ -46,7 +46,7 @@ use omnilife_training::{
     error::ReconstructError,
     method::{Findings, Method, MethodKind, ON_CPU, PreparedGaussians},
     models, options, process,
-    request::{BackendChoice, DefaultPlan, MethodRequest},
+    request::{BackendChoice, DefaultPlan, MethodRequest, PlanChoice},
     scene::{CameraExtent, TrainingScene},
 };
 
@@ -277,8 +277,15 @@ fn surface(samples: &Samples, plan: &mut DecisionLog<'_>, centres_move: bool) ->
         (_, false) => Some("centres that move"),
         _ => None,
     };
-    if missing.is_some() || plan.request.leaves_out(SCAFFOLD) {
-        let reason = "not fused";
+    let request = plan.request;
+    let is_idle = request.plan == PlanChoice::Auto && !request.asks_for(SCAFFOLD);
+    let is_idle = is_idle && !samples.differ();
+    if missing.is_some() || is_idle || request.leaves_out(SCAFFOLD) {
+        let reason = if is_idle {
+            "not fused: views agree on distances"
+        } else {
+            "not fused"
+        };
         plan.decide(SCAFFOLD, Decision::new(false, reason).unless(missing));
         return None;
     }
