@@ -297,6 +297,41 @@ fn planning_counts_as_training() {
 }
 
 #[test]
+fn the_work_of_a_step_is_counted() {
+    let scene = moving_ball::scene();
+    let [width, height] = scene.camera.size();
+    let pixels = (width * height) as f64;
+    let work = |method: &str, plan: PlanChoice| {
+        let request = MethodRequest { plan, ..request(2) };
+        let outcome = train(&scene, method, &request);
+        let values: usize = outcome
+            .learner
+            .arrays()
+            .iter()
+            .map(|array| array.values)
+            .sum();
+        let work = outcome.learner.work().unwrap();
+        assert_eq!(work.values, values as u64, "{method}");
+        work
+    };
+    let fixed = work("odgs", PlanChoice::Auto);
+    assert_eq!((fixed.pixels, fixed.parts.len()), (pixels, 0));
+    // Every view has a mask: moving Gaussians are drawn once more.
+    let moving = work("omni4dgs-plus", PlanChoice::Full);
+    assert!(
+        pixels < moving.pixels && moving.pixels <= 2.0 * pixels,
+        "{moving:?}"
+    );
+    let share = |name: &str| {
+        let mut parts = moving.parts.iter().filter(|(part, _)| *part == name);
+        parts.next().map(|(_, share)| *share)
+    };
+    assert_eq!(share("another moment drawn"), Some(0.5));
+    assert!(share("poses moved") > Some(0.4));
+    assert!(moving.values > fixed.values);
+}
+
+#[test]
 fn gloss_is_found_and_drawn() {
     let smooth = |_: &mut Pcg64Mcg, direction: DVec3| (0.2 * direction + 0.5).as_vec3().to_array();
     // Use of harmonics, its reason, and the quality of the novel views.
