@@ -80,10 +80,19 @@ impl MaskEvidence {
 /// Returns the marked share of what the camera sees, mask by mask, 0 to 1.
 fn covered_shares(masks: &[&[u8]], camera: &Camera) -> Vec<f64> {
     let seen = seen_steradians(camera);
+    let [width, height] = camera.size();
+    let solid_angles: Vec<f64> = match camera {
+        // All pixels of a row have the same.
+        Camera::Erp(_) => (0..height)
+            .flat_map(|row| std::iter::repeat_n(pixel_steradians(camera, row * width), width))
+            .collect(),
+        Camera::Pinhole(_) => (0..width * height)
+            .map(|pixel| pixel_steradians(camera, pixel))
+            .collect(),
+    };
     let share = |mask: &&[u8]| -> f64 {
-        let marked = mask.iter().enumerate().filter(|(_, mark)| **mark > 0);
-        let steradians =
-            marked.map(|(pixel, &mark)| f64::from(mark) / 255.0 * pixel_steradians(camera, pixel));
+        let marked = mask.iter().zip(&solid_angles);
+        let steradians = marked.map(|(&mark, solid_angle)| f64::from(mark) / 255.0 * solid_angle);
         steradians.sum::<f64>() / seen
     };
     masks.par_iter().map(share).collect()

@@ -176,7 +176,7 @@ impl RenderedView {
         [column, row]: [usize; 2],
         reach: usize,
     ) -> Option<Block> {
-        let (mut shown, mut rendered, mut clipped) = ([0.0; 3], [0.0; 3], 0_u16);
+        let (mut shown, mut rendered, mut clipped) = ([0.0; 3], [0.0; 3], 0.0_f32);
         let [black, white] = KNOWN_LEVELS;
         for row in row - reach..=row + reach {
             for column in column - reach..=column + reach {
@@ -186,12 +186,14 @@ impl RenderedView {
                     shown[channel] += of_image[channel];
                     rendered[channel] += of_render[channel];
                     let level = self.shown[pixel][channel];
-                    clipped += u16::from(level <= black || level >= white);
+                    if level <= black || level >= white {
+                        clipped += 1.0;
+                    }
                 }
             }
         }
         let pixels = ((2 * reach + 1) * (2 * reach + 1)) as f32;
-        let is_known = f32::from(clipped) <= LARGEST_CLIPPED_SHARE * 3.0 * pixels;
+        let is_known = clipped <= LARGEST_CLIPPED_SHARE * 3.0 * pixels;
         let is_known = is_known && !rendered[0].is_nan();
         is_known.then(|| Block {
             sector,
