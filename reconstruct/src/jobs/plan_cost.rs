@@ -147,7 +147,7 @@ impl ScenePlan {
     /// Compares this plan with the plan full in a line.
     fn comparison(&self) -> String {
         let Some(full) = &self.full else {
-            return "The plan full is the same\n".to_owned();
+            return "Both plans are the same\n".to_owned();
         };
         let mut compared = vec![format!(
             "tables {}",
@@ -262,7 +262,7 @@ mod tests {
     #[test]
     fn plans_that_are_the_same_are_not_compared() {
         let text = plan(None).text();
-        assert!(text.contains("The plan full is the same"), "{text}");
+        assert!(text.contains("Both plans are the same"), "{text}");
         assert!(
             !text.contains("| full |") && !text.contains("fewer"),
             "{text}"
