@@ -22,11 +22,12 @@ COMPONENTS = [
     ("lifted, all samples", "all-samples"), ("lifted, finest samples", "finest-samples"),
     ("and warm-start", "warm-start"), ("and centre refinement", "centres"),
     ("the same, held to the scaffold", "centres-scaffold"),
-    ("warm-start and shape refinement: as the plan decides", "plan"),
-    ("centre and shape refinement", "shapes"), ("`odgs`", "odgs"),
+    ("warm-start, centre and shape refinement: as the plan decides", "plan"),
+    ("warm-start and shape refinement, centres stay", "fixed"), ("`odgs`", "odgs"),
+
     ("as the plan decides, without aids", "plan-bare"), ("`odgs` without aids", "odgs-bare")]
 EQUAL_TIME = [("as published: sizes and rotations stay", "panogs"), ("as the plan decides", "plan"),
-              ("centre and shape refinement", "shapes"), ("`odgs`", "odgs")]
+              ("shape refinement, centres stay", "fixed"), ("`odgs`", "odgs")]
 
 
 def read(path):
@@ -116,7 +117,7 @@ def further(folder, head, note):
     """Another scene: as published, as the plan decides, and `odgs` beside it, at as many iterations."""
     split = read(folder / "split.json")
     runs = [("as published: sizes and rotations stay", "published"), ("as the plan decides", "plan"),
-            ("centre and shape refinement", "shapes"), ("`odgs`", "odgs"),
+            ("shape refinement, centres stay", "fixed"), ("`odgs`", "odgs"),
             ("as the plan decides, without aids", "plan-bare"), ("`odgs` without aids", "odgs-bare")]
     return [f"## {head}", "",
             f"{note} {len(split['input_views'])} views given, {len(split['novel_views'])} novel.", "",
@@ -216,7 +217,7 @@ def main():
         "The lines are in the order of the rows.", "",
         "## What the plan says", "", *plan(components / f"plan-{last}"), "",
         f"## Levels of detail of the run of {last} CPU seconds with shape refinement", "",
-        *levels(components / f"shapes-{last}-asset"), "",
+        *levels(components / f"plan-{last}-asset"), "",
         *large(folder / "large"), "", *shards(folder / "large"),
         *near([one for one in (components, folder / "street", folder / "tunnel") if (one / "near").exists()])]
     if (folder / "street/plan").exists():

@@ -13,11 +13,18 @@
 //! `T` detections. Fewer than four give a spline of lower degree. Pixels are compared as angles between rays over the
 //! angle of a pixel there, which is the same for any camera and has no seam.
 
-use glam::{DVec2, DVec3};
-use omnilife_schemas::{band_matrix::BandMatrix, posed_view::PosedView, trajectory::BSpline};
+use std::f64::consts::TAU;
 
-/// Standard deviation of the middle of a detection, pixels.
-const SIGMA_PIXELS: f64 = 2.0;
+use glam::{DVec2, DVec3};
+use omnilife_schemas::{
+    band_matrix::BandMatrix, camera::Camera, posed_view::PosedView, trajectory::BSpline,
+};
+
+/// Standard deviation of the middle of a detection, radians: two pixels of a pinhole that shows 65 degrees in 640 of
+/// them. What is missing of a vehicle in its box is a part of the vehicle, at any resolution.
+const SIGMA_RADIANS: f64 = 0.004;
+/// Minimum of it, pixels: borders are those of pixels.
+const LEAST_SIGMA_PIXELS: f64 = 0.5;
 /// Beyond this many standard deviations residuals count linearly.
 const HUBER: f64 = 1.5;
 const ITERATIONS: usize = 25;
@@ -201,6 +208,15 @@ fn smooth(
     }
 }
 
+/// Returns the standard deviation of the middle of a detection, pixels.
+fn sigma_pixels(camera: &Camera) -> f64 {
+    let per_radian = match camera {
+        Camera::Erp(camera) => f64::from(camera.width) / TAU,
+        Camera::Pinhole(camera) => (camera.fx * camera.fy).sqrt(),
+    };
+    (SIGMA_RADIANS * per_radian).max(LEAST_SIGMA_PIXELS)
+}
+
 /// Residuals of an observation in standard deviations, with their derivatives by the place.
 fn residuals(
     position: DVec3,
@@ -213,12 +229,13 @@ fn residuals(
     let direction = offset / distance;
     let ray = view.ray(observation.pixel);
     let steps = view.ray_steps(observation.pixel);
+    let sigma_pixels = sigma_pixels(&view.camera);
     let across = steps.map(|step| {
         let length = step.length().max(f64::MIN_POSITIVE);
         // Orthogonal to the ray: a step along it has no effect.
         let axis = step / length;
         let axis = (axis - ray * ray.dot(axis)).normalize_or_zero();
-        let scale = 1.0 / (length * SIGMA_PIXELS * observation.slack);
+        let scale = 1.0 / (length * sigma_pixels * observation.slack);
         let by_place = (axis - direction * direction.dot(axis)) / distance;
         (axis.dot(direction) * scale, by_place * scale)
     });

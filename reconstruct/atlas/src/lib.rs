@@ -53,6 +53,7 @@ use omnilife_training::{
     method::{Findings, Method, MethodKind, ON_CPU, Prepared},
     options::{MethodOption, OptionValues},
     process,
+    random::{Purpose, seed_of},
     request::{BackendChoice, DefaultPlan, MethodRequest},
     scene::{CameraExtent, TrainingScene},
     train::LoopSettings,
@@ -335,7 +336,8 @@ fn add_fields_of(
         };
         let shape: omnilife_engine::fields::grid_field::GridFieldShape =
             FieldSize::shape(size, inputs, outputs, longer, all);
-        let seed = settings.seed ^ ((number as u64) << 8 | kind.number() as u64);
+        let of_all = seed_of(settings.seed, Purpose::Fields);
+        let seed = of_all ^ ((number as u64) << 8 | kind.number() as u64);
         *node.fields.slot_mut(kind) = Some(GridField::new(shape, seed));
     }
 }

@@ -26,6 +26,7 @@ use omnilife_training::{
     error::ReconstructError,
     method::{Method, MethodKind, ON_CPU_AND_GPU, PreparedGaussians},
     models, options,
+    random::{Purpose, seed_of},
     request::{BackendChoice, DefaultPlan, MethodRequest},
     scene::{CameraExtent, TrainingScene},
     seeds::points,
@@ -130,7 +131,10 @@ fn prepare(
     let mut network_bytes = 0;
     let part = if deforms {
         let deformation = deformation_settings(scene, request, clock, with_noise);
-        let weights = deformation.model.network().initial_weights(request.seed);
+        let weights = deformation
+            .model
+            .network()
+            .initial_weights(seed_of(request.seed, Purpose::Fields));
         network_bytes = deformation
             .model
             .training_bytes(settings.densify.maximum_gaussians);

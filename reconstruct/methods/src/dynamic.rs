@@ -2,8 +2,7 @@
 
 use std::mem::take;
 
-use rand::{RngExt, SeedableRng};
-use rand_pcg::Pcg64Mcg;
+use rand::RngExt;
 
 use omnilife_engine::{
     clock::Clock,
@@ -26,6 +25,7 @@ use omnilife_training::{
     components::{Decision, Draft, draft::Seeding, mask_seeds},
     error::ReconstructError,
     method::PreparedGaussians,
+    random::{Purpose, stream},
     scene::TrainingScene,
     seeds::{masks::SeedVelocity, points},
 };
@@ -108,7 +108,7 @@ pub(super) fn first_lifespan(clock: &Clock, share: f32) -> f32 {
 
 /// Draws peak times evenly from the clip and a tenth of it on both sides.
 fn scattered_times(clock: &Clock, len: usize, lifespan: f32, seed: u64) -> InitialTimes {
-    let mut random = Pcg64Mcg::seed_from_u64(seed);
+    let mut random = stream(seed, Purpose::PeakTimes);
     let half = 0.5 * PEAK_RANGE * clock.duration_frames;
     let mut times = InitialTimes::constant(len, 0.0, lifespan);
     times
@@ -211,4 +211,27 @@ pub(super) fn prepared(
 /// Returns the mean vertical of the input cameras.
 pub(super) fn down(scene: &TrainingScene) -> [f32; 3] {
     mean_vertical(scene.input_views.iter().map(|view| &view.view))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn first_peaks_are_drawn_apart_from_the_order_of_views() {
+        let clock = Clock {
+            origin_seconds: 0.0,
+            frame_seconds: 0.1,
+            duration_frames: 40.0,
+        };
+        let peaks = |seed: u64| scattered_times(&clock, 50, 2.0, seed).peaks;
+        let half = 0.5 * PEAK_RANGE * clock.duration_frames;
+        let mut of_views = stream(3, Purpose::ViewOrder);
+        let shared: Vec<f32> = (0..50)
+            .map(|_| half * of_views.random_range(-1.0..=1.0_f32))
+            .collect();
+        assert!(peaks(3) != shared && peaks(3) != peaks(4));
+        assert_eq!(peaks(3), peaks(3));
+        assert!(peaks(3).iter().all(|peak| peak.abs() <= half));
+    }
 }

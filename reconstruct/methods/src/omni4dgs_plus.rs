@@ -37,8 +37,8 @@ pub const METHOD: Method = Method {
     id: "omni4dgs-plus",
     title: "Omni4DGS, ours",
     source: "this project; after OmniLife360, section 4",
-    description: "omni4dgs with lifespans of half the gap between input views, two frames at least, first \
-                  velocities from the masks' connected components, a cycle of twenty such lifespans, so that \
+    description: "omni4dgs with lifespans of half the gap between input views, two frames and 66 ms at \
+                  least, first velocities from the masks' connected components, a cycle of twenty such lifespans, so that \
                   Gaussians move nearly straight while they live, temporal smoothing as in PVG over as many \
                   frames, less weight on the dynamic Gaussians alone where input views are dense, and no \
                   density control in time: dynamic Gaussians are there at the moments between input views too. \
@@ -100,6 +100,11 @@ const DYNAMIC_LOSS: MethodOption = MethodOption {
     ..constants::DYNAMIC_LOSS
 };
 
+/// Shortest moment, seconds, a little less than a frame of 30 per second. Lives are so many moments: frames up to 30
+/// of them a second, the fewest that neighbouring views can tell apart; where there are more, the same time as with
+/// 30. What moves goes on for as long, however often it is looked at.
+const LEAST_MOMENT_SECONDS: f64 = 0.033;
+
 /// Settings by the gap between input views: lifespans, the distance in time of compared renders, and the weight
 /// of the masks.
 ///
@@ -117,26 +122,29 @@ struct GapSettings {
 }
 
 impl GapSettings {
-    /// Returns the settings of a scene whose input views are this many frames apart.
-    fn across(gap_frames: f32) -> Self {
-        let half = 0.5 * gap_frames;
-        // A Gaussian still has 88 % of its opacity one frame from its peak, where a novel view lies that follows
+    /// Returns the settings of a scene whose input views are this many frames apart, with the length of a frame.
+    fn across(gap_frames: f32, frame_seconds: f64) -> Self {
+        // Frames of a moment, at least 1.
+        let frames = (LEAST_MOMENT_SECONDS / frame_seconds).max(1.0) as f32;
+        let gap = gap_frames / frames;
+        let half = 0.5 * gap;
+        // A Gaussian still has 88 % of its opacity one moment from its peak, where a novel view lies that follows
         // an input view. In the middle of a longer gap it has 61 %.
-        let least_frames = half.max(2.0);
+        let least = half.max(2.0);
         Self {
-            least_frames,
-            seed_frames: least_frames.max(mask_seeds::LIFESPAN_FRAMES),
+            least_frames: frames * least,
+            seed_frames: frames * least.max(mask_seeds::LIFESPAN_FRAMES),
             // The published value is the minimum: otherwise every Gaussian would be static in the longest gaps.
-            dynamic_below_frames: (2.5 * least_frames).max(dynamic::CYCLE_FRAMES),
+            dynamic_below_frames: frames * (2.5 * least).max(dynamic::CYCLE_FRAMES),
             // Period of the motion `sin(2 pi t / l) l / (2 pi) v`. With PVG's 10 frames a Gaussian swings by 1.6
             // times its velocity in the 5 to 13 frames of its visibility, and returns; pedestrians and cars go
             // on. With 40 frames it goes as far as 6.4 frames take it (docs/results/dynamic.md).
-            cycle_frames: 20.0 * least_frames,
-            smoothing_reach_frames: half.max(dynamic::SMOOTHING.reach_frames),
+            cycle_frames: frames * 20.0 * least,
+            smoothing_reach_frames: frames * half.max(dynamic::SMOOTHING.reach_frames),
             // The loss pulls dynamic Gaussians out of unmasked pixels, where shadows, reflections and unsegmented
             // objects change too. In dense views that costs more than it gives. In sparse views it keeps the
             // static region out of the Gaussians that may change (docs/results/dynamic.md).
-            dynamic_weight: (0.01 * gap_frames).min(constants::DYNAMIC_WEIGHT),
+            dynamic_weight: (0.01 * gap).min(constants::DYNAMIC_WEIGHT),
         }
     }
 }
@@ -147,7 +155,7 @@ fn prepare(
     _: BackendChoice,
 ) -> Result<PreparedGaussians, ReconstructError> {
     let clock = scene.clock()?;
-    let gap = GapSettings::across(scene.input_gap_frames(&clock));
+    let gap = GapSettings::across(scene.input_gap_frames(&clock), clock.frame_seconds);
     let supported = METHOD.supported();
     let mut draft = Draft::new(scene, request, supported, METHOD.motion())?;
     dynamic::add_learning_rates(&mut draft.settings, scene_extent(scene));
@@ -185,10 +193,70 @@ fn prepare(
 mod tests {
     use super::*;
 
+    /// Returns lives and cycle, seconds, and the weight of masks, of input views `gap_seconds` apart.
+    fn seconds(gap_seconds: f64, frame_seconds: f64) -> [f64; 6] {
+        let gap_frames = (gap_seconds / frame_seconds) as f32;
+        let settings = GapSettings::across(gap_frames, frame_seconds);
+        let times = [
+            settings.least_frames,
+            settings.seed_frames,
+            settings.dynamic_below_frames,
+            settings.cycle_frames,
+            settings.smoothing_reach_frames,
+        ]
+        .map(|frames| f64::from(frames) * frame_seconds);
+        let [least, seed, below, cycle, reach] = times;
+        let weight = f64::from(settings.dynamic_weight);
+        [least, seed, below, cycle, reach, weight]
+    }
+
+    fn assert_near(found: [f64; 6], expected: [f64; 6]) {
+        for (value, wanted) in found.iter().zip(expected) {
+            let error = (value / wanted - 1.0).abs();
+            assert!(error < 0.011, "{found:?} {expected:?}");
+        }
+    }
+
+    #[test]
+    fn more_frames_of_the_same_times_have_the_same_lives_in_seconds() {
+        for gap_seconds in [1.0 / 30.0, 0.1, 0.5, 3.0] {
+            let expected = seconds(gap_seconds, 1.0 / 30.0);
+            for factor in [2.0, 4.0, 8.0] {
+                assert_near(seconds(gap_seconds, 1.0 / (30.0 * factor)), expected);
+            }
+        }
+        // Every frame is an input view.
+        let dense = |rate: f64| seconds(1.0 / rate, 1.0 / rate)[..5].to_vec();
+        for (fast, usual) in dense(120.0).into_iter().zip(dense(30.0)) {
+            assert!((fast / usual - 1.0).abs() < 0.011, "{fast} {usual}");
+        }
+    }
+
+    #[test]
+    fn slower_clips_have_lives_that_are_as_much_longer() {
+        let expected = seconds(0.5, 0.05);
+        for factor in [1.5, 5.0, 20.0] {
+            let mut scaled = expected.map(|value| value * factor);
+            scaled[5] = expected[5];
+            assert_near(seconds(0.5 * factor, 0.05 * factor), scaled);
+        }
+    }
+
+    /// Checks that 30 frames per second, as cameras state it, are frames.
+    #[test]
+    fn up_to_30_frames_a_second_a_moment_is_a_frame() {
+        for rate in [4.0, 6.25, 12.0, 25.0, 29.97, 30.0] {
+            let found = GapSettings::across(3.0, 1.0 / rate);
+            assert_eq!(found, GapSettings::across(3.0, 1.0));
+        }
+        assert_eq!(GapSettings::across(3.0, 0.033_333).cycle_frames, 40.0);
+        assert!((seconds(0.01, 0.01)[3] - 40.0 * LEAST_MOMENT_SECONDS).abs() < 1e-6);
+    }
+
     #[test]
     fn lives_reach_over_the_gaps_between_input_views() {
         for dense in [1.0, 2.0, 3.0, 4.0] {
-            let settings = GapSettings::across(dense);
+            let settings = GapSettings::across(dense, 0.1);
             assert_eq!(
                 [
                     settings.least_frames,
@@ -201,7 +269,7 @@ mod tests {
             assert_eq!(settings.dynamic_weight, 0.01 * dense);
         }
         for gap in [9.0, 30.0, 300.0] {
-            let settings = GapSettings::across(gap);
+            let settings = GapSettings::across(gap, 0.1);
             assert_eq!(settings.least_frames, 0.5 * gap);
             assert!(
                 settings.seed_frames < settings.dynamic_below_frames,

@@ -1,8 +1,8 @@
 //! Components of a method by the evidence of a scene, and the savings from leaving out the rest.
 //!
-//! The decisions are the method's own, as a run makes and records them. Here they stand beside the cost of the
-//! same method under the plan full: first Gaussians, bytes of their tables, and the time of a step. Steps are
-//! measured in turns ([`PairedSteps`]) where the plans differ.
+//! The decisions are the method's own, as a run makes and records them. Here their cost stands beside that of the
+//! same method under the plan full: first Gaussians, bytes of their tables, and the work of a step ([`StepWork`]).
+//! Times would change with everything else that the machine does.
 
 use std::{collections::BTreeSet, path::Path};
 
@@ -12,12 +12,20 @@ use crate::registry;
 use omnilife_training::{
     components::{self, static_table},
     error::ReconstructError,
-    learner::ModelSize,
+    learner::{ModelSize, work::StepWork},
     method::{Method, Prepared},
     request::{BackendChoice, MethodRequest, PlanChoice},
     scene::TrainingScene,
-    train::timing::{MedianRange, PairedSteps},
 };
+
+/// Cost of a plan before the first step.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct PlanCost {
+    /// Size of the model at the start of its training.
+    pub size: ModelSize,
+    /// Mean work of the steps; `None` for models whose work is not counted.
+    pub work: Option<StepWork>,
+}
 
 /// The decisions on a scene and their cost.
 #[derive(Debug, Clone, PartialEq)]
@@ -28,12 +36,19 @@ pub struct ScenePlan {
     pub scene: String,
     /// Used and left-out components, with the evidence.
     pub decisions: Vec<ComponentDecision>,
-    /// Size of the model at the start of its training.
-    pub planned: ModelSize,
-    /// Its size under the plan full.
-    pub full: ModelSize,
-    /// Times of steps under this plan and under the plan full; `None` where both are the same.
-    pub steps: Option<PairedSteps>,
+    /// Cost of this plan.
+    pub planned: PlanCost,
+    /// Cost of the plan full; `None` where both are the same.
+    pub full: Option<PlanCost>,
+}
+
+impl PlanCost {
+    fn of(prepared: &Prepared<'_>) -> Self {
+        Self {
+            size: prepared.learner.size(),
+            work: prepared.learner.work(),
+        }
+    }
 }
 
 /// Decides a method's components on a scene.
@@ -76,23 +91,14 @@ pub fn plan(
         ..request.clone()
     };
     let prepare = |request: &MethodRequest| method.prepare(&scene, request, BackendChoice::Cpu);
-    let (mut planned, mut full) = (prepare(request)?, prepare(&full)?);
-    let [planned_size, full_size] = [planned.learner.size(), full.learner.size()];
-    let steps = if are_the_same(&planned, &full) {
-        None
-    } else {
-        Some(PairedSteps::measure(
-            [&mut *planned.learner, &mut *full.learner],
-            (scene.input_views.len(), request.iterations),
-        )?)
-    };
+    let (planned, full) = (prepare(request)?, prepare(&full)?);
+    let of_full = (!are_the_same(&planned, &full)).then(|| PlanCost::of(&full));
     Ok(ScenePlan {
         method: method.id.to_owned(),
         scene: scene.id.clone(),
+        planned: PlanCost::of(&planned),
+        full: of_full,
         decisions: points.into_iter().chain(planned.findings.plan).collect(),
-        planned: planned_size,
-        full: full_size,
-        steps,
     })
 }
 
@@ -126,73 +132,68 @@ impl ScenePlan {
                 decision.reason
             );
         }
-        text += "\n| Plan | Static Gaussians | Moving Gaussians | Tables, MB | Step, ms |\n";
-        text += "|---|---:|---:|---:|---:|\n";
-        let seconds = self.steps.as_ref().map_or([None; 2], PairedSteps::seconds);
-        let plans = [("this", self.planned), ("full", self.full)];
-        for ((name, size), seconds) in plans.into_iter().zip(seconds) {
-            text += &format!(
-                "| {name} | {} | {} | {:.1} | {} |\n",
-                size.primitives - size.with_times,
-                size.with_times,
-                size.bytes as f64 / 1e6,
-                milliseconds(seconds)
-            );
+        text += "\n| Plan | Static Gaussians | Moving Gaussians | At most | Trained values | Pixels a step | Tables, MB |\n";
+        text += "|---|---:|---:|---:|---:|---:|---:|\n";
+        let plans = [("this", Some(&self.planned)), ("full", self.full.as_ref())];
+        for (name, cost) in plans {
+            if let Some(cost) = cost {
+                text += &row(name, cost);
+            }
+        }
+        for (name, cost) in plans {
+            if let Some(parts) = cost.and_then(parts) {
+                text += &format!("\nPlan {name}, share of the steps: {parts}\n");
+            }
         }
         text + "\n" + &self.comparison()
     }
 
     /// Compares this plan with the plan full in a line.
     fn comparison(&self) -> String {
-        let Some(steps) = &self.steps else {
-            return "Both plans are the same: no step was measured\n".to_owned();
+        let Some(full) = &self.full else {
+            return "Both plans are the same\n".to_owned();
         };
-        format!(
-            "Beside the full plan: tables {}; {}\n",
+        let mut compared = vec![format!(
+            "tables {}",
             beside(
-                self.planned.bytes as f64 / self.full.bytes as f64,
+                self.planned.size.bytes as f64 / full.size.bytes as f64,
                 ["smaller", "larger"]
-            ),
-            steps_beside(steps.ratio(), steps.count())
-        )
+            )
+        )];
+        if let (Some(work), Some(of_full)) = (&self.planned.work, &full.work) {
+            let fewer = ["fewer", "more"];
+            let values = work.values as f64 / of_full.values as f64;
+            compared.push(format!("trained values {}", beside(values, fewer)));
+            let pixels = beside(work.pixels / of_full.pixels, fewer);
+            compared.push(format!("pixels a step {pixels}"));
+        }
+        format!("Beside the full plan: {}\n", compared.join(", "))
     }
 }
 
-/// Writes the time of a step for a table, with its range: `36.2 (35.1 to 40.9)`.
-fn milliseconds(seconds: Option<MedianRange>) -> String {
-    seconds.map_or_else(
-        || "not measured".to_owned(),
-        |MedianRange {
-             least,
-             median,
-             most,
-         }| {
-            let [least, median, most] = [least, median, most].map(|seconds| 1e3 * seconds);
-            format!("{median:.1} ({least:.1} to {most:.1})")
-        },
-    )
-}
-
-/// Compares a step of one plan with one of another by the ratio of their times. The text gives the direction with
-/// its range, or no difference where the range has both directions.
-fn steps_beside(ratio: Option<MedianRange>, pairs: usize) -> String {
-    let Some(ratio) = ratio else {
-        return "no step was measured".to_owned();
+/// Writes the row of a plan.
+fn row(name: &str, PlanCost { size, work }: &PlanCost) -> String {
+    let of_work = |of: fn(&StepWork) -> u64| {
+        work.as_ref()
+            .map_or_else(|| "-".to_owned(), |work| of(work).to_string())
     };
-    let percent = |ratio: f64| 100.0 * (ratio - 1.0).abs();
-    if !ratio.excludes(1.0) || percent(ratio.median) < 0.5 {
-        return format!(
-            "no difference of their steps was measured (ratio {:.2} to {:.2} in {pairs} pairs)",
-            ratio.least, ratio.most
-        );
-    }
-    let ends = [ratio.least, ratio.most].map(percent);
     format!(
-        "a step {} ({:.0} to {:.0} % in {pairs} pairs)",
-        beside(ratio.median, ["shorter", "longer"]),
-        ends[0].min(ends[1]),
-        ends[0].max(ends[1])
+        "| {name} | {} | {} | {} | {} | {} | {:.1} |\n",
+        size.primitives - size.with_times,
+        size.with_times,
+        of_work(|work| work.most_gaussians),
+        of_work(|work| work.values),
+        of_work(|work| work.pixels.round() as u64),
+        size.bytes as f64 / 1e6
     )
+}
+
+/// Writes the parts that not every step has; `None` without any.
+fn parts(cost: &PlanCost) -> Option<String> {
+    let parts = &cost.work.as_ref()?.parts;
+    let words = |(name, share): &(&str, f64)| format!("{name} {:.0} %", 100.0 * share);
+    let words: Vec<String> = parts.iter().map(words).collect();
+    (!words.is_empty()).then(|| words.join(", "))
 }
 
 /// Writes a ratio in words: `29 % smaller`, `the same`. Left-out components can save memory.
@@ -218,62 +219,68 @@ mod tests {
         assert_eq!(words(f64::NAN), "the same");
     }
 
-    fn steps(least: f64, median: f64, most: f64) -> String {
-        let ratio = MedianRange {
-            least,
-            median,
-            most,
-        };
-        steps_beside(Some(ratio), 15)
-    }
-
-    #[test]
-    fn steps_have_a_direction_only_where_their_whole_range_has_it() {
-        assert_eq!(
-            steps(0.7, 0.8, 0.95),
-            "a step 20 % shorter (5 to 30 % in 15 pairs)"
-        );
-        assert_eq!(
-            steps(1.1, 1.25, 2.0),
-            "a step 25 % longer (10 to 100 % in 15 pairs)"
-        );
-        for (least, median, most) in [
-            (0.64, 1.94, 2.1),
-            (0.5, 0.64, 1.0),
-            (1.0, 1.0, 1.0),
-            (0.995, 0.998, 0.999),
-            (f64::NAN, f64::NAN, f64::NAN),
-        ] {
-            let words = steps(least, median, most);
-            assert!(
-                !words.contains("shorter") && !words.contains("longer"),
-                "{words}"
-            );
+    fn plan(full: Option<PlanCost>) -> ScenePlan {
+        ScenePlan {
+            method: "odgs".to_owned(),
+            scene: "street".to_owned(),
+            decisions: Vec::new(),
+            planned: PlanCost {
+                size: ModelSize {
+                    primitives: 10,
+                    with_times: 4,
+                    objects: None,
+                    bytes: 1_000_000,
+                },
+                work: Some(StepWork {
+                    values: 140,
+                    pixels: 32_768.0,
+                    most_gaussians: 50,
+                    parts: vec![("poses moved", 0.95)],
+                }),
+            },
+            full,
         }
     }
 
     #[test]
+    fn the_cost_of_a_plan_is_counted_beside_that_of_all_components() {
+        let mut full = plan(None).planned;
+        full.size.bytes = 2_000_000;
+        if let Some(work) = &mut full.work {
+            work.values = 200;
+            work.pixels = 65_536.0;
+        }
+        let text = plan(Some(full)).text();
+        for words in [
+            "| this | 6 | 4 | 50 | 140 | 32768 | 1.0 |",
+            "| full | 6 | 4 | 50 | 200 | 65536 | 2.0 |",
+            "Plan this, share of the steps: poses moved 95 %",
+            "tables 50 % smaller, trained values 30 % fewer, pixels a step 50 % fewer",
+        ] {
+            assert!(text.contains(words), "{words}: {text}");
+        }
+        // Twice the same: no clock was read.
+        assert_eq!(plan(None).text(), plan(None).text());
+    }
+
+    #[test]
     fn plans_that_are_the_same_are_not_compared() {
-        let size = ModelSize {
-            primitives: 10,
-            with_times: 4,
-            objects: None,
-            bytes: 1_000_000,
-        };
-        let plan = ScenePlan {
-            method: "odgs".to_owned(),
-            scene: "street".to_owned(),
-            decisions: Vec::new(),
-            planned: size,
-            full: size,
-            steps: None,
-        };
-        let text = plan.text();
-        assert!(text.contains("plans are the same"), "{text}");
+        let text = plan(None).text();
+        assert!(text.contains("Both plans are the same"), "{text}");
         assert!(
-            text.contains("| this | 6 | 4 | 1.0 | not measured |"),
+            !text.contains("| full |") && !text.contains("fewer"),
             "{text}"
         );
-        assert!(!text.contains(" %") && !text.contains("shorter"), "{text}");
+    }
+
+    #[test]
+    fn work_that_is_not_counted_has_no_number() {
+        let mut plan = plan(None);
+        plan.planned.work = None;
+        let text = plan.text();
+        assert!(
+            text.contains("| this | 6 | 4 | - | - | - | 1.0 |"),
+            "{text}"
+        );
     }
 }

@@ -15,7 +15,7 @@ use omnilife_reconstruct::{
 use crate::support::trained::{arrays_with_growth, request, settings, train};
 
 use crate::support::novel_views::novel_psnr;
-use crate::support::{balls, moving_ball};
+use crate::support::{balls, gains::brighten, moving_ball};
 
 const EXPOSURE: &str = "exposure-compensation";
 const POSES: &str = "pose-refinement";
@@ -24,10 +24,7 @@ const SHORT: &str = "short-schedule";
 /// Returns the test scene with a gain that falls over the clip and poses that drift.
 pub(crate) fn spoilt(mut scene: TrainingScene) -> TrainingScene {
     for view in scene.input_views.iter_mut().chain(&mut scene.novel_views) {
-        let gain = 1.0 - 0.25 * f64::from(view.frame) / 14.0;
-        for value in &mut view.pixels {
-            *value = (f64::from(*value) * gain).round() as u8;
-        }
+        brighten(view, 1.0 - 0.45 * f64::from(view.frame) / 14.0);
         let along = 0.45 * view.frame as f32;
         let wrong = PoseCorrection {
             rotation: 0.03 * vec3(along.sin(), along.cos(), -(0.8 * along).sin()),

@@ -11,6 +11,7 @@ use omnilife_schemas::camera::CameraModel;
 use rand_pcg::Pcg64Mcg;
 
 use crate::support::{
+    gains::brighten,
     novel_views::novel_psnr,
     trained::{request, settings, train},
 };
@@ -87,10 +88,7 @@ fn gains_of_the_camera_are_no_change_of_points() {
     };
     let fixed = changing(&scene);
     for view in &mut scene.input_views {
-        let gain = 1.0 - 0.4 * f64::from(view.frame) / 14.0;
-        for value in &mut view.pixels {
-            *value = (f64::from(*value) * gain).round() as u8;
-        }
+        brighten(view, 1.0 - 0.65 * f64::from(view.frame) / 14.0);
     }
     let falling = changing(&scene);
     assert!(falling <= fixed + 10, "{falling} {fixed}");
@@ -99,12 +97,10 @@ fn gains_of_the_camera_are_no_change_of_points() {
 #[test]
 fn gains_of_the_camera_are_found_and_compensated() {
     let mut scene = moving_ball::scene();
-    let gain = |frame: u32| 1.0 - 0.25 * (f64::from(frame) / 14.0);
+    let gain = |frame: u32| 1.0 - 0.45 * (f64::from(frame) / 14.0);
     for view in scene.input_views.iter_mut().chain(&mut scene.novel_views) {
         let gain = gain(view.frame);
-        for value in &mut view.pixels {
-            *value = (f64::from(*value) * gain).round() as u8;
-        }
+        brighten(view, gain);
     }
     let trained = |without: &[&str]| {
         let without = without.iter().map(|&name| name.to_owned()).collect();
@@ -124,7 +120,7 @@ fn gains_of_the_camera_are_found_and_compensated() {
         let expected = (gain(view.frame.min(13)) / gain(6)) as f32;
         let found = exposure.gain(view.view.time_seconds)[1];
         assert!(
-            (found / expected - 1.0).abs() < 0.02,
+            (found / expected - 1.0).abs() < 0.04,
             "{}: {found} {expected}",
             view.frame
         );
@@ -138,7 +134,7 @@ fn gains_of_the_camera_are_found_and_compensated() {
     let decision = decisions
         .iter()
         .find(|part| part.component == "exposure-compensation");
-    assert!(decision.is_some_and(|part| !part.used && part.reason.contains("limit 2 %")));
+    assert!(decision.is_some_and(|part| !part.used && part.reason.contains("limit 4.3 %")));
 }
 
 /// Checks that a gain that flickers from view to view does not affect the views between the first examined ones.
@@ -148,15 +144,13 @@ fn flicker_is_found_in_every_one_of_many_views() {
     let once = scene.input_views.clone();
     scene.novel_views.clear();
     // 48 views: the clip four times over, brighter and darker in an order that differs from any regular sample.
-    let gain = |number: usize| if number % 5 < 2 { 0.8 } else { 1.0 };
+    let gain = |number: usize| if number % 5 < 2 { 0.6 } else { 1.0 };
     scene.input_views = (0..4 * once.len())
         .map(|number| {
             let mut view = once[number % once.len()].clone();
             view.frame = number as u32;
             view.view.time_seconds = number as f64;
-            for value in &mut view.pixels {
-                *value = (f64::from(*value) * gain(number)).round() as u8;
-            }
+            brighten(&mut view, gain(number));
             view
         })
         .collect();
@@ -166,7 +160,7 @@ fn flicker_is_found_in_every_one_of_many_views() {
         let found = exposure.gain(number as f64)[1] / exposure.gain(2.0)[1];
         let expected = gain(number) as f32;
         assert!(
-            (found / expected - 1.0).abs() < 0.04,
+            (found / expected - 1.0).abs() < 0.08,
             "{number}: {found} {expected}"
         );
     }
@@ -228,14 +222,19 @@ fn saturated_pixels_are_counted_where_the_scene_is_shown() {
     assert!((scene.saturated_share() - 1.0 / 7.0).abs() < 1e-3);
 }
 
-/// Checks noise of a segmenter: a pixel in one of the views.
+/// Checks noise of a segmenter: a pixel in one of the views, or in two.
 #[test]
-fn a_speck_in_one_mask_does_not_make_a_still_scene_move() {
+fn specks_in_a_mask_or_two_do_not_make_a_still_scene_move() {
+    specks_show_no_motion(&[4]);
+    specks_show_no_motion(&[4, 7]);
+}
+
+fn specks_show_no_motion(speckled: &[usize]) {
     let mut scene = balls::scene();
     let pixels = scene.input_views[0].pixels.len() / 3;
     for (number, view) in scene.input_views.iter_mut().enumerate() {
         let mut mask = vec![0; pixels];
-        if number == 4 {
+        if speckled.contains(&number) {
             mask[pixels / 2] = 255;
         }
         view.mask = Some(mask);
@@ -304,6 +303,41 @@ fn planning_counts_as_training() {
 }
 
 #[test]
+fn the_work_of_a_step_is_counted() {
+    let scene = moving_ball::scene();
+    let [width, height] = scene.camera.size();
+    let pixels = (width * height) as f64;
+    let work = |method: &str, plan: PlanChoice| {
+        let request = MethodRequest { plan, ..request(2) };
+        let outcome = train(&scene, method, &request);
+        let values: usize = outcome
+            .learner
+            .arrays()
+            .iter()
+            .map(|array| array.values)
+            .sum();
+        let work = outcome.learner.work().unwrap();
+        assert_eq!(work.values, values as u64, "{method}");
+        work
+    };
+    let fixed = work("odgs", PlanChoice::Auto);
+    assert_eq!((fixed.pixels, fixed.parts.len()), (pixels, 0));
+    // Every view has a mask: moving Gaussians are drawn once more.
+    let moving = work("omni4dgs-plus", PlanChoice::Full);
+    assert!(
+        pixels < moving.pixels && moving.pixels <= 2.0 * pixels,
+        "{moving:?}"
+    );
+    let share = |name: &str| {
+        let mut parts = moving.parts.iter().filter(|(part, _)| *part == name);
+        parts.next().map(|(_, share)| *share)
+    };
+    assert_eq!(share("another moment drawn"), Some(0.5));
+    assert!(share("poses moved") > Some(0.4));
+    assert!(moving.values > fixed.values);
+}
+
+#[test]
 fn gloss_is_found_and_drawn() {
     let smooth = |_: &mut Pcg64Mcg, direction: DVec3| (0.2 * direction + 0.5).as_vec3().to_array();
     // Use of harmonics, its reason, and the quality of the novel views.
@@ -332,7 +366,7 @@ fn gloss_is_found_and_drawn() {
     let (used, _, without) = trained(0.6, &["view-dependent-colour"]);
     assert!(!used && with > without + 0.3, "{with} {without}");
     let (used, reason, _) = trained(0.0, &[]);
-    assert!(!used && reason.contains("limit 0.012"), "{reason}");
+    assert!(!used && reason.contains("limit 0.024"), "{reason}");
 }
 
 /// Checks that missing evidence does not select a component: such scenes are planned, trained, and report it.

@@ -17,14 +17,23 @@ pub enum Purpose {
     SweptPoints,
     /// Choice of a step's rays from a clip.
     Rays,
+    /// First peak times of Gaussians at scene points.
+    PeakTimes,
+    /// First values of fields of grids and networks.
+    Fields,
 }
 
 /// Steps of the golden ratio keep the seeds of the purposes apart.
 const SEED_STEP: u64 = 0x9e37_79b9_7f4a_7c15;
 
+/// Returns the seed of a purpose under a run's seed.
+pub fn seed_of(seed: u64, purpose: Purpose) -> u64 {
+    seed.wrapping_add((purpose as u64).wrapping_mul(SEED_STEP))
+}
+
 /// Returns the stream of a purpose under a run's seed.
 pub fn stream(seed: u64, purpose: Purpose) -> Pcg64Mcg {
-    Pcg64Mcg::seed_from_u64(seed.wrapping_add((purpose as u64).wrapping_mul(SEED_STEP)))
+    Pcg64Mcg::seed_from_u64(seed_of(seed, purpose))
 }
 
 #[cfg(test)]
@@ -41,6 +50,8 @@ mod tests {
             Purpose::Density,
             Purpose::SweptPoints,
             Purpose::Rays,
+            Purpose::PeakTimes,
+            Purpose::Fields,
         ];
         let mut first: Vec<u64> = Vec::new();
         for seed in 0..100 {

@@ -4,7 +4,8 @@
     python3 worth.py OUT [--groups set,unseen,blind] [--iterations 1000] [--jobs 2]
 
 OUT is a folder that measure.py has filled. Every clip is trained with `omni4dgs-plus` as the plan says, and once
-more for each component with the other decision; novel views as written to PNG files are compared with the frames.
+more for each component with the other decision, in as much CPU time: a first run tells the pace of its steps, a
+second one takes as many as fit. Novel views as written to PNG files are compared with the frames.
 Prints what using each component is worth on every clip, how often plans decide against that, and what it costs;
 runs that are there are not made again. Needs $OMNILIFE, the program, and a Python with NumPy and Pillow.
 """
@@ -26,6 +27,8 @@ WITH = {"motion": ["temporal-opacity", "temporal-motion"]}
 WITHOUT = {"motion": ["temporal-opacity", "temporal-motion", "dynamic-mask", "mask-seeds"]}
 # Difference that seeds of such runs make, dB: a component that is worth less may be used or left out.
 SPREAD = 0.1
+# Share of the CPU time by which two runs may differ and count as equally long.
+SAME_TIME = 0.02
 
 
 def psnr(sequence, predictions):
@@ -39,16 +42,26 @@ def psnr(sequence, predictions):
     return float(np.mean(values))
 
 
-def trained(options, clip, name, extra):
-    """PSNR of novel views, CPU seconds of a training on one core, and the components that it used."""
+def trained(options, clip, name, extra, iterations):
+    """PSNR of novel views, CPU seconds of planning and of steps on one core, and the components that were used."""
     sequence = options.out / "datasets" / clip.name / "videos" / clip.name / "seq-000"
-    folder = made(options.out / "worth" / f"{clip.name}-{name}-{options.iterations}", lambda part: run(
+    folder = made(options.out / "worth" / f"{clip.name}-{name}-{iterations}", lambda part: run(
         os.environ["OMNILIFE"], "--quiet", "reconstruct", "train", sequence / "scene.json", "--split",
-        sequence / "split.json", "--method", "omni4dgs-plus", "--iterations", options.iterations, "--seed", 0,
+        sequence / "split.json", "--method", "omni4dgs-plus", "--iterations", iterations, "--seed", 0,
         "--trace-views", 0, "--out", part, *extra))
     record = json.loads((folder / "run.json").read_text())
-    seconds = record["planning_cpu_seconds"] + record["training_cpu_seconds"]
-    return psnr(sequence, folder / "predictions/novel"), seconds, used(record)
+    planning = record["planning_cpu_seconds"]
+    steps = record["training_cpu_seconds"] - planning
+    return psnr(sequence, folder / "predictions/novel"), (planning, steps), used(record)
+
+
+def trained_within(options, clip, name, extra, seconds):
+    """PSNR of novel views after as many iterations as fit into these CPU seconds, and those of the full schedule."""
+    value, (planning, steps), _ = trained(options, clip, name, extra, options.iterations)
+    iterations = max(1, round((seconds - planning) / steps * options.iterations))
+    if abs(iterations / options.iterations - 1) > SAME_TIME:
+        value, _, _ = trained(options, clip, name, extra, iterations)
+    return value, planning + steps
 
 
 def other_decision(decision, is_used):
@@ -59,13 +72,15 @@ def other_decision(decision, is_used):
 
 
 def measured(options, clip):
-    """By decision: whether the plan uses the component, what using it is worth in dB, and by what factor it
-    lengthens the training."""
-    plan_psnr, plan_seconds, components = trained(options, clip, "plan", [])
+    """By decision: whether the plan uses the component, what using it is worth in dB at equal CPU time, and by what
+    factor it lengthens as many iterations."""
+    plan_psnr, parts, components = trained(options, clip, "plan", [], options.iterations)
+    plan_seconds = sum(parts)
     found = {}
     for decision, component in COMPONENTS.items():
         is_used = component in components
-        other_psnr, other_seconds, _ = trained(options, clip, decision, other_decision(decision, is_used))
+        other = other_decision(decision, is_used)
+        other_psnr, other_seconds = trained_within(options, clip, decision, other, plan_seconds)
         gain, factor = plan_psnr - other_psnr, plan_seconds / other_seconds
         found[decision] = (is_used, gain, factor) if is_used else (is_used, -gain, 1 / factor)
     return plan_psnr, plan_seconds, found

@@ -19,8 +19,7 @@ impl Noise {
     }
 
     fn normal(&mut self) -> f64 {
-        (-2.0 * self.uniform().max(1e-300).ln()).sqrt()
-            * (std::f64::consts::TAU * self.uniform()).cos()
+        (-2.0 * self.uniform().max(1e-300).ln()).sqrt() * (TAU * self.uniform()).cos()
     }
 }
 
@@ -159,6 +158,24 @@ fn a_path_is_nearer_than_its_lifted_detections() {
         }
         assert!(fitted < most * raw, "{sigma}: {fitted} against {raw}");
     }
+}
+
+/// Checks that the same detections weigh as much in images of twice the size, but for the least pixels.
+#[test]
+fn detections_have_the_error_of_an_angle() {
+    let pinhole = |width: u32| -> Camera {
+        PinholeCamera::with_horizontal_field_of_view(width, width * 9 / 16, 1.14).into()
+    };
+    let [small, usual, large] = [160, 640, 2560].map(|width| sigma_pixels(&pinhole(width)));
+    assert!((usual - 2.0).abs() < 0.01 && (large - 4.0 * usual).abs() < 1e-9);
+    assert_eq!(small, LEAST_SIGMA_PIXELS);
+    let erp = |width: u32| {
+        Camera::from(ErpCamera {
+            width,
+            height: width / 2,
+        })
+    };
+    assert!((sigma_pixels(&erp(4096)) / 4096.0 * TAU - 0.004).abs() < 1e-12);
 }
 
 #[test]

@@ -1,32 +1,38 @@
 //! Exposure gains over time, for a camera with automatic exposure.
 //!
-//! A view's gain is the median, over points of its image, of the image divided by a static render of the same
-//! pixels, per channel. A gain of light is a gain of gamma-coded values too. Images are divided by the gain
-//! of their time before they are compared with Gaussians, and renders are multiplied by it before they are
-//! shown. The Gaussians thus store the scene at the median gain of all views. A saturated value is only a
-//! lower bound; [`PixelMarks`](crate::losses::photometric::PixelMarks) handles it in losses. Between the
-//! estimated views, and for novel views, the logarithm of the gain is interpolated in time.
+//! Gains are those of linear light ([`srgb`]): the same gain changes dark levels by a larger share than bright ones.
+//! A view's gain is the median, over points of its image, of the light of the image divided by that of a static
+//! render of the same pixels, per channel. The light of images is divided by the gain of their time before they
+//! are compared with Gaussians, and that of renders is multiplied by it before they are shown. The Gaussians thus
+//! store the scene at the median gain of all views. A saturated value is only a lower bound;
+//! [`PixelMarks`](crate::losses::photometric::PixelMarks) handles it in losses. Between the estimated views, and
+//! for novel views, the logarithm of the gain is interpolated in time.
 
 use omnilife_schemas::statistics::median;
 use serde::{Deserialize, Serialize};
 
-/// Rendered levels in `[0, 1]` used for the estimate: darker ones are noisy, brighter ones may be clipped.
-const USABLE_LEVELS: std::ops::Range<f32> = 0.05..0.9;
+use crate::model::srgb;
+
+/// Light used for the estimate, of the render and of the render under the gain: levels of 0.05 to 0.9. Darker ones are
+/// noisy or clipped at 0, brighter ones may be clipped at 1.
+const USABLE_LIGHT: std::ops::Range<f32> = 0.003_935_9..0.787_412_3;
 /// Least number of points for an estimate of a view's gain.
 const LEAST_PLACES: usize = 50;
+/// Rounds of the estimate: the gain decides which points are usable under it.
+const ROUNDS: usize = 3;
 
 /// Gains over time.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Exposure {
     /// Times of the estimated views, seconds, increasing.
     times_seconds: Vec<f64>,
-    /// Natural logarithms of their gains, channel by channel; their median is 0.
-    log_gains: Vec<[f32; 3]>,
+    /// Natural logarithms of their gains of light, channel by channel; their median is 0.
+    log_light_gains: Vec<[f32; 3]>,
 }
 
 impl Exposure {
-    /// Estimates gains from pairs of colours: per view its time, and the colours of the image and of a static
-    /// render at the same points. Views with too few points are ignored. `None` if no view remains.
+    /// Estimates gains from pairs of colours in linear light: per view its time, and the light of the image and of a
+    /// static render at the same points. Views with too few points are ignored. `None` if no view remains.
     pub fn estimate(views: &[(f64, Vec<[[f32; 3]; 2]>)]) -> Option<Self> {
         let mut found: Vec<(f64, [f32; 3])> = views
             .iter()
@@ -41,15 +47,15 @@ impl Exposure {
         let relative = |gain: [f32; 3]| [0, 1, 2].map(|channel| gain[channel] - middle[channel]);
         Some(Self {
             times_seconds: found.iter().map(|(time, _)| *time).collect(),
-            log_gains: found.iter().map(|(_, gain)| relative(*gain)).collect(),
+            log_light_gains: found.iter().map(|(_, gain)| relative(*gain)).collect(),
         })
     }
 
-    /// Returns the standard deviation of the gains, as a share: 0.02 is 2 %.
+    /// Returns the standard deviation of the gains of light, as a share: 0.02 is 2 %.
     pub fn drift(&self) -> f64 {
-        let squares = self.log_gains.iter().flatten();
+        let squares = self.log_light_gains.iter().flatten();
         let sum: f64 = squares.map(|&log| f64::from(log).powi(2)).sum();
-        (sum / (3 * self.log_gains.len()).max(1) as f64).sqrt()
+        (sum / (3 * self.log_light_gains.len()).max(1) as f64).sqrt()
     }
 
     /// Returns the number of estimated views.
@@ -57,7 +63,7 @@ impl Exposure {
         self.times_seconds.len()
     }
 
-    /// Returns the gain of each channel at a time.
+    /// Returns the gain of the light of each channel at a time.
     pub fn gain(&self, seconds: f64) -> [f32; 3] {
         let after = self.times_seconds.partition_point(|&time| time < seconds);
         let last = self.times_seconds.len() - 1;
@@ -68,42 +74,64 @@ impl Exposure {
         } else {
             0.0
         };
-        let (from, to) = (self.log_gains[left], self.log_gains[right]);
+        let (from, to) = (self.log_light_gains[left], self.log_light_gains[right]);
         [0, 1, 2].map(|channel| (from[channel] + share * (to[channel] - from[channel])).exp())
     }
 
-    /// Removes the gain of a time from an image (HWC).
-    pub fn normalize(&self, image: &mut [f32], seconds: f64) {
+    /// Returns the level of every byte of each channel, once the gain of a time is removed.
+    pub fn levels(&self, seconds: f64) -> [[f32; 256]; 3] {
+        self.gain(seconds).map(|gain| {
+            std::array::from_fn(|byte| srgb::brightened(byte as f32 / 255.0, 1.0 / gain))
+        })
+    }
+
+    /// Returns a colour without the gain of a time.
+    pub fn normalized(&self, rgb: [f32; 3], seconds: f64) -> [f32; 3] {
         let gain = self.gain(seconds);
-        for rgb in image.as_chunks_mut::<3>().0 {
-            *rgb = [0, 1, 2].map(|channel| rgb[channel] / gain[channel]);
-        }
+        [0, 1, 2].map(|channel| srgb::brightened(rgb[channel], 1.0 / gain[channel]))
+    }
+
+    /// Writes an image of bytes (HWC) into `out`, without the gain of a time.
+    pub fn write_normalized(&self, pixels: &[u8], seconds: f64, out: &mut Vec<f32>) {
+        let levels = self.levels(seconds);
+        out.clear();
+        let colours = pixels.as_chunks::<3>().0.iter();
+        out.extend(
+            colours.flat_map(|rgb| {
+                [0, 1, 2].map(|channel| levels[channel][usize::from(rgb[channel])])
+            }),
+        );
     }
 
     /// Applies the gain of a time to a render (HWC).
     pub fn apply(&self, image: &mut [f32], seconds: f64) {
         let gain = self.gain(seconds);
         for rgb in image.as_chunks_mut::<3>().0 {
-            *rgb = [0, 1, 2].map(|channel| (rgb[channel] * gain[channel]).min(1.0));
+            *rgb = [0, 1, 2].map(|channel| srgb::brightened(rgb[channel], gain[channel]).min(1.0));
         }
     }
 }
 
-/// Returns the logarithms of the medians of `shown / rendered`; dark and bright renders are left out.
+/// Returns the logarithms of the medians of `shown / rendered`. Points are left out whose light, in the render or under
+/// the gain, is too dark or may be clipped.
 fn log_gain(pairs: &[[[f32; 3]; 2]]) -> Option<[f32; 3]> {
     let of_channel = |channel: usize| {
-        // Selected by the render alone: selecting noisy image values by their level would bias the gain.
-        let (levels, ratios): (Vec<f32>, Vec<f32>) = pairs
-            .iter()
-            .map(|[shown, rendered]| [shown[channel], rendered[channel]])
-            .filter(|[_, rendered]| USABLE_LEVELS.contains(rendered))
-            .map(|[shown, rendered]| (rendered, shown / rendered))
-            .unzip();
-        let ratio = (ratios.len() >= LEAST_PLACES)
-            .then(|| median(&ratios))
-            .flatten()?;
-        let is_usable = ratio * median(&levels)? >= USABLE_LEVELS.start;
-        is_usable.then(|| ratio.ln())
+        let mut gain = 1.0_f32;
+        for _ in 0..ROUNDS {
+            // Selected by the render alone: selecting noisy image values by their level would bias the gain.
+            let ratios: Vec<f32> = pairs
+                .iter()
+                .map(|[shown, rendered]| [shown[channel], rendered[channel]])
+                .filter(|[_, rendered]| {
+                    USABLE_LIGHT.contains(rendered) && USABLE_LIGHT.contains(&(gain * *rendered))
+                })
+                .map(|[shown, rendered]| shown / rendered)
+                .collect();
+            gain = (ratios.len() >= LEAST_PLACES)
+                .then(|| median(&ratios))
+                .flatten()?;
+        }
+        (gain > 0.0).then(|| gain.ln())
     };
     Some([of_channel(0)?, of_channel(1)?, of_channel(2)?])
 }
@@ -112,10 +140,10 @@ fn log_gain(pairs: &[[[f32; 3]; 2]]) -> Option<[f32; 3]> {
 mod tests {
     use super::*;
 
-    /// Returns a view at a time whose light is a gain times that of the render.
+    /// Returns a view at a time whose light is a gain times that of the render, up to what a camera can show.
     fn view(time: f64, gain: f32) -> (f64, Vec<[[f32; 3]; 2]>) {
-        let level = |point: usize| 0.1 + 0.004 * point as f32;
-        let pair = |point: usize| [[level(point) * gain; 3], [level(point); 3]];
+        let light = |point: usize| 0.1 + 0.004 * point as f32;
+        let pair = |point: usize| [[(light(point) * gain).min(1.0); 3], [light(point); 3]];
         (time, (0..100).map(pair).collect())
     }
 
@@ -128,12 +156,41 @@ mod tests {
                 // The sum of two uniform numbers concentrates around its middle.
                 let uniform = |step: usize| (point * step % 101) as f32 / 50.0 - 1.0;
                 let noise = noise * 0.5 * (uniform(37) + uniform(61));
-                [[level + noise; 3], [level; 3]]
+                [level + noise, level].map(|level| [srgb::to_linear(level.max(0.0)); 3])
             };
             (f64::from(noise), (0..2_000).map(pair).collect())
         });
         let drift = Exposure::estimate(&views).map(|found| found.drift());
         assert!(drift.is_some_and(|drift| drift < 0.04), "{drift:?}");
+    }
+
+    /// Checks a scene of levels around 0.05 and one of levels around 0.6, half of which a bright view clips.
+    #[test]
+    fn gains_are_found_by_night_and_where_much_is_clipped() {
+        for (first, step, gains) in [
+            (0.04, 0.0003, [0.8, 1.0, 1.3]),
+            (0.3, 0.0045, [0.5, 1.0, 2.5]),
+        ] {
+            let views: Vec<(f64, Vec<[[f32; 3]; 2]>)> = (0..3)
+                .map(|view: usize| {
+                    let pair = |point: usize| {
+                        let light = srgb::to_linear(first + step * point as f32);
+                        let byte = 255.0 * srgb::from_linear(gains[view] * light).min(1.0);
+                        // Rounding to bytes, evenly spread over the points of a level.
+                        let spread = (point * 37 % 101) as f32 / 101.0;
+                        let shown = (byte + spread).floor() / 255.0;
+                        [[srgb::to_linear(shown.min(1.0)); 3], [light; 3]]
+                    };
+                    (view as f64, (0..150).map(pair).collect())
+                })
+                .collect();
+            let found =
+                Exposure::estimate(&views).map(|found| [0.0, 1.0, 2.0].map(|at| found.gain(at)[1]));
+            for (found, expected) in found.into_iter().flatten().zip(gains) {
+                assert!((found / expected - 1.0).abs() < 0.03, "{found} {expected}");
+            }
+            assert!(found.is_some());
+        }
     }
 
     #[test]
@@ -153,11 +210,27 @@ mod tests {
         }
         let expected = (2.0 * 0.8_f64.ln().powi(2) / 3.0).sqrt();
         assert!((exposure.drift() - expected).abs() < 1e-3);
-        let mut image = vec![0.4, 0.2, 0.9];
+        let mut image = vec![0.4, 0.2, 0.98];
         exposure.apply(&mut image, 4.0);
-        assert!((image[0] - 0.5).abs() < 1e-5 && image[2] == 1.0);
-        exposure.normalize(&mut image, 4.0);
-        assert!((image[1] - 0.2).abs() < 1e-5);
+        // Linear light of 0.4 is 0.13287; 1.25 times it is the level 0.44433.
+        assert!(
+            (image[0] - 0.444_333).abs() < 1e-4 && image[2] == 1.0,
+            "{image:?}"
+        );
+        let normalized = exposure.normalized([image[0], image[1], 1.0], 4.0);
+        assert!((normalized[0] - 0.4).abs() < 1e-5 && (normalized[1] - 0.2).abs() < 1e-5);
+        let mut written = Vec::new();
+        exposure.write_normalized(&[102, 51, 255, 0, 128, 9], 4.0, &mut written);
+        for (byte, found) in [102.0, 51.0, 255.0, 0.0, 128.0, 9.0]
+            .into_iter()
+            .zip(written)
+        {
+            let expected = exposure.normalized([byte / 255.0; 3], 4.0)[0];
+            assert!(
+                (found - expected).abs() < 1e-6,
+                "{byte}: {found} {expected}"
+            );
+        }
         Ok(())
     }
 

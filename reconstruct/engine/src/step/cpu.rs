@@ -99,10 +99,13 @@ impl<'a> CpuStepper<'a> {
     /// Writes the image with which a view's render is compared, its gain removed.
     pub(super) fn write_target(&mut self, number: usize) {
         let view = &self.inputs.views[number];
-        view.write_image(&mut self.target);
-        if let Some(exposure) = &self.exposure {
-            exposure.normalize(&mut self.target, view.view.time_seconds);
-            view.write_saturated(&mut self.saturated);
+        match &self.exposure {
+            Some(exposure) => {
+                let seconds = view.view.time_seconds;
+                exposure.write_normalized(&view.pixels, seconds, &mut self.target);
+                view.write_saturated(&mut self.saturated);
+            }
+            None => view.write_image(&mut self.target),
         }
     }
 

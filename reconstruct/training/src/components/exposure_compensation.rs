@@ -12,7 +12,7 @@ pub const ID: &str = "exposure-compensation";
 pub(crate) const COMPONENT: Component = Component {
     id: ID,
     title: "Exposure compensation",
-    description: "Takes the gains of a camera's automatic exposure out of the images before they are \
+    description: "Takes the gains of a camera's automatic exposure out of the light of the images before they are \
                   compared with renders, and puts the gain of the frame's time back onto the renders. What is \
                   saturated holds them to being as bright at least, and to no level. Used where \
                   gains deviate and the parts of an image agree on them.",

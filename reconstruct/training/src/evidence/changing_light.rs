@@ -9,12 +9,15 @@ use std::fmt;
 
 use serde::Serialize;
 
-use crate::evidence::flat_surfaces::{DirectionFit, FlatSurfaces, Observation};
+use crate::evidence::{
+    flat_surfaces::{DirectionFit, FlatSurfaces, Observation},
+    share_of_limits,
+};
 
-/// Maximum deviation of colours from the direction's prediction, levels of 1; larger ones are passing objects.
+/// Maximum deviation of colours from the direction's prediction, levels of 1 by day; larger ones are passing objects.
 const LARGEST_DEVIATION: f32 = 0.1;
 /// Minimum change that lasts from one view to the next for which points everywhere keep their time, root mean
-/// square, levels of 1 (docs/results/evidence.md).
+/// square, levels of 1 by day (docs/results/evidence.md).
 const LEAST_CHANGE: f64 = 0.008;
 /// Standard errors by which the covariance has to lie below that of [`LEAST_CHANGE`] for constant light: one clip
 /// in 160 by chance.
@@ -32,6 +35,8 @@ pub struct ChangingLight {
     /// Largest change that the samples allow, levels of 1: 2.5 standard errors above. `None` where too few
     /// surfaces are visible for a spread.
     pub largest_change: Option<f64>,
+    /// Minimum change for which points everywhere keep their time, levels of 1: in proportion to those of dark scenes.
+    pub limit: f64,
 }
 
 impl ChangingLight {
@@ -40,7 +45,7 @@ impl ChangingLight {
         let products: Vec<Products> = flat
             .surfaces
             .iter()
-            .map(|views| Products::of(views, flat.noise))
+            .map(|views| Products::of(views, flat))
             .collect();
         let samples: usize = products.iter().map(|of_one| of_one.samples).sum();
         let sum: f64 = products.iter().map(|of_one| of_one.sum).sum();
@@ -56,18 +61,19 @@ impl ChangingLight {
             samples,
             change: covariance.max(0.0).sqrt(),
             largest_change: (products.len() >= LEAST_SURFACES).then(|| largest.max(0.0).sqrt()),
+            limit: LEAST_CHANGE * f64::from(share_of_limits(flat.level)),
         }
     }
 
     /// Returns true if light certainly changes.
     pub fn is_seen(&self) -> bool {
-        self.largest_change.is_some() && self.change >= LEAST_CHANGE
+        self.largest_change.is_some() && self.change >= self.limit
     }
 
     /// Returns true if points everywhere may need parameters of time, also without enough evidence.
     pub fn is_everywhere(&self) -> bool {
         self.largest_change
-            .is_none_or(|largest| largest >= LEAST_CHANGE)
+            .is_none_or(|largest| largest >= self.limit)
     }
 }
 
@@ -78,16 +84,17 @@ struct Products {
 }
 
 impl Products {
-    /// Returns the products of deviations from the predictions by direction. `noise`: variance of a colour.
-    fn of(views: &[Observation], noise: f32) -> Self {
-        let fit = DirectionFit::of(views.iter(), noise);
+    /// Returns the products of deviations from the predictions by direction.
+    fn of(views: &[Observation], flat: &FlatSurfaces) -> Self {
+        let fit = DirectionFit::of(views.iter(), flat.noise);
+        let largest = LARGEST_DEVIATION * share_of_limits(flat.level);
         let deviations: Vec<[f32; 3]> = views
             .iter()
             .map(|seen| {
                 let predicted = fit.at(seen.direction);
                 [0, 1, 2].map(|channel| {
                     let deviation = seen.colour[channel] - predicted[channel];
-                    deviation.clamp(-LARGEST_DEVIATION, LARGEST_DEVIATION)
+                    deviation.clamp(-largest, largest)
                 })
             })
             .collect();
@@ -121,8 +128,8 @@ impl fmt::Display for ChangingLight {
             out,
             "at {} samples of flat surfaces changes last from one view to the next that neither whole \
              views nor directions explain, {:.4}, at most {largest:.4}, root mean square in levels of 1 \
-             (limit {LEAST_CHANGE})",
-            self.samples, self.change
+             (limit {:.4})",
+            self.samples, self.change, self.limit
         )
     }
 }
@@ -135,16 +142,21 @@ mod tests {
 
     /// Returns surfaces beside a path of 20 cameras with noise of 0.01, and light of their own over time.
     fn surfaces(light: impl Fn(usize, usize) -> f32) -> FlatSurfaces {
+        surfaces_at(1.0, light)
+    }
+
+    /// Returns the same at this share of the brightness.
+    fn surfaces_at(brightness: f32, light: impl Fn(usize, usize) -> f32) -> FlatSurfaces {
         let surface = |number: usize| {
             let at = Vec3::new(0.7 * (number % 9) as f32 - 3.0, 1.0, 2.0);
             let view = |view: usize| {
                 let direction = (at - Vec3::new(0.2 * view as f32 - 2.0, 0.0, 0.0)).normalize();
                 let noise = 0.017 * (((view * 7 + number * 13) % 23) as f32 / 11.0 - 1.0);
-                let own = 0.1 * (number % 5) as f32 + 0.05 * direction.x;
+                let own = 0.2 + 0.1 * (number % 5) as f32 + 0.05 * direction.x;
                 Observation {
                     view,
                     direction,
-                    colour: [own + noise + light(number, view); 3],
+                    colour: [brightness * (own + noise + light(number, view)); 3],
                 }
             };
             (0..20).map(view).collect()
@@ -170,6 +182,24 @@ mod tests {
             caustics.change > 0.02 && caustics.is_everywhere(),
             "{caustics}"
         );
+    }
+
+    /// Checks levels around 0.05: what is changing light by day is so by night.
+    #[test]
+    fn light_that_changes_is_found_at_night() {
+        let caustics =
+            |surface: usize, view: usize| 0.04 * (0.9 * view as f32 + surface as f32).sin();
+        let by_day = ChangingLight::of(&surfaces(caustics));
+        let by_night = ChangingLight::of(&surfaces_at(0.125, caustics));
+        assert!(by_day.is_seen() && by_day.limit == LEAST_CHANGE, "{by_day}");
+        assert!(by_night.is_seen() && by_night.is_everywhere(), "{by_night}");
+        assert!(by_night.change < LEAST_CHANGE, "{by_night}");
+        assert!(
+            (by_night.change / by_day.change - 0.125).abs() < 0.02,
+            "{by_night}"
+        );
+        let noise = ChangingLight::of(&surfaces_at(0.125, |_, _| 0.0));
+        assert!(!noise.is_everywhere() && !noise.is_seen(), "{noise}");
     }
 
     /// Checks that a fit to six or eight views absorbs so much of their noise that the residuals of neighbours

@@ -12,8 +12,9 @@ use serde::Serialize;
 
 use crate::evidence::rendered_view::{Block, SECTORS};
 
-/// Minimum standard deviation of the gains for compensation: below it errors of other kinds are larger.
-const LEAST_DRIFT: f64 = 0.02;
+/// Minimum standard deviation of the gains of light for compensation: below it errors of other kinds are larger. It is
+/// 2 % of the levels in the middle of the scale.
+const LEAST_DRIFT: f64 = 0.043;
 /// Minimum agreement of the parts of the images for a gain that holds for all of them. Parts of an image are
 /// small, but the residuals of a short fit in them are large. Under real changes of exposure they agree by 0.4
 /// and more, except in dark night clips. Elsewhere they agree by 0.3 at most, except in one clip under water,
@@ -63,7 +64,7 @@ impl fmt::Display for ExposureEvidence {
     fn fmt(&self, out: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(
             out,
-            "gains of {} views deviate by {:.2} % (limit {:.0} %), those of the eighths of an image agree by \
+            "gains of {} views deviate by {:.2} % in linear light (limit {:.1} %), those of the eighths of an image agree by \
              {:.2} (limit {LEAST_AGREEMENT})",
             self.gains.views(),
             100.0 * self.gains.drift(),
@@ -115,7 +116,7 @@ fn agreement(parts: &[Exposure], times: impl Iterator<Item = f64>) -> f64 {
 mod tests {
     use super::*;
 
-    /// Returns views of 400 blocks whose levels are those of the render times `gain(view, block)`.
+    /// Returns views of 400 blocks whose light is that of the render times `gain(view, block)`.
     fn views(gain: impl Fn(usize, usize) -> f32) -> Vec<ViewBlocks> {
         let block = |view: usize, block: usize| {
             let level = 0.2 + 0.001 * block as f32;

@@ -41,6 +41,8 @@ pub(super) struct FlatSurfaces {
     pub(super) surfaces: Vec<Vec<Observation>>,
     /// Variance of a colour around the mean of its surface: the median.
     pub(super) noise: f32,
+    /// Median level of the surfaces, of all channels.
+    pub(super) level: f32,
 }
 
 impl FlatSurfaces {
@@ -50,6 +52,7 @@ impl FlatSurfaces {
         subtract_tones(&mut surfaces);
         Self {
             noise: median_square(surfaces.iter()),
+            level: median_level(&surfaces),
             surfaces,
         }
     }
@@ -192,6 +195,12 @@ impl DirectionFit {
         let offset = direction - self.direction;
         [0, 1, 2].map(|channel| self.colour[channel] + self.slopes[channel].dot(offset))
     }
+}
+
+/// Returns the median level of all views of all surfaces.
+fn median_level(surfaces: &[Vec<Observation>]) -> f32 {
+    let levels = surfaces.iter().flatten().flat_map(|seen| seen.colour);
+    median(&levels.collect::<Vec<f32>>()).unwrap_or_default()
 }
 
 /// Returns the median square of the colours around the mean of their surface.

@@ -13,6 +13,9 @@ use crate::scene::{TrainingScene, mask_pieces::pieces};
 /// Minimum share of the visible directions for a connected patch larger than a speck: 1.0e-3 sr of the whole
 /// sphere, a spot of two degrees. A person 20 m away, two degrees wide and five high, has three times as much.
 const LEAST_PATCH_SHARE: f64 = 8e-5;
+/// Minimum number of pixels of such a patch. One pixel of a small image is as large as a person, and as large as the
+/// noise of a segmenter.
+const LEAST_PATCH_PIXELS: usize = 2;
 /// Minimum number of views with such a patch: a moving object is visible for longer than an instant.
 const LEAST_SHOWING_VIEWS: usize = 2;
 
@@ -27,6 +30,8 @@ pub struct MaskEvidence {
     pub showing_views: usize,
     /// Mean share of the sphere that the masks cover, 0 to 1; `None` without masks.
     pub coverage: Option<f64>,
+    /// Standard error of that mean over the masks; `None` for fewer than two.
+    pub coverage_error: Option<f64>,
 }
 
 impl MaskEvidence {
@@ -42,6 +47,7 @@ impl MaskEvidence {
             masked_views: masks.len(),
             showing_views: showing_views(&masks, &scene.camera),
             coverage: scene.mask_coverage(),
+            coverage_error: standard_error(&covered_shares(&masks, &scene.camera)),
         }
     }
 
@@ -71,6 +77,35 @@ impl MaskEvidence {
     }
 }
 
+/// Returns the marked share of what the camera sees, mask by mask, 0 to 1.
+fn covered_shares(masks: &[&[u8]], camera: &Camera) -> Vec<f64> {
+    let seen = seen_steradians(camera);
+    let [width, height] = camera.size();
+    let solid_angles: Vec<f64> = match camera {
+        // All pixels of a row have the same.
+        Camera::Erp(_) => (0..height)
+            .flat_map(|row| std::iter::repeat_n(pixel_steradians(camera, row * width), width))
+            .collect(),
+        Camera::Pinhole(_) => (0..width * height)
+            .map(|pixel| pixel_steradians(camera, pixel))
+            .collect(),
+    };
+    let share = |mask: &&[u8]| -> f64 {
+        let marked = mask.iter().zip(&solid_angles);
+        let steradians = marked.map(|(&mark, solid_angle)| f64::from(mark) / 255.0 * solid_angle);
+        steradians.sum::<f64>() / seen
+    };
+    masks.par_iter().map(share).collect()
+}
+
+/// Returns the standard error of the mean; `None` for fewer than two values.
+fn standard_error(values: &[f64]) -> Option<f64> {
+    let count = values.len() as f64;
+    let mean = values.iter().sum::<f64>() / count;
+    let squares: f64 = values.iter().map(|value| (value - mean).powi(2)).sum();
+    (values.len() >= 2).then(|| (squares / (count * (count - 1.0))).sqrt())
+}
+
 /// Counts the masks with a patch that is more than a speck.
 fn showing_views(masks: &[&[u8]], camera: &Camera) -> usize {
     let least = LEAST_PATCH_SHARE * seen_steradians(camera);
@@ -81,7 +116,7 @@ fn showing_views(masks: &[&[u8]], camera: &Camera) -> usize {
 }
 
 /// Returns the solid angle of the largest connected patch of a mask, steradians; pixels count by the share of them
-/// that is marked. All patches at a pole of a panorama are one: the outermost row is one place.
+/// that is marked, single ones do not. All patches at a pole of a panorama are one: the outermost row is one place.
 fn largest_patch_steradians(mask: &[u8], camera: &Camera) -> f64 {
     let size = camera.size();
     let (mut largest, mut at_poles) = (0.0_f64, [0.0; 2]);
@@ -90,6 +125,9 @@ fn largest_patch_steradians(mask: &[u8], camera: &Camera) -> f64 {
             let share = f64::from(mask[pixel]) / 255.0;
             share * pixel_steradians(camera, pixel)
         };
+        if piece.len() < LEAST_PATCH_PIXELS {
+            continue;
+        }
         let patch: f64 = piece.iter().map(steradians).sum();
         largest = largest.max(patch);
         if camera.wraps() {
@@ -138,11 +176,22 @@ impl fmt::Display for MaskEvidence {
         };
         write!(
             out,
-            "{} of {} input views have masks, which cover {:.2} % of the sphere; those of {} views mark a patch \
-             of {:.3} % of what the camera sees or more (limit {LEAST_SHOWING_VIEWS} views)",
+            "{} of {} input views have masks, which cover {:.2} % of the sphere",
             self.masked_views,
             self.views,
-            100.0 * coverage,
+            100.0 * coverage
+        )?;
+        if let Some(error) = self.coverage_error {
+            write!(
+                out,
+                " (standard error over the views {:.2} %)",
+                100.0 * error
+            )?;
+        }
+        write!(
+            out,
+            "; those of {} views mark a patch of {LEAST_PATCH_PIXELS} pixels and {:.3} % of what the camera sees or \
+             more (limit {LEAST_SHOWING_VIEWS} views)",
             self.showing_views,
             100.0 * LEAST_PATCH_SHARE
         )?;

@@ -13,9 +13,9 @@ use omnilife_schemas::statistics;
 use rayon::prelude::*;
 use serde::Serialize;
 
-use crate::evidence::{LEAST_VIEWS, PER_MEDIAN, PILOT_ITERATIONS};
+use crate::evidence::{LEAST_VIEWS, PER_MEDIAN, PILOT_ITERATIONS, share_of_limits};
 
-/// A deviation is transient above this multiple of the noise, and above this level in grey levels of 1.
+/// A deviation is transient above this multiple of the noise, and above this level in grey levels of 1 by day.
 const NOISE_FACTOR: f32 = 8.0;
 const LEAST_DEVIATION: f32 = 0.1;
 /// Minimum number of deviating views of a changing point: one alone may be an edge.
@@ -35,6 +35,8 @@ pub struct MotionEvidence {
     pub noise: f32,
     /// Share of the samples that deviate by far more.
     pub transient_share: f64,
+    /// Minimum deviation for that whatever the noise, grey levels in `[0, 1]`: in proportion to those of dark scenes.
+    pub least_deviation: f32,
 }
 
 impl MotionEvidence {
@@ -52,7 +54,7 @@ impl MotionEvidence {
 
     /// Returns the minimum deviation of a transient sample.
     fn limit(&self) -> f32 {
-        (NOISE_FACTOR * self.noise).max(LEAST_DEVIATION)
+        (NOISE_FACTOR * self.noise).max(self.least_deviation)
     }
 }
 
@@ -92,9 +94,9 @@ pub struct ChangingPoints {
 
 impl ChangingPoints {
     /// Finds the changing points, from the residuals of each in the views that see it: one series per point and
-    /// channel.
-    pub(crate) fn of(residuals: &[Vec<f32>]) -> Self {
-        let evidence = transients(residuals);
+    /// channel. `median_level` is that of the scene.
+    pub(crate) fn of(residuals: &[Vec<f32>], median_level: f32) -> Self {
+        let evidence = transients(residuals, median_level);
         let limit = evidence.limit();
         let changes: Vec<bool> = residuals
             .chunks_exact(3)
@@ -121,11 +123,11 @@ impl fmt::Display for ChangingPoints {
             out,
             "{} of {} scene points change outside the masks: after {PILOT_ITERATIONS} static \
              iterations their residuals deviate in {LEAST_DEVIATING_VIEWS} views or more from the \
-             point's median by {NOISE_FACTOR} times the noise of {:.4}, or by {LEAST_DEVIATION}, \
-             whichever is more",
+             point's median by {NOISE_FACTOR} times the noise of {:.4}, or by {:.3}, whichever is more",
             self.changing,
             self.changes.len(),
-            self.evidence.noise
+            self.evidence.noise,
+            self.evidence.least_deviation
         )?;
         if self.unknown > 0 {
             let unknown = self.unknown;
@@ -138,8 +140,8 @@ impl fmt::Display for ChangingPoints {
     }
 }
 
-/// Returns the evidence from the residuals of every point.
-pub(crate) fn transients(residuals: &[Vec<f32>]) -> MotionEvidence {
+/// Returns the evidence from the residuals of every point in a scene of a median level.
+pub(crate) fn transients(residuals: &[Vec<f32>], median_level: f32) -> MotionEvidence {
     let mut deviations: Vec<f32> = residuals
         .par_iter()
         .flat_map_iter(|residuals| deviations(residuals))
@@ -154,6 +156,7 @@ pub(crate) fn transients(residuals: &[Vec<f32>]) -> MotionEvidence {
         samples: deviations.len(),
         noise,
         transient_share: 0.0,
+        least_deviation: LEAST_DEVIATION * share_of_limits(median_level),
     };
     let limit = evidence.limit();
     let transient = deviations.iter().filter(|&&deviation| deviation >= limit);
@@ -191,21 +194,40 @@ mod tests {
                 .map(|n| point(n, share > 0 && n % share == 0))
                 .collect()
         };
-        let still = transients(&all(0));
+        let still = transients(&all(0), 0.5);
         assert_eq!((still.samples, still.transient_share), (2_000, 0.0));
         assert!(!still.moves() && still.noise < 0.03);
-        let moving = transients(&all(20));
+        let moving = transients(&all(20), 0.5);
         assert!(
             (moving.transient_share - 0.005).abs() < 1e-9 && moving.moves(),
             "{moving:?}"
         );
     }
 
+    /// Checks that what passes a place of level 0.06 and adds as much again is motion by night, and noise by day.
+    #[test]
+    fn at_night_smaller_deviations_are_motion() {
+        let point = |number: usize| -> Vec<f32> {
+            let noise = |view: usize| 0.001 * ((view * 5 + number) % 3) as f32;
+            let passing = |view: usize| {
+                if view == 4 && number.is_multiple_of(20) {
+                    0.06
+                } else {
+                    0.0
+                }
+            };
+            (0..10).map(|view| noise(view) + passing(view)).collect()
+        };
+        let all: Vec<Vec<f32>> = (0..200).map(point).collect();
+        let [night, day] = [0.06, 0.4].map(|level| transients(&all, level));
+        assert!(night.moves() && !day.moves(), "{night} {day}");
+    }
+
     #[test]
     fn points_that_few_views_see_are_counted() {
         let seen = [vec![0.1; 8], vec![0.1; 8], vec![0.1; 8]];
         let hidden = [vec![0.1; 5], vec![0.1; 5], vec![0.1; 5]];
-        let found = ChangingPoints::of(&[seen.as_slice(), &hidden, &hidden].concat());
+        let found = ChangingPoints::of(&[seen.as_slice(), &hidden, &hidden].concat(), 0.5);
         assert_eq!(
             (found.changing, found.unknown, found.changes.len()),
             (0, 2, 3)
@@ -216,7 +238,7 @@ mod tests {
 
     #[test]
     fn without_samples_it_may_move() {
-        let nothing = transients(&[vec![0.1; 3], vec![0.2; 5]]);
+        let nothing = transients(&[vec![0.1; 3], vec![0.2; 5]], 0.5);
         assert!(nothing.samples == 0 && nothing.moves());
         assert!(nothing.to_string().contains("no scene point"));
     }

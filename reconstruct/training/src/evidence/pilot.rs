@@ -1,7 +1,7 @@
 //! A short static training, and input views next to its renders: the source of a plan's evidence.
 
 use glam::{Vec3, dvec2};
-use omnilife_schemas::{camera::CameraModel, progress::Silent};
+use omnilife_schemas::{camera::CameraModel, progress::Silent, statistics::median};
 use rayon::prelude::*;
 
 use crate::{
@@ -58,6 +58,8 @@ const MOTION_REACH_SHARE: f32 = 4.0 / 256.0;
 pub struct PilotFit {
     /// The scene at the examined size, with its own points: the limits of the evidence were measured with those.
     scene: TrainingScene,
+    /// Camera of the images of the training.
+    trained: Camera,
     /// All points, including added ones.
     places: Vec<[f32; 3]>,
     views: Vec<RenderedView>,
@@ -74,6 +76,7 @@ impl PilotFit {
     /// # Errors
     /// When the training diverges.
     pub fn of(scene: &TrainingScene, seed: u64) -> Result<Self, ReconstructError> {
+        let trained = scene.camera;
         let mut scene = scene.reduced(WIDTH);
         // The trace's scores of novel views are not needed.
         scene.novel_views.clear();
@@ -100,6 +103,7 @@ impl PilotFit {
             .collect();
         Ok(Self {
             scene,
+            trained,
             places,
             views,
             gaussians,
@@ -112,7 +116,7 @@ impl PilotFit {
     pub fn motion(&self) -> MotionEvidence {
         let points = self.some_points();
         let reach = (self.scene.camera.width() as f32 * MOTION_REACH_SHARE).round() as usize;
-        transients(&self.residuals(&points, reach.max(1)))
+        transients(&self.residuals(&points, reach.max(1)), self.median_level())
     }
 
     /// Returns the points of all that change outside the masks, and the numbers of views that see the scene's own
@@ -127,7 +131,10 @@ impl PilotFit {
             .collect();
         let input_views = self.scene.input_views.len();
         let coverage = Coverage::of(&seen, self.views.len(), input_views);
-        (ChangingPoints::of(&residuals), coverage)
+        (
+            ChangingPoints::of(&residuals, self.median_level()),
+            coverage,
+        )
     }
 
     /// Returns the evidence of view-dependent colours, and of changing light.
@@ -220,7 +227,7 @@ impl PilotFit {
             });
             (view.centre, observations.collect())
         });
-        PoseEvidence::of(views.collect(), &self.scene.camera)
+        PoseEvidence::of(views.collect(), &self.scene.camera, &self.trained)
     }
 
     /// Compares the views with renders from their corrected poses: a displaced edge is not a change of the scene.
@@ -237,6 +244,12 @@ impl PilotFit {
                 rendered.normalize(exposure, view.view.time_seconds);
             }
         }
+    }
+
+    /// Returns the median of the views' median levels, 0 to 1.
+    fn median_level(&self) -> f32 {
+        let levels = self.views.iter().map(RenderedView::median_level);
+        median(&levels.collect::<Vec<f32>>()).unwrap_or_default()
     }
 
     fn some_points(&self) -> Vec<[f32; 3]> {

@@ -34,6 +34,9 @@ use omnilife_engine::camera::{Camera, pose::PoseCorrection};
 /// (docs/results/evidence.md). In wider images it is the same angle and more pixels. In narrower ones it is as
 /// many pixels: a fit shows no smaller part of one.
 const LEAST_SHIFT_PIXELS: f64 = 0.12;
+/// Minimum displacement for refining poses, pixels of the trained images, where that is the smaller angle: in images
+/// 4096 pixels wide the other limit is two pixels. Refining exact poses costs nothing (docs/results/evidence.md).
+const LEAST_TRAINED_SHIFT_PIXELS: f64 = 0.5;
 /// Minimum mean of the products of agreeing halves, in its standard errors above 0.
 const LEAST_STANDARD_ERRORS: f64 = 3.0;
 /// Squares of the chess-board between the centre of the sphere and its surface, along each axis.
@@ -129,6 +132,9 @@ pub struct PoseEvidence {
     /// Pixels of a full rotation at the scale of small angles in the image centre.
     #[serde(skip)]
     pub turn_pixels: f64,
+    /// The same of the trained images.
+    #[serde(skip)]
+    pub trained_turn_pixels: f64,
     /// Correction of the pose of each input view; `None` without enough evidence.
     #[serde(skip)]
     pub corrections: Vec<Option<PoseCorrection>>,
@@ -136,7 +142,12 @@ pub struct PoseEvidence {
 
 impl PoseEvidence {
     /// Measures the errors from each view's observations of the same points; a view has the centre of its camera.
-    pub fn of(mut views: Vec<(Vec3, Vec<Option<PoseObservation>>)>, camera: &Camera) -> Self {
+    /// `camera` is that of the examined images, `trained` that of the images of the training.
+    pub fn of(
+        mut views: Vec<(Vec3, Vec<Option<PoseObservation>>)>,
+        camera: &Camera,
+        trained: &Camera,
+    ) -> Self {
         subtract_medians(&mut views);
         let whole = Estimates::of(&views, LEAST_OBSERVATIONS, |_| true);
         let halves = [0, 1]
@@ -169,6 +180,7 @@ impl PoseEvidence {
             standard_error,
             width: camera.width(),
             turn_pixels: pixels_per_turn(camera),
+            trained_turn_pixels: pixels_per_turn(trained),
             corrections: corrections.collect(),
         }
     }
@@ -187,7 +199,8 @@ impl PoseEvidence {
 
     /// Returns the minimum displacement for refining poses, pixels of the examined images.
     fn limit_pixels(&self) -> f64 {
-        LEAST_SHIFT_PIXELS * (f64::from(self.width) / f64::from(WIDTH)).max(1.0)
+        let of_fit = LEAST_SHIFT_PIXELS * (f64::from(self.width) / f64::from(WIDTH)).max(1.0);
+        of_fit.min(LEAST_TRAINED_SHIFT_PIXELS * self.turn_pixels / self.trained_turn_pixels)
     }
 }
 

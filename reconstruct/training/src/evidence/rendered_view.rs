@@ -3,6 +3,7 @@
 use std::f32::consts::PI;
 
 use glam::{Vec3, vec2};
+use omnilife_schemas::statistics::median;
 
 use crate::{
     evidence::{
@@ -14,7 +15,7 @@ use crate::{
 use omnilife_engine::{
     camera::{Camera, CameraKernels, View, horizontal},
     gaussians::ActivatedGaussians,
-    model::exposure::Exposure,
+    model::{exposure::Exposure, srgb},
     render::cpu::Renderer,
     training_view::TrainingView,
 };
@@ -28,6 +29,12 @@ const LEAST_OPACITY: f32 = 0.5;
 const LEAST_HORIZONTAL: f32 = 0.2;
 /// Blocks side by side at the equator.
 const BLOCKS_ACROSS: usize = 64;
+/// Levels that no camera has clipped: means over pixels some of which are white are a little less than 1.
+const KNOWN_LEVELS: [f32; 2] = [0.0, 0.98];
+/// Maximum share of the values of a block outside of these: the light of others is unknown.
+const LARGEST_CLIPPED_SHARE: f32 = 0.1;
+/// Pixels for each one that the median level of an image is taken of.
+const PIXELS_PER_SAMPLE: usize = 7;
 /// Parts of an image.
 pub(super) const SECTORS: usize = 8;
 
@@ -39,8 +46,8 @@ pub(super) struct Patch {
     pub(super) residual: [f32; 3],
 }
 
-/// Means over a square of pixels without masks; each stands for the same part of the sphere, or of a pinhole
-/// image.
+/// Means of linear light over a square of pixels without masks; each stands for the same part of the sphere, or of a
+/// pinhole image.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Block {
     /// Number of its part of the image, of [`SECTORS`]: quarters side by side, above and below the middle.
@@ -124,11 +131,13 @@ impl RenderedView {
         }
     }
 
-    /// Returns the unmasked blocks of the whole image: as many in a row as fit on the sphere.
+    /// Returns the blocks of the whole image without masked pixels and without clipped ones but for a few: as many in a
+    /// row as fit on the sphere. The view has its gain still.
     pub(super) fn blocks(&self, camera: &Camera) -> Vec<Block> {
         let side = (self.width / BLOCKS_ACROSS).max(1);
         let reach = side / 2;
         let columns = self.width / side;
+        let light = self.light();
         let mut blocks = Vec::new();
         for row in (reach..self.height.saturating_sub(reach)).step_by(side) {
             let of_row = match camera {
@@ -141,29 +150,73 @@ impl RenderedView {
             for number in 0..of_row {
                 let column = (2 * number + 1) * self.width / (2 * of_row);
                 let column = column.clamp(reach, self.width - 1 - reach);
-                let patch = self.mean([column, row], reach);
-                if !patch.residual[0].is_nan() {
-                    let quarter = 4 * column / self.width;
-                    blocks.push(Block {
-                        sector: 2 * quarter + usize::from(2 * row >= self.height),
-                        shown: patch.shown,
-                        rendered: patch.rendered(),
-                    });
-                }
+                let quarter = 4 * column / self.width;
+                let sector = 2 * quarter + usize::from(2 * row >= self.height);
+                blocks.extend(self.block(sector, &light, [column, row], reach));
             }
         }
         blocks
     }
 
+    /// Returns the linear light of image and render at every pixel; NaN for the render in masked and ignored ones.
+    fn light(&self) -> Vec<[[f32; 3]; 2]> {
+        let pixels = self.shown.iter().zip(&self.difference);
+        let light = pixels.map(|(shown, difference)| {
+            let rendered = [0, 1, 2].map(|channel| shown[channel] - difference[channel]);
+            [shown.map(srgb::to_linear), rendered.map(srgb::to_linear)]
+        });
+        light.collect()
+    }
+
+    /// Returns the block of the pixels within `reach` of one, which is as far from all borders.
+    fn block(
+        &self,
+        sector: usize,
+        light: &[[[f32; 3]; 2]],
+        [column, row]: [usize; 2],
+        reach: usize,
+    ) -> Option<Block> {
+        let (mut shown, mut rendered, mut clipped) = ([0.0; 3], [0.0; 3], 0.0_f32);
+        let [black, white] = KNOWN_LEVELS;
+        for row in row - reach..=row + reach {
+            for column in column - reach..=column + reach {
+                let pixel = row * self.width + column;
+                let [of_image, of_render] = light[pixel];
+                for channel in 0..3 {
+                    shown[channel] += of_image[channel];
+                    rendered[channel] += of_render[channel];
+                    let level = self.shown[pixel][channel];
+                    if level <= black || level >= white {
+                        clipped += 1.0;
+                    }
+                }
+            }
+        }
+        let pixels = ((2 * reach + 1) * (2 * reach + 1)) as f32;
+        let is_known = clipped <= LARGEST_CLIPPED_SHARE * 3.0 * pixels;
+        let is_known = is_known && !rendered[0].is_nan();
+        is_known.then(|| Block {
+            sector,
+            shown: shown.map(|sum| sum / pixels),
+            rendered: rendered.map(|sum| sum / pixels),
+        })
+    }
+
+    /// Returns the median level of some of the image's pixels, of all channels, 0 to 1.
+    pub(super) fn median_level(&self) -> f32 {
+        let some = self.shown.iter().step_by(PIXELS_PER_SAMPLE);
+        let levels: Vec<f32> = some.flatten().copied().collect();
+        median(&levels).unwrap_or_default()
+    }
+
     /// Removes a gain from the image.
     pub(super) fn normalize(&mut self, exposure: &Exposure, seconds: f64) {
-        let gain = exposure.gain(seconds);
         for (shown, difference) in self.shown.iter_mut().zip(&mut self.difference) {
+            let normalized = exposure.normalized(*shown, seconds);
             for channel in 0..3 {
-                let normalized = shown[channel] / gain[channel];
-                difference[channel] += normalized - shown[channel];
-                shown[channel] = normalized;
+                difference[channel] += normalized[channel] - shown[channel];
             }
+            *shown = normalized;
         }
     }
 

@@ -27,7 +27,7 @@ use rand_distr::{Distribution, StandardNormal};
 use rand_pcg::Pcg64Mcg;
 use serde::{Deserialize, Serialize};
 
-use super::{Learner, ModelSize, SavedLearner};
+use super::{Learner, ModelSize, SavedLearner, work::StepWork};
 use crate::{
     error::ReconstructError,
     formats,
@@ -191,6 +191,12 @@ impl Learner for GaussianLearner<'_> {
             objects: self.stepper.objects().map(|objects| objects as u64),
             bytes: self.stepper.arrays().iter().map(bytes).sum(),
         }
+    }
+
+    fn work(&self) -> Option<StepWork> {
+        let arrays = self.stepper.arrays();
+        let values = arrays.iter().map(|array| array.values as u64).sum();
+        Some(StepWork::of(self.scene, &self.settings, values))
     }
 
     fn arrays(&self) -> Vec<TrainedArray> {

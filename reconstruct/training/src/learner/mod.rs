@@ -3,6 +3,7 @@
 //! A new one without Gaussians needs a type that implements [`Learner`], made by a method's `prepare`.
 
 pub mod gaussians;
+pub mod work;
 
 use std::{fmt, path::Path};
 
@@ -16,6 +17,7 @@ use omnilife_engine::{
 };
 use omnilife_schemas::{RgbImage, records::Backend};
 
+use self::work::StepWork;
 use crate::error::ReconstructError;
 
 /// Current size of a model.
@@ -50,6 +52,11 @@ pub trait Learner: fmt::Debug {
 
     /// Returns the size of the model.
     fn size(&self) -> ModelSize;
+
+    /// Returns the mean work of the steps of its schedule; `None` for models whose work is not counted.
+    fn work(&self) -> Option<StepWork> {
+        None
+    }
 
     /// Returns all trained arrays, by name, in the order of [`StepStatistics::refused`].
     fn arrays(&self) -> Vec<TrainedArray>;

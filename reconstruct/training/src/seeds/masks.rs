@@ -154,13 +154,14 @@ pub fn mask_seeds(scene: &TrainingScene, settings: &SeedSettings<'_>) -> MaskSee
         let position = view.view.centre + direction * component.distance;
         let rgb = &view.pixels[3 * at.pixel..3 * at.pixel + 3];
         let seconds = view.view.time_seconds;
-        let gain = settings
+        let shown = [0, 1, 2].map(|channel| f32::from(rgb[channel]) / 255.0);
+        let colour = settings
             .exposure
-            .map_or([1.0; 3], |exposure| exposure.gain(seconds));
+            .map_or(shown, |exposure| exposure.normalized(shown, seconds));
         seeds.gaussians.push_isotropic(
             position.to_array(),
             0.5 * pitch * spread,
-            [0, 1, 2].map(|channel| f32::from(rgb[channel]) / 255.0 / gain[channel]),
+            colour,
             SEED_OPACITY,
         );
         let peak = clock.frame(seconds) as f32;

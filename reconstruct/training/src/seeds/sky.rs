@@ -254,10 +254,11 @@ fn mean_colour(
             continue;
         };
         views += 1;
-        let gain = exposure.map_or([1.0; 3], |exposure| exposure.gain(view.view.time_seconds));
-        for (channel, sum) in sum.iter_mut().enumerate() {
-            let value = f32::from(view.pixels[3 * pixel + channel]) / 255.0;
-            *sum += value / gain[channel];
+        let shown = [0, 1, 2].map(|channel| f32::from(view.pixels[3 * pixel + channel]) / 255.0);
+        let seconds = view.view.time_seconds;
+        let colour = exposure.map_or(shown, |exposure| exposure.normalized(shown, seconds));
+        for (sum, value) in sum.iter_mut().zip(colour) {
+            *sum += value;
         }
     }
     sum.map(|value| value / views.max(1) as f32)

@@ -33,8 +33,8 @@ const LEAST_CONFIDENCE: f32 = 0.1;
 /// Maximum difference of a second pair, in steps of the search; beyond it the pair sees past a point.
 const AGREEING_STEPS: f32 = 2.0;
 const PAST_STEPS: f32 = 4.0;
-/// Maximum distance of a scene point that covers a place, pixels of the search in its view.
-const NEAR_PIXELS: f32 = 3.0;
+/// Maximum distance of a scene point that covers a place, degrees in its view: three pixels of [`SEARCH_WIDTH`].
+const NEAR_DEGREES: f32 = 4.218_75;
 /// Minimum value of masked pixels.
 const MASKED: u8 = 128;
 /// Weight of a pixel without any detail, over the mean: flat walls get points, too.
@@ -74,12 +74,11 @@ impl BareSurfaces {
 pub fn bare_surfaces(scene: &TrainingScene) -> Option<BareSurfaces> {
     let gap = best_gap(scene)?;
     let given = RTree::bulk_load(scene.points.positions.clone());
-    // The same angle in both sizes.
-    let near_pixels = NEAR_PIXELS * TRIAL_WIDTH as f32 / SEARCH_WIDTH as f32;
     let mut found = BareSurfaces { places: 0, bare: 0 };
     for reference in references(scene, TRIALS, gap, TRIAL_WIDTH) {
         let candidates = reference.candidates();
         found.places += candidates.len();
+        let near_pixels = reference.near_pixels();
         let is_bare = |candidate: &&Candidate| candidate.is_bare(&given, near_pixels);
         found.bare += candidates.iter().filter(is_bare).count();
     }
@@ -91,9 +90,7 @@ pub fn bare_surfaces(scene: &TrainingScene) -> Option<BareSurfaces> {
 pub fn points(scene: &TrainingScene, maximum: usize, seed: u64) -> Option<SweptPoints> {
     let gap = best_gap(scene)?;
     let references = references(scene, REFERENCES, gap, SEARCH_WIDTH);
-    if references.is_empty() {
-        return None;
-    }
+    let near_pixels = references.first()?.near_pixels();
     let mut candidates = Vec::new();
     let (mut pixels, mut confirmed) = (0, 0);
     for (number, reference) in references.iter().enumerate() {
@@ -113,7 +110,7 @@ pub fn points(scene: &TrainingScene, maximum: usize, seed: u64) -> Option<SweptP
         );
     }
     let given = RTree::bulk_load(scene.points.positions.clone());
-    candidates.retain(|candidate| candidate.is_bare(&given, NEAR_PIXELS));
+    candidates.retain(|candidate| candidate.is_bare(&given, near_pixels));
     Some(SweptPoints {
         points: thinned(&candidates, maximum, seed),
         pairs: references.len(),
@@ -224,6 +221,11 @@ impl<'a> Reference<'a> {
             depth,
             baseline: rig.baseline as f32,
         })
+    }
+
+    /// Returns the pixels of [`NEAR_DEGREES`].
+    fn near_pixels(&self) -> f32 {
+        NEAR_DEGREES / 360.0 * self.depth.width as f32
     }
 
     /// Returns the largest parallax at an inverse distance (per baseline), pixels.

@@ -1,6 +1,6 @@
 //! The training loop: it orders calls and holds no mathematics. It knows a learner, but not the learner's model.
 //!
-//! * [`timing`]: times of steps. [`trace`]: progress, row by row; [`trace_views`]: the novel views at these rows;
+//! * [`trace`]: progress, row by row; [`trace_views`]: the novel views at these rows;
 //!   `surface_faults`: ghosts and holes there; [`input_psnr`]: PSNR of input views there, by region.
 //! * [`checkpoint`]: saved state; `resume`: resuming from it; `nonfinite`: the stop on values that are not
 //!   finite.
@@ -10,7 +10,6 @@ pub mod input_psnr;
 mod nonfinite;
 mod resume;
 mod surface_faults;
-pub mod timing;
 pub mod trace;
 pub mod trace_views;
 

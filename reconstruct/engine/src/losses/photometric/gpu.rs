@@ -5,6 +5,7 @@ use crate::device::{
 };
 use crate::{
     losses::photometric::{Columns, LossValue},
+    model::exposure::Exposure,
     training_view::TrainingView,
 };
 use omnilife_schemas::camera::Camera;
@@ -20,8 +21,6 @@ wgsl_struct! {
         counted: f32,
         /// Weights of the window's taps, from the centre outwards.
         taps: [[f32; 4]; 2],
-        /// 1 over the view's gain of each channel.
-        inverse_gain: [f32; 3],
         /// 1 if only the masked part of the image counts.
         masked: u32,
         /// Weight of the whole loss.
@@ -30,7 +29,6 @@ wgsl_struct! {
         wraps: u32,
         /// 1 if gains are removed: a saturated value is then only a lower bound.
         bounds_saturated: u32,
-        pad_end: u32,
     }
 }
 
@@ -48,14 +46,22 @@ pub(crate) fn shader() -> Shader {
 /// Pixels whose marks share a word.
 const MARKS: usize = u32::BITS as usize;
 
+/// Levels of the bytes of each channel.
+type Levels = [[f32; 256]; 3];
+
 /// Returns the words of a packed image of `pixels` pixels.
 pub(crate) fn packed_len(pixels: usize) -> usize {
-    pixels + pixels.div_ceil(MARKS)
+    pixels + pixels.div_ceil(MARKS) + size_of::<Levels>() / size_of::<u32>()
 }
 
 /// Packs an image for the losses: 8 bits per channel, red in the lowest byte, the mask (0 if missing) in the
-/// highest. A bit per pixel follows, set if it is ignored.
-fn pack_pixels(rgb: &[u8], mask: Option<&[u8]>, ignored: Option<&[u8]>) -> Vec<u32> {
+/// highest. A bit per pixel follows, set if it is ignored, and then the level of every byte.
+fn pack_pixels(
+    rgb: &[u8],
+    mask: Option<&[u8]>,
+    ignored: Option<&[u8]>,
+    levels: &Levels,
+) -> Vec<u32> {
     let masks = mask.unwrap_or_default().iter().copied();
     let pixels = rgb.as_chunks::<3>().0;
     let mut packed: Vec<u32> = pixels
@@ -68,16 +74,29 @@ fn pack_pixels(rgb: &[u8], mask: Option<&[u8]>, ignored: Option<&[u8]>) -> Vec<u
     for (pixel, _) in marked.filter(|&(_, &mark)| mark != 0) {
         packed[pixels.len() + pixel / MARKS] |= 1 << (pixel % MARKS);
     }
+    let first = pixels.len() + pixels.len().div_ceil(MARKS);
+    for (word, level) in packed[first..].iter_mut().zip(levels.as_flattened()) {
+        *word = level.to_bits();
+    }
     packed
 }
 
-/// Uploads the image of a view; returns it with the number of its pixels that count.
+/// Returns the levels of bytes without a gain to remove.
+fn plain_levels() -> Levels {
+    [std::array::from_fn(|byte| byte as f32 / 255.0); 3]
+}
+
+/// Uploads the image of a view, with the levels of its bytes once the gain is removed, if any; returns it with the
+/// number of its pixels that count.
 pub(crate) fn target_image(
     gpu: &Gpu,
     view: &TrainingView,
+    exposure: Option<&Exposure>,
 ) -> Result<(DeviceBuffer<u32>, usize), GpuError> {
     let (mask, ignored) = (view.mask.as_deref(), view.ignored.as_deref());
-    let packed = pack_pixels(&view.pixels, mask, ignored);
+    let at = view.view.time_seconds;
+    let levels = exposure.map_or_else(plain_levels, |exposure| exposure.levels(at));
+    let packed = pack_pixels(&view.pixels, mask, ignored, &levels);
     let image = DeviceBuffer::of(gpu, "image of a view", &packed)?;
     Ok((image, view.counted_pixels()))
 }
@@ -102,7 +121,7 @@ pub(crate) struct Loss {
     image_gradient: Kernel,
     loss_value: Kernel,
     settings: Uniform<LossSettings>,
-    /// Settings without gain, where every pixel counts.
+    /// Settings of images whose gain stays, where every pixel counts.
     plain: LossSettings,
     pixels: usize,
     rows: DeviceBuffer<f32>,
@@ -152,12 +171,10 @@ impl Loss {
             taps: std::array::from_fn(|four| {
                 std::array::from_fn(|tap| middle.get(four * 4 + tap).copied().unwrap_or(0.0))
             }),
-            inverse_gain: [1.0; 3],
             masked: u32::from(weights.masked),
             weight: weights.total,
             wraps: u32::from(Columns::of(camera) == Columns::Wrap),
             bounds_saturated: 0,
-            pad_end: 0,
         };
         Ok(Self {
             blur_rows,
@@ -176,12 +193,11 @@ impl Loss {
         })
     }
 
-    /// Sets the gain to remove from images, if any, and the number of pixels that count, for everything that
-    /// is submitted later.
-    pub(crate) fn set_view(&self, gpu: &Gpu, gain: Option<[f32; 3]>, counted_pixels: usize) {
+    /// Sets true where a gain is removed from images, and the number of pixels that count, for everything that is
+    /// submitted later.
+    pub(crate) fn set_view(&self, gpu: &Gpu, removes_gain: bool, counted_pixels: usize) {
         let settings = LossSettings {
-            inverse_gain: gain.unwrap_or([1.0; 3]).map(|gain| 1.0 / gain),
-            bounds_saturated: u32::from(gain.is_some()),
+            bounds_saturated: u32::from(removes_gain),
             counted: (3 * counted_pixels) as f32,
             ..self.plain
         };
@@ -234,6 +250,7 @@ mod tests {
     use crate::{
         device::test_device,
         losses::photometric::{PixelMarks, cpu},
+        model::srgb,
     };
 
     #[test]
@@ -280,10 +297,15 @@ mod tests {
             let ignored = ignored.as_deref();
             let counted =
                 ignored.map_or(len / 3, |marks| marks.iter().filter(|m| **m == 0).count());
-            loss.set_view(&gpu, gain, counted);
-            let target_buffer =
-                DeviceBuffer::of(&gpu, "target", &pack_pixels(&target, None, ignored))
-                    .expect("fits");
+            loss.set_view(&gpu, gain.is_some(), counted);
+            let levels = gain.map_or_else(plain_levels, |gain: [f32; 3]| {
+                gain.map(|gain| {
+                    std::array::from_fn(|byte| srgb::brightened(byte as f32 / 255.0, 1.0 / gain))
+                })
+            });
+            let packed = pack_pixels(&target, None, ignored, &levels);
+            assert_eq!(packed.len(), packed_len(len / 3));
+            let target_buffer = DeviceBuffer::of(&gpu, "target", &packed).expect("fits");
             let mut program = Program::default();
             loss.record(&gpu, &mut program, &render_buffer, &target_buffer);
             program.submit(&gpu);
@@ -295,11 +317,10 @@ mod tests {
                 ignored,
                 saturated: if gain.is_some() { &saturated[..] } else { &[] },
             };
-            let inverse = gain.unwrap_or([1.0; 3]).map(|gain| 1.0 / gain);
-            let levels = target.iter().map(|&byte| f32::from(byte) / 255.0);
-            let target: Vec<f32> = levels
+            let target: Vec<f32> = target
+                .iter()
                 .enumerate()
-                .map(|(at, level)| level * inverse[at % 3])
+                .map(|(at, &byte)| levels[at % 3][usize::from(byte)])
                 .collect();
             let [width, height] = camera.size();
             let mut on_cpu = cpu::Loss::new(width, height, Columns::of(&camera));

@@ -15,8 +15,6 @@ struct LossSettings {
     counted: f32,
     // Weights of the window's taps, from the centre outwards.
     taps: array<vec4<f32>, 2>,
-    // Factor of the image: 1 over the view's gain of each channel.
-    inverse_gain: vec3<f32>,
     // 1 if only the masked part of the image counts; elsewhere the target is black.
     masked: u32,
     // Weight of the whole loss.
@@ -30,7 +28,7 @@ struct LossSettings {
 @group(0) @binding(0) var<uniform> settings: LossSettings;
 @group(0) @binding(1) var<storage, read> render: array<f32>;
 // 8 bits per channel, red in the lowest byte, the mask in the highest; then a bit per pixel, set if it is
-// ignored.
+// ignored; then the level of every byte, channel by channel.
 @group(0) @binding(2) var<storage, read> target_image: array<u32>;
 @group(0) @binding(3) var<storage, read_write> rows: array<f32>;
 @group(0) @binding(4) var<storage, read_write> derivatives: array<f32>;
@@ -53,9 +51,16 @@ fn tap(distance: i32) -> f32 {
     return settings.taps[index / 4u][index % 4u];
 }
 
+fn level(packed: u32, channel: u32) -> f32 {
+    let marks = (pixel_count() + 31u) / 32u;
+    let byte = (packed >> (8u * channel)) & 255u;
+    return bitcast<f32>(target_image[pixel_count() + marks + 256u * channel + byte]);
+}
+
 fn target_at(pixel: u32) -> vec3<f32> {
-    let rgb_mask = unpack4x8unorm(target_image[pixel]);
-    return rgb_mask.xyz * settings.inverse_gain * select(1.0, rgb_mask.w, settings.masked == 1u);
+    let packed = target_image[pixel];
+    let rgb = vec3(level(packed, 0u), level(packed, 1u), level(packed, 2u));
+    return rgb * select(1.0, unpack4x8unorm(packed).w, settings.masked == 1u);
 }
 
 fn is_ignored(pixel: u32) -> bool {

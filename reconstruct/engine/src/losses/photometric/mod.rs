@@ -21,6 +21,8 @@
 use omnilife_schemas::camera::Camera;
 
 pub mod cpu;
+#[cfg(test)]
+mod golden_tests;
 pub(crate) mod gpu;
 mod marks;
 pub mod reference;

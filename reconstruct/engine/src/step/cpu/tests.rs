@@ -54,7 +54,7 @@ fn step(level: u8, gain: Option<f32>) -> (f64, bool) {
     };
     let mut settings = settings(None);
     settings.exposure = gain.and_then(|gain| {
-        let at = |seconds: f64, gain: f32| (seconds, vec![[[0.5 * gain; 3], [0.5; 3]]; 60]);
+        let at = |seconds: f64, gain: f32| (seconds, vec![[[0.05 * gain; 3], [0.05; 3]]; 60]);
         // Gains are relative to their median, 1.
         Exposure::estimate(&[at(0.0, gain), at(1.0, 1.0), at(2.0, 1.0 / gain)])
     });
@@ -74,13 +74,13 @@ fn step(level: u8, gain: Option<f32>) -> (f64, bool) {
 
 #[test]
 fn a_saturated_image_pulls_at_nothing_that_is_as_bright_where_its_gain_is_taken_out() {
-    // The scene has at least a quarter of white, and the render is brighter.
-    let (loss, moves) = step(255, Some(4.0));
+    // The scene has at least an eighth of white, the level 0.39, and the render is brighter.
+    let (loss, moves) = step(255, Some(8.0));
     assert!(loss < 1e-5 && !moves, "{loss}");
-    // The scene has at least four times white, and the render is darker.
-    let (loss, moves) = step(255, Some(0.25));
+    // The scene has at least eight times white, and the render is darker.
+    let (loss, moves) = step(255, Some(0.125));
     assert!(loss > 0.1 && moves, "{loss}");
-    for (level, gain) in [(250, Some(4.0)), (0, Some(4.0)), (255, None)] {
+    for (level, gain) in [(250, Some(8.0)), (0, Some(8.0)), (255, None)] {
         let (loss, moves) = step(level, gain);
         assert!(loss > 0.1 && moves, "{level} {gain:?}: {loss}");
     }

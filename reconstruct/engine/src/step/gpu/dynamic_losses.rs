@@ -79,14 +79,9 @@ impl DynamicKernels {
         &self.settings.features
     }
 
-    /// Sets a view's losses, its gain (if it is removed) and its number of pixels that count, for everything
-    /// that is submitted later.
-    pub(super) fn set(
-        &self,
-        gpu: &Gpu,
-        has_mask: bool,
-        (gain, counted): (Option<[f32; 3]>, usize),
-    ) {
+    /// Sets a view's losses, true if its gain is removed, and its number of pixels that count, for everything that
+    /// is submitted later.
+    pub(super) fn set(&self, gpu: &Gpu, has_mask: bool, (removes_gain, counted): (bool, usize)) {
         let settings = &self.settings;
         let of_view = settings
             .velocity_loss
@@ -109,7 +104,7 @@ impl DynamicKernels {
         };
         self.maps.set(gpu, losses);
         if let Some(alone) = &self.alone {
-            alone.loss.set_view(gpu, gain, counted);
+            alone.loss.set_view(gpu, removes_gain, counted);
         }
     }
 

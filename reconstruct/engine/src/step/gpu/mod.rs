@@ -123,7 +123,11 @@ impl<'a> GpuStepper<'a> {
         check(&model)?;
         let (of_model, look_interval) = ((&model, settings), LOOK_INTERVAL as usize);
         let kernels = StepKernels::new(Arc::clone(&gpu), &inputs, of_model, look_interval)?;
-        let targets = inputs.views.iter().map(|view| target_image(&gpu, view));
+        let exposure = settings.exposure.as_ref();
+        let targets = inputs
+            .views
+            .iter()
+            .map(|view| target_image(&gpu, view, exposure));
         let stepper = Self {
             inputs,
             settings: settings.clone(),
@@ -233,15 +237,14 @@ impl<'a> GpuStepper<'a> {
     fn set_losses(&self, number: usize, schedule: &StepSchedule) -> bool {
         let gpu = &*self.gpu;
         let (view, counted) = (&self.inputs.views[number], self.targets[number].1);
-        let exposure = self.settings.exposure.as_ref();
-        let gain = exposure.map(|exposure| exposure.gain(view.view.time_seconds));
+        let removes_gain = self.settings.exposure.is_some();
         // If all views are alike, the initial settings hold for every step.
         let ignore_something = self.inputs.views.iter().any(|view| view.ignored.is_some());
-        if exposure.is_some() || ignore_something {
-            self.kernels.loss.set_view(gpu, gain, counted);
+        if removes_gain || ignore_something {
+            self.kernels.loss.set_view(gpu, removes_gain, counted);
         }
         self.kernels.dynamic.as_ref().is_some_and(|dynamic| {
-            dynamic.set(gpu, view.mask.is_some(), (gain, counted));
+            dynamic.set(gpu, view.mask.is_some(), (removes_gain, counted));
             dynamic.draws_alone(view.mask.is_some(), schedule)
         })
     }

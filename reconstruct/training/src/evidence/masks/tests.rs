@@ -45,7 +45,15 @@ fn evidence(masks: &[Vec<u8>], camera: &Camera) -> MaskEvidence {
         masked_views: masks.len(),
         showing_views: showing_views(&masks, camera),
         coverage: Some(if is_marked { 0.001 } else { 0.0 }),
+        coverage_error: standard_error(&covered_shares(&masks, camera)),
     }
+}
+
+/// Returns the masks of `views` views; the first `marked` are `mask`, the others empty.
+fn first_marked(marked: usize, views: usize, mask: &[u8]) -> Vec<Vec<u8>> {
+    let mut masks = vec![vec![0; mask.len()]; views];
+    masks[..marked].fill(mask.to_vec());
+    masks
 }
 
 #[test]
@@ -71,7 +79,6 @@ fn a_person_far_away_is_shown_at_any_size_and_place() {
 
 #[test]
 fn specks_show_nothing_however_many() {
-    // A pixel of the smallest panorama is as large as a person: there one is noise if it stands alone in time.
     let one = |height: u32, step: usize| -> Vec<u8> {
         let pixels = 2 * (height * height) as usize;
         let mut mask = vec![0; pixels];
@@ -84,19 +91,39 @@ fn specks_show_nothing_however_many() {
     for height in HEIGHTS {
         let camera = panorama(height);
         let alone = one(height, usize::MAX);
-        let empty = vec![0; alone.len()];
-        let found = evidence(&[empty.clone(), alone, empty], &camera);
-        assert!(!found.show_something(), "{height}: {found}");
-        assert_eq!(found.warnings().len(), 1);
-        if height > 64 {
-            let many = one(height, 7);
-            let found = evidence(&[many.clone(), many.clone(), many], &camera);
-            assert!(
-                found.showing_views == 0 && found.are_noise(),
-                "{height}: {found}"
-            );
+        // A pixel of the smallest panorama is as large as a person.
+        let views = if height > 128 { 3 } else { 39 };
+        for marked in [1, 2, views] {
+            let found = evidence(&first_marked(marked, views, &alone), &camera);
+            assert!(found.are_noise(), "{height} {marked}: {found}");
+            assert_eq!(found.warnings().len(), 1);
         }
+        let many = one(height, 7);
+        let found = evidence(&[many.clone(), many.clone(), many], &camera);
+        assert!(
+            found.showing_views == 0 && found.are_noise(),
+            "{height}: {found}"
+        );
     }
+}
+
+/// Checks a patch of a thousandth of the sphere, which most of the views show.
+#[test]
+fn a_small_object_in_most_views_is_shown_with_its_standard_error() {
+    for height in [64, 128, 256] {
+        let camera = panorama(height);
+        // 6.4 by 6.4 degrees at the equator are a thousandth of 4 pi steradians.
+        let object = marks(height, [100.3, 106.74], [86.8, 93.2]);
+        let found = evidence(&first_marked(30, 39, &object), &camera);
+        assert!(found.show_something() && !found.are_noise(), "{found}");
+        assert_eq!(found.showing_views, 30);
+        // 30 of 39 masks of a thousandth: the error of the mean is 0.001 sqrt(30 9 / 39^2 / 38).
+        let expected = 1e-3 * (270.0_f64 / 1521.0 / 38.0).sqrt();
+        let error = found.coverage_error.unwrap_or_default();
+        assert!((error / expected - 1.0).abs() < 0.02, "{error} {expected}");
+    }
+    let one = evidence(&[vec![255; 128 * 64]], &panorama(64));
+    assert_eq!(one.coverage_error, None);
 }
 
 #[test]

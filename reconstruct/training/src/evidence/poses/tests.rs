@@ -61,7 +61,7 @@ fn turns(size: f64) -> Vec<Twist> {
 #[test]
 fn wrong_poses_are_told_from_noise_and_from_a_bent_scene() {
     let size = 0.01;
-    let found = PoseEvidence::of(views(&turns(size), 0.01), &CAMERA);
+    let found = PoseEvidence::of(views(&turns(size), 0.01), &CAMERA, &CAMERA);
     assert_eq!(found.views, 20);
     // A rotation of 0.01 about an axis displaces points all around by `sqrt(2/3)` of it.
     let expected = (2.0_f64 / 3.0).sqrt() * size;
@@ -86,7 +86,7 @@ fn wrong_poses_are_told_from_noise_and_from_a_bent_scene() {
         .map(|view| [0.02, 0.0, 0.0, 0.0, 0.0, 0.005 * f64::from(view)])
         .collect();
     for twists in [still, bent] {
-        let found = PoseEvidence::of(views(&twists, 0.01), &CAMERA);
+        let found = PoseEvidence::of(views(&twists, 0.01), &CAMERA, &CAMERA);
         assert!(
             !found.are_off() && found.agreed_pixels() < 0.02,
             "{found:?}"
@@ -103,13 +103,14 @@ fn the_same_poses_are_refined_in_images_of_any_width() {
             |factor: u32| camera.resized(factor * camera.width(), factor * camera.height());
         // The rotation of a view that displaces points by so many pixels at the least width.
         let radians = |pixels: f64| {
-            let turn_pixels = PoseEvidence::of(views(&turns(0.01), 0.01), &camera).turn_pixels;
+            let turn_pixels =
+                PoseEvidence::of(views(&turns(0.01), 0.01), &camera, &camera).turn_pixels;
             pixels / turn_pixels * TAU / (2.0_f64 / 3.0).sqrt()
         };
         for (pixels, are_off) in [(0.08, false), (0.17, true)] {
             let seen = || views(&turns(radians(pixels)), 0.0001);
             for factor in [1, 2, 16] {
-                let found = PoseEvidence::of(seen(), &resized(factor));
+                let found = PoseEvidence::of(seen(), &resized(factor), &camera);
                 assert_eq!(found.are_off(), are_off, "{factor}: {found}");
                 let expected = f64::from(factor) * pixels;
                 assert!(
@@ -118,6 +119,28 @@ fn the_same_poses_are_refined_in_images_of_any_width() {
                 );
             }
         }
+    }
+}
+
+/// Checks that images of 256 columns decide for wider ones by the pixels of these.
+#[test]
+fn wide_images_are_trained_with_poses_to_half_a_pixel() {
+    let turn = |pixels: f64| pixels / 256.0 * TAU / (2.0_f64 / 3.0).sqrt();
+    // Half a pixel of 4096 is 0.03 pixels of 256.
+    for (pixels, width, are_off) in [
+        (0.08, 256, false),
+        (0.08, 1024, false),
+        (0.08, 2048, true),
+        (0.08, 4096, true),
+        (0.045, 2048, false),
+        (0.045, 4096, true),
+        (0.02, 4096, false),
+        (0.17, 1024, true),
+    ] {
+        let trained = CAMERA.resized(width, width / 2);
+        let seen = views(&turns(turn(pixels)), 0.0001);
+        let found = PoseEvidence::of(seen, &CAMERA, &trained);
+        assert_eq!(found.are_off(), are_off, "{pixels} {width}: {found}");
     }
 }
 
@@ -137,7 +160,7 @@ fn neighbours_that_err_alike_are_no_wrong_pose() {
             }
         }
     }
-    let found = PoseEvidence::of(views, &CAMERA);
+    let found = PoseEvidence::of(views, &CAMERA, &CAMERA);
     assert!(!found.are_off(), "{found:?}");
 }
 
@@ -150,6 +173,9 @@ fn too_little_to_see_says_nothing() {
     // Too few views for a point's own error.
     let short = views(&[[0.0; 6]; 4], 0.01);
     for views in [few, short, Vec::new()] {
-        assert_eq!(PoseEvidence::of(views, &CAMERA), PoseEvidence::default());
+        assert_eq!(
+            PoseEvidence::of(views, &CAMERA, &CAMERA),
+            PoseEvidence::default()
+        );
     }
 }
