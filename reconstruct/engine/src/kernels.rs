@@ -32,7 +32,11 @@ pub const PARAMETERIZATIONS: &[KernelTwins] = &[
         "gaussians/deformable.rs",
         Some("gaussians/deformable/deformable.wgsl"),
     ),
-    twins("tracked", "gaussians/tracked.rs", None),
+    twins(
+        "tracked",
+        "gaussians/tracked.rs",
+        Some("gaussians/tracked/tracked.wgsl"),
+    ),
 ];
 
 /// All other kernels, in the order of a training step.
@@ -135,6 +139,7 @@ mod tests {
             static_gaussians::StaticGaussians,
             temporal::{TimeModel, VelocityModel},
             temporal_gaussians::TemporalGaussians,
+            tracked::TrackedGaussians,
         },
     };
 
@@ -212,10 +217,11 @@ mod tests {
             time_noise: None,
         };
         let weights = vec![0.0; model.network().weight_count()];
-        let made: [Box<dyn Parameterization>; 3] = [
+        let made: [Box<dyn Parameterization>; 4] = [
             Box::new(StaticGaussians),
             Box::new(temporal),
             Box::new(Deformable::new(settings, weights)),
+            Box::new(TrackedGaussians::new(Vec::new(), true)),
         ];
         let on_gpu = PARAMETERIZATIONS.iter().filter(|twins| twins.gpu.is_some());
         let listed: Vec<&str> = on_gpu.map(|twins| twins.name).collect();

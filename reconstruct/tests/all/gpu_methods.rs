@@ -2,10 +2,9 @@
 //! that density control prunes alone; `gpu_density` of the engine judges its growth.
 
 use device::device;
-use held_camera::scene;
 use novel_views::novel_psnr;
 use omnilife_reconstruct::{
-    methods::{METHODS, Method},
+    methods::{METHODS, Method, requirement::Requirement},
     options::Options,
     request::{BackendChoice, MethodRequest, PlanChoice},
     scene::TrainingScene,
@@ -13,7 +12,10 @@ use omnilife_reconstruct::{
 };
 use omnilife_schemas::{progress::Silent, records::Backend};
 
-use crate::support::{device, held_camera, novel_views};
+use crate::{
+    object_graph,
+    support::{device, held_camera, novel_views},
+};
 
 const STEPS: u64 = 50;
 /// Maximum relative difference of the sum of all steps' losses: the same as for that of four steps.
@@ -59,11 +61,22 @@ fn run(method: &Method, scene: &TrainingScene, backend: BackendChoice) -> Run {
     }
 }
 
+/// Returns a scene with everything that a method requires.
+fn scene_of(method: &Method) -> TrainingScene {
+    let tracks = method.needs(Requirement::Tracks);
+    TrainingScene {
+        tracks: tracks
+            .then(object_graph::scene)
+            .and_then(|tracked| tracked.tracks),
+        ..held_camera::scene()
+    }
+}
+
 fn compare(method: &Method) {
     if device().is_none() {
         return;
     }
-    let scene = scene();
+    let scene = scene_of(method);
     let [cpu, gpu] =
         [BackendChoice::Cpu, BackendChoice::Gpu].map(|backend| run(method, &scene, backend));
     let sums = [&cpu, &gpu].map(|run| run.losses.iter().sum::<f64>());
@@ -93,7 +106,7 @@ fn compare(method: &Method) {
 fn fifty_steps_of_every_method_are_those_of_the_cpu() {
     let runs_there = |method: &&Method| method.backends.contains(&BackendChoice::Gpu);
     let methods: Vec<_> = METHODS.iter().filter(runs_there).collect();
-    assert!(methods.len() >= 5, "{methods:?}");
+    assert!(methods.len() >= 6, "{methods:?}");
     for method in methods {
         compare(method);
     }

@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use balls::{scene, table};
+use balls::{scene, table, vary_shapes};
 use device::{assert_gradients_agree, assert_images_agree, device, devices};
 use omnilife_engine::{
     EngineError,
@@ -17,10 +17,18 @@ use omnilife_engine::{
     schedule::StepSchedule,
     step::{Stepper, cpu::CpuStepper, gpu::GpuStepper, settings::TrainSettings},
 };
-use omnilife_reconstruct::{baseline, scene::TrainingScene};
+use omnilife_reconstruct::{
+    baseline, methods,
+    options::Options,
+    request::{BackendChoice, MethodRequest},
+    scene::TrainingScene,
+};
 use omnilife_schemas::{camera::ErpCamera, records::Backend};
 
-use crate::support::{balls, device};
+use crate::{
+    object_graph,
+    support::{balls, device},
+};
 
 /// Returns every fifth point of the scene as a model with harmonics up to a degree.
 fn model(scene: &TrainingScene, sh_degree: usize) -> Model {
@@ -180,6 +188,68 @@ fn steps_with_a_network_are_those_of_the_cpu() {
         );
         assert_images_agree(&images.0, &images.1);
     }
+}
+
+/// Checks steps of the object graph, in which objects leave out some views and their poses are refined.
+#[test]
+fn steps_with_objects_are_those_of_the_cpu() {
+    let Some(gpu) = device() else { return };
+    let scene = object_graph::scene();
+    let request = MethodRequest {
+        options: Options::at_most(400),
+        ..MethodRequest::new(100, 3)
+    };
+    let method = methods::find("object-graph").unwrap();
+    let mut prepared = method
+        .prepare(&scene, &request, BackendChoice::Cpu)
+        .unwrap();
+    let mut begin = prepared.learner.gaussians().unwrap().unwrap().clone();
+    begin
+        .parts
+        .iter_mut()
+        .for_each(|part| vary_shapes(&mut part.table));
+    let arrays = begin.trained_arrays();
+    let rates: Vec<f32> = arrays.iter().map(|_| 1e-3).collect();
+    let settings = settings();
+    let mut on_gpu = GpuStepper::new(gpu, scene.inputs(), begin.clone(), &settings).unwrap();
+    let mut on_cpu = CpuStepper::new(scene.inputs(), begin, &settings);
+    assert_eq!((on_gpu.objects(), on_cpu.objects()), (Some(1), Some(1)));
+    for iteration in 1..=4 {
+        let schedule = StepSchedule {
+            scheduled: iteration,
+            ..schedule(iteration, 0, &rates)
+        };
+        on_gpu.step(2 * iteration as usize, &schedule).unwrap();
+        on_cpu.step(2 * iteration as usize, &schedule).unwrap();
+        let of_gpu = on_gpu.model_with_gradients().unwrap();
+        let models = [of_gpu, on_cpu.model().unwrap()];
+        let poses = models.map(|model| model.parts[1].parameterization.shared().unwrap());
+        assert_eq!(poses.map(|poses| poses.steps), [iteration; 2]);
+        if iteration == 1 {
+            let tables = models.map(|model| model.parts.iter().map(|part| &part.table));
+            let [of_gpu, of_cpu] = tables;
+            for (gpu, cpu) in of_gpu.zip(of_cpu) {
+                for (gpu, cpu) in gpu.arrays.iter().zip(&cpu.arrays) {
+                    assert_gradients_agree(gpu.name, &gpu.gradients, &cpu.gradients);
+                }
+            }
+            let [gpu, cpu] = poses.map(|poses| &poses.array);
+            assert_gradients_agree(gpu.name, &gpu.gradients, &cpu.gradients);
+        }
+        let [gpu, cpu] = poses.map(|poses| &poses.array.values);
+        for (gpu, cpu) in gpu.iter().zip(cpu) {
+            assert!((gpu - cpu).abs() < 2e-4, "{gpu} against {cpu}");
+        }
+        let mean: f32 = gpu.iter().step_by(4).sum();
+        assert!(mean.abs() < 1e-6, "the gauge: {mean}");
+    }
+    let statistics = on_gpu.take_statistics().unwrap();
+    assert_eq!(statistics.refused, vec![0; rates.len()]);
+    let of_cpu = on_cpu.take_statistics().unwrap();
+    assert!((statistics.loss - of_cpu.loss).abs() < 1e-3 * of_cpu.loss);
+    let view = &scene.novel_views[0].view;
+    let images = [on_gpu.image(view, 0), on_cpu.image(view, 0)].map(Result::unwrap);
+    assert_images_agree(&images[0], &images[1]);
 }
 
 /// Checks that a step without room for its tile entries, and the steps after it, are repeated: the model equals

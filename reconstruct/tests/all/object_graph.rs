@@ -19,7 +19,7 @@ use omnilife_schemas::{
 use crate::support::moving_ball;
 
 /// Returns the clip of the moving ball with its true track.
-fn scene() -> TrainingScene {
+pub(crate) fn scene() -> TrainingScene {
     let mut scene = moving_ball::scene();
     let times: Vec<f64> = (0..15).map(f64::from).collect();
     let centres = times.iter().map(|time| [0.1 * (time - 7.0), 0.2, 3.0]);

@@ -21,7 +21,7 @@ use omnilife_training::{
     baseline::{self, OPACITY_RESET, require_memory},
     components::{self, Decision, Draft, draft::MotionEvidenceUse, sky_shell},
     error::ReconstructError,
-    method::{Method, MethodKind, ON_CPU, PreparedGaussians, requirement::Requirement},
+    method::{Method, MethodKind, ON_CPU_AND_GPU, PreparedGaussians, requirement::Requirement},
     models, options,
     request::{BackendChoice, DefaultPlan, MethodRequest},
     scene::{CameraExtent, TrainingScene},
@@ -56,7 +56,7 @@ pub const METHOD: Method = Method {
     ],
     optional_components: components::OF_ANY_METHOD,
     default_plan: DefaultPlan::Auto,
-    backends: ON_CPU,
+    backends: ON_CPU_AND_GPU,
     requires: &[
         Requirement::Parallax,
         Requirement::DensePoints,

@@ -190,7 +190,8 @@ impl DevicePart {
         let Some(twin) = host.device_twin() else {
             return Err(gpu.failed(&format!("{} Gaussians have no kernels on it", host.id())));
         };
-        let rows = DeviceRows::new(gpu, &table, entries, of_model.sh_degree)?;
+        let stored = static_gaussians::sh_degree(&part.table);
+        let rows = DeviceRows::new(gpu, &table, entries, [of_model.sh_degree, stored])?;
         let features = of_model.dynamics.map(|dynamics| dynamics.features);
         let parameterization = twin.open(&NewDevicePart {
             gpu,

@@ -69,9 +69,10 @@ struct Pending {
 /// Refuses models that a GPU cannot train.
 ///
 /// # Errors
-/// If a parameterization, which is named, has no GPU kernels, or one part of several has shared parameters.
+/// If a parameterization, which is named, has no GPU kernels, or several parts have shared parameters.
 fn check(model: &Model) -> Result<(), EngineError> {
     let refused = |reason: String| Err(EngineError::Backend { reason });
+    let mut shared = 0;
     for part in &model.parts {
         let parameterization = &part.parameterization;
         if parameterization.device_twin().is_none() {
@@ -80,13 +81,13 @@ fn check(model: &Model) -> Result<(), EngineError> {
                 parameterization.id()
             ));
         }
-        if parameterization.shared().is_some() && model.parts.len() > 1 {
-            return refused(format!(
-                "{} Gaussians, which have shared parameters, are trained beside others on the CPU \
-                 only; use the backend cpu",
-                parameterization.id()
-            ));
-        }
+        shared += usize::from(parameterization.shared().is_some());
+    }
+    if shared > 1 {
+        return refused(format!(
+            "{shared} parts of the model have shared parameters, a GPU trains those of one; use the \
+             backend cpu"
+        ));
     }
     Ok(())
 }
@@ -375,6 +376,10 @@ impl Stepper for GpuStepper<'_> {
 
     fn gaussians_with_times(&self) -> usize {
         self.model.len_with_times()
+    }
+
+    fn objects(&self) -> Option<usize> {
+        self.model.objects()
     }
 
     fn arrays(&self) -> Vec<TrainedArray> {
