@@ -83,6 +83,11 @@ pub const KERNELS: &[KernelTwins] = &[
         Some("losses/motion/motion.wgsl"),
     ),
     twins(
+        "loss on a fused surface",
+        "losses/scaffold/mod.rs",
+        Some("losses/scaffold/scaffold.wgsl"),
+    ),
+    twins(
         "gradient by the pose",
         "render/project/by_camera.rs",
         Some("render/project/by_camera/by_camera.wgsl"),

@@ -19,6 +19,7 @@ use super::{NEIGHBOUR_VIEWS, SHARDS, neighbour_views::NearViews, samples::Sample
 use omnilife_training::{
     components::{Decision, DecisionLog},
     process,
+    request::BackendChoice,
     scene::TrainingScene,
 };
 
@@ -48,7 +49,7 @@ impl Sharding {
         scene: &TrainingScene,
         samples: &Samples,
         memory: StepMemory,
-        rendering: RenderSettings,
+        (rendering, backend): (RenderSettings, BackendChoice),
         plan: &mut DecisionLog<'_>,
     ) -> Option<Self> {
         let count = samples.gaussians.len();
@@ -77,7 +78,14 @@ impl Sharding {
             gigabytes(bytes(1) - bytes(number)),
             trial.seconds_of_shards()
         );
-        let decision = Decision::new(needed > 1 || asked.is_some_and(|asked| asked > 1), reason);
+        let is_asked = asked.is_some_and(|asked| asked > 1);
+        let decision = match backend {
+            BackendChoice::Cpu => Decision::new(needed > 1 || is_asked, reason),
+            BackendChoice::Gpu => Decision::new(
+                is_asked,
+                "a step on a GPU takes all Gaussians at once: shards save no memory there",
+            ),
+        };
         let is_used = plan.decide(SHARDS, decision.unless(few));
         if !is_used {
             plan.decide(NEIGHBOUR_VIEWS, Decision::without("shards"));

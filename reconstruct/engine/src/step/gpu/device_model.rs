@@ -397,17 +397,24 @@ impl DeviceModel {
         }
     }
 
-    /// Sets the optimizer's step for everything that is submitted later. Steps on shared parameters are
-    /// counted separately.
-    pub(super) fn set_step(&self, gpu: &Gpu, schedule: &StepSchedule, shared_step: u64) {
+    /// Sets the optimizer's step for everything that is submitted later. Steps on shared parameters and on
+    /// shards, if any, are counted separately; a shard without a number takes none.
+    pub(super) fn set_step(
+        &self,
+        gpu: &Gpu,
+        schedule: &StepSchedule,
+        (shared_step, shards): (u64, &[Option<u64>]),
+    ) {
         if let Some(dropout) = &self.dropout {
             dropout.set(gpu, schedule.iteration, schedule.scheduled);
         }
         let rates = &schedule.learning_rates;
-        for part in &self.parts {
-            let step = (schedule.iteration, schedule.second_moments);
-            let table = (&part.table, part.entries.len);
-            part.next_step.set(gpu, table, step, rates);
+        for (number, part) in self.parts.iter().enumerate() {
+            let of_shard = shards.get(number).copied();
+            let step = of_shard.unwrap_or(Some(schedule.iteration));
+            let rows = step.map_or(0, |_| part.entries.len);
+            let step = (step.unwrap_or(1), schedule.second_moments);
+            part.next_step.set(gpu, (&part.table, rows), step, rates);
             if let Some(shared) = &part.shared {
                 let step = (shared_step, SecondMomentDecay::PUBLISHED);
                 shared.next_step.set(gpu, (&shared.table, 1), step, rates);

@@ -4,6 +4,9 @@
 //! The host writes a few numbers per step and reads back rarely. A step whose tile entries exceed the
 //! capacity halts the device: it and the steps after it change nothing. When the host reads the status, it
 //! enlarges the buffers and submits those steps again; nothing is lost.
+//!
+//! A step in shards takes one backward pass over all Gaussians: shards save no memory here. Only those that the
+//! view trains are updated.
 
 pub mod activation;
 mod density;
@@ -63,6 +66,9 @@ struct Pending {
     schedule: StepSchedule,
     /// Number of the optimizer's step on shared parameters, from 1; 0 if they are not trained.
     shared_step: u64,
+    /// Number of the optimizer's step on each shard, from 1; `None` for one that the view does not train. Empty
+    /// without shards.
+    shards: Vec<Option<u64>>,
     moves_pose: bool,
 }
 
@@ -211,7 +217,7 @@ impl<'a> GpuStepper<'a> {
             ..self.settings.rendering
         };
         model.set_view(gpu, &drawn, &at, &rendering);
-        model.set_step(gpu, schedule, step.shared_step);
+        model.set_step(gpu, schedule, (step.shared_step, &step.shards));
         let uses = StepUses {
             shared: uses_shared(&self.model, &at),
             alone: self.set_losses(step.view, schedule),
@@ -310,11 +316,21 @@ impl<'a> GpuStepper<'a> {
                 shared_step = shared.steps;
             }
         }
+        let shards = self.settings.shards.as_ref().map(|shards| {
+            let parts = self.model.parts.iter_mut().enumerate();
+            let next = parts.map(|(shard, part)| {
+                let learns = shards.learns_from(shard, view);
+                part.steps += u64::from(learns);
+                learns.then_some(part.steps)
+            });
+            next.collect()
+        });
         let refinement = self.settings.pose_refinement;
         let begins = refinement.map(|refinement| refinement.begin_iteration);
         Pending {
             view,
             shared_step,
+            shards: shards.unwrap_or_default(),
             moves_pose: begins.is_some_and(|begin| schedule.scheduled >= begin),
             schedule: schedule.clone(),
         }
