@@ -2,17 +2,19 @@
 //!
 //! The decisions are the method's own, as a run makes and records them. Here they stand beside the cost of the
 //! same method under the plan full: first Gaussians, bytes of their tables, and the time of a step. Steps are
-//! measured in turns ([`PairedSteps`]) where the plans differ.
+//! measured in turns ([`PairedSteps`]) where the plans differ. For a GPU there is also its memory.
 
 use std::{collections::BTreeSet, path::Path};
 
+use omnilife_engine::step::{gpu::memory::DevicePlan, settings::TrainSettings};
 use omnilife_schemas::records::ComponentDecision;
+use serde::Deserialize;
 
 use crate::registry;
 use omnilife_training::{
     components,
     error::ReconstructError,
-    learner::ModelSize,
+    learner::{Learner, ModelSize},
     method::{Method, Prepared},
     request::{BackendChoice, MethodRequest, PlanChoice},
     scene::TrainingScene,
@@ -34,6 +36,8 @@ pub struct ScenePlan {
     pub full: ModelSize,
     /// Times of steps under this plan and under the plan full; `None` where both are the same.
     pub steps: Option<PairedSteps>,
+    /// Memory of the plan's training on the GPU; `None` for the CPU.
+    pub device: Option<DevicePlan>,
 }
 
 /// Decides a method's components on a scene.
@@ -52,18 +56,19 @@ pub fn decisions(
     Ok(points.into_iter().chain(prepared.findings.plan).collect())
 }
 
-/// Decides a method's components on a scene, and measures them against all of them.
+/// Decides a method's components on a scene, and measures them against all of them on a backend.
 ///
 /// # Errors
-/// When the scene cannot be loaded, or the request does not suit the method.
+/// When the scene cannot be loaded, or the request does not suit the method or the backend.
 pub fn plan(
     scene: &Path,
     split: &Path,
     method: &str,
     request: &MethodRequest,
+    backend: BackendChoice,
 ) -> Result<ScenePlan, ReconstructError> {
     let method = registry::find(method)?;
-    method.check(request, BackendChoice::Cpu)?;
+    method.check(request, backend)?;
     let mut scene = TrainingScene::load(scene, split, method.camera_extent())?;
     let points = components::complete_points(&mut scene, method.supported(), request);
     let full = MethodRequest {
@@ -71,7 +76,7 @@ pub fn plan(
         without: Vec::new(),
         ..request.clone()
     };
-    let prepare = |request: &MethodRequest| method.prepare(&scene, request, BackendChoice::Cpu);
+    let prepare = |request: &MethodRequest| method.prepare(&scene, request, backend);
     let (mut planned, mut full) = (prepare(request)?, prepare(&full)?);
     let [planned_size, full_size] = [planned.learner.size(), full.learner.size()];
     let steps = if are_the_same(&planned, &full) {
@@ -82,14 +87,61 @@ pub fn plan(
             (scene.input_views.len(), request.iterations),
         )?)
     };
+    // Their memory is free before the adapter is tried.
+    drop(full);
+    let Prepared {
+        learner,
+        configuration,
+        findings,
+        ..
+    } = planned;
+    let device = match backend {
+        BackendChoice::Cpu => None,
+        BackendChoice::Gpu => Some(device_plan(&scene, learner, &configuration)?),
+    };
     Ok(ScenePlan {
         method: method.id.to_owned(),
         scene: scene.id.clone(),
-        decisions: points.into_iter().chain(planned.findings.plan).collect(),
+        decisions: points.into_iter().chain(findings.plan).collect(),
         planned: planned_size,
         full: full_size,
         steps,
+        device,
     })
+}
+
+/// Returns the memory of a learner's training on the GPU.
+fn device_plan(
+    scene: &TrainingScene,
+    mut learner: Box<dyn Learner + '_>,
+    configuration: &serde_json::Value,
+) -> Result<DevicePlan, ReconstructError> {
+    let unknown = |reason: String| ReconstructError::Request { reason };
+    let settings = TrainSettings::deserialize(configuration)
+        .map_err(|error| unknown(format!("the method's settings: {error}")))?;
+    let model = learner.gaussians()?.cloned();
+    let model = model.ok_or_else(|| unknown("the method has no Gaussians".to_owned()))?;
+    drop(learner);
+    Ok(DevicePlan::of(scene.inputs(), model, &settings)?)
+}
+
+/// Writes a training's memory on the GPU in a line.
+fn on_device(plan: &DevicePlan) -> String {
+    let megabytes = |bytes: u64| bytes as f64 / 1e6;
+    let held = plan.refusal.as_ref().map_or_else(
+        || "the adapter holds them".to_owned(),
+        |error| format!("the adapter does not hold them: {error}"),
+    );
+    format!(
+        "On {} ({}): at most {} Gaussians in {:.1} MB, the largest buffer ({}) in {:.1} of {:.1} MB; {held}\n",
+        plan.adapter.name,
+        plan.adapter.kind,
+        plan.gaussians,
+        megabytes(plan.buffers.bytes),
+        plan.buffers.largest,
+        megabytes(plan.buffers.largest_bytes),
+        megabytes(plan.largest_allowed)
+    )
 }
 
 /// Returns true for plans that use the same components with the same settings on first models of one size.
@@ -135,7 +187,11 @@ impl ScenePlan {
                 milliseconds(seconds)
             );
         }
-        text + "\n" + &self.comparison()
+        text += "\n";
+        if let Some(device) = &self.device {
+            text += &on_device(device);
+        }
+        text + &self.comparison()
     }
 
     /// Compares this plan with the plan full in a line.
@@ -203,6 +259,11 @@ fn beside(ratio: f64, [less, more]: [&str; 2]) -> String {
 
 #[cfg(test)]
 mod tests {
+    use omnilife_engine::device::{
+        AskedBuffers, GpuError,
+        adapters::{AdapterKind, AdapterSummary},
+    };
+
     use super::*;
 
     #[test]
@@ -263,6 +324,7 @@ mod tests {
             planned: size,
             full: size,
             steps: None,
+            device: None,
         };
         let text = plan.text();
         assert!(text.contains("plans are the same"), "{text}");
@@ -271,5 +333,43 @@ mod tests {
             "{text}"
         );
         assert!(!text.contains(" %") && !text.contains("shorter"), "{text}");
+    }
+
+    #[test]
+    fn what_an_adapter_does_not_hold_is_told_with_the_buffer() {
+        let mut plan = DevicePlan {
+            adapter: AdapterSummary {
+                name: "card".to_owned(),
+                backend: "vulkan".to_owned(),
+                driver: String::new(),
+                kind: AdapterKind::DiscreteGpu,
+            },
+            gaussians: 500,
+            buffers: AskedBuffers {
+                bytes: 3_000_000,
+                largest_bytes: 2_000_000,
+                largest: "entry sums",
+            },
+            largest_allowed: 1_000_000,
+            refusal: None,
+        };
+        let text = on_device(&plan);
+        assert!(
+            text.contains("500 Gaussians in 3.0 MB")
+                && text.contains("(entry sums) in 2.0 of 1.0 MB"),
+            "{text}"
+        );
+        assert!(text.contains("the adapter holds them"), "{text}");
+        plan.refusal = Some(GpuError::OutOfMemory {
+            adapter: "card".to_owned(),
+            what: "entry sums".to_owned(),
+            bytes: 2_000_000,
+        });
+        let text = on_device(&plan);
+        assert!(
+            text.contains("does not hold them: the memory of the GPU card"),
+            "{text}"
+        );
+        assert_eq!(text.lines().count(), 1);
     }
 }

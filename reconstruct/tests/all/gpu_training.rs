@@ -7,7 +7,8 @@ use device::{assert_gradients_agree, assert_images_agree, device, devices};
 use omnilife_engine::{
     EngineError,
     camera::View,
-    device::{Gpu, GpuError},
+    density::DensifySettings,
+    device::{AskedBuffers, Gpu, GpuError},
     gaussians::{
         deformable::{Deformable, DeformationModel, settings::DeformationSettings},
         static_gaussians,
@@ -15,7 +16,12 @@ use omnilife_engine::{
     model::{Model, Part},
     render::settings::RenderSettings,
     schedule::StepSchedule,
-    step::{Stepper, cpu::CpuStepper, gpu::GpuStepper, settings::TrainSettings},
+    step::{
+        Stepper,
+        cpu::CpuStepper,
+        gpu::{GpuStepper, memory},
+        settings::TrainSettings,
+    },
 };
 use omnilife_reconstruct::{
     baseline, methods,
@@ -330,4 +336,59 @@ fn a_loss_that_is_not_finite_ends_a_run_with_its_iteration() {
     }
     let message = stepper.take_statistics().unwrap_err().to_string();
     assert!(message.contains("iteration 1"), "{message}");
+}
+
+#[test]
+fn a_plan_has_the_buffers_that_training_asks_for() {
+    let (Some(planning), Some(gpu)) = (device(), device()) else {
+        return;
+    };
+    let scene = scene();
+    let begin = model(&scene, 1);
+    let without_density = TrainSettings {
+        densify: DensifySettings {
+            begin_iteration: u64::MAX,
+            ..settings().densify
+        },
+        ..settings()
+    };
+    let asked = |gpu: &Arc<Gpu>, settings: &TrainSettings, gaussians: usize| {
+        memory::asked(gpu, scene.inputs(), begin.clone(), settings, gaussians).unwrap()
+    };
+    let planned = asked(&planning, &without_density, begin.len());
+    let model = begin.clone();
+    let mut stepper =
+        GpuStepper::new(Arc::clone(&gpu), scene.inputs(), model, &without_density).unwrap();
+    stepper.step(0, &schedule(1, 1, &RATES)).unwrap();
+    stepper.wait().unwrap();
+    assert_eq!(gpu.asked_buffers(), planned);
+    gpu.try_to_hold(&planned).unwrap();
+
+    let Some(planning) = device() else { return };
+    let growing = TrainSettings {
+        densify: DensifySettings {
+            begin_iteration: 1,
+            ..settings().densify
+        },
+        ..settings()
+    };
+    let larger = asked(&planning, &growing, 10 * begin.len());
+    assert!(larger.bytes > 2 * planned.bytes, "{larger:?} {planned:?}");
+    assert!(larger.largest_bytes >= planned.largest_bytes);
+    let too_large = AskedBuffers {
+        bytes: 2 * gpu.largest_buffer(),
+        largest_bytes: gpu.largest_buffer() + 4,
+        ..larger
+    };
+    let refused = gpu.try_to_hold(&too_large);
+    assert!(
+        matches!(refused, Err(GpuError::TooSmall { .. })),
+        "{refused:?}"
+    );
+    gpu.exhaust_above(larger.largest_bytes - 4);
+    let refused = gpu.try_to_hold(&larger);
+    assert!(
+        matches!(refused, Err(GpuError::OutOfMemory { .. })),
+        "{refused:?}"
+    );
 }

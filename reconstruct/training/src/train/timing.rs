@@ -85,6 +85,8 @@ impl PairedSteps {
             for index in order {
                 let begun = Instant::now();
                 learners[index].step(pair * views / all, &end)?;
+                // A device may still be at work.
+                learners[index].take_statistics()?;
                 seconds[index] = begun.elapsed().as_secs_f64();
             }
             if pair >= WARM_UP_PAIRS {

@@ -95,17 +95,26 @@ pub(super) struct PartTables {
 
 /// Uploads the parameters of a model, without spare capacity.
 pub(super) fn copies(gpu: &Gpu, model: &Model) -> Result<Vec<PartTables>, GpuError> {
-    let copy = |part: &Part| {
+    copies_with_room(gpu, model, |_| 0)
+}
+
+/// Uploads the parameters of a model, with spare capacity by the number of the part, in Gaussians.
+pub(super) fn copies_with_room(
+    gpu: &Gpu,
+    model: &Model,
+    spare: impl Fn(usize) -> usize,
+) -> Result<Vec<PartTables>, GpuError> {
+    let copy = |(number, part): (usize, &Part)| {
         let shared = part.parameterization.shared();
         let shared = shared
             .map(|shared| TableBuffers::new(gpu, std::slice::from_ref(&shared.array), [1; 2]));
         let rows = part.table.len();
         Ok(PartTables {
-            table: TableBuffers::new(gpu, &part.table.arrays, [rows; 2])?,
+            table: TableBuffers::new(gpu, &part.table.arrays, [rows, rows + spare(number)])?,
             shared: shared.transpose()?,
         })
     };
-    model.parts.iter().map(copy).collect()
+    model.parts.iter().enumerate().map(copy).collect()
 }
 
 /// Creates the parts of a model whose parameters are on the device.

@@ -15,6 +15,7 @@ mod dynamic_losses;
 mod image;
 pub(crate) mod kernels;
 mod measure;
+pub mod memory;
 pub(crate) mod opacity_reset;
 mod room;
 
@@ -127,11 +128,23 @@ impl<'a> GpuStepper<'a> {
         model: Model,
         settings: &TrainSettings,
     ) -> Result<Self, EngineError> {
+        let stepper = Self::of_any_size(gpu, inputs, model, settings)?;
+        stepper.check_room()?;
+        Ok(stepper)
+    }
+
+    /// Creates a stepper of a model for which the adapter may have no room.
+    fn of_any_size(
+        gpu: Arc<Gpu>,
+        inputs: InputViews<'a>,
+        model: Model,
+        settings: &TrainSettings,
+    ) -> Result<Self, EngineError> {
         check(&model)?;
         let (of_model, look_interval) = ((&model, settings), LOOK_INTERVAL as usize);
         let kernels = StepKernels::new(Arc::clone(&gpu), &inputs, of_model, look_interval)?;
         let targets = inputs.views.iter().map(|view| target_image(&gpu, view));
-        let stepper = Self {
+        Ok(Self {
             inputs,
             settings: settings.clone(),
             kernels,
@@ -143,9 +156,7 @@ impl<'a> GpuStepper<'a> {
             pending: VecDeque::new(),
             statistics: StepStatistics::default(),
             gpu,
-        };
-        stepper.check_room()?;
-        Ok(stepper)
+        })
     }
 
     /// Returns the buffer sizes for this number of Gaussians.
