@@ -11,9 +11,10 @@ use omnilife_engine::{
     device::{AskedBuffers, Gpu, GpuError},
     gaussians::{
         deformable::{Deformable, DeformationModel, settings::DeformationSettings},
-        static_gaussians,
+        static_gaussians::{self, InitialGaussians, StaticGaussians},
     },
     model::{Model, Part},
+    parameters::ParameterTable,
     render::settings::RenderSettings,
     schedule::StepSchedule,
     step::{
@@ -140,12 +141,31 @@ fn deformation(scene: &TrainingScene) -> Deformable {
     Deformable::new(settings, weights)
 }
 
+/// Returns static Gaussians before those of another part.
+fn spiral() -> ParameterTable {
+    let place = |index: usize| {
+        let angle = 0.7 * index as f32;
+        [2.5 * angle.cos(), 0.1 * angle - 0.6, 2.5 * angle.sin()]
+    };
+    let places = (0..20).map(place).collect();
+    let initial =
+        InitialGaussians::isotropic(places, &[0.3; 20], vec![[0.2, 0.7, 0.4]; 20], vec![0.5; 20]);
+    let mut table = static_gaussians::table(&initial, 1);
+    vary_shapes(&mut table);
+    table
+}
+
 #[test]
 fn steps_with_a_network_are_those_of_the_cpu() {
     let Some(gpu) = device() else { return };
     let scene = scene();
     let settings = settings();
-    let deformed = || Model::new(vec![Part::new(deformation(&scene), table(&scene, 1))]);
+    let deformed = || {
+        Model::new(vec![
+            Part::new(StaticGaussians, spiral()),
+            Part::new(deformation(&scene), table(&scene, 1)),
+        ])
+    };
     let mut on_gpu =
         GpuStepper::new(Arc::clone(&gpu), scene.inputs(), deformed(), &settings).unwrap();
     let mut on_cpu = CpuStepper::new(scene.inputs(), deformed(), &settings);
@@ -160,16 +180,13 @@ fn steps_with_a_network_are_those_of_the_cpu() {
         let of_gpu = on_gpu.model_with_gradients().unwrap();
         let of_cpu = on_cpu.model().unwrap();
         let networks =
-            [of_gpu, of_cpu].map(|model| model.parts[0].parameterization.shared().unwrap());
+            [of_gpu, of_cpu].map(|model| model.parts[1].parameterization.shared().unwrap());
         assert_eq!(networks.map(|network| network.steps), [iteration - 1; 2]);
         if iteration == 2 {
-            for (gpu, cpu) in of_gpu.parts[0]
-                .table
-                .arrays
-                .iter()
-                .zip(&of_cpu.parts[0].table.arrays)
-            {
-                assert_gradients_agree(gpu.name, &gpu.gradients, &cpu.gradients);
+            for (gpu, cpu) in of_gpu.parts.iter().zip(&of_cpu.parts) {
+                for (gpu, cpu) in gpu.table.arrays.iter().zip(&cpu.table.arrays) {
+                    assert_gradients_agree(gpu.name, &gpu.gradients, &cpu.gradients);
+                }
             }
             let [gpu, cpu] = networks.map(|network| &network.array);
             assert_gradients_agree(gpu.name, &gpu.gradients, &cpu.gradients);
@@ -202,6 +219,7 @@ fn steps_with_objects_are_those_of_the_cpu() {
     let Some(gpu) = device() else { return };
     let scene = object_graph::scene();
     let request = MethodRequest {
+        without: vec!["view-dependent-colour".to_owned()],
         options: Options::at_most(400),
         ..MethodRequest::new(100, 3)
     };

@@ -82,11 +82,6 @@ fn tables(gpu: &Gpu, model: &Model, gaussians: usize) -> Result<Vec<PartTables>,
     let width = |part: &Part| -> usize { part.table.arrays.iter().map(|array| array.width).sum() };
     let widest = (0..model.parts.len()).max_by_key(|&number| width(&model.parts[number]));
     let spare = gaussians.saturating_sub(model.len());
-    copies_with_room(
-        gpu,
-        model,
-        |number| {
-            if Some(number) == widest { spare } else { 0 }
-        },
-    )
+    let room = |number: usize| if Some(number) == widest { spare } else { 0 };
+    copies_with_room(gpu, model, room)
 }
