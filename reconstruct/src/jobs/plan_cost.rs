@@ -260,7 +260,7 @@ fn beside(ratio: f64, [less, more]: [&str; 2]) -> String {
 #[cfg(test)]
 mod tests {
     use omnilife_engine::device::{
-        AskedBuffers, GpuError,
+        BufferDemand, GpuError,
         adapters::{AdapterKind, AdapterSummary},
     };
 
@@ -345,7 +345,7 @@ mod tests {
                 kind: AdapterKind::DiscreteGpu,
             },
             gaussians: 500,
-            buffers: AskedBuffers {
+            buffers: BufferDemand {
                 bytes: 3_000_000,
                 largest_bytes: 2_000_000,
                 largest: "entry sums",

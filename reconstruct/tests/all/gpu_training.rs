@@ -8,7 +8,7 @@ use omnilife_engine::{
     EngineError,
     camera::View,
     density::DensifySettings,
-    device::{AskedBuffers, Gpu, GpuError},
+    device::{BufferDemand, Gpu, GpuError},
     gaussians::{
         deformable::{Deformable, DeformationModel, settings::DeformationSettings},
         static_gaussians::{self, InitialGaussians, StaticGaussians},
@@ -370,16 +370,16 @@ fn a_plan_has_the_buffers_that_training_asks_for() {
         },
         ..settings()
     };
-    let asked = |gpu: &Arc<Gpu>, settings: &TrainSettings, gaussians: usize| {
-        memory::asked(gpu, scene.inputs(), begin.clone(), settings, gaussians).unwrap()
+    let demand = |gpu: &Arc<Gpu>, settings: &TrainSettings, gaussians: usize| {
+        memory::demand(gpu, scene.inputs(), begin.clone(), settings, gaussians).unwrap()
     };
-    let planned = asked(&planning, &without_density, begin.len());
+    let planned = demand(&planning, &without_density, begin.len());
     let model = begin.clone();
     let mut stepper =
         GpuStepper::new(Arc::clone(&gpu), scene.inputs(), model, &without_density).unwrap();
     stepper.step(0, &schedule(1, 1, &RATES)).unwrap();
     stepper.wait().unwrap();
-    assert_eq!(gpu.asked_buffers(), planned);
+    assert_eq!(gpu.buffer_demand(), planned);
     gpu.try_to_hold(&planned).unwrap();
 
     let Some(planning) = device() else { return };
@@ -390,10 +390,10 @@ fn a_plan_has_the_buffers_that_training_asks_for() {
         },
         ..settings()
     };
-    let larger = asked(&planning, &growing, 10 * begin.len());
+    let larger = demand(&planning, &growing, 10 * begin.len());
     assert!(larger.bytes > 2 * planned.bytes, "{larger:?} {planned:?}");
     assert!(larger.largest_bytes >= planned.largest_bytes);
-    let too_large = AskedBuffers {
+    let too_large = BufferDemand {
         bytes: 2 * gpu.largest_buffer(),
         largest_bytes: gpu.largest_buffer() + 4,
         ..larger

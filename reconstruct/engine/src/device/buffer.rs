@@ -5,7 +5,7 @@ use std::{marker::PhantomData, ops::Range};
 use bytemuck::Pod;
 
 use crate::device::{
-    device::{AskedBuffers, Gpu},
+    device::{BufferDemand, Gpu},
     error::GpuError,
 };
 
@@ -133,7 +133,7 @@ impl Gpu {
     ///
     /// # Errors
     /// If the adapter allows no such buffer, or its memory does not suffice.
-    pub fn try_to_hold(&self, buffers: &AskedBuffers) -> Result<(), GpuError> {
+    pub fn try_to_hold(&self, buffers: &BufferDemand) -> Result<(), GpuError> {
         let mut held = Vec::new();
         let mut left = buffers.bytes;
         while left > 0 {
@@ -234,7 +234,7 @@ fn create(
     bytes: u64,
     usage: wgpu::BufferUsages,
 ) -> Result<wgpu::Buffer, GpuError> {
-    gpu.count_asked(label, bytes);
+    gpu.count_demand(label, bytes);
     let bytes = if gpu.only_plans() {
         bytes.min(LARGEST_PLANNED)
     } else {

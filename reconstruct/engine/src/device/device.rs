@@ -37,15 +37,15 @@ pub struct Gpu {
     made: AtomicU64,
     /// Size above which allocation fails, bytes; `u64::MAX` except in tests.
     largest_made: AtomicU64,
-    asked: Mutex<AskedBuffers>,
+    demand: Mutex<BufferDemand>,
     only_plans: AtomicBool,
     /// Readback buffer.
     staging: Mutex<Option<wgpu::Buffer>>,
 }
 
-/// Buffers that were asked of a device, in use or not.
+/// Sizes of the buffers of a device since it was opened, in use or not.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub struct AskedBuffers {
+pub struct BufferDemand {
     /// Bytes of all.
     pub bytes: u64,
     /// Bytes of the largest.
@@ -128,7 +128,7 @@ impl Gpu {
             bytes_read: AtomicU64::new(0),
             made: AtomicU64::new(0),
             largest_made: AtomicU64::new(u64::MAX),
-            asked: Mutex::default(),
+            demand: Mutex::default(),
             only_plans: AtomicBool::new(false),
             staging: Mutex::new(None),
         })
@@ -205,23 +205,23 @@ impl Gpu {
         self.made.fetch_add(1, Ordering::Relaxed);
     }
 
-    fn asked(&self) -> MutexGuard<'_, AskedBuffers> {
+    fn demand(&self) -> MutexGuard<'_, BufferDemand> {
         // Three values are valid even if a panic elsewhere poisoned the lock.
-        self.asked.lock().unwrap_or_else(PoisonError::into_inner)
+        self.demand.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Returns the buffers that were asked of it so far, except those for reading back.
-    pub fn asked_buffers(&self) -> AskedBuffers {
-        *self.asked()
+    /// Returns the sizes of its buffers so far, except those for reading back.
+    pub fn buffer_demand(&self) -> BufferDemand {
+        *self.demand()
     }
 
     /// Counts a buffer.
-    pub(crate) fn count_asked(&self, label: &'static str, bytes: u64) {
-        let mut asked = self.asked();
-        asked.bytes += bytes;
-        if bytes > asked.largest_bytes {
-            asked.largest_bytes = bytes;
-            asked.largest = label;
+    pub(crate) fn count_demand(&self, label: &'static str, bytes: u64) {
+        let mut demand = self.demand();
+        demand.bytes += bytes;
+        if bytes > demand.largest_bytes {
+            demand.largest_bytes = bytes;
+            demand.largest = label;
         }
     }
 

@@ -25,7 +25,7 @@ pub mod timer;
 
 pub use buffer::{DeviceBuffer, Uniform};
 pub(crate) use device::WORKGROUP;
-pub use device::{AskedBuffers, Gpu};
+pub use device::{BufferDemand, Gpu};
 pub use error::GpuError;
 pub(crate) use program::Workgroups;
 pub use program::{Kernel, Program, Rows, Threads};

@@ -8,7 +8,7 @@ use super::{
 };
 use crate::{
     EngineError,
-    device::{AskedBuffers, Gpu, GpuError, adapters::AdapterSummary},
+    device::{BufferDemand, Gpu, GpuError, adapters::AdapterSummary},
     model::{Model, Part},
     step::settings::TrainSettings,
     training_view::InputViews,
@@ -22,7 +22,7 @@ pub struct DevicePlan {
     /// Maximum number of Gaussians.
     pub gaussians: usize,
     /// All buffers, with the first room for tile entries: views that need more enlarge it.
-    pub buffers: AskedBuffers,
+    pub buffers: BufferDemand,
     /// Largest buffer that the adapter allows, bytes.
     pub largest_allowed: u64,
     /// Reason for which the adapter does not hold them; `None` if it does.
@@ -41,7 +41,7 @@ impl DevicePlan {
     ) -> Result<Self, EngineError> {
         let maximum = usize::try_from(settings.densify.maximum_gaussians).unwrap_or(usize::MAX);
         let gaussians = maximum.max(model.len());
-        let buffers = asked(&Arc::new(Gpu::open()?), inputs, model, settings, gaussians)?;
+        let buffers = demand(&Arc::new(Gpu::open()?), inputs, model, settings, gaussians)?;
         let gpu = Gpu::open()?;
         Ok(Self {
             adapter: gpu.adapter().clone(),
@@ -53,17 +53,18 @@ impl DevicePlan {
     }
 }
 
-/// Returns the buffers of training with room for `gaussians` Gaussians; the device is of no further use.
+/// Returns the sizes of the buffers of training with room for `gaussians` Gaussians. The device is of no further
+/// use.
 ///
 /// # Errors
 /// If the device fails, or it cannot train the model under these settings.
-pub fn asked(
+pub fn demand(
     gpu: &Arc<Gpu>,
     inputs: InputViews<'_>,
     model: Model,
     settings: &TrainSettings,
     gaussians: usize,
-) -> Result<AskedBuffers, EngineError> {
+) -> Result<BufferDemand, EngineError> {
     gpu.only_plan();
     let mut stepper = GpuStepper::of_any_size(Arc::clone(gpu), inputs, model, settings)?;
     let tables = tables(gpu, &stepper.model, gaussians)?;
@@ -73,7 +74,7 @@ pub fn asked(
         stepper.make_density_work(&mut on_device)?;
     }
     gpu.check()?;
-    Ok(gpu.asked_buffers())
+    Ok(gpu.buffer_demand())
 }
 
 /// Returns tables with room for `gaussians` Gaussians in all; those beyond the model's are of the kind with the

@@ -1,6 +1,6 @@
 // Centres near their anchors: no gradient before they move, and bounds; one thread per Gaussian.
 
-struct Anchored {
+struct CentreBounds {
     // Number of Gaussians.
     len: u32,
     // Offset of the centres in the table, in values.
@@ -10,7 +10,7 @@ struct Anchored {
     pad: u32,
 }
 
-@group(0) @binding(0) var<uniform> anchored: Anchored;
+@group(0) @binding(0) var<uniform> bounds: CentreBounds;
 @group(0) @binding(1) var<storage, read_write> gradients: array<f32>;
 
 // First position of each centre, and its maximum distance from there in w.
@@ -27,11 +27,11 @@ fn hold_centres(
     @builtin(local_invocation_index) thread: u32,
 ) {
     let index = workgroup_number(group, groups) * WORKGROUP + thread;
-    if index >= anchored.len || anchored.moves == 1u {
+    if index >= bounds.len || bounds.moves == 1u {
         return;
     }
     for (var axis = 0u; axis < 3u; axis++) {
-        gradients[anchored.positions + index * 3u + axis] = 0.0;
+        gradients[bounds.positions + index * 3u + axis] = 0.0;
     }
 }
 
@@ -43,10 +43,10 @@ fn keep_near_anchors(
     @builtin(local_invocation_index) thread: u32,
 ) {
     let index = workgroup_number(group, groups) * WORKGROUP + thread;
-    if index >= anchored.len || status.halted != RUNNING {
+    if index >= bounds.len || status.halted != RUNNING {
         return;
     }
-    let first = anchored.positions + index * 3u;
+    let first = bounds.positions + index * 3u;
     let anchor = anchors[index];
     let away = vec3(values[first], values[first + 1u], values[first + 2u]) - anchor.xyz;
     let distance = length(away);

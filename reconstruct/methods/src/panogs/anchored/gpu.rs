@@ -65,7 +65,7 @@ impl DeviceTwin for Anchored {
 struct AnchoredPart {
     own: Box<dyn DeviceParameterization>,
     kernels: Arc<AnchoredKernels>,
-    /// `Anchored` in WGSL.
+    /// `CentreBounds` in WGSL.
     uniform: Uniform<[u32; 4]>,
     anchors: DeviceBuffer<[f32; 4]>,
     /// The loss on the scaffold, with its weight and the number of all centres.
@@ -143,8 +143,8 @@ impl DeviceParameterization for AnchoredPart {
     fn set_moment(&self, gpu: &Gpu, at: &Viewpoint) {
         self.own.set_moment(gpu, at);
         let moves = at.scheduled >= Some(self.begin_iteration);
-        let anchored = [self.len as u32, self.positions, u32::from(moves), 0];
-        self.uniform.write(gpu, &anchored);
+        let bounds = [self.len as u32, self.positions, u32::from(moves), 0];
+        self.uniform.write(gpu, &bounds);
         if let Some((scaffold, (weight, all))) = &self.scaffold {
             let weight = if moves { *weight } else { 0.0 };
             scaffold.set(gpu, self.len, (weight, *all));
