@@ -185,7 +185,7 @@ mod tests {
             }
             let mut voxels: Block = Box::new([Voxel::default(); BLOCK_VOXELS]);
             for (number, voxel) in voxels.iter_mut().enumerate() {
-                if number % 41 > 0 {
+                if !number.is_multiple_of(41) {
                     let weight = random.random_range(1..1000_u32);
                     let mean: f32 = random.random_range(-1.0..1.0);
                     *voxel = Voxel {

@@ -94,7 +94,7 @@ impl AnchoredPart {
                 .kernels
                 .get(gpu, |gpu| DeviceScaffold::new(gpu, scaffold))?;
             let loss = DeviceScaffoldLoss::new(gpu, field, table)?;
-            Ok((loss, (*weight, refinement.all)))
+            Ok::<_, GpuError>((loss, (*weight, refinement.all)))
         });
         Ok(Self {
             own,
