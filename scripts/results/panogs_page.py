@@ -24,7 +24,6 @@ COMPONENTS = [
     ("the same, held to the scaffold", "centres-scaffold"),
     ("warm-start, centre and shape refinement: as the plan decides", "plan"),
     ("warm-start and shape refinement, centres stay", "fixed"), ("`odgs`", "odgs"),
-
     ("as the plan decides, without aids", "plan-bare"), ("`odgs` without aids", "odgs-bare")]
 EQUAL_TIME = [("as published: sizes and rotations stay", "panogs"), ("as the plan decides", "plan"),
               ("shape refinement, centres stay", "fixed"), ("`odgs`", "odgs")]

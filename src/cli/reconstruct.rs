@@ -363,6 +363,9 @@ pub(crate) enum ReconstructCommand {
         where_possible: bool,
     },
     /// Prints which components a method has on a scene, on what evidence, and what that saves.
+    ///
+    /// With `--backend gpu` also the bytes on the device at the maximum number of Gaussians, the largest buffer,
+    /// and whether the adapter holds them.
     Plan {
         /// The scene.json, or its folder.
         #[arg(value_parser = places::scene_file())]

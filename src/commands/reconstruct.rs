@@ -89,7 +89,8 @@ pub(crate) fn execute(command: &ReconstructCommand, progress: &dyn Progress) -> 
             iterations,
         } => {
             let request = method.request(*iterations)?;
-            let plan = plan_cost::plan(scene, split, &method.method, &request)?;
+            let backend = method.backend.into();
+            let plan = plan_cost::plan(scene, split, &method.method, &request, backend)?;
             note_far_frames(scene, progress)?;
             for line in scene::mask_notes(scene, split)? {
                 progress.note(&line);

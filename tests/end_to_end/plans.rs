@@ -34,3 +34,23 @@ fn the_cost_of_a_plan_repeats_exactly() {
     }
     assert_eq!(plan("omni4dgs-plus", &[]), text);
 }
+
+#[test]
+fn a_plan_for_a_gpu_has_its_memory() {
+    if omnilife_engine::device::adapters::adapters().is_empty() {
+        omnilife_schemas::testing::skip("no GPU, not even a software one");
+        return;
+    }
+    let text = plan("odgs", &["--backend", "gpu"]);
+    let line = text.lines().find(|line| line.starts_with("On "));
+    let line = line.unwrap_or_else(|| panic!("{text}"));
+    let is_complete = line.contains(": at most 300 Gaussians in ")
+        && line.contains(" MB, the largest buffer (")
+        && line.ends_with("the adapter holds them");
+    assert!(is_complete, "{line}");
+    let on_cpu = plan("odgs", &[]);
+    assert!(
+        !on_cpu.lines().any(|line| line.starts_with("On ")),
+        "{on_cpu}"
+    );
+}

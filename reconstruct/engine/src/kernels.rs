@@ -32,7 +32,11 @@ pub const PARAMETERIZATIONS: &[KernelTwins] = &[
         "gaussians/deformable.rs",
         Some("gaussians/deformable/deformable.wgsl"),
     ),
-    twins("tracked", "gaussians/tracked.rs", None),
+    twins(
+        "tracked",
+        "gaussians/tracked.rs",
+        Some("gaussians/tracked/tracked.wgsl"),
+    ),
 ];
 
 /// All other kernels, in the order of a training step.
@@ -77,6 +81,11 @@ pub const KERNELS: &[KernelTwins] = &[
         "motion regularization",
         "losses/motion.rs",
         Some("losses/motion/motion.wgsl"),
+    ),
+    twins(
+        "loss on a fused surface",
+        "losses/scaffold/mod.rs",
+        Some("losses/scaffold/scaffold.wgsl"),
     ),
     twins(
         "gradient by the pose",
@@ -135,6 +144,7 @@ mod tests {
             static_gaussians::StaticGaussians,
             temporal::{TimeModel, VelocityModel},
             temporal_gaussians::TemporalGaussians,
+            tracked::TrackedGaussians,
         },
     };
 
@@ -212,10 +222,11 @@ mod tests {
             time_noise: None,
         };
         let weights = vec![0.0; model.network().weight_count()];
-        let made: [Box<dyn Parameterization>; 3] = [
+        let made: [Box<dyn Parameterization>; 4] = [
             Box::new(StaticGaussians),
             Box::new(temporal),
             Box::new(Deformable::new(settings, weights)),
+            Box::new(TrackedGaussians::new(Vec::new(), true)),
         ];
         let on_gpu = PARAMETERIZATIONS.iter().filter(|twins| twins.gpu.is_some());
         let listed: Vec<&str> = on_gpu.map(|twins| twins.name).collect();

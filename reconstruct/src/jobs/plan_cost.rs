@@ -2,17 +2,20 @@
 //!
 //! The decisions are the method's own, as a run makes and records them. Here their cost stands beside that of the
 //! same method under the plan full: first Gaussians, bytes of their tables, and the work of a step ([`StepWork`]).
-//! Times would change with everything else that the machine does.
+//! Times would change with everything else that the machine does. For a GPU there is
+//! also its memory.
 
 use std::{collections::BTreeSet, path::Path};
 
+use omnilife_engine::step::{gpu::memory::DevicePlan, settings::TrainSettings};
 use omnilife_schemas::records::ComponentDecision;
+use serde::Deserialize;
 
 use crate::registry;
 use omnilife_training::{
     components::{self, static_table},
     error::ReconstructError,
-    learner::{ModelSize, work::StepWork},
+    learner::{Learner, ModelSize, work::StepWork},
     method::{Method, Prepared},
     request::{BackendChoice, MethodRequest, PlanChoice},
     scene::TrainingScene,
@@ -40,6 +43,8 @@ pub struct ScenePlan {
     pub planned: PlanCost,
     /// Cost of the plan full; `None` where both are the same.
     pub full: Option<PlanCost>,
+    /// Memory of the plan's training on the GPU; `None` for the CPU.
+    pub device: Option<DevicePlan>,
 }
 
 impl PlanCost {
@@ -67,18 +72,19 @@ pub fn decisions(
     Ok(points.into_iter().chain(prepared.findings.plan).collect())
 }
 
-/// Decides a method's components on a scene, and measures them against all of them.
+/// Decides a method's components on a scene, and measures them against all of them on a backend.
 ///
 /// # Errors
-/// When the scene cannot be loaded, or the request does not suit the method.
+/// When the scene cannot be loaded, or the request does not suit the method or the backend.
 pub fn plan(
     scene: &Path,
     split: &Path,
     method: &str,
     request: &MethodRequest,
+    backend: BackendChoice,
 ) -> Result<ScenePlan, ReconstructError> {
     let method = registry::find(method)?;
-    method.check(request, BackendChoice::Cpu)?;
+    method.check(request, backend)?;
     let mut scene = TrainingScene::load(scene, split, method.camera_extent())?;
     let points = components::complete_points(&mut scene, method.supported(), request);
     let full = MethodRequest {
@@ -90,16 +96,64 @@ pub fn plan(
         },
         ..request.clone()
     };
-    let prepare = |request: &MethodRequest| method.prepare(&scene, request, BackendChoice::Cpu);
+    let prepare = |request: &MethodRequest| method.prepare(&scene, request, backend);
     let (planned, full) = (prepare(request)?, prepare(&full)?);
     let of_full = (!are_the_same(&planned, &full)).then(|| PlanCost::of(&full));
+    // Its memory is free before the adapter is tried.
+    drop(full);
+    let cost = PlanCost::of(&planned);
+    let Prepared {
+        learner,
+        configuration,
+        findings,
+        ..
+    } = planned;
+    let device = match backend {
+        BackendChoice::Cpu => None,
+        BackendChoice::Gpu => Some(device_plan(&scene, learner, &configuration)?),
+    };
     Ok(ScenePlan {
         method: method.id.to_owned(),
         scene: scene.id.clone(),
-        planned: PlanCost::of(&planned),
+        planned: cost,
         full: of_full,
-        decisions: points.into_iter().chain(planned.findings.plan).collect(),
+        decisions: points.into_iter().chain(findings.plan).collect(),
+        device,
     })
+}
+
+/// Returns the memory of a learner's training on the GPU.
+fn device_plan(
+    scene: &TrainingScene,
+    mut learner: Box<dyn Learner + '_>,
+    configuration: &serde_json::Value,
+) -> Result<DevicePlan, ReconstructError> {
+    let unknown = |reason: String| ReconstructError::Request { reason };
+    let settings = TrainSettings::deserialize(configuration)
+        .map_err(|error| unknown(format!("the method's settings: {error}")))?;
+    let model = learner.gaussians()?.cloned();
+    let model = model.ok_or_else(|| unknown("the method has no Gaussians".to_owned()))?;
+    drop(learner);
+    Ok(DevicePlan::of(scene.inputs(), model, &settings)?)
+}
+
+/// Writes a training's memory on the GPU in a line.
+fn on_device(plan: &DevicePlan) -> String {
+    let megabytes = |bytes: u64| bytes as f64 / 1e6;
+    let held = plan.refusal.as_ref().map_or_else(
+        || "the adapter holds them".to_owned(),
+        |error| format!("the adapter does not hold them: {error}"),
+    );
+    format!(
+        "On {} ({}): at most {} Gaussians in {:.1} MB, the largest buffer ({}) in {:.1} of {:.1} MB; {held}\n",
+        plan.adapter.name,
+        plan.adapter.kind,
+        plan.gaussians,
+        megabytes(plan.buffers.bytes),
+        plan.buffers.largest,
+        megabytes(plan.buffers.largest_bytes),
+        megabytes(plan.largest_allowed)
+    )
 }
 
 /// Returns true for plans that use the same components with the same settings on first models of one size.
@@ -145,7 +199,11 @@ impl ScenePlan {
                 text += &format!("\nPlan {name}, share of the steps: {parts}\n");
             }
         }
-        text + "\n" + &self.comparison()
+        text += "\n";
+        if let Some(device) = &self.device {
+            text += &on_device(device);
+        }
+        text + &self.comparison()
     }
 
     /// Compares this plan with the plan full in a line.
@@ -208,6 +266,11 @@ fn beside(ratio: f64, [less, more]: [&str; 2]) -> String {
 
 #[cfg(test)]
 mod tests {
+    use omnilife_engine::device::{
+        BufferDemand, GpuError,
+        adapters::{AdapterKind, AdapterSummary},
+    };
+
     use super::*;
 
     #[test]
@@ -239,6 +302,7 @@ mod tests {
                 }),
             },
             full,
+            device: None,
         }
     }
 
@@ -282,5 +346,43 @@ mod tests {
             text.contains("| this | 6 | 4 | - | - | - | 1.0 |"),
             "{text}"
         );
+    }
+
+    #[test]
+    fn what_an_adapter_does_not_hold_is_told_with_the_buffer() {
+        let mut plan = DevicePlan {
+            adapter: AdapterSummary {
+                name: "card".to_owned(),
+                backend: "vulkan".to_owned(),
+                driver: String::new(),
+                kind: AdapterKind::DiscreteGpu,
+            },
+            gaussians: 500,
+            buffers: BufferDemand {
+                bytes: 3_000_000,
+                largest_bytes: 2_000_000,
+                largest: "entry sums",
+            },
+            largest_allowed: 1_000_000,
+            refusal: None,
+        };
+        let text = on_device(&plan);
+        assert!(
+            text.contains("500 Gaussians in 3.0 MB")
+                && text.contains("(entry sums) in 2.0 of 1.0 MB"),
+            "{text}"
+        );
+        assert!(text.contains("the adapter holds them"), "{text}");
+        plan.refusal = Some(GpuError::OutOfMemory {
+            adapter: "card".to_owned(),
+            what: "entry sums".to_owned(),
+            bytes: 2_000_000,
+        });
+        let text = on_device(&plan);
+        assert!(
+            text.contains("does not hold them: the memory of the GPU card"),
+            "{text}"
+        );
+        assert_eq!(text.lines().count(), 1);
     }
 }

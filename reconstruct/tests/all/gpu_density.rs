@@ -18,7 +18,8 @@ use omnilife_engine::{
 use rand::SeedableRng;
 use rand_pcg::Pcg64Mcg;
 use random_models::{
-    SHORTEN_FROM, Scene, density, random_deformed, random_model, spoil, train_settings,
+    SHORTEN_FROM, Scene, density, random_deformed, random_model, random_objects, spoil,
+    train_settings,
 };
 use same_gaussians::assert_same_gaussians;
 
@@ -204,6 +205,7 @@ fn densifications_within_a_training_read_nothing_of_the_gaussians() {
         ..settings
     };
     densify_within_a_training(&gpu, &scene, &settings, random_deformed(&scene, 500, 5));
+    densify_within_a_training(&gpu, &scene, &settings, random_objects([300, 200], 6));
 }
 
 /// Trains on from the device's decision: first into larger buffers, then within them.

@@ -1,11 +1,12 @@
 //! Every method over fifty steps of its whole plan: GPU and CPU agree. The model starts at its maximum size, so
 //! that density control prunes alone; `gpu_density` of the engine judges its growth.
 
+use std::path::Path;
+
 use device::device;
-use held_camera::scene;
 use novel_views::novel_psnr;
 use omnilife_reconstruct::{
-    methods::{METHODS, Method},
+    methods::{METHODS, Method, panogs, requirement::Requirement},
     options::Options,
     request::{BackendChoice, MethodRequest, PlanChoice},
     scene::TrainingScene,
@@ -13,7 +14,10 @@ use omnilife_reconstruct::{
 };
 use omnilife_schemas::{progress::Silent, records::Backend};
 
-use crate::support::{device, held_camera, novel_views};
+use crate::{
+    depth, object_graph,
+    support::{device, held_camera, novel_views},
+};
 
 const STEPS: u64 = 50;
 /// Maximum relative difference of the sum of all steps' losses: the same as for that of four steps.
@@ -27,7 +31,7 @@ struct Run {
     psnr_db: f64,
 }
 
-fn run(method: &Method, scene: &TrainingScene, backend: BackendChoice) -> Run {
+fn run(method: &Method, scene: &TrainingScene, without: &[&str], backend: BackendChoice) -> Run {
     let session = Session {
         backend,
         ..Session::without_files(&Silent)
@@ -35,6 +39,7 @@ fn run(method: &Method, scene: &TrainingScene, backend: BackendChoice) -> Run {
     let request = MethodRequest {
         options: Options::at_most(700),
         plan: PlanChoice::Full,
+        without: without.iter().map(|&name| name.to_owned()).collect(),
         trace_every: Some(1),
         ..MethodRequest::new(STEPS, 7)
     };
@@ -59,13 +64,30 @@ fn run(method: &Method, scene: &TrainingScene, backend: BackendChoice) -> Run {
     }
 }
 
-fn compare(method: &Method) {
+/// Returns a scene with everything that a method requires; `folder` holds its files.
+fn scene_of(method: &Method, folder: &Path) -> TrainingScene {
+    if method.id == panogs::METHOD.id {
+        let mut room = depth::panogs::scene(folder, 6, depth::panogs::as_given);
+        room.novel_views.extend(room.input_views.pop());
+        room.novel_depth_priors.extend(room.depth_priors.pop());
+        return room;
+    }
+    let tracked = method.needs(Requirement::Tracks).then(object_graph::scene);
+    TrainingScene {
+        tracks: tracked.and_then(|tracked| tracked.tracks),
+        ..held_camera::scene()
+    }
+}
+
+/// Compares a method on both backends, without some of its components.
+fn compare(method: &Method, without: &[&str]) {
     if device().is_none() {
         return;
     }
-    let scene = scene();
-    let [cpu, gpu] =
-        [BackendChoice::Cpu, BackendChoice::Gpu].map(|backend| run(method, &scene, backend));
+    let folder = tempfile::tempdir().unwrap();
+    let scene = scene_of(method, folder.path());
+    let [cpu, gpu] = [BackendChoice::Cpu, BackendChoice::Gpu]
+        .map(|backend| run(method, &scene, without, backend));
     let sums = [&cpu, &gpu].map(|run| run.losses.iter().sum::<f64>());
     let apart = cpu.losses.iter().zip(&gpu.losses);
     let apart = apart.map(|(cpu, gpu)| (gpu - cpu).abs() / cpu);
@@ -93,8 +115,13 @@ fn compare(method: &Method) {
 fn fifty_steps_of_every_method_are_those_of_the_cpu() {
     let runs_there = |method: &&Method| method.backends.contains(&BackendChoice::Gpu);
     let methods: Vec<_> = METHODS.iter().filter(runs_there).collect();
-    assert!(methods.len() >= 5, "{methods:?}");
+    assert!(methods.len() >= 7, "{methods:?}");
     for method in methods {
-        compare(method);
+        compare(method, &[]);
     }
+}
+
+#[test]
+fn fifty_steps_with_frozen_arrays_are_those_of_the_cpu() {
+    compare(&panogs::METHOD, &[panogs::SHAPE_REFINEMENT, panogs::SHARDS]);
 }

@@ -2,25 +2,40 @@
 
 use std::sync::Arc;
 
-use balls::{scene, table};
+use balls::{scene, table, vary_shapes};
 use device::{assert_gradients_agree, assert_images_agree, device, devices};
 use omnilife_engine::{
     EngineError,
     camera::View,
-    device::{Gpu, GpuError},
+    density::DensifySettings,
+    device::{BufferDemand, Gpu, GpuError},
     gaussians::{
         deformable::{Deformable, DeformationModel, settings::DeformationSettings},
-        static_gaussians,
+        static_gaussians::{self, InitialGaussians, StaticGaussians},
     },
     model::{Model, Part},
+    parameters::ParameterTable,
     render::settings::RenderSettings,
     schedule::StepSchedule,
-    step::{Stepper, cpu::CpuStepper, gpu::GpuStepper, settings::TrainSettings},
+    step::{
+        Stepper,
+        cpu::CpuStepper,
+        gpu::{GpuStepper, memory},
+        settings::TrainSettings,
+    },
 };
-use omnilife_reconstruct::{baseline, scene::TrainingScene};
+use omnilife_reconstruct::{
+    baseline, methods,
+    options::Options,
+    request::{BackendChoice, MethodRequest},
+    scene::TrainingScene,
+};
 use omnilife_schemas::{camera::ErpCamera, records::Backend};
 
-use crate::support::{balls, device};
+use crate::{
+    object_graph,
+    support::{balls, device},
+};
 
 /// Returns every fifth point of the scene as a model with harmonics up to a degree.
 fn model(scene: &TrainingScene, sh_degree: usize) -> Model {
@@ -126,12 +141,31 @@ fn deformation(scene: &TrainingScene) -> Deformable {
     Deformable::new(settings, weights)
 }
 
+/// Returns static Gaussians before those of another part.
+fn spiral() -> ParameterTable {
+    let place = |index: usize| {
+        let angle = 0.7 * index as f32;
+        [2.5 * angle.cos(), 0.1 * angle - 0.6, 2.5 * angle.sin()]
+    };
+    let places = (0..20).map(place).collect();
+    let initial =
+        InitialGaussians::isotropic(places, &[0.3; 20], vec![[0.2, 0.7, 0.4]; 20], vec![0.5; 20]);
+    let mut table = static_gaussians::table(&initial, 1);
+    vary_shapes(&mut table);
+    table
+}
+
 #[test]
 fn steps_with_a_network_are_those_of_the_cpu() {
     let Some(gpu) = device() else { return };
     let scene = scene();
     let settings = settings();
-    let deformed = || Model::new(vec![Part::new(deformation(&scene), table(&scene, 1))]);
+    let deformed = || {
+        Model::new(vec![
+            Part::new(StaticGaussians, spiral()),
+            Part::new(deformation(&scene), table(&scene, 1)),
+        ])
+    };
     let mut on_gpu =
         GpuStepper::new(Arc::clone(&gpu), scene.inputs(), deformed(), &settings).unwrap();
     let mut on_cpu = CpuStepper::new(scene.inputs(), deformed(), &settings);
@@ -146,16 +180,13 @@ fn steps_with_a_network_are_those_of_the_cpu() {
         let of_gpu = on_gpu.model_with_gradients().unwrap();
         let of_cpu = on_cpu.model().unwrap();
         let networks =
-            [of_gpu, of_cpu].map(|model| model.parts[0].parameterization.shared().unwrap());
+            [of_gpu, of_cpu].map(|model| model.parts[1].parameterization.shared().unwrap());
         assert_eq!(networks.map(|network| network.steps), [iteration - 1; 2]);
         if iteration == 2 {
-            for (gpu, cpu) in of_gpu.parts[0]
-                .table
-                .arrays
-                .iter()
-                .zip(&of_cpu.parts[0].table.arrays)
-            {
-                assert_gradients_agree(gpu.name, &gpu.gradients, &cpu.gradients);
+            for (gpu, cpu) in of_gpu.parts.iter().zip(&of_cpu.parts) {
+                for (gpu, cpu) in gpu.table.arrays.iter().zip(&cpu.table.arrays) {
+                    assert_gradients_agree(gpu.name, &gpu.gradients, &cpu.gradients);
+                }
             }
             let [gpu, cpu] = networks.map(|network| &network.array);
             assert_gradients_agree(gpu.name, &gpu.gradients, &cpu.gradients);
@@ -180,6 +211,69 @@ fn steps_with_a_network_are_those_of_the_cpu() {
         );
         assert_images_agree(&images.0, &images.1);
     }
+}
+
+/// Checks steps of the object graph, in which objects leave out some views and their poses are refined.
+#[test]
+fn steps_with_objects_are_those_of_the_cpu() {
+    let Some(gpu) = device() else { return };
+    let scene = object_graph::scene();
+    let request = MethodRequest {
+        without: vec!["view-dependent-colour".to_owned()],
+        options: Options::at_most(400),
+        ..MethodRequest::new(100, 3)
+    };
+    let method = methods::find("object-graph").unwrap();
+    let mut prepared = method
+        .prepare(&scene, &request, BackendChoice::Cpu)
+        .unwrap();
+    let mut begin = prepared.learner.gaussians().unwrap().unwrap().clone();
+    begin
+        .parts
+        .iter_mut()
+        .for_each(|part| vary_shapes(&mut part.table));
+    let arrays = begin.trained_arrays();
+    let rates: Vec<f32> = arrays.iter().map(|_| 1e-3).collect();
+    let settings = settings();
+    let mut on_gpu = GpuStepper::new(gpu, scene.inputs(), begin.clone(), &settings).unwrap();
+    let mut on_cpu = CpuStepper::new(scene.inputs(), begin, &settings);
+    assert_eq!((on_gpu.objects(), on_cpu.objects()), (Some(1), Some(1)));
+    for iteration in 1..=4 {
+        let schedule = StepSchedule {
+            scheduled: iteration,
+            ..schedule(iteration, 0, &rates)
+        };
+        on_gpu.step(2 * iteration as usize, &schedule).unwrap();
+        on_cpu.step(2 * iteration as usize, &schedule).unwrap();
+        let of_gpu = on_gpu.model_with_gradients().unwrap();
+        let models = [of_gpu, on_cpu.model().unwrap()];
+        let poses = models.map(|model| model.parts[1].parameterization.shared().unwrap());
+        assert_eq!(poses.map(|poses| poses.steps), [iteration; 2]);
+        if iteration == 1 {
+            let tables = models.map(|model| model.parts.iter().map(|part| &part.table));
+            let [of_gpu, of_cpu] = tables;
+            for (gpu, cpu) in of_gpu.zip(of_cpu) {
+                for (gpu, cpu) in gpu.arrays.iter().zip(&cpu.arrays) {
+                    assert_gradients_agree(gpu.name, &gpu.gradients, &cpu.gradients);
+                }
+            }
+            let [gpu, cpu] = poses.map(|poses| &poses.array);
+            assert_gradients_agree(gpu.name, &gpu.gradients, &cpu.gradients);
+        }
+        let [gpu, cpu] = poses.map(|poses| &poses.array.values);
+        for (gpu, cpu) in gpu.iter().zip(cpu) {
+            assert!((gpu - cpu).abs() < 2e-4, "{gpu} against {cpu}");
+        }
+        let mean: f32 = gpu.iter().step_by(4).sum();
+        assert!(mean.abs() < 1e-6, "the gauge: {mean}");
+    }
+    let statistics = on_gpu.take_statistics().unwrap();
+    assert_eq!(statistics.refused, vec![0; rates.len()]);
+    let of_cpu = on_cpu.take_statistics().unwrap();
+    assert!((statistics.loss - of_cpu.loss).abs() < 1e-3 * of_cpu.loss);
+    let view = &scene.novel_views[0].view;
+    let images = [on_gpu.image(view, 0), on_cpu.image(view, 0)].map(Result::unwrap);
+    assert_images_agree(&images[0], &images[1]);
 }
 
 /// Checks that a step without room for its tile entries, and the steps after it, are repeated: the model equals
@@ -260,4 +354,59 @@ fn a_loss_that_is_not_finite_ends_a_run_with_its_iteration() {
     }
     let message = stepper.take_statistics().unwrap_err().to_string();
     assert!(message.contains("iteration 1"), "{message}");
+}
+
+#[test]
+fn a_plan_has_the_buffers_that_training_asks_for() {
+    let (Some(planning), Some(gpu)) = (device(), device()) else {
+        return;
+    };
+    let scene = scene();
+    let begin = model(&scene, 1);
+    let without_density = TrainSettings {
+        densify: DensifySettings {
+            begin_iteration: u64::MAX,
+            ..settings().densify
+        },
+        ..settings()
+    };
+    let demand = |gpu: &Arc<Gpu>, settings: &TrainSettings, gaussians: usize| {
+        memory::demand(gpu, scene.inputs(), begin.clone(), settings, gaussians).unwrap()
+    };
+    let planned = demand(&planning, &without_density, begin.len());
+    let model = begin.clone();
+    let mut stepper =
+        GpuStepper::new(Arc::clone(&gpu), scene.inputs(), model, &without_density).unwrap();
+    stepper.step(0, &schedule(1, 1, &RATES)).unwrap();
+    stepper.wait().unwrap();
+    assert_eq!(gpu.buffer_demand(), planned);
+    gpu.try_to_hold(&planned).unwrap();
+
+    let Some(planning) = device() else { return };
+    let growing = TrainSettings {
+        densify: DensifySettings {
+            begin_iteration: 1,
+            ..settings().densify
+        },
+        ..settings()
+    };
+    let larger = demand(&planning, &growing, 10 * begin.len());
+    assert!(larger.bytes > 2 * planned.bytes, "{larger:?} {planned:?}");
+    assert!(larger.largest_bytes >= planned.largest_bytes);
+    let too_large = BufferDemand {
+        bytes: 2 * gpu.largest_buffer(),
+        largest_bytes: gpu.largest_buffer() + 4,
+        ..larger
+    };
+    let refused = gpu.try_to_hold(&too_large);
+    assert!(
+        matches!(refused, Err(GpuError::TooSmall { .. })),
+        "{refused:?}"
+    );
+    gpu.exhaust_above(larger.largest_bytes - 4);
+    let refused = gpu.try_to_hold(&larger);
+    assert!(
+        matches!(refused, Err(GpuError::OutOfMemory { .. })),
+        "{refused:?}"
+    );
 }

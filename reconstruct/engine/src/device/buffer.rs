@@ -4,8 +4,13 @@ use std::{marker::PhantomData, ops::Range};
 
 use bytemuck::Pod;
 
-use crate::device::{device::Gpu, error::GpuError};
+use crate::device::{
+    device::{BufferDemand, Gpu},
+    error::GpuError,
+};
 
+/// Largest buffer of a plan, bytes: larger than any uniform or element.
+const LARGEST_PLANNED: u64 = 1 << 16;
 /// Largest readback buffer that is kept for reuse, bytes.
 const LONGEST_KEPT: u64 = 256 << 20;
 
@@ -68,6 +73,9 @@ impl<T: Pod> DeviceBuffer<T> {
     /// If they are more than the buffer holds.
     pub fn write(&self, gpu: &Gpu, first: usize, values: &[T]) {
         assert!(first + values.len() <= self.len, "{} is full", self.label);
+        if gpu.only_plans() {
+            return;
+        }
         let offset = (first * size_of::<T>()) as u64;
         gpu.queue
             .write_buffer(&self.raw, offset, bytemuck::cast_slice(values));
@@ -121,6 +129,24 @@ struct Piece<'a> {
 }
 
 impl Gpu {
+    /// Allocates, and frees again, as many bytes as other buffers have, in buffers as large as their largest.
+    ///
+    /// # Errors
+    /// If the adapter allows no such buffer, or its memory does not suffice.
+    pub fn try_to_hold(&self, buffers: &BufferDemand) -> Result<(), GpuError> {
+        let mut held = Vec::new();
+        let mut left = buffers.bytes;
+        while left > 0 {
+            let bytes = left.min(buffers.largest_bytes.max(4));
+            left -= bytes;
+            let bytes = bytes.next_multiple_of(4);
+            let usage = wgpu::BufferUsages::STORAGE;
+            held.push(create_with(self, buffers.largest, bytes, usage)?);
+        }
+        drop(held);
+        Ok(())
+    }
+
     /// Waits for the device and passes the pieces to `read` one after another.
     fn read_pieces(&self, pieces: &[Piece<'_>], read: impl FnOnce(&[u8])) -> Result<(), GpuError> {
         let bytes: u64 = pieces.iter().map(|piece| piece.bytes).sum();
@@ -208,6 +234,12 @@ fn create(
     bytes: u64,
     usage: wgpu::BufferUsages,
 ) -> Result<wgpu::Buffer, GpuError> {
+    gpu.count_demand(label, bytes);
+    let bytes = if gpu.only_plans() {
+        bytes.min(LARGEST_PLANNED)
+    } else {
+        bytes
+    };
     let copies = wgpu::BufferUsages::COPY_SRC | wgpu::BufferUsages::COPY_DST;
     create_with(gpu, label, bytes, usage | copies)
 }

@@ -5,7 +5,7 @@
 
 use std::sync::{
     Arc, Mutex, MutexGuard, PoisonError,
-    atomic::{AtomicU64, Ordering},
+    atomic::{AtomicBool, AtomicU64, Ordering},
 };
 
 use omnilife_schemas::records::Backend;
@@ -37,8 +37,21 @@ pub struct Gpu {
     made: AtomicU64,
     /// Size above which allocation fails, bytes; `u64::MAX` except in tests.
     largest_made: AtomicU64,
+    demand: Mutex<BufferDemand>,
+    only_plans: AtomicBool,
     /// Readback buffer.
     staging: Mutex<Option<wgpu::Buffer>>,
+}
+
+/// Sizes of the buffers of a device since it was opened, in use or not.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct BufferDemand {
+    /// Bytes of all.
+    pub bytes: u64,
+    /// Bytes of the largest.
+    pub largest_bytes: u64,
+    /// Name of the largest.
+    pub largest: &'static str,
 }
 
 /// Errors of a device since it was opened.
@@ -115,6 +128,8 @@ impl Gpu {
             bytes_read: AtomicU64::new(0),
             made: AtomicU64::new(0),
             largest_made: AtomicU64::new(u64::MAX),
+            demand: Mutex::default(),
+            only_plans: AtomicBool::new(false),
             staging: Mutex::new(None),
         })
     }
@@ -166,7 +181,7 @@ impl Gpu {
     }
 
     /// Returns the largest storage buffer that a kernel can bind, bytes.
-    pub(crate) fn largest_buffer(&self) -> u64 {
+    pub fn largest_buffer(&self) -> u64 {
         self.limits
             .max_storage_buffer_binding_size
             .min(self.limits.max_buffer_size)
@@ -188,6 +203,37 @@ impl Gpu {
 
     pub(crate) fn count_made(&self) {
         self.made.fetch_add(1, Ordering::Relaxed);
+    }
+
+    fn demand(&self) -> MutexGuard<'_, BufferDemand> {
+        // Three values are valid even if a panic elsewhere poisoned the lock.
+        self.demand.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Returns the sizes of its buffers so far, except those for reading back.
+    pub fn buffer_demand(&self) -> BufferDemand {
+        *self.demand()
+    }
+
+    /// Counts a buffer.
+    pub(crate) fn count_demand(&self, label: &'static str, bytes: u64) {
+        let mut demand = self.demand();
+        demand.bytes += bytes;
+        if bytes > demand.largest_bytes {
+            demand.largest_bytes = bytes;
+            demand.largest = label;
+        }
+    }
+
+    /// Makes every later buffer only as large as binding it takes, so that programs can be recorded and their
+    /// bytes counted. They must not run.
+    pub fn only_plan(&self) {
+        self.only_plans.store(true, Ordering::Relaxed);
+    }
+
+    /// Returns true after [`Gpu::only_plan`].
+    pub(crate) fn only_plans(&self) -> bool {
+        self.only_plans.load(Ordering::Relaxed)
     }
 
     /// Returns the last readback buffer, if any, locked while it is in use.

@@ -24,8 +24,8 @@ pub(crate) mod shader;
 pub mod timer;
 
 pub use buffer::{DeviceBuffer, Uniform};
-pub use device::Gpu;
 pub(crate) use device::WORKGROUP;
+pub use device::{BufferDemand, Gpu};
 pub use error::GpuError;
 pub(crate) use program::Workgroups;
 pub use program::{Kernel, Program, Rows, Threads};

@@ -135,8 +135,7 @@ pub struct PartBuffers<'a> {
     pub activated: &'a ActivatedBuffers,
 }
 
-/// GPU twin of a parameterization. A part with shared parameters is trained on a GPU only if it is the model's
-/// single part.
+/// GPU twin of a parameterization. On a GPU, at most one part of a model has shared parameters.
 pub trait DeviceTwin: fmt::Debug {
     /// Compiles its kernels into `kernels`, where [`DeviceTwin::open`] finds them.
     ///
@@ -201,6 +200,16 @@ pub trait DeviceParameterization: fmt::Debug + Send {
         _gpu: &Gpu,
         _program: &mut Program,
         _table: (&TableBuffers, &DeviceRows),
+        _status: &Buffer,
+    ) {
+    }
+
+    /// Records the same for the shared parameters, after a step that trained them.
+    fn keep_shared_within_bounds(
+        &self,
+        _gpu: &Gpu,
+        _program: &mut Program,
+        _shared: &TableBuffers,
         _status: &Buffer,
     ) {
     }

@@ -19,11 +19,14 @@
 //! Colours do not depend on direction, because harmonics would have to turn with the object. An object is
 //! invisible before and after its path.
 
+pub(crate) mod gpu;
+
 use glam::{Quat, Vec3};
 use rayon::prelude::*;
 
 use super::{
     ActivatedGaussians,
+    device_twin::DeviceTwin,
     parameterization::{Parameterization, Viewpoint},
     sh_rest_count,
     static_gaussians::{self, InitialGaussians, POSITIONS},
@@ -307,6 +310,10 @@ impl Parameterization for TrackedGaussians {
     }
 
     fn tracked(&self) -> Option<&dyn ObjectGaussians> {
+        Some(self)
+    }
+
+    fn device_twin(&self) -> Option<&dyn DeviceTwin> {
         Some(self)
     }
 

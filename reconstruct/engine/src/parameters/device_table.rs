@@ -12,7 +12,8 @@ pub struct TableBuffers {
     pub values: DeviceBuffer<f32>,
     /// Gradients of the loss by the raw parameters.
     pub gradients: DeviceBuffer<f32>,
-    pub(crate) first_moments: DeviceBuffer<f32>,
+    /// Adam's first moments.
+    pub first_moments: DeviceBuffer<f32>,
     pub(crate) second_moments: DeviceBuffer<f32>,
     /// Values per Gaussian of each array.
     pub(crate) widths: Vec<usize>,

@@ -63,11 +63,6 @@ pub fn stepper<'a>(
 
 /// Returns an error for settings, other than parameterizations, without GPU kernels.
 fn check_gpu(settings: &TrainSettings) -> Result<(), EngineError> {
-    if settings.shards.is_some() {
-        return Err(EngineError::Backend {
-            reason: "training in shards has no GPU kernels; use the backend cpu".to_owned(),
-        });
-    }
     if settings.renderer == RendererChoice::Exact {
         return Ok(());
     }

@@ -93,7 +93,7 @@ impl RigidPath {
     }
 
     /// Returns the knots of corrections before and after a time, and the weight of the latter.
-    fn between_knots(&self, seconds: f64) -> ([usize; 2], f32) {
+    pub(crate) fn between_knots(&self, seconds: f64) -> ([usize; 2], f32) {
         let [begin, end] = self.path.centre.range();
         let pieces = self.knots - 1;
         if pieces == 0 || end <= begin {

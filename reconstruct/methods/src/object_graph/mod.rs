@@ -27,7 +27,7 @@ use omnilife_training::{
         pose_refinement, short_schedule, sky_shell, view_dependent_colour,
     },
     error::ReconstructError,
-    method::{Method, MethodKind, ON_CPU, PreparedGaussians, requirement::Requirement},
+    method::{Method, MethodKind, ON_CPU_AND_GPU, PreparedGaussians, requirement::Requirement},
     models,
     options::{self, Constant, MethodOption},
     request::{BackendChoice, DefaultPlan, MethodRequest},
@@ -73,7 +73,7 @@ pub const METHOD: Method = Method {
     ],
     ablation: &[],
     default_plan: DefaultPlan::Auto,
-    backends: ON_CPU,
+    backends: ON_CPU_AND_GPU,
     requires: &[
         Requirement::Parallax,
         Requirement::DensePoints,

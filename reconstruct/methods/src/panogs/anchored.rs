@@ -1,4 +1,6 @@
-//! Static Gaussians whose centres stay near their first samples, and near a scaffold.
+//! Static Gaussians whose centres stay near their first samples, and near a scaffold. `gpu`: the twin.
+
+mod gpu;
 
 use std::sync::Arc;
 
@@ -6,6 +8,7 @@ use glam::Vec3;
 use omnilife_engine::{
     gaussians::{
         ActivatedGaussians,
+        device_twin::DeviceTwin,
         parameterization::{Parameterization, Viewpoint},
         static_gaussians::{self, POSITIONS, StaticGaussians},
         temporal::TemporalFeatures,
@@ -117,6 +120,10 @@ impl Parameterization for Anchored {
                 *moment = (along - outward * along.dot(outward).min(0.0)).to_array();
             }
         }
+    }
+
+    fn device_twin(&self) -> Option<&dyn DeviceTwin> {
+        Some(self)
     }
 
     fn boxed(&self) -> Box<dyn Parameterization> {

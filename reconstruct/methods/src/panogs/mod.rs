@@ -48,7 +48,7 @@ use omnilife_training::{
     baseline,
     components::{Decision, DecisionLog, MotionEvidenceUse, short_schedule, sky_shell},
     error::ReconstructError,
-    method::{Findings, Method, MethodKind, ON_CPU, PreparedGaussians},
+    method::{Findings, Method, MethodKind, ON_CPU_AND_GPU, PreparedGaussians},
     models,
     options::{self, Constant, MethodOption, Options},
     process,
@@ -112,7 +112,7 @@ pub const METHOD: Method = Method {
     optional_components: &[SCAFFOLD],
     ablation: &[],
     default_plan: DefaultPlan::Auto,
-    backends: ON_CPU,
+    backends: ON_CPU_AND_GPU,
     requires: &[],
     options: &[
         options::MAX_GAUSSIANS,
@@ -189,7 +189,7 @@ struct Learning {
 fn prepare(
     scene: &TrainingScene,
     request: &MethodRequest,
-    _: BackendChoice,
+    backend: BackendChoice,
 ) -> Result<PreparedGaussians, ReconstructError> {
     let mut plan = DecisionLog::new(request);
     let mut samples = Samples::of(scene, &mut plan)?;
@@ -202,9 +202,20 @@ fn prepare(
     let learns = shapes.iter().enumerate().filter(learns);
     let learns: Vec<&str> = learns.map(|(_, shape)| shape.name).collect();
     let memory = StepMemory::of(&shapes, &learns);
-    let sharding = Sharding::of(scene, &samples, memory, settings.rendering, &mut plan);
+    let sharding = Sharding::of(
+        scene,
+        &samples,
+        memory,
+        (settings.rendering, backend),
+        &mut plan,
+    );
     let largest = sharding.as_ref().map(Sharding::largest);
-    let bytes = memory.bytes(count, largest.map_or(count, |len| len as u64));
+    let differentiated = match backend {
+        BackendChoice::Cpu => largest.map_or(count, |len| len as u64),
+        // Gradients are in the device's memory.
+        BackendChoice::Gpu => 0,
+    };
+    let bytes = memory.bytes(count, differentiated);
     process::require(bytes, &format!("training {count} Gaussians"))?;
     let model = model(
         (scene, &request.options),

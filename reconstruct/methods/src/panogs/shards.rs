@@ -19,6 +19,7 @@ use super::{NEIGHBOUR_VIEWS, SHARDS, neighbour_views::NearViews, samples::Sample
 use omnilife_training::{
     components::{Decision, DecisionLog},
     process,
+    request::BackendChoice,
     scene::TrainingScene,
 };
 
@@ -48,7 +49,7 @@ impl Sharding {
         scene: &TrainingScene,
         samples: &Samples,
         memory: StepMemory,
-        rendering: RenderSettings,
+        (rendering, backend): (RenderSettings, BackendChoice),
         plan: &mut DecisionLog<'_>,
     ) -> Option<Self> {
         let count = samples.gaussians.len();
@@ -85,7 +86,14 @@ impl Sharding {
             gigabytes(bytes(1) - bytes(number)),
             trial.seconds_of_shards()
         );
-        let is_used = plan.decide(SHARDS, Decision::new(has_case, reason).unless(few));
+        let decision = match backend {
+            BackendChoice::Cpu => Decision::new(has_case, reason),
+            BackendChoice::Gpu => Decision::new(
+                asked.is_some_and(|asked| asked > 1),
+                "a step on a GPU takes all Gaussians at once: shards save no memory there",
+            ),
+        };
+        let is_used = plan.decide(SHARDS, decision.unless(few));
         if !is_used {
             plan.decide(NEIGHBOUR_VIEWS, Decision::without("shards"));
             return None;

@@ -1,7 +1,7 @@
 //! Distances: their lift, the agreement of views, and the method that starts with them.
 
 mod lift;
-mod panogs;
+pub(crate) mod panogs;
 pub(crate) mod room;
 mod shards;
 mod sky;

@@ -111,8 +111,8 @@ pub(crate) fn scene_with(
     }
 }
 
-/// Returns every fifth point of a scene as static Gaussians with harmonics up to a degree. Each Gaussian is
-/// rotated and longer along one axis: no gradient vanishes.
+/// Returns every fifth point of a scene as static Gaussians with harmonics up to a degree, of shapes with which
+/// no gradient vanishes.
 pub(crate) fn table(scene: &TrainingScene, sh_degree: usize) -> ParameterTable {
     let points = PointCloud {
         positions: scene.points.positions.iter().step_by(5).copied().collect(),
@@ -120,6 +120,12 @@ pub(crate) fn table(scene: &TrainingScene, sh_degree: usize) -> ParameterTable {
     };
     let initial = seeds::points::from_points(&points, 3.0);
     let mut table = static_gaussians::table(&initial, sh_degree);
+    vary_shapes(&mut table);
+    table
+}
+
+/// Rotates each Gaussian and makes it longer along one axis.
+pub(crate) fn vary_shapes(table: &mut ParameterTable) {
     for (array, offset) in [
         (static_gaussians::LOG_SCALES, 0.4_f32),
         (static_gaussians::QUATERNIONS, 0.5),
@@ -128,5 +134,4 @@ pub(crate) fn table(scene: &TrainingScene, sh_degree: usize) -> ParameterTable {
             *value += offset * (1.7 * index as f32).sin();
         }
     }
-    table
 }

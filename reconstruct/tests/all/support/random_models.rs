@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use glam::{Mat3, Vec3};
+use glam::{DVec3, Mat3, Vec3};
 use omnilife_engine::{
     camera::View,
     clock::Clock,
@@ -14,6 +14,7 @@ use omnilife_engine::{
             self, InitialGaussians, LOG_SCALES, OPACITY_LOGITS, POSITIONS, StaticGaussians,
         },
         temporal::{InitialTimes, LifespanRange, TemporalFeatures, TimeModel, VelocityModel},
+        tracked::{self, TrackedGaussians, TrackedObject},
     },
     model::{
         Model, Part,
@@ -22,8 +23,13 @@ use omnilife_engine::{
     render::settings::{RenderSettings, RendererChoice},
     step::settings::TrainSettings,
     training_view::{InputViews, TrainingView},
+    trajectories::rigid_path::RigidPath,
 };
-use omnilife_schemas::camera::{Camera, ErpCamera};
+use omnilife_schemas::{
+    Similarity,
+    camera::{Camera, ErpCamera},
+    trajectory::{BSpline, ObjectPath},
+};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 
@@ -213,6 +219,47 @@ pub(crate) fn random_deformed(scene: &Scene, len: usize, seed: u64) -> Model {
         .collect();
     let table = static_gaussians::table(&initial(len, random), 1);
     let mut model = Model::new(vec![Part::new(Deformable::new(settings, weights), table)]);
+    make_random(&mut model, random);
+    model
+}
+
+/// Returns random static Gaussians, and random ones of two objects that cross the views' path and turn.
+pub(crate) fn random_objects(lens: [usize; 2], seed: u64) -> Model {
+    let random = &mut Pcg64Mcg::seed_from_u64(seed);
+    let normalization = Similarity {
+        offset: [0.0; 3],
+        scale: 1.0,
+    };
+    let object = |id: u32| {
+        let side = 2.0 * f64::from(id) - 3.0;
+        let path = ObjectPath {
+            centre: BSpline {
+                degree: 1,
+                knots: vec![0.0, 0.0, 7.0, 7.0],
+                coefficients: vec![[-2.0, 3.0 * side, 1.0], [2.0, 2.0 * side, 2.0]],
+            },
+            heading_seconds: vec![0.0, 7.0],
+            headings: vec![3.0 * side, 3.5 * side],
+        };
+        let dimensions = [2.0, 1.5, 1.0 + 0.2 * id as f32];
+        TrackedObject {
+            id,
+            dimensions,
+            path: RigidPath::new(&path, DVec3::NEG_Y, 1.0, 4, &normalization),
+        }
+    };
+    let mut own = initial(lens[1], random);
+    for value in own.positions.iter_mut().flatten() {
+        // Within the boxes and a little beyond.
+        *value /= 11.0;
+    }
+    let numbers: Vec<usize> = (0..lens[1]).map(|index| index % 2).collect();
+    let fixed = static_gaussians::table(&initial(lens[0], random), 1);
+    let objects = TrackedGaussians::new(vec![object(1), object(2)], true);
+    let mut model = Model::new(vec![
+        Part::new(StaticGaussians, fixed),
+        Part::new(objects, tracked::table(&own, &numbers)),
+    ]);
     make_random(&mut model, random);
     model
 }

@@ -21,7 +21,9 @@ fn families(part: &Part) -> HashMap<(Row, bool), Vec<Vec<f32>>> {
         let values = part.table.arrays.iter().flat_map(|array| {
             let at = row * array.width..(row + 1) * array.width;
             let moments = [&array.first_moments, &array.second_moments];
-            let moments = moments.map(|moments| moments[at.clone()].to_vec());
+            // Frozen arrays have none.
+            let moments =
+                moments.map(|moments| moments.get(at.clone()).unwrap_or_default().to_vec());
             let moments = moments.into_iter().flatten();
             array.values[at].iter().copied().chain(moments)
         });

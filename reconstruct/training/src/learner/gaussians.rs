@@ -178,8 +178,9 @@ impl Learner for GaussianLearner<'_> {
     }
 
     fn size(&self) -> ModelSize {
-        // Values and two moments of all; gradients of all, or of a shard at a time.
-        let shards = self.settings.shards.as_ref();
+        // Values and two moments of all; gradients of all, or on the CPU of a shard at a time.
+        let is_on_cpu = matches!(self.stepper.backend(), Backend::Cpu { .. });
+        let shards = self.settings.shards.as_ref().filter(|_| is_on_cpu);
         let learning = shards.map_or(1.0, Shards::largest_share);
         let bytes = |array: &TrainedArray| {
             let values = array.values as u64;

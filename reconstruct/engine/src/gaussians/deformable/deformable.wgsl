@@ -1,8 +1,9 @@
 // Deformation of canonical Gaussians by a network's outputs, and its VJP.
 
 struct Canonical {
-    // Number of Gaussians.
+    // Number of Gaussians, and index of the first among all activated ones.
     len: u32,
+    first: u32,
     // Offset of their positions in the table, in values.
     positions: u32,
     // Octaves of the encoding.
@@ -78,11 +79,12 @@ fn deform(
     }
     let unit = canonical.length_unit;
     let first = index * OUTPUTS;
-    let gaussian = gaussians[index];
+    let entry = canonical.first + index;
+    let gaussian = gaussians[entry];
     let scale = gaussian.scale + unit * three(first + 7u);
     let least = vec3(unit * LEAST_SCALE);
     let rotation = deformed_quaternion(gaussian.rotation, first);
-    gaussians[index] = Gaussian(
+    gaussians[entry] = Gaussian(
         gaussian.position + unit * three(first),
         gaussian.opacity,
         // `max` may replace a NaN scale by the least one, and draw it.
@@ -105,8 +107,9 @@ fn deform_vjp(
     }
     let unit = canonical.length_unit;
     let first = index * OUTPUTS;
-    let gaussian = gaussians[index];
-    var by = gaussian_gradients[index];
+    let entry = canonical.first + index;
+    let gaussian = gaussians[entry];
+    var by = gaussian_gradients[entry];
     let scale = gaussian.scale + unit * three(first + 7u);
     by.scale = select(by.scale, vec3<f32>(), scale < vec3(unit * LEAST_SCALE));
     // d(p/|p|): remove the part along p, divide by the length.
@@ -114,7 +117,7 @@ fn deform_vjp(
     let length = quaternion_length(sum);
     let along = dot(sum / length, by.rotation);
     by.rotation = (by.rotation - sum / length * along) / length;
-    gaussian_gradients[index] = by;
+    gaussian_gradients[entry] = by;
     var is_usable = true;
     for (var i = 0u; i < 3u; i++) {
         is_usable = is_usable && is_finite(by.position[i]) && is_finite(by.scale[i]);

@@ -27,6 +27,7 @@ wgsl_struct! {
     /// Offset of the canonical positions, and the network's unit of length.
     pub(crate) struct Canonical {
         len: u32,
+        first: u32,
         positions: u32,
         octaves: u32,
         length_unit: f32,
@@ -213,6 +214,7 @@ impl DeviceParameterization for DeformablePart {
     fn place(&mut self, gpu: &Gpu, entries: DeviceEntries, first_alone: usize) {
         self.canonical.place(gpu, entries, first_alone);
         self.places.len = entries.len as u32;
+        self.places.first = entries.first as u32;
         self.uniform.write(gpu, &self.places);
         self.network.place(gpu, entries.len);
     }
@@ -270,7 +272,7 @@ mod tests {
             kernels: &CompiledKernels::default(),
             host: &table,
             table: &on_device,
-            rows: &DeviceRows::new(&gpu, &on_device, entries, 0).expect("fits"),
+            rows: &DeviceRows::new(&gpu, &on_device, entries, [0; 2]).expect("fits"),
             entries,
             features: &TemporalFeatures::default(),
             first_alone: 0,

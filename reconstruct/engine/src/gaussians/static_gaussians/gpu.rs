@@ -8,9 +8,12 @@ use crate::gaussians::static_gaussians::{
 };
 use crate::{
     device::{Gpu, GpuError, Kernel, Program, Rows, Shader, Uniform, wgsl_struct},
-    gaussians::device_twin::{
-        CompiledKernels, DeviceEntries, DeviceParameterization, DeviceTwin, NewDevicePart,
-        PartBuffers,
+    gaussians::{
+        device_twin::{
+            CompiledKernels, DeviceEntries, DeviceParameterization, DeviceTwin, NewDevicePart,
+            PartBuffers,
+        },
+        sh_rest_count,
     },
     parameters::device_table::TableBuffers,
 };
@@ -21,6 +24,7 @@ wgsl_struct! {
         len: u32,
         first: u32,
         rest: u32,
+        stored_rest: u32,
         positions: u32,
         log_scales: u32,
         quaternions: u32,
@@ -75,24 +79,25 @@ pub struct DeviceRows {
 }
 
 impl DeviceRows {
-    /// Uploads the offsets of a table whose Gaussians are these entries of all activated ones, with harmonics
-    /// of this degree.
+    /// Uploads the offsets of a table whose Gaussians are these entries of all activated ones. Harmonics are
+    /// activated up to the first degree, and the table stores those up to the second, which is the same or 0.
     pub(crate) fn new(
         gpu: &Gpu,
         table: &TableBuffers,
         entries: DeviceEntries,
-        sh_degree: usize,
+        [sh_degree, stored]: [usize; 2],
     ) -> Result<Self, GpuError> {
         let arrays = StaticArrays {
             len: entries.len as u32,
             first: entries.first as u32,
-            rest: ((sh_degree + 1) * (sh_degree + 1) - 1) as u32,
+            rest: sh_rest_count(sh_degree) as u32,
+            stored_rest: sh_rest_count(stored) as u32,
             positions: table.begin(POSITIONS),
             log_scales: table.begin(LOG_SCALES),
             quaternions: table.begin(QUATERNIONS),
             opacity_logits: table.begin(OPACITY_LOGITS),
             sh_constant: table.begin(SH_CONSTANT),
-            // At the end of the table if it stores none.
+            // The end of the static arrays if it stores none.
             sh_rest: table.begin(SH_REST),
         };
         Ok(Self {

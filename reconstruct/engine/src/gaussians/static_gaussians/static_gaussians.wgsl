@@ -6,6 +6,8 @@ struct StaticArrays {
     first: u32,
     // Number of non-constant coefficients per Gaussian.
     rest: u32,
+    // Number of those that the table stores; the others are zero.
+    stored_rest: u32,
     // Offset of each array in the table, in values.
     positions: u32,
     log_scales: u32,
@@ -65,8 +67,11 @@ fn activate(
     for (var i = 0u; i < 3u; i++) {
         harmonics[first + i] = values[arrays.sh_constant + index * 3u + i];
     }
-    for (var i = 0u; i < arrays.rest * 3u; i++) {
-        harmonics[first + 3u + i] = values[arrays.sh_rest + index * arrays.rest * 3u + i];
+    for (var i = 0u; i < arrays.stored_rest * 3u; i++) {
+        harmonics[first + 3u + i] = values[arrays.sh_rest + index * arrays.stored_rest * 3u + i];
+    }
+    for (var i = arrays.stored_rest * 3u; i < arrays.rest * 3u; i++) {
+        harmonics[first + 3u + i] = 0.0;
     }
 }
 
@@ -100,8 +105,8 @@ fn activate_vjp(
     for (var i = 0u; i < 3u; i++) {
         gradients[arrays.sh_constant + index * 3u + i] = harmonic_gradients[first + i];
     }
-    for (var i = 0u; i < arrays.rest * 3u; i++) {
-        gradients[arrays.sh_rest + index * arrays.rest * 3u + i]
+    for (var i = 0u; i < arrays.stored_rest * 3u; i++) {
+        gradients[arrays.sh_rest + index * arrays.stored_rest * 3u + i]
             = harmonic_gradients[first + 3u + i];
     }
 }

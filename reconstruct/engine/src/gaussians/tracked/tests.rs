@@ -1,5 +1,7 @@
 //! Activation and gradients compared with the definition in f64.
 
+use std::sync::Arc;
+
 use glam::{DMat3, DQuat, DVec3, dvec3};
 use omnilife_schemas::{
     Similarity,
@@ -9,7 +11,12 @@ use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 
 use super::*;
-use crate::gaussians::static_gaussians::{LOG_SCALES, QUATERNIONS};
+use crate::{
+    device::test_device,
+    gaussians::static_gaussians::{LOG_SCALES, QUATERNIONS, StaticGaussians},
+    model::{Model, Part},
+    step::gpu::activation::GpuActivator,
+};
 
 const KNOTS: usize = 3;
 
@@ -320,4 +327,128 @@ fn activated_gaussians_are_those_placed_by_hand() {
         assert_eq!(activated.sh_constant[index], own.sh_constant[index]);
     }
     assert_eq!(tracked.ids(&table)[..3], [7, 9, 7]);
+}
+
+/// Returns the objects after static Gaussians with harmonics, which the objects lack.
+fn beside_static_ones(refines_poses: bool) -> Model {
+    let (mut tracked, table) = model();
+    tracked.refines_poses = refines_poses;
+    let mut initial = InitialGaussians::default();
+    for place in 0..5 {
+        initial.push_isotropic([place as f32, 1.0, -1.0], 0.1, [0.4; 3], 0.6);
+    }
+    let fixed = static_gaussians::table(&initial, 1);
+    Model::new(vec![
+        Part::new(StaticGaussians, fixed),
+        Part::new(tracked, table),
+    ])
+}
+
+/// Asserts that the values of an object differ by little of their typical size.
+fn assert_near(what: &str, found: &[f32], expected: &[f32]) {
+    assert_eq!(found.len(), expected.len(), "{what}");
+    let squares: f32 = expected.iter().map(|value| value * value).sum();
+    let typical = (squares / expected.len().max(1) as f32).sqrt();
+    for (index, (found, expected)) in found.iter().zip(expected).enumerate() {
+        let error = (found - expected).abs();
+        let allowed = 1e-3 * expected.abs().max(typical);
+        assert!(
+            error <= allowed,
+            "{what}[{index}]: {found} against {expected}"
+        );
+    }
+}
+
+/// Returns every second row, beginning with `object`: those of one object.
+fn of_object(values: &[f32], width: usize, object: usize) -> Vec<f32> {
+    let rows = values.chunks(width).skip(object).step_by(2);
+    rows.flatten().copied().collect()
+}
+
+#[test]
+fn the_gpu_places_objects_and_finds_gradients_as_the_cpu_does() {
+    let Some(gpu) = test_device() else { return };
+    let activator = GpuActivator::new(Arc::new(gpu)).expect("compiles");
+    let none = TemporalFeatures::default();
+    for (refines_poses, seconds) in [
+        (true, 0.0),
+        (true, 1.77),
+        (false, 2.9),
+        (true, 4.0),
+        (true, 4.1),
+    ] {
+        let mut on_cpu = beside_static_ones(refines_poses);
+        let at = at(seconds);
+        let (mut expected, mut by) = (ActivatedGaussians::default(), ActivatedGaussians::default());
+        on_cpu.activate(&at, &none, &mut expected);
+        let mut on_gpu = activator
+            .activation(beside_static_ones(refines_poses), &at)
+            .expect("fits");
+        let found = on_gpu.activate().expect("runs");
+        assert_eq!(found.sh_rest, expected.sh_rest);
+        assert_eq!(found.opacities[5..] == [0.0; 12], seconds > 4.0);
+        by.clear_to_zero(&expected);
+        for (entry, weights) in weights(by.len()).iter().enumerate() {
+            let [a, b, c, d, e, f, rest @ ..] = weights.map(|weight| weight as f32);
+            by.positions[entry] = [a, b, c];
+            by.scales[entry] = [d, e, f];
+            by.rotations[entry] = rest;
+            by.opacities[entry] = a;
+            by.sh_constant[entry] = [b, c, d];
+        }
+        // The quaternions of both signs are one rotation.
+        let mut by_found = by.clone();
+        let mut rotations = found.rotations.clone();
+        for (entry, rotation) in rotations.iter_mut().enumerate() {
+            let pairs = rotation.iter().zip(&expected.rotations[entry]);
+            let sign = pairs.map(|(a, b)| a * b).sum::<f32>().signum();
+            *rotation = rotation.map(|value| sign * value);
+            by_found.rotations[entry] = by.rotations[entry].map(|value| sign * value);
+        }
+        for object in 0..2 {
+            let what = format!("object {object} at {seconds} s");
+            for (found, expected, width) in [
+                (
+                    found.positions.as_flattened(),
+                    expected.positions.as_flattened(),
+                    3,
+                ),
+                (
+                    found.scales.as_flattened(),
+                    expected.scales.as_flattened(),
+                    3,
+                ),
+                (
+                    rotations.as_flattened(),
+                    expected.rotations.as_flattened(),
+                    4,
+                ),
+                (&found.opacities[..], &expected.opacities[..], 1),
+            ] {
+                let own = |values: &[f32]| of_object(&values[5 * width..], width, object);
+                assert_near(&what, &own(found), &own(expected));
+            }
+        }
+        on_cpu.activate_backward(&at, &none, &mut expected, &mut by);
+        let with_gradients = on_gpu.activate_backward(&by_found).expect("runs");
+        let parts = [with_gradients, &on_cpu].map(|model| &model.parts[1]);
+        let [of_gpu, of_cpu] = parts.map(|part| &part.table.arrays);
+        for object in 0..2 {
+            for (gpu, cpu) in of_gpu
+                .iter()
+                .zip(of_cpu)
+                .filter(|(gpu, _)| !gpu.is_frozen())
+            {
+                let what = format!("{} of object {object} at {seconds} s", gpu.name);
+                let own = |values: &[f32]| of_object(values, gpu.width, object);
+                assert_near(&what, &own(&gpu.gradients), &own(&cpu.gradients));
+            }
+            if refines_poses {
+                let own = KNOTS * 4 * object..KNOTS * 4 * (object + 1);
+                let shared = parts.map(|part| part.parameterization.shared().expect("poses"));
+                let [gpu, cpu] = shared.map(|shared| &shared.array.gradients[own.clone()]);
+                assert_near("poses", gpu, cpu);
+            }
+        }
+    }
 }

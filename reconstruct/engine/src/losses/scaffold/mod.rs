@@ -1,12 +1,14 @@
 //! A surface that attracts the centres of Gaussians: a truncated signed distance field (TSDF) of all views
 //! (PanoGS, Section 3.4), and the loss on it (Eq. 9).
 //!
-//! * [`fuse`]: the field from distance images. Here: its values, gradients and the loss.
+//! * [`fuse`]: the field from distance images. Here: its values, gradients and the loss. [`gpu`]: the loss on a
+//!   GPU.
 //!
 //! The field is stored in blocks of 8 x 8 x 8 voxels around surfaces. Every voxel sums integers, so that its
 //! bits do not depend on the order of the views.
 
 pub mod fuse;
+pub mod gpu;
 
 use std::collections::HashMap;
 
@@ -27,6 +29,14 @@ struct Voxel {
     /// Weighted sum of distances, in steps of the truncation.
     sum: i32,
     weight: u32,
+}
+
+impl Voxel {
+    /// Returns the mean distance in a field of this truncation, scene units; `None` if no view observed it.
+    fn distance(&self, truncation: f32) -> Option<f32> {
+        let mean = || (f64::from(self.sum) / f64::from(self.weight)) as f32 / STEPS * truncation;
+        (self.weight > 0).then(mean)
+    }
 }
 
 type Block = Box<[Voxel; BLOCK_VOXELS]>;
@@ -84,8 +94,7 @@ impl Scaffold {
     /// Returns the mean distance at a voxel, scene units; `None` if no view observed it.
     fn voxel_distance(&self, voxel: IVec3) -> Option<f32> {
         let block = voxel.div_euclid(IVec3::splat(BLOCK_SIDE));
-        let Voxel { sum, weight } = self.blocks.get(&block)?[index_in_block(voxel)];
-        (weight > 0).then(|| (f64::from(sum) / f64::from(weight)) as f32 / STEPS * self.truncation)
+        self.blocks.get(&block)?[index_in_block(voxel)].distance(self.truncation)
     }
 
     /// Returns the loss `sum_i w_i Huber(|Phi(mu_i)|)` of some centres, and adds its gradient by the centres to

@@ -1,14 +1,15 @@
 // Adam on all arrays of a table at once, one thread per value.
 
 struct AdamStep {
-    // Number of values of all arrays, without unused capacity.
+    // Number of values of the trained arrays, without unused capacity.
     len: u32,
     arrays: u32,
     // 1 / sqrt(1 - beta2^t)
     inverse_root: f32,
     // Decay of second moments.
     beta_2: f32,
-    // End of each array among these values, and its shift to its offset in the table.
+    // End of each array among these values, which a frozen array lacks, and its shift to its offset in the
+    // table.
     ends: array<vec4<u32>, 4>,
     shifts: array<vec4<u32>, 4>,
     // Step size of each array, divided by 1 - beta1^t.

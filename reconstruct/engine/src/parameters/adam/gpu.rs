@@ -62,8 +62,15 @@ impl TableStep {
         })
     }
 
+    /// Returns the trained values per row of a table.
+    fn width(&self, table: &TableBuffers) -> usize {
+        let arrays = table.widths.iter().zip(&self.numbers);
+        let trained = arrays.filter(|(_, number)| number.is_some());
+        trained.map(|(width, _)| width).sum()
+    }
+
     /// Sets step number `step` (from 1) on `rows` rows, with the rates of all trained arrays, for everything
-    /// that is submitted later.
+    /// that is submitted later. Without rows, nothing is updated.
     pub(crate) fn set(
         &self,
         gpu: &Gpu,
@@ -73,7 +80,6 @@ impl TableStep {
     ) {
         let corrections = corrections(step, decay);
         let mut settings = AdamStep {
-            len: (rows * table.width()) as u32,
             arrays: table.widths.len() as u32,
             inverse_root: corrections.inverse_root,
             beta_2: corrections.beta_2,
@@ -81,13 +87,16 @@ impl TableStep {
         };
         let mut end = 0;
         for (index, (&width, &number)) in table.widths.iter().zip(&self.numbers).enumerate() {
-            let rate = number.map_or(0.0, |number| rates[number]);
             settings.shifts[index / 4][index % 4] = table.begin(index) - end;
-            end += (rows * width) as u32;
+            // A frozen array has no values to update.
+            if let Some(number) = number {
+                end += (rows * width) as u32;
+                settings.rates[index / 4][index % 4] = corrections.rate(rates[number]);
+                settings.numbers[index / 4][index % 4] = number as u32;
+            }
             settings.ends[index / 4][index % 4] = end;
-            settings.rates[index / 4][index % 4] = corrections.rate(rate);
-            settings.numbers[index / 4][index % 4] = number.unwrap_or(MAX_ARRAYS - 1) as u32;
         }
+        settings.len = end;
         self.settings.write(gpu, &settings);
     }
 }
@@ -108,7 +117,7 @@ impl Adam {
         program.run(
             gpu,
             &self.update,
-            Threads::ForRows(rows, table.width()),
+            Threads::ForRows(rows, step.width(table)),
             &[
                 &step.settings.raw,
                 &table.values.raw,
@@ -198,5 +207,44 @@ mod tests {
         for (after, before) in after.arrays.iter().zip(&read.arrays) {
             assert!(after.values == before.values && after.first_moments == before.first_moments);
         }
+    }
+
+    #[test]
+    fn what_is_frozen_has_no_steps_and_neither_has_a_table_without_rows() {
+        let Some(gpu) = test_device() else { return };
+        let mut table = ParameterTable::new(30);
+        for (name, width) in [("a", 2), ("b", 3), ("c", 1), ("d", 2)] {
+            table.add(name, width, vec![0.5; 30 * width], 0.0);
+        }
+        for frozen in [0, 2] {
+            table.freeze(frozen);
+        }
+        let status = DeviceBuffer::of(&gpu, "status", &[DeviceStatus::default()]).expect("fits");
+        let on_device = TableBuffers::new(&gpu, &table.arrays, [30, 41]).expect("fits");
+        let ones = vec![1.0; 41 * 8];
+        on_device.gradients.write(&gpu, 0, &ones);
+        let next = TableStep::new(&gpu, vec![None, Some(1), None, Some(0)]).expect("fits");
+        let mut program = Program::default();
+        let adam = Adam::new(&gpu).expect("compiles");
+        let rows = Rows::new(30);
+        adam.record(&gpu, &mut program, (&next, &on_device, &rows), &status.raw);
+        let mut moved = [[0.5; 4]; 2];
+        for (moved, rows) in moved.iter_mut().zip([0, 30]) {
+            next.set(&gpu, (&on_device, rows), (1, DECAY), &[0.25, 0.125]);
+            program.submit(&gpu);
+            let mut read = table.clone();
+            on_device.read(&gpu, &mut read.arrays).expect("reads");
+            for (moved, array) in moved.iter_mut().zip(&read.arrays) {
+                assert!(array.values.iter().all(|&value| value == array.values[0]));
+                *moved = array.values[0];
+            }
+        }
+        assert_eq!(moved[0], [0.5; 4]);
+        let steps = [0.0, 0.125, 0.0, 0.25];
+        for (value, step) in moved[1].iter().zip(steps) {
+            assert!((0.5 - value - step).abs() < 1e-6, "{moved:?}");
+        }
+        let moments = on_device.first_moments.read(&gpu).expect("reads");
+        assert!(moments[..2 * 41].iter().all(|&moment| moment == 0.0));
     }
 }

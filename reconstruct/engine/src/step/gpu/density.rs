@@ -59,7 +59,7 @@ impl GpuStepper<'_> {
     }
 
     /// Creates the buffers and programs of each part's density control.
-    fn make_density_work(&self, on_device: &mut DeviceModel) -> Result<(), GpuError> {
+    pub(super) fn make_density_work(&self, on_device: &mut DeviceModel) -> Result<(), GpuError> {
         let kernels = &self.kernels.density;
         for (on_device, part) in on_device.parts.iter_mut().zip(&self.model.parts) {
             on_device.make_density_work(&self.gpu, kernels, &part.table)?;

@@ -95,17 +95,26 @@ pub(super) struct PartTables {
 
 /// Uploads the parameters of a model, without spare capacity.
 pub(super) fn copies(gpu: &Gpu, model: &Model) -> Result<Vec<PartTables>, GpuError> {
-    let copy = |part: &Part| {
+    copies_with_room(gpu, model, |_| 0)
+}
+
+/// Uploads the parameters of a model, with spare capacity by the number of the part, in Gaussians.
+pub(super) fn copies_with_room(
+    gpu: &Gpu,
+    model: &Model,
+    spare: impl Fn(usize) -> usize,
+) -> Result<Vec<PartTables>, GpuError> {
+    let copy = |(number, part): (usize, &Part)| {
         let shared = part.parameterization.shared();
         let shared = shared
             .map(|shared| TableBuffers::new(gpu, std::slice::from_ref(&shared.array), [1; 2]));
         let rows = part.table.len();
         Ok(PartTables {
-            table: TableBuffers::new(gpu, &part.table.arrays, [rows; 2])?,
+            table: TableBuffers::new(gpu, &part.table.arrays, [rows, rows + spare(number)])?,
             shared: shared.transpose()?,
         })
     };
-    model.parts.iter().map(copy).collect()
+    model.parts.iter().enumerate().map(copy).collect()
 }
 
 /// Creates the parts of a model whose parameters are on the device.
@@ -190,7 +199,8 @@ impl DevicePart {
         let Some(twin) = host.device_twin() else {
             return Err(gpu.failed(&format!("{} Gaussians have no kernels on it", host.id())));
         };
-        let rows = DeviceRows::new(gpu, &table, entries, of_model.sh_degree)?;
+        let stored = static_gaussians::sh_degree(&part.table);
+        let rows = DeviceRows::new(gpu, &table, entries, [of_model.sh_degree, stored])?;
         let features = of_model.dynamics.map(|dynamics| dynamics.features);
         let parameterization = twin.open(&NewDevicePart {
             gpu,
@@ -396,17 +406,24 @@ impl DeviceModel {
         }
     }
 
-    /// Sets the optimizer's step for everything that is submitted later. Steps on shared parameters are
-    /// counted separately.
-    pub(super) fn set_step(&self, gpu: &Gpu, schedule: &StepSchedule, shared_step: u64) {
+    /// Sets the optimizer's step for everything that is submitted later. Steps on shared parameters and on
+    /// shards, if any, are counted separately; a shard without a number takes none.
+    pub(super) fn set_step(
+        &self,
+        gpu: &Gpu,
+        schedule: &StepSchedule,
+        (shared_step, shards): (u64, &[Option<u64>]),
+    ) {
         if let Some(dropout) = &self.dropout {
             dropout.set(gpu, schedule.iteration, schedule.scheduled);
         }
         let rates = &schedule.learning_rates;
-        for part in &self.parts {
-            let step = (schedule.iteration, schedule.second_moments);
-            let table = (&part.table, part.entries.len);
-            part.next_step.set(gpu, table, step, rates);
+        for (number, part) in self.parts.iter().enumerate() {
+            let of_shard = shards.get(number).copied();
+            let step = of_shard.unwrap_or(Some(schedule.iteration));
+            let rows = step.map_or(0, |_| part.entries.len);
+            let step = (step.unwrap_or(1), schedule.second_moments);
+            part.next_step.set(gpu, (&part.table, rows), step, rates);
             if let Some(shared) = &part.shared {
                 let step = (shared_step, SecondMomentDecay::PUBLISHED);
                 shared.next_step.set(gpu, (&shared.table, 1), step, rates);

@@ -324,7 +324,7 @@ impl StepKernels {
         Ok((program, statistics))
     }
 
-    /// Records Adam on shared parameters.
+    /// Records Adam on shared parameters, and their bounds.
     fn record_shared_update(&self, parts: &[DevicePart], chain: &Chain) -> Program {
         let mut program = Program::default();
         program.begin_stage("adam");
@@ -333,6 +333,8 @@ impl StepKernels {
             if let Some(shared) = &part.shared {
                 let table = (&shared.next_step, &shared.table, &Rows::new(1));
                 self.adam.record(&self.gpu, &mut program, table, status);
+                let twin = &part.parameterization;
+                twin.keep_shared_within_bounds(&self.gpu, &mut program, &shared.table, status);
             }
         }
         program

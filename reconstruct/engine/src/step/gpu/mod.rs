@@ -4,6 +4,9 @@
 //! The host writes a few numbers per step and reads back rarely. A step whose tile entries exceed the
 //! capacity halts the device: it and the steps after it change nothing. When the host reads the status, it
 //! enlarges the buffers and submits those steps again; nothing is lost.
+//!
+//! A step in shards takes one backward pass over all Gaussians: shards save no memory here. Only those that the
+//! view trains are updated.
 
 pub mod activation;
 mod density;
@@ -12,6 +15,7 @@ mod dynamic_losses;
 mod image;
 pub(crate) mod kernels;
 mod measure;
+pub mod memory;
 pub(crate) mod opacity_reset;
 mod room;
 
@@ -63,15 +67,19 @@ struct Pending {
     schedule: StepSchedule,
     /// Number of the optimizer's step on shared parameters, from 1; 0 if they are not trained.
     shared_step: u64,
+    /// Number of the optimizer's step on each shard, from 1; `None` for one that the view does not train. Empty
+    /// without shards.
+    shards: Vec<Option<u64>>,
     moves_pose: bool,
 }
 
 /// Refuses models that a GPU cannot train.
 ///
 /// # Errors
-/// If a parameterization, which is named, has no GPU kernels, or one part of several has shared parameters.
+/// If a parameterization, which is named, has no GPU kernels, or several parts have shared parameters.
 fn check(model: &Model) -> Result<(), EngineError> {
     let refused = |reason: String| Err(EngineError::Backend { reason });
+    let mut shared = 0;
     for part in &model.parts {
         let parameterization = &part.parameterization;
         if parameterization.device_twin().is_none() {
@@ -80,13 +88,13 @@ fn check(model: &Model) -> Result<(), EngineError> {
                 parameterization.id()
             ));
         }
-        if parameterization.shared().is_some() && model.parts.len() > 1 {
-            return refused(format!(
-                "{} Gaussians, which have shared parameters, are trained beside others on the CPU \
-                 only; use the backend cpu",
-                parameterization.id()
-            ));
-        }
+        shared += usize::from(parameterization.shared().is_some());
+    }
+    if shared > 1 {
+        return refused(format!(
+            "{shared} parts of the model have shared parameters, a GPU trains those of one; use the \
+             backend cpu"
+        ));
     }
     Ok(())
 }
@@ -120,6 +128,18 @@ impl<'a> GpuStepper<'a> {
         model: Model,
         settings: &TrainSettings,
     ) -> Result<Self, EngineError> {
+        let stepper = Self::of_any_size(gpu, inputs, model, settings)?;
+        stepper.check_room()?;
+        Ok(stepper)
+    }
+
+    /// Creates a stepper of a model for which the adapter may have no room.
+    fn of_any_size(
+        gpu: Arc<Gpu>,
+        inputs: InputViews<'a>,
+        model: Model,
+        settings: &TrainSettings,
+    ) -> Result<Self, EngineError> {
         check(&model)?;
         let (of_model, look_interval) = ((&model, settings), LOOK_INTERVAL as usize);
         let kernels = StepKernels::new(Arc::clone(&gpu), &inputs, of_model, look_interval)?;
@@ -128,7 +148,7 @@ impl<'a> GpuStepper<'a> {
             .views
             .iter()
             .map(|view| target_image(&gpu, view, exposure));
-        let stepper = Self {
+        Ok(Self {
             inputs,
             settings: settings.clone(),
             kernels,
@@ -140,9 +160,7 @@ impl<'a> GpuStepper<'a> {
             pending: VecDeque::new(),
             statistics: StepStatistics::default(),
             gpu,
-        };
-        stepper.check_room()?;
-        Ok(stepper)
+        })
     }
 
     /// Returns the buffer sizes for this number of Gaussians.
@@ -214,7 +232,7 @@ impl<'a> GpuStepper<'a> {
             ..self.settings.rendering
         };
         model.set_view(gpu, &drawn, &at, &rendering);
-        model.set_step(gpu, schedule, step.shared_step);
+        model.set_step(gpu, schedule, (step.shared_step, &step.shards));
         let uses = StepUses {
             shared: uses_shared(&self.model, &at),
             alone: self.set_losses(step.view, schedule),
@@ -312,11 +330,21 @@ impl<'a> GpuStepper<'a> {
                 shared_step = shared.steps;
             }
         }
+        let shards = self.settings.shards.as_ref().map(|shards| {
+            let parts = self.model.parts.iter_mut().enumerate();
+            let next = parts.map(|(shard, part)| {
+                let learns = shards.learns_from(shard, view);
+                part.steps += u64::from(learns);
+                learns.then_some(part.steps)
+            });
+            next.collect()
+        });
         let refinement = self.settings.pose_refinement;
         let begins = refinement.map(|refinement| refinement.begin_iteration);
         Pending {
             view,
             shared_step,
+            shards: shards.unwrap_or_default(),
             moves_pose: begins.is_some_and(|begin| schedule.scheduled >= begin),
             schedule: schedule.clone(),
         }
@@ -378,6 +406,10 @@ impl Stepper for GpuStepper<'_> {
 
     fn gaussians_with_times(&self) -> usize {
         self.model.len_with_times()
+    }
+
+    fn objects(&self) -> Option<usize> {
+        self.model.objects()
     }
 
     fn arrays(&self) -> Vec<TrainedArray> {
