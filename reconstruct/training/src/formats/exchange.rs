@@ -107,6 +107,15 @@ pub const SPLAT_FORMATS: &[SplatFormat] = &[
         write: spz::write,
         read: |file, invalid| file.placed(spz::read(file.path, file.bytes, invalid)?),
     },
+    // For programs that read no later version.
+    SplatFormat {
+        name: "spz-3",
+        ending: ".v3.spz",
+        rounded: "as in `spz`",
+        is_for_old_viewers: false,
+        write: spz::write_version_3,
+        read: |file, invalid| file.placed(spz::read(file.path, file.bytes, invalid)?),
+    },
     SplatFormat {
         name: "glb",
         ending: ".glb",
