@@ -196,6 +196,7 @@ fn drawn(model: &Path, folder: &Path, progress: &dyn Progress) -> RgbImage {
     store::write_record(&poses, &record).unwrap();
     let request = RenderRequest {
         model: model.to_owned(),
+        axes: None,
         poses,
         size: Some([64, 32]),
         camera: RenderCamera::OfPoses,

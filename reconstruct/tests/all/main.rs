@@ -19,6 +19,7 @@ mod neural_atlas;
 mod object_graph;
 mod pinhole;
 mod pose_refinement;
+mod projections;
 mod renderer;
 mod stability;
 mod support;
