@@ -185,7 +185,7 @@ fn folders_are_read_by_their_record() {
 fn compressed_archives_with_comments_are_read() {
     let bytes = write(&varied(9, 1)).expect("written");
     let expected = activated("a.sog", &bytes).expect("read");
-    let (mut archive, mut directory) = (Vec::new(), Vec::new());
+    let (mut archive, mut directory) = (Vec::<u8>::new(), Vec::<u8>::new());
     let files = contents(&bytes, 1);
     for (name, content) in &files {
         let mut encoder = DeflateEncoder::new(Vec::new(), Compression::default());
