@@ -2,19 +2,28 @@
 
 use std::io::Cursor;
 
-use image_webp::{ColorType, WebPDecoder, WebPEncoder};
+use image_webp::{ColorType, EncoderParams, WebPDecoder, WebPEncoder};
 
 /// Maximum side of a WebP image, pixels.
-pub(super) const MOST_SIDE: usize = 16_384;
+pub(super) const MOST_SIDE: usize = 16_383;
 
-/// Writes rows of pixels.
+/// Writes rows of pixels: as differences from neighbours or as they are, which of them is smaller.
 pub(super) fn written(pixels: &[[u8; 4]], size: [usize; 2]) -> Result<Vec<u8>, String> {
     let [width, height] = size.map(|side| side as u32);
-    let mut bytes = Vec::new();
-    WebPEncoder::new(&mut bytes)
-        .encode(pixels.as_flattened(), width, height, ColorType::Rgba8)
-        .map_err(|error| error.to_string())?;
-    Ok(bytes)
+    let encoded = |are_differences: bool| -> Result<Vec<u8>, String> {
+        let mut params = EncoderParams::default();
+        params.use_predictor_transform = are_differences;
+        let mut bytes = Vec::new();
+        let mut encoder = WebPEncoder::new(&mut bytes);
+        encoder.set_params(params);
+        encoder
+            .encode(pixels.as_flattened(), width, height, ColorType::Rgba8)
+            .map_err(|error| error.to_string())?;
+        Ok(bytes)
+    };
+    let (differences, values) = (encoded(true)?, encoded(false)?);
+    let are_smaller = values.len() < differences.len();
+    Ok(if are_smaller { values } else { differences })
 }
 
 /// Decodes the pixels of an image after a check of its size.
