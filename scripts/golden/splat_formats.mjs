@@ -41,12 +41,15 @@ for (let row = 0; row < COUNT; row++) {
   for (const part of turn) part[row] /= length;
 }
 
-const header = ["ply", "format binary_little_endian 1.0", `element vertex ${COUNT}`];
-for (const name of names) header.push(`property float ${name}`);
-const rows = new Float32Array(COUNT * names.length);
-rows.forEach((_, at) => (rows[at] = columns[at % names.length][Math.floor(at / names.length)]));
-const ply = Buffer.concat([Buffer.from(header.join("\n") + "\nend_header\n"), Buffer.from(rows.buffer)]);
-fs.writeFileSync(path.join(folder, "source.ply"), ply);
+/** A PLY of 3DGS from columns of floats by name. */
+function ply(names, columns) {
+  const header = ["ply", "format binary_little_endian 1.0", `element vertex ${COUNT}`];
+  for (const name of names) header.push(`property float ${name}`);
+  const rows = new Float32Array(COUNT * names.length);
+  rows.forEach((_, at) => (rows[at] = columns[at % names.length][Math.floor(at / names.length)]));
+  return Buffer.concat([Buffer.from(header.join("\n") + "\nend_header\n"), Buffer.from(rows.buffer)]);
+}
+fs.writeFileSync(path.join(folder, "source.ply"), ply(names, columns));
 
 const kept = names.map((name, at) => new peer.Column(name, columns[at])).filter(({ name }) => !/^n.$/.test(name));
 const table = new peer.DataTable(kept, peer.Transform.PLY);
@@ -59,3 +62,12 @@ await write("version-3.spz", peer.writeSpz, { version: 3 });
 await write("version-4.spz", peer.writeSpz, { version: 4 });
 await write("peer.compressed.ply", peer.writeCompressedPly);
 await write("peer.glb", peer.writeGlb);
+await write("peer.sog", peer.writeSog, { bundle: true, iterations: 10 });
+
+// Its palette has fewer rows than there are Gaussians: what it reads of it is the truth of the test.
+const files = new peer.MemoryReadFileSystem();
+files.set("peer.sog", new Uint8Array(fs.readFileSync(path.join(folder, "peer.sog"))));
+const archive = new peer.ZipReadFileSystem(await files.createSource("peer.sog"));
+const { columns: read } = await peer.readSog(archive, "meta.json");
+const readColumns = read.map(({ data }) => data);
+fs.writeFileSync(path.join(folder, "read-sog.ply"), ply(read.map(({ name }) => name), readColumns));

@@ -166,6 +166,7 @@ pub(crate) const EXAMPLES: &[Examples] = &[
         &[
             "reconstruct render RUN --poses SEQUENCE --out VIEWS --video views.mp4",
             "reconstruct render RUN --poses SEQUENCE --layer dynamic --out VIEWS",
+            "reconstruct render THEIRS.spz --poses SEQUENCE --projection erp --out VIEWS --video views.mp4",
         ],
     ),
     (

@@ -37,8 +37,8 @@ pub(crate) use leaderboard::{
 };
 pub(crate) use ledger::LedgerCommand;
 pub(crate) use reconstruct::{
-    AssetArguments, BackendArgument, MethodArguments, ReconstructCommand, RenderArguments,
-    plan_word,
+    AssetArguments, BackendArgument, CameraArgument, MethodArguments, ReconstructCommand,
+    RenderArguments, plan_word,
 };
 pub(crate) use run::RunArguments;
 pub(crate) use sweep::{

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use clap::{Args, Subcommand, ValueEnum};
 use omnilife_reconstruct::{
-    formats::exchange::SPLAT_FORMATS,
+    formats::{axes::FileAxes, exchange::SPLAT_FORMATS},
     jobs::{
         export::{ExportRequest, levels::Level},
         render::{RenderCamera, RenderRequest},
@@ -184,11 +184,16 @@ pub(crate) struct RenderArguments {
     /// Folder of the images.
     #[arg(long)]
     pub(crate) out: PathBuf,
-    /// Size of the images in pixels [default: the scene's, or 1024x512].
+    /// Axes of the poses' world that x, y and z of a file point along, such as x,-z,y for a file with y
+    /// down in a world with z up [default: x,y,z].
+    #[arg(long, value_name = "X,Y,Z", value_parser = FileAxes::parse, allow_hyphen_values = true)]
+    pub(crate) axes: Option<FileAxes>,
+    /// Size of the images in pixels [default: the scene's, or 1024x512; of faces, as sharp].
     #[arg(long, value_name = "WIDTHxHEIGHT", value_parser = size)]
     pub(crate) size: Option<[u32; 2]>,
-    /// Camera model, the whole sphere or a perspective [default: that of the poses, or the sphere].
-    #[arg(long, value_enum)]
+    /// Projection of the images: the whole sphere, a perspective, or the six faces of a cube, named by
+    /// their directions [default: that of the poses, or the sphere].
+    #[arg(long, visible_alias = "projection", value_enum)]
     pub(crate) camera: Option<CameraArgument>,
     /// Horizontal field of view of a pinhole camera.
     #[arg(long, value_name = "DEGREES", default_value_t = 90.0)]
@@ -213,6 +218,7 @@ pub(crate) struct RenderArguments {
 pub(crate) enum CameraArgument {
     Erp,
     Pinhole,
+    Cube,
 }
 
 impl RenderArguments {
@@ -220,12 +226,14 @@ impl RenderArguments {
     pub(crate) fn request(&self) -> RenderRequest {
         RenderRequest {
             model: self.model.clone(),
+            axes: self.axes,
             poses: self.poses.clone(),
             size: self.size,
             camera: match self.camera {
                 None => RenderCamera::OfPoses,
                 Some(CameraArgument::Erp) => RenderCamera::Erp,
                 Some(CameraArgument::Pinhole) => RenderCamera::Pinhole(self.fov_degrees),
+                Some(CameraArgument::Cube) => RenderCamera::Cube,
             },
             layer: match self.object {
                 Some(id) => format!("object:{id}"),

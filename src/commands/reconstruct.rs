@@ -17,7 +17,7 @@ use omnilife_video::Projection;
 
 use super::{curate::print_json, method_list, note_far_frames, video};
 use crate::{
-    cli::{AssetArguments, ReconstructCommand, RenderArguments},
+    cli::{AssetArguments, CameraArgument, ReconstructCommand, RenderArguments},
     exit, preparation, termination,
 };
 
@@ -170,13 +170,13 @@ fn render(arguments: &RenderArguments, progress: &dyn Progress) -> anyhow::Resul
     if let Some(file) = &arguments.video {
         // Checked before the rendering, not after it.
         video::check(file)?;
+        if matches!(arguments.camera, Some(CameraArgument::Cube)) {
+            let reason = "a video shows one image per view, and a cube has six";
+            return Err(exit::BadRequest(reason.to_owned()).into());
+        }
     }
     let rendered = render::render_poses(&arguments.request(), progress)?;
-    let mut text = format!(
-        "{} views in {}\n",
-        rendered.files.len(),
-        arguments.out.display()
-    );
+    let mut text = format!("{} views in {}\n", rendered.views, arguments.out.display());
     if rendered.unposed > 0 {
         text += &format!(
             "{} frames have no usable pose and are left out\n",

@@ -1,6 +1,10 @@
 //! Gaussians of a run rendered along poses.
 
-use std::{ffi::OsStr, fs, path::Path};
+use std::{
+    ffi::OsStr,
+    fs,
+    path::{Path, PathBuf},
+};
 
 use serde_json::Value;
 
@@ -175,6 +179,39 @@ fn a_pinhole_camera_sees_what_its_field_of_view_holds() {
     assert!(!ended.stderr.contains("264"), "{}", ended.stderr);
 }
 
+/// A file that `scripts/golden/splat_formats.mjs` had another program write.
+fn file_of_another_program() -> PathBuf {
+    let peer = "reconstruct/training/src/formats/exchange/peer/peer.sog";
+    Path::new(env!("CARGO_MANIFEST_DIR")).join(peer)
+}
+
+#[test]
+fn files_of_other_programs_become_360_degree_video_and_faces_of_cubes() {
+    let (folder, poses) = (scratch(), sample("poses.json"));
+    let (model, video) = (file_of_another_program(), folder.path().join("a.mp4"));
+    let rendered = |out: &str, more: &[&str]| {
+        let out = folder.path().join(out);
+        let mut arguments = vec!["reconstruct".as_ref(), "render".as_ref(), model.as_os_str()];
+        arguments.extend(["--poses".as_ref(), poses.as_os_str(), "--out".as_ref()]);
+        arguments.push(out.as_os_str());
+        arguments.extend(more.iter().map(OsStr::new));
+        let ended = omnilife(arguments).succeeded();
+        assert!(ended.stdout.contains("60 views"), "{}", ended.stdout);
+        fs::read_dir(&out).unwrap().count()
+    };
+    let shown = video.to_str().unwrap();
+    let sphere = ["--projection", "erp", "--size", "64x32", "--video", shown];
+    assert!(rendered("sphere", &sphere) >= 60);
+    let bytes = fs::read(&video).unwrap();
+    for marked in [b"sv3d", b"st3d", b"equi"] {
+        assert!(bytes.windows(4).any(|word| word == marked), "{marked:?}");
+    }
+    let cube = ["--projection", "cube", "--size", "8x8", "--axes=x,-z,y"];
+    assert!(rendered("cube", &cube) >= 360);
+    let face = read_image(&folder.path().join("cube/000059-down.png"));
+    assert_eq!(face.dimensions(), (8, 8));
+}
+
 #[test]
 fn what_cannot_be_rendered_is_refused_in_one_line() {
     let folder = scratch();
@@ -204,6 +241,10 @@ fn what_cannot_be_rendered_is_refused_in_one_line() {
         &["--camera", "pinhole", "--fov-degrees", "180"],
     );
     assert!(message.contains("between 0 and 180 degrees"), "{message}");
+    let message = refused(&run, &poses, &["--axes", "-x,y,-z"]);
+    assert!(message.contains("axes are those of a file"), "{message}");
+    let message = refused(&run, &poses, &["--projection", "cube", "--video", "a.mp4"]);
+    assert!(message.contains("a cube has six"), "{message}");
     let message = refused(&run, &poses, &["--video", "a.webm"]);
     assert!(message.contains(".mp4"), "{message}");
     assert!(!out.exists());

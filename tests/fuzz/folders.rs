@@ -410,6 +410,7 @@ fn render(input: &Input) {
     drop(render_poses(
         &RenderRequest {
             model: input.folder.join("in"),
+            axes: None,
             poses: input.folder.join("scene.json"),
             size: Some([16, 8]),
             camera: RenderCamera::OfPoses,

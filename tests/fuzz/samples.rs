@@ -71,6 +71,7 @@ pub(crate) fn write_splat_formats(folder: &Path) -> Vec<String> {
         "version-4.spz",
         "peer.compressed.ply",
         "peer.glb",
+        "peer.sog",
     ];
     for file in files {
         fs::copy(peer.join(file), folder.join(file)).unwrap();

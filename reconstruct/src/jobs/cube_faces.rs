@@ -1,4 +1,4 @@
-//! Panoramas from the six faces of a cube, each rendered by the pinhole camera. They show the Gaussians of a
+//! The six faces of a cube, each rendered by the pinhole camera, and panoramas from them. They show the Gaussians of a
 //! perspective trainer as that trainer renders them.
 
 use glam::{DQuat, DVec3, dvec2};
@@ -19,8 +19,18 @@ pub(super) fn panorama(
     opened: &mut dyn OpenedModel,
     camera: ErpCamera,
     side: u32,
-    (pose, normalization, time): (&Pose, &Similarity, f64),
+    place: (&Pose, &Similarity, f64),
 ) -> Result<Option<RgbImage>, ReconstructError> {
+    let faces = faces(opened, side, place)?;
+    Ok(faces.map(|faces| stitched(&faces, camera)))
+}
+
+/// Renders the faces of `side` pixels at a pose, in the order of [`CUBE_FACES`]; `None` where the pose cannot be used.
+pub(super) fn faces(
+    opened: &mut dyn OpenedModel,
+    side: u32,
+    (pose, normalization, time): (&Pose, &Similarity, f64),
+) -> Result<Option<Vec<RgbImage>>, ReconstructError> {
     let Some(rotation) = pose.rotation() else {
         return Ok(None);
     };
@@ -34,7 +44,7 @@ pub(super) fn panorama(
         };
         faces.push(opened.image(&view)?);
     }
-    Ok(Some(stitched(&faces, camera)))
+    Ok(Some(faces))
 }
 
 /// Samples every pixel from the face that its direction meets, bilinear within the face.

@@ -7,8 +7,11 @@ use std::{
 
 use glam::DVec3;
 use omnilife_schemas::{
-    Pose, Similarity,
-    camera::{ErpCamera, PinholeCamera},
+    Pose, RgbImage, Similarity,
+    camera::{
+        ErpCamera, PinholeCamera,
+        cube::{CUBE_FACES, face_camera, side_of_equal_resolution},
+    },
     ownership::{OwnFile, Standing},
     progress::Progress,
     records::{Poses, Scene},
@@ -22,6 +25,7 @@ use omnilife_engine::camera::{Camera, View};
 use crate::{jobs::cube_faces, registry};
 use omnilife_training::{
     error::ReconstructError,
+    formats::axes::FileAxes,
     models::{OpenModel, OpenRequest, OpenedModel, gaussians},
     process,
 };
@@ -29,11 +33,15 @@ use omnilife_training::{
 /// Request of a rendering.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RenderRequest {
-    /// A run's folder, or a PLY of Gaussians.
+    /// A run's folder, or a file of Gaussians in any of the
+    /// [formats of exchange](omnilife_training::formats::exchange::SPLAT_FORMATS).
     pub model: PathBuf,
+    /// Axes of a file in the world of the poses; `None` for the same axes.
+    pub axes: Option<FileAxes>,
     /// A `poses.json` or `scene.json`.
     pub poses: PathBuf,
-    /// Width and height in pixels; by default the scene's, or 1024x512.
+    /// Width and height in pixels; by default the scene's, or 1024x512. Faces of a cube have as many pixels per
+    /// degree as panoramas of that size.
     pub size: Option<[u32; 2]>,
     /// Camera of the images.
     pub camera: RenderCamera,
@@ -54,13 +62,17 @@ pub enum RenderCamera {
     Erp,
     /// A pinhole with a centred principal point and this horizontal field of view in degrees.
     Pinhole(f64),
+    /// The six faces of a cube ([`CUBE_FACES`]), one image each.
+    Cube,
 }
 
 /// Result of a rendering.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RenderedViews {
-    /// PNG files `<number of the frame, 6 digits>.png`, in order.
+    /// PNG files `<number of the frame, 6 digits>.png`, in order. Faces are `<number>-<name of the face>.png`.
     pub files: Vec<PathBuf>,
+    /// Number of rendered frames.
+    pub views: usize,
     /// The camera of the images.
     pub camera: Camera,
     /// Presentation timestamps in seconds, one per file.
@@ -108,39 +120,33 @@ pub fn render_poses(
     let stage = StagePlan::new(&request.out, "render");
     let images = posed
         .iter()
-        .map(|(number, ..)| image_file(*number))
+        .flat_map(|(number, ..)| image_files(*number, request.camera))
         .collect::<BTreeSet<_>>();
     // Ground truth has the same names.
     stage.run(&images, progress, |out| {
         progress.begin("rendering", Some(posed.len() as u64));
         let mut rendered = RenderedViews {
-            files: Vec::with_capacity(posed.len()),
+            files: Vec::with_capacity(images.len()),
+            views: posed.len(),
             camera,
-            times_seconds: Vec::with_capacity(posed.len()),
+            times_seconds: Vec::with_capacity(images.len()),
             unposed: path.frames.len() - posed.len(),
             largest_speed: opened.largest_speed(),
         };
         let mut render = |number: usize, time: f64, pose: &Pose| -> Result<(), ReconstructError> {
-            let normalization = opened.normalization();
-            let image = match (request.cube_faces, camera) {
-                (Some(side), Camera::Erp(camera)) => {
-                    cube_faces::panorama(&mut *opened, camera, side, (pose, &normalization, time))?
-                }
-                _ => match View::new(camera, pose, &normalization, time) {
-                    Some(view) => Some(opened.image(&view)?),
-                    None => None,
-                },
-            };
-            let image = image.ok_or_else(|| {
+            let images = images_at(&mut *opened, request, camera, (pose, time))?;
+            let images = images.ok_or_else(|| {
                 ReconstructError::scene(
                     &request.poses,
                     format!("frame {number} has no usable pose"),
                 )
             })?;
-            let file = request.out.join(image_file(number));
-            image.write_png(&file)?;
-            rendered.files.push(file);
-            rendered.times_seconds.push(time);
+            for (file, image) in image_files(number, request.camera).iter().zip(images) {
+                let file = request.out.join(file);
+                image.write_png(&file)?;
+                rendered.files.push(file);
+                rendered.times_seconds.push(time);
+            }
             progress.advance(1);
             Ok(())
         };
@@ -161,11 +167,42 @@ pub fn render_poses(
     })
 }
 
-fn image_file(number: usize) -> String {
-    format!("{number:06}.png")
+/// Returns the names of a frame's images.
+fn image_files(number: usize, camera: RenderCamera) -> Vec<String> {
+    match camera {
+        RenderCamera::Cube => {
+            let faces = CUBE_FACES.iter();
+            faces
+                .map(|face| format!("{number:06}-{}.png", face.name))
+                .collect()
+        }
+        _ => vec![format!("{number:06}.png")],
+    }
 }
 
-/// Opens a model: a run of any kind, or a PLY of Gaussians.
+/// Renders the images of a frame; `None` where its pose cannot be used.
+fn images_at(
+    opened: &mut dyn OpenedModel,
+    request: &RenderRequest,
+    camera: Camera,
+    (pose, time): (&Pose, f64),
+) -> Result<Option<Vec<RgbImage>>, ReconstructError> {
+    let normalization = opened.normalization();
+    let place = (pose, &normalization, time);
+    match (request.camera, request.cube_faces, camera) {
+        (RenderCamera::Cube, ..) => cube_faces::faces(opened, camera.width(), place),
+        (_, Some(side), Camera::Erp(camera)) => {
+            let panorama = cube_faces::panorama(opened, camera, side, place)?;
+            Ok(panorama.map(|image| vec![image]))
+        }
+        _ => match View::new(camera, pose, &normalization, time) {
+            Some(view) => Ok(Some(vec![opened.image(&view)?])),
+            None => Ok(None),
+        },
+    }
+}
+
+/// Opens a model: a run of any kind, or a file of Gaussians.
 fn open(
     request: &RenderRequest,
     of_cameras: Similarity,
@@ -173,6 +210,14 @@ fn open(
     progress: &dyn Progress,
 ) -> Result<Box<dyn OpenedModel>, ReconstructError> {
     let is_run = request.model.is_dir();
+    if is_run && request.axes.is_some() {
+        return Err(ReconstructError::Request {
+            reason: format!(
+                "{}: a run lies in the world of its scene; axes are those of a file",
+                request.model.display()
+            ),
+        });
+    }
     let run = is_run
         .then(|| registry::open_run(&request.model))
         .transpose()?;
@@ -183,6 +228,7 @@ fn open(
         path: &request.model,
         run: run.as_ref().map(|run| &run.record),
         layer: &request.layer,
+        axes: request.axes,
         of_cameras,
         camera,
         progress,
@@ -226,7 +272,13 @@ fn read_path(path: &Path) -> Result<CameraPath, StoreError> {
 
 fn camera(request: &RenderRequest, given: Option<Camera>) -> Result<Camera, ReconstructError> {
     let of_poses = given.map(|camera| [camera.width(), camera.height()]);
-    let [width, height] = request.size.or(of_poses).unwrap_or(DEFAULT_SIZE);
+    let of_poses = of_poses.unwrap_or(DEFAULT_SIZE);
+    let by_default = match (request.camera, given) {
+        (RenderCamera::Cube, Some(Camera::Pinhole(_))) => [of_poses[0]; 2],
+        (RenderCamera::Cube, _) => [side_of_equal_resolution(of_poses[0]); 2],
+        _ => of_poses,
+    };
+    let [width, height] = request.size.unwrap_or(by_default);
     if !(1..=LARGEST_SIDE).contains(&width) || !(1..=LARGEST_SIDE).contains(&height) {
         return Err(ReconstructError::Request {
             reason: format!("images are 1 to {LARGEST_SIDE} pixels wide and high"),
@@ -244,6 +296,10 @@ fn camera(request: &RenderRequest, given: Option<Camera>) -> Result<Camera, Reco
             let radians = degrees.to_radians();
             Ok(PinholeCamera::with_horizontal_field_of_view(width, height, radians).into())
         }
+        RenderCamera::Cube if width == height => Ok(face_camera(width).into()),
+        RenderCamera::Cube => Err(ReconstructError::Request {
+            reason: format!("faces of a cube are squares, not {width}x{height}"),
+        }),
         RenderCamera::Pinhole(_) => Err(ReconstructError::Request {
             reason: "a pinhole camera's field of view is between 0 and 180 degrees".to_owned(),
         }),

@@ -20,6 +20,7 @@ mod no_ops;
 mod object_graph;
 mod pinhole;
 mod pose_refinement;
+mod projections;
 mod renderer;
 mod stability;
 mod support;

@@ -72,6 +72,7 @@ impl Trained {
     fn rendered(&self, model: &Path, out: &str) -> PathBuf {
         let request = RenderRequest {
             model: model.to_owned(),
+            axes: None,
             poses: self.file("scene.json"),
             size: None,
             camera: RenderCamera::OfPoses,

@@ -1,11 +1,11 @@
 //! Changes of axes of Gaussians with their harmonics.
 //!
 //! Files of this program have x to the right, y down and z forward, as in 3DGS and COLMAP. SPZ and glTF have y
-//! up.
+//! up. [`FileAxes`] has those of a file in any other position.
 
 use std::f64::consts::TAU;
 
-use glam::{DQuat, DVec3};
+use glam::{DMat3, DQuat, DVec3};
 use omnilife_engine::{gaussians::MAX_SH_DEGREE, render::project::sh};
 
 /// Axes whose sign changes that of a harmonic: x, y and z of all but the constant one, in their order.
@@ -63,6 +63,53 @@ impl HalfTurn {
             let changed = odd.iter().zip(self.0).filter(|(odd, _)| **odd);
             changed.map(|(_, sign)| sign).product()
         })
+    }
+}
+
+/// Directions of a file's axes in the world: a rotation by quarter turns.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct FileAxes {
+    to_world: DQuat,
+}
+
+impl FileAxes {
+    /// Parses the world's axes that the file's x, y and z point along, such as `x,-z,y`.
+    ///
+    /// # Errors
+    /// With the reason in one line, for other text, an axis that is named twice, and axes that mirror a scene.
+    pub fn parse(text: &str) -> Result<Self, String> {
+        let columns: Option<Vec<DVec3>> = text.split(',').map(direction).collect();
+        let Some(&[x, y, z]) = columns.as_deref() else {
+            return Err("expected three of x, y, z, -x, -y and -z, such as x,-z,y".to_owned());
+        };
+        let to_world = DMat3::from_cols(x, y, z);
+        match to_world.determinant() {
+            volume if volume > 0.5 => Ok(Self {
+                to_world: DQuat::from_mat3(&to_world),
+            }),
+            volume if volume < -0.5 => Err(format!("{text} mirrors the scene: change one sign")),
+            _ => Err(format!("{text} names an axis twice")),
+        }
+    }
+
+    /// Returns the rotation from the file's axes to the world's.
+    pub fn to_world(self) -> DQuat {
+        self.to_world
+    }
+}
+
+/// Returns the direction of an axis with its sign.
+fn direction(word: &str) -> Option<DVec3> {
+    let word = word.trim();
+    let (sign, axis) = match word.strip_prefix('-') {
+        Some(axis) => (-1.0, axis),
+        None => (1.0, word),
+    };
+    match axis {
+        "x" => Some(sign * DVec3::X),
+        "y" => Some(sign * DVec3::Y),
+        "z" => Some(sign * DVec3::Z),
+        _ => None,
     }
 }
 
@@ -159,6 +206,24 @@ mod tests {
                 ];
                 assert!((was - is).abs() < 1e-5, "{count}: {was} {is}");
             }
+        }
+    }
+
+    #[test]
+    fn axes_of_files_are_turns_to_the_world() {
+        let down = FileAxes::parse("x, -z, y").map(|axes| axes.to_world() * DVec3::Y);
+        assert!(down.is_ok_and(|down| down.distance(DVec3::NEG_Z) < 1e-12));
+        let ahead = FileAxes::parse("-y,-z,x").map(|axes| axes.to_world() * DVec3::Z);
+        assert!(ahead.is_ok_and(|ahead| ahead.distance(DVec3::X) < 1e-12));
+        for (text, reason) in [
+            ("x,y,-z", "mirrors the scene"),
+            ("x,y,-y", "names an axis twice"),
+            ("x,y", "expected three of"),
+            ("x,y,w", "expected three of"),
+            ("x,y,z,x", "expected three of"),
+        ] {
+            let refused = FileAxes::parse(text).map(drop);
+            assert!(refused.is_err_and(|found| found.contains(reason)), "{text}");
         }
     }
 

@@ -22,7 +22,7 @@ use omnilife_schemas::{
 
 use super::{
     axes::HarmonicTurn,
-    compressed_ply, glb, ply,
+    compressed_ply, glb, ply, sog,
     splat::{self, Placement, SplatRow},
     spz,
     validity::{self, FileGaussian},
@@ -107,6 +107,24 @@ pub const SPLAT_FORMATS: &[SplatFormat] = &[
         write: spz::write,
         read: |file, invalid| file.placed(spz::read(file.path, file.bytes, invalid)?),
     },
+    // For programs that read no later version.
+    SplatFormat {
+        name: "spz-3",
+        ending: ".v3.spz",
+        rounded: "as in `spz`",
+        is_for_old_viewers: false,
+        write: spz::write_version_3,
+        read: |file, invalid| file.placed(spz::read(file.path, file.bytes, invalid)?),
+    },
+    SplatFormat {
+        name: "sog",
+        ending: ".sog",
+        rounded: "logarithms of positions to 16 bits, log sizes and colours to 256 values, opacity and rotations to 8 \
+                  bits a value, harmonics to a palette of 1024 to 65,536 rows of 256 values",
+        is_for_old_viewers: false,
+        write: sog::write,
+        read: |file, invalid| file.placed(sog::read(file.path, file.bytes, invalid)?),
+    },
     SplatFormat {
         name: "glb",
         ending: ".glb",
@@ -132,13 +150,14 @@ pub fn by_name(name: &str) -> Result<&'static SplatFormat, UnknownName> {
 }
 
 /// Returns the format of a file: that of its ending, and PLY for every other. The header distinguishes the two
-/// kinds of PLY.
+/// kinds of PLY. The record of a SOG stands for the folder that it lies in.
 fn of_file(path: &Path, bytes: &[u8]) -> &'static SplatFormat {
     let name = path.file_name().unwrap_or_default().to_string_lossy();
     let name = name.to_ascii_lowercase();
     let is_of = |format: &&SplatFormat| match format.name {
         "ply" => false,
         "compressed-ply" => compressed_ply::is_compressed(bytes),
+        "sog" => name.ends_with(format.ending) || name == sog::RECORD_FILE,
         _ => name.ends_with(format.ending),
     };
     SPLAT_FORMATS

@@ -3,6 +3,7 @@
 //! A new one needs a file with its writer and reader, and a line in `FORMATS`.
 
 pub mod axes;
+mod codebook;
 mod compressed_ply;
 pub mod deformation;
 pub mod exchange;
@@ -11,6 +12,7 @@ pub mod moving_ply;
 pub mod objects;
 pub mod ply;
 mod refined_poses;
+mod sog;
 pub mod splat;
 mod spz;
 pub mod validity;

@@ -30,7 +30,7 @@ use omnilife_engine::{
 
 use crate::{
     error::ReconstructError,
-    formats::{self, GAUSSIAN_FILES, exchange, splat::Placement, validity},
+    formats::{self, GAUSSIAN_FILES, axes::FileAxes, exchange, splat::Placement, validity},
     models::{Export, ModelFormat, OpenRequest, OpenedModel},
 };
 
@@ -79,7 +79,8 @@ impl OpenedGaussians {
                  object:ID"
             ));
         };
-        let source = Source::open(path, request.run, request.of_cameras)?;
+        let mut source = Source::open(path, request.run, request.of_cameras)?;
+        source.axes = request.axes;
         let is_published = source.renderer == RendererChoice::OdgsPublished;
         if is_published && (matches!(request.camera, Camera::Pinhole(_)) || layer != Layer::All) {
             return refuse("the published renderer of ODGS draws whole ERP views only".to_owned());
@@ -131,6 +132,8 @@ impl OpenedModel for OpenedGaussians {
 pub struct Source {
     /// A run's folder, or a file of Gaussians.
     path: PathBuf,
+    /// Axes of a file without a record of its place.
+    axes: Option<FileAxes>,
     /// Map from world to normalized coordinates.
     pub normalization: Similarity,
     renderer: RendererChoice,
@@ -150,6 +153,7 @@ impl Source {
         let Some(record) = run else {
             return Ok(Self {
                 path: path.to_owned(),
+                axes: None,
                 normalization: of_cameras,
                 renderer: RendererChoice::Exact,
                 settings: RenderSettings::new(1e-3),
@@ -165,6 +169,7 @@ impl Source {
         })?;
         Ok(Self {
             path: path.to_owned(),
+            axes: None,
             normalization: record.normalization,
             renderer: settings.renderer,
             settings: settings.rendering,
@@ -203,10 +208,28 @@ impl Source {
                 formats::read_model(&self.path, settings, &self.normalization, invalid)
             }
             None => {
-                let placement = placement(&self.path)?.unwrap_or(Placement::WORLD);
+                let placement = self.placement()?;
                 let table = exchange::read(&self.path, &placement, &self.normalization, invalid)?;
                 Ok(Model::new(vec![Part::new(StaticGaussians, table)]))
             }
+        }
+    }
+
+    /// Returns how a file's coordinates came from the world's.
+    fn placement(&self) -> Result<Placement, ReconstructError> {
+        match (placement(&self.path)?, self.axes) {
+            (Some(_), Some(_)) => Err(ReconstructError::Request {
+                reason: format!(
+                    "{}: the {ASSET_FILE} beside it says where its axes point; leave them out",
+                    self.path.display()
+                ),
+            }),
+            (Some(recorded), None) => Ok(recorded),
+            (None, Some(axes)) => Ok(Placement {
+                rotation: axes.to_world().inverse(),
+                ..Placement::WORLD
+            }),
+            (None, None) => Ok(Placement::WORLD),
         }
     }
 

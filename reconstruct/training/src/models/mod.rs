@@ -13,7 +13,7 @@ use std::path::Path;
 use omnilife_engine::camera::{Camera, View};
 use omnilife_schemas::{RgbImage, Similarity, progress::Progress, records::RunRecord};
 
-use crate::{error::ReconstructError, models::script::Script};
+use crate::{error::ReconstructError, formats::axes::FileAxes, models::script::Script};
 
 /// Kind of model: the interface of a run's model for commands, for every method.
 #[derive(Debug, Clone, Copy)]
@@ -70,6 +70,8 @@ pub struct OpenRequest<'a> {
     pub run: Option<&'a RunRecord>,
     /// Name of the layer.
     pub layer: &'a str,
+    /// Axes of a file in the world; `None` for those of the world, and for a run.
+    pub axes: Option<FileAxes>,
     /// Normalization by the cameras, for files without one.
     pub of_cameras: Similarity,
     /// Camera of the images.

@@ -28,7 +28,7 @@ fn arrays_are_those_of_the_layout() {
     gaussians.opacities[0] = 0.2;
     gaussians.sh_constant[0] = [0.0, 100.0, -100.0];
     gaussians.sh_rest[0] = [0.0, 0.25, -1.0];
-    let content = write(&gaussians)
+    let content = write_version_3(&gaussians)
         .map(|bytes| unzipped(&bytes))
         .unwrap_or_default();
     assert_eq!(content.len(), 16 + 2 * (9 + 1 + 3 + 3 + 4 + 9));
@@ -46,6 +46,31 @@ fn arrays_are_those_of_the_layout() {
     assert_eq!(content[48..52], [0, 0, 0, 0xc0]);
     // The harmonic of y changes its sign.
     assert_eq!(content[56..59], [128, 96, 255]);
+}
+
+#[test]
+fn version_4_has_the_same_arrays_in_streams_of_their_own() {
+    for degree in [0, 2] {
+        let gaussians = varied(40, degree);
+        let content = write_version_3(&gaussians)
+            .map(|bytes| unzipped(&bytes))
+            .unwrap_or_default();
+        let bytes = write(&gaussians).unwrap_or_default();
+        let streams = if degree == 0 { 5 } else { 6 };
+        assert_eq!(bytes[..8], *b"NGSP\x04\0\0\0");
+        assert_eq!(bytes[8..15], content[8..15]);
+        assert_eq!(bytes[15], streams);
+        assert_eq!(bytes[16..20], 32_u32.to_le_bytes());
+        assert_eq!(bytes[20..32], [0; 12]);
+        let (mut at, mut plain) = (32 + 16 * usize::from(streams), 16);
+        for entry in bytes[32..at].as_chunks::<8>().0.as_chunks::<2>().0 {
+            let [size, plain_size] = entry.map(|word| u64::from_le_bytes(word) as usize);
+            let stream = zstd::decode_all(&bytes[at..at + size]).unwrap_or_default();
+            assert_eq!(stream, content[plain..plain + plain_size]);
+            (at, plain) = (at + size, plain + plain_size);
+        }
+        assert_eq!((at, plain), (bytes.len(), content.len()));
+    }
 }
 
 #[test]
@@ -82,7 +107,7 @@ fn rotations_keep_a_fifth_of_a_degree_at_their_poles() {
 #[test]
 fn version_2_is_read() {
     let written = varied(50, 2);
-    let content = write(&written)
+    let content = write_version_3(&written)
         .map(|bytes| unzipped(&bytes))
         .unwrap_or_default();
     let rotations = 16 + 50 * 16;
@@ -101,7 +126,7 @@ fn version_2_is_read() {
 
 #[test]
 fn what_is_no_spz_is_refused_by_name() {
-    let content = write(&varied(5, 1))
+    let content = write_version_3(&varied(5, 1))
         .map(|bytes| unzipped(&bytes))
         .unwrap_or_default();
     let with = |at: usize, values: &[u8]| {
