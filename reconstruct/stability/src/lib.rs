@@ -30,6 +30,8 @@ mod poses;
 pub mod setup;
 pub mod special;
 pub mod sweeps;
+#[cfg(test)]
+mod tests;
 
 use std::{collections::BTreeMap, time::Instant};
 
