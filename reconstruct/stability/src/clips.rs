@@ -21,7 +21,7 @@ use omnilife_training::{
 
 const ITERATIONS: u64 = 12;
 const LONG_ITERATIONS: u64 = 3_000;
-const FRAMES: u32 = 6;
+pub(super) const FRAMES: u32 = 6;
 
 /// All cases of clips.
 pub(super) const CASES: &[SpecialCase] = &[
@@ -292,9 +292,15 @@ fn scene() -> Option<TrainingScene> {
     scene_of(FRAMES)
 }
 
+/// Returns the direction in which a frame shows the disc, world.
+pub(super) fn towards_disc(frame: u32, frames: u32) -> DVec3 {
+    let along = f64::from(frame) / f64::from(frames - 1) - 0.5;
+    DVec3::new(2.0 * along, 0.2, 3.0).normalize()
+}
+
 /// Returns a scene of so many frames: a camera moves through a ball of coloured stripes while a red disc passes in
 /// front of it. `None` cannot occur: every camera has a position.
-fn scene_of(frames: u32) -> Option<TrainingScene> {
+pub(super) fn scene_of(frames: u32) -> Option<TrainingScene> {
     let camera = ErpCamera {
         width: 48,
         height: 24,
@@ -309,7 +315,7 @@ fn scene_of(frames: u32) -> Option<TrainingScene> {
         let turn = DQuat::from_rotation_y(0.3 * along);
         let pose = Pose::new(turn, DVec3::new(0.2 * along, 0.0, along));
         let view = View::new(camera, &pose, &normalization, f64::from(frame) / 10.0)?;
-        let ball = DVec3::new(2.0 * along, 0.2, 3.0).normalize();
+        let ball = towards_disc(frame, frames);
         let (mut pixels, mut mask) = (Vec::new(), Vec::new());
         for (column, row) in (0..camera.width * camera.height).map(|i| (i % 48, i / 48)) {
             let pixel = glam::dvec2(f64::from(column) + 0.5, f64::from(row) + 0.5);

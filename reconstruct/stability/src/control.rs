@@ -1,4 +1,4 @@
-//! Cases of density control, first sizes of points, gains, and steps of poses.
+//! Cases of density control, first sizes of points, first velocities, gains, and steps of poses.
 
 use glam::{DVec3, Mat3, Quat, Vec3};
 use omnilife_engine::{
@@ -6,14 +6,21 @@ use omnilife_engine::{
     gaussians::static_gaussians::{InitialGaussians, LOG_SCALES, OPACITY_LOGITS, POSITIONS, table},
     model::{Model, exposure::Exposure, pose_corrections::PoseCorrections},
     render::project::by_camera::PoseGradient,
+    training_view::TrainingView,
 };
 use omnilife_schemas::points::PointCloud;
-use omnilife_training::{baseline, seeds::points};
+use omnilife_training::{
+    baseline,
+    seeds::{
+        masks::{SeedSettings, SeedVelocity, mask_seeds},
+        points,
+    },
+};
 use rand::SeedableRng;
 use rand_pcg::Pcg64Mcg;
 
 use crate::{
-    largest_or_nan,
+    clips, largest_or_nan,
     special::{Judgement, SpecialCase},
 };
 
@@ -32,6 +39,11 @@ pub(super) const CASES: &[SpecialCase] = &[
         id: "points-sizes",
         title: "first sizes of points a millionth and a million units apart",
         judge: sizes_of_points,
+    },
+    SpecialCase {
+        id: "seeds-velocity",
+        title: "first velocities of seeds on a disc that passes, in images of 48 columns",
+        judge: velocities_of_seeds,
     },
     SpecialCase {
         id: "exposure-gains",
@@ -160,6 +172,61 @@ fn sizes_of_points() -> Judgement {
         }
     }
     Judgement::of_errors("from the three nearest points", Some([worst, 1e-5]), None)
+}
+
+/// Compares velocities of seeds with that of the disc at their distance, across the line of sight.
+fn velocities_of_seeds() -> Judgement {
+    let scene = clips::scene_of(clips::FRAMES);
+    let Some((scene, clock)) = scene.and_then(|scene| {
+        let clock = scene.clock().ok()?;
+        Some((scene, clock))
+    }) else {
+        return Judgement::failed("the scene has no clock".to_owned());
+    };
+    let seeds = mask_seeds(
+        &scene,
+        &SeedSettings {
+            clock,
+            lifespan_frames: 2.0,
+            velocity: SeedVelocity::Tracked,
+            exposure: None,
+            maximum: 1_000,
+        },
+    );
+    let (mut worst, mut compared) = (0.0, 0);
+    // Views with one before and one after.
+    for views in scene.input_views.windows(3) {
+        let [before, now, after] = views else {
+            continue;
+        };
+        let peak = clock.frame(now.view.time_seconds);
+        let times = &seeds.times;
+        for (index, &own) in times.peaks.iter().enumerate() {
+            if (f64::from(own) - peak).abs() > 0.1 {
+                continue;
+            }
+            let place = Vec3::from_array(seeds.gaussians.positions[index]);
+            let distance = f64::from(place.distance(now.view.centre));
+            let at = |view: &TrainingView| {
+                let towards = clips::towards_disc(view.frame, clips::FRAMES);
+                view.view.centre.as_dvec3() + distance * towards
+            };
+            let whole = (at(after) - at(before)) / 2.0;
+            let towards = clips::towards_disc(now.frame, clips::FRAMES);
+            let across = whole - towards * towards.dot(whole);
+            let found = Vec3::from_array(times.velocities[index]).as_dvec3();
+            worst = largest_or_nan(worst, (found - across).length() / across.length());
+            compared += 1;
+        }
+    }
+    if compared == 0 {
+        return Judgement::failed("no seed lies on the disc".to_owned());
+    }
+    Judgement::of_errors(
+        "by the middles of masks, whose pixels are half as wide as the disc's way",
+        Some([worst, 0.5]),
+        None,
+    )
 }
 
 /// Compares estimated gains with known ones; every fifth place shows something else.
