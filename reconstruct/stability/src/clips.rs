@@ -111,7 +111,7 @@ fn in_pairs(mut scene: TrainingScene) -> TrainingScene {
             time_seconds: second.view.time_seconds,
             ..first.view
         };
-        // Half a turn about the vertical: the halves of the image change places.
+        // Half a rotation about the vertical: the halves of the image change places.
         let turn = Mat3::from_diagonal(Vec3::new(-1.0, 1.0, -1.0));
         second.view.rotation = turn * first.view.rotation;
         for row in 0..height {
