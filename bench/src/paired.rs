@@ -28,6 +28,8 @@ pub struct PairedComparison {
     pub scenes: Vec<String>,
     /// Omitted scenes, with the reason.
     pub left_out: Vec<String>,
+    /// Aids that both methods can have and one side used, by scene.
+    pub differing_aids: Vec<String>,
     /// One for every metric of every kind of view that both have.
     pub differences: Vec<Difference>,
 }
@@ -118,7 +120,12 @@ pub fn compare(a: &[StoredResult], b: &[StoredResult]) -> Result<PairedCompariso
             reasons: left_out.join("; "),
         });
     };
+    let differing_aids = scenes.iter().filter_map(|(scene, [left, right])| {
+        let aids = left[0].1.differing_aids(&right[0].1);
+        (!aids.is_empty()).then(|| format!("{scene}: {}", aids.join(", ")))
+    });
     Ok(PairedComparison {
+        differing_aids: differing_aids.collect(),
         protocol: first[0].1.protocol.clone(),
         methods: methods.map(str::to_owned),
         differences: differences(&scenes)?,

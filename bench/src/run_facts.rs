@@ -68,6 +68,8 @@ pub(crate) struct RunFacts {
     pub(crate) training_seconds: Option<f64>,
     /// Kind of training of the method, if recorded.
     pub(crate) training: Option<TrainingKind>,
+    /// Aids that the method can have, with true where the run used it, if recorded.
+    pub(crate) aids: Option<BTreeMap<String, bool>>,
     pub(crate) primitives: Option<u64>,
     pub(crate) iterations: Option<u64>,
     pub(crate) seed: u64,
@@ -133,6 +135,7 @@ impl RunFacts {
             } else {
                 TrainingKind::WithoutTraining
             }),
+            aids: run.aids,
             primitives: Some(run.primitives),
             iterations: Some(run.iterations),
             seed: run.seed,
@@ -169,6 +172,7 @@ impl RunFacts {
                 None if run.failure.is_some() => None,
                 None => Some(TrainingKind::WithoutTraining),
             },
+            aids: None,
             primitives: None,
             iterations: None,
             seed: run.seed,

@@ -51,6 +51,7 @@ pub(crate) fn result_record(job: &ScoringJob, outcomes: &[ViewOutcome]) -> Resul
         predictions: None,
         statement: None,
         training: job.run.as_ref().and_then(|run| run.training),
+        aids: job.run.as_ref().and_then(|run| run.aids.clone()),
         training_seconds: job.run.as_ref().and_then(|run| run.training_seconds),
         primitives: job.run.as_ref().and_then(|run| run.primitives),
         iterations: job.run.as_ref().and_then(|run| run.iterations),

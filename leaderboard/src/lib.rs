@@ -6,6 +6,7 @@
 //! queries beyond the layouts. Images are copied for the site; only [`figure`] decodes them.
 #![cfg_attr(not(test), warn(clippy::disallowed_methods))]
 
+mod aids;
 mod assets;
 mod budget;
 mod class;

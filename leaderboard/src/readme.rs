@@ -7,7 +7,7 @@ use omnilife_schemas::{
     store::{self, StoreError},
 };
 
-use crate::{error::LeaderboardError, group::Group, layouts, render, tables};
+use crate::{aids, error::LeaderboardError, group::Group, layouts, render, tables};
 
 /// Line before the table.
 const BEGIN: &str = "<!-- leaderboard: begin -->";
@@ -39,6 +39,13 @@ pub(crate) fn updated(
             }
             let serious = layouts::remarks_of(group);
             lines.extend(serious.serious().map(|line| for_markdown(line) + "\n"));
+            let of_aids = [aids::warning(group), aids::note(group)];
+            lines.extend(
+                of_aids
+                    .iter()
+                    .flatten()
+                    .map(|line| for_markdown(line) + "\n"),
+            );
             lines.push(format!("{}.", for_markdown(&table.title)));
             lines.join("\n")
         })

@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use omnilife_schemas::{records::ResultRecord, store};
 
 use crate::{
+    aids,
     error::LeaderboardError,
     format::slug,
     group::{self, Group},
@@ -77,6 +78,9 @@ pub(crate) fn all_results(groups: &[Group<'_>], out: &Path) -> Result<Tables, Le
             short.push_str(&format!("\n{class}\n\n{}\n", lines.join("\n")));
         }
         for line in layouts::remarks_of(group).serious() {
+            short.push_str(&format!("\n{line}\n"));
+        }
+        for line in [aids::warning(group), aids::note(group)].iter().flatten() {
             short.push_str(&format!("\n{line}\n"));
         }
     }

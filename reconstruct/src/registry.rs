@@ -69,7 +69,7 @@ pub fn model_files() -> BTreeSet<&'static str> {
 #[cfg(test)]
 mod tests {
     use omnilife_training::{
-        components::{COMPONENTS, OF_ANY_METHOD},
+        components::{COMPONENTS, aids},
         models::Export,
         request::{BackendChoice, MethodRequest},
         scene::CameraExtent,
@@ -87,7 +87,7 @@ mod tests {
             assert_eq!(find(method.id).map(|found| found.id).ok(), Some(method.id));
         }
         let shared = |name: &&str| {
-            OF_ANY_METHOD.contains(name) || COMPONENTS.iter().any(|component| component.id == *name)
+            aids::is_aid(name) || COMPONENTS.iter().any(|component| component.id == *name)
         };
         for method in METHODS {
             let (own, optional) = (method.components, method.optional_components);
@@ -129,6 +129,51 @@ mod tests {
                 }
             }
         }
+    }
+
+    #[test]
+    fn methods_of_one_class_have_the_same_aids_by_default() {
+        // Aids for Gaussians of any kind, and those for Gaussians that appear and vanish.
+        let of_all = ["denser-points", "short-schedule"];
+        let of_lives = ["mask-seeds", "static-table"];
+        for method in METHODS {
+            let aids: BTreeSet<&str> = method.supported().aids().collect();
+            if aids.is_empty() {
+                continue;
+            }
+            let has = |aid: &str| method.components.contains(&aid);
+            let begins_with_points = aids.contains("denser-points");
+            let lives = has("temporal-opacity");
+            assert!(has("short-schedule"), "{}", method.id);
+            assert!(
+                !begins_with_points || of_all.iter().all(|aid| has(aid)),
+                "{}",
+                method.id
+            );
+            assert!(
+                of_lives.iter().all(|aid| has(aid) == lives),
+                "{}",
+                method.id
+            );
+            if begins_with_points {
+                let missing = aids::ON_REQUEST.iter().find(|aid| !aids.contains(**aid));
+                assert_eq!(missing, None, "{}", method.id);
+            }
+        }
+        let with_aids = METHODS.iter().filter(|m| m.supported().aids().count() > 0);
+        let ids: Vec<&str> = with_aids.map(|method| method.id).collect();
+        assert_eq!(
+            ids,
+            [
+                "odgs",
+                "deformable",
+                "periodic",
+                "omni4dgs",
+                "omni4dgs-plus",
+                "panogs",
+                "object-graph"
+            ]
+        );
     }
 
     #[test]
@@ -176,5 +221,12 @@ mod tests {
         for name in both {
             assert!(refusal(&odgs_published::METHOD, &[name], &[]).is_some());
         }
+        assert_eq!(refusal(&odgs::METHOD, &[], &[aids::ALL]), None);
+        assert_eq!(
+            refusal(&odgs::METHOD, &["short-schedule"], &[aids::ALL]),
+            None
+        );
+        let none = refusal(&odgs_published::METHOD, &[], &[aids::ALL]);
+        assert!(none.is_some_and(|refusal| refusal.contains("aids")));
     }
 }

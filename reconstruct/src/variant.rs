@@ -1,10 +1,11 @@
-//! Names of a method with other components than its own: `odgs-with-short-schedule`,
-//! `omni4dgs-plus-without-mask-seeds`, `omni4dgs-plan-auto`.
+//! Names of a method with other components than its own: `odgs-without-short-schedule`, which has the published
+//! rates, `omni4dgs-without-aids`, `omni4dgs-plan-auto`.
 //!
 //! Tables show them in place of the method's name, so that every row has an exact name.
 
 use crate::registry::find;
 use omnilife_training::{
+    components::aids,
     error::ReconstructError,
     method::Method,
     request::{BackendChoice, DefaultPlan, MethodRequest, PlanChoice},
@@ -74,6 +75,39 @@ impl Variant {
         Ok(Self::of(method, &request))
     }
 
+    /// Returns the same variant without any aid; `None` for a method that cannot have one.
+    ///
+    /// # Errors
+    /// When the method does not exist.
+    pub fn bare(&self) -> Result<Option<Self>, ReconstructError> {
+        let supported = find(self.method)?.supported();
+        let mut bare = self.clone();
+        bare.forget_aids();
+        bare.without.push(aids::ALL.to_owned());
+        bare.without.sort();
+        Ok(supported.aids().next().map(|_| bare))
+    }
+
+    /// Returns the same variant with all aids that the method can have, by the evidence; `None` for a method without
+    /// optional ones.
+    ///
+    /// # Errors
+    /// When the method does not exist.
+    pub fn aided(&self) -> Result<Option<Self>, ReconstructError> {
+        let mut optional = find(self.method)?.optional_components.iter();
+        let mut aided = self.clone();
+        aided.forget_aids();
+        aided.with.push(aids::ALL.to_owned());
+        aided.with.sort();
+        Ok(optional.any(|name| aids::is_aid(name)).then_some(aided))
+    }
+
+    fn forget_aids(&mut self) {
+        let is_other = |name: &String| !aids::is_aid(name) && name != aids::ALL;
+        self.with.retain(is_other);
+        self.without.retain(is_other);
+    }
+
     /// Returns its request.
     pub fn request(&self, iterations: u64, seed: u64) -> MethodRequest {
         let plan =
@@ -140,7 +174,10 @@ mod tests {
         for name in [
             "odgs",
             "omni4dgs-plus",
-            "odgs-with-short-schedule",
+            "odgs-with-dropout",
+            "odgs-without-short-schedule",
+            "omni4dgs-with-aids",
+            "omni4dgs-without-aids",
             "omni4dgs-plan-auto-with-mask-seeds-with-static-table",
             "omni4dgs-plus-plan-full-without-mask-seeds",
             "periodic-without-temporal-density",
@@ -160,12 +197,37 @@ mod tests {
     }
 
     #[test]
+    fn a_variant_has_a_bare_and_an_aided_one_beside_it() {
+        for (name, bare, aided) in [
+            ("odgs", Some("odgs-without-aids"), Some("odgs-with-aids")),
+            (
+                "odgs-with-dropout-without-sky-shell",
+                Some("odgs-without-aids-without-sky-shell"),
+                Some("odgs-with-aids-without-sky-shell"),
+            ),
+            ("omni4dgs-plus", Some("omni4dgs-plus-without-aids"), None),
+            ("odgs-published", None, None),
+            ("nearest-input", None, None),
+        ] {
+            let variant = Variant::parse(name).expect(name);
+            let beside = [variant.bare(), variant.aided()];
+            let names = beside.map(|found| found.expect(name).map(|other| other.to_string()));
+            assert_eq!(names, [bare, aided].map(|name| name.map(str::to_owned)));
+            for name in names.iter().flatten() {
+                let read = Variant::parse(name).map(|variant| variant.to_string());
+                assert_eq!(read.ok().as_ref(), Some(name));
+            }
+        }
+    }
+
+    #[test]
     fn what_no_method_has_is_refused() {
         for (name, said) in [
             ("odg", "odg"),
             ("odgs-with-masks", "masks"),
             ("odgs-without-", "odgs component"),
             ("odgs-plan-half", "auto or full"),
+            ("odgs-published-without-aids", "aids"),
             (
                 "odgs-with-sky-shell-without-sky-shell",
                 "asked for and left out",

@@ -11,8 +11,12 @@ import shutil
 import sys
 from pathlib import Path
 
+import aids
+
 BEGIN, END = "<!-- measured: begin -->", "<!-- measured: end -->"
-TRAINED = ["odgs", "odgs-with-short-schedule", "periodic", "omni4dgs", "omni4dgs-plus"]
+METHODS = ["odgs", "periodic", "omni4dgs", "omni4dgs-plus"]
+# Each as it is, and without the aids that any method can have.
+TRAINED = [f"{method}{aids}" for aids in ("", "-without-aids") for method in METHODS]
 TWO_VIEW = ["sphere-sweep", "infinity-homography", "cross-fade", "nearest-input"]
 # On the first four constants were set, or methods compared, before; nobody had looked at what a method makes
 # of the last two.
@@ -141,7 +145,8 @@ def main():
         of_protocol = [run for run in runs if run.protocol == protocol]
         if not of_protocol:
             continue
-        parts += [f"## {heading}", "Mean over scenes, novel views, seed 0:", summary(of_protocol, TRAINED)]
+        parts += [f"## {heading}", "Mean over scenes, novel views, seed 0:", summary(of_protocol, TRAINED),
+                  *filter(None, aids.lines([(f"`{run.method}`", run.record) for run in of_protocol if run.seed == 0]))]
         if protocol == "sparse-interpolation":
             parts += ["Methods that see two views at a time, a class of their own:", summary(of_protocol, TWO_VIEW)]
         for scene in SCENES:

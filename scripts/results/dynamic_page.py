@@ -9,9 +9,11 @@ import json
 import sys
 from pathlib import Path
 
+import aids
+
 BEGIN, END = "<!-- measured: begin -->", "<!-- measured: end -->"
-# What a scene without motion is compared with: static Gaussians with the same step sizes.
-PEER = "odgs-with-short-schedule"
+# What a scene without motion is compared with: static Gaussians with the same aids.
+PEER = "odgs"
 # Heading, views, metric, digits.
 SCORES = [("Input PSNR", "input_views", "psnr", 2), ("PSNR", "novel_views", "psnr", 2),
           ("SSIM", "novel_views", "ssim", 4), ("LPIPS-VGG", "novel_views", "lpips-vgg", 4),
@@ -65,7 +67,7 @@ def ablation(folder):
 def still(folder):
     """A scene in which nothing moves."""
     methods = {}
-    for name in ("odgs", PEER, "omni4dgs-plus", "omni4dgs-plus-without-denser-points"):
+    for name in ("odgs-without-aids", PEER, "omni4dgs-plus"):
         methods[name] = [Run(path) for path in sorted(folder.glob(f"{name}.*"))]
     lines = ["| Method | PSNR | SSIM | Training with planning, CPU s |", "|---|---:|---:|---:|"]
     for name, found in methods.items():
@@ -73,6 +75,7 @@ def still(folder):
                   for metric, digits in (("psnr", 2), ("ssim", 4))]
         training = spread([run.record["training_cpu_seconds"] for run in found], 1)
         lines.append(f"| {name} | {' | '.join(scores)} | {training} |")
+    lines += aids.lines([(f"`{name}`", run.record) for name, found in methods.items() for run in found])
     for name in list(methods)[2:]:
         planned = methods[name][0]
         ratios = [run.record["training_cpu_seconds"] / plain.record["training_cpu_seconds"]

@@ -11,6 +11,8 @@ import shutil
 import sys
 from pathlib import Path
 
+import aids
+
 BEGIN, END = "<!-- measured: begin -->", "<!-- measured: end -->"
 REPOSITORY = Path(__file__).resolve().parents[2]
 PAGE = REPOSITORY / "docs/results/panogs.md"
@@ -21,7 +23,8 @@ COMPONENTS = [
     ("and warm-start", "warm-start"), ("and centre refinement", "centres"),
     ("the same, held to the scaffold", "centres-scaffold"),
     ("warm-start and shape refinement: as the plan decides", "plan"),
-    ("centre and shape refinement, no scaffold", "shapes"), ("`odgs`", "odgs")]
+    ("centre and shape refinement, no scaffold", "shapes"), ("`odgs`", "odgs"),
+    ("as the plan decides, without aids", "plan-bare"), ("`odgs` without aids", "odgs-bare")]
 EQUAL_TIME = [("as published: sizes and rotations stay", "panogs"), ("as the plan decides", "plan"),
               ("centre and shape refinement", "shapes"), ("`odgs`", "odgs")]
 
@@ -56,6 +59,11 @@ def row(title, folder):
     return [title, *scores(folder / "score"), *faults, f"{run['primitives']:,}", str(iterations),
             f"{run['training_cpu_seconds']:.1f}", f"{run['planning_cpu_seconds']:.1f}",
             f"{run['peak_memory_bytes'] / 1e6:.0f}"]
+
+
+def aids_of(folder, runs):
+    """The aids of the rows of a table."""
+    return aids.lines([(title, read(folder / name / "run.json")) for title, name in runs])
 
 
 def spread(folder, within, seeds):
@@ -113,10 +121,12 @@ def further(folder, head, note):
     """Another scene: as published, as the plan decides, and `odgs` beside it, at as many iterations."""
     split = read(folder / "split.json")
     runs = [("as published: sizes and rotations stay", "published"), ("as the plan decides", "plan"),
-            ("centre and shape refinement", "shapes"), ("`odgs`", "odgs")]
+            ("centre and shape refinement", "shapes"), ("`odgs`", "odgs"),
+            ("as the plan decides, without aids", "plan-bare"), ("`odgs` without aids", "odgs-bare")]
     return [f"## {head}", "",
             f"{note} {len(split['input_views'])} views given, {len(split['novel_views'])} novel.", "",
-            *table(HEADS, [row(title, folder / name) for title, name in runs]), "", *plan(folder / "plan"), ""]
+            *table(HEADS, [row(title, folder / name) for title, name in runs]), *aids_of(folder, runs), "",
+            *plan(folder / "plan"), ""]
 
 
 def plan(folder):
@@ -200,7 +210,8 @@ def main():
         f"{camera['height']}, protocol `{split['protocol']['id']}`. Seed 0 where nothing else is said. {machine()}, other work "
         "beside it: CPU seconds (user and system, planning included, evaluation left out) are what compares.", "",
         "## What each component is worth", "",
-        *table(HEADS, [row(title, components / name) for title, name in COMPONENTS]), "",
+        *table(HEADS, [row(title, components / name) for title, name in COMPONENTS]),
+        *aids_of(components, COMPONENTS), "",
         "## At equal CPU seconds", "",
         "Iterations are those that fit at the pace of the runs above; schedules shrink to them.", "",
         *table(HEADS, equal), "",

@@ -10,6 +10,7 @@ import json
 import sys
 from pathlib import Path
 
+import aids
 import numpy as np
 from PIL import Image, ImageFilter
 
@@ -75,6 +76,7 @@ def of_tracks(folder):
 def of_runs(folder, kinds):
     lines = ["| Run | Given: dynamic | Given: static | Novel: whole | Novel: SSIM | Novel: dynamic | "
              "Novel: static | CPU s | Gaussians | Memory, MB |", "|---" + "|---:" * 9 + "|"]
+    rows = []
     for title, name in kinds:
         found = [path.parent for path in sorted((folder / "runs").glob(f"{name}-[0-9]/run.json"))]
         if not found:
@@ -89,7 +91,8 @@ def of_runs(folder, kinds):
             spread([run["training_cpu_seconds"] for run in runs], 0),
             spread([run["primitives"] for run in runs], 0),
             spread([run["peak_memory_bytes"] / 1e6 for run in runs], 0)]) + " |")
-    return lines
+        rows += [(title, run) for run in runs]
+    return lines + aids.lines(rows)
 
 
 def of_stages(folder):
@@ -203,7 +206,8 @@ def of_removal(folder, road, empty):
 
 
 def of_street(folder):
-    kinds = [("`odgs`", "street-odgs"), ("`object-graph`, exact tracks", "street-object-graph")]
+    kinds = [("`odgs`", "street-odgs"), ("`omni4dgs-plus`", "street-omni4dgs-plus"),
+             ("`object-graph`, exact tracks", "street-object-graph")]
     rows = of_runs(folder, kinds)
     return ["### Panoramas", "", *rows, ""] if len(rows) > 2 else []
 
@@ -233,8 +237,12 @@ def main():
     road = Road(scene, rendering)
     main_runs = [("`odgs`", "odgs"), ("`object-graph`, tracks by `motion`", "object-graph"),
                  ("`object-graph`, exact tracks", "exact"), ("`periodic`", "periodic"),
-                 ("`omni4dgs`", "omni4dgs"), ("`periodic`, as long as `odgs`", "periodic-equal"),
-                 ("`omni4dgs`, as long as `odgs`", "omni4dgs-equal")]
+                 ("`omni4dgs`", "omni4dgs"), ("`omni4dgs-plus`", "omni4dgs-plus"),
+                 ("`periodic`, as long as `odgs`", "periodic-equal"),
+                 ("`omni4dgs`, as long as `odgs`", "omni4dgs-equal"),
+                 ("`omni4dgs-plus`, as long as `odgs`", "omni4dgs-plus-equal"),
+                 ("`odgs` without aids", "odgs-bare"),
+                 ("`object-graph` without aids, tracks by `motion`", "object-graph-bare")]
     ablated = [("all", "object-graph"), ("without `object-poses`", "without-object-poses"),
                ("without `sky-shell`", "without-sky-shell"), ("without `object-graph` (is `odgs`)", "odgs")]
     text = [f"{iterations} iterations, images {road.width} wide, tracks from images 640 wide; "

@@ -2,7 +2,7 @@
 
 use std::{path::PathBuf, sync::LazyLock};
 
-use clap::Args;
+use clap::{Args, ValueEnum};
 use omnilife_reconstruct::methods::METHODS;
 
 use super::reconstruct::BackendArgument;
@@ -14,6 +14,18 @@ static DEFAULT_METHODS: LazyLock<String> = LazyLock::new(|| {
     let ids: Vec<&str> = methods.map(|method| method.id).collect();
     ids.join(",")
 });
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub(crate) enum AidsArgument {
+    /// Those that methods have by default, the same in methods of one class.
+    Default,
+    /// None of them.
+    Bare,
+    /// All that a method can have, where the scene gives reason for them.
+    All,
+    /// A row with the default ones and a bare one of each method.
+    Both,
+}
 
 #[derive(Debug, Args)]
 pub(crate) struct BenchRunArguments {
@@ -31,6 +43,9 @@ pub(crate) struct BenchRunArguments {
         default_value = DEFAULT_METHODS.as_str()
     )]
     pub(crate) methods: Vec<String>,
+    /// Aids of the methods: components that help any method, such as larger steps in short schedules.
+    #[arg(long, value_enum, default_value_t = AidsArgument::Default)]
+    pub(crate) aids: AidsArgument,
     /// Protocols by name (`bench list` lists them).
     #[arg(
         long,

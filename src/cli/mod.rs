@@ -21,7 +21,7 @@ mod sweep;
 
 pub(crate) use attach::AttachArguments;
 pub(crate) use bench::BenchCommand;
-pub(crate) use bench_run::BenchRunArguments;
+pub(crate) use bench_run::{AidsArgument, BenchRunArguments};
 use clap::{Command as ClapCommand, FromArgMatches, Parser, Subcommand};
 use clap_complete::Shell;
 pub(crate) use curate::{

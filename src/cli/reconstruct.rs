@@ -33,10 +33,11 @@ pub(crate) struct MethodArguments {
     #[arg(long = "set", value_name = "NAME=VALUE")]
     pub(crate) options: Vec<String>,
     /// Uses components whatever the scene says, those too that the method does not have by itself;
-    /// `reconstruct methods` lists them.
+    /// `reconstruct methods` lists them. `aids` are all that help any method, where the scene gives reason.
     #[arg(long, value_name = "COMPONENT", value_delimiter = ',')]
     pub(crate) with: Vec<String>,
-    /// Leaves out components of the method; `reconstruct methods` lists them.
+    /// Leaves out components of the method; `reconstruct methods` lists them. `aids` are all that help any
+    /// method: without `short-schedule`, one of them, step sizes are the published ones.
     #[arg(long, value_name = "COMPONENT", value_delimiter = ',')]
     pub(crate) without: Vec<String>,
     /// Components of the method: those that the scene gives reason for, all of them as published, or a
@@ -48,8 +49,8 @@ pub(crate) struct MethodArguments {
     #[arg(long, value_enum, default_value_t = BackendArgument::Cpu)]
     pub(crate) backend: BackendArgument,
     /// A row of the trace, with the novel views rendered for the curve of error against run time,
-    /// every so many iterations [default: at equal ratios: after 0, 1, 2, 3, 4, 6, 8, 11, 16 ...
-    /// iterations].
+    /// every so many iterations [default: at equal ratios of the CPU time of planning and training:
+    /// before the first step, after 1, 1.4, 2, 2.8, 4 ... seconds, and after the last step].
     #[arg(long, value_name = "ITERATIONS")]
     pub(crate) trace: Option<u64>,
     /// At each row of the trace renders this many novel views, evenly spread; 0 for none, and no

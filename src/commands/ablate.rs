@@ -150,8 +150,16 @@ fn header(method: &Method, result: &ResultRecord) -> String {
             line += "---:|";
         }
     }
+    let used = result.aids.iter().flatten().filter(|(_, used)| **used);
+    let aids: Vec<&str> = used.map(|(aid, _)| aid.as_str()).collect();
+    let aids = if aids.is_empty() {
+        "none".to_owned()
+    } else {
+        aids.join(", ")
+    };
     format!(
-        "{} on {}, protocol {}\n\n| Components |{names} Primitives | Training, s |\n|---|{line}---:|---:|\n",
+        "{} on {}, protocol {}, aids: {aids}\n\n| Components |{names} Primitives | Training, s |\n\
+         |---|{line}---:|---:|\n",
         method.title, result.scene, result.protocol
     )
 }

@@ -120,7 +120,7 @@ pub(crate) fn execute(
 
 /// Returns the methods, all of which must support the request before the first of them runs.
 fn methods(arguments: &BenchRunArguments) -> anyhow::Result<Vec<Method>> {
-    let methods = benchmark::methods(&arguments.methods)?;
+    let methods = benchmark::with_aids(benchmark::methods(&arguments.methods)?, arguments.aids)?;
     for method in &methods {
         if let MethodKind::Ours(method, variant) = &method.kind {
             let request = MethodRequest {

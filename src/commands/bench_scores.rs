@@ -139,6 +139,9 @@ fn comparison_text(comparison: &PairedComparison) -> String {
     for reason in &comparison.left_out {
         text += &format!("left out: {reason}\n");
     }
+    for aids in &comparison.differing_aids {
+        text += &format!("warning: one side used these aids and the other did not: {aids}\n");
+    }
     text += &format!(
         "{:<28} {:>10} {:>10} {:>10}  {:<24} {:>14} {:>16}\n",
         "", "A", "B", "A - B", "95 % interval", "scenes A:B:=", "views A:B:="

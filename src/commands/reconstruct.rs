@@ -156,6 +156,10 @@ fn description(method: &Method) -> String {
             text += &format!("  {label}: {}\n", components.join(", "));
         }
     }
+    let aids: Vec<&str> = method.supported().aids().collect();
+    if !aids.is_empty() {
+        text += &format!("  Aids among them: {}\n", aids.join(", "));
+    }
     if !method.options.is_empty() {
         text += "  Options (--set NAME=VALUE):\n";
     }

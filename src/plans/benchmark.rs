@@ -26,7 +26,7 @@ use omnilife_sweep::plan;
 
 use super::{absolute, argument, needs, own_command, scoring, words};
 use crate::{
-    cli::{BenchPlanArguments, plan_word},
+    cli::{AidsArgument, BenchPlanArguments, plan_word},
     exit::BadRequest,
 };
 
@@ -139,6 +139,33 @@ pub(crate) fn methods(names: &[String]) -> anyhow::Result<Vec<Method>> {
     Ok(methods)
 }
 
+/// Returns the rows of methods with the chosen aids, each once. External methods have none.
+///
+/// # Errors
+/// When a method does not exist.
+pub(crate) fn with_aids(methods: Vec<Method>, aids: AidsArgument) -> anyhow::Result<Vec<Method>> {
+    let mut rows: Vec<Method> = Vec::new();
+    for method in methods {
+        let (bare, aided) = match &method.kind {
+            MethodKind::Ours(_, variant) => (variant.bare()?, variant.aided()?),
+            MethodKind::External(_) => (None, None),
+        };
+        let (keeps_own, other) = match aids {
+            AidsArgument::Default => (true, None),
+            AidsArgument::Bare => (bare.is_none(), bare),
+            AidsArgument::All => (aided.is_none(), aided),
+            AidsArgument::Both => (true, bare),
+        };
+        let other = other.map(Method::of).transpose()?;
+        for row in keeps_own.then_some(method).into_iter().chain(other) {
+            if rows.iter().all(|earlier| earlier.id != row.id) {
+                rows.push(row);
+            }
+        }
+    }
+    Ok(rows)
+}
+
 /// Returns ids and files of scenes, sorted by id.
 ///
 /// # Errors
@@ -216,7 +243,14 @@ impl Method {
                 kind: MethodKind::External(manifest),
             });
         }
-        let variant = Variant::parse(name)?;
+        Self::of(Variant::parse(name)?)
+    }
+
+    /// Returns a method of this program in this variant.
+    ///
+    /// # Errors
+    /// When it does not exist.
+    fn of(variant: Variant) -> anyhow::Result<Self> {
         Ok(Self {
             id: variant.to_string(),
             kind: MethodKind::Ours(methods::find(variant.method)?, variant),

@@ -60,7 +60,7 @@ const ENGINE: &[&[&str]] = &[
     &["step"],
 ];
 const TRAINING: &[&[&str]] = &[
-    &["error", "random"],
+    &["aids", "error", "random"],
     &["options"],
     &["request"],
     &["process"],
@@ -132,7 +132,7 @@ const LEADERBOARD: &[&[&str]] = &[
     &["assets", "class", "error", "quantity"],
     &["collect", "format", "numbers", "outputs", "validate"],
     &["group", "questions", "submission"],
-    &["budget", "remarks", "table"],
+    &["aids", "budget", "remarks", "table"],
     &["published", "render"],
     &["layouts", "results_csv"],
     &["tables"],

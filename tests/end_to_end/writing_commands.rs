@@ -312,11 +312,11 @@ impl Inputs {
                 0,
             ),
             new(
-                "bench ablate SCENE --method periodic --plan full --iterations 3 --out OUT",
+                "bench ablate SCENE --method periodic --plan full --iterations 3 --trace 1 --out OUT",
                 0,
             ),
             new(
-                "reconstruct train SCENE --split SPLIT --iterations 5 --out OUT",
+                "reconstruct train SCENE --split SPLIT --iterations 5 --trace 2 --out OUT",
                 0,
             ),
             new(
@@ -336,7 +336,7 @@ impl Inputs {
             new(
                 &format!(
                     "reconstruct train SCENE --split {extra}/tracked/split.json --method object-graph --iterations 5 \
-                     --out OUT"
+                     --trace 2 --out OUT"
                 ),
                 0,
             ),

@@ -142,6 +142,7 @@ fn result(scene: usize) -> ResultRecord {
         run_versions: [].into(),
         rendering_seconds: None,
         stages: Vec::new(),
+        aids: None,
         peak_memory_bytes: None,
         warnings: Vec::new(),
     }

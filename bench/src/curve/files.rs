@@ -7,7 +7,7 @@ use serde::Serialize;
 
 use super::{
     Comparison,
-    measures::{MOMENTS_SECONDS, QUALITIES_DB},
+    measures::{BELOW_END_DB, MOMENTS_SECONDS, QUALITIES_DB},
     trace::TracedRun,
 };
 use crate::error::BenchError;
@@ -44,11 +44,15 @@ fn curves_header() -> Vec<String> {
         "log_area_from_seconds",
         "log_area_until_seconds",
         "log_area_db",
-        "seconds_to_95_percent",
-        "iterations_to_95_percent",
+        "log_area_ssim",
+        "log_area_lpips_alex",
     ]
     .map(str::to_owned)
     .into();
+    for below in BELOW_END_DB {
+        header.push(format!("seconds_to_{below}_db_below_end"));
+        header.push(format!("iterations_to_{below}_db_below_end"));
+    }
     for quality in QUALITIES_DB {
         header.push(format!("seconds_to_{quality}_db"));
         header.push(format!("iterations_to_{quality}_db"));
@@ -88,8 +92,10 @@ pub(super) fn write_curves(path: &Path, comparisons: &[Comparison]) -> Result<()
                     cell(span.map(|span| span.from_seconds)),
                     cell(span.map(|span| span.until_seconds)),
                     cell(curve.log_area_db),
+                    cell(curve.log_area_ssim),
+                    cell(curve.log_area_lpips_alex),
                 ];
-                for crossing in std::iter::once(&curve.to_95_percent).chain(&curve.to_quality) {
+                for crossing in curve.to_own_end.iter().chain(&curve.to_quality) {
                     row.push(cell(crossing.seconds()));
                     row.push(cell(crossing.iteration()));
                 }

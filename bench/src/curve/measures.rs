@@ -3,14 +3,14 @@
 //! Between two rows quality is linear in the logarithm of time, so that a measure depends on the method and not on the
 //! rows of its trace. Before the first row quality is unknown.
 
-use super::trace::TracedRun;
+use super::trace::{TraceRow, TracedRun};
 
 /// Qualities whose times are reported, dB.
 pub const QUALITIES_DB: [u32; 6] = [20, 22, 24, 26, 28, 30];
 /// Times at which the quality is reported, seconds.
 pub const MOMENTS_SECONDS: [u32; 5] = [10, 60, 180, 600, 1800];
-/// Share of the final quality (in dB) that counts as nearly converged.
-const NEARLY: f64 = 0.95;
+/// Distances below a run's own final quality whose times are reported, dB.
+pub const BELOW_END_DB: [f64; 2] = [1.0, 0.5];
 
 /// A run with the measures of its curve.
 #[derive(Debug, Clone, PartialEq)]
@@ -19,14 +19,18 @@ pub struct RunCurve {
     pub run: TracedRun,
     /// First time at each of [`QUALITIES_DB`].
     pub to_quality: Vec<Crossing>,
-    /// First time at 95 % of its final quality (dB).
-    pub to_95_percent: Crossing,
+    /// First time at each of [`BELOW_END_DB`] below its final quality.
+    pub to_own_end: Vec<Crossing>,
     /// Quality at each of [`MOMENTS_SECONDS`], dB; none before the first row. After the end of a run it is the final
     /// one.
     pub at_moment: Vec<Option<f64>>,
     /// Area under the curve over the logarithm of time, divided by that of the common span: mean quality, dB. None if
     /// the comparison has no such span or the run no curve.
     pub log_area_db: Option<f64>,
+    /// The same of SSIM. None also if the run's rows lack it.
+    pub log_area_ssim: Option<f64>,
+    /// The same of LPIPS (`AlexNet`).
+    pub log_area_lpips_alex: Option<f64>,
     /// True for a known training time without a dominating run of the comparison. That would be as good in training
     /// time, final quality and peak memory, and better in one of them.
     pub on_front: bool,
@@ -83,26 +87,33 @@ pub struct Span {
 struct Moment {
     seconds: f64,
     iteration: Option<u64>,
-    psnr_db: f64,
+    quality: f64,
 }
 
-/// Returns the rows of a run; for a run without rows only its end, if its time is known.
+/// Returns the PSNR of a run's rows; for a run without rows only its end, if its time is known.
 fn moments(run: &TracedRun) -> Vec<Moment> {
-    let row = |row: &super::TraceRow| Moment {
-        seconds: row.seconds,
-        iteration: Some(row.iteration),
-        psnr_db: row.psnr_db,
-    };
     let end = run.training_seconds.map(|seconds| Moment {
         seconds,
         iteration: run.iterations,
-        psnr_db: run.final_scores.psnr_db,
+        quality: run.final_scores.psnr_db,
     });
     if run.rows.is_empty() {
         end.into_iter().collect()
     } else {
-        run.rows.iter().map(row).collect()
+        moments_of(run, |row| Some(row.psnr_db))
     }
+}
+
+/// Returns the rows of a run with this quality.
+fn moments_of(run: &TracedRun, quality: fn(&TraceRow) -> Option<f64>) -> Vec<Moment> {
+    let moment = |row: &TraceRow| {
+        Some(Moment {
+            seconds: row.seconds,
+            iteration: Some(row.iteration),
+            quality: quality(row)?,
+        })
+    };
+    run.rows.iter().filter_map(moment).collect()
 }
 
 /// Measures runs of one scene and protocol against each other; `span` is that of [`common_span`].
@@ -156,18 +167,23 @@ fn span_of(moments: &[Moment]) -> Option<Span> {
 /// Returns the measures of one run by itself, with the area over `span`.
 fn curve_of(run: &TracedRun, span: Option<Span>) -> RunCurve {
     let moments = moments(run);
-    let nearly_db = NEARLY * run.final_scores.psnr_db;
+    let area = |moments: &[Moment]| {
+        span.filter(|_| span_of(moments).is_some())
+            .and_then(|span| mean_over_log_time(moments, span))
+    };
     RunCurve {
         to_quality: QUALITIES_DB
             .map(|quality| crossing(&moments, f64::from(quality)))
             .into(),
-        to_95_percent: crossing(&moments, nearly_db),
+        to_own_end: BELOW_END_DB
+            .map(|below| crossing(&moments, run.final_scores.psnr_db - below))
+            .into(),
         at_moment: MOMENTS_SECONDS
             .map(|seconds| quality_at(&moments, f64::from(seconds)))
             .into(),
-        log_area_db: span
-            .filter(|_| span_of(&moments).is_some())
-            .and_then(|span| mean_over_log_time(&moments, span)),
+        log_area_db: area(&moments),
+        log_area_ssim: area(&moments_of(run, |row| row.ssim)),
+        log_area_lpips_alex: area(&moments_of(run, |row| row.lpips_alex)),
         on_front: true,
         run: run.clone(),
     }
@@ -177,7 +193,7 @@ fn crossing(moments: &[Moment], quality_db: f64) -> Crossing {
     let Some(first) = moments.first() else {
         return Crossing::Never;
     };
-    if first.psnr_db >= quality_db {
+    if first.quality >= quality_db {
         return if first.seconds > 0.0 {
             Crossing::AtMost {
                 seconds: first.seconds,
@@ -191,7 +207,7 @@ fn crossing(moments: &[Moment], quality_db: f64) -> Crossing {
     }
     // First row at or above it: the one before is below.
     let mut pairs = moments.iter().zip(moments.iter().skip(1));
-    let Some((below, above)) = pairs.find(|(_, after)| after.psnr_db >= quality_db) else {
+    let Some((below, above)) = pairs.find(|(_, after)| after.quality >= quality_db) else {
         return Crossing::Never;
     };
     if below.seconds > 0.0 {
@@ -205,7 +221,7 @@ fn crossing(moments: &[Moment], quality_db: f64) -> Crossing {
 
 /// Finds the quality on the line between two moments, over the logarithm of time.
 fn between(below: &Moment, above: &Moment, quality_db: f64) -> Crossing {
-    let share = (quality_db - below.psnr_db) / (above.psnr_db - below.psnr_db);
+    let share = (quality_db - below.quality) / (above.quality - below.quality);
     let seconds = below.seconds * (above.seconds / below.seconds).powf(share);
     // Steps take about equally long.
     let of_steps = if above.seconds > below.seconds {
@@ -226,16 +242,16 @@ fn quality_at(moments: &[Moment], seconds: f64) -> Option<f64> {
     let after = moments.partition_point(|moment| moment.seconds <= seconds);
     let before = moments.get(after.checked_sub(1)?)?;
     let Some(next) = moments.get(after) else {
-        return Some(before.psnr_db);
+        return Some(before.quality);
     };
     if before.seconds <= 0.0 {
         return None;
     }
     let share = (seconds / before.seconds).ln() / (next.seconds / before.seconds).ln();
-    Some(before.psnr_db + share * (next.psnr_db - before.psnr_db))
+    Some(before.quality + share * (next.quality - before.quality))
 }
 
-/// Returns the mean quality over the logarithm of time, dB.
+/// Returns the mean quality over the logarithm of time, in its own unit.
 fn mean_over_log_time(moments: &[Moment], span: Span) -> Option<f64> {
     let Span {
         from_seconds,
@@ -248,14 +264,12 @@ fn mean_over_log_time(moments: &[Moment], span: Span) -> Option<f64> {
         moments
             .iter()
             .filter(is_inside)
-            .map(|moment| (moment.seconds, moment.psnr_db)),
+            .map(|moment| (moment.seconds, moment.quality)),
     );
     points.push((until_seconds, quality_at(moments, until_seconds)?));
     let pieces = points.iter().zip(points.iter().skip(1));
     let area: f64 = pieces
-        .map(|(&(begin, first_db), &(end, last_db))| {
-            0.5 * (first_db + last_db) * (end / begin).ln()
-        })
+        .map(|(&(begin, first), &(end, last))| 0.5 * (first + last) * (end / begin).ln())
         .sum();
     Some(area / (until_seconds / from_seconds).ln())
 }

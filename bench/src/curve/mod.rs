@@ -3,8 +3,9 @@
 //!
 //! Time, on the wall's clock or the CPU's, is that of planning and of the training steps alone; the time for rendering
 //! the views along it is reported beside it. Quality is the mean PSNR of the novel views at a row of the trace, by the
-//! metric that scores the predictions. Runs are compared if scene and protocol are the same. A run without a trace - of
-//! a method that does not train, or of another program - is a point: its training time and its score.
+//! metric that scores the predictions. Runs are compared if scene and protocol are the same. A run without scores along
+//! its training is a point, with a line: its training time and its score. That is a method that does not train, a
+//! program of others, or a training that kept no views.
 
 mod drawing;
 mod files;
@@ -19,7 +20,7 @@ use omnilife_schemas::{progress::Progress, stage::StagePlan};
 
 use crate::error::BenchError;
 pub use files::{CURVES_FILE, POINTS_FILE};
-pub use measures::{Crossing, MOMENTS_SECONDS, QUALITIES_DB, RunCurve, Span};
+pub use measures::{BELOW_END_DB, Crossing, MOMENTS_SECONDS, QUALITIES_DB, RunCurve, Span};
 pub use table::curves_table;
 pub use trace::{Clock, FinalScores, Region, TraceRow, TracedRun, read_run};
 
@@ -81,7 +82,7 @@ pub fn curves(
                 Ok(span) => (Some(span), Vec::new()),
                 Err(reason) => (None, vec![format!("no area: {reason}")]),
             };
-            notes.extend(without_time(runs, clock));
+            notes.extend(without_rows(runs, clock));
             comparisons.push(Comparison {
                 scene: scene.clone(),
                 protocol_hash: protocol_hash.clone(),
@@ -102,18 +103,24 @@ fn drawing_file(number: usize) -> String {
     format!("curve-{number}.svg")
 }
 
-/// Returns a line for every run without a recorded training time.
-fn without_time(runs: &[TracedRun], clock: Clock) -> impl Iterator<Item = String> {
+/// Returns a line for every run without scores along its training: its place in table and drawing.
+fn without_rows(runs: &[TracedRun], clock: Clock) -> impl Iterator<Item = String> {
     let names = trace::names(&runs.iter().collect::<Vec<_>>());
-    let unknown = runs
+    let of_end = runs
         .iter()
         .zip(names)
-        .filter(|(run, _)| run.training_seconds.is_none());
-    unknown.map(move |(_, name)| {
+        .filter(|(run, _)| run.rows.is_empty());
+    of_end.map(move |(run, name)| {
         let time = match clock {
             Clock::Wall => "training time",
             Clock::Cpu => "CPU time of the training",
         };
-        format!("{name}: no record tells the {time}; its score is drawn as a level")
+        match run.training_seconds {
+            None => format!("{name}: no record has the {time}; its score is drawn as a level"),
+            Some(seconds) if seconds > 0.0 => {
+                format!("{name}: no scores along its training; its end is a point")
+            }
+            Some(_) => format!("{name}: no training; its score is drawn as a level"),
+        }
     })
 }

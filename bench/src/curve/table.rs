@@ -3,7 +3,7 @@
 use std::fmt::Write;
 
 use super::{
-    Clock, Comparison, Crossing, MOMENTS_SECONDS, QUALITIES_DB, Region, RunCurve,
+    BELOW_END_DB, Clock, Comparison, Crossing, MOMENTS_SECONDS, QUALITIES_DB, Region, RunCurve,
     trace::{self, TracedRun},
 };
 
@@ -15,16 +15,26 @@ struct Column {
 }
 
 /// Columns that appear together, if any run has a value in one of them.
-const GROUPS: [&[Column]; 4] = [
+const GROUPS: [&[Column]; 6] = [
     &[Column {
         head: "SSIM",
         digits: 4,
         value: |curve| curve.run.final_scores.ssim,
     }],
     &[Column {
+        head: "Mean SSIM over log time",
+        digits: 4,
+        value: |curve| curve.log_area_ssim,
+    }],
+    &[Column {
         head: "LPIPS (AlexNet)",
         digits: 4,
         value: |curve| curve.run.final_scores.lpips_alex,
+    }],
+    &[Column {
+        head: "Mean LPIPS over log time",
+        digits: 4,
+        value: |curve| curve.log_area_lpips_alex,
     }],
     &[Column {
         head: "Before training s",
@@ -76,11 +86,8 @@ fn append(text: &mut String, comparison: &Comparison) {
         .flatten()
         .collect();
     let _ = writeln!(text, "{}\n", title(comparison));
-    let mut heads = vec![
-        "Run".to_owned(),
-        "Final dB".to_owned(),
-        "95 % after s".to_owned(),
-    ];
+    let mut heads = vec!["Run".to_owned(), "Final dB".to_owned()];
+    heads.extend(BELOW_END_DB.map(|db| format!("{db} dB below its end after s")));
     heads.extend(QUALITIES_DB.map(|db| format!("{db} dB after s")));
     heads.extend(MOMENTS_SECONDS.map(|seconds| format!("dB at {seconds} s")));
     heads.extend(["Mean dB over log time", "Training s", "GiB", "Front"].map(str::to_owned));
@@ -99,7 +106,7 @@ fn append(text: &mut String, comparison: &Comparison) {
     text.push('\n');
     let span = comparison.span.map(|span| {
         format!(
-            "mean dB over the logarithm of time from {:.1} s to {:.1} s, which all curves have",
+            "means over the logarithm of time are from {:.1} s to {:.1} s, which all curves have",
             span.from_seconds, span.until_seconds
         )
     });
@@ -131,12 +138,8 @@ fn title(comparison: &Comparison) -> String {
 
 fn cells(curve: &RunCurve, name: String, columns: &[&Column]) -> Vec<String> {
     let run = &curve.run;
-    let mut cells = vec![
-        name,
-        number(Some(run.final_scores.psnr_db), 3),
-        time(&curve.to_95_percent),
-    ];
-    cells.extend(curve.to_quality.iter().map(time));
+    let mut cells = vec![name, number(Some(run.final_scores.psnr_db), 3)];
+    cells.extend(curve.to_own_end.iter().chain(&curve.to_quality).map(time));
     cells.extend(curve.at_moment.iter().map(|&db| number(db, 3)));
     cells.push(number(curve.log_area_db, 3));
     cells.push(number(run.training_seconds, 1));

@@ -144,7 +144,11 @@ impl FinalScores {
         let psnr_db = mean(region.psnr_metric()).filter(|psnr| psnr.is_finite());
         let psnr_db = psnr_db.ok_or_else(|| {
             let metric = region.psnr_metric();
-            BenchError::mismatch(file, format!("has no {metric} of novel views"))
+            let reason = match region {
+                Region::Whole => "",
+                _ => ": the scene has no masks of what moves, or an older version scored it",
+            };
+            BenchError::mismatch(file, format!("has no {metric} of novel views{reason}"))
         })?;
         Ok(Self {
             psnr_db,
@@ -255,12 +259,13 @@ fn training_cpu_seconds(stages: &[StageTime]) -> Option<f64> {
         .map(|all| all.iter().sum())
 }
 
-/// Reads a run from the folder of its scores or the `result.json` there. If the scores have no curve, the run has no
-/// rows: the method does not train, belongs to another program, or left no views along its training.
+/// Reads a run from the folder of its scores or the `result.json` there. If the scores have no curve, or one without
+/// this region or this clock, the run has no rows: the method does not train, belongs to another program, or left no
+/// views along its training.
 ///
 /// # Errors
-/// When the curve is malformed, goes back in time, scored no novel views in the region, or lacks the requested time.
-/// Also when there is no curve, and the result is not complete or has no score of novel views in the region.
+/// When the curve is malformed, goes back in time, or lacks the requested time in some of its rows. Also when there
+/// are no rows, and the result is not complete or has no score of novel views in the region.
 pub fn read_run(path: &Path, clock: Clock, region: Region) -> Result<TracedRun, BenchError> {
     if path.join(RUN_FILE).is_file() {
         return Err(BenchError::mismatch(
@@ -309,8 +314,8 @@ pub fn read_run(path: &Path, clock: Clock, region: Region) -> Result<TracedRun, 
     })
 }
 
-/// Reads the rows of a curve with a score in the region, at least one, and the time for rendering the views of all
-/// rows, seconds.
+/// Reads the rows of a curve with a score in the region, and the time for rendering the views of all rows, seconds.
+/// There are no rows if the curve has no time of the clock.
 fn scored_rows(
     curve: &Path,
     clock: Clock,
@@ -318,15 +323,20 @@ fn scored_rows(
 ) -> Result<(Vec<TraceRow>, f64), BenchError> {
     let mut rows = Vec::new();
     let mut evaluation_seconds = 0.0;
-    for row in read_rows(curve)? {
+    let all = read_rows(curve)?;
+    let is_timed = clock == Clock::Wall || all.iter().any(|row| row.cpu_seconds.is_some());
+    for row in all {
         evaluation_seconds = row.evaluation_seconds;
         let [Some(psnr_db), input_psnr_db] = region.psnr_db(&row) else {
             continue;
         };
+        if !is_timed {
+            continue;
+        }
         let seconds = match clock {
             Clock::Wall => row.wall_seconds,
             Clock::Cpu => row.cpu_seconds.ok_or_else(|| {
-                BenchError::mismatch(curve, "does not know the CPU time of the training")
+                BenchError::mismatch(curve, "has a row without the CPU time of the training")
             })?,
         };
         if !(seconds.is_finite() && psnr_db.is_finite()) {
@@ -349,17 +359,6 @@ fn scored_rows(
             input_hole_share: row.input_hole_share,
             novel_hole_share: row.novel_hole_share,
         });
-    }
-    if rows.is_empty() {
-        let reason = match region {
-            Region::Whole => "scores no novel views".to_owned(),
-            _ => format!(
-                "scores no {} region of novel views: the scene has no masks of what moves, or an older version \
-                 scored it",
-                region.name()
-            ),
-        };
-        return Err(BenchError::mismatch(curve, reason));
     }
     if !rows.is_sorted_by_key(|row| row.seconds) {
         return Err(BenchError::mismatch(curve, "goes back in time"));

@@ -281,7 +281,7 @@ fn mistakes_in_a_manifest_are_named() {
         (
             "id =",
             "time_limit_seconds = -1\nid =",
-            "a time limit of -1 seconds",
+            "must be positive, got -1 s",
         ),
         ("[train]", "[train", "line 4: "),
     ] {

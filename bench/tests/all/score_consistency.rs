@@ -33,6 +33,7 @@ fn run_record(bench: &Bench) -> RunRecord {
         backend: Backend::Cpu { threads: 1 },
         configuration: serde_json::json!({}),
         plan: Vec::new(),
+        aids: None,
         evidence: None,
         versions: [].into(),
         inputs: [].into(),

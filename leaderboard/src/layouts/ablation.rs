@@ -7,14 +7,15 @@ use crate::{
     class::MethodClass,
     format::PUBLISHED_LPIPS,
     group::{Group, MethodRow, WITHOUT},
-    published::{Paper, PublishedLayout, published_rows},
+    published::{OMNILIFE360, Paper, PublishedLayout, published_rows},
     quantity::ViewKind,
     table::{Cell, Column, Mark, Row, Table, cost_cells, cost_columns, method_score},
 };
 
 /// The paper's table.
 const PUBLISHED: PublishedLayout = PublishedLayout {
-    number: 6,
+    paper: OMNILIFE360,
+    numbers: &[6],
     protocol: "per-scene",
 };
 

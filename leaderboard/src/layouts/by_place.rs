@@ -10,7 +10,7 @@ use crate::{
     class::MethodClass,
     format,
     group::{Group, MethodRow, place},
-    published::{Paper, PublishedLayout, published_rows},
+    published::{OMNILIFE360, Paper, PublishedLayout, published_rows},
     quantity::ViewKind,
     table::{Cell, Column, Holds, Mark, Row, Table, mark_standings},
 };
@@ -31,7 +31,8 @@ pub(super) fn all_metrics(group: &Group<'_>, papers: &[Paper]) -> Vec<Table> {
     let layout = PlaceLayout {
         with_average: true,
         published: PublishedLayout {
-            number: 4,
+            paper: OMNILIFE360,
+            numbers: &[4],
             protocol: "per-scene",
         },
     };
@@ -43,7 +44,8 @@ pub(super) fn psnr_alone(group: &Group<'_>, papers: &[Paper]) -> Vec<Table> {
     let layout = PlaceLayout {
         with_average: false,
         published: PublishedLayout {
-            number: 5,
+            paper: OMNILIFE360,
+            numbers: &[5],
             protocol: "per-scene",
         },
     };

@@ -6,6 +6,7 @@ use omnilife_schemas::records::{Direction, ResultRecord};
 
 use super::{best_first, mark_notes, order_in_words, published_metrics, remarks_of};
 use crate::{
+    aids,
     class::MethodClass,
     group::{Group, MethodRow, SceneRow},
     numbers::Numbers,
@@ -170,6 +171,8 @@ fn views(result: &ResultRecord) -> String {
 fn notes(group: &Group<'_>) -> Vec<String> {
     let remarks = remarks_of(group);
     let mut lines: Vec<String> = remarks.serious().cloned().collect();
+    lines.extend(aids::warning(group));
+    lines.extend(aids::note(group));
     lines.push(
         "Input: the views that a method was given; Novel: the views that it had to predict. Scores \
          are means over the views of a scene; a dash means not scored. Views: scored input + novel \

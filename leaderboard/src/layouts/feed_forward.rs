@@ -3,14 +3,15 @@
 use super::views;
 use crate::{
     group::Group,
-    published::{Paper, PublishedLayout},
+    published::{OMNILIFE360, Paper, PublishedLayout},
     quantity::ViewKind,
     table::Table,
 };
 
 /// The paper's table.
 pub(super) const PUBLISHED: PublishedLayout = PublishedLayout {
-    number: 3,
+    paper: OMNILIFE360,
+    numbers: &[3],
     protocol: "sparse-interpolation",
 };
 

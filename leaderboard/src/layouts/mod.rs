@@ -14,11 +14,12 @@ mod views;
 use std::collections::BTreeSet;
 
 use crate::{
+    aids,
     budget::{has_unusual_budget, usual_iterations},
     class::MethodClass,
     format::{self, PUBLISHED_LPIPS},
     group::{Group, MethodRow},
-    published::{Paper, PublishedLayout},
+    published::{ANCHORS, Paper, PublishedLayout},
     quantity::{Quantity, ViewKind},
     remarks::Remarks,
     table::{Column, Holds, Mark, Row, STATED_MARK, Table, mark_standings},
@@ -67,13 +68,12 @@ pub(crate) const LAYOUTS: &[Layout] = &[
     },
 ];
 
-/// Returns the published table that the methods of a protocol are shown with.
+/// Returns the published tables that the methods of a protocol are shown with.
 pub(crate) fn published_layout(protocol: &str) -> PublishedLayout {
-    if feed_forward::PUBLISHED.is_of(protocol) {
-        feed_forward::PUBLISHED
-    } else {
-        views::PUBLISHED
-    }
+    [feed_forward::PUBLISHED, ANCHORS]
+        .into_iter()
+        .find(|layout| layout.is_of(protocol))
+        .unwrap_or(views::PUBLISHED)
 }
 
 /// Returns the methods without variants.
@@ -152,6 +152,8 @@ pub(crate) fn common_notes(group: &Group<'_>) -> Vec<String> {
         format::counted(places.len(), "video"),
     ));
     notes.extend(mark_notes(group));
+    notes.extend(aids::warning(group));
+    notes.extend(aids::note(group));
     notes.extend(class_note(group));
     notes.push(if places.len() < 2 {
         "No intervals: they need scenes of at least two videos.".to_owned()

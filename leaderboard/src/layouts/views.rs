@@ -1,22 +1,23 @@
 //! Input and novel views: OmniLife360, Table 2.
 
 use super::{
-    common_notes, feed_forward, left_out, mark_classes, order_in_words, published_lpips,
-    published_metrics, ranked_by, standings,
+    common_notes, feed_forward, left_out, mark_classes, order_in_words, published_layout,
+    published_lpips, published_metrics, ranked_by, standings,
 };
 use crate::{
     budget::{has_unusual_budget, usual_iterations},
     class::MethodClass,
     format::PUBLISHED_LPIPS,
     group::{Group, MethodRow},
-    published::{Paper, PublishedLayout, published_rows},
+    published::{OMNILIFE360, Paper, PublishedLayout, published_rows},
     quantity::ViewKind,
     table::{Cell, Column, Mark, Row, Table, cost_cells, cost_columns, method_rank, method_score},
 };
 
 /// The paper's table.
 pub(super) const PUBLISHED: PublishedLayout = PublishedLayout {
-    number: 2,
+    paper: OMNILIFE360,
+    numbers: &[2],
     protocol: "per-scene",
 };
 
@@ -27,7 +28,8 @@ pub(super) fn tables(group: &Group<'_>, papers: &[Paper]) -> Vec<Table> {
     if kinds.is_empty() || feed_forward::is_of(group) {
         return Vec::new();
     }
-    vec![table(group, papers, &kinds, PUBLISHED)]
+    let published = published_layout(group.protocol);
+    vec![table(group, papers, &kinds, published)]
 }
 
 /// Rows are methods, columns the published metrics of the given kinds of view, then rank and cost.

@@ -7,12 +7,14 @@ use crate::{
     table::{Cell, Column, Holds, PublishedBlock, Row, Score, Standing},
 };
 
-/// Published counterpart of a layout: a table of OmniLife360.
+/// Published counterpart of a layout: tables of one paper.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct PublishedLayout {
-    /// Number of the table in the paper.
-    pub(crate) number: u32,
-    /// Id of the protocol of its scores.
+    /// Id of the paper.
+    pub(crate) paper: &'static str,
+    /// Numbers of the tables in the paper.
+    pub(crate) numbers: &'static [u32],
+    /// Id of the protocol of their scores.
     pub(crate) protocol: &'static str,
 }
 
@@ -24,11 +26,24 @@ pub(crate) struct PublishedRows {
     pub(crate) notes: Vec<String>,
 }
 
-const PAPER: &str = "omnilife360";
+/// Id of the paper with the layouts of this leaderboard.
+pub(crate) const OMNILIFE360: &str = "omnilife360";
+
+/// Figures that others print for public datasets, beside results under the published splits.
+pub(crate) const ANCHORS: PublishedLayout = PublishedLayout {
+    paper: "anchors",
+    numbers: &[1, 2, 3, 4, 5, 6],
+    protocol: "published",
+};
 
 /// Note on all published figures.
 pub(crate) const NOT_COMPARABLE: &str = "Figures of other scenes, as their authors print them: not \
                                          comparable with what was measured here.";
+
+/// Note on figures for public datasets, which may be those of the measured scenes.
+const NOT_RANKED: &str = "Figures that others print for a public dataset, by their own code and metric variants. \
+                          Compare them only with results of the same scenes, split and image size. They take no \
+                          part in any ranking.";
 
 impl PublishedLayout {
     /// Returns true if the paper's table has this protocol, `per-scene/2`.
@@ -38,7 +53,7 @@ impl PublishedLayout {
     }
 }
 
-/// Returns the published rows with values in these columns, if the paper's table has the protocol. `names` is the
+/// Returns the published rows with values in these columns, if the layout has the protocol. `names` is the
 /// number of leading columns of names, 1 or 2 (method and metric).
 pub(crate) fn published_rows(
     papers: &[Paper],
@@ -47,15 +62,29 @@ pub(crate) fn published_rows(
     columns: &[Column],
     names: usize,
 ) -> PublishedRows {
+    let mut found = PublishedRows::default();
     if !layout.is_of(protocol) {
-        return PublishedRows::default();
+        return found;
     }
-    let number = layout.number;
-    let paper = papers.iter().find(|paper| paper.id == PAPER);
-    let table = paper.and_then(|paper| Some((paper, paper.table(number)?)));
-    let Some((paper, table)) = table else {
-        return PublishedRows::default();
+    let Some(paper) = papers.iter().find(|paper| paper.id == layout.paper) else {
+        return found;
     };
+    let tables = layout.numbers.iter();
+    for table in tables.filter_map(|&number| paper.table(number)) {
+        add_table(&mut found, paper, table, columns, names);
+    }
+    found
+}
+
+/// Adds the rows of a table, or a note if no column of the measured table has a value of it.
+fn add_table(
+    found: &mut PublishedRows,
+    paper: &Paper,
+    table: &PublishedTable,
+    columns: &[Column],
+    names: usize,
+) {
+    let number = table.number;
     let rows: Vec<Row> = table
         .rows
         .iter()
@@ -70,13 +99,21 @@ pub(crate) fn published_rows(
         .collect();
     let has_scores = |row: &Row| row.cells.iter().any(|cell| matches!(cell, Cell::Score(_)));
     if !rows.iter().any(has_scores) {
-        return PublishedRows {
-            blocks: Vec::new(),
-            notes: vec![format!(
+        if table.source.is_none() {
+            found.notes.push(format!(
                 "Table {number} of OmniLife360 has this layout and shares no scene with these \
                  results."
-            )],
-        };
+            ));
+        }
+        return;
+    }
+    if let Some(source) = &table.source {
+        found.blocks.push(PublishedBlock {
+            source: format!("Published figures: {}", table.title),
+            rows,
+            notes: vec![format!("{NOT_RANKED} Source: {source}.")],
+        });
+        return;
     }
     // Another scene may have the same name.
     let places = columns.iter().filter(|column| {
@@ -104,14 +141,11 @@ pub(crate) fn published_rows(
             places.join(", ")
         ));
     }
-    PublishedRows {
-        blocks: vec![PublishedBlock {
-            source: format!("Authors' figures: OmniLife360, Table {number}{by_name}"),
-            rows,
-            notes,
-        }],
-        notes: Vec::new(),
-    }
+    found.blocks.push(PublishedBlock {
+        source: format!("Authors' figures: OmniLife360, Table {number}{by_name}"),
+        rows,
+        notes,
+    });
 }
 
 fn row_names(

@@ -1,22 +1,26 @@
 //! The tables of papers whose rows stand beside measured ones, as data.
 //!
-//! `published/*.json` holds them as printed. They are never ranked with measured scores.
+//! `published/*.json` holds them as printed. They are never ranked with measured scores. `anchors.json` is a
+//! collection: figures of several sources for public datasets, each table with its source.
 
 mod comparison;
 
 use serde::Deserialize;
 
-pub(crate) use comparison::{NOT_COMPARABLE, PublishedLayout, published_rows};
+pub(crate) use comparison::{
+    ANCHORS, NOT_COMPARABLE, OMNILIFE360, PublishedLayout, published_rows,
+};
 
 use crate::error::LeaderboardError;
 
 /// The embedded files with their names.
-const FILES: [(&str, &str); 2] = [
+const FILES: [(&str, &str); 3] = [
     (
         "omnilife360.json",
         include_str!("../../published/omnilife360.json"),
     ),
     ("panogs.json", include_str!("../../published/panogs.json")),
+    ("anchors.json", include_str!("../../published/anchors.json")),
 ];
 
 /// The tables of one paper.
@@ -42,6 +46,10 @@ pub struct PublishedTable {
     pub number: u32,
     /// Content.
     pub title: String,
+    /// Address of the figures and how they were read, for a table of a collection of sources. None for a table of the
+    /// paper itself.
+    #[serde(default)]
+    pub source: Option<String>,
     /// Columns from the left; the first ones hold names.
     pub columns: Vec<PublishedColumn>,
     /// Rows from the top.

@@ -164,8 +164,7 @@ fn drawn(
             figcaption {
                 "Higher is better, further left is sooner. "
                 @if has(&|series| series.marks.len() > 1) {
-                    "Curves: novel views along the training, means at the iterations that all scenes \
-                     have. "
+                    "Curves: novel views along the training, means over the scenes at equal iterations. "
                 }
                 @if has(&|series| series.marks.len() == 1) {
                     "Single points: at the end of the training. "

@@ -264,6 +264,35 @@ fn published_figures_are_chosen_by_protocol() {
     }
 }
 
+/// Figures for public datasets are below the results under the published splits, in no row of theirs.
+#[test]
+fn anchors_are_closed_and_apart() {
+    let mut results = study();
+    for result in &mut results {
+        result.protocol = "published/1".to_owned();
+    }
+    let place = Place::with(&results);
+    place.build();
+    let views = place.read("tables/published-1-a34df006b285/views.md");
+    let (measured, published) = views.split_once("Published figures: OmniBlender").unwrap();
+    for anchor in ["LichtFeld", "PFGS360", "PaD-GS"] {
+        assert!(!measured.contains(anchor), "{measured}");
+        assert!(published.contains(anchor), "{published}");
+    }
+    let mut rows = published.lines();
+    let row = rows.find(|row| row.starts_with("| LichtFeld Studio, LOU "));
+    let cells: Vec<&str> = row.unwrap().split('|').map(str::trim).collect();
+    let printed = ["LichtFeld Studio, LOU", "37.8208", "0.972434", "0.097461"];
+    assert_eq!(cells[1..5], printed);
+    assert!(published.contains("Source: https://github.com/MrNeRF/LichtFeld-Studio/pull/495"));
+    assert!(!published.contains("**"), "{published}");
+    assert!(!views.contains("OmniLife360, Table"), "{views}");
+    let index = place.read("site/index.html");
+    assert!(!index.contains("<details class=\"published\" open"));
+    let closed = index.matches("<details class=\"published\">").count();
+    assert!(closed > 0 && closed.is_multiple_of(6), "{closed}");
+}
+
 /// All files with their bytes.
 pub(crate) fn files(folder: &Path) -> Vec<(PathBuf, Vec<u8>)> {
     let mut found = Vec::new();

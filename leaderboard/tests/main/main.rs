@@ -1,6 +1,7 @@
 //! From results to tables and a site.
 #![expect(clippy::unwrap_used, reason = "a failed set-up step fails the test")]
 
+mod aids;
 mod figure;
 mod leaderboard;
 mod outcomes;

@@ -60,6 +60,7 @@ pub(crate) fn result(scene: &str, method: &str, psnr: f64, ssim: f64) -> ResultR
         run_versions: [].into(),
         rendering_seconds: None,
         stages: Vec::new(),
+        aids: None,
         peak_memory_bytes: None,
         primitives: Some(123_456),
         iterations: Some(3000),

@@ -15,11 +15,14 @@ use omnilife_engine::{
         static_gaussians::{self, StaticGaussians},
     },
     model::{Model, Part},
-    parameters::decay::Decay,
+    parameters::{decay::Decay, short_schedule::LearningRate},
 };
 use omnilife_training::{
     baseline::{OPACITY_RESET, require_memory, scene_extent},
-    components::{self, Decision, Draft, draft::MotionEvidenceUse, sky_shell, swept_points},
+    components::{
+        Decision, Draft, aids, denser_points, draft::MotionEvidenceUse, short_schedule, sky_shell,
+        swept_points,
+    },
     error::ReconstructError,
     method::{Method, MethodKind, ON_CPU_AND_GPU, PreparedGaussians},
     models, options,
@@ -40,15 +43,18 @@ pub const METHOD: Method = Method {
                   is scaled to the run's; lengths are relative to the median distance of the \
                   points; its output layer begins at 0; quaternions are normalized and scales \
                   positive after the deformation; the noise's unit is one training interval \
-                  throughout, not one that grows within an epoch.",
+                  throughout, not one that grows within an epoch. Aids as odgs has them; the network's \
+                  rate is the published one. Its Gaussians have no lifespans, so it cannot have mask seeds.",
     components: &[
         DEFORMATION,
         TIME_NOISE,
         swept_points::ID,
+        denser_points::ID,
+        short_schedule::ID,
         sky_shell::ID,
         OPACITY_RESET,
     ],
-    optional_components: components::OF_ANY_METHOD,
+    optional_components: aids::ON_REQUEST,
     default_plan: DefaultPlan::Full,
     backends: ON_CPU_AND_GPU,
     requires: &[],
@@ -72,11 +78,12 @@ const PUBLISHED_ITERATIONS: f64 = 40_000.0;
 /// Iterations in which the canonical Gaussians are trained alone (`warm_up`): a network that starts without a
 /// scene explains the scene by motion.
 const WARM_UP_ITERATIONS: f64 = 3_000.0;
-/// The network's step size (`scene/deform_model.py`).
-const LEARNING_RATE: Decay = Decay {
+/// The network's step size (`scene/deform_model.py`), in shorter schedules too: with larger ones the weights of all
+/// layers, which Adam moves at once, do not settle.
+const LEARNING_RATE: LearningRate = LearningRate::unchanged(Decay {
     begin: 8e-4,
     end: 1.6e-6,
-};
+});
 /// First noise on the time, training intervals, and the iteration at which it has vanished (`train.py`). The
 /// scale is `PyTorch`'s standard deviation.
 const NOISE_INTERVALS: f32 = 0.1;

@@ -15,7 +15,10 @@ use omnilife_engine::{
         Model, Part,
         dynamic_settings::{DynamicSettings, TemporalDensity, TemporalSmoothing, mean_vertical},
     },
-    parameters::decay::Decay,
+    parameters::{
+        decay::Decay,
+        short_schedule::{Growth, LearningRate},
+    },
     step::settings::TrainSettings,
 };
 use omnilife_training::{
@@ -83,13 +86,13 @@ pub(super) fn add_learning_rates(settings: &mut TrainSettings, extent: f32) {
     };
     settings.learning_rates.extend(
         [
-            ("peak_times", peaks),
-            ("log_lifespans", Decay::constant(2e-3)),
-            ("velocities", velocity),
-            ("radial_velocities", velocity),
-            ("tangential_velocities", velocity),
+            ("peak_times", peaks, Growth::LASTING),
+            ("log_lifespans", Decay::constant(2e-3), Growth::EVEN),
+            ("velocities", velocity, Growth::SETTLING),
+            ("radial_velocities", velocity, Growth::SETTLING),
+            ("tangential_velocities", velocity, Growth::SETTLING),
         ]
-        .map(|(array, decay)| (array.to_owned(), decay)),
+        .map(|(array, decay, growth)| (array.to_owned(), LearningRate::new(decay, growth))),
     );
 }
 

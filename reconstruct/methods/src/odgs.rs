@@ -9,7 +9,10 @@ use omnilife_engine::gaussians::static_gaussians;
 
 use omnilife_training::{
     baseline::{OPACITY_RESET, require_memory},
-    components::{self, Draft, draft::MotionEvidenceUse, sky_shell, swept_points},
+    components::{
+        Draft, aids, denser_points, draft::MotionEvidenceUse, short_schedule, sky_shell,
+        swept_points,
+    },
     error::ReconstructError,
     method::{Method, MethodKind, ON_CPU_AND_GPU, PreparedGaussians},
     models, options,
@@ -33,9 +36,16 @@ pub const METHOD: Method = Method {
                   of the points, the near limit to the cameras' steps; SSIM wraps around the seam; \
                   the densification threshold is that of 3DGS (2e-4); the number of Gaussians is \
                   limited; open sky gets a shell of Gaussians; a scene without points \
-                  begins with those of a spherical sweep.",
-    components: &[swept_points::ID, sky_shell::ID, OPACITY_RESET],
-    optional_components: components::OF_ANY_METHOD,
+                  begins with those of a spherical sweep. Aids: denser points, and larger steps in \
+                  short schedules; --without short-schedule has the published rates.",
+    components: &[
+        swept_points::ID,
+        denser_points::ID,
+        short_schedule::ID,
+        sky_shell::ID,
+        OPACITY_RESET,
+    ],
+    optional_components: aids::ON_REQUEST,
     default_plan: DefaultPlan::Auto,
     backends: ON_CPU_AND_GPU,
     requires: &[],

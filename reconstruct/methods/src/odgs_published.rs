@@ -35,7 +35,8 @@ pub const METHOD: Method = Method {
                   extent, near limit of 0.2 world units, threshold 1e-4 with the latitude of the \
                   last view, SH degree 0. Not reproduced: the end of footprints at tiles within 3 \
                   standard deviations, an SSIM window that ends at the seam, and growth without a \
-                  limit (that of odgs holds).",
+                  limit (that of odgs holds). Its rates are the published ones in any schedule, and it \
+                  can have no aid: the row beside it is odgs-without-aids.",
     components: &[],
     optional_components: &[],
     default_plan: DefaultPlan::Auto,

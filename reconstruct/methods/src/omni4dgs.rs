@@ -17,9 +17,8 @@ use omnilife_engine::{
 use omnilife_training::{
     baseline::{OPACITY_RESET, scene_extent},
     components::{
-        Decision, Draft, denser_points, draft::MotionEvidenceUse, dropout, exposure_compensation,
-        mask_seeds, pose_refinement, short_schedule, sky_shell, static_table, swept_points,
-        view_dependent_colour,
+        Decision, Draft, aids, denser_points, draft::MotionEvidenceUse, mask_seeds, short_schedule,
+        sky_shell, static_table, swept_points,
     },
     error::ReconstructError,
     method::{Method, MethodKind, ON_CPU_AND_GPU, PreparedGaussians},
@@ -38,10 +37,11 @@ pub const METHOD: Method = Method {
                   are kept out of the static region and static Gaussians in their place. The paper \
                   has no density control: in time it is PVG's, in space 3DGS's, and below the limit \
                   on their number Gaussians with time come first. Under Adam the two velocities step \
-                  as one, and the motion loss, a mean over all, is too small to act. The sky's shell has no time. On \
-                  request, and not the paper's: mask-seeds, with which dynamic Gaussians begin on \
-                  masked pixels, and static-table, with which scene points that do not change carry \
-                  no temporal parameters. Readings of what the paper leaves open are named in the \
+                  as one, and the motion loss, a mean over all, is too small to act. The sky's shell has no time. Aids, \
+                  not the paper's: denser points, larger steps in short schedules, mask-seeds, with \
+                  which dynamic Gaussians begin on masked pixels, and static-table, with which scene \
+                  points that do not change carry no temporal parameters; --without aids is the \
+                  published method. Readings of what the paper leaves open are named in the \
                   source.",
     components: &[
         TEMPORAL_OPACITY,
@@ -52,19 +52,14 @@ pub const METHOD: Method = Method {
         VELOCITY_REGULARIZATION,
         TEMPORAL_DENSITY,
         swept_points::ID,
+        denser_points::ID,
+        short_schedule::ID,
+        mask_seeds::ID,
+        static_table::ID,
         sky_shell::ID,
         OPACITY_RESET,
     ],
-    optional_components: &[
-        exposure_compensation::ID,
-        view_dependent_colour::ID,
-        pose_refinement::ID,
-        short_schedule::ID,
-        dropout::ID,
-        denser_points::ID,
-        mask_seeds::ID,
-        static_table::ID,
-    ],
+    optional_components: aids::ON_REQUEST,
     default_plan: DefaultPlan::Full,
     backends: ON_CPU_AND_GPU,
     requires: &[],

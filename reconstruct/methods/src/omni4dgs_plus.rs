@@ -38,12 +38,13 @@ pub const METHOD: Method = Method {
     description: "omni4dgs with lifespans of half the gap between input views, two frames at least, first \
                   velocities from the masks' connected components, a cycle of twenty such lifespans, so that \
                   Gaussians move nearly straight while they live, temporal smoothing as in PVG over as many \
-                  frames, less weight on the dynamic Gaussians alone where input views are dense, gains of a \
-                  camera's automatic exposure taken out, colours that depend on the direction where the \
-                  scene's do, poses refined where they are off, larger steps where the schedule is short, \
-                  steps that leave Gaussians out where few views see most points, points of a \
-                  spherical sweep where the scene's leave surfaces bare, and no density control in \
-                  time: dynamic Gaussians are there at the moments between input views too. Below the \
+                  frames, less weight on the dynamic Gaussians alone where input views are dense, and no \
+                  density control in time: dynamic Gaussians are there at the moments between input views too. \
+                  All aids, which other methods can have: gains of a camera's automatic exposure taken out, \
+                  colours that depend on the direction where the scene's do, poses refined where they are off, \
+                  larger steps where the schedule is short, steps that leave Gaussians out where few views see \
+                  most points, points of a spherical sweep where the scene's leave surfaces bare, seeds on \
+                  masked pixels, and scene points without time where nothing changes. Below the \
                   limit on their number Gaussians with time grow first. Components are left out \
                   where a scene gives no reason for them.",
     components: &[

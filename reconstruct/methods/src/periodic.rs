@@ -12,7 +12,10 @@ use omnilife_engine::{
     density::settings::Threshold,
     gaussians::temporal::{LifespanFeature, TemporalFeatures, TimeModel, VelocityModel},
     model::dynamic_settings::{DynamicSettings, VelocityLoss},
-    parameters::decay::Decay,
+    parameters::{
+        decay::Decay,
+        short_schedule::{Growth, LearningRate},
+    },
 };
 use omnilife_training::{
     baseline::{OPACITY_RESET, scene_extent},
@@ -44,8 +47,9 @@ pub const METHOD: Method = Method {
                   inverse depth; the opacity under rendered velocities counts as a constant; density \
                   control goes by the magnitude of the gradients by peak times, keeps peaks within \
                   the clip and a tenth of it, prunes what no view saw, and below the limit on their \
-                  number Gaussians with time come before those of the sky. On request \
-                  lifespan-loss, which configs/kitti_nvs.yaml has.",
+                  number Gaussians with time come before those of the sky. Aids as omni4dgs has them; \
+                  --without aids is the published method. On request lifespan-loss, which \
+                  configs/kitti_nvs.yaml has.",
     components: &[
         TEMPORAL_OPACITY,
         TEMPORAL_MOTION,
@@ -53,6 +57,10 @@ pub const METHOD: Method = Method {
         VELOCITY_LOSS,
         TEMPORAL_DENSITY,
         swept_points::ID,
+        denser_points::ID,
+        short_schedule::ID,
+        mask_seeds::ID,
+        static_table::ID,
         sky_shell::ID,
         OPACITY_RESET,
     ],
@@ -60,11 +68,7 @@ pub const METHOD: Method = Method {
         exposure_compensation::ID,
         view_dependent_colour::ID,
         pose_refinement::ID,
-        short_schedule::ID,
         dropout::ID,
-        denser_points::ID,
-        mask_seeds::ID,
-        static_table::ID,
         LIFESPAN_LOSS,
     ],
     default_plan: DefaultPlan::Full,
@@ -112,7 +116,7 @@ fn prepare(
     let mut draft = Draft::new(scene, request, supported, METHOD.motion())?;
     let extent = scene_extent(scene);
     dynamic::add_learning_rates(&mut draft.settings, extent);
-    let opacities = Decay::constant(OPACITY_RATE);
+    let opacities = LearningRate::new(Decay::constant(OPACITY_RATE), Growth::SETTLING);
     let rates = &mut draft.settings.learning_rates;
     rates.insert("opacity_logits".to_owned(), opacities);
     if request.options.densify_threshold().is_none() {

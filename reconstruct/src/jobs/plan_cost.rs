@@ -10,7 +10,7 @@ use omnilife_schemas::records::ComponentDecision;
 
 use crate::registry;
 use omnilife_training::{
-    components,
+    components::{self, static_table},
     error::ReconstructError,
     learner::ModelSize,
     method::{Method, Prepared},
@@ -68,7 +68,11 @@ pub fn plan(
     let points = components::complete_points(&mut scene, method.supported(), request);
     let full = MethodRequest {
         plan: PlanChoice::Full,
-        without: Vec::new(),
+        without: match request.plan {
+            PlanChoice::Full => Vec::new(),
+            // Every Gaussian at a scene point carries every parameter.
+            PlanChoice::Auto | PlanChoice::Only(_) => vec![static_table::ID.to_owned()],
+        },
         ..request.clone()
     };
     let prepare = |request: &MethodRequest| method.prepare(&scene, request, BackendChoice::Cpu);

@@ -166,6 +166,7 @@ fn begun_record(
         },
         configuration: serde_json::Value::Null,
         plan: Vec::new(),
+        aids: None,
         evidence: None,
         planning_seconds: 0.0,
         planning_cpu_seconds: None,

@@ -96,6 +96,7 @@ pub(super) fn train(
     record.primitives = learner.size().primitives;
     record.configuration = outcome.configuration;
     record.plan = points.into_iter().chain(outcome.findings.plan).collect();
+    record.aids = Some(method.supported().used_aids(&record.plan));
     record.planning_seconds = outcome.planning.wall_seconds;
     record.planning_cpu_seconds = outcome.planning.cpu_seconds;
     record.iterations = state.iteration;

@@ -1,16 +1,18 @@
 //! Components in methods that do not have them by default.
 
+use std::collections::BTreeSet;
+
 use glam::{Vec3, vec3};
 use omnilife_engine::{camera::pose::PoseCorrection, gaussians::static_gaussians::OPACITY_LOGITS};
 use omnilife_reconstruct::{
     components::denser_points,
     methods::{self, METHODS},
     options::Options,
-    request::{BackendChoice, MethodRequest},
+    request::{BackendChoice, MethodRequest, PlanChoice},
     scene::TrainingScene,
 };
 
-use crate::support::trained::{request, settings, train};
+use crate::support::trained::{arrays_with_growth, request, settings, train};
 
 use crate::support::novel_views::novel_psnr;
 use crate::support::{balls, moving_ball};
@@ -124,14 +126,19 @@ fn scene_points_begin_with_one_opacity_whatever_the_method() {
 #[test]
 fn larger_steps_get_further_in_a_short_schedule_and_are_left_out_of_a_published_one() {
     let scene = balls::scene();
-    let score = |with: &[&str]| {
-        let mut outcome = train(&scene, "odgs", &asked_for(with, 150));
+    let score = |without: &[&str]| {
+        let request = MethodRequest {
+            without: without.iter().map(|&name| name.to_owned()).collect(),
+            ..asked_for(&[], 150)
+        };
+        let mut outcome = train(&scene, "odgs", &request);
         let has = settings(&outcome).short_schedule.is_some();
-        assert_eq!(has, with.contains(&SHORT));
+        assert_eq!(has, without.is_empty());
         novel_psnr(&mut outcome, &scene)
     };
-    let (without, with) = (score(&[]), score(&[SHORT]));
+    let (with, without, bare) = (score(&[]), score(&[SHORT]), score(&["aids"]));
     assert!(with > without + 0.5, "{without} {with}");
+    assert_eq!(bare.to_bits(), without.to_bits());
 
     let moving = moving_ball::scene();
     let ours = methods::find("omni4dgs-plus").unwrap();
@@ -152,6 +159,75 @@ fn larger_steps_get_further_in_a_short_schedule_and_are_left_out_of_a_published_
             .find(|part| part.component == SHORT);
         let decision = decision.unwrap();
         assert_eq!(decision.used, used, "{decision:?}");
+    }
+}
+
+#[test]
+fn aids_are_left_out_together_and_one_comes_back_by_name() {
+    let scene = moving_ball::scene();
+    let owned = |names: &[&str]| names.iter().map(|&name| name.to_owned()).collect();
+    for method in METHODS {
+        let aids: Vec<&str> = method.supported().aids().collect();
+        // The two need distances and tracks; `depth` and `object_graph.rs` have them.
+        if aids.is_empty() || ["panogs", "object-graph"].contains(&method.id) {
+            continue;
+        }
+        let used = |with: &[&str], without: &[&str]| {
+            let request = MethodRequest {
+                with: owned(with),
+                without: owned(without),
+                plan: method.default_plan.into(),
+                ..asked_for(&[], 300)
+            };
+            let prepared = method.prepare(&scene, &request, BackendChoice::Cpu);
+            let used = method
+                .supported()
+                .used_aids(&prepared.unwrap().findings.plan);
+            assert_eq!(used.len(), aids.len());
+            let used = used.into_iter().filter(|(_, used)| *used);
+            used.map(|(aid, _)| aid).collect::<Vec<_>>()
+        };
+        assert!(used(&[], &["aids"]).is_empty(), "{}", method.id);
+        assert_eq!(used(&[SHORT], &["aids"]), [SHORT], "{}", method.id);
+        assert!(used(&[], &[]).contains(&SHORT.to_owned()), "{}", method.id);
+        // By the evidence: these poses are exact.
+        assert!(
+            !used(&["aids"], &[]).contains(&POSES.to_owned()),
+            "{}",
+            method.id
+        );
+    }
+}
+
+/// Checks that the settings of every method state, beside the rate of each trained array, what becomes of it in a short
+/// schedule: an array with a rate alone does not compile, and one without a rate is refused at the start.
+#[test]
+fn every_trained_array_states_its_growth_in_short_schedules() {
+    let scene = moving_ball::scene();
+    let mut seen = BTreeSet::new();
+    for method in METHODS {
+        let has_short_schedule = method.supported().aids().any(|aid| aid == SHORT);
+        // `depth` and `object_graph.rs` have theirs.
+        if !has_short_schedule || ["panogs", "object-graph"].contains(&method.id) {
+            continue;
+        }
+        let request = MethodRequest {
+            plan: PlanChoice::Full,
+            ..asked_for(&[POSES, "view-dependent-colour"], 300)
+        };
+        let prepared = method.prepare(&scene, &request, BackendChoice::Cpu);
+        seen.extend(arrays_with_growth(&prepared.unwrap()));
+    }
+    for array in [
+        "positions",
+        "sh_rest",
+        "velocities",
+        "radial_velocities",
+        "peak_times",
+        "deformation_weights",
+        "camera_rotations",
+    ] {
+        assert!(seen.contains(array), "{array}: {seen:?}");
     }
 }
 

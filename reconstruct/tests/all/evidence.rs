@@ -279,9 +279,15 @@ fn every_method_has_the_same_evidence() {
     assert!(changing["unknown"].is_u64() && recorded["masks"]["coverage"].is_f64());
 
     // Unneeded evidence is not gathered.
-    for method in ["odgs", "deformable", "periodic"] {
+    for method in ["odgs", "deformable"] {
         assert!(evidence(method, &[]).unwrap().pilot.is_none(), "{method}");
     }
+    let bare = MethodRequest {
+        without: vec!["aids".to_owned()],
+        ..request(1)
+    };
+    let of_bare = train(&scene, "periodic", &bare).findings.evidence;
+    assert!(of_bare.unwrap().pilot.is_none());
     assert_eq!(evidence("odgs-published", &[]), None);
 }
 

@@ -16,7 +16,7 @@ use omnilife_schemas::{
     trajectory::{BSpline, ObjectPath},
 };
 
-use crate::support::moving_ball;
+use crate::support::{moving_ball, trained::arrays_with_growth};
 
 /// Returns the clip of the moving ball with its true track.
 fn scene() -> TrainingScene {
@@ -51,6 +51,19 @@ fn scene() -> TrainingScene {
         warnings: Vec::new(),
     });
     scene
+}
+
+#[test]
+fn steps_of_objects_and_their_poses_grow_in_short_schedules() {
+    let scene = scene();
+    let method = methods::find("object-graph").unwrap();
+    let request = MethodRequest::new(250, 3);
+    let prepared = method.prepare(&scene, &request, BackendChoice::Cpu);
+    let prepared = prepared.unwrap();
+    let arrays = arrays_with_growth(&prepared);
+    assert!(arrays.contains(&"object_positions") && arrays.contains(&"object_poses"));
+    let used = method.supported().used_aids(&prepared.findings.plan);
+    assert!(used["short-schedule"]);
 }
 
 fn train<'a>(scene: &'a TrainingScene, method: &str) -> MethodOutcome<'a> {

@@ -243,7 +243,11 @@ fn a_run_that_refines_poses_goes_on_to_the_bit() {
                 ..Session::without_files(&Silent)
             };
             let method = methods::find("omni4dgs-plus").unwrap();
-            let mut outcome = method.train(scene, &request(40), &session).unwrap();
+            let request = MethodRequest {
+                trace_every: Some(10),
+                ..request(40)
+            };
+            let mut outcome = method.train(scene, &request, &session).unwrap();
             assert_eq!(outcome.training.state.resumed, u64::from(every == 0));
             let scores = outcome.training.state.trace.iter();
             let scores: Vec<f64> = scores.filter_map(|point| point.train_psnr_db).collect();

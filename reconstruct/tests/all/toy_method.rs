@@ -19,7 +19,7 @@ use omnilife_engine::{
         temporal::TemporalFeatures,
     },
     model::{Model, Part},
-    parameters::{ParameterTable, SharedParameters, decay::Decay},
+    parameters::{ParameterTable, SharedParameters, decay::Decay, short_schedule::LearningRate},
     schedule::StepSchedule,
     step::{BackendChoice, Stepper, cpu::CpuStepper, gpu::GpuStepper},
 };
@@ -295,7 +295,7 @@ fn prepare(
     request: &MethodRequest,
 ) -> Result<PreparedGaussians, ReconstructError> {
     let mut settings = baseline::settings(scene, request);
-    let rate = Decay::constant(2e-3);
+    let rate = LearningRate::unchanged(Decay::constant(2e-3));
     settings.learning_rates.insert(DRIFT.to_owned(), rate);
     let drifting = Drifting::new(scene.clock()?, Vec3::ZERO);
     let table = static_gaussians::table(&points::from_points(&scene.points, 10.0), 0);

@@ -7,7 +7,12 @@ use omnilife_engine::{
     density::{DensifySettings, LatitudeOf, SizeUnit, Threshold},
     gaussians::static_gaussians::{self, InitialGaussians},
     model::Model,
-    parameters::{ArrayShape, decay::Decay, memory, short_schedule::ShortSchedule},
+    parameters::{
+        ArrayShape,
+        decay::Decay,
+        memory,
+        short_schedule::{Growth, LearningRate, ShortSchedule},
+    },
     render::settings::{RenderSettings, RendererChoice},
     step::settings::TrainSettings,
 };
@@ -97,21 +102,26 @@ pub fn published_settings(iterations: u64) -> TrainSettings {
     }
 }
 
-/// Returns the step sizes for a scene of this extent, in normalized units.
-fn learning_rates(extent: f32) -> BTreeMap<String, Decay> {
+/// Returns the step sizes for a scene of this extent, in normalized units. Sizes, which start far from their final
+/// values, grow most in short schedules.
+fn learning_rates(extent: f32) -> BTreeMap<String, LearningRate> {
     let positions = Decay {
         begin: 1.6e-4 * extent,
         end: 1.6e-6 * extent,
     };
     [
-        ("positions", positions),
-        ("log_scales", Decay::constant(5e-3)),
-        ("quaternions", Decay::constant(1e-3)),
-        ("opacity_logits", Decay::constant(0.05)),
-        ("sh_constant", Decay::constant(2.5e-3)),
-        ("sh_rest", Decay::constant(2.5e-3 / 20.0)),
+        ("positions", positions, Growth::LASTING),
+        (
+            "log_scales",
+            Decay::constant(5e-3),
+            Growth::exponents(1.5, 1.0),
+        ),
+        ("quaternions", Decay::constant(1e-3), Growth::SETTLING),
+        ("opacity_logits", Decay::constant(0.05), Growth::SETTLING),
+        ("sh_constant", Decay::constant(2.5e-3), Growth::SETTLING),
+        ("sh_rest", Decay::constant(2.5e-3 / 20.0), Growth::SETTLING),
     ]
-    .map(|(array, decay)| (array.to_owned(), decay))
+    .map(|(array, decay, growth)| (array.to_owned(), LearningRate::new(decay, growth)))
     .into()
 }
 

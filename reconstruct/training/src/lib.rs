@@ -10,9 +10,10 @@
 //!   loop.
 //! * [`seeds`]: first Gaussians. [`formats`]: files of a model.
 //! * [`stereo`]: depth from two panoramas. [`scene`]: a scene in memory.
-//! * [`request`]: a user's request; [`options`]: options of single methods.
+//! * [`request`]: a user's request; [`options`]: options of single methods; [`aids`]: components that help any method.
 #![cfg_attr(not(test), warn(clippy::disallowed_methods))]
 
+pub mod aids;
 pub mod baseline;
 pub mod components;
 pub mod error;

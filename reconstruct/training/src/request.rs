@@ -3,7 +3,7 @@
 pub use omnilife_engine::step::BackendChoice;
 use serde::{Deserialize, Serialize};
 
-use crate::options::Options;
+use crate::{aids, options::Options};
 
 /// A user's request to a method.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -21,7 +21,7 @@ pub struct MethodRequest {
     pub without: Vec<String>,
     /// Decision on the others.
     pub plan: PlanChoice,
-    /// Iterations from one row of the trace to the next; `None` for rows at equal ratios of iterations.
+    /// Iterations from one row of the trace to the next; `None` for rows at equal ratios of CPU time.
     pub trace_every: Option<u64>,
     /// Values of the method's own options.
     pub options: Options,
@@ -47,9 +47,11 @@ impl MethodRequest {
         self.with.iter().any(|name| name == component)
     }
 
-    /// Returns true if a component is left out by name.
+    /// Returns true if a component is left out by name, or an aid with all others, unless it is asked for.
     pub fn leaves_out(&self, component: &str) -> bool {
-        self.without.iter().any(|name| name == component)
+        let is_named = |name: &str| self.without.iter().any(|other| other == name);
+        is_named(component)
+            || is_named(aids::ALL) && aids::is_aid(component) && !self.asks_for(component)
     }
 
     /// Returns true if a component may be used, whatever the evidence.
@@ -64,7 +66,10 @@ impl MethodRequest {
 
     /// Returns true if the evidence decides on a component.
     pub fn leaves_to_evidence(&self, component: &str) -> bool {
-        self.plan == PlanChoice::Auto && !self.leaves_out(component) && !self.asks_for(component)
+        let with_aids = self.asks_for(aids::ALL) && aids::is_aid(component);
+        (self.plan == PlanChoice::Auto || with_aids)
+            && !self.leaves_out(component)
+            && !self.asks_for(component)
     }
 }
 
@@ -93,8 +98,8 @@ pub enum PlanChoice {
     /// The scene's evidence decides.
     #[default]
     Auto,
-    /// All of the method's own components; every Gaussian at a scene point carries every parameter, as
-    /// published. Those of the sky shell stay static.
+    /// All of the method's own components. The evidence still decides on sky, denser points, dropout and the static
+    /// table, and the length of the schedule on its steps.
     Full,
     /// Only these.
     Only(Vec<String>),

@@ -65,6 +65,10 @@ pub struct ResultRecord {
     /// The way the method came to its views, where a record or a statement says.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub training: Option<TrainingKind>,
+    /// Components that help any method: those that the method can have, each with true where the run used it; records
+    /// of older versions and of other programs do not say.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub aids: Option<BTreeMap<String, bool>>,
     /// Training time in seconds, where a run record or a statement says. A run that failed has none.
     pub training_seconds: Option<f64>,
     /// Primitives of the model (Gaussians, or what else the method is made of), where known.
@@ -200,6 +204,20 @@ impl ResultRecord {
     /// comparable.
     pub fn has_other_regions(&self, other: &Self) -> bool {
         self.regions != other.regions && self.scores_regions() && other.scores_regions()
+    }
+
+    /// Returns the aids that both methods can have and one of the two runs used. Scores of such runs do not compare the
+    /// methods alone.
+    pub fn differing_aids<'a>(&'a self, other: &'a Self) -> Vec<&'a str> {
+        let (Some(own), Some(others)) = (&self.aids, &other.aids) else {
+            return Vec::new();
+        };
+        let differs = |(aid, used): &(&String, &bool)| {
+            let other = others.get(*aid);
+            other.is_some_and(|other| other != *used)
+        };
+        let differing = own.iter().filter(differs);
+        differing.map(|(aid, _)| aid.as_str()).collect()
     }
 
     /// Returns true where it has scores of static or dynamic regions.

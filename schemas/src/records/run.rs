@@ -32,6 +32,10 @@ pub struct RunRecord {
     pub configuration: serde_json::Value,
     /// Which components the scene was given, and why.
     pub plan: Vec<ComponentDecision>,
+    /// Components that help any method: those that the method can have, each with true where the run used it; records
+    /// of older versions and of other programs do not say.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub aids: Option<BTreeMap<String, bool>>,
     /// What the scene showed of itself before it was trained; methods that ask for no evidence and
     /// records of older versions have none.
     #[serde(default)]

@@ -79,6 +79,7 @@ fn result(mean: f64) -> ResultRecord {
         run_versions: [].into(),
         rendering_seconds: Some(0.3),
         stages: Vec::new(),
+        aids: None,
         peak_memory_bytes: None,
         warnings: Vec::new(),
         versions: [].into(),

@@ -129,6 +129,34 @@ fn a_quality_has_a_time_only_where_it_is_crossed() {
 }
 
 #[test]
+fn nearness_to_the_end_is_in_decibels_of_its_own_end() {
+    let curve = curve_of(&run(&[(2.0, 20.0), (32.0, 28.0), (64.0, 28.0)], 1), None);
+    let [one, half] = [0, 1].map(|below: usize| curve.to_own_end[below].seconds().unwrap_or(0.0));
+    // A decibel is an eighth of four octaves.
+    assert!((one - 2.0 * 3.5_f64.exp2()).abs() < 1e-9, "{one}");
+    assert!((half - 2.0 * 3.75_f64.exp2()).abs() < 1e-9, "{half}");
+    let level = curve_of(&run(&[(2.0, 27.8), (32.0, 28.0)], 1), None);
+    assert_eq!(level.to_own_end, [Crossing::AtMost { seconds: 2.0 }; 2]);
+}
+
+#[test]
+fn other_scores_have_means_over_log_time_where_all_rows_have_them() {
+    let mut scored = run(&[(1.0, 20.0), (10.0, 24.0), (100.0, 25.0)], 1);
+    for (row, lpips) in scored.rows.iter_mut().zip([0.5, 0.3, 0.2]) {
+        row.ssim = Some(0.75);
+        row.lpips_alex = Some(lpips);
+    }
+    let curve = curve_of(&scored, Some(span(1.0, 100.0)));
+    assert!((curve.log_area_ssim.unwrap_or(0.0) - 0.75).abs() < 1e-9);
+    let lpips = 0.5 * (0.4 + 0.25);
+    assert!((curve.log_area_lpips_alex.unwrap_or(0.0) - lpips).abs() < 1e-9);
+    scored.rows[0].lpips_alex = None;
+    let curve = curve_of(&scored, Some(span(1.0, 100.0)));
+    assert_eq!(curve.log_area_lpips_alex, None);
+    assert!(curve.log_area_ssim.is_some());
+}
+
+#[test]
 fn a_row_at_time_zero_has_no_logarithm() {
     let from_zero = run(&[(0.0, 15.0), (10.0, 21.0), (40.0, 25.0)], 1);
     let curve = curve_of(&from_zero, Some(span(10.0, 40.0)));
@@ -233,4 +261,125 @@ proptest! {
         );
         prop_assert!(quick > slow, "{} {}", quick, slow);
     }
+
+    #[test]
+    fn a_mean_over_log_time_is_that_of_the_curve_at_the_rows_of_a_trace(
+        curve in any_curve(),
+        begin in 0.5..2.0_f64,
+        step in 0.001..0.1_f64,
+    ) {
+        let run = sampled(&trace_times(begin, step), |seconds| curve.at(seconds));
+        let found = curve_of(&run, Some(span(begin, LONGEST))).log_area_db.unwrap_or(0.0);
+        let exact = curve.mean_over_log_time(begin, LONGEST);
+        prop_assert!((found - exact).abs() < 0.02, "{} {}", found, exact);
+    }
+
+    #[test]
+    fn the_better_curve_has_the_larger_area(
+        curves in (any_curve(), any_curve()),
+        begins in (0.5..2.0_f64, 0.5..2.0_f64),
+        steps in (0.001..0.1_f64, 0.001..0.1_f64),
+    ) {
+        let runs = [
+            sampled(&trace_times(begins.0, steps.0), |seconds| curves.0.at(seconds)),
+            sampled(&trace_times(begins.1, steps.1), |seconds| curves.1.at(seconds)),
+        ];
+        let Ok(common) = common_span(&runs) else {
+            return Err(TestCaseError::fail("no common time"));
+        };
+        let exact = |curve: &Saturating| {
+            curve.mean_over_log_time(common.from_seconds, common.until_seconds)
+        };
+        let true_lead = exact(&curves.0) - exact(&curves.1);
+        let measured = measured(&runs, Some(common));
+        let [first, second] = [0, 1].map(|run: usize| measured[run].log_area_db.unwrap_or(0.0));
+        prop_assume!(true_lead.abs() > 0.05);
+        prop_assert!((first - second) * true_lead > 0.0, "{} {} {}", first, second, true_lead);
+    }
+}
+
+/// End of the curves of properties, seconds.
+const LONGEST: f64 = 400.0;
+
+/// A quality that levels off: `end - rise / (1 + seconds / half)`, dB.
+#[derive(Debug, Clone, Copy)]
+struct Saturating {
+    end: f64,
+    rise: f64,
+    half: f64,
+}
+
+impl Saturating {
+    fn at(&self, seconds: f64) -> f64 {
+        self.end - self.rise / (1.0 + seconds / self.half)
+    }
+
+    /// Returns the mean over the logarithm of time in closed form.
+    fn mean_over_log_time(&self, begin: f64, end: f64) -> f64 {
+        // The integral of 1 / (t (1 + t / h)) is ln(t / (t + h)).
+        let integral = |seconds: f64| (seconds / (seconds + self.half)).ln();
+        let loss = self.rise * (integral(end) - integral(begin)) / (end / begin).ln();
+        self.end - loss
+    }
+}
+
+fn any_curve() -> impl Strategy<Value = Saturating> {
+    (24.0..34.0_f64, 4.0..16.0_f64, 0.5..60.0_f64).prop_map(|(end, rise, half)| Saturating {
+        end,
+        rise,
+        half,
+    })
+}
+
+/// Returns the times of a trace from the end of planning on: the ends of the first steps past two moments per octave.
+fn trace_times(begin: f64, step: f64) -> Vec<f64> {
+    let mut times = vec![begin];
+    let moments = (-2_i32..).map(|half_octaves| (0.5 * f64::from(half_octaves)).exp2());
+    for moment in moments.take_while(|&moment| moment < LONGEST) {
+        let time = begin + step * ((moment - begin) / step).ceil();
+        if moment > begin && time < LONGEST && times.last() < Some(&time) {
+            times.push(time);
+        }
+    }
+    times.push(LONGEST);
+    times
+}
+
+/// Two methods with rows at every so many of their iterations. By the area over seconds with no quality before the
+/// first row, the winner depends on the number of iterations between rows.
+#[test]
+fn the_winner_does_not_depend_on_the_iterations_between_rows() {
+    let better = Saturating {
+        end: 32.0,
+        rise: 12.0,
+        half: 5.0,
+    };
+    let worse = Saturating {
+        end: 31.5,
+        ..better
+    };
+    // Steps of the better method take twice as long.
+    let runs = |every: f64| {
+        [(better, 0.05), (worse, 0.025)].map(|(curve, step): (Saturating, f64)| {
+            let rows = (60.0 / (step * every)) as u32;
+            let times: Vec<f64> = (1..=rows)
+                .map(|row| f64::from(row) * step * every)
+                .collect();
+            sampled(&times, |seconds| curve.at(seconds))
+        })
+    };
+    let with_zeros = |run: &TracedRun| {
+        let pairs = run.rows.iter().zip(run.rows.iter().skip(1));
+        let areas = pairs
+            .map(|(one, next)| 0.5 * (one.psnr_db + next.psnr_db) * (next.seconds - one.seconds));
+        areas.sum::<f64>() / 60.0
+    };
+    let leads = [400.0, 10.0].map(|every: f64| {
+        let runs = runs(every);
+        let measured = measured(&runs, common_span(&runs).ok());
+        let of_log_time = [0, 1].map(|run: usize| measured[run].log_area_db.unwrap_or(0.0));
+        let of_zeros = runs.each_ref().map(with_zeros);
+        (of_zeros[0] > of_zeros[1], of_log_time[0] > of_log_time[1])
+    });
+    assert_eq!(leads, [(false, true), (true, true)]);
 }

@@ -48,6 +48,7 @@ fn record(method: &str, scene: &str) -> ResultRecord {
         hardware: None,
         rendering_seconds: Some(1.0),
         stages: Vec::new(),
+        aids: None,
         peak_memory_bytes: Some(3 << 29),
         warnings: Vec::new(),
         versions: [].into(),
@@ -104,7 +105,8 @@ fn ghosts_and_holes_stand_in_the_table_where_a_run_has_them() {
 const CURVES_HEADER: &str = "scene,protocol_hash,method,seed,clock,region,preparation_seconds,training_seconds,\
     evaluation_seconds,iterations,primitives,peak_memory_bytes,final_psnr_db,final_ssim,final_lpips_alex,\
     on_pareto_front,first_seconds,first_psnr_db,log_area_from_seconds,log_area_until_seconds,log_area_db,\
-    seconds_to_95_percent,iterations_to_95_percent,seconds_to_20_db,iterations_to_20_db,seconds_to_22_db,\
+    log_area_ssim,log_area_lpips_alex,seconds_to_1_db_below_end,iterations_to_1_db_below_end,\
+    seconds_to_0.5_db_below_end,iterations_to_0.5_db_below_end,seconds_to_20_db,iterations_to_20_db,seconds_to_22_db,\
     iterations_to_22_db,seconds_to_24_db,iterations_to_24_db,seconds_to_26_db,iterations_to_26_db,seconds_to_28_db,\
     iterations_to_28_db,seconds_to_30_db,iterations_to_30_db,psnr_db_at_10_s,psnr_db_at_60_s,psnr_db_at_180_s,\
     psnr_db_at_600_s,psnr_db_at_1800_s,ghost_share,input_hole_share,novel_hole_share";
@@ -150,6 +152,13 @@ fn runs_become_tables_and_drawings() {
     let pieces = [(19.5 + 24.25) * 5_f64.ln(), (24.25 + 24.5) * 2_f64.ln()];
     let area = 0.5 * (pieces[0] + pieces[1]) / 10_f64.ln();
     assert!((number(0, "log_area_db") - area).abs() < 1e-9);
+    let pieces = [(0.5 + 0.7) * 5_f64.ln(), (0.7 + 0.75) * 2_f64.ln()];
+    let ssim = 0.5 * (pieces[0] + pieces[1]) / 10_f64.ln();
+    assert!((number(0, "log_area_ssim") - ssim).abs() < 1e-9);
+    assert_eq!(cell(0, "log_area_lpips_alex"), "");
+    // The end has 24.5 dB.
+    let near = 9.0 * 5_f64.powf(4.0 / 4.75);
+    assert!((number(0, "seconds_to_1_db_below_end") - near).abs() < 1e-9);
     // From 19.5 dB after 9 s to 24.25 dB after 45 s.
     let to_22 = 9.0 * 5_f64.powf(2.5 / 4.75);
     assert!((number(0, "seconds_to_22_db") - to_22).abs() < 1e-9);
@@ -195,7 +204,7 @@ fn cpu_time_is_a_clock_of_its_own() {
     let error = curve::curves(&[run], Clock::Cpu, Region::Whole, &at("out"), &Silent).unwrap_err();
     assert_eq!(error.error_kind(), ErrorKind::User);
     assert!(
-        error.to_string().contains("does not know the CPU time"),
+        error.to_string().contains("has a row without the CPU time"),
         "{error}"
     );
 }
@@ -208,7 +217,7 @@ fn runs_without_a_usable_curve_are_refused() {
         (Some("wall_seconds,iteration\n1,2\n"), "curve.csv: "),
         (
             Some("wall_seconds,evaluation_seconds,iteration,primitives,novel_psnr_db\n1,0,2,5,\n"),
-            "scores no novel views",
+            "has no psnr of novel views",
         ),
         (
             Some(
@@ -374,7 +383,9 @@ fn a_curve_is_of_the_region_that_is_asked_for() {
     .unwrap_err();
     assert_eq!(error.error_kind(), ErrorKind::User);
     assert!(
-        error.to_string().contains("scores no dynamic region"),
+        error
+            .to_string()
+            .contains("psnr-dynamic of novel views: the scene has no masks"),
         "{error}"
     );
 }

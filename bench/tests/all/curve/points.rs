@@ -75,8 +75,15 @@ fn runs_without_a_trace_are_points() {
     assert_eq!(front, [false, true, true, false]);
     assert_eq!(curves[1].to_quality[3], Crossing::AtMost { seconds: 60.0 });
     assert_eq!(curves[2].to_quality[0].seconds(), Some(0.0));
-    // One curve alone has no area, and a note names the run without a time.
-    assert_eq!((found[0].span, found[0].notes.len()), (None, 2));
+    // One curve alone has no area, and a line says how each of the others is shown.
+    assert_eq!(found[0].span, None);
+    let of_others = [
+        "no area: fewer than two runs have scores along their training",
+        "others, seed 3: no scores along its training; its end is a point",
+        "nearest-input, seed 3: no training; its score is drawn as a level",
+        "handed-in, seed 3: no record has the training time; its score is drawn as a level",
+    ];
+    assert_eq!(found[0].notes, of_others);
     assert!(curves.iter().all(|curve| curve.log_area_db.is_none()));
     let table = curve::curves_table(&found);
     assert!(
@@ -106,6 +113,39 @@ fn runs_without_a_trace_are_points() {
     ] {
         assert!(drawing.contains(name), "{name}");
     }
+}
+
+#[test]
+fn a_curve_without_scores_or_times_is_a_point() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name);
+    let head = "wall_seconds,evaluation_seconds,cpu_seconds,iteration,primitives,novel_psnr_db\n";
+    let unscored = format!("{head}1,0,1,0,5,\n60,2,50,900,5,\n");
+    let without_cpu_time = format!("{head}1,0,,0,5,15\n60,2,,900,5,25\n");
+    let runs = [
+        write_scores(&at("a"), "odgs", "street", Some(CURVE)),
+        write_record(&at("b"), &scored("unscored", 25.0), Some(&unscored)),
+        write_record(&at("c"), &scored("timeless", 24.0), Some(&without_cpu_time)),
+    ];
+    let rows = |clock: Clock| {
+        let out = at("out").join(clock.name());
+        let found = curve::curves(&runs, clock, Region::Whole, &out, &Silent).unwrap();
+        let curves = found[0].curves.iter();
+        let rows: Vec<_> = curves.map(|curve| curve.run.rows.len()).collect();
+        (rows, found[0].notes.join("\n"))
+    };
+    let (of_wall, notes) = rows(Clock::Wall);
+    assert_eq!(of_wall, [3, 0, 2]);
+    assert!(
+        notes.contains("unscored, seed 3: no scores along"),
+        "{notes}"
+    );
+    let (of_cpu, notes) = rows(Clock::Cpu);
+    assert_eq!(of_cpu, [3, 0, 0]);
+    assert!(
+        notes.contains("timeless, seed 3: no record has the CPU time"),
+        "{notes}"
+    );
 }
 
 #[test]

@@ -12,7 +12,7 @@ use crate::{
 use crate::{
     gaussians::{deformable::settings::DeformationSettings, dropout::Dropout},
     model::dynamic_settings::DynamicSettings,
-    parameters::{decay::Decay, short_schedule::ShortSchedule},
+    parameters::short_schedule::{LearningRate, ShortSchedule},
     step::{pose_refinement::PoseRefinement, shards::Shards},
 };
 
@@ -34,8 +34,8 @@ pub struct TrainSettings {
     pub rendering: RenderSettings,
     /// Iterations after which the degree in use rises by one.
     pub sh_interval_iterations: u64,
-    /// Step sizes by name of the parameter array.
-    pub learning_rates: BTreeMap<String, Decay>,
+    /// Step sizes by name of the parameter array, with their growth in short schedules.
+    pub learning_rates: BTreeMap<String, LearningRate>,
     /// Larger steps for schedules shorter than the published one; `None` keeps the rates.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub short_schedule: Option<ShortSchedule>,
@@ -62,7 +62,7 @@ pub struct TrainSettings {
     /// Shards that are trained one after another; `None` trains all Gaussians at once.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub shards: Option<Shards>,
-    /// Iterations between rows of the trace; `None` for rows at equal ratios of iterations. There is also a
+    /// Iterations between rows of the trace; `None` for rows at equal ratios of CPU time. There is also a
     /// row before the first step and after the last.
     pub trace_every: Option<u64>,
 }

@@ -13,13 +13,18 @@ use omnilife_engine::{
         tracked::{self, OBJECT_POSES, OBJECT_POSITIONS, TrackedGaussians},
     },
     model::{Model, Part},
-    parameters::decay::Decay,
+    parameters::{
+        decay::Decay,
+        short_schedule::{Growth, LearningRate},
+    },
 };
 use omnilife_schemas::records::Tracks;
 
 use omnilife_training::{
     baseline::{self, OPACITY_RESET, require_memory},
-    components::{self, Decision, Draft, draft::MotionEvidenceUse, sky_shell},
+    components::{
+        Decision, Draft, aids, denser_points, draft::MotionEvidenceUse, short_schedule, sky_shell,
+    },
     error::ReconstructError,
     method::{Method, MethodKind, ON_CPU, PreparedGaussians, requirement::Requirement},
     models, options,
@@ -47,14 +52,16 @@ pub const METHOD: Method = Method {
                   background of odgs, not a random one; what does not move is static, whatever found it; \
                   static Gaussians begin at the points that came with the poses, or at those of `omnilife \
                   curate dense`; distances of vehicles are those of the ground around them, of a monocular \
-                  network where somebody gives its estimates.",
+                  network where somebody gives its estimates. Aids as odgs has them.",
     components: &[
         OBJECT_GRAPH,
         OBJECT_POSES_COMPONENT,
+        denser_points::ID,
+        short_schedule::ID,
         sky_shell::ID,
         OPACITY_RESET,
     ],
-    optional_components: components::OF_ANY_METHOD,
+    optional_components: aids::ON_REQUEST,
     default_plan: DefaultPlan::Auto,
     backends: ON_CPU,
     requires: &[
@@ -133,8 +140,12 @@ fn prepare(
         };
         draft.settings.objects = true;
         let rates = &mut draft.settings.learning_rates;
-        rates.insert(OBJECT_POSITIONS.to_owned(), POSITION_RATE);
-        rates.insert(OBJECT_POSES.to_owned(), pose_rate);
+        for (array, decay, growth) in [
+            (OBJECT_POSITIONS, POSITION_RATE, Growth::LASTING),
+            (OBJECT_POSES, pose_rate, Growth::EVEN),
+        ] {
+            rates.insert(array.to_owned(), LearningRate::new(decay, growth));
+        }
         let table = tracked::table(&objects.gaussians, &objects.numbers);
         parts.push(Part::new(
             TrackedGaussians::new(objects.objects, refines),

@@ -30,7 +30,11 @@ use omnilife_engine::{
         StaticGaussians,
     },
     model::{Model, Part},
-    parameters::{ArrayShape, decay::Decay},
+    parameters::{
+        ArrayShape,
+        decay::Decay,
+        short_schedule::{Growth, LearningRate},
+    },
     step::{memory::StepMemory, settings::TrainSettings},
 };
 
@@ -42,7 +46,7 @@ use self::{
 };
 use omnilife_training::{
     baseline,
-    components::{Decision, DecisionLog, MotionEvidenceUse, sky_shell},
+    components::{Decision, DecisionLog, MotionEvidenceUse, short_schedule, sky_shell},
     error::ReconstructError,
     method::{Findings, Method, MethodKind, ON_CPU, PreparedGaussians},
     models, options, process,
@@ -86,7 +90,8 @@ pub const METHOD: Method = Method {
                   depth network, is not public and is replaced by an upsampling along the image's edges; \
                   sizes and rotations learn, where the paper keeps them (--without shape-refinement); \
                   shards do not learn independently, each against images that others fill, but one after \
-                  another from a drawing of all, with the gradients of the whole scene.",
+                  another from a drawing of all, with the gradients of the whole scene. Aid: larger steps in \
+                  short schedules; its samples stand for denser points.",
     components: &[
         DEPTH_SCALE,
         DEPTH_REFINEMENT,
@@ -99,6 +104,7 @@ pub const METHOD: Method = Method {
         SHAPE_REFINEMENT,
         SHARDS,
         NEIGHBOUR_VIEWS,
+        short_schedule::ID,
     ],
     optional_components: &[],
     default_plan: DefaultPlan::Auto,
@@ -140,6 +146,7 @@ fn prepare(
     let count = samples.gaussians.len() as u64;
     let learning = learning(&samples, &mut plan);
     let mut settings = settings(scene, request, &samples.gaussians);
+    short_schedule::decide_for(&mut settings, &mut plan);
     let shapes = static_gaussians::shapes(0);
     let learns = |(array, _): &(usize, &ArrayShape)| !learning.frozen.contains(array);
     let learns = shapes.iter().enumerate().filter(learns);
@@ -182,6 +189,7 @@ fn settings(
     let median = distances.get(distances.len() / 2).copied().unwrap_or(0.0);
     let extent = median.max(baseline::CAMERA_EXTENT);
     let step = Decay::constant(CENTRE_STEP * 1.6e-4 * extent);
+    let step = LearningRate::new(step, Growth::SETTLING);
     settings.learning_rates.insert("positions".to_owned(), step);
     settings
 }

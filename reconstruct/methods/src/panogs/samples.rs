@@ -178,7 +178,8 @@ impl Samples {
         Decision::new(differ(self.disagreement), reason)
     }
 
-    /// Adds a shell in the directions without a distance in any view.
+    /// Adds a shell where enough directions have no distance in any view. Samples keep their sizes, so it reaches the
+    /// edge of every surface in every view.
     fn add_sky(
         &mut self,
         scene: &TrainingScene,
@@ -199,7 +200,8 @@ impl Samples {
         );
         let decision = Decision::new(sky.is_worth_a_shell(), reason).whatever_the_plan();
         if plan.decide(sky_shell::ID, decision) {
-            let shell = sky.shell(&with_points, None);
+            let views = distance_views(&self.views);
+            let shell = OpenSky::behind(&with_points, &views).shell_behind(&with_points, &views);
             self.sky = shell.len();
             self.gaussians.append(shell);
         }

@@ -4,4 +4,5 @@ mod lift;
 mod panogs;
 mod room;
 mod shards;
+mod sky;
 mod views;

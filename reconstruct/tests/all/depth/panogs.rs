@@ -2,7 +2,7 @@
 
 use std::{fs, path::Path};
 
-use crate::depth::room;
+use crate::{depth::room, support::trained::arrays_with_growth};
 use omnilife_engine::{
     camera::rays::Rays,
     gaussians::static_gaussians::{LOG_SCALES, OPACITY_LOGITS, POSITIONS, QUATERNIONS},
@@ -24,12 +24,12 @@ use omnilife_schemas::{
     records::{DepthPrior, DistanceConvention, Scale, SurfaceFaults},
 };
 
-const CAMERA: ErpCamera = ErpCamera {
+pub(crate) const CAMERA: ErpCamera = ErpCamera {
     width: 128,
     height: 64,
 };
 /// Normalized units per metre.
-const UNIT: f64 = 0.25;
+pub(crate) const UNIT: f64 = 0.25;
 
 /// Returns the room with files of distances in metres, after `change`.
 pub(crate) fn scene(
@@ -130,6 +130,25 @@ fn exact_distances_of_several_views_need_a_choice_and_nothing_else() {
     let size = prepared.learner.size();
     let kept = size.primitives as f64 / (5.0 * 128.0 * 64.0);
     assert!((0.05..0.5).contains(&kept), "{kept}");
+}
+
+#[test]
+fn steps_grow_in_short_schedules_and_are_the_published_ones_on_request() {
+    let folder = tempfile::tempdir().unwrap();
+    let scene = scene(folder.path(), 2, as_given);
+    let request = |without: &[&str]| MethodRequest {
+        with: vec!["centre-refinement".to_owned()],
+        without: without.iter().map(|&name| name.to_owned()).collect(),
+        ..MethodRequest::new(300, 0)
+    };
+    let short = prepared(&scene, &request(&[]));
+    assert!(is_used(&short, "short-schedule"));
+    let arrays = arrays_with_growth(&short);
+    assert!(arrays.contains(&"positions") && arrays.contains(&"log_scales"));
+    let published = prepared(&scene, &request(&["aids"]));
+    assert!(!is_used(&published, "short-schedule"));
+    assert!(published.configuration["short_schedule"].is_null());
+    assert!(!short.configuration["short_schedule"].is_null());
 }
 
 #[test]

@@ -2,7 +2,7 @@
 
 use omnilife_engine::step::settings::TrainSettings;
 use omnilife_reconstruct::{
-    methods::{self, MethodOutcome},
+    methods::{self, MethodOutcome, Prepared},
     request::MethodRequest,
     scene::TrainingScene,
     train::Session,
@@ -24,6 +24,19 @@ pub(crate) fn train<'a>(
         .unwrap()
         .train(scene, request, &Session::without_files(&Silent))
         .unwrap()
+}
+
+/// Returns the trained arrays of a method of Gaussians, each of which must have its growth in short schedules in the
+/// record.
+pub(crate) fn arrays_with_growth(prepared: &Prepared<'_>) -> Vec<&'static str> {
+    let rates = &prepared.configuration["learning_rates"];
+    let arrays = prepared.learner.arrays();
+    assert!(!arrays.is_empty());
+    for array in &arrays {
+        let growth = &rates[array.name]["growth"];
+        assert!(!growth.is_null(), "{}: {rates}", array.name);
+    }
+    arrays.iter().map(|array| array.name).collect()
 }
 
 /// Returns the settings of a training as its record has them.

@@ -3,6 +3,7 @@
 use omnilife_schemas::records::ComponentDecision;
 
 use crate::{
+    components::aids,
     evidence::SceneEvidence,
     request::{MethodRequest, PlanChoice},
 };
@@ -19,6 +20,8 @@ pub struct Decision {
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Overruling {
     RequestAndPlan,
+    /// A request, and a plan that names components; not the plan full.
+    RequestAndNames,
     Request,
     Nothing,
 }
@@ -62,6 +65,14 @@ impl Decision {
         self
     }
 
+    /// Returns the decision without the influence of the plan full: for what adds nothing to a model that the
+    /// evidence gives no reason for.
+    #[must_use]
+    pub fn even_if_full(mut self) -> Self {
+        self.overruled_by = Overruling::RequestAndNames;
+        self
+    }
+
     /// Returns the decision without the influence of request and plan.
     #[must_use]
     pub fn settled(mut self) -> Self {
@@ -79,6 +90,9 @@ impl Decision {
         let by_plan = || match &request.plan {
             _ if overruled_by == Overruling::Request => None,
             PlanChoice::Auto => None,
+            PlanChoice::Full if overruled_by == Overruling::RequestAndNames => None,
+            // Whoever asks for all aids leaves each to the evidence.
+            PlanChoice::Full if request.asks_for(aids::ALL) && aids::is_aid(component) => None,
             PlanChoice::Full => Some((true, "the plan is full")),
             PlanChoice::Only(_) if request.allows(component) => Some((true, "named in the plan")),
             PlanChoice::Only(_) => Some((false, "not named in the plan")),
@@ -152,6 +166,26 @@ mod tests {
             (false, "cannot be without masks")
         );
         assert!(evidence().unless(None).resolved("b", &full).used);
+    }
+
+    #[test]
+    fn the_plan_full_asks_for_no_aid_that_the_evidence_is_against() {
+        let points = || Decision::new(false, "no bare surface").even_if_full();
+        let full = request(PlanChoice::Full, &[], &[]);
+        assert!(!points().resolved("points", &full).used);
+        let named = request(PlanChoice::Only(vec!["points".to_owned()]), &[], &[]);
+        assert!(points().resolved("points", &named).used);
+        let asked = request(PlanChoice::Full, &["points"], &[]);
+        assert!(points().resolved("points", &asked).used);
+
+        let poses = || Decision::new(false, "poses are exact");
+        let aided = request(PlanChoice::Full, &[aids::ALL], &[]);
+        assert!(poses().resolved("poses", &aided).used);
+        assert!(!poses().resolved("pose-refinement", &aided).used);
+        let bare = request(PlanChoice::Auto, &[], &[aids::ALL]);
+        let used = || Decision::new(true, "poses are off");
+        assert!(!used().resolved("pose-refinement", &bare).used);
+        assert!(used().resolved("poses", &bare).used);
     }
 
     #[test]

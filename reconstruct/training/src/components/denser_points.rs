@@ -46,8 +46,9 @@ pub fn complete(
         bare.places,
         100.0 * LEAST_BARE_SHARE,
     );
-    let mut decision =
-        Decision::new(bare.share() >= LEAST_BARE_SHARE, reason).resolved(ID, request);
+    let mut decision = Decision::new(bare.share() >= LEAST_BARE_SHARE, reason)
+        .even_if_full()
+        .resolved(ID, request);
     if decision.used {
         match swept::points(scene, wanted(scene, request), request.seed) {
             Some(found) => add(found, scene, &mut decision),

@@ -4,7 +4,7 @@ use omnilife_schemas::records::ComponentDecision;
 
 use crate::{
     baseline,
-    components::{COMPONENTS, Component, Decision, DecisionLog, Supported, Turn},
+    components::{COMPONENTS, Component, Decision, DecisionLog, Supported, Turn, aids},
     error::ReconstructError,
     evidence::{self, SceneEvidence, masks::MaskEvidence},
     request::{MethodRequest, PlanChoice},
@@ -175,6 +175,7 @@ impl Supported {
     /// Returns true if a run of the method decides on a component.
     pub(crate) fn has(&self, component: &str, request: &MethodRequest) -> bool {
         let is_named = request.asks_for(component)
+            || request.asks_for(aids::ALL) && aids::is_aid(component)
             || matches!(&request.plan, PlanChoice::Only(_)) && request.allows(component);
         self.default.contains(&component) || self.optional.contains(&component) && is_named
     }

@@ -5,7 +5,6 @@ use omnilife_engine::gaussians::dropout::Dropout;
 use crate::{
     components::{Component, Decision, Draft, Turn},
     evidence::SceneEvidence,
-    request::PlanChoice,
 };
 
 /// Its name.
@@ -27,17 +26,13 @@ pub(crate) const COMPONENT: Component = Component {
     apply,
 };
 
-fn decide(evidence: &SceneEvidence, draft: &Draft<'_>) -> Decision {
+fn decide(evidence: &SceneEvidence, _: &Draft<'_>) -> Decision {
     let decision = match &evidence.pilot {
         None => Decision::not_looked_for(),
         Some(pilot) => Decision::new(pilot.coverage.is_sparse(), pilot.coverage.to_string()),
     };
     // It adds nothing to a model: where many views see every point it only harms.
-    if draft.request.plan == PlanChoice::Full {
-        decision.whatever_the_plan()
-    } else {
-        decision
-    }
+    decision.even_if_full()
 }
 
 fn apply(draft: &mut Draft<'_>) {

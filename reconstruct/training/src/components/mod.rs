@@ -7,8 +7,10 @@
 //! Two come before all others, which use their points: [`swept_points`] for scenes without points,
 //! [`denser_points`] for scenes with points ([`complete_points`]).
 //!
-//! A new one needs its file, a line in [`COMPONENTS`], and its id in the lists of its methods.
+//! A new one needs its file, a line in [`COMPONENTS`], and its id in the lists of its methods; one that helps any
+//! method is one of the [`aids`].
 
+pub mod aids;
 mod decision;
 mod decision_log;
 pub mod denser_points;
@@ -85,16 +87,6 @@ pub const COMPONENTS: &[Component] = &[
     static_table::COMPONENT,
 ];
 
-/// Components without an effect on a Gaussian's parameters: any trained method can use them on request.
-pub const OF_ANY_METHOD: &[&str] = &[
-    exposure_compensation::ID,
-    view_dependent_colour::ID,
-    pose_refinement::ID,
-    short_schedule::ID,
-    dropout::ID,
-    denser_points::ID,
-];
-
 /// Adds the points that a scene lacks, if a method and a request have components for that.
 pub fn complete_points(
     scene: &mut TrainingScene,
@@ -124,7 +116,7 @@ mod tests {
         let turns = COMPONENTS.iter().map(|component| component.turn);
         let after = turns.skip_while(|turn| *turn == Turn::BeforePoints);
         assert!(after.into_iter().all(|turn| turn == Turn::AfterPoints));
-        for id in OF_ANY_METHOD {
+        for id in aids::AIDS {
             let is_known = COMPONENTS.iter().any(|component| component.id == *id);
             assert!(is_known || *id == denser_points::ID);
         }

@@ -6,7 +6,7 @@ use crate::{
 };
 use omnilife_engine::{
     model::pose_corrections::{CAMERA_CENTRES, CAMERA_ROTATIONS},
-    parameters::decay::Decay,
+    parameters::{decay::Decay, short_schedule::LearningRate},
     step::{pose_refinement::PoseRefinement, settings::TrainSettings},
 };
 
@@ -64,8 +64,9 @@ fn refine(settings: &mut TrainSettings, views: usize, evidence: &PoseEvidence) {
     let distance = evidence.distance as f32;
     for (array, begin) in [(CAMERA_ROTATIONS, rate), (CAMERA_CENTRES, rate * distance)] {
         let end = END_SHARE * begin;
-        let decay = Decay { begin, end };
-        settings.learning_rates.insert(array.to_owned(), decay);
+        // The rate is by the number of steps of this schedule already.
+        let rate = LearningRate::unchanged(Decay { begin, end });
+        settings.learning_rates.insert(array.to_owned(), rate);
     }
     settings.pose_refinement = Some(PoseRefinement {
         begin_iteration: (BEGIN_SHARE * settings.iterations as f64) as u64,

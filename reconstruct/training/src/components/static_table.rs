@@ -3,7 +3,6 @@
 use crate::{
     components::{Component, Decision, Draft, Turn, mask_seeds},
     evidence::SceneEvidence,
-    request::PlanChoice,
     seeds::points,
 };
 
@@ -16,14 +15,11 @@ pub(crate) const COMPONENT: Component = Component {
     title: "Static table",
     description: "Scene points at which nothing changes outside the masks become Gaussians without \
                   temporal parameters; what changes, such as shadows, and the seeds on the masks keep \
-                  theirs. Used where there are seeds and light does not change everywhere; under the \
-                  plan full only where it is asked for.",
+                  theirs. Used where there are seeds and light does not change everywhere, under the plan \
+                  full too.",
     turn: Turn::AfterPoints,
     needs_pilot: |request, masks| {
-        request.allows(ID)
-            && request.allows(mask_seeds::ID)
-            && (request.plan != PlanChoice::Full || request.asks_for(ID))
-            && masks.show_something()
+        request.allows(ID) && request.allows(mask_seeds::ID) && masks.show_something()
     },
     decide,
     apply,
@@ -32,18 +28,15 @@ pub(crate) const COMPONENT: Component = Component {
 // A permanent point is not missing at other times. A point that changes outside the masks, such as a shadow, has
 // to be absent at times (docs/results/dynamic.md).
 fn decide(evidence: &SceneEvidence, draft: &Draft<'_>) -> Decision {
-    if draft.request.plan == PlanChoice::Full && !draft.request.asks_for(ID) {
-        return Decision::without("leaving out parameters, which the plan full does not");
-    }
     // Without evidence any point may move.
     if let Some(missing) = draft.missing(mask_seeds::ID) {
         return Decision::without(missing);
     }
     match &evidence.pilot {
-        None => Decision::not_looked_for(),
+        None => Decision::not_looked_for().even_if_full(),
         Some(pilot) => {
             let reason = format!("{}; {}", pilot.changing_light, pilot.changing);
-            Decision::new(!pilot.changing_light.is_everywhere(), reason)
+            Decision::new(!pilot.changing_light.is_everywhere(), reason).even_if_full()
         }
     }
 }

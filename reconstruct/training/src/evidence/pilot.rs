@@ -287,8 +287,8 @@ fn pilot_settings(scene: &TrainingScene, iterations: u64, seed: u64) -> TrainSet
     let mut settings = baseline::settings(scene, &request);
     for (array, share) in SLOWER {
         if let Some(rate) = settings.learning_rates.get_mut(*array) {
-            rate.begin *= share;
-            rate.end *= share;
+            rate.published.begin *= share;
+            rate.published.end *= share;
         }
     }
     settings.short_schedule = Some(SHORT_SCHEDULE);

@@ -15,7 +15,7 @@ use omnilife_engine::{
         TrainedArray,
         saved::{LoadError, SavedModel},
     },
-    parameters::{adam::SecondMomentDecay, decay::Decay},
+    parameters::{adam::SecondMomentDecay, short_schedule::LearningRate},
     schedule::{Position, StepSchedule},
     step::{
         BackendChoice, StepStatistics, Stepper, settings::TrainSettings, shards::Shards, stepper,
@@ -41,8 +41,8 @@ pub struct GaussianLearner<'a> {
     scene: &'a TrainingScene,
     settings: TrainSettings,
     stepper: Box<dyn Stepper + 'a>,
-    /// Schedule of each array, with its name.
-    decays: Vec<(&'static str, Decay)>,
+    /// Step sizes of each trained array.
+    rates: Vec<LearningRate>,
     schedule: StepSchedule,
     /// The last rendered view.
     last_view: usize,
@@ -92,25 +92,23 @@ impl<'a> GaussianLearner<'a> {
     ) -> Result<Self, ReconstructError> {
         let rate = |array: &TrainedArray| {
             let known = settings.learning_rates.get(array.name).copied();
-            known
-                .map(|decay| (array.name, decay))
-                .ok_or_else(|| ReconstructError::Request {
-                    reason: format!(
-                        "the method's settings have no learning rate for {}",
-                        array.name
-                    ),
-                })
+            known.ok_or_else(|| ReconstructError::Request {
+                reason: format!(
+                    "the method's settings have no learning rate for {}",
+                    array.name
+                ),
+            })
         };
         let arrays = stepper.arrays();
-        let decays = arrays.iter().map(rate).collect::<Result<Vec<_>, _>>()?;
+        let rates = arrays.iter().map(rate).collect::<Result<Vec<_>, _>>()?;
         let begin = settings.position(0, 0.0);
         Ok(Self {
             stepper,
             schedule: StepSchedule {
-                learning_rates: vec![0.0; decays.len()],
+                learning_rates: vec![0.0; rates.len()],
                 ..StepSchedule::default()
             },
-            decays,
+            rates,
             last_view: 0,
             state: State {
                 time_shift: stream(settings.seed, Purpose::TimeShift),
@@ -147,11 +145,10 @@ impl<'a> GaussianLearner<'a> {
         self.schedule.second_moments = short.map_or(SecondMomentDecay::PUBLISHED, |short| {
             short.second_moments(iterations)
         });
-        let rates = self.schedule.learning_rates.iter_mut();
-        for (rate, (name, decay)) in rates.zip(&self.decays) {
-            *rate = short.map_or_else(
-                || decay.at(share),
-                |short| short.rate(name, decay, share, iterations),
+        for (next, rate) in self.schedule.learning_rates.iter_mut().zip(&self.rates) {
+            *next = short.map_or_else(
+                || rate.published.at(share),
+                |short| short.rate(rate, share, iterations),
             );
         }
     }

@@ -11,7 +11,7 @@ use omnilife_schemas::{
 };
 
 use crate::{
-    components::{MotionEvidenceUse, Supported},
+    components::{MotionEvidenceUse, Supported, aids},
     error::ReconstructError,
     evidence::SceneEvidence,
     learner::{Learner, gaussians::GaussianLearner},
@@ -291,8 +291,12 @@ impl Method {
             PlanChoice::Auto | PlanChoice::Full => &[],
         };
         let kind = format!("{} component", self.id);
-        let all: Vec<&str> = [self.components, self.optional_components].concat();
-        for name in request.without.iter().chain(&request.with).chain(in_plan) {
+        let mut all: Vec<&str> = [self.components, self.optional_components].concat();
+        for name in in_plan {
+            names::find(&kind, name, &all, |component| component)?;
+        }
+        all.extend(self.supported().aids().next().map(|_| aids::ALL));
+        for name in request.without.iter().chain(&request.with) {
             names::find(&kind, name, &all, |component| component)?;
         }
         if let Some(name) = request.with.iter().find(|name| request.leaves_out(name)) {

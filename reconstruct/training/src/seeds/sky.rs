@@ -1,15 +1,17 @@
 //! First Gaussians in the open sky: a shell around the scene, in the directions without points.
 //!
 //! Structure from motion finds no points in the sky; without a shell, Gaussians near the camera are
-//! stretched to fill it.
+//! stretched to fill it. Points are sparse, and a shell of [`OpenSky::of`] keeps away from them: Gaussians that grow
+//! close the gap. Samples of pixels are dense and may keep their sizes. For them a shell of [`OpenSky::behind`]
+//! reaches the edge of every surface in every view.
 
-use std::f32::consts::{PI, TAU};
+use std::f32::consts::PI;
 
 use glam::{Vec3, vec3};
 use rayon::prelude::*;
 use rstar::RTree;
 
-use crate::scene::TrainingScene;
+use crate::{scene::TrainingScene, seeds::depth::DistanceView};
 use omnilife_engine::{
     camera::{Camera, CameraKernels},
     gaussians::static_gaussians::InitialGaussians,
@@ -70,6 +72,30 @@ impl OpenSky {
         }
     }
 
+    /// Examines directions as far apart as the pixels of views with distances. A direction is open when some view
+    /// shows no surface within a pixel of it, at the distance of the shell.
+    pub fn behind(scene: &TrainingScene, views: &[DistanceView<'_>]) -> Self {
+        let Some(first) = views.first() else {
+            return Self::default();
+        };
+        let radius = shell_radius(scene);
+        let pixel = first.view.camera.pixel_radians();
+        let directions = (4.0 * PI / (pixel * pixel)).ceil() as usize;
+        let seen: Vec<Vec3> = fibonacci_sphere(directions)
+            .into_par_iter()
+            .filter(|&direction| is_seen(scene, direction))
+            .collect();
+        let is_open = |direction: &Vec3| {
+            let mut views = views.iter();
+            views.any(|view| has_gap_near(view, *direction * radius))
+        };
+        Self {
+            directions,
+            seen: seen.len(),
+            open: seen.into_par_iter().filter(is_open).collect(),
+        }
+    }
+
     /// Returns the share of the visible sphere without points.
     pub fn share(&self) -> f32 {
         self.open.len() as f32 / self.seen.max(1) as f32
@@ -83,13 +109,34 @@ impl OpenSky {
     /// Makes the shell. Colours are the mean over the input views at a direction, which is exact at infinity;
     /// with an exposure, without its gains.
     pub fn shell(&self, scene: &TrainingScene, exposure: Option<&Exposure>) -> InitialGaussians {
+        self.coloured_shell(scene, |direction| mean_colour(scene, exposure, direction))
+    }
+
+    /// Makes the shell with the colours of the pixels without a surface, where some view has one at a direction.
+    pub fn shell_behind(
+        &self,
+        scene: &TrainingScene,
+        views: &[DistanceView<'_>],
+    ) -> InitialGaussians {
+        let radius = shell_radius(scene);
+        self.coloured_shell(scene, |direction| {
+            let of_gaps = colour_of_gaps(views, direction * radius);
+            of_gaps.unwrap_or_else(|| mean_colour(scene, None, direction))
+        })
+    }
+
+    fn coloured_shell(
+        &self,
+        scene: &TrainingScene,
+        colour: impl Fn(Vec3) -> [f32; 3] + Sync,
+    ) -> InitialGaussians {
         let radius = shell_radius(scene);
         let positions = self.open.iter();
         let positions = positions.map(|&direction| (direction * radius).to_array());
         // Half the spacing: neighbours overlap at one standard deviation.
         let scale = 0.5 * spacing(self.directions) * radius;
         let colours = self.open.par_iter();
-        let colours = colours.map(|&direction| mean_colour(scene, exposure, direction));
+        let colours = colours.map(|&direction| colour(direction));
         InitialGaussians::isotropic(
             positions.collect(),
             &vec![scale; self.open.len()],
@@ -120,12 +167,13 @@ fn shell_radius(scene: &TrainingScene) -> f32 {
 }
 
 fn fibonacci_sphere(count: usize) -> Vec<Vec3> {
-    let golden = PI * (3.0 - 5.0_f32.sqrt());
+    // The angles of many directions exceed the precision of f32.
+    let golden = std::f64::consts::PI * (3.0 - 5.0_f64.sqrt());
     (0..count)
         .map(|index| {
             let y = 1.0 - 2.0 * (index as f32 + 0.5) / count as f32;
             let rho = (1.0 - y * y).max(0.0).sqrt();
-            let angle = (golden * index as f32) % TAU;
+            let angle = ((golden * index as f64) % std::f64::consts::TAU) as f32;
             vec3(rho * angle.cos(), y, rho * angle.sin())
         })
         .collect()
@@ -148,6 +196,49 @@ fn pixel_showing(view: &TrainingView, direction: Vec3) -> Option<usize> {
     let [column, row] = camera.pixel_of(direction, 1.0)?;
     let pixel = row * camera.width() as usize + column;
     view.shows_scene(pixel).then_some(pixel)
+}
+
+/// Returns the column and row of the pixel of a view that shows a place; `None` for a place outside its image.
+fn pixel_at(view: &DistanceView<'_>, place: Vec3) -> Option<[usize; 2]> {
+    let at = view.view.rotation * (place - view.view.centre);
+    view.view.camera.pixel_of(at, at.length())
+}
+
+/// Returns true for a pixel of the scene without a surface.
+fn is_gap(view: &DistanceView<'_>, pixel: usize) -> bool {
+    view.distances.values[pixel] <= 0.0 && !view.hides(pixel)
+}
+
+/// Returns true if a view shows no surface at a place, or in a pixel beside it.
+fn has_gap_near(view: &DistanceView<'_>, place: Vec3) -> bool {
+    let Some([column, row]) = pixel_at(view, place) else {
+        return false;
+    };
+    let (width, height) = (view.distances.width, view.distances.height);
+    let beside = |step: usize| match view.distances.wraps {
+        true => (column + width + step - 1) % width,
+        false => (column + step).saturating_sub(1).min(width - 1),
+    };
+    (row.saturating_sub(1)..=(row + 1).min(height - 1))
+        .any(|row| (0..3).any(|step| is_gap(view, row * width + beside(step))))
+}
+
+/// Returns the mean over the views that show no surface at a place; `None` without one.
+fn colour_of_gaps(views: &[DistanceView<'_>], place: Vec3) -> Option<[f32; 3]> {
+    let (mut sum, mut count) = ([0.0; 3], 0_usize);
+    for view in views {
+        let Some([column, row]) = pixel_at(view, place) else {
+            continue;
+        };
+        let pixel = row * view.distances.width + column;
+        if is_gap(view, pixel) {
+            count += 1;
+            for (channel, sum) in sum.iter_mut().enumerate() {
+                *sum += f32::from(view.pixels[3 * pixel + channel]) / 255.0;
+            }
+        }
+    }
+    (count > 0).then(|| sum.map(|value| value / count as f32))
 }
 
 /// Returns the mean over the input views that show a direction.

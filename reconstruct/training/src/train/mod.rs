@@ -86,20 +86,12 @@ pub struct LoopSettings {
     pub budget_seconds: Option<f64>,
     /// Seed of the order of views.
     pub seed: u64,
-    /// Iterations from one row of the trace to the next. `None`: rows after 1, 2, 3, 4, 6, 8, 11, 16 ...
-    /// iterations, at equal ratios. Rows before the first step and after the last one are added.
+    /// Iterations from one row of the trace to the next. `None`: rows at equal ratios of CPU time, two per
+    /// octave. Rows before the first step and after the last one are added.
     pub trace_every: Option<u64>,
 }
 
 impl LoopSettings {
-    /// Returns true if the trace has a row after these iterations, whether or not the run ends there.
-    fn has_row(&self, iteration: u64) -> bool {
-        self.trace_every.map_or_else(
-            || trace::is_half_octave(iteration),
-            |every| iteration.is_multiple_of(every.max(1)),
-        )
-    }
-
     /// Returns the position of a run in its schedule. Under a time budget the schedule has the time after
     /// planning.
     fn position(&self, iteration: u64, training: Duration, planning: Duration) -> Position {
@@ -232,7 +224,7 @@ impl<'a> Trainer<'a> {
                 self.check()?;
             }
             // Before density control: a row right after an opacity reset does not represent the scene.
-            if last || self.settings.has_row(iteration) {
+            if last || self.is_row_due() {
                 self.record(last)?;
             }
             if !last {
@@ -290,6 +282,14 @@ impl<'a> Trainer<'a> {
                 iteration: self.state.iteration,
                 what,
             }),
+        }
+    }
+
+    /// Returns true if the trace has a row after this iteration, whether or not the run ends there.
+    fn is_row_due(&self) -> bool {
+        match self.settings.trace_every {
+            Some(every) => self.state.iteration.is_multiple_of(every.max(1)),
+            None => trace::is_due(&self.state),
         }
     }
 

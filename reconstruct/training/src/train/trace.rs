@@ -124,6 +124,11 @@ impl TracePoint {
         )
     }
 
+    /// Returns the time that spaces the rows: CPU time, or wall-clock time if the system does not report it, seconds.
+    fn clock_seconds(&self) -> f64 {
+        self.cpu_seconds.unwrap_or(self.wall_seconds)
+    }
+
     /// Returns the cells of [`COLUMNS`].
     fn fixed_cells(&self) -> [String; 9] {
         [
@@ -155,13 +160,20 @@ impl TracePoint {
     }
 }
 
-/// Returns true for rounded half octaves, the iterations of rows by default: 1, 2, 3, 4, 6, 8, 11, 16, 23, 32 ...
+/// Returns true if CPU time has passed 1, 1.41, 2, 2.83 ... seconds, or their fractions, since the last row: the
+/// rows by default.
 ///
-/// Ratios of iterations, rather than of time, give the same rows in every run, on every machine and in runs of
-/// other lengths.
-pub(super) fn is_half_octave(iteration: u64) -> bool {
-    let half_octaves = (2.0 * (iteration as f64).log2()).round();
-    iteration > 0 && (half_octaves / 2.0).exp2().round() as u64 == iteration
+/// The times are the same for all methods, so that their curves have rows side by side. Equal ratios suit curves over
+/// the logarithm of time: at two rows per octave, straight lines between rows are off by about 0.01 dB in the mean.
+pub(super) fn is_due(state: &LoopState) -> bool {
+    let before = state.trace.last().map_or(0.0, TracePoint::clock_seconds);
+    let now = state.training_cpu.unwrap_or(state.training).as_secs_f64();
+    half_octave(now) > half_octave(before)
+}
+
+/// Returns the number of half octaves from one second on, rounded down; minus infinity for time 0.
+fn half_octave(seconds: f64) -> f64 {
+    (2.0 * seconds.log2()).floor()
 }
 
 fn or_empty(value: Option<impl ToString>) -> String {
@@ -202,6 +214,8 @@ pub fn write_csv(path: &Path, trace: &[TracePoint]) -> Result<(), StoreError> {
 
 #[cfg(test)]
 mod tests {
+    use std::time::Duration;
+
     use super::*;
 
     fn point() -> TracePoint {
@@ -253,17 +267,39 @@ mod tests {
         assert_eq!(lines[2], "1.5,0.5,,100,7,8,,0.25,20,3,25,26.5,2");
     }
 
-    #[test]
-    fn rows_are_at_equal_ratios() {
-        let rows: Vec<u64> = (0..=1_500).filter(|&n| is_half_octave(n)).collect();
-        let expected = [
-            1, 2, 3, 4, 6, 8, 11, 16, 23, 32, 45, 64, 91, 128, 181, 256, 362, 512, 724, 1024, 1448,
-        ];
-        assert_eq!(rows, expected);
-        for far in [11_863_283, 1 << 24] {
-            let around = [far - 1, far, far + 1].map(is_half_octave);
-            assert_eq!(around, [false, true, false]);
+    /// Returns the times of the rows of a run with steps of 50 ms after planning, by one of its clocks.
+    fn times_of_rows(planning: Duration, steps: u32, has_cpu_time: bool) -> Vec<f64> {
+        let mut state = LoopState::new(rand_pcg::Pcg64Mcg::new(1));
+        for step in 0..=steps {
+            let time = planning + step * Duration::from_millis(50);
+            // With CPU time the wall's clock does not count.
+            state.training = if has_cpu_time { 7 * time } else { time };
+            state.training_cpu = has_cpu_time.then_some(time);
+            if step == 0 || is_due(&state) {
+                let size = ModelSize::default();
+                let row = TracePoint::new(&state, &StepStatistics::default(), size, &[]);
+                state.trace.push(row);
+            }
         }
+        state.trace.iter().map(TracePoint::clock_seconds).collect()
+    }
+
+    #[test]
+    fn rows_are_at_equal_ratios_of_time() {
+        for has_cpu_time in [true, false] {
+            let rows = times_of_rows(Duration::from_millis(900), 640, has_cpu_time);
+            // The ends of the steps at or after 1 s, 1.41 s, 2 s ...
+            let expected = [
+                0.9, 1.0, 1.45, 2.0, 2.85, 4.0, 5.7, 8.0, 11.35, 16.0, 22.65, 32.0,
+            ];
+            assert_eq!(rows.len(), expected.len(), "{rows:?}");
+            for (row, expected) in rows.iter().zip(expected) {
+                assert!((row - expected).abs() < 1e-9, "{rows:?}");
+            }
+        }
+        // Steps longer than the intervals have a row each; time 0 precedes every one.
+        let rows = times_of_rows(Duration::ZERO, 3, true);
+        assert_eq!(rows.len(), 4, "{rows:?}");
     }
 
     #[test]
