@@ -165,3 +165,65 @@ impl Path {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const WIDTH: usize = 7;
+    const HEIGHT: usize = 5;
+    const COUNT: usize = 6;
+
+    /// Adds the costs of a path over these pixels to the sums, by the definition.
+    fn add_path(volume: &CostVolume, grey: &[f32], pixels: &[usize], sums: &mut [u16]) {
+        let mut before: Option<(usize, Vec<i64>)> = None;
+        for &pixel in pixels {
+            let own = |k: usize| i64::from(volume.costs[pixel * COUNT + k]);
+            let costs: Vec<i64> = match &before {
+                None => (0..COUNT).map(own).collect(),
+                Some((other, last)) => {
+                    let least = last.iter().copied().min().unwrap_or(0);
+                    let edge = (grey[*other] - grey[pixel]).abs() / EDGE;
+                    let jump = ((P2_MOST / (1.0 + edge)) as i64).max(i64::from(P2_LEAST));
+                    let smooth = |k: usize| {
+                        let beside = (0..COUNT).filter(|other| other.abs_diff(k) == 1);
+                        let beside = beside.map(|other| last[other] + i64::from(P1));
+                        beside.chain([last[k], least + jump]).min().unwrap_or(0)
+                    };
+                    (0..COUNT).map(|k| own(k) + smooth(k) - least).collect()
+                }
+            };
+            for (sum, cost) in sums[pixel * COUNT..].iter_mut().zip(&costs) {
+                *sum += *cost as u16;
+            }
+            before = Some((pixel, costs));
+        }
+    }
+
+    #[test]
+    fn sums_are_those_of_the_definition() {
+        let volume = CostVolume {
+            width: WIDTH,
+            height: HEIGHT,
+            count: COUNT,
+            costs: (0..WIDTH * HEIGHT * COUNT)
+                .map(|at| (at * 7919 % 251) as u8)
+                .collect(),
+        };
+        let pixels: Vec<[f32; 1]> = (0..WIDTH * HEIGHT)
+            .map(|at| [(at * 31 % 17) as f32 / 170.0])
+            .collect();
+        let grey = pixels.as_flattened();
+        let mut expected = vec![0; WIDTH * HEIGHT * COUNT];
+        let row = |row: usize| (0..WIDTH).map(move |column| row * WIDTH + column);
+        let column = |column: usize| (0..HEIGHT).map(move |row| row * WIDTH + column);
+        let rows = (0..HEIGHT).map(|number| row(number).collect::<Vec<usize>>());
+        let columns = (0..WIDTH).map(|number| column(number).collect::<Vec<usize>>());
+        for mut path in rows.chain(columns) {
+            add_path(&volume, grey, &path, &mut expected);
+            path.reverse();
+            add_path(&volume, grey, &path, &mut expected);
+        }
+        assert_eq!(aggregated(&volume, &pixels, RowEnds::Open).sums, expected);
+    }
+}

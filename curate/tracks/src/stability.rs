@@ -7,7 +7,7 @@ use omnilife_schemas::{
     camera::PinholeCamera,
     ground_plane::Plane,
     posed_view::PosedView,
-    records::{StabilityRow, StabilityStatus},
+    records::{StabilityMeasures, StabilityRow, StabilityStatus},
 };
 
 use super::{
@@ -15,13 +15,38 @@ use super::{
     spline_fit::{Observation, fit, fit_with},
 };
 
-/// A case: its id, its description, its remedy, and a check that returns the reason of a failure.
-type Case = (
-    &'static str,
-    &'static str,
-    &'static str,
-    fn() -> Option<String>,
-);
+/// A case: its id, its description, its remedy, and its check.
+type Case = (&'static str, &'static str, &'static str, fn() -> Checked);
+
+/// Outcome of a case.
+struct Checked {
+    /// Reason of a failure.
+    fault: Option<String>,
+    /// The largest error and its limit, for cases that have one.
+    error: Option<[f64; 2]>,
+}
+
+impl Checked {
+    /// Returns the outcome of a case without an error.
+    fn by(fault: Option<String>) -> Self {
+        Self { fault, error: None }
+    }
+
+    /// Returns the measures of a row.
+    fn measures(&self) -> Option<StabilityMeasures> {
+        let [error, limit] = self.error?;
+        Some(StabilityMeasures {
+            forward_error: error.is_finite().then_some(error),
+            forward_share: Some(0.0),
+            forward_limit: Some(limit),
+            gradient_error: None,
+            gradient_limit: None,
+            is_finite: error.is_finite(),
+            drawn: 0,
+            gaussians: 0,
+        })
+    }
+}
 
 const CASES: &[Case] = &[
     (
@@ -66,20 +91,20 @@ const CASES: &[Case] = &[
 /// Returns the rows of the catalogue, evaluated on the CPU.
 pub fn rows() -> Vec<StabilityRow> {
     let row = |(id, title, action, judge): &Case| {
-        let fault = judge();
+        let checked = judge();
         StabilityRow {
             case: (*id).to_owned(),
             title: (*title).to_owned(),
             parameterization: "none".to_owned(),
             backend: "cpu".to_owned(),
-            measured: None,
+            measured: checked.measures(),
             action: (*action).to_owned(),
-            status: if fault.is_none() {
+            status: if checked.fault.is_none() {
                 StabilityStatus::Pass
             } else {
                 StabilityStatus::Fail
             },
-            reason: fault.unwrap_or_default(),
+            reason: checked.fault.unwrap_or_default(),
         }
     };
     CASES.iter().map(row).collect()
@@ -135,18 +160,26 @@ fn error_of(views: &[PosedView], coefficients: Option<usize>) -> Result<f64, Str
     Ok(views.iter().map(error).fold(0.0, f64::max))
 }
 
-/// Names of cases whose error is too large.
-fn faults(cases: impl Iterator<Item = (String, Result<f64, String>)>, most: f64) -> Option<String> {
-    let bad = cases.filter_map(|(name, error)| match error {
-        Ok(error) if error <= most => None,
-        Ok(error) => Some(format!("{name}: {error:e} m off")),
-        Err(reason) => Some(format!("{name}: {reason}")),
-    });
-    let bad = bad.collect::<Vec<_>>().join("; ");
-    (!bad.is_empty()).then_some(bad)
+/// Returns the largest error, and the names of cases whose error is too large.
+fn faults(cases: impl Iterator<Item = (String, Result<f64, String>)>, most: f64) -> Checked {
+    let (mut bad, mut worst) = (Vec::new(), 0.0_f64);
+    for (name, error) in cases {
+        match error {
+            Ok(error) if error <= most => worst = worst.max(error),
+            Ok(error) => {
+                worst = worst.max(error);
+                bad.push(format!("{name}: {error:e} m off"));
+            }
+            Err(reason) => bad.push(format!("{name}: {reason}")),
+        }
+    }
+    Checked {
+        fault: (!bad.is_empty()).then(|| bad.join("; ")),
+        error: Some([worst, most]),
+    }
 }
 
-fn trajectory_fit() -> Option<String> {
+fn trajectory_fit() -> Checked {
     let cases: [(&str, Vec<f64>, f64, Option<usize>); 9] = [
         ("1", vec![2.0], 5.0, None),
         ("2", vec![2.0, 2.5], 5.0, None),
@@ -175,7 +208,7 @@ fn trajectory_fit() -> Option<String> {
     faults(judged, 0.05)
 }
 
-fn trajectory_far() -> Option<String> {
+fn trajectory_far() -> Checked {
     let times: Vec<f64> = (0..20).map(|n| 0.5 * f64::from(n)).collect();
     let origin = dvec3(691_000.0, 5_335_000.0, 520.0);
     let views = seen(&times, 7.0, origin, camera());
@@ -185,7 +218,7 @@ fn trajectory_far() -> Option<String> {
     )
 }
 
-fn trajectory_camera() -> Option<String> {
+fn trajectory_camera() -> Checked {
     let times: Vec<f64> = (0..12).map(f64::from).collect();
     let with = |fx: f64, cx: f64| PinholeCamera {
         fx,
@@ -227,8 +260,9 @@ fn trajectory_camera() -> Option<String> {
     )
 }
 
-fn spline_condition() -> Option<String> {
-    let mut bad = Vec::new();
+fn spline_condition() -> Checked {
+    const LIMIT: f64 = 1e-10;
+    let (mut bad, mut worst) = (Vec::new(), 0.0_f64);
     for exponent in [3, 6, 9, 12] {
         // A band with a known solution, scaled on both sides by powers that make it as ill-conditioned.
         let size = 24;
@@ -259,7 +293,8 @@ fn spline_condition() -> Option<String> {
             let errors = (0..size).map(|row| (found[row] - truth[row]).abs() * scale(row));
             errors.fold(0.0, f64::max)
         });
-        if error > 1e-10 {
+        worst = worst.max(error);
+        if error > LIMIT {
             bad.push(format!("1e{exponent}: {error:e}"));
         }
     }
@@ -270,10 +305,13 @@ fn spline_condition() -> Option<String> {
     if indefinite.solve(&[1.0, 1.0]).is_some() {
         bad.push("an indefinite matrix has a solution".to_owned());
     }
-    (!bad.is_empty()).then(|| bad.join("; "))
+    Checked {
+        fault: (!bad.is_empty()).then(|| bad.join("; ")),
+        error: Some([worst, LIMIT]),
+    }
 }
 
-fn lift_ground() -> Option<String> {
+fn lift_ground() -> Checked {
     let plane = Plane {
         normal: DVec3::Z,
         offset: 0.0,
@@ -293,10 +331,10 @@ fn lift_ground() -> Option<String> {
         .map(|(name, ..)| name)
         .collect::<Vec<_>>()
         .join(", ");
-    (!bad.is_empty()).then(|| format!("a distance: {bad}"))
+    Checked::by((!bad.is_empty()).then(|| format!("a distance: {bad}")))
 }
 
-fn chains_crowd() -> Option<String> {
+fn chains_crowd() -> Checked {
     let sighting = |seconds: f64, place: DVec2| Sighting {
         seconds,
         place,
@@ -330,7 +368,7 @@ fn chains_crowd() -> Option<String> {
     if !associate(&[], &[]).is_empty() {
         bad.push("a chain of nothing".to_owned());
     }
-    (!bad.is_empty()).then(|| bad.join("; "))
+    Checked::by((!bad.is_empty()).then(|| bad.join("; ")))
 }
 
 #[cfg(test)]

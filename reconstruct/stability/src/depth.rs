@@ -156,26 +156,26 @@ fn lifted_distances() -> Judgement {
 
 fn lifted_scene_size() -> Judgement {
     let reference = lifted(&view(Vec3::ZERO), &cube(1.0));
-    let mut faults = Vec::new();
+    let (mut radii, mut turns) = (0.0_f32, 0.0_f32);
     for size in [1e-6, 1e6] {
         let found = lifted(&view(Vec3::ZERO), &cube(size));
         let pairs = found.radii.iter().zip(&reference.radii);
-        let radius = pairs
-            .map(|(a, b)| (a / size / b - 1.0).abs())
-            .fold(0.0, f32::max);
+        let off = pairs.map(|(a, b)| (a / size / b - 1.0).abs());
+        radii = off.fold(radii, f32::max);
         let normals = found.normals.iter().zip(&reference.normals);
-        let turn = normals.map(|(a, b)| a.distance(*b)).fold(0.0, f32::max);
-        if found.len() != reference.len() || radius > 1e-4 || turn > 1e-2 {
-            faults.push(format!(
-                "at {size:e} radii differ by {radius:e}, normals by {turn:e}"
-            ));
+        turns = normals.map(|(a, b)| a.distance(*b)).fold(turns, f32::max);
+        if found.len() != reference.len() {
+            return Judgement::failed(format!("{} samples at {size:e}", found.len()));
         }
     }
     if let Some(fault) = fault_of(&lifted(&view(Vec3::splat(1e6)), &cube(1.0))) {
-        faults.push(format!("far away: {fault}"));
+        return Judgement::failed(format!("far away: {fault}"));
     }
-    let fault = (!faults.is_empty()).then(|| faults.join("; "));
-    judged("the same samples, larger or smaller", fault)
+    Judgement::of_errors(
+        "the same samples, larger or smaller: radii as the value, normals as the gradient",
+        Some([f64::from(radii), 1e-4]),
+        Some([f64::from(turns), 1e-2]),
+    )
 }
 
 fn rotations() -> Judgement {
@@ -194,8 +194,11 @@ fn rotations() -> Judgement {
         let turned = glam::Quat::from_xyzw(x, y, z, w) * Vec3::Z;
         worst = worst.max(turned.distance(normal));
     }
-    let fault = (worst > 2e-3).then(|| format!("an axis is off by {worst:e}"));
-    judged("the third axis on the normal", fault)
+    Judgement::of_errors(
+        "the third axis on the normal",
+        Some([f64::from(worst), 2e-3]),
+        None,
+    )
 }
 
 fn depth_scales() -> Judgement {
@@ -265,26 +268,27 @@ fn scaffold_field() -> Judgement {
         }
     }
     // Through the surface, across the border of blocks at 0.8.
-    let mut known = 0;
+    let (mut known, mut off, mut tilt) = (0, 0.0_f32, 0.0_f32);
     for step in 0..60 {
         let place = vec3(0.013, 0.027, 0.75 + 0.005 * step as f32);
         let Some(value) = field.value(place) else {
             continue;
         };
         known += 1;
-        let expected = 1.0 - place.z;
-        if (value.distance - expected).abs() > 0.05 || value.gradient.distance(Vec3::NEG_Z) > 0.3 {
-            faults.push(format!(
-                "{} at {place}, gradient {}",
-                value.distance, value.gradient
-            ));
-        }
+        off = off.max((value.distance - (1.0 - place.z)).abs());
+        tilt = tilt.max(value.gradient.distance(Vec3::NEG_Z));
     }
     if known < 30 {
         faults.push(format!(
             "{known} of 60 places near the surface have a value"
         ));
     }
-    let fault = (!faults.is_empty()).then(|| faults.join("; "));
-    judged("no value where no surface is near", fault)
+    if !faults.is_empty() {
+        return Judgement::failed(faults.join("; "));
+    }
+    Judgement::of_errors(
+        "distances and their gradient; no value where no surface is near",
+        Some([f64::from(off), 0.05]),
+        Some([f64::from(tilt), 0.3]),
+    )
 }

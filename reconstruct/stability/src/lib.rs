@@ -5,7 +5,8 @@
 //!   features;
 //! * [`special`]: cases without rendering. `losses`: the photometric loss of awkward images, `networks`:
 //!   networks, `clips`: clips for training, `depth`: lift and fusion, `atlas`: parts of atlases, `objects`:
-//!   motion along paths;
+//!   motion along paths, `gradients`: gradients against differences, `control`: density control, seeds, gains
+//!   and pose steps, `large`: an image of 4096 columns;
 //! * [`sweeps`]: families of cases whose condition number grows;
 //! * [`parameterizations`], [`devices`]: parameterizations and devices under test;
 //! * [`mod@measure`]: errors of image and gradient against [`omnilife_engine::render::reference`].
@@ -18,9 +19,12 @@ mod case_setups;
 pub mod cases;
 pub mod channels;
 mod clips;
+mod control;
 mod depth;
 pub mod devices;
+mod gradients;
 mod in_time;
+mod large;
 mod losses;
 pub mod measure;
 mod networks;
@@ -30,6 +34,8 @@ mod poses;
 pub mod setup;
 pub mod special;
 pub mod sweeps;
+#[cfg(test)]
+mod tests;
 
 use std::{collections::BTreeMap, time::Instant};
 

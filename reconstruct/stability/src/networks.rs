@@ -64,19 +64,20 @@ fn network_weights() -> Judgement {
     setup.gaussians[good + 1].position[2] = f64::INFINITY;
     setup.gaussians[good + 2].quaternion[1] = f64::NAN;
     let found = weights(&setup, &[good, good + 1, good + 2, good + 3]);
-    let fault = if expected.iter().flatten().all(|&value| value == 0.0) {
-        Some("the weights have no gradient at all".to_owned())
-    } else if found != expected {
-        Some("the gradients by the weights are others than without them".to_owned())
-    } else {
-        None
+    let [Some(expected), Some(found)] = [expected, found] else {
+        return Judgement::failed("the weights have no gradient at all".to_owned());
     };
-    Judgement {
-        action: "such a Gaussian takes no part in the gradient by the weights".to_owned(),
-        fault,
-        measured: None,
-        missing: None,
+    let largest = expected.iter().fold(0.0_f32, |most, by| most.max(by.abs()));
+    if largest == 0.0 {
+        return Judgement::failed("the weights have no gradient at all".to_owned());
     }
+    let errors = found.iter().zip(&expected);
+    let errors = errors.map(|(found, expected)| f64::from((found - expected).abs() / largest));
+    Judgement::of_errors(
+        "such a Gaussian takes no part in the gradient by the weights",
+        None,
+        Some([errors.fold(0.0, largest_or_nan), 1e-7]),
+    )
 }
 
 /// Ten times the measured error, relative to the outputs' and the derivative's sizes.

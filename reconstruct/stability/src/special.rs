@@ -3,9 +3,9 @@
 use omnilife_schemas::records::{StabilityMeasures, StabilityRow, StabilityStatus};
 
 use crate::{
-    NO_PARAMETERIZATION, atlas, clips, depth,
+    NO_PARAMETERIZATION, atlas, clips, control, depth,
     devices::{Device, DeviceKind},
-    losses, networks, objects,
+    gradients, large, losses, networks, objects,
     parameterizations::STATIC,
     poses,
     setup::{Setup, mild},
@@ -45,6 +45,41 @@ impl Judgement {
             missing: None,
         }
     }
+
+    /// Judges the errors of a value and of a gradient, each with its limit; `None` without such an error. NaN is
+    /// beyond every limit.
+    pub(super) fn of_errors(
+        action: &str,
+        value: Option<[f64; 2]>,
+        gradient: Option<[f64; 2]>,
+    ) -> Self {
+        let fault = [("value", value), ("gradient", gradient)]
+            .into_iter()
+            .filter_map(|(name, errors)| Some((name, errors?)))
+            .find(|(_, [error, limit])| error.is_nan() || error > limit)
+            .map(|(name, [error, limit])| {
+                format!("the {name} is off by {error:.1e}, the limit is {limit:.0e}")
+            });
+        let error = |errors: Option<[f64; 2]>| errors.map(|[error, _]| error);
+        let finite = |errors| error(errors).filter(|error| error.is_finite());
+        let limit = |errors: Option<[f64; 2]>| errors.map(|[_, limit]| limit);
+        let mut all = [value, gradient].into_iter().filter_map(error);
+        Self {
+            action: action.to_owned(),
+            fault,
+            measured: Some(StabilityMeasures {
+                forward_error: finite(value),
+                forward_share: value.map(|_| 0.0),
+                forward_limit: limit(value),
+                gradient_error: finite(gradient),
+                gradient_limit: limit(gradient),
+                is_finite: all.all(f64::is_finite),
+                drawn: 0,
+                gaussians: 0,
+            }),
+            missing: None,
+        }
+    }
 }
 
 /// Returns all cases without rendering.
@@ -54,7 +89,12 @@ pub fn all() -> impl Iterator<Item = &'static SpecialCase> {
         .iter()
         .chain(losses::all())
         .chain(networks::CASES);
-    own.chain(further).chain(objects::CASES).chain(poses::CASES)
+    own.chain(further)
+        .chain(objects::CASES)
+        .chain(poses::CASES)
+        .chain(gradients::CASES)
+        .chain(control::CASES)
+        .chain(large::CASES)
 }
 
 const SPECIAL_CASES: &[SpecialCase] = &[
@@ -195,23 +235,22 @@ fn non_finite_gradient() -> Judgement {
 fn flat_images() -> Judgement {
     let mut loss = Loss::new(SIDE, SIDE, Columns::Wrap);
     let flat = image(|_| 0.5);
-    let mut faults = Vec::new();
+    let mut is_finite = true;
+    let mut of_equal = [0.0_f64; 2];
     for (value, is_equal) in [(0.5, true), (0.7, false), (0.0, false), (1.0, false)] {
         let target = image(|_| value);
         let (value, gradient) = loss.forward_backward(&flat, &target, 0.2);
-        if !value.total.is_finite() || gradient.iter().any(|g| !g.is_finite()) {
-            faults.push("not finite".to_owned());
-        }
-        if is_equal && (value.total.abs() > 1e-6 || gradient.iter().any(|g| g.abs() > 1e-6)) {
-            faults.push(format!("equal images have a loss of {}", value.total));
+        is_finite &= value.total.is_finite() && gradient.iter().all(|g| g.is_finite());
+        if is_equal {
+            let largest = gradient.iter().fold(0.0_f32, |most, g| most.max(g.abs()));
+            of_equal = [value.total.abs(), f64::from(largest)];
         }
     }
-    Judgement {
-        action: "quotients held by SSIM's constants".to_owned(),
-        fault: faults.into_iter().next(),
-        measured: None,
-        missing: None,
+    if !is_finite {
+        return Judgement::failed("a loss or its gradient is not finite".to_owned());
     }
+    let [value, gradient] = of_equal.map(|error| Some([error, 1e-6]));
+    Judgement::of_errors("quotients held by SSIM's constants", value, gradient)
 }
 
 /// Checks that Adam's step shrinks for a gradient of 1e-25, whose second moment is zero in f32.

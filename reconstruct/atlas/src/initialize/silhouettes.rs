@@ -336,6 +336,27 @@ mod tests {
     }
 
     #[test]
+    fn half_the_size_is_twice_as_far() {
+        let seen = |frame: usize, area: f64, is_partial: bool| Silhouette {
+            frame,
+            area,
+            direction: DVec3::Z,
+            is_partial,
+            pixels: Vec::new(),
+        };
+        // A part is as far as the nearest frame that shows the whole.
+        let all = [
+            seen(0, 0.04, false),
+            seen(5, 0.01, false),
+            seen(6, 0.001, true),
+        ];
+        let found = relative_depths(&all, &all[0]);
+        for (found, expected) in found.into_iter().zip([1.0, 2.0, 2.0]) {
+            assert!((found - expected).abs() < 1e-12, "{found} {expected}");
+        }
+    }
+
+    #[test]
     fn the_whole_is_where_a_part_of_it_is_seen() {
         let places = [[40.0, 40.0], [88.0, 37.0], [5.0, 44.0], [71.5, 2.0]];
         let frames = places.iter().zip(0..).map(|(&place, number)| {

@@ -98,3 +98,25 @@ pub(super) fn add_coordinates(
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn gradients_of_the_flow_are_central_differences() {
+        let at = DVec3::new(0.4, -0.5, 0.7).normalize();
+        let (flow, upstream) = (DVec3::new(0.9, 0.3, -0.6), DVec3::new(-0.7, 0.2, 0.8));
+        for dimensions in [2, 3] {
+            let (by_at, by_flow) = moved_vjp(at, flow, dimensions, upstream);
+            let value = |at: DVec3, flow: DVec3| upstream.dot(moved(at, flow, dimensions));
+            for axis in DVec3::AXES {
+                let step = 1e-6 * axis;
+                let expected = (value(at + step, flow) - value(at - step, flow)) / 2e-6;
+                assert!((by_at.dot(axis) - expected).abs() < 1e-8);
+                let expected = (value(at, flow + step) - value(at, flow - step)) / 2e-6;
+                assert!((by_flow.dot(axis) - expected).abs() < 1e-8);
+            }
+        }
+    }
+}

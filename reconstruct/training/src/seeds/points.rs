@@ -156,6 +156,22 @@ mod tests {
     }
 
     #[test]
+    fn sizes_are_those_of_the_three_nearest() {
+        let line = [0.0, 1.0, 2.0, 4.0].map(|x| [x, 0.0, 0.0]).to_vec();
+        let gaussians = from_points(&cloud(line), 10.0);
+        let squares: [[f32; 3]; 4] = [
+            [1.0, 4.0, 16.0],
+            [1.0, 1.0, 9.0],
+            [1.0, 4.0, 4.0],
+            [4.0, 9.0, 16.0],
+        ];
+        for (scale, squares) in gaussians.scales.iter().zip(squares) {
+            let expected = (squares.iter().sum::<f32>() / 3.0).sqrt();
+            assert!(scale.iter().all(|axis| (axis - expected).abs() < 1e-5));
+        }
+    }
+
+    #[test]
     fn one_point_and_points_in_one_place_get_a_finite_scale() {
         for positions in [vec![[1.0, 2.0, 3.0]], vec![[1.0; 3]; 50], vec![[0.0; 3]; 5]] {
             let gaussians = from_points(&cloud(positions), 10.0);
