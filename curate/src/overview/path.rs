@@ -82,7 +82,7 @@ impl CameraPath {
         })
     }
 
-    /// Draws the path of the sequence `id`; `label` describes it for screen readers.
+    /// Draws the path; `label` describes it for screen readers.
     pub(super) fn svg(&self, label: &str) -> Markup {
         let low = self
             .cameras
