@@ -145,6 +145,11 @@ pub(crate) const EXAMPLES: &[Examples] = &[
         "curate select",
         &["curate select DATASET --count 111 --stratify scene,ego-motion --seed 0 --out SUBSET"],
     ),
+    (
+        "curate status",
+        &["curate status DATASET", "curate status DATASET --json"],
+    ),
+    ("curate overview", &["curate overview DATASET"]),
     ("curate verify", &["curate verify DATASET"]),
     (
         "reconstruct train",
