@@ -1,7 +1,8 @@
 //! The training loop: it orders calls and holds no mathematics. It knows a learner, but not the learner's model.
 //!
 //! * [`timing`]: times of steps. [`trace`]: progress, row by row; [`trace_views`]: the novel views at these rows;
-//!   `surface_faults`: ghosts and holes there; [`input_psnr`]: PSNR of input views there, by region.
+//!   `surface_faults`: ghosts and holes there; [`input_psnr`]: PSNR of input views there, by region. [`watch`]: a page
+//!   and event files that show the rows.
 //! * [`checkpoint`]: saved state; `resume`: resuming from it; `nonfinite`: the stop on values that are not
 //!   finite.
 
@@ -13,6 +14,7 @@ mod surface_faults;
 pub mod timing;
 pub mod trace;
 pub mod trace_views;
+pub mod watch;
 
 use std::{
     path::PathBuf,
@@ -25,8 +27,14 @@ use rand::seq::SliceRandom;
 use serde::{Deserialize, Serialize};
 
 use self::{
-    checkpoint::LoopState, input_psnr::InputPsnr, nonfinite::too_many_nonfinite, resume::resume,
-    surface_faults::KnownSurfaces, trace::TracePoint, trace_views::TraceViews,
+    checkpoint::LoopState,
+    input_psnr::InputPsnr,
+    nonfinite::too_many_nonfinite,
+    resume::resume,
+    surface_faults::KnownSurfaces,
+    trace::TracePoint,
+    trace_views::TraceViews,
+    watch::{ShownRow, Watch, WatchFiles},
 };
 use crate::{
     error::ReconstructError, learner::Learner, process, request::BackendChoice,
@@ -56,6 +64,8 @@ pub struct TrainingFiles {
     pub trace: PathBuf,
     /// Novel views that are rendered at its rows.
     pub trace_views: Option<TraceViews>,
+    /// Views of the training while it learns.
+    pub watch: WatchFiles,
     /// The checkpoint; read at the start if it exists.
     pub checkpoint: PathBuf,
     /// Iterations between two checkpoints; 0 writes none.
@@ -160,6 +170,8 @@ struct Trainer<'a> {
     state: LoopState,
     /// Known surfaces for the measure of ghosts and holes.
     surfaces: Option<KnownSurfaces>,
+    /// Page and event files.
+    watch: Watch,
     stopped_by_budget: bool,
     warnings: Vec<String>,
 }
@@ -173,6 +185,10 @@ impl<'a> Trainer<'a> {
     ) -> Result<Self, ReconstructError> {
         let mut warnings = Vec::new();
         let state = resume(learner, &settings, session, &mut warnings)?;
+        let watch = match &session.files {
+            Some(files) => Watch::begin(&files.watch, state.iteration)?,
+            None => Watch::default(),
+        };
         Ok(Self {
             scene,
             settings,
@@ -180,6 +196,7 @@ impl<'a> Trainer<'a> {
             learner,
             state,
             surfaces: None,
+            watch,
             stopped_by_budget: false,
             warnings,
         })
@@ -326,6 +343,21 @@ impl<'a> Trainer<'a> {
         if let Some(files) = &self.session.files {
             trace::write_csv(&files.trace, &self.state.trace)?;
         }
+        self.show(last)
+    }
+
+    /// Shows the last row of the trace on the page and in TensorBoard.
+    fn show(&mut self, is_last: bool) -> Result<(), ReconstructError> {
+        let begun = Instant::now();
+        let files = self.session.files.as_ref();
+        let row = ShownRow {
+            state: &self.state,
+            iterations: self.settings.iterations,
+            trace_views: files.and_then(|files| files.trace_views.as_ref()),
+            is_last,
+        };
+        self.watch.show(&row, self.scene, self.learner)?;
+        self.state.evaluation += begun.elapsed();
         Ok(())
     }
 
