@@ -32,7 +32,7 @@ pub(crate) use dataset::{
     SelectArguments, SliceArguments,
 };
 pub(crate) use leaderboard::{
-    AddArguments, AnswerFormatArgument, FigureArguments, GalleryArguments,
+    AddArguments, AnswerFormatArgument, DatasetsArguments, FigureArguments, GalleryArguments,
     LeaderboardBuildArguments, LeaderboardCommand, QueryArguments, SubmitResultsArguments,
 };
 pub(crate) use ledger::LedgerCommand;

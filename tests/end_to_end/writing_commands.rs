@@ -27,6 +27,7 @@ const WRITES_NOTHING: &[&str] = &[
     "curate projection",
     "curate verify",
     "doctor",
+    "leaderboard datasets",
     "reconstruct backends",
     "reconstruct methods",
     "reconstruct plan",
