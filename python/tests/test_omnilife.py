@@ -15,7 +15,6 @@ import time
 import unittest
 
 import numpy as np
-import street
 from street import ROOT, Street, expect_success, omnilife_command
 
 import omnilife
