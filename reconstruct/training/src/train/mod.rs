@@ -159,6 +159,10 @@ pub fn train(
     let outcome = trainer.run();
     drop(guard);
     session.progress.end();
+    if outcome.is_err() {
+        let row = shown_row(&trainer.state, &settings, session, false);
+        trainer.watch.stop(&row);
+    }
     outcome.map(|()| trainer.finish())
 }
 
@@ -349,13 +353,7 @@ impl<'a> Trainer<'a> {
     /// Shows the last row of the trace on the page and in TensorBoard.
     fn show(&mut self, is_last: bool) -> Result<(), ReconstructError> {
         let begun = Instant::now();
-        let files = self.session.files.as_ref();
-        let row = ShownRow {
-            state: &self.state,
-            iterations: self.settings.iterations,
-            trace_views: files.and_then(|files| files.trace_views.as_ref()),
-            is_last,
-        };
+        let row = shown_row(&self.state, &self.settings, self.session, is_last);
         self.watch.show(&row, self.scene, self.learner)?;
         self.state.evaluation += begun.elapsed();
         Ok(())
@@ -407,6 +405,21 @@ impl<'a> Trainer<'a> {
             stopped_by_budget: self.stopped_by_budget,
             warnings: self.warnings,
         }
+    }
+}
+
+fn shown_row<'a>(
+    state: &'a LoopState,
+    settings: &LoopSettings,
+    session: &'a Session<'_>,
+    is_last: bool,
+) -> ShownRow<'a> {
+    let files = session.files.as_ref();
+    ShownRow {
+        state,
+        iterations: settings.iterations,
+        trace_views: files.and_then(|files| files.trace_views.as_ref()),
+        is_last,
     }
 }
 

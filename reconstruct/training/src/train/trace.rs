@@ -129,7 +129,7 @@ impl TracePoint {
         self.cpu_seconds.unwrap_or(self.wall_seconds)
     }
 
-    /// Returns the known values with their columns, but those of single arrays.
+    /// Returns the known values with their columns, without the counts of single arrays.
     pub(super) fn known(&self) -> impl Iterator<Item = (&'static str, f64)> {
         let fixed = COLUMNS.into_iter().zip(self.fixed());
         let further = FURTHER_COLUMNS.into_iter().zip(self.further());

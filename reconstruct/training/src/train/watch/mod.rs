@@ -81,7 +81,7 @@ impl Watch {
         learner: &mut dyn Learner,
     ) -> Result<(), ReconstructError> {
         let begun = Instant::now();
-        let has_time = row.is_last || self.spent <= row.state.training.mul_f64(MOST_SHARE);
+        let has_time = row.is_last || is_affordable(self.spent, row.state.training);
         if let Some((folder, events)) = &mut self.events
             && let Some(point) = row.state.trace.last()
         {
@@ -117,6 +117,15 @@ impl Watch {
         self.spent += begun.elapsed();
         Ok(())
     }
+
+    /// Shows that a training ended before its last row.
+    pub(super) fn stop(&self, row: &ShownRow<'_>) {
+        if let Some(page) = &self.page {
+            let image = row.image(page);
+            // The reason of the training's end is what the user is told.
+            drop(page.write(&row.state.trace, PageState::Stopped, image.as_deref()));
+        }
+    }
 }
 
 impl ShownRow<'_> {
@@ -136,6 +145,11 @@ impl ShownRow<'_> {
     }
 }
 
+/// Returns true while the page and the views have taken a small enough share of the training.
+fn is_affordable(spent: Duration, training: Duration) -> bool {
+    spent <= training.mul_f64(MOST_SHARE)
+}
+
 /// Returns the view in the middle of a list.
 pub fn middle<T>(views: &[T]) -> Option<&T> {
     views.get(views.len() / 2)
@@ -149,4 +163,30 @@ fn small_image(
     let width = image.width.min(MOST_WIDTH);
     let height = (image.height * width / image.width.max(1)).max(1);
     Ok(image.resized_by_area(width, height))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_page_and_the_views_take_two_percent_at_most() {
+        let affordable = |spent, training| {
+            is_affordable(
+                Duration::from_millis(spent),
+                Duration::from_millis(training),
+            )
+        };
+        assert!(affordable(0, 0) && affordable(19, 1_000));
+        assert!(!affordable(1, 0) && !affordable(21, 1_000));
+    }
+
+    #[test]
+    fn the_middle_of_a_list_is_one_of_it() {
+        assert_eq!(middle::<u32>(&[]), None);
+        assert_eq!(
+            (middle(&[4]), middle(&[4, 9]), middle(&[4, 9, 14])),
+            (Some(&4), Some(&9), Some(&9))
+        );
+    }
 }

@@ -38,6 +38,8 @@ pub enum PageState {
         /// Iterations of the whole run.
         iterations: u64,
     },
+    /// It failed or was interrupted.
+    Stopped,
     /// It has ended.
     Ended,
 }
@@ -69,6 +71,10 @@ impl Page {
             PageState::Learning { iterations } => (
                 format!("<meta http-equiv=\"refresh\" content=\"{RELOAD_SECONDS}\">"),
                 format!("Learning: iteration {done} of {iterations}."),
+            ),
+            PageState::Stopped => (
+                String::new(),
+                format!("Stopped after iteration {done} or later, before its end."),
             ),
             PageState::Ended => (String::new(), format!("Ended after iteration {done}.")),
         };
@@ -228,9 +234,13 @@ mod tests {
         assert!(text.contains("<td>100</td>"), "{text}");
         let title = "odgs on &lt;script&gt; &amp; &quot;more&quot;";
         assert_eq!(text.matches(title).count(), 2, "{text}");
-        page.write(&trace, PageState::Ended, None).expect("written");
-        let text = written(&page);
-        assert!(!text.contains("refresh"), "{text}");
-        assert!(text.contains("Ended after iteration 100."), "{text}");
+        for (state, words) in [
+            (PageState::Stopped, "Stopped after iteration 100 or later"),
+            (PageState::Ended, "Ended after iteration 100."),
+        ] {
+            page.write(&trace, state, None).expect("written");
+            let text = written(&page);
+            assert!(text.contains(words) && !text.contains("refresh"), "{text}");
+        }
     }
 }
