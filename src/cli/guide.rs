@@ -263,6 +263,13 @@ pub(crate) const EXAMPLES: &[Examples] = &[
         ],
     ),
     (
+        "leaderboard datasets",
+        &[
+            "leaderboard datasets DATASET",
+            "leaderboard datasets STREETS INDOORS --format latex",
+        ],
+    ),
+    (
         "leaderboard figure",
         &["leaderboard figure RESULTS --methods omni4dgs,odgs --out FIGURE"],
     ),

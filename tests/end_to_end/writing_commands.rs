@@ -28,6 +28,7 @@ const WRITES_NOTHING: &[&str] = &[
     "curate status",
     "curate verify",
     "doctor",
+    "leaderboard datasets",
     "reconstruct backends",
     "reconstruct methods",
     "reconstruct plan",
