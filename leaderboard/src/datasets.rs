@@ -179,7 +179,7 @@ fn answer(
         columns,
         notes: Vec::new(),
     };
-    Ok(omnilife_results::render(&answer, format)?)
+    Ok(render(&answer, format)?)
 }
 
 /// Returns the facts in the records of a dataset. Sequences count, not the videos that gave none.
