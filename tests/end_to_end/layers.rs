@@ -107,7 +107,8 @@ const CURATE: &[&[&str]] = &[
     &["stills"],
     &["exchange", "inputs", "pipeline"],
     &["annotation", "attrition", "worker"],
-    &["audit", "dataset"],
+    &["audit", "overview"],
+    &["dataset"],
 ];
 const BENCH: &[&[&str]] = &[
     &["error", "lpips", "prediction"],

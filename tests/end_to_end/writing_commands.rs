@@ -251,7 +251,8 @@ impl Inputs {
     /// Returns every command that writes.
     pub(crate) fn commands(&self) -> Vec<WritingCommand> {
         let extra = self.folder.path().display();
-        let small = SMALL.join(" ");
+        // Rows of the trace at fixed iterations: their times differ between runs.
+        let small = format!("{} --trace 10", SMALL.join(" "));
         let new = |words: &str, code| WritingCommand::new(words, code);
         vec![
             // A dataset is made in a folder of its own.

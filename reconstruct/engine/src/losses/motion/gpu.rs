@@ -1,12 +1,10 @@
 //! Motion regularization on a GPU.
 
 use crate::{
-    camera::Camera,
     device::{
         DeviceBuffer, Gpu, GpuError, Kernel, Program, Shader, Uniform, WORKGROUP, wgsl_struct,
     },
     gaussians::temporal::gpu::{DeviceTime, table_constants},
-    model::dynamic_settings::{MotionForm, MotionLoss},
     parameters::device_table::TableBuffers,
 };
 
@@ -41,12 +39,12 @@ pub(crate) struct Motion {
 }
 
 impl Motion {
-    /// Compiles the kernels with the loss's weight, for views of a camera.
-    pub(crate) fn new(gpu: &Gpu, loss: &MotionLoss, camera: &Camera) -> Result<Self, GpuError> {
-        // That of one Gaussian, or the sum of all of them, whose number the device counts.
+    /// Compiles the kernels. `weight` is that of one Gaussian if only seen ones count, else that of all of them, whose
+    /// number the device counts.
+    pub(crate) fn new(gpu: &Gpu, weight: f32, seen_alone: bool) -> Result<Self, GpuError> {
         let settings = MotionWeight {
-            weight: loss.of_each(1, camera),
-            seen_alone: u32::from(loss.form == MotionForm::Seen),
+            weight,
+            seen_alone: u32::from(seen_alone),
         };
         let [count_static, regularize_motion] =
             Kernel::compile(gpu, &shader(), ["count_static", "regularize_motion"])?;

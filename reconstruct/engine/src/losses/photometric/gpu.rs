@@ -5,7 +5,6 @@ use crate::device::{
 };
 use crate::{
     losses::photometric::{Columns, LossValue},
-    model::exposure::Exposure,
     training_view::TrainingView,
 };
 use omnilife_schemas::camera::Camera;
@@ -47,7 +46,7 @@ pub(crate) fn shader() -> Shader {
 const MARKS: usize = u32::BITS as usize;
 
 /// Levels of the bytes of each channel.
-type Levels = [[f32; 256]; 3];
+pub(crate) type Levels = [[f32; 256]; 3];
 
 /// Returns the words of a packed image of `pixels` pixels.
 pub(crate) fn packed_len(pixels: usize) -> usize {
@@ -82,21 +81,18 @@ fn pack_pixels(
 }
 
 /// Returns the levels of bytes without a gain to remove.
-fn plain_levels() -> Levels {
+pub(crate) fn plain_levels() -> Levels {
     [std::array::from_fn(|byte| byte as f32 / 255.0); 3]
 }
 
-/// Uploads the image of a view, with the levels of its bytes once the gain is removed, if any; returns it with the
-/// number of its pixels that count.
+/// Uploads the image of a view, with the levels of its bytes; returns it with the number of its pixels that count.
 pub(crate) fn target_image(
     gpu: &Gpu,
     view: &TrainingView,
-    exposure: Option<&Exposure>,
+    levels: &Levels,
 ) -> Result<(DeviceBuffer<u32>, usize), GpuError> {
     let (mask, ignored) = (view.mask.as_deref(), view.ignored.as_deref());
-    let at = view.view.time_seconds;
-    let levels = exposure.map_or_else(plain_levels, |exposure| exposure.levels(at));
-    let packed = pack_pixels(&view.pixels, mask, ignored, &levels);
+    let packed = pack_pixels(&view.pixels, mask, ignored, levels);
     let image = DeviceBuffer::of(gpu, "image of a view", &packed)?;
     Ok((image, view.counted_pixels()))
 }

@@ -9,7 +9,7 @@ use crate::{
         motion::gpu::Motion,
         photometric::gpu::{Loss, LossWeights},
     },
-    model::dynamic_settings::DynamicSettings,
+    model::dynamic_settings::{DynamicSettings, MotionForm},
     render::{
         buffers::{DeviceStatus, RenderShape},
         gpu::{Chain, Chains},
@@ -68,7 +68,9 @@ impl DynamicKernels {
             maps: Maps::new(gpu, width * height)?,
             motion: settings
                 .motion_loss
-                .map(|loss| Motion::new(gpu, &loss, camera))
+                .map(|loss| {
+                    Motion::new(gpu, loss.of_each(1, camera), loss.form == MotionForm::Seen)
+                })
                 .transpose()?,
             alone: alone.transpose()?,
         })

@@ -36,7 +36,7 @@ use crate::{
     density::{Densification, Densified},
     device::{DeviceBuffer, Gpu, GpuError, timer::StageTimer},
     gaussians::parameterization::Viewpoint,
-    losses::photometric::gpu::{loss_value, target_image},
+    losses::photometric::gpu::{loss_value, plain_levels, target_image},
     model::{Model, TrainedArray},
     render::{
         buffers::{DeviceStatus, HALTED_FULL, HALTED_RUNNING, RenderShape},
@@ -144,10 +144,12 @@ impl<'a> GpuStepper<'a> {
         let (of_model, look_interval) = ((&model, settings), LOOK_INTERVAL as usize);
         let kernels = StepKernels::new(Arc::clone(&gpu), &inputs, of_model, look_interval)?;
         let exposure = settings.exposure.as_ref();
-        let targets = inputs
-            .views
-            .iter()
-            .map(|view| target_image(&gpu, view, exposure));
+        let targets = inputs.views.iter().map(|view| {
+            let levels = exposure.map_or_else(plain_levels, |exposure| {
+                exposure.levels(view.view.time_seconds)
+            });
+            target_image(&gpu, view, &levels)
+        });
         Ok(Self {
             inputs,
             settings: settings.clone(),
