@@ -149,6 +149,10 @@ impl Parameterization for PlayedGaussians {
         }
     }
 
+    fn tells_static_from_dynamic(&self) -> bool {
+        *self.motion == Motion::Static
+    }
+
     fn time_span(&self) -> Option<TimeSpan> {
         (*self.motion != Motion::Static).then(|| TimeSpan {
             begin_seconds: self.time.begin,

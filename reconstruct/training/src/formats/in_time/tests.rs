@@ -1,5 +1,6 @@
 //! Models of every closed form, written, read and rendered; malformed files.
 
+use glam::Vec3;
 use omnilife_engine::{
     camera::{Camera, View},
     clock::Clock,
@@ -307,4 +308,60 @@ fn malformed_files_are_one_line() {
     longer[0] = b'X';
     let refused = read_back(&longer).map(drop).expect_err("another magic");
     assert!(refused.contains("GAUSTIME"), "{refused}");
+}
+
+/// The file of `scripts/golden/gaussians_in_time.py`, which follows the specification alone.
+#[test]
+fn the_file_of_another_writer_moves_as_specified() {
+    let bytes = include_bytes!("peer/peer.gtime");
+    // Normalized coordinates are those of the file.
+    let normalization = Similarity {
+        offset: [10.0, 20.0, 30.0],
+        scale: 2.0,
+    };
+    let mut invalid = InvalidGaussians::default();
+    let read = from_bytes(Path::new("peer.gtime"), bytes, &normalization, &mut invalid);
+    let mut model = read.expect("a valid file");
+    let span = model.time_span().expect("motion");
+    assert_eq!([span.begin_seconds, span.end_seconds], [5.0, 9.0]);
+    let quarter = std::f32::consts::FRAC_1_SQRT_2 * 0.5;
+    let fading = (-0.5_f32).exp() * 0.5;
+    let way = std::f32::consts::FRAC_1_PI;
+    // Number, time, place and opacity.
+    for (index, time, place, opacity) in [
+        (0, 0.0, [1.0, 0.0, 3.0], 0.75),
+        (1, 4.0, [-1.0, 0.5, 4.0], 1.0),
+        (2, 2.0, [0.0, 0.0, 5.0], 0.5),
+        (2, 3.0, [1.0, 0.0, 4.5], fading),
+        (3, 1.5, [0.0, way, 5.0], fading),
+        (3, 0.5, [0.0, -way, 5.0], fading),
+        (3, 3.0, [0.0, 0.0, 5.0], 0.0),
+        (4, 2.0, [1.5 + quarter, 0.0, 2.0 - quarter], 0.5),
+        (4, 4.0, [3.0, 0.0, 1.5], 0.5),
+        (4, 4.5, [0.5, 0.0, 0.0], 0.0),
+    ] {
+        let found = activated(&mut model, 5.0 + time);
+        let apart = Vec3::from_array(found.positions[index]).distance(Vec3::from_array(place));
+        assert!(
+            apart < 1e-4,
+            "{index} at {time}: {:?}",
+            found.positions[index]
+        );
+        let apart = (found.opacities[index] - opacity).abs();
+        assert!(
+            apart < 3e-3,
+            "{index} at {time}: {}",
+            found.opacities[index]
+        );
+    }
+    let found = activated(&mut model, 5.0);
+    for (size, expected) in found.scales[0].iter().zip([0.5, 0.25, 0.125]) {
+        assert!((size / expected - 1.0).abs() < 1e-3, "{size}");
+    }
+    assert_eq!(found.sh_degree, 1);
+    for (found, expected) in found.sh_rest[2].iter().zip([0.02, 0.03, 0.04]) {
+        assert!((found - expected).abs() < 1e-5, "{found}");
+    }
+    assert_eq!(found.sh_rest[3 * 2], [0.0; 3]);
+    assert!((found.sh_constant[0][0] - 1.772_454).abs() < 1e-3);
 }
