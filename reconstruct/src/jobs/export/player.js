@@ -135,7 +135,7 @@ async function sceneOf(file) {
 
 // Rendering.
 
-const TEXELS = 5;
+const TEXELS = 3;
 const ROW = 4096;
 const SHIFT = Math.log2(ROW);
 const ANYWHERE = `#version 300 es
@@ -147,39 +147,49 @@ precision highp float;
 precision highp int;
 precision highp sampler2D;
 precision highp usampler2D;
-uniform sampler2D scene, objects;
-uniform usampler2D order;
+uniform sampler2D objects;
+uniform usampler2D scene, order;
 uniform mat3 camera;
 uniform vec3 eye;
 uniform vec2 focal, viewport;
 uniform float time, near;
 uniform int visible;
 out uvec4 projected;
-vec4 row(int texel) { return texelFetch(scene, ivec2(texel & ${ROW - 1}, texel >> ${SHIFT}), 0); }
+uvec4 row(int texel) { return texelFetch(scene, ivec2(texel & ${ROW - 1}, texel >> ${SHIFT}), 0); }
 vec3 turned(vec4 q, vec3 v) { return v + 2.0 * cross(q.xyz, cross(q.xyz, v) + q.w * v); }
 void main() {
   projected = uvec4(0);
   ivec2 texel = ivec2(gl_FragCoord.xy);
   if (texel.y * ${ROW} + texel.x >= visible) return;
   int first = int(texelFetch(order, texel, 0).x) * ${TEXELS};
-  vec4 a = row(first), b = row(first + 1), q = row(first + 2), m = row(first + 3), n = row(first + 4);
-  vec3 centre = a.xyz;
-  float alpha = a.w;
-  if (b.w >= 0.0) {
-    vec4 at = texelFetch(objects, ivec2(2 * int(b.w), 0), 0), r = texelFetch(objects, ivec2(2 * int(b.w) + 1, 0), 0);
+  uvec4 a = row(first), b = row(first + 1);
+  vec3 centre = uintBitsToFloat(a.xyz);
+  vec2 sizes = unpackHalf2x16(b.x), more = unpackHalf2x16(b.y), last = unpackHalf2x16(b.w);
+  vec4 q = vec4(more.y, unpackHalf2x16(b.z), last.x);
+  float alpha = last.y;
+  uint kind = a.w >> 30;
+  if (kind == 2u) {
+    int object = 2 * int(a.w & 65535u);
+    vec4 at = texelFetch(objects, ivec2(object, 0), 0), r = texelFetch(objects, ivec2(object + 1, 0), 0);
     alpha *= at.w;
     centre = turned(r, centre) + at.xyz;
     q = vec4(r.w * q.xyz + q.w * r.xyz + cross(r.xyz, q.xyz), r.w * q.w - dot(r.xyz, q.xyz));
-  } else if (n.y >= 0.0) {
-    float d = time - m.w, share = exp(-0.5 * (d * n.x) * (d * n.x));
-    alpha *= share > n.z ? share : 0.0;
+  } else if (kind == 1u) {
+    uvec4 m = row(first + 2);
+    vec2 rest = unpackHalf2x16(m.y);
+    float d = time - uintBitsToFloat(m.z), cycle = uintBitsToFloat(m.w), ratio = d * rest.y, share = exp(-0.5 * ratio * ratio);
+    alpha *= share > unpackHalf2x16(a.w & 65535u).x ? share : 0.0;
     float way = d;
-    if (n.y > 0.0) { float turns = d / n.y; way = n.y * 0.15915494 * sin(6.2831853 * (turns - round(turns))); }
-    centre += m.xyz * way;
+    if (cycle > 0.0) { float turns = d / cycle; way = cycle * 0.15915494 * sin(6.2831853 * (turns - round(turns))); }
+    centre += vec3(unpackHalf2x16(m.x), rest.x) * way;
   }
   vec3 c = camera * (centre - eye);
   if (alpha < 0.00393 || c.z < near) return;
-  mat3 axes = camera * mat3(b.x * turned(q, vec3(1, 0, 0)), b.y * turned(q, vec3(0, 1, 0)), b.z * turned(q, vec3(0, 0, 1)));
+  vec3 p = q.xyz * q.xyz, o = q.yzx * q.zxy, w = q.w * q.xyz;
+  mat3 axes = camera * mat3(
+    sizes.x * vec3(1.0 - 2.0 * (p.y + p.z), 2.0 * (o.z + w.z), 2.0 * (o.y - w.y)),
+    sizes.y * vec3(2.0 * (o.z - w.z), 1.0 - 2.0 * (p.x + p.z), 2.0 * (o.x + w.x)),
+    more.x * vec3(2.0 * (o.y + w.y), 2.0 * (o.x - w.x), 1.0 - 2.0 * (p.x + p.y)));
   vec2 widest = 0.65 * viewport / focal;
   vec2 slope = clamp(c.xy / c.z, -widest, widest);
   vec3 u = vec3(axes[0].x, axes[1].x, axes[2].x) - slope.x * vec3(axes[0].z, axes[1].z, axes[2].z);
@@ -204,15 +214,16 @@ uniform vec2 viewport;
 out vec2 place;
 flat out vec4 tint;
 void main() {
-  // Four vertices of each: software renderers draw instances one by one.
-  int number = gl_VertexID >> 2;
+  // A triangle around each: software renderers draw instances one by one, and a square has more vertices.
+  int number = gl_VertexID / 3, corner = gl_VertexID - 3 * number;
   ivec2 texel = ivec2(number & ${ROW - 1}, number >> ${SHIFT});
   uvec4 gaussian = texelFetch(gaussians, texel, 0);
   vec2 axis = unpackHalf2x16(gaussian.z), more = unpackHalf2x16(gaussian.w);
   gl_Position = vec4(2.0, 2.0, 2.0, 1.0);
   if (more.y == 0.0) return;
   uint colour = texelFetch(order, texel, 0).y;
-  place = sqrt(max(0.0, 2.0 * log(255.0 * more.y))) * (vec2(gl_VertexID & 1, (gl_VertexID >> 1) & 1) * 2.0 - 1.0);
+  // Up to an alpha of 1/255, or an eighth of a thousandth of the weight beyond.
+  place = sqrt(clamp(2.0 * log(255.0 * more.y), 0.0, 8.0)) * (corner == 0 ? vec2(0, 2) : vec2(corner == 1 ? 1.7320508 : -1.7320508, -1));
   vec2 pixel = uintBitsToFloat(gaussian.xy) + place.x * axis + place.y * more.x * vec2(-axis.y, axis.x);
   gl_Position = vec4(vec2(2.0, -2.0) * pixel / viewport, 0.0, 1.0);
   tint = vec4(vec3((uvec3(colour) >> uvec3(0, 8, 16)) & 255u) / 255.0, more.y);
@@ -228,7 +239,19 @@ void main() {
 }`;
 
 const canvas = document.querySelector("canvas");
-const gl = canvas.getContext("webgl2", { antialias: false, alpha: false, depth: false, powerPreference: "high-performance" });
+// A graphics card draws; without one, or for the address #worker, the worker does. #webgl takes WebGL in any case.
+function graphics() {
+  if (location.hash === "#worker") return null;
+  const options = { antialias: false, alpha: false, depth: false, powerPreference: "high-performance" };
+  const probe = document.createElement("canvas").getContext("webgl2");
+  const named = probe && probe.getExtension("WEBGL_debug_renderer_info");
+  const name = probe ? probe.getParameter(named ? named.UNMASKED_RENDERER_WEBGL : probe.RENDERER) : "";
+  if (!probe || (/swiftshader|llvmpipe|software|basic render/i.test(name) && location.hash !== "#webgl")) return null;
+  return canvas.getContext("webgl2", options);
+}
+const gl = graphics();
+const flat = gl ? null : canvas.getContext("2d", { alpha: false, willReadFrequently: true });
+state.draws = gl ? "webgl" : "worker";
 
 function programOf(vertex, fragment) {
   const program = gl.createProgram();
@@ -252,51 +275,90 @@ function texture([width, height], [kind, channels, type], values) {
   return made;
 }
 
+// Objects lie in one line of a texture.
+const MOST_OBJECTS = 1024;
+// Returns bits of a number as a half, of magnitudes that it holds.
+const number32 = new Float32Array(1);
+const bits32 = new Uint32Array(number32.buffer);
+function half(value) {
+  number32[0] = Math.max(-65504, Math.min(65504, value));
+  const bits = bits32[0];
+  const sign = bits >>> 16 & 0x8000;
+  const exponent = (bits >>> 23 & 255) - 112;
+  if (exponent <= 0) return exponent < -10 ? sign : sign | (0x800000 | bits & 0x7fffff) >> 14 - exponent;
+  return sign | (exponent << 10 | bits >>> 13 & 0x3ff);
+}
+// Rows of the scene's texture: place and kind; halves of sizes, rotation and opacity; motion.
+function packedRows(scene, height) {
+  const { position, size, rotation, opacity, velocity, peak, duration, cycle, least, object } = scene;
+  const rows = new Uint32Array(4 * ROW * height);
+  const floats = new Float32Array(rows.buffer);
+  const two = (low, high) => half(low) | half(high) << 16;
+  for (let i = 0; i < scene.count; i++) {
+    const to = 4 * TEXELS * i;
+    const [at, q] = [3 * i, 4 * i];
+    const length = Math.hypot(rotation[q], rotation[q + 1], rotation[q + 2], rotation[q + 3]) || 1;
+    // In the file w is the first.
+    const [w, x, y, z] = [rotation[q] / length, rotation[q + 1] / length, rotation[q + 2] / length, rotation[q + 3] / length];
+    for (let axis = 0; axis < 3; axis++) floats[to + axis] = position[at + axis];
+    rows[to + 3] = object[i] >= 0 ? 2 << 30 | object[i] : cycle[i] >= 0 ? 1 << 30 | half(least[i]) : 0;
+    rows[to + 4] = two(size[at], size[at + 1]);
+    rows[to + 5] = two(size[at + 2], x);
+    rows[to + 6] = two(y, z);
+    rows[to + 7] = two(w, opacity[i]);
+    rows[to + 8] = two(velocity[at], velocity[at + 1]);
+    rows[to + 9] = two(velocity[at + 2], 1 / duration[i]);
+    floats[to + 10] = peak[i];
+    floats[to + 11] = cycle[i];
+  }
+  return rows;
+}
+
+function texturesOf(scene) {
+  const height = Math.ceil(TEXELS * scene.count / ROW);
+  if (height > gl.getParameter(gl.MAX_TEXTURE_SIZE)) refuse(`has ${scene.count} Gaussians, more than a texture holds`);
+  if (scene.objects.length > MOST_OBJECTS) refuse(`has ${scene.objects.length} objects`);
+  const lines = Math.ceil(scene.count / ROW);
+  const integers = [gl.RGBA32UI, gl.RGBA_INTEGER, gl.UNSIGNED_INT];
+  return {
+    scene: texture([ROW, height], integers, packedRows(scene, height)),
+    order: texture([ROW, lines], [gl.RG32UI, gl.RG_INTEGER, gl.UNSIGNED_INT], null),
+    gaussians: texture([ROW, lines], integers, null),
+    objects: texture([2 * Math.max(1, scene.objects.length), 1], [gl.RGBA32F, gl.RGBA, gl.FLOAT], null),
+  };
+}
+
 // What is drawn: a scene on the graphics card, with its sorter.
 let shown = null;
 
 function open(scene) {
   const { count } = scene;
-  const height = Math.ceil(TEXELS * count / ROW);
-  if (height > gl.getParameter(gl.MAX_TEXTURE_SIZE)) refuse(`has ${count} Gaussians, more than a texture holds`);
-  const rows = new Float32Array(4 * ROW * height);
-  for (let i = 0; i < count; i++) {
-    const to = 4 * TEXELS * i;
-    for (let axis = 0; axis < 3; axis++) {
-      rows[to + axis] = scene.position[3 * i + axis];
-      rows[to + 4 + axis] = scene.size[3 * i + axis];
-      rows[to + 12 + axis] = scene.velocity[3 * i + axis];
-    }
-    const q = 4 * i;
-    const length = Math.hypot(scene.rotation[q], scene.rotation[q + 1], scene.rotation[q + 2], scene.rotation[q + 3]) || 1;
-    // In the file w is the first.
-    for (let part = 0; part < 4; part++) rows[to + 8 + part] = scene.rotation[q + (part + 1) % 4] / length;
-    rows[to + 3] = scene.opacity[i];
-    rows[to + 7] = scene.object[i];
-    rows[to + 15] = scene.peak[i];
-    rows[to + 16] = 1 / scene.duration[i];
-    rows[to + 17] = scene.cycle[i];
-    rows[to + 18] = scene.least[i];
+  const textures = gl ? texturesOf(scene) : {};
+  if (shown) {
+    for (const each of shown.workers) each.worker.terminate();
+    for (const each of Object.values(shown.textures)) gl.deleteTexture(each);
   }
-  if (shown) { shown.sorter.terminate(); for (const each of [shown.rows, shown.order, shown.projected, shown.objects]) gl.deleteTexture(each); }
-  const sorter = new Worker(URL.createObjectURL(new Blob([at("sorter").textContent], { type: "text/javascript" })));
-  const lines = Math.ceil(count / ROW);
-  const buffers = [0, 1].map(() => new ArrayBuffer(8 * ROW * lines));
+  // One that sorts, or one for each band of the picture.
+  const most = count > 1e6 ? 2 : 4;
+  const workers = Array.from({ length: gl ? 1 : Math.min(most, navigator.hardwareConcurrency || 1) }, () => ({
+    worker: new Worker(URL.createObjectURL(new Blob([at("sorter").textContent], { type: "text/javascript" }))),
+    buffer: new ArrayBuffer(8 * ROW * Math.ceil(count / ROW)), answer: null,
+  }));
   shown = {
-    scene, sorter, buffers, visible: 0, isSorting: false, isStale: true, time: 0, radius: radiusOf(scene), sortedAt: 0,
-    rows: texture([ROW, height], [gl.RGBA32F, gl.RGBA, gl.FLOAT], rows), order: texture([ROW, lines], [gl.RG32UI, gl.RG_INTEGER, gl.UNSIGNED_INT], null),
-    projected: texture([ROW, lines], [gl.RGBA32UI, gl.RGBA_INTEGER, gl.UNSIGNED_INT], null),
-    objects: texture([2 * Math.max(1, scene.objects.length), 1], [gl.RGBA32F, gl.RGBA, gl.FLOAT], null),
+    scene, textures, workers, cuts: workers.map((_, number) => (number + 1) / workers.length),
+    visible: 0, isSorting: false, isStale: true, time: 0, radius: radiusOf(scene), sortedAt: 0,
   };
   shown.near = shown.radius / 500;
-  // Two triangles of each.
-  const quads = new Uint32Array(6 * count);
-  for (let i = 0; i < count; i++) quads.set([4 * i, 4 * i + 1, 4 * i + 2, 4 * i + 2, 4 * i + 1, 4 * i + 3], 6 * i);
-  gl.bufferData(gl.ELEMENT_ARRAY_BUFFER, quads, gl.STATIC_DRAW);
-  sorter.onerror = (event) => fail(event.message);
-  sorter.onmessage = ({ data }) => sorted(shown, data);
-  const { header, size, rotation, ...ofSorter } = scene;
-  sorter.postMessage({ scene: { ...ofSorter, near: shown.near } });
+  const { header, ...ofWorkers } = scene;
+  const own = shown;
+  for (const each of workers) {
+    each.worker.onerror = (event) => fail(event.message);
+    each.worker.onmessage = ({ data }) => {
+      Object.assign(each, { buffer: data.buffer, answer: data });
+      if (own === shown && workers.every(({ answer }) => answer)) sorted(workers.map(({ answer }) => answer));
+    };
+    each.worker.postMessage({ scene: { ...ofWorkers, near: shown.near } });
+  }
   Object.assign(state, { splats: count, length: header.time.seconds });
   const seconds = header.time.seconds;
   at("moments").hidden = !(seconds > 0);
@@ -318,27 +380,65 @@ function radiusOf({ position, count }) {
 
 // Sorting.
 
-const SORT_EVERY = 60;
+// Time over which an order of a graphics card's Gaussians is used, seconds.
+const AHEAD = 0.25;
+// Milliseconds between orders: drawing needs the processors too.
+const sortEvery = () => Math.min(200, Math.max(60, 3 * state.sortMilliseconds));
 function sort(now) {
-  if (!shown || shown.isSorting || !shown.isStale || (now - shown.sortedAt < SORT_EVERY && shown.visible > 0)) return;
-  const buffer = shown.buffers.pop();
-  if (!buffer) return;
+  if (!shown || shown.isSorting || !shown.isStale || (gl && player.isPlaying && now - shown.sortedAt < sortEvery())) return;
   const { right, down, ahead } = axes();
   const tangent = Math.tan(0.5 * look.field);
-  const view = { time: shown.time, eye: look.eye, right, down, ahead, tangents: [tangent * canvas.width / canvas.height, tangent] };
+  const wide = tangent * canvas.clientWidth / canvas.clientHeight;
+  const view = { time: shown.time, eye: look.eye, right, down, ahead };
   Object.assign(shown, { isSorting: true, isStale: false, sortedAt: now });
-  shown.sorter.postMessage({ view, buffer }, [buffer]);
+  const [width, height] = canvas.wanted;
+  let begin = 0;
+  shown.workers.forEach((each, number) => {
+    const end = Math.max(begin, Math.round(height * shown.cuts[number]));
+    // An order serves until the next one: the camera turns meanwhile, and Gaussians appear.
+    const own = gl ? { tangents: [1.2 * wide, -1.2 * tangent, 1.2 * tangent], later: AHEAD }
+      : { tangents: [wide, ...[begin, end].map((line) => tangent * (2 * line / height - 1))], later: 0, lines: [begin, end], width, height, focal: 0.5 * height / tangent };
+    begin = end;
+    each.answer = null;
+    each.worker.postMessage({ view: { ...view, ...own }, buffer: each.buffer }, [each.buffer]);
+  });
 }
-function sorted(of, { visible, buffer, milliseconds }) {
-  if (of !== shown) return;
+function sorted(answers) {
+  const [{ visible, buffer }] = answers;
+  const all = answers.reduce((sum, each) => sum + each.visible, 0);
+  Object.assign(shown, { visible, isSorting: false });
+  Object.assign(state, { visible: all, sortMilliseconds: Math.max(...answers.map(({ milliseconds }) => milliseconds)), ready: true });
+  if (gl) {
+    upload(shown, visible, buffer);
+    return draw();
+  }
+  const { width, height } = answers[0].view;
+  if (canvas.width !== width || canvas.height !== height) Object.assign(canvas, { width, height });
+  for (const { view: { lines: [begin, end] }, pixels } of answers) {
+    if (end > begin) flat.putImageData(new ImageData(new Uint8ClampedArray(pixels), width, end - begin), 0, begin);
+  }
+  state.frames += 1;
+  balance(answers, height);
+  if (player.isPlaying && performance.now() - shown.sortedAt > 16) frame(performance.now());
+  else if (shown.isStale || isMoving()) draw();
+}
+// Moves the cuts between bands to where their times would have been equal.
+function balance(answers, height) {
+  const total = answers.reduce((sum, { milliseconds }) => sum + milliseconds, 0);
+  let [band, passed] = [0, 0];
+  for (let number = 0; number + 1 < answers.length; number++) {
+    const wanted = total * (number + 1) / answers.length;
+    while (passed + answers[band].milliseconds < wanted) passed += answers[band++].milliseconds;
+    const { milliseconds, view: { lines: [begin, end] } } = answers[band];
+    const cut = (begin + (end - begin) * (wanted - passed) / milliseconds) / height;
+    shown.cuts[number] += 0.3 * (cut - shown.cuts[number]);
+  }
+}
+function upload(of, visible, buffer) {
   const lines = Math.ceil(visible / ROW);
   gl.activeTexture(gl.TEXTURE0 + UNITS.order);
-  gl.bindTexture(gl.TEXTURE_2D, of.order);
+  gl.bindTexture(gl.TEXTURE_2D, of.textures.order);
   if (lines > 0) gl.texSubImage2D(gl.TEXTURE_2D, 0, 0, 0, ROW, lines, gl.RG_INTEGER, gl.UNSIGNED_INT, new Uint32Array(buffer, 0, 2 * ROW * lines));
-  of.buffers.push(buffer);
-  Object.assign(of, { visible, isSorting: false });
-  Object.assign(state, { visible, sortMilliseconds: milliseconds, ready: true });
-  draw();
 }
 
 // The camera: a place, a heading and a pitch over the ground.
@@ -382,7 +482,6 @@ const projection = gl && stage(ANYWHERE, PROJECTED);
 const drawing = gl && stage(VERTEX, FRAGMENT);
 const target = gl && gl.createFramebuffer();
 if (gl) {
-  gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, gl.createBuffer());
   gl.blendFunc(gl.ONE, gl.ONE_MINUS_SRC_ALPHA);
   gl.clearColor(0, 0, 0, 1);
 }
@@ -390,40 +489,42 @@ if (gl) {
 const SLOW = 31;
 const FAST = 22;
 const LEAST_SHARE = 0.3;
-const pace = { share: 1, mean: 25, last: 0, changed: 0 };
+const pace = { share: gl ? 1 : 0.5, mean: 25, last: null, changed: 0 };
+// Takes the time of a frame that follows another; `last` is null after a rest.
 function measure(now) {
-  const lasted = now - pace.last;
+  if (pace.last !== null) {
+    pace.mean += 0.15 * (Math.min(500, now - pace.last) - pace.mean);
+    state.rate = 1000 / pace.mean;
+    if (now - pace.changed > 250) {
+      const wanted = pace.mean > SLOW ? 0.85 * pace.share : pace.mean < FAST ? 1.08 * pace.share : pace.share;
+      pace.share = Math.min(1, Math.max(LEAST_SHARE, wanted));
+      pace.changed = now;
+    }
+  }
   pace.last = now;
-  // A pause is no slow frame.
-  if (lasted > 400) return;
-  pace.mean += 0.15 * (lasted - pace.mean);
-  state.rate = 1000 / pace.mean;
-  if (now - pace.changed < 300) return;
-  const wanted = pace.mean > SLOW ? 0.85 * pace.share : pace.mean < FAST ? 1.08 * pace.share : pace.share;
-  pace.share = Math.min(1, Math.max(LEAST_SHARE, wanted));
-  pace.changed = now;
 }
 
 let isDue = false;
 function draw() {
-  if (isDue || !gl) return;
+  if (isDue) return;
   isDue = true;
   requestAnimationFrame(frame);
 }
+const isMoving = () => player.isPlaying || held.size > 0;
 function frame(now) {
   isDue = false;
-  if (!shown) return;
+  if (!shown || (!gl && shown.isSorting)) return;
+  if (isMoving()) measure(now); else pace.last = null;
+  state.share = (isMoving() ? pace.share : 1) * devicePixelRatio;
+  canvas.wanted = [canvas.clientWidth, canvas.clientHeight].map((side) => Math.max(1, Math.round(side * state.share)));
   advance(now);
   sort(now);
-  const isMoving = player.isPlaying || held.size > 0;
-  if (isMoving) measure(now);
-  const share = (isMoving ? pace.share : 1) * devicePixelRatio;
-  state.share = share;
-  const [width, height] = [canvas.clientWidth, canvas.clientHeight].map((side) => Math.max(1, Math.round(side * share)));
+  if (!gl) return;
+  const [width, height] = canvas.wanted;
   if (canvas.width !== width || canvas.height !== height) Object.assign(canvas, { width, height });
   paint();
   state.frames += 1;
-  if (isMoving || (shown.isStale && !shown.isSorting)) draw();
+  if (isMoving() || (shown.isStale && !shown.isSorting)) draw();
 }
 function use({ program, uniforms }, textures) {
   gl.useProgram(program);
@@ -440,20 +541,21 @@ function paint() {
   gl.viewport(0, 0, canvas.width, canvas.height);
   gl.clear(gl.COLOR_BUFFER_BIT);
   gl.enable(gl.BLEND);
-  use(drawing, { order: shown.order, gaussians: shown.projected });
-  gl.drawElements(gl.TRIANGLES, 6 * shown.visible, gl.UNSIGNED_INT, 0);
+  use(drawing, { order: shown.textures.order, gaussians: shown.textures.gaussians });
+  gl.drawArrays(gl.TRIANGLES, 0, 3 * shown.visible);
 }
 function project() {
   const { uniforms } = projection;
   const { objects } = shown.scene;
-  use(projection, { scene: shown.rows, order: shown.order, objects: shown.objects });
+  const { scene, order, objects: poses, gaussians } = shown.textures;
+  use(projection, { scene, order, objects: poses });
   if (objects.length > 0) {
-    const poses = objects.flatMap((object) => {
+    const values = objects.flatMap((object) => {
       const pose = poseOf(object, shown.time);
       return pose ? [pose[0], pose[1], pose[2], 1, pose[3], pose[4], pose[5], pose[6]] : [0, 0, 0, 0, 0, 0, 0, 1];
     });
     gl.activeTexture(gl.TEXTURE0 + UNITS.objects);
-    gl.texSubImage2D(gl.TEXTURE_2D, 0, 0, 0, 2 * objects.length, 1, gl.RGBA, gl.FLOAT, new Float32Array(poses));
+    gl.texSubImage2D(gl.TEXTURE_2D, 0, 0, 0, 2 * objects.length, 1, gl.RGBA, gl.FLOAT, new Float32Array(values));
   }
   const { right, down, ahead } = axes();
   gl.uniformMatrix3fv(uniforms.camera, true, [...right, ...down, ...ahead]);
@@ -467,7 +569,7 @@ function project() {
   // The texture of the last drawing must not be read while it is written.
   gl.activeTexture(gl.TEXTURE0 + UNITS.gaussians);
   gl.bindTexture(gl.TEXTURE_2D, null);
-  gl.framebufferTexture2D(gl.FRAMEBUFFER, gl.COLOR_ATTACHMENT0, gl.TEXTURE_2D, shown.projected, 0);
+  gl.framebufferTexture2D(gl.FRAMEBUFFER, gl.COLOR_ATTACHMENT0, gl.TEXTURE_2D, gaussians, 0);
   gl.viewport(0, 0, ROW, Math.ceil(shown.visible / ROW));
   gl.disable(gl.BLEND);
   gl.drawArrays(gl.TRIANGLES, 0, 3);
@@ -477,7 +579,7 @@ const poseOf = new Function(`${at("sorter").textContent}; return poseOf;`)();
 
 // Time.
 
-const player = { isPlaying: false, last: 0 };
+const player = { isPlaying: false, last: 0, written: 0 };
 function advance(now) {
   if (!player.isPlaying) return;
   const passed = Math.min(0.1, (now - player.last) / 1000);
@@ -490,6 +592,10 @@ function setTime(time) {
   shown.time = Math.max(0, Math.min(seconds, time));
   shown.isStale = true;
   state.seconds = shown.time;
+  // Ten times a second are enough for reading.
+  const now = performance.now();
+  if (player.isPlaying && now - player.written < 100) return;
+  player.written = now;
   at("moment").value = shown.time;
   const text = `${shown.time.toFixed(2)} of ${seconds.toFixed(2)} s`;
   at("seconds").textContent = text;
@@ -560,6 +666,5 @@ at("file").addEventListener("change", (event) => loadFile(event.target.files[0])
 window.addEventListener("dragover", (event) => event.preventDefault());
 window.addEventListener("drop", (event) => { event.preventDefault(); loadFile(event.dataTransfer.files[0]); });
 const inside = at("inside").textContent.trim();
-if (!gl) fail("This browser has no WebGL 2");
-else if (inside) load(Uint8Array.from(atob(inside), (letter) => letter.charCodeAt(0)));
+if (inside) load(Uint8Array.from(atob(inside), (letter) => letter.charCodeAt(0)));
 else say("Open a .gtime file");

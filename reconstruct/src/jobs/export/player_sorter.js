@@ -1,8 +1,7 @@
 // Worker: the Gaussians that are visible at a moment, from far to near, with their colours from the camera's place.
-// The page computes the same motion for every frame; here it is computed as often as the order matters.
+// The page computes the same motion for every frame; here it is computed as often as the order matters. Without a
+// graphics card the worker draws too: a software renderer of WebGL takes a microsecond for each triangle.
 
-// Time over which an order is used, seconds: who appears within it is in it.
-const AHEAD = 0.15;
 const LEAST = 1 / 255;
 const KEYS = 65536;
 let scene = null;
@@ -60,46 +59,49 @@ function colourOf(index, x, y, z, degree) {
   return byte(red) | byte(green) << 8 | byte(blue) << 16 | 255 << 24;
 }
 
-function order({ time, eye, right, down, ahead, tangents }, buffer) {
-  const { count, position, reach, opacity, velocity, peak, duration, cycle, least, object, objects, degree } = scene;
-  const { depth, bits, found, away } = scene;
+function order({ time, eye, right, down, ahead, tangents, later }, buffer) {
+  const { count, position, reach, velocity, peak, lasting, cycle, object, objects, degree, near } = scene;
+  const { depth, bits, found, away, slots } = scene;
   const poses = objects.map((each) => poseOf(each, time));
+  const [ex, ey, ez] = eye;
+  const [rx, ry, rz] = right;
+  const [dx, dy, dz] = down;
+  const [ax, ay, az] = ahead;
+  const [across, top, bottom] = tangents;
   let visible = 0;
-  let [nearest, farthest] = [0xffffffff, 0];
+  let nearest = 0xffffffff;
+  let farthest = 0;
   for (let i = 0; i < count; i++) {
-    let [x, y, z] = [position[3 * i], position[3 * i + 1], position[3 * i + 2]];
-    let alpha = opacity[i];
-    const of = object[i];
-    if (of >= 0) {
-      const pose = poses[of];
+    const limit = lasting[i];
+    const isInTime = cycle[i] >= 0;
+    const d = time - peak[i];
+    // Negative for those that are transparent at all times.
+    if (limit < 0 || (isInTime && (d > limit || d + later < -limit))) continue;
+    let x = position[3 * i];
+    let y = position[3 * i + 1];
+    let z = position[3 * i + 2];
+    if (object[i] >= 0) {
+      const pose = poses[object[i]];
       if (pose === null) continue;
-      const [cx, cy, cz, a, b, c, w] = pose;
-      const [s, t, u] = [2 * (b * z - c * y), 2 * (c * x - a * z), 2 * (a * y - b * x)];
-      x += w * s + b * u - c * t + cx; y += w * t + c * s - a * u + cy; z += w * u + a * t - b * s + cz;
-    } else if (cycle[i] >= 0) {
-      const d = time - peak[i];
-      if (duration[i] < Infinity) {
-        const nearestD = d > 0 ? d : Math.min(0, d + AHEAD);
-        const share = Math.exp(-0.5 * (nearestD / duration[i]) ** 2);
-        alpha = share > least[i] ? alpha * share : 0;
-      }
+      const a = pose[3], b = pose[4], c = pose[5], w = pose[6];
+      const s = 2 * (b * z - c * y), t = 2 * (c * x - a * z), u = 2 * (a * y - b * x);
+      x += w * s + b * u - c * t + pose[0]; y += w * t + c * s - a * u + pose[1]; z += w * u + a * t - b * s + pose[2];
+    } else if (isInTime) {
       const way = cycle[i] === 0 ? d : cycle[i] / (2 * Math.PI) * Math.sin(2 * Math.PI * d / cycle[i]);
       x += velocity[3 * i] * way; y += velocity[3 * i + 1] * way; z += velocity[3 * i + 2] * way;
     }
-    if (alpha < LEAST) continue;
-    x -= eye[0]; y -= eye[1]; z -= eye[2];
-    const forward = x * ahead[0] + y * ahead[1] + z * ahead[2];
+    x -= ex; y -= ey; z -= ez;
+    const forward = x * ax + y * ay + z * az;
     const margin = 3 * reach[i];
-    if (forward <= 0 || forward + margin < scene.near) continue;
-    // A margin for turns of the camera until the next order.
-    const [across, along] = [x * right[0] + y * right[1] + z * right[2], x * down[0] + y * down[1] + z * down[2]];
-    if (Math.abs(across) > 1.2 * tangents[0] * forward + margin || Math.abs(along) > 1.2 * tangents[1] * forward + margin) continue;
+    const lower = x * dx + y * dy + z * dz;
+    if (forward <= near || lower < top * forward - margin || lower > bottom * forward + margin
+        || Math.abs(x * rx + y * ry + z * rz) > across * forward + margin) continue;
     depth[visible] = forward;
     // Bits of a positive float rise with it.
     const key = bits[visible];
     if (key < nearest) nearest = key;
     if (key > farthest) farthest = key;
-    if (degree > 0) { away[3 * visible] = x; away[3 * visible + 1] = y; away[3 * visible + 2] = z; }
+    away[3 * visible] = x; away[3 * visible + 1] = y; away[3 * visible + 2] = z;
     found[visible++] = i;
   }
   const out = new Uint32Array(buffer);
@@ -112,10 +114,113 @@ function order({ time, eye, right, down, ahead, tangents }, buffer) {
     const to = 2 * counts[(farthest - bits[at]) >>> shift]++;
     const i = found[at];
     out[to] = i;
+    slots[to >> 1] = at;
     out[to + 1] = degree === 0 ? scene.bytes[i]
       : colourOf(i, away[3 * at], away[3 * at + 1], away[3 * at + 2], degree);
   }
   return visible;
+}
+
+// exp(-p / 2) up to p = 8.
+const STEPS = 64;
+const FALL = Float32Array.from({ length: 8 * STEPS + 2 }, (_, step) => Math.exp(-0.5 * (step + 0.5) / STEPS));
+// A pixel that lets less light through is full.
+const FULL = 1 / 255;
+
+// Draws the visible Gaussians from near to far; returns pixels of 8 bits.
+function picture(view, visible, entries) {
+  const { width, height, lines: [begin, end], focal, time, right, down, ahead } = view;
+  const { size, rotation, opacity, peak, duration, cycle, least, object, objects, away, slots, near } = scene;
+  const poses = objects.map((each) => poseOf(each, time));
+  const [rx, ry, rz] = right;
+  const [dx, dy, dz] = down;
+  const [ax, ay, az] = ahead;
+  const area = width * (end - begin);
+  const light = new Float32Array(3 * area);
+  const through = new Float32Array(area).fill(1);
+  const limits = [0.65 * width / focal, 0.65 * height / focal];
+  for (let turn = visible - 1; turn >= 0; turn--) {
+    const i = entries[2 * turn];
+    let alpha = opacity[i];
+    if (cycle[i] >= 0) {
+      const ratio = (time - peak[i]) / duration[i];
+      const share = Math.exp(-0.5 * ratio * ratio);
+      alpha = share > least[i] ? alpha * share : 0;
+    }
+    if (alpha < LEAST) continue;
+    const at = 3 * slots[turn];
+    const x = away[at], y = away[at + 1], z = away[at + 2];
+    const cz = x * ax + y * ay + z * az;
+    if (cz < near) continue;
+    const scale = focal / cz;
+    const px = (x * rx + y * ry + z * rz) / cz;
+    const py = (x * dx + y * dy + z * dz) / cz;
+    const sx = Math.max(-limits[0], Math.min(limits[0], px));
+    const sy = Math.max(-limits[1], Math.min(limits[1], py));
+    // Gradients of a pixel's place, in the scene's axes.
+    const gx = scale * (rx - sx * ax), gy = scale * (ry - sx * ay), gz = scale * (rz - sx * az);
+    const hx = scale * (dx - sy * ax), hy = scale * (dy - sy * ay), hz = scale * (dz - sy * az);
+    let qw = rotation[4 * i], qx = rotation[4 * i + 1], qy = rotation[4 * i + 2], qz = rotation[4 * i + 3];
+    if (object[i] >= 0) {
+      const pose = poses[object[i]];
+      const a = pose[3], b = pose[4], c = pose[5], w = pose[6];
+      const tw = w * qw - a * qx - b * qy - c * qz, tx = w * qx + a * qw + b * qz - c * qy;
+      const ty = w * qy - a * qz + b * qw + c * qx, tz = w * qz + a * qy - b * qx + c * qw;
+      qw = tw; qx = tx; qy = ty; qz = tz;
+    }
+    const norm = 2 / (qw * qw + qx * qx + qy * qy + qz * qz || 1);
+    const xx = norm * qx * qx, yy = norm * qy * qy, zz = norm * qz * qz, xy = norm * qx * qy, xz = norm * qx * qz, yz = norm * qy * qz;
+    const wx = norm * qw * qx, wy = norm * qw * qy, wz = norm * qw * qz;
+    const s = size[3 * i], t = size[3 * i + 1], u = size[3 * i + 2];
+    const g0 = s * (gx * (1 - yy - zz) + gy * (xy + wz) + gz * (xz - wy)), h0 = s * (hx * (1 - yy - zz) + hy * (xy + wz) + hz * (xz - wy));
+    const g1 = t * (gx * (xy - wz) + gy * (1 - xx - zz) + gz * (yz + wx)), h1 = t * (hx * (xy - wz) + hy * (1 - xx - zz) + hz * (yz + wx));
+    const g2 = u * (gx * (xz + wy) + gy * (yz - wx) + gz * (1 - xx - yy)), h2 = u * (hx * (xz + wy) + hy * (yz - wx) + hz * (1 - xx - yy));
+    const a = g0 * g0 + g1 * g1 + g2 * g2 + 0.3, c = h0 * h0 + h1 * h1 + h2 * h2 + 0.3, b = g0 * h0 + g1 * h1 + g2 * h2;
+    const determinant = a * c - b * b;
+    if (!(determinant > 0)) continue;
+    const A = c / determinant, B = -b / determinant, C = a / determinant;
+    const limit = Math.min(8, 2 * Math.log(255 * alpha));
+    const centreX = px * focal + 0.5 * width - 0.5, centreY = py * focal + 0.5 * height - 0.5;
+    const tall = Math.sqrt(limit * c);
+    const last = Math.min(end - 1, Math.floor(centreY + tall));
+    const rgb = entries[2 * turn + 1];
+    const red = rgb & 255, green = rgb >> 8 & 255, blue = rgb >> 16 & 255;
+    for (let line = Math.max(begin, Math.ceil(centreY - tall)); line <= last; line++) {
+      const v = line - centreY;
+      // Where the line is within the ellipse.
+      const middle = -B * v / A;
+      const inside = middle * middle - (C * v * v - limit) / A;
+      if (inside < 0) continue;
+      const half = Math.sqrt(inside);
+      const right = Math.min(width - 1, Math.floor(centreX + middle + half));
+      let column = Math.max(0, Math.ceil(centreX + middle - half));
+      let w = column - centreX;
+      let power = STEPS * (A * w * w + 2 * B * w * v + C * v * v);
+      let rise = STEPS * (A * (2 * w + 1) + 2 * B * v);
+      let pixel = (line - begin) * width + column;
+      for (; column <= right; column++, pixel++) {
+        const rest = through[pixel];
+        if (rest > FULL) {
+          const share = alpha * FALL[power > 0 ? power | 0 : 0];
+          const given = share * rest;
+          light[3 * pixel] += given * red;
+          light[3 * pixel + 1] += given * green;
+          light[3 * pixel + 2] += given * blue;
+          through[pixel] = rest - given;
+        }
+        power += rise;
+        rise += 2 * STEPS * A;
+      }
+    }
+  }
+  const pixels = new Uint8ClampedArray(4 * area);
+  for (let pixel = 0, at = 0; pixel < area; pixel++, at += 4) {
+    pixels[at] = light[3 * pixel];
+    pixels[at + 1] = light[3 * pixel + 1];
+    pixels[at + 2] = light[3 * pixel + 2];
+    pixels[at + 3] = 255;
+  }
+  return pixels.buffer;
 }
 
 function answer({ data }) {
@@ -126,16 +231,27 @@ function answer({ data }) {
     scene.bits = new Uint32Array(scene.depth.buffer);
     scene.found = new Uint32Array(count);
     scene.counts = new Uint32Array(KEYS);
+    // Time from a peak in which a Gaussian is visible.
+    const { opacity, least, duration } = scene;
+    scene.lasting = Float32Array.from(opacity, (alpha, index) => {
+      const share = Math.max(LEAST / alpha, least[index]);
+      return share > 1 ? -1 : duration[index] * Math.sqrt(-2 * Math.log(share));
+    });
     scene.basis = new Float32Array(15);
     const isFlat = scene.degree === 0;
-    // Directions to the visible ones.
-    scene.away = new Float32Array(isFlat ? 0 : 3 * count);
+    // Places of the visible ones from the camera, and their order.
+    scene.away = new Float32Array(3 * count);
+    scene.slots = new Uint32Array(count);
     scene.bytes = Uint32Array.from({ length: isFlat ? count : 0 }, (_, index) => colourOf(index, 0, 0, 1, 0));
     return;
   }
   const begun = performance.now();
-  const visible = order(data.view, data.buffer);
-  postMessage({ visible, buffer: data.buffer, milliseconds: performance.now() - begun }, [data.buffer]);
+  const { view, buffer } = data;
+  const visible = order(view, buffer);
+  const milliseconds = performance.now() - begun;
+  if (!view.lines) return postMessage({ visible, buffer, milliseconds }, [buffer]);
+  const pixels = picture(view, visible, new Uint32Array(buffer));
+  postMessage({ visible, buffer, milliseconds: performance.now() - begun, view, pixels }, [buffer, pixels]);
 }
 // The page takes poses of objects from this text too.
 if (typeof document === "undefined") onmessage = answer;
