@@ -168,7 +168,7 @@ pub(super) fn export(
     })
 }
 
-/// What is written.
+/// Content of an export.
 enum Content {
     ClosedForms(WrittenInTime),
     /// Times of the files, seconds.

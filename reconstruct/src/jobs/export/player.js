@@ -250,7 +250,7 @@ function graphics() {
   return canvas.getContext("webgl2", options);
 }
 const gl = graphics();
-const flat = gl ? null : canvas.getContext("2d", { alpha: false, willReadFrequently: true });
+const flat = gl ? null : canvas.getContext("2d", { alpha: false });
 state.draws = gl ? "webgl" : "worker";
 
 function programOf(vertex, fragment) {
@@ -357,7 +357,7 @@ function open(scene) {
       Object.assign(each, { buffer: data.buffer, answer: data });
       if (own === shown && workers.every(({ answer }) => answer)) sorted(workers.map(({ answer }) => answer));
     };
-    each.worker.postMessage({ scene: { ...ofWorkers, near: shown.near } });
+    each.worker.postMessage({ scene: { ...ofWorkers, near: shown.near }, draws: !gl });
   }
   Object.assign(state, { splats: count, length: header.time.seconds });
   const seconds = header.time.seconds;
@@ -608,7 +608,7 @@ function play(isPlaying) {
   at("play").textContent = isPlaying ? "Pause" : "Play";
   stale();
 }
-Object.assign(state, { seek: (time) => { play(false); seek(time); }, play, setShare: (share) => { pace.share = share; } });
+Object.assign(state, { seek: (time) => { play(false); seek(time); }, play, repaint: () => { if (gl) paint(); } });
 // For tests: a heading and pitch in radians, and a vertical field of view in degrees.
 state.turn = (heading, pitch, field) => {
   Object.assign(look, { heading, pitch });

@@ -12,7 +12,8 @@ const SORTER: &str = include_str!("player_sorter.js");
 pub(super) fn html(title: &str, file: &[u8]) -> String {
     let inside = base64(file);
     // Each placeholder is replaced once, and its text is not searched for the next.
-    let mut page = String::with_capacity(TEMPLATE.len() + SCRIPT.len() + SORTER.len() + inside.len());
+    let mut page =
+        String::with_capacity(TEMPLATE.len() + SCRIPT.len() + SORTER.len() + inside.len());
     for (index, part) in TEMPLATE.split("@@").enumerate() {
         match part {
             "TITLE" if index % 2 == 1 => page += &escaped(title),

@@ -31,6 +31,32 @@ function poseOf(object, time) {
   return [...place, x, y, z, w];
 }
 
+// Rotation matrix of a unit quaternion, row by row.
+function matrixOf(x, y, z, w) {
+  return [
+    1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y),
+    2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x),
+    2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y),
+  ];
+}
+
+// Covariances: xx, xy, xz, yy, yz, zz of each.
+function spreads({ count, size, rotation }) {
+  const all = new Float32Array(6 * count);
+  for (let i = 0; i < count; i++) {
+    const [w, x, y, z] = rotation.subarray(4 * i, 4 * i + 4);
+    const length = Math.hypot(w, x, y, z) || 1;
+    const m = matrixOf(x / length, y / length, z / length, w / length);
+    let at = 6 * i;
+    for (let row = 0; row < 3; row++) {
+      for (let column = row; column < 3; column++, at++) {
+        for (let axis = 0; axis < 3; axis++) all[at] += m[3 * row + axis] * m[3 * column + axis] * size[3 * i + axis] ** 2;
+      }
+    }
+  }
+  return all;
+}
+
 // Adds the harmonics in a direction to the constant colour, as 8 bits for each channel.
 function colourOf(index, x, y, z, degree) {
   const { colour, harmonics } = scene;
@@ -130,8 +156,8 @@ const FULL = 1 / 255;
 // Draws the visible Gaussians from near to far; returns pixels of 8 bits.
 function picture(view, visible, entries) {
   const { width, height, lines: [begin, end], focal, time, right, down, ahead } = view;
-  const { size, rotation, opacity, peak, duration, cycle, least, object, objects, away, slots, near } = scene;
-  const poses = objects.map((each) => poseOf(each, time));
+  const { spread, logarithm, opacity, peak, duration, cycle, object, objects, away, slots } = scene;
+  const turns = objects.map((each) => { const pose = poseOf(each, time); return pose && matrixOf(...pose.slice(3)); });
   const [rx, ry, rz] = right;
   const [dx, dy, dz] = down;
   const [ax, ay, az] = ahead;
@@ -142,44 +168,39 @@ function picture(view, visible, entries) {
   for (let turn = visible - 1; turn >= 0; turn--) {
     const i = entries[2 * turn];
     let alpha = opacity[i];
+    let limit = logarithm[i];
     if (cycle[i] >= 0) {
       const ratio = (time - peak[i]) / duration[i];
-      const share = Math.exp(-0.5 * ratio * ratio);
-      alpha = share > least[i] ? alpha * share : 0;
+      limit -= ratio * ratio;
+      alpha *= Math.exp(-0.5 * ratio * ratio);
     }
-    if (alpha < LEAST) continue;
+    if (limit > 8) limit = 8;
     const at = 3 * slots[turn];
     const x = away[at], y = away[at + 1], z = away[at + 2];
     const cz = x * ax + y * ay + z * az;
-    if (cz < near) continue;
     const scale = focal / cz;
     const px = (x * rx + y * ry + z * rz) / cz;
     const py = (x * dx + y * dy + z * dz) / cz;
     const sx = Math.max(-limits[0], Math.min(limits[0], px));
     const sy = Math.max(-limits[1], Math.min(limits[1], py));
     // Gradients of a pixel's place, in the scene's axes.
-    const gx = scale * (rx - sx * ax), gy = scale * (ry - sx * ay), gz = scale * (rz - sx * az);
-    const hx = scale * (dx - sy * ax), hy = scale * (dy - sy * ay), hz = scale * (dz - sy * az);
-    let qw = rotation[4 * i], qx = rotation[4 * i + 1], qy = rotation[4 * i + 2], qz = rotation[4 * i + 3];
+    let gx = scale * (rx - sx * ax), gy = scale * (ry - sx * ay), gz = scale * (rz - sx * az);
+    let hx = scale * (dx - sy * ax), hy = scale * (dy - sy * ay), hz = scale * (dz - sy * az);
     if (object[i] >= 0) {
-      const pose = poses[object[i]];
-      const a = pose[3], b = pose[4], c = pose[5], w = pose[6];
-      const tw = w * qw - a * qx - b * qy - c * qz, tx = w * qx + a * qw + b * qz - c * qy;
-      const ty = w * qy - a * qz + b * qw + c * qx, tz = w * qz + a * qy - b * qx + c * qw;
-      qw = tw; qx = tx; qy = ty; qz = tz;
+      // Into the axes of the object.
+      const m = turns[object[i]];
+      const ox = gx, oy = gy, oz = gz, px = hx, py = hy, pz = hz;
+      gx = m[0] * ox + m[3] * oy + m[6] * oz; gy = m[1] * ox + m[4] * oy + m[7] * oz; gz = m[2] * ox + m[5] * oy + m[8] * oz;
+      hx = m[0] * px + m[3] * py + m[6] * pz; hy = m[1] * px + m[4] * py + m[7] * pz; hz = m[2] * px + m[5] * py + m[8] * pz;
     }
-    const norm = 2 / (qw * qw + qx * qx + qy * qy + qz * qz || 1);
-    const xx = norm * qx * qx, yy = norm * qy * qy, zz = norm * qz * qz, xy = norm * qx * qy, xz = norm * qx * qz, yz = norm * qy * qz;
-    const wx = norm * qw * qx, wy = norm * qw * qy, wz = norm * qw * qz;
-    const s = size[3 * i], t = size[3 * i + 1], u = size[3 * i + 2];
-    const g0 = s * (gx * (1 - yy - zz) + gy * (xy + wz) + gz * (xz - wy)), h0 = s * (hx * (1 - yy - zz) + hy * (xy + wz) + hz * (xz - wy));
-    const g1 = t * (gx * (xy - wz) + gy * (1 - xx - zz) + gz * (yz + wx)), h1 = t * (hx * (xy - wz) + hy * (1 - xx - zz) + hz * (yz + wx));
-    const g2 = u * (gx * (xz + wy) + gy * (yz - wx) + gz * (1 - xx - yy)), h2 = u * (hx * (xz + wy) + hy * (yz - wx) + hz * (1 - xx - yy));
-    const a = g0 * g0 + g1 * g1 + g2 * g2 + 0.3, c = h0 * h0 + h1 * h1 + h2 * h2 + 0.3, b = g0 * h0 + g1 * h1 + g2 * h2;
+    const xx = spread[6 * i], xy = spread[6 * i + 1], xz = spread[6 * i + 2], yy = spread[6 * i + 3], yz = spread[6 * i + 4], zz = spread[6 * i + 5];
+    const kx = xx * gx + xy * gy + xz * gz, ky = xy * gx + yy * gy + yz * gz, kz = xz * gx + yz * gy + zz * gz;
+    const a = kx * gx + ky * gy + kz * gz + 0.3;
+    const b = kx * hx + ky * hy + kz * hz;
+    const c = hx * (xx * hx + 2 * (xy * hy + xz * hz)) + hy * (yy * hy + 2 * yz * hz) + zz * hz * hz + 0.3;
     const determinant = a * c - b * b;
     if (!(determinant > 0)) continue;
     const A = c / determinant, B = -b / determinant, C = a / determinant;
-    const limit = Math.min(8, 2 * Math.log(255 * alpha));
     const centreX = px * focal + 0.5 * width - 0.5, centreY = py * focal + 0.5 * height - 0.5;
     const tall = Math.sqrt(limit * c);
     const last = Math.min(end - 1, Math.floor(centreY + tall));
@@ -231,6 +252,8 @@ function answer({ data }) {
     scene.bits = new Uint32Array(scene.depth.buffer);
     scene.found = new Uint32Array(count);
     scene.counts = new Uint32Array(KEYS);
+    scene.logarithm = Float32Array.from(scene.opacity, (alpha) => 2 * Math.log(255 * alpha));
+    if (data.draws) scene.spread = spreads(scene);
     // Time from a peak in which a Gaussian is visible.
     const { opacity, least, duration } = scene;
     scene.lasting = Float32Array.from(opacity, (alpha, index) => {
