@@ -152,7 +152,13 @@ pub(super) fn export(
                 }
             }
             Content::Sequence(times) => {
-                write_sequence(request, &mut model, (&frame, times), &mut asset, progress)?;
+                write_sequence(
+                    request,
+                    &mut model,
+                    (&frame, &times[..]),
+                    &mut asset,
+                    progress,
+                )?;
             }
         }
         asset.wall_seconds = begun.elapsed().wall_seconds;

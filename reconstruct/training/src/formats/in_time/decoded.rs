@@ -87,7 +87,7 @@ impl DecodedPart<'_> {
         let kept = self.kept(&placed, invalid)?;
         let float = |value: f64| value as f32;
         let base = kept.iter().map(|(_, valid)| valid);
-        let mut columns_of_base = vec![
+        let mut columns_of_base: Vec<Vec<f32>> = vec![
             base.clone()
                 .flat_map(|valid| valid.position.map(float))
                 .collect(),
@@ -120,7 +120,7 @@ impl DecodedPart<'_> {
         let finite = columns_of_base
             .iter()
             .flatten()
-            .all(|value: &f32| value.is_finite());
+            .all(|value| value.is_finite());
         if !finite {
             return Err("has a number that is not finite, where its frame places it".to_owned());
         }

@@ -74,7 +74,7 @@ impl PlayedGaussians {
         };
         let poses: Vec<Option<(Quat, Vec3)>> = objects.iter().map(pose).collect();
         let numbers = table.position(columns::OBJECT);
-        let numbers = numbers.map_or(&[][..], |array| &table.arrays[array].values);
+        let numbers = numbers.map_or(&[][..], |array| &table.arrays[array].values[..]);
         for (entry, number) in entries.zip(numbers) {
             let Some(Some((turn, centre))) = poses.get(*number as usize) else {
                 out.opacities[entry] = 0.0;
@@ -118,7 +118,7 @@ impl Parameterization for PlayedGaussians {
         match &*self.motion {
             Motion::Static => {}
             Motion::Linear => {
-                Self::move_in_time(table, time, (|distance| distance, 0.0), (entries, out));
+                Self::move_in_time(table, time, (|distance: f64| distance, 0.0), (entries, out));
             }
             Motion::Periodic { cycle, least } => {
                 let way = |distance: f64| {

@@ -57,10 +57,8 @@ impl ObjectTrack {
         }
         let rises = self.times.windows(2).all(|pair| pair[0] < pair[1]);
         let mut numbers = self.times.iter().chain(self.positions.as_flattened());
-        let lengths = self.rotations.iter().map(|&q| quaternion(q).length());
-        let are_rotations = lengths
-            .into_iter()
-            .all(|length| (0.5..=2.0).contains(&length));
+        let mut lengths = self.rotations.iter().map(|&q| quaternion(q).length());
+        let are_rotations = lengths.all(|length| (0.5..=2.0).contains(&length));
         if !rises || !are_rotations || numbers.any(|number| !number.is_finite()) {
             return Err(format!(
                 "has an object {} whose times do not increase, or with numbers that are not possible",

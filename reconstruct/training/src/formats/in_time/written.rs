@@ -165,7 +165,7 @@ impl PartWriter<'_> {
         }
         let units: Vec<f32> = objects.iter().map(TrackedObject::unit).collect();
         let numbers = part.table.position(OBJECT_NUMBERS);
-        let numbers = numbers.map_or(&[][..], |array| &part.table.arrays[array].values);
+        let numbers = numbers.map_or(&[][..], |array| &part.table.arrays[array].values[..]);
         let last = objects.len().saturating_sub(1);
         let numbers: Vec<usize> = (numbers.iter())
             .map(|&number| (number as usize).min(last))
