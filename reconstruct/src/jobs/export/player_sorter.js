@@ -153,20 +153,18 @@ const FALL = Float32Array.from({ length: 8 * STEPS + 2 }, (_, step) => Math.exp(
 // A pixel that lets less light through is full.
 const FULL = 1 / 255;
 
-// Draws the visible Gaussians from near to far; returns pixels of 8 bits.
-function picture(view, visible, entries) {
-  const { width, height, lines: [begin, end], focal, time, right, down, ahead } = view;
-  const { spread, logarithm, opacity, peak, duration, cycle, object, objects, away, slots } = scene;
+// Projects the visible Gaussians in the order of the file, whose arrays are then read in a row: centre in pixels,
+// covariance (a, b; b, c), opacity, and the largest squared distance, in 8 numbers each.
+function project(view, visible) {
+  const { width, height, focal, time, right, down, ahead } = view;
+  const { spread, logarithm, opacity, peak, duration, cycle, object, objects, away, found, projected } = scene;
   const turns = objects.map((each) => { const pose = poseOf(each, time); return pose && matrixOf(...pose.slice(3)); });
   const [rx, ry, rz] = right;
   const [dx, dy, dz] = down;
   const [ax, ay, az] = ahead;
-  const area = width * (end - begin);
-  const light = new Float32Array(3 * area);
-  const through = new Float32Array(area).fill(1);
   const limits = [0.65 * width / focal, 0.65 * height / focal];
-  for (let turn = visible - 1; turn >= 0; turn--) {
-    const i = entries[2 * turn];
+  for (let slot = 0; slot < visible; slot++) {
+    const i = found[slot];
     let alpha = opacity[i];
     let limit = logarithm[i];
     if (cycle[i] >= 0) {
@@ -174,9 +172,7 @@ function picture(view, visible, entries) {
       limit -= ratio * ratio;
       alpha *= Math.exp(-0.5 * ratio * ratio);
     }
-    if (limit > 8) limit = 8;
-    const at = 3 * slots[turn];
-    const x = away[at], y = away[at + 1], z = away[at + 2];
+    const x = away[3 * slot], y = away[3 * slot + 1], z = away[3 * slot + 2];
     const cz = x * ax + y * ay + z * az;
     const scale = focal / cz;
     const px = (x * rx + y * ry + z * rz) / cz;
@@ -195,50 +191,72 @@ function picture(view, visible, entries) {
     }
     const xx = spread[6 * i], xy = spread[6 * i + 1], xz = spread[6 * i + 2], yy = spread[6 * i + 3], yz = spread[6 * i + 4], zz = spread[6 * i + 5];
     const kx = xx * gx + xy * gy + xz * gz, ky = xy * gx + yy * gy + yz * gz, kz = xz * gx + yz * gy + zz * gz;
-    const a = kx * gx + ky * gy + kz * gz + 0.3;
-    const b = kx * hx + ky * hy + kz * hz;
-    const c = hx * (xx * hx + 2 * (xy * hy + xz * hz)) + hy * (yy * hy + 2 * yz * hz) + zz * hz * hz + 0.3;
+    const to = 8 * slot;
+    projected[to] = px * focal + 0.5 * width - 0.5;
+    projected[to + 1] = py * focal + 0.5 * height - 0.5;
+    projected[to + 2] = kx * gx + ky * gy + kz * gz + 0.3;
+    projected[to + 3] = kx * hx + ky * hy + kz * hz;
+    projected[to + 4] = hx * (xx * hx + 2 * (xy * hy + xz * hz)) + hy * (yy * hy + 2 * yz * hz) + zz * hz * hz + 0.3;
+    projected[to + 5] = alpha;
+    projected[to + 6] = limit > 8 ? 8 : limit;
+  }
+}
+
+// Draws the visible Gaussians from near to far; returns pixels of 8 bits.
+function picture(view, visible, entries) {
+  const { width, lines: [begin, end] } = view;
+  project(view, visible);
+  const { projected, slots } = scene;
+  const area = width * (end - begin);
+  // Light of three colours, and the share that is let through.
+  const light = new Float32Array(4 * area);
+  for (let at = 3; at < light.length; at += 4) light[at] = 1;
+  for (let turn = visible - 1; turn >= 0; turn--) {
+    const from = 8 * slots[turn];
+    const centreX = projected[from], centreY = projected[from + 1];
+    const a = projected[from + 2], b = projected[from + 3], c = projected[from + 4];
+    const alpha = projected[from + 5], limit = projected[from + 6];
     const determinant = a * c - b * b;
     if (!(determinant > 0)) continue;
     const A = c / determinant, B = -b / determinant, C = a / determinant;
-    const centreX = px * focal + 0.5 * width - 0.5, centreY = py * focal + 0.5 * height - 0.5;
     const tall = Math.sqrt(limit * c);
+    const slant = b / c, widest = limit * determinant / c, narrowing = determinant / (c * c);
+    const bend = 2 * STEPS * A;
     const last = Math.min(end - 1, Math.floor(centreY + tall));
     const rgb = entries[2 * turn + 1];
     const red = rgb & 255, green = rgb >> 8 & 255, blue = rgb >> 16 & 255;
     for (let line = Math.max(begin, Math.ceil(centreY - tall)); line <= last; line++) {
       const v = line - centreY;
       // Where the line is within the ellipse.
-      const middle = -B * v / A;
-      const inside = middle * middle - (C * v * v - limit) / A;
-      if (inside < 0) continue;
+      const middle = v * slant;
+      const inside = widest - v * v * narrowing;
+      if (!(inside >= 0)) continue;
       const half = Math.sqrt(inside);
       const right = Math.min(width - 1, Math.floor(centreX + middle + half));
       let column = Math.max(0, Math.ceil(centreX + middle - half));
       let w = column - centreX;
       let power = STEPS * (A * w * w + 2 * B * w * v + C * v * v);
       let rise = STEPS * (A * (2 * w + 1) + 2 * B * v);
-      let pixel = (line - begin) * width + column;
-      for (; column <= right; column++, pixel++) {
-        const rest = through[pixel];
+      let pixel = 4 * ((line - begin) * width + column);
+      for (; column <= right; column++, pixel += 4) {
+        const rest = light[pixel + 3];
         if (rest > FULL) {
-          const share = alpha * FALL[power > 0 ? power | 0 : 0];
-          const given = share * rest;
-          light[3 * pixel] += given * red;
-          light[3 * pixel + 1] += given * green;
-          light[3 * pixel + 2] += given * blue;
-          through[pixel] = rest - given;
+          const given = rest * alpha * FALL[power > 0 ? power | 0 : 0];
+          light[pixel] += given * red;
+          light[pixel + 1] += given * green;
+          light[pixel + 2] += given * blue;
+          light[pixel + 3] = rest - given;
         }
         power += rise;
-        rise += 2 * STEPS * A;
+        rise += bend;
       }
     }
   }
   const pixels = new Uint8ClampedArray(4 * area);
-  for (let pixel = 0, at = 0; pixel < area; pixel++, at += 4) {
-    pixels[at] = light[3 * pixel];
-    pixels[at + 1] = light[3 * pixel + 1];
-    pixels[at + 2] = light[3 * pixel + 2];
+  for (let at = 0; at < light.length; at += 4) {
+    pixels[at] = light[at];
+    pixels[at + 1] = light[at + 1];
+    pixels[at + 2] = light[at + 2];
     pixels[at + 3] = 255;
   }
   return pixels.buffer;
@@ -265,6 +283,7 @@ function answer({ data }) {
     // Places of the visible ones from the camera, and their order.
     scene.away = new Float32Array(3 * count);
     scene.slots = new Uint32Array(count);
+    scene.projected = new Float32Array(data.draws ? 8 * count : 0);
     scene.bytes = Uint32Array.from({ length: isFlat ? count : 0 }, (_, index) => colourOf(index, 0, 0, 1, 0));
     return;
   }
