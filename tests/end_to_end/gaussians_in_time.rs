@@ -45,7 +45,7 @@ fn a_dynamic_run_is_one_file_that_is_rendered_as_the_run_is() {
     let squares = pairs.map(|(a, b)| f64::from(a.abs_diff(*b)).powi(2));
     let mean = squares.sum::<f64>() / predicted.len() as f64;
     let decibels = 10.0 * (255.0 * 255.0 / mean.max(1e-9)).log10();
-    assert!(decibels > 40.0, "{decibels}");
+    assert!(decibels > 30.0, "{decibels}");
     // The file is a source of other formats too.
     let again = folder.path().join("again");
     export(&file, &again, &["--format", "spz"]).succeeded();

@@ -1,11 +1,15 @@
 //! One HTML file that plays Gaussians in time, from disk, without a network and without libraries.
 //!
-//! Motion is computed in the vertex shader. Workers sort by depth, and leave out what is invisible at a moment.
+//! A graphics card computes the motion in every frame, and a worker sorts by depth. Without a card, workers draw.
 
 use super::page::{base64, escaped};
 
 const TEMPLATE: &str = include_str!("player.html");
-const SCRIPT: &str = include_str!("player.js");
+const SCRIPT: &str = concat!(
+    include_str!("player_file.js"),
+    include_str!("player_webgl.js"),
+    include_str!("player.js"),
+);
 const SORTER: &str = include_str!("player_sorter.js");
 
 /// Returns the text of a page with a file inside; an empty file is none.
@@ -34,7 +38,8 @@ mod tests {
     fn a_page_has_its_file_and_scripts_once_and_a_name_stays_text() {
         let page = html("</title><img src=x onerror=alert(1)>@@FILE@@", b"GAUSTIME");
         assert!(!page.contains("<img") && page.contains("&lt;img src=x"));
-        for part in [&base64(b"GAUSTIME"), SCRIPT, SORTER] {
+        let inside = base64(b"GAUSTIME");
+        for part in [inside.as_str(), SCRIPT, SORTER] {
             assert_eq!(page.matches(part).count(), 1);
         }
         // A script ends at the first of these.
