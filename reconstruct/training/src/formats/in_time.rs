@@ -47,9 +47,6 @@ use crate::{error::ReconstructError, process};
 pub const NAME: &str = "gtime";
 /// End of the names of its files.
 pub const ENDING: &str = ".gtime";
-/// Rounded values, with their steps.
-pub const ROUNDED: &str = "positions and times to 24 bits, log sizes, rotations, colours and velocities to 16, opacity and \
-                           harmonics to 8, between the bounds of each column";
 
 const MAGIC: &[u8; 8] = b"GAUSTIME";
 const MOST_HEADER_BYTES: usize = 64 << 20;

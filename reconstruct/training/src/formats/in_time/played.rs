@@ -1,4 +1,9 @@
 //! Gaussians of a file in time, as a parameterization for rendering: the motions of the specification.
+#![expect(
+    clippy::indexing_slicing,
+    clippy::arithmetic_side_effects,
+    reason = "columns are as long as the table, and tracks were checked"
+)]
 
 use std::{ops::Range, sync::Arc};
 

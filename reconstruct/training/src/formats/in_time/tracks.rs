@@ -1,4 +1,9 @@
 //! Tracks of rigid objects: cubic Bézier curves of centres, spherical interpolation of rotations.
+#![expect(
+    clippy::indexing_slicing,
+    clippy::arithmetic_side_effects,
+    reason = "tracks are checked when they are read"
+)]
 
 use glam::{DQuat, DVec3};
 use omnilife_engine::{

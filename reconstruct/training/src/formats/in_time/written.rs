@@ -1,4 +1,9 @@
 //! Closed forms of a model's parts, for files in time.
+#![expect(
+    clippy::indexing_slicing,
+    clippy::arithmetic_side_effects,
+    reason = "the columns of a model are as long as its tables"
+)]
 
 use glam::DVec3;
 use omnilife_engine::{
