@@ -257,10 +257,11 @@ pub(crate) struct AssetArguments {
     /// Levels of detail: numbers of Gaussians at most, or all of them.
     #[arg(long, value_name = "1M,500k,full", value_delimiter = ',', default_value = "full", value_parser = Level::parse)]
     pub(crate) lod: Vec<Level>,
-    /// Format of the levels; all but splat keep harmonics.
+    /// Format of the levels; all but splat keep harmonics. gtime keeps the motion of a dynamic scene in one
+    /// file, and spz-sequence has a file for each of its frames.
     #[arg(long, default_value = SPLAT_FORMATS[0].name)]
     pub(crate) format: String,
-    /// Makes a page too, one HTML file that opens from disk; it needs the viewer of scripts/setup
+    /// Makes a page too, one HTML file that opens from disk; that of splat needs the viewer of scripts/setup
     /// --viewer.
     #[arg(long)]
     pub(crate) page: bool,

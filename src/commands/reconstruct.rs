@@ -157,6 +157,17 @@ fn export(arguments: &AssetArguments, progress: &dyn Progress) -> anyhow::Result
             out.join(&level.file).display()
         );
     }
+    if !asset.sequence.is_empty() {
+        let bytes: u64 = (asset.sequence.iter())
+            .map(|moment| moment.moving.bytes)
+            .sum();
+        text += &format!(
+            "{} files of a sequence, {:.1} MB, {}\n",
+            asset.sequence.len(),
+            bytes as f64 / 1e6,
+            out.display()
+        );
+    }
     if let Some(page) = &asset.page {
         text += &format!(
             "{:.1} MB, {}\n",

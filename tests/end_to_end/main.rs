@@ -26,6 +26,7 @@ mod faults;
 #[cfg(unix)]
 mod foreign_files;
 mod full_disk;
+mod gaussians_in_time;
 mod geometry;
 mod help;
 mod interruption;

@@ -79,6 +79,14 @@ pub(crate) fn write_splat_formats(folder: &Path) -> Vec<String> {
     names(&files)
 }
 
+/// Gaussians in time with every motion; names the file.
+pub(crate) fn write_gaussians_in_time(folder: &Path) -> Vec<String> {
+    let peer = "reconstruct/training/src/formats/in_time/peer/peer.gtime";
+    let peer = Path::new(env!("CARGO_MANIFEST_DIR")).join(peer);
+    fs::copy(peer, folder.join("peer.gtime")).unwrap();
+    names(&["peer.gtime"])
+}
+
 /// A scene of three small images, with points.
 pub(crate) fn write_scene(folder: &Path) {
     let frame = |number: usize| SceneFrame {

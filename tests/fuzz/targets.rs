@@ -15,7 +15,7 @@ use omnilife_curate::{
     origins,
 };
 use omnilife_reconstruct::formats::{
-    exchange, ply,
+    exchange, in_time, ply,
     splat::{self, Placement},
 };
 use omnilife_schemas::{
@@ -35,8 +35,8 @@ use omnilife_sweep::slurm;
 use omnilife_tracks::detectors::{self, DetectorInput};
 
 use crate::samples::{
-    PALETTE_MASK, cloud, gaussians, names, spherical_mp4, unchanged, write_scene, write_splat,
-    write_splat_formats, write_tracks,
+    PALETTE_MASK, cloud, gaussians, names, spherical_mp4, unchanged, write_gaussians_in_time,
+    write_scene, write_splat, write_splat_formats, write_tracks,
 };
 
 /// File that a reader accepts.
@@ -338,6 +338,30 @@ pub(crate) const FILES: &[Target] = &[
                 &Placement::WORLD,
                 &unchanged(),
                 &mut InvalidGaussians::default(),
+            ));
+        }),
+    },
+    Target {
+        id: "gaussians-in-time",
+        words: &[
+            "GAUSTIME",
+            "\"kind\": \"",
+            "periodic",
+            "rigid",
+            "exp",
+            "u24",
+            "\"count\": ",
+            "1e999",
+        ],
+        cost: 1,
+        seeds: write_gaussians_in_time,
+        reader: Bytes(|seed, bytes| {
+            let invalid = &mut InvalidGaussians::default();
+            drop(in_time::from_bytes(
+                Path::new(&seed.name),
+                bytes,
+                &unchanged(),
+                invalid,
             ));
         }),
     },

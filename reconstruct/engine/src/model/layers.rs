@@ -149,8 +149,8 @@ impl LayerRenderer {
         }
         let of_all = |part: &Part| !part.parameterization.tells_static_from_dynamic();
         (layer.is_of_time() && self.model.parts.iter().any(of_all)).then_some(
-            "a network deforms these Gaussians: none of them is static or dynamic by itself, and none \
-             has a velocity; render all or depth",
+            "a network deforms these Gaussians, or they are of a file in time: none of them is static or dynamic \
+             by itself, and none has a velocity; render all or depth",
         )
     }
 

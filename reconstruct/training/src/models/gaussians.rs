@@ -30,7 +30,9 @@ use omnilife_engine::{
 
 use crate::{
     error::ReconstructError,
-    formats::{self, GAUSSIAN_FILES, axes::FileAxes, exchange, splat::Placement, validity},
+    formats::{
+        self, GAUSSIAN_FILES, axes::FileAxes, exchange, in_time, splat::Placement, validity,
+    },
     models::{Export, ModelFormat, OpenRequest, OpenedModel},
 };
 
@@ -185,6 +187,8 @@ impl Source {
     pub fn open_in_place(path: &Path, run: Option<&RunRecord>) -> Result<Self, ReconstructError> {
         let offset = if run.is_some() {
             DVec3::ZERO
+        } else if in_time::is_named(path) {
+            in_time::origin(path)?
         } else {
             match placement(path)? {
                 Some(placement) => placement.offset,
@@ -206,6 +210,10 @@ impl Source {
         match &self.trained {
             Some(settings) => {
                 formats::read_model(&self.path, settings, &self.normalization, invalid)
+            }
+            // Its header has the place in the world.
+            None if in_time::is_named(&self.path) => {
+                in_time::read(&self.path, &self.normalization, invalid)
             }
             None => {
                 let placement = self.placement()?;
