@@ -8,12 +8,12 @@ use std::path::Path;
 
 use omnilife_schemas::{
     elapsed::Stopwatch,
-    layout::{BOUNDARIES_FILE, FRAMES_FOLDER, SEQUENCE_FILE, sequence_name},
+    layout::{BOUNDARIES_FILE, FRAMES_FOLDER, MOTION_FOLDER, SEQUENCE_FILE, sequence_name},
     ownership::Standing,
     progress::Progress,
     records::{
         Admission, BoundaryLedger, CheckOutcome, DetectedProjection, FrameEntry, FrameSet,
-        Sequence, SphereLayout, TimeRange, VideoAnalysis,
+        Sequence, SphereLayout, TimeRange, VideoAnalysis, VideoProjection,
     },
     stage::StagePlan,
     staging::Staging,
@@ -26,6 +26,7 @@ use crate::{
     criteria,
     error::CurateError,
     frames::{self, Selection},
+    motion::pairs::choose_pairs,
     settings::CurateSettings,
     shots::{self, ShotList},
     slicing::{self, SliceSource},
@@ -60,6 +61,8 @@ struct Planned {
     range: TimeRange,
     /// Timestamps of its frames, seconds.
     times: Vec<f64>,
+    /// Timestamps of the frames in which its motion is measured, seconds; none where its frames will do.
+    motion_times: Vec<f64>,
 }
 
 impl Sequencing<'_> {
@@ -89,8 +92,8 @@ impl Sequencing<'_> {
             self.extract(&missing, progress)?;
         }
         for sequence in &planned {
-            let path = self.folder.join(&sequence.name).join(SEQUENCE_FILE);
-            store::update_record(&path, &self.record(sequence))?;
+            let folder = self.folder.join(&sequence.name);
+            store::update_record(&folder.join(SEQUENCE_FILE), &self.record(sequence, &folder))?;
         }
         self.slice(progress)?;
         progress.note(&format!(
@@ -213,18 +216,28 @@ impl Sequencing<'_> {
 
     /// Chooses the frames of every kept shot.
     fn planned(&self) -> Vec<Planned> {
-        let kept = &self.list.shots.kept;
-        kept.iter()
-            .enumerate()
-            .map(|(index, &range)| Planned {
+        let video_times = &self.signals.times;
+        // Motion is measured on the whole sphere.
+        let is_sphere = self.projection.projection != VideoProjection::Rectilinear;
+        let kept = self.list.shots.kept.iter().enumerate();
+        kept.map(|(index, &range)| {
+            let times = frames::choose(video_times, range, self.settings.sampling);
+            let pairs = match is_sphere {
+                true => choose_pairs(video_times, range, &times),
+                false => Vec::new(),
+            };
+            Planned {
                 name: sequence_name(index),
                 range,
-                times: frames::choose(&self.signals.times, range, self.settings.sampling),
-            })
-            .collect()
+                times,
+                motion_times: pairs.into_flattened(),
+            }
+        })
+        .collect()
     }
 
-    /// Lists everything that the frames of a sequence depend on, for its folder or for one that becomes it.
+    /// Lists everything that the frames of a sequence depend on, for its folder or for one that becomes it. Frames for
+    /// the measurement of motion are no part of it: sequences from before there were any stay as they are.
     fn plan(&self, sequence: &Planned, folder: &Path) -> StagePlan {
         let plan = StagePlan::new(folder, STAGE)
             .with_hash("video", self.analysis.source.sha256.clone())
@@ -245,6 +258,7 @@ impl Sequencing<'_> {
             .iter()
             .map(|sequence| Selection {
                 times: sequence.times.clone(),
+                motion_times: sequence.motion_times.clone(),
                 folder: staging.folder.join(&sequence.name),
             })
             .collect();
@@ -260,9 +274,12 @@ impl Sequencing<'_> {
         for (sequence, selection) in missing.iter().zip(&selections) {
             store::write_record(
                 &selection.folder.join(SEQUENCE_FILE),
-                &self.record(sequence),
+                &self.record(sequence, &selection.folder),
             )?;
-            let files = (0..sequence.times.len()).map(frames::file_name);
+            let motion = (0..sequence.motion_times.len()).map(frames::motion_file_name);
+            let files = (0..sequence.times.len())
+                .map(frames::file_name)
+                .chain(motion);
             self.plan(sequence, &selection.folder).finish(files, took)?;
             clear(self.folder, &sequence.name, progress)?;
             let target = self.folder.join(&sequence.name);
@@ -272,8 +289,25 @@ impl Sequencing<'_> {
         Ok(())
     }
 
-    fn record(&self, sequence: &Planned) -> Sequence {
+    /// Returns the record of a sequence whose files are in `folder`.
+    fn record(&self, sequence: &Planned, folder: &Path) -> Sequence {
         let probe = &self.analysis.probe;
+        let entries = |times: &[f64], name: fn(usize) -> String| -> Vec<FrameEntry> {
+            let entry = |(index, &time_seconds): (usize, &f64)| FrameEntry {
+                file: name(index),
+                time_seconds,
+                capture: None,
+            };
+            times.iter().enumerate().map(entry).collect()
+        };
+        let mut motion_frames = entries(&sequence.motion_times, frames::motion_file_name);
+        // Earlier versions wrote none.
+        if !motion_frames
+            .iter()
+            .all(|entry| folder.join(&entry.file).is_file())
+        {
+            motion_frames.clear();
+        }
         Sequence {
             id: format!("{}/{}", self.folder_name(), sequence.name),
             source: self.analysis.source.clone(),
@@ -287,17 +321,9 @@ impl Sequencing<'_> {
                 sampling: self.settings.sampling,
                 resampling: frames::resampling(probe, self.layout, self.size),
                 converted_from: self.layout,
-                entries: sequence
-                    .times
-                    .iter()
-                    .enumerate()
-                    .map(|(index, &time_seconds)| FrameEntry {
-                        file: frames::file_name(index),
-                        time_seconds,
-                        capture: None,
-                    })
-                    .collect(),
+                entries: entries(&sequence.times, frames::file_name),
             },
+            motion_frames,
         }
     }
 
@@ -368,7 +394,7 @@ fn foreign_entry(folder: &Path) -> Result<Option<String>, CurateError> {
     for name in store::names_in(folder)? {
         let is_ours = match name.as_str() {
             SEQUENCE_FILE => true,
-            FRAMES_FOLDER => frames_are_ours(folder)?,
+            FRAMES_FOLDER | MOTION_FOLDER => all_are_ours(folder, &name)?,
             ".done" => store::names_in(&folder.join(".done"))?
                 .iter()
                 .all(|record| *record == format!("{STAGE}.json")),
@@ -381,12 +407,13 @@ fn foreign_entry(folder: &Path) -> Result<Option<String>, CurateError> {
     Ok(None)
 }
 
-/// Returns true if the frames are as this stage wrote them, and nothing lies beside them.
-fn frames_are_ours(folder: &Path) -> Result<bool, CurateError> {
+/// Returns true if the frames in a sequence's folder of this name are as this stage wrote them, and nothing lies beside
+/// them.
+fn all_are_ours(folder: &Path, frames_folder: &str) -> Result<bool, CurateError> {
     let own = StagePlan::new(folder, STAGE).own_files();
-    for name in store::names_in(&folder.join(FRAMES_FOLDER))? {
+    for name in store::names_in(&folder.join(frames_folder))? {
         if !matches!(
-            own.standing(&format!("{FRAMES_FOLDER}/{name}")),
+            own.standing(&format!("{frames_folder}/{name}")),
             Ok(Standing::Ours)
         ) {
             return Ok(false);

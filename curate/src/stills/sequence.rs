@@ -352,6 +352,7 @@ impl Work<'_> {
                 converted_from: None,
                 entries: entries.collect(),
             },
+            motion_frames: Vec::new(),
         }
     }
 }

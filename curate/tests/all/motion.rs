@@ -203,6 +203,7 @@ fn rendered(data: &Path, folder: &Path, frames: &[usize]) {
             converted_from: None,
             entries: entries.collect(),
         },
+        motion_frames: Vec::new(),
     };
     store::write_record(&folder.join("sequence.json"), &sequence).unwrap();
 }

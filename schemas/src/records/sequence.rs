@@ -24,6 +24,10 @@ pub struct Sequence {
     pub admission: Admission,
     /// The sampled frames.
     pub frames: FrameSet,
+    /// Small frames in which motion is measured, where the sampled ones are too far apart in time: pairs of close
+    /// frames, one after the other.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub motion_frames: Vec<FrameEntry>,
 }
 
 impl Sequence {

@@ -77,6 +77,7 @@ fn sequence_of(entries: Vec<FrameEntry>) -> Sequence {
             converted_from: None,
             entries,
         },
+        motion_frames: Vec::new(),
     }
 }
 
