@@ -170,30 +170,6 @@ fn motion_of_a_long_sequence_is_known_by_default() {
     assert_eq!(kept, sequence);
 }
 
-/// Frames that show nothing to register by are no measurement.
-#[test]
-fn motion_without_detail_is_unknown() {
-    let folder = tempfile::tempdir().unwrap();
-    let video = folder.path().join("walk.mp4");
-    Clip::steady(128, 64, 20, 10).write(&video, |_, _, _| [0.5; 3]);
-    let out = folder.path().join("set");
-    let settings = CurateSettings {
-        enforce: false,
-        accept: Some(VideoProjection::Erp),
-        ..CurateSettings::default()
-    };
-    curate_dataset(&[video], &out, &settings, &Silent).unwrap();
-    let notes = Notes::default();
-    annotate_dataset(&out, &AnnotateSettings::default(), &notes).unwrap();
-    let said = notes.take().join("\n");
-    assert!(
-        said.contains("unknown ego-motion and dynamic content: 0 of 19 pairs"),
-        "{said}"
-    );
-    let motion = annotation(&out, "seq-000").ego_motion.measured.unwrap();
-    assert_eq!(motion.class, "unknown");
-}
-
 #[test]
 fn what_is_wrong_with_an_annotation_is_said_in_one_line() {
     let (folder, out) = dataset();
