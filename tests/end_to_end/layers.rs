@@ -114,6 +114,7 @@ const BENCH: &[&[&str]] = &[
     &[
         "adapters",
         "curve",
+        "poses",
         "protocols",
         "stability_report",
         "tracking",

@@ -17,6 +17,7 @@ pub mod lift;
 pub mod masks;
 pub mod objects;
 pub mod overlays;
+pub mod pose_scores;
 pub mod poses;
 pub mod protocol;
 pub mod result;
@@ -54,6 +55,7 @@ pub use lift::{Lift, LiftedView};
 pub use masks::{MaskEntry, Masks};
 pub use objects::{GraphObject, Objects};
 pub use overlays::{Overlay, OverlayClass, OverlayReport, Sightings};
+pub use pose_scores::{PoseAlignment, PoseAuc, PoseDrift, PoseScores, RelativePoseError};
 pub use poses::{PosedFrame, Poses};
 pub use protocol::{Colour, Padding, Protocol, Resampling, ScoredViews, SplitRule};
 pub use result::{
@@ -156,6 +158,7 @@ pub const SCHEMAS: &[SchemaEntry] = &[
     entry::<ResultRecord>(),
     entry::<ScoringRecord>(),
     entry::<StabilityReport>(),
+    entry::<PoseScores>(),
     entry::<Done>(),
     entry::<Begun>(),
     entry::<FileList>(),
