@@ -4,6 +4,8 @@
 //! the size) and nothing else: other criteria or another name of the file only rewrite `sequence.json`. Folders are
 //! created beside and renamed, so that a killed process leaves complete sequences only.
 
+mod planned;
+
 use std::path::Path;
 
 use omnilife_schemas::{
@@ -13,7 +15,7 @@ use omnilife_schemas::{
     progress::Progress,
     records::{
         Admission, BoundaryLedger, CheckOutcome, DetectedProjection, FrameEntry, FrameSet,
-        Sequence, SphereLayout, TimeRange, VideoAnalysis, VideoProjection,
+        Sequence, SphereLayout, TimeRange, VideoAnalysis,
     },
     stage::StagePlan,
     staging::Staging,
@@ -21,12 +23,12 @@ use omnilife_schemas::{
 };
 use omnilife_video::Orientation;
 
+use self::planned::Planned;
 use crate::{
     boundaries::{Detector, Signals},
     criteria,
     error::CurateError,
     frames::{self, Selection},
-    motion::pairs::choose_pairs,
     settings::CurateSettings,
     shots::{self, ShotList},
     slicing::{self, SliceSource},
@@ -55,22 +57,12 @@ pub(crate) struct Sequencing<'a> {
     pub(crate) size: (u32, u32),
 }
 
-/// A planned sequence.
-struct Planned {
-    name: String,
-    range: TimeRange,
-    /// Timestamps of its frames, seconds.
-    times: Vec<f64>,
-    /// Timestamps of the frames in which its motion is measured, seconds; none where its frames will do.
-    motion_times: Vec<f64>,
-}
-
 impl Sequencing<'_> {
     /// Creates the sequence folders and returns their names in order of time.
     pub(crate) fn run(&self, progress: &dyn Progress) -> Result<Vec<String>, CurateError> {
         self.write_boundaries(progress)?;
         self.refuse_none_left()?;
-        let planned = self.planned();
+        let planned = self.planned()?;
         let (done, missing): (Vec<&Planned>, Vec<&Planned>) =
             planned.iter().partition(|sequence| {
                 self.plan(sequence, &self.folder.join(&sequence.name))
@@ -214,28 +206,6 @@ impl Sequencing<'_> {
         .map(drop)
     }
 
-    /// Chooses the frames of every kept shot.
-    fn planned(&self) -> Vec<Planned> {
-        let video_times = &self.signals.times;
-        // Motion is measured on the whole sphere.
-        let is_sphere = self.projection.projection != VideoProjection::Rectilinear;
-        let kept = self.list.shots.kept.iter().enumerate();
-        kept.map(|(index, &range)| {
-            let times = frames::choose(video_times, range, self.settings.sampling);
-            let pairs = match is_sphere {
-                true => choose_pairs(video_times, range, &times),
-                false => Vec::new(),
-            };
-            Planned {
-                name: sequence_name(index),
-                range,
-                times,
-                motion_times: pairs.into_flattened(),
-            }
-        })
-        .collect()
-    }
-
     /// Lists everything that the frames of a sequence depend on, for its folder or for one that becomes it. Frames for
     /// the measurement of motion are no part of it: sequences from before there were any stay as they are.
     fn plan(&self, sequence: &Planned, folder: &Path) -> StagePlan {
@@ -322,6 +292,7 @@ impl Sequencing<'_> {
                 resampling: frames::resampling(probe, self.layout, self.size),
                 converted_from: self.layout,
                 entries: entries(&sequence.times, frames::file_name),
+                sharpest: sequence.sharpest.clone(),
             },
             motion_frames,
         }

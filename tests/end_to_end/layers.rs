@@ -90,6 +90,7 @@ const CURATE: &[&[&str]] = &[
         "motion",
         "opencv_images",
         "projection",
+        "sharpness",
         "video_names",
     ],
     &[

@@ -225,6 +225,7 @@ fn rendered(data: &Path, folder: &Path, frames: &[usize]) {
             resampling: "none".to_owned(),
             converted_from: None,
             entries: entries.collect(),
+            sharpest: None,
         },
         motion_frames: Vec::new(),
     };

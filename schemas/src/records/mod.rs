@@ -74,7 +74,8 @@ pub use scene::{
 pub use scoring::ScoringRecord;
 pub use sequence::{
     Admission, CheckOutcome, DetectedProjection, Evidence, FrameEntry, FrameSet, Probe, Sampling,
-    Sequence, SourceVideo, SphereTurn, SphericalMetadata, TimeRange, VideoProjection,
+    Sequence, SharpFrame, SharpFrames, SourceVideo, SphereTurn, SphericalMetadata, TimeRange,
+    VideoProjection,
 };
 pub use sfm::{SfmAttempt, SfmReport};
 pub use slices::{Segment, SegmentOutcome, SliceFile, SliceMethod, Slices};
