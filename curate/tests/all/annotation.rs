@@ -148,6 +148,8 @@ fn motion_of_a_long_sequence_is_known_by_default() {
         "{:?}",
         sequence.motion_frames
     );
+    let curated = notes.take().join("\n");
+    assert!(!curated.contains("not measured"), "{curated}");
     annotate_dataset(&out, &AnnotateSettings::default(), &notes).unwrap();
     let said = notes.take().join("\n");
     assert!(
