@@ -5,7 +5,7 @@
 //! videos/NAME/
 //!   analysis.json, signals.parquet, signature.parquet, boundaries.json, ledger.jsonl, slices.json, slices/
 //!   seq-NNN/
-//!     sequence.json, frames/NNNNNN.png, annotation.json
+//!     sequence.json, frames/NNNNNN.png, motion/NNNNNN.png, annotation.json
 //!     scene.json, points.ply, masks/, depth/, depth-prior/, classes/NAME/, frames-straight/
 //!     sfm/attempts.json
 //!     dynamic-masks/masks.json, dynamic-masks/NNNNNN.png
@@ -71,6 +71,8 @@ pub fn sequence_name(index: usize) -> String {
 pub const SEQUENCE_FILE: &str = "sequence.json";
 /// Folder of the sampled frames, in a sequence's folder.
 pub const FRAMES_FOLDER: &str = "frames";
+/// Folder of small frames in which motion is measured, in a sequence's folder.
+pub const MOTION_FOLDER: &str = "motion";
 /// Tags and captions, in a sequence's folder.
 pub const ANNOTATION_FILE: &str = "annotation.json";
 /// Cameras, poses and points, in a sequence's folder.

@@ -219,6 +219,13 @@ pub(crate) const EXAMPLES: &[Examples] = &[
         &["bench tracks tracks.json --truth truth.json --scene SEQUENCE"],
     ),
     (
+        "bench poses",
+        &[
+            "bench poses sparse/0 --scene SEQUENCE",
+            "bench poses all_poses.npy --poses-convention camera-to-world --scene SEQUENCE --truth truth.txt",
+        ],
+    ),
+    (
         "bench validate",
         &["bench validate VIEWS --scene SEQUENCE --split split.json"],
     ),

@@ -90,6 +90,7 @@ const CURATE: &[&[&str]] = &[
         "motion",
         "opencv_images",
         "projection",
+        "sharpness",
         "video_names",
     ],
     &[
@@ -114,6 +115,7 @@ const BENCH: &[&[&str]] = &[
     &[
         "adapters",
         "curve",
+        "poses",
         "protocols",
         "stability_report",
         "tracking",

@@ -46,6 +46,7 @@ mod outcomes;
 mod output;
 mod plans;
 #[cfg(target_os = "linux")]
+mod pose_scores;
 mod power_cut;
 mod prerequisites;
 mod registry;

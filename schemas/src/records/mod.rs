@@ -18,6 +18,7 @@ pub mod lift;
 pub mod masks;
 pub mod objects;
 pub mod overlays;
+pub mod pose_scores;
 pub mod poses;
 pub mod protocol;
 pub mod result;
@@ -58,6 +59,7 @@ pub use lift::{Lift, LiftedView};
 pub use masks::{MaskEntry, Masks};
 pub use objects::{GraphObject, Objects};
 pub use overlays::{Overlay, OverlayClass, OverlayReport, Sightings};
+pub use pose_scores::{PoseAlignment, PoseAuc, PoseDrift, PoseScores, RelativePoseError};
 pub use poses::{PosedFrame, Poses};
 pub use protocol::{Colour, Padding, Protocol, Resampling, ScoredViews, SplitRule};
 pub use result::{
@@ -76,7 +78,8 @@ pub use scene::{
 pub use scoring::ScoringRecord;
 pub use sequence::{
     Admission, CheckOutcome, DetectedProjection, Evidence, FrameEntry, FrameSet, Probe, Sampling,
-    Sequence, SourceVideo, SphereTurn, SphericalMetadata, TimeRange, VideoProjection,
+    Sequence, SharpFrame, SharpFrames, SourceVideo, SphereTurn, SphericalMetadata, TimeRange,
+    VideoProjection,
 };
 pub use sfm::{SfmAttempt, SfmReport};
 pub use slices::{Segment, SegmentOutcome, SliceFile, SliceMethod, Slices};
@@ -161,6 +164,7 @@ pub const SCHEMAS: &[SchemaEntry] = &[
     entry::<ResultRecord>(),
     entry::<ScoringRecord>(),
     entry::<StabilityReport>(),
+    entry::<PoseScores>(),
     entry::<Done>(),
     entry::<Begun>(),
     entry::<FileList>(),
