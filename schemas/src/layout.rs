@@ -14,6 +14,8 @@
 //! about.json, README.md, DATASHEET.md, SHA256SUMS, statistics/, tables/
 //! ```
 
+/// Record of views with cameras by words, in their folder.
+pub const CAMERAS_FILE: &str = "cameras.json";
 /// Record of an asset for web viewers, in its folder.
 pub const ASSET_FILE: &str = "asset.json";
 /// Folder of the scores of an asset's levels, beside [`ASSET_FILE`]: `scores/<LEVEL>/result.json`.

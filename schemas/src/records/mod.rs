@@ -32,6 +32,7 @@ pub mod stability;
 pub mod submission;
 pub mod sweep;
 pub mod tracks;
+pub mod worded_views;
 
 pub use about::{About, Statements};
 pub use analysis::VideoAnalysis;
@@ -85,6 +86,7 @@ pub use stability::{
 pub use submission::{MethodCard, Submission, SubmittedFile, SubmittedResult, Verification};
 pub use sweep::{RunnerLock, SweepPlan, SweepUnit, UnitInput, UnitNeeds, UnitOutcome, UnitRunner};
 pub use tracks::{Detection, Track, TrackStage, Tracks};
+pub use worded_views::{WordedView, WordedViews};
 
 use std::path::Path;
 
@@ -152,6 +154,7 @@ pub const SCHEMAS: &[SchemaEntry] = &[
     entry::<RunRecord>(),
     entry::<Lift>(),
     entry::<ExternalRun>(),
+    entry::<WordedViews>(),
     entry::<Asset>(),
     entry::<ResultRecord>(),
     entry::<ScoringRecord>(),
