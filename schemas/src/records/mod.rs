@@ -12,6 +12,7 @@ mod capture;
 pub mod dataset;
 pub mod dense;
 pub mod external_run;
+pub mod georeference;
 pub mod ledger;
 pub mod lift;
 pub mod masks;
@@ -48,6 +49,7 @@ pub use capture::Capture;
 pub use dataset::{Dataset, InputFile, Origin, OriginKind, VideoEntry, VideoStatus};
 pub use dense::{DenseFrame, DenseStereo};
 pub use external_run::{ExternalRun, Phase, PhaseName};
+pub use georeference::{GeoFix, GeoPoint, GeoResiduals, Georeference, UtmPoint};
 pub use ledger::{
     AuditDecision, AuditDecisions, Author, LedgerAction, LedgerEntry, PersonRole, SegmentLabel,
 };
@@ -148,6 +150,7 @@ pub const SCHEMAS: &[SchemaEntry] = &[
     entry::<Scene>(),
     entry::<DenseStereo>(),
     entry::<Tracks>(),
+    entry::<Georeference>(),
     entry::<Objects>(),
     entry::<Protocol>(),
     entry::<Split>(),
