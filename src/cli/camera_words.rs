@@ -12,8 +12,8 @@ use crate::exit::BadRequest;
 #[command(next_help_heading = "Cameras by words")]
 pub(crate) struct CameraWordArguments {
     /// Circles the target once, or over so many degrees, at the median distance and height of the cameras. Cameras by
-    /// words leave a cameras.json with the share of each view that no given view saw.
-    #[arg(long, value_name = "DEGREES", num_args = 0..=1, default_missing_value = "360", allow_hyphen_values = true)]
+    /// words leave a cameras.json with the share of each view that no input view saw.
+    #[arg(long, value_name = "DEGREES", num_args = 0..=1, default_missing_value = "360", allow_negative_numbers = true)]
     orbit: Option<f64>,
     /// Looks down on the target, with the upper edge where the cameras look.
     #[arg(long)]
@@ -32,7 +32,7 @@ pub(crate) struct CameraWordArguments {
     /// Up in the world as three numbers [default: that of the model's vehicles, else the mean of the cameras'].
     #[arg(long, value_name = "X,Y,Z", value_parser = direction, allow_hyphen_values = true)]
     up: Option<[f64; 3]>,
-    /// A split.json, whose input views are the given ones [default: all frames of the poses].
+    /// A split.json, whose input views alone count as seen [default: all frames of the poses].
     #[arg(long, value_parser = places::split_file())]
     split: Option<PathBuf>,
 }

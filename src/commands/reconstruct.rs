@@ -205,14 +205,14 @@ fn render(arguments: &RenderArguments, progress: &dyn Progress) -> anyhow::Resul
     exit::print(&text)
 }
 
-/// Returns the table of the shares that no given view saw, or the reason why there is none.
+/// Returns the table of the shares that no input view saw, or the reason why there is none.
 fn unseen_table(cameras: &WordedViews) -> String {
     if let Some(reason) = &cameras.unmeasured {
         return format!("unseen shares are not measured: {reason}\n");
     }
     let mut text = format!(
-        "unseen by {} given views\n   view   seconds  share\n",
-        cameras.given_views
+        "unseen by {} input views\n   view   seconds  share\n",
+        cameras.input_views
     );
     let row = |name: &str, seconds: &str, share: Option<f64>| {
         let share = share.map_or_else(|| "-".to_owned(), |share| format!("{:.1} %", 100.0 * share));
@@ -251,13 +251,13 @@ mod tests {
         let mut cameras = WordedViews {
             cameras: "orbit 360".to_owned(),
             definition: String::new(),
-            given_views: 9,
+            input_views: 9,
             unmeasured: None,
             views: vec![view(0.5, Some(0.125)), view(1.0, None)],
         };
         assert_eq!(
             unseen_table(&cameras),
-            "unseen by 9 given views\n   view   seconds  share\n 000003     0.500  12.5 %\n \
+            "unseen by 9 input views\n   view   seconds  share\n 000003     0.500  12.5 %\n \
              000003     1.000       -\n   mean            12.5 %\n"
         );
         cameras.unmeasured = Some("there are no points".to_owned());

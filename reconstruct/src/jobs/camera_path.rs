@@ -90,11 +90,11 @@ impl CameraPath {
             .collect()
     }
 
-    /// Returns the numbers of the given views: the input views of a split, all frames without one.
+    /// Returns the numbers of the input views: those of a split, or all frames without one.
     ///
     /// # Errors
     /// When the split cannot be read, is that of another scene, or `path` is no scene.
-    pub(super) fn given_views(
+    pub(super) fn input_views(
         &self,
         path: &Path,
         split: Option<&Path>,

@@ -31,7 +31,7 @@ pub struct CameraWords {
     pub target: Option<LookAt>,
     /// Direction up in the world; by default that of the model's objects, else the mean of the cameras'.
     pub up: Option<[f64; 3]>,
-    /// Split whose input views are the given ones; all frames without one.
+    /// Split whose input views count as seen; all frames of the poses without one.
     pub split: Option<PathBuf>,
 }
 

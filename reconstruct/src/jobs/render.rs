@@ -23,7 +23,7 @@ use super::{
     camera_path::{CameraPath, PlacedFrame},
     camera_words::{CameraPlaces, CameraWords, Surroundings},
     cube_faces,
-    unseen::{self, GivenViews},
+    unseen::{self, InputViews},
 };
 use crate::registry;
 use omnilife_training::{
@@ -147,7 +147,7 @@ pub fn render_poses(
             largest_speed: opened.largest_speed(),
             cameras,
         };
-        let mut render = |frame: &PlacedFrame| -> Result<(), ReconstructError> {
+        let render = |frame: &PlacedFrame| -> Result<(), ReconstructError> {
             let images = images_at(&mut *opened, request, camera, (&frame.pose, frame.seconds))?;
             let images = images.ok_or_else(|| {
                 ReconstructError::scene(
@@ -165,7 +165,7 @@ pub fn render_poses(
             progress.advance(1);
             Ok(())
         };
-        let outcome = frames.iter().try_for_each(&mut render);
+        let outcome = frames.iter().try_for_each(render);
         progress.end();
         outcome?;
         if let Some(record) = &rendered.cameras {
@@ -198,7 +198,7 @@ fn worded(
 ) -> Result<(Vec<PlacedFrame>, WordedViews), ReconstructError> {
     let words = &request.cameras;
     let split = words.split.as_deref();
-    let given = path.given_views(&request.poses, split)?;
+    let given = path.input_views(&request.poses, split)?;
     let points = path.points(&request.poses, split)?;
     let seconds: Vec<f64> = path.frames.iter().map(|&(time, _)| time).collect();
     let surroundings = Surroundings {
@@ -220,7 +220,7 @@ fn worded(
         _ => camera,
     };
     let poses: Vec<Pose> = frames.iter().map(|frame| frame.pose).collect();
-    let views = GivenViews::new(path.camera.unwrap_or(sphere), &given, &points);
+    let views = InputViews::new(path.camera.unwrap_or(sphere), &given, &points);
     let shares = views.as_ref().map_or_else(
         || vec![None; poses.len()],
         |views| views.unseen_shares(shown, &poses),
@@ -229,10 +229,10 @@ fn worded(
     let record = WordedViews {
         cameras: words.to_string(),
         definition: unseen::DEFINITION.to_owned(),
-        given_views: given.len() as u32,
+        input_views: given.len() as u32,
         unmeasured: views
             .is_none()
-            .then(|| "there are no points, or no posed given views".to_owned()),
+            .then(|| "there are no points, or no posed input views".to_owned()),
         views: worded
             .map(|(frame, unseen_share)| WordedView {
                 files: image_files(frame.number, request.camera),

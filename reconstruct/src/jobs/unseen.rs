@@ -1,8 +1,8 @@
-//! Shares of rendered views that no given view saw, by the scene's points: the same measure for models of every kind.
+//! Shares of rendered views that no input view saw, by the scene's points: the same measure for models of every kind.
 //!
 //! A view is divided into cells, 64 along its longer side. The surface of a cell is at the distance of its nearest
 //! point; a cell without points has the distance of the nearest cell with one, and a view without points that of the
-//! farthest point. A surface is seen where it lies in the image of a given view and at most 10 % beyond the surface of
+//! farthest point. A surface is seen where it lies in the image of an input view and at most 10 % beyond the surface of
 //! that view, within one cell. Cells of panoramas count by their solid angle. Surfaces with fewer points than cells
 //! hide nothing, so that the share is a lower bound for scenes with sparse points.
 
@@ -15,23 +15,23 @@ use rayon::prelude::*;
 
 /// Definition in records.
 pub(super) const DEFINITION: &str = "share of the view whose surface, by the scene's points in cells of a 64th of \
-                                     the longer side, is outside of the image of every given view or more than \
+                                     the longer side, is outside of the image of every input view or more than \
                                      10 % behind the surface there";
 
 /// Cells along the longer side of a view.
 const CELLS: u64 = 64;
 /// Maximum number of points; of more, an even selection is used.
 const MOST_POINTS: usize = 200_000;
-/// Largest distance of a seen surface, in units of the distance of the given view's own.
+/// Largest distance of a seen surface, in units of the distance of the input view's own.
 const TOLERANCE: f64 = 1.1;
 
-/// Given views with their surfaces.
-pub(super) struct GivenViews {
+/// Input views with their surfaces.
+pub(super) struct InputViews {
     views: Vec<CoarseView>,
     points: Vec<DVec3>,
 }
 
-impl GivenViews {
+impl InputViews {
     /// Returns the surfaces of views; `None` without points or poses.
     pub(super) fn new(camera: Camera, poses: &[Pose], points: &[DVec3]) -> Option<Self> {
         let step = points.len().div_ceil(MOST_POINTS).max(1);
@@ -43,7 +43,7 @@ impl GivenViews {
         (!views.is_empty() && !points.is_empty()).then_some(Self { views, points })
     }
 
-    /// Returns the shares in [0, 1] of views that no given one saw; `None` for a view without a usable pose.
+    /// Returns the shares in [0, 1] of views that no input view saw; `None` for a view without a usable pose.
     pub(super) fn unseen_shares(&self, camera: Camera, poses: &[Pose]) -> Vec<Option<f64>> {
         let poses = poses.par_iter();
         poses
@@ -203,7 +203,7 @@ mod tests {
     }
 
     fn share(camera: Camera, points: &[DVec3], at: Pose) -> f64 {
-        let given = GivenViews::new(pinhole(), &[pose(0.0, DVec3::ZERO)], points);
+        let given = InputViews::new(pinhole(), &[pose(0.0, DVec3::ZERO)], points);
         let shares = given.expect("points").unseen_shares(camera, &[at]);
         shares[0].expect("a pose")
     }
@@ -213,11 +213,11 @@ mod tests {
         let wall = wall();
         let of = |pose| share(pinhole(), &wall, pose);
         assert_eq!(of(pose(0.0, DVec3::ZERO)), 0.0);
-        // Half of the image is beside that of the given view, which is 8 wide on the wall.
+        // Half of the image is beside that of the input view, which is 8 wide on the wall.
         let beside = of(pose(0.0, dvec3(4.0, 0.0, 0.0)));
         assert!((beside - 0.5).abs() < 0.03, "{beside}");
         assert_eq!(of(pose(std::f64::consts::PI, DVec3::ZERO)), 1.0);
-        // A given view of a sixth of the sphere.
+        // An input view of a sixth of the sphere.
         let sphere = ErpCamera {
             width: 128,
             height: 64,
@@ -239,6 +239,6 @@ mod tests {
 
     #[test]
     fn without_points_there_is_no_measure() {
-        assert!(GivenViews::new(pinhole(), &[pose(0.0, DVec3::ZERO)], &[]).is_none());
+        assert!(InputViews::new(pinhole(), &[pose(0.0, DVec3::ZERO)], &[]).is_none());
     }
 }

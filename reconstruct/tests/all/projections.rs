@@ -245,7 +245,7 @@ fn cameras_by_words_show_their_target_and_leave_a_record() {
         }
         let record: WordedViews = store::read_record(&out.join("cameras.json")).unwrap();
         assert_eq!(views.cameras.as_ref(), Some(&record));
-        assert_eq!((record.given_views, record.views.len()), (5, 5));
+        assert_eq!((record.input_views, record.views.len()), (5, 5));
         // There are no points to measure by.
         assert!(record.unmeasured.is_some() && record.mean_unseen_share().is_none());
     }

@@ -12,8 +12,8 @@ pub struct WordedViews {
     pub cameras: String,
     /// Definition of the unseen shares.
     pub definition: String,
-    /// Number of given views: posed input views of the split, or all posed frames without a split.
-    pub given_views: u32,
+    /// Number of input views: posed input views of the split, or all posed frames without a split.
+    pub input_views: u32,
     /// Reason why unseen shares are missing; `None` where they are measured.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub unmeasured: Option<String>,
@@ -44,6 +44,6 @@ pub struct WordedView {
     pub time_seconds: f64,
     /// The camera.
     pub pose: Pose,
-    /// Share in [0, 1] of the view that no given view saw.
+    /// Share in [0, 1] of the view that no input view saw.
     pub unseen_share: Option<f64>,
 }
