@@ -268,12 +268,12 @@ fn cameras_by_words_exclude_each_other_and_leave_a_table() {
     };
     for (words, reason) in [
         (&["--orbit", "90", "--from-above"][..], "--from-above"),
-        (&["--stationary", "1", "--path", "a.csv"], "--path"),
-        (&["--path", "a.csv", "--look-at", "0,0,1"], "--look-at"),
-        (&["--stationary", "99"], "has no frame 99"),
-        (&["--look-at", "7"], "there is no object \"7\""),
-        (&["--orbit", "0"], "degrees"),
-        (&["--up", "0,0,1"], "--up and --split go with"),
+        (&["--stationary", "1", "--path", "a.csv"][..], "--path"),
+        (&["--path", "a.csv", "--look-at", "0,0,1"][..], "--look-at"),
+        (&["--stationary", "99"][..], "has no frame 99"),
+        (&["--look-at", "7"][..], "there is no object \"7\""),
+        (&["--orbit", "0"][..], "degrees"),
+        (&["--up", "0,0,1"][..], "--up and --split go with"),
     ] {
         let message = render(words).failed_quietly(2).to_owned();
         assert!(message.contains(reason), "{message}");

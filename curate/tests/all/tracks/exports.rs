@@ -123,14 +123,12 @@ fn write_telemetry(folder: &Path, scene: &Scene, has_mistake: bool) -> std::path
             longitude_degrees: longitude,
             altitude_metres: altitude,
         } = recorded(centre);
-        writeln!(
-            text,
+        text += &format!(
             "{}\n00:00:{number:02},000 --> 00:00:{number:02},500\n[latitude: {latitude:.12}] [longitude: \
-             {longitude:.12}] [rel_alt: {:.3} abs_alt: {altitude:.3}]\n",
+             {longitude:.12}] [rel_alt: {:.3} abs_alt: {altitude:.3}]\n\n",
             number + 1,
             altitude - HEIGHT
-        )
-        .unwrap();
+        );
     }
     let file = folder.join("DJI_0001.SRT");
     fs::write(&file, text).unwrap();

@@ -169,10 +169,6 @@ fn refuse_line(points: &[DVec3], weights: &[f64], fit: &FittedSimilarity) -> Res
 }
 
 /// Returns the eigenvalues of a symmetric matrix, and its eigenvectors as columns (Jacobi rotations).
-#[expect(
-    clippy::needless_range_loop,
-    reason = "rows and columns change at once"
-)]
 fn eigen<const N: usize>(mut matrix: [[f64; N]; N]) -> ([f64; N], [[f64; N]; N]) {
     let mut vectors = [[0.0; N]; N];
     for (at, row) in vectors.iter_mut().enumerate() {
@@ -189,18 +185,16 @@ fn eigen<const N: usize>(mut matrix: [[f64; N]; N]) -> ([f64; N], [[f64; N]; N])
                 let tangent = slope.signum() / (slope.abs() + slope.hypot(1.0));
                 let cos = 1.0 / tangent.hypot(1.0);
                 let sin = tangent * cos;
-                for k in 0..N {
-                    let (a, b) = (matrix[k][p], matrix[k][q]);
-                    matrix[k][p] = cos * a - sin * b;
-                    matrix[k][q] = sin * a + cos * b;
+                let turn = |a: &mut f64, b: &mut f64| {
+                    (*a, *b) = (cos * *a - sin * *b, sin * *a + cos * *b);
+                };
+                for row in matrix.iter_mut().chain(&mut vectors) {
+                    let (left, right) = row.split_at_mut(q);
+                    turn(&mut left[p], &mut right[0]);
                 }
-                for k in 0..N {
-                    let (a, b) = (matrix[p][k], matrix[q][k]);
-                    matrix[p][k] = cos * a - sin * b;
-                    matrix[q][k] = sin * a + cos * b;
-                    let (a, b) = (vectors[k][p], vectors[k][q]);
-                    vectors[k][p] = cos * a - sin * b;
-                    vectors[k][q] = sin * a + cos * b;
+                let (upper, lower) = matrix.split_at_mut(q);
+                for (a, b) in upper[p].iter_mut().zip(&mut lower[0]) {
+                    turn(a, b);
                 }
             }
         }
