@@ -1,5 +1,7 @@
 //! Tracks in formats of traffic tools: boxes return, speeds and headings are those of the paths, places those of the map.
 
+use std::collections::BTreeSet;
+
 use omnilife_schemas::{
     ground_plane::Plane,
     records::{Capture, GeoPoint, Georeference, Track, Tracks},
@@ -133,6 +135,15 @@ fn write_telemetry(folder: &Path, scene: &Scene, has_mistake: bool) -> std::path
     let file = folder.join("DJI_0001.SRT");
     fs::write(&file, text).unwrap();
     file
+}
+
+#[test]
+fn formats_have_an_id_and_a_file_each() {
+    let count = TRACK_FORMATS.len();
+    let ids: BTreeSet<&str> = TRACK_FORMATS.iter().map(|format| format.id).collect();
+    let files: BTreeSet<&str> = TRACK_FORMATS.iter().map(|format| format.file).collect();
+    assert_eq!((ids.len(), files.len()), (count, count));
+    assert!(TRACK_FORMATS.iter().all(|format| format.about.len() > 20));
 }
 
 #[test]
