@@ -21,8 +21,8 @@ pub(crate) struct CameraWordArguments {
     /// Keeps the camera of the frame with this number, from 0 on, while time goes on.
     #[arg(long, value_name = "FRAME")]
     stationary: Option<usize>,
-    /// Follows the poses of a file: CSV of time_seconds,x,y,z,qw,qx,qy,qz (camera to world), a JSON list of
-    /// {time_seconds, pose}, or a poses.json.
+    /// Follows the poses of a file: CSV of `time_seconds,x,y,z,qw,qx,qy,qz` (camera to world), a JSON list of
+    /// `{time_seconds, pose}`, or a poses.json.
     #[arg(long, value_name = "FILE")]
     path: Option<PathBuf>,
     /// Target of the cameras, a point of the world or the id of an object of the model [default: the median of the

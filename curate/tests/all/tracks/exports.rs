@@ -1,4 +1,5 @@
-//! Tracks in formats of traffic tools: boxes return, speeds and headings are those of the paths, places those of the map.
+//! Tracks in formats of traffic tools: boxes return, speeds and headings are those of the paths, places those of the
+//! map.
 
 use std::collections::BTreeSet;
 
