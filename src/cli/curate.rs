@@ -250,6 +250,13 @@ pub(crate) enum CurateCommand {
         /// Metres in a unit of the world, where the scene does not say.
         #[arg(long, value_name = "METRES")]
         metres_per_unit: Option<f64>,
+        /// Also writes the tracks for traffic tools: mot (boxes), speeds (CSV with speed and heading), geojson.
+        #[arg(long, value_name = "FORMAT", value_delimiter = ',')]
+        export: Vec<String>,
+        /// Positions of a drone in the subtitles (.SRT) of its video; with them, or with positions of stills in
+        /// EXIF, exports have places on the Earth, and georeference.json the similarity with its residuals.
+        #[arg(long, value_name = "FILE.srt")]
+        telemetry: Option<PathBuf>,
         /// Says what is used, what is left out and on what evidence, and writes no tracks; the frames are looked
         /// at for it.
         #[arg(long)]

@@ -14,7 +14,7 @@ use omnilife_reconstruct::{
     request::{BackendChoice, MethodRequest, PlanChoice},
 };
 
-use super::{memory::gibibytes, places};
+use super::{camera_words::CameraWordArguments, memory::gibibytes, places};
 use crate::exit::BadRequest;
 
 #[derive(Debug, Clone, Args)]
@@ -186,6 +186,8 @@ pub(crate) struct RenderArguments {
     /// them in refined-poses.json. A folder stands for the scene.json in it.
     #[arg(long, value_parser = places::poses())]
     pub(crate) poses: PathBuf,
+    #[command(flatten)]
+    pub(crate) cameras: CameraWordArguments,
     /// Folder of the images.
     #[arg(long)]
     pub(crate) out: PathBuf,
@@ -228,11 +230,15 @@ pub(crate) enum CameraArgument {
 
 impl RenderArguments {
     /// What is asked of the renderer.
-    pub(crate) fn request(&self) -> RenderRequest {
-        RenderRequest {
+    ///
+    /// # Errors
+    /// When cameras by words exclude each other.
+    pub(crate) fn request(&self) -> anyhow::Result<RenderRequest> {
+        Ok(RenderRequest {
             model: self.model.clone(),
             axes: self.axes,
             poses: self.poses.clone(),
+            cameras: self.cameras.words()?,
             size: self.size,
             camera: match self.camera {
                 None => RenderCamera::OfPoses,
@@ -246,7 +252,7 @@ impl RenderArguments {
             },
             cube_faces: self.cube_faces,
             out: self.out.clone(),
-        }
+        })
     }
 }
 
@@ -296,7 +302,7 @@ impl AssetArguments {
     }
 }
 
-fn direction(text: &str) -> Result<[f64; 3], String> {
+pub(super) fn direction(text: &str) -> Result<[f64; 3], String> {
     let numbers: Option<Vec<f64>> = text
         .split(',')
         .map(|word| word.trim().parse().ok())

@@ -61,6 +61,18 @@ impl OpenedModel for OpenedAtlas {
     fn image(&mut self, view: &View) -> Result<RgbImage, ReconstructError> {
         Ok(self.graph.image(view, &self.shown).0)
     }
+
+    fn object_centres(&self, id: &str, seconds: &[f64]) -> Result<Vec<DVec3>, ReconstructError> {
+        let number =
+            find(&self.graph, id).map_err(|reason| ReconstructError::Request { reason })?;
+        let (node, clock) = (&self.graph.nodes[number], &self.graph.clock);
+        // Trajectories are known from 0 to 1.
+        let centre = |&time: &f64| node.pose(clock.time(time).clamp(0.0, 1.0)).centre;
+        let centres = seconds.iter().map(centre);
+        Ok(centres
+            .map(|place| self.normalization.restore(place))
+            .collect())
+    }
 }
 
 /// Returns the layer of this name.

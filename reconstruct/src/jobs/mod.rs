@@ -1,6 +1,8 @@
 //! Whole commands: they read records, call the rest of the crate, and write records.
 
 pub mod atlas;
+pub mod camera_path;
+pub mod camera_words;
 mod cube_faces;
 pub mod edit;
 pub mod export;
@@ -11,3 +13,4 @@ pub mod render;
 mod stage_times;
 mod trace_folder;
 mod training;
+mod unseen;

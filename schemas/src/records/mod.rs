@@ -13,6 +13,7 @@ pub mod dataset;
 pub mod dataset_status;
 pub mod dense;
 pub mod external_run;
+pub mod georeference;
 pub mod ledger;
 pub mod lift;
 pub mod masks;
@@ -34,6 +35,7 @@ pub mod stability;
 pub mod submission;
 pub mod sweep;
 pub mod tracks;
+pub mod worded_views;
 
 pub use about::{About, Statements};
 pub use analysis::VideoAnalysis;
@@ -52,6 +54,7 @@ pub use dataset_status::{
 };
 pub use dense::{DenseFrame, DenseStereo};
 pub use external_run::{ExternalRun, Phase, PhaseName};
+pub use georeference::{GeoFix, GeoPoint, GeoResiduals, Georeference, UtmPoint};
 pub use ledger::{
     AuditDecision, AuditDecisions, Author, LedgerAction, LedgerEntry, PersonRole, SegmentLabel,
 };
@@ -92,6 +95,7 @@ pub use stability::{
 pub use submission::{MethodCard, Submission, SubmittedFile, SubmittedResult, Verification};
 pub use sweep::{RunnerLock, SweepPlan, SweepUnit, UnitInput, UnitNeeds, UnitOutcome, UnitRunner};
 pub use tracks::{Detection, Track, TrackStage, Tracks};
+pub use worded_views::{WordedView, WordedViews};
 
 use std::path::Path;
 
@@ -154,12 +158,14 @@ pub const SCHEMAS: &[SchemaEntry] = &[
     entry::<Scene>(),
     entry::<DenseStereo>(),
     entry::<Tracks>(),
+    entry::<Georeference>(),
     entry::<Objects>(),
     entry::<Protocol>(),
     entry::<Split>(),
     entry::<RunRecord>(),
     entry::<Lift>(),
     entry::<ExternalRun>(),
+    entry::<WordedViews>(),
     entry::<Asset>(),
     entry::<ResultRecord>(),
     entry::<ScoringRecord>(),

@@ -2,6 +2,7 @@
 //! in one line.
 
 mod estimates;
+mod exports;
 mod moved;
 #[cfg(unix)]
 mod programs;

@@ -6,7 +6,7 @@ use glam::{DQuat, DVec3};
 use omnilife_schemas::{
     RgbImage, Similarity,
     layout::{ASSET_FILE, RUN_FILE},
-    records::{Asset, InvalidGaussians, RunRecord},
+    records::{Asset, InvalidGaussians, Objects, RunRecord},
     store::{self, StoreError},
 };
 use serde::Deserialize;
@@ -31,7 +31,8 @@ use omnilife_engine::{
 use crate::{
     error::ReconstructError,
     formats::{
-        self, GAUSSIAN_FILES, axes::FileAxes, exchange, in_time, splat::Placement, validity,
+        self, GAUSSIAN_FILES, OBJECTS_FILE, axes::FileAxes, exchange, in_time, splat::Placement,
+        validity,
     },
     models::{Export, ModelFormat, OpenRequest, OpenedModel},
 };
@@ -128,6 +129,29 @@ impl OpenedModel for OpenedGaussians {
         (self.layer == Layer::Velocity)
             .then(|| self.source.world_speed(self.layers.largest_speed()))
     }
+
+    fn object_centres(&self, id: &str, seconds: &[f64]) -> Result<Vec<DVec3>, ReconstructError> {
+        let objects = self.source.objects()?;
+        let objects = objects.map_or_else(Vec::new, |objects| objects.objects);
+        let found = objects.iter().find(|object| object.id.to_string() == id);
+        let Some(object) = found else {
+            let ids: Vec<String> = objects.iter().map(|one| one.id.to_string()).collect();
+            let there = if ids.is_empty() {
+                "the model has no objects".to_owned()
+            } else {
+                format!("there are {}", ids.join(", "))
+            };
+            let reason = format!("there is no object {id:?}: {there}");
+            return Err(ReconstructError::Request { reason });
+        };
+        let centre = &object.path.centre;
+        Ok(seconds.iter().map(|&time| centre.position(time)).collect())
+    }
+
+    fn up(&self) -> Result<Option<DVec3>, ReconstructError> {
+        let objects = self.source.objects()?;
+        Ok(objects.and_then(|objects| DVec3::from_array(objects.up).try_normalize()))
+    }
 }
 
 /// Gaussians with the settings of their renderer.
@@ -211,6 +235,14 @@ impl Source {
             Some(settings) => {
                 formats::read_model(&self.path, settings, &self.normalization, invalid)
             }
+            None if in_time::is_named(&self.path) && self.axes.is_some() => {
+                Err(ReconstructError::Request {
+                    reason: format!(
+                        "{}: its header says where its axes point; leave them out",
+                        self.path.display()
+                    ),
+                })
+            }
             // Its header has the place in the world.
             None if in_time::is_named(&self.path) => {
                 in_time::read(&self.path, &self.normalization, invalid)
@@ -220,6 +252,20 @@ impl Source {
                 let table = exchange::read(&self.path, &placement, &self.normalization, invalid)?;
                 Ok(Model::new(vec![Part::new(StaticGaussians, table)]))
             }
+        }
+    }
+
+    /// Returns the objects of a run, with sound paths; `None` for models without.
+    fn objects(&self) -> Result<Option<Objects>, ReconstructError> {
+        let file = self.path.join(OBJECTS_FILE);
+        if self.trained.is_none() || !file.is_file() {
+            return Ok(None);
+        }
+        let objects: Objects = store::read_record(&file)?;
+        let mut all = objects.objects.iter();
+        match all.find_map(|object| object.path.fault()) {
+            Some(fault) => Err(StoreError::malformed(&file, format!("a path {fault}")).into()),
+            None => Ok(Some(objects)),
         }
     }
 

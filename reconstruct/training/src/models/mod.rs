@@ -10,6 +10,7 @@ pub mod script;
 
 use std::path::Path;
 
+use glam::DVec3;
 use omnilife_engine::camera::{Camera, View};
 use omnilife_schemas::{RgbImage, Similarity, progress::Progress, records::RunRecord};
 
@@ -94,6 +95,25 @@ pub trait OpenedModel {
     /// Returns the maximum speed of a velocity map, world units per second; `None` for other layers.
     fn largest_speed(&self) -> Option<f64> {
         None
+    }
+
+    /// Returns the centres of an object at some times in seconds, world units. Outside of its time it stays at the
+    /// nearer end of its path.
+    ///
+    /// # Errors
+    /// When the model has no such object.
+    fn object_centres(&self, id: &str, _seconds: &[f64]) -> Result<Vec<DVec3>, ReconstructError> {
+        Err(ReconstructError::Request {
+            reason: format!("there is no object {id:?}: the model has no objects"),
+        })
+    }
+
+    /// Returns the unit vector up in the world; `None` for models that leave it to the cameras.
+    ///
+    /// # Errors
+    /// When its file is malformed.
+    fn up(&self) -> Result<Option<DVec3>, ReconstructError> {
+        Ok(None)
     }
 }
 
