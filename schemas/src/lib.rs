@@ -7,7 +7,7 @@
 //! * [`tracked_regions`]: dynamic regions as far as tracks tell. [`interpolation`]: values between pixels.
 //! * [`posed_view`], [`scene_points`], [`distances`], [`rgb`]: views, points, distances and images of a scene.
 //!   [`mask_survey`]: oddities of masks of others. [`split_rules`]: the input views of a protocol. [`bootstrap`]:
-//!   confidence intervals of scores.
+//!   confidence intervals of scores. [`object_regions`]: moving content as the union of objects.
 //! * [`records`]: the JSON files. [`mask_file`]: masks of others.
 //! * [`image_file`]: images of others. [`oriented_box`]: boxes as cameras see them. [`ground_plane`],
 //!   [`padded_frame`], [`points`]: geometry and clouds.
@@ -33,6 +33,7 @@ pub mod layout;
 mod mask;
 pub mod mask_file;
 pub mod mask_survey;
+pub mod object_regions;
 pub mod oriented_box;
 pub mod padded_frame;
 pub mod points;

@@ -37,6 +37,7 @@ const SCHEMAS: &[&[&str]] = &[
         "bootstrap",
         "distances",
         "mask_survey",
+        "object_regions",
         "posed_view",
         "rgb",
         "scene_points",

@@ -134,6 +134,7 @@ fn trained(world: &World, change: impl Fn(&mut Scene)) -> Trained {
             ignore_mask: None,
             classes: [].into(),
             objects: [].into(),
+            boxes: [].into(),
             depth: None,
             depth_prior: None,
             capture: None,
@@ -156,6 +157,7 @@ fn trained(world: &World, change: impl Fn(&mut Scene)) -> Trained {
             problems: Vec::new(),
         },
         published_split: None,
+        objects: [].into(),
     };
     change(&mut scene);
     let protocol = Protocol {

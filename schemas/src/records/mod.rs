@@ -66,8 +66,9 @@ pub use run::{
     TRAINING, TraceViews, ViewPredictions,
 };
 pub use scene::{
-    DepthImage, DepthPrior, DistanceConvention, DistanceGrid, PoseConvention, PoseSource,
-    PoseValidation, PublishedSplit, Scale, Scene, SceneFrame, ValidationStatus,
+    DepthImage, DepthPrior, DistanceConvention, DistanceGrid, ObjectClass, PoseConvention,
+    PoseSource, PoseValidation, PublishedSplit, Scale, Scene, SceneFrame, SceneObject,
+    ValidationStatus,
 };
 pub use scoring::ScoringRecord;
 pub use sequence::{

@@ -5,8 +5,8 @@ use std::collections::BTreeSet;
 use omnilife_curate::exchange::scene_id;
 use omnilife_schemas::{
     records::{
-        Capture, Colour, DepthImage, DepthPrior, DistanceConvention, Padding, Protocol,
-        PublishedSplit, Resampling, ScoredViews, Split, SplitRule,
+        Capture, Colour, DepthImage, DepthPrior, DistanceConvention, ObjectClass, Padding,
+        Protocol, PublishedSplit, Resampling, SceneObject, ScoredViews, Split, SplitRule,
     },
     testing::Notes,
 };
@@ -60,6 +60,11 @@ fn write_scene(root: &Path, drawn: &[Drawn], name: fn(u32) -> String) -> Scene {
             input_views: vec![0],
             novel_views: vec![frames.len() as u32 - 1],
         }),
+        objects: (OBJECTS
+            .iter()
+            .zip([ObjectClass::Person, ObjectClass::Vehicle]))
+        .map(|((name, _), class)| ((*name).to_owned(), SceneObject { class }))
+        .collect(),
         frames,
     };
     store::write_record(&root.join("scene.json"), &scene).unwrap();
@@ -114,6 +119,10 @@ fn frame(root: &Path, at: u32, name: &str, bits: u16) -> SceneFrame {
                 let file = mask(&format!("masks/{object}"), 5 + u32::from(bit));
                 ((*object).to_owned(), file)
             })
+            .collect(),
+        boxes: (OBJECTS.iter().zip([4, 5]))
+            .filter(|(_, bit)| has(*bit))
+            .map(|((object, _), _)| ((*object).to_owned(), [0.5 * t, 1.0 / 3.0, 2.0, 3.0]))
             .collect(),
         depth: has(6).then(|| DepthImage {
             file: distances("depth", 2.5),
@@ -477,4 +486,59 @@ fn text_models_of_colmap_hold_no_spaces_in_names() {
             .collect()
     };
     assert_eq!(images(&back.unwrap()), images(&original));
+}
+
+/// Objects of a scene without masks of what moves: formats with one kind of mask get their union.
+#[test]
+fn what_moves_is_exported_as_the_union_of_the_objects() {
+    let folder = tempfile::tempdir().unwrap();
+    let objects = (1 << 4) | (1 << 5);
+    let original = write_scene(folder.path(), &[(0, 1 | objects), (1, 1)], NAMES[0]);
+    let export = exported("nerfstudio", folder.path());
+    let transforms = json(&export.path().join("scene/transforms.json"));
+    let file = transforms["frames"][0]["mask_path"].as_str().unwrap();
+    let used = Mask::read(&export.path().join("scene").join(file)).unwrap();
+    let mut moving = used.inverted().data;
+    for file in original.frames[0].objects.values() {
+        let mask = Mask::read(&folder.path().join(file)).unwrap();
+        assert!(mask.marks_anything());
+        for (moves, object) in moving.iter_mut().zip(mask.data) {
+            assert!(object == 0 || *moves != 0);
+            // Objects overlap: their pixels are counted once.
+            if object != 0 {
+                *moves = 1;
+            }
+        }
+    }
+    assert!(moving.iter().all(|&moves| moves <= 1) && moving.contains(&0));
+}
+
+/// A folder of masks of others may say what its objects are.
+#[test]
+fn classes_of_objects_are_read_beside_their_masks() {
+    let folder = tempfile::tempdir().unwrap();
+    write_scene(
+        folder.path(),
+        &[(0, 1 | (1 << 4) | (1 << 5)), (1, 1)],
+        NAMES[0],
+    );
+    let export = exported("frames", folder.path());
+    let from = export.path().join("scene");
+    fs::remove_file(from.join("scene.json")).unwrap();
+    let with_classes = |text: &str, place: &str| {
+        fs::write(from.join("classes.json"), text).unwrap();
+        import_frames(&from, &export.path().join(place))
+    };
+    let scene = with_classes("{\"car 2\": \"vehicle\"}", "back").unwrap();
+    assert_eq!(scene.class_of("car 2"), ObjectClass::Vehicle);
+    assert_eq!(scene.class_of("walker é"), ObjectClass::Other);
+    assert_eq!(scene.object_names().len(), 2);
+    assert!(scene.frames.iter().all(|frame| frame.mask.is_none()));
+    for (text, named) in [
+        ("{\"dog\": \"other\"}", "dog"),
+        ("{\"car 2\": \"boat\"}", "boat"),
+    ] {
+        let error = with_classes(text, "refused").unwrap_err().to_string();
+        assert!(error.contains(named), "{error}");
+    }
 }
