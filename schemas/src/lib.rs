@@ -12,7 +12,7 @@
 //! * [`image_file`]: images of others. [`oriented_box`]: boxes as cameras see them. [`ground_plane`],
 //!   [`padded_frame`], [`points`]: geometry and clouds.
 //! * [`camera`]: directions of pixels. [`pose`], [`trajectory`]: cameras and objects over time. [`layout`]: names of
-//!   files. [`frame_scores`]: the scores of every view.
+//!   files. [`frame_scores`], [`object_scores`]: the scores of every view, and of the objects in it.
 //!
 //! # Conventions
 //! * Camera frame: x right, y down, z forward. World to camera: `x_c = R x_w + t`; poses store the
@@ -34,6 +34,7 @@ mod mask;
 pub mod mask_file;
 pub mod mask_survey;
 pub mod object_regions;
+pub mod object_scores;
 pub mod oriented_box;
 pub mod padded_frame;
 pub mod points;

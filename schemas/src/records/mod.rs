@@ -15,6 +15,7 @@ pub mod external_run;
 pub mod ledger;
 pub mod lift;
 pub mod masks;
+pub mod object_results;
 pub mod objects;
 pub mod overlays;
 pub mod poses;
@@ -52,6 +53,7 @@ pub use ledger::{
 };
 pub use lift::{Lift, LiftedView};
 pub use masks::{MaskEntry, Masks};
+pub use object_results::{ClassResult, ClassSummary, ObjectResult, ObjectResults};
 pub use objects::{GraphObject, Objects};
 pub use overlays::{Overlay, OverlayClass, OverlayReport, Sightings};
 pub use poses::{PosedFrame, Poses};
