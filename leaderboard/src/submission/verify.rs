@@ -9,8 +9,9 @@ use std::path::{Path, PathBuf};
 
 use omnilife_schemas::{
     frame_scores::FrameScores,
+    object_scores::ObjectScores,
     ownership::is_inside,
-    records::{ResultRecord, Submission, SubmittedResult, Summary},
+    records::{ObjectResults, ResultRecord, Submission, SubmittedResult, Summary},
     store::{self, StoreError},
 };
 
@@ -87,6 +88,7 @@ pub fn verify(folder: &Path) -> Result<Verified, LeaderboardError> {
             ));
         }
         check_means(&path, &result)?;
+        check_objects(&path, &result)?;
         results.push((path, result));
     }
     validate::validate(&results)?;
@@ -123,10 +125,10 @@ fn check_files(folder: &Path, entry: &SubmittedResult) -> Result<(), Leaderboard
 
 /// Compares every mean with that of its column in the table of views.
 fn check_means(path: &Path, result: &ResultRecord) -> Result<(), LeaderboardError> {
-    if !is_inside(&result.frames_table) {
+    if !result.tables().all(|table| is_inside(table)) {
         return Err(submission_error(
             path,
-            "its table of views lies elsewhere".to_owned(),
+            "its table of views or of objects lies elsewhere".to_owned(),
         ));
     }
     let table_path = path.with_file_name(&result.frames_table);
@@ -146,6 +148,33 @@ fn check_means(path: &Path, result: &ResultRecord) -> Result<(), LeaderboardErro
                 ));
             }
         }
+    }
+    Ok(())
+}
+
+/// Compares every object's mean with its rows in the table of objects, and those of classes with their objects'.
+fn check_objects(path: &Path, result: &ResultRecord) -> Result<(), LeaderboardError> {
+    let Some(objects) = &result.objects else {
+        return Ok(());
+    };
+    let table_path = path.with_file_name(&objects.table);
+    let table = ObjectScores::read(&table_path)?;
+    for one in &objects.objects {
+        for (metric, summary) in &one.scores {
+            let column = table.of(&one.view, &one.object, metric).ok_or_else(|| {
+                StoreError::malformed(&table_path, format!("has no column {metric}"))
+            })?;
+            let scores: Vec<f64> = column.collect();
+            if let Some(reason) = difference(&scores, summary) {
+                let object = format!("{metric} of {} in the {} views", one.object, one.view);
+                return Err(submission_error(path, format!("{object} {reason}")));
+            }
+        }
+    }
+    let classes = ObjectResults::new(objects.table.clone(), objects.objects.clone()).classes;
+    if classes != objects.classes {
+        let reason = "scores of a class of objects are not the means of its objects";
+        return Err(submission_error(path, reason.to_owned()));
     }
     Ok(())
 }
