@@ -4,7 +4,8 @@
 //! modules are exported here too. Modules from the top down (each imports only from those below it, which a test
 //! checks):
 //!
-//! * [`tracked_regions`]: dynamic regions as far as tracks tell. [`interpolation`]: values between pixels.
+//! * [`tracked_regions`]: dynamic regions as far as tracks tell. [`interpolation`]: values between pixels. [`rgba`]:
+//!   layers with an opacity.
 //! * [`posed_view`], [`scene_points`], [`distances`], [`rgb`]: views, points, distances and images of a scene.
 //!   [`mask_survey`]: oddities of masks of others. [`split_rules`]: the input views of a protocol. [`bootstrap`]:
 //!   confidence intervals of scores. [`object_regions`]: moving content as the union of objects.
@@ -42,6 +43,7 @@ pub mod pose;
 pub mod posed_view;
 pub mod records;
 pub mod rgb;
+pub mod rgba;
 pub mod scene_points;
 pub mod split_rules;
 pub mod tracked_regions;

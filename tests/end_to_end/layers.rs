@@ -50,7 +50,7 @@ const SCHEMAS: &[&[&str]] = &[
         "scene_points",
         "split_rules",
     ],
-    &["interpolation", "tracked_regions"],
+    &["interpolation", "rgba", "tracked_regions"],
 ];
 const ENGINE: &[&[&str]] = &[
     &["device", "kernels"],

@@ -22,7 +22,13 @@ use serde::Deserialize;
 
 use omnilife_engine::camera::{Camera, View};
 
-use crate::{jobs::cube_faces, registry};
+use crate::{
+    jobs::{
+        cube_faces,
+        layer_image::{self, LayerImage},
+    },
+    registry,
+};
 use omnilife_training::{
     error::ReconstructError,
     formats::axes::FileAxes,
@@ -45,7 +51,7 @@ pub struct RenderRequest {
     pub size: Option<[u32; 2]>,
     /// Camera of the images.
     pub camera: RenderCamera,
-    /// The visible layer, by its name in models of that kind.
+    /// The visible layer, by its name in models of that kind. Images of single objects have straight alpha.
     pub layer: String,
     /// Width of the perspective cube faces that panoramas are made of, pixels.
     pub cube_faces: Option<u32>,
@@ -182,6 +188,16 @@ fn image_files(number: usize, camera: RenderCamera) -> Vec<String> {
 
 /// Renders the images of a frame; `None` where its pose cannot be used.
 fn images_at(
+    opened: &mut dyn OpenedModel,
+    request: &RenderRequest,
+    camera: Camera,
+    place: (&Pose, f64),
+) -> Result<Option<Vec<LayerImage>>, ReconstructError> {
+    layer_image::draw(opened, |opened| colours_at(opened, request, camera, place))
+}
+
+/// Renders the colours of a frame's images.
+fn colours_at(
     opened: &mut dyn OpenedModel,
     request: &RenderRequest,
     camera: Camera,
