@@ -22,7 +22,7 @@ fn main() -> ExitCode {
     omnilife_schemas::provenance::state_commit(env!("OMNILIFE_COMMIT"));
     exit::code_of(|| {
         let cli = Cli::of_arguments();
-        let terminal = Terminal::new(cli.quiet);
+        let terminal = Terminal::new(cli.quiet, cli.progress);
         match cli.command {
             Command::Run(arguments) => run::main_job(&arguments, &terminal),
             Command::Curate(arguments) => commands::curate::execute(&arguments.command, &terminal),

@@ -1,8 +1,9 @@
-//! Progress for the user: bars on a terminal, plain lines elsewhere, nothing with `--quiet`.
+//! Progress for the user: bars on a terminal, plain lines elsewhere, JSON if asked for, nothing with `--quiet`.
 //!
 //! Everything goes to stderr, so that stdout carries results only.
 
 mod bars;
+mod json;
 mod plain;
 mod wording;
 
@@ -14,7 +15,9 @@ use std::{
 
 use omnilife_schemas::{plain_text::for_terminal, progress::Progress};
 
+use crate::cli::ProgressArgument;
 use bars::Bars;
+use json::JsonLines;
 use plain::PlainLines;
 
 /// Progress on the user's terminal.
@@ -25,22 +28,23 @@ pub(crate) struct Terminal {
 enum Output {
     Quiet,
     Plain(Mutex<PlainLines>),
+    Json(Mutex<JsonLines>),
     Bars(Arc<Mutex<Bars>>),
 }
 
 impl Terminal {
-    /// Makes silence when `quiet`, bars when stderr is a terminal, and plain lines otherwise.
-    pub(crate) fn new(quiet: bool) -> Self {
+    /// Makes silence when `quiet`, JSON if it is asked for, bars when stderr is a terminal, and plain lines otherwise.
+    pub(crate) fn new(quiet: bool, format: ProgressArgument) -> Self {
+        let begun = Instant::now();
+        let clock = Box::new(move || begun.elapsed());
         let output = if quiet {
             Output::Quiet
+        } else if format == ProgressArgument::Json {
+            Output::Json(Mutex::new(JsonLines::new(Box::new(io::stderr()), clock)))
         } else if io::stderr().is_terminal() {
             Output::Bars(Bars::start())
         } else {
-            let begun = Instant::now();
-            Output::Plain(Mutex::new(PlainLines::new(
-                Box::new(io::stderr()),
-                Box::new(move || begun.elapsed()),
-            )))
+            Output::Plain(Mutex::new(PlainLines::new(Box::new(io::stderr()), clock)))
         };
         Self { output }
     }
@@ -61,6 +65,7 @@ impl Progress for Terminal {
         match &self.output {
             Output::Quiet => {}
             Output::Plain(lines) => locked(lines).begin(label, total),
+            Output::Json(lines) => locked(lines).begin(label, total),
             Output::Bars(bars) => locked(bars).begin(label, total),
         }
     }
@@ -69,6 +74,7 @@ impl Progress for Terminal {
         match &self.output {
             Output::Quiet => {}
             Output::Plain(lines) => locked(lines).advance(steps),
+            Output::Json(lines) => locked(lines).advance(steps),
             Output::Bars(bars) => locked(bars).advance(steps),
         }
     }
@@ -78,6 +84,7 @@ impl Progress for Terminal {
         match &self.output {
             Output::Quiet => {}
             Output::Plain(lines) => locked(lines).status(text),
+            Output::Json(lines) => locked(lines).status(text),
             Output::Bars(bars) => locked(bars).status(text),
         }
     }
@@ -86,6 +93,7 @@ impl Progress for Terminal {
         match &self.output {
             Output::Quiet => {}
             Output::Plain(lines) => locked(lines).end(),
+            Output::Json(lines) => locked(lines).end(),
             Output::Bars(bars) => locked(bars).end(),
         }
     }
@@ -95,6 +103,7 @@ impl Progress for Terminal {
         match &self.output {
             Output::Quiet => {}
             Output::Plain(lines) => locked(lines).line(line),
+            Output::Json(lines) => locked(lines).line(line),
             Output::Bars(bars) => locked(bars).line(line),
         }
     }
@@ -215,6 +224,52 @@ mod tests {
         terminal.note("a\u{1b}[31mb");
         terminal.begin("c\u{7}", None);
         assert_eq!(page.lines(), ["a\\u{1b}[31mb", "c\\u{7} ..."]);
+    }
+
+    #[test]
+    fn programs_get_an_object_per_event() {
+        let (page, clock) = (Page::default(), Arc::new(AtomicU64::new(0)));
+        let read = Arc::clone(&clock);
+        let terminal = Terminal {
+            output: Output::Json(Mutex::new(JsonLines::new(
+                Box::new(page.clone()),
+                Box::new(move || Duration::from_millis(read.load(Ordering::Relaxed))),
+            ))),
+        };
+        terminal.begin("curate", None);
+        terminal.begin("train \"x\"", Some(60));
+        for step in 1..=60 {
+            clock.store(step * 10, Ordering::Relaxed);
+            terminal.status(&format!("loss 1/{step}"));
+            terminal.advance(1);
+        }
+        terminal.note("a line");
+        terminal.end();
+        terminal.end();
+        terminal.end();
+        let count = |event: &str, done: u64, status: &str| {
+            format!(
+                r#"{{"event":"{event}","depth":1,"label":"train \"x\"","done":{done},"total":60,"status":"{status}"}}"#
+            )
+        };
+        let of_curate = |event: &str| {
+            format!(
+                r#"{{"event":"{event}","depth":0,"label":"curate","done":0,"total":null,"status":""}}"#
+            )
+        };
+        assert_eq!(
+            page.lines(),
+            [
+                of_curate("progress"),
+                count("progress", 0, ""),
+                count("progress", 20, "loss 1/20"),
+                count("progress", 40, "loss 1/40"),
+                count("progress", 60, "loss 1/60"),
+                r#"{"event":"note","line":"a line"}"#.to_owned(),
+                count("end", 60, "loss 1/60"),
+                of_curate("end"),
+            ]
+        );
     }
 
     #[test]

@@ -29,6 +29,7 @@ pub mod near_duplicates;
 mod opencv_images;
 pub mod origins;
 pub mod overlays;
+pub mod overview;
 pub mod pipeline;
 pub mod poses;
 pub mod projection;

@@ -3,7 +3,7 @@
 //! [`build_leaderboard`] finds the `result.json` files of a folder and makes, separately for every protocol, tables in
 //! the paper's layouts (Markdown, LaTeX, CSV) and a static site. Published figures ([`published`]) stand beside
 //! measured ones and are never ranked with them. [`build`] makes only the table of all results; [`query`] answers
-//! queries beyond the layouts. Images are copied for the site; only [`figure`] decodes them.
+//! queries beyond the layouts, and [`datasets()`] lists datasets beside published ones. Images are copied for the site; only [`figure`] decodes them.
 #![cfg_attr(not(test), warn(clippy::disallowed_methods))]
 
 mod aids;
@@ -11,6 +11,7 @@ mod assets;
 mod budget;
 mod class;
 mod collect;
+mod datasets;
 pub mod error;
 pub mod figure;
 mod format;
@@ -33,6 +34,7 @@ mod tables;
 mod validate;
 
 pub use collect::collect;
+pub use datasets::{DatasetsFormat, datasets};
 pub use error::LeaderboardError;
 pub use leaderboard::{
     Leaderboard, LeaderboardRequest, build_leaderboard, build_leaderboard_of, check_leaderboard,

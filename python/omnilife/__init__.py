@@ -6,8 +6,20 @@ The command `omnilife` comes with the package. See docs/guides/python.md.
 from . import metrics
 from .camera import Camera, Pose
 from .errors import InputError, MachineError, OmnilifeError, UndefinedScore
+from .jobs import (
+    Dataset,
+    Progress,
+    Run,
+    command,
+    curate,
+    find_poses,
+    load_dataset,
+    load_run,
+    reconstruct,
+    show_progress,
+)
 from .metrics import METRICS, Metric, compute
-from .plots import plot_curve
+from .plots import plot_curve, plot_trace
 from .results import Result, query, read_result, read_results, read_trace
 from .scene import (
     Distances,
@@ -25,6 +37,7 @@ from .tables import Table
 __all__ = [
     "METRICS",
     "Camera",
+    "Dataset",
     "Distances",
     "Frame",
     "InputError",
@@ -32,21 +45,31 @@ __all__ = [
     "Metric",
     "OmnilifeError",
     "Pose",
+    "Progress",
     "Result",
+    "Run",
     "Scene",
     "Split",
     "Table",
     "UndefinedScore",
+    "command",
     "compute",
+    "curate",
+    "find_poses",
+    "load_dataset",
+    "load_run",
     "load_scene",
     "load_split",
     "metrics",
     "plot_curve",
+    "plot_trace",
     "protocols",
     "query",
     "read_result",
     "read_results",
     "read_trace",
+    "reconstruct",
     "score",
+    "show_progress",
     "split_scene",
 ]

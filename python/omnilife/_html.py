@@ -7,12 +7,15 @@ import struct
 import zlib
 from collections.abc import Mapping, Sequence
 from html import escape
+from pathlib import Path
 from typing import Any
 
 from ._arrays import U8
 
 #: Rows of a table that are shown.
 MOST_ROWS = 20
+#: Columns of an image that stands for a larger one.
+THUMBNAIL_WIDTH = 256
 
 
 def facts(title: str, rows: Mapping[str, object], below: str = "") -> str:
@@ -50,6 +53,15 @@ def image(pixels: U8) -> str:
     chunks = chunk(b"IHDR", head) + chunk(b"IDAT", zlib.compress(rows)) + chunk(b"IEND", b"")
     data = base64.b64encode(b"\x89PNG\r\n\x1a\n" + chunks).decode()
     return f'<img width="{width}" height="{height}" src="data:image/png;base64,{data}"/>'
+
+
+def image_file(path: Path) -> str:
+    """Returns the image in a PNG file within the page, small, or why it cannot be read."""
+    try:
+        data = base64.b64encode(path.read_bytes()).decode()
+    except OSError as error:
+        return f"<p>{escape(f'{path}: cannot be read: {error.strerror}')}</p>"
+    return f'<img width="{THUMBNAIL_WIDTH}" src="data:image/png;base64,{data}"/>'
 
 
 def _text(value: object) -> str:

@@ -16,9 +16,6 @@ from ._arrays import F32, F64, U8, Bool, Size
 from .camera import Camera, Pose
 from .errors import InputError, OmnilifeError
 
-#: Columns of the image that a notebook shows of a frame.
-_THUMBNAIL_WIDTH = 256
-
 
 @dataclass(frozen=True)
 class Distances:
@@ -122,7 +119,7 @@ class Frame:
 
     def _thumbnail(self) -> str:
         width, height = self.camera.size
-        shrink = max(1.0, width / _THUMBNAIL_WIDTH)
+        shrink = max(1.0, width / _html.THUMBNAIL_WIDTH)
         try:
             pixels = self.image((round(width / shrink), max(1, round(height / shrink))))
         except OmnilifeError as error:
@@ -171,7 +168,8 @@ class Scene:
             "world units": self.scale,
             "points": self.points_path,
         }
-        return _html.facts(f"Scene {self.id}", rows)
+        middle = self.frames[len(times) // 2]._thumbnail() if times else ""
+        return _html.facts(f"Scene {self.id}", rows, middle)
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ use omnilife_leaderboard::{
 };
 use omnilife_schemas::{
     camera::Camera,
-    records::{ExternalRun, Protocol, ResultRecord, RunRecord, Scene, Split},
+    records::{Dataset, ExternalRun, Protocol, ResultRecord, RunRecord, Scene, Split},
     store::{self, Record},
 };
 use pyo3::prelude::*;
@@ -16,13 +16,14 @@ use serde::Serialize;
 
 use crate::{background, errors::Failure};
 
-/// Reads a record of a kind: `scene`, `split`, `result`, `run` or `external-run`. Returns its JSON.
+/// Reads a record of a kind: `scene`, `split`, `result`, `dataset`, `run` or `external-run`. Returns its JSON.
 #[pyfunction]
 pub(crate) fn read_record(py: Python<'_>, kind: &str, path: PathBuf) -> PyResult<String> {
     let read = match kind {
         "scene" => json_of::<Scene>,
         "split" => json_of::<Split>,
         "result" => json_of::<ResultRecord>,
+        "dataset" => json_of::<Dataset>,
         "run" => json_of::<RunRecord>,
         "external-run" => json_of::<ExternalRun>,
         other => return Err(Failure::of_input(format!("{other}: no kind of record")).into()),

@@ -15,7 +15,6 @@ import time
 import unittest
 
 import numpy as np
-import street
 from street import ROOT, Street, expect_success, omnilife_command
 
 import omnilife
@@ -380,11 +379,7 @@ class Documentation(unittest.TestCase):
     def test_the_example_scores(self) -> None:
         out = SAMPLE.folder / "example"
         words = [sys.executable, str(ROOT / "scripts/examples/score_from_python.py"), str(out)]
-        # The command of this environment.
-        path = os.pathsep.join([str(street.COMMAND.parent), os.environ["PATH"]])
-        ended = subprocess.run(
-            words, env={**os.environ, "PATH": path}, capture_output=True, text=True, check=False
-        )
+        ended = subprocess.run(words, capture_output=True, text=True, check=False)
         self.assertEqual(ended.returncode, 0, ended.stderr)
         lines = ended.stdout.splitlines()
         self.assertEqual(len(lines), 4, ended.stdout)

@@ -1,7 +1,7 @@
 //! Names of the files and folders of a dataset, and of the scores.
 //!
 //! ```text
-//! dataset.json, attrition.csv, funnel.csv
+//! dataset.json, attrition.csv, funnel.csv, index.html, status.json
 //! videos/NAME/
 //!   analysis.json, signals.parquet, signature.parquet, boundaries.json, ledger.jsonl, slices.json, slices/
 //!   seq-NNN/
@@ -25,6 +25,10 @@ pub const DATASET_FILE: &str = "dataset.json";
 pub const ATTRITION_FILE: &str = "attrition.csv";
 /// Table of what each step of curation leaves, beside [`DATASET_FILE`].
 pub const FUNNEL_FILE: &str = "funnel.csv";
+/// Page to look at a dataset, beside [`DATASET_FILE`].
+pub const PAGE_FILE: &str = "index.html";
+/// Record of the parts that each sequence has and lacks, beside [`PAGE_FILE`].
+pub const STATUS_FILE: &str = "status.json";
 /// Folder of the videos' folders.
 pub const VIDEOS_FOLDER: &str = "videos";
 

@@ -74,6 +74,17 @@ impl RgbImage {
         write_rgb8_png(path, self.width, self.height, &self.to_rgb8())
     }
 
+    /// Returns the image as an 8-bit PNG.
+    ///
+    /// # Errors
+    /// When the image is empty.
+    pub fn png(&self) -> std::io::Result<Vec<u8>> {
+        let mut bytes = Vec::new();
+        let (size, colours) = ((self.width, self.height), image::ExtendedColorType::Rgb8);
+        encode_png(&mut bytes, size, &self.to_rgb8(), colours)?;
+        Ok(bytes)
+    }
+
     /// Returns the image at another size by area averaging: every new pixel is the mean of the old image over the new
     /// pixel's footprint. Enlarging repeats pixels.
     ///
@@ -152,18 +163,26 @@ pub(crate) fn write_png(
     bytes: &[u8],
     colours: image::ExtendedColorType,
 ) -> Result<(), StoreError> {
-    store::write_with(path, |writer| {
-        let encoder = image::codecs::png::PngEncoder::new_with_quality(
-            writer,
-            image::codecs::png::CompressionType::Fast,
-            image::codecs::png::FilterType::Adaptive,
-        );
-        image::ImageEncoder::write_image(encoder, bytes, size.0 as u32, size.1 as u32, colours)
-            .map_err(|error| match error {
-                image::ImageError::IoError(source) => source,
-                other => std::io::Error::other(other),
-            })
-    })
+    store::write_with(path, |writer| encode_png(writer, size, bytes, colours))
+}
+
+fn encode_png(
+    writer: impl std::io::Write,
+    size: (usize, usize),
+    bytes: &[u8],
+    colours: image::ExtendedColorType,
+) -> std::io::Result<()> {
+    let encoder = image::codecs::png::PngEncoder::new_with_quality(
+        writer,
+        image::codecs::png::CompressionType::Fast,
+        image::codecs::png::FilterType::Adaptive,
+    );
+    image::ImageEncoder::write_image(encoder, bytes, size.0 as u32, size.1 as u32, colours).map_err(
+        |error| match error {
+            image::ImageError::IoError(source) => source,
+            other => std::io::Error::other(other),
+        },
+    )
 }
 
 /// Returns true where all pixels of 8-bit interleaved RGB are equal: a black frame, or one of a single colour.

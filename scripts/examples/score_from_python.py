@@ -6,9 +6,6 @@ Every novel view is predicted by the given view that is nearest in time, turned 
 each pixel's ray is looked up in the given image. The sample's video becomes a scene first.
 """
 
-import os
-import shutil
-import subprocess
 import sys
 from pathlib import Path
 
@@ -21,21 +18,10 @@ from omnilife.metrics import ws_psnr
 STREET = Path(__file__).resolve().parents[2] / "tests/data/street"
 
 
-def curate(out: Path) -> Path:
+def curate(out: Path) -> omnilife.Scene:
     """From the sample's video to a scene: frames, poses, masks of what moves."""
-    sequence = out / "dataset/videos/street/seq-000"
-    # The command lies beside this Python, which need not be the first one in PATH.
-    places = [str(Path(sys.executable).parent), os.environ.get("PATH", "")]
-    program = shutil.which("omnilife", path=os.pathsep.join(places))
-    if program is None:
-        sys.exit("omnilife is not installed: pip install .")
-    curate = [program, "--quiet", "curate"]
-    for command in (
-        [*curate, str(STREET / "street.mp4"), "--fps", "5", "--criteria", "none", "--out", str(out / "dataset")],
-        [*curate, "poses", str(sequence), "--poses", str(STREET / "poses.json")],
-    ):
-        subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
-    return sequence
+    dataset = omnilife.curate(STREET / "street.mp4", out / "dataset", fps=5, criteria="none")
+    return omnilife.find_poses(dataset.sequences[0], poses=STREET / "poses.json")
 
 
 def predict(scene: omnilife.Scene, split: omnilife.Split, index: int) -> npt.NDArray[np.float32]:
@@ -60,7 +46,7 @@ def main() -> None:
     out = Path(sys.argv[1] if len(sys.argv) > 1 else "out/score-from-python")
     views = out / "views"
     views.mkdir(parents=True, exist_ok=True)
-    scene = omnilife.load_scene(curate(out))
+    scene = curate(out)
     split = omnilife.split_scene(scene.path, out / "split.json")
     for index in split.novel_views:
         view = predict(scene, split, index)

@@ -67,6 +67,9 @@ pub(crate) struct BenchRunArguments {
     /// What trains.
     #[arg(long, value_enum, default_value_t = BackendArgument::Cpu)]
     pub(crate) backend: BackendArgument,
+    /// Writes event files for TensorBoard here, a folder per training.
+    #[arg(long, value_name = "FOLDER")]
+    pub(crate) tensorboard: Option<PathBuf>,
     /// Cores of one run; where they leave some over, runs share the machine, and their times are no
     /// longer comparable [default: all, one run after another].
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]

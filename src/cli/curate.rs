@@ -17,6 +17,7 @@ use super::{
     },
     ledger::LedgerCommand,
     memory::gibibytes,
+    places,
     poses::{PoseArguments, TruthArguments},
 };
 
@@ -246,6 +247,22 @@ pub(crate) enum CurateCommand {
     Publish(PublishArguments),
     /// Selects a subset that is like the whole dataset, and says how it compares.
     Select(SelectArguments),
+    /// Prints what each sequence has and lacks, and the commands that make it.
+    Status {
+        /// Folder of a dataset, or of imported scenes.
+        #[arg(value_parser = places::dataset_folder())]
+        dataset: PathBuf,
+        /// Prints it as JSON, with commands to be run in that folder.
+        #[arg(long)]
+        json: bool,
+    },
+    /// Writes a page to look at: contact sheets with masks, camera paths, coverage of the sphere, losses, statistics,
+    /// and what is missing.
+    Overview {
+        /// Folder of a dataset, or of imported scenes.
+        #[arg(value_parser = places::dataset_folder())]
+        dataset: PathBuf,
+    },
     /// Checks a published dataset: checksums, records, durations, statistics.
     Verify {
         /// Folder of the dataset.

@@ -145,6 +145,11 @@ pub(crate) const EXAMPLES: &[Examples] = &[
         "curate select",
         &["curate select DATASET --count 111 --stratify scene,ego-motion --seed 0 --out SUBSET"],
     ),
+    (
+        "curate status",
+        &["curate status DATASET", "curate status DATASET --json"],
+    ),
+    ("curate overview", &["curate overview DATASET"]),
     ("curate verify", &["curate verify DATASET"]),
     (
         "reconstruct train",
@@ -255,6 +260,13 @@ pub(crate) const EXAMPLES: &[Examples] = &[
             "leaderboard query RESULTS --by video --metric psnr,ssim",
             "leaderboard query RESULTS --table views --by third --where view=novel",
             "leaderboard query RESULTS --by ego-motion --dataset DATASET/dataset.json --format csv",
+        ],
+    ),
+    (
+        "leaderboard datasets",
+        &[
+            "leaderboard datasets DATASET",
+            "leaderboard datasets STREETS INDOORS --format latex",
         ],
     ),
     (

@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use clap::{Args, Subcommand, ValueEnum, builder::PossibleValuesParser};
-use omnilife_leaderboard::{RESULTS, TABLES};
+use omnilife_leaderboard::{DatasetsFormat, RESULTS, TABLES};
 
 #[derive(Debug, Subcommand)]
 pub(crate) enum LeaderboardCommand {
@@ -17,6 +17,11 @@ pub(crate) enum LeaderboardCommand {
     /// Scores of different protocols, methods, kinds of view, regions or metrics are never averaged. Views of
     /// a result weigh the same, then repetitions on a scene, then scenes; incomplete results are left out.
     Query(QueryArguments),
+    /// Prints a table of datasets, one's own beside those of Table 1 of OmniLife360.
+    ///
+    /// Own rows come from the records and annotations of `curate`; an unknown value is shown as unknown, and
+    /// is empty in CSV.
+    Datasets(DatasetsArguments),
     /// Draws rendered views of several methods beside the ground truth, for a paper.
     ///
     /// Rows are scenes, columns the ground truth and the methods by rank; below each image a part of it
@@ -75,6 +80,36 @@ pub(crate) enum AnswerFormatArgument {
     Csv,
     Json,
     Parquet,
+}
+
+#[derive(Debug, Args)]
+pub(crate) struct DatasetsArguments {
+    /// Folders of datasets, or their dataset.json.
+    #[arg(required = true, value_name = "DATASET")]
+    pub(crate) datasets: Vec<PathBuf>,
+    /// Prints a table to read, or the same in another format.
+    #[arg(long, value_enum, default_value_t = DatasetsFormatArgument::Table)]
+    pub(crate) format: DatasetsFormatArgument,
+}
+
+/// The formats of the table of datasets.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub(crate) enum DatasetsFormatArgument {
+    Table,
+    Csv,
+    Markdown,
+    Latex,
+}
+
+impl From<DatasetsFormatArgument> for DatasetsFormat {
+    fn from(argument: DatasetsFormatArgument) -> Self {
+        match argument {
+            DatasetsFormatArgument::Table => Self::Table,
+            DatasetsFormatArgument::Csv => Self::Csv,
+            DatasetsFormatArgument::Markdown => Self::Markdown,
+            DatasetsFormatArgument::Latex => Self::Latex,
+        }
+    }
 }
 
 #[derive(Debug, Args)]

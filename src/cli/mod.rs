@@ -22,7 +22,7 @@ mod sweep;
 pub(crate) use attach::AttachArguments;
 pub(crate) use bench::BenchCommand;
 pub(crate) use bench_run::{AidsArgument, BenchRunArguments};
-use clap::{Command as ClapCommand, FromArgMatches, Parser, Subcommand};
+use clap::{Command as ClapCommand, FromArgMatches, Parser, Subcommand, ValueEnum};
 use clap_complete::Shell;
 pub(crate) use curate::{
     BuildArguments, CurateArguments, CurateCommand, CurationSettingsArguments, MemoryLimitArguments,
@@ -32,7 +32,7 @@ pub(crate) use dataset::{
     SelectArguments, SliceArguments,
 };
 pub(crate) use leaderboard::{
-    AddArguments, AnswerFormatArgument, FigureArguments, GalleryArguments,
+    AddArguments, AnswerFormatArgument, DatasetsArguments, FigureArguments, GalleryArguments,
     LeaderboardBuildArguments, LeaderboardCommand, QueryArguments, SubmitResultsArguments,
 };
 pub(crate) use ledger::LedgerCommand;
@@ -53,8 +53,19 @@ pub(crate) struct Cli {
     /// Prints errors and results only.
     #[arg(long, short, global = true)]
     pub(crate) quiet: bool,
+    /// Shows progress as bars or lines, or writes it as JSON for other programs, an object per line of
+    /// standard error.
+    #[arg(long, global = true, value_enum, value_name = "FORMAT", default_value_t = ProgressArgument::Auto)]
+    pub(crate) progress: ProgressArgument,
     #[command(subcommand)]
     pub(crate) command: Command,
+}
+
+/// The formats of progress.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub(crate) enum ProgressArgument {
+    Auto,
+    Json,
 }
 
 #[derive(Debug, Subcommand)]

@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use clap::builder::{PathBufValueParser, TypedValueParser};
 use omnilife_bench::external::EXTERNAL_RUN_FILE;
-use omnilife_schemas::layout::{RUN_FILE, SCENE_FILE, SPLIT_FILE};
+use omnilife_schemas::layout::{DATASET_FILE, RUN_FILE, SCENE_FILE, SPLIT_FILE};
 
 /// A scene.json, or the folder of one.
 pub(super) fn scene_file() -> impl TypedValueParser<Value = PathBuf> {
@@ -31,6 +31,11 @@ pub(super) fn run_file() -> impl TypedValueParser<Value = PathBuf> {
 /// The folder of a scene, or the scene.json in it.
 pub(super) fn scene_folder() -> impl TypedValueParser<Value = PathBuf> {
     PathBufValueParser::new().map(|path| folder_of(path, SCENE_FILE))
+}
+
+/// The folder of a dataset, or the dataset.json in it.
+pub(super) fn dataset_folder() -> impl TypedValueParser<Value = PathBuf> {
+    PathBufValueParser::new().map(|path| folder_of(path, DATASET_FILE))
 }
 
 /// Poses: a scene.json is meant by its folder, as long as the folder holds one.

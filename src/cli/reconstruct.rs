@@ -57,6 +57,10 @@ pub(crate) struct MethodArguments {
     /// curve [default: all].
     #[arg(long, value_name = "N")]
     pub(crate) trace_views: Option<usize>,
+    /// Writes an event file for TensorBoard here: at each row of the trace its numbers, and an input and a
+    /// novel view. `run`, `bench run` and `bench ablate` make a folder per training in it.
+    #[arg(long, value_name = "FOLDER")]
+    pub(crate) tensorboard: Option<PathBuf>,
     /// A checkpoint every so many iterations, from which an interrupted run goes on; 0 for none.
     #[arg(long, value_name = "ITERATIONS", default_value_t = 1_000)]
     pub(crate) checkpoint_every: u64,
@@ -132,7 +136,7 @@ impl MethodArguments {
         Ok(Variant::of(method, &self.request(iterations)?).to_string())
     }
 
-    /// The arguments of a command line that says the same.
+    /// The arguments of a command line that says the same, but for `--tensorboard`: units have folders of their own.
     pub(crate) fn words(&self) -> Vec<String> {
         // All fields, so that none is forgotten.
         let Self {
@@ -146,6 +150,7 @@ impl MethodArguments {
             backend,
             trace,
             trace_views,
+            tensorboard: _,
             checkpoint_every,
         } = self;
         let list = |names: &[String]| (!names.is_empty()).then(|| names.join(","));

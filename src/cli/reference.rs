@@ -14,6 +14,9 @@ Every command of `omnilife` with its options, as `omnilife COMMAND --help` print
 went well; 2, some input is bad; 1, a failure of ours; 75, it was told to end and goes on from where it was \
 when it is begun again. Errors are one line with the file and the reason.
 
+Every command takes `--quiet`, which prints errors and results only, and `--progress json`, which writes \
+progress as a JSON object per line of standard error.
+
 (Made by `UPDATE_CLI_REFERENCE=1 cargo test -p omnilife --bins reference`.)
 ";
 
@@ -49,7 +52,9 @@ fn section(words: &str, command: &Command) -> String {
     let options: Vec<&Arg> = command
         .get_arguments()
         .filter(|argument| !argument.is_hide_set())
-        .filter(|argument| !["help", "quiet", "version"].contains(&argument.get_id().as_str()))
+        .filter(|argument| {
+            !["help", "progress", "quiet", "version"].contains(&argument.get_id().as_str())
+        })
         .collect();
     if !options.is_empty() {
         text += "\n| option | meaning |\n|---|---|\n";

@@ -81,6 +81,7 @@ pub(crate) fn execute(
         } else {
             Vec::new()
         },
+        tensorboard: arguments.tensorboard.as_deref(),
         needs: pooled::needs(arguments.unit_cores)?,
     })?;
     if is_trained && !arguments.out.join(OUTCOMES_FILE).is_file() {

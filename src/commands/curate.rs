@@ -6,7 +6,7 @@ use omnilife_curate::{
     CurateError, CurateSettings, CuratedDataset, Place, Worker, analysis,
     audit::{self, PageRequest},
     boundaries, curate_dataset_in, curate_video, expand_inputs, left_out_of_folders, origins,
-    pose_sequence_with, projection,
+    overview, pose_sequence_with, projection,
     publish::{self, PublishSettings},
     worker,
 };
@@ -96,6 +96,11 @@ pub(crate) fn execute(command: &CurateCommand, progress: &dyn Progress) -> anyho
         CurateCommand::Import(arguments) => dataset::import(arguments, progress),
         CurateCommand::Select(arguments) => dataset::select(arguments, progress),
         CurateCommand::Publish(arguments) => dataset::publish_dataset(arguments, progress),
+        CurateCommand::Status { dataset, json } => dataset::status(dataset, *json),
+        CurateCommand::Overview { dataset } => {
+            let page = overview::write_page(dataset, progress)?;
+            exit::print(&format!("{}\n", page.display()))
+        }
         CurateCommand::Verify { dataset } => dataset::verify(dataset, progress),
         CurateCommand::Tracks {
             scene,
@@ -221,7 +226,7 @@ pub(crate) fn with_origins(
     Ok(curated)
 }
 
-/// Curates and publishes. Rejected and failed videos are reported at the end.
+/// Curates, publishes and draws the page. Rejected and failed videos are reported at the end.
 fn build(arguments: &BuildArguments, progress: &dyn Progress) -> anyhow::Result<()> {
     let videos = expand_inputs(&arguments.videos)?;
     let left_out = left_out_of_folders(&arguments.videos, &videos)?;
@@ -248,6 +253,8 @@ fn build(arguments: &BuildArguments, progress: &dyn Progress) -> anyhow::Result<
         )
     })?;
     publish::publish(&arguments.out, &PublishSettings::default(), progress)?;
+    let page = overview::write_page(&arguments.out, progress)?;
+    progress.note(&format!("{}: to be opened in a browser", page.display()));
     let printed = exit::print(&summary(&curated, &videos));
     let mut outcomes = Outcomes::default();
     for video in &curated.record.videos {

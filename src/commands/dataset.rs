@@ -8,10 +8,10 @@ use omnilife_curate::{
     enter_masks,
     exchange::{self, ExportRequest, ImportRequest},
     masks::write_masks,
-    publish, slicing,
+    overview, publish, slicing,
 };
 use omnilife_schemas::{
-    ErrorKind, layout::DYNAMIC_MASKS_FOLDER, lock::FolderLock, progress::Progress,
+    ErrorKind, layout::DYNAMIC_MASKS_FOLDER, lock::FolderLock, progress::Progress, store,
 };
 
 use crate::{
@@ -154,6 +154,17 @@ pub(crate) fn select(arguments: &SelectArguments, progress: &dyn Progress) -> an
         text += &format!("{property}: shares differ by {:.1} %\n", 100.0 * distance);
     }
     exit::print(&text)
+}
+
+/// Prints what every sequence has and lacks: on a terminal the beginning, else all.
+pub(crate) fn status(dataset: &Path, as_json: bool) -> anyhow::Result<()> {
+    if as_json {
+        let bytes = store::record_bytes(&overview::status(dataset, ".")?)?;
+        return exit::print(&String::from_utf8(bytes)?);
+    }
+    let shown = dataset.display().to_string();
+    let table = overview::table(&overview::status(dataset, &shown)?);
+    exit::print(exit::for_reader(&table.short, &table.whole))
 }
 
 /// Prints one line per fault.

@@ -1,7 +1,8 @@
 //! `omnilife leaderboard`.
 
 use omnilife_leaderboard::{
-    AnswerFormat, LeaderboardRequest, QueryRequest, RESULTS, build_leaderboard, check_leaderboard,
+    AnswerFormat, DatasetsFormat, LeaderboardRequest, QueryRequest, RESULTS, build_leaderboard,
+    check_leaderboard, datasets,
     figure::{FigureRequest, GalleryRequest, figure, gallery},
     query, render, results_table,
 };
@@ -10,8 +11,8 @@ use omnilife_schemas::{lock::FolderLock, progress::Progress, store};
 use super::submission;
 use crate::{
     cli::{
-        AnswerFormatArgument, FigureArguments, GalleryArguments, LeaderboardBuildArguments,
-        LeaderboardCommand, QueryArguments,
+        AnswerFormatArgument, DatasetsArguments, FigureArguments, GalleryArguments,
+        LeaderboardBuildArguments, LeaderboardCommand, QueryArguments,
     },
     exit,
 };
@@ -20,6 +21,7 @@ pub(crate) fn execute(command: &LeaderboardCommand, progress: &dyn Progress) -> 
     match command {
         LeaderboardCommand::Build(arguments) => build(arguments, progress),
         LeaderboardCommand::Query(arguments) => answer(arguments, progress),
+        LeaderboardCommand::Datasets(arguments) => list_datasets(arguments),
         LeaderboardCommand::Figure(arguments) => draw(arguments),
         LeaderboardCommand::Gallery(arguments) => draw_gallery(arguments),
         LeaderboardCommand::Submit(arguments) => submission::submit(arguments, progress),
@@ -75,6 +77,17 @@ fn answer(arguments: &QueryArguments, progress: &dyn Progress) -> anyhow::Result
         Some(file) => Ok(store::write_bytes(file, &bytes)?),
         None if format == AnswerFormat::Table => exit::print(&String::from_utf8_lossy(&bytes)),
         None => exit::print_data(&bytes),
+    }
+}
+
+fn list_datasets(arguments: &DatasetsArguments) -> anyhow::Result<()> {
+    let format = arguments.format.into();
+    let table = datasets(&arguments.datasets, format)?;
+    match format {
+        DatasetsFormat::Table => exit::print(&String::from_utf8_lossy(&table)),
+        DatasetsFormat::Csv | DatasetsFormat::Markdown | DatasetsFormat::Latex => {
+            exit::print_data(&table)
+        }
     }
 }
 

@@ -44,6 +44,7 @@ pub(crate) fn execute(command: &ReconstructCommand, progress: &dyn Progress) -> 
                     backend: method.backend.into(),
                     checkpoint_every: method.checkpoint_every,
                     trace_views: method.trace_views,
+                    tensorboard: method.tensorboard.clone(),
                     out: out.clone(),
                 },
                 progress,

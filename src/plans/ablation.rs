@@ -13,7 +13,7 @@ use omnilife_schemas::{
     records::{SweepUnit, UnitNeeds},
 };
 
-use super::{absolute, argument, own_command, scoring, words};
+use super::{absolute, argument, own_command, scoring, tensorboard, words};
 use crate::cli::MethodArguments;
 
 /// Request for an ablation.
@@ -48,6 +48,9 @@ impl AblationRequest<'_> {
         let run = folder.join("run");
         let mut train = words(&["reconstruct", "train", &scene, "--split", &split]);
         train.extend(row.words());
+        if let Some(events) = &row.tensorboard {
+            train.extend(tensorboard(&events.join(&name))?);
+        }
         let iterations = self.iterations.to_string();
         train.extend(words(&["--iterations", &iterations]));
         train.extend(words(&["--out", &argument(&run)?]));

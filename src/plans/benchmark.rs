@@ -24,7 +24,7 @@ use omnilife_schemas::{
 };
 use omnilife_sweep::plan;
 
-use super::{absolute, argument, needs, own_command, scoring, words};
+use super::{absolute, argument, needs, own_command, scoring, tensorboard, words};
 use crate::{
     cli::{AidsArgument, BenchPlanArguments, plan_word},
     exit::BadRequest,
@@ -44,6 +44,8 @@ pub(crate) struct BenchmarkRequest<'a> {
     pub(crate) seeds: &'a [u64],
     /// Options of `reconstruct train` for the methods that are trained.
     pub(crate) train: &'a [String],
+    /// Folder of event files for TensorBoard, by unit.
+    pub(crate) tensorboard: Option<&'a Path>,
     /// Share of the machine that a unit takes.
     pub(crate) needs: UnitNeeds,
 }
@@ -85,6 +87,7 @@ pub(crate) fn units(request: &BenchmarkRequest<'_>) -> anyhow::Result<Vec<SweepU
                         requiring: &requiring,
                         seed: *seed,
                         train: request.train,
+                        tensorboard: request.tensorboard,
                         needs: request.needs,
                     };
                     units.push(work.unit()?);
@@ -109,6 +112,7 @@ pub(crate) fn sweep(
         protocols: &arguments.protocols,
         seeds: &arguments.seeds,
         train: &arguments.train,
+        tensorboard: None,
         needs: needs(&arguments.plan)?,
     })?;
     let results = absolute(&arguments.results)?;
@@ -286,6 +290,7 @@ struct Work<'a> {
     requiring: &'a [&'a Method],
     seed: u64,
     train: &'a [String],
+    tensorboard: Option<&'a Path>,
     needs: UnitNeeds,
 }
 
@@ -334,11 +339,12 @@ impl Work<'_> {
         if let MethodKind::External(manifest) = &self.method.kind {
             inputs.push(argument(manifest)?);
         }
+        let name = plan::file_name(&format!(
+            "{id}.{}.{}.seed-{seed}",
+            self.protocol, self.method.id
+        ));
         Ok(SweepUnit {
-            id: plan::file_name(&format!(
-                "{id}.{}.{}.seed-{seed}",
-                self.protocol, self.method.id
-            )),
+            id: name.clone(),
             group: format!("{} {}", self.protocol, self.method.id),
             labels: [
                 ("scene", id),
@@ -352,7 +358,7 @@ impl Work<'_> {
                 vec![make_split.clone()],
                 self.preparation(&scene, &split)?,
                 vec![
-                    self.training(&scene, &split, &seed, &argument(&run)?)?,
+                    self.training(&name, [&scene, &split], &seed, &argument(&run)?)?,
                     scored(&record)?,
                 ],
             ]
@@ -393,8 +399,8 @@ impl Work<'_> {
 
     fn training(
         &self,
-        scene: &str,
-        split: &str,
+        name: &str,
+        [scene, split]: [&str; 2],
         seed: &str,
         run: &str,
     ) -> anyhow::Result<Vec<String>> {
@@ -422,6 +428,9 @@ impl Work<'_> {
         command.extend(words(&common));
         if self.method.is_trained() {
             command.extend(self.train.iter().cloned());
+            if let Some(folder) = self.tensorboard {
+                command.extend(tensorboard(&folder.join(name))?);
+            }
         }
         own_command(command)
     }

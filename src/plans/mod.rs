@@ -86,6 +86,14 @@ fn scoring(scene: &str, split: &str, record: &Path, out: &Path) -> anyhow::Resul
     own_command(words(&command))
 }
 
+/// Returns the option of a training that shows itself in TensorBoard.
+///
+/// # Errors
+/// When the folder is not UTF-8.
+fn tensorboard(folder: &Path) -> anyhow::Result<[String; 2]> {
+    Ok(["--tensorboard".to_owned(), argument(&absolute(folder)?)?])
+}
+
 /// Returns words as a command holds them.
 fn words(list: &[&str]) -> Vec<String> {
     list.iter().map(|&word| word.to_owned()).collect()

@@ -10,7 +10,7 @@
 //! OUT/videos/<video>/boundaries.json, ...
 //! OUT/videos/<video>/seq-000/sequence.json, frames/, scene.json, points.ply
 //! OUT/videos/<video>/seq-000/<protocol>/split.json, and dense/, tracks.json where the method takes vehicles
-//! OUT/videos/<video>/seq-000/<protocol>/<method>/run/     run.json, predictions/, gaussians.ply
+//! OUT/videos/<video>/seq-000/<protocol>/<method>/run/     run.json, predictions/, gaussians.ply, progress.html
 //! OUT/videos/<video>/seq-000/<protocol>/<method>/score/   result.json, comparisons/
 //! ```
 
@@ -81,6 +81,7 @@ pub(crate) fn main_job(arguments: &RunArguments, progress: &dyn Progress) -> any
         backend: arguments.method.backend.into(),
         checkpoint_every: arguments.method.checkpoint_every,
         trace_views: arguments.method.trace_views,
+        tensorboard: arguments.method.tensorboard.clone(),
         protocol: arguments.protocol.clone(),
         dense: arguments.dense,
         progress,
@@ -137,7 +138,7 @@ fn score_all(
             for sequence in sequences {
                 let folder = out.join(sequence);
                 let id = sequence.strip_prefix("videos/").unwrap_or(sequence);
-                outcomes.push(match job.score_sequence(&folder) {
+                outcomes.push(match job.score_sequence(&folder, id) {
                     Ok(()) => Outcome::scored(&video.file, id),
                     Err(error) if exit::is_interruption(&error) => return Err(error),
                     Err(error) => {
@@ -231,6 +232,7 @@ struct Job<'a> {
     backend: BackendChoice,
     checkpoint_every: u64,
     trace_views: Option<usize>,
+    tensorboard: Option<PathBuf>,
     protocol: String,
     dense: bool,
     progress: &'a dyn Progress,
@@ -328,7 +330,7 @@ impl Job<'_> {
     }
 
     /// Makes poses, split, reconstruction and scores of one sequence.
-    fn score_sequence(&self, folder: &Path) -> anyhow::Result<()> {
+    fn score_sequence(&self, folder: &Path, id: &str) -> anyhow::Result<()> {
         pose_sequence_with(folder, &self.poses, &self.truth, self.progress)?;
         let protocol_folder = folder.join(&self.protocol);
         let (scene, split) = (folder.join(SCENE_FILE), protocol_folder.join(SPLIT_FILE));
@@ -349,6 +351,8 @@ impl Job<'_> {
                 backend: self.backend,
                 checkpoint_every: self.checkpoint_every,
                 trace_views: self.trace_views,
+                tensorboard: (self.tensorboard.as_ref())
+                    .map(|folder| folder.join(id).join(&self.protocol).join(&self.variant)),
                 out: run.clone(),
             },
             self.progress,

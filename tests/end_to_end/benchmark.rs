@@ -1,6 +1,6 @@
 //! Benchmark from scenes, protocols and methods to tables (`bench run`): two runs have the same scores.
 
-use std::{fs, path::Path};
+use std::{ffi::OsStr, fs, path::Path};
 
 use omnilife_schemas::{records::ResultRecord, store};
 
@@ -16,11 +16,16 @@ novel = "{work}/{index}.png"
 "#;
 
 fn bench_run(methods: &str, out: &Path) -> support::Ended {
+    bench_run_with(methods, out, &[])
+}
+
+fn bench_run_with(methods: &str, out: &Path, options: &[&OsStr]) -> support::Ended {
     let scene = small_run().out.join(SEQUENCE);
-    let mut arguments: Vec<&std::ffi::OsStr> = vec!["bench".as_ref(), "run".as_ref()];
+    let mut arguments: Vec<&OsStr> = vec!["bench".as_ref(), "run".as_ref()];
     arguments.extend([scene.as_os_str(), "--out".as_ref(), out.as_os_str()]);
     let further = ["--methods", methods, "--iterations", "10"];
-    arguments.extend(further.iter().map(std::ffi::OsStr::new));
+    arguments.extend(further.iter().map(OsStr::new));
+    arguments.extend(options);
     omnilife(arguments)
 }
 
@@ -53,7 +58,23 @@ fn two_runs_of_a_benchmark_have_the_same_scores() {
     let [first, second] = ["first", "second"].map(|name| folder.path().join(name));
     let ended = bench_run(&methods, &first).succeeded();
     assert!(ended.stdout.contains("| sphere-sweep"), "{}", ended.stdout);
-    bench_run(&methods, &second).succeeded();
+    let events = folder.path().join("events");
+    bench_run_with(
+        &methods,
+        &second,
+        &["--tensorboard".as_ref(), events.as_os_str()],
+    )
+    .succeeded();
+    // One training per protocol, each with a file of its own.
+    let event_files = support::files(&events);
+    assert_eq!(event_files.len(), 2, "{event_files:?}");
+    for (file, protocol) in event_files
+        .iter()
+        .zip(["per-scene", "sparse-interpolation"])
+    {
+        let is_named = file.contains(&format!(".{protocol}.odgs.seed-0/events.out.tfevents."));
+        assert!(is_named, "{file}");
+    }
     let scores_of_first = scores(&first);
     // Four methods under two protocols.
     assert_eq!(scores_of_first.len(), 8);

@@ -43,6 +43,31 @@ fn published(dataset: &Path) -> BTreeMap<String, Vec<u8>> {
 }
 
 #[test]
+fn status_and_page_say_what_is_missing_and_the_command() {
+    let folder = copy_of_small_run();
+    let out = folder.path().to_str().unwrap();
+    let said = omnilife(["curate", "status", out]).succeeded().stdout;
+    assert!(said.contains("\nstreet/seq-000 "), "{said}");
+    let command = format!("  omnilife curate annotate {out} --tags TAGS\n");
+    assert!(said.contains(&command), "{said}");
+    assert!(!said.contains("\nposes missing"), "{said}");
+    let json = omnilife(["curate", "status", out, "--json"]);
+    let json = json.succeeded().stdout;
+    assert!(json.contains("omnilife curate annotate . --tags"), "{json}");
+
+    omnilife(["curate", "overview", out]).succeeded();
+    let record = fs::read_to_string(folder.path().join("status.json")).unwrap();
+    assert_eq!(record, json);
+    let page = fs::read_to_string(folder.path().join("index.html")).unwrap();
+    assert!(page.contains("id=\"sequence-0\"") && page.contains("Camera path"));
+
+    let nowhere = folder.path().join("nowhere");
+    let ended = omnilife(["curate", "status", nowhere.to_str().unwrap()]);
+    let message = ended.failed_quietly(2);
+    assert!(message.contains("nowhere: is no folder"), "{message}");
+}
+
+#[test]
 fn a_curated_dataset_is_sound_until_something_changes() {
     let folder = scratch();
     let out = folder.path().join("set");

@@ -142,7 +142,7 @@ const LEADERBOARD: &[&[&str]] = &[
     &["group", "questions", "submission"],
     &["aids", "budget", "remarks", "table"],
     &["published", "render"],
-    &["layouts", "results_csv"],
+    &["datasets", "layouts", "results_csv"],
     &["tables"],
     &["readme", "site"],
     &["figure", "leaderboard"],

@@ -102,7 +102,10 @@ fn the_documented_files_are_there_and_no_others() {
         ],
     );
     let run = format!("{METHOD}/run");
-    expect(&run, &["run.json", "gaussians.ply", "trace.csv"]);
+    expect(
+        &run,
+        &["run.json", "gaussians.ply", "trace.csv", "progress.html"],
+    );
     expect(&run, &[".done/reconstruct.json"]);
     let score = format!("{METHOD}/score");
     expect(

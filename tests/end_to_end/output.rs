@@ -1,6 +1,9 @@
 //! Streams of output.
 
-use std::process::{Command, Stdio};
+use std::{
+    ffi::OsStr,
+    process::{Command, Stdio},
+};
 
 use crate::support::{
     SMALL, copy_of_small_run, omnilife, read_image, run, sample, scratch, small_run,
@@ -69,6 +72,26 @@ fn a_reader_that_goes_away_causes_no_panic() {
         assert!(!stderr.contains("panicked"), "{arguments:?}: {stderr}");
         assert!(output.status.code().is_some(), "{arguments:?}");
     }
+}
+
+#[test]
+fn a_table_of_datasets_has_own_and_published_rows() {
+    let dataset = &small_run().out;
+    let print = |format: &str| {
+        let words = ["leaderboard", "datasets", "--format", format].map(OsStr::new);
+        let ended = omnilife(words.into_iter().chain([dataset.as_os_str()])).succeeded();
+        ended.stdout
+    };
+    let name = dataset.file_name().unwrap().to_str().unwrap();
+    let csv = print("csv");
+    assert!(csv.contains(&format!("{name},records,")), "{csv}");
+    assert!(
+        csv.contains("HM3D,") && csv.contains(",512x256,1,"),
+        "{csv}"
+    );
+    assert!(print("table").contains("unknown"));
+    assert!(print("markdown").contains("### OmniLife360, Table 1"));
+    assert!(print("latex").starts_with("% Needs"));
 }
 
 #[test]

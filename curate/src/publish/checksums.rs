@@ -3,7 +3,7 @@
 use std::{collections::BTreeMap, fs, path::Path};
 
 use omnilife_schemas::{
-    layout::CHECKSUMS_FILE,
+    layout::{CHECKSUMS_FILE, PAGE_FILE, STATUS_FILE},
     progress::Progress,
     store::{self, StoreError},
 };
@@ -46,8 +46,8 @@ pub(super) fn read(folder: &Path) -> Result<BTreeMap<String, String>, StoreError
         .collect()
 }
 
-/// Returns all files of a dataset relative to it, with `/` between folders, sorted. Hidden files, this machine's
-/// records of finished stages, and the checksums are left out.
+/// Returns all files of a dataset relative to it, with `/` between folders, sorted. Left out are hidden files (this
+/// machine's records of finished stages), the checksums, and the page with its record, which is drawn anew at any time.
 pub(super) fn files(folder: &Path) -> Result<Vec<String>, CurateError> {
     let mut found = Vec::new();
     let mut pending = vec![(folder.to_owned(), String::new())];
@@ -70,7 +70,8 @@ pub(super) fn files(folder: &Path) -> Result<Vec<String>, CurateError> {
                 ));
             }
             let relative = format!("{prefix}{name}");
-            if name.starts_with('.') || relative == CHECKSUMS_FILE {
+            let is_left_out = [CHECKSUMS_FILE, PAGE_FILE, STATUS_FILE].contains(&relative.as_str());
+            if name.starts_with('.') || is_left_out {
                 continue;
             }
             if entry.file_type().map_err(failed)?.is_dir() {

@@ -49,6 +49,7 @@ use serde::Deserialize;
 
 pub use selection::{SelectRequest, Selection, properties, select};
 pub use statistics::{SequenceRow, Statistics, Tally};
+pub(crate) use statistics::{optional, status_name};
 pub use verify::verify;
 
 use crate::error::CurateError;

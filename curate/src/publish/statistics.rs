@@ -199,6 +199,14 @@ impl Statistics {
         long.count() as f64 / self.rows.len().max(1) as f64
     }
 
+    /// Returns every property with its classes, the most frequent class first.
+    pub(crate) fn distributions(
+        &self,
+    ) -> impl Iterator<Item = (&'static str, Vec<(String, Tally)>)> + '_ {
+        let all = DISTRIBUTIONS.iter();
+        all.map(|distribution| (distribution.id, self.tally(distribution)))
+    }
+
     /// Sequences and their length per class, the most frequent class first.
     pub(super) fn tally(&self, distribution: &Distribution) -> Vec<(String, Tally)> {
         let mut tallies: BTreeMap<String, Tally> = BTreeMap::new();
@@ -255,10 +263,7 @@ impl Statistics {
 
     pub(super) fn distributions_csv(&self) -> Result<String, CurateError> {
         let mut rows = Vec::new();
-        let tallies: Vec<_> = DISTRIBUTIONS
-            .iter()
-            .map(|distribution| (distribution.id, self.tally(distribution)))
-            .collect();
+        let tallies: Vec<_> = self.distributions().collect();
         for (distribution, tallies) in &tallies {
             for (class, tally) in tallies {
                 rows.push(DistributionRow {
@@ -331,7 +336,7 @@ fn row(folder: &Path, name: &str) -> Result<SequenceRow, CurateError> {
 }
 
 /// Returns the outcome of a pose validation in tables.
-pub(super) fn status_name(status: ValidationStatus) -> &'static str {
+pub(crate) fn status_name(status: ValidationStatus) -> &'static str {
     match status {
         ValidationStatus::Valid => "valid",
         ValidationStatus::Unstable => "unstable",
@@ -340,7 +345,7 @@ pub(super) fn status_name(status: ValidationStatus) -> &'static str {
 }
 
 /// Reads an optional record.
-pub(super) fn optional<T: store::Record>(path: &Path) -> Result<Option<T>, CurateError> {
+pub(crate) fn optional<T: store::Record>(path: &Path) -> Result<Option<T>, CurateError> {
     if path.is_file() {
         Ok(Some(store::read_record(path)?))
     } else {

@@ -22,6 +22,7 @@ mod motion;
 mod near_duplicates;
 mod odd_videos;
 mod origins;
+mod overview;
 mod pipeline;
 mod poses;
 mod projections;

@@ -133,6 +133,7 @@ fn escape(text: &str) -> String {
             '‡' => escaped.push_str("\\ddag{}"),
             '§' => escaped.push_str("\\S{}"),
             '¶' => escaped.push_str("\\P{}"),
+            '≥' => escaped.push_str("$\\geq$"),
             '±' => escaped.push_str("$\\pm$"),
             '°' => escaped.push_str("$^\\circ$"),
             character if character.is_control() => escaped.push(' '),

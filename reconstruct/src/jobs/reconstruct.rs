@@ -43,8 +43,10 @@ pub const CHECKPOINT_FILE: &str = "checkpoint.bin";
 /// Record of lifted pixels, in the folder of a run that started with them.
 pub const LIFT_FILE: &str = "lift.json";
 pub(super) const TRACE_FILE: &str = "trace.csv";
+/// Page that shows a training, while it learns too.
+pub const PAGE_FILE: &str = "progress.html";
 /// Files of a training run beside views, the record and the model.
-const TRAINING_FILES: [&str; 3] = [TRACE_FILE, LIFT_FILE, CHECKPOINT_FILE];
+const TRAINING_FILES: [&str; 4] = [TRACE_FILE, PAGE_FILE, LIFT_FILE, CHECKPOINT_FILE];
 pub(super) const INPUT_FOLDER: &str = "predictions/input";
 pub(crate) const NOVEL_FOLDER: &str = "predictions/novel";
 
@@ -65,6 +67,8 @@ pub struct ReconstructRequest {
     pub checkpoint_every: u64,
     /// Maximum number of novel views at each row of the trace; `None` for all.
     pub trace_views: Option<usize>,
+    /// Folder that gets an event file for TensorBoard.
+    pub tensorboard: Option<PathBuf>,
     /// Folder of the run.
     pub out: PathBuf,
 }
@@ -113,9 +117,11 @@ pub fn reconstruct(
     let planned = planned_files(method, &split);
     let record = stage.run(planned, progress, |out| -> Result<_, ReconstructError> {
         trace_folder::remove_abandoned(&request.out)?;
-        // A record or trace of an earlier run must not stand beside new predictions.
+        // What an earlier run tells of itself must not stand beside new predictions.
         store::remove(&record_path)?;
-        store::remove(&request.out.join(TRACE_FILE))?;
+        for file in [TRACE_FILE, PAGE_FILE] {
+            store::remove(&request.out.join(file))?;
+        }
         let mut notes = scene::mask_notes(&request.scene, &request.split)?;
         notes.extend(scene.far_frames());
         for line in &notes {

@@ -13,8 +13,8 @@ use omnilife_schemas::{
 
 use super::{
     reconstruct::{
-        CHECKPOINT_FILE, INPUT_FOLDER, LIFT_FILE, NOVEL_FOLDER, ReconstructRequest, TRACE_FILE,
-        prepare_predictions, view_file,
+        CHECKPOINT_FILE, INPUT_FOLDER, LIFT_FILE, NOVEL_FOLDER, PAGE_FILE, ReconstructRequest,
+        TRACE_FILE, prepare_predictions, view_file,
     },
     trace_folder::{self, TRACE_FOLDER},
 };
@@ -26,7 +26,14 @@ use omnilife_training::{
     learner::Learner,
     method::{Method, MethodOutcome},
     scene::TrainingScene,
-    train::{Session, TrainingFiles, trace, trace_views::TraceViews},
+    train::{
+        Session, TrainingFiles, trace,
+        trace_views::TraceViews,
+        watch::{
+            self, WatchFiles,
+            page::{Page, PageState},
+        },
+    },
 };
 
 /// Trains a method, leaves its model, views and trace in the run's folder, and completes the run's record; returns the
@@ -54,11 +61,19 @@ pub(super) fn train(
         &split.novel_views,
         request.trace_views,
     );
+    let page = Page {
+        file: request.out.join(PAGE_FILE),
+        title: format!("{} on {}", method.id, scene.id),
+    };
     let session = Session {
         progress,
         files: Some(TrainingFiles {
             trace: trace_path.clone(),
             trace_views: Some(kept.clone()),
+            watch: WatchFiles {
+                page: Some(page.clone()),
+                tensorboard: request.tensorboard.clone(),
+            },
             checkpoint: request.out.join(CHECKPOINT_FILE),
             checkpoint_every: request.checkpoint_every,
             inputs_sha256: stage.inputs_sha256(),
@@ -82,7 +97,10 @@ pub(super) fn train(
     let (state, learner) = (&outcome.training.state, &mut outcome.learner);
     outputs.extend(export_model(&mut **learner, stage, &request.out)?);
     trace::write_csv(&trace_path, &state.trace)?;
-    outputs.push(TRACE_FILE.to_owned());
+    let shown = watch::middle(&split.novel_views);
+    let shown = shown.map(|&frame| view_file(NOVEL_FOLDER, frame));
+    page.write(&state.trace, PageState::Ended, shown.as_deref())?;
+    outputs.extend([TRACE_FILE, PAGE_FILE].map(str::to_owned));
     outputs.extend(trace_folder::files(&state.trace, &kept.frames));
     // Views of an earlier run's rows.
     stage

@@ -13,7 +13,7 @@ use omnilife_reconstruct::{
     options::Options,
     request::MethodRequest,
     scene::TrainingScene,
-    train::{Session, TrainingFiles},
+    train::{Session, TrainingFiles, watch::WatchFiles},
 };
 use omnilife_schemas::progress::{Progress, Silent};
 
@@ -36,6 +36,7 @@ fn files(folder: &Path) -> TrainingFiles {
         trace: folder.join("trace.csv"),
         checkpoint: folder.join("checkpoint.bin"),
         trace_views: None,
+        watch: WatchFiles::default(),
         checkpoint_every: EVERY,
         inputs_sha256: "these inputs".to_owned(),
     }

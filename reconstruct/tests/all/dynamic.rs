@@ -22,7 +22,7 @@ use omnilife_reconstruct::{
     options::Options,
     request::{MethodRequest, PlanChoice},
     scene::TrainingScene,
-    train::{Session, TrainingFiles},
+    train::{Session, TrainingFiles, watch::WatchFiles},
 };
 use omnilife_schemas::{points::PointCloud, progress::Silent};
 
@@ -295,6 +295,7 @@ fn whole_and_resumed(method: &str) -> [Model; 2] {
             trace: folder.path().join(name).join("trace.csv"),
             checkpoint: folder.path().join(name).join("checkpoint.bin"),
             trace_views: None,
+            watch: WatchFiles::default(),
             checkpoint_every: every,
             inputs_sha256: "these".to_owned(),
         }

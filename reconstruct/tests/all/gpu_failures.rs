@@ -24,7 +24,7 @@ use omnilife_reconstruct::{
     learner::gaussians::GaussianLearner,
     scene::TrainingScene,
     seeds::points,
-    train::{self, LoopSettings, Session, TrainingFiles, TrainingOutcome},
+    train::{self, LoopSettings, Session, TrainingFiles, TrainingOutcome, watch::WatchFiles},
 };
 use omnilife_schemas::{Classified, ErrorKind, points::PointCloud, progress::Progress};
 
@@ -87,6 +87,7 @@ fn files(folder: &Path) -> TrainingFiles {
     TrainingFiles {
         trace: folder.join("trace.csv"),
         trace_views: None,
+        watch: WatchFiles::default(),
         checkpoint: folder.join("checkpoint.bin"),
         checkpoint_every: CHECKPOINT_EVERY,
         inputs_sha256: "these inputs".to_owned(),

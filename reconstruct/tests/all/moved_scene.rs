@@ -192,6 +192,7 @@ fn trained(world: &World, change: impl Fn(&mut Scene)) -> Trained {
         backend: BackendChoice::Cpu,
         checkpoint_every: 0,
         trace_views: Some(1),
+        tensorboard: None,
         out: folder.path().join("run"),
     };
     let record = reconstruct(&request, &Silent).unwrap();

@@ -14,7 +14,7 @@ use omnilife_reconstruct::{
     options::Options,
     request::{MethodRequest, PlanChoice},
     scene::TrainingScene,
-    train::{Session, TrainingFiles},
+    train::{Session, TrainingFiles, watch::WatchFiles},
 };
 use omnilife_schemas::progress::Silent;
 
@@ -231,6 +231,7 @@ fn a_run_that_refines_poses_goes_on_to_the_bit() {
                 trace: folder.join("trace.csv"),
                 checkpoint: folder.join("checkpoint.bin"),
                 trace_views: None,
+                watch: WatchFiles::default(),
                 checkpoint_every: every,
                 inputs_sha256: "these".to_owned(),
             };

@@ -7,7 +7,12 @@ use omnilife_reconstruct::{
     methods,
     request::MethodRequest,
     scene::TrainingScene,
-    train::{Session, TrainingFiles, trace::TracePoint, trace_views::TraceViews},
+    train::{
+        Session, TrainingFiles,
+        trace::TracePoint,
+        trace_views::TraceViews,
+        watch::{WatchFiles, page::Page},
+    },
 };
 use omnilife_schemas::progress::Silent;
 
@@ -26,6 +31,13 @@ fn run(
     let files = folder.map(|folder| TrainingFiles {
         trace: folder.join("trace.csv"),
         trace_views: Some(TraceViews::new(folder.join("trace"), &frames, None)),
+        watch: WatchFiles {
+            page: Some(Page {
+                file: folder.join("progress.html"),
+                title: method.to_owned(),
+            }),
+            tensorboard: Some(folder.join("events")),
+        },
         checkpoint: folder.join("checkpoint.bin"),
         checkpoint_every: 0,
         inputs_sha256: String::new(),
@@ -73,6 +85,23 @@ fn looking_at_a_model_does_not_change_it() {
                 assert!(folder.path().join("trace").join(file).is_file(), "{method}");
             }
         }
+        let page = std::fs::read_to_string(folder.path().join("progress.html")).unwrap();
+        assert!(page.contains("iteration 40 of 40"), "{page}");
+        let before = rows[rows.len() - 2].iteration;
+        let shown = TraceViews::file(before, scene.novel_views[scene.novel_views.len() / 2].frame);
+        assert!(page.contains(&format!("src=\"trace/{shown}\"")), "{page}");
+        let mut events = std::fs::read_dir(folder.path().join("events")).unwrap();
+        let events = std::fs::read(events.next().unwrap().unwrap().path()).unwrap();
+        let count = |text: &str| {
+            let parts = events.windows(text.len());
+            parts.filter(|part| *part == text.as_bytes()).count()
+        };
+        assert_eq!(count("trace/iteration"), rows.len(), "{method}");
+        // Rows in between may be without views; the last one is not.
+        assert!(
+            count("views/input") >= 2 && count("views/novel") >= 2,
+            "{method}"
+        );
         assert!(rows[0].wall_seconds > 0.0 && rows[0].wall_seconds < rows[1].wall_seconds);
         assert_eq!(rows[0].train_loss, None);
         assert!(rows[1..].iter().all(|row| row.train_loss.is_some()));

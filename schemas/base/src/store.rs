@@ -11,6 +11,7 @@
     )
 )]
 
+mod growing;
 mod temporary;
 
 use std::{
@@ -23,6 +24,7 @@ use serde::{Deserialize, Serialize, de::DeserializeOwned};
 use sha2::{Digest, Sha256};
 
 use crate::error_kind::{self, Classified, ErrorKind};
+pub use growing::GrowingFile;
 pub use temporary::{Unfinished, remove_abandoned, temporary_beside};
 
 /// JSON files with a published schema.

@@ -10,6 +10,7 @@ pub mod asset;
 pub mod boundaries;
 mod capture;
 pub mod dataset;
+pub mod dataset_status;
 pub mod dense;
 pub mod external_run;
 pub mod ledger;
@@ -46,6 +47,9 @@ pub use asset::{
 pub use boundaries::{Boundary, BoundaryKind, BoundaryLedger, RejectedShot};
 pub use capture::Capture;
 pub use dataset::{Dataset, InputFile, Origin, OriginKind, VideoEntry, VideoStatus};
+pub use dataset_status::{
+    DatasetStatus, LostVideo, PartState, PartStatus, SequencePart, SequenceStatus,
+};
 pub use dense::{DenseFrame, DenseStereo};
 pub use external_run::{ExternalRun, Phase, PhaseName};
 pub use ledger::{
@@ -133,6 +137,7 @@ pub fn check_file(path: &Path) -> Result<(), StoreError> {
 /// All records of the workspace; tests walk them.
 pub const SCHEMAS: &[SchemaEntry] = &[
     entry::<Dataset>(),
+    entry::<DatasetStatus>(),
     entry::<About>(),
     entry::<VideoAnalysis>(),
     entry::<Sequence>(),

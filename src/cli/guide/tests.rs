@@ -23,6 +23,21 @@ fn every_command_has_examples_that_parse() {
     }
 }
 
+/// What the status of a dataset advises can be run.
+#[test]
+fn commands_that_make_missing_parts_parse() {
+    for line in omnilife_curate::overview::COMMANDS {
+        let words: Vec<&str> = line.split(' ').collect();
+        let parsed = Cli::try_parse_from(["omnilife"].iter().chain(&words));
+        assert!(parsed.is_ok(), "{line}: {:?}", parsed.err());
+        let mut options = words.windows(2).filter(|pair| pair[0] == "--protocol");
+        assert!(
+            options.all(|pair| PROTOCOLS.iter().any(|known| known.id == pair[1])),
+            "{line}"
+        );
+    }
+}
+
 #[test]
 fn short_help_leaves_options_under_headings_to_the_long_one() {
     let run = command().find_subcommand("run").cloned();

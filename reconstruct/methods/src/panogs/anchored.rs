@@ -47,6 +47,16 @@ pub(super) enum ScaffoldWeight {
     Seen(f32),
 }
 
+impl ScaffoldWeight {
+    /// Returns the weight of a centre with this reach.
+    fn of(self, reach: f32) -> f32 {
+        match self {
+            Self::Mean(of_each) => of_each,
+            Self::Seen(of_each) => of_each / reach,
+        }
+    }
+}
+
 /// Static Gaussians with bounded centres.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Anchored {
@@ -91,9 +101,8 @@ impl Parameterization for Anchored {
             let centres = positions.values.as_chunks::<3>().0;
             let by_opacities = &gradient.opacities[first..first + centres.len()];
             let weight = |number: usize| match scaffold.weight {
-                ScaffoldWeight::Mean(of_each) => of_each,
                 ScaffoldWeight::Seen(_) if by_opacities[number] == 0.0 => 0.0,
-                ScaffoldWeight::Seen(of_each) => of_each / refinement.reach[number],
+                weight => weight.of(refinement.reach[number]),
             };
             // Its part of the loss is for the optimizer alone: the trace has the photometric loss.
             scaffold.field.loss(centres, weight, by_centres);

@@ -182,11 +182,6 @@ impl Samples {
         Decision::new(true, reason)
     }
 
-    /// Returns true if views differ by more than the rounding to pixels where they see one surface.
-    pub(super) fn differ(&self) -> bool {
-        differ(self.disagreement)
-    }
-
     /// Adds a shell where enough directions have no distance in any view. Samples keep their sizes, so it reaches the
     /// edge of every surface in every view.
     fn add_sky(

@@ -102,7 +102,7 @@ pub(super) fn judge() -> Judgement {
         return Judgement::failed(format!("{} of 200 places have a value", centres.len()));
     }
     let mut gradient = vec![[0.0; 3]; centres.len()];
-    field.loss(&centres, (1.0, centres.len()), &mut gradient);
+    field.loss(&centres, |_| 1.0, &mut gradient);
     let found = gradient
         .as_flattened()
         .iter()

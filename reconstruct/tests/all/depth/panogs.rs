@@ -13,7 +13,7 @@ use omnilife_reconstruct::{
     options::Options,
     request::{BackendChoice, MethodRequest, PlanChoice},
     scene::{TrainingScene, depth::PriorFile},
-    train::{Session, TrainingFiles},
+    train::{Session, TrainingFiles, watch::WatchFiles},
 };
 use omnilife_schemas::{
     Similarity,
@@ -274,6 +274,7 @@ fn faults(scene: &TrainingScene, method: &str, request: &MethodRequest) -> Surfa
     let files = TrainingFiles {
         trace: trace.clone(),
         trace_views: None,
+        watch: WatchFiles::default(),
         checkpoint: folder.path().join("checkpoint.bin"),
         checkpoint_every: 0,
         inputs_sha256: String::new(),

@@ -15,7 +15,7 @@ use omnilife_reconstruct::{
     options::Options,
     request::{MethodRequest, PlanChoice},
     scene::TrainingScene,
-    train::{Session, TrainingFiles},
+    train::{Session, TrainingFiles, watch::WatchFiles},
 };
 use omnilife_schemas::{RgbImage, progress::Silent, records::InvalidGaussians};
 
@@ -117,6 +117,7 @@ fn files(folder: &Path) -> TrainingFiles {
     TrainingFiles {
         trace: folder.join("trace.csv"),
         trace_views: None,
+        watch: WatchFiles::default(),
         checkpoint: folder.join("checkpoint.bin"),
         checkpoint_every: 10,
         inputs_sha256: "these inputs".to_owned(),

@@ -1,7 +1,8 @@
 //! The training loop: it orders calls and holds no mathematics. It knows a learner, but not the learner's model.
 //!
 //! * [`trace`]: progress, row by row; [`trace_views`]: the novel views at these rows;
-//!   `surface_faults`: ghosts and holes there; [`input_psnr`]: PSNR of input views there, by region.
+//!   `surface_faults`: ghosts and holes there; [`input_psnr`]: PSNR of input views there, by region. [`watch`]: a page
+//!   and event files that show the rows.
 //! * [`checkpoint`]: saved state; `resume`: resuming from it; `nonfinite`: the stop on values that are not
 //!   finite.
 
@@ -12,6 +13,7 @@ mod resume;
 mod surface_faults;
 pub mod trace;
 pub mod trace_views;
+pub mod watch;
 
 use std::{
     path::PathBuf,
@@ -24,8 +26,14 @@ use rand::seq::SliceRandom;
 use serde::{Deserialize, Serialize};
 
 use self::{
-    checkpoint::LoopState, input_psnr::InputPsnr, nonfinite::too_many_nonfinite, resume::resume,
-    surface_faults::KnownSurfaces, trace::TracePoint, trace_views::TraceViews,
+    checkpoint::LoopState,
+    input_psnr::InputPsnr,
+    nonfinite::too_many_nonfinite,
+    resume::resume,
+    surface_faults::KnownSurfaces,
+    trace::TracePoint,
+    trace_views::TraceViews,
+    watch::{ShownRow, Watch, WatchFiles},
 };
 use crate::{
     error::ReconstructError, learner::Learner, process, request::BackendChoice,
@@ -55,6 +63,8 @@ pub struct TrainingFiles {
     pub trace: PathBuf,
     /// Novel views that are rendered at its rows.
     pub trace_views: Option<TraceViews>,
+    /// Views of the training while it learns.
+    pub watch: WatchFiles,
     /// The checkpoint; read at the start if it exists.
     pub checkpoint: PathBuf,
     /// Iterations between two checkpoints; 0 writes none.
@@ -148,6 +158,10 @@ pub fn train(
     let outcome = trainer.run();
     drop(guard);
     session.progress.end();
+    if outcome.is_err() {
+        let row = shown_row(&trainer.state, &settings, session, false);
+        trainer.watch.stop(&row);
+    }
     outcome.map(|()| trainer.finish())
 }
 
@@ -159,6 +173,8 @@ struct Trainer<'a> {
     state: LoopState,
     /// Known surfaces for the measure of ghosts and holes.
     surfaces: Option<KnownSurfaces>,
+    /// Page and event files.
+    watch: Watch,
     stopped_by_budget: bool,
     warnings: Vec<String>,
 }
@@ -172,6 +188,10 @@ impl<'a> Trainer<'a> {
     ) -> Result<Self, ReconstructError> {
         let mut warnings = Vec::new();
         let state = resume(learner, &settings, session, &mut warnings)?;
+        let watch = match &session.files {
+            Some(files) => Watch::begin(&files.watch, state.iteration)?,
+            None => Watch::default(),
+        };
         Ok(Self {
             scene,
             settings,
@@ -179,6 +199,7 @@ impl<'a> Trainer<'a> {
             learner,
             state,
             surfaces: None,
+            watch,
             stopped_by_budget: false,
             warnings,
         })
@@ -325,6 +346,15 @@ impl<'a> Trainer<'a> {
         if let Some(files) = &self.session.files {
             trace::write_csv(&files.trace, &self.state.trace)?;
         }
+        self.show(last)
+    }
+
+    /// Shows the last row of the trace on the page and in TensorBoard.
+    fn show(&mut self, is_last: bool) -> Result<(), ReconstructError> {
+        let begun = Instant::now();
+        let row = shown_row(&self.state, &self.settings, self.session, is_last);
+        self.watch.show(&row, self.scene, self.learner)?;
+        self.state.evaluation += begun.elapsed();
         Ok(())
     }
 
@@ -374,6 +404,21 @@ impl<'a> Trainer<'a> {
             stopped_by_budget: self.stopped_by_budget,
             warnings: self.warnings,
         }
+    }
+}
+
+fn shown_row<'a>(
+    state: &'a LoopState,
+    settings: &LoopSettings,
+    session: &'a Session<'_>,
+    is_last: bool,
+) -> ShownRow<'a> {
+    let files = session.files.as_ref();
+    ShownRow {
+        state,
+        iterations: settings.iterations,
+        trace_views: files.and_then(|files| files.trace_views.as_ref()),
+        is_last,
     }
 }
 

@@ -129,33 +129,43 @@ impl TracePoint {
         self.cpu_seconds.unwrap_or(self.wall_seconds)
     }
 
-    /// Returns the cells of [`COLUMNS`].
-    fn fixed_cells(&self) -> [String; 9] {
+    /// Returns the known values with their columns, without the counts of single arrays.
+    pub(super) fn known(&self) -> impl Iterator<Item = (&'static str, f64)> {
+        let fixed = COLUMNS.into_iter().zip(self.fixed());
+        let further = FURTHER_COLUMNS.into_iter().zip(self.further());
+        fixed
+            .chain(further)
+            .filter_map(|(column, value)| Some((column, value?)))
+    }
+
+    /// Returns the values of [`COLUMNS`].
+    fn fixed(&self) -> [Option<f64>; 9] {
+        let count = |value: u64| Some(value as f64);
         [
-            self.wall_seconds.to_string(),
-            self.evaluation_seconds.to_string(),
-            or_empty(self.cpu_seconds),
-            self.iteration.to_string(),
-            self.primitives.to_string(),
-            self.table_bytes.to_string(),
-            or_empty(self.peak_memory_bytes),
-            or_empty(self.train_loss),
-            or_empty(self.train_psnr_db),
+            Some(self.wall_seconds),
+            Some(self.evaluation_seconds),
+            self.cpu_seconds,
+            count(self.iteration),
+            count(self.primitives),
+            count(self.table_bytes),
+            self.peak_memory_bytes.and_then(count),
+            self.train_loss,
+            self.train_psnr_db,
         ]
     }
 
-    /// Returns the cells of [`FURTHER_COLUMNS`]; empty for unknown values.
-    fn further_cells(&self) -> [String; 7] {
+    /// Returns the values of [`FURTHER_COLUMNS`].
+    fn further(&self) -> [Option<f64>; 7] {
         let psnr = self.input_psnr.unwrap_or_default();
         let faults = self.surfaces.as_ref();
         [
-            or_empty(self.objects),
-            or_empty(psnr.whole_db),
-            or_empty(psnr.static_db),
-            or_empty(psnr.dynamic_db),
-            or_empty(faults.map(|found| found.ghost_share)),
-            or_empty(faults.and_then(|found| found.input_hole_share)),
-            or_empty(faults.and_then(|found| found.novel_hole_share)),
+            self.objects.map(|count| count as f64),
+            psnr.whole_db,
+            psnr.static_db,
+            psnr.dynamic_db,
+            faults.map(|found| found.ghost_share),
+            faults.and_then(|found| found.input_hole_share),
+            faults.and_then(|found| found.novel_hole_share),
         ]
     }
 }
@@ -186,9 +196,9 @@ fn or_empty(value: Option<impl ToString>) -> String {
 /// # Errors
 /// When the file cannot be written.
 pub fn write_csv(path: &Path, trace: &[TracePoint]) -> Result<(), StoreError> {
-    let further: Vec<_> = trace.iter().map(TracePoint::further_cells).collect();
+    let further: Vec<_> = trace.iter().map(TracePoint::further).collect();
     let filled: Vec<usize> = (0..FURTHER_COLUMNS.len())
-        .filter(|&column| further.iter().any(|cells| !cells[column].is_empty()))
+        .filter(|&column| further.iter().any(|values| values[column].is_some()))
         .collect();
     store::write_csv(path, |table| {
         let refused = trace.first().map_or(&[][..], |point| &point.refused);
@@ -203,9 +213,9 @@ pub fn write_csv(path: &Path, trace: &[TracePoint]) -> Result<(), StoreError> {
             .chain(refused.iter().map(|(array, _)| format!("refused_{array}")));
         table.write_record(header)?;
         for (point, further) in trace.iter().zip(&further) {
-            let further = filled.iter().map(|&column| further[column].clone());
+            let further = filled.iter().map(|&column| further[column]);
             let refused = point.refused.iter().map(|(_, count)| count.to_string());
-            let cells = point.fixed_cells().into_iter().chain(further);
+            let cells = point.fixed().into_iter().chain(further).map(or_empty);
             table.write_record(cells.chain(refused))?;
         }
         Ok(())

@@ -7,7 +7,7 @@ use glam::IVec3;
 use super::{BLOCK_SIDE, BLOCK_VOXELS, HUBER_VOXELS, Scaffold};
 use crate::{
     device::{DeviceBuffer, Gpu, GpuError, Kernel, Program, Rows, Shader, Uniform, wgsl_struct},
-    gaussians::static_gaussians::POSITIONS,
+    gaussians::static_gaussians::{OPACITY_LOGITS, POSITIONS},
     parameters::device_table::TableBuffers,
 };
 
@@ -24,7 +24,11 @@ wgsl_struct! {
         len: u32,
         positions: u32,
         last_slot: u32,
-        factor: f32,
+        opacities: u32,
+        takes_part: u32,
+        pad_a: u32,
+        pad_b: u32,
+        pad_c: u32,
     }
 }
 
@@ -108,11 +112,25 @@ impl DeviceScaffold {
 pub struct DeviceScaffoldLoss {
     scaffold: Arc<DeviceScaffold>,
     uniform: Uniform<ScaffoldLoss>,
+    /// Weight of each centre, per scene unit.
+    weights: DeviceBuffer<f32>,
     loss: ScaffoldLoss,
 }
 
+/// Centres that the loss acts on.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum ScaffoldCentres {
+    /// No centre.
+    None,
+    /// All centres.
+    All,
+    /// Centres of Gaussians with a gradient by their opacity: those that the view's image has.
+    Seen,
+}
+
 impl DeviceScaffoldLoss {
-    /// Creates the loss on the static Gaussians of a table, which adds nothing until it is set.
+    /// Creates the loss on the static Gaussians of a table, which acts on no centre until it is set. `weights` has
+    /// the weight of each centre, per scene unit.
     ///
     /// # Errors
     /// If the device runs out of memory.
@@ -120,24 +138,26 @@ impl DeviceScaffoldLoss {
         gpu: &Gpu,
         scaffold: Arc<DeviceScaffold>,
         table: &TableBuffers,
+        weights: &[f32],
     ) -> Result<Self, GpuError> {
         let loss = ScaffoldLoss {
             positions: table.begin(POSITIONS),
+            opacities: table.begin(OPACITY_LOGITS),
             ..scaffold.field
         };
         Ok(Self {
             uniform: Uniform::of(gpu, "loss on the scaffold", &loss)?,
+            weights: DeviceBuffer::of(gpu, "weights of the scaffold", weights)?,
             scaffold,
             loss,
         })
     }
 
-    /// Sets the number of Gaussians and the loss's weight, as a mean over `all` centres, for everything that
-    /// is submitted later. With weight 0 nothing is added.
-    pub fn set(&self, gpu: &Gpu, rows: usize, (weight, all): (f32, usize)) {
+    /// Sets the number of Gaussians and the centres that the loss acts on, for everything that is submitted later.
+    pub fn set(&self, gpu: &Gpu, rows: usize, centres: ScaffoldCentres) {
         let loss = ScaffoldLoss {
             len: rows as u32,
-            factor: weight / all.max(1) as f32,
+            takes_part: centres as u32,
             ..self.loss
         };
         self.uniform.write(gpu, &loss);
@@ -155,6 +175,7 @@ impl DeviceScaffoldLoss {
                 &self.scaffold.blocks.raw,
                 &self.scaffold.distances.raw,
                 &table.gradients.raw,
+                &self.weights.raw,
             ],
         );
     }
@@ -221,22 +242,42 @@ mod tests {
         let table = static_gaussians::table(&initial, 0);
         let on_device = TableBuffers::new(&gpu, &table.arrays, [len, len + 7]).expect("fits");
         let field = Arc::new(DeviceScaffold::new(&gpu, &scaffold).expect("fits"));
-        let loss = DeviceScaffoldLoss::new(&gpu, field, &on_device).expect("fits");
+        let weights: Vec<f32> = (0..len).map(|number| 0.05 + 1e-4 * number as f32).collect();
+        let loss = DeviceScaffoldLoss::new(&gpu, field, &on_device, &weights).expect("fits");
         let mut program = Program::default();
         loss.record(&gpu, &mut program, &on_device, &Rows::new(len));
         // What the loss finds there is added to.
         let before = vec![0.25; 3 * len];
         on_device.gradients.write(&gpu, 0, &before);
         let found = || on_device.gradients.read_range(&gpu, 0..3 * len);
-        loss.set(&gpu, len, (0.0, len));
+        loss.set(&gpu, len, ScaffoldCentres::None);
         program.submit(&gpu);
         assert!(found().expect("reads") == before);
-        loss.set(&gpu, len, (300.0, len));
+        // Every third Gaussian has a gradient by its opacity.
+        let by_opacities: Vec<f32> = (0..len).map(|number| f32::from(number % 3 == 0)).collect();
+        on_device.gradients.write(
+            &gpu,
+            on_device.begin(OPACITY_LOGITS) as usize,
+            &by_opacities,
+        );
+        loss.set(&gpu, len, ScaffoldCentres::Seen);
         program.submit(&gpu);
+        let of_seen = found().expect("reads");
+        on_device.gradients.write(&gpu, 0, &before);
+        loss.set(&gpu, len, ScaffoldCentres::All);
+        program.submit(&gpu);
+        for (number, (seen, all)) in of_seen
+            .chunks(3)
+            .zip(found().expect("reads").chunks(3))
+            .enumerate()
+        {
+            let expected = if number % 3 == 0 { all } else { &[0.25; 3] };
+            assert_eq!(seen, expected, "centre {number}");
+        }
         let mut expected = vec![[0.25; 3]; len];
         let centres = &initial.positions[..len - 1];
         // A NaN centre has no loss on the device, and a gradient that Adam refuses on the CPU.
-        scaffold.loss(centres, (300.0, len), &mut expected[..len - 1]);
+        scaffold.loss(centres, |number| weights[number], &mut expected[..len - 1]);
         let (mut moved, mut apart) = (0, 0);
         for (index, (found, expected)) in found()
             .expect("reads")

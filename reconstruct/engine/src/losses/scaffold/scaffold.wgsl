@@ -10,8 +10,13 @@ struct ScaffoldLoss {
     positions: u32,
     // Slots of the hash table of blocks, a power of two, less 1.
     last_slot: u32,
-    // Weight of the loss over the number of all centres; 0 leaves the loss out.
-    factor: f32,
+    // Offset of the opacities in the table, in values.
+    opacities: u32,
+    // Centres with a loss: 0 for none, 1 for all, 2 for those with a gradient by their opacity.
+    takes_part: u32,
+    pad_a: u32,
+    pad_b: u32,
+    pad_c: u32,
 }
 
 @group(0) @binding(0) var<uniform> scaffold: ScaffoldLoss;
@@ -21,6 +26,8 @@ struct ScaffoldLoss {
 // Mean distances at the voxels of each block; UNKNOWN where no view observed one.
 @group(0) @binding(3) var<storage, read> distances: array<f32>;
 @group(0) @binding(4) var<storage, read_write> gradients: array<f32>;
+// Weight of each centre, per scene unit.
+@group(0) @binding(5) var<storage, read> weights: array<f32>;
 
 fn first_slot(block: vec3<i32>) -> u32 {
     let parts = bitcast<vec3<u32>>(block) * vec3(HASH_X, HASH_Y, HASH_Z);
@@ -109,7 +116,10 @@ fn add_scaffold(
     @builtin(local_invocation_index) thread: u32,
 ) {
     let index = workgroup_number(group, groups) * WORKGROUP + thread;
-    if index >= scaffold.len || scaffold.factor == 0.0 {
+    if index >= scaffold.len || scaffold.takes_part == 0u {
+        return;
+    }
+    if scaffold.takes_part == 2u && gradients[scaffold.opacities + index] == 0.0 {
         return;
     }
     let centre = scaffold.positions + index * 3u;
@@ -118,7 +128,7 @@ fn add_scaffold(
         return;
     }
     let slope = huber_slope(field.w, HUBER_VOXELS * scaffold.voxel);
-    let by_centre = field.xyz * (scaffold.factor * slope);
+    let by_centre = field.xyz * (weights[index] * slope);
     for (var axis = 0u; axis < 3u; axis++) {
         gradients[centre + axis] += by_centre[axis];
     }

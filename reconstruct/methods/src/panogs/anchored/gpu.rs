@@ -15,11 +15,11 @@ use omnilife_engine::{
         parameterization::Viewpoint,
         static_gaussians::{POSITIONS, StaticGaussians},
     },
-    losses::scaffold::gpu::{DeviceScaffold, DeviceScaffoldLoss},
+    losses::scaffold::gpu::{DeviceScaffold, DeviceScaffoldLoss, ScaffoldCentres},
     parameters::device_table::TableBuffers,
 };
 
-use super::{Anchored, CentreRefinement};
+use super::{Anchored, CentreRefinement, ScaffoldWeight};
 
 /// Kernels of the gradients and the bounds of centres.
 #[derive(Debug)]
@@ -68,8 +68,8 @@ struct AnchoredPart {
     /// `CentreBounds` in WGSL.
     uniform: Uniform<[u32; 4]>,
     anchors: DeviceBuffer<[f32; 4]>,
-    /// The loss on the scaffold, with its weight and the number of all centres.
-    scaffold: Option<(DeviceScaffoldLoss, (f32, usize))>,
+    /// The loss on the scaffold, and the centres that have it once they move.
+    scaffold: Option<(DeviceScaffoldLoss, ScaffoldCentres)>,
     begin_iteration: u64,
     positions: u32,
     len: usize,
@@ -88,13 +88,19 @@ impl AnchoredPart {
             .collect();
         let on_device: DeviceBuffer<[f32; 4]> = DeviceBuffer::zeros(gpu, "anchors", anchors.len())?;
         on_device.write(gpu, 0, &anchors);
-        let scaffold = refinement.scaffold.as_ref().map(|(scaffold, weight)| {
+        let scaffold = refinement.scaffold.as_ref().map(|scaffold| {
             // One copy for all shards.
             let field = part
                 .kernels
-                .get(gpu, |gpu| DeviceScaffold::new(gpu, scaffold))?;
-            let loss = DeviceScaffoldLoss::new(gpu, field, table)?;
-            Ok::<_, GpuError>((loss, (*weight, refinement.all)))
+                .get(gpu, |gpu| DeviceScaffold::new(gpu, &scaffold.field))?;
+            let of = |&reach: &f32| scaffold.weight.of(reach);
+            let weights: Vec<f32> = refinement.reach.iter().map(of).collect();
+            let centres = match scaffold.weight {
+                ScaffoldWeight::Mean(_) => ScaffoldCentres::All,
+                ScaffoldWeight::Seen(_) => ScaffoldCentres::Seen,
+            };
+            let loss = DeviceScaffoldLoss::new(gpu, field, table, &weights)?;
+            Ok::<_, GpuError>((loss, centres))
         });
         Ok(Self {
             own,
@@ -145,9 +151,13 @@ impl DeviceParameterization for AnchoredPart {
         let moves = at.scheduled >= Some(self.begin_iteration);
         let bounds = [self.len as u32, self.positions, u32::from(moves), 0];
         self.uniform.write(gpu, &bounds);
-        if let Some((scaffold, (weight, all))) = &self.scaffold {
-            let weight = if moves { *weight } else { 0.0 };
-            scaffold.set(gpu, self.len, (weight, *all));
+        if let Some((scaffold, centres)) = &self.scaffold {
+            let centres = if moves {
+                *centres
+            } else {
+                ScaffoldCentres::None
+            };
+            scaffold.set(gpu, self.len, centres);
         }
     }
 
