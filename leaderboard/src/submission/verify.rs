@@ -190,3 +190,87 @@ fn difference(scores: &[f64], summary: &Summary) -> Option<String> {
     let agrees = off <= TOLERANCE * summary.mean.abs().max(1.0);
     (!agrees).then(|| format!("is {}, its table gives {mean}", summary.mean))
 }
+
+#[cfg(test)]
+mod tests {
+    #![expect(clippy::unwrap_used, reason = "a failed set-up step fails the test")]
+
+    use omnilife_schemas::{
+        object_scores::{OBJECT_SCORES_FILE, ObjectRow},
+        records::{ObjectClass, ObjectResult},
+    };
+
+    use super::*;
+
+    /// A change of a result's objects.
+    type Change = fn(&mut ObjectResults);
+
+    /// Returns a result with one vehicle in two views, of 20 and 30 dB.
+    fn result() -> ResultRecord {
+        let record = serde_json::json!({
+            "method": "nag", "scene": "street", "scene_sha256": "00", "protocol": "input-view/3",
+            "protocol_hash": "abc", "scored_size": [64, 32], "input_views": {}, "novel_views": {},
+            "failures": [], "frames_table": "frames.csv", "warnings": []
+        });
+        let summary = serde_json::json!({
+            "mean": 25.0, "standard_deviation": 7.0, "views": 2, "direction": "higher-is-better"
+        });
+        let summary: Summary = serde_json::from_value(summary).unwrap();
+        let car = ObjectResult {
+            view: "input".to_owned(),
+            object: "car".to_owned(),
+            class: ObjectClass::Vehicle,
+            scores: [("psnr-object".to_owned(), summary)].into(),
+        };
+        let mut result: ResultRecord = serde_json::from_value(record).unwrap();
+        result.objects = Some(ObjectResults::new(OBJECT_SCORES_FILE.to_owned(), vec![car]));
+        result
+    }
+
+    #[test]
+    fn means_of_objects_are_those_of_their_rows() {
+        let folder = tempfile::tempdir().unwrap();
+        let row = |frame, score| ObjectRow {
+            view: "input".to_owned(),
+            frame,
+            object: "car".to_owned(),
+            scores: vec![Some(score)],
+        };
+        let table = ObjectScores {
+            metrics: vec!["psnr-object".to_owned()],
+            rows: vec![row(0, 20.0), row(3, 30.0)],
+        };
+        table
+            .write(&folder.path().join(OBJECT_SCORES_FILE))
+            .unwrap();
+        let check = |change: Change| {
+            let mut result = result();
+            change(result.objects.as_mut().unwrap());
+            check_objects(&folder.path().join(RESULT_FILE), &result)
+                .map_err(|error| error.to_string())
+        };
+        assert_eq!(check(|_| {}), Ok(()));
+        let changes: [(Change, &str); 3] = [
+            (
+                |objects| {
+                    for summary in objects.objects[0].scores.values_mut() {
+                        summary.mean = 26.0;
+                    }
+                },
+                "psnr-object of car in the input views is 26",
+            ),
+            (
+                |objects| objects.classes[0].class = ObjectClass::Person,
+                "not the means of its objects",
+            ),
+            (
+                |objects| objects.objects[0].object = "bus".to_owned(),
+                "is a mean of 2, its table has 0",
+            ),
+        ];
+        for (change, reason) in changes {
+            let error = check(change).unwrap_err();
+            assert!(error.contains(reason), "{error}");
+        }
+    }
+}
