@@ -101,8 +101,8 @@ impl Measure {
         mean(&values.collect::<Option<Vec<_>>>()?)
     }
 
-    /// Returns the mean over the scenes in which any method has the score: some show nobody. `None` for a method that
-    /// lacks one of them, or a complete result of it.
+    /// Returns the mean over the scenes in which any method has the score: some show no object of the class. `None`
+    /// for a method that lacks one of them, or a complete result of it.
     pub(super) fn of_method(self, group: &Group<'_>, method: &str) -> Option<Value> {
         let has_it = group.scene_rows.iter();
         let has_it = has_it.filter(|row| self.of_row(row).is_some());

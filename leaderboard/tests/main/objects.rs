@@ -115,7 +115,7 @@ fn objects_are_means_over_frames_objects_and_sequences() {
     assert_eq!(value("street / nag", deviation), Some(2.0));
     assert_eq!(value("Mean / nag", psnr), Some(32.5));
     assert_eq!(value("Mean / nag", deviation), Some(3.0));
-    // One sequence shows nobody: the mean is that of the other.
+    // One sequence shows no person: the mean is that of the other.
     assert_eq!(value("hall / nag", "Human PSNR-OBJECT"), None);
     assert_eq!(value("Mean / nag", "Human PSNR-OBJECT"), Some(25.0));
     assert_eq!(value("Mean / nag", "Other PSNR-OBJECT"), None);

@@ -7,6 +7,7 @@ mod foreign;
 mod lenses;
 mod masks;
 mod moved;
+mod objects;
 mod odgs;
 mod omniphotos;
 mod orders;

@@ -15,7 +15,7 @@ use proptest::prelude::*;
 use super::*;
 
 /// Forms of the names of images by their number.
-const NAMES: [fn(u32) -> String; 4] = [
+pub(super) const NAMES: [fn(u32) -> String; 4] = [
     |n| format!("{n:06}.png"),
     |n| format!("{n}.png"),
     |n| format!("Über uns ({n}).png"),
@@ -24,10 +24,10 @@ const NAMES: [fn(u32) -> String; 4] = [
 const OBJECTS: [(&str, &str); 2] = [("walker é", "human"), ("car 2", "vehicle")];
 
 /// A frame with its number and what it has: bits of a number.
-type Drawn = (u32, u16);
+pub(super) type Drawn = (u32, u16);
 
 /// Writes a scene of these frames; the first one has a pose.
-fn write_scene(root: &Path, drawn: &[Drawn], name: fn(u32) -> String) -> Scene {
+pub(super) fn write_scene(root: &Path, drawn: &[Drawn], name: fn(u32) -> String) -> Scene {
     let numbered = (0_u32..).zip(drawn);
     let frames: Vec<SceneFrame> = numbered
         .map(|(at, &(number, bits))| frame(root, at, &name(number), bits))
@@ -149,7 +149,7 @@ fn capture(number: f64) -> Capture {
     }
 }
 
-fn import_frames(folder: &Path, out: &Path) -> Result<Scene, CurateError> {
+pub(super) fn import_frames(folder: &Path, out: &Path) -> Result<Scene, CurateError> {
     import(&ImportRequest {
         folder,
         format: "frames",
@@ -486,59 +486,4 @@ fn text_models_of_colmap_hold_no_spaces_in_names() {
             .collect()
     };
     assert_eq!(images(&back.unwrap()), images(&original));
-}
-
-/// Objects of a scene without masks of what moves: formats with one kind of mask get their union.
-#[test]
-fn what_moves_is_exported_as_the_union_of_the_objects() {
-    let folder = tempfile::tempdir().unwrap();
-    let objects = (1 << 4) | (1 << 5);
-    let original = write_scene(folder.path(), &[(0, 1 | objects), (1, 1)], NAMES[0]);
-    let export = exported("nerfstudio", folder.path());
-    let transforms = json(&export.path().join("scene/transforms.json"));
-    let file = transforms["frames"][0]["mask_path"].as_str().unwrap();
-    let used = Mask::read(&export.path().join("scene").join(file)).unwrap();
-    let mut moving = used.inverted().data;
-    for file in original.frames[0].objects.values() {
-        let mask = Mask::read(&folder.path().join(file)).unwrap();
-        assert!(mask.marks_anything());
-        for (moves, object) in moving.iter_mut().zip(mask.data) {
-            assert!(object == 0 || *moves != 0);
-            // Objects overlap: their pixels are counted once.
-            if object != 0 {
-                *moves = 1;
-            }
-        }
-    }
-    assert!(moving.iter().all(|&moves| moves <= 1) && moving.contains(&0));
-}
-
-/// A folder of masks of others may say what its objects are.
-#[test]
-fn classes_of_objects_are_read_beside_their_masks() {
-    let folder = tempfile::tempdir().unwrap();
-    write_scene(
-        folder.path(),
-        &[(0, 1 | (1 << 4) | (1 << 5)), (1, 1)],
-        NAMES[0],
-    );
-    let export = exported("frames", folder.path());
-    let from = export.path().join("scene");
-    fs::remove_file(from.join("scene.json")).unwrap();
-    let with_classes = |text: &str, place: &str| {
-        fs::write(from.join("classes.json"), text).unwrap();
-        import_frames(&from, &export.path().join(place))
-    };
-    let scene = with_classes("{\"car 2\": \"vehicle\"}", "back").unwrap();
-    assert_eq!(scene.class_of("car 2"), ObjectClass::Vehicle);
-    assert_eq!(scene.class_of("walker é"), ObjectClass::Other);
-    assert_eq!(scene.object_names().len(), 2);
-    assert!(scene.frames.iter().all(|frame| frame.mask.is_none()));
-    for (text, named) in [
-        ("{\"dog\": \"other\"}", "dog"),
-        ("{\"car 2\": \"boat\"}", "boat"),
-    ] {
-        let error = with_classes(text, "refused").unwrap_err().to_string();
-        assert!(error.contains(named), "{error}");
-    }
 }
