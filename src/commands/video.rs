@@ -22,8 +22,8 @@ pub(crate) fn check(file: &Path) -> anyhow::Result<()> {
     Err(BadRequest(format!("{}: a video is an .mp4 file", file.display())).into())
 }
 
-/// Encodes PNG files of one size, over black where they are transparent, as H.264, evenly timed, and returns the frames per second: one over the typical time
-/// between frames.
+/// Encodes PNG files of one size as H.264, evenly timed and over black where they are transparent. Returns the frames
+/// per second: one over the typical time between frames.
 ///
 /// # Errors
 /// When an image cannot be read or the video cannot be written.

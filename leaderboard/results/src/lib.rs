@@ -1,8 +1,9 @@
 //! Tables of results, and queries on them.
 //!
 //! Four tidy tables, one row per value: [`RESULTS`] has the means of every result, [`VIEWS`] the scores of every view,
-//! [`OBJECTS`] the means of single objects, [`CURVES`] the scores along a training. Their columns are listed in [`columns`]. They are made of validated records,
-//! written as Parquet files beside a leaderboard, and queried by a [`Query`].
+//! [`OBJECTS`] the means of single objects, [`CURVES`] the scores along a training. Their columns are listed in
+//! [`columns`]. They are made of validated records, written as Parquet files beside a leaderboard, and queried by a
+//! [`Query`].
 #![cfg_attr(not(test), warn(clippy::disallowed_methods))]
 
 pub mod columns;

@@ -1,7 +1,8 @@
 //! The tables of papers whose rows stand beside measured ones, as data.
 //!
-//! `published/*.json` holds them as printed, or with a row for each sequence and method. They are never ranked with measured scores. `anchors.json` is a
-//! collection: figures of several sources for public datasets, each table with its source.
+//! `published/*.json` holds them as printed, or with a row for each sequence and method. They are never ranked with
+//! measured scores. `anchors.json` is a collection: figures of several sources for public datasets, each table with
+//! its source.
 
 mod comparison;
 
