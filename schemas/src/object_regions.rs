@@ -48,12 +48,22 @@ impl Region<'_> {
         if let Some(file) = own {
             return Some(RegionSource::Mask(file));
         }
-        let mut objects = scene.object_names().into_iter();
-        objects.any(|name| self.has(scene.class_of(name))).then(|| {
+        self.is_of_objects(scene).then(|| {
             let shapes = shapes(frame).into_iter();
             let of_region = shapes.filter(|(name, _)| self.has(scene.class_of(name)));
             RegionSource::Objects(of_region.collect())
         })
+    }
+
+    /// Returns true if the scene has any object that is part of the region.
+    fn is_of_objects(self, scene: &Scene) -> bool {
+        let mut listed = scene.objects.values();
+        if listed.any(|object| self.has(object.class)) {
+            return true;
+        }
+        let frames = scene.frames.iter();
+        let mut names = frames.flat_map(|frame| frame.objects.keys().chain(frame.boxes.keys()));
+        names.any(|name| self.has(scene.class_of(name)))
     }
 
     /// Returns true if objects of this class are part of the region.
