@@ -210,7 +210,8 @@ pub(crate) struct RenderArguments {
     #[arg(long, value_name = "PIXELS")]
     pub(crate) cube_faces: Option<u32>,
     /// What is shown. Of Gaussians: all, static, dynamic, velocity, depth or object:ID; of an atlas: all,
-    /// background, object:ID, matte:ID or without:ID.
+    /// background, object:ID, matte:ID or without:ID. Images of object:ID have an alpha channel, with which their
+    /// colours are not multiplied.
     #[arg(long, default_value = "all")]
     pub(crate) layer: String,
     /// Shows the object with this id alone.

@@ -100,6 +100,7 @@ pub(crate) fn write_scene(folder: &Path) {
         ignore_mask: None,
         classes: [].into(),
         objects: [].into(),
+        boxes: [].into(),
         depth: None,
         depth_prior: None,
         capture: None,
@@ -125,6 +126,7 @@ pub(crate) fn write_scene(folder: &Path) {
             problems: Vec::new(),
         },
         published_split: None,
+        objects: [].into(),
     };
     fs::create_dir_all(folder.join("frames")).unwrap();
     for frame in &scene.frames {

@@ -24,6 +24,7 @@ use omnilife_schemas::{
     ground_plane::Plane,
     image_file::ImageFile,
     npy,
+    object_scores::ObjectScores,
     points::PointCloud,
     progress::Silent,
     records::{InvalidGaussians, Scene, check_file},
@@ -144,6 +145,17 @@ pub(crate) const FILES: &[Target] = &[
             names(&["frames.csv"])
         },
         reader: Bytes(|_, bytes| drop(FrameScores::from_bytes(bytes))),
+    },
+    Target {
+        id: "object-scores",
+        words: &["view", "object", "input", "novel", ",", "\"", "\n", "inf"],
+        cost: 1,
+        seeds: |folder| {
+            let text = "view,frame,object,psnr-object\ninput,0,car,31.25\nnovel,5,\"a,b\",\n";
+            fs::write(folder.join("objects.csv"), text).unwrap();
+            names(&["objects.csv"])
+        },
+        reader: Bytes(|_, bytes| drop(ObjectScores::from_bytes(bytes))),
     },
     Target {
         id: "image",

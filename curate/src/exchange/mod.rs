@@ -243,6 +243,7 @@ pub fn export_as(
     }
     fill_folder(out, |folder| {
         let scratch = folder.join("scratch");
+        masks::unite_objects(&mut scene, &scratch.join("united"))?;
         if let Some(faces) = request.cube_faces {
             let all = CUBE_FACES.len() * scene.frames.len();
             scene = cube_faces::as_faces(&scene, faces, &scratch)?;

@@ -349,6 +349,7 @@ fn stage_scene(
             ignore_mask: None,
             classes: [].into(),
             objects: [].into(),
+            boxes: [].into(),
             depth: None,
             depth_prior: None,
             capture: entry.capture.clone(),
@@ -366,5 +367,6 @@ fn stage_scene(
         pose_source: posed.source,
         validation: posed.validation,
         published_split: None,
+        objects: [].into(),
     })
 }

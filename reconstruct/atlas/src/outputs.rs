@@ -38,6 +38,8 @@ const LAYERS: &str = "all, background, object:ID, matte:ID or without:ID";
 struct OpenedAtlas {
     graph: Graph,
     shown: Shown,
+    /// Object that alone is visible.
+    object: Option<String>,
     normalization: Similarity,
 }
 
@@ -45,7 +47,9 @@ impl OpenedAtlas {
     fn open(request: &OpenRequest<'_>) -> Result<Self, ReconstructError> {
         let graph = saved::read(request.path)?;
         let normalization = request.run.map(|run| run.normalization);
+        let object = request.layer.strip_prefix("object:");
         Ok(Self {
+            object: object.map(str::to_owned),
             shown: shown(&graph, request.path, request.layer)?,
             graph,
             normalization: normalization.unwrap_or(request.of_cameras),
@@ -72,6 +76,18 @@ impl OpenedModel for OpenedAtlas {
         Ok(centres
             .map(|place| self.normalization.restore(place))
             .collect())
+    }
+
+    fn has_opacity(&self) -> bool {
+        self.object.is_some()
+    }
+
+    fn opacity(&mut self, view: &View) -> Result<RgbImage, ReconstructError> {
+        let shown = match &self.object {
+            Some(object) => Shown::Opacity(object.clone()),
+            None => Shown::All,
+        };
+        Ok(self.graph.image(view, &shown).0)
     }
 }
 

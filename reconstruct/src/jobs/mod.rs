@@ -7,6 +7,7 @@ mod cube_faces;
 pub mod edit;
 pub mod export;
 pub mod interpolate;
+mod layer_image;
 pub mod plan_cost;
 pub mod reconstruct;
 pub mod render;

@@ -23,6 +23,7 @@ use super::{
     camera_path::{CameraPath, PlacedFrame},
     camera_words::{CameraPlaces, CameraWords, Surroundings},
     cube_faces,
+    layer_image::{self, LayerImage},
     unseen::{self, InputViews},
 };
 use crate::registry;
@@ -50,7 +51,7 @@ pub struct RenderRequest {
     pub size: Option<[u32; 2]>,
     /// Camera of the images.
     pub camera: RenderCamera,
-    /// The visible layer, by its name in models of that kind.
+    /// The visible layer, by its name in models of that kind. Images of single objects have straight alpha.
     pub layer: String,
     /// Width of the perspective cube faces that panoramas are made of, pixels.
     pub cube_faces: Option<u32>,
@@ -260,6 +261,16 @@ fn image_files(number: usize, camera: RenderCamera) -> Vec<String> {
 
 /// Renders the images of a frame; `None` where its pose cannot be used.
 fn images_at(
+    opened: &mut dyn OpenedModel,
+    request: &RenderRequest,
+    camera: Camera,
+    place: (&Pose, f64),
+) -> Result<Option<Vec<LayerImage>>, ReconstructError> {
+    layer_image::draw(opened, |opened| colours_at(opened, request, camera, place))
+}
+
+/// Renders the colours of a frame's images.
+fn colours_at(
     opened: &mut dyn OpenedModel,
     request: &RenderRequest,
     camera: Camera,

@@ -136,6 +136,7 @@ fn trained(world: &World, change: impl Fn(&mut Scene)) -> Trained {
             ignore_mask: None,
             classes: [].into(),
             objects: [].into(),
+            boxes: [].into(),
             depth: None,
             depth_prior: None,
             capture: None,
@@ -158,6 +159,7 @@ fn trained(world: &World, change: impl Fn(&mut Scene)) -> Trained {
             problems: Vec::new(),
         },
         published_split: None,
+        objects: [].into(),
     };
     change(&mut scene);
     let protocol = Protocol {

@@ -17,6 +17,7 @@ pub mod georeference;
 pub mod ledger;
 pub mod lift;
 pub mod masks;
+pub mod object_results;
 pub mod objects;
 pub mod overlays;
 pub mod pose_scores;
@@ -60,6 +61,7 @@ pub use ledger::{
 };
 pub use lift::{Lift, LiftedView};
 pub use masks::{MaskEntry, Masks};
+pub use object_results::{ClassResult, ClassSummary, ObjectResult, ObjectResults};
 pub use objects::{GraphObject, Objects};
 pub use overlays::{Overlay, OverlayClass, OverlayReport, Sightings};
 pub use pose_scores::{PoseAlignment, PoseAuc, PoseDrift, PoseScores, RelativePoseError};
@@ -75,8 +77,9 @@ pub use run::{
     TRAINING, TraceViews, ViewPredictions,
 };
 pub use scene::{
-    DepthImage, DepthPrior, DistanceConvention, DistanceGrid, PoseConvention, PoseSource,
-    PoseValidation, PublishedSplit, Scale, Scene, SceneFrame, ValidationStatus,
+    DepthImage, DepthPrior, DistanceConvention, DistanceGrid, ObjectClass, PoseConvention,
+    PoseSource, PoseValidation, PublishedSplit, Scale, Scene, SceneFrame, SceneObject,
+    ValidationStatus,
 };
 pub use scoring::ScoringRecord;
 pub use sequence::{

@@ -125,6 +125,14 @@ impl OpenedModel for OpenedGaussians {
         })
     }
 
+    fn has_opacity(&self) -> bool {
+        matches!(self.layer, Layer::Object(_))
+    }
+
+    fn opacity(&mut self, view: &View) -> Result<RgbImage, ReconstructError> {
+        Ok(self.layers.opacity(view, self.layer))
+    }
+
     fn largest_speed(&self) -> Option<f64> {
         (self.layer == Layer::Velocity)
             .then(|| self.source.world_speed(self.layers.largest_speed()))

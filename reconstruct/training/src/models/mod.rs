@@ -92,6 +92,24 @@ pub trait OpenedModel {
     /// When the backend fails.
     fn image(&mut self, view: &View) -> Result<RgbImage, ReconstructError>;
 
+    /// Returns true for a layer that does not cover the view, such as a single object.
+    fn has_opacity(&self) -> bool {
+        false
+    }
+
+    /// Renders the opacity of a layer as a grey image in [0, 1]; its image is over black.
+    ///
+    /// # Errors
+    /// When the backend fails.
+    fn opacity(&mut self, view: &View) -> Result<RgbImage, ReconstructError> {
+        let (width, height) = (view.camera.width() as usize, view.camera.height() as usize);
+        Ok(RgbImage {
+            width,
+            height,
+            data: vec![1.0; 3 * width * height],
+        })
+    }
+
     /// Returns the maximum speed of a velocity map, world units per second; `None` for other layers.
     fn largest_speed(&self) -> Option<f64> {
         None
