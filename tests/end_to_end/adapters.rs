@@ -168,13 +168,16 @@ fn every_adapter_writes_what_the_loader_of_its_method_reads_and_finds_its_views(
         assert_eq!(record.failure, None, "{id}: {log}");
         let result = checkout.score();
         assert!(result.failures.is_empty(), "{id}: {:?}", result.failures);
-        // One Gaussian is no scene; faces are sampled twice.
+        // One Gaussian is no scene; a video is lossy; faces are sampled twice.
         let least = match id {
             "lichtfeld" => 0.0,
+            "layered-neural-atlases" => 24.0,
             _ if adapter.manifest.contains("{face_index") => 24.0,
             _ => 100.0,
         };
-        let psnr = result.novel_views["psnr"].mean;
+        let scored = [&result.novel_views, &result.input_views];
+        let psnr = scored.into_iter().find_map(|views| views.get("psnr"));
+        let psnr = psnr.unwrap().mean;
         assert!(psnr >= least, "{id}: {psnr}");
     }
 }
@@ -197,6 +200,12 @@ fn a_data_set_that_a_loader_refuses_fails_the_run() {
             "is not of 1024x512 pixels",
         ),
         ("lichtfeld", "\"--given-only\", ", "", "may be a novel view"),
+        (
+            "layered-neural-atlases",
+            "glob('*.png')",
+            "glob('*.jpg')",
+            "AssertionError",
+        ),
     ] {
         let checkout = Checkout::new(adapter(id));
         let manifest = checkout.manifest();

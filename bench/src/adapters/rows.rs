@@ -5,6 +5,7 @@ use super::{Adapter, Tried};
 const DNERF: (&str, &str) = ("dnerf.py", include_str!("../../adapters/dnerf.py"));
 const FOUND: (&str, &str) = ("found.py", include_str!("../../adapters/found.py"));
 const GROUPS: (&str, &str) = ("groups.py", include_str!("../../adapters/groups.py"));
+const LNA: (&str, &str) = ("lna.py", include_str!("../../adapters/lna.py"));
 const OMNIGS: (&str, &str) = ("omnigs.py", include_str!("../../adapters/omnigs.py"));
 const PATCHED: (&str, &str) = ("patched.py", include_str!("../../adapters/patched.py"));
 const PLY: (&str, &str) = ("ply.py", include_str!("../../adapters/ply.py"));
@@ -176,12 +177,12 @@ pub const ADAPTERS: &[Adapter] = &[
         protocol: "input-view",
         about: "Layered Neural Atlases by their authors' code",
         manifest: include_str!("../../adapters/layered-neural-atlases.toml"),
-        files: &[],
-        loader: "ykasten/layered-neural-atlases at 3f7cfe4",
-        reads: "`<clip>/*.jpg`, `<clip>_maskrcnn`, `<clip>_flow`",
-        lost: "views come out of a lossy video",
+        files: &[LNA, PATCHED],
+        loader: "ykasten/layered-neural-atlases at f4826c7, `unwrap_utils.py`, `train.py`, `evaluate.py`",
+        reads: "frames, a mask each, flow of RAFT, a configuration",
+        lost: "poses, times, points, objects beyond one foreground; views come out of a lossy video",
         views: "images of the video",
-        tried: Tried::ByHand,
+        tried: Tried::StandIn,
     },
     Adapter {
         id: "omnimatte-rf",
