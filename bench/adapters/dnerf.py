@@ -1,6 +1,6 @@
 """An export in the format nerfstudio with cube faces and a split as a data set in D-NeRF's layout, with times.
 
-    DATA/transforms_train.json, transforms_test.json   camera_angle_x, and per face its file, time and pose (OpenGL axes)
+    DATA/transforms_train.json, transforms_test.json   camera_angle_x, and per face file, time and pose (OpenGL axes)
     DATA/points3d.ply                                  points with normals, which are 0
 
 Times run from 0 to 1 over the clip. The files are written beside the export's own. Needs nothing but Python.

@@ -1,9 +1,9 @@
 """Groups of a sparse-interpolation split as test scenes in the layout of Splatter-360, which PanoSplatt3R shares.
 
-    OUT/rgb/test/000/pano/00000.png ...           the frames; each group links to one folder of them
+    OUT/rgb/test/000/pano/00000.png ...           the frames, one folder of them for all groups
     OUT/rgb/test/000/pano_depth/00000.png ...     16 bits, millimetres
     OUT/rgb/test/000/cubemaps_depth/00000.torch   6 x 256 x 256 x 1
-    OUT/pt/test/000000.torch                      list of a dictionary per group: key, cameras, c2ws_cubes, fxfycxcys, ...
+    OUT/pt/test/000000.torch                      a dictionary per group: key, cameras, c2ws_cubes, fxfycxcys, ...
     OUT/pt/test/index.json                        the chunk of each group
     OUT/evaluation_index.json                     {"000": {"context": [0, 9], "target": [1, ...]}, ...}
     OUT/dataset.yaml                              the same as a configuration of PanoSplatt3R

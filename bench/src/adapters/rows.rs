@@ -7,6 +7,7 @@ const FOUND: (&str, &str) = ("found.py", include_str!("../../adapters/found.py")
 const GROUPS: (&str, &str) = ("groups.py", include_str!("../../adapters/groups.py"));
 const LNA: (&str, &str) = ("lna.py", include_str!("../../adapters/lna.py"));
 const OMNIGS: (&str, &str) = ("omnigs.py", include_str!("../../adapters/omnigs.py"));
+const PANSPLAT: (&str, &str) = ("pansplat.py", include_str!("../../adapters/pansplat.py"));
 const PATCHED: (&str, &str) = ("patched.py", include_str!("../../adapters/patched.py"));
 const PLY: (&str, &str) = ("ply.py", include_str!("../../adapters/ply.py"));
 const SPLIT_COLMAP: (&str, &str) = (
@@ -98,6 +99,18 @@ pub const ADAPTERS: &[Adapter] = &[
         reads: "COLMAP's text model with a PINHOLE camera, novel views apart",
         lost: "masks, times; panoramas become cube faces",
         views: "numbered cube faces, put together to panoramas",
+        tried: Tried::StandIn,
+    },
+    Adapter {
+        id: "pansplat",
+        protocol: "sparse-interpolation",
+        about: "PanSplat by its authors' code",
+        manifest: include_str!("../../adapters/pansplat.toml"),
+        files: &[PANSPLAT],
+        loader: "jingqi-liu06/baseline_pansplat (a fork) at aa07d62, `src/dataset/dataset_insta360.py`, `view_sampler_bounded.py`",
+        reads: "a lossless video per group, `frame_trajectory.txt`, `scale.txt`",
+        lost: "masks, times, points; groups of one size alone",
+        views: "panoramas by place in the video, renamed by frame",
         tried: Tried::StandIn,
     },
     Adapter {
