@@ -9,7 +9,8 @@
     OUT/dataset.yaml                              the same as a configuration of PanoSplatt3R
 
 Their loaders read depth with every frame. No network of theirs reads it at test time, so that it is one metre
-everywhere here; depth metrics of theirs mean nothing. Paths in the files are those of --out as it is given. Needs Python and the PyTorch of their environment.
+everywhere here; depth metrics of theirs mean nothing. Paths in the files are those of --out as it is given. Needs Python
+and the PyTorch of their environment.
 """
 
 import argparse

@@ -57,8 +57,8 @@ def views(arguments):
     arguments.out.mkdir()
     # Its videos have sides of multiples of 16 pixels.
     scale = f"scale={config['resx']}:{config['resy']}"
-    command = ["ffmpeg", "-v", "error", "-i", videos[-1], "-vf", scale, "-start_number", "0", arguments.out / "%05d.png"]
-    subprocess.run(command, check=True)
+    images = ["-vf", scale, "-start_number", "0", arguments.out / "%05d.png"]
+    subprocess.run(["ffmpeg", "-v", "error", "-i", videos[-1], *images], check=True)
 
 
 def main():

@@ -69,7 +69,7 @@ const OF_VIEWS: [(&str, bool); 8] = [
     ("face_name", false),
     ("face_index", true),
 ];
-/// Those of faces.
+/// Placeholders of the faces of a cube.
 const OF_FACES: [&str; 3] = ["face", "face_name", "face_index"];
 
 impl Places {
