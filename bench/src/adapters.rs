@@ -25,6 +25,8 @@ pub struct Adapter {
     pub id: &'static str,
     /// Id of the protocol that it is written for.
     pub protocol: &'static str,
+    /// True if it takes scenes of perspective images alone.
+    pub is_perspective: bool,
     /// Authors of the method, and its kind of views.
     pub about: &'static str,
     /// The `method.toml`, conventions in its head.

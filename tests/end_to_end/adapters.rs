@@ -24,10 +24,16 @@ struct Checkout {
 
 impl Checkout {
     fn new(adapter: &Adapter) -> Self {
-        let scene = small_run().out.join(SEQUENCE).join("scene.json");
+        let folder = scratch();
+        let sequence = small_run().out.join(SEQUENCE);
+        let scene = if adapter.is_perspective {
+            perspective(&sequence, folder.path())
+        } else {
+            sequence
+        };
         let this = Self {
-            folder: scratch(),
-            scene: text(&scene),
+            folder,
+            scene: text(&scene.join("scene.json")),
         };
         omnilife(["bench", "adapter", adapter.id, "--out", &this.at("code")]).succeeded();
         for part in ["common", adapter.id] {
@@ -141,6 +147,21 @@ fn text(path: &Path) -> String {
     path.to_str().unwrap().to_owned()
 }
 
+/// Makes a scene of the front faces of a panoramic one.
+fn perspective(sequence: &Path, folder: &Path) -> PathBuf {
+    let (faces, scene) = (folder.join("faces"), folder.join("front"));
+    let (from, exported, to) = (text(sequence), text(&faces), text(&scene));
+    let format = ["--format", "nerfstudio"];
+    let export = ["--quiet", "curate", "export", &from, "--cube-faces", "40"];
+    omnilife(export.into_iter().chain(format).chain(["--out", &exported])).succeeded();
+    for face in ["right", "back", "left", "up", "down"] {
+        fs::remove_dir_all(faces.join("images").join(face)).unwrap();
+    }
+    let import = ["--quiet", "curate", "import", &exported, "--id", "front"];
+    omnilife(import.into_iter().chain(format).chain(["--out", &to])).succeeded();
+    scene
+}
+
 /// Replaces a manifest's environment by a virtual one.
 fn environment(manifest: &str, path: &str) -> String {
     let without = match manifest.split_once("[environment]\n") {
@@ -200,6 +221,7 @@ fn a_data_set_that_a_loader_refuses_fails_the_run() {
             "is not of 1024x512 pixels",
         ),
         ("lichtfeld", "\"--given-only\", ", "", "may be a novel view"),
+        ("pvg", "lambda_lidar=0", "lambda_lidar=1", "taken for depth"),
         (
             "layered-neural-atlases",
             "glob('*.png')",

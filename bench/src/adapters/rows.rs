@@ -10,6 +10,7 @@ const OMNIGS: (&str, &str) = ("omnigs.py", include_str!("../../adapters/omnigs.p
 const PANSPLAT: (&str, &str) = ("pansplat.py", include_str!("../../adapters/pansplat.py"));
 const PATCHED: (&str, &str) = ("patched.py", include_str!("../../adapters/patched.py"));
 const PLY: (&str, &str) = ("ply.py", include_str!("../../adapters/ply.py"));
+const PVG: (&str, &str) = ("pvg.py", include_str!("../../adapters/pvg.py"));
 const SPLIT_COLMAP: (&str, &str) = (
     "split_colmap.py",
     include_str!("../../adapters/split_colmap.py"),
@@ -20,6 +21,7 @@ pub const ADAPTERS: &[Adapter] = &[
     Adapter {
         id: "odgs",
         protocol: "per-scene",
+        is_perspective: false,
         about: "ODGS by its authors' code",
         manifest: include_str!("../../adapters/odgs.toml"),
         files: &[],
@@ -32,6 +34,7 @@ pub const ADAPTERS: &[Adapter] = &[
     Adapter {
         id: "deformable-gs",
         protocol: "per-scene",
+        is_perspective: false,
         about: "Deformable 3D Gaussians by its authors' code, on cube faces",
         manifest: include_str!("../../adapters/deformable-gs.toml"),
         files: &[DNERF, PLY],
@@ -42,8 +45,22 @@ pub const ADAPTERS: &[Adapter] = &[
         tried: Tried::StandIn,
     },
     Adapter {
+        id: "pvg",
+        protocol: "per-scene",
+        is_perspective: true,
+        about: "Periodic Vibration Gaussian by its authors' code, on perspective scenes",
+        manifest: include_str!("../../adapters/pvg.toml"),
+        files: &[PVG],
+        loader: "fudan-zvg/PVG at 93ea768, `scene/waymo_loader.py`, `utils/camera_utils.py`, `evaluate.py`",
+        reads: "Waymo's layout with one camera: `calib/`, `pose/`, `image_0/`, `sky_0/`, `velodyne/`",
+        lost: "panoramas are refused; masks, times",
+        views: "cells of numbered grids",
+        tried: Tried::StandIn,
+    },
+    Adapter {
         id: "omnigs",
         protocol: "per-scene",
+        is_perspective: false,
         about: "OmniGS by its authors' code",
         manifest: include_str!("../../adapters/omnigs.toml"),
         files: &[OMNIGS, PLY, FOUND],
@@ -56,6 +73,7 @@ pub const ADAPTERS: &[Adapter] = &[
     Adapter {
         id: "pfgs360",
         protocol: "per-scene",
+        is_perspective: false,
         about: "PFGS360 by its authors' code, which finds the poses itself",
         manifest: include_str!("../../adapters/pfgs360.toml"),
         files: &[],
@@ -68,6 +86,7 @@ pub const ADAPTERS: &[Adapter] = &[
     Adapter {
         id: "lichtfeld",
         protocol: "per-scene",
+        is_perspective: false,
         about: "LichtFeld Studio with `--gut`, on panoramas",
         manifest: include_str!("../../adapters/lichtfeld.toml"),
         files: &[],
@@ -80,6 +99,7 @@ pub const ADAPTERS: &[Adapter] = &[
     Adapter {
         id: "gsplat-faces",
         protocol: "per-scene",
+        is_perspective: false,
         about: "gsplat's example trainer, on cube faces",
         manifest: include_str!("../../adapters/gsplat-faces.toml"),
         files: &[SPLIT_COLMAP],
@@ -92,6 +112,7 @@ pub const ADAPTERS: &[Adapter] = &[
     Adapter {
         id: "3dgrut-faces",
         protocol: "per-scene",
+        is_perspective: false,
         about: "3DGUT by its authors' code, on cube faces",
         manifest: include_str!("../../adapters/3dgrut-faces.toml"),
         files: &[SPLIT_COLMAP, FOUND],
@@ -104,6 +125,7 @@ pub const ADAPTERS: &[Adapter] = &[
     Adapter {
         id: "pansplat",
         protocol: "sparse-interpolation",
+        is_perspective: false,
         about: "PanSplat by its authors' code",
         manifest: include_str!("../../adapters/pansplat.toml"),
         files: &[PANSPLAT],
@@ -116,6 +138,7 @@ pub const ADAPTERS: &[Adapter] = &[
     Adapter {
         id: "splatter-360",
         protocol: "sparse-interpolation",
+        is_perspective: false,
         about: "Splatter-360 by its authors' code",
         manifest: include_str!("../../adapters/splatter-360.toml"),
         files: &[GROUPS],
@@ -128,6 +151,7 @@ pub const ADAPTERS: &[Adapter] = &[
     Adapter {
         id: "panosplatt3r",
         protocol: "sparse-interpolation",
+        is_perspective: false,
         about: "PanoSplatt3R by its authors' code, its scale aligned",
         manifest: include_str!("../../adapters/panosplatt3r.toml"),
         files: &[GROUPS, PATCHED],
@@ -140,6 +164,7 @@ pub const ADAPTERS: &[Adapter] = &[
     Adapter {
         id: "nag",
         protocol: "input-view",
+        is_perspective: false,
         about: "Neural Atlas Graphs by their authors' code",
         manifest: include_str!("../../adapters/nag.toml"),
         files: &[],
@@ -152,6 +177,7 @@ pub const ADAPTERS: &[Adapter] = &[
     Adapter {
         id: "omnire",
         protocol: "input-view",
+        is_perspective: false,
         about: "OmniRe by its authors' code (drivestudio)",
         manifest: include_str!("../../adapters/omnire.toml"),
         files: &[],
@@ -164,6 +190,7 @@ pub const ADAPTERS: &[Adapter] = &[
     Adapter {
         id: "street-gaussians",
         protocol: "input-view",
+        is_perspective: false,
         about: "Street Gaussians as drivestudio has it",
         manifest: include_str!("../../adapters/street-gaussians.toml"),
         files: &[],
@@ -176,6 +203,7 @@ pub const ADAPTERS: &[Adapter] = &[
     Adapter {
         id: "emernerf",
         protocol: "input-view",
+        is_perspective: false,
         about: "EmerNeRF by its authors' code",
         manifest: include_str!("../../adapters/emernerf.toml"),
         files: &[],
@@ -188,6 +216,7 @@ pub const ADAPTERS: &[Adapter] = &[
     Adapter {
         id: "layered-neural-atlases",
         protocol: "input-view",
+        is_perspective: false,
         about: "Layered Neural Atlases by their authors' code",
         manifest: include_str!("../../adapters/layered-neural-atlases.toml"),
         files: &[LNA, PATCHED],
@@ -200,6 +229,7 @@ pub const ADAPTERS: &[Adapter] = &[
     Adapter {
         id: "omnimatte-rf",
         protocol: "input-view",
+        is_perspective: false,
         about: "OmnimatteRF by its authors' code",
         manifest: include_str!("../../adapters/omnimatte-rf.toml"),
         files: &[],

@@ -45,7 +45,7 @@ fn part(source: &Path, cell: Option<Cell>) -> Result<RgbImage, String> {
     match cell {
         Some(cell) => cut(&image, cell).ok_or_else(|| {
             format!(
-                "{} has {}x{} pixels, which {} columns and {} rows do not divide",
+                "{} has {}x{} pixels, which {} columns and {} rows do not fill",
                 source.display(),
                 image.width,
                 image.height,
@@ -57,22 +57,11 @@ fn part(source: &Path, cell: Option<Cell>) -> Result<RgbImage, String> {
     }
 }
 
-/// Cuts a cell out of a grid; `None` unless the grid divides the image.
+/// Cuts a cell out of a grid; `None` unless the grid fills the image.
 fn cut(image: &RgbImage, cell: Cell) -> Option<RgbImage> {
-    let (columns, rows) = (cell.columns as usize, cell.rows as usize);
-    let width = image.width.checked_div(columns)?;
-    let height = image.height.checked_div(rows)?;
-    let divides = width.checked_mul(columns)? == image.width
-        && height.checked_mul(rows)? == image.height
-        && width > 0
-        && height > 0;
-    if !divides {
-        return None;
-    }
-    let (left, top) = (
-        width.checked_mul(cell.column as usize)?,
-        height.checked_mul(cell.row as usize)?,
-    );
+    let gap = cell.gap as usize;
+    let (left, width) = span(image.width, [cell.columns, cell.column], gap)?;
+    let (top, height) = span(image.height, [cell.rows, cell.row], gap)?;
     let mut data = Vec::with_capacity(width.checked_mul(height)?.checked_mul(3)?);
     let lines = image.data.chunks_exact(image.width.checked_mul(3)?);
     for line in lines.skip(top).take(height) {
@@ -84,6 +73,16 @@ fn cut(image: &RgbImage, cell: Cell) -> Option<RgbImage> {
         height,
         data,
     })
+}
+
+/// Returns begin and length of one of `[count, number]` equal spans with gaps between and around them; `None` unless
+/// they fill `whole`.
+fn span(whole: usize, [count, number]: [u32; 2], gap: usize) -> Option<(usize, usize)> {
+    let step = whole.checked_sub(gap)?.checked_div(count as usize)?;
+    let length = step.checked_sub(gap).filter(|length| *length > 0)?;
+    let filled = step.checked_mul(count as usize)?.checked_add(gap)?;
+    let begin = step.checked_mul(number as usize)?.checked_add(gap)?;
+    (filled == whole).then_some((begin, length))
 }
 
 #[cfg(test)]
@@ -102,6 +101,7 @@ mod tests {
             rows,
             column,
             row,
+            gap: 0,
         };
         let values = |cell| {
             let cut = cut(&image, cell).map(|cut| cut.data);
@@ -111,5 +111,7 @@ mod tests {
         assert_eq!(values(cell(4, 2, 0, 1)), Some(vec![4.0]));
         assert_eq!(values(cell(3, 1, 0, 0)), None);
         assert_eq!(values(cell(0, 1, 0, 0)), None);
+        assert_eq!(span(12, [2, 1], 2), Some((7, 3)));
+        assert_eq!(span(13, [2, 1], 2), None);
     }
 }

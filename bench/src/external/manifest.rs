@@ -90,7 +90,7 @@ pub struct PredictionFiles {
     pub cell: Option<Cell>,
 }
 
-/// Cell of a grid of equal cells without gaps.
+/// Cell of a grid of equal cells.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Cell {
@@ -104,6 +104,9 @@ pub struct Cell {
     /// Row of the view, from 0.
     #[serde(default)]
     pub row: u32,
+    /// Pixels between cells, and around the grid.
+    #[serde(default)]
+    pub gap: u32,
 }
 
 fn one() -> u32 {
