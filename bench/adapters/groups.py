@@ -3,14 +3,14 @@
     OUT/rgb/test/000/pano/00000.png ...           the frames, one folder of them for all groups
     OUT/rgb/test/000/pano_depth/00000.png ...     16 bits, millimetres
     OUT/rgb/test/000/cubemaps_depth/00000.torch   6 x 256 x 256 x 1
-    OUT/pt/test/000000.torch                      a dictionary per group: key, cameras, c2ws_cubes, fxfycxcys, ...
+    OUT/pt/test/000000.torch                      a dictionary per group: key, cameras, faces, lenses, size
     OUT/pt/test/index.json                        the chunk of each group
     OUT/evaluation_index.json                     {"000": {"context": [0, 9], "target": [1, ...]}, ...}
     OUT/dataset.yaml                              the same as a configuration of PanoSplatt3R
 
 Their loaders read depth with every frame. No network of theirs reads it at test time, so that it is one metre
-everywhere here; depth metrics of theirs mean nothing. Paths in the files are those of --out as it is given. Needs Python
-and the PyTorch of their environment.
+everywhere here; depth metrics of theirs mean nothing. Paths in the files are those of --out as it is given.
+Needs Python and the PyTorch of their environment.
 """
 
 import argparse
