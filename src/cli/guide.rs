@@ -241,7 +241,10 @@ pub(crate) const EXAMPLES: &[Examples] = &[
         "bench diagnose",
         &["bench diagnose --scene SEQUENCE --split split.json --novel-views VIEWS"],
     ),
-    ("bench adapter", &["bench adapter pvg --out CHECKOUT"]),
+    (
+        "bench adapter",
+        &["bench adapter gsplat-faces --out CHECKOUT"],
+    ),
     (
         "bench stability",
         &[

@@ -321,7 +321,13 @@ fn list() -> String {
     }
     text += "Adapters\n";
     for adapter in ADAPTERS {
-        text += &format!("  {}: {}\n", adapter.id, adapter.about);
+        text += &format!(
+            "  {}: {}, {}. Run against the authors' code: {}\n",
+            adapter.id,
+            adapter.about,
+            adapter.protocol,
+            adapter.tried.describe()
+        );
     }
     text += "Metrics\n";
     for metric in METRICS {
