@@ -1,11 +1,14 @@
-//! Adapters: a `method.toml` for each published method of the paper's tables.
+//! Adapters: a `method.toml` for each published method of the paper's tables, and for those that are strong today.
 //!
-//! An adapter states how a scene is converted to the input of the method's own code, how that code is called, and where
-//! it leaves its views. It also states axes, resolution and pixel convention. It is put into a checkout of that code.
-//! To add one: a file in `bench/adapters/` and a line in [`ADAPTERS`].
+//! An adapter writes the data set that the method's own loader reads, calls that code, and states where it leaves its
+//! views. The head of its file has axes, resolution and everything that is lost on the way. It is put into a checkout of
+//! that code. To add one: files in `bench/adapters/`, a row in `rows.rs`, and a stand-in in `tests/data/adapters` that
+//! parses arguments and reads the data as the authors' code does.
 //!
-//! The templates are written from the authors' repositories. None of these programs is part of this project's tests,
-//! which need no GPU and no weights: tests check that views in the layout of an adapter reach the right frames.
+//! None of these programs is part of this project's tests, which need no GPU and no weights. Tests run every adapter
+//! against its stand-in, and [`Adapter::tried`] says of each whether it has been run against the authors' code.
+
+mod rows;
 
 use std::path::Path;
 
@@ -13,102 +16,79 @@ use omnilife_schemas::{names, ownership::OwnFiles, store};
 
 use crate::error::BenchError;
 
+pub use rows::ADAPTERS;
+
 /// A template for running a published method.
 #[derive(Debug, Clone, Copy)]
 pub struct Adapter {
     /// Name on the command line.
     pub id: &'static str,
-    /// Authors of the method, and its protocol.
+    /// Id of the protocol that it is written for.
+    pub protocol: &'static str,
+    /// True if it takes scenes of perspective images alone.
+    pub is_perspective: bool,
+    /// Authors of the method, and its kind of views.
     pub about: &'static str,
     /// The `method.toml`, conventions in its head.
     pub manifest: &'static str,
     /// Further files, by name.
     pub files: &'static [(&'static str, &'static str)],
+    /// Repository, commit and files of the loader that the adapter was written from.
+    pub loader: &'static str,
+    /// Data set that this loader reads.
+    pub reads: &'static str,
+    /// Content of a scene that this data set does not hold, and other losses.
+    pub lost: &'static str,
+    /// Form of the views that the method leaves, and their way back to the scene's frames.
+    pub views: &'static str,
+    /// Experience with it.
+    pub tried: Tried,
 }
 
-const GROUPS: &[(&str, &str)] = &[("groups.py", include_str!("../adapters/groups.py"))];
+/// Experience with an adapter.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Tried {
+    /// Never run; the user completes its data set or configuration.
+    ByHand,
+    /// Never run against the authors' code; tests run it against a stand-in of their loader.
+    StandIn,
+    /// Run against the authors' code at this commit.
+    AuthorsCode(&'static str),
+}
 
-/// All of them.
-pub const ADAPTERS: &[Adapter] = &[
-    Adapter {
-        id: "odgs",
-        about: "ODGS by its authors' code, per-scene",
-        manifest: include_str!("../adapters/odgs.toml"),
-        files: &[],
-    },
-    Adapter {
-        id: "deformable-gs",
-        about: "Deformable 3D Gaussians with a panoramic projection, per-scene",
-        manifest: include_str!("../adapters/deformable-gs.toml"),
-        files: &[],
-    },
-    Adapter {
-        id: "pvg",
-        about: "Periodic Vibration Gaussian with a panoramic projection, per-scene",
-        manifest: include_str!("../adapters/pvg.toml"),
-        files: &[],
-    },
-    Adapter {
-        id: "pansplat",
-        about: "PanSplat, sparse-interpolation",
-        manifest: include_str!("../adapters/pansplat.toml"),
-        files: GROUPS,
-    },
-    Adapter {
-        id: "splatter-360",
-        about: "Splatter-360, its cube faces put together, sparse-interpolation",
-        manifest: include_str!("../adapters/splatter-360.toml"),
-        files: GROUPS,
-    },
-    Adapter {
-        id: "omnisplat",
-        about: "OmniSplat, sparse-interpolation",
-        manifest: include_str!("../adapters/omnisplat.toml"),
-        files: GROUPS,
-    },
-    Adapter {
-        id: "panosplatt3r",
-        about: "PanoSplatt3R, its scale aligned, sparse-interpolation",
-        manifest: include_str!("../adapters/panosplatt3r.toml"),
-        files: GROUPS,
-    },
-    Adapter {
-        id: "nag",
-        about: "Neural Atlas Graphs by their authors' code, input-view",
-        manifest: include_str!("../adapters/nag.toml"),
-        files: &[],
-    },
-    Adapter {
-        id: "omnire",
-        about: "OmniRe by its authors' code (drivestudio), input-view",
-        manifest: include_str!("../adapters/omnire.toml"),
-        files: &[],
-    },
-    Adapter {
-        id: "street-gaussians",
-        about: "Street Gaussians as drivestudio has it, input-view",
-        manifest: include_str!("../adapters/street-gaussians.toml"),
-        files: &[],
-    },
-    Adapter {
-        id: "emernerf",
-        about: "EmerNeRF by its authors' code, input-view",
-        manifest: include_str!("../adapters/emernerf.toml"),
-        files: &[],
-    },
-    Adapter {
-        id: "layered-neural-atlases",
-        about: "Layered Neural Atlases by their authors' code, out of a lossy video, input-view",
-        manifest: include_str!("../adapters/layered-neural-atlases.toml"),
-        files: &[],
-    },
-    Adapter {
-        id: "omnimatte-rf",
-        about: "OmnimatteRF by its authors' code, input-view",
-        manifest: include_str!("../adapters/omnimatte-rf.toml"),
-        files: &[],
-    },
-];
+impl Tried {
+    /// Returns the answer to "run against the authors' code?".
+    pub fn describe(self) -> String {
+        match self {
+            Self::ByHand => {
+                "not yet; its data set or configuration is completed by hand".to_owned()
+            }
+            Self::StandIn => "not yet; dry-run against a stand-in of its loader".to_owned(),
+            Self::AuthorsCode(commit) => format!("yes, at {commit}"),
+        }
+    }
+}
+
+/// Returns the list as a table in Markdown.
+pub fn adapters_table() -> String {
+    let mut text = "| adapter | method | protocol | loader that was read | data that it reads | lost | views | run \
+                    against the authors' code |\n|---|---|---|---|---|---|---|---|\n"
+        .to_owned();
+    for adapter in ADAPTERS {
+        text += &format!(
+            "| `{}` | {} | {} | {} | {} | {} | {} | {} |\n",
+            adapter.id,
+            adapter.about,
+            adapter.protocol,
+            adapter.loader,
+            adapter.reads,
+            adapter.lost,
+            adapter.views,
+            adapter.tried.describe()
+        );
+    }
+    text
+}
 
 /// Writes an adapter's `method.toml`, and the files beside it, into a folder, which is created if missing.
 ///
@@ -136,7 +116,7 @@ pub fn write_adapter(id: &str, folder: &Path) -> Result<&'static Adapter, BenchE
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::external::manifest::Manifest;
+    use crate::{external::manifest::Manifest, protocols::PROTOCOLS};
 
     #[test]
     fn every_adapter_is_a_valid_manifest_with_its_conventions() -> Result<(), BenchError> {
@@ -152,16 +132,53 @@ mod tests {
                 .lines()
                 .filter(|line| line.starts_with('#'))
                 .collect();
-            for convention in ["Data:", "Resolution:"] {
-                assert!(head.contains(convention), "{}: {convention}", adapter.id);
+            let written = ["Data:", "Resolution:", "Loader:", "Lost:"];
+            let conventions = match adapter.tried {
+                Tried::ByHand => &written[..2],
+                Tried::StandIn | Tried::AuthorsCode(_) => &written[..],
+            };
+            for convention in conventions {
+                assert!(head.contains(*convention), "{}: {convention}", adapter.id);
+            }
+            let known = PROTOCOLS
+                .iter()
+                .any(|protocol| protocol.id == adapter.protocol);
+            assert!(known, "{}: {}", adapter.id, adapter.protocol);
+            for (name, _) in adapter.files {
+                assert!(
+                    adapter.manifest.contains(name) || *name == "ply.py",
+                    "{}: {name}",
+                    adapter.id
+                );
             }
             // Writing the same again keeps it; another one is not overwritten.
             write_adapter(adapter.id, &folder)?;
         }
-        let message = write_adapter("pvg", &folder.path().join("odgs"))
+        let message = write_adapter("pfgs360", &folder.path().join("odgs"))
             .err()
             .map(|error| error.to_string());
         assert!(message.is_some_and(|message| message.contains("is in the way")));
+        Ok(())
+    }
+
+    #[test]
+    fn the_guide_has_the_table() -> std::io::Result<()> {
+        let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("../docs/guides/external.md");
+        let page = std::fs::read_to_string(&file)?;
+        let (before, rest) = page
+            .split_once("<!-- adapters -->\n")
+            .unwrap_or((page.as_str(), ""));
+        let (_, after) = rest.split_once("<!-- end -->").unwrap_or(("", rest));
+        let table = adapters_table();
+        let expected = format!("{before}<!-- adapters -->\n{table}<!-- end -->{after}");
+        if std::env::var_os("UPDATE_ADAPTERS_TABLE").is_some() {
+            std::fs::write(&file, &expected)?;
+        }
+        assert!(
+            std::fs::read_to_string(&file)? == expected,
+            "the table of docs/guides/external.md is not the list: UPDATE_ADAPTERS_TABLE=1 cargo test -p \
+             omnilife-bench the_guide_has_the_table"
+        );
         Ok(())
     }
 }

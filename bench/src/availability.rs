@@ -3,6 +3,7 @@
 use omnilife_networks::WeightsError;
 use omnilife_schemas::{
     camera::Camera,
+    object_regions::Region,
     records::{Scene, SceneFrame, Split},
 };
 
@@ -28,6 +29,7 @@ pub(crate) fn why_not(
         let mut frames = split.input_views.iter().chain(&split.novel_views);
         frames.any(|&frame| has(&scene.frames[frame as usize]))
     };
+    let tells = |region: Region<'_>| any_frame(&|frame| region.source(scene, frame).is_some());
     for need in metric.needs {
         let reason = match need {
             Need::Network(backbone) => match Lpips::published(*backbone) {
@@ -43,14 +45,14 @@ pub(crate) fn why_not(
                     "it is of whole spheres, and the camera of the scene is a pinhole".to_owned()
                 }
             },
-            Need::DynamicMask if any_frame(&|frame| frame.mask.is_some()) => continue,
+            Need::DynamicMask if tells(Region::Moving) => continue,
             Need::DynamicMask if has_tracks => continue,
             Need::DynamicMask => "the scene has no masks of what moves".to_owned(),
-            Need::ClassMask(class) if any_frame(&|frame| frame.classes.contains_key(*class)) => {
+            Need::ClassMask(class) if tells(Region::Class(class)) => continue,
+            Need::ClassMask(class) => format!("the scene has no masks of class {class}"),
+            Need::ObjectMasks if any_frame(&|frame| frame.object_names().next().is_some()) => {
                 continue;
             }
-            Need::ClassMask(class) => format!("the scene has no masks of class {class}"),
-            Need::ObjectMasks if any_frame(&|frame| !frame.objects.is_empty()) => continue,
             Need::ObjectMasks => "the scene has no masks of single objects".to_owned(),
             Need::Depth if !any_frame(&|frame| frame.depth.is_some()) => {
                 "the depth of the scene is not known".to_owned()

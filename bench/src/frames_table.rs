@@ -1,8 +1,11 @@
-//! The table of the scores of every view.
+//! The tables of the scores of every view, and of the objects in it.
 
 use std::path::Path;
 
-use omnilife_schemas::frame_scores::{FrameRow, FrameScores};
+use omnilife_schemas::{
+    frame_scores::{FrameRow, FrameScores},
+    object_scores::{ObjectRow, ObjectScores},
+};
 
 use crate::{
     error::BenchError,
@@ -19,6 +22,31 @@ pub(crate) fn write(
     let table = FrameScores {
         metrics: metrics.map(|metric| metric.metric.id.to_owned()).collect(),
         rows: outcomes.iter().map(|outcome| row(job, outcome)).collect(),
+    };
+    Ok(table.write(path)?)
+}
+
+/// Writes one row per view and object in it.
+pub(crate) fn write_objects(
+    path: &Path,
+    job: &ScoringJob,
+    outcomes: &[ViewOutcome],
+) -> Result<(), BenchError> {
+    let rows = outcomes.iter().flat_map(|outcome| {
+        let objects = outcome.objects.iter();
+        objects.map(|(object, scores)| ObjectRow {
+            view: outcome.view.kind.to_string(),
+            frame: outcome.view.frame,
+            object: object.clone(),
+            scores: scores.clone(),
+        })
+    });
+    let table = ObjectScores {
+        metrics: job
+            .of_objects()
+            .map(|metric| metric.id.to_owned())
+            .collect(),
+        rows: rows.collect(),
     };
     Ok(table.write(path)?)
 }

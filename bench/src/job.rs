@@ -1,8 +1,10 @@
 //! A scoring request with its files read and checked against each other.
 
 mod choice;
+mod needs;
 
 use std::{
+    collections::BTreeMap,
     fmt,
     path::{Path, PathBuf},
 };
@@ -120,6 +122,8 @@ pub(crate) struct ViewOutcome {
     pub(crate) view: View,
     /// One value per available metric of the protocol, or the reason for their absence.
     pub(crate) scores: Result<Vec<Result<f64, Undefined>>, String>,
+    /// Scores of the objects in it by their names: one value per metric of [`ScoringJob::of_objects`].
+    pub(crate) objects: BTreeMap<String, Vec<Option<f64>>>,
     /// True if the prediction is the ground truth, byte for byte.
     pub(crate) is_identical: bool,
     /// True if a mask marks any of its pixels as outside the scene.
@@ -273,26 +277,6 @@ impl ScoringJob {
             input_folder,
             novel_folder,
         })
-    }
-
-    /// Returns true if any computed metric has this need.
-    pub(crate) fn needs(&self, need: Need) -> bool {
-        self.computed().any(|metric| metric.needs.contains(&need))
-    }
-
-    /// Returns true if any computed metric needs masks of this class.
-    pub(crate) fn needs_class(&self, class: &str) -> bool {
-        self.computed()
-            .flat_map(|metric| metric.needs)
-            .any(|need| matches!(need, Need::ClassMask(name) if *name == class))
-    }
-
-    /// Returns the available metrics.
-    pub(crate) fn computed(&self) -> impl Iterator<Item = &'static Metric> {
-        let metrics = self.metrics.iter();
-        metrics
-            .filter(|metric| metric.unavailable.is_none())
-            .map(|metric| metric.metric)
     }
 
     /// Returns the views to score: input views, then novel views, in the split's order. Views that the protocol does

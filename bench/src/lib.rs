@@ -7,7 +7,7 @@
 //! * [`diagnosis`]: mistakes of convention in views, such as other axes, channels or encodings;
 //! * [`curve`]: error against run time, from the traces of runs;
 //! * [`stability_report`]: results of stiff and extreme cases, for people;
-//! * [`tracking`]: tracks of vehicles against true ones;
+//! * [`tracking`]: tracks of vehicles against true ones; [`poses`]: camera poses against true ones;
 //! * [`scoring`]: folders of predictions against a scene's images, with every failure in the record.
 //!
 //! Predictions of any method are scored, so this crate knows no method and no renderer. Its metrics are separate from
@@ -21,6 +21,7 @@ pub mod error;
 pub mod external;
 pub mod lpips;
 pub mod metrics;
+pub mod poses;
 pub mod protocols;
 pub mod scoring;
 pub mod split;
@@ -42,7 +43,7 @@ mod summary;
 mod truth;
 mod validate;
 
-pub use adapters::{ADAPTERS, write_adapter};
+pub use adapters::{ADAPTERS, Adapter, Tried, adapters_table, write_adapter};
 pub use curve::{curves, curves_table};
 pub use diagnosis::{Diagnosis, DiagnosisFinding, DiagnosisKind, diagnose};
 pub use error::BenchError;

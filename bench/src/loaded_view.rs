@@ -2,7 +2,10 @@
 
 use std::collections::BTreeMap;
 
-use omnilife_schemas::rgb::{self, Mask};
+use omnilife_schemas::{
+    object_regions::Region,
+    rgb::{self, Mask},
+};
 
 use crate::{
     error::BenchError,
@@ -25,7 +28,7 @@ pub(crate) struct LoadedView {
     /// True if its ground truth shows nothing.
     pub(crate) is_truth_single_colour: bool,
     dynamic: Option<Mask>,
-    classes: BTreeMap<String, Mask>,
+    classes: BTreeMap<&'static str, Mask>,
     objects: BTreeMap<String, Mask>,
     depth: Option<DepthPair>,
 }
@@ -39,20 +42,17 @@ impl LoadedView {
         let truth = truth::read(job, view.frame)?;
         let ignored = truth::read_ignore_mask(job, view.frame)?;
         let frame = &job.scene.frames[view.frame as usize];
-        let mask = |name: &String| truth::read_mask(job, name);
         let dynamic = truth::read_dynamic_mask(job, view.frame)?;
-        let classes = frame
-            .classes
-            .iter()
-            .filter(|(class, _)| job.needs_class(class))
-            .map(|(class, name)| Ok((class.clone(), mask(name)?)))
-            .collect::<Result<_, BenchError>>()?;
-        let objects = frame
-            .objects
-            .iter()
-            .filter(|_| job.needs(Need::ObjectMasks))
-            .map(|(object, name)| Ok((object.clone(), mask(name)?)))
-            .collect::<Result<_, BenchError>>()?;
+        let mut classes = BTreeMap::new();
+        for class in job.classes() {
+            if let Some(mask) = truth::read_region(job, frame, Region::Class(class))? {
+                classes.insert(class, mask);
+            }
+        }
+        let objects = match job.needs(Need::ObjectMasks) {
+            true => truth::read_objects(job, frame)?,
+            false => BTreeMap::new(),
+        };
         let true_depth = match &frame.depth {
             Some(depth)
                 if job.needs(Need::Depth)
@@ -119,11 +119,28 @@ impl LoadedView {
         sample.classes = self
             .classes
             .iter()
-            .map(|(name, mask)| (name.as_str(), mask))
+            .map(|(name, mask)| (*name, mask))
             .collect();
         let objects = self.objects.iter();
         sample.objects = objects.map(|(name, mask)| (name.as_str(), mask)).collect();
         sample.depth = self.depth.as_ref();
         sample
+    }
+
+    /// Returns the scores of the objects in the view by their names: one value per metric of
+    /// [`ScoringJob::of_objects`].
+    pub(crate) fn of_objects(
+        &self,
+        job: &ScoringJob,
+        pair: &ViewPair,
+    ) -> BTreeMap<String, Vec<Option<f64>>> {
+        let scores = |(name, mask): (&String, &Mask)| {
+            let mut sample = Sample::new(pair);
+            sample.objects = [(name.as_str(), mask)].into();
+            let metrics = job.of_objects();
+            let scores = metrics.map(|metric| (metric.function)(&sample).ok());
+            (name.clone(), scores.collect::<Vec<_>>())
+        };
+        self.objects.iter().map(scores).collect()
     }
 }

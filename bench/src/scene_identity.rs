@@ -1,10 +1,14 @@
 //! Identity of a scene beyond its name: scores compete only on the same frames and cameras.
 
-use std::path::Path;
+use std::{
+    collections::{BTreeMap, BTreeSet},
+    path::Path,
+};
 
 use omnilife_schemas::{
     Pose,
     camera::{Camera, ErpCamera},
+    object_regions::{self, ObjectShape, Region, RegionSource},
     records::{Scene, SceneFrame, Split},
     store::{self, StoreError},
 };
@@ -64,7 +68,7 @@ impl SceneIdentity {
                     image_sha256: store::sha256_file(&scene_file.with_file_name(&frame.image))?,
                     time_seconds: frame.time_seconds,
                     pose: &frame.pose,
-                    annotations: annotations(scene_file, frame, needs)?,
+                    annotations: annotations(scene_file, scene, frame, needs)?,
                 })
             })
             .collect::<Result<_, StoreError>>()?;
@@ -86,6 +90,7 @@ impl SceneIdentity {
 /// Returns names and hashes of the files that metrics with these needs read beside a frame's image.
 fn annotations(
     scene_file: &Path,
+    scene: &Scene,
     frame: &SceneFrame,
     needs: &[Need],
 ) -> Result<Vec<(String, String)>, StoreError> {
@@ -96,18 +101,23 @@ fn annotations(
             .iter()
             .map(|file| ("ignore mask".to_owned(), file.as_str())),
     );
-    if needs.contains(&Need::DynamicMask) {
-        files.extend(
-            frame
-                .mask
-                .iter()
-                .map(|file| ("mask".to_owned(), file.as_str())),
-        );
+    let mut objects = BTreeMap::new();
+    if needs.contains(&Need::ObjectMasks) {
+        objects = object_regions::shapes(frame);
     }
-    for (class, file) in &frame.classes {
-        let is_class = |need: &Need| matches!(need, Need::ClassMask(name) if name == class);
-        if needs.iter().any(is_class) {
-            files.push((format!("class {class}"), file));
+    for (name, region) in regions(needs) {
+        match region.source(scene, frame) {
+            Some(RegionSource::Mask(file)) => files.push((name, file)),
+            Some(RegionSource::Objects(of_region)) => objects.extend(of_region),
+            None => {}
+        }
+    }
+    let mut boxes = Vec::new();
+    for (object, shape) in objects {
+        let name = format!("{} {object}", scene.class_of(object).name());
+        match shape {
+            ObjectShape::Mask(file) => files.push((name, file)),
+            ObjectShape::Box(sides) => boxes.push((name, format!("{sides:?}"))),
         }
     }
     if let Some(depth) = &frame.depth
@@ -115,8 +125,23 @@ fn annotations(
     {
         files.push((format!("depth in {}", depth.unit), &depth.file));
     }
-    files
+    let files = files
         .into_iter()
-        .map(|(name, file)| Ok((name, store::sha256_file(&scene_file.with_file_name(file))?)))
-        .collect()
+        .map(|(name, file)| Ok((name, store::sha256_file(&scene_file.with_file_name(file))?)));
+    files.chain(boxes.into_iter().map(Ok)).collect()
+}
+
+/// Returns the regions that metrics with these needs read, with the names of their masks.
+fn regions(needs: &[Need]) -> Vec<(String, Region<'static>)> {
+    let moving = needs
+        .contains(&Need::DynamicMask)
+        .then(|| ("mask".to_owned(), Region::Moving));
+    let classes = needs.iter().filter_map(|need| match need {
+        Need::ClassMask(class) => Some(*class),
+        _ => None,
+    });
+    let classes: BTreeSet<&'static str> = classes.collect();
+    let classes = classes.into_iter();
+    let classes = classes.map(|class| (format!("class {class}"), Region::Class(class)));
+    moving.into_iter().chain(classes).collect()
 }

@@ -1,5 +1,7 @@
 //! The result record: means over views, failures and unavailable metrics.
 
+mod objects;
+
 use std::collections::BTreeMap;
 
 use omnilife_schemas::{
@@ -48,6 +50,7 @@ pub(crate) fn result_record(job: &ScoringJob, outcomes: &[ViewOutcome]) -> Resul
                 sha256: regions.sha256.clone(),
             }),
         frames_table: FRAME_SCORES_FILE.to_owned(),
+        objects: objects::of_job(job, outcomes),
         predictions: None,
         statement: None,
         training: job.run.as_ref().and_then(|run| run.training),

@@ -1,6 +1,9 @@
 //! Ground truth: the scene's images, masks and depth at the scored size.
 
-use std::path::Path;
+use std::{
+    collections::{BTreeMap, BTreeSet},
+    path::Path,
+};
 
 use omnilife_schemas::{
     RgbImage,
@@ -8,7 +11,8 @@ use omnilife_schemas::{
     image_file::ImageFile,
     mask_file::MarkedGreys,
     mask_survey::MaskSurvey,
-    records::DepthImage,
+    object_regions::{self, Region},
+    records::{DepthImage, SceneFrame},
     rgb::{self, Mask},
     store::StoreError,
 };
@@ -58,15 +62,49 @@ pub(crate) fn read_dynamic_mask(job: &ScoringJob, frame: u32) -> Result<Option<M
         return Ok(None);
     }
     let frame = &job.scene.frames[frame as usize];
-    match (&frame.mask, &job.regions) {
-        (Some(name), _) => read_mask(job, name).map(Some),
-        (None, Some(regions)) => {
-            let [width, height] = job.size;
-            let camera = job.scene.camera.resized(width, height);
-            Ok(regions.mask(&camera, frame))
-        }
-        (None, None) => Ok(None),
+    if let Some(mask) = read_region(job, frame, Region::Moving)? {
+        return Ok(Some(mask));
     }
+    let [width, height] = job.size;
+    let camera = job.scene.camera.resized(width, height);
+    let regions = job.regions.as_ref();
+    Ok(regions.and_then(|regions| regions.mask(&camera, frame)))
+}
+
+/// Returns the mask of a region at the scored size: the scene's own, or the union of objects; `None` without both.
+///
+/// # Errors
+/// Those of [`read`].
+pub(crate) fn read_region(
+    job: &ScoringJob,
+    frame: &SceneFrame,
+    region: Region<'_>,
+) -> Result<Option<Mask>, BenchError> {
+    let Some(source) = region.source(&job.scene, frame) else {
+        return Ok(None);
+    };
+    let size = job.size.map(|side| side as usize);
+    let read = |name: &str| read_mask(job, name);
+    source.mask(&job.scene.camera, size, read).map(Some)
+}
+
+/// Returns the masks of the objects in a frame, by their names and at the scored size.
+///
+/// # Errors
+/// Those of [`read`].
+pub(crate) fn read_objects(
+    job: &ScoringJob,
+    frame: &SceneFrame,
+) -> Result<BTreeMap<String, Mask>, BenchError> {
+    let size = job.size.map(|side| side as usize);
+    let shapes = object_regions::shapes(frame).into_iter();
+    shapes
+        .map(|(name, shape)| {
+            let read = |file: &str| read_mask(job, file);
+            let mask = shape.mask(&job.scene.camera, size, read)?;
+            Ok((name.to_owned(), mask))
+        })
+        .collect()
 }
 
 /// Returns the excluded pixels of a frame, at the scored size: every pixel that covers a marked one.
@@ -98,12 +136,14 @@ pub(crate) fn mask_notes(job: &ScoringJob, views: &[View]) -> Result<Vec<String>
     let camera = &job.scene.camera;
     for view in views {
         let frame = &job.scene.frames[view.frame as usize];
-        let moving = frame.mask.iter().filter(|_| job.needs(Need::DynamicMask));
-        let classes = frame.classes.iter();
-        let classes = classes.filter(|(class, _)| job.needs_class(class));
-        let objects = frame.objects.values();
+        let regions = job.regions_of_metrics().into_iter();
+        let sources = regions.filter_map(|region| region.source(&job.scene, frame));
+        let objects = frame.objects.values().map(String::as_str);
         let objects = objects.filter(|_| job.needs(Need::ObjectMasks));
-        for name in moving.chain(classes.map(|(_, name)| name)).chain(objects) {
+        let of_regions = sources.flat_map(|source| source.files());
+        // An object may be part of several regions.
+        let files: BTreeSet<&str> = of_regions.chain(objects).collect();
+        for name in files {
             survey.add(&job.scene_file(name), camera, MarkedGreys::AboveHalf)?;
         }
         if let Some(name) = &frame.ignore_mask {

@@ -15,6 +15,7 @@ use crate::{
     near_duplicates::{SignaturePass, signature},
     overlays::{MosaicPass, OverlayPass},
     projection::FrameSamples,
+    sharpness::{self, View, sharpness},
     shots::SamplePass,
     sphere_layouts::{self, ToErp},
 };
@@ -93,6 +94,17 @@ pub fn analyse(
     layout: Option<SphereLayout>,
     progress: &dyn Progress,
 ) -> Result<Analysis, CurateError> {
+    analyse_with(video, detector, layout, None, progress)
+}
+
+/// Analyses as [`analyse`]; for images of a kind, the signals have the sharpness of every frame as well.
+pub(crate) fn analyse_with(
+    video: &Path,
+    detector: &Detector,
+    layout: Option<SphereLayout>,
+    measured: Option<View>,
+    progress: &dyn Progress,
+) -> Result<Analysis, CurateError> {
     let mut reader = VideoReader::open(video)?;
     let mut probe = probe::describe(&reader)?;
     let expected = probe.duration_seconds * probe.frames_per_second;
@@ -108,6 +120,9 @@ pub fn analyse(
     let mut sphere = sphere_images(SAMPLE_WIDTH_PIXELS);
     let mut small_sphere = sphere_images(signature::WIDTH_PIXELS);
     let mut tiny = Converter::new(Scaling::MaxWidth(signature::WIDTH_PIXELS));
+    let mut large = Converter::new(Scaling::MaxWidth(sharpness::WIDTH_PIXELS));
+    let mut large_sphere = measured.and_then(|_| sphere_images(sharpness::WIDTH_PIXELS));
+    let mut sharpnesses = Vec::new();
     let mut signature = SignaturePass::default();
     let mut samples = FrameSamples::default();
     let mut shot_samples = SamplePass::default();
@@ -154,6 +169,13 @@ pub fn analyse(
                 }
                 samples.offer(frame.time_seconds, image);
             }
+            if let Some(view) = measured {
+                let image = match &mut large_sphere {
+                    None => large.convert(video, &frame.image)?.turned(turns),
+                    Some(sphere) => sphere.convert(video, &frame.image, turns)?,
+                };
+                sharpnesses.push(sharpness(&image, view));
+            }
             if signature.wants(frame.time_seconds) {
                 let image = match &mut small_sphere {
                     None => tiny.convert(video, &frame.image)?.turned(turns),
@@ -192,10 +214,15 @@ pub fn analyse(
         probe.duration_seconds = range.duration_seconds();
     }
     probe.decoded_frames = Some(times.len() as u64);
+    let mut signals = pass.finish();
+    if measured.is_some() {
+        let column = sharpness::COLUMN.to_owned();
+        signals.columns.push((column, sharpnesses));
+    }
     Ok(Analysis {
         probe,
         range,
-        signals: pass.finish(),
+        signals,
         samples,
         shot_samples,
         overlays,

@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use omnilife_schemas::{
     RgbImage,
-    layout::FRAMES_FOLDER,
+    layout::{FRAMES_FOLDER, MOTION_FOLDER},
     progress::Progress,
     records::{Probe, Sampling, SphereLayout, TimeRange, VideoProjection},
     rgb,
@@ -22,6 +22,8 @@ use crate::{
 pub const DEFAULT_WIDTH_PIXELS: u32 = 1024;
 /// Fewer rows hold no faces, halves or circles of a sphere.
 const LEAST_STORED_ROWS: u32 = 16;
+/// Width in pixels of the frames in which motion is measured, if the sampled ones are wider.
+const MOTION_WIDTH_PIXELS: u32 = 256;
 /// Timestamps closer than this are one.
 const SAME_INSTANT_SECONDS: f64 = 1e-9;
 
@@ -89,6 +91,11 @@ fn nearest_to_instants(times: &[f64], interval: f64, last_instant: u64) -> Vec<f
 /// Returns the file of a sequence's frame by its number, relative to the sequence.
 pub fn file_name(index: usize) -> String {
     format!("{FRAMES_FOLDER}/{index:06}.png")
+}
+
+/// Returns the file of a sequence's small frame for the measurement of motion, relative to the sequence.
+pub fn motion_file_name(index: usize) -> String {
+    format!("{MOTION_FOLDER}/{index:06}.png")
 }
 
 /// Returns the value of sorted, non-empty `times` nearest to an instant.
@@ -159,8 +166,49 @@ pub fn frame_size(
 pub struct Selection {
     /// Timestamps of the frames, in order.
     pub times: Vec<f64>,
-    /// Folder that receives `frames/000000.png` and on.
+    /// Timestamps of the small frames in which motion is measured, in order.
+    pub motion_times: Vec<f64>,
+    /// Folder that receives `frames/000000.png` and `motion/000000.png` and on.
     pub folder: PathBuf,
+}
+
+/// A file that shows the frame of a time.
+struct Wanted {
+    time_seconds: f64,
+    path: PathBuf,
+    /// Width and height in pixels.
+    size: (u32, u32),
+}
+
+/// Returns the files of all selections in order of time, and creates their folders.
+fn wanted_files(selections: &[Selection], size: (u32, u32)) -> Result<Vec<Wanted>, CurateError> {
+    let small = size.0.min(MOTION_WIDTH_PIXELS) & !1;
+    let mut wanted = Vec::new();
+    for Selection {
+        times,
+        motion_times,
+        folder,
+    } in selections
+    {
+        store::create_folder(&folder.join(FRAMES_FOLDER))?;
+        if !motion_times.is_empty() {
+            store::create_folder(&folder.join(MOTION_FOLDER))?;
+        }
+        let mut add = |times: &[f64], name: fn(usize) -> String, size| {
+            wanted.extend(times.iter().enumerate().map(|(index, &time_seconds)| {
+                let path = folder.join(name(index));
+                Wanted {
+                    time_seconds,
+                    path,
+                    size,
+                }
+            }));
+        };
+        add(times, file_name, size);
+        add(motion_times, motion_file_name, (small, small / 2));
+    }
+    wanted.sort_by(|a, b| a.time_seconds.total_cmp(&b.time_seconds));
+    Ok(wanted)
 }
 
 /// Decodes a video once and writes the selected frames of all sequences at `size`, numbered from 0 in order of time.
@@ -176,19 +224,7 @@ pub fn extract(
     size: (u32, u32),
     progress: &dyn Progress,
 ) -> Result<(), CurateError> {
-    let mut wanted: Vec<(f64, PathBuf)> = Vec::new();
-    for selection in selections {
-        store::create_folder(&selection.folder.join(FRAMES_FOLDER))?;
-        let file = |index| selection.folder.join(file_name(index));
-        wanted.extend(
-            selection
-                .times
-                .iter()
-                .enumerate()
-                .map(|(index, &time)| (time, file(index))),
-        );
-    }
-    wanted.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let wanted = wanted_files(selections, size)?;
     let mut reader = VideoReader::open(video)?;
     let mut converter = Converter::new(Scaling::Native);
     let mut to_erp = layout.map(ToErp::new);
@@ -196,7 +232,7 @@ pub fn extract(
     progress.begin("extracting frames", Some(wanted.len() as u64));
     let outcome: Result<(), CurateError> = (|| {
         let mut due = wanted.iter().peekable();
-        while let Some((time_seconds, path)) = due.peek() {
+        while let Some(&&Wanted { time_seconds, .. }) = due.peek() {
             let lost = || {
                 CurateError::video(
                     video,
@@ -216,9 +252,12 @@ pub fn extract(
                 Some(to_erp) => to_erp.convert(&image, size.0 as usize),
                 None => image,
             };
-            write_frame(path, image, size)?;
-            progress.advance(1);
-            due.next();
+            let is_shown =
+                |wanted: &&Wanted| wanted.time_seconds <= frame.time_seconds + SAME_INSTANT_SECONDS;
+            while let Some(wanted) = due.next_if(is_shown) {
+                write_frame(&wanted.path, &image, wanted.size)?;
+                progress.advance(1);
+            }
         }
         Ok(())
     })();
@@ -238,15 +277,14 @@ pub fn resampling(probe: &Probe, layout: Option<SphereLayout>, size: (u32, u32))
     }
 }
 
-fn write_frame(path: &Path, image: Rgb8Image, size: (u32, u32)) -> Result<(), CurateError> {
+fn write_frame(path: &Path, image: &Rgb8Image, size: (u32, u32)) -> Result<(), CurateError> {
     let (width, height) = (size.0 as usize, size.1 as usize);
-    let bytes = if (image.width, image.height) == (width, height) {
-        image.data
-    } else {
-        RgbImage::from_rgb8(image.width, image.height, &image.data)
-            .resized_by_area(width, height)
-            .to_rgb8()
-    };
+    if (image.width, image.height) == (width, height) {
+        return Ok(rgb::write_rgb8_png(path, width, height, &image.data)?);
+    }
+    let bytes = RgbImage::from_rgb8(image.width, image.height, &image.data)
+        .resized_by_area(width, height)
+        .to_rgb8();
     Ok(rgb::write_rgb8_png(path, width, height, &bytes)?)
 }
 

@@ -36,6 +36,7 @@ pub mod projection;
 pub mod publish;
 mod sequences;
 mod settings;
+mod sharpness;
 pub mod shots;
 pub mod slicing;
 mod sphere_layouts;
@@ -54,6 +55,6 @@ pub use poses::{
     IgnoredRegion, MasksEntry, PoseRequest, PriorProgram, SfmSettings, attach, enter_masks,
     pose_sequence, pose_sequence_with,
 };
-pub use settings::{CurateSettings, LayoutChoice};
+pub use settings::{CurateSettings, FrameSelection, LayoutChoice};
 pub use video_names::video_names;
 pub use worker::Worker;

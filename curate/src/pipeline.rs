@@ -24,7 +24,8 @@ use crate::{
     near_duplicates::signature,
     overlays, projection,
     sequences::{self, Sequencing},
-    settings::{CurateSettings, LayoutChoice},
+    settings::{CurateSettings, FrameSelection, LayoutChoice},
+    sharpness::View,
     shots::{self, Samples, ShotList},
     sphere_layouts, stills,
     video_folder::{ANALYSIS_FILES, claim},
@@ -114,7 +115,11 @@ fn sequences_of(
     let asked = asked_layout(video, &probe, settings, progress)?;
     claim(video, folder, source)?;
     let _lock = FolderLock::take(folder, progress)?;
-    let analysis = analysed(video, folder, source, asked, detector, progress)?;
+    let measured = match settings.select {
+        FrameSelection::Even => None,
+        FrameSelection::Sharp => Some(settings.view()),
+    };
+    let analysis = analysed(video, folder, source, asked, detector, measured, progress)?;
     let layout = match settings.accept {
         Some(_) => None,
         None => analysis.layout,
@@ -214,6 +219,7 @@ fn analysed(
     source: &SourceVideo,
     asked: Option<SphereLayout>,
     detector: &Detector,
+    measured: Option<View>,
     progress: &dyn Progress,
 ) -> Result<VideoAnalysis, CurateError> {
     let mut plan = StagePlan::new(folder, "analysis")
@@ -223,6 +229,9 @@ fn analysed(
         .with_text("signature", signature::SETTINGS);
     if let Some(layout) = asked {
         plan = plan.with_settings("layout", &layout);
+    }
+    if let Some(view) = measured {
+        plan = plan.with_text("sharpness", view.description());
     }
     let record_path = folder.join(ANALYSIS_FILE);
     if plan.is_done() {
@@ -245,14 +254,14 @@ fn analysed(
         let Analysis {
             probe,
             range,
-            signals,
+            mut signals,
             samples,
             shot_samples,
             overlays,
             mosaics,
             mut signature,
             damaged_frames,
-        } = analysis::analyse(video, detector, asked, progress)?;
+        } = analysis::analyse_with(video, detector, asked, measured, progress)?;
         if damaged_frames > 0 {
             progress.note(&format!(
                 "{}: {damaged_frames} damaged frames were patched up or left out",
@@ -279,7 +288,9 @@ fn analysed(
                 .then(|| overlays::report(&overlays, &mosaics))
         } else {
             // What the frames store is known only now.
-            let again = analysis::analyse(video, detector, layout, progress)?;
+            let again = analysis::analyse_with(video, detector, layout, measured, progress)?;
+            // Of equirectangular images, unlike the first ones.
+            signals = again.signals;
             signature = again.signature;
             shot_samples = again.shot_samples.finish();
             Some(overlays::report(&again.overlays, &again.mosaics))

@@ -4,11 +4,13 @@
 //! the size) and nothing else: other criteria or another name of the file only rewrite `sequence.json`. Folders are
 //! created beside and renamed, so that a killed process leaves complete sequences only.
 
+mod planned;
+
 use std::path::Path;
 
 use omnilife_schemas::{
     elapsed::Stopwatch,
-    layout::{BOUNDARIES_FILE, FRAMES_FOLDER, SEQUENCE_FILE, sequence_name},
+    layout::{BOUNDARIES_FILE, FRAMES_FOLDER, MOTION_FOLDER, SEQUENCE_FILE, sequence_name},
     ownership::Standing,
     progress::Progress,
     records::{
@@ -21,6 +23,7 @@ use omnilife_schemas::{
 };
 use omnilife_video::Orientation;
 
+use self::planned::Planned;
 use crate::{
     boundaries::{Detector, Signals},
     criteria,
@@ -54,20 +57,12 @@ pub(crate) struct Sequencing<'a> {
     pub(crate) size: (u32, u32),
 }
 
-/// A planned sequence.
-struct Planned {
-    name: String,
-    range: TimeRange,
-    /// Timestamps of its frames, seconds.
-    times: Vec<f64>,
-}
-
 impl Sequencing<'_> {
     /// Creates the sequence folders and returns their names in order of time.
     pub(crate) fn run(&self, progress: &dyn Progress) -> Result<Vec<String>, CurateError> {
         self.write_boundaries(progress)?;
         self.refuse_none_left()?;
-        let planned = self.planned();
+        let planned = self.planned()?;
         let (done, missing): (Vec<&Planned>, Vec<&Planned>) =
             planned.iter().partition(|sequence| {
                 self.plan(sequence, &self.folder.join(&sequence.name))
@@ -89,8 +84,8 @@ impl Sequencing<'_> {
             self.extract(&missing, progress)?;
         }
         for sequence in &planned {
-            let path = self.folder.join(&sequence.name).join(SEQUENCE_FILE);
-            store::update_record(&path, &self.record(sequence))?;
+            let folder = self.folder.join(&sequence.name);
+            store::update_record(&folder.join(SEQUENCE_FILE), &self.record(sequence, &folder))?;
         }
         self.slice(progress)?;
         progress.note(&format!(
@@ -211,20 +206,8 @@ impl Sequencing<'_> {
         .map(drop)
     }
 
-    /// Chooses the frames of every kept shot.
-    fn planned(&self) -> Vec<Planned> {
-        let kept = &self.list.shots.kept;
-        kept.iter()
-            .enumerate()
-            .map(|(index, &range)| Planned {
-                name: sequence_name(index),
-                range,
-                times: frames::choose(&self.signals.times, range, self.settings.sampling),
-            })
-            .collect()
-    }
-
-    /// Lists everything that the frames of a sequence depend on, for its folder or for one that becomes it.
+    /// Lists everything that the frames of a sequence depend on, for its folder or for one that becomes it. Frames for
+    /// the measurement of motion are no part of it: sequences from before there were any stay as they are.
     fn plan(&self, sequence: &Planned, folder: &Path) -> StagePlan {
         let plan = StagePlan::new(folder, STAGE)
             .with_hash("video", self.analysis.source.sha256.clone())
@@ -245,6 +228,7 @@ impl Sequencing<'_> {
             .iter()
             .map(|sequence| Selection {
                 times: sequence.times.clone(),
+                motion_times: sequence.motion_times.clone(),
                 folder: staging.folder.join(&sequence.name),
             })
             .collect();
@@ -260,9 +244,12 @@ impl Sequencing<'_> {
         for (sequence, selection) in missing.iter().zip(&selections) {
             store::write_record(
                 &selection.folder.join(SEQUENCE_FILE),
-                &self.record(sequence),
+                &self.record(sequence, &selection.folder),
             )?;
-            let files = (0..sequence.times.len()).map(frames::file_name);
+            let motion = (0..sequence.motion_times.len()).map(frames::motion_file_name);
+            let files = (0..sequence.times.len())
+                .map(frames::file_name)
+                .chain(motion);
             self.plan(sequence, &selection.folder).finish(files, took)?;
             clear(self.folder, &sequence.name, progress)?;
             let target = self.folder.join(&sequence.name);
@@ -272,8 +259,25 @@ impl Sequencing<'_> {
         Ok(())
     }
 
-    fn record(&self, sequence: &Planned) -> Sequence {
+    /// Returns the record of a sequence whose files are in `folder`.
+    fn record(&self, sequence: &Planned, folder: &Path) -> Sequence {
         let probe = &self.analysis.probe;
+        let entries = |times: &[f64], name: fn(usize) -> String| -> Vec<FrameEntry> {
+            let entry = |(index, &time_seconds): (usize, &f64)| FrameEntry {
+                file: name(index),
+                time_seconds,
+                capture: None,
+            };
+            times.iter().enumerate().map(entry).collect()
+        };
+        let mut motion_frames = entries(&sequence.motion_times, frames::motion_file_name);
+        // Earlier versions wrote none.
+        if !motion_frames
+            .iter()
+            .all(|entry| folder.join(&entry.file).is_file())
+        {
+            motion_frames.clear();
+        }
         Sequence {
             id: format!("{}/{}", self.folder_name(), sequence.name),
             source: self.analysis.source.clone(),
@@ -287,17 +291,10 @@ impl Sequencing<'_> {
                 sampling: self.settings.sampling,
                 resampling: frames::resampling(probe, self.layout, self.size),
                 converted_from: self.layout,
-                entries: sequence
-                    .times
-                    .iter()
-                    .enumerate()
-                    .map(|(index, &time_seconds)| FrameEntry {
-                        file: frames::file_name(index),
-                        time_seconds,
-                        capture: None,
-                    })
-                    .collect(),
+                entries: entries(&sequence.times, frames::file_name),
+                sharpest: sequence.sharpest.clone(),
             },
+            motion_frames,
         }
     }
 
@@ -368,7 +365,7 @@ fn foreign_entry(folder: &Path) -> Result<Option<String>, CurateError> {
     for name in store::names_in(folder)? {
         let is_ours = match name.as_str() {
             SEQUENCE_FILE => true,
-            FRAMES_FOLDER => frames_are_ours(folder)?,
+            FRAMES_FOLDER | MOTION_FOLDER => all_are_ours(folder, &name)?,
             ".done" => store::names_in(&folder.join(".done"))?
                 .iter()
                 .all(|record| *record == format!("{STAGE}.json")),
@@ -381,12 +378,13 @@ fn foreign_entry(folder: &Path) -> Result<Option<String>, CurateError> {
     Ok(None)
 }
 
-/// Returns true if the frames are as this stage wrote them, and nothing lies beside them.
-fn frames_are_ours(folder: &Path) -> Result<bool, CurateError> {
+/// Returns true if the frames in a sequence's folder of this name are as this stage wrote them, and nothing lies beside
+/// them.
+fn all_are_ours(folder: &Path, frames_folder: &str) -> Result<bool, CurateError> {
     let own = StagePlan::new(folder, STAGE).own_files();
-    for name in store::names_in(&folder.join(FRAMES_FOLDER))? {
+    for name in store::names_in(&folder.join(frames_folder))? {
         if !matches!(
-            own.standing(&format!("{FRAMES_FOLDER}/{name}")),
+            own.standing(&format!("{frames_folder}/{name}")),
             Ok(Standing::Ours)
         ) {
             return Ok(false);

@@ -9,6 +9,7 @@ use crate::{
     boundaries::{self, DEFAULT_DETECTOR},
     criteria,
     error::CurateError,
+    sharpness::View,
     slicing::SliceSettings,
 };
 
@@ -21,6 +22,8 @@ pub struct CurateSettings {
     pub enforce: bool,
     /// Sampling of frames.
     pub sampling: Sampling,
+    /// Choice of frames around the instants of the sampling.
+    pub select: FrameSelection,
     /// Width of sampled frames in pixels; at most 1024 if `None`.
     pub width: Option<u32>,
     /// Takes the video as `erp`, `erp-squeezed` or, for a pinhole, `rectilinear`, regardless of the evidence.
@@ -34,6 +37,16 @@ pub struct CurateSettings {
     pub detector: String,
     /// Settings of slices; `None` for no slices.
     pub slices: Option<SliceSettings>,
+}
+
+/// Choice of frames around evenly spaced instants.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+pub enum FrameSelection {
+    /// The frames nearest to the instants.
+    #[default]
+    Even,
+    /// The sharpest frames near the instants.
+    Sharp,
 }
 
 /// The user's statement of a video's sphere layout.
@@ -72,6 +85,7 @@ impl Default for CurateSettings {
             profile: criteria::OMNILIFE360.id.to_owned(),
             enforce: true,
             sampling: Sampling::MaxFrames(120),
+            select: FrameSelection::default(),
             width: None,
             accept: None,
             layout: None,
@@ -88,6 +102,14 @@ fn is_pinhole(projection: VideoProjection) -> bool {
 }
 
 impl CurateSettings {
+    /// Returns the kind of images that frames are.
+    pub(crate) fn view(&self) -> View {
+        match self.accept {
+            Some(projection) if is_pinhole(projection) => View::Flat,
+            _ => View::Sphere,
+        }
+    }
+
     /// Refuses invalid settings and unknown names; `video` is named in the error.
     ///
     /// # Errors

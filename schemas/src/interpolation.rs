@@ -1,8 +1,14 @@
 //! Values of an image between the centres of its pixels.
 
-use glam::DVec2;
+use glam::{DVec2, DVec3, dvec2};
 
-use crate::rgb::RgbImage;
+use crate::{
+    camera::{
+        CameraModel, ErpCamera,
+        cube::{CUBE_FACES, face_camera},
+    },
+    rgb::RgbImage,
+};
 
 /// Values beyond the left and the right edge of an image. Beyond the upper and the lower edge the outermost row
 /// repeats.
@@ -49,10 +55,31 @@ impl RgbImage {
     }
 }
 
+/// Puts a panorama together from square faces in the order of [`CUBE_FACES`]. Every pixel is sampled from the face that
+/// its direction meets, bilinear within the face; without faces it is black.
+pub fn panorama_of_faces(faces: &[RgbImage], camera: ErpCamera) -> RgbImage {
+    let (width, height) = (camera.width as usize, camera.height as usize);
+    let mut panorama = RgbImage::black(width, height);
+    for (pixel, out) in panorama.data.as_chunks_mut::<3>().0.iter_mut().enumerate() {
+        let centre = dvec2((pixel % width) as f64, (pixel / width) as f64) + 0.5;
+        let direction = camera.unproject(centre);
+        // The face whose axis is nearest to the direction.
+        let ahead = |index: &usize| direction.dot(CUBE_FACES[*index].to_camera * DVec3::Z);
+        let known = 0..faces.len().min(CUBE_FACES.len());
+        let Some(index) = known.max_by(|a, b| ahead(a).total_cmp(&ahead(b))) else {
+            continue;
+        };
+        let face = &faces[index];
+        let within = CUBE_FACES[index].to_camera.transpose() * direction;
+        if let Some(place) = face_camera(face.width as u32).project(within) {
+            *out = face.sample(place, Edges::Repeated);
+        }
+    }
+    panorama
+}
+
 #[cfg(test)]
 mod tests {
-    use glam::dvec2;
-
     use super::*;
 
     fn ramp() -> RgbImage {
@@ -88,5 +115,32 @@ mod tests {
         let image = ramp();
         assert_eq!(image.sample(dvec2(1.5, -3.0), Edges::Around), [1.0; 3]);
         assert_eq!(image.sample(dvec2(1.5, 9.0), Edges::Around), [5.0; 3]);
+    }
+
+    #[test]
+    fn a_panorama_of_faces_shows_every_direction_where_it_is() {
+        let side = 96;
+        let camera = ErpCamera {
+            width: 120,
+            height: 60,
+        };
+        let colour = |direction: DVec3| 0.5 * (direction + 1.0);
+        let faces = CUBE_FACES.map(|face| {
+            let mut image = RgbImage::black(side, side);
+            for (pixel, out) in image.data.as_chunks_mut::<3>().0.iter_mut().enumerate() {
+                let centre = dvec2((pixel % side) as f64, (pixel / side) as f64) + 0.5;
+                let direction = face_camera(side as u32).unproject(centre);
+                *out = colour(face.to_camera * direction).as_vec3().to_array();
+            }
+            image
+        });
+        let panorama = panorama_of_faces(&faces, camera);
+        for (pixel, found) in panorama.data.as_chunks::<3>().0.iter().enumerate() {
+            let centre = dvec2((pixel % 120) as f64, (pixel / 120) as f64) + 0.5;
+            let error =
+                DVec3::from_array(found.map(f64::from)).distance(colour(camera.unproject(centre)));
+            // The outermost half pixel of a face repeats its edge.
+            assert!(error < 0.01, "{pixel}: {error}");
+        }
     }
 }

@@ -5,15 +5,17 @@
 //! videos/NAME/
 //!   analysis.json, signals.parquet, signature.parquet, boundaries.json, ledger.jsonl, slices.json, slices/
 //!   seq-NNN/
-//!     sequence.json, frames/NNNNNN.png, annotation.json
+//!     sequence.json, frames/NNNNNN.png, motion/NNNNNN.png, annotation.json
 //!     scene.json, points.ply, masks/, depth/, depth-prior/, classes/NAME/, frames-straight/
 //!     sfm/attempts.json
 //!     dynamic-masks/masks.json, dynamic-masks/NNNNNN.png
-//!     PROTOCOL/split.json, PROTOCOL/tracks.json
+//!     PROTOCOL/split.json, PROTOCOL/tracks.json, PROTOCOL/georeference.json
 //!     PROTOCOL/dense/dense.json, PROTOCOL/dense/points.ply, PROTOCOL/dense/NNNNNN.npy, .png
 //! about.json, README.md, DATASHEET.md, SHA256SUMS, statistics/, tables/
 //! ```
 
+/// Record of views with cameras by words, in their folder.
+pub const CAMERAS_FILE: &str = "cameras.json";
 /// Record of an asset for web viewers, in its folder.
 pub const ASSET_FILE: &str = "asset.json";
 /// Folder of the scores of an asset's levels, beside [`ASSET_FILE`]: `scores/<LEVEL>/result.json`.
@@ -71,6 +73,8 @@ pub fn sequence_name(index: usize) -> String {
 pub const SEQUENCE_FILE: &str = "sequence.json";
 /// Folder of the sampled frames, in a sequence's folder.
 pub const FRAMES_FOLDER: &str = "frames";
+/// Folder of small frames in which motion is measured, in a sequence's folder.
+pub const MOTION_FOLDER: &str = "motion";
 /// Tags and captions, in a sequence's folder.
 pub const ANNOTATION_FILE: &str = "annotation.json";
 /// Cameras, poses and points, in a sequence's folder.
@@ -100,6 +104,8 @@ pub const DYNAMIC_MASKS_FILE: &str = "masks.json";
 
 /// Tracks of the dynamic region, as far as a split's input views show it, beside [`SPLIT_FILE`].
 pub const TRACKS_FILE: &str = "tracks.json";
+/// Place of a scene on the Earth, beside [`TRACKS_FILE`].
+pub const GEOREFERENCE_FILE: &str = "georeference.json";
 /// Folder of distances by stereo and their points, beside [`SPLIT_FILE`].
 pub const DENSE_FOLDER: &str = "dense";
 /// Record of stereo, in [`DENSE_FOLDER`].

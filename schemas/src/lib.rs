@@ -4,15 +4,16 @@
 //! modules are exported here too. Modules from the top down (each imports only from those below it, which a test
 //! checks):
 //!
-//! * [`tracked_regions`]: dynamic regions as far as tracks tell. [`interpolation`]: values between pixels.
+//! * [`tracked_regions`]: dynamic regions as far as tracks tell. [`interpolation`]: values between pixels. [`rgba`]:
+//!   layers with an opacity.
 //! * [`posed_view`], [`scene_points`], [`distances`], [`rgb`]: views, points, distances and images of a scene.
 //!   [`mask_survey`]: oddities of masks of others. [`split_rules`]: the input views of a protocol. [`bootstrap`]:
-//!   confidence intervals of scores.
+//!   confidence intervals of scores. [`object_regions`]: moving content as the union of objects.
 //! * [`records`]: the JSON files. [`mask_file`]: masks of others.
 //! * [`image_file`]: images of others. [`oriented_box`]: boxes as cameras see them. [`ground_plane`],
 //!   [`padded_frame`], [`points`]: geometry and clouds.
 //! * [`camera`]: directions of pixels. [`pose`], [`trajectory`]: cameras and objects over time. [`layout`]: names of
-//!   files. [`frame_scores`]: the scores of every view.
+//!   files. [`frame_scores`], [`object_scores`]: the scores of every view, and of the objects in it.
 //!
 //! # Conventions
 //! * Camera frame: x right, y down, z forward. World to camera: `x_c = R x_w + t`; poses store the
@@ -33,6 +34,8 @@ pub mod layout;
 mod mask;
 pub mod mask_file;
 pub mod mask_survey;
+pub mod object_regions;
+pub mod object_scores;
 pub mod oriented_box;
 pub mod padded_frame;
 pub mod points;
@@ -40,6 +43,7 @@ pub mod pose;
 pub mod posed_view;
 pub mod records;
 pub mod rgb;
+pub mod rgba;
 pub mod scene_points;
 pub mod split_rules;
 pub mod tracked_regions;

@@ -156,7 +156,8 @@ pub fn write_rgb8_png(
     write_png(path, (width, height), rgb, image::ExtendedColorType::Rgb8)
 }
 
-fn write_png(
+/// Writes 8-bit values as a PNG of `size` (width, height), whole or not at all.
+pub(crate) fn write_png(
     path: &Path,
     size: (usize, usize),
     bytes: &[u8],

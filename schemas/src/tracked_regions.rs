@@ -7,6 +7,7 @@ use glam::{DMat3, DVec3};
 use crate::{
     camera::Camera,
     mask::Mask,
+    object_regions::Region,
     oriented_box::OrientedBox,
     records::{Scene, SceneFrame, Track, Tracks},
     store::{self, StoreError},
@@ -24,13 +25,14 @@ pub struct TrackedRegions {
 }
 
 impl TrackedRegions {
-    /// Returns the boxes of a scene for a split in `split_folder`; `None` where the scene has masks of its own, or
-    /// nothing was tracked.
+    /// Returns the boxes of a scene for a split in `split_folder`; `None` where the scene has masks or objects of its
+    /// own, or nothing was tracked.
     ///
     /// # Errors
     /// When the tracks cannot be read, are unsound or those of another scene.
     pub fn find(scene: &Scene, split_folder: &Path) -> Result<Option<Self>, StoreError> {
-        if scene.frames.iter().any(|frame| frame.mask.is_some()) {
+        let mut frames = scene.frames.iter();
+        if frames.any(|frame| Region::Moving.source(scene, frame).is_some()) {
             return Ok(None);
         }
         let Some(tracks) = Tracks::beside_split(&scene.id, split_folder)? else {

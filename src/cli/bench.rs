@@ -7,10 +7,12 @@ use omnilife_bench::{
     DEFAULT_MEMORY_BYTES, PROTOCOLS,
     curve::{Clock, Region},
 };
+use omnilife_schemas::records::PoseAlignment;
 
 use super::{
     bench_run::BenchRunArguments,
     places,
+    poses::PosesConventionArgument,
     reconstruct::{BackendArgument, MethodArguments, size},
     statement::StatementArguments,
 };
@@ -43,6 +45,21 @@ impl From<RegionArgument> for Region {
             RegionArgument::Whole => Self::Whole,
             RegionArgument::Static => Self::Static,
             RegionArgument::Dynamic => Self::Dynamic,
+        }
+    }
+}
+
+#[derive(Debug, Clone, Copy, ValueEnum)]
+pub(crate) enum AlignmentArgument {
+    Similarity,
+    Rigid,
+}
+
+impl From<AlignmentArgument> for PoseAlignment {
+    fn from(argument: AlignmentArgument) -> Self {
+        match argument {
+            AlignmentArgument::Similarity => Self::Similarity,
+            AlignmentArgument::Rigid => Self::Rigid,
         }
     }
 }
@@ -121,6 +138,27 @@ pub(crate) enum BenchCommand {
         /// The scene.json, or its folder.
         #[arg(long, value_parser = places::scene_file())]
         scene: PathBuf,
+    },
+    /// Scores camera poses against those of a scene or against true ones: ATE, RPE, AUC, drift.
+    Poses {
+        /// The poses: a COLMAP model or its images.txt, a transforms.json, a TUM trajectory (.txt), a poses.json,
+        /// a scene.json, or a .npy with a matrix for every frame.
+        trajectory: PathBuf,
+        /// The scene.json, or its folder. Its poses are the reference.
+        #[arg(long, value_parser = places::scene_file())]
+        scene: PathBuf,
+        /// True poses of the scene's frames, in one of the same forms, as the reference instead.
+        #[arg(long)]
+        truth: Option<PathBuf>,
+        /// What the matrices of a .npy map, with camera axes x right, y down, z forward.
+        #[arg(long, value_enum, value_name = "CONVENTION")]
+        poses_convention: Option<PosesConventionArgument>,
+        /// Motions that bring the trajectory to the reference before its errors are measured.
+        #[arg(long, value_enum, default_value_t = AlignmentArgument::Similarity)]
+        align: AlignmentArgument,
+        /// Writes the scores as a record, too.
+        #[arg(long, value_name = "FILE")]
+        out: Option<PathBuf>,
     },
     /// Scores predictions: a run, or folders of files named by frame: 8-bit images
     /// (000004.png), or arrays of values in [0, 1] (000004.npy).

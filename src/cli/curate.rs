@@ -2,8 +2,8 @@
 
 use std::path::PathBuf;
 
-use clap::{ArgMatches, Args, FromArgMatches, Subcommand};
-use omnilife_curate::{CurateSettings, LayoutChoice, slicing::SliceSettings};
+use clap::{ArgMatches, Args, FromArgMatches, Subcommand, ValueEnum};
+use omnilife_curate::{CurateSettings, FrameSelection, LayoutChoice, slicing::SliceSettings};
 use omnilife_schemas::{
     provenance::Hardware,
     records::{Sampling, VideoProjection},
@@ -30,6 +30,9 @@ pub(crate) struct CurationArguments {
     /// Samples at most this many frames per sequence, evenly in time.
     #[arg(long, default_value_t = 120)]
     pub(crate) max_frames: u32,
+    /// Takes the frames nearest to the instants of the sampling (even), or the sharpest ones near them (sharp).
+    #[arg(long, value_enum, value_name = "FRAMES", default_value_t = SelectionArgument::Even)]
+    pub(crate) select: SelectionArgument,
     /// Width of the sampled frames in pixels [default: the video's, at most 1024].
     #[arg(long)]
     pub(crate) width: Option<u32>,
@@ -47,6 +50,21 @@ pub(crate) struct CurationArguments {
     pub(crate) min_shot: f64,
     #[command(flatten)]
     pub(crate) detector: DetectorArguments,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub(crate) enum SelectionArgument {
+    Even,
+    Sharp,
+}
+
+impl From<SelectionArgument> for FrameSelection {
+    fn from(argument: SelectionArgument) -> Self {
+        match argument {
+            SelectionArgument::Even => Self::Even,
+            SelectionArgument::Sharp => Self::Sharp,
+        }
+    }
 }
 
 /// What the user says that videos show.
@@ -83,6 +101,7 @@ impl CurationArguments {
                 Sampling::MaxFrames(self.max_frames),
                 Sampling::FramesPerSecond,
             ),
+            select: self.select.into(),
             width: self.width,
             accept: match self.projection {
                 Some(ProjectionArgument::Pinhole) => Some(VideoProjection::Rectilinear),
@@ -231,6 +250,13 @@ pub(crate) enum CurateCommand {
         /// Metres in a unit of the world, where the scene does not say.
         #[arg(long, value_name = "METRES")]
         metres_per_unit: Option<f64>,
+        /// Also writes the tracks for traffic tools: mot (boxes), speeds (CSV with speed and heading), geojson.
+        #[arg(long, value_name = "FORMAT", value_delimiter = ',')]
+        export: Vec<String>,
+        /// Positions of a drone in the subtitles (.SRT) of its video; with them, or with positions of stills in
+        /// EXIF, exports have places on the Earth, and georeference.json the similarity with its residuals.
+        #[arg(long, value_name = "FILE.srt")]
+        telemetry: Option<PathBuf>,
         /// Says what is used, what is left out and on what evidence, and writes no tracks; the frames are looked
         /// at for it.
         #[arg(long)]
@@ -336,6 +362,7 @@ impl CurationSettingsArguments {
         let CurationArguments {
             fps,
             max_frames,
+            select,
             width,
             accept,
             projection,
@@ -349,6 +376,7 @@ impl CurationSettingsArguments {
         let mut words = Vec::new();
         let options = [
             Some(sampling),
+            (*select == SelectionArgument::Sharp).then(|| ("--select", "sharp".to_owned())),
             width.map(|width| ("--width", width.to_string())),
             accept.map(|projection| ("--accept", projection.name().to_owned())),
             projection.map(|projection| ("--projection", projection.text())),

@@ -6,7 +6,7 @@
 use clap::{Command, CommandFactory, Id};
 use omnilife_bench::{ADAPTERS, PROTOCOLS};
 use omnilife_curate::{boundaries::DETECTORS, exchange, masks};
-use omnilife_reconstruct::{formats::exchange::SPLAT_FORMATS, methods::METHODS};
+use omnilife_reconstruct::{jobs::export, methods::METHODS};
 
 use super::Cli;
 
@@ -180,6 +180,7 @@ pub(crate) const EXAMPLES: &[Examples] = &[
             "reconstruct export RUN --lod 1M,5M,full --page --out ASSET",
             "reconstruct export gaussians.ply --up 0,-1,0 --out ASSET",
             "reconstruct export RUN --lod 500k,full --format spz --out ASSET",
+            "reconstruct export RUN --format gtime --page --out ASSET",
         ],
     ),
     ("reconstruct atlas", &["reconstruct atlas RUN --out ATLAS"]),
@@ -218,6 +219,13 @@ pub(crate) const EXAMPLES: &[Examples] = &[
         &["bench tracks tracks.json --truth truth.json --scene SEQUENCE"],
     ),
     (
+        "bench poses",
+        &[
+            "bench poses sparse/0 --scene SEQUENCE",
+            "bench poses all_poses.npy --poses-convention camera-to-world --scene SEQUENCE --truth truth.txt",
+        ],
+    ),
+    (
         "bench validate",
         &["bench validate VIEWS --scene SEQUENCE --split split.json"],
     ),
@@ -233,7 +241,10 @@ pub(crate) const EXAMPLES: &[Examples] = &[
         "bench diagnose",
         &["bench diagnose --scene SEQUENCE --split split.json --novel-views VIEWS"],
     ),
-    ("bench adapter", &["bench adapter pvg --out CHECKOUT"]),
+    (
+        "bench adapter",
+        &["bench adapter gsplat-faces --out CHECKOUT"],
+    ),
     (
         "bench stability",
         &[
@@ -397,7 +408,7 @@ fn association_names() -> Vec<&'static str> {
 }
 
 fn splat_format_names() -> Vec<&'static str> {
-    SPLAT_FORMATS.iter().map(|format| format.name).collect()
+    export::format_names()
 }
 
 fn adapter_names() -> Vec<&'static str> {

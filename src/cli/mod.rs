@@ -3,6 +3,7 @@
 mod attach;
 mod bench;
 mod bench_run;
+mod camera_words;
 mod curate;
 mod dataset;
 mod guide;

@@ -14,7 +14,7 @@ use omnilife_reconstruct::{
     request::{BackendChoice, MethodRequest, PlanChoice},
 };
 
-use super::{memory::gibibytes, places};
+use super::{camera_words::CameraWordArguments, memory::gibibytes, places};
 use crate::exit::BadRequest;
 
 #[derive(Debug, Clone, Args)]
@@ -186,6 +186,8 @@ pub(crate) struct RenderArguments {
     /// them in refined-poses.json. A folder stands for the scene.json in it.
     #[arg(long, value_parser = places::poses())]
     pub(crate) poses: PathBuf,
+    #[command(flatten)]
+    pub(crate) cameras: CameraWordArguments,
     /// Folder of the images.
     #[arg(long)]
     pub(crate) out: PathBuf,
@@ -208,7 +210,8 @@ pub(crate) struct RenderArguments {
     #[arg(long, value_name = "PIXELS")]
     pub(crate) cube_faces: Option<u32>,
     /// What is shown. Of Gaussians: all, static, dynamic, velocity, depth or object:ID; of an atlas: all,
-    /// background, object:ID, matte:ID or without:ID.
+    /// background, object:ID, matte:ID or without:ID. Images of object:ID have an alpha channel, with which their
+    /// colours are not multiplied.
     #[arg(long, default_value = "all")]
     pub(crate) layer: String,
     /// Shows the object with this id alone.
@@ -228,11 +231,15 @@ pub(crate) enum CameraArgument {
 
 impl RenderArguments {
     /// What is asked of the renderer.
-    pub(crate) fn request(&self) -> RenderRequest {
-        RenderRequest {
+    ///
+    /// # Errors
+    /// When cameras by words exclude each other.
+    pub(crate) fn request(&self) -> anyhow::Result<RenderRequest> {
+        Ok(RenderRequest {
             model: self.model.clone(),
             axes: self.axes,
             poses: self.poses.clone(),
+            cameras: self.cameras.words()?,
             size: self.size,
             camera: match self.camera {
                 None => RenderCamera::OfPoses,
@@ -246,7 +253,7 @@ impl RenderArguments {
             },
             cube_faces: self.cube_faces,
             out: self.out.clone(),
-        }
+        })
     }
 }
 
@@ -257,10 +264,11 @@ pub(crate) struct AssetArguments {
     /// Levels of detail: numbers of Gaussians at most, or all of them.
     #[arg(long, value_name = "1M,500k,full", value_delimiter = ',', default_value = "full", value_parser = Level::parse)]
     pub(crate) lod: Vec<Level>,
-    /// Format of the levels; all but splat keep harmonics.
+    /// Format of the levels; all but splat keep harmonics. gtime keeps the motion of a dynamic scene in one
+    /// file, and spz-sequence has a file for each of its frames.
     #[arg(long, default_value = SPLAT_FORMATS[0].name)]
     pub(crate) format: String,
-    /// Makes a page too, one HTML file that opens from disk; it needs the viewer of scripts/setup
+    /// Makes a page too, one HTML file that opens from disk; that of splat needs the viewer of scripts/setup
     /// --viewer.
     #[arg(long)]
     pub(crate) page: bool,
@@ -295,7 +303,7 @@ impl AssetArguments {
     }
 }
 
-fn direction(text: &str) -> Result<[f64; 3], String> {
+pub(super) fn direction(text: &str) -> Result<[f64; 3], String> {
     let numbers: Option<Vec<f64>> = text
         .split(',')
         .map(|word| word.trim().parse().ok())

@@ -16,7 +16,11 @@ use omnilife_schemas::{
     store,
 };
 
-use super::{ablate, bench_run, bench_scores, bench_stability, note_far_frames};
+use super::{
+    ablate,
+    bench_poses::{self, PosePlaces},
+    bench_run, bench_scores, bench_stability, note_far_frames,
+};
 use crate::{
     cli::BenchCommand,
     exit::{self, BadRequest, PartialFailure},
@@ -90,6 +94,23 @@ pub(crate) fn execute(command: &BenchCommand, progress: &dyn Progress) -> anyhow
             }
             exit::print(&format!("{}\n", serde_json::to_string_pretty(&report)?))
         }
+        BenchCommand::Poses {
+            trajectory,
+            scene,
+            truth,
+            poses_convention,
+            align,
+            out,
+        } => bench_poses::execute(
+            &PosePlaces {
+                trajectory,
+                scene,
+                truth: truth.as_deref(),
+                out: out.as_deref(),
+            },
+            poses_convention.map(Into::into),
+            (*align).into(),
+        ),
         BenchCommand::Failed {
             method,
             scene,
@@ -300,7 +321,13 @@ fn list() -> String {
     }
     text += "Adapters\n";
     for adapter in ADAPTERS {
-        text += &format!("  {}: {}\n", adapter.id, adapter.about);
+        text += &format!(
+            "  {}: {}, {}. Run against the authors' code: {}\n",
+            adapter.id,
+            adapter.about,
+            adapter.protocol,
+            adapter.tried.describe()
+        );
     }
     text += "Metrics\n";
     for metric in METRICS {

@@ -22,6 +22,7 @@ use omnilife_tracks::{
     dense::{DenseRequest, make_dense},
     detectors::DETECTORS,
     distance::DISTANCES,
+    exports::{TRACK_FORMATS, TrackExportRequest, export_tracks},
     make_tracks, plan_tracks,
 };
 use serde::Serialize;
@@ -111,6 +112,8 @@ pub(crate) fn execute(command: &CurateCommand, progress: &dyn Progress) -> anyho
             distance,
             association,
             metres_per_unit,
+            export,
+            telemetry,
             plan,
             out,
         } => {
@@ -133,6 +136,16 @@ pub(crate) fn execute(command: &CurateCommand, progress: &dyn Progress) -> anyho
                 metres_per_unit: *metres_per_unit,
                 out: out.clone().unwrap_or_else(|| beside.to_owned()),
             };
+            // Names are checked before the tracking.
+            let formats = export.iter().map(|name| {
+                find("format of tracks", name, TRACK_FORMATS, |one| one.id).map_err(unknown)
+            });
+            let exports = TrackExportRequest {
+                scene_folder: scene.clone(),
+                folder: request.out.clone(),
+                formats: formats.collect::<Result<_, _>>()?,
+                telemetry: telemetry.clone(),
+            };
             if *plan {
                 return exit::print(&plan_tracks(&request, progress)?.text());
             }
@@ -140,6 +153,11 @@ pub(crate) fn execute(command: &CurateCommand, progress: &dyn Progress) -> anyho
             let mut text = String::new();
             for stage in &tracks.stages {
                 text += &format!("{}: {}: {}\n", stage.stage, stage.method, stage.reason);
+            }
+            if !exports.formats.is_empty() || exports.telemetry.is_some() {
+                for file in export_tracks(&exports, progress)?.0 {
+                    text += &format!("{}\n", file.display());
+                }
             }
             exit::print(&format!(
                 "{text}{}: {} vehicles move\n",

@@ -3,6 +3,7 @@
 mod ablate;
 mod attach;
 pub(crate) mod bench;
+mod bench_poses;
 mod bench_run;
 mod bench_scores;
 mod bench_stability;

@@ -12,7 +12,9 @@ use omnilife_reconstruct::{
     methods::{self, METHODS},
     process, scene,
 };
-use omnilife_schemas::{camera::Camera, layout::RUN_FILE, progress::Progress};
+use omnilife_schemas::{
+    camera::Camera, layout::RUN_FILE, progress::Progress, records::WordedViews,
+};
 use omnilife_video::Projection;
 
 use super::{curate::print_json, method_list, note_far_frames, video};
@@ -157,6 +159,17 @@ fn export(arguments: &AssetArguments, progress: &dyn Progress) -> anyhow::Result
             out.join(&level.file).display()
         );
     }
+    if !asset.sequence.is_empty() {
+        let bytes: u64 = (asset.sequence.iter())
+            .map(|moment| moment.moving.bytes)
+            .sum();
+        text += &format!(
+            "{} files of a sequence, {:.1} MB, {}\n",
+            asset.sequence.len(),
+            bytes as f64 / 1e6,
+            out.display()
+        );
+    }
     if let Some(page) = &asset.page {
         text += &format!(
             "{:.1} MB, {}\n",
@@ -176,7 +189,7 @@ fn render(arguments: &RenderArguments, progress: &dyn Progress) -> anyhow::Resul
             return Err(exit::BadRequest(reason.to_owned()).into());
         }
     }
-    let rendered = render::render_poses(&arguments.request(), progress)?;
+    let rendered = render::render_poses(&arguments.request()?, progress)?;
     let mut text = format!("{} views in {}\n", rendered.views, arguments.out.display());
     if rendered.unposed > 0 {
         text += &format!(
@@ -188,6 +201,9 @@ fn render(arguments: &RenderArguments, progress: &dyn Progress) -> anyhow::Resul
         text += &format!(
             "grey is still; 0 and 1 are {speed:.3} world units per second along the axes x, y, z\n"
         );
+    }
+    if let Some(cameras) = &rendered.cameras {
+        text += &unseen_table(cameras);
     }
     if let Some(file) = &arguments.video {
         let projection = match rendered.camera {
@@ -201,9 +217,64 @@ fn render(arguments: &RenderArguments, progress: &dyn Progress) -> anyhow::Resul
     exit::print(&text)
 }
 
+/// Returns the table of the shares that no input view saw, or the reason why there is none.
+fn unseen_table(cameras: &WordedViews) -> String {
+    if let Some(reason) = &cameras.unmeasured {
+        return format!("unseen shares are not measured: {reason}\n");
+    }
+    let mut text = format!(
+        "unseen by {} input views\n   view   seconds  share\n",
+        cameras.input_views
+    );
+    let row = |name: &str, seconds: &str, share: Option<f64>| {
+        let share = share.map_or_else(|| "-".to_owned(), |share| format!("{:.1} %", 100.0 * share));
+        format!("{name:>7} {seconds:>9} {share:>7}\n")
+    };
+    for view in &cameras.views {
+        let file = view.files.first().map_or("", String::as_str);
+        let name = file.get(..6).unwrap_or(file);
+        text += &row(
+            name,
+            &format!("{:.3}", view.time_seconds),
+            view.unseen_share,
+        );
+    }
+    text += &row("mean", "", cameras.mean_unseen_share());
+    text
+}
+
 #[cfg(test)]
 mod tests {
+    use omnilife_schemas::{Pose, records::WordedView};
+
     use super::*;
+
+    #[test]
+    fn unseen_shares_are_a_table_or_a_reason() {
+        let view = |seconds: f64, unseen_share| WordedView {
+            files: vec!["000003.png".to_owned()],
+            time_seconds: seconds,
+            pose: Pose {
+                rotation_wxyz: [1.0, 0.0, 0.0, 0.0],
+                centre: [0.0; 3],
+            },
+            unseen_share,
+        };
+        let mut cameras = WordedViews {
+            cameras: "orbit 360".to_owned(),
+            definition: String::new(),
+            input_views: 9,
+            unmeasured: None,
+            views: vec![view(0.5, Some(0.125)), view(1.0, None)],
+        };
+        assert_eq!(
+            unseen_table(&cameras),
+            "unseen by 9 input views\n   view   seconds  share\n 000003     0.500  12.5 %\n \
+             000003     1.000       -\n   mean            12.5 %\n"
+        );
+        cameras.unmeasured = Some("there are no points".to_owned());
+        assert!(unseen_table(&cameras).contains("not measured: there are no points"));
+    }
 
     #[test]
     fn parts_of_a_training_make_the_whole() {

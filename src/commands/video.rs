@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use anyhow::Context;
-use omnilife_schemas::{RgbImage, ownership::refuse_existing, statistics::frame_interval};
+use omnilife_schemas::{RgbImage, ownership::refuse_existing, rgba, statistics::frame_interval};
 use omnilife_video::{Projection, ViewVideoWriter};
 
 use crate::exit::BadRequest;
@@ -22,8 +22,8 @@ pub(crate) fn check(file: &Path) -> anyhow::Result<()> {
     Err(BadRequest(format!("{}: a video is an .mp4 file", file.display())).into())
 }
 
-/// Encodes PNG files of one size as H.264, evenly timed, and returns the frames per second: one over the typical time
-/// between frames.
+/// Encodes PNG files of one size as H.264, evenly timed and over black where they are transparent. Returns the frames
+/// per second: one over the typical time between frames.
 ///
 /// # Errors
 /// When an image cannot be read or the video cannot be written.
@@ -34,11 +34,12 @@ pub(crate) fn encode(
     file: &Path,
 ) -> anyhow::Result<f64> {
     let first = images.first().context("no images")?;
-    let RgbImage { width, height, .. } = RgbImage::read(first)?;
+    let RgbImage { width, height, .. } = rgba::read_over_black(first)?;
     let rate = frames_per_second(times_seconds);
     let mut video = ViewVideoWriter::create(file, [width as u32, height as u32], projection)?;
     for (number, image) in images.iter().enumerate() {
-        video.push(&RgbImage::read(image)?.to_rgb8(), number as f64 / rate)?;
+        let image = rgba::read_over_black(image)?;
+        video.push(&image.to_rgb8(), number as f64 / rate)?;
     }
     video.finish(images.len() as f64 / rate)?;
     Ok(rate)

@@ -19,7 +19,7 @@ fn exported(out: &Path, arguments: &[&str]) -> crate::support::Ended {
     omnilife(words)
 }
 
-fn asset(out: &Path) -> Value {
+pub(crate) fn asset(out: &Path) -> Value {
     serde_json::from_slice(&std::fs::read(out.join("asset.json")).unwrap()).unwrap()
 }
 
@@ -205,7 +205,7 @@ fn write_poster(path: &Path) {
 }
 
 /// Returns why pages cannot be shown here.
-fn no_browser() -> Option<&'static str> {
+pub(crate) fn no_browser() -> Option<&'static str> {
     let found = |program: &str| Command::new(program).arg("--version").output().is_ok();
     let all = found("chromium") && found("chromedriver") && found("python3");
     (!all).then_some("no Chromium with its driver, scripts/setup --browser installs them")
@@ -340,7 +340,7 @@ fn other_viewers_show_what_the_renderer_draws() {
 }
 
 /// Trains a method with moving Gaussians on the small scene.
-fn moving_run(folder: &Path) -> PathBuf {
+pub(crate) fn moving_run(folder: &Path) -> PathBuf {
     let sequence = small_run().out.join(SEQUENCE);
     let (scene, split) = (
         sequence.join("scene.json"),

@@ -135,6 +135,25 @@ fn a_clip_is_imported_learnt_scored_taken_apart_and_edited() {
     let matte = read_image(&matte);
     // In frame 3 the square's middle is at (32, 20).
     assert!(matte[(32, 20)][0] > 200 && matte[(5, 5)][0] < 50);
+    // An object over the view without it is the view: nothing is in front of the square.
+    let (ended, object) = render(&atlas, "object:square", "object");
+    ended.succeeded();
+    let object = image::open(&object).unwrap();
+    assert!(object.color().has_alpha());
+    let object = object.to_rgba8();
+    assert!(object[(32, 20)][3] > 200 && object[(5, 5)][3] < 50);
+    let (ended, without) = render(&atlas, "without:square", "without");
+    ended.succeeded();
+    let (without, whole) = (read_image(&without), read_image(&all));
+    for (x, y, pixel) in object.enumerate_pixels() {
+        let alpha = f64::from(pixel[3]) / 255.0;
+        for channel in 0..3 {
+            let behind = f64::from(without[(x, y)][channel]);
+            let over = alpha * f64::from(pixel[channel]) + (1.0 - alpha) * behind;
+            let off = over - f64::from(whole[(x, y)][channel]);
+            assert!(off.abs() < 2.0, "{x}, {y}: {off}");
+        }
+    }
     let (ended, _) = render(&atlas, "object:swan", "none");
     let message = ended.failed_quietly(2).to_owned();
     assert!(

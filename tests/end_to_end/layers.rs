@@ -29,7 +29,14 @@ const BASE: &[&[&str]] = &[
     &["stage"],
 ];
 const SCHEMAS: &[&[&str]] = &[
-    &["camera", "frame_scores", "layout", "pose", "trajectory"],
+    &[
+        "camera",
+        "frame_scores",
+        "layout",
+        "object_scores",
+        "pose",
+        "trajectory",
+    ],
     &["ground_plane", "mask", "padded_frame", "points"],
     &["image_file", "oriented_box"],
     &["mask_file", "records"],
@@ -37,12 +44,13 @@ const SCHEMAS: &[&[&str]] = &[
         "bootstrap",
         "distances",
         "mask_survey",
+        "object_regions",
         "posed_view",
         "rgb",
         "scene_points",
         "split_rules",
     ],
-    &["interpolation", "tracked_regions"],
+    &["interpolation", "rgba", "tracked_regions"],
 ];
 const ENGINE: &[&[&str]] = &[
     &["device", "kernels"],
@@ -90,6 +98,7 @@ const CURATE: &[&[&str]] = &[
         "motion",
         "opencv_images",
         "projection",
+        "sharpness",
         "video_names",
     ],
     &[
@@ -115,6 +124,7 @@ const BENCH: &[&[&str]] = &[
     &[
         "adapters",
         "curve",
+        "poses",
         "protocols",
         "stability_report",
         "tracking",

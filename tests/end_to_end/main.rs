@@ -26,6 +26,7 @@ mod faults;
 #[cfg(unix)]
 mod foreign_files;
 mod full_disk;
+mod gaussians_in_time;
 mod geometry;
 mod help;
 mod interruption;
@@ -45,6 +46,7 @@ mod outcomes;
 mod output;
 mod plans;
 #[cfg(target_os = "linux")]
+mod pose_scores;
 mod power_cut;
 mod prerequisites;
 mod registry;

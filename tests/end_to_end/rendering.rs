@@ -249,3 +249,41 @@ fn what_cannot_be_rendered_is_refused_in_one_line() {
     assert!(message.contains(".mp4"), "{message}");
     assert!(!out.exists());
 }
+
+/// Views around the scene: one word at a time, with a table and a record beside the images.
+#[test]
+fn cameras_by_words_exclude_each_other_and_leave_a_table() {
+    let run = small_run().out.join(METHOD).join("run");
+    let scene = small_run().out.join(SEQUENCE).join("scene.json");
+    let folder = scratch();
+    let out = folder.path().join("views");
+    let render = |words: &[&str]| {
+        let mut arguments = ["--quiet", "reconstruct", "render"]
+            .map(OsStr::new)
+            .to_vec();
+        arguments.extend([run.as_os_str(), "--poses".as_ref(), scene.as_os_str()]);
+        arguments.extend(["--out".as_ref(), out.as_os_str()]);
+        arguments.extend(words.iter().map(OsStr::new));
+        omnilife(arguments)
+    };
+    for (words, reason) in [
+        (&["--orbit", "90", "--from-above"][..], "--from-above"),
+        (&["--stationary", "1", "--path", "a.csv"][..], "--path"),
+        (&["--path", "a.csv", "--look-at", "0,0,1"][..], "--look-at"),
+        (&["--stationary", "99"][..], "has no frame 99"),
+        (&["--look-at", "7"][..], "there is no object \"7\""),
+        (&["--orbit", "0"][..], "degrees"),
+        (&["--up", "0,0,1"][..], "--up and --split go with"),
+    ] {
+        let message = render(words).failed_quietly(2).to_owned();
+        assert!(message.contains(reason), "{message}");
+        assert!(!out.exists(), "{words:?}");
+    }
+    let ended = render(&["--stationary", "1"]).succeeded();
+    assert!(ended.stdout.contains("10 views"), "{}", ended.stdout);
+    assert!(ended.stdout.contains("unseen"), "{}", ended.stdout);
+    let record: Value =
+        serde_json::from_str(&fs::read_to_string(out.join("cameras.json")).unwrap()).unwrap();
+    assert_eq!(record["cameras"], "stationary 1");
+    assert_eq!(record["views"].as_array().map(Vec::len), Some(10));
+}

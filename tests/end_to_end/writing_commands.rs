@@ -40,6 +40,7 @@ const ELSEWHERE: &[(&str, &str)] = &[
         "bench stability",
         "takes minutes; writes as bench curve does",
     ),
+    ("bench poses", "writes one file, where it is told to"),
     ("curate build", "is curate"),
     (
         "curate dense",

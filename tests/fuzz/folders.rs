@@ -15,7 +15,10 @@ use omnilife_curate::{
     poses::{colmap::ColmapModel, matrices},
 };
 use omnilife_leaderboard::{LeaderboardRequest, build_leaderboard, submission::verify};
-use omnilife_reconstruct::jobs::render::{RenderCamera, RenderRequest, render_poses};
+use omnilife_reconstruct::jobs::{
+    camera_words::CameraWords,
+    render::{RenderCamera, RenderRequest, render_poses},
+};
 use omnilife_schemas::{npy, progress::Silent, records::PoseConvention, store};
 use omnilife_sweep::Sweep;
 use tempfile::TempDir;
@@ -412,6 +415,7 @@ fn render(input: &Input) {
             model: input.folder.join("in"),
             axes: None,
             poses: input.folder.join("scene.json"),
+            cameras: CameraWords::default(),
             size: Some([16, 8]),
             camera: RenderCamera::OfPoses,
             layer: "all".to_owned(),

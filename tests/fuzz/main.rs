@@ -11,6 +11,7 @@
 mod datasets;
 mod folders;
 mod mutation;
+mod paths;
 mod samples;
 mod splats;
 mod targets;
@@ -29,6 +30,7 @@ use std::{
 use folders::FOLDERS;
 use mutation::Mutator;
 use omnilife_schemas::{process, store};
+use paths::PATHS;
 use splats::SPLATS;
 use targets::{FILES, Input, Reader, Seed, Target};
 use tempfile::TempDir;
@@ -56,7 +58,7 @@ fn no_file_makes_a_reader_panic() {
     let only: Option<String> = variable("OMNILIFE_FUZZ_TARGET");
     let root = Path::new(env!("CARGO_MANIFEST_DIR"));
     let scratch = scratch();
-    let all = FILES.iter().chain(FOLDERS).chain(SPLATS);
+    let all = FILES.iter().chain(FOLDERS).chain(PATHS).chain(SPLATS);
     let is_chosen = |target: &&Target| only.as_ref().is_none_or(|only| *only == target.id);
     let chosen: Vec<&Target> = all.filter(is_chosen).collect();
     assert!(!chosen.is_empty(), "there is no target {only:?}");

@@ -79,6 +79,14 @@ pub(crate) fn write_splat_formats(folder: &Path) -> Vec<String> {
     names(&files)
 }
 
+/// Gaussians in time with every motion; names the file.
+pub(crate) fn write_gaussians_in_time(folder: &Path) -> Vec<String> {
+    let peer = "reconstruct/training/src/formats/in_time/peer/peer.gtime";
+    let peer = Path::new(env!("CARGO_MANIFEST_DIR")).join(peer);
+    fs::copy(peer, folder.join("peer.gtime")).unwrap();
+    names(&["peer.gtime"])
+}
+
 /// A scene of three small images, with points.
 pub(crate) fn write_scene(folder: &Path) {
     let frame = |number: usize| SceneFrame {
@@ -92,6 +100,7 @@ pub(crate) fn write_scene(folder: &Path) {
         ignore_mask: None,
         classes: [].into(),
         objects: [].into(),
+        boxes: [].into(),
         depth: None,
         depth_prior: None,
         capture: None,
@@ -117,6 +126,7 @@ pub(crate) fn write_scene(folder: &Path) {
             problems: Vec::new(),
         },
         published_split: None,
+        objects: [].into(),
     };
     fs::create_dir_all(folder.join("frames")).unwrap();
     for frame in &scene.frames {

@@ -15,7 +15,7 @@ use omnilife_curate::{
     origins,
 };
 use omnilife_reconstruct::formats::{
-    exchange, ply,
+    exchange, in_time, ply,
     splat::{self, Placement},
 };
 use omnilife_schemas::{
@@ -24,6 +24,7 @@ use omnilife_schemas::{
     ground_plane::Plane,
     image_file::ImageFile,
     npy,
+    object_scores::ObjectScores,
     points::PointCloud,
     progress::Silent,
     records::{InvalidGaussians, Scene, check_file},
@@ -35,8 +36,8 @@ use omnilife_sweep::slurm;
 use omnilife_tracks::detectors::{self, DetectorInput};
 
 use crate::samples::{
-    PALETTE_MASK, cloud, gaussians, names, spherical_mp4, unchanged, write_scene, write_splat,
-    write_splat_formats, write_tracks,
+    PALETTE_MASK, cloud, gaussians, names, spherical_mp4, unchanged, write_gaussians_in_time,
+    write_scene, write_splat, write_splat_formats, write_tracks,
 };
 
 /// File that a reader accepts.
@@ -144,6 +145,17 @@ pub(crate) const FILES: &[Target] = &[
             names(&["frames.csv"])
         },
         reader: Bytes(|_, bytes| drop(FrameScores::from_bytes(bytes))),
+    },
+    Target {
+        id: "object-scores",
+        words: &["view", "object", "input", "novel", ",", "\"", "\n", "inf"],
+        cost: 1,
+        seeds: |folder| {
+            let text = "view,frame,object,psnr-object\ninput,0,car,31.25\nnovel,5,\"a,b\",\n";
+            fs::write(folder.join("objects.csv"), text).unwrap();
+            names(&["objects.csv"])
+        },
+        reader: Bytes(|_, bytes| drop(ObjectScores::from_bytes(bytes))),
     },
     Target {
         id: "image",
@@ -338,6 +350,30 @@ pub(crate) const FILES: &[Target] = &[
                 &Placement::WORLD,
                 &unchanged(),
                 &mut InvalidGaussians::default(),
+            ));
+        }),
+    },
+    Target {
+        id: "gaussians-in-time",
+        words: &[
+            "GAUSTIME",
+            "\"kind\": \"",
+            "periodic",
+            "rigid",
+            "exp",
+            "u24",
+            "\"count\": ",
+            "1e999",
+        ],
+        cost: 1,
+        seeds: write_gaussians_in_time,
+        reader: Bytes(|seed, bytes| {
+            let invalid = &mut InvalidGaussians::default();
+            drop(in_time::from_bytes(
+                Path::new(&seed.name),
+                bytes,
+                &unchanged(),
+                invalid,
             ));
         }),
     },

@@ -129,6 +129,7 @@ fn result(scene: usize) -> ResultRecord {
         regions: None,
         versions: [].into(),
         frames_table: "frames.csv".to_owned(),
+        objects: None,
         run_failure: None,
         predictions: None,
         statement: None,

@@ -1,18 +1,19 @@
 //! Copies of a method's views at the places where scoring expects them.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use omnilife_schemas::{
+    camera::cube::CUBE_FACES,
     records::{Scene, Split},
     store::{self, StoreError},
 };
 
 use super::{
-    INPUT_FOLDER, NOVEL_FOLDER,
+    INPUT_FOLDER, NOVEL_FOLDER, compose,
     manifest::Manifest,
-    placeholders::{Places, ViewName},
+    placeholders::{self, Places, ViewName},
 };
-use crate::prediction;
+use crate::{error::BenchError, prediction, split};
 
 /// The gathered views.
 pub(super) struct Gathered {
@@ -31,15 +32,18 @@ impl Gathered {
     }
 }
 
-/// Copies every view of the method, byte for byte, to `predictions/<kind>/<frame>.png`, or `.npy` for an array. Scoring
-/// decides whether a file is a usable image; missing ones are not replaced.
+/// Brings every view of the method to `predictions/<kind>/<frame>.png`, or `.npy` for an array. PNG and NPY files are
+/// copied byte for byte, so that scoring decides whether they are usable; others are put together. Missing views are not
+/// replaced, and one that cannot be put together is missing, with a warning.
 pub(super) fn gather(
     manifest: &Manifest,
     places: &Places,
     scene: &Scene,
     split: &Split,
     out: &Path,
-) -> Result<Gathered, StoreError> {
+) -> Result<Gathered, BenchError> {
+    let (size, _) = split::sizes(scene, split)?;
+    let cell = manifest.predictions.cell;
     let mut gathered = Gathered::notes_of(manifest);
     let kinds = [
         (
@@ -63,16 +67,32 @@ pub(super) fn gather(
                 frame,
                 index,
                 group: group_of(split, frame),
+                target: target_of(split, frame),
                 stem: &image.file_stem().unwrap_or_default().to_string_lossy(),
+                face: 0,
             };
-            let source = places.fill_pattern(pattern, &view);
-            if !source.is_file() {
+            let sources = sources(places, pattern, view);
+            if !sources.iter().all(|source| source.is_file()) {
                 continue;
             }
-            let file = format!("{folder}/{}", prediction::name_for(frame, &source));
-            let bytes = std::fs::read(&source).map_err(|error| StoreError::read(&source, error))?;
-            store::write_bytes(&out.join(&file), &bytes)?;
-            gathered.files.push(file);
+            if let ([source], None) = (sources.as_slice(), cell)
+                && is_prediction(source)
+            {
+                let file = format!("{folder}/{}", prediction::name_for(frame, source));
+                let bytes =
+                    std::fs::read(source).map_err(|error| StoreError::read(source, error))?;
+                store::write_bytes(&out.join(&file), &bytes)?;
+                gathered.files.push(file);
+                continue;
+            }
+            match compose::view(&sources, cell, size) {
+                Ok(image) => {
+                    let file = format!("{folder}/{frame:06}.png");
+                    image.write_png(&out.join(&file))?;
+                    gathered.files.push(file);
+                }
+                Err(reason) => gathered.warnings.push(format!("view {frame}: {reason}")),
+            }
         }
     }
     Ok(gathered)
@@ -84,4 +104,31 @@ fn group_of(split: &Split, frame: u32) -> usize {
     groups
         .position(|group| group.context.contains(&frame) || group.novel_views.contains(&frame))
         .unwrap_or(0)
+}
+
+/// Returns the place of a frame among the novel views of its group; 0 if no group has it.
+fn target_of(split: &Split, frame: u32) -> usize {
+    let mut places = split.groups.iter().map(|group| {
+        let mut views = group.novel_views.iter();
+        views.position(|&view| view == frame)
+    });
+    places.find_map(|place| place).unwrap_or(0)
+}
+
+/// Returns the files of a view: one, or those of the faces of its cube.
+fn sources(places: &Places, pattern: &str, view: ViewName<'_>) -> Vec<PathBuf> {
+    let faces = if placeholders::has_faces(pattern) {
+        CUBE_FACES.len()
+    } else {
+        1
+    };
+    (0..faces)
+        .map(|face| places.fill_pattern(pattern, &ViewName { face, ..view }))
+        .collect()
+}
+
+/// Returns true for files that scoring reads as they are.
+fn is_prediction(source: &Path) -> bool {
+    let ending = source.extension();
+    ending.is_some_and(|ending| ending == "png" || ending == "npy")
 }

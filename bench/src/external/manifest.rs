@@ -20,7 +20,13 @@
 //! [predictions]                      # where [render] leaves its views
 //! novel = "{work}/views/{frame:06}.png"
 //! input = "{work}/views/{frame:06}.png"  # optional
+//! [predictions.cell]                 # optional: where its images are grids with the view in one cell
+//! columns = 2
+//! column = 1                         # from 0
 //! ```
+//!
+//! A pattern with `{face}`, `{face_name}` or `{face_index}` names the faces of a cube: the panorama is put together from
+//! them. Images that are neither PNG nor NPY are converted to PNG.
 //!
 //! The texts in braces are those of `placeholders.rs`.
 #![cfg_attr(
@@ -80,6 +86,31 @@ pub struct PredictionFiles {
     pub novel: String,
     /// Pattern of an input view, if the method renders them.
     pub input: Option<String>,
+    /// Cell of the view in its image, if that is a grid.
+    pub cell: Option<Cell>,
+}
+
+/// Cell of a grid of equal cells.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Cell {
+    /// Number of columns.
+    pub columns: u32,
+    /// Number of rows.
+    #[serde(default = "one")]
+    pub rows: u32,
+    /// Column of the view, from 0.
+    pub column: u32,
+    /// Row of the view, from 0.
+    #[serde(default)]
+    pub row: u32,
+    /// Pixels between cells, and around the grid.
+    #[serde(default)]
+    pub gap: u32,
+}
+
+fn one() -> u32 {
+    1
 }
 
 /// Environment of a method's commands.
@@ -176,6 +207,14 @@ impl Manifest {
                 placeholders::check_command(word)
                     .map_err(|reason| format!("[{}] {reason}", name.name()))?;
             }
+        }
+        if let Some(cell) = self.predictions.cell
+            && (cell.column >= cell.columns || cell.row >= cell.rows)
+        {
+            return Err(format!(
+                "[predictions.cell] column {} and row {} are outside of {} columns and {} rows",
+                cell.column, cell.row, cell.columns, cell.rows
+            ));
         }
         for pattern in [
             Some(&self.predictions.novel),

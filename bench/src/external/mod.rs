@@ -4,6 +4,7 @@
 //! views from the method's output to the places where scoring expects them. A failing method is not an error: the
 //! record gives the reason, its views stay in place, and each becomes a failure in the result.
 
+mod compose;
 mod failure;
 mod gather;
 pub mod manifest;
@@ -69,7 +70,7 @@ pub fn run_external(
     let split: Split = store::read_record(&request.split)?;
     split::check_split(&request.split, &split, &scene)?;
     store::create_folder(&request.out)?;
-    let places = Places::new(request)?;
+    let places = Places::new(request, &scene)?;
     let identity = SceneIdentity::of_split(&request.scene, &scene, &split, &[])?;
     let plan = StagePlan::new(&request.out, STAGE)
         .with_text("seed", &request.seed.to_string())

@@ -1,11 +1,16 @@
 //! Placeholders in the texts of a `method.toml`.
 //!
 //! In commands: `{scene}` (the `scene.json`), `{scene_folder}` (its folder), `{split}` (the `split.json`), `{work}` (an
-//! empty folder for the method, also its working directory), `{seed}`, `{folder}` (the manifest's folder) and
-//! `{omnilife}` (this program). In patterns of predictions also `{frame}` (number in the scene), `{index}` (index among
+//! empty folder for the method, also its working directory), `{seed}`, `{folder}` (the manifest's folder), `{omnilife}`
+//! (this program) and `{face_side}` (pixels of a cube's face that keeps the resolution of the scene's panoramas). In
+//! patterns of predictions also `{frame}` (number in the scene), `{index}` (index among
 //! the split's views of that kind, from 0), `{group}` (number of the first group with the view, from 0; 0 in splits
-//! without groups) and `{stem}` (name of the scene's image without its extension). `{frame:06}` pads with zeros to 6
-//! digits. All paths are absolute.
+//! without groups), `{target}` (index among the novel views of that group, from 0) and `{stem}` (name of the scene's
+//! image without its extension). `{frame:06}` pads with zeros to 6 digits. All paths are absolute.
+//!
+//! Where a method leaves the six faces of a cube in place of a panorama, `{face}` is the number of a face in the order
+//! front, right, back, left, up, down, from 0, and `{face_name}` its name. `{face_index}` counts faces over all views
+//! of the kind: six times `{index}` plus `{face}`.
 #![cfg_attr(
     not(test),
     deny(clippy::indexing_slicing, clippy::arithmetic_side_effects)
@@ -14,7 +19,9 @@
 use std::path::{Path, PathBuf};
 
 use omnilife_schemas::{
+    camera::cube::{CUBE_FACES, side_of_equal_resolution},
     placeholders::{self, replace},
+    records::Scene,
     store::StoreError,
 };
 
@@ -27,6 +34,7 @@ pub(super) struct Places {
     pub(super) work: PathBuf,
     pub(super) folder: PathBuf,
     seed: u64,
+    face_side: u32,
 }
 
 /// Values of a view's placeholders.
@@ -34,10 +42,13 @@ pub(super) struct ViewName<'a> {
     pub(super) frame: u32,
     pub(super) index: usize,
     pub(super) group: usize,
+    pub(super) target: usize,
     pub(super) stem: &'a str,
+    /// Number of the face, 0 where views are whole.
+    pub(super) face: usize,
 }
 
-const IN_COMMANDS: [&str; 7] = [
+const IN_COMMANDS: [&str; 8] = [
     "scene",
     "scene_folder",
     "split",
@@ -45,17 +56,24 @@ const IN_COMMANDS: [&str; 7] = [
     "seed",
     "folder",
     "omnilife",
+    "face_side",
 ];
 /// Placeholders that tell views apart, each with true if it is a number.
-const OF_VIEWS: [(&str, bool); 4] = [
+const OF_VIEWS: [(&str, bool); 8] = [
     ("frame", true),
     ("index", true),
     ("group", true),
+    ("target", true),
     ("stem", false),
+    ("face", true),
+    ("face_name", false),
+    ("face_index", true),
 ];
+/// Placeholders of the faces of a cube.
+const OF_FACES: [&str; 3] = ["face", "face_name", "face_index"];
 
 impl Places {
-    pub(super) fn new(request: &ExternalRequest) -> Result<Self, StoreError> {
+    pub(super) fn new(request: &ExternalRequest, scene: &Scene) -> Result<Self, StoreError> {
         let absolute = |path: &Path| {
             std::path::absolute(path).map_err(|source| StoreError::read(path, source))
         };
@@ -66,6 +84,7 @@ impl Places {
             work: absolute(&request.out.join(WORK_FOLDER))?,
             folder: manifest.parent().unwrap_or(Path::new("/")).to_owned(),
             seed: request.seed,
+            face_side: side_of_equal_resolution(scene.camera.width()),
         })
     }
 
@@ -92,7 +111,14 @@ impl Places {
             "frame" => Some(format!("{:0digits$}", view.frame)),
             "index" => Some(format!("{:0digits$}", view.index)),
             "group" => Some(format!("{:0digits$}", view.group)),
+            "target" => Some(format!("{:0digits$}", view.target)),
             "stem" => Some(view.stem.to_owned()),
+            "face" => Some(format!("{:0digits$}", view.face)),
+            "face_name" => CUBE_FACES.get(view.face).map(|face| face.name.to_owned()),
+            "face_index" => {
+                let before = view.index.saturating_mul(CUBE_FACES.len());
+                Some(format!("{:0digits$}", before.saturating_add(view.face)))
+            }
             _ => self.value(name),
         }))
     }
@@ -108,6 +134,7 @@ impl Places {
             "work" => self.work.display().to_string(),
             "folder" => self.folder.display().to_string(),
             "seed" => self.seed.to_string(),
+            "face_side" => self.face_side.to_string(),
             // If the system does not report it, the program is found by its name.
             "omnilife" => std::env::current_exe()
                 .map_or_else(|_| "omnilife".to_owned(), |path| path.display().to_string()),
@@ -125,9 +152,12 @@ pub(super) fn check_command(word: &str) -> Result<(), String> {
 /// unknown folder.
 pub(super) fn check_pattern(pattern: &str) -> Result<(), String> {
     placeholders::check(pattern, &known(&OF_VIEWS))?;
-    let tells_apart = placeholders::names(pattern)?
-        .iter()
-        .any(|(name, _)| name != "group" && OF_VIEWS.iter().any(|(view, _)| view == name));
+    let names = placeholders::names(pattern)?;
+    let has = |wanted: &str| names.iter().any(|(name, _)| name == wanted);
+    let tells_apart = ["frame", "index", "stem", "face_index"]
+        .into_iter()
+        .any(has)
+        || (has("group") && has("target"));
     if !tells_apart {
         return Err(format!(
             "{pattern:?} is the same file for every view: it needs {{frame}}, {{index}} or {{stem}}"
@@ -137,6 +167,13 @@ pub(super) fn check_pattern(pattern: &str) -> Result<(), String> {
         return Err(format!("{pattern:?} should begin with {{work}}"));
     }
     Ok(())
+}
+
+/// Returns true if a pattern names the faces of a cube in place of whole views.
+pub(super) fn has_faces(pattern: &str) -> bool {
+    let names = placeholders::names(pattern).unwrap_or_default();
+    let mut names = names.iter().map(|(name, _)| name.as_str());
+    names.any(|name| OF_FACES.contains(&name))
 }
 
 /// Returns the placeholders of a text, each with true if it is a number.
@@ -157,17 +194,24 @@ mod tests {
             work: "/out/w".into(),
             folder: "/method".into(),
             seed: 7,
+            face_side: 41,
         };
         let view = ViewName {
             frame: 42,
             index: 3,
             group: 2,
+            target: 5,
             stem: "img_0042",
+            face: 4,
         };
         let fill = |pattern| places.fill_pattern(pattern, &view).display().to_string();
         assert_eq!(fill("{work}/{frame:06}.png"), "/out/w/000042.png");
         assert_eq!(fill("{work}/{index}-{stem}.png"), "/out/w/3-img_0042.png");
         assert_eq!(fill("{work}/{group:03}/{frame}"), "/out/w/002/42");
+        assert_eq!(fill("{work}/{group}/{target:03}"), "/out/w/2/005");
+        assert_eq!(fill("{work}/{index}_{face}_{face_name}"), "/out/w/3_4_up");
+        assert_eq!(fill("{work}/{face_index:05}"), "/out/w/00022");
+        assert_eq!(places.fill("--side={face_side}"), "--side=41");
         assert_eq!(places.fill("{scene_folder}/x"), "/data/{frame}/x");
         assert_eq!(places.fill("--seed={seed}"), "--seed=7");
         // Braces in a path are no placeholders.
@@ -179,6 +223,8 @@ mod tests {
         for (pattern, expected) in [
             ("{work}/view.png", "the same file for every view"),
             ("{work}/{group}.png", "the same file for every view"),
+            ("{work}/{target}.png", "the same file for every view"),
+            ("{work}/{face}.png", "the same file for every view"),
             ("views/{frame}.png", "should begin with {work}"),
             ("{work}/{fram}.png", "{fram} is not known"),
             ("{work}/{frame:6x}.png", "padding is written"),
@@ -188,6 +234,8 @@ mod tests {
             let message = check_pattern(pattern).err().unwrap_or_default();
             assert!(message.contains(expected), "{pattern}: {message}");
         }
+        assert!(check_pattern("{work}/{group}/{target}.png").is_ok());
+        assert!(has_faces("{work}/{face_index}.png") && !has_faces("{work}/{frame}.png"));
         assert!(check_command("{frame}").is_err());
         assert!(check_command("{work}/{seed}").is_ok());
     }

@@ -8,6 +8,7 @@ mod curve;
 mod scored_files;
 
 use std::{
+    collections::BTreeMap,
     path::Path,
     time::{Instant, SystemTime},
 };
@@ -15,6 +16,7 @@ use std::{
 use omnilife_schemas::{
     frame_scores::FRAME_SCORES_FILE,
     layout::{CURVE_FILE, RESULT_FILE, SCORING_FILE},
+    object_scores::OBJECT_SCORES_FILE,
     progress::Progress,
     provenance,
     records::{ResultRecord, ScoringRecord},
@@ -42,6 +44,7 @@ use crate::{
 /// * `frames.csv`: one row per view with columns `view`, `frame`, `time_seconds` and one per
 ///   metric, which are empty for a view that could not be scored or for which the metric is
 ///   undefined;
+/// * `objects.csv`: one row per view and object in it, for protocols with metrics of single objects;
 /// * `curve.csv`: PSNR, SSIM and LPIPS of the novel views along the training, for runs of ours that kept them;
 /// * `comparisons/novel-<frame>.png`: prediction left, ground truth right, of every novel view
 ///   whose prediction could be read.
@@ -74,7 +77,8 @@ pub fn score(request: &ScoreRequest, progress: &dyn Progress) -> Result<ResultRe
         let started = Instant::now();
         // A result whose inputs have changed must not be found by a leaderboard if scoring fails now.
         store::remove(&result_file)?;
-        plan.own_files().remove(|file| file == CURVE_FILE)?;
+        plan.own_files()
+            .remove(|file| [CURVE_FILE, OBJECT_SCORES_FILE].contains(&file))?;
         side_by_side::prepare_folder(&request.out, &plan.own_files())?;
 
         progress.begin(&label, Some(views.len() as u64));
@@ -84,6 +88,10 @@ pub fn score(request: &ScoreRequest, progress: &dyn Progress) -> Result<ResultRe
 
         frames_table::write(&request.out.join(FRAME_SCORES_FILE), &job, &outcomes)?;
         let mut result = summary::result_record(&job, &outcomes);
+        if let Some(objects) = &result.objects {
+            frames_table::write_objects(&request.out.join(&objects.table), &job, &outcomes)?;
+            out.add(objects.table.clone());
+        }
         result.predictions = Some(scored_files::of_job(&job, &request.out)?);
         job.statement.apply(&mut result);
         let single_colour = outcomes.iter().filter(|one| one.is_truth_single_colour);
@@ -129,10 +137,16 @@ fn planned_files(views: &[View]) -> impl Iterator<Item = String> {
         .iter()
         .filter(|view| view.kind == ViewKind::Novel)
         .map(|&view| side_by_side::file(view));
-    [RESULT_FILE, SCORING_FILE, FRAME_SCORES_FILE, CURVE_FILE]
-        .map(str::to_owned)
-        .into_iter()
-        .chain(images)
+    [
+        RESULT_FILE,
+        SCORING_FILE,
+        FRAME_SCORES_FILE,
+        OBJECT_SCORES_FILE,
+        CURVE_FILE,
+    ]
+    .map(str::to_owned)
+    .into_iter()
+    .chain(images)
 }
 
 /// Writes facts that vary between computations of the same scores.
@@ -211,6 +225,7 @@ fn score_view(
             return Ok(ViewOutcome {
                 view,
                 scores: Err(reason.clone()),
+                objects: BTreeMap::new(),
                 is_identical: false,
                 ignores_pixels: loaded.ignores_pixels,
                 is_truth_single_colour: loaded.is_truth_single_colour,
@@ -239,6 +254,7 @@ fn score_view(
     Ok(ViewOutcome {
         view,
         scores: Ok(scores),
+        objects: loaded.of_objects(job, pair),
         is_identical: pair.prediction() == pair.truth(),
         ignores_pixels: loaded.ignores_pixels,
         is_truth_single_colour: loaded.is_truth_single_colour,

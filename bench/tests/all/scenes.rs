@@ -31,6 +31,7 @@ pub(crate) fn scene(frames: usize, unposed: &[usize]) -> Scene {
                 ignore_mask: None,
                 classes: [].into(),
                 objects: [].into(),
+                boxes: [].into(),
                 depth: None,
                 depth_prior: None,
                 capture: None,
@@ -48,5 +49,6 @@ pub(crate) fn scene(frames: usize, unposed: &[usize]) -> Scene {
             problems: Vec::new(),
         },
         published_split: None,
+        objects: [].into(),
     }
 }

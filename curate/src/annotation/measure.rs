@@ -1,27 +1,34 @@
 //! Measurement of camera motion and of dynamic content.
 //!
-//! The camera's rotation and the parallax of the scene are measured in the frames. With poses and points the speed is
-//! measured as well: in scene depths per second, which needs no scale, and in metres per second if the scale is known.
-//! The limits of the classes follow the meaning of the words and were checked on a handful of clips. They are recorded
-//! beside every value, so that values remain usable with other limits.
+//! Motion is measured from poses and masks where there are any, and from frames otherwise. Rotations come from poses
+//! that are close in time, else from registered frames. Translation is a speed in metres per second where the scale is
+//! known, else the angular speed of the surroundings. A class is `unknown` where less than half of the pairs of frames
+//! can be registered.
+//!
+//! The paper names four classes: minimal motion, mild changes, fast translation, and abrupt or large motion. It gives
+//! no numbers. The limits here follow the meaning of the words: a standing person sways by about 0.1 m/s, people run
+//! at up to 6 m/s, and heads rarely turn faster than 90 degrees per second. They are recorded beside every value, so
+//! that values remain usable with other limits.
+
+mod dynamics;
+mod from_frames;
+mod from_poses;
 
 use std::path::Path;
 
 use omnilife_schemas::{
-    RgbImage,
-    camera::{CameraModel, ErpCamera},
-    layout::{DYNAMIC_MASKS_FILE, DYNAMIC_MASKS_FOLDER, SCENE_FILE},
-    points::PointCloud,
+    layout::SCENE_FILE,
     progress::Progress,
-    records::{Dynamics, Evidence, Masks, Measured, Scale, Scene, Sequence},
+    records::{Dynamics, Evidence, Measured, Scene, Sequence},
     statistics::{median, quantile},
     store,
 };
 
-use crate::{
-    error::CurateError,
-    motion::{GreySphere, align, explain, flow},
-};
+use self::{from_frames::FrameMotion, from_poses::PoseMotion};
+use crate::error::CurateError;
+
+/// Class where nothing could be measured.
+pub const UNKNOWN: &str = "unknown";
 
 /// Limits between classes of motion.
 struct Limits {
@@ -29,17 +36,20 @@ struct Limits {
     extreme_turn: f64,
     /// A camera that rotates no faster than this may be static, degrees per second, median.
     static_turn: f64,
-    /// A camera whose surroundings pass no faster than this may be static, degrees per second,
-    /// median over the sphere.
+    /// A camera whose surroundings pass no faster than this may be static, degrees per second, median over the sphere.
     static_parallax: f64,
     /// Surroundings that pass faster than this belong to a fast camera, degrees per second.
     fast_parallax: f64,
+    /// A camera that moves no faster than this may be static, metres per second.
+    static_speed: f64,
     /// Speeds above this are fast, metres per second: faster than people run.
     fast_speed: f64,
     /// Less of the sphere moving than this is a low level of dynamic content.
     low_dynamics: f64,
     /// More than this is a high level.
     high_dynamics: f64,
+    /// Share of the pairs of frames that must be registered.
+    least_registered: f64,
 }
 
 const LIMITS: Limits = Limits {
@@ -47,43 +57,27 @@ const LIMITS: Limits = Limits {
     static_turn: 3.0,
     static_parallax: 0.7,
     fast_parallax: 40.0,
+    static_speed: 0.15,
     fast_speed: 6.0,
     low_dynamics: 0.01,
     high_dynamics: 0.05,
+    least_registered: 0.5,
 };
 
-/// Pairs of frames that are compared at most, spread over the sequence.
-const PAIRS: usize = 16;
-/// Frames farther apart than this do not show how the camera moves, seconds.
-const LARGEST_GAP_SECONDS: f64 = 0.5;
-/// Columns of the images that are compared.
-const IMAGE_WIDTH: usize = 256;
-/// Directions at which flow is measured.
-const GRID: ErpCamera = ErpCamera {
-    width: 64,
-    height: 32,
-};
-/// Points whose distance is measured at most, per camera.
-const DEPTH_SAMPLES: usize = 500;
+/// Median over the sphere of the sine of the angle to the heading: points at a distance pass at this share of the
+/// camera's speed over that distance.
+const MEDIAN_SINE: f64 = 0.866;
 
-/// Measured classes; `None` where a class cannot be measured.
-#[derive(Debug, Clone, PartialEq, Default)]
+/// Measured classes.
+#[derive(Debug, Clone, PartialEq)]
 pub struct Motion {
     /// Ego-motion class.
-    pub ego_motion: Option<Measured>,
+    pub ego_motion: Measured,
     /// Level of dynamic content.
-    pub dynamics: Option<Dynamics>,
+    pub dynamics: Dynamics,
 }
 
-/// Values of all pairs of frames.
-#[derive(Default)]
-struct Values {
-    turns: Vec<f64>,
-    parallaxes: Vec<f64>,
-    dynamic_shares: Vec<f64>,
-}
-
-/// Measures a sequence.
+/// Measures a sequence. What poses and masks do not tell is measured in frames.
 ///
 /// # Errors
 /// When a frame or a record cannot be read.
@@ -92,125 +86,69 @@ pub fn measure(
     sequence: &Sequence,
     progress: &dyn Progress,
 ) -> Result<Motion, CurateError> {
-    if sequence.is_pinhole() {
-        progress.note(&format!(
-            "{}: motion is not measured: its frames are those of a pinhole, not of the whole sphere",
-            sequence.id
-        ));
-        return Ok(Motion::default());
-    }
-    let values = compare_frames(folder, sequence, progress)?;
-    if values.turns.is_empty() {
-        progress.note(&format!(
-            "{}: motion is not measured: its frames are more than {LARGEST_GAP_SECONDS} s apart",
-            sequence.id
-        ));
-        return Ok(Motion::default());
-    }
-    let speed = speed(folder)?;
-    Ok(Motion {
-        ego_motion: ego_motion(&values, speed),
-        dynamics: dynamics(folder, &values)?,
-    })
-}
-
-fn compare_frames(
-    folder: &Path,
-    sequence: &Sequence,
-    progress: &dyn Progress,
-) -> Result<Values, CurateError> {
-    let entries = &sequence.frames.entries;
-    let near: Vec<usize> = (1..entries.len())
-        .filter(|&i| entries[i].time_seconds - entries[i - 1].time_seconds <= LARGEST_GAP_SECONDS)
-        .collect();
-    let pairs = near.len().min(PAIRS);
-    let directions: Vec<glam::Vec3> = (0..GRID.height)
-        .flat_map(|row| (0..GRID.width).map(move |column| (column, row)))
-        .map(|(column, row)| {
-            let pixel = glam::dvec2(f64::from(column) + 0.5, f64::from(row) + 0.5);
-            GRID.unproject(pixel).as_vec3()
-        })
-        .collect();
-    let read = |index: usize| -> Result<GreySphere, CurateError> {
-        let image = RgbImage::read(&folder.join(&entries[index].file))?;
-        let width = IMAGE_WIDTH.min(image.width);
-        Ok(GreySphere::new(&image, width))
+    let record = folder.join(SCENE_FILE);
+    let scene: Option<Scene> = match record.is_file() {
+        true => Some(store::read_record(&record)?),
+        false => None,
     };
-    let mut values = Values::default();
-    progress.begin(&format!("measuring {}", sequence.id), Some(pairs as u64));
-    let measured = (0..pairs).try_for_each(|pair| -> Result<(), CurateError> {
-        let index = near[pair * near.len() / pairs];
-        let seconds = entries[index].time_seconds - entries[index - 1].time_seconds;
-        let (from, to) = (read(index - 1)?, read(index)?);
-        let rotation = align(&from, &to);
-        let flow = flow(&from, &to, rotation, &directions);
-        let motion = explain(&flow, from.pixel_radians(0));
-        let turn = glam::Quat::from_scaled_axis(-motion.turn) * rotation;
-        let (_, angle) = turn.to_axis_angle();
-        let angle = f64::from(angle.min(std::f32::consts::TAU - angle));
-        values.turns.push(angle.to_degrees() / seconds);
-        values
-            .parallaxes
-            .push(motion.parallax_radians.to_degrees() / seconds);
-        let (mut moving, mut seen) = (0.0, 0.0);
-        for index in 0..directions.len() {
-            if let Some(moves) = motion.is_dynamic(index) {
-                let weight = GRID.pixel_solid_angle(index as u32 / GRID.width);
-                seen += weight;
-                moving += weight * f64::from(u8::from(moves));
-            }
-        }
-        if seen > 0.0 {
-            values.dynamic_shares.push(moving / seen);
-        }
-        progress.advance(1);
-        Ok(())
+    let poses = match &scene {
+        Some(scene) => from_poses::measure(folder, scene)?,
+        None => None,
+    };
+    let masks = dynamics::masked_shares(folder, scene.as_ref())?;
+    let is_told = poses.as_ref().is_some_and(|poses| {
+        let has_speed = poses
+            .metres_per_second
+            .or(poses.depths_per_second)
+            .is_some();
+        has_speed && !poses.turns.is_empty()
     });
-    progress.end();
-    measured.map(|()| values)
-}
-
-/// Median speed of the posed cameras, with its unit.
-struct Speed {
-    depths_per_second: Option<f64>,
-    metres_per_second: Option<f64>,
-}
-
-fn speed(folder: &Path) -> Result<Option<Speed>, CurateError> {
-    let path = folder.join(SCENE_FILE);
-    if !path.is_file() {
-        return Ok(None);
-    }
-    let scene: Scene = store::read_record(&path)?;
-    let cloud = match &scene.points {
-        Some(file) => PointCloud::read_ply(&folder.join(file))?,
-        None => PointCloud::default(),
+    // Flow is measured on the whole sphere.
+    let needs_frames = !sequence.is_pinhole() && (masks.is_none() || !is_told);
+    let frames = match needs_frames {
+        true => Some(from_frames::compare(folder, sequence, progress)?),
+        false => None,
     };
-    let stride = (cloud.len() / DEPTH_SAMPLES).max(1);
-    let (mut metric, mut relative) = (Vec::new(), Vec::new());
-    for pair in scene.frames.windows(2) {
-        let (Some(from), Some(to)) = (&pair[0].pose, &pair[1].pose) else {
-            continue;
-        };
-        let seconds = pair[1].time_seconds - pair[0].time_seconds;
-        let speed = from.centre().distance(to.centre()) / seconds;
-        metric.push(speed);
-        let depths: Vec<f64> = cloud
-            .positions
-            .iter()
-            .step_by(stride)
-            .map(|&p| glam::DVec3::from_array(p).distance(from.centre()))
-            .collect();
-        relative.extend(
-            median(&depths)
-                .filter(|&depth| depth > 0.0)
-                .map(|depth| speed / depth),
-        );
+    let motion = Motion {
+        ego_motion: ego_motion(poses.as_ref(), frames.as_ref()),
+        dynamics: dynamics::level(masks, frames.as_ref()),
+    };
+    report_unknown(&motion, sequence, frames.as_ref(), progress);
+    Ok(motion)
+}
+
+/// Says which classes are unknown, and why.
+fn report_unknown(
+    motion: &Motion,
+    sequence: &Sequence,
+    frames: Option<&FrameMotion>,
+    progress: &dyn Progress,
+) {
+    let classes = [
+        ("ego-motion", &motion.ego_motion),
+        ("dynamic content", &motion.dynamics),
+    ];
+    let unknown: Vec<&str> = classes
+        .iter()
+        .filter(|(_, measured)| measured.class == UNKNOWN)
+        .map(|(name, _)| *name)
+        .collect();
+    if unknown.is_empty() {
+        return;
     }
-    Ok(Some(Speed {
-        depths_per_second: median(&relative),
-        metres_per_second: median(&metric).filter(|_| scene.scale == Scale::Metres),
-    }))
+    let reason = match frames {
+        None => "frames of a pinhole show neither without poses and masks".to_owned(),
+        Some(frames) if frames.compared == 0 => {
+            "no two of its frames are close enough in time".to_owned()
+        }
+        Some(frames) => format!(
+            "{} of {} pairs of frames could be registered",
+            frames.turns.len(),
+            frames.compared
+        ),
+    };
+    let names = unknown.join(" and ");
+    progress.note(&format!("{}: unknown {names}: {reason}", sequence.id));
 }
 
 fn evidence(test: &str, value: f64, limit: f64, reading: &str) -> Evidence {
@@ -222,20 +160,79 @@ fn evidence(test: &str, value: f64, limit: f64, reading: &str) -> Evidence {
     }
 }
 
-fn ego_motion(values: &Values, speed: Option<Speed>) -> Option<Measured> {
-    let turn = median(&values.turns)?;
-    let fast_turn = quantile(&values.turns, 0.9)?;
-    let parallax = median(&values.parallaxes)?;
-    let metric = speed.as_ref().and_then(|speed| speed.metres_per_second);
-    let is_fast = match metric {
-        Some(speed) => speed > LIMITS.fast_speed,
-        None => parallax > LIMITS.fast_parallax,
+/// Returns an unknown class with the reason for it.
+fn unknown(frames: Option<&FrameMotion>) -> Measured {
+    Measured {
+        class: UNKNOWN.to_owned(),
+        from: "frames".to_owned(),
+        evidence: vec![evidence(
+            "registered_share",
+            frames.map_or(0.0, FrameMotion::registered_share),
+            LIMITS.least_registered,
+            "below is unknown",
+        )],
+    }
+}
+
+/// Translation of the camera in the unit of the limit that decides.
+struct Translation {
+    test: &'static str,
+    value: f64,
+    static_limit: f64,
+    fast_limit: f64,
+    is_of_poses: bool,
+}
+
+impl Translation {
+    fn of(poses: Option<&PoseMotion>, frames: Option<&FrameMotion>) -> Option<Self> {
+        let metric = poses.and_then(|poses| poses.metres_per_second);
+        if let Some(value) = metric {
+            return Some(Self {
+                test: "metres_per_second",
+                value,
+                static_limit: LIMITS.static_speed,
+                fast_limit: LIMITS.fast_speed,
+                is_of_poses: true,
+            });
+        }
+        let relative = poses.and_then(|poses| poses.depths_per_second);
+        let of_poses = relative.map(|speed| (MEDIAN_SINE * speed).to_degrees());
+        let of_frames = || median(&frames?.parallaxes);
+        Some(Self {
+            test: "parallax_median_degrees_per_second",
+            value: of_poses.or_else(of_frames)?,
+            static_limit: LIMITS.static_parallax,
+            fast_limit: LIMITS.fast_parallax,
+            is_of_poses: of_poses.is_some(),
+        })
+    }
+}
+
+fn ego_motion(poses: Option<&PoseMotion>, frames: Option<&FrameMotion>) -> Measured {
+    let usable = frames.filter(|frames| frames.registered_share() >= LIMITS.least_registered);
+    let turns = match (poses, usable) {
+        (Some(poses), _) if !poses.turns.is_empty() => Some((&poses.turns, true)),
+        (_, Some(frames)) => Some((&frames.turns, false)),
+        _ => None,
+    };
+    let measured = || {
+        let (turns, is_of_poses) = turns?;
+        let translation = Translation::of(poses, usable)?;
+        Some((
+            median(turns)?,
+            quantile(turns, 0.9)?,
+            is_of_poses,
+            translation,
+        ))
+    };
+    let Some((turn, fast_turn, turns_are_of_poses, translation)) = measured() else {
+        return unknown(frames);
     };
     let class = if fast_turn > LIMITS.extreme_turn {
         "extreme"
-    } else if is_fast {
+    } else if translation.value > translation.fast_limit {
         "high-speed"
-    } else if turn <= LIMITS.static_turn && parallax <= LIMITS.static_parallax {
+    } else if turn <= LIMITS.static_turn && translation.value <= translation.static_limit {
         "static"
     } else {
         "walking-and-daily"
@@ -254,90 +251,95 @@ fn ego_motion(values: &Values, speed: Option<Speed>) -> Option<Measured> {
             "above is not static",
         ),
         evidence(
-            "parallax_median_degrees_per_second",
-            parallax,
-            LIMITS.static_parallax,
+            translation.test,
+            translation.value,
+            translation.static_limit,
             "above is not static",
         ),
         evidence(
-            "parallax_median_degrees_per_second",
-            parallax,
-            LIMITS.fast_parallax,
-            "above is high-speed where no speed is known",
+            translation.test,
+            translation.value,
+            translation.fast_limit,
+            "above is high-speed",
         ),
     ];
-    if let Some(speed) = metric {
+    if let Some(frames) = usable {
         found.push(evidence(
-            "metres_per_second",
-            speed,
-            LIMITS.fast_speed,
-            "above is high-speed",
+            "registered_share",
+            frames.registered_share(),
+            LIMITS.least_registered,
+            "below is unknown",
         ));
     }
-    let relative = speed.and_then(|speed| speed.depths_per_second);
-    if let Some(speed) = relative {
-        // The same limit as an angular speed of the surroundings.
-        let limit = LIMITS.fast_parallax.to_radians();
-        found.push(evidence(
-            "depths_per_second",
-            speed,
-            limit,
-            "for information",
-        ));
-    }
-    Some(Measured {
-        class: class.to_owned(),
-        from: if relative.is_some() {
-            "frames and poses"
-        } else {
-            "frames"
-        }
-        .to_owned(),
-        evidence: found,
-    })
-}
-
-/// Measures from the masks of the sequence, else from the residual flow.
-fn dynamics(folder: &Path, values: &Values) -> Result<Option<Dynamics>, CurateError> {
-    let record = folder.join(DYNAMIC_MASKS_FOLDER).join(DYNAMIC_MASKS_FILE);
-    let (shares, from) = if record.is_file() {
-        let masks: Masks = store::read_record(&record)?;
-        (
-            masks
-                .frames
-                .iter()
-                .map(|frame| frame.dynamic_share)
-                .collect(),
-            "masks",
-        )
-    } else {
-        (values.dynamic_shares.clone(), "frames")
+    let from = match (turns_are_of_poses, translation.is_of_poses) {
+        (true, true) => "poses",
+        (false, false) => "frames",
+        _ => "frames and poses",
     };
-    if shares.is_empty() {
-        return Ok(None);
-    }
-    let mean = shares.iter().sum::<f64>() / shares.len() as f64;
-    let class = match mean {
-        share if share > LIMITS.high_dynamics => "high",
-        share if share > LIMITS.low_dynamics => "medium",
-        _ => "low",
-    };
-    Ok(Some(Dynamics {
+    Measured {
         class: class.to_owned(),
         from: from.to_owned(),
-        evidence: vec![
-            evidence(
-                "dynamic_share_mean",
-                mean,
-                LIMITS.low_dynamics,
-                "above is medium",
-            ),
-            evidence(
-                "dynamic_share_mean",
-                mean,
-                LIMITS.high_dynamics,
-                "above is high",
-            ),
-        ],
-    }))
+        evidence: found,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn frames(compared: usize, turns: &[f64], parallax: f64) -> FrameMotion {
+        FrameMotion {
+            compared,
+            turns: turns.to_vec(),
+            parallaxes: vec![parallax; turns.len()],
+            dynamic_shares: vec![0.002; turns.len()],
+        }
+    }
+
+    #[test]
+    fn classes_follow_their_limits() {
+        let class = |turn: f64, parallax: f64| {
+            ego_motion(None, Some(&frames(4, &[turn; 4], parallax))).class
+        };
+        assert_eq!(class(1.0, 0.2), "static");
+        assert_eq!(class(12.0, 0.2), "walking-and-daily");
+        assert_eq!(class(1.0, 9.0), "walking-and-daily");
+        assert_eq!(class(1.0, 60.0), "high-speed");
+        assert_eq!(class(120.0, 60.0), "extreme");
+    }
+
+    #[test]
+    fn speeds_of_poses_come_before_those_of_frames() {
+        let mut poses = PoseMotion {
+            turns: vec![1.0; 4],
+            metres_per_second: Some(9.0),
+            depths_per_second: Some(0.001),
+        };
+        let wrong = frames(4, &[200.0; 4], 50.0);
+        let measured = ego_motion(Some(&poses), Some(&wrong));
+        assert_eq!((&*measured.class, &*measured.from), ("high-speed", "poses"));
+        poses.metres_per_second = None;
+        assert_eq!(ego_motion(Some(&poses), None).class, "static");
+        // A quarter of the distance of the scene in a second: 12 degrees.
+        poses.depths_per_second = Some(0.25);
+        let measured = ego_motion(Some(&poses), None);
+        assert_eq!(measured.class, "walking-and-daily");
+        assert!((measured.evidence[2].value - 12.4).abs() < 0.1);
+        // Poses that are far apart in time tell the speed alone.
+        poses.turns.clear();
+        let measured = ego_motion(Some(&poses), Some(&frames(4, &[20.0; 4], 0.0)));
+        assert_eq!(measured.from, "frames and poses");
+    }
+
+    #[test]
+    fn failed_registration_is_unknown() {
+        let few = frames(8, &[449.0; 3], 100.0);
+        let measured = ego_motion(None, Some(&few));
+        assert_eq!(measured.class, UNKNOWN);
+        assert_eq!(measured.evidence[0].value, 0.375);
+        assert_eq!(dynamics::level(None, Some(&few)).class, UNKNOWN);
+        assert_eq!(ego_motion(None, None).class, UNKNOWN);
+        let masks = Some((vec![0.1, 0.2], "masks"));
+        assert_eq!(dynamics::level(masks, Some(&few)).class, "high");
+    }
 }

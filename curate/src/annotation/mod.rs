@@ -121,8 +121,8 @@ pub fn annotate_dataset(
             apply(&mut annotation, &row, &taxonomy, at)?;
         }
         let motion = measure::measure(at, sequence, progress)?;
-        annotation.ego_motion.measured = motion.ego_motion;
-        annotation.dynamics = motion.dynamics;
+        annotation.ego_motion.measured = Some(motion.ego_motion);
+        annotation.dynamics = Some(motion.dynamics);
         report_disagreement(&annotation, progress);
         store::write_record(&path, &annotation)?;
     }
@@ -204,6 +204,7 @@ fn apply(
 fn report_disagreement(annotation: &Annotation, progress: &dyn Progress) {
     let motion = &annotation.ego_motion;
     if let (Some(of_action), Some(measured)) = (&motion.of_action, &motion.measured)
+        && measured.class != measure::UNKNOWN
         && *of_action != measured.class
     {
         progress.note(&format!(

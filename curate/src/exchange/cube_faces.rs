@@ -98,7 +98,8 @@ pub(super) fn as_faces(
     })
 }
 
-/// Returns the six faces; `None` for those that show nothing of the scene.
+/// Returns the six faces; `None` for those of training frames that show nothing of the scene. Test frames have all
+/// six, because methods number the views that they render.
 fn faces_of(
     frame: &ExportFrame,
     camera: ErpCamera,
@@ -118,7 +119,7 @@ fn faces_of(
         .map(|face| {
             let of_face = |mask: &Mask| face_mask(mask, camera, face, side);
             let [mask, ignored] = [&mask, &ignored].map(|mask| mask.as_ref().map(of_face));
-            if ignored.as_ref().is_some_and(Mask::is_full) {
+            if frame.is_input && ignored.as_ref().is_some_and(Mask::is_full) {
                 return Ok(None);
             }
             let write = |mask: Option<Mask>, kind: &str| -> Result<Option<PathBuf>, CurateError> {

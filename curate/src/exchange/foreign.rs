@@ -9,7 +9,7 @@ use omnilife_schemas::{
     Pose,
     mask_file::MarkedGreys,
     points::PointCloud,
-    records::{PoseSource, Scale},
+    records::{PoseSource, Scale, SceneObject},
 };
 
 use super::{ForeignDistance, ForeignSplit};
@@ -34,6 +34,8 @@ pub struct ForeignScene {
     pub image_folders: Vec<PathBuf>,
     /// Names of missing images that have a pose.
     pub missing_images: Vec<String>,
+    /// Single objects by their names, where the format states their classes.
+    pub objects: BTreeMap<String, SceneObject>,
     /// The split that the scene is published with.
     pub published_split: Option<ForeignSplit>,
     /// Times of the frames without a `times.csv` and a given frame rate; `None` if one of them is required.
@@ -58,6 +60,7 @@ impl ForeignScene {
             root: root.to_owned(),
             image_folders: Vec::new(),
             missing_images: Vec::new(),
+            objects: BTreeMap::new(),
             published_split: None,
             frame_rate: None,
             stills: BTreeMap::new(),

@@ -4,6 +4,7 @@
 //! rgb/00000.jpg ...             the frames, in the order of their names and numbers (or images/)
 //! mask/00000.png ...            white where the object is, by the frames' names (DAVIS), or
 //! objects/swan/00000.png ...    the same for each object, by its name; no file for frames without it
+//! classes.json                  {"swan": "other", ...}, classes of the objects: vehicle, person or other
 //! camera.json                   {"focal": F}, the focal length in pixels, where it is known
 //! poses.json                    poses, one for each frame, where they are known, and the camera
 //! train.txt, test.txt           names of the frames for training and for testing, where a split is given
@@ -42,7 +43,7 @@ use omnilife_schemas::{
     layout::SCENE_FILE,
     ownership::is_inside,
     points::PointCloud,
-    records::{PoseSource, Poses, Scale, Scene},
+    records::{ObjectClass, PoseSource, Poses, Scale, Scene, SceneObject},
     rgb::Mask,
     store::{self, StoreError},
 };
@@ -76,6 +77,8 @@ const IMAGES_FOLDER: &str = "rgb";
 const UNPOSED_FOLDER: &str = "unposed";
 /// Folder of the masks of moving content.
 const MASK_FOLDER: &str = "mask";
+/// Classes of single objects, by their names.
+const CLASSES_FILE: &str = "classes.json";
 /// Folder of the folders of masks of single objects.
 const OBJECTS_FOLDER: &str = "objects";
 /// Approximate number of images examined to tell a perspective clip from panoramas.
@@ -154,6 +157,7 @@ fn import(folder: &Path) -> Result<ForeignScene, CurateError> {
         distance: None,
     });
     Ok(ForeignScene {
+        objects: listed_objects(folder, &objects)?,
         scale: posed.scale,
         points: posed.points,
         pose_source: Some(posed.source),
@@ -222,6 +226,30 @@ fn object_masks(
         objects.insert("object".to_owned(), read(&folder.join(MASK_FOLDER))?);
     }
     Ok(objects)
+}
+
+/// Returns the objects with their classes; those that `classes.json` does not name are of class other.
+fn listed_objects(
+    folder: &Path,
+    masks: &BTreeMap<String, BTreeMap<String, PathBuf>>,
+) -> Result<BTreeMap<String, SceneObject>, CurateError> {
+    let path = folder.join(CLASSES_FILE);
+    let mut classes: BTreeMap<String, ObjectClass> = match path.is_file() {
+        true => super::read_json(&path)?,
+        false => BTreeMap::new(),
+    };
+    let objects = masks.keys().map(|name| {
+        let class = classes.remove(name).unwrap_or_default();
+        (name.clone(), SceneObject { class })
+    });
+    let objects = objects.collect();
+    match classes.into_keys().next() {
+        Some(name) => {
+            let reason = format!("has a class of {name:?}, of which there are no masks");
+            Err(CurateError::input(&path, reason))
+        }
+        None => Ok(objects),
+    }
 }
 
 fn focal_of(folder: &Path) -> Result<Option<f64>, CurateError> {

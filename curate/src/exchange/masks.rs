@@ -3,12 +3,16 @@
 //! Most formats know a single kind of mask, for pixels to ignore, and get both in it. Pixels outside the scene are also
 //! marked in a folder of their own, under the names of the images, so that an import restores them.
 
-use std::path::{Path, PathBuf};
+use std::{
+    collections::BTreeMap,
+    path::{Path, PathBuf},
+};
 
 use omnilife_schemas::{
     layout::IGNORE_MASKS_FOLDER,
     mask_file::MarkedGreys,
     mask_survey::MaskSurvey,
+    object_regions::{Region, RegionSource},
     rgb::Mask,
     store::{self, StoreError},
 };
@@ -34,6 +38,43 @@ impl ExportFrame {
         }
         Ok(hidden)
     }
+}
+
+/// Gives frames without a mask of moving content the union of their objects, which is written into a folder.
+///
+/// # Errors
+/// When a mask cannot be read or written.
+pub(super) fn unite_objects(scene: &mut ExportScene, folder: &Path) -> Result<(), CurateError> {
+    let ExportScene {
+        source: Some(source),
+        frames,
+        camera,
+        ..
+    } = scene
+    else {
+        return Ok(());
+    };
+    let named = source.record.frames.iter();
+    let named: BTreeMap<String, _> = named
+        .map(|frame| (super::file_name(&frame.image), frame))
+        .collect();
+    for frame in frames {
+        let moving = named
+            .get(&frame.name)
+            .and_then(|of_record| Region::Moving.source(&source.record, of_record));
+        let Some(objects @ RegionSource::Objects(_)) = moving else {
+            continue;
+        };
+        let read = |file: &str| Mask::read(&source.folder.join(file));
+        let union = objects.mask(camera, camera.size(), read)?;
+        if union.marks_anything() {
+            let file = folder.join(format!("{}.png", super::stem(&frame.name)));
+            super::create_parent(&file)?;
+            union.write_png(&file)?;
+            frame.mask = Some(file);
+        }
+    }
+    Ok(())
 }
 
 /// Returns notes on assumptions about the masks of a scene.

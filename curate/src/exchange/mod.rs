@@ -25,6 +25,7 @@ mod parts;
 mod published_split;
 mod scene_folder;
 mod times;
+mod trajectory;
 
 use std::{
     fs,
@@ -50,6 +51,7 @@ pub use own_record::scene_id;
 pub use parts::Part;
 pub use published_split::ForeignSplit;
 pub use scene_folder::{ImportRequest, MaskMeaning, import};
+pub use trajectory::read_trajectory;
 
 use crate::error::CurateError;
 
@@ -241,6 +243,7 @@ pub fn export_as(
     }
     fill_folder(out, |folder| {
         let scratch = folder.join("scratch");
+        masks::unite_objects(&mut scene, &scratch.join("united"))?;
         if let Some(faces) = request.cube_faces {
             let all = CUBE_FACES.len() * scene.frames.len();
             scene = cube_faces::as_faces(&scene, faces, &scratch)?;

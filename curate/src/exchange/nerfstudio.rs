@@ -113,6 +113,22 @@ pub(super) fn pose_of(transform_matrix: &[[f64; 4]; 4]) -> Option<Pose> {
     Pose::from_matrix(rotation, matrix.w_axis.truncate()).filter(|_| matrix.row(3) == DVec4::W)
 }
 
+/// Reads the poses of a `transforms.json` with the files of their images, which need not exist.
+///
+/// # Errors
+/// When the file is missing or malformed, or a matrix is no rigid transform.
+pub(super) fn poses(path: &Path) -> Result<Vec<(String, Pose)>, CurateError> {
+    let transforms: ForeignTransforms = super::read_json(path)?;
+    let frames = transforms.frames.into_iter();
+    let posed = frames.map(|frame| {
+        let pose = pose_of(&frame.transform_matrix).ok_or_else(|| {
+            StoreError::malformed(path, format!("{} has no rigid transform", frame.file_path))
+        })?;
+        Ok((frame.file_path, pose))
+    });
+    posed.collect()
+}
+
 fn export(scene: &ExportScene, out: &Path) -> Result<(), CurateError> {
     super::copy_images(scene, out)?;
     let masks = out.join("masks");

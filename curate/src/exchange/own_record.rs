@@ -82,6 +82,7 @@ impl OwnRecord {
             return Ok(());
         };
         entry.capture.clone_from(&known.capture);
+        entry.boxes.clone_from(&known.boxes);
         let stem = super::stem(name);
         let copy = |file: &str, to: String| -> Result<String, CurateError> {
             let path = out.join(&to);

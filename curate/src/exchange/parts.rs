@@ -16,7 +16,7 @@ pub enum Part {
     Points,
     /// File names of the images.
     Names,
-    /// Masks of single objects.
+    /// Masks, boxes and classes of single objects.
     Objects,
     /// Masks of classes of objects.
     Classes,
@@ -72,12 +72,12 @@ impl Part {
                     .then(|| "no names of images: they are numbered from 0 on".to_owned())
             }
             Self::Objects => {
-                let objects = scene.frames.iter().flat_map(|frame| frame.objects.keys());
+                let objects = scene.object_names().into_iter();
                 names("masks of objects", objects)
             }
             Self::Classes => {
                 let classes = scene.frames.iter().flat_map(|frame| frame.classes.keys());
-                names("masks of classes", classes)
+                names("masks of classes", classes.map(String::as_str))
             }
             Self::Distances => frames_with(&|frame| frame.depth.is_some(), "no distances: those"),
             Self::EstimatedDistances => frames_with(
@@ -111,9 +111,9 @@ pub(super) fn numbered_name(number: usize) -> String {
 }
 
 /// Counts and names things that a format cannot hold.
-fn names<'a>(what: &str, all: impl Iterator<Item = &'a String>) -> Option<String> {
-    let distinct: BTreeSet<&String> = all.collect();
-    let names: Vec<String> = distinct.into_iter().cloned().collect();
+fn names<'a>(what: &str, all: impl Iterator<Item = &'a str>) -> Option<String> {
+    let distinct: BTreeSet<&str> = all.collect();
+    let names: Vec<String> = distinct.into_iter().map(str::to_owned).collect();
     let first = plain_text::first_of(&names);
     (!names.is_empty()).then(|| format!("no {what}: {} are left out ({first})", names.len()))
 }

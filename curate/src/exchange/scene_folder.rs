@@ -186,6 +186,7 @@ fn write(
                 MaskMeaning::Moving => import_objects(source, (frame, name), out)?,
                 MaskMeaning::Ignored => [].into(),
             },
+            boxes: [].into(),
             depth: distances::import(source.scene, frame, name, out)?,
             depth_prior: None,
             capture: still
@@ -226,6 +227,10 @@ fn write(
             }),
         validation,
         published_split: source.split.as_ref().map(|split| split.record(times)),
+        objects: match request.masks {
+            MaskMeaning::Moving => source.scene.objects.clone(),
+            MaskMeaning::Ignored => [].into(),
+        },
     };
     store::write_record(&out.join(SCENE_FILE), &scene)?;
     Ok(scene)

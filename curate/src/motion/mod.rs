@@ -7,12 +7,15 @@
 pub mod camera;
 pub mod flow;
 pub mod grey;
+pub mod pairs;
 pub mod pinhole_turns;
+pub mod registration;
 pub mod residual;
 pub mod rotation;
 
 pub use camera::{CameraMotion, camera_motion};
 pub use flow::{Flow, flow};
 pub use grey::GreySphere;
+pub use registration::{Registered, register};
 pub use residual::{PairMotion, explain};
 pub use rotation::align;

@@ -15,6 +15,8 @@ const HUBER: f32 = 0.05;
 /// Levels of the pyramid that are used, from the smallest: motion in the scene dominates the
 /// finer ones.
 const LEVELS: usize = 3;
+/// Share of a small turn's differences that those of a larger one must stay below.
+const CLEARLY_BETTER: f32 = 0.7;
 
 /// Finds the rotation that takes directions in `from` to directions in `to`, by Gauss-Newton on the difference of grey
 /// values, from coarse to fine. It starts at the best of all yaws, so that rotations about the vertical of any size are
@@ -31,11 +33,32 @@ pub fn align(from: &GreySphere, to: &GreySphere) -> Quat {
             best = (cost, rotation);
         }
     }
-    let mut rotation = best.1;
-    for level in (from.levels().saturating_sub(LEVELS)..from.levels()).rev() {
-        rotation = refine(from, to, level, &directions, rotation);
+    refined(from, to, &directions, best.1)
+}
+
+/// Finds the rotation between neighbouring frames of a video: as [`align`], but a jump to another yaw has to fit
+/// clearly better than a small turn. Facades and skies repeat themselves, and cameras rarely jump.
+pub(super) fn align_neighbours(from: &GreySphere, to: &GreySphere) -> Quat {
+    let directions: Vec<Vec3> = even_directions(SAMPLES).collect();
+    let small = refined(from, to, &directions, Quat::IDENTITY);
+    let any = align(from, to);
+    let level = from.levels().saturating_sub(LEVELS);
+    let [small_cost, any_cost] =
+        [small, any].map(|rotation| cost(from, to, level, &directions, rotation));
+    if any_cost < CLEARLY_BETTER * small_cost {
+        any
+    } else {
+        small
     }
-    rotation
+}
+
+/// Returns a rotation refined from coarse to fine.
+fn refined(from: &GreySphere, to: &GreySphere, directions: &[Vec3], start: Quat) -> Quat {
+    (from.levels().saturating_sub(LEVELS)..from.levels())
+        .rev()
+        .fold(start, |rotation, level| {
+            refine(from, to, level, directions, rotation)
+        })
 }
 
 fn cost(

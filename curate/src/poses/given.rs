@@ -1,4 +1,4 @@
-//! Poses given by the user: a `poses.json`, a folder with a COLMAP model, or matrices as `.npy`.
+//! Poses given by the user: a `poses.json`, a folder with a COLMAP model, a TUM trajectory, or matrices as `.npy`.
 
 use std::{
     collections::BTreeMap,
@@ -22,7 +22,7 @@ use super::{
     PosedSequence,
     colmap::{self, ColmapModel},
     frame_list::FrameList,
-    matrices, refuse_missing,
+    matrices, refuse_missing, tum,
     validate::{ValidationLimits, validate},
 };
 use crate::error::CurateError;
@@ -35,7 +35,7 @@ pub(super) fn files(path: &Path) -> Result<Vec<PathBuf>, CurateError> {
     if is_array(path) {
         return Ok(vec![path.to_owned()]);
     }
-    let poses: Poses = store::read_record(path)?;
+    let poses = record(path)?;
     Ok(std::iter::once(path.to_owned())
         .chain(named_files(path, &poses))
         .collect())
@@ -135,12 +135,20 @@ fn beside(path: &Path, file: &str) -> PathBuf {
     path.parent().unwrap_or(Path::new("")).join(file)
 }
 
+/// Reads a record of poses, or a TUM trajectory as one.
+fn record(path: &Path) -> Result<Poses, store::StoreError> {
+    match tum::is_trajectory(path) {
+        true => tum::read(path),
+        false => store::read_record(path),
+    }
+}
+
 /// Reads a record of poses, its frames in order of time.
 ///
 /// # Errors
 /// When it cannot be read, a pose is not finite or has no rotation, or two share one instant.
 fn sorted_record(path: &Path) -> Result<Poses, CurateError> {
-    let mut record: Poses = store::read_record(path)?;
+    let mut record = record(path)?;
     if let Some(bad) = record
         .frames
         .iter()

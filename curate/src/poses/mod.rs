@@ -25,6 +25,7 @@ mod prior;
 pub mod sfm;
 mod straight_frames;
 mod truth;
+mod tum;
 pub(crate) mod turns;
 pub mod validate;
 
@@ -65,7 +66,8 @@ const STAGE: &str = "poses";
 /// Source of the poses of a sequence.
 #[derive(Debug, Clone, PartialEq)]
 pub enum PoseRequest {
-    /// A `poses.json` (`omnilife/poses/2`), a folder with a COLMAP model, or matrices as `.npy` ([`matrices`]).
+    /// A `poses.json` (`omnilife/poses/2`), a folder with a COLMAP model, a TUM trajectory (`.txt`), or matrices as
+    /// `.npy` ([`matrices`]).
     Given(PathBuf),
     /// Structure from motion.
     Sfm(SfmSettings),
@@ -83,6 +85,19 @@ impl PoseRequest {
             Self::Sfm(settings) => settings.masks.as_deref().map_or(Ok(()), refuse_missing),
         }
     }
+}
+
+/// Reads given poses of the frames of a scene; `convention` is that of matrices.
+///
+/// # Errors
+/// When the files are missing or malformed, or fit no frame.
+pub(crate) fn poses_of_scene(
+    path: &Path,
+    convention: Option<PoseConvention>,
+    scene: &Scene,
+) -> Result<Vec<Option<Pose>>, CurateError> {
+    refuse_missing(path)?;
+    Ok(given::read(path, convention, &FrameList::of_scene(scene, None))?.poses)
 }
 
 /// Refuses a missing file or folder.
@@ -334,6 +349,7 @@ fn stage_scene(
             ignore_mask: None,
             classes: [].into(),
             objects: [].into(),
+            boxes: [].into(),
             depth: None,
             depth_prior: None,
             capture: entry.capture.clone(),
@@ -351,5 +367,6 @@ fn stage_scene(
         pose_source: posed.source,
         validation: posed.validation,
         published_split: None,
+        objects: [].into(),
     })
 }

@@ -29,8 +29,11 @@ use omnilife_video::Rgb8Image;
 
 use super::{SECONDS_APART, Still, Stills, sha256};
 use crate::{
-    admission, error::CurateError, frame_order, frames, projection, sequences,
-    settings::CurateSettings, video_folder,
+    admission,
+    error::CurateError,
+    frame_order, frames, projection, sequences,
+    settings::{CurateSettings, FrameSelection},
+    video_folder,
 };
 
 /// Width in pixels of the images from which the projection is judged.
@@ -105,6 +108,12 @@ pub(crate) fn curate(
     store::update_record(&folder.join(BOUNDARIES_FILE), &no_boundaries(&analysis))?;
     store::update_record(&folder.join(SLICES_FILE), &no_slices(&analysis, settings))?;
     let (width, _) = frames::frame_size(input, &analysis.probe, settings.width, None, None)?;
+    if settings.select == FrameSelection::Sharp {
+        progress.note(&format!(
+            "{}: stills are taken evenly, the sharpest frames are chosen in videos",
+            input.display()
+        ));
+    }
     let work = Work {
         folder,
         chosen: chosen(&stills, &analysis, settings.sampling),
@@ -351,7 +360,9 @@ impl Work<'_> {
                 resampling: if is_resized { "area" } else { "none" }.to_owned(),
                 converted_from: None,
                 entries: entries.collect(),
+                sharpest: None,
             },
+            motion_frames: Vec::new(),
         }
     }
 }

@@ -16,10 +16,11 @@ use omnilife_curate::{
 use omnilife_schemas::{
     layout::ANNOTATION_FILE,
     progress::Silent,
-    records::{Annotation, Sampling},
+    records::{Annotation, Sampling, Sequence, VideoProjection},
     store,
+    testing::Notes,
 };
-use support::erp_clip;
+use support::{Clip, erp_clip, erp_direction, world_colour};
 use tempfile::TempDir;
 
 use crate::support;
@@ -116,6 +117,59 @@ printf '{"caption": "%s frames, %s", "scene": "beach"}' "$frames" "$2""#;
             fs::copy(&path, Path::new(&keep).join(path.file_name().unwrap())).unwrap();
         }
     }
+}
+
+/// The paper's average sequence: 98 s at 30 frames a second, of which 120 are sampled.
+#[test]
+fn motion_of_a_long_sequence_is_known_by_default() {
+    let folder = tempfile::tempdir().unwrap();
+    let video = folder.path().join("walk.mp4");
+    let (width, height) = (128, 64);
+    Clip::steady(width, height, 98 * 30, 30).write(&video, |frame, x, y| {
+        let yaw = 0.2 * frame as f64 / 30.0;
+        world_colour(1, erp_direction(x, y, width, height, yaw))
+    });
+    let out = folder.path().join("set");
+    let settings = CurateSettings {
+        enforce: false,
+        accept: Some(VideoProjection::Erp),
+        ..CurateSettings::default()
+    };
+    let notes = Notes::default();
+    let curated = curate_dataset(&[video], &out, &settings, &notes).unwrap();
+    assert!(curated.errors.is_empty(), "{:?}", curated.errors);
+    let place = out.join("videos/walk/seq-000");
+    let sequence: Sequence = store::read_record(&place.join("sequence.json")).unwrap();
+    let entries = &sequence.frames.entries;
+    assert!(entries[1].time_seconds - entries[0].time_seconds > 0.8);
+    assert_eq!(sequence.motion_frames.len(), 48);
+    assert!(
+        (sequence.motion_frames.iter()).all(|entry| place.join(&entry.file).is_file()),
+        "{:?}",
+        sequence.motion_frames
+    );
+    let curated = notes.take().join("\n");
+    assert!(!curated.contains("not measured"), "{curated}");
+    annotate_dataset(&out, &AnnotateSettings::default(), &notes).unwrap();
+    let said = notes.take().join("\n");
+    assert!(
+        !said.contains("unknown") && !said.contains("not measured"),
+        "{said}"
+    );
+    let annotation = annotation(&out, "seq-000");
+    let motion = annotation.ego_motion.measured.unwrap();
+    assert_eq!(motion.class, "walking-and-daily");
+    let turn = &motion.evidence[1];
+    assert_eq!(turn.test, "turn_median_degrees_per_second");
+    assert!((turn.value - 11.46).abs() < 1.5, "{turn:?}");
+    assert_eq!(annotation.dynamics.unwrap().class, "low");
+    // A second run finds everything in place.
+    let video = folder.path().join("walk.mp4");
+    curate_dataset(&[video], &out, &settings, &notes).unwrap();
+    let said = notes.take().join("\n");
+    assert!(said.contains("frames of 1 sequences unchanged"), "{said}");
+    let kept: Sequence = store::read_record(&place.join("sequence.json")).unwrap();
+    assert_eq!(kept, sequence);
 }
 
 #[test]

@@ -119,6 +119,7 @@ impl Flight {
                 ignore_mask: None,
                 classes: [].into(),
                 objects: [].into(),
+                boxes: [].into(),
                 depth: None,
                 depth_prior: None,
                 capture: None,
@@ -141,6 +142,7 @@ impl Flight {
                 problems: Vec::new(),
             },
             published_split: None,
+            objects: [].into(),
         };
         if self.with_points {
             let positions: Vec<[f64; 3]> = (0..400)

@@ -6,7 +6,7 @@ use std::path::Path;
 use glam::{DMat3, DQuat, DVec3, Quat, Vec3, dvec2, dvec3};
 use omnilife_curate::{
     masks::{self, MaskSource, dynamic_share},
-    motion::{GreySphere, align, explain, flow},
+    motion::{GreySphere, align, explain, flow, register},
 };
 use omnilife_schemas::{
     RgbImage,
@@ -117,6 +117,29 @@ fn a_moving_camera_in_a_still_room_is_explained() {
 }
 
 #[test]
+fn neighbours_are_registered_and_strangers_are_not() {
+    let from = seen(DQuat::IDENTITY, room(DVec3::ZERO));
+    let turned = DQuat::from_euler(glam::EulerRot::YXZ, 0.05, -0.02, 0.01);
+    let to = seen(turned, room(dvec3(0.06, 0.01, 0.09)));
+    let registered = register(&from, &to, &directions()).unwrap();
+    let expected = turned.inverse().as_quat();
+    let error = registered.rotation.angle_between(expected).to_degrees();
+    assert!(error < 0.25, "{error} degrees off");
+
+    let noise = |seed: u32| {
+        let value = |index: u32| {
+            let mixed = (index ^ seed.wrapping_mul(0x9e37_79b9)).wrapping_mul(0x85eb_ca6b);
+            let mixed = (mixed ^ (mixed >> 13)).wrapping_mul(0xc2b2_ae35);
+            (mixed >> 16) as f32 / 65_535.0
+        };
+        GreySphere::of_luma(256, (0..256 * 128).map(value).collect())
+    };
+    assert!(register(&noise(1), &noise(2), &directions()).is_none());
+    let plain = GreySphere::of_luma(256, vec![0.5; 256 * 128]);
+    assert!(register(&plain, &plain, &directions()).is_none());
+}
+
+#[test]
 fn a_camera_that_stands_has_no_heading() {
     let from = seen(DQuat::IDENTITY, room(DVec3::ZERO));
     let motion = explain(
@@ -202,7 +225,9 @@ fn rendered(data: &Path, folder: &Path, frames: &[usize]) {
             resampling: "none".to_owned(),
             converted_from: None,
             entries: entries.collect(),
+            sharpest: None,
         },
+        motion_frames: Vec::new(),
     };
     store::write_record(&folder.join("sequence.json"), &sequence).unwrap();
 }

@@ -188,6 +188,7 @@ fn imported(folder: &Path) {
             ignore_mask: None,
             classes: [].into(),
             objects: [].into(),
+            boxes: [].into(),
             depth: None,
             depth_prior: None,
         }
@@ -213,6 +214,7 @@ fn imported(folder: &Path) {
             problems: Vec::new(),
         },
         published_split: None,
+        objects: [].into(),
     };
     let points = PointCloud {
         positions: vec![[0.0, -50.0, 1.5], [0.0, 50.0, 1.5]],

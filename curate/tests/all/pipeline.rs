@@ -2,7 +2,9 @@
 
 use std::{fs, path::Path};
 
-use omnilife_curate::{CurateError, CurateSettings, curate_video, slicing::SliceSettings};
+use omnilife_curate::{
+    CurateError, CurateSettings, FrameSelection, curate_video, slicing::SliceSettings,
+};
 use omnilife_schemas::{
     progress::Silent,
     records::{BoundaryKind, BoundaryLedger, Sampling, Sequence, VideoAnalysis, VideoProjection},
@@ -61,6 +63,60 @@ fn timestamps_come_from_the_source_and_an_uneven_rate_is_seen() {
         .map(|e| e.time_seconds)
         .collect();
     assert_eq!(sampled, times);
+}
+
+/// Of every five frames, all but one have lost their fine detail.
+#[test]
+fn the_sharpest_frames_are_taken_on_request_with_their_reason() {
+    let temp = tempfile::tempdir().unwrap();
+    let video = temp.path().join("walk.mp4");
+    Clip::steady(256, 128, 40, 25).write(&video, |frame, x, y| {
+        let [a, b, c] = erp_direction(x, y, 256, 128, 0.008 * frame as f64);
+        let detail = match frame % 5 {
+            1 => 0.08 * (40.0 * a).sin() * (37.0 * b).cos() * (35.0 * c).cos(),
+            _ => 0.0,
+        };
+        world_colour(1, [a, b, c]).map(|value| value + detail)
+    });
+    let out = temp.path().join("walk");
+    let settings = CurateSettings {
+        accept: Some(VideoProjection::Erp),
+        sampling: Sampling::MaxFrames(8),
+        ..lenient()
+    };
+    let times = |sequence: &Sequence| -> Vec<u32> {
+        let entries = sequence.frames.entries.iter();
+        entries
+            .map(|entry| (25.0 * entry.time_seconds).round() as u32)
+            .collect()
+    };
+    curate_video(&video, &out, &settings, &Silent).unwrap();
+    let even = sequence(&out, "seq-000");
+    assert_eq!(times(&even), [0, 5, 10, 15, 20, 25, 30, 35]);
+    assert_eq!(even.frames.sharpest, None);
+
+    let settings = CurateSettings {
+        select: FrameSelection::Sharp,
+        ..settings
+    };
+    let notes = Notes::default();
+    curate_video(&video, &out, &settings, &notes).unwrap();
+    let sharp = sequence(&out, "seq-000");
+    assert_eq!(times(&sharp), [1, 6, 11, 16, 21, 26, 31, 36]);
+    let reasons = &sharp.frames.sharpest.as_ref().unwrap().frames;
+    for (reason, entry) in reasons.iter().zip(&even.frames.entries) {
+        assert!(reason.sharpness > 1.1 * reason.even_sharpness, "{reason:?}");
+        assert_eq!(reason.even_seconds, entry.time_seconds);
+    }
+    assert!(!notes.take().join("\n").contains("skipped"));
+    curate_video(&video, &out, &settings, &notes).unwrap();
+    assert!(
+        notes
+            .take()
+            .join("\n")
+            .contains("analysis unchanged, skipped")
+    );
+    assert_eq!(sequence(&out, "seq-000"), sharp);
 }
 
 #[test]

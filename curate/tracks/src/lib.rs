@@ -4,7 +4,8 @@
 //! ([`distance`], on the ground by [`rings`] or by [`alignment`] of estimates), the grouping by object
 //! ([`association`]), its path ([`spline_fit`]), its heading and size ([`boxes`]). Objects that do not move remain part
 //! of the static scene. For a hovering camera a plane replaces the scene (`hover`). [`dense`] measures points and
-//! distances of scenes whose poses come with too few.
+//! distances of scenes whose poses come with too few. [`exports`] writes tracks for traffic tools, with the place of the
+//! scene on the Earth ([`georeference`]).
 #![cfg_attr(not(test), warn(clippy::disallowed_methods))]
 
 pub mod alignment;
@@ -16,6 +17,8 @@ pub mod dense;
 pub mod detectors;
 pub mod distance;
 pub mod error;
+pub mod exports;
+pub mod georeference;
 mod hover;
 mod image_boxes;
 mod overlay;

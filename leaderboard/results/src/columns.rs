@@ -130,6 +130,17 @@ pub const VIEWS: Table = Table {
     rows: |loaded, each| loaded.views(each),
 };
 
+/// Means over the views of every object.
+pub const OBJECTS: Table = Table {
+    name: "objects",
+    about: "one mean over the views that show an object",
+    own: OF_OBJECTS,
+    always: &[],
+    of_every_result: false,
+    beside: Beside::Nothing,
+    rows: |loaded, each| loaded.objects(each),
+};
+
 /// Scores along trainings.
 pub const CURVES: Table = Table {
     name: "curves",
@@ -142,7 +153,7 @@ pub const CURVES: Table = Table {
 };
 
 /// All tables.
-pub const TABLES: [&Table; 3] = [&RESULTS, &VIEWS, &CURVES];
+pub const TABLES: [&Table; 4] = [&RESULTS, &VIEWS, &OBJECTS, &CURVES];
 
 /// Returns the table of a name.
 pub fn table(name: &str) -> Option<&'static Table> {
@@ -246,15 +257,9 @@ const OF_MEANS: &[Column] = &[
     Column::number(
         "deviation",
         "Sample standard deviation over the views.",
-        |row| match row.of {
-            ValueOf::Views(summary) => summary.standard_deviation,
-            _ => None,
-        },
+        deviation,
     ),
-    Column::count("views", "Views that have a value.", |row| match row.of {
-        ValueOf::Views(summary) => Some(i64::from(summary.views)),
-        _ => None,
-    }),
+    Column::count("views", "Views that have a value.", views),
     Column::number("training_seconds", "Training time.", |row| {
         row.source.result.training_seconds
     }),
@@ -293,6 +298,21 @@ const OF_VIEWS: &[Column] = &[
     ),
 ];
 
+const OF_OBJECTS: &[Column] = &[
+    Column::text("object", "Name of the object.", |row| {
+        Some(&row.object?.object)
+    }),
+    Column::text("class", "`vehicle`, `person` or `other`.", |row| {
+        Some(row.object?.class.name())
+    }),
+    Column::number(
+        "deviation",
+        "Sample standard deviation over the views.",
+        deviation,
+    ),
+    Column::count("views", "Views that have a value.", views),
+];
+
 const OF_CURVES: &[Column] = &[
     Column::count("iteration", "Iterations done.", |row| match row.of {
         ValueOf::Point(point) => count(Some(point.iteration)),
@@ -324,6 +344,20 @@ const OF_CURVES: &[Column] = &[
 
 fn count(number: Option<u64>) -> Option<i64> {
     i64::try_from(number?).ok()
+}
+
+fn deviation(row: &Row<'_>) -> Option<f64> {
+    match row.of {
+        ValueOf::Views(summary) => summary.standard_deviation,
+        _ => None,
+    }
+}
+
+fn views(row: &Row<'_>) -> Option<i64> {
+    match row.of {
+        ValueOf::Views(summary) => Some(i64::from(summary.views)),
+        _ => None,
+    }
 }
 
 fn view(row: &Row<'_>) -> Option<View> {

@@ -1,8 +1,9 @@
 //! Tables of results, and queries on them.
 //!
-//! Three tidy tables, one row per value: [`RESULTS`] has the means of every result, [`VIEWS`] the scores of every view,
-//! [`CURVES`] the scores along a training. Their columns are listed in [`columns`]. They are made of validated records,
-//! written as Parquet files beside a leaderboard, and queried by a [`Query`].
+//! Four tidy tables, one row per value: [`RESULTS`] has the means of every result, [`VIEWS`] the scores of every view,
+//! [`OBJECTS`] the means of single objects, [`CURVES`] the scores along a training. Their columns are listed in
+//! [`columns`]. They are made of validated records, written as Parquet files beside a leaderboard, and queried by a
+//! [`Query`].
 #![cfg_attr(not(test), warn(clippy::disallowed_methods))]
 
 pub mod columns;
@@ -17,7 +18,7 @@ mod rows;
 mod scene_facts;
 mod source;
 
-pub use columns::{CURVES, RESULTS, TABLES, Table, VIEWS, table};
+pub use columns::{CURVES, OBJECTS, RESULTS, TABLES, Table, VIEWS, table};
 pub use curve::{CurvePoint, read as read_curve};
 pub use error::ResultsError;
 pub use filter::Filter;

@@ -3,7 +3,7 @@
 use omnilife_schemas::{
     frame_scores::{FRAME_SCORES_FILE, FrameScores},
     layout::{CURVE_FILE, RESULT_FILE},
-    records::{ResultRecord, Summary},
+    records::{ObjectResult, ResultRecord, Summary},
 };
 
 use crate::{curve::CurvePoint, error::ResultsError, source::Source};
@@ -19,6 +19,8 @@ pub(crate) struct Row<'a> {
     pub(crate) metric: &'a str,
     /// `whole`, `static` or `dynamic`.
     pub(crate) region: &'static str,
+    /// The object that it is of, where it is of one.
+    pub(crate) object: Option<&'a ObjectResult>,
     /// The score.
     pub(crate) value: f64,
     /// Views over which the value is taken.
@@ -117,9 +119,32 @@ impl<'a> Loaded<'a> {
                 view,
                 metric,
                 region,
+                object: None,
                 value: summary.mean,
                 of: ValueOf::Views(*summary),
             });
+        }
+    }
+
+    /// Calls `each` with the mean of every object by every metric.
+    pub(crate) fn objects(&'a self, each: &mut dyn FnMut(Row<'a>)) {
+        let result = self.source.result;
+        let shown = result
+            .objects
+            .iter()
+            .filter(|_| result.run_failure.is_none());
+        for object in shown.flat_map(|objects| &objects.objects) {
+            for (metric, summary) in &object.scores {
+                each(Row {
+                    source: self.source,
+                    view: &object.view,
+                    metric,
+                    region: WHOLE,
+                    object: Some(object),
+                    value: summary.mean,
+                    of: ValueOf::Views(*summary),
+                });
+            }
         }
     }
 
@@ -144,6 +169,7 @@ impl<'a> Loaded<'a> {
                     view: &row.view,
                     metric,
                     region,
+                    object: None,
                     value,
                     of: ValueOf::View(view),
                 });
@@ -160,6 +186,7 @@ impl<'a> Loaded<'a> {
                     view: "novel",
                     metric,
                     region,
+                    object: None,
                     value,
                     of: ValueOf::Point(*point),
                 });

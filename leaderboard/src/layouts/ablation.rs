@@ -19,8 +19,11 @@ const PUBLISHED: PublishedLayout = PublishedLayout {
     protocol: "per-scene",
 };
 
-/// Returns one table for every method that has variants.
+/// Returns one table for every method that has variants, where novel views are scored.
 pub(super) fn tables(group: &Group<'_>, papers: &[Paper]) -> Vec<Table> {
+    if !group.has(ViewKind::Novel) {
+        return Vec::new();
+    }
     group
         .methods
         .iter()

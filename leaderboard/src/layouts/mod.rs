@@ -8,8 +8,13 @@ pub(crate) mod assets;
 mod by_place;
 mod by_scene;
 mod feed_forward;
+mod fidelity;
+mod input_ablation;
+mod objects;
 mod order;
+mod temporal;
 mod views;
+mod whole_images;
 
 use std::collections::BTreeSet;
 
@@ -65,6 +70,26 @@ pub(crate) const LAYOUTS: &[Layout] = &[
         id: "ablation",
         is_in_first_table: false,
         tables: ablation::tables,
+    },
+    Layout {
+        id: "whole-images",
+        is_in_first_table: false,
+        tables: whole_images::tables,
+    },
+    Layout {
+        id: "objects",
+        is_in_first_table: false,
+        tables: objects::tables,
+    },
+    Layout {
+        id: "consistency-over-time",
+        is_in_first_table: false,
+        tables: temporal::tables,
+    },
+    Layout {
+        id: "ablation-of-input-views",
+        is_in_first_table: false,
+        tables: input_ablation::tables,
     },
 ];
 

@@ -29,6 +29,12 @@ pub(crate) struct PublishedRows {
 /// Id of the paper with the layouts of this leaderboard.
 pub(crate) const OMNILIFE360: &str = "omnilife360";
 
+/// Id of the paper on atlases of driving scenes and of clips.
+pub(crate) const NEURAL_ATLAS_GRAPHS: &str = "neural-atlas-graphs";
+
+/// Id of the paper on cities in UAV video.
+pub(crate) const UAV_URBAN: &str = "uav-urban";
+
 /// Figures that others print for public datasets, beside results under the published splits.
 pub(crate) const ANCHORS: PublishedLayout = PublishedLayout {
     paper: "anchors",
@@ -182,9 +188,9 @@ fn cell(table: &PublishedTable, row: &PublishedRow, column: &Column) -> Cell {
     let Some(index) = found else {
         return Cell::Missing;
     };
-    let decimals = table.quantity(row, index).map_or(3, |of| of.decimals);
+    let decimals = table.decimals(row, index);
     match &row.cells[index] {
-        PublishedCell::Number(value) => Cell::Score(Score {
+        PublishedCell::Number(value) | PublishedCell::Deviating([value, _]) => Cell::Score(Score {
             value: *value,
             decimals,
             interval: None,

@@ -1,26 +1,36 @@
 //! The tables of papers whose rows stand beside measured ones, as data.
 //!
-//! `published/*.json` holds them as printed. They are never ranked with measured scores. `anchors.json` is a
-//! collection: figures of several sources for public datasets, each table with its source.
+//! `published/*.json` holds them as printed, or with a row for each sequence and method. They are never ranked with
+//! measured scores. `anchors.json` is a collection: figures of several sources for public datasets, each table with
+//! its source.
 
 mod comparison;
 
 use serde::Deserialize;
 
 pub(crate) use comparison::{
-    ANCHORS, NOT_COMPARABLE, OMNILIFE360, PublishedLayout, published_rows,
+    ANCHORS, NEURAL_ATLAS_GRAPHS, NOT_COMPARABLE, OMNILIFE360, PublishedLayout, UAV_URBAN,
+    published_rows,
 };
 
 use crate::error::LeaderboardError;
 
 /// The embedded files with their names.
-const FILES: [(&str, &str); 3] = [
+const FILES: [(&str, &str); 5] = [
     (
         "omnilife360.json",
         include_str!("../../published/omnilife360.json"),
     ),
     ("panogs.json", include_str!("../../published/panogs.json")),
     ("anchors.json", include_str!("../../published/anchors.json")),
+    (
+        "neural-atlas-graphs.json",
+        include_str!("../../published/neural-atlas-graphs.json"),
+    ),
+    (
+        "uav-urban.json",
+        include_str!("../../published/uav-urban.json"),
+    ),
 ];
 
 /// The tables of one paper.
@@ -82,7 +92,7 @@ pub struct PublishedRow {
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct PublishedQuantity {
-    /// Metric, by its name in the field: the papers do not tell variants apart.
+    /// Metric, by its name in the field, or by its id where the paper or its code tells the variant.
     pub metric: String,
     /// Digits after the point, as printed.
     pub decimals: usize,
@@ -94,6 +104,8 @@ pub struct PublishedQuantity {
 pub enum PublishedCell {
     /// A number.
     Number(f64),
+    /// A number and its standard deviation.
+    Deviating([f64; 2]),
     /// Words.
     Text(String),
 }
@@ -102,7 +114,7 @@ impl PublishedCell {
     /// The number.
     pub fn number(&self) -> Option<f64> {
         match self {
-            Self::Number(value) => Some(*value),
+            Self::Number(value) | Self::Deviating([value, _]) => Some(*value),
             Self::Text(_) => None,
         }
     }
@@ -111,7 +123,7 @@ impl PublishedCell {
     pub fn text(&self) -> Option<&str> {
         match self {
             Self::Text(text) => Some(text),
-            Self::Number(_) => None,
+            Self::Number(_) | Self::Deviating(_) => None,
         }
     }
 }
@@ -143,6 +155,11 @@ impl PublishedTable {
         column: usize,
     ) -> Option<&'a PublishedQuantity> {
         row.of.as_ref().or(self.columns[column].of.as_ref())
+    }
+
+    /// Returns the printed digits after the point of the number in a cell.
+    pub(crate) fn decimals(&self, row: &PublishedRow, column: usize) -> usize {
+        self.quantity(row, column).map_or(3, |of| of.decimals)
     }
 }
 

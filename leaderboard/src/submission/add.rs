@@ -49,10 +49,9 @@ pub fn add(
     for (entry, (file, result)) in verified.submission.results.iter().zip(&verified.results) {
         let folder = beside.join(&entry.folder);
         copy(file, &folder.join(RESULT_FILE))?;
-        copy(
-            &file.with_file_name(&result.frames_table),
-            &folder.join(&result.frames_table),
-        )?;
+        for table in result.tables() {
+            copy(&file.with_file_name(table), &folder.join(table))?;
+        }
     }
     copy(&record, &beside.join(SUBMISSION_FILE))?;
     store::write_record(&beside.join(VERIFICATION_FILE), verification)?;

@@ -155,10 +155,9 @@ fn pack_result(
 ) -> Result<SubmittedResult, LeaderboardError> {
     let name = format!("{number:04}");
     let folder = results.join(&name);
-    copy(
-        &file.with_file_name(&result.frames_table),
-        &folder.join(&result.frames_table),
-    )?;
+    for table in result.tables() {
+        copy(&file.with_file_name(table), &folder.join(table))?;
+    }
     let [input_views, novel_views] = match &result.predictions {
         Some(predictions) => copy_scored(file, predictions, &folder)?,
         None => copy_found(file, &folder)?,

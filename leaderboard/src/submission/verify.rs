@@ -9,8 +9,9 @@ use std::path::{Path, PathBuf};
 
 use omnilife_schemas::{
     frame_scores::FrameScores,
+    object_scores::ObjectScores,
     ownership::is_inside,
-    records::{ResultRecord, Submission, SubmittedResult, Summary},
+    records::{ObjectResults, ResultRecord, Submission, SubmittedResult, Summary},
     store::{self, StoreError},
 };
 
@@ -87,6 +88,7 @@ pub fn verify(folder: &Path) -> Result<Verified, LeaderboardError> {
             ));
         }
         check_means(&path, &result)?;
+        check_objects(&path, &result)?;
         results.push((path, result));
     }
     validate::validate(&results)?;
@@ -123,10 +125,10 @@ fn check_files(folder: &Path, entry: &SubmittedResult) -> Result<(), Leaderboard
 
 /// Compares every mean with that of its column in the table of views.
 fn check_means(path: &Path, result: &ResultRecord) -> Result<(), LeaderboardError> {
-    if !is_inside(&result.frames_table) {
+    if !result.tables().all(|table| is_inside(table)) {
         return Err(submission_error(
             path,
-            "its table of views lies elsewhere".to_owned(),
+            "its table of views or of objects lies elsewhere".to_owned(),
         ));
     }
     let table_path = path.with_file_name(&result.frames_table);
@@ -150,6 +152,33 @@ fn check_means(path: &Path, result: &ResultRecord) -> Result<(), LeaderboardErro
     Ok(())
 }
 
+/// Compares every object's mean with its rows in the table of objects, and those of classes with their objects'.
+fn check_objects(path: &Path, result: &ResultRecord) -> Result<(), LeaderboardError> {
+    let Some(objects) = &result.objects else {
+        return Ok(());
+    };
+    let table_path = path.with_file_name(&objects.table);
+    let table = ObjectScores::read(&table_path)?;
+    for one in &objects.objects {
+        for (metric, summary) in &one.scores {
+            let column = table.of(&one.view, &one.object, metric).ok_or_else(|| {
+                StoreError::malformed(&table_path, format!("has no column {metric}"))
+            })?;
+            let scores: Vec<f64> = column.collect();
+            if let Some(reason) = difference(&scores, summary) {
+                let object = format!("{metric} of {} in the {} views", one.object, one.view);
+                return Err(submission_error(path, format!("{object} {reason}")));
+            }
+        }
+    }
+    let classes = ObjectResults::new(objects.table.clone(), objects.objects.clone()).classes;
+    if classes != objects.classes {
+        let reason = "scores of a class of objects are not the means of its objects";
+        return Err(submission_error(path, reason.to_owned()));
+    }
+    Ok(())
+}
+
 fn difference(scores: &[f64], summary: &Summary) -> Option<String> {
     if scores.len() != summary.views as usize {
         let (count, views) = (scores.len(), summary.views);
@@ -160,4 +189,88 @@ fn difference(scores: &[f64], summary: &Summary) -> Option<String> {
     // Not "above": NaN is wrong too.
     let agrees = off <= TOLERANCE * summary.mean.abs().max(1.0);
     (!agrees).then(|| format!("is {}, its table gives {mean}", summary.mean))
+}
+
+#[cfg(test)]
+mod tests {
+    #![expect(clippy::unwrap_used, reason = "a failed set-up step fails the test")]
+
+    use omnilife_schemas::{
+        object_scores::{OBJECT_SCORES_FILE, ObjectRow},
+        records::{ObjectClass, ObjectResult},
+    };
+
+    use super::*;
+
+    /// A change of a result's objects.
+    type Change = fn(&mut ObjectResults);
+
+    /// Returns a result with one vehicle in two views, of 20 and 30 dB.
+    fn result() -> ResultRecord {
+        let record = serde_json::json!({
+            "method": "nag", "scene": "street", "scene_sha256": "00", "protocol": "input-view/3",
+            "protocol_hash": "abc", "scored_size": [64, 32], "input_views": {}, "novel_views": {},
+            "failures": [], "frames_table": "frames.csv", "warnings": []
+        });
+        let summary = serde_json::json!({
+            "mean": 25.0, "standard_deviation": 7.0, "views": 2, "direction": "higher-is-better"
+        });
+        let summary: Summary = serde_json::from_value(summary).unwrap();
+        let car = ObjectResult {
+            view: "input".to_owned(),
+            object: "car".to_owned(),
+            class: ObjectClass::Vehicle,
+            scores: [("psnr-object".to_owned(), summary)].into(),
+        };
+        let mut result: ResultRecord = serde_json::from_value(record).unwrap();
+        result.objects = Some(ObjectResults::new(OBJECT_SCORES_FILE.to_owned(), vec![car]));
+        result
+    }
+
+    #[test]
+    fn means_of_objects_are_those_of_their_rows() {
+        let folder = tempfile::tempdir().unwrap();
+        let row = |frame, score| ObjectRow {
+            view: "input".to_owned(),
+            frame,
+            object: "car".to_owned(),
+            scores: vec![Some(score)],
+        };
+        let table = ObjectScores {
+            metrics: vec!["psnr-object".to_owned()],
+            rows: vec![row(0, 20.0), row(3, 30.0)],
+        };
+        table
+            .write(&folder.path().join(OBJECT_SCORES_FILE))
+            .unwrap();
+        let check = |change: Change| {
+            let mut result = result();
+            change(result.objects.as_mut().unwrap());
+            check_objects(&folder.path().join(RESULT_FILE), &result)
+                .map_err(|error| error.to_string())
+        };
+        assert_eq!(check(|_| {}), Ok(()));
+        let changes: [(Change, &str); 3] = [
+            (
+                |objects| {
+                    for summary in objects.objects[0].scores.values_mut() {
+                        summary.mean = 26.0;
+                    }
+                },
+                "psnr-object of car in the input views is 26",
+            ),
+            (
+                |objects| objects.classes[0].class = ObjectClass::Person,
+                "not the means of its objects",
+            ),
+            (
+                |objects| objects.objects[0].object = "bus".to_owned(),
+                "is a mean of 2, its table has 0",
+            ),
+        ];
+        for (change, reason) in changes {
+            let error = check(change).unwrap_err();
+            assert!(error.contains(reason), "{error}");
+        }
+    }
 }

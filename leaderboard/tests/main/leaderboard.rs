@@ -37,6 +37,7 @@ fn assets_stand_beside_the_published_ones_and_their_levels_are_no_methods() {
         splats: 5_366_446,
         levels: vec![level("1M", 1_000_000), level("full", 5_366_446)],
         moments: None,
+        sequence: Vec::new(),
         left_out: Vec::new(),
         placement: AssetPlacement {
             offset: [0.0; 3],

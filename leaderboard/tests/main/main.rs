@@ -4,6 +4,7 @@
 mod aids;
 mod figure;
 mod leaderboard;
+mod objects;
 mod outcomes;
 mod ownership;
 mod published;

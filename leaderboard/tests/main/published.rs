@@ -16,6 +16,8 @@ fn every_table_that_is_shown_is_there() {
         ("omnilife360", vec![2, 3, 4, 5, 6]),
         ("panogs", vec![2, 3]),
         ("anchors", vec![1, 2, 3, 4, 5, 6]),
+        ("neural-atlas-graphs", (3..=12).collect()),
+        ("uav-urban", vec![1]),
     ];
     let expected = expected.map(|(id, tables)| (id.to_owned(), tables));
     assert_eq!(numbers, expected);
@@ -99,6 +101,31 @@ fn the_page_on_anchors_has_their_figures() {
                     .all(|figure| cells.contains(&figure.as_str()))
             };
             assert!(page.lines().any(has_all), "{}: {figures:?}", row.name());
+        }
+    }
+}
+
+/// Rows of means of Neural Atlas Graphs on DAVIS, which weigh each sequence alike, are those of the other rows.
+#[test]
+fn printed_means_are_those_of_their_rows() {
+    let papers = papers().unwrap();
+    let paper = papers
+        .iter()
+        .find(|paper| paper.id == "neural-atlas-graphs");
+    let table = paper.unwrap().table(5).unwrap();
+    for method in ["Ours", "OmnimatteRF", "Layered Neural Atlases"] {
+        let rows = table.rows.iter();
+        let rows: Vec<_> = rows
+            .filter(|row| row.cells[1].text() == Some(method))
+            .collect();
+        let (mean, sequences) = rows.split_last().unwrap();
+        assert_eq!((mean.name(), sequences.len()), ("Mean", 15));
+        for (column, rounding) in [(2, 0.006), (3, 0.0006), (4, 0.0007)] {
+            let scores = sequences
+                .iter()
+                .filter_map(|row| row.cells[column].number());
+            let off = scores.sum::<f64>() / 15.0 - mean.cells[column].number().unwrap();
+            assert!(off.abs() < rounding, "{method}, {column}: {off}");
         }
     }
 }

@@ -393,7 +393,7 @@ fn columns_are_documented_and_have_one_name_each() {
         "/../docs/reference/result-tables.md"
     );
     let page = fs::read_to_string(page).unwrap();
-    for name in ["results", "views", "curves"] {
+    for name in ["results", "views", "objects", "curves"] {
         let table = results_table(name).unwrap();
         let mut names: Vec<&str> = table.columns().map(|column| column.name).collect();
         for column in table.columns() {

@@ -49,6 +49,7 @@ pub(crate) fn result(scene: &str, method: &str, psnr: f64, ssim: f64) -> ResultR
         unavailable: Vec::new(),
         regions: None,
         frames_table: "frames.csv".to_owned(),
+        objects: None,
         run_failure: None,
         predictions: None,
         statement: None,

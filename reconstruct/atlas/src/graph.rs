@@ -64,6 +64,8 @@ pub enum Shown {
     All,
     /// One node alone, over black.
     Only(String),
+    /// The opacity of one node alone, whatever is in front of it.
+    Opacity(String),
     /// The share of each pixel that a node covers, with nearer nodes in front.
     Matte(String),
     /// All nodes but one.

@@ -38,6 +38,8 @@ const LAYERS: &str = "all, background, object:ID, matte:ID or without:ID";
 struct OpenedAtlas {
     graph: Graph,
     shown: Shown,
+    /// Object that alone is visible.
+    object: Option<String>,
     normalization: Similarity,
 }
 
@@ -45,7 +47,9 @@ impl OpenedAtlas {
     fn open(request: &OpenRequest<'_>) -> Result<Self, ReconstructError> {
         let graph = saved::read(request.path)?;
         let normalization = request.run.map(|run| run.normalization);
+        let object = request.layer.strip_prefix("object:");
         Ok(Self {
+            object: object.map(str::to_owned),
             shown: shown(&graph, request.path, request.layer)?,
             graph,
             normalization: normalization.unwrap_or(request.of_cameras),
@@ -60,6 +64,30 @@ impl OpenedModel for OpenedAtlas {
 
     fn image(&mut self, view: &View) -> Result<RgbImage, ReconstructError> {
         Ok(self.graph.image(view, &self.shown).0)
+    }
+
+    fn object_centres(&self, id: &str, seconds: &[f64]) -> Result<Vec<DVec3>, ReconstructError> {
+        let number =
+            find(&self.graph, id).map_err(|reason| ReconstructError::Request { reason })?;
+        let (node, clock) = (&self.graph.nodes[number], &self.graph.clock);
+        // Trajectories are known from 0 to 1.
+        let centre = |&time: &f64| node.pose(clock.time(time).clamp(0.0, 1.0)).centre;
+        let centres = seconds.iter().map(centre);
+        Ok(centres
+            .map(|place| self.normalization.restore(place))
+            .collect())
+    }
+
+    fn has_opacity(&self) -> bool {
+        self.object.is_some()
+    }
+
+    fn opacity(&mut self, view: &View) -> Result<RgbImage, ReconstructError> {
+        let shown = match &self.object {
+            Some(object) => Shown::Opacity(object.clone()),
+            None => Shown::All,
+        };
+        Ok(self.graph.image(view, &shown).0)
     }
 }
 

@@ -140,11 +140,13 @@ impl Graph {
         let (width, height) = (view.camera.width() as usize, view.camera.height() as usize);
         let named = match shown {
             Shown::All => None,
-            Shown::Only(id) | Shown::Matte(id) | Shown::Without(id) => self.find(id),
+            Shown::Only(id) | Shown::Opacity(id) | Shown::Matte(id) | Shown::Without(id) => {
+                self.find(id)
+            }
         };
         let is_shown = |node: usize| match shown {
             Shown::All | Shown::Matte(_) => true,
-            Shown::Only(_) => Some(node) == named,
+            Shown::Only(_) | Shown::Opacity(_) => Some(node) == named,
             Shown::Without(_) => Some(node) != named,
         };
         let moment = Moment {
@@ -170,7 +172,7 @@ impl Graph {
                 .enumerate()
                 .for_each(|(ray, out)| {
                     let (mut layers, _) = seen.layers(ray);
-                    if let Shown::Matte(_) = shown {
+                    if let Shown::Matte(_) | Shown::Opacity(_) = shown {
                         for layer in &mut layers {
                             let is_it = Some(layer.surface) == named;
                             layer.colour = if is_it { DVec3::ONE } else { DVec3::ZERO };

@@ -1,9 +1,6 @@
 //! Rendering of models along given poses: those of runs in layers, and Gaussians of other programs.
 
-use std::{
-    collections::BTreeSet,
-    path::{Path, PathBuf},
-};
+use std::{collections::BTreeSet, path::PathBuf};
 
 use glam::DVec3;
 use omnilife_schemas::{
@@ -12,17 +9,24 @@ use omnilife_schemas::{
         ErpCamera, PinholeCamera,
         cube::{CUBE_FACES, face_camera, side_of_equal_resolution},
     },
+    layout::CAMERAS_FILE,
     ownership::{OwnFile, Standing},
     progress::Progress,
-    records::{Poses, Scene},
+    records::{WordedView, WordedViews},
     stage::StagePlan,
-    store::{self, StoreError},
+    store,
 };
-use serde::Deserialize;
 
 use omnilife_engine::camera::{Camera, View};
 
-use crate::{jobs::cube_faces, registry};
+use super::{
+    camera_path::{CameraPath, PlacedFrame},
+    camera_words::{CameraPlaces, CameraWords, Surroundings},
+    cube_faces,
+    layer_image::{self, LayerImage},
+    unseen::{self, InputViews},
+};
+use crate::registry;
 use omnilife_training::{
     error::ReconstructError,
     formats::axes::FileAxes,
@@ -40,12 +44,14 @@ pub struct RenderRequest {
     pub axes: Option<FileAxes>,
     /// A `poses.json` or `scene.json`.
     pub poses: PathBuf,
+    /// The cameras; by default those of the poses.
+    pub cameras: CameraWords,
     /// Width and height in pixels; by default the scene's, or 1024x512. Faces of a cube have as many pixels per
     /// degree as panoramas of that size.
     pub size: Option<[u32; 2]>,
     /// Camera of the images.
     pub camera: RenderCamera,
-    /// The visible layer, by its name in models of that kind.
+    /// The visible layer, by its name in models of that kind. Images of single objects have straight alpha.
     pub layer: String,
     /// Width of the perspective cube faces that panoramas are made of, pixels.
     pub cube_faces: Option<u32>,
@@ -81,6 +87,8 @@ pub struct RenderedViews {
     pub unposed: usize,
     /// Maximum of a velocity map, world units per second; `None` for other layers.
     pub largest_speed: Option<f64>,
+    /// Record of cameras by words; `None` for those of the poses.
+    pub cameras: Option<WordedViews>,
 }
 
 /// Default size of ERP images, if the poses have no size.
@@ -91,24 +99,18 @@ const BYTES_PER_PIXEL: u64 = 5 * 4 + 3 * 4 + 3;
 /// Maximum side of images, pixels.
 const LARGEST_SIDE: u32 = 1 << 15;
 
-/// Renders every posed frame.
+/// Renders every posed frame, or every frame of cameras by words; of these it writes a record too ([`CAMERAS_FILE`]).
 ///
 /// # Errors
-/// When a file is missing or malformed, no frame has a pose, an image of another origin would be replaced, or one
-/// cannot be written.
+/// When a file is missing or malformed, no frame has a pose, words do not suit the scene, an image of another origin
+/// would be replaced, or one cannot be written.
 pub fn render_poses(
     request: &RenderRequest,
     progress: &dyn Progress,
 ) -> Result<RenderedViews, ReconstructError> {
-    let path = read_path(&request.poses)?;
-    let posed: Vec<(usize, f64, Pose)> = path
-        .frames
-        .iter()
-        .enumerate()
-        .filter_map(|(number, &(time, pose))| Some((number, time, pose?)))
-        .filter(|(_, _, pose)| pose.is_valid())
-        .collect();
-    let centres: Vec<DVec3> = posed.iter().map(|(_, _, pose)| pose.centre()).collect();
+    let path = CameraPath::read(&request.poses)?;
+    let posed = path.posed();
+    let centres: Vec<DVec3> = posed.iter().map(|frame| frame.pose.centre()).collect();
     let mut of_cameras = Similarity::from_most_cameras(&centres)
         .ok_or_else(|| ReconstructError::scene(&request.poses, "has no usable pose"))?;
     if centres.iter().all(|centre| *centre == centres[0]) {
@@ -117,54 +119,131 @@ pub fn render_poses(
     }
     let camera = camera(request, path.camera)?;
     let mut opened = open(request, of_cameras, camera, progress)?;
+    let (frames, cameras) = if request.cameras.are_of_poses() {
+        (posed.clone(), None)
+    } else {
+        let (frames, record) = worded(request, &path, &posed, camera, &*opened)?;
+        (frames, Some(record))
+    };
+    let unposed = match request.cameras.places {
+        CameraPlaces::OfPoses => path.frames.len() - posed.len(),
+        // Their cameras are at all times.
+        _ => 0,
+    };
     let stage = StagePlan::new(&request.out, "render");
-    let images = posed
+    let images = frames
         .iter()
-        .flat_map(|(number, ..)| image_files(*number, request.camera))
-        .collect::<BTreeSet<_>>();
+        .flat_map(|frame| image_files(frame.number, request.camera));
+    let record = cameras.iter().map(|_| CAMERAS_FILE.to_owned());
+    let files = images.chain(record).collect::<BTreeSet<_>>();
     // Ground truth has the same names.
-    stage.run(&images, progress, |out| {
-        progress.begin("rendering", Some(posed.len() as u64));
+    stage.run(&files, progress, |out| {
+        progress.begin("rendering", Some(frames.len() as u64));
         let mut rendered = RenderedViews {
-            files: Vec::with_capacity(images.len()),
-            views: posed.len(),
+            files: Vec::with_capacity(files.len()),
+            views: frames.len(),
             camera,
-            times_seconds: Vec::with_capacity(images.len()),
-            unposed: path.frames.len() - posed.len(),
+            times_seconds: Vec::with_capacity(files.len()),
+            unposed,
             largest_speed: opened.largest_speed(),
+            cameras,
         };
-        let mut render = |number: usize, time: f64, pose: &Pose| -> Result<(), ReconstructError> {
-            let images = images_at(&mut *opened, request, camera, (pose, time))?;
+        let render = |frame: &PlacedFrame| -> Result<(), ReconstructError> {
+            let images = images_at(&mut *opened, request, camera, (&frame.pose, frame.seconds))?;
             let images = images.ok_or_else(|| {
                 ReconstructError::scene(
                     &request.poses,
-                    format!("frame {number} has no usable pose"),
+                    format!("frame {} has no usable pose", frame.number),
                 )
             })?;
-            for (file, image) in image_files(number, request.camera).iter().zip(images) {
+            let names = image_files(frame.number, request.camera);
+            for (file, image) in names.iter().zip(images) {
                 let file = request.out.join(file);
                 image.write_png(&file)?;
                 rendered.files.push(file);
-                rendered.times_seconds.push(time);
+                rendered.times_seconds.push(frame.seconds);
             }
             progress.advance(1);
             Ok(())
         };
-        let outcome = posed
-            .iter()
-            .try_for_each(|(number, time, pose)| render(*number, *time, pose));
+        let outcome = frames.iter().try_for_each(render);
         progress.end();
         outcome?;
-        out.add_all(&images);
-        // Images of earlier renderings stay, and stay this stage's own.
+        if let Some(record) = &rendered.cameras {
+            out.write_record(CAMERAS_FILE, record)?;
+        }
+        out.add_all(files.iter().filter(|file| *file != CAMERAS_FILE));
+        // Images of earlier renderings stay, and stay this stage's own; a record of other cameras does not.
         let own = stage.own_files();
         for OwnFile { file, .. } in own.files() {
-            if !out.has(&file) && own.standing(&file)? == Standing::Ours {
+            if out.has(&file) || own.standing(&file)? != Standing::Ours {
+                continue;
+            }
+            if file == CAMERAS_FILE {
+                store::remove(&request.out.join(file))?;
+            } else {
                 out.add(file);
             }
         }
         Ok(rendered)
     })
+}
+
+/// Returns the frames of cameras by words, with their record.
+fn worded(
+    request: &RenderRequest,
+    path: &CameraPath,
+    posed: &[PlacedFrame],
+    camera: Camera,
+    opened: &dyn OpenedModel,
+) -> Result<(Vec<PlacedFrame>, WordedViews), ReconstructError> {
+    let words = &request.cameras;
+    let split = words.split.as_deref();
+    let given = path.input_views(&request.poses, split)?;
+    let points = path.points(&request.poses, split)?;
+    let seconds: Vec<f64> = path.frames.iter().map(|&(time, _)| time).collect();
+    let surroundings = Surroundings {
+        file: &request.poses,
+        seconds: &seconds,
+        posed,
+        points: &points,
+        camera,
+    };
+    let frames = surroundings.frames(words, opened)?;
+    let given: BTreeSet<usize> = given.iter().map(|&frame| frame as usize).collect();
+    let given = posed.iter().filter(|frame| given.contains(&frame.number));
+    let given: Vec<Pose> = given.map(|frame| frame.pose).collect();
+    let [width, height] = DEFAULT_SIZE;
+    let sphere = Camera::Erp(ErpCamera { width, height });
+    // Faces of a cube show the whole sphere.
+    let shown = match request.camera {
+        RenderCamera::Cube => sphere,
+        _ => camera,
+    };
+    let poses: Vec<Pose> = frames.iter().map(|frame| frame.pose).collect();
+    let views = InputViews::new(path.camera.unwrap_or(sphere), &given, &points);
+    let shares = views.as_ref().map_or_else(
+        || vec![None; poses.len()],
+        |views| views.unseen_shares(shown, &poses),
+    );
+    let worded = frames.iter().zip(shares);
+    let record = WordedViews {
+        cameras: words.to_string(),
+        definition: unseen::DEFINITION.to_owned(),
+        input_views: given.len() as u32,
+        unmeasured: views
+            .is_none()
+            .then(|| "there are no points, or no posed input views".to_owned()),
+        views: worded
+            .map(|(frame, unseen_share)| WordedView {
+                files: image_files(frame.number, request.camera),
+                time_seconds: frame.seconds,
+                pose: frame.pose,
+                unseen_share,
+            })
+            .collect(),
+    };
+    Ok((frames, record))
 }
 
 /// Returns the names of a frame's images.
@@ -182,6 +261,16 @@ fn image_files(number: usize, camera: RenderCamera) -> Vec<String> {
 
 /// Renders the images of a frame; `None` where its pose cannot be used.
 fn images_at(
+    opened: &mut dyn OpenedModel,
+    request: &RenderRequest,
+    camera: Camera,
+    place: (&Pose, f64),
+) -> Result<Option<Vec<LayerImage>>, ReconstructError> {
+    layer_image::draw(opened, |opened| colours_at(opened, request, camera, place))
+}
+
+/// Renders the colours of a frame's images.
+fn colours_at(
     opened: &mut dyn OpenedModel,
     request: &RenderRequest,
     camera: Camera,
@@ -232,41 +321,6 @@ fn open(
         of_cameras,
         camera,
         progress,
-    })
-}
-
-/// Frames with their times and poses, and the camera if the file has one.
-struct CameraPath {
-    camera: Option<Camera>,
-    frames: Vec<(f64, Option<Pose>)>,
-}
-
-#[derive(Deserialize)]
-struct Tag {
-    schema: Option<String>,
-}
-
-fn read_path(path: &Path) -> Result<CameraPath, StoreError> {
-    let text = std::fs::read_to_string(path).map_err(|source| StoreError::read(path, source))?;
-    let tag = serde_json::from_str::<Tag>(&text).ok();
-    let schema = tag.and_then(|tag| tag.schema);
-    if schema.is_some_and(|schema| store::is_read_as::<Scene>(&schema)) {
-        let scene: Scene = store::read_record(path)?;
-        let frames = scene.frames.iter();
-        return Ok(CameraPath {
-            camera: Some(scene.camera),
-            frames: frames
-                .map(|frame| (frame.time_seconds, frame.pose))
-                .collect(),
-        });
-    }
-    let poses: Poses = store::read_record(path)?;
-    let frames = poses.frames.iter();
-    Ok(CameraPath {
-        camera: poses.camera,
-        frames: frames
-            .map(|frame| (frame.time_seconds, Some(frame.pose)))
-            .collect(),
     })
 }
 

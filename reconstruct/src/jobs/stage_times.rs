@@ -109,6 +109,7 @@ mod tests {
                 problems: Vec::new(),
             },
             published_split: None,
+            objects: [].into(),
         }
     }
 

@@ -12,6 +12,7 @@ use omnilife_reconstruct::{
         splat::{self, Placement},
     },
     jobs::{
+        camera_words::CameraWords,
         export::{ExportRequest, Exported, export, levels::Level},
         render::{RenderCamera, RenderRequest, render_poses},
     },
@@ -198,6 +199,7 @@ fn drawn(model: &Path, folder: &Path, progress: &dyn Progress) -> RgbImage {
         model: model.to_owned(),
         axes: None,
         poses,
+        cameras: CameraWords::default(),
         size: Some([64, 32]),
         camera: RenderCamera::OfPoses,
         layer: "all".to_owned(),

@@ -7,6 +7,7 @@ use glam::{DQuat, DVec3, Vec3, dvec3};
 use omnilife_engine::training_view::TrainingView;
 use omnilife_reconstruct::{
     jobs::{
+        camera_words::CameraWords,
         export::{self, ExportRequest, levels::Level},
         reconstruct::{ReconstructRequest, reconstruct},
         render::{RenderCamera, RenderRequest, render_poses},
@@ -74,6 +75,7 @@ impl Trained {
             model: model.to_owned(),
             axes: None,
             poses: self.file("scene.json"),
+            cameras: CameraWords::default(),
             size: None,
             camera: RenderCamera::OfPoses,
             layer: "all".to_owned(),
@@ -134,6 +136,7 @@ fn trained(world: &World, change: impl Fn(&mut Scene)) -> Trained {
             ignore_mask: None,
             classes: [].into(),
             objects: [].into(),
+            boxes: [].into(),
             depth: None,
             depth_prior: None,
             capture: None,
@@ -156,6 +159,7 @@ fn trained(world: &World, change: impl Fn(&mut Scene)) -> Trained {
             problems: Vec::new(),
         },
         published_split: None,
+        objects: [].into(),
     };
     change(&mut scene);
     let protocol = Protocol {

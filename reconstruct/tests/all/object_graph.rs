@@ -143,6 +143,13 @@ fn what_moves_is_better_than_a_static_scene_has_it_and_can_be_taken_out() {
         layers.image(view, Layer::Dynamic),
         layers.image(view, Layer::Object(5))
     );
+    let object = layers.image(view, Layer::Object(5));
+    let opacity = layers.opacity(view, Layer::Object(5));
+    let mut shown = opacity.data.iter().zip(&object.data);
+    assert!(shown.all(
+        |(opacity, colour)| (0.0..=1.0).contains(opacity) && (*opacity > 0.0 || *colour == 0.0)
+    ));
+    assert!(opacity.data.iter().any(|&opacity| opacity > 0.25) && opacity.data.contains(&0.0));
     assert!(layers.refusal(Layer::Object(5)).is_none());
     assert!(layers.refusal(Layer::Object(6)).is_some());
 }

@@ -13,13 +13,16 @@ use omnilife_reconstruct::{
         axes::FileAxes,
         exchange::{SPLAT_FORMATS, by_name},
     },
-    jobs::render::{RenderCamera, RenderRequest, RenderedViews, render_poses},
+    jobs::{
+        camera_words::{CameraPlaces, CameraWords, LookAt},
+        render::{RenderCamera, RenderRequest, RenderedViews, render_poses},
+    },
 };
 use omnilife_schemas::{
     Pose, RgbImage,
     camera::cube::CUBE_FACES,
     progress::Silent,
-    records::{PosedFrame, Poses, Scale},
+    records::{PosedFrame, Poses, Scale, WordedViews},
     store,
 };
 
@@ -70,6 +73,7 @@ fn request(model: &Path, poses: &Path, camera: RenderCamera, out: PathBuf) -> Re
         model: model.to_owned(),
         axes: None,
         poses: poses.to_owned(),
+        cameras: CameraWords::default(),
         size: Some(match camera {
             RenderCamera::Erp => [64, 32],
             _ => [32, 32],
@@ -206,4 +210,47 @@ fn what_cannot_be_drawn_is_refused_and_leaves_nothing() {
         assert!(message.contains(reason), "{message}");
         assert!(!message.contains('\n') && !out.exists(), "{message}");
     }
+}
+
+/// Views by words of a file of Gaussians: the object in the middle stays there, and the record says what was unseen.
+#[test]
+fn cameras_by_words_show_their_target_and_leave_a_record() {
+    let folder = tempfile::tempdir().unwrap();
+    let root = folder.path();
+    let mut ball = ActivatedGaussians::default();
+    ball.reshape(1, 0, 0);
+    ball.positions[0] = [0.0, 0.0, 4.0];
+    ball.scales[0] = [0.3; 3];
+    ball.rotations[0] = [1.0, 0.0, 0.0, 0.0];
+    ball.opacities[0] = 0.99;
+    ball.sh_constant[0] = [1.5; 3];
+    let model = written(root, "ball", "ply", &ball);
+    let path = poses(root, &[DQuat::IDENTITY; 5]);
+    let out = root.join("words");
+    let words = |places: CameraPlaces| RenderRequest {
+        cameras: CameraWords {
+            places,
+            target: Some(LookAt::Point([0.0, 0.0, 4.0])),
+            ..CameraWords::default()
+        },
+        ..request(&model, &path, RenderCamera::Pinhole(60.0), out.clone())
+    };
+    for places in [CameraPlaces::Orbit(360.0), CameraPlaces::FromAbove] {
+        let views = rendered(&words(places.clone()));
+        assert_eq!((views.views, views.files.len()), (5, 5));
+        for file in &views.files {
+            let image = RgbImage::read(file).unwrap();
+            let value = |x: usize, y: usize| image.data[3 * (y * 32 + x)];
+            assert!(value(16, 16) > 0.5 && value(2, 2) < 0.1, "{places:?}");
+        }
+        let record: WordedViews = store::read_record(&out.join("cameras.json")).unwrap();
+        assert_eq!(views.cameras.as_ref(), Some(&record));
+        assert_eq!((record.input_views, record.views.len()), (5, 5));
+        // There are no points to measure by.
+        assert!(record.unmeasured.is_some() && record.mean_unseen_share().is_none());
+    }
+    // Views of the poses replace the images, and the record of other cameras goes.
+    let plain = request(&model, &path, RenderCamera::Pinhole(60.0), out.clone());
+    assert_eq!(rendered(&plain).cameras, None);
+    assert!(!out.join("cameras.json").exists());
 }

@@ -17,6 +17,9 @@ pub struct Asset {
     /// Of a scene that moves, what is shown at other moments than that of the levels.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub moments: Option<AssetMoments>,
+    /// Of a scene that moves and is exported as a sequence, its files in order: all Gaussians at a moment.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub sequence: Vec<AssetMoment>,
     /// Levels and moments that were asked for and are not there, with the reason.
     pub left_out: Vec<String>,
     /// How the coordinates of the files came from the world's.
@@ -40,7 +43,8 @@ impl Asset {
             let moving = moments.moments.iter().map(|moment| &*moment.moving.file);
             [&*moments.still.file].into_iter().chain(moving)
         });
-        levels.chain(of_moments)
+        let of_sequence = self.sequence.iter().map(|moment| &*moment.moving.file);
+        levels.chain(of_moments).chain(of_sequence)
     }
 }
 
@@ -93,14 +97,14 @@ pub struct AssetMoments {
 pub struct AssetMoment {
     /// Presentation time in the source, seconds.
     pub time_seconds: f64,
-    /// The Gaussians that move, as they are then.
+    /// The Gaussians that move, as they are then; in a sequence those at rest too.
     pub moving: AssetSplats,
 }
 
 /// A file of Gaussians.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct AssetSplats {
-    /// A `.splat`; it may be empty.
+    /// A `.splat`, which may be empty, or a file of a sequence.
     pub file: String,
     /// Gaussians in it.
     pub splats: u64,

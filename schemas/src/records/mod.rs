@@ -13,11 +13,14 @@ pub mod dataset;
 pub mod dataset_status;
 pub mod dense;
 pub mod external_run;
+pub mod georeference;
 pub mod ledger;
 pub mod lift;
 pub mod masks;
+pub mod object_results;
 pub mod objects;
 pub mod overlays;
+pub mod pose_scores;
 pub mod poses;
 pub mod protocol;
 pub mod result;
@@ -33,6 +36,7 @@ pub mod stability;
 pub mod submission;
 pub mod sweep;
 pub mod tracks;
+pub mod worded_views;
 
 pub use about::{About, Statements};
 pub use analysis::VideoAnalysis;
@@ -51,13 +55,16 @@ pub use dataset_status::{
 };
 pub use dense::{DenseFrame, DenseStereo};
 pub use external_run::{ExternalRun, Phase, PhaseName};
+pub use georeference::{GeoFix, GeoPoint, GeoResiduals, Georeference, UtmPoint};
 pub use ledger::{
     AuditDecision, AuditDecisions, Author, LedgerAction, LedgerEntry, PersonRole, SegmentLabel,
 };
 pub use lift::{Lift, LiftedView};
 pub use masks::{MaskEntry, Masks};
+pub use object_results::{ClassResult, ClassSummary, ObjectResult, ObjectResults};
 pub use objects::{GraphObject, Objects};
 pub use overlays::{Overlay, OverlayClass, OverlayReport, Sightings};
+pub use pose_scores::{PoseAlignment, PoseAuc, PoseDrift, PoseScores, RelativePoseError};
 pub use poses::{PosedFrame, Poses};
 pub use protocol::{Colour, Padding, Protocol, Resampling, ScoredViews, SplitRule};
 pub use result::{
@@ -70,13 +77,15 @@ pub use run::{
     TRAINING, TraceViews, ViewPredictions,
 };
 pub use scene::{
-    DepthImage, DepthPrior, DistanceConvention, DistanceGrid, PoseConvention, PoseSource,
-    PoseValidation, PublishedSplit, Scale, Scene, SceneFrame, ValidationStatus,
+    DepthImage, DepthPrior, DistanceConvention, DistanceGrid, ObjectClass, PoseConvention,
+    PoseSource, PoseValidation, PublishedSplit, Scale, Scene, SceneFrame, SceneObject,
+    ValidationStatus,
 };
 pub use scoring::ScoringRecord;
 pub use sequence::{
     Admission, CheckOutcome, DetectedProjection, Evidence, FrameEntry, FrameSet, Probe, Sampling,
-    Sequence, SourceVideo, SphereTurn, SphericalMetadata, TimeRange, VideoProjection,
+    Sequence, SharpFrame, SharpFrames, SourceVideo, SphereTurn, SphericalMetadata, TimeRange,
+    VideoProjection,
 };
 pub use sfm::{SfmAttempt, SfmReport};
 pub use slices::{Segment, SegmentOutcome, SliceFile, SliceMethod, Slices};
@@ -89,6 +98,7 @@ pub use stability::{
 pub use submission::{MethodCard, Submission, SubmittedFile, SubmittedResult, Verification};
 pub use sweep::{RunnerLock, SweepPlan, SweepUnit, UnitInput, UnitNeeds, UnitOutcome, UnitRunner};
 pub use tracks::{Detection, Track, TrackStage, Tracks};
+pub use worded_views::{WordedView, WordedViews};
 
 use std::path::Path;
 
@@ -151,16 +161,19 @@ pub const SCHEMAS: &[SchemaEntry] = &[
     entry::<Scene>(),
     entry::<DenseStereo>(),
     entry::<Tracks>(),
+    entry::<Georeference>(),
     entry::<Objects>(),
     entry::<Protocol>(),
     entry::<Split>(),
     entry::<RunRecord>(),
     entry::<Lift>(),
     entry::<ExternalRun>(),
+    entry::<WordedViews>(),
     entry::<Asset>(),
     entry::<ResultRecord>(),
     entry::<ScoringRecord>(),
     entry::<StabilityReport>(),
+    entry::<PoseScores>(),
     entry::<Done>(),
     entry::<Begun>(),
     entry::<FileList>(),

@@ -6,6 +6,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::{
+    object_results::ObjectResults,
     protocol::Protocol,
     run::{Backend, StageTime},
 };
@@ -56,6 +57,9 @@ pub struct ResultRecord {
     pub regions: Option<ScoredRegions>,
     /// CSV file of per-frame values: view, frame, `time_seconds`, one column per metric.
     pub frames_table: String,
+    /// Scores of single objects, where the protocol has such metrics and the scene such objects.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub objects: Option<ObjectResults>,
     /// The predictions that were scored; records of older versions do not say.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub predictions: Option<ScoredPredictions>,
@@ -177,6 +181,12 @@ pub fn is_of_region(metric: &str) -> bool {
 }
 
 impl ResultRecord {
+    /// Returns the names of the tables beside it.
+    pub fn tables(&self) -> impl Iterator<Item = &String> {
+        let of_objects = self.objects.iter().map(|objects| &objects.table);
+        std::iter::once(&self.frames_table).chain(of_objects)
+    }
+
     /// Returns true where the run succeeded and every view has scores. Any other result is not ranked, marked as
     /// best, compared, averaged over scenes or submitted.
     pub fn is_complete(&self) -> bool {

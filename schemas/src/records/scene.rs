@@ -35,6 +35,9 @@ pub struct Scene {
     /// The split that the publisher of its data set asks for, where there is one.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub published_split: Option<PublishedSplit>,
+    /// Single objects by their names. Objects that frames have and that are not listed are of class other.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub objects: BTreeMap<String, SceneObject>,
 }
 
 impl Scene {
@@ -49,6 +52,19 @@ impl Scene {
         let poses: Vec<_> = self.frames.iter().map(|frame| &frame.pose).collect();
         let text = serde_json::json!([self.camera, poses]).to_string();
         store::sha256_bytes(text.as_bytes())
+    }
+
+    /// Returns the class of an object.
+    pub fn class_of(&self, object: &str) -> ObjectClass {
+        let listed = self.objects.get(object);
+        listed.map_or(ObjectClass::Other, |object| object.class)
+    }
+
+    /// Returns the names of all objects, listed or in a frame.
+    pub fn object_names(&self) -> BTreeSet<&str> {
+        let of_frames = self.frames.iter().flat_map(SceneFrame::object_names);
+        let listed = self.objects.keys().map(String::as_str);
+        listed.chain(of_frames).collect()
     }
 
     /// Returns the SHA-256 of the ignored regions of its frames; `None` where they have none.
@@ -77,6 +93,51 @@ impl Record for Scene {
     const SCHEMA: &'static str = "omnilife/scene/2";
     /// The older version has a camera without model: all were ERP.
     const OLDER: &'static [&'static str] = &["omnilife/scene/1"];
+}
+
+/// A single object of a scene. Its masks and boxes are in the frames, by its name.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+pub struct SceneObject {
+    /// Its class.
+    pub class: ObjectClass,
+}
+
+/// Class of an object. Scores of vehicles and of people stand apart.
+#[derive(
+    Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Default, Serialize, Deserialize, JsonSchema,
+)]
+#[serde(rename_all = "kebab-case")]
+pub enum ObjectClass {
+    /// Cars, trucks, buses, trailers, bicycles and other vehicles.
+    Vehicle,
+    /// People, on foot or riding.
+    Person,
+    /// Anything else.
+    #[default]
+    Other,
+}
+
+impl ObjectClass {
+    /// All classes, in the order of the tables.
+    pub const ALL: [Self; 3] = [Self::Vehicle, Self::Person, Self::Other];
+
+    /// Returns its name in files.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Vehicle => "vehicle",
+            Self::Person => "person",
+            Self::Other => "other",
+        }
+    }
+
+    /// Returns the name of its region, by which frames have masks of classes; `None` for other objects.
+    pub fn region(self) -> Option<&'static str> {
+        match self {
+            Self::Vehicle => Some("vehicle"),
+            Self::Person => Some("human"),
+            Self::Other => None,
+        }
+    }
 }
 
 /// The split of a data set's publisher. Frame numbers count the scene's frames from 0, and rise; frames that
@@ -115,6 +176,10 @@ pub struct SceneFrame {
     /// Mask images of single objects (white), by the object's name; none where it is not seen.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub objects: BTreeMap<String, String>,
+    /// Boxes of single objects, by the object's name: left, top, width and height, pixels. In panoramas a box that
+    /// reaches over the right edge goes on at the left one. A box stands for its object where that has no mask.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub boxes: BTreeMap<String, [f64; 4]>,
     /// True distances, where they are known.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub depth: Option<DepthImage>,
@@ -124,6 +189,12 @@ pub struct SceneFrame {
 }
 
 impl SceneFrame {
+    /// Returns the names of the objects with a mask or a box, in order and without repetition.
+    pub fn object_names(&self) -> impl Iterator<Item = &str> {
+        let names: BTreeSet<&String> = self.objects.keys().chain(self.boxes.keys()).collect();
+        names.into_iter().map(String::as_str)
+    }
+
     /// Returns all files of the frame, its image first.
     pub fn files(&self) -> impl Iterator<Item = &String> {
         std::iter::once(&self.image)

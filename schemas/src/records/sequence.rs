@@ -24,6 +24,10 @@ pub struct Sequence {
     pub admission: Admission,
     /// The sampled frames.
     pub frames: FrameSet,
+    /// Small frames in which motion is measured, where the sampled ones are too far apart in time: pairs of close
+    /// frames, one after the other.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub motion_frames: Vec<FrameEntry>,
 }
 
 impl Sequence {
@@ -304,6 +308,31 @@ pub struct FrameSet {
     pub converted_from: Option<SphereLayout>,
     /// The frames in order of time.
     pub entries: Vec<FrameEntry>,
+    /// Reasons for the frames, where the sharpest one near every evenly spaced instant was taken.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub sharpest: Option<SharpFrames>,
+}
+
+/// The choice of the sharpest frames.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct SharpFrames {
+    /// The measure of sharpness, with its unit.
+    pub measure: String,
+    /// One reason for every frame, in their order.
+    pub frames: Vec<SharpFrame>,
+}
+
+/// The reason for a frame: nothing near the evenly spaced instant is sharper.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct SharpFrame {
+    /// Its sharpness.
+    pub sharpness: f64,
+    /// Timestamp of the frame that even spacing takes, seconds.
+    pub even_seconds: f64,
+    /// Sharpness of that frame.
+    pub even_sharpness: f64,
+    /// Number of frames that were compared.
+    pub candidates: u32,
 }
 
 /// One sampled frame.

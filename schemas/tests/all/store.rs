@@ -66,6 +66,7 @@ fn result(mean: f64) -> ResultRecord {
         unavailable: Vec::new(),
         regions: None,
         frames_table: "frames.csv".to_owned(),
+        objects: None,
         run_failure: None,
         predictions: None,
         statement: None,

@@ -36,6 +36,7 @@ fn record(method: &str, scene: &str) -> ResultRecord {
         unavailable: Vec::new(),
         regions: None,
         frames_table: "frames.csv".to_owned(),
+        objects: None,
         run_failure: None,
         predictions: None,
         statement: None,

@@ -3,6 +3,7 @@
 mod diagnosis;
 mod masks_and_truth;
 mod moved_scene;
+mod objects;
 mod padded_frames;
 mod regions;
 mod repeated;

@@ -61,6 +61,7 @@ pub(super) fn import(folder: &Path, record: &Scene) -> Result<ForeignScene, Cura
         },
         pose_source: Some(record.pose_source.clone()),
         missing_images,
+        objects: record.objects.clone(),
         published_split: match &record.published_split {
             Some(split) => Some(named_split(folder, record, split)?),
             None => None,
@@ -76,6 +77,11 @@ fn foreign_frame(
 ) -> Result<ForeignFrame, CurateError> {
     for name in frame.objects.keys().chain(frame.classes.keys()) {
         expect_folder_name(folder, name)?;
+    }
+    let unsound = frame.boxes.iter().find(|(_, sides)| !is_box(**sides));
+    if let Some((name, _)) = unsound {
+        let reason = format!("{} has no sound box of {name:?}", frame.image);
+        return Err(StoreError::malformed(&folder.join(SCENE_FILE), reason).into());
     }
     for file in frame.files() {
         file_of(folder, file)?;
@@ -94,6 +100,14 @@ fn foreign_frame(
         distance: None,
         moment: None,
     })
+}
+
+/// Returns true for a box with an area: left, top, width and height.
+fn is_box([left, top, width, height]: [f64; 4]) -> bool {
+    let is_finite = [left, top, width, height]
+        .iter()
+        .all(|side| side.is_finite());
+    is_finite && width > 0.0 && height > 0.0
 }
 
 /// Returns the published split by the names of images.

@@ -76,7 +76,9 @@ fn sequence_of(entries: Vec<FrameEntry>) -> Sequence {
             resampling: "none".to_owned(),
             converted_from: None,
             entries,
+            sharpest: None,
         },
+        motion_frames: Vec::new(),
     }
 }
 

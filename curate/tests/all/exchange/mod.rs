@@ -7,6 +7,7 @@ mod foreign;
 mod lenses;
 mod masks;
 mod moved;
+mod objects;
 mod odgs;
 mod omniphotos;
 mod orders;
@@ -92,6 +93,7 @@ fn scene() -> (TempDir, Scene) {
             ignore_mask: (index == 1 || index == 2).then(|| holder(root, index)),
             classes: [].into(),
             objects: [].into(),
+            boxes: [].into(),
             depth: None,
             depth_prior: None,
             capture: None,
@@ -114,6 +116,7 @@ fn scene() -> (TempDir, Scene) {
             problems: Vec::new(),
         },
         published_split: None,
+        objects: [].into(),
     };
     let points = PointCloud {
         positions: vec![[0.1, -2.5, 3.0e-3], [1.0e3, 4.0, -7.25]],

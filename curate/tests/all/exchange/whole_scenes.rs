@@ -5,8 +5,8 @@ use std::collections::BTreeSet;
 use omnilife_curate::exchange::scene_id;
 use omnilife_schemas::{
     records::{
-        Capture, Colour, DepthImage, DepthPrior, DistanceConvention, Padding, Protocol,
-        PublishedSplit, Resampling, ScoredViews, Split, SplitRule,
+        Capture, Colour, DepthImage, DepthPrior, DistanceConvention, ObjectClass, Padding,
+        Protocol, PublishedSplit, Resampling, SceneObject, ScoredViews, Split, SplitRule,
     },
     testing::Notes,
 };
@@ -15,7 +15,7 @@ use proptest::prelude::*;
 use super::*;
 
 /// Forms of the names of images by their number.
-const NAMES: [fn(u32) -> String; 4] = [
+pub(super) const NAMES: [fn(u32) -> String; 4] = [
     |n| format!("{n:06}.png"),
     |n| format!("{n}.png"),
     |n| format!("Über uns ({n}).png"),
@@ -24,10 +24,10 @@ const NAMES: [fn(u32) -> String; 4] = [
 const OBJECTS: [(&str, &str); 2] = [("walker é", "human"), ("car 2", "vehicle")];
 
 /// A frame with its number and what it has: bits of a number.
-type Drawn = (u32, u16);
+pub(super) type Drawn = (u32, u16);
 
 /// Writes a scene of these frames; the first one has a pose.
-fn write_scene(root: &Path, drawn: &[Drawn], name: fn(u32) -> String) -> Scene {
+pub(super) fn write_scene(root: &Path, drawn: &[Drawn], name: fn(u32) -> String) -> Scene {
     let numbered = (0_u32..).zip(drawn);
     let frames: Vec<SceneFrame> = numbered
         .map(|(at, &(number, bits))| frame(root, at, &name(number), bits))
@@ -60,6 +60,11 @@ fn write_scene(root: &Path, drawn: &[Drawn], name: fn(u32) -> String) -> Scene {
             input_views: vec![0],
             novel_views: vec![frames.len() as u32 - 1],
         }),
+        objects: (OBJECTS
+            .iter()
+            .zip([ObjectClass::Person, ObjectClass::Vehicle]))
+        .map(|((name, _), class)| ((*name).to_owned(), SceneObject { class }))
+        .collect(),
         frames,
     };
     store::write_record(&root.join("scene.json"), &scene).unwrap();
@@ -115,6 +120,10 @@ fn frame(root: &Path, at: u32, name: &str, bits: u16) -> SceneFrame {
                 ((*object).to_owned(), file)
             })
             .collect(),
+        boxes: (OBJECTS.iter().zip([4, 5]))
+            .filter(|(_, bit)| has(*bit))
+            .map(|((object, _), _)| ((*object).to_owned(), [0.5 * t, 1.0 / 3.0, 2.0, 3.0]))
+            .collect(),
         depth: has(6).then(|| DepthImage {
             file: distances("depth", 2.5),
             unit: 0.1,
@@ -140,7 +149,7 @@ fn capture(number: f64) -> Capture {
     }
 }
 
-fn import_frames(folder: &Path, out: &Path) -> Result<Scene, CurateError> {
+pub(super) fn import_frames(folder: &Path, out: &Path) -> Result<Scene, CurateError> {
     import(&ImportRequest {
         folder,
         format: "frames",

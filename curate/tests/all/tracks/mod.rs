@@ -2,6 +2,7 @@
 //! in one line.
 
 mod estimates;
+mod exports;
 mod moved;
 #[cfg(unix)]
 mod programs;
@@ -60,6 +61,7 @@ fn write_scene(folder: &Path) -> Scene {
             depth: None,
             depth_prior: None,
             objects: [].into(),
+            boxes: [].into(),
             capture: None,
         }
     });
@@ -80,6 +82,7 @@ fn write_scene(folder: &Path) -> Scene {
             problems: Vec::new(),
         },
         published_split: None,
+        objects: [].into(),
     };
     write_points(folder, 60, 1.0);
     store::write_record(&folder.join("scene.json"), &scene).unwrap();

@@ -6,6 +6,7 @@ use glam::DVec3;
 use omnilife_schemas::{
     RgbImage,
     camera::{Camera, PinholeCamera},
+    object_regions::Region,
     posed_view::PosedView,
     progress::Progress,
     records::Scene,
@@ -255,11 +256,14 @@ impl Stereo<'_> {
     ) -> Result<Vec<f32>, TracksError> {
         let frame = &self.scene.frames[view.map.view.frame as usize];
         let [width, height] = sized.pixels;
-        let read = |file: &String| Mask::read(&self.folder.join(file));
-        let moving = frame.mask.as_ref().map(read).transpose()?;
-        let ignored = frame.ignore_mask.as_ref().map(read).transpose()?;
+        let read = |file: &str| Mask::read(&self.folder.join(file));
+        let moving = Region::Moving
+            .source(self.scene, frame)
+            .map(|source| source.mask(&self.scene.camera, [width, height], read))
+            .transpose()?;
+        let ignored = frame.ignore_mask.as_deref().map(read).transpose()?;
         let masks = [
-            moving.map(|mask| mask.resized_to_nearest(width, height)),
+            moving,
             ignored.map(|mask| mask.resized_to_any(width, height)),
         ];
         for mask in masks.iter().flatten() {

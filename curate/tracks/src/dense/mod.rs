@@ -21,6 +21,7 @@ use omnilife_schemas::{
     camera::{Camera, PinholeCamera},
     layout::{DENSE_FILE, POINTS_FILE, SCENE_FILE},
     npy,
+    object_regions::Region,
     points::PointCloud,
     posed_view::{PosedView, frames_of},
     progress::Progress,
@@ -165,11 +166,13 @@ fn plan(
         .iter()
         .filter_map(|&frame| scene.frames.get(frame as usize))
         .flat_map(|entry| {
-            std::iter::once(&entry.image)
-                .chain(&entry.mask)
-                .chain(&entry.ignore_mask)
+            let moving = Region::Moving.source(scene, entry);
+            let moving = moving.map_or_else(Vec::new, |source| source.files());
+            std::iter::once(entry.image.as_str())
+                .chain(moving)
+                .chain(entry.ignore_mask.as_deref())
         });
-    for file in scene.points.iter().chain(of_frames) {
+    for file in scene.points.as_deref().into_iter().chain(of_frames) {
         plan = plan.with_file(&request.scene_folder.join(file))?;
     }
     Ok(plan)

@@ -24,7 +24,7 @@ pub enum Layer {
     Static,
     /// Dynamic Gaussians alone, on black.
     Dynamic,
-    /// Gaussians of the object with this id alone, on black.
+    /// Gaussians of the object with this id alone, on black; its opacity is [`LayerRenderer::opacity`].
     Object(u32),
     /// Mean velocities along the world's axes as red, green and blue, from minus to plus
     /// [`LayerRenderer::largest_speed`]: grey is at rest.
@@ -100,12 +100,7 @@ impl LayerRenderer {
                 self.renderer.image(view, &self.all)
             }
             Layer::Static | Layer::Dynamic | Layer::Object(_) => {
-                self.activate(view, &TemporalFeatures::default());
-                let members = match layer {
-                    Layer::Object(id) => self.members_of_object(id),
-                    _ => self.members(view, layer == Layer::Dynamic),
-                };
-                subset::gather(&self.all, &members, &mut self.part);
+                self.gather(view, layer);
                 self.renderer.image(view, &self.part)
             }
             Layer::Velocity => {
@@ -140,6 +135,26 @@ impl LayerRenderer {
         }
     }
 
+    /// Renders the opacity of a view's layer as a grey image: that of its Gaussians, those of all for maps.
+    pub fn opacity(&mut self, view: &View, layer: Layer) -> RgbImage {
+        self.gather(view, layer);
+        let transmittance = &self.renderer.forward(view, &self.part).transmittance;
+        let opacity = transmittance.iter().flat_map(|behind| [1.0 - behind; 3]);
+        let opacity = opacity.collect();
+        self.encode(view, opacity)
+    }
+
+    /// Activates the Gaussians of a layer.
+    fn gather(&mut self, view: &View, layer: Layer) {
+        self.activate(view, &TemporalFeatures::default());
+        let members = match layer {
+            Layer::Object(id) => self.members_of_object(id),
+            Layer::Static | Layer::Dynamic => self.members(view, layer == Layer::Dynamic),
+            Layer::All | Layer::Velocity | Layer::Depth => (0..self.all.len()).collect(),
+        };
+        subset::gather(&self.all, &members, &mut self.part);
+    }
+
     /// Returns the reason why this model has no such layer; `None` if it has.
     pub fn refusal(&self, layer: Layer) -> Option<&'static str> {
         if let Layer::Object(id) = layer
@@ -149,8 +164,8 @@ impl LayerRenderer {
         }
         let of_all = |part: &Part| !part.parameterization.tells_static_from_dynamic();
         (layer.is_of_time() && self.model.parts.iter().any(of_all)).then_some(
-            "a network deforms these Gaussians: none of them is static or dynamic by itself, and none \
-             has a velocity; render all or depth",
+            "a network deforms these Gaussians, or they are of a file in time: none of them is static or dynamic \
+             by itself, and none has a velocity; render all or depth",
         )
     }
 

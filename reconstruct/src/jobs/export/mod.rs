@@ -3,10 +3,13 @@
 //! * `source`: exported Gaussians. `moments`: dynamic scenes. `viewer_limits`: limits of viewers of `.splat`. `whole`:
 //!   unchanged Gaussians, for other formats.
 //! * [`levels`]: number, choice and size of Gaussians. [`page`]: one HTML file with everything in it.
+//! * `in_time`: closed forms of dynamic scenes, and sequences of files.
 
+mod in_time;
 pub mod levels;
 mod moments;
 pub mod page;
+mod player;
 mod source;
 mod viewer_limits;
 mod whole;
@@ -17,6 +20,7 @@ use omnilife_engine::gaussians::ActivatedGaussians;
 use omnilife_schemas::{
     elapsed::Stopwatch,
     layout::ASSET_FILE,
+    names,
     ownership::OwnFile,
     progress::Progress,
     records::{Asset, AssetLevel, AssetMoment, AssetMoments, AssetPage, AssetSplats},
@@ -25,6 +29,7 @@ use omnilife_schemas::{
 };
 
 use self::{
+    in_time::InTime,
     levels::{Level, nested, selections},
     moments::Moments,
     page::{Inside, MOST_SPLATS_INSIDE, MOST_SPLATS_OF_MOMENTS, PageContent},
@@ -54,7 +59,7 @@ fn moment_file(number: usize) -> String {
 pub struct ExportRequest {
     /// A run's folder, or a file of Gaussians.
     pub gaussians: PathBuf,
-    /// Name of the format ([`exchange::SPLAT_FORMATS`]).
+    /// Name of the format, one of [`format_names`].
     pub format: String,
     /// Requested levels.
     pub levels: Vec<Level>,
@@ -91,6 +96,9 @@ pub fn export(
     progress: &dyn Progress,
 ) -> Result<Exported, ReconstructError> {
     let begun = Stopwatch::with_children();
+    if let Some(kind) = InTime::named(&request.format) {
+        return in_time::export(request, kind, progress);
+    }
     let format = format_of(request)?;
     let ExportedScene {
         drawable,
@@ -148,6 +156,7 @@ pub fn export(
             splats,
             levels,
             moments,
+            sequence: Vec::new(),
             left_out,
             placement: drawable.placement,
             changes: drawable.changes,
@@ -171,8 +180,15 @@ pub fn export(
     })
 }
 
+/// Returns the names of all formats of exports.
+pub fn format_names() -> Vec<&'static str> {
+    let of_levels = exchange::SPLAT_FORMATS.iter().map(|format| format.name);
+    of_levels.chain(in_time::NAMES).collect()
+}
+
 /// Returns the requested format.
 fn format_of(request: &ExportRequest) -> Result<&'static SplatFormat, ReconstructError> {
+    names::find("format", &request.format, &format_names(), |name| name)?;
     let format = exchange::by_name(&request.format)?;
     if request.with_page && !format.is_for_old_viewers {
         return Err(ReconstructError::Request {

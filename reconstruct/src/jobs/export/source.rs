@@ -8,6 +8,7 @@ use omnilife_engine::{
     model::Model,
 };
 use omnilife_schemas::{
+    Similarity,
     layout::RUN_FILE,
     progress::Progress,
     records::{AssetSource, InvalidGaussians, RunRecord},
@@ -47,21 +48,13 @@ impl ExportedScene {
         format: &SplatFormat,
         progress: &dyn Progress,
     ) -> Result<Self, ReconstructError> {
-        let record = request
-            .gaussians
-            .is_dir()
-            .then(|| run_with_splats(&request.gaussians));
-        let record = record.transpose()?;
-        let source = Source::open_in_place(&request.gaussians, record.as_ref())?;
-        let mut invalid = InvalidGaussians::default();
-        let mut model = source.model(&mut invalid)?;
-        let record_path = request.gaussians.join(RUN_FILE);
-        let normalization = &source.normalization;
-        let frame = FileFrame::new(
-            up(request, record.as_ref())?,
-            DVec3::from_array(normalization.offset),
-            1.0 / normalization.scale,
-        );
+        let OpenedSource {
+            mut model,
+            record,
+            frame,
+            mut invalid,
+            ..
+        } = OpenedSource::open(request)?;
         let seconds = shown_moment(request, &model);
         let (moments, without_moments) = match moments(request, format, &mut model, &frame) {
             None => (None, None),
@@ -89,17 +82,7 @@ impl ExportedScene {
             };
             return Err(ReconstructError::scene(&request.gaussians, reason));
         }
-        let hashed = if record.is_some() {
-            &record_path
-        } else {
-            &request.gaussians
-        };
-        let source = AssetSource {
-            sha256: store::sha256_file(hashed)?,
-            method: record.as_ref().map(|record| record.method.clone()),
-            scene: record.map(|record| record.scene),
-            time_seconds: seconds,
-        };
+        let source = asset_source(request, record, seconds)?;
         Ok(Self {
             drawable,
             source,
@@ -107,6 +90,66 @@ impl ExportedScene {
             without_moments,
         })
     }
+}
+
+/// The model to be exported.
+pub(super) struct OpenedSource {
+    pub(super) model: Model,
+    pub(super) normalization: Similarity,
+    /// Record of a run; `None` for a file.
+    pub(super) record: Option<RunRecord>,
+    /// Frame of the asset's files, from normalized coordinates.
+    pub(super) frame: FileFrame,
+    /// Counts of invalid Gaussians.
+    pub(super) invalid: InvalidGaussians,
+}
+
+impl OpenedSource {
+    /// Opens the requested Gaussians.
+    ///
+    /// # Errors
+    /// When they cannot be read.
+    pub(super) fn open(request: &ExportRequest) -> Result<Self, ReconstructError> {
+        let record = request
+            .gaussians
+            .is_dir()
+            .then(|| run_with_splats(&request.gaussians));
+        let record = record.transpose()?;
+        let source = Source::open_in_place(&request.gaussians, record.as_ref())?;
+        let mut invalid = InvalidGaussians::default();
+        let model = source.model(&mut invalid)?;
+        let normalization = source.normalization;
+        let frame = FileFrame::new(
+            up(request, record.as_ref())?,
+            DVec3::from_array(normalization.offset),
+            1.0 / normalization.scale,
+        );
+        Ok(Self {
+            model,
+            normalization,
+            record,
+            frame,
+            invalid,
+        })
+    }
+}
+
+/// Returns the record of an export's source, of which levels show the moment `seconds`.
+pub(super) fn asset_source(
+    request: &ExportRequest,
+    record: Option<RunRecord>,
+    seconds: Option<f64>,
+) -> Result<AssetSource, ReconstructError> {
+    let sha256 = match &record {
+        Some(_) => store::sha256_file(&request.gaussians.join(RUN_FILE))?,
+        None => store::sha256_file(&request.gaussians)?,
+    };
+    Ok(AssetSource {
+        sha256,
+        method: record.as_ref().map(|record| record.method.clone()),
+        scene: record.map(|record| record.scene),
+        time_seconds: seconds,
+    })
 }
 
 /// Returns the record of a run whose model web viewers can show.

@@ -1,4 +1,5 @@
-//! Files of a model in a run's folder: one format for each parameterization. [`exchange`] has those of other programs.
+//! Files of a model in a run's folder: one format for each parameterization. [`exchange`] has those of other programs,
+//! [`in_time`] the open format of Gaussians that move.
 //!
 //! A new one needs a file with its writer and reader, and a line in `FORMATS`.
 
@@ -8,6 +9,7 @@ mod compressed_ply;
 pub mod deformation;
 pub mod exchange;
 mod glb;
+pub mod in_time;
 pub mod moving_ply;
 pub mod objects;
 pub mod ply;

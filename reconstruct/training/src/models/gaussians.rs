@@ -6,7 +6,7 @@ use glam::{DQuat, DVec3};
 use omnilife_schemas::{
     RgbImage, Similarity,
     layout::{ASSET_FILE, RUN_FILE},
-    records::{Asset, InvalidGaussians, RunRecord},
+    records::{Asset, InvalidGaussians, Objects, RunRecord},
     store::{self, StoreError},
 };
 use serde::Deserialize;
@@ -30,7 +30,10 @@ use omnilife_engine::{
 
 use crate::{
     error::ReconstructError,
-    formats::{self, GAUSSIAN_FILES, axes::FileAxes, exchange, splat::Placement, validity},
+    formats::{
+        self, GAUSSIAN_FILES, OBJECTS_FILE, axes::FileAxes, exchange, in_time, splat::Placement,
+        validity,
+    },
     models::{Export, ModelFormat, OpenRequest, OpenedModel},
 };
 
@@ -122,9 +125,40 @@ impl OpenedModel for OpenedGaussians {
         })
     }
 
+    fn has_opacity(&self) -> bool {
+        matches!(self.layer, Layer::Object(_))
+    }
+
+    fn opacity(&mut self, view: &View) -> Result<RgbImage, ReconstructError> {
+        Ok(self.layers.opacity(view, self.layer))
+    }
+
     fn largest_speed(&self) -> Option<f64> {
         (self.layer == Layer::Velocity)
             .then(|| self.source.world_speed(self.layers.largest_speed()))
+    }
+
+    fn object_centres(&self, id: &str, seconds: &[f64]) -> Result<Vec<DVec3>, ReconstructError> {
+        let objects = self.source.objects()?;
+        let objects = objects.map_or_else(Vec::new, |objects| objects.objects);
+        let found = objects.iter().find(|object| object.id.to_string() == id);
+        let Some(object) = found else {
+            let ids: Vec<String> = objects.iter().map(|one| one.id.to_string()).collect();
+            let there = if ids.is_empty() {
+                "the model has no objects".to_owned()
+            } else {
+                format!("there are {}", ids.join(", "))
+            };
+            let reason = format!("there is no object {id:?}: {there}");
+            return Err(ReconstructError::Request { reason });
+        };
+        let centre = &object.path.centre;
+        Ok(seconds.iter().map(|&time| centre.position(time)).collect())
+    }
+
+    fn up(&self) -> Result<Option<DVec3>, ReconstructError> {
+        let objects = self.source.objects()?;
+        Ok(objects.and_then(|objects| DVec3::from_array(objects.up).try_normalize()))
     }
 }
 
@@ -185,6 +219,8 @@ impl Source {
     pub fn open_in_place(path: &Path, run: Option<&RunRecord>) -> Result<Self, ReconstructError> {
         let offset = if run.is_some() {
             DVec3::ZERO
+        } else if in_time::is_named(path) {
+            in_time::origin(path)?
         } else {
             match placement(path)? {
                 Some(placement) => placement.offset,
@@ -207,11 +243,37 @@ impl Source {
             Some(settings) => {
                 formats::read_model(&self.path, settings, &self.normalization, invalid)
             }
+            None if in_time::is_named(&self.path) && self.axes.is_some() => {
+                Err(ReconstructError::Request {
+                    reason: format!(
+                        "{}: its header says where its axes point; leave them out",
+                        self.path.display()
+                    ),
+                })
+            }
+            // Its header has the place in the world.
+            None if in_time::is_named(&self.path) => {
+                in_time::read(&self.path, &self.normalization, invalid)
+            }
             None => {
                 let placement = self.placement()?;
                 let table = exchange::read(&self.path, &placement, &self.normalization, invalid)?;
                 Ok(Model::new(vec![Part::new(StaticGaussians, table)]))
             }
+        }
+    }
+
+    /// Returns the objects of a run, with sound paths; `None` for models without.
+    fn objects(&self) -> Result<Option<Objects>, ReconstructError> {
+        let file = self.path.join(OBJECTS_FILE);
+        if self.trained.is_none() || !file.is_file() {
+            return Ok(None);
+        }
+        let objects: Objects = store::read_record(&file)?;
+        let mut all = objects.objects.iter();
+        match all.find_map(|object| object.path.fault()) {
+            Some(fault) => Err(StoreError::malformed(&file, format!("a path {fault}")).into()),
+            None => Ok(Some(objects)),
         }
     }
 

@@ -10,6 +10,7 @@ pub mod script;
 
 use std::path::Path;
 
+use glam::DVec3;
 use omnilife_engine::camera::{Camera, View};
 use omnilife_schemas::{RgbImage, Similarity, progress::Progress, records::RunRecord};
 
@@ -91,9 +92,46 @@ pub trait OpenedModel {
     /// When the backend fails.
     fn image(&mut self, view: &View) -> Result<RgbImage, ReconstructError>;
 
+    /// Returns true for a layer that does not cover the view, such as a single object.
+    fn has_opacity(&self) -> bool {
+        false
+    }
+
+    /// Renders the opacity of a layer as a grey image in [0, 1]; its image is over black.
+    ///
+    /// # Errors
+    /// When the backend fails.
+    fn opacity(&mut self, view: &View) -> Result<RgbImage, ReconstructError> {
+        let (width, height) = (view.camera.width() as usize, view.camera.height() as usize);
+        Ok(RgbImage {
+            width,
+            height,
+            data: vec![1.0; 3 * width * height],
+        })
+    }
+
     /// Returns the maximum speed of a velocity map, world units per second; `None` for other layers.
     fn largest_speed(&self) -> Option<f64> {
         None
+    }
+
+    /// Returns the centres of an object at some times in seconds, world units. Outside of its time it stays at the
+    /// nearer end of its path.
+    ///
+    /// # Errors
+    /// When the model has no such object.
+    fn object_centres(&self, id: &str, _seconds: &[f64]) -> Result<Vec<DVec3>, ReconstructError> {
+        Err(ReconstructError::Request {
+            reason: format!("there is no object {id:?}: the model has no objects"),
+        })
+    }
+
+    /// Returns the unit vector up in the world; `None` for models that leave it to the cameras.
+    ///
+    /// # Errors
+    /// When its file is malformed.
+    fn up(&self) -> Result<Option<DVec3>, ReconstructError> {
+        Ok(None)
     }
 }
 

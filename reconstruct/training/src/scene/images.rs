@@ -4,7 +4,12 @@ use std::{collections::BTreeMap, path::Path};
 
 use omnilife_engine::{camera::View, training_view::TrainingView};
 use omnilife_schemas::{
-    RgbImage, Similarity, camera::Camera, image_file::ImageFile, records::Scene, rgb::Mask,
+    RgbImage, Similarity,
+    camera::Camera,
+    image_file::ImageFile,
+    object_regions::{self, Region},
+    records::Scene,
+    rgb::Mask,
 };
 
 use crate::error::ReconstructError;
@@ -32,11 +37,12 @@ pub(super) fn load_view(
         })?;
     let image = read_image(&folder.join(&entry.image), scene, camera)?;
     let expected = scene.camera.size();
-    let mask = entry
-        .mask
-        .as_ref()
-        .map(|mask| load_mask(&folder.join(mask), expected, camera))
-        .transpose()?;
+    let read = |file: &str| read_mask(&folder.join(file), expected);
+    let mask = Region::Moving
+        .source(scene, entry)
+        .map(|source| source.mask(&scene.camera, expected, read))
+        .transpose()?
+        .map(|mask| averaged(&mask, camera));
     let ignored = entry
         .ignore_mask
         .as_ref()
@@ -61,11 +67,14 @@ pub(super) fn load_objects(
     let mut objects: BTreeMap<String, BTreeMap<u32, Vec<u8>>> = BTreeMap::new();
     for TrainingView { frame, ignored, .. } in views {
         let frame = *frame;
+        let expected = scene.camera.size();
         let entry = scene.frames.get(frame as usize);
-        for (name, file) in entry.iter().flat_map(|entry| &entry.objects) {
-            let mask = load_mask(&folder.join(file), scene.camera.size(), camera)?;
-            let mask = without(mask, ignored.as_deref());
-            objects.entry(name.clone()).or_default().insert(frame, mask);
+        for (name, shape) in entry.map(object_regions::shapes).unwrap_or_default() {
+            let read = |file: &str| read_mask(&folder.join(file), expected);
+            let mask = shape.mask(&scene.camera, expected, read)?;
+            let mask = without(averaged(&mask, camera), ignored.as_deref());
+            let of_object = objects.entry(name.to_owned()).or_default();
+            of_object.insert(frame, mask);
         }
     }
     Ok(objects)
@@ -96,17 +105,12 @@ pub fn read_image(
     Ok(image.resized_by_area(camera.width() as usize, camera.height() as usize))
 }
 
-/// Loads a mask of the scene's images, `expected` wide and high, and resizes it to `camera` by area averaging.
-fn load_mask(
-    path: &Path,
-    expected: [usize; 2],
-    camera: Camera,
-) -> Result<Vec<u8>, ReconstructError> {
-    let mask = read_mask(path, expected)?;
+/// Returns a mask of the scene's images at the size of `camera`, by area averaging.
+fn averaged(mask: &Mask, camera: Camera) -> Vec<u8> {
     let grey: Vec<u8> = mask.data.iter().flat_map(|&value| [value; 3]).collect();
     let resized = RgbImage::from_rgb8(mask.width, mask.height, &grey)
         .resized_by_area(camera.width() as usize, camera.height() as usize);
-    Ok(resized.to_rgb8().into_iter().step_by(3).collect())
+    resized.to_rgb8().into_iter().step_by(3).collect()
 }
 
 /// Loads the ignored region of the scene's images, `expected` wide and high, at the size of `camera`: every pixel

@@ -63,6 +63,7 @@ mod tests {
             ignore_mask: Some("holder.png".to_owned()),
             classes: [].into(),
             objects: [].into(),
+            boxes: [].into(),
             depth: None,
             depth_prior: None,
             capture: None,
@@ -92,6 +93,7 @@ mod tests {
                 problems: Vec::new(),
             },
             published_split: None,
+            objects: [].into(),
         }
     }
 

@@ -1,0 +1,147 @@
+//! Tracks in formats of traffic tools.
+//!
+//! To add a format: one file with a writer, and one line in [`TRACK_FORMATS`].
+
+pub mod geojson;
+mod moments;
+pub mod mot;
+pub mod speeds;
+
+use std::path::PathBuf;
+
+use omnilife_schemas::{
+    layout::{GEOREFERENCE_FILE, SCENE_FILE, TRACKS_FILE},
+    progress::Progress,
+    records::{Georeference, Scene, Tracks},
+    stage::StagePlan,
+    store,
+};
+
+use crate::{
+    error::TracksError,
+    georeference::{self, RecordedPositions},
+};
+
+/// Format of tracks.
+#[derive(Debug, Clone, Copy)]
+pub struct TrackFormat {
+    /// Name on the command line.
+    pub id: &'static str,
+    /// One line: its content.
+    pub about: &'static str,
+    /// Name of its file.
+    pub file: &'static str,
+    /// Returns the text of the file.
+    ///
+    /// # Errors
+    /// When the tracks lack something that it needs: one line.
+    pub write: fn(&TrackExport<'_>) -> Result<String, String>,
+}
+
+/// All formats.
+pub const TRACK_FORMATS: &[TrackFormat] = &[mot::FORMAT, speeds::FORMAT, geojson::FORMAT];
+
+/// Tracks to export.
+#[derive(Debug, Clone, Copy)]
+pub struct TrackExport<'a> {
+    /// The tracks.
+    pub tracks: &'a Tracks,
+    /// Their scene.
+    pub scene: &'a Scene,
+    /// Its place on the Earth; `None` where it is not known.
+    pub georeference: Option<&'a Georeference>,
+}
+
+/// Input and options of an export.
+#[derive(Debug, Clone)]
+pub struct TrackExportRequest {
+    /// Folder of the scene.
+    pub scene_folder: PathBuf,
+    /// Folder of the tracks, and of the result.
+    pub folder: PathBuf,
+    /// Formats.
+    pub formats: Vec<&'static TrackFormat>,
+    /// Subtitles of a drone's video; `None` for the positions of stills, if they have any.
+    pub telemetry: Option<PathBuf>,
+}
+
+/// Writes tracks in some formats beside their record, and the place of the scene where it is known. Returns the files
+/// and the place.
+///
+/// # Errors
+/// When a record or the telemetry cannot be read, telemetry does not fit the scene, tracks lack something that a format
+/// needs, or a file cannot be written.
+pub fn export_tracks(
+    request: &TrackExportRequest,
+    progress: &dyn Progress,
+) -> Result<(Vec<PathBuf>, Option<Georeference>), TracksError> {
+    let scene_path = request.scene_folder.join(SCENE_FILE);
+    let tracks_path = request.folder.join(TRACKS_FILE);
+    let scene: Scene = store::read_record(&scene_path)?;
+    let missing = || TracksError::input(&tracks_path, "is missing: curate tracks makes it");
+    let tracks = Tracks::beside_split(&scene.id, &request.folder)?.ok_or_else(missing)?;
+    let georeference = place(request, &scene, progress)?;
+    let export = TrackExport {
+        tracks: &tracks,
+        scene: &scene,
+        georeference: georeference.as_ref(),
+    };
+    let texts = request.formats.iter().map(|format| {
+        let text = (format.write)(&export).map(|text| (format.file, text));
+        text.map_err(|reason| TracksError::input(&tracks_path, reason))
+    });
+    let texts: Vec<(&str, String)> = texts.collect::<Result<_, TracksError>>()?;
+    let mut plan = StagePlan::new(&request.folder, "track-exports")
+        .with_file(&scene_path)?
+        .with_file(&tracks_path)?;
+    if let Some(file) = &request.telemetry {
+        plan = plan.with_file(file)?;
+    }
+    let place = georeference.iter().map(|_| GEOREFERENCE_FILE);
+    let files: Vec<&str> = texts.iter().map(|(file, _)| *file).chain(place).collect();
+    plan.run(&files, progress, |out| {
+        for (file, text) in &texts {
+            out.write_bytes(file, text.as_bytes())?;
+        }
+        if let Some(georeference) = &georeference {
+            out.write_record(GEOREFERENCE_FILE, georeference)?;
+        }
+        Ok::<_, TracksError>(())
+    })?;
+    let files = files.iter().map(|file| request.folder.join(file));
+    Ok((files.collect(), georeference))
+}
+
+/// Returns the place of the scene on the Earth. Positions of stills that do not determine it are left out with a note.
+fn place(
+    request: &TrackExportRequest,
+    scene: &Scene,
+    progress: &dyn Progress,
+) -> Result<Option<Georeference>, TracksError> {
+    let found = match &request.telemetry {
+        Some(file) => {
+            let recorded = RecordedPositions::of_telemetry(scene, file)?;
+            let fitted = recorded.georeference(scene);
+            Some(fitted.map_err(|reason| TracksError::input(file, reason))?)
+        }
+        None => match RecordedPositions::of_stills(scene).map(|one| one.georeference(scene)) {
+            Some(Err(reason)) => {
+                progress.note(&format!(
+                    "{}: positions in EXIF are left out: {reason}",
+                    scene.id
+                ));
+                None
+            }
+            Some(Ok(fitted)) => Some(fitted),
+            None => None,
+        },
+    };
+    if let Some(georeference) = &found {
+        progress.note(&format!(
+            "{}: {}",
+            scene.id,
+            georeference::words(georeference)
+        ));
+    }
+    Ok(found)
+}

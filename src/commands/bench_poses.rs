@@ -1,0 +1,68 @@
+//! `omnilife bench poses`.
+
+use std::path::Path;
+
+use omnilife_bench::poses::{PoseEstimate, pose_table, score_poses};
+use omnilife_curate::exchange::read_trajectory;
+use omnilife_schemas::{
+    Pose,
+    records::{PoseAlignment, PoseConvention, Scene},
+    store,
+};
+
+use crate::exit::{self, BadRequest};
+
+/// Files of a comparison of poses.
+pub(super) struct PosePlaces<'a> {
+    pub(super) trajectory: &'a Path,
+    pub(super) scene: &'a Path,
+    pub(super) truth: Option<&'a Path>,
+    /// The record to write.
+    pub(super) out: Option<&'a Path>,
+}
+
+/// Scores poses, prints the scores and writes them where they are asked for.
+pub(super) fn execute(
+    places: &PosePlaces<'_>,
+    convention: Option<PoseConvention>,
+    alignment: PoseAlignment,
+) -> anyhow::Result<()> {
+    let scene: Scene = store::read_record(places.scene)?;
+    let given = [Some(places.trajectory), places.truth];
+    if convention.is_some() && !given.into_iter().flatten().any(is_array) {
+        let reason =
+            "--poses-convention says what the matrices of a .npy map, and no .npy is given";
+        return Err(BadRequest(reason.to_owned()).into());
+    }
+    let read = |path: &Path| -> anyhow::Result<Vec<Option<Pose>>> {
+        let convention = convention.filter(|_| is_array(path));
+        Ok(read_trajectory(path, convention, &scene)?)
+    };
+    let poses = read(places.trajectory)?;
+    let truth = places.truth.map(read).transpose()?;
+    let truth_name = places.truth.map(own_name).unwrap_or_default();
+    let scores = score_poses(
+        &scene,
+        &PoseEstimate {
+            name: &own_name(places.trajectory),
+            poses: &poses,
+            truth: truth.as_deref().map(|poses| (&*truth_name, poses)),
+            alignment,
+        },
+    )?;
+    if let Some(out) = places.out {
+        store::write_record(out, &scores)?;
+    }
+    exit::print(&pose_table(&scores))
+}
+
+fn is_array(path: &Path) -> bool {
+    let extension = path.extension();
+    extension.is_some_and(|extension| extension.eq_ignore_ascii_case("npy"))
+}
+
+/// Returns the name of a file or folder: records must not change if it is moved.
+fn own_name(path: &Path) -> String {
+    let name = path.file_name().unwrap_or(path.as_os_str());
+    name.to_string_lossy().into_owned()
+}
