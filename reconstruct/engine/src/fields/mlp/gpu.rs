@@ -96,7 +96,10 @@ impl NetworkBuffers {
         room: usize,
         largest_block: usize,
     ) -> Result<Self, GpuError> {
-        assert!(shape.has_biases, "the kernels add biases");
+        assert!(
+            shape.has_biases || shape.shared_inputs == 0,
+            "gradients by shared inputs are those by biases"
+        );
         let layers = shape.layers();
         let blocks = Blocks::new(gpu, room, largest_block)?;
         let block_rows = blocks.largest();
@@ -182,6 +185,10 @@ impl Passes {
         buffers: &NetworkBuffers,
     ) -> Result<(), GpuError> {
         for (layer, offsets) in buffers.layers.iter().zip(&buffers.offsets) {
+            // Without biases, offsets stay 0.
+            if !buffers.shape.has_biases {
+                break;
+            }
             let uniform = shared_inputs(to.gpu, layer)?;
             to.program.run(
                 to.gpu,
@@ -247,20 +254,21 @@ impl Passes {
         Ok(())
     }
 
-    /// Records the gradients by the weights, after [`Passes::forward`]: overwrites `gradients`. Gradients by
-    /// the inputs are not computed.
+    /// Records the gradients by the weights, after [`Passes::forward`]: overwrites `gradients`, and
+    /// `by_inputs`, if given, with those by the inputs of all rows.
     pub(crate) fn backward(
         &self,
         to: &mut Recording<'_>,
         buffers: &NetworkBuffers,
         gradients: &wgpu::Buffer,
+        by_inputs: Option<&wgpu::Buffer>,
     ) -> Result<(), GpuError> {
         let is_there_one = buffers.blocks.iter().count() == 1;
         for block in buffers.blocks.iter() {
             if !is_there_one {
                 self.forward_block(to, buffers, (block, &block.again))?;
             }
-            self.backward_block(to, buffers, block, gradients)?;
+            self.backward_block(to, buffers, block, (gradients, by_inputs))?;
         }
         for layer in buffers
             .layers
@@ -283,8 +291,9 @@ impl Passes {
         to: &mut Recording<'_>,
         buffers: &NetworkBuffers,
         block: &Block,
-        gradients: &wgpu::Buffer,
+        (gradients, by_inputs): (&wgpu::Buffer, Option<&wgpu::Buffer>),
     ) -> Result<(), GpuError> {
+        let mut is_added = false;
         let depth = buffers.shape.depth;
         let [mut by_output, mut by_input] = [&buffers.by_output[0].raw, &buffers.by_output[1].raw];
         for (index, layer) in buffers.layers.iter().enumerate().rev() {
@@ -294,11 +303,25 @@ impl Passes {
                 (by_output, 0)
             };
             let gradient = Matrix::new(buffer, begin, block.room, layer.outputs);
-            self.sum_rows(to, buffers, block, (buffer, begin), (gradients, layer))?;
+            if buffers.shape.has_biases {
+                self.sum_rows(to, buffers, block, (buffer, begin), (gradients, layer))?;
+            }
             if layer.row_inputs > 0 {
                 let factors = (buffers.inputs(block).transposed(), gradient);
                 let begin = layer.row_weights().start;
                 self.sum_products(to, buffers, block, factors, (gradients, begin))?;
+                if let Some(by_inputs) = by_inputs {
+                    let weights = Matrix::new(to.weights, begin, layer.row_inputs, layer.outputs);
+                    let out = Destination {
+                        is_added,
+                        ..Destination::new(by_inputs, block.first * layer.row_inputs)
+                    };
+                    let factors = (gradient, weights.transposed());
+                    let over = Over::Rows(block, &block.once);
+                    self.products
+                        .record(to.gpu, to.program, over, factors, out)?;
+                    is_added = true;
+                }
             }
             let Some(before) = index.checked_sub(1) else {
                 break;
