@@ -9,6 +9,7 @@ use crate::largest_or_nan;
 use omnilife_atlas::{
     Begun, begin,
     clip::{Clip, ClipFrame, UnitClock},
+    graph::Graph,
     node::FieldKind,
 };
 use omnilife_training::{learner::Learner, request::MethodRequest};
@@ -68,6 +69,11 @@ fn request() -> MethodRequest {
     MethodRequest::new(8, 0)
 }
 
+/// Returns the atlas of a run.
+fn graph_of(begun: &mut Begun) -> Result<&mut Graph, String> {
+    begun.learner.graph().map_err(|error| error.to_string())
+}
+
 /// Trains a clip for a few steps of all phases.
 fn learn(clip: Clip) -> Result<Begun, String> {
     learn_with_points(clip, &[])
@@ -80,7 +86,8 @@ fn learn_with_points(clip: Clip, points: &[DVec3]) -> Result<Begun, String> {
         let taken = begun.learner.step(0, &at);
         taken.map_err(|error| error.to_string())?;
     }
-    match begun.learner.graph().not_finite() {
+    let bad = graph_of(&mut begun)?.not_finite();
+    match bad {
         Some(what) => Err(what),
         None => Ok(begun),
     }
@@ -189,10 +196,10 @@ pub(super) fn never_hit() -> Result<(), String> {
     )
     .map_err(|error| error.to_string())?;
     // Out of sight for the whole clip.
-    let node = &mut begun.learner.graph().nodes[0];
+    let node = &mut graph_of(&mut begun)?.nodes[0];
     node.times = [7.0, 8.0];
-    let values = |begun: &mut Begun| {
-        let node = &begun.learner.graph().nodes[0];
+    let values = |begun: &mut Begun| -> Result<Vec<f32>, String> {
+        let node = &graph_of(begun)?.nodes[0];
         let fields = FieldKind::ALL
             .iter()
             .filter_map(|&kind| node.fields.get(kind));
@@ -202,14 +209,15 @@ pub(super) fn never_hit() -> Result<(), String> {
             .collect();
         let offsets = node.offsets.iter();
         values.extend(offsets.flat_map(|offsets| offsets.parameters.array.values.clone()));
-        values
+        Ok(values)
     };
-    let before = values(&mut begun);
+    let before = values(&mut begun)?;
     for step in 1..=8 {
         let taken = begun.learner.step(0, &Position::new(8, None, step, 0.0));
         taken.map_err(|error| error.to_string())?;
     }
-    check(before == values(&mut begun), || "it was changed".to_owned())
+    let after = values(&mut begun)?;
+    check(before == after, || "it was changed".to_owned())
 }
 
 /// Judges a clip with one white frame, and another frame with twice the exposure.
