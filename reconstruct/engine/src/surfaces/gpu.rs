@@ -418,3 +418,6 @@ impl DeviceSurfaces {
         self.surfaces[surface].read(&self.gpu, number, field)
     }
 }
+
+#[cfg(test)]
+mod tests;

@@ -328,6 +328,7 @@ impl DeviceGrid {
 #[cfg(test)]
 mod tests {
     use super::{super::HashGridShape, *};
+    use crate::device::test_device;
 
     #[test]
     fn groups_hold_every_level_once_and_bound_the_sums() {
@@ -346,5 +347,37 @@ mod tests {
             }
             assert_eq!(level, grid.levels.len());
         }
+    }
+
+    #[test]
+    fn a_million_rows_in_one_cell_sum_as_in_f64() {
+        let Some(gpu) = test_device() else { return };
+        const ROWS: usize = 1_000_000;
+        let grid = HashGrid::new(HashGridShape::new(2, 1, 6));
+        let plain = PositionGradients {
+            width: 2,
+            places: [0, 1, 2, 3],
+            scales: [1.0; MAX_DIMENSIONS],
+        };
+        let kernels = GridKernels::new(&gpu).expect("compiles");
+        let mut on_device = DeviceGrid::new(&gpu, &grid, &plain).expect("fits");
+        let scratch = GridScratch::new(&gpu, &[&grid], ROWS).expect("fits");
+        let positions = [0.3_f32, 0.6].repeat(ROWS);
+        let positions = DeviceBuffer::of(&gpu, "positions", &positions).expect("fits");
+        let gradients: DeviceBuffer<f32> =
+            DeviceBuffer::zeros(&gpu, "gradients", grid.parameter_count()).expect("fits");
+        let upstream: Vec<f32> = (0..ROWS * FEATURES)
+            .map(|at| 1e-3 + (at % 7) as f32 * 1e-4)
+            .collect();
+        scratch.by_features.write(&gpu, 0, &upstream);
+        on_device.place(&gpu, ROWS, usize::MAX);
+        let mut program = Program::default();
+        let buffers = [&positions.raw, &gradients.raw];
+        on_device.backward_table((&gpu, &kernels), &mut program, &scratch, buffers);
+        program.submit(&gpu);
+        let found = gradients.read(&gpu).expect("reads");
+        let found: f64 = found.iter().map(|&value| f64::from(value)).sum();
+        let expected: f64 = upstream.iter().map(|&value| f64::from(value)).sum();
+        assert!((found / expected - 1.0).abs() < 1e-6, "{found} {expected}");
     }
 }
