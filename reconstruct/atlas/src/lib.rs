@@ -8,8 +8,8 @@
 //! * [`shade`], [`render`], [`step`]: appearance along rays, images, and one step of the optimizer.
 //! * [`plan`]: components by the evidence of a clip. [`settings`]: sizes, rates, phases. [`published`]:
 //!   deviations of the published code, on request.
-//! * [`learner`]: batches and checkpoints; `device`: steps with fields on a GPU. [`saved`]: an atlas in files. [`outputs`]: layers and images of the
-//!   atlas. [`edit`]: edits by a script.
+//! * [`learner`]: batches and checkpoints; `device`: steps with fields on a GPU. [`saved`]: an atlas in files.
+//!   [`outputs`]: layers and images of the atlas. [`edit`]: edits by a script.
 #![cfg_attr(not(test), warn(clippy::disallowed_methods))]
 
 pub mod clip;

@@ -387,8 +387,10 @@ impl DeviceSurfaces {
         let mut read = DeviceBuffer::read_ranges(&self.gpu, &wanted)?.into_iter();
         let losses = read.next().unwrap_or_default();
         Ok(SurfaceGradients {
-            losses: losses.as_chunks().0.to_vec(),
-            by_samples: read.map(|values| values.as_chunks().0.to_vec()).collect(),
+            losses: losses.as_chunks::<2>().0.to_vec(),
+            by_samples: read
+                .map(|values| values.as_chunks::<SAMPLE_VALUES>().0.to_vec())
+                .collect(),
         })
     }
 
