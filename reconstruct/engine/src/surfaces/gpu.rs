@@ -9,7 +9,7 @@ pub(crate) mod surface;
 
 use std::sync::Arc;
 
-use self::surface::DeviceSurface;
+use self::surface::{DeviceSurface, Networks};
 pub use self::surface::{NewSurface, SurfaceSample};
 pub use crate::fields::grid_field::gpu::FieldStep;
 use crate::{
@@ -250,7 +250,8 @@ impl DeviceSurfaces {
         let fields = surfaces.iter().flat_map(|surface| surface.fields);
         let grids: Vec<&HashGrid> = fields.flatten().map(GridField::grid).collect();
         let scratch = GridScratch::new(&gpu, &grids, rays)?;
-        let upload = |surface| DeviceSurface::new(&gpu, surface, [rays, moments]);
+        let networks = Networks::new(&gpu, surfaces, rays)?;
+        let upload = |surface| DeviceSurface::new(&gpu, (surface, &networks), [rays, moments]);
         let mut made = Self {
             surfaces: surfaces.iter().map(upload).collect::<Result<_, _>>()?,
             room: rays,

@@ -51,6 +51,7 @@ struct Appearance {
 @group(0) @binding(5) var<storage, read_write> colour_positions: array<f32>;
 @group(0) @binding(6) var<storage, read_write> opacity_positions: array<f32>;
 @group(0) @binding(7) var<storage, read_write> view_positions: array<f32>;
+@group(0) @binding(8) var<storage, read_write> flows: array<vec4<f32>>;
 
 @group(0) @binding(1) var<storage, read> shaded_queries: array<vec4<f32>>;
 // The colours' texels, then those of the opacities.
@@ -69,6 +70,7 @@ struct Appearance {
 // Gradients by the query, later by the place, and by the angle's coordinates.
 @group(0) @binding(6) var<storage, read_write> by_samples: array<f32>;
 
+@group(0) @binding(3) var<storage, read> flows_before: array<vec4<f32>>;
 @group(0) @binding(4) var<storage, read_write> by_flow: array<f32>;
 @group(0) @binding(5) var<storage, read_write> moved_samples: array<f32>;
 
@@ -141,6 +143,7 @@ fn move_samples(
         query = normalize(moved_on_sphere(at.place, by));
     }
     queries[row] = vec4(query, 0.0);
+    flows[row] = vec4(by, 0.0);
     let inputs = coordinates(query);
     for (var axis = 0u; axis < surface.dimensions; axis++) {
         let index = row * surface.dimensions + axis;
@@ -389,7 +392,7 @@ fn move_samples_vjp(
     var by_place = vec3(moved_samples[first], moved_samples[first + 1u], moved_samples[first + 2u]);
     var by_flow_here = FIELD_WEIGHT * by_place;
     if surface.dimensions == 3u {
-        let by = flow_of(row, at.moment);
+        let by = flows_before[row].xyz;
         let unscaled = moved_on_sphere(at.place, by);
         let size = length(unscaled);
         let query = unscaled / size;

@@ -11,6 +11,7 @@ use crate::{
         mlp::{
             blocks_gpu::{Block, BlockPass},
             gpu::{NetworkBuffers, Passes, Recording},
+            network::NetworkShape,
         },
     },
     parameters::{
@@ -66,10 +67,11 @@ pub(crate) struct DeviceField {
 }
 
 impl DeviceField {
-    /// Uploads a field, without positions. `counter` is the number of its counter in the status of steps.
+    /// Uploads a field, without positions. `network` has the buffers of its network for `room` rows; `counter` is
+    /// the number of its counter in the status of steps.
     pub(crate) fn new(
         gpu: &Gpu,
-        field: &GridField,
+        (field, network): (&GridField, NetworkBuffers),
         (room, counter): (usize, usize),
         by_positions: &PositionGradients,
     ) -> Result<Self, GpuError> {
@@ -78,7 +80,7 @@ impl DeviceField {
         let dimensions = field.shape.grid.dimensions;
         Ok(Self {
             grid: DeviceGrid::new(gpu, &field.grid, by_positions)?,
-            network: NetworkBuffers::new(gpu, field.network, room)?,
+            network,
             table: upload(&field.table.array)?,
             weights: upload(&field.weights.array)?,
             steps: [step()?, step()?],
@@ -207,6 +209,11 @@ impl DeviceField {
 }
 
 impl GridField {
+    /// Returns the sizes of the network.
+    pub(crate) fn network(&self) -> NetworkShape {
+        self.network
+    }
+
     /// Returns the grid.
     pub(crate) fn grid(&self) -> &HashGrid {
         &self.grid

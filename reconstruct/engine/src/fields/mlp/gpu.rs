@@ -67,6 +67,10 @@ pub(crate) struct NetworkBuffers {
     shape: NetworkShape,
     layers: Vec<Layer>,
     blocks: Blocks,
+    /// Capacity in rows, and rows of its largest block.
+    room: [usize; 2],
+    /// False if other networks overwrite the activations between both passes.
+    keeps_activations: bool,
     /// Inputs that all rows share; the host sets them.
     pub(crate) shared: DeviceBuffer<f32>,
     /// Outputs of all rows.
@@ -121,24 +125,62 @@ impl NetworkBuffers {
             hidden: (0..shape.depth)
                 .map(|_| layer("outputs of a layer"))
                 .collect::<Result<_, GpuError>>()?,
-            offsets: layers
-                .iter()
-                .map(|layer| zeros("offsets of a layer", layer.outputs))
-                .collect::<Result<_, GpuError>>()?,
+            offsets: offsets(gpu, &layers)?,
             by_output: [
                 layer("gradients by a layer's outputs")?,
                 layer("gradients by a layer's inputs")?,
             ],
             parts: zeros("parts of gradients", PARTS * largest)?,
+            room: [room, largest_block],
+            keeps_activations: true,
             shape,
             layers,
             blocks,
         })
     }
 
+    /// Creates buffers of another network, which is not larger in any size, for other rows in the memory of these.
+    /// Outputs and gradients by them hold until the next network's pass, and activations are evaluated once more
+    /// for the backward pass.
+    pub(crate) fn sharing(&self, gpu: &Gpu, shape: NetworkShape) -> Result<Self, GpuError> {
+        let sizes = |shape: &NetworkShape| {
+            let NetworkShape {
+                row_inputs,
+                shared_inputs,
+                depth,
+                width,
+                outputs,
+                ..
+            } = *shape;
+            [row_inputs, shared_inputs, depth, width, outputs]
+        };
+        let mut pairs = sizes(&shape).into_iter().zip(sizes(&self.shape));
+        assert!(
+            pairs.all(|(size, room)| size <= room),
+            "{shape:?} in {:?}",
+            self.shape
+        );
+        let layers = shape.layers();
+        Ok(Self {
+            shared: self.shared.clone(),
+            outputs: self.outputs.clone(),
+            upstream: self.upstream.clone(),
+            inputs: self.inputs.clone(),
+            hidden: self.hidden[..shape.depth].to_vec(),
+            offsets: offsets(gpu, &layers)?,
+            by_output: self.by_output.clone(),
+            parts: self.parts.clone(),
+            room: self.room,
+            keeps_activations: false,
+            blocks: Blocks::new(gpu, self.room[0], self.room[1])?,
+            shape,
+            layers,
+        })
+    }
+
     /// Sets the number of rows for everything that is submitted later.
     pub(crate) fn place(&self, gpu: &Gpu, rows: usize) {
-        self.blocks.place(gpu, rows);
+        self.blocks.place(gpu, rows, self.keeps_activations);
     }
 
     fn hidden(&self, index: usize, block: &Block) -> Matrix<'_> {
@@ -263,9 +305,9 @@ impl Passes {
         gradients: &wgpu::Buffer,
         by_inputs: Option<&wgpu::Buffer>,
     ) -> Result<(), GpuError> {
-        let is_there_one = buffers.blocks.iter().count() == 1;
+        let are_there = buffers.keeps_activations && buffers.blocks.iter().count() == 1;
         for block in buffers.blocks.iter() {
-            if !is_there_one {
+            if !are_there {
                 self.forward_block(to, buffers, (block, &block.again))?;
             }
             self.backward_block(to, buffers, block, (gradients, by_inputs))?;
@@ -409,6 +451,12 @@ impl Passes {
         );
         Ok(())
     }
+}
+
+/// Allocates a value for each output of each layer.
+fn offsets(gpu: &Gpu, layers: &[Layer]) -> Result<Vec<DeviceBuffer<f32>>, GpuError> {
+    let offsets = |layer: &Layer| DeviceBuffer::zeros(gpu, "offsets of a layer", layer.outputs);
+    layers.iter().map(offsets).collect()
 }
 
 fn shared_inputs(gpu: &Gpu, layer: &Layer) -> Result<Uniform<SharedInputs>, GpuError> {

@@ -13,6 +13,7 @@ use crate::{
             gpu::{DeviceField, FieldStep},
         },
         hash_grid::gpu::{GridScratch, PositionGradients},
+        mlp::{gpu::NetworkBuffers, network::NetworkShape},
     },
     surfaces::texture::Texture,
     trajectories::catmull_rom::KnotWeights,
@@ -80,6 +81,55 @@ pub struct NewSurface<'a> {
     pub fields: [Option<&'a GridField>; 4],
 }
 
+/// Memory of the networks of each kind of field, which the surfaces use one after another. `None` for a kind that at
+/// most one surface has: its activations are kept.
+#[derive(Debug)]
+pub(super) struct Networks([Option<NetworkBuffers>; 4]);
+
+impl Networks {
+    /// Allocates memory for the largest network of each kind, and `room` rows.
+    pub(super) fn new(
+        gpu: &Gpu,
+        surfaces: &[NewSurface<'_>],
+        room: usize,
+    ) -> Result<Self, GpuError> {
+        let of_kind = |number: usize| {
+            let fields = surfaces.iter().filter_map(|surface| surface.fields[number]);
+            let shapes: Vec<NetworkShape> = fields.map(GridField::network).collect();
+            let largest = shapes.iter().copied().reduce(|a, b| NetworkShape {
+                row_inputs: a.row_inputs.max(b.row_inputs),
+                depth: a.depth.max(b.depth),
+                width: a.width.max(b.width),
+                outputs: a.outputs.max(b.outputs),
+                ..a
+            });
+            let shared = largest.filter(|_| shapes.len() > 1);
+            let allocate = |shape| NetworkBuffers::new(gpu, shape, room);
+            shared.map(allocate).transpose()
+        };
+        Ok(Self([
+            of_kind(COLOUR)?,
+            of_kind(OPACITY)?,
+            of_kind(FLOW)?,
+            of_kind(VIEW)?,
+        ]))
+    }
+
+    /// Returns the buffers of a field's network.
+    fn of(
+        &self,
+        gpu: &Gpu,
+        number: usize,
+        shape: NetworkShape,
+        room: usize,
+    ) -> Result<NetworkBuffers, GpuError> {
+        match &self.0[number] {
+            Some(memory) => memory.sharing(gpu, shape),
+            None => NetworkBuffers::new(gpu, shape, room),
+        }
+    }
+}
+
 /// A field, or stand-ins for its buffers: every binding of a kernel needs a buffer.
 #[derive(Debug)]
 struct Slot {
@@ -91,11 +141,14 @@ struct Slot {
 impl Slot {
     fn new(
         gpu: &Gpu,
-        field: Option<&GridField>,
+        (field, networks): (Option<&GridField>, &Networks),
         (room, number): (usize, usize),
         by_positions: &PositionGradients,
     ) -> Result<Self, GpuError> {
-        let upload = |field| DeviceField::new(gpu, field, (room, number), by_positions);
+        let upload = |field: &GridField| {
+            let network = networks.of(gpu, number, field.network(), room)?;
+            DeviceField::new(gpu, (field, network), (room, number), by_positions)
+        };
         let stand_in = || DeviceBuffer::zeros(gpu, "no field", 4);
         Ok(Self {
             field: field.map(upload).transpose()?,
@@ -131,6 +184,7 @@ pub(super) struct DeviceSurface {
     samples: DeviceBuffer<SurfaceSample>,
     moments: DeviceBuffer<MomentKnots>,
     queries: DeviceBuffer<[f32; 4]>,
+    flows: DeviceBuffer<[f32; 4]>,
     appearances: DeviceBuffer<[f32; 16]>,
     /// Gradients by the samples, [`SAMPLE_VALUES`] each.
     pub(super) by_samples: DeviceBuffer<f32>,
@@ -140,7 +194,7 @@ impl DeviceSurface {
     /// Uploads a surface, with room for samples and moments.
     pub(super) fn new(
         gpu: &Gpu,
-        surface: &NewSurface<'_>,
+        (surface, networks): (&NewSurface<'_>, &Networks),
         [room, moments]: [usize; 2],
     ) -> Result<Self, GpuError> {
         let size = |width: usize, height: usize| [width as u32, height as u32];
@@ -174,7 +228,8 @@ impl DeviceSurface {
             } else {
                 by_place
             };
-            Slot::new(gpu, surface.fields[number], (room, number), &by_positions)
+            let field = (surface.fields[number], networks);
+            Slot::new(gpu, field, (room, number), &by_positions)
         };
         Ok(Self {
             uniform: Uniform::of(gpu, "surface", &sizes)?,
@@ -185,6 +240,7 @@ impl DeviceSurface {
             samples: DeviceBuffer::zeros(gpu, "samples of a surface", room)?,
             moments: DeviceBuffer::zeros(gpu, "moments of a surface", moments)?,
             queries: DeviceBuffer::zeros(gpu, "queries of a surface", room)?,
+            flows: DeviceBuffer::zeros(gpu, "flow of samples", room)?,
             appearances: DeviceBuffer::zeros(gpu, "appearance of samples", room)?,
             by_samples: DeviceBuffer::zeros(gpu, "gradients by samples", room * SAMPLE_VALUES)?,
         })
@@ -271,6 +327,7 @@ impl DeviceSurface {
                 colour.positions(),
                 opacity.positions(),
                 view.positions(),
+                &self.flows.raw,
             ],
         );
         for slot in [colour, opacity, view] {
@@ -334,7 +391,7 @@ impl DeviceSurface {
                     uniform,
                     &self.samples.raw,
                     &self.moments.raw,
-                    flow.outputs(),
+                    &self.flows.raw,
                     flow.upstream(),
                     by_samples,
                 ],

@@ -51,7 +51,8 @@ impl OnDevice {
         };
         let kernels = FieldKernels::new(gpu).expect("compiles");
         let zeros = |len| DeviceBuffer::zeros(gpu, "of a test", len).expect("fits");
-        let field = DeviceField::new(gpu, host, (room, COUNTER), &plain).expect("fits");
+        let network = NetworkBuffers::new(gpu, host.network(), room).expect("fits");
+        let field = DeviceField::new(gpu, (host, network), (room, COUNTER), &plain).expect("fits");
         let scratch = GridScratch::new(gpu, &[host.grid()], room).expect("fits");
         let by_positions = zeros(room * dimensions);
         let status = DeviceBuffer::zeros(gpu, "status", STATUS_WORDS).expect("fits");
@@ -223,8 +224,9 @@ fn a_table_beyond_the_largest_buffer_is_refused() {
         places: [0, 1, 2, 3],
         scales: [1.0; 4],
     };
+    let network = NetworkBuffers::new(&gpu, host.network(), 10).expect("fits");
     gpu.exhaust_above(1 << 10);
-    let refused = DeviceField::new(&gpu, &host, (10, COUNTER), &plain);
+    let refused = DeviceField::new(&gpu, (&host, network), (10, COUNTER), &plain);
     let message = refused.map(drop).expect_err("no room").to_string();
     assert!(
         message.contains("memory") && message.lines().count() == 1,

@@ -40,8 +40,18 @@ fn in_room(
     [room, block]: [usize; 2],
     before: impl Fn(&dyn Fn(usize)),
 ) -> Values {
-    let passes = Passes::new(gpu).expect("compiles");
     let buffers = NetworkBuffers::with_blocks(gpu, case.shape, room, block).expect("fits");
+    in_buffers(case, gpu, &buffers, before)
+}
+
+fn in_buffers(
+    case: &Case,
+    gpu: &Gpu,
+    buffers: &NetworkBuffers,
+    before: impl Fn(&dyn Fn(usize)),
+) -> Values {
+    let room = buffers.room[0];
+    let passes = Passes::new(gpu).expect("compiles");
     let buffer = |values: &[f32]| DeviceBuffer::of(gpu, "of a test", values).expect("fits");
     let weights = buffer(&case.weights);
     let gradients = buffer(&vec![7.0; case.weights.len()]);
@@ -69,11 +79,14 @@ fn in_room(
         weights: &weights.raw,
         encode: &encode,
     };
-    passes.forward(&mut recording, &buffers).expect("records");
+    passes.forward(&mut recording, buffers).expect("records");
+    if !buffers.keeps_activations {
+        recording.program.clear(&buffers.hidden[0].raw);
+    }
     passes
         .backward(
             &mut recording,
-            &buffers,
+            buffers,
             &gradients.raw,
             Some(&by_inputs.raw),
         )
@@ -156,6 +169,29 @@ fn rows_come_and_go_within_the_room() {
             [room, 7, 0, 200].into_iter().for_each(run);
         });
         assert!(bits(found) == alone, "{rows} of {room} in {block}");
+    }
+}
+
+/// Networks in the memory of a larger one have the bits of their own buffers, although others overwrite their
+/// activations.
+#[test]
+fn networks_share_memory() {
+    let Some(gpu) = test_device() else { return };
+    let larger = NetworkShape {
+        row_inputs: 9,
+        depth: 5,
+        width: 16,
+        outputs: 6,
+        ..SMALL
+    };
+    for block in [4096, 128] {
+        let memory = NetworkBuffers::with_blocks(&gpu, larger, 400, block).expect("fits");
+        for shape in [SMALL, WITHOUT_BIASES, larger] {
+            let case = Case::new(shape, 300);
+            let shared = memory.sharing(&gpu, shape).expect("fits");
+            let found = in_buffers(&case, &gpu, &shared, |run| run(400));
+            assert!(found == in_room(&case, &gpu, [400, block], |_| {}));
+        }
     }
 }
 
