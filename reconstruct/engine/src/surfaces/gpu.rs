@@ -156,7 +156,6 @@ pub struct SurfaceGradients {
 pub struct DeviceSurfaces {
     gpu: Arc<Gpu>,
     surfaces: Vec<DeviceSurface>,
-    room: usize,
     rays: Rays,
     status: DeviceBuffer<u32>,
     forward: Program,
@@ -254,7 +253,6 @@ impl DeviceSurfaces {
         let upload = |surface| DeviceSurface::new(&gpu, (surface, &networks), [rays, moments]);
         let mut made = Self {
             surfaces: surfaces.iter().map(upload).collect::<Result<_, _>>()?,
-            room: rays,
             rays: Rays::new(&gpu, rays, surfaces.len())?,
             status: DeviceBuffer::zeros(&gpu, "status", STATUS_WORDS)?,
             forward: Program::default(),
@@ -321,11 +319,6 @@ impl DeviceSurfaces {
             surface.step(at, &mut self.backward, &self.status.raw);
         }
         Ok(())
-    }
-
-    /// Returns the most rays of a batch.
-    pub fn room(&self) -> usize {
-        self.room
     }
 
     fn place(&mut self, batch: &SurfaceBatch<'_>) {

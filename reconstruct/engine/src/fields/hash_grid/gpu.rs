@@ -327,8 +327,8 @@ impl DeviceGrid {
 
 #[cfg(test)]
 mod tests {
-    use super::{super::HashGridShape, *};
-    use crate::device::test_device;
+    use super::*;
+    use crate::{device::test_device, fields::hash_grid::HashGridShape};
 
     #[test]
     fn groups_hold_every_level_once_and_bound_the_sums() {
