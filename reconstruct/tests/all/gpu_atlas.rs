@@ -13,7 +13,7 @@ use omnilife_reconstruct::{
 use omnilife_schemas::records::Backend;
 
 use crate::{
-    neural_atlas::{body, clip, learn, view},
+    neural_atlas::{body, clip, learn, take_two_planes_apart, view},
     support::device,
 };
 
@@ -72,6 +72,16 @@ fn two_planes_are_learnt_as_on_the_cpu() {
     assert!(apart(&of_device.data, &of_host.data) < 1e-4);
     // The run goes on after its parameters were on the host.
     learn(&mut gpu, STEPS - 1..STEPS, STEPS);
+}
+
+/// A software adapter would take minutes for 300 steps.
+#[test]
+fn a_graphics_card_takes_two_planes_apart() {
+    let Some(gpu) = device() else { return };
+    if gpu.adapter().kind.is_software() {
+        return omnilife_schemas::testing::skip("a software adapter takes minutes for 300 steps");
+    }
+    take_two_planes_apart(true);
 }
 
 #[test]

@@ -210,6 +210,11 @@ const RAYS: &str = "rays=6144";
 
 #[test]
 fn two_planes_are_taken_apart() {
+    take_two_planes_apart(false);
+}
+
+/// Trains on the two-plane clip and judges images, mattes, removal and trajectories.
+pub(crate) fn take_two_planes_apart(on_gpu: bool) {
     let begun = Instant::now();
     let method = methods::find("nag").unwrap();
     let request = MethodRequest {
@@ -221,6 +226,9 @@ fn two_planes_are_taken_apart() {
     } = begin(clip(), &[], &request).unwrap();
     for line in &plan {
         println!("{}: {} ({})", line.component, line.used, line.reason);
+    }
+    if on_gpu {
+        learner.move_to_gpu().unwrap();
     }
     learn(&mut learner, 0..STEPS, STEPS);
     let seconds = begun.elapsed().as_secs_f64();
