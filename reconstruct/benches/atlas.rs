@@ -1,11 +1,13 @@
 //! Plane samples of `nag` in a second, by the size of its fields: a step of 6,144 rays through two objects and
-//! the background, with all fields.
+//! the background, with all fields. On the CPU and, where there is an adapter, on a GPU.
 //!
 //! `cargo bench --bench atlas`; criterion's element is a plane sample.
 
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 use glam::{DMat3, DVec3};
-use omnilife_engine::{schedule::Position, trajectories::rigid_spline::RigidPose};
+use omnilife_engine::{
+    device::adapters::adapters, schedule::Position, trajectories::rigid_spline::RigidPose,
+};
 use omnilife_reconstruct::{
     learner::Learner,
     methods::{
@@ -87,10 +89,20 @@ fn learner(size: &str) -> AtlasLearner {
 }
 
 fn throughput(criterion: &mut Criterion) {
-    let mut group = criterion.benchmark_group("nag");
+    measure(criterion, "nag", false);
+    if !adapters().is_empty() {
+        measure(criterion, "nag-gpu", true);
+    }
+}
+
+fn measure(criterion: &mut Criterion, name: &str, on_gpu: bool) {
+    let mut group = criterion.benchmark_group(name);
     group.sample_size(10);
     for size in ["small", "medium", "large"] {
         let mut learner = learner(size);
+        if on_gpu {
+            learner.move_to_gpu().expect("the adapter opens");
+        }
         let at = Position::new(STEPS, None, STEPS / 2, 0.0);
         let before = learner.samples();
         learner

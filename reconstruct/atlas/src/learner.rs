@@ -9,7 +9,7 @@ use omnilife_engine::{
     model::{TrainedArray, saved::LoadError},
     parameters::SharedParameters,
     schedule::Position,
-    step::StepStatistics,
+    step::{StepStatistics, gpu::memory::DevicePlan},
 };
 use omnilife_schemas::{RgbImage, records::Backend};
 use rand::RngExt;
@@ -18,6 +18,7 @@ use serde::{Deserialize, Serialize};
 
 use super::{
     clip::{Clip, camera_direction, pixel_centre},
+    device::AtlasDevice,
     graph::{ARRAYS, Graph, Shown},
     node::FieldKind,
     published::Plateau,
@@ -48,6 +49,8 @@ pub struct AtlasLearner {
     state: State,
     statistics: StepStatistics,
     iteration: u64,
+    /// `None` on the CPU.
+    device: Option<AtlasDevice>,
 }
 
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -100,12 +103,45 @@ impl AtlasLearner {
             row_shares,
             statistics: StepStatistics::default(),
             iteration: 0,
+            device: None,
         }
     }
 
-    /// Returns the atlas.
-    pub fn graph(&mut self) -> &mut Graph {
-        &mut self.graph
+    /// Moves its steps and images to the first GPU.
+    ///
+    /// # Errors
+    /// If there is none, or the settings have gradients that are rescaled as published.
+    pub fn move_to_gpu(&mut self) -> Result<(), EngineError> {
+        if self.settings.published.gradients {
+            return Err(EngineError::Backend {
+                reason: "nag rescales gradients (gradients=published) on the CPU only; use the \
+                         backend cpu"
+                    .to_owned(),
+            });
+        }
+        let room = [self.settings.rays, self.clip.frames.len()];
+        self.device = Some(AtlasDevice::open(room)?);
+        Ok(())
+    }
+
+    /// Copies the parameters to the host if those of a device are newer.
+    fn download(&mut self) -> Result<(), EngineError> {
+        match &mut self.device {
+            Some(device) => device.download(&mut self.graph),
+            None => Ok(()),
+        }
+    }
+
+    /// Returns the atlas for reading and changes, from which the next step continues.
+    ///
+    /// # Errors
+    /// If the device fails.
+    pub fn graph(&mut self) -> Result<&mut Graph, EngineError> {
+        self.download()?;
+        if let Some(device) = &mut self.device {
+            device.forget();
+        }
+        Ok(&mut self.graph)
     }
 
     /// Returns the number of hits of nodes so far.
@@ -196,8 +232,11 @@ impl AtlasLearner {
 
 impl Learner for AtlasLearner {
     fn backend(&self) -> Backend {
-        Backend::Cpu {
-            threads: rayon::current_num_threads() as u32,
+        match &self.device {
+            Some(device) => device.record(),
+            None => Backend::Cpu {
+                threads: rayon::current_num_threads() as u32,
+            },
         }
     }
 
@@ -211,6 +250,11 @@ impl Learner for AtlasLearner {
             objects: Some(objects),
             bytes: 16 * values as u64,
         }
+    }
+
+    fn device_plan(&self) -> Result<Option<DevicePlan>, EngineError> {
+        let plan = self.device.as_ref().map(|device| device.plan(&self.graph));
+        plan.transpose()
     }
 
     fn arrays(&self) -> Vec<TrainedArray> {
@@ -227,7 +271,10 @@ impl Learner for AtlasLearner {
         let detail = self.settings.detail(at);
         let rates = self.settings.rates(at, &self.state.plateau);
         let (rays, targets) = self.batch();
-        let outcome = self.graph.step(&rays, &targets, &detail, &rates);
+        let outcome = match &mut self.device {
+            Some(device) => device.step(&mut self.graph, (&rays, &targets), &detail, &rates)?,
+            None => self.graph.step(&rays, &targets, &detail, &rates),
+        };
         if !outcome.loss.is_finite() {
             return Err(EngineError::Diverged {
                 iteration: at.iteration,
@@ -248,14 +295,25 @@ impl Learner for AtlasLearner {
     }
 
     fn take_statistics(&mut self) -> Result<StepStatistics, EngineError> {
-        Ok(std::mem::take(&mut self.statistics))
+        let mut statistics = std::mem::take(&mut self.statistics);
+        if let Some(device) = &mut self.device {
+            statistics.add(&StepStatistics {
+                refused: device.take_refused()?.to_vec(),
+                ..StepStatistics::default()
+            });
+        }
+        Ok(statistics)
     }
 
     fn image(&mut self, view: &View) -> Result<RgbImage, EngineError> {
-        Ok(self.graph.image(view, &Shown::All).0)
+        match &mut self.device {
+            Some(device) => device.image(&self.graph, view),
+            None => Ok(self.graph.image(view, &Shown::All).0),
+        }
     }
 
     fn save(&mut self) -> Result<SavedLearner, EngineError> {
+        self.download()?;
         if let Some(what) = self.graph.not_finite() {
             return Err(EngineError::Diverged {
                 iteration: self.iteration,
@@ -316,12 +374,16 @@ impl Learner for AtlasLearner {
             }
         }
         self.state = header.state;
+        if let Some(device) = &mut self.device {
+            device.forget();
+        }
         self.graph
             .not_finite()
             .map_or(Ok(()), |reason| Err(LoadError::Damaged(reason)))
     }
 
     fn export(&mut self, folder: &Path) -> Result<Vec<String>, ReconstructError> {
+        self.download()?;
         Ok(saved::write(folder, &self.graph)?)
     }
 

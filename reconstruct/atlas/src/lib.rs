@@ -8,11 +8,12 @@
 //! * [`shade`], [`render`], [`step`]: appearance along rays, images, and one step of the optimizer.
 //! * [`plan`]: components by the evidence of a clip. [`settings`]: sizes, rates, phases. [`published`]:
 //!   deviations of the published code, on request.
-//! * [`learner`]: batches and checkpoints. [`saved`]: an atlas in files. [`outputs`]: layers and images of the
-//!   atlas. [`edit`]: edits by a script.
+//! * [`learner`]: batches and checkpoints; `device`: steps with fields on a GPU. [`saved`]: an atlas in files.
+//!   [`outputs`]: layers and images of the atlas. [`edit`]: edits by a script.
 #![cfg_attr(not(test), warn(clippy::disallowed_methods))]
 
 pub mod clip;
+mod device;
 pub mod edit;
 pub mod graph;
 pub mod initialize;
@@ -50,7 +51,7 @@ use self::{
 use omnilife_training::{
     components::MotionEvidenceUse,
     error::ReconstructError,
-    method::{Findings, Method, MethodKind, ON_CPU, Prepared},
+    method::{Findings, Method, MethodKind, ON_CPU_AND_GPU, Prepared},
     options::{MethodOption, OptionValues},
     process,
     random::{Purpose, seed_of},
@@ -132,7 +133,8 @@ pub const METHOD: Method = Method {
                   another object covers and weighs ten times as much; gradients are not rescaled; \
                   step sizes fall by ten without looking at the loss (mask-loss, gradients and schedule \
                   switch these three back); a sphere as background and its flow are this project's. One model learns from all input views at once; without \
-                  masks there is the background alone. It runs on the CPU.",
+                  masks there is the background alone. On a GPU, the host intersects rays with \
+                  surfaces and moves trajectories.",
     components: &[
         plan::FLOW,
         plan::VIEW,
@@ -151,7 +153,7 @@ pub const METHOD: Method = Method {
         plan::MASK_LOSS,
     ],
     default_plan: DefaultPlan::Auto,
-    backends: ON_CPU,
+    backends: ON_CPU_AND_GPU,
     requires: &[],
     options: &[
         BASE_FIELDS,
@@ -366,7 +368,7 @@ fn settings_of(request: &MethodRequest) -> Settings {
 fn prepare<'a>(
     scene: &'a TrainingScene,
     request: &MethodRequest,
-    _: BackendChoice,
+    backend: BackendChoice,
 ) -> Result<Prepared<'a>, ReconstructError> {
     let clip = Clip::of(scene)?;
     let points: Vec<DVec3> = scene
@@ -376,7 +378,10 @@ fn prepare<'a>(
         .map(|&at| DVec3::from_array(at.map(f64::from)))
         .collect();
     let warnings = clip.warnings.clone();
-    let begun = begin(clip, &points, request)?;
+    let mut begun = begin(clip, &points, request)?;
+    if backend == BackendChoice::Gpu {
+        begun.learner.move_to_gpu()?;
+    }
     let configuration =
         serde_json::to_value(&begun.settings).map_err(|error| ReconstructError::Request {
             reason: format!("settings that cannot be recorded: {error}"),

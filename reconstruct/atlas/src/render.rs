@@ -1,5 +1,7 @@
 //! Colours of rays: hits with every node, the appearance there, layers.
 
+use std::ops::Range;
+
 use glam::{DVec2, DVec3};
 use omnilife_engine::{
     camera::View,
@@ -26,6 +28,9 @@ pub struct Moment {
     /// The camera's pose, without its correction.
     pub given: RigidPose,
 }
+
+/// Rays of an image that are rendered at once: as many as keep fields' rows in the caches.
+pub(super) const RAYS: usize = 1 << 14;
 
 /// Rays of a batch.
 #[derive(Debug, Default)]
@@ -73,6 +78,27 @@ impl Seen {
     }
 }
 
+impl Rays {
+    /// Returns the rays of some pixels of a view, row-major.
+    pub(super) fn of_pixels(view: &View, moment: Moment, pixels: Range<usize>) -> Self {
+        let width = view.camera.width() as usize;
+        let direction = |pixel: usize| {
+            let at = [(pixel % width) as f64 + 0.5, (pixel / width) as f64 + 0.5];
+            camera_direction(&view.camera, DVec2::from_array(at))
+        };
+        Self {
+            moments: vec![moment],
+            moment_of: vec![0; pixels.len()],
+            directions: pixels.map(direction).collect(),
+        }
+    }
+
+    /// Returns the times of the moments.
+    pub(super) fn times(&self) -> Vec<f64> {
+        self.moments.iter().map(|moment| moment.time).collect()
+    }
+}
+
 impl Graph {
     /// Returns the appearance of the nodes that `is_shown` names along rays. If `keep` is true, fields store the
     /// activations for gradients.
@@ -83,7 +109,28 @@ impl Graph {
         keep: bool,
         is_shown: &dyn Fn(usize) -> bool,
     ) -> Seen {
-        let times: Vec<f64> = rays.moments.iter().map(|moment| moment.time).collect();
+        let mut seen = self.hits(rays, is_shown);
+        let times = rays.times();
+        seen.shaded = self
+            .nodes
+            .iter_mut()
+            .zip(&seen.samples)
+            .map(|(node, samples)| node.shade(samples, &times, detail, keep))
+            .collect();
+        seen
+    }
+
+    /// Returns the moment of a view.
+    pub(super) fn moment_of(&self, view: &View) -> Moment {
+        Moment {
+            time: self.clock.time(view.time_seconds),
+            given: pose_of(view),
+        }
+    }
+
+    /// Returns the hits of the nodes that `is_shown` names along rays, without their appearance.
+    pub(super) fn hits(&self, rays: &Rays, is_shown: &dyn Fn(usize) -> bool) -> Seen {
+        let times = rays.times();
         let cameras: Vec<RigidPose> = rays
             .moments
             .iter()
@@ -118,16 +165,10 @@ impl Graph {
                 }
             }
         }
-        let shaded = self
-            .nodes
-            .iter_mut()
-            .zip(&samples)
-            .map(|(node, samples)| node.shade(samples, &times, detail, keep))
-            .collect();
         Seen {
             rays: placed,
             samples,
-            shaded,
+            shaded: Vec::new(),
             poses,
             links,
         }
@@ -135,8 +176,6 @@ impl Graph {
 
     /// Returns the image of a view, in [0, 1], and the number of its rays without a hit.
     pub fn image(&mut self, view: &View, shown: &Shown) -> (RgbImage, usize) {
-        // Rows of pixels at once: as many as keep fields' rows in the caches.
-        const RAYS: usize = 1 << 14;
         let (width, height) = (view.camera.width() as usize, view.camera.height() as usize);
         let named = match shown {
             Shown::All => None,
@@ -149,23 +188,12 @@ impl Graph {
             Shown::Only(_) | Shown::Opacity(_) => Some(node) == named,
             Shown::Without(_) => Some(node) != named,
         };
-        let moment = Moment {
-            time: self.clock.time(view.time_seconds),
-            given: pose_of(view),
-        };
+        let moment = self.moment_of(view);
         let mut image = RgbImage::black(width, height);
         let mut missed = 0;
         for (chunk, out) in image.data.chunks_mut(3 * RAYS).enumerate() {
             let pixels = chunk * RAYS..chunk * RAYS + out.len() / 3;
-            let direction = |pixel: usize| {
-                let at = [(pixel % width) as f64 + 0.5, (pixel / width) as f64 + 0.5];
-                camera_direction(&view.camera, DVec2::from_array(at))
-            };
-            let rays = Rays {
-                moments: vec![moment],
-                moment_of: vec![0; pixels.len()],
-                directions: pixels.map(direction).collect(),
-            };
+            let rays = Rays::of_pixels(view, moment, pixels);
             let seen = self.see(&rays, &Detail::FULL, false, &is_shown);
             missed += seen.links.iter().filter(|links| links.is_empty()).count();
             out.par_chunks_exact_mut(3)

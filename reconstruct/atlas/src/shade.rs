@@ -8,10 +8,11 @@ use glam::{DVec2, DVec3};
 use omnilife_engine::{
     fields::grid_field::GridField,
     surfaces::{
+        gpu::SurfaceSample,
         plane::{self, PlaneGradient, Ray},
         sphere::{self, Sphere},
         texture::{Beyond, direction_gradient},
-        view_angle::view_angle_vjp,
+        view_angle::{view_angle, view_angle_vjp},
     },
     trajectories::{
         catmull_rom::{KnotWeights, Knots},
@@ -53,7 +54,8 @@ impl Detail {
         active_share: 1.0,
     };
 
-    fn active(&self, kind: FieldKind, field: &GridField) -> usize {
+    /// Returns the number of a field's features that are used.
+    pub(super) fn active(&self, kind: FieldKind, field: &GridField) -> usize {
         let features = field.features();
         match kind {
             FieldKind::Colour | FieldKind::Opacity => features,
@@ -102,7 +104,28 @@ pub struct ShadeGradient {
     pub opacity: f64,
 }
 
+impl Sample {
+    /// Returns it as a device takes it.
+    pub(super) fn for_device(&self) -> SurfaceSample {
+        let angle = match &self.hit {
+            Hit::Plane(hit) => view_angle(hit.direction),
+            Hit::Sphere(_) => DVec2::ZERO,
+        };
+        SurfaceSample::new(place(&self.hit), self.moment, angle)
+    }
+}
+
 impl Node {
+    /// Returns the weights of the flow's control points at each time; empty without a flow.
+    pub(super) fn flow_weights(&self, times: &[f64]) -> Vec<KnotWeights> {
+        let Some(points) = self.flow_points() else {
+            return Vec::new();
+        };
+        let knots = Knots::with_neighbours(points);
+        let own_times = times.iter().map(|time| time - self.delay);
+        own_times.map(|time| knots.weights(time)).collect()
+    }
+
     /// Returns the appearance of samples. `times` are those of the moments. If `keep` is true, fields store the
     /// activations for [`Node::shade_vjp`].
     pub fn shade(
@@ -127,14 +150,7 @@ impl Node {
                 field.evaluate(positions, active)
             })
         };
-        let own_times = times.iter().map(|time| time - self.delay);
-        let flow_weights: Vec<KnotWeights> = match self.flow_points() {
-            Some(points) => {
-                let knots = Knots::with_neighbours(points);
-                own_times.map(|time| knots.weights(time)).collect()
-            }
-            None => Vec::new(),
-        };
+        let flow_weights = self.flow_weights(times);
         let mut positions = vec![0.0; samples.len() * dimensions];
         for (sample, out) in samples.iter().zip(positions.chunks_exact_mut(dimensions)) {
             coordinates(place(&sample.hit), dimensions, out);
@@ -392,7 +408,8 @@ impl Node {
         by_place
     }
 
-    fn hit_vjp(
+    /// Returns the gradient by a hit from those by its place and its view angle.
+    pub(super) fn hit_vjp(
         &self,
         sample: &Sample,
         ray: &Ray,

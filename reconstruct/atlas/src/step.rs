@@ -13,7 +13,7 @@ use omnilife_engine::{
     parameters::adam,
     surfaces::{
         compose::{LayerGradient, compose, compose_vjp},
-        plane::{RayGradient, outer},
+        plane::{PlaneGradient, RayGradient, outer},
     },
     trajectories::rigid_spline::{PoseGradient, RigidPose},
 };
@@ -66,6 +66,9 @@ pub struct StepOutcome {
     /// Rays that hit nothing.
     pub missed: usize,
 }
+
+/// Gradients by each node's pose at each moment, and by the camera's.
+pub type PoseGradients = (Vec<Vec<PoseGradient>>, Vec<PoseGradient>);
 
 /// Gradients of one ray.
 struct OfRay {
@@ -154,38 +157,20 @@ impl Graph {
         seen: &Seen,
         upstream: &[Vec<ShadeGradient>],
         scales: Option<&[Vec<f64>]>,
-    ) -> (Vec<Vec<PoseGradient>>, Vec<PoseGradient>) {
-        let moments = rays.moments.len();
-        let mut by_rays = vec![RayGradient::default(); rays.directions.len()];
-        let mut by_poses = Vec::with_capacity(self.nodes.len());
-        for (number, node) in self.nodes.iter_mut().enumerate() {
-            let samples = &seen.samples[number];
-            let of_hits = node.shade_vjp(
-                samples,
-                &seen.shaded[number],
-                &upstream[number],
-                &seen.poses[number],
-                &seen.rays,
-            );
-            let mut by_pose = vec![PoseGradient::default(); moments];
-            for (row, (sample, gradient)) in samples.iter().zip(&of_hits).enumerate() {
-                let scale = scales.map_or(1.0, |scales| scales[number][row]);
-                by_pose[sample.moment].add(&gradient.through_place);
-                by_pose[sample.moment].add(&gradient.through_distance.scaled(scale));
-                let by_ray = &mut by_rays[sample.ray];
-                by_ray.origin += gradient.ray.origin;
-                by_ray.direction += gradient.ray.direction;
-            }
-            by_poses.push(by_pose);
-        }
-        let mut by_camera = vec![PoseGradient::default(); moments];
-        for (ray, gradient) in by_rays.iter().enumerate() {
-            by_camera[rays.moment_of[ray]].add(&PoseGradient {
-                centre: gradient.origin,
-                rotation: outer(gradient.direction, rays.directions[ray]),
-            });
-        }
-        (by_poses, by_camera)
+    ) -> PoseGradients {
+        let nodes = self.nodes.iter_mut().enumerate();
+        let of_hits: Vec<Vec<PlaneGradient>> = nodes
+            .map(|(number, node)| {
+                node.shade_vjp(
+                    &seen.samples[number],
+                    &seen.shaded[number],
+                    &upstream[number],
+                    &seen.poses[number],
+                    &seen.rays,
+                )
+            })
+            .collect();
+        through_hits(rays, seen, &of_hits, scales)
     }
 
     /// Makes one step on a batch.
@@ -203,7 +188,6 @@ impl Graph {
             published::scales_of_gradients(self, &seen, are_poses_alone)
         });
         let (by_poses, by_camera) = self.backward(rays, &seen, &upstream, scales.as_deref());
-        let times = || rays.moments.iter().map(|moment| moment.time);
         for (number, node) in self.nodes.iter_mut().enumerate() {
             // Parameters of a node that no ray hit stay as they are, moments included.
             if seen.samples[number].is_empty() {
@@ -217,21 +201,71 @@ impl Graph {
                     outcome.refused[kind.number()] += refused as u64;
                 }
             }
-            let delay = node.delay;
-            let own_times: Vec<f64> = times().map(|time| time - delay).collect();
+        }
+        outcome.refused[4] += self.step_poses(rays, &seen, (&by_poses, &by_camera), rates.poses);
+        outcome
+    }
+
+    /// Moves the trajectories of nodes that rays hit, and the camera's; returns the number of gradients that were
+    /// not finite.
+    pub(super) fn step_poses(
+        &mut self,
+        rays: &Rays,
+        seen: &Seen,
+        (by_poses, by_camera): (&[Vec<PoseGradient>], &[PoseGradient]),
+        rate: f32,
+    ) -> u64 {
+        let times = rays.times();
+        let mut refused = 0;
+        for (number, node) in self.nodes.iter_mut().enumerate() {
+            if seen.samples[number].is_empty() {
+                continue;
+            }
+            let own_times: Vec<f64> = times.iter().map(|time| time - node.delay).collect();
             let given: Vec<RigidPose> = own_times.iter().map(|&t| node.given_pose(t)).collect();
             if let Some(offsets) = &mut node.offsets {
-                outcome.refused[4] +=
-                    offsets.step(&given, &own_times, &by_poses[number], rates.poses) as u64;
+                refused += offsets.step(&given, &own_times, &by_poses[number], rate) as u64;
             }
         }
         if let Some(offsets) = &mut self.camera {
             let given: Vec<RigidPose> = rays.moments.iter().map(|moment| moment.given).collect();
-            let times: Vec<f64> = times().collect();
-            outcome.refused[4] += offsets.step(&given, &times, &by_camera, rates.poses) as u64;
+            refused += offsets.step(&given, &times, by_camera, rate) as u64;
         }
-        outcome
+        refused
     }
+}
+
+/// Returns gradients by each node's pose at each moment and by the camera's from those by hits, node by node; see
+/// [`Graph::backward`].
+pub(super) fn through_hits(
+    rays: &Rays,
+    seen: &Seen,
+    of_hits: &[Vec<PlaneGradient>],
+    scales: Option<&[Vec<f64>]>,
+) -> PoseGradients {
+    let moments = rays.moments.len();
+    let mut by_rays = vec![RayGradient::default(); rays.directions.len()];
+    let mut by_poses = Vec::with_capacity(of_hits.len());
+    for (number, of_hits) in of_hits.iter().enumerate() {
+        let mut by_pose = vec![PoseGradient::default(); moments];
+        for (row, (sample, gradient)) in seen.samples[number].iter().zip(of_hits).enumerate() {
+            let scale = scales.map_or(1.0, |scales| scales[number][row]);
+            by_pose[sample.moment].add(&gradient.through_place);
+            by_pose[sample.moment].add(&gradient.through_distance.scaled(scale));
+            let by_ray = &mut by_rays[sample.ray];
+            by_ray.origin += gradient.ray.origin;
+            by_ray.direction += gradient.ray.direction;
+        }
+        by_poses.push(by_pose);
+    }
+    let mut by_camera = vec![PoseGradient::default(); moments];
+    for (ray, gradient) in by_rays.iter().enumerate() {
+        by_camera[rays.moment_of[ray]].add(&PoseGradient {
+            centre: gradient.origin,
+            rotation: outer(gradient.direction, rays.directions[ray]),
+        });
+    }
+    (by_poses, by_camera)
 }
 
 impl LearntOffsets {

@@ -43,7 +43,7 @@ fn wave(count: usize, phase: f64, size: f64) -> Vec<f32> {
         .collect()
 }
 
-fn field(dimensions: usize, outputs: usize, phase: f64) -> GridField {
+pub(super) fn field(dimensions: usize, outputs: usize, phase: f64) -> GridField {
     let shape = GridFieldShape {
         grid: HashGridShape {
             upper_edge: UpperEdge::Aliased,
@@ -62,7 +62,7 @@ fn field(dimensions: usize, outputs: usize, phase: f64) -> GridField {
     )
 }
 
-fn texture<const C: usize>(phase: f64, size: f64) -> Texture<C> {
+pub(super) fn texture<const C: usize>(phase: f64, size: f64) -> Texture<C> {
     let values: Vec<f32> = wave(5 * 6 * C, phase, size)
         .iter()
         .map(|v| 0.5 + v)
@@ -100,7 +100,7 @@ fn node(phase: f64, pose: [[f64; 3]; 2], size: [f64; 2], is_background: bool) ->
 }
 
 /// Returns the golden scene: three nodes and one ray.
-fn scene() -> (Graph, Rays) {
+pub(super) fn scene() -> (Graph, Rays) {
     let nodes = vec![
         node(
             0.1,

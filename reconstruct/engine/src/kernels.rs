@@ -112,8 +112,26 @@ pub const KERNELS: &[KernelTwins] = &[
         "fields/mlp/product.rs",
         Some("fields/mlp/product.wgsl"),
     ),
-    twins("hash grid", "fields/hash_grid/passes.rs", None),
-    twins("surfaces and textures", "surfaces/mod.rs", None),
+    twins(
+        "hash grid",
+        "fields/hash_grid/passes.rs",
+        Some("fields/hash_grid/hash_grid.wgsl"),
+    ),
+    twins(
+        "textures and appearance of surfaces",
+        "surfaces/texture.rs",
+        Some("surfaces/surfaces.wgsl"),
+    ),
+    twins(
+        "layers of rays",
+        "surfaces/compose.rs",
+        Some("surfaces/compose.wgsl"),
+    ),
+    twins(
+        "intersections of rays with surfaces",
+        "surfaces/plane.rs",
+        None,
+    ),
     twins(
         "statistics for density control",
         "step/cpu.rs",

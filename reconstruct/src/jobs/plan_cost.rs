@@ -128,6 +128,9 @@ fn device_plan(
     mut learner: Box<dyn Learner + '_>,
     configuration: &serde_json::Value,
 ) -> Result<DevicePlan, ReconstructError> {
+    if let Some(plan) = learner.device_plan()? {
+        return Ok(plan);
+    }
     let unknown = |reason: String| ReconstructError::Request { reason };
     let settings = TrainSettings::deserialize(configuration)
         .map_err(|error| unknown(format!("the method's settings: {error}")))?;
@@ -144,11 +147,14 @@ fn on_device(plan: &DevicePlan) -> String {
         || "the adapter holds them".to_owned(),
         |error| format!("the adapter does not hold them: {error}"),
     );
+    let model = plan.gaussians.map_or_else(
+        || "the model".to_owned(),
+        |gaussians| format!("at most {gaussians} Gaussians"),
+    );
     format!(
-        "On {} ({}): at most {} Gaussians in {:.1} MB, the largest buffer ({}) in {:.1} of {:.1} MB; {held}\n",
+        "On {} ({}): {model} in {:.1} MB, the largest buffer ({}) in {:.1} of {:.1} MB; {held}\n",
         plan.adapter.name,
         plan.adapter.kind,
-        plan.gaussians,
         megabytes(plan.buffers.bytes),
         plan.buffers.largest,
         megabytes(plan.buffers.largest_bytes),
@@ -357,7 +363,7 @@ mod tests {
                 driver: String::new(),
                 kind: AdapterKind::DiscreteGpu,
             },
-            gaussians: 500,
+            gaussians: Some(500),
             buffers: BufferDemand {
                 bytes: 3_000_000,
                 largest_bytes: 2_000_000,
@@ -373,6 +379,9 @@ mod tests {
             "{text}"
         );
         assert!(text.contains("the adapter holds them"), "{text}");
+        plan.gaussians = None;
+        let text = on_device(&plan);
+        assert!(text.contains("the model in 3.0 MB"), "{text}");
         plan.refusal = Some(GpuError::OutOfMemory {
             adapter: "card".to_owned(),
             what: "entry sums".to_owned(),

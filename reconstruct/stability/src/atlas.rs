@@ -14,11 +14,10 @@ use omnilife_engine::{
     trajectories::{catmull_rom::Knots, rigid_spline::RigidPose, rotation_spline::rotation},
 };
 
-use self::clips::{
-    carried_along, flash, identical_frames, many_objects, never_hit, odd_masks, odd_points,
-    turned_around, units, wide_masks,
-};
+pub(crate) use self::clips::on_gpu;
+use self::clips::{clip_on_cpu, units};
 use crate::{
+    devices::DeviceKind,
     largest_or_nan,
     special::{Judgement, SpecialCase},
 };
@@ -120,62 +119,52 @@ pub(super) const CASES: &[SpecialCase] = &[
     SpecialCase {
         id: "atlas-identical-frames",
         title: "an atlas of identical frames without parallax or noise",
-        judge: || judge("fields are left out; the camera stays", identical_frames),
+        judge: || clip_on_cpu("atlas-identical-frames"),
     },
     SpecialCase {
         id: "atlas-odd-masks",
         title: "masks of one frame, of one pixel, of two pieces, at opposite borders and of everything",
-        judge: || {
-            judge(
-                "a node, or a reason in the plan; parameters stay finite",
-                odd_masks,
-            )
-        },
+        judge: || clip_on_cpu("atlas-odd-masks"),
     },
     SpecialCase {
         id: "atlas-wide-mask",
         title: "a panorama's mask on a pole, and one across the seam",
-        judge: || judge("no plane on a pole; one plane across the seam", wide_masks),
+        judge: || clip_on_cpu("atlas-wide-mask"),
     },
     SpecialCase {
         id: "atlas-units",
         title: "a clip in units of 1e-6 and 1e6, and 1e6 from the origin",
-        judge: || judge_error("the same images", 1e-4, units),
+        judge: || judge_error("the same images", 1e-4, || units(DeviceKind::Cpu)),
     },
     SpecialCase {
         id: "atlas-64-objects",
         title: "64 objects of four pixels side by side",
-        judge: || judge("a node for each; parameters stay finite", many_objects),
+        judge: || clip_on_cpu("atlas-64-objects"),
     },
     SpecialCase {
         id: "atlas-never-hit",
         title: "an object that no ray hits",
-        judge: || judge("its parameters stay as they are", never_hit),
+        judge: || clip_on_cpu("atlas-never-hit"),
     },
     SpecialCase {
         id: "atlas-flash",
         title: "a frame that is white, and one of twice the exposure",
-        judge: || judge("parameters stay finite", flash),
+        judge: || clip_on_cpu("atlas-flash"),
     },
     SpecialCase {
         id: "atlas-carried-along",
         title: "a mask that stands still in the image of a camera that turns, and of one that does not",
-        judge: || judge("no plane, and a plane", carried_along),
+        judge: || clip_on_cpu("atlas-carried-along"),
     },
     SpecialCase {
         id: "atlas-turned-around",
         title: "a camera that turns by 30 and by 170 degrees",
-        judge: || judge("a plane, and a sphere as background", turned_around),
+        judge: || clip_on_cpu("atlas-turned-around"),
     },
     SpecialCase {
         id: "atlas-odd-points",
         title: "scene points at the camera, at one distance, and behind the background",
-        judge: || {
-            judge(
-                "distances within those of camera and background",
-                odd_points,
-            )
-        },
+        judge: || clip_on_cpu("atlas-odd-points"),
     },
     SpecialCase {
         id: "clamped-colours",
@@ -185,7 +174,7 @@ pub(super) const CASES: &[SpecialCase] = &[
 ];
 
 /// Judges a case: it passes if its function finds no fault.
-fn judge(action: &str, find: fn() -> Result<(), String>) -> Judgement {
+fn judge(action: &str, find: impl FnOnce() -> Result<(), String>) -> Judgement {
     Judgement {
         action: action.to_owned(),
         fault: find().err(),
@@ -195,7 +184,7 @@ fn judge(action: &str, find: fn() -> Result<(), String>) -> Judgement {
 }
 
 /// Judges a case by the error that its function finds.
-fn judge_error(action: &str, limit: f64, find: fn() -> Result<f64, String>) -> Judgement {
+fn judge_error(action: &str, limit: f64, find: impl FnOnce() -> Result<f64, String>) -> Judgement {
     match find() {
         Ok(error) => Judgement::of_errors(action, Some([error, limit]), None),
         Err(reason) => Judgement::failed(reason),

@@ -15,7 +15,7 @@ use omnilife_engine::{
     parameters::{ParameterTable, adam},
 };
 
-/// A case with a judgement of its own, on the CPU.
+/// A case with a judgement of its own; on a GPU, clips of atlases alone.
 #[derive(Debug, Clone, Copy)]
 pub struct SpecialCase {
     /// Id, unique among all cases.
@@ -125,12 +125,12 @@ impl SpecialCase {
     pub fn row(&self, kind: DeviceKind) -> StabilityRow {
         let judgement = match kind {
             DeviceKind::Cpu => (self.judge)(),
-            DeviceKind::Gpu => Judgement {
+            DeviceKind::Gpu => atlas::on_gpu(self.id).unwrap_or_else(|| Judgement {
                 action: String::new(),
                 fault: None,
                 measured: None,
                 missing: Some("judged on the CPU"),
-            },
+            }),
         };
         let status = match (&judgement.fault, judgement.missing) {
             (_, Some(_)) => StabilityStatus::NotRun,

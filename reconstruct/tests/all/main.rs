@@ -8,6 +8,7 @@ mod dynamic;
 mod evidence;
 mod exported_splats;
 mod gpu;
+mod gpu_atlas;
 mod gpu_density;
 mod gpu_dynamic;
 mod gpu_failures;

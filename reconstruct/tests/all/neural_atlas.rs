@@ -136,7 +136,7 @@ fn byte(value: f64) -> u8 {
     (255.0 * value).round() as u8
 }
 
-fn clip() -> Clip {
+pub(crate) fn clip() -> Clip {
     let frame = |number: usize| {
         let drawn: Vec<(DVec3, [f64; 2])> = (0..WIDTH * HEIGHT)
             .map(|pixel| draw(time(number), pixel, None))
@@ -175,7 +175,7 @@ fn clip() -> Clip {
     }
 }
 
-fn view(frame: usize) -> View {
+pub(crate) fn view(frame: usize) -> View {
     View {
         camera: camera(),
         rotation: Mat3::IDENTITY,
@@ -184,7 +184,7 @@ fn view(frame: usize) -> View {
     }
 }
 
-fn learn(learner: &mut AtlasLearner, steps: std::ops::Range<u64>, of: u64) {
+pub(crate) fn learn(learner: &mut AtlasLearner, steps: std::ops::Range<u64>, of: u64) {
     for step in steps {
         let at = Position::new(of, None, step + 1, 0.0);
         learner.step(0, &at).unwrap();
@@ -210,6 +210,11 @@ const RAYS: &str = "rays=6144";
 
 #[test]
 fn two_planes_are_taken_apart() {
+    take_two_planes_apart(false);
+}
+
+/// Trains on the two-plane clip and judges images, mattes, removal and trajectories.
+pub(crate) fn take_two_planes_apart(on_gpu: bool) {
     let begun = Instant::now();
     let method = methods::find("nag").unwrap();
     let request = MethodRequest {
@@ -222,9 +227,12 @@ fn two_planes_are_taken_apart() {
     for line in &plan {
         println!("{}: {} ({})", line.component, line.used, line.reason);
     }
+    if on_gpu {
+        learner.move_to_gpu().unwrap();
+    }
     learn(&mut learner, 0..STEPS, STEPS);
     let seconds = begun.elapsed().as_secs_f64();
-    let graph = learner.graph();
+    let graph = learner.graph().unwrap();
     let mut squared = 0.0;
     let (mut both, mut any) = ([0_u32; 2], [0_u32; 2]);
     let mut removed = Vec::new();
@@ -297,7 +305,7 @@ fn small_request() -> MethodRequest {
 }
 
 /// Returns parameters and moments after all steps.
-fn body(learner: &mut AtlasLearner) -> Vec<u8> {
+pub(crate) fn body(learner: &mut AtlasLearner) -> Vec<u8> {
     learner.save().unwrap().body
 }
 
@@ -333,7 +341,7 @@ fn an_atlas_is_read_back_as_it_was_written() {
     let folder = tempfile::tempdir().unwrap();
     learner.export(folder.path()).unwrap();
     let mut read = saved::read(folder.path()).unwrap();
-    let (expected, _) = learner.graph().image(&view(5), &Shown::All);
+    let (expected, _) = learner.graph().unwrap().image(&view(5), &Shown::All);
     let (found, _) = read.image(&view(5), &Shown::All);
     assert_eq!(expected.data, found.data);
     std::fs::write(folder.path().join("atlas.bin"), [0; 40]).unwrap();

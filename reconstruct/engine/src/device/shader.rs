@@ -67,12 +67,13 @@ mod tests {
     use crate::{
         density,
         device::scan,
-        fields::mlp,
+        fields::{hash_grid, mlp},
         gaussians::{activated_buffers, deformable, dropout, static_gaussians, temporal, tracked},
         losses::{maps, motion, photometric, scaffold},
         parameters::{adam, rows},
         render::{bin, buffers, project, raster, sort},
         step::gpu::{kernels, opacity_reset},
+        surfaces,
     };
 
     fn shaders() -> Vec<Shader> {
@@ -103,6 +104,9 @@ mod tests {
             deformable::gpu::shader(),
             mlp::gpu::shader(),
             mlp::product_gpu::shader(),
+            hash_grid::gpu::shader(),
+            surfaces::gpu::shader(0.1),
+            surfaces::gpu::compose_shader(),
         ];
         for shape in &shapes {
             shaders.extend([
@@ -238,6 +242,13 @@ mod tests {
             compare::<mlp::gpu::RowSums>(&modules, "RowSums"),
             compare::<mlp::gpu::PartSums>(&modules, "PartSums"),
             compare::<mlp::product_gpu::Product>(&modules, "Product"),
+            compare::<hash_grid::gpu::GridLevel>(&modules, "GridLevel"),
+            compare::<hash_grid::gpu::GridRows>(&modules, "GridRows"),
+            compare::<hash_grid::gpu::LevelGroup>(&modules, "LevelGroup"),
+            compare::<surfaces::gpu::surface::SurfaceUniform>(&modules, "Surface"),
+            compare::<surfaces::gpu::surface::SurfaceSample>(&modules, "Sample"),
+            compare::<surfaces::gpu::surface::MomentKnots>(&modules, "MomentKnots"),
+            compare::<surfaces::gpu::RayBatch>(&modules, "RayBatch"),
         ];
         assert!(found.iter().all(|&count| count > 0), "{found:?}");
     }

@@ -3,6 +3,8 @@
 //! The network has no biases and its output layer starts at zero, so that the field is exactly 0 until it is
 //! trained. Neural Atlas Graphs subtracts the untrained network's mean instead.
 
+pub(crate) mod gpu;
+
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 use rayon::prelude::*;

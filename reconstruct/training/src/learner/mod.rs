@@ -13,7 +13,7 @@ use omnilife_engine::{
     gaussians::ActivatedGaussians,
     model::{Model, TrainedArray, saved::LoadError},
     schedule::Position,
-    step::StepStatistics,
+    step::{StepStatistics, gpu::memory::DevicePlan},
 };
 use omnilife_schemas::{RgbImage, records::Backend};
 
@@ -56,6 +56,15 @@ pub trait Learner: fmt::Debug {
     /// Returns the mean work of the steps of its schedule; `None` for models whose work is not counted.
     fn work(&self) -> Option<StepWork> {
         None
+    }
+
+    /// Returns the memory of its training on a GPU; `None` on the CPU, and for models of Gaussians, whose memory
+    /// [`DevicePlan::of`] counts.
+    ///
+    /// # Errors
+    /// When the backend fails.
+    fn device_plan(&self) -> Result<Option<DevicePlan>, EngineError> {
+        Ok(None)
     }
 
     /// Returns all trained arrays, by name, in the order of [`StepStatistics::refused`].

@@ -7,7 +7,7 @@ pub const FEATURES: usize = 4;
 /// Maximum dimensions of a position.
 pub const MAX_DIMENSIONS: usize = 4;
 /// Factors of the hash, one per dimension (tiny-cuda-nn `common_device.h`).
-const PRIMES: [u32; MAX_DIMENSIONS] = [1, 2_654_435_761, 805_459_861, 3_674_653_429];
+pub(super) const PRIMES: [u32; MAX_DIMENSIONS] = [1, 2_654_435_761, 805_459_861, 3_674_653_429];
 
 /// Entry read by a corner beyond a level's last cell.
 ///
@@ -62,7 +62,7 @@ pub struct Level {
     /// Corners across the unit.
     pub resolution: u32,
     /// Corners from one row of the table to the next.
-    stride: u32,
+    pub(super) stride: u32,
     /// Entries of the level.
     pub entries: u32,
     /// True if several corners share an entry.

@@ -11,8 +11,10 @@
 //! A level's features are interpolated linearly between the corners of the cell; those of all levels are
 //! concatenated, coarse first. Positions are clamped to the unit cube.
 //!
-//! * [`levels`]: sizes of the levels. [`passes`]: features, and gradients by table and position.
+//! * [`levels`]: sizes of the levels. [`passes`]: features, and gradients by table and position. `gpu`: the same
+//!   on a GPU.
 
+pub(crate) mod gpu;
 pub mod levels;
 pub mod passes;
 

@@ -116,10 +116,12 @@ impl Blocks {
         firsts.map(block).collect::<Result<_, _>>().map(Self)
     }
 
-    /// Sets the number of rows for everything that is submitted later.
-    pub(super) fn place(&self, gpu: &Gpu, rows: usize) {
+    /// Sets the number of rows for everything that is submitted later. `keeps` is true if a single block with rows
+    /// keeps its activations for the backward pass.
+    pub(super) fn place(&self, gpu: &Gpu, rows: usize, keeps: bool) {
         let in_block = |block: &Block| rows.saturating_sub(block.first).min(block.room);
-        let is_alone = self.0.iter().filter(|block| in_block(block) > 0).count() < 2;
+        let with_rows = self.0.iter().filter(|block| in_block(block) > 0).count();
+        let is_alone = keeps && with_rows < 2;
         for block in &self.0 {
             block.set(gpu, in_block(block), is_alone);
         }

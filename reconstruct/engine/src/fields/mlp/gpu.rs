@@ -67,6 +67,10 @@ pub(crate) struct NetworkBuffers {
     shape: NetworkShape,
     layers: Vec<Layer>,
     blocks: Blocks,
+    /// Capacity in rows, and rows of its largest block.
+    room: [usize; 2],
+    /// False if other networks overwrite the activations between both passes.
+    keeps_activations: bool,
     /// Inputs that all rows share; the host sets them.
     pub(crate) shared: DeviceBuffer<f32>,
     /// Outputs of all rows.
@@ -96,7 +100,10 @@ impl NetworkBuffers {
         room: usize,
         largest_block: usize,
     ) -> Result<Self, GpuError> {
-        assert!(shape.has_biases, "the kernels add biases");
+        assert!(
+            shape.has_biases || shape.shared_inputs == 0,
+            "gradients by shared inputs are those by biases"
+        );
         let layers = shape.layers();
         let blocks = Blocks::new(gpu, room, largest_block)?;
         let block_rows = blocks.largest();
@@ -118,24 +125,62 @@ impl NetworkBuffers {
             hidden: (0..shape.depth)
                 .map(|_| layer("outputs of a layer"))
                 .collect::<Result<_, GpuError>>()?,
-            offsets: layers
-                .iter()
-                .map(|layer| zeros("offsets of a layer", layer.outputs))
-                .collect::<Result<_, GpuError>>()?,
+            offsets: offsets(gpu, &layers)?,
             by_output: [
                 layer("gradients by a layer's outputs")?,
                 layer("gradients by a layer's inputs")?,
             ],
             parts: zeros("parts of gradients", PARTS * largest)?,
+            room: [room, largest_block],
+            keeps_activations: true,
             shape,
             layers,
             blocks,
         })
     }
 
+    /// Creates buffers of another network, which is not larger in any size, for other rows in the memory of these.
+    /// Outputs and gradients by them hold until the next network's pass, and activations are evaluated once more
+    /// for the backward pass.
+    pub(crate) fn sharing(&self, gpu: &Gpu, shape: NetworkShape) -> Result<Self, GpuError> {
+        let sizes = |shape: &NetworkShape| {
+            let NetworkShape {
+                row_inputs,
+                shared_inputs,
+                depth,
+                width,
+                outputs,
+                ..
+            } = *shape;
+            [row_inputs, shared_inputs, depth, width, outputs]
+        };
+        let mut pairs = sizes(&shape).into_iter().zip(sizes(&self.shape));
+        assert!(
+            pairs.all(|(size, room)| size <= room),
+            "{shape:?} in {:?}",
+            self.shape
+        );
+        let layers = shape.layers();
+        Ok(Self {
+            shared: self.shared.clone(),
+            outputs: self.outputs.clone(),
+            upstream: self.upstream.clone(),
+            inputs: self.inputs.clone(),
+            hidden: self.hidden[..shape.depth].to_vec(),
+            offsets: offsets(gpu, &layers)?,
+            by_output: self.by_output.clone(),
+            parts: self.parts.clone(),
+            room: self.room,
+            keeps_activations: false,
+            blocks: Blocks::new(gpu, self.room[0], self.room[1])?,
+            shape,
+            layers,
+        })
+    }
+
     /// Sets the number of rows for everything that is submitted later.
     pub(crate) fn place(&self, gpu: &Gpu, rows: usize) {
-        self.blocks.place(gpu, rows);
+        self.blocks.place(gpu, rows, self.keeps_activations);
     }
 
     fn hidden(&self, index: usize, block: &Block) -> Matrix<'_> {
@@ -182,6 +227,10 @@ impl Passes {
         buffers: &NetworkBuffers,
     ) -> Result<(), GpuError> {
         for (layer, offsets) in buffers.layers.iter().zip(&buffers.offsets) {
+            // Without biases, offsets stay 0.
+            if !buffers.shape.has_biases {
+                break;
+            }
             let uniform = shared_inputs(to.gpu, layer)?;
             to.program.run(
                 to.gpu,
@@ -247,20 +296,21 @@ impl Passes {
         Ok(())
     }
 
-    /// Records the gradients by the weights, after [`Passes::forward`]: overwrites `gradients`. Gradients by
-    /// the inputs are not computed.
+    /// Records the gradients by the weights, after [`Passes::forward`]: overwrites `gradients`, and
+    /// `by_inputs`, if given, with those by the inputs of all rows.
     pub(crate) fn backward(
         &self,
         to: &mut Recording<'_>,
         buffers: &NetworkBuffers,
         gradients: &wgpu::Buffer,
+        by_inputs: Option<&wgpu::Buffer>,
     ) -> Result<(), GpuError> {
-        let is_there_one = buffers.blocks.iter().count() == 1;
+        let are_there = buffers.keeps_activations && buffers.blocks.iter().count() == 1;
         for block in buffers.blocks.iter() {
-            if !is_there_one {
+            if !are_there {
                 self.forward_block(to, buffers, (block, &block.again))?;
             }
-            self.backward_block(to, buffers, block, gradients)?;
+            self.backward_block(to, buffers, block, (gradients, by_inputs))?;
         }
         for layer in buffers
             .layers
@@ -283,8 +333,9 @@ impl Passes {
         to: &mut Recording<'_>,
         buffers: &NetworkBuffers,
         block: &Block,
-        gradients: &wgpu::Buffer,
+        (gradients, by_inputs): (&wgpu::Buffer, Option<&wgpu::Buffer>),
     ) -> Result<(), GpuError> {
+        let mut is_added = false;
         let depth = buffers.shape.depth;
         let [mut by_output, mut by_input] = [&buffers.by_output[0].raw, &buffers.by_output[1].raw];
         for (index, layer) in buffers.layers.iter().enumerate().rev() {
@@ -294,11 +345,25 @@ impl Passes {
                 (by_output, 0)
             };
             let gradient = Matrix::new(buffer, begin, block.room, layer.outputs);
-            self.sum_rows(to, buffers, block, (buffer, begin), (gradients, layer))?;
+            if buffers.shape.has_biases {
+                self.sum_rows(to, buffers, block, (buffer, begin), (gradients, layer))?;
+            }
             if layer.row_inputs > 0 {
                 let factors = (buffers.inputs(block).transposed(), gradient);
                 let begin = layer.row_weights().start;
                 self.sum_products(to, buffers, block, factors, (gradients, begin))?;
+                if let Some(by_inputs) = by_inputs {
+                    let weights = Matrix::new(to.weights, begin, layer.row_inputs, layer.outputs);
+                    let out = Destination {
+                        is_added,
+                        ..Destination::new(by_inputs, block.first * layer.row_inputs)
+                    };
+                    let factors = (gradient, weights.transposed());
+                    let over = Over::Rows(block, &block.once);
+                    self.products
+                        .record(to.gpu, to.program, over, factors, out)?;
+                    is_added = true;
+                }
             }
             let Some(before) = index.checked_sub(1) else {
                 break;
@@ -386,6 +451,12 @@ impl Passes {
         );
         Ok(())
     }
+}
+
+/// Allocates a value for each output of each layer.
+fn offsets(gpu: &Gpu, layers: &[Layer]) -> Result<Vec<DeviceBuffer<f32>>, GpuError> {
+    let offsets = |layer: &Layer| DeviceBuffer::zeros(gpu, "offsets of a layer", layer.outputs);
+    layers.iter().map(offsets).collect()
 }
 
 fn shared_inputs(gpu: &Gpu, layer: &Layer) -> Result<Uniform<SharedInputs>, GpuError> {

@@ -206,7 +206,7 @@ impl DeviceParameterization for DeformablePart {
         self.pass(gpu, program, [part.table, weights], |recording| {
             self.kernels
                 .passes
-                .backward(recording, &self.network, gradients)
+                .backward(recording, &self.network, gradients, None)
         })?;
         self.canonical.activate_vjp(gpu, program, part)
     }

@@ -15,6 +15,7 @@ pub(crate) fn shader(shape: &RenderShape) -> Shader {
         parts: &[
             include_str!("../../device/common.wgsl"),
             include_str!("../../device/status.wgsl"),
+            include_str!("../../device/arc_tangent.wgsl"),
             include_str!("../../camera/camera.wgsl"),
             include_str!("../../camera/erp.wgsl"),
             include_str!("../../camera/pinhole.wgsl"),

@@ -41,6 +41,7 @@ macro_rules! parts {
     ($way_back:literal) => {
         &[
             include_str!("../../device/common.wgsl"),
+            include_str!("../../device/arc_tangent.wgsl"),
             include_str!("../../camera/camera.wgsl"),
             include_str!("../../camera/erp.wgsl"),
             include_str!("../../camera/pinhole.wgsl"),

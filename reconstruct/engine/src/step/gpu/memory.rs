@@ -14,13 +14,13 @@ use crate::{
     training_view::InputViews,
 };
 
-/// Memory of training on the first GPU, at the maximum number of Gaussians.
+/// Memory of training on the first GPU, at the maximum size of the model.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct DevicePlan {
     /// The adapter.
     pub adapter: AdapterSummary,
-    /// Maximum number of Gaussians.
-    pub gaussians: usize,
+    /// Maximum number of Gaussians; `None` for other models.
+    pub gaussians: Option<usize>,
     /// All buffers, with the first room for tile entries: views that need more enlarge it.
     pub buffers: BufferDemand,
     /// Largest buffer that the adapter allows, bytes.
@@ -42,6 +42,17 @@ impl DevicePlan {
         let maximum = usize::try_from(settings.densify.maximum_gaussians).unwrap_or(usize::MAX);
         let gaussians = maximum.max(model.len());
         let buffers = demand(&Arc::new(Gpu::open()?), inputs, model, settings, gaussians)?;
+        Self::of_buffers(buffers, Some(gaussians))
+    }
+
+    /// Tries to allocate as many bytes as the buffers of a model have.
+    ///
+    /// # Errors
+    /// If there is no GPU, or it fails.
+    pub fn of_buffers(
+        buffers: BufferDemand,
+        gaussians: Option<usize>,
+    ) -> Result<Self, EngineError> {
         let gpu = Gpu::open()?;
         Ok(Self {
             adapter: gpu.adapter().clone(),

@@ -16,8 +16,19 @@ const PUBLISHED: NetworkShape = NetworkShape {
     outputs: 10,
 };
 
+/// As the networks of hash grids.
+const WITHOUT_BIASES: NetworkShape = NetworkShape {
+    shared_inputs: 0,
+    skip_after: None,
+    has_biases: false,
+    ..SMALL
+};
+
+/// Outputs, gradients by the weights, and gradients by the inputs.
+type Values = [Vec<f32>; 3];
+
 /// Runs with a capacity equal to the number of rows.
-fn on_device(case: &Case, gpu: &Gpu, block: usize) -> (Vec<f32>, Vec<f32>) {
+fn on_device(case: &Case, gpu: &Gpu, block: usize) -> Values {
     in_room(case, gpu, [case.rows, block], |_| {})
 }
 
@@ -28,12 +39,23 @@ fn in_room(
     gpu: &Gpu,
     [room, block]: [usize; 2],
     before: impl Fn(&dyn Fn(usize)),
-) -> (Vec<f32>, Vec<f32>) {
-    let passes = Passes::new(gpu).expect("compiles");
+) -> Values {
     let buffers = NetworkBuffers::with_blocks(gpu, case.shape, room, block).expect("fits");
+    in_buffers(case, gpu, &buffers, before)
+}
+
+fn in_buffers(
+    case: &Case,
+    gpu: &Gpu,
+    buffers: &NetworkBuffers,
+    before: impl Fn(&dyn Fn(usize)),
+) -> Values {
+    let room = buffers.room[0];
+    let passes = Passes::new(gpu).expect("compiles");
     let buffer = |values: &[f32]| DeviceBuffer::of(gpu, "of a test", values).expect("fits");
     let weights = buffer(&case.weights);
     let gradients = buffer(&vec![7.0; case.weights.len()]);
+    let by_inputs = buffer(&vec![7.0; room * case.shape.row_inputs]);
     buffers.shared.write(gpu, 0, &case.shared);
     buffers.upstream.write(gpu, 0, &case.upstream);
     // Inputs are passed through a product with the identity.
@@ -57,9 +79,17 @@ fn in_room(
         weights: &weights.raw,
         encode: &encode,
     };
-    passes.forward(&mut recording, &buffers).expect("records");
+    passes.forward(&mut recording, buffers).expect("records");
+    if !buffers.keeps_activations {
+        recording.program.clear(&buffers.hidden[0].raw);
+    }
     passes
-        .backward(&mut recording, &buffers, &gradients.raw)
+        .backward(
+            &mut recording,
+            buffers,
+            &gradients.raw,
+            Some(&by_inputs.raw),
+        )
         .expect("records");
     before(&|rows| {
         buffers.place(gpu, rows);
@@ -68,10 +98,13 @@ fn in_room(
     buffers.place(gpu, case.rows);
     program.submit(gpu);
     let outputs = 0..case.rows * case.shape.outputs;
-    (
+    [
         buffers.outputs.read_range(gpu, outputs).expect("reads"),
         gradients.read(gpu).expect("reads"),
-    )
+        by_inputs
+            .read_range(gpu, 0..case.inputs.len())
+            .expect("reads"),
+    ]
 }
 
 fn assert_close(found: &[f32], expected: &[f32], what: &str) {
@@ -98,12 +131,15 @@ fn outputs_and_gradients_are_those_of_the_cpu() {
         // More than one partial sum.
         (SMALL, 5000, 4096),
         (PUBLISHED, 150, 4096),
+        (WITHOUT_BIASES, 300, 4096),
+        (WITHOUT_BIASES, 300, 128),
     ] {
         let case = Case::new(shape, rows);
-        let (out, gradients) = on_device(&case, &gpu, block);
-        let (expected_out, expected) = case.on_cpu(usize::MAX);
+        let [out, gradients, by_inputs] = on_device(&case, &gpu, block);
+        let (expected_out, expected, expected_inputs) = case.with_input_gradients(usize::MAX);
         assert_close(&out, &expected_out, "output");
         assert_close(&gradients, &expected, "gradient");
+        assert_close(&by_inputs, &expected_inputs, "gradient by inputs");
     }
 }
 
@@ -112,9 +148,12 @@ fn outputs_and_gradients_are_those_of_the_cpu() {
 #[test]
 fn rows_come_and_go_within_the_room() {
     let Some(gpu) = test_device() else { return };
-    let bits = |(out, gradients): (Vec<f32>, Vec<f32>)| -> Vec<u32> {
-        let values = out.into_iter().chain(gradients);
-        values.map(f32::to_bits).collect()
+    let bits = |values: Values| -> Vec<u32> {
+        values
+            .iter()
+            .flatten()
+            .map(|value| value.to_bits())
+            .collect()
     };
     for (rows, room, block) in [
         (300, 1000, 4096),
@@ -133,9 +172,32 @@ fn rows_come_and_go_within_the_room() {
     }
 }
 
+/// Networks in the memory of a larger one have the bits of their own buffers, although others overwrite their
+/// activations.
+#[test]
+fn networks_share_memory() {
+    let Some(gpu) = test_device() else { return };
+    let larger = NetworkShape {
+        row_inputs: 9,
+        depth: 5,
+        width: 16,
+        outputs: 6,
+        ..SMALL
+    };
+    for block in [4096, 128] {
+        let memory = NetworkBuffers::with_blocks(&gpu, larger, 400, block).expect("fits");
+        for shape in [SMALL, WITHOUT_BIASES, larger] {
+            let case = Case::new(shape, 300);
+            let shared = memory.sharing(&gpu, shape).expect("fits");
+            let found = in_buffers(&case, &gpu, &shared, |run| run(400));
+            assert!(found == in_room(&case, &gpu, [400, block], |_| {}));
+        }
+    }
+}
+
 #[test]
 fn nothing_goes_through() {
     let Some(gpu) = test_device() else { return };
-    let (out, gradients) = on_device(&Case::new(SMALL, 0), &gpu, 64);
+    let [out, gradients, _] = on_device(&Case::new(SMALL, 0), &gpu, 64);
     assert!(out.is_empty() && gradients.iter().all(|&gradient| gradient == 0.0));
 }

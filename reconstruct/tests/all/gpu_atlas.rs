@@ -1,0 +1,105 @@
+//! Neural Atlas Graphs on a GPU: the two-plane clip, and a run that is taken up again.
+
+use device::device;
+use omnilife_reconstruct::{
+    learner::Learner,
+    methods::{
+        self,
+        neural_atlas::{begin, graph::Shown, learner::AtlasLearner},
+    },
+    options::Options,
+    request::MethodRequest,
+};
+use omnilife_schemas::records::Backend;
+
+use crate::{
+    neural_atlas::{body, clip, learn, take_two_planes_apart, view},
+    support::device,
+};
+
+const STEPS: u64 = 40;
+
+/// Returns a learner of the two-plane clip with small fields before its first step.
+fn learner(steps: u64, on_gpu: bool) -> AtlasLearner {
+    let method = methods::find("nag").unwrap();
+    let options = ["rays=1024", "base-fields=small", "motion-fields=tiny"];
+    let options = options.map(str::to_owned);
+    let request = MethodRequest {
+        options: Options::parse("nag", method.options, &options).unwrap(),
+        ..MethodRequest::new(steps, 1)
+    };
+    let mut learner = begin(clip(), &[], &request).unwrap().learner;
+    if on_gpu {
+        learner.move_to_gpu().unwrap();
+    }
+    learner
+}
+
+/// Returns the root mean squared difference of two images.
+fn apart(one: &[f32], other: &[f32]) -> f64 {
+    let pairs = one.iter().zip(other);
+    let squares = pairs.map(|(a, b)| f64::from(a - b).powi(2));
+    (squares.sum::<f64>() / one.len() as f64).sqrt()
+}
+
+#[test]
+fn two_planes_are_learnt_as_on_the_cpu() {
+    if device().is_none() {
+        return;
+    }
+    let [mut cpu, mut gpu] = [false, true].map(|on_gpu| learner(STEPS, on_gpu));
+    assert!(matches!(gpu.backend(), Backend::Gpu { .. }));
+    for learner in [&mut cpu, &mut gpu] {
+        learn(learner, 0..STEPS, STEPS);
+    }
+    let [of_cpu, of_gpu] = [&mut cpu, &mut gpu].map(|learner| learner.take_statistics().unwrap());
+    println!("losses {} and {}", of_cpu.loss, of_gpu.loss);
+    assert_eq!(
+        (of_gpu.steps, of_gpu.refused.iter().sum::<u64>()),
+        (STEPS, 0)
+    );
+    assert!((of_cpu.loss - of_gpu.loss).abs() < 2e-3 * of_cpu.loss);
+    for frame in [0, 7, 15] {
+        let [of_cpu, of_gpu] =
+            [&mut cpu, &mut gpu].map(|learner| learner.image(&view(frame)).unwrap().data);
+        let apart_db = -20.0 * apart(&of_cpu, &of_gpu).max(1e-9).log10();
+        println!("frame {frame}: {apart_db:.1} dB apart");
+        assert!(apart_db > 35.0, "{apart_db}");
+    }
+    // The device's image is that of its parameters on the host.
+    let of_device = gpu.image(&view(5)).unwrap();
+    let (of_host, _) = gpu.graph().unwrap().image(&view(5), &Shown::All);
+    assert!(apart(&of_device.data, &of_host.data) < 1e-4);
+    // The run goes on after its parameters were on the host.
+    learn(&mut gpu, STEPS - 1..STEPS, STEPS);
+}
+
+/// A software adapter would take minutes for 300 steps.
+#[test]
+fn a_graphics_card_takes_two_planes_apart() {
+    let Some(gpu) = device() else { return };
+    if gpu.adapter().kind.is_software() {
+        return omnilife_schemas::testing::skip("a software adapter takes minutes for 300 steps");
+    }
+    take_two_planes_apart(true);
+}
+
+#[test]
+fn an_atlas_on_a_device_is_taken_up_again_bit_for_bit() {
+    if device().is_none() {
+        return;
+    }
+    let mut whole = learner(12, true);
+    learn(&mut whole, 0..12, 12);
+    let mut first = learner(12, true);
+    learn(&mut first, 0..7, 12);
+    let saved = first.save().unwrap();
+    let mut second = learner(12, true);
+    second.restore(&saved).unwrap();
+    learn(&mut second, 7..12, 12);
+    assert!(body(&mut whole) == body(&mut second));
+    // A checkpoint of one backend is continued on the other.
+    let mut on_cpu = learner(12, false);
+    on_cpu.restore(&saved).unwrap();
+    learn(&mut on_cpu, 7..12, 12);
+}
