@@ -22,6 +22,7 @@ fn scene(poses: &[Option<Pose>]) -> Scene {
         ignore_mask: None,
         classes: BTreeMap::new(),
         objects: BTreeMap::new(),
+        boxes: BTreeMap::new(),
         depth: None,
         depth_prior: None,
     };
@@ -46,6 +47,7 @@ fn scene(poses: &[Option<Pose>]) -> Scene {
             problems: Vec::new(),
         },
         published_split: None,
+        objects: BTreeMap::new(),
     }
 }
 

@@ -129,6 +129,7 @@ mod tests {
             ignore_mask: None,
             classes: BTreeMap::new(),
             objects: BTreeMap::new(),
+            boxes: BTreeMap::new(),
             depth: None,
             depth_prior: None,
         };
@@ -153,6 +154,7 @@ mod tests {
                 problems: Vec::new(),
             },
             published_split: None,
+            objects: BTreeMap::new(),
         }
     }
 

@@ -132,7 +132,7 @@ impl Surroundings<'_> {
                     .collect())
             }
             CameraPlaces::Orbit(degrees) => self.orbit(*degrees, words, model),
-            CameraPlaces::FromAbove => self.from_above(words, model),
+            CameraPlaces::FromAbove => self.above(words, model),
         }
     }
 
@@ -237,7 +237,7 @@ impl Surroundings<'_> {
         self.towards(on_circle, &targets, up)
     }
 
-    fn from_above(
+    fn above(
         &self,
         words: &CameraWords,
         model: &dyn OpenedModel,

@@ -116,6 +116,7 @@ mod tests {
                 ignore_mask: None,
                 classes: BTreeMap::new(),
                 objects: BTreeMap::new(),
+                boxes: BTreeMap::new(),
                 depth: None,
                 depth_prior: None,
             }
@@ -141,6 +142,7 @@ mod tests {
                 problems: Vec::new(),
             },
             published_split: None,
+            objects: BTreeMap::new(),
         }
     }
 

@@ -14,9 +14,6 @@ struct ScaffoldLoss {
     opacities: u32,
     // Centres with a loss: 0 for none, 1 for all, 2 for those with a gradient by their opacity.
     takes_part: u32,
-    pad_a: u32,
-    pad_b: u32,
-    pad_c: u32,
 }
 
 @group(0) @binding(0) var<uniform> scaffold: ScaffoldLoss;

@@ -159,7 +159,7 @@ impl Parameterization for PlayedGaussians {
     }
 
     fn time_span(&self) -> Option<TimeSpan> {
-        (*self.motion != Motion::Static).then(|| TimeSpan {
+        (*self.motion != Motion::Static).then_some(TimeSpan {
             begin_seconds: self.time.begin,
             end_seconds: self.time.begin + self.time.seconds,
             frames: self.time.frames,

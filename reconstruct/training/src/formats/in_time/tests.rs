@@ -263,7 +263,8 @@ fn malformed_files_are_one_line() {
         let refused = read_back(&file_bytes(&other, &arrays).expect("memory"));
         refused.map(drop).expect_err("malformed")
     };
-    let cases: &[(&dyn Fn(&mut Header), &str)] = &[
+    type Change<'a> = &'a dyn Fn(&mut Header);
+    let cases: &[(Change<'_>, &str)] = &[
         (&|header| header.version = 2, "version 2"),
         (&|header| header.degree = 4, "degree 4"),
         (&|header| header.degree = 2, "expected 24"),

@@ -148,7 +148,7 @@ impl ObjectTrack {
                 positions.push(p.to_array());
                 rotations.push(wxyz(from.rotation));
             }
-            positions.extend([early, late, s].map(DVec3::to_array));
+            positions.extend([early, late, s].map(|point: DVec3| point.to_array()));
             rotations.push(wxyz(to.rotation));
         }
         Ok(Self {
