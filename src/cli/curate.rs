@@ -17,7 +17,7 @@ use super::{
     },
     ledger::LedgerCommand,
     memory::gibibytes,
-    poses::{PoseArguments, TruthArguments},
+    poses::{MovingMasksArgument, PoseArguments, TruthArguments},
 };
 
 #[derive(Debug, Args)]
@@ -181,6 +181,8 @@ pub(crate) enum CurateCommand {
         sequence: PathBuf,
         #[command(flatten)]
         poses: PoseArguments,
+        #[command(flatten)]
+        masks: MovingMasksArgument,
         #[command(flatten)]
         truth: TruthArguments,
     },

@@ -168,13 +168,14 @@ pub(crate) fn execute(command: &CurateCommand, progress: &dyn Progress) -> anyho
         CurateCommand::Poses {
             sequence,
             poses,
+            masks,
             truth,
         } => {
             termination::take_programs_along()?;
             let scene = pose_sequence_with(
                 sequence,
-                &poses.request(),
-                &truth.given(poses.truth())?,
+                &poses.request(masks.masks.as_ref()),
+                &truth.given(poses.truth(masks.masks.as_ref()))?,
                 progress,
             )?;
             exit::print(&format!(

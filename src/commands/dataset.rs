@@ -56,7 +56,11 @@ pub(crate) fn annotate(
 }
 
 pub(crate) fn masks(arguments: &MasksArguments, progress: &dyn Progress) -> anyhow::Result<()> {
+    termination::take_programs_along()?;
     let record = write_masks(&arguments.sequence, &arguments.source(), progress)?;
+    if let Some(reliability) = &record.reliability {
+        progress.note(&format!("{}: {reliability}", record.method));
+    }
     let shares = record.frames.iter().map(|frame| frame.dynamic_share);
     let mean = shares.sum::<f64>() / record.frames.len().max(1) as f64;
     let folder = arguments.sequence.join(DYNAMIC_MASKS_FOLDER);

@@ -24,7 +24,7 @@ use omnilife_schemas::{
 };
 use rayon::prelude::*;
 
-use super::{MaskMethod, field::Field};
+use super::{FrameMasks, MaskMethod, field::Field};
 use crate::{
     error::CurateError,
     motion::{CameraMotion, GreySphere, camera_motion},
@@ -35,6 +35,7 @@ pub const METHOD: MaskMethod = MaskMethod {
     id: "residual",
     about: "what a still scene at no distance explains; no weights needed",
     settings,
+    takes_perspective: false,
     find,
 };
 
@@ -69,7 +70,7 @@ fn find(
     folder: &Path,
     sequence: &Sequence,
     progress: &dyn Progress,
-) -> Result<Vec<Mask>, CurateError> {
+) -> Result<Vec<FrameMasks>, CurateError> {
     let entries = &sequence.frames.entries;
     if entries.len() < 2 {
         return Err(CurateError::input(
@@ -97,7 +98,8 @@ fn find(
             let mask = mask.map_err(|error| CurateError::internal(folder, error))?;
             held.forget_before(&times, index);
             progress.advance(1);
-            Ok(mask.resized_to_nearest(size.0, size.1))
+            let mask = mask.resized_to_nearest(size.0, size.1);
+            Ok(FrameMasks::from(mask))
         })
         .collect();
     progress.end();

@@ -20,7 +20,7 @@ use omnilife_schemas::{
 use rayon::prelude::*;
 
 use self::network::{CLASSES, Network, SCORE_SIDE, SIDE};
-use super::MaskMethod;
+use super::{FrameMasks, MaskMethod};
 use crate::error::CurateError;
 
 /// The method.
@@ -28,6 +28,7 @@ pub const METHOD: MaskMethod = MaskMethod {
     id: "deeplab",
     about: "people, animals and vehicles, by a segmentation network (scripts/setup --models)",
     settings,
+    takes_perspective: false,
     find,
 };
 
@@ -49,7 +50,7 @@ fn find(
     folder: &Path,
     sequence: &Sequence,
     progress: &dyn Progress,
-) -> Result<Vec<Mask>, CurateError> {
+) -> Result<Vec<FrameMasks>, CurateError> {
     let network = Network::load(&published_weights()?)?;
     let entries = &sequence.frames.entries;
     progress.begin("segmenting", Some(entries.len() as u64));
@@ -59,7 +60,7 @@ fn find(
             let frame = RgbImage::read(&folder.join(&entry.file))?;
             let mask = movable(&network, &frame);
             progress.advance(1);
-            Ok(mask)
+            Ok(FrameMasks::from(mask))
         })
         .collect();
     progress.end();
