@@ -244,8 +244,8 @@ pub(crate) struct MasksArguments {
         value_parser = clap::value_parser!(u64).range(1..)
     )]
     pub(crate) command_timeout: u64,
-    /// Finds them: residual (motion that the camera's own does not explain), or deeplab (people,
-    /// animals and vehicles by what they are; scripts/setup --models).
+    /// Finds them: residual (motion that the camera's own does not explain), deeplab (people, animals and vehicles by what
+    /// they are; scripts/setup --models), or combined (those of deeplab that move).
     #[arg(long, default_value = omnilife_curate::masks::METHODS[0].id)]
     pub(crate) method: String,
 }

@@ -1,15 +1,19 @@
-//! Masks of moving content in a sequence: from files or another program, by class ([`deeplab`]), or from motion that the
-//! camera's own does not explain ([`residual`]).
+//! Masks of moving content in a sequence: from files or another program, by class ([`deeplab`]), from motion that the
+//! camera's own does not explain ([`residual`]), or by both ([`combined`]).
 //!
 //! They are written as `dynamic-masks/NNNNNN.png` with a `masks.json`, which
 //! `omnilife curate poses --masks` takes. A method is one entry in [`METHODS`]; [`reliability`] has its scores on
 //! labelled footage.
 
+mod changes;
+pub mod combined;
 pub mod deeplab;
 mod field;
 mod given;
+mod plane;
 pub mod reliability;
 pub mod residual;
+mod vote;
 
 use std::{
     collections::BTreeMap,
@@ -86,7 +90,7 @@ pub struct MaskMethod {
 }
 
 /// All methods, the default one of `curate masks` first.
-pub const METHODS: &[MaskMethod] = &[residual::METHOD, deeplab::METHOD];
+pub const METHODS: &[MaskMethod] = &[residual::METHOD, deeplab::METHOD, combined::METHOD];
 
 /// Returns the first method that reaches its bar on labelled footage, which the main job uses without a request.
 pub fn default_method() -> Option<&'static MaskMethod> {
