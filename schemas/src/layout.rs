@@ -93,6 +93,10 @@ pub const ATTEMPTS_FILE: &str = "attempts.json";
 pub const DYNAMIC_MASKS_FOLDER: &str = "dynamic-masks";
 /// Record of the computed masks, in [`DYNAMIC_MASKS_FOLDER`].
 pub const DYNAMIC_MASKS_FILE: &str = "masks.json";
+/// Folder of what stays in the camera's frame, in a sequence's folder.
+pub const OPERATOR_FOLDER: &str = "operator";
+/// Record of it, in [`OPERATOR_FOLDER`].
+pub const OPERATOR_FILE: &str = "operator.json";
 
 /// Tracks of the dynamic region, as far as a split's input views show it, beside [`SPLIT_FILE`].
 pub const TRACKS_FILE: &str = "tracks.json";

@@ -190,6 +190,12 @@ pub(crate) enum CurateCommand {
     Attach(AttachArguments),
     /// Masks what moves in a sequence; `omnilife curate poses --masks` takes the result.
     Masks(MasksArguments),
+    /// Looks for the operator, a mount or a helmet in a sequence: what stays in the camera's frame while the scene goes
+    /// by. Its mask is for `omnilife curate poses --ignore-mask`.
+    Operator {
+        /// Folder with a sequence.json.
+        sequence: PathBuf,
+    },
     /// Measures the distances of a posed pinhole scene by stereo: dense points, which tracks and training
     /// then begin with, and distances per frame.
     Dense {

@@ -108,6 +108,7 @@ pub(crate) const EXAMPLES: &[Examples] = &[
             "curate masks SEQUENCE --from masks/",
         ],
     ),
+    ("curate operator", &["curate operator SEQUENCE"]),
     (
         "curate dense",
         &[

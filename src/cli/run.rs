@@ -76,6 +76,10 @@ pub(crate) struct MaskStepArguments {
     /// {out}. Words are separated by blanks; no shell takes them apart.
     #[arg(long, value_name = "COMMAND", conflicts_with = "masks")]
     pub(crate) masks_command: Option<FrameCommand>,
+    /// Looks in every sequence for the operator, a mount or a helmet, as `curate operator` does, and ignores what is
+    /// found.
+    #[arg(long, conflicts_with = "ignore_mask")]
+    pub(crate) operator: bool,
     /// The program is ended after so many seconds for each sequence, with all that it has started.
     #[arg(
         long,

@@ -7,11 +7,14 @@ use omnilife_curate::{
     annotation::annotate_dataset,
     enter_masks,
     exchange::{self, ExportRequest, ImportRequest},
-    masks::write_masks,
+    masks::{operator, write_masks},
     publish, slicing,
 };
 use omnilife_schemas::{
-    ErrorKind, layout::DYNAMIC_MASKS_FOLDER, lock::FolderLock, progress::Progress,
+    ErrorKind,
+    layout::{DYNAMIC_MASKS_FOLDER, OPERATOR_FOLDER},
+    lock::FolderLock,
+    progress::Progress,
 };
 
 use crate::{
@@ -82,6 +85,25 @@ pub(crate) fn masks(arguments: &MasksArguments, progress: &dyn Progress) -> anyh
         folder.display(),
         100.0 * mean
     ))
+}
+
+/// Looks for what stays in the camera's frame and prints the verdict, with the command that uses its mask.
+pub(crate) fn operator(sequence: &Path, progress: &dyn Progress) -> anyhow::Result<()> {
+    let record = operator::write_operator(sequence, progress)?;
+    progress.note(&format!("{}: {}", operator::ID, record.reliability));
+    let mut text = format!("{}: {}\n", record.sequence, record.reason);
+    let folder = sequence.join(OPERATOR_FOLDER);
+    if let (Some(mask), Some(picture)) = (&record.mask, &record.picture) {
+        let (mask, picture) = (folder.join(mask), folder.join(picture));
+        text += &format!(
+            "{:.2} % of the sphere; to look at: {}\n  omnilife curate poses {} --ignore-mask {}\n",
+            100.0 * record.share,
+            picture.display(),
+            sequence.display(),
+            mask.display()
+        );
+    }
+    exit::print(&text)
 }
 
 pub(crate) fn export(arguments: &ExportArguments, progress: &dyn Progress) -> anyhow::Result<()> {

@@ -7,10 +7,14 @@ use std::{
 
 use omnilife_curate::{
     MaskProgram,
-    masks::{self, MaskSource, reliability, reliability::Target},
+    masks::{self, MaskSource, operator, reliability, reliability::Target},
 };
 use omnilife_reconstruct::{methods::Method, request::MethodRequest};
-use omnilife_schemas::{layout::DYNAMIC_MASKS_FOLDER, progress::Progress};
+use omnilife_schemas::{
+    layout::{DYNAMIC_MASKS_FOLDER, OPERATOR_FOLDER},
+    progress::Progress,
+    records::OperatorFinding,
+};
 
 use crate::cli::{MaskStepArgument, MaskStepArguments};
 
@@ -88,6 +92,37 @@ impl MaskStep {
     }
 }
 
+/// Looks for what the camera carries in a sequence; returns its mask if it is found. Otherwise, or where a person has to
+/// decide, a line says so.
+pub(crate) fn operator(folder: &Path, id: &str, progress: &dyn Progress) -> Option<PathBuf> {
+    let record = match operator::write_operator(folder, progress) {
+        Ok(record) => record,
+        Err(error) => {
+            progress.note(&format!(
+                "{id}: nothing of the operator is ignored: {error}"
+            ));
+            return None;
+        }
+    };
+    let files = folder.join(OPERATOR_FOLDER);
+    let mask = record.mask.map(|file| files.join(file));
+    let picture = record.picture.map(|file| files.join(file));
+    let to_look_at = match (&mask, &picture) {
+        (Some(mask), Some(picture)) => {
+            let (mask, picture) = (mask.display(), picture.display());
+            match record.finding {
+                OperatorFinding::Doubtful => format!(
+                    "; look at {picture}: if it is carried, --ignore-mask {mask} ignores it"
+                ),
+                _ => format!("; ignored, {picture} shows it"),
+            }
+        }
+        _ => String::new(),
+    };
+    progress.note(&format!("{id}: operator: {}{to_look_at}", record.reason));
+    mask.filter(|_| record.finding == OperatorFinding::Found)
+}
+
 /// Returns the line on a method that goes without masks, because no detector reaches its bar.
 fn all_off(method: &str) -> String {
     let detectors = masks::METHODS.iter().map(|detector| {
@@ -113,6 +148,7 @@ mod tests {
             masks,
             masks_method: None,
             masks_command: None,
+            operator: false,
             command_timeout: 60,
         }
     }

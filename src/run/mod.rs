@@ -81,6 +81,7 @@ pub(crate) fn main_job(arguments: &RunArguments, progress: &dyn Progress) -> any
         poses: arguments.poses.request(masks.given()),
         truth: arguments.poses.truth(masks.given()),
         masks,
+        operator: arguments.masks.operator,
         method: arguments.method.method.clone(),
         variant: arguments.method.variant(arguments.iterations)?,
         settings,
@@ -234,6 +235,8 @@ struct Job<'a> {
     poses: PoseRequest,
     truth: GivenTruth,
     masks: MaskStep,
+    /// True if what the camera carries is looked for.
+    operator: bool,
     method: String,
     /// Name of the method in tables.
     variant: String,
@@ -329,9 +332,13 @@ impl Job<'_> {
         )
     }
 
-    /// Makes masks of what moves and the poses of one sequence.
+    /// Makes masks of the operator and of what moves, and the poses of one sequence.
     fn pose(&self, folder: &Path, id: &str) -> anyhow::Result<()> {
         let (mut poses, mut truth) = (self.poses.clone(), self.truth.clone());
+        if self.operator {
+            let mask = masks::operator(folder, id, self.progress);
+            truth.ignored = mask.map(IgnoredRegion::Masks);
+        }
         let masks = self.masks.make(folder, id, self.progress);
         match &mut poses {
             PoseRequest::Given(_) => truth.masks = masks,

@@ -2,7 +2,7 @@
 //!
 //! Alone, the network also marks what is parked, and bushes and machines that it takes for animals and vehicles. Alone,
 //! motion that the camera's own does not explain also marks leaves, reflections and shadows, and no outlines. A region
-//! of the network counts if a share of it has changed ([`super::changes`]). Moving content outside the network's classes
+//! of the network counts if a share of it has changed. Moving content outside the network's classes
 //! is not marked. Only views that show a change are given to the network, which takes most of the time.
 
 use std::path::Path;

@@ -10,6 +10,7 @@ pub mod combined;
 pub mod deeplab;
 mod field;
 mod given;
+pub mod operator;
 mod plane;
 pub mod reliability;
 pub mod residual;
@@ -41,6 +42,8 @@ use crate::{
 
 /// Folder of the masks of classes, beside the record.
 const CLASSES_FOLDER: &str = "classes";
+/// Class of what the camera carries.
+const OPERATOR_CLASS: &str = "operator";
 
 /// Source of masks.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -125,13 +128,23 @@ pub fn write_masks(
     for file in &given {
         plan = plan.with_file(file)?;
     }
+    let operator = match source {
+        MaskSource::Method(_) => operator::found_mask(folder)?,
+        MaskSource::Files(_) | MaskSource::Program(_) => None,
+    };
+    if let Some(file) = &operator {
+        plan = plan.with_file(file)?;
+    }
     let out = folder.join(DYNAMIC_MASKS_FOLDER);
     if plan.is_done() {
         progress.note(&format!("{}: masks unchanged, skipped", sequence.id));
         return Ok(store::read_record(&out.join(DYNAMIC_MASKS_FILE))?);
     }
     let started = Stopwatch::with_children();
-    let found = find(folder, &sequence, source, &given, progress)?;
+    let mut found = find(folder, &sequence, source, &given, progress)?;
+    if let Some(file) = &operator {
+        found.leave_out_operator(&Mask::read(file)?);
+    }
     for note in &found.notes {
         progress.note(&format!("{}: {note}", sequence.id));
     }
@@ -151,6 +164,18 @@ pub fn write_masks(
 struct Found {
     frames: Vec<FrameMasks>,
     notes: Vec<String>,
+}
+
+impl Found {
+    /// Makes what the camera carries a class of its own, which does not count as moving.
+    fn leave_out_operator(&mut self, operator: &Mask) {
+        for frame in &mut self.frames {
+            let moving = &mut frame.moving;
+            let operator = operator.resized_to_nearest(moving.width, moving.height);
+            *moving = moving.clone().without(&operator);
+            frame.classes.insert(OPERATOR_CLASS, operator);
+        }
+    }
 }
 
 fn find(
@@ -278,4 +303,25 @@ pub fn dynamic_share(mask: &Mask) -> f64 {
         height: mask.height as u32,
     };
     mask.marked_share(&camera.into())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_the_camera_carries_does_not_move() {
+        let mask = |data: [u8; 4]| Mask {
+            width: 4,
+            height: 1,
+            data: data.to_vec(),
+        };
+        let mut found = Found {
+            frames: vec![mask([255, 255, 0, 0]).into()],
+            notes: Vec::new(),
+        };
+        found.leave_out_operator(&mask([0, 255, 255, 0]));
+        assert_eq!(found.frames[0].moving, mask([255, 0, 0, 0]));
+        assert_eq!(found.frames[0].classes["operator"], mask([0, 255, 255, 0]));
+    }
 }

@@ -16,6 +16,7 @@ pub mod ledger;
 pub mod lift;
 pub mod masks;
 pub mod objects;
+pub mod operator;
 pub mod overlays;
 pub mod poses;
 pub mod protocol;
@@ -53,6 +54,7 @@ pub use ledger::{
 pub use lift::{Lift, LiftedView};
 pub use masks::{MaskEntry, Masks};
 pub use objects::{GraphObject, Objects};
+pub use operator::{Operator, OperatorFinding};
 pub use overlays::{Overlay, OverlayClass, OverlayReport, Sightings};
 pub use poses::{PosedFrame, Poses};
 pub use protocol::{Colour, Padding, Protocol, Resampling, ScoredViews, SplitRule};
@@ -137,6 +139,7 @@ pub const SCHEMAS: &[SchemaEntry] = &[
     entry::<CaptionAnswer>(),
     entry::<Taxonomy>(),
     entry::<Masks>(),
+    entry::<Operator>(),
     entry::<BoundaryLedger>(),
     entry::<LedgerEntry>(),
     entry::<AuditDecisions>(),

@@ -1,0 +1,261 @@
+//! Operator, tripod, mount: content that stays in the camera's frame while the scene goes by.
+//!
+//! It is part of no scene, and its mask makes pixels ignored. The result is written as `operator/operator.json`, with the
+//! mask of all frames and a picture to look at. Where the evidence is weak, a person has to decide by the picture.
+
+mod evidence;
+mod picture;
+mod region;
+
+use std::path::{Path, PathBuf};
+
+use omnilife_schemas::{
+    RgbImage,
+    layout::{OPERATOR_FILE, OPERATOR_FOLDER, SEQUENCE_FILE},
+    progress::Progress,
+    records::{Operator, OperatorFinding, Sequence},
+    rgb::Mask,
+    stage::StagePlan,
+    staging::Staging,
+    store,
+};
+
+use self::region::Region;
+use super::{dynamic_share, reliability, reliability::Target};
+use crate::{error::CurateError, motion::GreySphere};
+
+/// Id of the detector in [`reliability`].
+pub const ID: &str = "operator";
+/// Files beside the record.
+const MASK_FILE: &str = "mask.png";
+const PICTURE_FILE: &str = "picture.png";
+
+/// Least time between the frames of a pair, seconds.
+const GAP_SECONDS: f64 = 1.0;
+/// Number of pairs, spread over the sequence.
+const MOST_PAIRS: usize = 24;
+/// Least number of pairs for a verdict.
+const LEAST_PAIRS: usize = 4;
+/// Evidence from which a region is entered, and from which a person is asked: grey levels of 255 times steradians. An
+/// operator with a helmet has 3; of rendered scenes without an operator the strongest region has 0.6.
+const FOUND: f64 = 1.5;
+const DOUBTFUL: f64 = 0.75;
+
+fn settings() -> String {
+    format!(
+        "{} px, up to {MOST_PAIRS} pairs of frames {GAP_SECONDS} s apart, found from {FOUND}, doubtful from {DOUBTFUL}",
+        evidence::WIDTH
+    )
+}
+
+/// Looks for content that stays in the camera's frame and writes it into the folder of a sequence; skipped, with a note,
+/// if its frames are unchanged.
+///
+/// # Errors
+/// When the sequence or a frame cannot be read, or a file cannot be written.
+pub fn write_operator(folder: &Path, progress: &dyn Progress) -> Result<Operator, CurateError> {
+    let path = folder.join(SEQUENCE_FILE);
+    let sequence: Sequence = store::read_record(&path)?;
+    let plan = StagePlan::new(folder, ID)
+        .with_file(&path)?
+        .with_text("settings", &settings());
+    let record = format!("{OPERATOR_FOLDER}/{OPERATOR_FILE}");
+    let skipped = format!("{}: operator unchanged, skipped", sequence.id);
+    plan.make((&record, &skipped), [&record], progress, |made| {
+        let verdict = judge(folder, &sequence, progress)?;
+        let files = match &verdict.region {
+            Some(region) => Some(draw(folder, &sequence, region)?),
+            None => None,
+        };
+        let mut staging = Staging::new(folder, OPERATOR_FOLDER)?;
+        let share = files.as_ref().map_or(0.0, |(mask, _)| dynamic_share(mask));
+        if let Some((mask, picture)) = &files {
+            mask.write_png(&staging.begin(&format!("{OPERATOR_FOLDER}/{MASK_FILE}"))?)?;
+            picture.write_png(&staging.begin(&format!("{OPERATOR_FOLDER}/{PICTURE_FILE}"))?)?;
+        }
+        made.replace(&staging.folder, &staging.files)?;
+        let named = |file: &str| files.as_ref().map(|_| file.to_owned());
+        Ok::<_, CurateError>(Operator {
+            sequence: sequence.id.clone(),
+            finding: verdict.finding,
+            reason: verdict.reason,
+            evidence: verdict.region.map_or(0.0, |region| region.evidence),
+            share,
+            pairs: verdict.pairs as u32,
+            settings: settings(),
+            reliability: reliability::of(ID, Target::Operator).text,
+            mask: named(MASK_FILE),
+            picture: named(PICTURE_FILE),
+        })
+    })
+}
+
+/// Returns the file of a sequence's mask of its operator, where one was found.
+///
+/// # Errors
+/// When the record cannot be read.
+pub fn found_mask(folder: &Path) -> Result<Option<PathBuf>, CurateError> {
+    let folder = folder.join(OPERATOR_FOLDER);
+    let record = folder.join(OPERATOR_FILE);
+    if !record.is_file() {
+        return Ok(None);
+    }
+    let record: Operator = store::read_record(&record)?;
+    let is_found = record.finding == OperatorFinding::Found;
+    Ok(record
+        .mask
+        .filter(|_| is_found)
+        .map(|file| folder.join(file)))
+}
+
+/// Verdict on a sequence, with the region that it is about.
+struct Verdict {
+    finding: OperatorFinding,
+    reason: String,
+    region: Option<Region>,
+    pairs: usize,
+}
+
+impl Verdict {
+    fn unjudged(reason: String, pairs: usize) -> Self {
+        Self {
+            finding: OperatorFinding::Unjudged,
+            reason,
+            region: None,
+            pairs,
+        }
+    }
+
+    /// Judges by the strongest region.
+    fn of(region: Option<Region>, pairs: usize) -> Self {
+        let strength = region.as_ref().map_or(0.0, |region| region.evidence);
+        let (finding, what) = match strength {
+            strength if strength >= FOUND => (OperatorFinding::Found, "stays"),
+            strength if strength >= DOUBTFUL => (OperatorFinding::Doubtful, "may stay"),
+            _ => (
+                OperatorFinding::Nothing,
+                "is too weak a sign of anything that stays",
+            ),
+        };
+        Self {
+            finding,
+            reason: format!(
+                "its strongest region, of evidence {strength:.2}, {what} in the camera's frame while the scene goes by"
+            ),
+            region: region.filter(|_| finding != OperatorFinding::Nothing),
+            pairs,
+        }
+    }
+}
+
+fn judge(
+    folder: &Path,
+    sequence: &Sequence,
+    progress: &dyn Progress,
+) -> Result<Verdict, CurateError> {
+    if sequence.is_pinhole() {
+        let reason = "perspective frames do not show what carries the camera";
+        return Ok(Verdict::unjudged(reason.to_owned(), 0));
+    }
+    let entries = &sequence.frames.entries;
+    let times: Vec<f64> = entries.iter().map(|entry| entry.time_seconds).collect();
+    let pairs = pairs(&times);
+    if pairs.len() < LEAST_PAIRS {
+        let reason = format!(
+            "{} pairs of frames are {GAP_SECONDS} s apart, {LEAST_PAIRS} are needed",
+            pairs.len()
+        );
+        return Ok(Verdict::unjudged(reason, pairs.len()));
+    }
+    progress.begin("what the camera carries", Some(pairs.len() as u64));
+    let read_pair = |&[first, second]: &[usize; 2]| {
+        let pair = [
+            read(folder, sequence, first)?,
+            read(folder, sequence, second)?,
+        ];
+        progress.advance(1);
+        Ok(pair)
+    };
+    let images: Result<Vec<[GreySphere; 2]>, CurateError> = pairs.iter().map(read_pair).collect();
+    progress.end();
+    let images = images?;
+    let compared: Vec<[&GreySphere; 2]> = images.iter().map(|[a, b]| [a, b]).collect();
+    let internal = |error: opencv::Error| CurateError::internal(folder, error);
+    let Some(evidence) = evidence::measure(&compared).map_err(internal)? else {
+        return Ok(Verdict::unjudged(
+            "the camera stands".to_owned(),
+            pairs.len(),
+        ));
+    };
+    let region = region::find(&evidence.stays).map_err(internal)?;
+    Ok(Verdict::of(region, pairs.len()))
+}
+
+/// Returns pairs of frames that are far enough apart, spread over the sequence.
+fn pairs(times: &[f64]) -> Vec<[usize; 2]> {
+    let second = |first: usize| {
+        let mut later = first + 1..times.len();
+        later.find(|&later| times[later] - times[first] >= GAP_SECONDS - 1e-6)
+    };
+    let all = (0..times.len()).filter_map(|first| Some([first, second(first)?]));
+    let all: Vec<[usize; 2]> = all.collect();
+    let step = all.len().div_ceil(MOST_PAIRS).max(1);
+    all.into_iter().step_by(step).collect()
+}
+
+fn read(folder: &Path, sequence: &Sequence, index: usize) -> Result<GreySphere, CurateError> {
+    let path = folder.join(&sequence.frames.entries[index].file);
+    let image = GreySphere::new(&RgbImage::read(&path)?, evidence::WIDTH);
+    evidence::smoothed(&image).map_err(|error| CurateError::internal(&path, error))
+}
+
+/// Returns the mask of a region at the size of the frames, and a picture of the frame in the middle of the sequence.
+fn draw(
+    folder: &Path,
+    sequence: &Sequence,
+    region: &Region,
+) -> Result<(Mask, RgbImage), CurateError> {
+    let frames = &sequence.frames;
+    let (width, height) = (frames.width as usize, frames.height as usize);
+    let mask = region.mask.resized_to_nearest(width, height);
+    let middle = &frames.entries[frames.entries.len() / 2];
+    let panorama = RgbImage::read(&folder.join(&middle.file))?;
+    let picture = picture::draw(&panorama, &mask);
+    Ok((mask, picture))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn pairs_are_a_second_apart_and_few() {
+        let times: Vec<f64> = (0..100).map(|frame| f64::from(frame) * 0.25).collect();
+        let pairs = pairs(&times);
+        assert!((LEAST_PAIRS..=MOST_PAIRS).contains(&pairs.len()));
+        assert!(pairs.iter().all(|&[first, second]| second - first == 4));
+        assert!(super::pairs(&[0.0, 0.5]).is_empty());
+        let sparse = super::pairs(&[0.0, 3.0, 6.0]);
+        assert_eq!(sparse, [[0, 1], [1, 2]]);
+    }
+
+    #[test]
+    fn verdicts_follow_the_evidence() {
+        let finding = |evidence: f64| {
+            let mask = Mask {
+                width: 2,
+                height: 1,
+                data: vec![255, 0],
+            };
+            Verdict::of(Some(Region { mask, evidence }), 9)
+        };
+        assert_eq!(finding(3.0).finding, OperatorFinding::Found);
+        let doubtful = finding(1.0);
+        assert_eq!(doubtful.finding, OperatorFinding::Doubtful);
+        assert!(doubtful.region.is_some());
+        let weak = finding(0.2);
+        assert_eq!(weak.finding, OperatorFinding::Nothing);
+        assert!(weak.region.is_none() && weak.reason.contains("0.20"));
+        assert_eq!(Verdict::of(None, 9).finding, OperatorFinding::Nothing);
+    }
+}
