@@ -231,12 +231,11 @@ mod tests {
     #[test]
     fn pairs_are_a_second_apart_and_few() {
         let times: Vec<f64> = (0..100).map(|frame| f64::from(frame) * 0.25).collect();
-        let pairs = pairs(&times);
-        assert!((LEAST_PAIRS..=MOST_PAIRS).contains(&pairs.len()));
-        assert!(pairs.iter().all(|&[first, second]| second - first == 4));
-        assert!(super::pairs(&[0.0, 0.5]).is_empty());
-        let sparse = super::pairs(&[0.0, 3.0, 6.0]);
-        assert_eq!(sparse, [[0, 1], [1, 2]]);
+        let found = pairs(&times);
+        assert!((LEAST_PAIRS..=MOST_PAIRS).contains(&found.len()));
+        assert!(found.iter().all(|&[first, second]| second - first == 4));
+        assert!(pairs(&[0.0, 0.5]).is_empty());
+        assert_eq!(pairs(&[0.0, 3.0, 6.0]), [[0, 1], [1, 2]]);
     }
 
     #[test]
