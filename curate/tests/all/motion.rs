@@ -318,7 +318,11 @@ fn painted(image: &mut RgbImage) -> Mask {
         let from_seam = column.min(width - 1 - column);
         if rows.contains(&row) && from_seam < width * 25 / 360 {
             *mark = 255;
-            let level = if row / 15 % 2 == 0 { 0.95 } else { 0.1 };
+            let level = if (row / 15).is_multiple_of(2) {
+                0.95
+            } else {
+                0.1
+            };
             image.data[3 * pixel..3 * pixel + 3].fill(level);
         }
     }
