@@ -195,6 +195,9 @@ pub(crate) enum CurateCommand {
     Operator {
         /// Folder with a sequence.json.
         sequence: PathBuf,
+        /// Also looks for people who keep their place in the frame, by the network of `curate masks --method deeplab`.
+        #[arg(long)]
+        people: bool,
     },
     /// Measures the distances of a posed pinhole scene by stereo: dense points, which tracks and training
     /// then begin with, and distances per frame.

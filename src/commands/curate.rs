@@ -92,7 +92,9 @@ pub(crate) fn execute(command: &CurateCommand, progress: &dyn Progress) -> anyho
         CurateCommand::Annotate(arguments) => dataset::annotate(arguments, progress),
         CurateCommand::Attach(arguments) => attach::execute(arguments, progress),
         CurateCommand::Masks(arguments) => dataset::masks(arguments, progress),
-        CurateCommand::Operator { sequence } => dataset::operator(sequence, progress),
+        CurateCommand::Operator { sequence, people } => {
+            dataset::operator(sequence, *people, progress)
+        }
         CurateCommand::Export(arguments) => dataset::export(arguments, progress),
         CurateCommand::Import(arguments) => dataset::import(arguments, progress),
         CurateCommand::Select(arguments) => dataset::select(arguments, progress),

@@ -88,8 +88,12 @@ pub(crate) fn masks(arguments: &MasksArguments, progress: &dyn Progress) -> anyh
 }
 
 /// Looks for what stays in the camera's frame and prints the verdict, with the command that uses its mask.
-pub(crate) fn operator(sequence: &Path, progress: &dyn Progress) -> anyhow::Result<()> {
-    let record = operator::write_operator(sequence, progress)?;
+pub(crate) fn operator(
+    sequence: &Path,
+    with_people: bool,
+    progress: &dyn Progress,
+) -> anyhow::Result<()> {
+    let record = operator::write_operator(sequence, with_people, progress)?;
     progress.note(&format!("{}: {}", operator::ID, record.reliability));
     let mut text = format!("{}: {}\n", record.sequence, record.reason);
     let folder = sequence.join(OPERATOR_FOLDER);

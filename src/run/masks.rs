@@ -95,7 +95,7 @@ impl MaskStep {
 /// Looks for what the camera carries in a sequence; returns its mask if it is found. Otherwise, or where a person has to
 /// decide, a line says so.
 pub(crate) fn operator(folder: &Path, id: &str, progress: &dyn Progress) -> Option<PathBuf> {
-    let record = match operator::write_operator(folder, progress) {
+    let record = match operator::write_operator(folder, false, progress) {
         Ok(record) => record,
         Err(error) => {
             progress.note(&format!(
@@ -131,7 +131,7 @@ fn all_off(method: &str) -> String {
     });
     let detectors: Vec<String> = detectors.collect();
     format!(
-        "{method} goes without masks: no detector reaches its bar; --masks-method NAME turns one on, --masks-command \
+        "no masks of what moves are made for {method}: no detector reaches its bar; --masks-method NAME turns one on, --masks-command \
          takes a network ({})",
         detectors.join(". ")
     )

@@ -339,7 +339,7 @@ fn what_stays_in_the_camera_frame_is_found() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
     rendered(&data, folder, &frames);
-    let alone = operator::write_operator(folder, &Silent).unwrap();
+    let alone = operator::write_operator(folder, false, &Silent).unwrap();
     println!("alone: {}", alone.reason);
     assert_ne!(alone.finding, OperatorFinding::Found, "{}", alone.reason);
 
@@ -353,7 +353,7 @@ fn what_stays_in_the_camera_frame_is_found() {
         image.write_png(&folder.join(&entry.file)).unwrap();
     }
     store::write_record(&path, &sequence).unwrap();
-    let found = operator::write_operator(folder, &Silent).unwrap();
+    let found = operator::write_operator(folder, false, &Silent).unwrap();
     println!("painted: {}", found.reason);
     assert_eq!(found.finding, OperatorFinding::Found, "{}", found.reason);
     let file = operator::found_mask(folder).unwrap().unwrap();

@@ -34,6 +34,8 @@ const WEIGHTS: &str = "deeplab";
 const WEIGHTS_SHA256: &str = "78bd5c9301dec8055023a3a9f89ad45572d67e274f83421018c15b1dd29dc3fe";
 /// Number of kinds of movable content.
 pub(super) const KINDS: usize = 3;
+/// Kind of people.
+pub(super) const PERSON: usize = 0;
 /// Name of each kind, and its classes of Pascal VOC. Vehicles: aeroplane, bicycle, boat, bus, car, motorbike, train.
 /// Animals: bird, cat, cow, dog, horse, sheep.
 const CLASSES_OF_KINDS: [(&str, &[usize]); KINDS] = [
@@ -42,7 +44,7 @@ const CLASSES_OF_KINDS: [(&str, &[usize]); KINDS] = [
     ("animal", &[3, 8, 10, 12, 13, 17]),
 ];
 /// Probability of all kinds together from which on a pixel is marked.
-const PROBABILITY: f32 = 0.5;
+pub(super) const PROBABILITY: f32 = 0.5;
 
 fn settings() -> String {
     format!(

@@ -4,6 +4,7 @@
 //! mask of all frames and a picture to look at. Where the evidence is weak, a person has to decide by the picture.
 
 mod evidence;
+mod people;
 mod picture;
 mod region;
 
@@ -21,7 +22,7 @@ use omnilife_schemas::{
 };
 
 use self::region::Region;
-use super::{dynamic_share, reliability, reliability::Target};
+use super::{deeplab, dynamic_share, reliability, reliability::Target};
 use crate::{error::CurateError, motion::GreySphere};
 
 /// Id of the detector in [`reliability`].
@@ -40,29 +41,39 @@ const LEAST_PAIRS: usize = 4;
 /// operator with a helmet has 3; of rendered scenes without an operator the strongest region has 0.6.
 const FOUND: f64 = 1.5;
 const DOUBTFUL: f64 = 0.75;
+/// Least share of the sphere that people have who carry the camera.
+const LEAST_PEOPLE: f64 = 1e-3;
 
-fn settings() -> String {
+fn settings(with_people: bool) -> String {
+    let people = match with_people {
+        true => format!("; people by {}", (deeplab::METHOD.settings)()),
+        false => String::new(),
+    };
     format!(
-        "{} px, up to {MOST_PAIRS} pairs of frames {GAP_SECONDS} s apart, found from {FOUND}, doubtful from {DOUBTFUL}",
-        evidence::WIDTH
+        "{} px, up to {MOST_PAIRS} pairs of frames {GAP_SECONDS} s apart, found from {FOUND}, doubtful from {DOUBTFUL}{people}",
+        evidence::WIDTH,
     )
 }
 
 /// Looks for content that stays in the camera's frame and writes it into the folder of a sequence; skipped, with a note,
-/// if its frames are unchanged.
+/// if its frames are unchanged. `with_people` also asks the network of [`deeplab`] for people who keep their place.
 ///
 /// # Errors
-/// When the sequence or a frame cannot be read, or a file cannot be written.
-pub fn write_operator(folder: &Path, progress: &dyn Progress) -> Result<Operator, CurateError> {
+/// When the sequence, a frame or the network cannot be read, or a file cannot be written.
+pub fn write_operator(
+    folder: &Path,
+    with_people: bool,
+    progress: &dyn Progress,
+) -> Result<Operator, CurateError> {
     let path = folder.join(SEQUENCE_FILE);
     let sequence: Sequence = store::read_record(&path)?;
     let plan = StagePlan::new(folder, ID)
         .with_file(&path)?
-        .with_text("settings", &settings());
+        .with_text("settings", &settings(with_people));
     let record = format!("{OPERATOR_FOLDER}/{OPERATOR_FILE}");
     let skipped = format!("{}: operator unchanged, skipped", sequence.id);
     plan.make((&record, &skipped), [&record], progress, |made| {
-        let verdict = judge(folder, &sequence, progress)?;
+        let verdict = judge(folder, &sequence, with_people, progress)?;
         let files = match &verdict.region {
             Some(region) => Some(draw(folder, &sequence, region)?),
             None => None,
@@ -82,7 +93,7 @@ pub fn write_operator(folder: &Path, progress: &dyn Progress) -> Result<Operator
             evidence: verdict.region.map_or(0.0, |region| region.evidence),
             share,
             pairs: verdict.pairs as u32,
-            settings: settings(),
+            settings: settings(with_people),
             reliability: reliability::of(ID, Target::Operator).text,
             mask: named(MASK_FILE),
             picture: named(PICTURE_FILE),
@@ -126,23 +137,38 @@ impl Verdict {
         }
     }
 
-    /// Judges by the strongest region.
-    fn of(region: Option<Region>, pairs: usize) -> Self {
+    /// Judges by the strongest region, and by people who stay.
+    fn of(region: Option<Region>, people: Option<Mask>, pairs: usize) -> Self {
         let strength = region.as_ref().map_or(0.0, |region| region.evidence);
-        let (finding, what) = match strength {
-            strength if strength >= FOUND => (OperatorFinding::Found, "stays"),
-            strength if strength >= DOUBTFUL => (OperatorFinding::Doubtful, "may stay"),
-            _ => (
-                OperatorFinding::Nothing,
-                "is too weak a sign of anything that stays",
-            ),
+        let people = people.filter(|mask| dynamic_share(mask) >= LEAST_PEOPLE);
+        let outline = match strength {
+            strength if strength >= FOUND => OperatorFinding::Found,
+            strength if strength >= DOUBTFUL => OperatorFinding::Doubtful,
+            _ => OperatorFinding::Nothing,
+        };
+        let (finding, what, mask) = match (outline, region, people) {
+            (OperatorFinding::Found, Some(region), Some(people)) => {
+                let both = region.mask.united(&people);
+                (outline, "a region and people stay", Some(both))
+            }
+            (OperatorFinding::Found, Some(region), None) => {
+                (outline, "a region stays", Some(region.mask))
+            }
+            (_, _, Some(people)) => (OperatorFinding::Found, "people stay", Some(people)),
+            (OperatorFinding::Doubtful, Some(region), None) => {
+                (outline, "a region may stay", Some(region.mask))
+            }
+            (_, _, None) => (OperatorFinding::Nothing, "no region stays", None),
         };
         Self {
             finding,
             reason: format!(
-                "its strongest region, of evidence {strength:.2}, {what} in the camera's frame while the scene goes by"
+                "{what} in the camera's frame while the scene goes by; the strongest outline has evidence {strength:.2}"
             ),
-            region: region.filter(|_| finding != OperatorFinding::Nothing),
+            region: mask.map(|mask| Region {
+                mask,
+                evidence: strength,
+            }),
             pairs,
         }
     }
@@ -151,6 +177,7 @@ impl Verdict {
 fn judge(
     folder: &Path,
     sequence: &Sequence,
+    with_people: bool,
     progress: &dyn Progress,
 ) -> Result<Verdict, CurateError> {
     if sequence.is_pinhole() {
@@ -188,7 +215,11 @@ fn judge(
         ));
     };
     let region = region::find(&evidence.stays).map_err(internal)?;
-    Ok(Verdict::of(region, pairs.len()))
+    let people = match with_people {
+        true => Some(people::staying(folder, sequence, progress)?),
+        false => None,
+    };
+    Ok(Verdict::of(region, people, pairs.len()))
 }
 
 /// Returns pairs of frames that are far enough apart, spread over the sequence.
@@ -240,21 +271,30 @@ mod tests {
 
     #[test]
     fn verdicts_follow_the_evidence() {
-        let finding = |evidence: f64| {
-            let mask = Mask {
-                width: 2,
-                height: 1,
-                data: vec![255, 0],
-            };
-            Verdict::of(Some(Region { mask, evidence }), 9)
+        let mask = |data: [u8; 2]| Mask {
+            width: 2,
+            height: 1,
+            data: data.to_vec(),
         };
-        assert_eq!(finding(3.0).finding, OperatorFinding::Found);
-        let doubtful = finding(1.0);
+        let verdict = |evidence: f64, people: Option<Mask>| {
+            let mask = mask([255, 0]);
+            Verdict::of(Some(Region { mask, evidence }), people, 9)
+        };
+        assert_eq!(verdict(3.0, None).finding, OperatorFinding::Found);
+        let doubtful = verdict(1.0, None);
         assert_eq!(doubtful.finding, OperatorFinding::Doubtful);
         assert!(doubtful.region.is_some());
-        let weak = finding(0.2);
+        let weak = verdict(0.2, None);
         assert_eq!(weak.finding, OperatorFinding::Nothing);
         assert!(weak.region.is_none() && weak.reason.contains("0.20"));
-        assert_eq!(Verdict::of(None, 9).finding, OperatorFinding::Nothing);
+        assert_eq!(Verdict::of(None, None, 9).finding, OperatorFinding::Nothing);
+        // People alone are enough, and a weak outline is no part of their mask.
+        let people = || Some(mask([0, 255]));
+        let marked = |verdict: Verdict| verdict.region.map(|region| region.mask.data);
+        assert_eq!(verdict(0.2, people()).finding, OperatorFinding::Found);
+        assert_eq!(marked(verdict(0.2, people())), Some(vec![0, 255]));
+        assert_eq!(marked(verdict(3.0, people())), Some(vec![255, 255]));
+        let nobody = Some(mask([0, 0]));
+        assert_eq!(verdict(0.2, nobody).finding, OperatorFinding::Nothing);
     }
 }
