@@ -131,8 +131,8 @@ fn all_off(method: &str) -> String {
     });
     let detectors: Vec<String> = detectors.collect();
     format!(
-        "no masks of what moves are made for {method}: no detector reaches its bar; --masks-method NAME turns one on, --masks-command \
-         takes a network ({})",
+        "no masks of what moves are made for {method}: no detector reaches its bar; --masks-method NAME \
+         turns one on, --masks-command takes a network ({})",
         detectors.join(". ")
     )
 }
