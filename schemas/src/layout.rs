@@ -9,7 +9,7 @@
 //!     scene.json, points.ply, masks/, depth/, depth-prior/, classes/NAME/, frames-straight/
 //!     sfm/attempts.json
 //!     dynamic-masks/masks.json, dynamic-masks/NNNNNN.png, dynamic-masks/classes/NAME/NNNNNN.png
-//!     operator/operator.json, operator/mask.png, operator/picture.png
+//!     operator/operator.json, operator/mask.png, operator/image.png
 //!     PROTOCOL/split.json, PROTOCOL/tracks.json
 //!     PROTOCOL/dense/dense.json, PROTOCOL/dense/points.ply, PROTOCOL/dense/NNNNNN.npy, .png
 //! about.json, README.md, DATASHEET.md, SHA256SUMS, statistics/, tables/

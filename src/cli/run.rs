@@ -50,9 +50,9 @@ pub(crate) struct RunArguments {
     pub(crate) protocol: String,
 }
 
-/// Masks of what moves.
+/// Dynamic masks.
 #[derive(Debug, Args)]
-#[command(next_help_heading = "Masks of what moves")]
+#[command(next_help_heading = "Dynamic masks")]
 pub(crate) struct MaskStepArguments {
     /// auto makes masks where the method learns from them and a detector reaches its bar on labelled footage, none makes
     /// none, and a folder has one for each frame, white where something moves. Structure from motion leaves it out, and
@@ -90,7 +90,7 @@ pub(crate) struct MaskStepArguments {
     pub(crate) command_timeout: u64,
 }
 
-/// Origin of the masks of what moves.
+/// Origin of the dynamic masks.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(crate) enum MaskStepArgument {
     Auto,

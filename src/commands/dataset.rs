@@ -97,12 +97,12 @@ pub(crate) fn operator(
     progress.note(&format!("{}: {}", operator::ID, record.reliability));
     let mut text = format!("{}: {}\n", record.sequence, record.reason);
     let folder = sequence.join(OPERATOR_FOLDER);
-    if let (Some(mask), Some(picture)) = (&record.mask, &record.picture) {
-        let (mask, picture) = (folder.join(mask), folder.join(picture));
+    if let (Some(mask), Some(image)) = (&record.mask, &record.image) {
+        let (mask, image) = (folder.join(mask), folder.join(image));
         text += &format!(
             "{:.2} % of the sphere; to look at: {}\n  omnilife curate poses {} --ignore-mask {}\n",
             100.0 * record.share,
-            picture.display(),
+            image.display(),
             sequence.display(),
             mask.display()
         );

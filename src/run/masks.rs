@@ -1,4 +1,4 @@
-//! Masks of what moves, which the main job makes of every sequence before it is posed.
+//! Dynamic masks, which the main job makes of every sequence before it is posed.
 
 use std::{
     path::{Path, PathBuf},
@@ -78,7 +78,7 @@ impl MaskStep {
             Ok(record) => {
                 let reliability = record.reliability.map(|words| format!("; {words}"));
                 progress.note(&format!(
-                    "{id}: masks of what moves by {}{}",
+                    "{id}: dynamic masks by {}{}",
                     record.method,
                     reliability.unwrap_or_default()
                 ));
@@ -106,15 +106,15 @@ pub(crate) fn operator(folder: &Path, id: &str, progress: &dyn Progress) -> Opti
     };
     let files = folder.join(OPERATOR_FOLDER);
     let mask = record.mask.map(|file| files.join(file));
-    let picture = record.picture.map(|file| files.join(file));
-    let to_look_at = match (&mask, &picture) {
-        (Some(mask), Some(picture)) => {
-            let (mask, picture) = (mask.display(), picture.display());
+    let image = record.image.map(|file| files.join(file));
+    let to_look_at = match (&mask, &image) {
+        (Some(mask), Some(image)) => {
+            let (mask, image) = (mask.display(), image.display());
             match record.finding {
                 OperatorFinding::Doubtful => format!(
-                    "; look at {picture}: if it is carried, --ignore-mask {mask} ignores it"
+                    "; look at {image}: if it is carried, --ignore-mask {mask} ignores it"
                 ),
-                _ => format!("; ignored, {picture} shows it"),
+                _ => format!("; ignored, {image} shows it"),
             }
         }
         _ => String::new(),
@@ -131,7 +131,7 @@ fn all_off(method: &str) -> String {
     });
     let detectors: Vec<String> = detectors.collect();
     format!(
-        "no masks of what moves are made for {method}: no detector reaches its bar; --masks-method NAME \
+        "no dynamic masks are made for {method}: no detector reaches its bar; --masks-method NAME \
          turns one on, --masks-command takes a network ({})",
         detectors.join(". ")
     )

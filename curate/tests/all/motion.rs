@@ -368,7 +368,7 @@ fn what_stays_in_the_camera_frame_is_found() {
     assert!(
         folder
             .join("operator")
-            .join(found.picture.unwrap())
+            .join(found.image.unwrap())
             .is_file()
     );
 }

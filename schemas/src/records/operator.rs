@@ -27,8 +27,8 @@ pub struct Operator {
     pub reliability: String,
     /// Mask of all frames, white where it is, relative to the record.
     pub mask: Option<String>,
-    /// Picture of it to look at, relative to the record.
-    pub picture: Option<String>,
+    /// Image of it to look at, relative to the record.
+    pub image: Option<String>,
 }
 
 impl Record for Operator {
@@ -43,7 +43,7 @@ pub enum OperatorFinding {
     Unjudged,
     /// Nothing stays.
     Nothing,
-    /// Something may stay: a person has to look at the picture.
+    /// Something may stay: a person has to look at the image.
     Doubtful,
     /// It stays, and its mask ignores it.
     Found,

@@ -1,11 +1,11 @@
 //! Operator, tripod, mount: content that stays in the camera's frame while the scene goes by.
 //!
 //! It is part of no scene, and its mask makes pixels ignored. The result is written as `operator/operator.json`, with the
-//! mask of all frames and a picture to look at. Where the evidence is weak, a person has to decide by the picture.
+//! mask of all frames and an image to look at. Where the evidence is weak, a person has to decide by the image.
 
 mod evidence;
 mod people;
-mod picture;
+mod view;
 mod region;
 
 use std::path::{Path, PathBuf};
@@ -29,7 +29,7 @@ use crate::{error::CurateError, motion::GreySphere};
 pub const ID: &str = "operator";
 /// Files beside the record.
 const MASK_FILE: &str = "mask.png";
-const PICTURE_FILE: &str = "picture.png";
+const IMAGE_FILE: &str = "image.png";
 
 /// Least time between the frames of a pair, seconds.
 const GAP_SECONDS: f64 = 1.0;
@@ -80,9 +80,9 @@ pub fn write_operator(
         };
         let mut staging = Staging::new(folder, OPERATOR_FOLDER)?;
         let share = files.as_ref().map_or(0.0, |(mask, _)| dynamic_share(mask));
-        if let Some((mask, picture)) = &files {
+        if let Some((mask, image)) = &files {
             mask.write_png(&staging.begin(&format!("{OPERATOR_FOLDER}/{MASK_FILE}"))?)?;
-            picture.write_png(&staging.begin(&format!("{OPERATOR_FOLDER}/{PICTURE_FILE}"))?)?;
+            image.write_png(&staging.begin(&format!("{OPERATOR_FOLDER}/{IMAGE_FILE}"))?)?;
         }
         made.replace(&staging.folder, &staging.files)?;
         let named = |file: &str| files.as_ref().map(|_| file.to_owned());
@@ -96,7 +96,7 @@ pub fn write_operator(
             settings: settings(with_people),
             reliability: reliability::of(ID, Target::Operator).text,
             mask: named(MASK_FILE),
-            picture: named(PICTURE_FILE),
+            image: named(IMAGE_FILE),
         })
     })
 }
@@ -240,7 +240,7 @@ fn read(folder: &Path, sequence: &Sequence, index: usize) -> Result<GreySphere, 
     evidence::smoothed(&image).map_err(|error| CurateError::internal(&path, error))
 }
 
-/// Returns the mask of a region at the size of the frames, and a picture of the frame in the middle of the sequence.
+/// Returns the mask of a region at the size of the frames, and an image of the frame in the middle of the sequence.
 fn draw(
     folder: &Path,
     sequence: &Sequence,
@@ -251,8 +251,8 @@ fn draw(
     let mask = region.mask.resized_to_nearest(width, height);
     let middle = &frames.entries[frames.entries.len() / 2];
     let panorama = RgbImage::read(&folder.join(&middle.file))?;
-    let picture = picture::draw(&panorama, &mask);
-    Ok((mask, picture))
+    let image = view::draw(&panorama, &mask);
+    Ok((mask, image))
 }
 
 #[cfg(test)]

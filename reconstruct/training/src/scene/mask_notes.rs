@@ -67,7 +67,7 @@ fn detector_note(
         }
     }
     Ok(Some(format!(
-        "masks of what moves are by {}; {reliability}",
+        "dynamic masks are by {}; {reliability}",
         record.method
     )))
 }

@@ -1,4 +1,4 @@
-//! Picture of a region to look at: a perspective view of a frame towards it, with the region in red.
+//! Image of a region to look at: a perspective view of a frame towards it, with the region in red.
 
 use glam::{DMat3, DVec2, DVec3, dvec2, dvec3};
 use omnilife_schemas::{
@@ -8,7 +8,7 @@ use omnilife_schemas::{
     rgb::Mask,
 };
 
-/// Side of the picture, pixels.
+/// Side of the image, pixels.
 const SIDE: usize = 480;
 /// Half of its field of view, as a slope: 127 degrees in all.
 const REACH: f64 = 2.0;
@@ -87,8 +87,8 @@ mod tests {
                 mask.data[row * 64 + column] = 255;
             }
         }
-        let picture = draw(&panorama, &mask);
-        let at = |x: usize, y: usize| &picture.data[3 * (y * SIDE + x)..][..3];
+        let image = draw(&panorama, &mask);
+        let at = |x: usize, y: usize| &image.data[3 * (y * SIDE + x)..][..3];
         assert!(at(SIDE / 2, SIDE / 2)[0] > 0.5 && at(SIDE / 2, SIDE / 2)[1] < 0.2);
         assert!(at(2, 2)[0] < 0.3);
         let view = towards(dvec3(0.3, 0.6, -0.5).normalize());
