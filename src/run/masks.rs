@@ -111,9 +111,9 @@ pub(crate) fn operator(folder: &Path, id: &str, progress: &dyn Progress) -> Opti
         (Some(mask), Some(image)) => {
             let (mask, image) = (mask.display(), image.display());
             match record.finding {
-                OperatorFinding::Doubtful => format!(
-                    "; look at {image}: if it is carried, --ignore-mask {mask} ignores it"
-                ),
+                OperatorFinding::Doubtful => {
+                    format!("; look at {image}: if it is carried, --ignore-mask {mask} ignores it")
+                }
                 _ => format!("; ignored, {image} shows it"),
             }
         }

@@ -365,10 +365,5 @@ fn what_stays_in_the_camera_frame_is_found() {
     println!("IoU {overlap:.3}, share {:.4}", found.share);
     assert!(overlap > 0.7, "{overlap}");
     assert!((found.share - dynamic_share(&mask)).abs() < 1e-9);
-    assert!(
-        folder
-            .join("operator")
-            .join(found.image.unwrap())
-            .is_file()
-    );
+    assert!(folder.join("operator").join(found.image.unwrap()).is_file());
 }

@@ -5,8 +5,8 @@
 
 mod evidence;
 mod people;
-mod view;
 mod region;
+mod view;
 
 use std::path::{Path, PathBuf};
 
