@@ -90,7 +90,7 @@ pub fn write_operator(
             sequence: sequence.id.clone(),
             finding: verdict.finding,
             reason: verdict.reason,
-            evidence: verdict.region.map_or(0.0, |region| region.evidence),
+            evidence: verdict.evidence,
             share,
             pairs: verdict.pairs as u32,
             settings: settings(with_people),
@@ -123,6 +123,7 @@ pub fn found_mask(folder: &Path) -> Result<Option<PathBuf>, CurateError> {
 struct Verdict {
     finding: OperatorFinding,
     reason: String,
+    evidence: f64,
     region: Option<Region>,
     pairs: usize,
 }
@@ -132,6 +133,7 @@ impl Verdict {
         Self {
             finding: OperatorFinding::Unjudged,
             reason,
+            evidence: 0.0,
             region: None,
             pairs,
         }
@@ -165,6 +167,7 @@ impl Verdict {
             reason: format!(
                 "{what} in the camera's frame while the scene goes by; the strongest outline has evidence {strength:.2}"
             ),
+            evidence: strength,
             region: mask.map(|mask| Region {
                 mask,
                 evidence: strength,
