@@ -52,8 +52,8 @@ pub use libraries::libraries;
 pub use pipeline::curate_video;
 pub use poses::{
     AttachRequest, FrameCommand, FramePrograms, GivenDepth, GivenPrior, GivenTruth, GroundScale,
-    IgnoredRegion, MasksEntry, PoseRequest, PriorProgram, SfmSettings, attach, enter_masks,
-    pose_sequence, pose_sequence_with,
+    IgnoredRegion, MaskProgram, MasksEntry, PoseRequest, PriorProgram, SfmSettings, attach,
+    enter_masks, pose_sequence, pose_sequence_with,
 };
 pub use settings::{CurateSettings, FrameSelection, LayoutChoice};
 pub use video_names::video_names;

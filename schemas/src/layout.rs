@@ -8,7 +8,8 @@
 //!     sequence.json, frames/NNNNNN.png, motion/NNNNNN.png, annotation.json
 //!     scene.json, points.ply, masks/, depth/, depth-prior/, classes/NAME/, frames-straight/
 //!     sfm/attempts.json
-//!     dynamic-masks/masks.json, dynamic-masks/NNNNNN.png
+//!     dynamic-masks/masks.json, dynamic-masks/NNNNNN.png, dynamic-masks/classes/NAME/NNNNNN.png
+//!     operator/operator.json, operator/mask.png, operator/image.png
 //!     PROTOCOL/split.json, PROTOCOL/tracks.json, PROTOCOL/georeference.json
 //!     PROTOCOL/dense/dense.json, PROTOCOL/dense/points.ply, PROTOCOL/dense/NNNNNN.npy, .png
 //! about.json, README.md, DATASHEET.md, SHA256SUMS, statistics/, tables/
@@ -101,6 +102,10 @@ pub const ATTEMPTS_FILE: &str = "attempts.json";
 pub const DYNAMIC_MASKS_FOLDER: &str = "dynamic-masks";
 /// Record of the computed masks, in [`DYNAMIC_MASKS_FOLDER`].
 pub const DYNAMIC_MASKS_FILE: &str = "masks.json";
+/// Folder of what stays in the camera's frame, in a sequence's folder.
+pub const OPERATOR_FOLDER: &str = "operator";
+/// Record of it, in [`OPERATOR_FOLDER`].
+pub const OPERATOR_FILE: &str = "operator.json";
 
 /// Tracks of the dynamic region, as far as a split's input views show it, beside [`SPLIT_FILE`].
 pub const TRACKS_FILE: &str = "tracks.json";

@@ -2,12 +2,13 @@
 """Scores what detectors found in a clip against its labels.
 
     scripts/labels/score.py masks tests/data/footage-labels/CLIP.json SEQUENCE...
+    scripts/labels/score.py operator tests/data/footage-labels/CLIP.json SEQUENCE...
     scripts/labels/score.py overlays tests/data/footage-labels/CLIP.json ANALYSIS.json...
     scripts/labels/score.py boundaries tests/data/footage-labels/CLIP.json BOUNDARIES.json
     scripts/labels/score.py motion tests/data/footage-labels/CLIP.json SEQUENCE...
 
-SEQUENCE is a folder with sequence.json and dynamic-masks (`omnilife curate masks`) or annotation.json (`omnilife
-curate annotate`). Prints one line per result; README.md of the labels defines them. Needs NumPy and Pillow.
+SEQUENCE is a folder with sequence.json and dynamic-masks (`omnilife curate masks`), operator (`omnilife curate
+operator`) or annotation.json (`omnilife curate annotate`). Prints one line per result; README.md of the labels defines them. Needs NumPy and Pillow.
 """
 
 import argparse
@@ -86,6 +87,33 @@ def masks(labels, paths):
         print(f"  {kind}: IoU {share(hit, hit + wrong + missed)}, precision {share(hit, hit + wrong)}, "
               f"recall {share(hit, hit + missed)}")
     print(f"  marked of the background: {share(marked, seen)}")
+
+
+def operator(labels, paths):
+    sums, found, frames = np.zeros(3), 0, 0
+    for path in paths:
+        reach = json.loads((path / "sequence.json").read_text())["range"]
+        record = json.loads((path / "operator" / "operator.json").read_text())
+        size = GRID
+        mask = np.zeros(GRID[::-1], bool)
+        if record["finding"] == "found":
+            with Image.open(path / "operator" / record["mask"]) as image:
+                mask = np.array(image.convert("L")) > 127
+            size = (mask.shape[1], mask.shape[0])
+        area, own = np.broadcast_to(weights(labels, size), mask.shape), np.zeros(3)
+        for frame in labels["frames"]:
+            if not reach["begin_seconds"] <= frame["seconds"] <= reach["end_seconds"]:
+                continue
+            truth = drawn(of_kind(frame, "operator"), size)
+            counts = ~drawn(of_kind(frame, "ignore"), size) | truth
+            own += [area[part & counts].sum() / area.sum()
+                    for part in (mask & truth, mask & ~truth, ~mask & truth)]
+            frames += 1
+        sums, found = sums + own, found + (record["finding"] == "found")
+        print(f"  {path}: {record['finding']}, evidence {record['evidence']:.2f}, IoU {share(own[0], own.sum())}")
+    hit, wrong, missed = sums
+    print(f"{labels['clip']}: {found} of {len(paths)} sequences have a mask; over {frames} frames IoU "
+          f"{share(hit, hit + wrong + missed)}, precision {share(hit, hit + wrong)}, recall {share(hit, hit + missed)}")
 
 
 def cap(overlay):
@@ -178,7 +206,7 @@ def motion(labels, paths):
 
 
 def main():
-    tasks = {task.__name__: task for task in (masks, overlays, boundaries, motion)}
+    tasks = {task.__name__: task for task in (masks, operator, overlays, boundaries, motion)}
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("task", choices=tasks)
     parser.add_argument("labels", type=pathlib.Path)

@@ -7,7 +7,7 @@ use omnilife_curate::{AttachRequest, FrameCommand, FramePrograms, GivenTruth};
 
 use super::{
     places,
-    poses::{FrameMaskArguments, PosesConventionArgument, TruthArguments},
+    poses::{IgnoreMaskArgument, MovingMasksArgument, PosesConventionArgument, TruthArguments},
 };
 
 /// `curate attach`.
@@ -30,7 +30,9 @@ pub(crate) struct AttachArguments {
     )]
     poses_convention: Option<PosesConventionArgument>,
     #[command(flatten)]
-    masks: FrameMaskArguments,
+    masks: MovingMasksArgument,
+    #[command(flatten)]
+    ignored: IgnoreMaskArgument,
     #[command(flatten)]
     truth: TruthArguments,
     /// Takes the masks of what moves from a program, which masks the frames in {frames} and leaves an image for each,
@@ -80,7 +82,7 @@ impl AttachArguments {
     pub(crate) fn request(&self) -> anyhow::Result<AttachRequest> {
         let given = self.truth.given(GivenTruth {
             masks: self.masks.masks.clone(),
-            ignored: self.masks.ignore_mask.clone(),
+            ignored: self.ignored.ignore_mask.clone(),
             pose_convention: self.poses_convention.map(Into::into),
             ..GivenTruth::default()
         })?;

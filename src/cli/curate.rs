@@ -18,7 +18,7 @@ use super::{
     ledger::LedgerCommand,
     memory::gibibytes,
     places,
-    poses::{PoseArguments, TruthArguments},
+    poses::{MovingMasksArgument, PoseArguments, TruthArguments},
 };
 
 #[derive(Debug, Args)]
@@ -202,12 +202,23 @@ pub(crate) enum CurateCommand {
         #[command(flatten)]
         poses: PoseArguments,
         #[command(flatten)]
+        masks: MovingMasksArgument,
+        #[command(flatten)]
         truth: TruthArguments,
     },
     /// Attaches masks, distances and poses to a scene, curated or imported; what it has of the same kind is replaced.
     Attach(AttachArguments),
     /// Masks what moves in a sequence; `omnilife curate poses --masks` takes the result.
     Masks(MasksArguments),
+    /// Looks for the operator, a mount or a helmet in a sequence: what stays in the camera's frame while the scene goes
+    /// by. Its mask is for `omnilife curate poses --ignore-mask`.
+    Operator {
+        /// Folder with a sequence.json.
+        sequence: PathBuf,
+        /// Also looks for people who keep their place in the frame, by the network of `curate masks --method deeplab`.
+        #[arg(long)]
+        people: bool,
+    },
     /// Measures the distances of a posed pinhole scene by stereo: dense points, which tracks and training
     /// then begin with, and distances per frame.
     Dense {

@@ -4,6 +4,7 @@ use std::{env::VarError, path::PathBuf, time::Duration};
 
 use clap::{Args, ValueEnum, builder::NonEmptyStringValueParser};
 use omnilife_curate::{
+    FrameCommand, MaskProgram,
     annotation::{
         AnnotateSettings, CaptionCommand, CaptionEndpoint,
         endpoint::{Endpoint, Key, Patience},
@@ -231,8 +232,20 @@ pub(crate) struct MasksArguments {
     /// Takes the masks from this folder: images named as the frames, white is what moves.
     #[arg(long, value_name = "FOLDER", conflicts_with = "method")]
     pub(crate) from: Option<PathBuf>,
-    /// Finds them: residual (motion that the camera's own does not explain), or deeplab (people,
-    /// animals and vehicles by what they are; scripts/setup --models).
+    /// Takes them from a program, which masks the frames in {frames} and leaves an image for each, named like it, in
+    /// {out}. Words are separated by blanks; no shell takes them apart.
+    #[arg(long, value_name = "COMMAND", conflicts_with_all = ["method", "from"])]
+    pub(crate) command: Option<FrameCommand>,
+    /// The program is ended after so many seconds, with all that it has started.
+    #[arg(
+        long,
+        default_value_t = 3600,
+        value_name = "SECONDS",
+        value_parser = clap::value_parser!(u64).range(1..)
+    )]
+    pub(crate) command_timeout: u64,
+    /// Finds them: residual (motion that the camera's own does not explain), deeplab (people, animals and vehicles by what
+    /// they are; scripts/setup --models), or combined (those of deeplab that move).
     #[arg(long, default_value = omnilife_curate::masks::METHODS[0].id)]
     pub(crate) method: String,
 }
@@ -240,10 +253,14 @@ pub(crate) struct MasksArguments {
 impl MasksArguments {
     /// Where masks come from.
     pub(crate) fn source(&self) -> MaskSource {
-        self.from.clone().map_or_else(
-            || MaskSource::Method(self.method.clone()),
-            MaskSource::Files,
-        )
+        match (&self.from, &self.command) {
+            (Some(folder), _) => MaskSource::Files(folder.clone()),
+            (None, Some(command)) => MaskSource::Program(MaskProgram {
+                command: command.clone(),
+                time_limit: Some(Duration::from_secs(self.command_timeout)),
+            }),
+            (None, None) => MaskSource::Method(self.method.clone()),
+        }
     }
 }
 

@@ -108,6 +108,7 @@ pub(crate) const EXAMPLES: &[Examples] = &[
             "curate masks SEQUENCE --from masks/",
         ],
     ),
+    ("curate operator", &["curate operator SEQUENCE"]),
     (
         "curate dense",
         &[
@@ -356,6 +357,7 @@ pub(crate) const VALUES: &[Values] = &[
     ("sweep plan curate", "detector", detector_names),
     ("curate export", "format", written_format_names),
     ("curate import", "format", format_names),
+    ("run", "masks_method", mask_method_names),
     ("curate masks", "method", mask_method_names),
     ("curate tracks", "detector", vehicle_detector_names),
     ("curate tracks", "distance", distance_names),

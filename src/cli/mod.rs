@@ -41,7 +41,7 @@ pub(crate) use reconstruct::{
     AssetArguments, BackendArgument, CameraArgument, MethodArguments, ReconstructCommand,
     RenderArguments, plan_word,
 };
-pub(crate) use run::RunArguments;
+pub(crate) use run::{MaskStepArgument, MaskStepArguments, RunArguments};
 pub(crate) use sweep::{
     BenchPlanArguments, PlanArguments, PlanCommand, SubmitArguments, SweepCommand,
     SweepRunArguments,

@@ -22,7 +22,7 @@ pub(crate) struct PoseArguments {
     #[arg(long, value_enum, value_name = "CONVENTION", requires = "poses")]
     pub(crate) poses_convention: Option<PosesConventionArgument>,
     #[command(flatten)]
-    pub(crate) masks: FrameMaskArguments,
+    pub(crate) ignored: IgnoreMaskArgument,
     /// Median height of a drone above the ground, which brings poses of arbitrary scale to metres.
     #[arg(long, value_name = "METRES", conflicts_with = "gsd")]
     pub(crate) altitude: Option<f64>,
@@ -46,14 +46,20 @@ impl From<PosesConventionArgument> for PoseConvention {
     }
 }
 
-/// Masks of dynamic and of ignored regions.
+/// Masks of dynamic regions.
 #[derive(Debug, Args)]
 #[command(next_help_heading = "Camera poses")]
-pub(crate) struct FrameMaskArguments {
+pub(crate) struct MovingMasksArgument {
     /// Folder of masks, one per frame, white where something moves, such as `curate masks` makes:
     /// structure from motion leaves it out, and the scene keeps it.
     #[arg(long)]
     pub(crate) masks: Option<PathBuf>,
+}
+
+/// Masks of ignored regions.
+#[derive(Debug, Args)]
+#[command(next_help_heading = "Camera poses")]
+pub(crate) struct IgnoreMaskArgument {
     /// Ignored region, such as the operator or a tripod: an image for all frames, or a folder with one per
     /// frame, white where it is; or nadir:DEGREES, all within that angle of straight down. It gives no
     /// features, nothing is learned from it, and no score counts it.
@@ -62,12 +68,12 @@ pub(crate) struct FrameMaskArguments {
 }
 
 impl PoseArguments {
-    /// Where poses come from.
-    pub(crate) fn request(&self) -> omnilife_curate::PoseRequest {
+    /// Where poses come from, with a folder of masks of what moves.
+    pub(crate) fn request(&self, masks: Option<&PathBuf>) -> omnilife_curate::PoseRequest {
         self.poses.clone().map_or_else(
             || {
                 omnilife_curate::PoseRequest::Sfm(SfmSettings {
-                    masks: self.masks.masks.clone(),
+                    masks: masks.cloned(),
                     ..SfmSettings::default()
                 })
             },
@@ -77,10 +83,10 @@ impl PoseArguments {
 
     /// What is known of the frames beside them: masks of what moves, where poses are given, and of what is no
     /// part of the scene.
-    pub(crate) fn truth(&self) -> GivenTruth {
+    pub(crate) fn truth(&self, masks: Option<&PathBuf>) -> GivenTruth {
         GivenTruth {
-            masks: self.poses.as_ref().and(self.masks.masks.clone()),
-            ignored: self.masks.ignore_mask.clone(),
+            masks: self.poses.as_ref().and(masks.cloned()),
+            ignored: self.ignored.ignore_mask.clone(),
             pose_convention: self.poses_convention.map(Into::into),
             scale: self
                 .altitude

@@ -1,9 +1,11 @@
 //! `omnilife run`.
 
-use std::path::PathBuf;
+use std::{convert::Infallible, path::PathBuf, str::FromStr};
 
 use clap::Args;
 use omnilife_bench::PROTOCOLS;
+use omnilife_curate::{FrameCommand, masks};
+use omnilife_schemas::names;
 
 use super::{
     curate::{CurationArguments, MemoryLimitArguments},
@@ -32,6 +34,8 @@ pub(crate) struct RunArguments {
     #[command(flatten)]
     pub(crate) poses: PoseArguments,
     #[command(flatten)]
+    pub(crate) masks: MaskStepArguments,
+    #[command(flatten)]
     pub(crate) method: MethodArguments,
     /// Optimizer steps; schedules scale with them. A first look has 1500 here and in `bench run`; the
     /// published protocol has the 30000 of `reconstruct train`.
@@ -44,4 +48,70 @@ pub(crate) struct RunArguments {
     /// The rules of splitting and scoring.
     #[arg(long, default_value = PROTOCOLS[0].id)]
     pub(crate) protocol: String,
+}
+
+/// Dynamic masks.
+#[derive(Debug, Args)]
+#[command(next_help_heading = "Dynamic masks")]
+pub(crate) struct MaskStepArguments {
+    /// auto makes masks where the method learns from them and a detector reaches its bar on labelled footage, none makes
+    /// none, and a folder has one for each frame, white where something moves. Structure from motion leaves it out, and
+    /// the scene keeps it.
+    #[arg(
+        long,
+        value_name = "auto|none|DIR",
+        default_value = "auto",
+        value_parser = MaskStepArgument::from_str
+    )]
+    pub(crate) masks: MaskStepArgument,
+    /// Makes them by this method of `curate masks`, whether or not it reaches its bar.
+    #[arg(
+        long,
+        value_name = "METHOD",
+        conflicts_with_all = ["masks", "masks_command"],
+        value_parser = parse_mask_method
+    )]
+    pub(crate) masks_method: Option<String>,
+    /// Takes them from a program, which masks the frames in {frames} and leaves an image for each, named like it, in
+    /// {out}. Words are separated by blanks; no shell takes them apart.
+    #[arg(long, value_name = "COMMAND", conflicts_with = "masks")]
+    pub(crate) masks_command: Option<FrameCommand>,
+    /// Looks in every sequence for the operator, a mount or a helmet, as `curate operator` does, and ignores what is
+    /// found.
+    #[arg(long, conflicts_with = "ignore_mask")]
+    pub(crate) operator: bool,
+    /// The program is ended after so many seconds for each sequence, with all that it has started.
+    #[arg(
+        long,
+        default_value_t = 3600,
+        value_name = "SECONDS",
+        value_parser = clap::value_parser!(u64).range(1..)
+    )]
+    pub(crate) command_timeout: u64,
+}
+
+/// Origin of the dynamic masks.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(crate) enum MaskStepArgument {
+    Auto,
+    None,
+    Folder(PathBuf),
+}
+
+impl FromStr for MaskStepArgument {
+    type Err = Infallible;
+
+    fn from_str(text: &str) -> Result<Self, Infallible> {
+        Ok(match text {
+            "auto" => Self::Auto,
+            "none" => Self::None,
+            folder => Self::Folder(PathBuf::from(folder)),
+        })
+    }
+}
+
+fn parse_mask_method(text: &str) -> Result<String, String> {
+    names::find("mask method", text, masks::METHODS, |method| method.id)
+        .map(|method| method.id.to_owned())
+        .map_err(|unknown| unknown.to_string())
 }

@@ -93,6 +93,9 @@ pub(crate) fn execute(command: &CurateCommand, progress: &dyn Progress) -> anyho
         CurateCommand::Annotate(arguments) => dataset::annotate(arguments, progress),
         CurateCommand::Attach(arguments) => attach::execute(arguments, progress),
         CurateCommand::Masks(arguments) => dataset::masks(arguments, progress),
+        CurateCommand::Operator { sequence, people } => {
+            dataset::operator(sequence, *people, progress)
+        }
         CurateCommand::Export(arguments) => dataset::export(arguments, progress),
         CurateCommand::Import(arguments) => dataset::import(arguments, progress),
         CurateCommand::Select(arguments) => dataset::select(arguments, progress),
@@ -191,13 +194,14 @@ pub(crate) fn execute(command: &CurateCommand, progress: &dyn Progress) -> anyho
         CurateCommand::Poses {
             sequence,
             poses,
+            masks,
             truth,
         } => {
             termination::take_programs_along()?;
             let scene = pose_sequence_with(
                 sequence,
-                &poses.request(),
-                &truth.given(poses.truth())?,
+                &poses.request(masks.masks.as_ref()),
+                &truth.given(poses.truth(masks.masks.as_ref()))?,
                 progress,
             )?;
             exit::print(&format!(

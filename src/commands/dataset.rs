@@ -7,11 +7,15 @@ use omnilife_curate::{
     annotation::annotate_dataset,
     enter_masks,
     exchange::{self, ExportRequest, ImportRequest},
-    masks::write_masks,
+    masks::{operator, write_masks},
     overview, publish, slicing,
 };
 use omnilife_schemas::{
-    ErrorKind, layout::DYNAMIC_MASKS_FOLDER, lock::FolderLock, progress::Progress, store,
+    ErrorKind,
+    layout::{DYNAMIC_MASKS_FOLDER, OPERATOR_FOLDER},
+    lock::FolderLock,
+    progress::Progress,
+    store,
 };
 
 use crate::{
@@ -56,7 +60,11 @@ pub(crate) fn annotate(
 }
 
 pub(crate) fn masks(arguments: &MasksArguments, progress: &dyn Progress) -> anyhow::Result<()> {
+    termination::take_programs_along()?;
     let record = write_masks(&arguments.sequence, &arguments.source(), progress)?;
+    if let Some(reliability) = &record.reliability {
+        progress.note(&format!("{}: {reliability}", record.method));
+    }
     let shares = record.frames.iter().map(|frame| frame.dynamic_share);
     let mean = shares.sum::<f64>() / record.frames.len().max(1) as f64;
     let folder = arguments.sequence.join(DYNAMIC_MASKS_FOLDER);
@@ -78,6 +86,29 @@ pub(crate) fn masks(arguments: &MasksArguments, progress: &dyn Progress) -> anyh
         folder.display(),
         100.0 * mean
     ))
+}
+
+/// Looks for what stays in the camera's frame and prints the verdict, with the command that uses its mask.
+pub(crate) fn operator(
+    sequence: &Path,
+    with_people: bool,
+    progress: &dyn Progress,
+) -> anyhow::Result<()> {
+    let record = operator::write_operator(sequence, with_people, progress)?;
+    progress.note(&format!("{}: {}", operator::ID, record.reliability));
+    let mut text = format!("{}: {}\n", record.sequence, record.reason);
+    let folder = sequence.join(OPERATOR_FOLDER);
+    if let (Some(mask), Some(image)) = (&record.mask, &record.image) {
+        let (mask, image) = (folder.join(mask), folder.join(image));
+        text += &format!(
+            "{:.2} % of the sphere; to look at: {}\n  omnilife curate poses {} --ignore-mask {}\n",
+            100.0 * record.share,
+            image.display(),
+            sequence.display(),
+            mask.display()
+        );
+    }
+    exit::print(&text)
 }
 
 pub(crate) fn export(arguments: &ExportArguments, progress: &dyn Progress) -> anyhow::Result<()> {

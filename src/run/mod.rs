@@ -8,12 +8,13 @@
 //! OUT/table.md, OUT/table.csv              the scores
 //! OUT/leaderboard/site/index.html          the same to look at, with rendered views
 //! OUT/videos/<video>/boundaries.json, ...
-//! OUT/videos/<video>/seq-000/sequence.json, frames/, scene.json, points.ply
+//! OUT/videos/<video>/seq-000/sequence.json, frames/, scene.json, points.ply, and dynamic-masks/ where masks are made
 //! OUT/videos/<video>/seq-000/<protocol>/split.json, and dense/, tracks.json where the method takes vehicles
 //! OUT/videos/<video>/seq-000/<protocol>/<method>/run/     run.json, predictions/, gaussians.ply, progress.html
 //! OUT/videos/<video>/seq-000/<protocol>/<method>/score/   result.json, comparisons/
 //! ```
 
+mod masks;
 pub(crate) mod outcome;
 
 use std::path::{Path, PathBuf};
@@ -46,6 +47,7 @@ use crate::{
     prerequisites::{self, Prerequisite},
     termination,
 };
+use masks::MaskStep;
 use outcome::{Outcome, Outcomes};
 
 /// Folder of tables in all layouts and of the site.
@@ -72,12 +74,17 @@ pub(crate) fn main_job(arguments: &RunArguments, progress: &dyn Progress) -> any
     for line in &left_out.lines {
         progress.note(line);
     }
+    let settings = arguments.method.request(arguments.iterations)?;
+    let method = methods::find(&arguments.method.method)?;
+    let (masks, masks_off) = MaskStep::of(&arguments.masks, method, &settings);
     let job = Job {
-        poses: arguments.poses.request(),
-        truth: arguments.poses.truth(),
+        poses: arguments.poses.request(masks.given()),
+        truth: arguments.poses.truth(masks.given()),
+        masks,
+        operator: arguments.masks.operator,
         method: arguments.method.method.clone(),
         variant: arguments.method.variant(arguments.iterations)?,
-        settings: arguments.method.request(arguments.iterations)?,
+        settings,
         backend: arguments.method.backend.into(),
         checkpoint_every: arguments.method.checkpoint_every,
         trace_views: arguments.method.trace_views,
@@ -115,6 +122,9 @@ pub(crate) fn main_job(arguments: &RunArguments, progress: &dyn Progress) -> any
             )
         })?;
     job.refuse_shared_masks(&curated.record)?;
+    if let Some(line) = masks_off {
+        progress.note(&line);
+    }
     let (outcomes, printed) = summary.run(SUMMARY_FILES, progress, |made| {
         score_all(&job, &curated, &arguments.out, made)
     })?;
@@ -225,6 +235,9 @@ fn report(
 struct Job<'a> {
     poses: PoseRequest,
     truth: GivenTruth,
+    masks: MaskStep,
+    /// True if what the camera carries is looked for.
+    operator: bool,
     method: String,
     /// Name of the method in tables.
     variant: String,
@@ -290,7 +303,7 @@ impl Job<'_> {
             Some(IgnoredRegion::Masks(path)) if path.is_dir() => Some("--ignore-mask"),
             _ => None,
         };
-        let of_frames = self.masks().map(|_| "--masks").or(of_frames);
+        let of_frames = self.masks.given().map(|_| "--masks").or(of_frames);
         match of_frames {
             Some(option) if sequences > 1 => Err(BadRequest(format!(
                 "{option} belongs to one sequence, the videos gave {sequences}; pose them one by \
@@ -298,14 +311,6 @@ impl Job<'_> {
             ))
             .into()),
             _ => Ok(()),
-        }
-    }
-
-    /// Returns the folder of masks, given beside poses or for structure from motion.
-    fn masks(&self) -> Option<&PathBuf> {
-        match &self.poses {
-            PoseRequest::Given(_) => self.truth.masks.as_ref(),
-            PoseRequest::Sfm(settings) => settings.masks.as_ref(),
         }
     }
 
@@ -329,9 +334,25 @@ impl Job<'_> {
         )
     }
 
+    /// Makes masks of the operator and of what moves, and the poses of one sequence.
+    fn pose(&self, folder: &Path, id: &str) -> anyhow::Result<()> {
+        let (mut poses, mut truth) = (self.poses.clone(), self.truth.clone());
+        if self.operator {
+            let mask = masks::operator(folder, id, self.progress);
+            truth.ignored = mask.map(IgnoredRegion::Masks);
+        }
+        let masks = self.masks.make(folder, id, self.progress);
+        match &mut poses {
+            PoseRequest::Given(_) => truth.masks = masks,
+            PoseRequest::Sfm(settings) => settings.masks = masks,
+        }
+        pose_sequence_with(folder, &poses, &truth, self.progress)?;
+        Ok(())
+    }
+
     /// Makes poses, split, reconstruction and scores of one sequence.
     fn score_sequence(&self, folder: &Path, id: &str) -> anyhow::Result<()> {
-        pose_sequence_with(folder, &self.poses, &self.truth, self.progress)?;
+        self.pose(folder, id)?;
         let protocol_folder = folder.join(&self.protocol);
         let (scene, split) = (folder.join(SCENE_FILE), protocol_folder.join(SPLIT_FILE));
         split_scene(&scene, &self.protocol, &split)?;

@@ -46,6 +46,10 @@ const ELSEWHERE: &[(&str, &str)] = &[
         "curate dense",
         "takes scenes of pinholes: the tests of dense stereo",
     ),
+    (
+        "curate operator",
+        "writes as curate masks does, after seconds of looking: the tests of motion",
+    ),
     ("leaderboard query", "writes one file, where it is told to"),
     ("reconstruct prepare", "is curate dense and curate tracks"),
     (

@@ -76,6 +76,14 @@ impl Field {
         self
     }
 
+    /// Returns the maximum of two fields of one size.
+    pub(super) fn larger(mut self, other: &Self) -> Self {
+        for (value, other) in self.values.iter_mut().zip(&other.values) {
+            *value = value.max(*other);
+        }
+        self
+    }
+
     /// Returns the area-weighted median over the sphere; 0 for an empty field.
     pub(super) fn median_on_sphere(&self) -> f32 {
         let mut weighted: Vec<(f32, f64)> = self

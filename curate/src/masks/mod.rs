@@ -1,22 +1,31 @@
-//! Masks of moving content in a sequence: from files, by class ([`deeplab`]), or from motion that the camera's own does
-//! not explain ([`residual`]).
+//! Masks of moving content in a sequence: from files or another program, by class ([`deeplab`]), from motion that the
+//! camera's own does not explain ([`residual`]), or by both ([`combined`]).
 //!
 //! They are written as `dynamic-masks/NNNNNN.png` with a `masks.json`, which
-//! `omnilife curate poses --masks` takes. A method is one entry in [`METHODS`].
+//! `omnilife curate poses --masks` takes. A method is one entry in [`METHODS`]; [`reliability`] has its scores on
+//! labelled footage.
 
+mod changes;
+pub mod combined;
 pub mod deeplab;
 mod field;
+mod given;
+pub mod operator;
+mod plane;
+pub mod reliability;
 pub mod residual;
+mod vote;
 
-use std::path::{Path, PathBuf};
+use std::{
+    collections::BTreeMap,
+    path::{Path, PathBuf},
+};
 
 use omnilife_schemas::{
     camera::ErpCamera,
     elapsed::Stopwatch,
     layout::{DYNAMIC_MASKS_FILE, DYNAMIC_MASKS_FOLDER, SEQUENCE_FILE},
-    mask_file::MarkedGreys,
-    mask_survey::MaskSurvey,
-    names,
+    names, plain_text,
     progress::Progress,
     records::{MaskEntry, Masks, Sequence},
     rgb::Mask,
@@ -25,19 +34,48 @@ use omnilife_schemas::{
     store,
 };
 
-use crate::{error::CurateError, poses};
+use self::reliability::Target;
+use crate::{
+    error::CurateError,
+    poses::{self, MaskProgram},
+};
+
+/// Folder of the masks of classes, beside the record.
+const CLASSES_FOLDER: &str = "classes";
+/// Class of what the camera carries.
+const OPERATOR_CLASS: &str = "operator";
 
 /// Source of masks.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum MaskSource {
     /// Given images, named as the frames; white is moving content.
     Files(PathBuf),
+    /// A program that leaves such images.
+    Program(MaskProgram),
     /// A method of [`METHODS`].
     Method(String),
 }
 
+/// Masks of one frame, at its size.
+#[derive(Debug, Clone, PartialEq)]
+pub struct FrameMasks {
+    /// Everything that moves, of any class.
+    pub moving: Mask,
+    /// Content of a class, by its name.
+    pub classes: BTreeMap<&'static str, Mask>,
+}
+
+impl From<Mask> for FrameMasks {
+    fn from(moving: Mask) -> Self {
+        Self {
+            moving,
+            classes: BTreeMap::new(),
+        }
+    }
+}
+
 /// Finds the masks of the sequence in a folder.
-pub type FindMasks = fn(&Path, &Sequence, &dyn Progress) -> Result<Vec<Mask>, CurateError>;
+pub type FindMasks = fn(&Path, &Sequence, &dyn Progress) -> Result<Vec<FrameMasks>, CurateError>;
 
 /// A method of finding moving content.
 #[derive(Debug, Clone, Copy)]
@@ -48,18 +86,26 @@ pub struct MaskMethod {
     pub about: &'static str,
     /// Settings, for the record.
     pub settings: fn() -> String,
-    /// Returns one mask per frame of the sequence in a folder, at frame size.
+    /// True if it looks at perspective frames too.
+    pub takes_perspective: bool,
+    /// Returns the masks of every frame of the sequence in a folder, at frame size.
     pub find: FindMasks,
 }
 
-/// All methods, the default one first.
-pub const METHODS: &[MaskMethod] = &[residual::METHOD, deeplab::METHOD];
+/// All methods, the default one of `curate masks` first.
+pub const METHODS: &[MaskMethod] = &[residual::METHOD, deeplab::METHOD, combined::METHOD];
+
+/// Returns the first method that reaches its bar on labelled footage, which the main job uses without a request.
+pub fn default_method() -> Option<&'static MaskMethod> {
+    let reaches_bar = |method: &&MaskMethod| reliability::of(method.id, Target::Moving).reaches_bar;
+    METHODS.iter().find(reaches_bar)
+}
 
 /// Writes the masks of a sequence; skipped, with a note, if frames and source are unchanged.
 ///
 /// # Errors
-/// [`CurateError::Input`] for an unknown method and for files that fit no frame, [`CurateError::Store`] when a file
-/// cannot be read or written.
+/// [`CurateError::Input`] for an unknown method, files that fit no frame and a program that fails,
+/// [`CurateError::Store`] when a file cannot be read or written.
 pub fn write_masks(
     folder: &Path,
     source: &MaskSource,
@@ -67,16 +113,26 @@ pub fn write_masks(
 ) -> Result<Masks, CurateError> {
     let sequence_path = folder.join(SEQUENCE_FILE);
     let sequence: Sequence = store::read_record(&sequence_path)?;
-    let files = match source {
-        MaskSource::Files(from) => Some(poses::masks::find(from, &sequence.frames.entries)?),
-        MaskSource::Method(_) => None,
+    let given = match source {
+        MaskSource::Files(from) => poses::masks::find(from, &sequence.frames.entries)?,
+        MaskSource::Program(_) | MaskSource::Method(_) => Vec::new(),
     };
-    let (method, settings) = describe(source, folder)?;
+    let described = Described::of(source, folder)?;
     let mut plan = StagePlan::new(folder, "masks")
         .with_file(&sequence_path)?
-        .with_text("method", &method)
-        .with_text("settings", &settings);
-    for file in files.iter().flatten() {
+        .with_text("method", &described.method)
+        .with_text("settings", &described.settings);
+    if let MaskSource::Program(program) = source {
+        plan = plan.with_text("command", program.text());
+    }
+    for file in &given {
+        plan = plan.with_file(file)?;
+    }
+    let operator = match source {
+        MaskSource::Method(_) => operator::found_mask(folder)?,
+        MaskSource::Files(_) | MaskSource::Program(_) => None,
+    };
+    if let Some(file) = &operator {
         plan = plan.with_file(file)?;
     }
     let out = folder.join(DYNAMIC_MASKS_FOLDER);
@@ -85,51 +141,102 @@ pub fn write_masks(
         return Ok(store::read_record(&out.join(DYNAMIC_MASKS_FILE))?);
     }
     let started = Stopwatch::with_children();
-    let masks = match (&files, source) {
-        (Some(files), _) => read_masks(files, &sequence)?,
-        (None, MaskSource::Method(id)) if sequence.is_pinhole() => {
-            let reason = format!(
-                "is of a pinhole, and {id} looks at whole spheres; masks of any other program can be \
-                 given as files"
-            );
-            return Err(CurateError::input(&sequence_path, reason));
-        }
-        (None, MaskSource::Method(id)) => {
-            (find_method(id, folder)?.find)(folder, &sequence, progress)?
-        }
-        (None, MaskSource::Files(_)) => Vec::new(),
-    };
-    let notes = notes(files.as_deref().unwrap_or_default(), &sequence)?;
-    for note in &notes {
+    let mut found = find(folder, &sequence, source, &given, progress)?;
+    if let Some(file) = &operator {
+        found.leave_out_operator(&Mask::read(file)?);
+    }
+    for note in &found.notes {
         progress.note(&format!("{}: {note}", sequence.id));
     }
     let record_file = format!("{DYNAMIC_MASKS_FOLDER}/{DYNAMIC_MASKS_FILE}");
     plan.run([&record_file], progress, |made| {
         made.count_from(started);
         let mut staging = Staging::new(folder, DYNAMIC_MASKS_FOLDER)?;
-        let mut entries = Vec::new();
-        for (frame, mask) in sequence.frames.entries.iter().zip(&masks) {
-            let file = format!("{}.png", stem(&frame.file));
-            mask.write_png(&staging.begin(&format!("{DYNAMIC_MASKS_FOLDER}/{file}"))?)?;
-            entries.push(MaskEntry {
-                file,
-                dynamic_share: if sequence.is_pinhole() {
-                    marked_share(mask)
-                } else {
-                    dynamic_share(mask)
-                },
-            });
-        }
-        let record = Masks {
-            sequence: sequence.id,
-            method,
-            settings: [vec![settings], notes].concat().join("; "),
-            frames: entries,
-        };
+        let entries = stage(&mut staging, &sequence, &found.frames)?;
+        let record = described.record(sequence.id, found.notes, entries);
         made.replace(&staging.folder, &staging.files)?;
         made.write_record(&record_file, &record)?;
         Ok(record)
     })
+}
+
+/// Masks of all frames, with lines on assumptions about them.
+struct Found {
+    frames: Vec<FrameMasks>,
+    notes: Vec<String>,
+}
+
+impl Found {
+    /// Makes what the camera carries a class of its own, which does not count as moving.
+    fn leave_out_operator(&mut self, operator: &Mask) {
+        for frame in &mut self.frames {
+            let moving = &mut frame.moving;
+            let operator = operator.resized_to_nearest(moving.width, moving.height);
+            *moving = moving.clone().without(&operator);
+            frame.classes.insert(OPERATOR_CLASS, operator);
+        }
+    }
+}
+
+fn find(
+    folder: &Path,
+    sequence: &Sequence,
+    source: &MaskSource,
+    given: &[PathBuf],
+    progress: &dyn Progress,
+) -> Result<Found, CurateError> {
+    match source {
+        MaskSource::Files(_) => given::read(given, sequence),
+        MaskSource::Program(program) => {
+            let room = Staging::new(folder, "mask-program")?;
+            let files = program.run(folder, sequence, &room.folder, progress)?;
+            given::read(&files, sequence)
+        }
+        MaskSource::Method(id) => {
+            let method = find_method(id, folder)?;
+            if sequence.is_pinhole() && !method.takes_perspective {
+                let reason = format!(
+                    "is of a pinhole, and {id} looks at whole spheres; masks of any other program can \
+                     be given as files"
+                );
+                return Err(CurateError::input(&folder.join(SEQUENCE_FILE), reason));
+            }
+            Ok(Found {
+                frames: (method.find)(folder, sequence, progress)?,
+                notes: Vec::new(),
+            })
+        }
+    }
+}
+
+/// Writes all masks into a staging folder; returns their entries.
+fn stage(
+    staging: &mut Staging,
+    sequence: &Sequence,
+    frames: &[FrameMasks],
+) -> Result<Vec<MaskEntry>, CurateError> {
+    let share = |mask: &Mask| match sequence.is_pinhole() {
+        true => marked_share(mask),
+        false => dynamic_share(mask),
+    };
+    let mut entries = Vec::new();
+    for (frame, masks) in sequence.frames.entries.iter().zip(frames) {
+        let file = format!("{}.png", stem(&frame.file));
+        let path = staging.begin(&format!("{DYNAMIC_MASKS_FOLDER}/{file}"))?;
+        masks.moving.write_png(&path)?;
+        let mut classes = BTreeMap::new();
+        for (&class, mask) in &masks.classes {
+            let place = format!("{DYNAMIC_MASKS_FOLDER}/{CLASSES_FOLDER}/{class}/{file}");
+            mask.write_png(&staging.begin(&place)?)?;
+            classes.insert(class.to_owned(), share(mask));
+        }
+        entries.push(MaskEntry {
+            file,
+            dynamic_share: share(&masks.moving),
+            classes,
+        });
+    }
+    Ok(entries)
 }
 
 fn find_method(id: &str, folder: &Path) -> Result<&'static MaskMethod, CurateError> {
@@ -139,45 +246,43 @@ fn find_method(id: &str, folder: &Path) -> Result<&'static MaskMethod, CurateErr
     })
 }
 
-fn describe(source: &MaskSource, folder: &Path) -> Result<(String, String), CurateError> {
-    Ok(match source {
-        MaskSource::Files(_) => ("files".to_owned(), "as given".to_owned()),
-        MaskSource::Method(id) => (id.clone(), (find_method(id, folder)?.settings)()),
-    })
+/// Description of a source, for the record.
+struct Described {
+    method: String,
+    settings: String,
+    reliability: Option<String>,
 }
 
-fn read_masks(files: &[PathBuf], sequence: &Sequence) -> Result<Vec<Mask>, CurateError> {
-    let size = (
-        sequence.frames.width as usize,
-        sequence.frames.height as usize,
-    );
-    files
-        .iter()
-        .map(|file| {
-            let mask = Mask::read(file)?;
-            // Another aspect ratio means another projection, or another frame.
-            if mask.width * size.1 != mask.height * size.0 {
-                return Err(CurateError::input(file, "has not the shape of its frame"));
-            }
-            Ok(mask.resized_to_nearest(size.0, size.1))
+impl Described {
+    fn of(source: &MaskSource, folder: &Path) -> Result<Self, CurateError> {
+        Ok(match source {
+            MaskSource::Files(_) => Self {
+                method: "files".to_owned(),
+                settings: "as given".to_owned(),
+                reliability: None,
+            },
+            MaskSource::Program(program) => Self {
+                method: "command".to_owned(),
+                settings: plain_text::without_folders(program.text()),
+                reliability: None,
+            },
+            MaskSource::Method(id) => Self {
+                method: id.clone(),
+                settings: (find_method(id, folder)?.settings)(),
+                reliability: Some(reliability::of(id, Target::Moving).text),
+            },
         })
-        .collect()
-}
-
-/// Returns lines on assumptions about given masks, and on masks of no frame.
-fn notes(files: &[PathBuf], sequence: &Sequence) -> Result<Vec<String>, CurateError> {
-    let camera = ErpCamera {
-        width: sequence.frames.width,
-        height: sequence.frames.height,
-    };
-    let mut survey = MaskSurvey::default();
-    for file in files {
-        survey.add(file, &camera.into(), MarkedGreys::AboveHalf)?;
     }
-    let mut notes = survey.notes();
-    let files: Vec<&Path> = files.iter().map(PathBuf::as_path).collect();
-    notes.extend(poses::masks::surplus(&files, "masks")?);
-    Ok(notes)
+
+    fn record(self, sequence: String, notes: Vec<String>, frames: Vec<MaskEntry>) -> Masks {
+        Masks {
+            sequence,
+            method: self.method,
+            settings: [vec![self.settings], notes].concat().join("; "),
+            reliability: self.reliability,
+            frames,
+        }
+    }
 }
 
 fn stem(file: &str) -> String {
@@ -198,4 +303,25 @@ pub fn dynamic_share(mask: &Mask) -> f64 {
         height: mask.height as u32,
     };
     mask.marked_share(&camera.into())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_the_camera_carries_does_not_move() {
+        let mask = |data: [u8; 4]| Mask {
+            width: 4,
+            height: 1,
+            data: data.to_vec(),
+        };
+        let mut found = Found {
+            frames: vec![mask([255, 255, 0, 0]).into()],
+            notes: Vec::new(),
+        };
+        found.leave_out_operator(&mask([0, 255, 255, 0]));
+        assert_eq!(found.frames[0].moving, mask([255, 0, 0, 0]));
+        assert_eq!(found.frames[0].classes["operator"], mask([0, 255, 255, 0]));
+    }
 }

@@ -24,7 +24,7 @@ use omnilife_schemas::{
 };
 use rayon::prelude::*;
 
-use super::{MaskMethod, field::Field};
+use super::{FrameMasks, MaskMethod, field::Field};
 use crate::{
     error::CurateError,
     motion::{CameraMotion, GreySphere, camera_motion},
@@ -35,11 +35,12 @@ pub const METHOD: MaskMethod = MaskMethod {
     id: "residual",
     about: "what a still scene at no distance explains; no weights needed",
     settings,
+    takes_perspective: false,
     find,
 };
 
 /// Columns of the images that are compared.
-const IMAGE_WIDTH: usize = 512;
+pub(super) const IMAGE_WIDTH: usize = 512;
 /// Smoothing, pixels: finer detail differs by its sampling.
 const SMOOTHING_PIXELS: f32 = 0.7;
 /// Frames are compared over at least this long, seconds: slow motion needs time to show.
@@ -69,7 +70,7 @@ fn find(
     folder: &Path,
     sequence: &Sequence,
     progress: &dyn Progress,
-) -> Result<Vec<Mask>, CurateError> {
+) -> Result<Vec<FrameMasks>, CurateError> {
     let entries = &sequence.frames.entries;
     if entries.len() < 2 {
         return Err(CurateError::input(
@@ -97,7 +98,8 @@ fn find(
             let mask = mask.map_err(|error| CurateError::internal(folder, error))?;
             held.forget_before(&times, index);
             progress.advance(1);
-            Ok(mask.resized_to_nearest(size.0, size.1))
+            let mask = mask.resized_to_nearest(size.0, size.1);
+            Ok(FrameMasks::from(mask))
         })
         .collect();
     progress.end();
@@ -105,17 +107,21 @@ fn find(
 }
 
 /// Returns the nearest frames that are far enough before and after one; the farthest ones if the sequence is too short.
-fn compared_with(times: &[f64], index: usize) -> Vec<usize> {
-    let now = times[index];
-    let before = (0..index)
-        .rev()
-        .find(|&i| now - times[i] >= LEAST_GAP_SECONDS - 1e-6);
-    let after = (index + 1..times.len()).find(|&i| times[i] - now >= LEAST_GAP_SECONDS - 1e-6);
-    let mut others: Vec<usize> = before.into_iter().chain(after).collect();
+pub(super) fn compared_with(times: &[f64], index: usize) -> Vec<usize> {
+    let mut others = around(times, index, LEAST_GAP_SECONDS);
     if others.is_empty() {
         others.push(if index == 0 { times.len() - 1 } else { 0 });
     }
     others
+}
+
+/// Returns the nearest frames at least `gap_seconds` before and after one, if there are any.
+pub(super) fn around(times: &[f64], index: usize, gap_seconds: f64) -> Vec<usize> {
+    let now = times[index];
+    let is_far = |other: &usize| (now - times[*other]).abs() >= gap_seconds - 1e-6;
+    let before = (0..index).rev().find(is_far);
+    let after = (index + 1..times.len()).find(is_far);
+    before.into_iter().chain(after).collect()
 }
 
 /// Images of the frames that are being compared.
@@ -136,12 +142,7 @@ impl<'a> Images<'a> {
 
     fn load(&mut self, index: usize) -> Result<(), CurateError> {
         if self.held[index].is_none() {
-            let file = &self.sequence.frames.entries[index].file;
-            let path = self.folder.join(file);
-            let image = RgbImage::read(&path)?;
-            let width = IMAGE_WIDTH.min(image.width);
-            let smoothed = smoothed(&GreySphere::new(&image, width));
-            self.held[index] = Some(smoothed.map_err(|error| CurateError::internal(&path, error))?);
+            self.held[index] = Some(compared_image(self.folder, self.sequence, index)?);
         }
         Ok(())
     }
@@ -158,6 +159,19 @@ impl<'a> Images<'a> {
             *held = None;
         }
     }
+}
+
+/// Reads a frame as it is compared: grey, at most [`IMAGE_WIDTH`] pixels wide, smoothed.
+pub(super) fn compared_image(
+    folder: &Path,
+    sequence: &Sequence,
+    index: usize,
+) -> Result<GreySphere, CurateError> {
+    let path = folder.join(&sequence.frames.entries[index].file);
+    let image = RgbImage::read(&path)?;
+    let width = IMAGE_WIDTH.min(image.width);
+    let smoothed = smoothed(&GreySphere::new(&image, width));
+    smoothed.map_err(|error| CurateError::internal(&path, error))
 }
 
 fn smoothed(sphere: &GreySphere) -> opencv::Result<GreySphere> {
@@ -203,7 +217,8 @@ fn moving(this: &GreySphere, others: &[&GreySphere]) -> opencv::Result<Mask> {
     })
 }
 
-fn directions(width: usize) -> Vec<Vec3> {
+/// Returns the directions of the pixels of a panorama, row by row.
+pub(super) fn directions(width: usize) -> Vec<Vec3> {
     let camera = ErpCamera {
         width: width as u32,
         height: width as u32 / 2,
@@ -221,7 +236,7 @@ fn directions(width: usize) -> Vec<Vec3> {
 ///
 /// A static point in direction `d` at distance `z` is seen in direction `d - t b / z` after the camera went by `b`
 /// towards `t`. The sweep is over `b / z`, in steps of a pixel.
-fn still_misfit(
+pub(super) fn still_misfit(
     this: &GreySphere,
     that: &GreySphere,
     motion: &CameraMotion,

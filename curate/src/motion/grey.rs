@@ -109,7 +109,7 @@ pub(super) fn tangents(direction: Vec3) -> (Vec3, Vec3) {
 }
 
 /// Returns `count` directions spread evenly over the sphere (a Fibonacci lattice).
-pub(super) fn even_directions(count: usize) -> impl Iterator<Item = Vec3> {
+pub(crate) fn even_directions(count: usize) -> impl Iterator<Item = Vec3> {
     let golden = PI * (3.0 - 5.0_f32.sqrt());
     (0..count).map(move |index| {
         let y = 1.0 - 2.0 * (index as f32 + 0.5) / count as f32;

@@ -133,6 +133,11 @@ impl MosaicPass {
 
 /// Returns true if the mosaic seen in single frames is this one, which stays in place.
 pub(super) fn is_same(standing: &Overlay, seen: &Overlay) -> bool {
+    standing.class == OverlayClass::Mosaic && is_at_same_place(standing, seen)
+}
+
+/// Returns true if the middle of one overlay lies within a disc of the other one's size, or the other way around.
+pub(super) fn is_at_same_place(one: &Overlay, other: &Overlay) -> bool {
     let direction = |overlay: &Overlay| {
         let (longitude, latitude) = (
             overlay.longitude_degrees.to_radians(),
@@ -146,8 +151,7 @@ pub(super) fn is_same(standing: &Overlay, seen: &Overlay) -> bool {
     };
     // Radius of a disc of that size.
     let radius = |overlay: &Overlay| (overlay.solid_angle_steradians / PI).sqrt();
-    standing.class == OverlayClass::Mosaic
-        && angle(direction(standing), direction(seen)) <= radius(standing).max(radius(seen))
+    angle(direction(one), direction(other)) <= radius(one).max(radius(other))
 }
 
 impl SeenFrame {

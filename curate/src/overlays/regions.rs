@@ -4,13 +4,18 @@ use std::f64::consts::{PI, TAU};
 
 use omnilife_schemas::records::{Overlay, OverlayClass};
 
-use super::stability::{PixelStability, Stability};
+use super::{
+    stability::{PixelStability, Stability},
+    surroundings,
+};
 
 /// Mean gradient, in 8-bit levels per pixel, from which a pixel can belong to an overlay.
 const LEAST_STRENGTH: f32 = 5.0;
 /// A pixel is stable when this share of its detail stays from one examined frame to the next. Scenes that flow by keep
 /// the direction of their gradients for long, but not the gradients.
 const LEAST_STAYED: f32 = 0.75;
+/// Surroundings stay where this share of their detail does.
+const MOSTLY: f32 = 0.5;
 /// Least constancy of gradients for content that stays over the whole video; captions change.
 const LEAST_CONSTANCY: f64 = 0.93;
 /// Pixels of one region are at most this many pixels apart; the lines of a grid are farther.
@@ -50,10 +55,19 @@ pub(super) fn find(stability: &Stability) -> Vec<Overlay> {
     let stays =
         |pixel: &PixelStability| pixel.strength >= LEAST_STRENGTH && pixel.stayed >= LEAST_STAYED;
     let constant: Vec<bool> = stability.pixels.iter().map(stays).collect();
+    let is_detailed = |at: usize| stability.pixels[at].strength >= LEAST_STRENGTH;
+    let mostly_stays = |at: usize| stability.pixels[at].stayed >= MOSTLY;
     let mut found: Vec<Overlay> = grid
         .regions(&constant, REACH_PIXELS)
         .iter()
-        .filter_map(|region| region.overlay(&grid, stability, &constant, None))
+        .filter_map(|region| {
+            let overlay = region.overlay(&grid, stability, &constant, None)?;
+            // What carries the camera may fill all of its surroundings.
+            let is_rig = overlay.class == OverlayClass::Rig;
+            let is_painted =
+                || surroundings::are_moving(&grid, &region.pixels, is_detailed, mostly_stays);
+            (is_rig || is_painted()).then_some(overlay)
+        })
         .collect();
     if let Some((patch, latitude)) = nadir_patch(&grid, stability) {
         // Its border is found again piece by piece, and anything painted on it is part of it.
@@ -189,32 +203,32 @@ fn grid_lines(stability: &Stability) -> (Vec<bool>, Vec<bool>) {
 }
 
 /// The pixels of an equirectangular image.
-struct Grid {
-    width: usize,
-    height: usize,
+pub(super) struct Grid {
+    pub(super) width: usize,
+    pub(super) height: usize,
 }
 
 /// Connected pixels.
-struct Region {
-    pixels: Vec<usize>,
+pub(super) struct Region {
+    pub(super) pixels: Vec<usize>,
 }
 
 impl Grid {
-    fn latitude(&self, y: usize) -> f64 {
+    pub(super) fn latitude(&self, y: usize) -> f64 {
         (0.5 - (y as f64 + 0.5) / self.height as f64) * PI
     }
 
-    fn longitude(&self, x: usize) -> f64 {
+    pub(super) fn longitude(&self, x: usize) -> f64 {
         ((x as f64 + 0.5) / self.width as f64 - 0.5) * TAU
     }
 
     /// Returns the solid angle of a pixel, steradians.
-    fn steradians(&self, y: usize) -> f64 {
+    pub(super) fn steradians(&self, y: usize) -> f64 {
         TAU / self.width as f64 * PI / self.height as f64 * self.latitude(y).cos()
     }
 
     /// Neighbourhoods of marked pixels that touch, across the seam too.
-    fn regions(&self, marks: &[bool], reach_pixels: usize) -> Vec<Region> {
+    pub(super) fn regions(&self, marks: &[bool], reach_pixels: usize) -> Vec<Region> {
         let near = self.grown(marks, reach_pixels / 2);
         let mut seen = vec![false; near.len()];
         let mut regions = Vec::new();
@@ -250,7 +264,7 @@ impl Grid {
     }
 
     /// Returns everything within so many rows and columns of a mark.
-    fn grown(&self, marks: &[bool], reach: usize) -> Vec<bool> {
+    pub(super) fn grown(&self, marks: &[bool], reach: usize) -> Vec<bool> {
         let mut wide = vec![false; marks.len()];
         for at in (0..marks.len()).filter(|&at| marks[at]) {
             let (x, y) = (at % self.width, at / self.width);

@@ -2,6 +2,8 @@
 
 use omnilife_video::Rgb8Image;
 
+use super::windows::{StepPixel, WindowPass};
+
 /// Interval of the examined frames, seconds: long enough for a walking camera to move the image, short enough for a
 /// caption to last.
 const STEP_SECONDS: f64 = 0.4;
@@ -22,6 +24,7 @@ pub struct OverlayPass {
     sums: Vec<Sums>,
     steps: u32,
     moving_steps: u32,
+    windows: WindowPass,
 }
 
 /// One pixel of one frame.
@@ -107,13 +110,24 @@ impl OverlayPass {
                 stayed += u64::from(has_stayed(before, now, strength));
             }
         }
-        if (stayed as f64) <= STILL_SHARE * detailed as f64 && detailed > 0 {
+        let is_moving = (stayed as f64) <= STILL_SHARE * detailed as f64 && detailed > 0;
+        if is_moving {
             self.moving_steps += 1;
             for ((sums, before), now) in self.sums.iter_mut().zip(&self.last).zip(&samples) {
                 sums.add(before, now);
             }
         }
+        let step = is_moving.then(|| {
+            let pixels = self.last.iter().zip(&samples);
+            pixels.map(|(before, now)| step(before, now)).collect()
+        });
+        self.windows.add(step, self.width);
         self.last = samples;
+    }
+
+    /// Returns what was seen over two steps.
+    pub(super) fn windows(&self) -> &WindowPass {
+        &self.windows
     }
 
     /// Returns the number of compared pairs of frames.
@@ -181,6 +195,18 @@ fn length([x, y]: [f32; 2]) -> f32 {
 fn has_stayed(before: &Sample, now: &Sample, strength: f32) -> bool {
     let change = [0, 1].map(|axis| now.gradient[axis] - before.gradient[axis]);
     length(change) <= STAYED_SHARE * strength
+}
+
+/// Returns a pixel over the step from one frame to the next.
+fn step(before: &Sample, now: &Sample) -> StepPixel {
+    let strength = before.strength().max(now.strength());
+    let is_detailed = strength >= DETAIL_LEVELS;
+    StepPixel {
+        is_detailed,
+        stayed: is_detailed && has_stayed(before, now, strength),
+        gradient: [0, 1].map(|axis| 0.5 * (before.gradient[axis] + now.gradient[axis])),
+        level: 0.5 * (before.level + now.level),
+    }
 }
 
 fn samples(image: &Rgb8Image) -> Vec<Sample> {

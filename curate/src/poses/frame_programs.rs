@@ -1,4 +1,4 @@
-//! External programs that make masks, distances or poses of a scene's frames: mostly networks.
+//! External programs that make masks, distances or poses of the frames of a scene or a sequence: mostly networks.
 //!
 //! A command is words between blanks, with these placeholders, all absolute paths:
 //!
@@ -22,12 +22,12 @@ use omnilife_schemas::{
     child::{self, GRACE, Job},
     placeholders, plain_text,
     progress::Progress,
-    records::{DistanceConvention, DistanceGrid, FrameEntry, PoseSource, Scene},
+    records::{DistanceConvention, DistanceGrid, FrameEntry, PoseSource, Scene, Sequence},
     staging::Staging,
     store::{self, StoreError},
 };
 
-use super::{frame_list::FrameList, prior::GivenPrior};
+use super::{frame_list::FrameList, masks, prior::GivenPrior};
 use crate::error::CurateError;
 
 /// Placeholders of a command, each with true if it is a number.
@@ -53,6 +53,43 @@ impl FromStr for FrameCommand {
             Some(needed) => Err(format!("the command does not say {needed}")),
             None => Ok(Self(text.to_owned())),
         }
+    }
+}
+
+/// A program that masks what moves in the frames of a sequence.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct MaskProgram {
+    /// The program.
+    pub command: FrameCommand,
+    /// Its time limit; no limit if `None`.
+    pub time_limit: Option<Duration>,
+}
+
+impl MaskProgram {
+    /// Returns the command as it was given.
+    pub(crate) fn text(&self) -> &str {
+        &self.command.0
+    }
+
+    /// Runs it on copies of the frames of a sequence, in a folder that must outlive the files. Returns the mask of each
+    /// frame, in their order.
+    ///
+    /// # Errors
+    /// When a frame cannot be copied, the program fails, or it leaves no mask of some frame.
+    pub(crate) fn run(
+        &self,
+        sequence_folder: &Path,
+        sequence: &Sequence,
+        folder: &Path,
+        progress: &dyn Progress,
+    ) -> Result<Vec<PathBuf>, CurateError> {
+        let frames = numbered(&FrameList::of_sequence(sequence));
+        let images = sequence.frames.entries.iter().map(|entry| &*entry.file);
+        let room = Room::prepare((sequence_folder, images), &frames, folder)?;
+        progress.begin(&self.command.0, None);
+        let ended = room.run(&self.command, "masks", self.time_limit, progress);
+        progress.end();
+        masks::find(&ended?, &frames.entries)
     }
 }
 
@@ -116,7 +153,8 @@ impl FramePrograms {
         if commands.iter().all(Option::is_none) {
             return Ok(made);
         }
-        let room = Room::prepare(scene_folder, scene, &made.frames, &staging.folder)?;
+        let images = scene.frames.iter().map(|frame| &*frame.image);
+        let room = Room::prepare((scene_folder, images), &made.frames, &staging.folder)?;
         let run = |command: &FrameCommand, kind: &str| {
             progress.begin(&command.0, None);
             let ended = room.run(command, kind, self.time_limit, progress);
@@ -199,10 +237,9 @@ struct Room {
 }
 
 impl Room {
-    /// Copies the frames and writes their times.
-    fn prepare(
-        scene_folder: &Path,
-        scene: &Scene,
+    /// Copies the images of frames, which lie below a folder, and writes their times.
+    fn prepare<'a>(
+        (images_folder, images): (&Path, impl Iterator<Item = &'a str>),
         numbered: &FrameList,
         folder: &Path,
     ) -> Result<Self, CurateError> {
@@ -215,12 +252,9 @@ impl Room {
         };
         store::create_folder(&room.frames)?;
         let mut times = "image,time_seconds\n".to_owned();
-        for (frame, entry) in scene.frames.iter().zip(&numbered.entries) {
-            let (image, copy) = (
-                scene_folder.join(&frame.image),
-                room.frames.join(&entry.file),
-            );
-            store::copy(&image, &copy)?;
+        for (image, entry) in images.zip(&numbered.entries) {
+            let copy = room.frames.join(&entry.file);
+            store::copy(&images_folder.join(image), &copy)?;
             times += &format!("{},{}\n", entry.file, entry.time_seconds);
         }
         store::write_bytes(&room.times, times.as_bytes())?;

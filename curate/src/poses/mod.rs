@@ -51,7 +51,7 @@ pub use attach::{AttachRequest, attach};
 pub use entered_masks::{MasksEntry, enter_masks};
 use frame_camera::FrameCamera;
 use frame_list::FrameList;
-pub use frame_programs::{FrameCommand, FramePrograms, PriorProgram};
+pub use frame_programs::{FrameCommand, FramePrograms, MaskProgram, PriorProgram};
 pub use ground_scale::GroundScale;
 pub use ignored::IgnoredRegion;
 pub use prior::GivenPrior;

@@ -5,7 +5,7 @@ use std::path::Path;
 
 use glam::{DMat3, DQuat, DVec3, Quat, Vec3, dvec2, dvec3};
 use omnilife_curate::{
-    masks::{self, MaskSource, dynamic_share},
+    masks::{self, MaskSource, dynamic_share, operator},
     motion::{GreySphere, align, explain, flow, register},
 };
 use omnilife_schemas::{
@@ -14,8 +14,8 @@ use omnilife_schemas::{
     layout::DYNAMIC_MASKS_FOLDER,
     progress::Silent,
     records::{
-        Admission, DetectedProjection, FrameEntry, FrameSet, Probe, Sampling, Sequence,
-        SourceVideo, TimeRange, VideoProjection,
+        Admission, DetectedProjection, FrameEntry, FrameSet, OperatorFinding, Probe, Sampling,
+        Sequence, SourceVideo, TimeRange, VideoProjection,
     },
     rgb::Mask,
     store,
@@ -326,4 +326,69 @@ fn turns_of_a_rendered_scene_are_found_while_it_moves() {
         println!("frame {index}: turned {turned:.2} degrees, {error:.3} off");
         assert!(error < 0.3, "frame {index}: {error} degrees off");
     }
+}
+
+/// Paints stripes on what a camera would carry, across the seam, and returns their mask.
+fn painted(image: &mut RgbImage) -> Mask {
+    let (width, height) = (image.width, image.height);
+    let mut mask = Mask {
+        width,
+        height,
+        data: vec![0; width * height],
+    };
+    // From 25 to 78 degrees below the horizon, 25 degrees to both sides.
+    let rows = height * 115 / 180..height * 168 / 180;
+    for (pixel, mark) in mask.data.iter_mut().enumerate() {
+        let (column, row) = (pixel % width, pixel / width);
+        let from_seam = column.min(width - 1 - column);
+        if rows.contains(&row) && from_seam < width * 25 / 360 {
+            *mark = 255;
+            let level = if (row / 15).is_multiple_of(2) {
+                0.95
+            } else {
+                0.1
+            };
+            image.data[3 * pixel..3 * pixel + 3].fill(level);
+        }
+    }
+    mask
+}
+
+/// What is painted at one place of every frame is found, and in a scene by itself nothing is.
+#[test]
+fn what_stays_in_the_camera_frame_is_found() {
+    let Some(data) = shared_data("street") else {
+        return;
+    };
+    let frames: Vec<usize> = (0..60).step_by(6).collect();
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    rendered(&data, folder, &frames);
+    let alone = operator::write_operator(folder, false, &Silent).unwrap();
+    println!("alone: {}", alone.reason);
+    assert_ne!(alone.finding, OperatorFinding::Found, "{}", alone.reason);
+
+    let path = folder.join("sequence.json");
+    let mut sequence: Sequence = store::read_record(&path).unwrap();
+    let mut truth = None;
+    for entry in &mut sequence.frames.entries {
+        let mut image = RgbImage::read(&folder.join(&entry.file)).unwrap();
+        truth = Some(painted(&mut image));
+        entry.file = entry.file.replace(".jpg", ".png");
+        image.write_png(&folder.join(&entry.file)).unwrap();
+    }
+    store::write_record(&path, &sequence).unwrap();
+    let found = operator::write_operator(folder, false, &Silent).unwrap();
+    println!("painted: {}", found.reason);
+    assert_eq!(found.finding, OperatorFinding::Found, "{}", found.reason);
+    let file = operator::found_mask(folder).unwrap().unwrap();
+    let (mask, truth) = (Mask::read(&file).unwrap(), truth.unwrap());
+    let outside = dynamic_share(&mask.clone().without(&truth));
+    let missed = dynamic_share(&truth.clone().without(&mask));
+    let all = dynamic_share(&truth);
+    let overlap = (all - missed) / (all + outside);
+    println!("IoU {overlap:.3}, share {:.4}", found.share);
+    assert!(overlap > 0.7, "{overlap}");
+    assert!((found.share - dynamic_share(&mask)).abs() < 1e-9);
+    assert!(folder.join("operator").join(found.image.unwrap()).is_file());
 }

@@ -14,9 +14,9 @@ use omnilife_engine::{
 use omnilife_training::{
     baseline::{OPACITY_RESET, scene_extent},
     components::{
-        Decision, Draft, denser_points, draft::MotionEvidenceUse, dropout, exposure_compensation,
-        mask_seeds, pose_refinement, short_schedule, sky_shell, static_table, swept_points,
-        view_dependent_colour,
+        self, Decision, Draft, denser_points, draft::MotionEvidenceUse, dropout,
+        exposure_compensation, mask_seeds, pose_refinement, short_schedule, sky_shell,
+        static_table, swept_points, view_dependent_colour,
     },
     error::ReconstructError,
     method::{Method, MethodKind, ON_CPU_AND_GPU, PreparedGaussians},
@@ -102,11 +102,11 @@ pub const METHOD: Method = Method {
 /// Component: velocities have a radial and a tangential part (Eq. 3).
 pub(super) const VELOCITY_DECOMPOSITION: &str = "velocity-decomposition";
 /// Component: masks supervise the dynamic Gaussians (Eqs. 4 to 7).
-pub(super) const DYNAMIC_MASK: &str = "dynamic-mask";
+pub(super) const DYNAMIC_MASK: &str = components::DYNAMIC_MASK;
 /// Component: static Gaussians stay in their direction (Eqs. 10, 11).
 pub(super) const MOTION_REGULARIZATION: &str = "motion-regularization";
 /// Component: no velocities outside the masks (Eq. 9).
-pub(super) const VELOCITY_REGULARIZATION: &str = "velocity-regularization";
+pub(super) const VELOCITY_REGULARIZATION: &str = components::VELOCITY_REGULARIZATION;
 
 /// Minimum ratio of the first lifespan of scene points to the one below which Gaussians are dynamic.
 const FIRST_OVER_DYNAMIC_LIFESPAN: f32 = 1.5;

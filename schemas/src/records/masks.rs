@@ -1,5 +1,7 @@
 //! `masks`: dynamic masks of a sequence, and their method.
 
+use std::collections::BTreeMap;
+
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -10,10 +12,14 @@ use crate::store::Record;
 pub struct Masks {
     /// Id of the sequence.
     pub sequence: String,
-    /// Where they come from: `files` or `residual`.
+    /// Where they come from: `files`, `command`, or a method such as `residual`.
     pub method: String,
     /// Settings of the method, in words.
     pub settings: String,
+    /// Measured reliability of the method on labelled footage, in words with its source; absent for masks that were
+    /// given.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub reliability: Option<String>,
     /// One entry per frame of the sequence.
     pub frames: Vec<MaskEntry>,
 }
@@ -29,4 +35,8 @@ pub struct MaskEntry {
     pub file: String,
     /// Share of the sphere that moves.
     pub dynamic_share: f64,
+    /// Share of the sphere that each class covers: `person`, `vehicle`, `animal` or `operator`. The masks of a class lie
+    /// beside this record in `classes/CLASS/`, under the same file name.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub classes: BTreeMap<String, f64>,
 }

@@ -19,6 +19,7 @@ pub mod lift;
 pub mod masks;
 pub mod object_results;
 pub mod objects;
+pub mod operator;
 pub mod overlays;
 pub mod pose_scores;
 pub mod poses;
@@ -63,6 +64,7 @@ pub use lift::{Lift, LiftedView};
 pub use masks::{MaskEntry, Masks};
 pub use object_results::{ClassResult, ClassSummary, ObjectResult, ObjectResults};
 pub use objects::{GraphObject, Objects};
+pub use operator::{Operator, OperatorFinding};
 pub use overlays::{Overlay, OverlayClass, OverlayReport, Sightings};
 pub use pose_scores::{PoseAlignment, PoseAuc, PoseDrift, PoseScores, RelativePoseError};
 pub use poses::{PosedFrame, Poses};
@@ -152,6 +154,7 @@ pub const SCHEMAS: &[SchemaEntry] = &[
     entry::<CaptionAnswer>(),
     entry::<Taxonomy>(),
     entry::<Masks>(),
+    entry::<Operator>(),
     entry::<BoundaryLedger>(),
     entry::<LedgerEntry>(),
     entry::<AuditDecisions>(),

@@ -37,21 +37,21 @@ pub struct Overlay {
     pub variation_levels: f64,
     /// Share of it that is nearly black or nearly white.
     pub saturated_share: f64,
-    /// Where it moves: the single frames in which it was seen. Position and size are then means over
-    /// those.
+    /// Where it moves, or shows for a part of the video: the single frames, or windows of two steps, in which it was
+    /// seen. Position and size of what moves are then means over those.
     pub sightings: Option<Sightings>,
 }
 
-/// The frames in which a moving mosaic was seen.
+/// The frames in which a moving mosaic was seen, or the windows in which a caption was.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Sightings {
-    /// Frames in which it was seen.
+    /// Frames, or windows, in which it was seen.
     pub seen_frames: u32,
-    /// Frames that were looked at, spread over the video.
+    /// Frames, or windows, that were looked at, spread over the video.
     pub looked_at_frames: u32,
     /// Greatest angle between its centre in a frame and its mean centre, degrees.
     pub reach_degrees: f64,
-    /// Side of its blocks in pixels of the video, the median over frames.
+    /// Side of its blocks in pixels of the video, the median over frames; 0 for a caption.
     pub block_pixels: f64,
 }
 

@@ -1,4 +1,4 @@
-//! Masks by class: people, animals and vehicles, found by DeepLabV3 in perspective views of the panorama.
+//! Masks by class: people, animals and vehicles, found by DeepLabV3 in overlapping views of a frame.
 //!
 //! A parked car is marked like a driving one. Moving content outside the classes, such as shadows and reflections, is
 //! not.
@@ -6,21 +6,17 @@
 mod crops;
 pub mod network;
 
-use std::path::Path;
+use std::{collections::BTreeMap, path::Path};
 
-use glam::dvec2;
 use omnilife_networks::{Matrix, Weights, WeightsError};
-use omnilife_schemas::{
-    RgbImage,
-    camera::{CameraModel, ErpCamera},
-    progress::Progress,
-    records::Sequence,
-    rgb::Mask,
-};
+use omnilife_schemas::{RgbImage, progress::Progress, records::Sequence, rgb::Mask};
 use rayon::prelude::*;
 
-use self::network::{CLASSES, Network, SCORE_SIDE, SIDE};
-use super::MaskMethod;
+use self::{
+    crops::View,
+    network::{CLASSES, Network, SCORE_SIDE, SIDE},
+};
+use super::{FrameMasks, MaskMethod};
 use crate::error::CurateError;
 
 /// The method.
@@ -28,6 +24,7 @@ pub const METHOD: MaskMethod = MaskMethod {
     id: "deeplab",
     about: "people, animals and vehicles, by a segmentation network (scripts/setup --models)",
     settings,
+    takes_perspective: true,
     find,
 };
 
@@ -35,21 +32,32 @@ pub const METHOD: MaskMethod = MaskMethod {
 const WEIGHTS: &str = "deeplab";
 /// SHA-256 of the converted weights.
 const WEIGHTS_SHA256: &str = "78bd5c9301dec8055023a3a9f89ad45572d67e274f83421018c15b1dd29dc3fe";
-/// Classes of Pascal VOC that can move: aeroplane, bicycle, bird, boat, bus, car, cat, cow, dog,
-/// horse, motorbike, person, sheep, train.
-const MOVABLE: [usize; 14] = [1, 2, 3, 4, 6, 7, 8, 10, 12, 13, 14, 15, 17, 19];
-/// Probability of movable classes from which on a pixel is marked.
-const PROBABILITY: f32 = 0.5;
+/// Number of kinds of movable content.
+pub(super) const KINDS: usize = 3;
+/// Kind of people.
+pub(super) const PERSON: usize = 0;
+/// Name of each kind, and its classes of Pascal VOC. Vehicles: aeroplane, bicycle, boat, bus, car, motorbike, train.
+/// Animals: bird, cat, cow, dog, horse, sheep.
+const CLASSES_OF_KINDS: [(&str, &[usize]); KINDS] = [
+    ("person", &[15]),
+    ("vehicle", &[1, 2, 4, 6, 7, 14, 19]),
+    ("animal", &[3, 8, 10, 12, 13, 17]),
+];
+/// Probability of all kinds together from which on a pixel is marked.
+pub(super) const PROBABILITY: f32 = 0.5;
 
 fn settings() -> String {
-    format!("probability {PROBABILITY} in 8 views of 103 degrees, weights {WEIGHTS_SHA256}")
+    format!(
+        "probability {PROBABILITY} in 8 views of 103 degrees, or in squares of a perspective frame, weights \
+         {WEIGHTS_SHA256}"
+    )
 }
 
 fn find(
     folder: &Path,
     sequence: &Sequence,
     progress: &dyn Progress,
-) -> Result<Vec<Mask>, CurateError> {
+) -> Result<Vec<FrameMasks>, CurateError> {
     let network = Network::load(&published_weights()?)?;
     let entries = &sequence.frames.entries;
     progress.begin("segmenting", Some(entries.len() as u64));
@@ -57,9 +65,10 @@ fn find(
         .iter()
         .map(|entry| {
             let frame = RgbImage::read(&folder.join(&entry.file))?;
-            let mask = movable(&network, &frame);
+            let views = Views::all(sequence.is_pinhole(), [frame.width, frame.height]);
+            let likelihoods = views.likelihoods(&network, &frame, [frame.width, frame.height]);
             progress.advance(1);
-            Ok(mask)
+            Ok(likelihoods.masks(PROBABILITY))
         })
         .collect();
     progress.end();
@@ -76,59 +85,198 @@ pub fn published_weights() -> Result<Weights, WeightsError> {
 
 /// Marks movable content in a panorama.
 pub fn movable(network: &Network, panorama: &RgbImage) -> Mask {
-    let views = crops::views();
-    let probabilities: Vec<Vec<f32>> = views
-        .par_iter()
-        .map(|view| movable_probability(&network.scores(&crops::crop(panorama, view, SIDE))))
-        .collect();
-    let camera = ErpCamera {
-        width: panorama.width as u32,
-        height: panorama.height as u32,
-    };
-    let is_movable = |pixel: usize| {
-        let (column, row) = (pixel % panorama.width, pixel / panorama.width);
-        let direction = camera.unproject(dvec2(column as f64 + 0.5, row as f64 + 0.5));
-        let (mut sum, mut total) = (0.0, 0.0);
-        for (view, probabilities) in views.iter().zip(&probabilities) {
-            if let Some(place) = crops::place(*view * direction) {
-                let weight = crops::weight(place) as f32 + 1e-6;
-                sum += weight * interpolated(probabilities, place);
-                total += weight;
+    let size = [panorama.width, panorama.height];
+    let likelihoods = Views::all(false, size).likelihoods(network, panorama, size);
+    likelihoods.masks(PROBABILITY).moving
+}
+
+/// Views of a frame that the network looks at.
+#[derive(Debug, Clone)]
+pub(super) struct Views(Vec<View>);
+
+impl Views {
+    /// Returns those that cover a panorama, or a perspective frame of a size (width, height).
+    pub(super) fn all(is_perspective: bool, size: [usize; 2]) -> Self {
+        Self(View::all(is_perspective, size))
+    }
+
+    /// Returns those that show at least so many steradians, or so large a share of a perspective frame, of what a mask
+    /// marks.
+    pub(super) fn showing(
+        is_perspective: bool,
+        mask: &Mask,
+        least: f64,
+        area: impl Fn(usize) -> f64,
+    ) -> Self {
+        let size = [mask.width, mask.height];
+        let mut views = View::all(is_perspective, size);
+        views.retain(|view| {
+            let marked = (0..mask.data.len()).filter(|&pixel| mask.data[pixel] != 0);
+            let shown = marked.filter(|&pixel| {
+                let place = [pixel % mask.width, pixel / mask.width];
+                view.place_of(place, size).is_some()
+            });
+            shown.map(|pixel| area(pixel / mask.width)).sum::<f64>() >= least
+        });
+        Self(views)
+    }
+
+    /// Returns the likelihoods of all kinds for the pixels of a frame at a size (width, height). Views overlap, and count
+    /// by how far from their edge a pixel is.
+    pub(super) fn likelihoods(
+        &self,
+        network: &Network,
+        frame: &RgbImage,
+        [width, height]: [usize; 2],
+    ) -> Likelihoods {
+        // Squares are places in the frame as it is.
+        let scale = [
+            frame.width as f64 / width as f64,
+            frame.height as f64 / height as f64,
+        ];
+        let in_frame = |at: usize, axis: usize| ((at as f64 + 0.5) * scale[axis]) as usize;
+        let found: Vec<Vec<[f32; KINDS]>> = self
+            .0
+            .par_iter()
+            .map(|view| of_kinds(&network.scores(&view.image(frame, SIDE))))
+            .collect();
+        let of_pixel = |pixel: usize| {
+            let place = [in_frame(pixel % width, 0), in_frame(pixel / width, 1)];
+            let (mut sums, mut total) = ([0.0; KINDS], 0.0);
+            for (view, found) in self.0.iter().zip(&found) {
+                if let Some(place) = view.place_of(place, [frame.width, frame.height]) {
+                    let weight = crops::weight(place) as f32 + 1e-6;
+                    let values = interpolated(found, place);
+                    (sums.iter_mut().zip(values)).for_each(|(sum, value)| *sum += weight * value);
+                    total += weight;
+                }
             }
+            if total > 0.0 {
+                sums.map(|sum| sum / total)
+            } else {
+                sums
+            }
+        };
+        Likelihoods {
+            width,
+            height,
+            of_kinds: (0..width * height).into_par_iter().map(of_pixel).collect(),
         }
-        sum >= PROBABILITY * total && total > 0.0
-    };
-    Mask {
-        width: panorama.width,
-        height: panorama.height,
-        data: (0..panorama.width * panorama.height)
-            .into_par_iter()
-            .map(|pixel| if is_movable(pixel) { 255 } else { 0 })
-            .collect(),
     }
 }
 
-/// Returns the probability of all movable classes together, per place of the scores.
-fn movable_probability(scores: &Matrix) -> Vec<f32> {
+/// Likelihoods of the kinds of movable content.
+#[derive(Debug, Clone)]
+pub(super) struct Likelihoods {
+    pub(super) width: usize,
+    pub(super) height: usize,
+    /// For each pixel, row by row; 0 where no view looked.
+    pub(super) of_kinds: Vec<[f32; KINDS]>,
+}
+
+impl Likelihoods {
+    /// Marks the pixels at which all kinds together are at least so likely; each belongs to its likeliest kind.
+    pub(super) fn masks(&self, least: f32) -> FrameMasks {
+        let kind = |values: &[f32; KINDS]| {
+            let is_movable = values.iter().sum::<f32>() >= least;
+            is_movable.then(|| likeliest(values))
+        };
+        let kinds: Vec<Option<usize>> = self.of_kinds.iter().map(kind).collect();
+        self.masks_of(&kinds)
+    }
+
+    /// Makes masks of the kind of every pixel.
+    pub(super) fn masks_of(&self, kinds: &[Option<usize>]) -> FrameMasks {
+        let mask = |is_marked: &dyn Fn(Option<usize>) -> bool| Mask {
+            width: self.width,
+            height: self.height,
+            data: kinds
+                .iter()
+                .map(|&kind| 255 * u8::from(is_marked(kind)))
+                .collect(),
+        };
+        let classes = CLASSES_OF_KINDS.iter().enumerate();
+        let classes: BTreeMap<&'static str, Mask> = classes
+            .map(|(kind, (name, _))| (*name, mask(&|found| found == Some(kind))))
+            .collect();
+        FrameMasks {
+            moving: mask(&|found| found.is_some()),
+            classes,
+        }
+    }
+}
+
+/// Returns the kind with the largest value.
+pub(super) fn likeliest(values: &[f32; KINDS]) -> usize {
+    let best = (0..KINDS).max_by(|&a, &b| values[a].total_cmp(&values[b]));
+    best.unwrap_or(0)
+}
+
+/// Returns the probabilities of the kinds, per place of the scores.
+fn of_kinds(scores: &Matrix) -> Vec<[f32; KINDS]> {
     scores
         .data
         .chunks_exact(CLASSES)
         .map(|scores| {
             let largest = scores.iter().copied().fold(f32::NEG_INFINITY, f32::max);
             let powers: Vec<f32> = scores.iter().map(|score| (score - largest).exp()).collect();
-            let movable: f32 = MOVABLE.iter().map(|&class| powers[class]).sum();
-            movable / powers.iter().sum::<f32>()
+            let all = powers.iter().sum::<f32>();
+            CLASSES_OF_KINDS
+                .map(|(_, classes)| classes.iter().map(|&class| powers[class]).sum::<f32>() / all)
         })
         .collect()
 }
 
 /// Interpolates bilinearly on the scores' grid, whose corners are the corners of the view.
-fn interpolated(values: &[f32], place: [f64; 2]) -> f32 {
+fn interpolated(values: &[[f32; KINDS]], place: [f64; 2]) -> [f32; KINDS] {
     let [x, y] = place.map(|at| at * (SCORE_SIDE - 1) as f64);
     let [column, row] = [x, y].map(|at| (at as usize).min(SCORE_SIDE - 2));
     let share = [x - column as f64, y - row as f64].map(|share| share as f32);
-    let at = |dx: usize, dy: usize| values[(row + dy) * SCORE_SIDE + column + dx];
-    let upper = at(0, 0) + (at(1, 0) - at(0, 0)) * share[0];
-    let lower = at(0, 1) + (at(1, 1) - at(0, 1)) * share[0];
-    upper + (lower - upper) * share[1]
+    std::array::from_fn(|kind| {
+        let at = |dx: usize, dy: usize| values[(row + dy) * SCORE_SIDE + column + dx][kind];
+        let upper = at(0, 0) + (at(1, 0) - at(0, 0)) * share[0];
+        let lower = at(0, 1) + (at(1, 1) - at(0, 1)) * share[0];
+        upper + (lower - upper) * share[1]
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn pixels_belong_to_their_likeliest_kind_if_all_together_are_likely() {
+        let likelihoods = Likelihoods {
+            width: 2,
+            height: 2,
+            of_kinds: vec![
+                [0.3, 0.25, 0.0],
+                [0.3, 0.1, 0.0],
+                [0.0, 0.1, 0.8],
+                [0.0; KINDS],
+            ],
+        };
+        let masks = likelihoods.masks(0.5);
+        assert_eq!(masks.moving.data, [255, 0, 255, 0]);
+        assert_eq!(masks.classes["person"].data, [255, 0, 0, 0]);
+        assert_eq!(masks.classes["animal"].data, [0, 0, 255, 0]);
+        assert!(!masks.classes["vehicle"].marks_anything());
+    }
+
+    #[test]
+    fn views_are_looked_at_where_something_is_marked() {
+        let (width, height) = (64, 32);
+        let mut mask = Mask {
+            width,
+            height,
+            data: vec![0; width * height],
+        };
+        let count = |mask: &Mask| Views::showing(false, mask, 0.5, |_| 1.0).0.len();
+        assert_eq!(count(&mask), 0);
+        mask.data[height / 2 * width + width / 2] = 255;
+        let shown = count(&mask);
+        assert!((1..8).contains(&shown), "{shown}");
+        mask.data.fill(255);
+        assert_eq!(count(&mask), 8);
+    }
 }

@@ -134,7 +134,7 @@ pub const METHOD: Method = Method {
 const CENTRE_STEP: f32 = 0.1;
 /// [`CENTRE_STEP`] as an option.
 const CENTRE_STEP_OPTION: MethodOption = MethodOption::number(
-    ("centre-step", "step size of centres"),
+    ("centre-step", "size of the steps of the centres"),
     [0.0, 100.0],
     "0.1",
     Constant {

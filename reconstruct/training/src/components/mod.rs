@@ -67,6 +67,13 @@ pub enum Turn {
     AfterPoints,
 }
 
+/// Component: masks supervise the dynamic Gaussians.
+pub const DYNAMIC_MASK: &str = "dynamic-mask";
+/// Component: no velocities outside the masks.
+pub const VELOCITY_REGULARIZATION: &str = "velocity-regularization";
+/// Components that learn from masks of moving content.
+pub const FED_BY_MASKS: [&str; 3] = [DYNAMIC_MASK, VELOCITY_REGULARIZATION, mask_seeds::ID];
+
 /// The components that a method can have, by id.
 #[derive(Debug, Clone, Copy)]
 pub struct Supported {

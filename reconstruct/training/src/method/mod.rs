@@ -11,7 +11,7 @@ use omnilife_schemas::{
 };
 
 use crate::{
-    components::{MotionEvidenceUse, Supported, aids},
+    components::{self, MotionEvidenceUse, Supported, aids},
     error::ReconstructError,
     evidence::SceneEvidence,
     learner::{Learner, gaussians::GaussianLearner},
@@ -179,6 +179,14 @@ impl Method {
     /// Returns true if it requires this input beside posed frames and a split.
     pub fn needs(&self, requirement: Requirement) -> bool {
         self.requires.contains(&requirement)
+    }
+
+    /// Returns true if a request lets it have a component that learns from masks of moving content.
+    pub fn uses_masks(&self, request: &MethodRequest) -> bool {
+        components::FED_BY_MASKS.iter().any(|component| {
+            self.components.contains(component) && request.allows(component)
+                || self.optional_components.contains(component) && request.names(component)
+        })
     }
 
     /// Returns true if it trains a model of each scene; another seed gives another one.

@@ -1,17 +1,20 @@
-//! Oddities of the masks that training relies on.
+//! Origin and oddities of the masks that training relies on.
 
 use std::path::Path;
 
 use omnilife_schemas::{
+    layout::{DYNAMIC_MASKS_FILE, DYNAMIC_MASKS_FOLDER},
     mask_file::MarkedGreys,
     mask_survey::MaskSurvey,
-    records::{Scene, Split},
+    records::{Masks, Scene, SceneFrame, Split},
+    rgb::Mask,
     store,
 };
 
 use crate::error::ReconstructError;
 
-/// Returns notes on assumptions about the masks of a split's frames, and on ignored regions that look inverted.
+/// Returns notes on the masks of a split's frames: their detector and its measured reliability, assumptions about their
+/// encoding, and ignored regions that look inverted.
 ///
 /// # Errors
 /// When the scene, the split or a mask cannot be read.
@@ -21,7 +24,9 @@ pub fn mask_notes(scene_path: &Path, split_path: &Path) -> Result<Vec<String>, R
     let folder = scene_path.parent().unwrap_or(Path::new("."));
     let mut survey = MaskSurvey::default();
     let frames = split.input_views.iter().chain(&split.novel_views);
-    for entry in frames.filter_map(|&frame| scene.frames.get(frame as usize)) {
+    let frames = frames.filter_map(|&frame| scene.frames.get(frame as usize));
+    let frames: Vec<&SceneFrame> = frames.collect();
+    for entry in &frames {
         for file in entry.mask.iter().chain(entry.objects.values()) {
             survey.add(&folder.join(file), &scene.camera, MarkedGreys::AboveHalf)?;
         }
@@ -29,7 +34,42 @@ pub fn mask_notes(scene_path: &Path, split_path: &Path) -> Result<Vec<String>, R
             survey.add_ignored(&folder.join(file), &scene.camera)?;
         }
     }
-    Ok(survey.notes())
+    let detector = detector_note(folder, &scene, &frames)?;
+    Ok(detector.into_iter().chain(survey.notes()).collect())
+}
+
+/// Returns a line on the detector of the masks and its measured reliability, if the masks of frames are those that
+/// `curate masks` left in the folder of their scene.
+fn detector_note(
+    folder: &Path,
+    scene: &Scene,
+    frames: &[&SceneFrame],
+) -> Result<Option<String>, ReconstructError> {
+    let made = folder.join(DYNAMIC_MASKS_FOLDER);
+    let record = made.join(DYNAMIC_MASKS_FILE);
+    if !record.is_file() || frames.iter().all(|frame| frame.mask.is_none()) {
+        return Ok(None);
+    }
+    let record: Masks = store::read_record(&record)?;
+    let Some(reliability) = record.reliability else {
+        return Ok(None);
+    };
+    if record.frames.len() != scene.frames.len() {
+        return Ok(None);
+    }
+    for (frame, entry) in scene.frames.iter().zip(&record.frames) {
+        if let Some(own) = &frame.mask {
+            let own = Mask::read(&folder.join(own))?;
+            let made = Mask::read(&made.join(&entry.file))?;
+            if made.resized_to_nearest(own.width, own.height) != own {
+                return Ok(None);
+            }
+        }
+    }
+    Ok(Some(format!(
+        "dynamic masks are by {}; {reliability}",
+        record.method
+    )))
 }
 
 #[cfg(test)]
@@ -39,10 +79,9 @@ mod tests {
         Pose,
         camera::ErpCamera,
         records::{
-            Colour, Padding, PoseSource, PoseValidation, Protocol, Resampling, Scale, SceneFrame,
+            Colour, MaskEntry, Padding, PoseSource, PoseValidation, Protocol, Resampling, Scale,
             ScoredViews, SplitRule, ValidationStatus,
         },
-        rgb::Mask,
         split_rules,
     };
 
@@ -154,6 +193,32 @@ mod tests {
         );
         // Most of the visible scene may move.
         assert_eq!(notes(&white(7), &white(2)), [""; 0]);
+        // Masks of a detector are told with what it was measured to be worth.
+        let made = at(DYNAMIC_MASKS_FOLDER);
+        std::fs::create_dir(&made).unwrap();
+        let entries = (0..scene.frames.len()).map(|number| {
+            let file = format!("{number:06}.png");
+            white(1).write_png(&made.join(&file)).unwrap();
+            MaskEntry {
+                file,
+                dynamic_share: 0.1,
+                classes: [].into(),
+            }
+        });
+        let record = Masks {
+            sequence: scene.id.clone(),
+            method: "residual".to_owned(),
+            settings: String::new(),
+            reliability: Some("IoU 0.040".to_owned()),
+            frames: entries.collect(),
+        };
+        store::write_record(&made.join(DYNAMIC_MASKS_FILE), &record).unwrap();
+        let told = notes(&white(1), &white(2));
+        assert!(
+            matches!(&told[..], [line] if line.contains("residual; IoU 0.040")),
+            "{told:?}"
+        );
+        assert_eq!(notes(&white(2), &white(2)), [""; 0]);
         std::fs::write(at("holder.png"), "no image").unwrap();
         assert!(mask_notes(&at("scene.json"), &at("split.json")).is_err());
     }

@@ -1,0 +1,273 @@
+//! Evidence per direction that content stays in the camera's frame while the scene goes by.
+//!
+//! What is carried looks the same a second later. So does a rail or a wall along the camera's path, which looks the same
+//! all along it. They differ by how much the image would change if it were moved along the path: a rail would not, the
+//! outline of a helmet would. The path is found by that, too: along the wrong axis every rail would seem to be carried,
+//! so that the axis with the least evidence over the whole sphere is the path's. Its two directions are alike.
+
+use std::f32::consts::PI;
+
+use glam::{Quat, Vec3};
+use rayon::prelude::*;
+
+use super::super::{field::Field, residual};
+use crate::motion::{GreySphere, grey::even_directions};
+
+/// Columns of the compared images.
+pub(super) const WIDTH: usize = 256;
+/// Smoothing of the images, pixels.
+const SMOOTHING_PIXELS: f32 = 0.7;
+/// Differences are averaged over squares that reach so many pixels.
+const REACH_PIXELS: usize = 1;
+/// Angles by which images are moved along the path, radians: 2 to 7 times what detail spans.
+const MOVED_RADIANS: [f32; 3] = [0.07, 0.12, 0.19];
+/// Noise of differences, of grey values of [0, 1].
+const NOISE: f32 = 1.0 / 255.0;
+/// Largest ratio of the change over time to the change along the path, for content that stays.
+const LARGEST_RATIO: f32 = 0.55;
+/// Least change along the path for content that can be told from the scene, of grey values of [0, 1].
+const LEAST_CHANGE: f32 = 6.0 / 255.0;
+/// Least sine of the angle to the path: near its two ends the scene does not go by.
+const LEAST_SINE: f32 = 0.35;
+/// Least median ratio over the sphere: below it the camera stands.
+const LEAST_MEDIAN_RATIO: f32 = 0.7;
+/// Number of axes over half the sphere that are tried first, and steps by which the best is refined, radians.
+const AXES: usize = 140;
+const REFINEMENTS: [f32; 3] = [0.09, 0.045, 0.022];
+/// Number of frames that axes are tried on, and that the result is measured on.
+const TRIED_FRAMES: usize = 3;
+const MEASURED_FRAMES: usize = 12;
+
+/// Evidence for each pixel of a panorama of [`WIDTH`] columns.
+#[derive(Debug, Clone)]
+pub(super) struct Evidence {
+    /// Change along the path less the change over time, of grey values of [0, 1], where content stays; 0 elsewhere.
+    pub(super) stays: Field,
+}
+
+/// Smooths an image for the comparison.
+pub(super) fn smoothed(image: &GreySphere) -> opencv::Result<GreySphere> {
+    let smooth = luma(image).blurred(SMOOTHING_PIXELS)?;
+    Ok(GreySphere::of_luma(image.width(0), smooth.values))
+}
+
+/// Measures the evidence in pairs of smoothed images, each with the one a second later; `None` if the camera stands.
+pub(super) fn measure(pairs: &[[&GreySphere; 2]]) -> opencv::Result<Option<Evidence>> {
+    let images: Vec<&GreySphere> = pairs.iter().map(|[first, _]| *first).collect();
+    let Some(over_time) = change_over_time(pairs)? else {
+        return Ok(None);
+    };
+    if over_time.median_on_sphere() < NOISE {
+        return Ok(None);
+    }
+    let directions = residual::directions(over_time.width);
+    let axis = best_axis(&over_time, &spread(&images, TRIED_FRAMES), &directions)?;
+    let along = change_along(&spread(&images, MEASURED_FRAMES), axis, &directions)?;
+    let ratios = ratios(&over_time, &along);
+    let stands = ratios.median_on_sphere() < LEAST_MEDIAN_RATIO;
+    let stays = staying(&over_time, &along, axis, &directions);
+    Ok((!stands).then_some(Evidence { stays }))
+}
+
+/// Returns up to `count` of the images, spread evenly.
+fn spread<'a>(images: &[&'a GreySphere], count: usize) -> Vec<&'a GreySphere> {
+    let step = images.len().div_ceil(count).max(1);
+    images
+        .iter()
+        .skip(step / 2)
+        .step_by(step)
+        .copied()
+        .collect()
+}
+
+fn luma(image: &GreySphere) -> Field {
+    Field {
+        width: image.width(0),
+        height: image.width(0) / 2,
+        values: image.luma().to_vec(),
+    }
+}
+
+/// Returns the mean change over the pairs around each pixel; `None` without pairs.
+fn change_over_time(pairs: &[[&GreySphere; 2]]) -> opencv::Result<Option<Field>> {
+    let changes = pairs.iter().map(|[first, second]| {
+        let values = first.luma().iter().zip(second.luma());
+        let values = values.map(|(a, b)| (a - b).abs()).collect();
+        Field {
+            values,
+            ..luma(first)
+        }
+    });
+    mean(changes.collect())
+}
+
+/// Returns the mean of fields over squares; `None` without fields.
+fn mean(fields: Vec<Field>) -> opencv::Result<Option<Field>> {
+    let count = fields.len() as f32;
+    let sum = fields.into_iter().reduce(|mut sum, field| {
+        for (sum, value) in sum.values.iter_mut().zip(field.values) {
+            *sum += value;
+        }
+        sum
+    });
+    let mean = sum.map(|mut sum| {
+        for value in &mut sum.values {
+            *value /= count;
+        }
+        sum.box_mean(REACH_PIXELS)
+    });
+    mean.transpose()
+}
+
+/// Returns the mean change of images around each pixel if they are moved along the path, both ways.
+fn change_along(images: &[&GreySphere], axis: Vec3, directions: &[Vec3]) -> opencv::Result<Field> {
+    let both = MOVED_RADIANS.iter().flat_map(|&angle| [angle, -angle]);
+    let moved = both.map(|angle| -> Vec<Vec3> {
+        let move_one = |&direction: &Vec3| {
+            let along = tangent(axis, direction).normalize_or_zero();
+            angle.cos() * direction + angle.sin() * along
+        };
+        directions.iter().map(move_one).collect()
+    });
+    let moved: Vec<Vec<Vec3>> = moved.collect();
+    let changes = images.iter().flat_map(|image| {
+        moved.iter().map(move |moved| {
+            let values = moved.iter().zip(image.luma());
+            let change =
+                |(&direction, here): (&Vec3, &f32)| (image.sample(0, direction) - here).abs();
+            Field {
+                values: values.map(change).collect(),
+                ..luma(image)
+            }
+        })
+    });
+    let empty = Field {
+        width: WIDTH,
+        height: WIDTH / 2,
+        values: vec![0.0; directions.len()],
+    };
+    Ok(mean(changes.collect())?.unwrap_or(empty))
+}
+
+/// Returns the part of an axis at right angles to a direction; its length is the sine of the angle between them.
+fn tangent(axis: Vec3, direction: Vec3) -> Vec3 {
+    axis - axis.dot(direction) * direction
+}
+
+fn ratios(over_time: &Field, along: &Field) -> Field {
+    let values = over_time.values.iter().zip(&along.values);
+    Field {
+        values: values.map(|(time, along)| time / (along + NOISE)).collect(),
+        ..along.clone()
+    }
+}
+
+/// Returns the evidence of each pixel.
+fn staying(over_time: &Field, along: &Field, axis: Vec3, directions: &[Vec3]) -> Field {
+    let pixels = over_time.values.iter().zip(&along.values).zip(directions);
+    let value = |((&time, &along), &direction): ((&f32, &f32), &Vec3)| {
+        let stays = time < LARGEST_RATIO * (along + NOISE)
+            && along > LEAST_CHANGE
+            && tangent(axis, direction).length() > LEAST_SINE;
+        if stays { (along - time).max(0.0) } else { 0.0 }
+    };
+    Field {
+        values: pixels.map(value).collect(),
+        ..along.clone()
+    }
+}
+
+/// Returns the axis with the least evidence over the sphere.
+fn best_axis(
+    over_time: &Field,
+    images: &[&GreySphere],
+    directions: &[Vec3],
+) -> opencv::Result<Vec3> {
+    let cost = |axis: Vec3| -> opencv::Result<(f32, Vec3)> {
+        let along = change_along(images, axis, directions)?;
+        let stays = staying(over_time, &along, axis, directions);
+        Ok((weighted_sum(&stays), axis))
+    };
+    let best_of = |axes: Vec<Vec3>| -> opencv::Result<Option<(f32, Vec3)>> {
+        let costs: Vec<(f32, Vec3)> = axes.into_par_iter().map(cost).collect::<Result<_, _>>()?;
+        Ok(costs.into_iter().min_by(|a, b| a.0.total_cmp(&b.0)))
+    };
+    let half = even_directions(2 * AXES).filter(|axis| axis.y >= 0.0);
+    let mut best = best_of(half.collect())?.unwrap_or((0.0, Vec3::Z));
+    for step in REFINEMENTS {
+        let (first, second) = best.1.any_orthonormal_pair();
+        let around = (0..8).map(|turn| {
+            let angle = PI / 4.0 * turn as f32;
+            let about = angle.cos() * first + angle.sin() * second;
+            Quat::from_axis_angle(about, step) * best.1
+        });
+        if let Some(better) = best_of(around.collect())?.filter(|found| found.0 < best.0) {
+            best = better;
+        }
+    }
+    Ok(best.1)
+}
+
+/// Returns the sum over the sphere, weighted by the cosine of latitude.
+fn weighted_sum(field: &Field) -> f32 {
+    let rows = field.values.chunks_exact(field.width).enumerate();
+    rows.map(|(row, values)| {
+        let weight = (PI * (row as f32 + 0.5) / field.height as f32).sin();
+        weight * values.iter().sum::<f32>()
+    })
+    .sum()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const HELMET_TOP: f32 = 0.6;
+
+    /// A tunnel along z with rails, seen from a place along it; the camera carries a striped plate below.
+    fn tunnel(place: f32) -> GreySphere {
+        let directions = residual::directions(WIDTH);
+        let level = |direction: &Vec3| {
+            if direction.y > HELMET_TOP && direction.x.abs() < 0.5 {
+                return if direction.y > 0.8 { 0.9 } else { 0.1 };
+            }
+            let radius = direction.x.hypot(direction.y).max(1e-3);
+            let along = place + direction.z / radius;
+            let around = direction.y.atan2(direction.x);
+            let rails = 0.15 * (9.0 * around).sin();
+            let rings = 0.15 * (3.0 * along).sin() * (4.0 * around + along).cos();
+            0.5 + rails + rings
+        };
+        GreySphere::of_luma(WIDTH, directions.iter().map(level).collect())
+    }
+
+    #[test]
+    fn rails_go_by_and_what_is_carried_stays() {
+        let images: Vec<GreySphere> = [0.0, 0.7, 1.5, 2.6].map(tunnel).into();
+        let pairs: Vec<[&GreySphere; 2]> = (images.windows(2))
+            .map(|pair| [&pair[0], &pair[1]])
+            .collect();
+        let evidence = measure(&pairs).expect("filtered").expect("it moves");
+        let directions = residual::directions(WIDTH);
+        let (mut on_plate, mut elsewhere) = (0.0, 0.0);
+        for (row, values) in evidence.stays.values.chunks_exact(WIDTH).enumerate() {
+            let weight = (PI * (row as f32 + 0.5) / (WIDTH / 2) as f32).sin();
+            for (column, value) in values.iter().enumerate() {
+                let direction = directions[row * WIDTH + column];
+                match direction.y > HELMET_TOP - 0.15 && direction.x.abs() < 0.65 {
+                    true => on_plate += weight * value,
+                    false => elsewhere += weight * value,
+                }
+            }
+        }
+        assert!(on_plate > 10.0 * elsewhere, "{on_plate} {elsewhere}");
+    }
+
+    #[test]
+    fn a_camera_that_stands_tells_nothing() {
+        let image = tunnel(0.0);
+        let pairs = [[&image, &image]; 3];
+        assert!(measure(&pairs).expect("filtered").is_none());
+        assert!(measure(&[]).expect("filtered").is_none());
+    }
+}

@@ -1,0 +1,303 @@
+//! Operator, tripod, mount: content that stays in the camera's frame while the scene goes by.
+//!
+//! It is part of no scene, and its mask makes pixels ignored. The result is written as `operator/operator.json`, with the
+//! mask of all frames and an image to look at. Where the evidence is weak, a person has to decide by the image.
+
+mod evidence;
+mod people;
+mod region;
+mod view;
+
+use std::path::{Path, PathBuf};
+
+use omnilife_schemas::{
+    RgbImage,
+    layout::{OPERATOR_FILE, OPERATOR_FOLDER, SEQUENCE_FILE},
+    progress::Progress,
+    records::{Operator, OperatorFinding, Sequence},
+    rgb::Mask,
+    stage::StagePlan,
+    staging::Staging,
+    store,
+};
+
+use self::region::Region;
+use super::{deeplab, dynamic_share, reliability, reliability::Target};
+use crate::{error::CurateError, motion::GreySphere};
+
+/// Id of the detector in [`reliability`].
+pub const ID: &str = "operator";
+/// Files beside the record.
+const MASK_FILE: &str = "mask.png";
+const IMAGE_FILE: &str = "image.png";
+
+/// Least time between the frames of a pair, seconds.
+const GAP_SECONDS: f64 = 1.0;
+/// Number of pairs, spread over the sequence.
+const MOST_PAIRS: usize = 24;
+/// Least number of pairs for a verdict.
+const LEAST_PAIRS: usize = 4;
+/// Evidence from which a region is entered, and from which a person is asked: grey levels of 255 times steradians. An
+/// operator with a helmet has 3; of rendered scenes without an operator the strongest region has 0.6.
+const FOUND: f64 = 1.5;
+const DOUBTFUL: f64 = 0.75;
+/// Least share of the sphere that people have who carry the camera.
+const LEAST_PEOPLE: f64 = 1e-3;
+
+fn settings(with_people: bool) -> String {
+    let people = match with_people {
+        true => format!("; people by {}", (deeplab::METHOD.settings)()),
+        false => String::new(),
+    };
+    format!(
+        "{} px, up to {MOST_PAIRS} pairs of frames {GAP_SECONDS} s apart, found from {FOUND}, doubtful from {DOUBTFUL}{people}",
+        evidence::WIDTH,
+    )
+}
+
+/// Looks for content that stays in the camera's frame and writes it into the folder of a sequence; skipped, with a note,
+/// if its frames are unchanged. `with_people` also asks the network of [`deeplab`] for people who keep their place.
+///
+/// # Errors
+/// When the sequence, a frame or the network cannot be read, or a file cannot be written.
+pub fn write_operator(
+    folder: &Path,
+    with_people: bool,
+    progress: &dyn Progress,
+) -> Result<Operator, CurateError> {
+    let path = folder.join(SEQUENCE_FILE);
+    let sequence: Sequence = store::read_record(&path)?;
+    let plan = StagePlan::new(folder, ID)
+        .with_file(&path)?
+        .with_text("settings", &settings(with_people));
+    let record = format!("{OPERATOR_FOLDER}/{OPERATOR_FILE}");
+    let skipped = format!("{}: operator unchanged, skipped", sequence.id);
+    plan.make((&record, &skipped), [&record], progress, |made| {
+        let verdict = judge(folder, &sequence, with_people, progress)?;
+        let files = match &verdict.region {
+            Some(region) => Some(draw(folder, &sequence, region)?),
+            None => None,
+        };
+        let mut staging = Staging::new(folder, OPERATOR_FOLDER)?;
+        let share = files.as_ref().map_or(0.0, |(mask, _)| dynamic_share(mask));
+        if let Some((mask, image)) = &files {
+            mask.write_png(&staging.begin(&format!("{OPERATOR_FOLDER}/{MASK_FILE}"))?)?;
+            image.write_png(&staging.begin(&format!("{OPERATOR_FOLDER}/{IMAGE_FILE}"))?)?;
+        }
+        made.replace(&staging.folder, &staging.files)?;
+        let named = |file: &str| files.as_ref().map(|_| file.to_owned());
+        Ok::<_, CurateError>(Operator {
+            sequence: sequence.id.clone(),
+            finding: verdict.finding,
+            reason: verdict.reason,
+            evidence: verdict.evidence,
+            share,
+            pairs: verdict.pairs as u32,
+            settings: settings(with_people),
+            reliability: reliability::of(ID, Target::Operator).text,
+            mask: named(MASK_FILE),
+            image: named(IMAGE_FILE),
+        })
+    })
+}
+
+/// Returns the file of a sequence's mask of its operator, where one was found.
+///
+/// # Errors
+/// When the record cannot be read.
+pub fn found_mask(folder: &Path) -> Result<Option<PathBuf>, CurateError> {
+    let folder = folder.join(OPERATOR_FOLDER);
+    let record = folder.join(OPERATOR_FILE);
+    if !record.is_file() {
+        return Ok(None);
+    }
+    let record: Operator = store::read_record(&record)?;
+    let is_found = record.finding == OperatorFinding::Found;
+    Ok(record
+        .mask
+        .filter(|_| is_found)
+        .map(|file| folder.join(file)))
+}
+
+/// Verdict on a sequence, with the region that it is about.
+struct Verdict {
+    finding: OperatorFinding,
+    reason: String,
+    evidence: f64,
+    region: Option<Region>,
+    pairs: usize,
+}
+
+impl Verdict {
+    fn unjudged(reason: String, pairs: usize) -> Self {
+        Self {
+            finding: OperatorFinding::Unjudged,
+            reason,
+            evidence: 0.0,
+            region: None,
+            pairs,
+        }
+    }
+
+    /// Judges by the strongest region, and by people who stay.
+    fn of(region: Option<Region>, people: Option<Mask>, pairs: usize) -> Self {
+        let strength = region.as_ref().map_or(0.0, |region| region.evidence);
+        let people = people.filter(|mask| dynamic_share(mask) >= LEAST_PEOPLE);
+        let outline = match strength {
+            strength if strength >= FOUND => OperatorFinding::Found,
+            strength if strength >= DOUBTFUL => OperatorFinding::Doubtful,
+            _ => OperatorFinding::Nothing,
+        };
+        let (finding, what, mask) = match (outline, region, people) {
+            (OperatorFinding::Found, Some(region), Some(people)) => {
+                let both = region.mask.united(&people);
+                (outline, "a region and people stay", Some(both))
+            }
+            (OperatorFinding::Found, Some(region), None) => {
+                (outline, "a region stays", Some(region.mask))
+            }
+            (_, _, Some(people)) => (OperatorFinding::Found, "people stay", Some(people)),
+            (OperatorFinding::Doubtful, Some(region), None) => {
+                (outline, "a region may stay", Some(region.mask))
+            }
+            (_, _, None) => (OperatorFinding::Nothing, "no region stays", None),
+        };
+        Self {
+            finding,
+            reason: format!(
+                "{what} in the camera's frame while the scene goes by; the strongest outline has evidence {strength:.2}"
+            ),
+            evidence: strength,
+            region: mask.map(|mask| Region {
+                mask,
+                evidence: strength,
+            }),
+            pairs,
+        }
+    }
+}
+
+fn judge(
+    folder: &Path,
+    sequence: &Sequence,
+    with_people: bool,
+    progress: &dyn Progress,
+) -> Result<Verdict, CurateError> {
+    if sequence.is_pinhole() {
+        let reason = "perspective frames do not show what carries the camera";
+        return Ok(Verdict::unjudged(reason.to_owned(), 0));
+    }
+    let entries = &sequence.frames.entries;
+    let times: Vec<f64> = entries.iter().map(|entry| entry.time_seconds).collect();
+    let pairs = pairs(&times);
+    if pairs.len() < LEAST_PAIRS {
+        let reason = format!(
+            "{} pairs of frames are {GAP_SECONDS} s apart, {LEAST_PAIRS} are needed",
+            pairs.len()
+        );
+        return Ok(Verdict::unjudged(reason, pairs.len()));
+    }
+    progress.begin("what the camera carries", Some(pairs.len() as u64));
+    let read_pair = |&[first, second]: &[usize; 2]| {
+        let pair = [
+            read(folder, sequence, first)?,
+            read(folder, sequence, second)?,
+        ];
+        progress.advance(1);
+        Ok(pair)
+    };
+    let images: Result<Vec<[GreySphere; 2]>, CurateError> = pairs.iter().map(read_pair).collect();
+    progress.end();
+    let images = images?;
+    let compared: Vec<[&GreySphere; 2]> = images.iter().map(|[a, b]| [a, b]).collect();
+    let internal = |error: opencv::Error| CurateError::internal(folder, error);
+    let Some(evidence) = evidence::measure(&compared).map_err(internal)? else {
+        return Ok(Verdict::unjudged(
+            "the camera stands".to_owned(),
+            pairs.len(),
+        ));
+    };
+    let region = region::find(&evidence.stays).map_err(internal)?;
+    let people = match with_people {
+        true => Some(people::staying(folder, sequence, progress)?),
+        false => None,
+    };
+    Ok(Verdict::of(region, people, pairs.len()))
+}
+
+/// Returns pairs of frames that are far enough apart, spread over the sequence.
+fn pairs(times: &[f64]) -> Vec<[usize; 2]> {
+    let second = |first: usize| {
+        let mut later = first + 1..times.len();
+        later.find(|&later| times[later] - times[first] >= GAP_SECONDS - 1e-6)
+    };
+    let all = (0..times.len()).filter_map(|first| Some([first, second(first)?]));
+    let all: Vec<[usize; 2]> = all.collect();
+    let step = all.len().div_ceil(MOST_PAIRS).max(1);
+    all.into_iter().step_by(step).collect()
+}
+
+fn read(folder: &Path, sequence: &Sequence, index: usize) -> Result<GreySphere, CurateError> {
+    let path = folder.join(&sequence.frames.entries[index].file);
+    let image = GreySphere::new(&RgbImage::read(&path)?, evidence::WIDTH);
+    evidence::smoothed(&image).map_err(|error| CurateError::internal(&path, error))
+}
+
+/// Returns the mask of a region at the size of the frames, and an image of the frame in the middle of the sequence.
+fn draw(
+    folder: &Path,
+    sequence: &Sequence,
+    region: &Region,
+) -> Result<(Mask, RgbImage), CurateError> {
+    let frames = &sequence.frames;
+    let (width, height) = (frames.width as usize, frames.height as usize);
+    let mask = region.mask.resized_to_nearest(width, height);
+    let middle = &frames.entries[frames.entries.len() / 2];
+    let panorama = RgbImage::read(&folder.join(&middle.file))?;
+    let image = view::draw(&panorama, &mask);
+    Ok((mask, image))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn pairs_are_a_second_apart_and_few() {
+        let times: Vec<f64> = (0..100).map(|frame| f64::from(frame) * 0.25).collect();
+        let found = pairs(&times);
+        assert!((LEAST_PAIRS..=MOST_PAIRS).contains(&found.len()));
+        assert!(found.iter().all(|&[first, second]| second - first == 4));
+        assert!(pairs(&[0.0, 0.5]).is_empty());
+        assert_eq!(pairs(&[0.0, 3.0, 6.0]), [[0, 1], [1, 2]]);
+    }
+
+    #[test]
+    fn verdicts_follow_the_evidence() {
+        let mask = |data: [u8; 2]| Mask {
+            width: 2,
+            height: 1,
+            data: data.to_vec(),
+        };
+        let verdict = |evidence: f64, people: Option<Mask>| {
+            let mask = mask([255, 0]);
+            Verdict::of(Some(Region { mask, evidence }), people, 9)
+        };
+        assert_eq!(verdict(3.0, None).finding, OperatorFinding::Found);
+        let doubtful = verdict(1.0, None);
+        assert_eq!(doubtful.finding, OperatorFinding::Doubtful);
+        assert!(doubtful.region.is_some());
+        let weak = verdict(0.2, None);
+        assert_eq!(weak.finding, OperatorFinding::Nothing);
+        assert!(weak.region.is_none() && weak.reason.contains("0.20"));
+        assert_eq!(Verdict::of(None, None, 9).finding, OperatorFinding::Nothing);
+        // People alone are enough, and a weak outline is no part of their mask.
+        let people = || Some(mask([0, 255]));
+        let marked = |verdict: Verdict| verdict.region.map(|region| region.mask.data);
+        assert_eq!(verdict(0.2, people()).finding, OperatorFinding::Found);
+        assert_eq!(marked(verdict(0.2, people())), Some(vec![0, 255]));
+        assert_eq!(marked(verdict(3.0, people())), Some(vec![255, 255]));
+        let nobody = Some(mask([0, 0]));
+        assert_eq!(verdict(0.2, nobody).finding, OperatorFinding::Nothing);
+    }
+}
