@@ -26,7 +26,7 @@ fn poses_without_masks() -> String {
 fn masks_that_are_made_after_the_poses_enter_the_scene() {
     let copy = copy_of_small_run();
     let sequence = copy.path().join(SEQUENCE);
-    let text = |path: &std::path::Path| path.to_str().unwrap().to_owned();
+    let text = |path: &Path| path.to_str().unwrap().to_owned();
     let seq = text(&sequence);
     let poses = copy.path().join("poses.json");
     fs::write(&poses, poses_without_masks()).unwrap();
