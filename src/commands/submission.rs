@@ -1,7 +1,7 @@
 //! `omnilife leaderboard submit` and `add`: submitted results, and scoring a sample of them again.
 
 use std::{
-    env, fs,
+    env,
     path::Path,
     time::{SystemTime, UNIX_EPOCH},
 };
@@ -33,25 +33,15 @@ pub(crate) fn submit(
     arguments: &SubmitResultsArguments,
     progress: &dyn Progress,
 ) -> anyhow::Result<()> {
-    let existed = arguments.out.exists();
-    let lock = FolderLock::take(&arguments.out, progress)?;
+    // Read first, so that the output cannot be taken for it.
+    submission::read_card(&arguments.card)?;
+    let _lock = FolderLock::take(&arguments.out, progress)?;
     let packed = submission::pack(&PackRequest {
         results: arguments.results.clone(),
         card: arguments.card.clone(),
         out: arguments.out.clone(),
         with_failures: arguments.with_failures,
-    });
-    let packed = match packed {
-        Ok(packed) => packed,
-        Err(error) => {
-            drop(lock);
-            if !existed {
-                // Removes the folder that was made for nothing; one with content stays.
-                drop(fs::remove_dir(&arguments.out));
-            }
-            return Err(error.into());
-        }
-    };
+    })?;
     let files: usize = packed.results.iter().map(|result| result.files.len()).sum();
     exit::print(&format!(
         "{}: {} results of {}, {files} files\n",
