@@ -5,11 +5,14 @@ use std::path::PathBuf;
 use clap::Subcommand;
 use omnilife_curate::ledger::{self, Role};
 
+use super::places;
+
 #[derive(Debug, Subcommand)]
 pub(crate) enum LedgerCommand {
     /// Appends what files say: boundaries in the formats of several tools, or an audit's decisions.
     Merge {
         /// Folder of a curated video: DATASET/videos/NAME.
+        #[arg(value_parser = places::video_folder())]
         folder: PathBuf,
         /// CSV, JSON, PySceneDetect CSV, TransNetV2 scenes, EDL, Label Studio JSON, decisions.json.
         #[arg(required = true)]
@@ -30,11 +33,13 @@ pub(crate) enum LedgerCommand {
     /// Prints all boundaries with their authors and what became of them, as JSON.
     Show {
         /// Folder of a curated video.
+        #[arg(value_parser = places::video_folder())]
         folder: PathBuf,
     },
     /// Prints how far the authors agree: precision, recall, F1 and Cohen's kappa, as JSON.
     Agreement {
         /// Folder of a curated video.
+        #[arg(value_parser = places::video_folder())]
         folder: PathBuf,
         /// Boundaries closer than this count as the same, in seconds.
         #[arg(long, default_value_t = 0.1, value_name = "SECONDS", value_parser = parse_tolerance)]
@@ -43,6 +48,7 @@ pub(crate) enum LedgerCommand {
     /// Prints the boundaries that hold in the format of another tool.
     Export {
         /// Folder of a curated video.
+        #[arg(value_parser = places::video_folder())]
         folder: PathBuf,
         /// csv, json, label-studio, pyscenedetect, edl or transnetv2.
         #[arg(long, value_parser = parse_format)]
