@@ -50,7 +50,7 @@ pub(crate) enum LedgerCommand {
         /// Folder of a curated video.
         #[arg(value_parser = places::video_folder())]
         folder: PathBuf,
-        /// csv, json, label-studio, pyscenedetect, edl or transnetv2.
+        /// Format to print.
         #[arg(long, value_parser = parse_format)]
         format: String,
     },
@@ -67,11 +67,15 @@ fn parse_format(text: &str) -> Result<String, String> {
     ledger::formats::format(text).map(|format| format.id.to_owned())
 }
 
+/// Roles of authors by their names on the command line.
+pub(super) const ROLES: [(&str, Role); 3] = [
+    ("detector", Role::Detector),
+    ("annotator", Role::Annotator),
+    ("expert", Role::Expert),
+];
+
 fn parse_role(text: &str) -> Result<Role, String> {
-    match text {
-        "detector" => Ok(Role::Detector),
-        "annotator" => Ok(Role::Annotator),
-        "expert" => Ok(Role::Expert),
-        _ => Err("an author is a detector, an annotator or an expert".to_owned()),
-    }
+    let role = ROLES.iter().find(|(name, _)| *name == text);
+    role.map(|(_, role)| *role)
+        .ok_or_else(|| "an author is a detector, an annotator or an expert".to_owned())
 }

@@ -48,7 +48,7 @@ pub(crate) use sweep::{
 
 /// Curate 360-degree video, reconstruct it and score it against the OmniLife360 protocol.
 #[derive(Debug, Parser)]
-#[command(name = "omnilife", version, max_term_width = 100)]
+#[command(name = "omnilife", version = env!("OMNILIFE_VERSION"), max_term_width = 100)]
 pub(crate) struct Cli {
     /// Prints errors and results only.
     #[arg(long, short, global = true)]
@@ -120,6 +120,11 @@ impl Cli {
 /// The whole command line, with examples and lists of values.
 pub(crate) fn command() -> ClapCommand {
     guide::command()
+}
+
+/// The command line for completions, which propose names of methods, protocols and formats.
+pub(crate) fn command_with_values() -> ClapCommand {
+    guide::command_with_values()
 }
 
 #[cfg(test)]
