@@ -249,7 +249,7 @@ pub(crate) const EXAMPLES: &[Examples] = &[
         "bench ablate",
         &["bench ablate SEQUENCE --method omni4dgs --paper --out ABLATION"],
     ),
-    ("bench list", &["bench list"]),
+    ("bench list", &["bench list", "bench list --json"]),
     (
         "leaderboard build",
         &["leaderboard build RESULTS --dataset DATASET/dataset.json --out BOARD"],
@@ -305,7 +305,11 @@ pub(crate) const EXAMPLES: &[Examples] = &[
     ),
     (
         "sweep status",
-        &["sweep status SWEEP", "sweep status SWEEP --csv"],
+        &[
+            "sweep status SWEEP",
+            "sweep status SWEEP --csv",
+            "sweep status SWEEP --json",
+        ],
     ),
     ("sweep retry", &["sweep retry SWEEP"]),
     ("sweep reduce", &["sweep reduce SWEEP"]),

@@ -17,7 +17,9 @@ use omnilife_sweep::{
     plan, reduce, run, slurm,
     status::{self, Counts, Status},
 };
+use serde_json::{Value, json};
 
+use super::curate::print_json;
 use crate::{
     cli::{PlanCommand, SubmitArguments, SweepCommand, SweepRunArguments},
     exit::{self, BadRequest, PartialFailure},
@@ -34,6 +36,9 @@ pub(crate) fn execute(command: &SweepCommand, progress: &dyn Progress) -> anyhow
         SweepCommand::Status {
             sweep, csv: true, ..
         } => print_table(sweep),
+        SweepCommand::Status {
+            sweep, json: true, ..
+        } => print_json(&status_record(&Status::of(Sweep::open(sweep)?)?)),
         SweepCommand::Status { sweep, units, .. } => print_status(sweep, *units),
         SweepCommand::Retry { sweep, units } => retry(sweep, units),
         SweepCommand::Reduce { sweep } => {
@@ -237,6 +242,42 @@ fn print_status(folder: &Path, every: bool) -> anyhow::Result<()> {
         text += &cost_words(name, cost, &left);
     }
     exit::print(&text)
+}
+
+/// Returns the status for programs; costs are sums over the units that are done.
+fn status_record(status: &Status) -> Value {
+    let Counts {
+        done,
+        failed,
+        running,
+        missing,
+    } = status.counts();
+    let history = status.history();
+    let groups = history.groups().map(|(name, cost)| {
+        json!({
+            "group": name,
+            "done": cost.done,
+            "wall_seconds": cost.wall_seconds,
+            "cpu_seconds": cost.cpu_seconds,
+            "peak_memory_bytes": cost.peak_memory_bytes,
+        })
+    });
+    let units = status.units().map(|(unit, state)| {
+        json!({
+            "unit": unit.id,
+            "group": unit.group,
+            "state": state.name(),
+            "reason": status::reason(state),
+        })
+    });
+    json!({
+        "done": done,
+        "failed": failed,
+        "running": running,
+        "missing": missing,
+        "groups": groups.collect::<Vec<_>>(),
+        "units": units.collect::<Vec<_>>(),
+    })
 }
 
 /// Returns the cost of a group per unit, and the estimated cost of its remaining units.
