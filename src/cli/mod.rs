@@ -41,6 +41,7 @@ pub(crate) use reconstruct::{
     RenderArguments, plan_word,
 };
 pub(crate) use run::RunArguments;
+pub(crate) use suggestion::tip_for_video;
 pub(crate) use sweep::{
     BenchPlanArguments, PlanArguments, PlanCommand, SubmitArguments, SweepCommand,
     SweepRunArguments,

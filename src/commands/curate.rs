@@ -28,7 +28,7 @@ use serde::Serialize;
 
 use super::ledger;
 use crate::{
-    cli::{BuildArguments, CurateCommand, MemoryLimitArguments},
+    cli::{self, BuildArguments, CurateCommand, MemoryLimitArguments},
     commands::{attach, dataset},
     exit,
     prerequisites::{self, Prerequisite},
@@ -228,6 +228,11 @@ pub(crate) fn with_origins(
 
 /// Curates, publishes and draws the page. Rejected and failed videos are reported at the end.
 fn build(arguments: &BuildArguments, progress: &dyn Progress) -> anyhow::Result<()> {
+    if let [video] = arguments.videos.as_slice()
+        && let Some(tip) = cli::tip_for_video(video)
+    {
+        return Err(exit::BadRequest(tip).into());
+    }
     let videos = expand_inputs(&arguments.videos)?;
     let left_out = left_out_of_folders(&arguments.videos, &videos)?;
     for line in &left_out.lines {
