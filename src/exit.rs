@@ -21,6 +21,8 @@ use omnilife_sweep::SweepError;
 use omnilife_tracks::TracksError;
 use omnilife_video::VideoError;
 
+use crate::colour;
+
 /// `EX_TEMPFAIL` of sysexits.h: start it again.
 const INTERRUPTED: u8 = 75;
 
@@ -58,7 +60,8 @@ fn code(outcome: anyhow::Result<()>) -> ExitCode {
         Err(error) if is_closed_pipe(&error) => ExitCode::SUCCESS,
         Err(error) => {
             // With stderr closed too, the error cannot be reported.
-            drop(writeln!(io::stderr(), "omnilife: {}", one_line(&error)));
+            let line = format!("omnilife: {}", one_line(&error));
+            drop(writeln!(io::stderr(), "{}", colour::for_stderr(&line)));
             if is_interruption(&error) {
                 return ExitCode::from(INTERRUPTED);
             }
@@ -101,7 +104,7 @@ pub(crate) fn code_of(program: impl FnOnce() -> anyhow::Result<()>) -> ExitCode 
         let place = panicked.location().map(ToString::to_string);
         let line = panic_line(last_file().as_deref(), reason, place.as_deref());
         // With stderr closed the panic cannot be reported.
-        drop(writeln!(io::stderr(), "{line}"));
+        drop(writeln!(io::stderr(), "{}", colour::for_stderr(&line)));
     }));
     let outcome = panic::catch_unwind(AssertUnwindSafe(program));
     match outcome {
@@ -139,7 +142,8 @@ pub(crate) fn for_reader<'a>(short: &'a str, whole: &'a str) -> &'a str {
 /// Prints a result to standard output.
 pub(crate) fn print(text: &str) -> anyhow::Result<()> {
     let mut out = io::stdout().lock();
-    out.write_all(for_terminal(text).as_bytes())?;
+    let text = for_terminal(text);
+    out.write_all(colour::for_stdout(&text).as_bytes())?;
     out.flush()?;
     Ok(())
 }

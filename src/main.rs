@@ -2,6 +2,7 @@
 #![cfg_attr(not(test), warn(clippy::disallowed_methods))]
 
 mod cli;
+mod colour;
 mod commands;
 mod doctor;
 mod exit;

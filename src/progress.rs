@@ -15,7 +15,7 @@ use std::{
 
 use omnilife_schemas::{plain_text::for_terminal, progress::Progress};
 
-use crate::cli::ProgressArgument;
+use crate::{cli::ProgressArgument, colour};
 use bars::Bars;
 use json::JsonLines;
 use plain::PlainLines;
@@ -102,9 +102,9 @@ impl Progress for Terminal {
         let line = &for_terminal(line);
         match &self.output {
             Output::Quiet => {}
-            Output::Plain(lines) => locked(lines).line(line),
+            Output::Plain(lines) => locked(lines).line(&colour::for_stderr(line)),
             Output::Json(lines) => locked(lines).line(line),
-            Output::Bars(bars) => locked(bars).line(line),
+            Output::Bars(bars) => locked(bars).line(&colour::for_stderr(line)),
         }
     }
 }

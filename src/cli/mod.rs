@@ -22,7 +22,7 @@ mod sweep;
 pub(crate) use attach::AttachArguments;
 pub(crate) use bench::BenchCommand;
 pub(crate) use bench_run::{AidsArgument, BenchRunArguments};
-use clap::{Command as ClapCommand, FromArgMatches, Parser, Subcommand, ValueEnum};
+use clap::{ColorChoice, Command as ClapCommand, FromArgMatches, Parser, Subcommand, ValueEnum};
 use clap_complete::Shell;
 pub(crate) use curate::{
     BuildArguments, CurateArguments, CurateCommand, CurationSettingsArguments, MemoryLimitArguments,
@@ -47,6 +47,8 @@ pub(crate) use sweep::{
     SweepRunArguments,
 };
 
+use crate::colour;
+
 /// Curate 360-degree video, reconstruct it and score it against the OmniLife360 protocol.
 #[derive(Debug, Parser)]
 #[command(name = "omnilife", version = env!("OMNILIFE_VERSION"), max_term_width = 100)]
@@ -58,6 +60,9 @@ pub(crate) struct Cli {
     /// standard error.
     #[arg(long, global = true, value_enum, value_name = "FORMAT", default_value_t = ProgressArgument::Auto)]
     pub(crate) progress: ProgressArgument,
+    /// Shows errors, warnings and best values in colour; auto does on a terminal, unless `NO_COLOR` is set.
+    #[arg(long, global = true, value_enum, value_name = "WHEN", default_value_t = ColorChoice::Auto)]
+    color: ColorChoice,
     #[command(subcommand)]
     pub(crate) command: Command,
 }
@@ -105,16 +110,17 @@ pub(crate) enum Command {
 impl Cli {
     /// What was asked for; ends the process where it was not understood, or was help.
     pub(crate) fn of_arguments() -> Self {
-        let command = command();
+        let words = std::env::args_os().map(|word| word.to_string_lossy().into_owned());
+        let words: Vec<String> = words.collect();
+        let command = command().color(colour::of_words(&words));
         let parsed = command
             .clone()
             .try_get_matches()
             .and_then(|matches| Self::from_arg_matches(&matches));
-        parsed.unwrap_or_else(|error| {
-            let words = std::env::args_os().map(|word| word.to_string_lossy().into_owned());
-            let words: Vec<String> = words.collect();
-            suggestion::with_tip(error, &command, &words).exit()
-        })
+        let cli =
+            parsed.unwrap_or_else(|error| suggestion::with_tip(error, &command, &words).exit());
+        colour::choose(cli.color);
+        cli
     }
 }
 

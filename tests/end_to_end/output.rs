@@ -125,3 +125,15 @@ fn a_gallery_shows_the_sequences_of_a_dataset_once() {
     std::fs::write(figure.with_extension("png"), "another").unwrap();
     assert!(draw().failed_quietly(2).contains("is there already"));
 }
+
+#[test]
+fn colours_are_for_terminals_and_for_who_asks() {
+    let escape = '\u{1b}';
+    let wrong = ["curate", "verify", "/nonexistent"];
+    for words in [&wrong[..], &["nonsense"]] {
+        let of = |colour: &[&str]| omnilife(words.iter().chain(colour)).stderr;
+        assert!(!of(&[]).contains(escape), "{words:?}: no terminal");
+        assert!(!of(&["--color", "never"]).contains(escape), "{words:?}");
+        assert!(of(&["--color", "always"]).contains(escape), "{words:?}");
+    }
+}
