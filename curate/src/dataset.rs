@@ -129,8 +129,18 @@ pub fn curate_dataset_in(
             store::write_record(&path, &record)?;
             continue;
         }
+        let name_of_file = &record.videos[index].file;
+        let label = match videos.len() {
+            1 => name_of_file.clone(),
+            count => format!("{} of {count}: {name_of_file}", index + 1),
+        };
         let curated = match source {
-            Ok(source) => place.curate(video, &source, &folder, settings, progress),
+            Ok(source) => {
+                progress.begin(&label, None);
+                let curated = place.curate(video, &source, &folder, settings, progress);
+                progress.end();
+                curated
+            }
             Err(error) => Curated {
                 sequences: Err(error),
                 duration_seconds: None,

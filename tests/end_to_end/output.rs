@@ -127,7 +127,7 @@ fn a_gallery_shows_the_sequences_of_a_dataset_once() {
 }
 
 #[test]
-fn colours_are_for_terminals_and_for_who_asks() {
+fn colours_are_for_terminals_and_on_request() {
     let escape = '\u{1b}';
     let wrong = ["curate", "verify", "/nonexistent"];
     for words in [&wrong[..], &["nonsense"]] {
