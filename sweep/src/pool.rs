@@ -240,11 +240,9 @@ impl<'a> Pool<'a> {
                 if self.active.is_empty() && (ending || self.is_over()) {
                     return Ok(());
                 }
-                let units = self
-                    .active
-                    .keys()
-                    .map(|&index| self.unit(index).id.as_str());
-                progress.status(&units.take(3).collect::<Vec<_>>().join(", "));
+                let id = |index: &usize| self.unit(*index).id.as_str();
+                let ids: Vec<&str> = self.active.keys().take(3).map(id).collect();
+                progress.status(&ids.join(", "));
                 match receiver.recv_timeout(TICK) {
                     Ok(Message::Idle(index)) => self.set_free(index),
                     Ok(Message::Ended(index, ended)) => self.take_in(index, ended, progress),
