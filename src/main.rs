@@ -24,6 +24,9 @@ fn main() -> ExitCode {
     exit::code_of(|| {
         let cli = Cli::of_arguments();
         let terminal = Terminal::new(cli.quiet, cli.progress);
+        if !cli.is_worker() {
+            termination::announce()?;
+        }
         match cli.command {
             Command::Run(arguments) => run::main_job(&arguments, &terminal),
             Command::Curate(arguments) => commands::curate::execute(&arguments.command, &terminal),

@@ -122,6 +122,16 @@ impl Cli {
         colour::choose(cli.color);
         cli
     }
+
+    /// Returns whether another process of this program has started this one, and speaks for it.
+    pub(crate) fn is_worker(&self) -> bool {
+        matches!(
+            &self.command,
+            Command::Curate(CurateArguments {
+                command: CurateCommand::Worker
+            })
+        )
+    }
 }
 
 /// The whole command line, with examples and lists of values.
