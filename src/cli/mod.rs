@@ -18,6 +18,8 @@ mod run;
 mod statement;
 mod suggestion;
 mod sweep;
+#[cfg(test)]
+mod walk;
 
 pub(crate) use attach::AttachArguments;
 pub(crate) use bench::BenchCommand;

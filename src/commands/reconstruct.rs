@@ -12,7 +12,13 @@ use omnilife_reconstruct::{
     methods::{self, METHODS},
     process, scene,
 };
-use omnilife_schemas::{camera::Camera, layout::RUN_FILE, progress::Progress};
+use omnilife_schemas::{
+    camera::Camera,
+    layout::RUN_FILE,
+    progress::Progress,
+    records::{Scene, Split},
+    store,
+};
 use omnilife_video::Projection;
 
 use super::{curate::print_json, method_list, note_far_frames, video};
@@ -75,6 +81,9 @@ pub(crate) fn execute(command: &ReconstructCommand, progress: &dyn Progress) -> 
         } => {
             let methods = names.iter().map(|name| methods::find(name));
             let methods = methods.collect::<Result<Vec<_>, _>>()?;
+            // Some methods require nothing, and would leave them unread.
+            store::read_record::<Scene>(scene)?;
+            store::read_record::<Split>(split)?;
             match preparation::prepare(&methods, scene, split, progress) {
                 Err(error) if *where_possible && !exit::is_interruption(&error) => {
                     progress.note(&format!("left as it is: {error}"));
