@@ -10,6 +10,7 @@ use omnilife_schemas::{
     elapsed::Stopwatch,
     layout::{BOUNDARIES_FILE, FRAMES_FOLDER, SEQUENCE_FILE, sequence_name},
     ownership::Standing,
+    plain_text::counted,
     progress::Progress,
     records::{
         Admission, BoundaryLedger, CheckOutcome, DetectedProjection, FrameEntry, FrameSet,
@@ -75,9 +76,9 @@ impl Sequencing<'_> {
             });
         if !done.is_empty() {
             progress.note(&format!(
-                "{}: frames of {} sequences unchanged, skipped",
+                "{}: frames of {} unchanged, skipped",
                 self.video.display(),
-                done.len()
+                counted(done.len(), "sequence")
             ));
         }
         for folder in sequence_folders(self.folder)? {
@@ -94,10 +95,10 @@ impl Sequencing<'_> {
         }
         self.slice(progress)?;
         progress.note(&format!(
-            "{}: {}, {} sequences",
+            "{}: {}, {}",
             self.video.display(),
             self.projection.projection.name(),
-            planned.len()
+            counted(planned.len(), "sequence")
         ));
         Ok(planned.into_iter().map(|sequence| sequence.name).collect())
     }

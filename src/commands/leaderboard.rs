@@ -6,7 +6,7 @@ use omnilife_leaderboard::{
     figure::{FigureRequest, GalleryRequest, figure, gallery},
     query, render, results_table,
 };
-use omnilife_schemas::{lock::FolderLock, progress::Progress, store};
+use omnilife_schemas::{lock::FolderLock, plain_text::counted, progress::Progress, store};
 
 use super::submission;
 use crate::{
@@ -125,11 +125,11 @@ fn draw_gallery(arguments: &GalleryArguments) -> anyhow::Result<()> {
         panel_width: usize::from(arguments.panel_width),
     })?;
     exit::print(&format!(
-        "{}\n{}\n{} of {} sequences: {}\n",
+        "{}\n{}\n{} of {}: {}\n",
         drawn.png.display(),
         drawn.svg.display(),
         drawn.sequences.len(),
-        drawn.of,
+        counted(drawn.of, "sequence"),
         drawn.sequences.join(", ")
     ))
 }

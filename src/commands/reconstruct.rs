@@ -15,6 +15,7 @@ use omnilife_reconstruct::{
 use omnilife_schemas::{
     camera::Camera,
     layout::RUN_FILE,
+    plain_text::counted,
     progress::Progress,
     records::{Scene, Split},
     store,
@@ -111,7 +112,11 @@ pub(crate) fn execute(command: &ReconstructCommand, progress: &dyn Progress) -> 
         ReconstructCommand::Export(arguments) => export(arguments, progress),
         ReconstructCommand::Atlas { run, out } => {
             let files = atlas::export(run, out, progress)?;
-            exit::print(&format!("{} files in {}\n", files.len(), out.display()))
+            exit::print(&format!(
+                "{} in {}\n",
+                counted(files.len(), "file"),
+                out.display()
+            ))
         }
         ReconstructCommand::Edit { run, script, out } => {
             let request = EditRequest {
@@ -186,7 +191,11 @@ fn render(arguments: &RenderArguments, progress: &dyn Progress) -> anyhow::Resul
         }
     }
     let rendered = render::render_poses(&arguments.request(), progress)?;
-    let mut text = format!("{} views in {}\n", rendered.views, arguments.out.display());
+    let mut text = format!(
+        "{} in {}\n",
+        counted(rendered.views, "view"),
+        arguments.out.display()
+    );
     if rendered.unposed > 0 {
         text += &format!(
             "{} frames have no usable pose and are left out\n",

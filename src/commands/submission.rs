@@ -14,6 +14,7 @@ use omnilife_leaderboard::submission::{self, PackRequest, Verified};
 use omnilife_schemas::{
     layout::SPLIT_FILE,
     lock::FolderLock,
+    plain_text::counted,
     progress::Progress,
     provenance,
     records::{Padding, ResultRecord, SubmittedResult, Verification},
@@ -44,10 +45,11 @@ pub(crate) fn submit(
     })?;
     let files: usize = packed.results.iter().map(|result| result.files.len()).sum();
     exit::print(&format!(
-        "{}: {} results of {}, {files} files\n",
+        "{}: {} of {}, {}\n",
         arguments.out.display(),
-        packed.results.len(),
-        packed.card.method
+        counted(packed.results.len(), "result"),
+        packed.card.method,
+        counted(files, "file")
     ))
 }
 
@@ -75,9 +77,9 @@ pub(crate) fn add(arguments: &AddArguments, progress: &dyn Progress) -> anyhow::
     };
     let target = submission::add(&verified, &verification, &arguments.results)?;
     exit::print(&format!(
-        "{}: {} results of {} added, {} of them scored again\n",
+        "{}: {} of {} added, {} of them scored again\n",
         target.display(),
-        verified.results.len(),
+        counted(verified.results.len(), "result"),
         verified.submission.card.method,
         scored_again
     ))
@@ -102,9 +104,9 @@ fn audit(
         .collect();
     order.sort_by(|a, b| a.0.cmp(&b.0));
     progress.note(&format!(
-        "auditing {} of {} results, audit seed {seed}",
+        "auditing {} of {}, audit seed {seed}",
         count.min(order.len()),
-        order.len()
+        counted(order.len(), "result")
     ));
     for (_, entry, result) in order.into_iter().take(count) {
         let scene = scenes

@@ -10,7 +10,7 @@ use std::{
 
 use anyhow::Context;
 use omnilife_reconstruct::process;
-use omnilife_schemas::{ErrorKind, progress::Progress, records::SweepUnit};
+use omnilife_schemas::{ErrorKind, plain_text::counted, progress::Progress, records::SweepUnit};
 use omnilife_sweep::{
     PoolLimits, RunRequest, RunSummary, Sweep, SweepError, UnitState,
     history::GroupCost,
@@ -78,9 +78,9 @@ fn make_plan(command: &PlanCommand) -> anyhow::Result<()> {
     let made = plan::plan(&here, units, reduce)?;
     plan::write(out, &made)?;
     exit::print(&format!(
-        "{}: {} units\n",
+        "{}: {}\n",
         out.join(plan::PLAN_FILE).display(),
-        made.units.len()
+        counted(made.units.len(), "unit")
     ))
 }
 
@@ -192,7 +192,10 @@ fn as_result(summary: &RunSummary) -> anyhow::Result<()> {
         .iter()
         .any(|outcome| outcome.exit_code != Some(2));
     Err(PartialFailure {
-        message: format!("{failed} of {all} units failed, the first: {unit}: {reason}"),
+        message: format!(
+            "{failed} of {} failed, the first: {unit}: {reason}",
+            counted(all, "unit")
+        ),
         blame: if ours {
             ErrorKind::Internal
         } else {
@@ -322,7 +325,7 @@ fn retry(folder: &Path, ids: &[String]) -> anyhow::Result<()> {
             return Err(BadRequest(format!("{}: has not failed", unit.id)).into());
         }
     }
-    exit::print(&format!("{count} units are to be done again\n"))
+    exit::print(&format!("to be done again: {}\n", counted(count, "unit")))
 }
 
 /// Returns `--minutes` and `--signal-before`, which together make the time of a job.
@@ -357,10 +360,10 @@ fn submit(arguments: &SubmitArguments) -> anyhow::Result<()> {
     for (array, id) in &submission.arrays {
         let needs = &array.needs;
         text += &format!(
-            "{}: {} units, each {} cores, {} MiB, {} minutes",
+            "{}: {}, each {}, {} MiB, {} minutes",
             id.as_deref().unwrap_or("array"),
-            array.units.len(),
-            needs.cores,
+            counted(array.units.len(), "unit"),
+            counted(needs.cores as usize, "core"),
             needs.memory_mebibytes,
             needs.minutes
         );
@@ -370,7 +373,10 @@ fn submit(arguments: &SubmitArguments) -> anyhow::Result<()> {
         text.push('\n');
     }
     if submission.queued > 0 {
-        text += &format!("{} units are in the queue already\n", submission.queued);
+        text += &format!(
+            "in the queue already: {}\n",
+            counted(submission.queued, "unit")
+        );
     }
     if submission.arrays.is_empty() {
         text += "nothing to submit\n";

@@ -112,7 +112,7 @@ fn a_gallery_shows_the_sequences_of_a_dataset_once() {
     };
     let drawn = draw().succeeded();
     assert!(
-        drawn.stdout.contains("1 of 1 sequences: street/seq-000"),
+        drawn.stdout.contains("1 of 1 sequence: street/seq-000"),
         "{}",
         drawn.stdout
     );
