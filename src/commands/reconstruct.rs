@@ -101,7 +101,10 @@ pub(crate) fn execute(command: &ReconstructCommand, progress: &dyn Progress) -> 
         } => {
             let request = method.request(*iterations)?;
             let backend = method.backend.into();
-            let plan = plan_cost::plan(scene, split, &method.method, &request, backend)?;
+            progress.begin("planning", None);
+            let plan = plan_cost::plan(scene, split, &method.method, &request, backend);
+            progress.end();
+            let plan = plan?;
             note_far_frames(scene, progress)?;
             for line in scene::mask_notes(scene, split)? {
                 progress.note(&line);
