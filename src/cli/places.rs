@@ -146,7 +146,7 @@ mod tests {
         };
         let file = folder.path().join(DATASET_FILE);
         store::write_record(&file, &record)?;
-        for given in [folder.path(), &file] {
+        for given in [folder.path(), file.as_path()] {
             let message = part(given.to_owned(), SCENE_FILE).err().unwrap_or_default();
             let first = folder.path().join("videos/walk/seq-000");
             assert!(message.contains(&first.display().to_string()), "{message}");

@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use clap::{
-    Command,
+    Arg, Command,
     builder::StyledStr,
     error::{ContextKind, ContextValue, ErrorKind},
 };
@@ -90,7 +90,7 @@ fn with_long_options(
     for word in words.iter().skip(1) {
         asked = asked.find_subcommand(word).unwrap_or(asked);
     }
-    let options = asked.get_arguments().filter_map(|option| option.get_long());
+    let options = asked.get_arguments().filter_map(Arg::get_long);
     let mut tips = options
         .filter(|long| long.starts_with(letter))
         .map(|long| StyledStr::from(format!("options have long names: '--{long}'")))

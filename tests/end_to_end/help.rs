@@ -32,7 +32,7 @@ fn lists_for_programs() {
     ] {
         let list: serde_json::Value = serde_json::from_str(&said(&words)).unwrap();
         assert!(
-            list.pointer(ids).is_some_and(|id| id.is_string()),
+            list.pointer(ids).is_some_and(serde_json::Value::is_string),
             "{words:?} {ids}: {list}"
         );
     }

@@ -130,7 +130,7 @@ fn a_gallery_shows_the_sequences_of_a_dataset_once() {
 fn colours_are_for_terminals_and_on_request() {
     let escape = '\u{1b}';
     let wrong = ["curate", "verify", "/nonexistent"];
-    for words in [&wrong[..], &["nonsense"]] {
+    for words in [&wrong[..], &["nonsense"][..]] {
         let of = |colour: &[&str]| omnilife(words.iter().chain(colour)).stderr;
         assert!(!of(&[]).contains(escape), "{words:?}: no terminal");
         assert!(!of(&["--color", "never"]).contains(escape), "{words:?}");
