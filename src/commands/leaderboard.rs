@@ -42,6 +42,8 @@ fn build(arguments: &LeaderboardBuildArguments, progress: &dyn Progress) -> anyh
         check_leaderboard(&request)?;
         return exit::print("The tables are what the results give.\n");
     }
+    // Read first, so that the output cannot be taken for it.
+    store::names_in(&request.results)?;
     let _lock = FolderLock::take(&request.out, progress)?;
     let built = build_leaderboard(&request)?;
     for note in &built.notes {
