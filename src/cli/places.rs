@@ -104,8 +104,7 @@ fn part(path: PathBuf, record: &str) -> Result<PathBuf, String> {
         count => format!("\n  and {count} more"),
     };
     Err(format!(
-        "is a dataset; name one of its {} {kind}:{named}{others}",
-        parts.len()
+        "is a dataset; name one of its {kind}:{named}{others}"
     ))
 }
 
