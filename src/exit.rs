@@ -2,6 +2,7 @@
 //! resumes when it is started again.
 
 use std::{
+    borrow::Cow,
     io::{self, IsTerminal, Write},
     panic::{self, AssertUnwindSafe},
     path::Path,
@@ -21,7 +22,7 @@ use omnilife_sweep::SweepError;
 use omnilife_tracks::TracksError;
 use omnilife_video::VideoError;
 
-use crate::colour;
+use crate::{colour, width};
 
 /// `EX_TEMPFAIL` of sysexits.h: start it again.
 const INTERRUPTED: u8 = 75;
@@ -130,12 +131,12 @@ fn panic_line(file: Option<&Path>, reason: &str, place: Option<&str>) -> String 
     for_terminal(&words.join(" ")).into_owned()
 }
 
-/// Returns the short table, which fits a terminal, where stdout is one, else the whole.
-pub(crate) fn for_reader<'a>(short: &'a str, whole: &'a str) -> &'a str {
+/// Returns the short table where stdout is a terminal, folded to its width, else the whole.
+pub(crate) fn for_reader<'a>(short: &str, whole: &'a str) -> Cow<'a, str> {
     if io::stdout().is_terminal() {
-        short
+        Cow::Owned(width::folded(short, width::of_stdout()))
     } else {
-        whole
+        Cow::Borrowed(whole)
     }
 }
 

@@ -13,6 +13,7 @@ mod prerequisites;
 mod progress;
 mod run;
 mod termination;
+mod width;
 
 use std::process::ExitCode;
 

@@ -165,7 +165,7 @@ pub(crate) fn status(dataset: &Path, as_json: bool) -> anyhow::Result<()> {
     }
     let shown = dataset.display().to_string();
     let table = overview::table(&overview::status(dataset, &shown)?);
-    exit::print(exit::for_reader(&table.short, &table.whole))
+    exit::print(&exit::for_reader(&table.short, &table.whole))
 }
 
 /// Prints one line per fault.

@@ -10,13 +10,12 @@ use std::{
 use indicatif::{MultiProgress, ProgressBar, ProgressDrawTarget, ProgressStyle};
 
 use super::{locked, wording::closing_line};
+use crate::width;
 
 /// Shortest work that gets a bar.
 const SHOWN_AFTER: Duration = Duration::from_secs(1);
 /// Interval at which bars are redrawn.
 const REDRAW_EVERY: Duration = Duration::from_millis(100);
-/// Columns of a terminal that does not state its width.
-const USUAL_COLUMNS: usize = 80;
 /// Columns of the widest count with its times.
 #[cfg(test)]
 const COUNT_COLUMNS: usize = "30000/30000 59m (left 59m) ".len();
@@ -68,17 +67,6 @@ impl Layout {
     }
 }
 
-/// Returns the columns of the terminal at standard error.
-fn columns() -> usize {
-    #[cfg(unix)]
-    if let Ok(size) = rustix::termios::tcgetwinsize(io::stderr())
-        && size.ws_col > 0
-    {
-        return usize::from(size.ws_col);
-    }
-    USUAL_COLUMNS
-}
-
 /// Returns the label, its middle left out where it has more than `most` characters: ends tell files apart.
 fn shortened(label: &str, most: usize) -> String {
     let letters: Vec<char> = label.chars().collect();
@@ -103,7 +91,7 @@ impl Bars {
         let bars = Arc::new(Mutex::new(Self {
             screen: MultiProgress::new(),
             stack: Vec::new(),
-            layout: Layout::of(columns()),
+            layout: Layout::of(width::of_stderr()),
         }));
         let watched = Arc::downgrade(&bars);
         // Should the thread not start, no bar shows; the closing lines still do.
@@ -168,7 +156,7 @@ impl Bars {
 
     /// Shows the bars of work that has lasted long enough, and turns the spinners.
     fn redraw(&mut self) {
-        let layout = Layout::of(columns());
+        let layout = Layout::of(width::of_stderr());
         if layout != self.layout {
             self.layout = layout;
             for work in &self.stack {
