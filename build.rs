@@ -54,6 +54,18 @@ fn main() {
         .or_else(commit)
         .unwrap_or_default();
     println!("cargo::rustc-env=OMNILIFE_COMMIT={commit}");
+    println!("cargo::rustc-env=OMNILIFE_VERSION={}", version(&commit));
+}
+
+/// The version for people: with the first digits of the commit, where there is one.
+fn version(commit: &str) -> String {
+    const DIGITS: usize = 12;
+    let version = std::env::var("CARGO_PKG_VERSION").unwrap_or_default();
+    match commit.split_once('-') {
+        None if commit.is_empty() => version,
+        None => format!("{version} ({commit:.DIGITS$})"),
+        Some((hash, change)) => format!("{version} ({hash:.DIGITS$}, {change})"),
+    }
 }
 
 /// The root of the workspace, which alone has a lock file.

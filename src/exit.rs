@@ -2,6 +2,7 @@
 //! resumes when it is started again.
 
 use std::{
+    borrow::Cow,
     io::{self, IsTerminal, Write},
     panic::{self, AssertUnwindSafe},
     path::Path,
@@ -20,6 +21,8 @@ use omnilife_schemas::{
 use omnilife_sweep::SweepError;
 use omnilife_tracks::TracksError;
 use omnilife_video::VideoError;
+
+use crate::{colour, width};
 
 /// `EX_TEMPFAIL` of sysexits.h: start it again.
 const INTERRUPTED: u8 = 75;
@@ -58,7 +61,8 @@ fn code(outcome: anyhow::Result<()>) -> ExitCode {
         Err(error) if is_closed_pipe(&error) => ExitCode::SUCCESS,
         Err(error) => {
             // With stderr closed too, the error cannot be reported.
-            drop(writeln!(io::stderr(), "omnilife: {}", one_line(&error)));
+            let line = format!("omnilife: {}", one_line(&error));
+            drop(writeln!(io::stderr(), "{}", colour::for_stderr(&line)));
             if is_interruption(&error) {
                 return ExitCode::from(INTERRUPTED);
             }
@@ -101,7 +105,7 @@ pub(crate) fn code_of(program: impl FnOnce() -> anyhow::Result<()>) -> ExitCode 
         let place = panicked.location().map(ToString::to_string);
         let line = panic_line(last_file().as_deref(), reason, place.as_deref());
         // With stderr closed the panic cannot be reported.
-        drop(writeln!(io::stderr(), "{line}"));
+        drop(writeln!(io::stderr(), "{}", colour::for_stderr(&line)));
     }));
     let outcome = panic::catch_unwind(AssertUnwindSafe(program));
     match outcome {
@@ -127,19 +131,20 @@ fn panic_line(file: Option<&Path>, reason: &str, place: Option<&str>) -> String 
     for_terminal(&words.join(" ")).into_owned()
 }
 
-/// Returns the short table, which fits a terminal, where stdout is one, else the whole.
-pub(crate) fn for_reader<'a>(short: &'a str, whole: &'a str) -> &'a str {
+/// Returns the short table where stdout is a terminal, folded to its width, else the whole.
+pub(crate) fn for_reader<'a>(short: &str, whole: &'a str) -> Cow<'a, str> {
     if io::stdout().is_terminal() {
-        short
+        Cow::Owned(width::folded(short, width::of_stdout()))
     } else {
-        whole
+        Cow::Borrowed(whole)
     }
 }
 
 /// Prints a result to standard output.
 pub(crate) fn print(text: &str) -> anyhow::Result<()> {
     let mut out = io::stdout().lock();
-    out.write_all(for_terminal(text).as_bytes())?;
+    let text = for_terminal(text);
+    out.write_all(colour::for_stdout(&text).as_bytes())?;
     out.flush()?;
     Ok(())
 }

@@ -2,6 +2,7 @@
 #![cfg_attr(not(test), warn(clippy::disallowed_methods))]
 
 mod cli;
+mod colour;
 mod commands;
 mod doctor;
 mod exit;
@@ -12,6 +13,7 @@ mod prerequisites;
 mod progress;
 mod run;
 mod termination;
+mod width;
 
 use std::process::ExitCode;
 
@@ -23,6 +25,9 @@ fn main() -> ExitCode {
     exit::code_of(|| {
         let cli = Cli::of_arguments();
         let terminal = Terminal::new(cli.quiet, cli.progress);
+        if !cli.is_worker() {
+            termination::announce()?;
+        }
         match cli.command {
             Command::Run(arguments) => run::main_job(&arguments, &terminal),
             Command::Curate(arguments) => commands::curate::execute(&arguments.command, &terminal),

@@ -15,7 +15,7 @@ use std::{
 
 use omnilife_schemas::{plain_text::for_terminal, progress::Progress};
 
-use crate::cli::ProgressArgument;
+use crate::{cli::ProgressArgument, colour};
 use bars::Bars;
 use json::JsonLines;
 use plain::PlainLines;
@@ -102,9 +102,9 @@ impl Progress for Terminal {
         let line = &for_terminal(line);
         match &self.output {
             Output::Quiet => {}
-            Output::Plain(lines) => locked(lines).line(line),
+            Output::Plain(lines) => locked(lines).line(&colour::for_stderr(line)),
             Output::Json(lines) => locked(lines).line(line),
-            Output::Bars(bars) => locked(bars).line(line),
+            Output::Bars(bars) => locked(bars).line(&colour::for_stderr(line)),
         }
     }
 }
@@ -174,9 +174,9 @@ mod tests {
             page.lines(),
             [
                 "train ...",
-                "train: 20 of 60 (33 %), loss 1/20",
-                "train: 40 of 60 (67 %), loss 1/40",
-                "train: 60 of 60 (100 %), loss 1/60",
+                "train: 20 of 60 (33 %), after 10 s, left 20 s, loss 1/20",
+                "train: 40 of 60 (67 %), after 20 s, left 10 s, loss 1/40",
+                "train: 60 of 60 (100 %), after 30 s, loss 1/60",
                 "train: done in 30 s, loss 1/60",
             ]
         );
@@ -200,7 +200,7 @@ mod tests {
                 "curate ...",
                 "  street.mp4: 60 frames",
                 "  decode ...",
-                "  decode: 2 of 2 (100 %)",
+                "  decode: 2 of 2 (100 %), after 12 s",
                 "  decode: done in 12 s",
                 "curate: done in 12 s",
                 "all done",
@@ -292,6 +292,6 @@ mod tests {
         });
         clock.store(10_000, Ordering::Relaxed);
         terminal.advance(0);
-        assert_eq!(page.lines()[1], "blocks: 400 of 400 (100 %)");
+        assert_eq!(page.lines()[1], "blocks: 400 of 400 (100 %), after 10 s");
     }
 }

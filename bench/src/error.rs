@@ -71,7 +71,7 @@ pub enum BenchError {
         reasons: String,
     },
     /// The caller has cancelled the work.
-    #[error("scoring was interrupted; begun again, it starts from the first view")]
+    #[error("scoring was interrupted; run it again to start from the first view")]
     Interrupted,
     /// A metric gave a number that is not finite, or the table could not be encoded.
     #[error("{}: {reason}", path.display())]

@@ -8,6 +8,7 @@ use std::{
 use omnilife_schemas::{
     layout::{ATTRITION_FILE, DATASET_FILE, VIDEOS_FOLDER},
     lock::FolderLock,
+    plain_text::counted,
     progress::Progress,
     records::{Dataset, InputFile, Origin, SourceVideo, VideoEntry, VideoStatus},
     store,
@@ -129,8 +130,18 @@ pub fn curate_dataset_in(
             store::write_record(&path, &record)?;
             continue;
         }
+        let name_of_file = &record.videos[index].file;
+        let label = match videos.len() {
+            1 => name_of_file.clone(),
+            count => format!("{} of {count}: {name_of_file}", index + 1),
+        };
         let curated = match source {
-            Ok(source) => place.curate(video, &source, &folder, settings, progress),
+            Ok(source) => {
+                progress.begin(&label, None);
+                let curated = place.curate(video, &source, &folder, settings, progress);
+                progress.end();
+                curated
+            }
             Err(error) => Curated {
                 sequences: Err(error),
                 duration_seconds: None,
@@ -175,10 +186,10 @@ pub fn curate_dataset_in(
         // The sum of nothing is -0, which prints its sign.
         .map_or(0.0, |step| step.left_seconds + 0.0);
     progress.note(&format!(
-        "{} of {} videos give {} sequences with {:.1} of {raw:.1} s; {} says where the rest went",
+        "{} of {} give {} with {:.1} of {raw:.1} s; {} says where the rest went",
         attrition.funnel.last().map_or(0, |step| step.left_videos),
-        record.videos.len(),
-        attrition.kept_sequences,
+        counted(record.videos.len(), "video"),
+        counted(attrition.kept_sequences, "sequence"),
         attrition.kept_seconds,
         out.join(ATTRITION_FILE).display()
     ));

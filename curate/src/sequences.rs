@@ -12,6 +12,7 @@ use omnilife_schemas::{
     elapsed::Stopwatch,
     layout::{BOUNDARIES_FILE, FRAMES_FOLDER, MOTION_FOLDER, SEQUENCE_FILE, sequence_name},
     ownership::Standing,
+    plain_text::counted,
     progress::Progress,
     records::{
         Admission, BoundaryLedger, CheckOutcome, DetectedProjection, FrameEntry, FrameSet,
@@ -70,9 +71,9 @@ impl Sequencing<'_> {
             });
         if !done.is_empty() {
             progress.note(&format!(
-                "{}: frames of {} sequences unchanged, skipped",
+                "{}: frames of {} unchanged, skipped",
                 self.video.display(),
-                done.len()
+                counted(done.len(), "sequence")
             ));
         }
         for folder in sequence_folders(self.folder)? {
@@ -89,10 +90,10 @@ impl Sequencing<'_> {
         }
         self.slice(progress)?;
         progress.note(&format!(
-            "{}: {}, {} sequences",
+            "{}: {}, {}",
             self.video.display(),
             self.projection.projection.name(),
-            planned.len()
+            counted(planned.len(), "sequence")
         ));
         Ok(planned.into_iter().map(|sequence| sequence.name).collect())
     }

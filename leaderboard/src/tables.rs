@@ -73,7 +73,7 @@ pub(crate) fn all_results(groups: &[Group<'_>], out: &Path) -> Result<Tables, Le
         markdown.push_str(&render::markdown::render(&all, 2));
         let table = short_table(group, all);
         short.push_str(&format!("{}\n", table.title));
-        for (class, lines) in render::markdown::blocks(&table) {
+        for (class, lines) in render::markdown::terminal_blocks(&table) {
             let class = class.unwrap_or_default();
             short.push_str(&format!("\n{class}\n\n{}\n", lines.join("\n")));
         }

@@ -303,5 +303,9 @@ pub(crate) enum BenchCommand {
         paper: bool,
     },
     /// Lists the protocols, the metrics and the adapters.
-    List,
+    List {
+        /// Prints the list as JSON.
+        #[arg(long)]
+        json: bool,
+    },
 }

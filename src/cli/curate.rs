@@ -162,6 +162,7 @@ pub(crate) enum CurateCommand {
     /// decide on its boundaries; its file goes into the ledger.
     Audit {
         /// Folder of a curated video: DATASET/videos/NAME.
+        #[arg(value_parser = places::video_folder())]
         folder: PathBuf,
         /// The video it was curated from.
         #[arg(long)]
@@ -198,6 +199,7 @@ pub(crate) enum CurateCommand {
     /// Poses a sequence: writes its scene.json and points.ply.
     Poses {
         /// Folder with a sequence.json.
+        #[arg(value_parser = places::sequence_folder())]
         sequence: PathBuf,
         #[command(flatten)]
         poses: PoseArguments,
@@ -223,6 +225,7 @@ pub(crate) enum CurateCommand {
     /// then begin with, and distances per frame.
     Dense {
         /// Folder with a scene.json.
+        #[arg(value_parser = places::scene_folder())]
         scene: PathBuf,
         /// A split.json: its input views alone are looked at, and the result goes into dense/ beside it.
         #[arg(long)]
@@ -237,6 +240,7 @@ pub(crate) enum CurateCommand {
     /// Tracks what moves through a posed scene: tracks.json, and tracks.html and tracks.mp4 to look at.
     Tracks {
         /// Folder with a scene.json.
+        #[arg(value_parser = places::scene_folder())]
         scene: PathBuf,
         /// A split.json: its input views alone are looked at, and the result goes beside it.
         #[arg(long)]

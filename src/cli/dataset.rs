@@ -228,6 +228,7 @@ fn one_of<'a>(
 #[derive(Debug, Args)]
 pub(crate) struct MasksArguments {
     /// Folder with a sequence.json.
+    #[arg(value_parser = places::sequence_folder())]
     pub(crate) sequence: PathBuf,
     /// Takes the masks from this folder: images named as the frames, white is what moves.
     #[arg(long, value_name = "FOLDER", conflicts_with = "method")]

@@ -3,12 +3,12 @@
 //! Both are slices that tests walk: every command has examples that parse, and every list of values
 //! belongs to an option that exists.
 
+mod values;
+
 use clap::{Command, CommandFactory, Id};
-use omnilife_bench::{ADAPTERS, PROTOCOLS};
-use omnilife_curate::{boundaries::DETECTORS, exchange, masks};
-use omnilife_reconstruct::{jobs::export, methods::METHODS};
 
 use super::Cli;
+use values::VALUES;
 
 /// Examples of a command: its words, and lines that follow `omnilife`.
 type Examples = (&'static str, &'static [&'static str]);
@@ -261,7 +261,7 @@ pub(crate) const EXAMPLES: &[Examples] = &[
         "bench ablate",
         &["bench ablate SEQUENCE --method omni4dgs --paper --out ABLATION"],
     ),
-    ("bench list", &["bench list"]),
+    ("bench list", &["bench list", "bench list --json"]),
     (
         "leaderboard build",
         &["leaderboard build RESULTS --dataset DATASET/dataset.json --out BOARD"],
@@ -317,7 +317,11 @@ pub(crate) const EXAMPLES: &[Examples] = &[
     ),
     (
         "sweep status",
-        &["sweep status SWEEP", "sweep status SWEEP --csv"],
+        &[
+            "sweep status SWEEP",
+            "sweep status SWEEP --csv",
+            "sweep status SWEEP --json",
+        ],
     ),
     ("sweep retry", &["sweep retry SWEEP"]),
     ("sweep reduce", &["sweep reduce SWEEP"]),
@@ -332,94 +336,14 @@ pub(crate) const EXAMPLES: &[Examples] = &[
     ("doctor", &["doctor", "doctor --json"]),
 ];
 
-/// An option of the commands below some words, and the values that it takes.
-type Values = (&'static str, &'static str, fn() -> Vec<&'static str>);
-
-/// Options whose values are names of the program's own lists.
-pub(crate) const VALUES: &[Values] = &[
-    ("run", "method", method_names),
-    ("reconstruct train", "method", method_names),
-    ("reconstruct plan", "method", method_names),
-    ("reconstruct prepare", "methods", method_names),
-    ("bench ablate", "method", method_names),
-    ("bench run", "methods", method_names),
-    ("sweep plan bench", "methods", method_names),
-    ("run", "protocol", protocol_names),
-    ("bench split", "protocol", protocol_names),
-    ("bench ablate", "protocol", protocol_names),
-    ("bench run", "protocols", protocol_names),
-    ("sweep plan bench", "protocols", protocol_names),
-    ("run", "detector", detector_names),
-    ("curate", "detector", detector_names),
-    ("curate build", "detector", detector_names),
-    ("curate video", "detector", detector_names),
-    ("curate boundaries", "detector", detector_names),
-    ("sweep plan curate", "detector", detector_names),
-    ("curate export", "format", written_format_names),
-    ("curate import", "format", format_names),
-    ("run", "masks_method", mask_method_names),
-    ("curate masks", "method", mask_method_names),
-    ("curate tracks", "detector", vehicle_detector_names),
-    ("curate tracks", "distance", distance_names),
-    ("curate tracks", "association", association_names),
-    ("reconstruct export", "format", splat_format_names),
-    ("bench adapter", "method", adapter_names),
-];
-
-fn method_names() -> Vec<&'static str> {
-    METHODS.iter().map(|method| method.id).collect()
-}
-
-fn protocol_names() -> Vec<&'static str> {
-    PROTOCOLS.iter().map(|protocol| protocol.id).collect()
-}
-
-fn detector_names() -> Vec<&'static str> {
-    DETECTORS.iter().map(|detector| detector.id).collect()
-}
-
-fn written_format_names() -> Vec<&'static str> {
-    exchange::written_formats()
-        .map(|format| format.id)
-        .collect()
-}
-
-fn format_names() -> Vec<&'static str> {
-    exchange::FORMATS.iter().map(|format| format.id).collect()
-}
-
-fn mask_method_names() -> Vec<&'static str> {
-    masks::METHODS.iter().map(|method| method.id).collect()
-}
-
-fn vehicle_detector_names() -> Vec<&'static str> {
-    let detectors = omnilife_tracks::detectors::DETECTORS.iter();
-    detectors.map(|detector| detector.id).collect()
-}
-
-fn distance_names() -> Vec<&'static str> {
-    omnilife_tracks::distance::DISTANCES
-        .map(omnilife_tracks::distance::DistanceMethod::id)
-        .to_vec()
-}
-
-fn association_names() -> Vec<&'static str> {
-    omnilife_tracks::association::ASSOCIATIONS
-        .map(omnilife_tracks::association::Association::id)
-        .to_vec()
-}
-
-fn splat_format_names() -> Vec<&'static str> {
-    export::format_names()
-}
-
-fn adapter_names() -> Vec<&'static str> {
-    ADAPTERS.iter().map(|adapter| adapter.id).collect()
-}
-
 /// The command line with examples and lists of values.
 pub(crate) fn command() -> Command {
     with_guide(Cli::command(), "")
+}
+
+/// Returns the command line for completions, which propose the values of [`VALUES`].
+pub(crate) fn command_with_values() -> Command {
+    values::as_possible_values(command())
 }
 
 fn with_guide(mut command: Command, words: &str) -> Command {

@@ -5,11 +5,14 @@ use std::path::PathBuf;
 use clap::Subcommand;
 use omnilife_curate::ledger::{self, Role};
 
+use super::places;
+
 #[derive(Debug, Subcommand)]
 pub(crate) enum LedgerCommand {
     /// Appends what files say: boundaries in the formats of several tools, or an audit's decisions.
     Merge {
         /// Folder of a curated video: DATASET/videos/NAME.
+        #[arg(value_parser = places::video_folder())]
         folder: PathBuf,
         /// CSV, JSON, PySceneDetect CSV, TransNetV2 scenes, EDL, Label Studio JSON, decisions.json.
         #[arg(required = true)]
@@ -30,11 +33,13 @@ pub(crate) enum LedgerCommand {
     /// Prints all boundaries with their authors and what became of them, as JSON.
     Show {
         /// Folder of a curated video.
+        #[arg(value_parser = places::video_folder())]
         folder: PathBuf,
     },
     /// Prints how far the authors agree: precision, recall, F1 and Cohen's kappa, as JSON.
     Agreement {
         /// Folder of a curated video.
+        #[arg(value_parser = places::video_folder())]
         folder: PathBuf,
         /// Boundaries closer than this count as the same, in seconds.
         #[arg(long, default_value_t = 0.1, value_name = "SECONDS", value_parser = parse_tolerance)]
@@ -43,8 +48,9 @@ pub(crate) enum LedgerCommand {
     /// Prints the boundaries that hold in the format of another tool.
     Export {
         /// Folder of a curated video.
+        #[arg(value_parser = places::video_folder())]
         folder: PathBuf,
-        /// csv, json, label-studio, pyscenedetect, edl or transnetv2.
+        /// Format to print.
         #[arg(long, value_parser = parse_format)]
         format: String,
     },
@@ -61,11 +67,15 @@ fn parse_format(text: &str) -> Result<String, String> {
     ledger::formats::format(text).map(|format| format.id.to_owned())
 }
 
+/// Roles of authors by their names on the command line.
+pub(super) const ROLES: [(&str, Role); 3] = [
+    ("detector", Role::Detector),
+    ("annotator", Role::Annotator),
+    ("expert", Role::Expert),
+];
+
 fn parse_role(text: &str) -> Result<Role, String> {
-    match text {
-        "detector" => Ok(Role::Detector),
-        "annotator" => Ok(Role::Annotator),
-        "expert" => Ok(Role::Expert),
-        _ => Err("an author is a detector, an annotator or an expert".to_owned()),
-    }
+    let role = ROLES.iter().find(|(name, _)| *name == text);
+    role.map(|(_, role)| *role)
+        .ok_or_else(|| "an author is a detector, an annotator or an expert".to_owned())
 }

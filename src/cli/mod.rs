@@ -19,11 +19,13 @@ mod run;
 mod statement;
 mod suggestion;
 mod sweep;
+#[cfg(test)]
+mod walk;
 
 pub(crate) use attach::AttachArguments;
 pub(crate) use bench::BenchCommand;
 pub(crate) use bench_run::{AidsArgument, BenchRunArguments};
-use clap::{Command as ClapCommand, FromArgMatches, Parser, Subcommand, ValueEnum};
+use clap::{ColorChoice, Command as ClapCommand, FromArgMatches, Parser, Subcommand, ValueEnum};
 use clap_complete::Shell;
 pub(crate) use curate::{
     BuildArguments, CurateArguments, CurateCommand, CurationSettingsArguments, MemoryLimitArguments,
@@ -42,14 +44,17 @@ pub(crate) use reconstruct::{
     RenderArguments, plan_word,
 };
 pub(crate) use run::{MaskStepArgument, MaskStepArguments, RunArguments};
+pub(crate) use suggestion::tip_for_video;
 pub(crate) use sweep::{
     BenchPlanArguments, PlanArguments, PlanCommand, SubmitArguments, SweepCommand,
     SweepRunArguments,
 };
 
+use crate::colour;
+
 /// Curate 360-degree video, reconstruct it and score it against the OmniLife360 protocol.
 #[derive(Debug, Parser)]
-#[command(name = "omnilife", version, max_term_width = 100)]
+#[command(name = "omnilife", version = env!("OMNILIFE_VERSION"), max_term_width = 100)]
 pub(crate) struct Cli {
     /// Prints errors and results only.
     #[arg(long, short, global = true)]
@@ -58,6 +63,9 @@ pub(crate) struct Cli {
     /// standard error.
     #[arg(long, global = true, value_enum, value_name = "FORMAT", default_value_t = ProgressArgument::Auto)]
     pub(crate) progress: ProgressArgument,
+    /// Shows errors, warnings and best values in colour; auto does on a terminal, unless `NO_COLOR` is set.
+    #[arg(long, global = true, value_enum, value_name = "WHEN", default_value_t = ColorChoice::Auto)]
+    color: ColorChoice,
     #[command(subcommand)]
     pub(crate) command: Command,
 }
@@ -105,22 +113,38 @@ pub(crate) enum Command {
 impl Cli {
     /// What was asked for; ends the process where it was not understood, or was help.
     pub(crate) fn of_arguments() -> Self {
-        let command = command();
+        let words = std::env::args_os().map(|word| word.to_string_lossy().into_owned());
+        let words: Vec<String> = words.collect();
+        let command = command().color(colour::of_words(&words));
         let parsed = command
             .clone()
             .try_get_matches()
             .and_then(|matches| Self::from_arg_matches(&matches));
-        parsed.unwrap_or_else(|error| {
-            let words = std::env::args_os().map(|word| word.to_string_lossy().into_owned());
-            let words: Vec<String> = words.collect();
-            suggestion::with_tip(error, &command, &words).exit()
-        })
+        let cli =
+            parsed.unwrap_or_else(|error| suggestion::with_tip(error, &command, &words).exit());
+        colour::choose(cli.color);
+        cli
+    }
+
+    /// Returns whether another process of this program has started this one, and speaks for it.
+    pub(crate) fn is_worker(&self) -> bool {
+        matches!(
+            &self.command,
+            Command::Curate(CurateArguments {
+                command: CurateCommand::Worker
+            })
+        )
     }
 }
 
 /// The whole command line, with examples and lists of values.
 pub(crate) fn command() -> ClapCommand {
     guide::command()
+}
+
+/// The command line for completions, which propose names of methods, protocols and formats.
+pub(crate) fn command_with_values() -> ClapCommand {
+    guide::command_with_values()
 }
 
 #[cfg(test)]

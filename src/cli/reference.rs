@@ -15,7 +15,8 @@ went well; 2, some input is bad; 1, a failure of ours; 75, it was told to end an
 when it is begun again. Errors are one line with the file and the reason.
 
 Every command takes `--quiet`, which prints errors and results only, and `--progress json`, which writes \
-progress as a JSON object per line of standard error.
+progress as a JSON object per line of standard error. `--color never`, or `NO_COLOR` in the environment, leaves \
+colours out.
 
 (Made by `UPDATE_CLI_REFERENCE=1 cargo test -p omnilife --bins reference`.)
 ";
@@ -53,7 +54,7 @@ fn section(words: &str, command: &Command) -> String {
         .get_arguments()
         .filter(|argument| !argument.is_hide_set())
         .filter(|argument| {
-            !["help", "progress", "quiet", "version"].contains(&argument.get_id().as_str())
+            !["color", "help", "progress", "quiet", "version"].contains(&argument.get_id().as_str())
         })
         .collect();
     if !options.is_empty() {

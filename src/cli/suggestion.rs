@@ -1,17 +1,23 @@
 //! What was meant by a command that does not exist, wherever in the tree of commands it stands.
 
+use std::path::Path;
+
 use clap::{
-    Command,
+    Arg, Command,
+    builder::StyledStr,
     error::{ContextKind, ContextValue, ErrorKind},
 };
-
 use omnilife_schemas::names::UnknownName;
 
 use super::guide;
 
 /// The error with a tip where the word that was not understood names a command of another group, or
-/// nearly names one of `curate`, which takes words for videos.
+/// nearly names one of `curate`, which takes words for videos. A short option that is not known gets the long ones
+/// with its letter.
 pub(crate) fn with_tip(error: clap::Error, command: &Command, words: &[String]) -> clap::Error {
+    if let Some(letter) = unknown_letter(&error) {
+        return with_long_options(error, letter, command, words);
+    }
     let Some(word) = unknown_word(&error, command, words) else {
         return error;
     };
@@ -23,10 +29,28 @@ pub(crate) fn with_tip(error: clap::Error, command: &Command, words: &[String]) 
         .iter()
         .map(|tip| format!("\n  tip: there is a command 'omnilife {tip}'"))
         .collect();
-    clap::Error::raw(
+    // The command formats it, in its own colours.
+    command.clone().error(
         ErrorKind::InvalidSubcommand,
-        format!("unrecognized command '{word}'\n{lines}\n\nFor more information, try '--help'.\n"),
+        format!("unrecognized command '{word}'\n{lines}"),
     )
+}
+
+/// Returns the tip for a video of `curate` that is no file, and may be a slip of the keys for a command.
+pub(crate) fn tip_for_video(video: &Path) -> Option<String> {
+    let word = video.to_str().filter(|word| is_bare_word(word))?;
+    if video.exists() {
+        return None;
+    }
+    let tips = commands_like(word, &guide::command());
+    let tip = tips.iter().find(|tip| tip.starts_with("curate "))?;
+    Some(format!(
+        "{word}: does not exist; there is a command 'omnilife {tip}'"
+    ))
+}
+
+fn is_bare_word(word: &str) -> bool {
+    word.chars().all(|letter| letter.is_ascii_lowercase())
 }
 
 /// The word that was taken for a command, or for a video of `curate` where nothing else was given.
@@ -35,14 +59,49 @@ fn unknown_word(error: &clap::Error, command: &Command, words: &[String]) -> Opt
         (ErrorKind::InvalidSubcommand, Some(ContextValue::String(word))) => Some(word.clone()),
         (ErrorKind::MissingRequiredArgument, _) => {
             let after = words.iter().skip_while(|word| *word != "curate").nth(1)?;
-            let is_word = after.chars().all(|letter| letter.is_ascii_lowercase());
             // What is missing is an argument of a command that exists.
             let is_command = (command.find_subcommand("curate"))
                 .is_some_and(|curate| curate.find_subcommand(after).is_some());
-            (is_word && !is_command && !std::path::Path::new(after).exists()).then(|| after.clone())
+            (is_bare_word(after) && !is_command && !Path::new(after).exists())
+                .then(|| after.clone())
         }
         _ => None,
     }
+}
+
+/// Returns the letter of a short option that is not known, as in `-o`.
+fn unknown_letter(error: &clap::Error) -> Option<char> {
+    let Some(ContextValue::String(option)) = error.get(ContextKind::InvalidArg) else {
+        return None;
+    };
+    let mut letters = option.strip_prefix('-')?.chars();
+    let letter = letters.next().filter(char::is_ascii_alphabetic)?;
+    (error.kind() == ErrorKind::UnknownArgument && letters.next().is_none()).then_some(letter)
+}
+
+/// Names the long options with this first letter, in place of the advice to pass the letter as a value.
+fn with_long_options(
+    mut error: clap::Error,
+    letter: char,
+    command: &Command,
+    words: &[String],
+) -> clap::Error {
+    let mut asked = command;
+    for word in words.iter().skip(1) {
+        asked = asked.find_subcommand(word).unwrap_or(asked);
+    }
+    let options = asked.get_arguments().filter_map(Arg::get_long);
+    let mut tips = options
+        .filter(|long| long.starts_with(letter))
+        .map(|long| StyledStr::from(format!("options have long names: '--{long}'")))
+        .peekable();
+    if tips.peek().is_some() {
+        error.insert(
+            ContextKind::Suggested,
+            ContextValue::StyledStrs(tips.collect()),
+        );
+    }
+    error
 }
 
 /// Commands whose last word is this one, or else those that it may be a slip of the keys for.
@@ -106,5 +165,19 @@ mod tests {
         assert!(told("omnilife curate verfy").contains("'omnilife curate verify'"));
         // What has nothing to do with any command is a missing option, as it was.
         assert!(told("omnilife curate xyz").contains("--out"));
+        let tip = tip_for_video(Path::new("verfy")).unwrap_or_default();
+        assert!(tip.contains("'omnilife curate verify'"), "{tip}");
+        for video in ["xyz", "verfy.mp4", "Cargo.toml"] {
+            assert_eq!(tip_for_video(Path::new(video)), None, "{video}");
+        }
+    }
+
+    #[test]
+    fn short_options_get_their_long_names() {
+        let text = told("omnilife run a.mp4 -o x");
+        assert!(
+            text.contains("'--out'") && !text.contains("-- -o"),
+            "{text}"
+        );
     }
 }

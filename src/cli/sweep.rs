@@ -24,6 +24,9 @@ pub(crate) enum SweepCommand {
         /// Prints the table of all units (CSV) and nothing else.
         #[arg(long, conflicts_with = "units")]
         csv: bool,
+        /// Prints counts, costs of the groups and all units as JSON.
+        #[arg(long, conflicts_with_all = ["units", "csv"])]
+        json: bool,
     },
     /// Makes failed units missing again.
     Retry {

@@ -4,7 +4,7 @@
 
 use std::path::Path;
 
-use omnilife_bench::split_scene;
+use omnilife_bench::{protocols, split_scene};
 use omnilife_reconstruct::{
     jobs::plan_cost,
     methods::{self, Method},
@@ -13,7 +13,7 @@ use omnilife_schemas::{
     ErrorKind,
     layout::SPLIT_FILE,
     progress::Progress,
-    records::{ComponentDecision, ResultRecord},
+    records::{ComponentDecision, ResultRecord, Scene},
     stage::StagePlan,
     store,
 };
@@ -52,6 +52,8 @@ pub(crate) fn execute(
     // A faulty request must not be found out by every row.
     let asked = arguments.request(iterations)?;
     method.check(&asked, arguments.backend.into())?;
+    protocols::protocol(protocol)?;
+    store::read_record::<Scene>(scene)?;
     let summary = StagePlan::new(out, "ablation");
     let (table, failures, rows) =
         summary.run([TABLE_FILE], progress, |made| -> anyhow::Result<_> {

@@ -3,6 +3,7 @@
 use std::collections::BTreeSet;
 
 use omnilife_schemas::{
+    plain_text::counted,
     progress::Progress,
     records::{Scene, SceneFrame},
 };
@@ -36,5 +37,5 @@ fn summary(scene: &Scene) -> String {
     let classes: BTreeSet<&String> = frames.iter().flat_map(|f| f.classes.keys()).collect();
     let classes = classes.iter().map(|class| format!("class {class}"));
     let words: Vec<String> = counts.chain(classes).collect();
-    format!("{} frames: {}", frames.len(), words.join(", "))
+    format!("{}: {}", counted(frames.len(), "frame"), words.join(", "))
 }

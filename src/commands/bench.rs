@@ -15,11 +15,14 @@ use omnilife_schemas::{
     records::{DIAGNOSIS_PREFIX, ExternalRun, Padding, Protocol, SplitRule},
     store,
 };
+use serde_json::{Value, json};
 
 use super::{
     ablate,
     bench_poses::{self, PosePlaces},
-    bench_run, bench_scores, bench_stability, note_far_frames,
+    bench_run, bench_scores, bench_stability,
+    curate::print_json,
+    note_far_frames,
 };
 use crate::{
     cli::BenchCommand,
@@ -257,7 +260,8 @@ pub(crate) fn execute(command: &BenchCommand, progress: &dyn Progress) -> anyhow
             let method = (&**method, *iterations);
             ablate::execute(scene, out, protocol, method, *paper, progress)
         }
-        BenchCommand::List => exit::print(&list()),
+        BenchCommand::List { json: false } => exit::print(&list()),
+        BenchCommand::List { json: true } => print_json(&list_record()),
     }
 }
 
@@ -334,4 +338,34 @@ fn list() -> String {
         text += &format!("  {}: {} ({})\n", metric.id, metric.title, metric.source);
     }
     text
+}
+
+/// Returns what [`list`] lists, for programs.
+fn list_record() -> Value {
+    let protocols = PROTOCOLS.iter().map(|protocol| {
+        json!({
+            "id": protocol.id,
+            "description": protocol.description,
+        })
+    });
+    let adapters = ADAPTERS.iter().map(|adapter| {
+        json!({
+            "id": adapter.id,
+            "description": adapter.about,
+        })
+    });
+    let metrics = METRICS.iter().map(|metric| {
+        json!({
+            "id": metric.id,
+            "title": metric.title,
+            "unit": metric.unit,
+            "direction": metric.direction,
+            "source": metric.source,
+        })
+    });
+    json!({
+        "protocols": protocols.collect::<Vec<_>>(),
+        "adapters": adapters.collect::<Vec<_>>(),
+        "metrics": metrics.collect::<Vec<_>>(),
+    })
 }

@@ -14,7 +14,9 @@ use omnilife_schemas::{
     layout::{DENSE_FOLDER, SCENE_FILE},
     names::{UnknownName, find},
     ownership::refuse_another_kind,
+    plain_text::counted,
     progress::Progress,
+    records::ValidationStatus,
 };
 use omnilife_tracks::{
     TrackRequest,
@@ -29,7 +31,7 @@ use serde::Serialize;
 
 use super::ledger;
 use crate::{
-    cli::{BuildArguments, CurateCommand, MemoryLimitArguments},
+    cli::{self, BuildArguments, CurateCommand, MemoryLimitArguments},
     commands::{attach, dataset},
     exit,
     prerequisites::{self, Prerequisite},
@@ -80,7 +82,11 @@ pub(crate) fn execute(command: &CurateCommand, progress: &dyn Progress) -> anyho
                 embedded_bytes: audit::EMBEDDED_BYTES,
             };
             let count = audit::write_page(&request, progress)?;
-            exit::print(&format!("{}: {count} boundaries\n", out.display()))
+            let boundaries = match count {
+                1 => "1 boundary".to_owned(),
+                count => format!("{count} boundaries"),
+            };
+            exit::print(&format!("{}: {boundaries}\n", out.display()))
         }
         CurateCommand::Build(arguments) => build(arguments, progress),
         CurateCommand::Video {
@@ -163,7 +169,7 @@ pub(crate) fn execute(command: &CurateCommand, progress: &dyn Progress) -> anyho
                 }
             }
             exit::print(&format!(
-                "{text}{}: {} vehicles move\n",
+                "{text}{}: vehicles that move: {}\n",
                 tracks.scene,
                 tracks.tracks.len()
             ))
@@ -184,11 +190,11 @@ pub(crate) fn execute(command: &CurateCommand, progress: &dyn Progress) -> anyho
             let dense = make_dense(&request, progress)?;
             let known: f64 = dense.frames.iter().map(|frame| frame.known_share).sum();
             exit::print(&format!(
-                "{}: {} points, distances of {:.0} % of the pixels of {} frames\n",
+                "{}: {} points, distances of {:.0} % of the pixels of {}\n",
                 dense.scene,
                 dense.point_count,
                 100.0 * known / dense.frames.len().max(1) as f64,
-                dense.frames.len()
+                counted(dense.frames.len(), "frame")
             ))
         }
         CurateCommand::Poses {
@@ -205,13 +211,22 @@ pub(crate) fn execute(command: &CurateCommand, progress: &dyn Progress) -> anyho
                 progress,
             )?;
             exit::print(&format!(
-                "{}: {} of {} frames posed, {:?}\n",
+                "{}: {} of {} posed, {}\n",
                 scene.id,
                 scene.validation.registered_frames,
-                scene.validation.total_frames,
-                scene.validation.status
+                counted(scene.validation.total_frames as usize, "frame"),
+                validation_words(scene.validation.status)
             ))
         }
+    }
+}
+
+/// Returns the outcome of a validation of poses in words.
+fn validation_words(status: ValidationStatus) -> &'static str {
+    match status {
+        ValidationStatus::Valid => "valid",
+        ValidationStatus::Unstable => "unstable",
+        ValidationStatus::Unchecked => "not checked",
     }
 }
 
@@ -250,6 +265,11 @@ pub(crate) fn with_origins(
 
 /// Curates, publishes and draws the page. Rejected and failed videos are reported at the end.
 fn build(arguments: &BuildArguments, progress: &dyn Progress) -> anyhow::Result<()> {
+    if let [video] = arguments.videos.as_slice()
+        && let Some(tip) = cli::tip_for_video(video)
+    {
+        return Err(exit::BadRequest(tip).into());
+    }
     let videos = expand_inputs(&arguments.videos)?;
     let left_out = left_out_of_folders(&arguments.videos, &videos)?;
     for line in &left_out.lines {
@@ -299,9 +319,9 @@ fn curate_one(
 ) -> anyhow::Result<()> {
     match curate_video(video, folder, settings, progress) {
         Ok(sequences) => exit::print(&format!(
-            "{}: {} sequences\n",
+            "{}: {}\n",
             folder.display(),
-            sequences.len()
+            counted(sequences.len(), "sequence")
         )),
         Err(error) if error.failed_checks().is_some() => exit::print(&format!("{error}\n")),
         Err(error) => Err(error.into()),
@@ -328,7 +348,7 @@ fn summary(curated: &CuratedDataset, videos: &[PathBuf]) -> String {
         let path = path.display();
         match &curated.record.videos[index].status {
             VideoStatus::Curated { sequences } => {
-                format!("{path}: {} sequences\n", sequences.len())
+                format!("{path}: {}\n", counted(sequences.len(), "sequence"))
             }
             VideoStatus::Rejected { reason, .. } | VideoStatus::Failed { reason } => {
                 let mut errors = curated.errors.iter();

@@ -14,6 +14,7 @@ use omnilife_schemas::{
     ErrorKind,
     layout::{DYNAMIC_MASKS_FOLDER, OPERATOR_FOLDER},
     lock::FolderLock,
+    plain_text::counted,
     progress::Progress,
     store,
 };
@@ -39,9 +40,9 @@ pub(crate) fn slice(arguments: &SliceArguments, progress: &dyn Progress) -> anyh
         omnilife_schemas::records::SliceMethod::Encoded { encoder } => encoder,
     };
     exit::print(&format!(
-        "{}: {} frames, {duration:.3} s, {how}\n",
+        "{}: {}, {duration:.3} s, {how}\n",
         out.display(),
-        file.frames
+        counted(file.frames as usize, "frame")
     ))
 }
 
@@ -124,10 +125,10 @@ pub(crate) fn export(arguments: &ExportArguments, progress: &dyn Progress) -> an
     };
     let exported = exchange::export(&request, progress)?;
     exit::print(&format!(
-        "{}: {} frames, {} points\n",
+        "{}: {}, {}\n",
         out.display(),
-        exported.frames.len(),
-        exported.points.len()
+        counted(exported.frames.len(), "frame"),
+        counted(exported.points.len(), "point")
     ))
 }
 
@@ -164,9 +165,9 @@ pub(crate) fn publish_dataset(
         progress.note(&format!("unstated: {unstated}; --about FILE states them"));
     }
     exit::print(&format!(
-        "{}: {} sequences, {:.3} hours, {:.1} s on average\n",
+        "{}: {}, {:.3} hours, {:.1} s on average\n",
         arguments.dataset.display(),
-        statistics.rows.len(),
+        counted(statistics.rows.len(), "sequence"),
         statistics.seconds() / 3600.0,
         statistics.mean_seconds()
     ))
@@ -176,10 +177,10 @@ pub(crate) fn select(arguments: &SelectArguments, progress: &dyn Progress) -> an
     let (dataset, out) = (&arguments.dataset, &arguments.out);
     let selection = publish::select(dataset, &arguments.request(), out, progress)?;
     let mut text = format!(
-        "{}: {} of {} sequences\n",
+        "{}: {} of {}\n",
         out.display(),
         selection.rows.len(),
-        selection.candidates
+        counted(selection.candidates, "sequence")
     );
     for (property, distance) in &selection.distances {
         text += &format!("{property}: shares differ by {:.1} %\n", 100.0 * distance);
@@ -195,7 +196,7 @@ pub(crate) fn status(dataset: &Path, as_json: bool) -> anyhow::Result<()> {
     }
     let shown = dataset.display().to_string();
     let table = overview::table(&overview::status(dataset, &shown)?);
-    exit::print(exit::for_reader(&table.short, &table.whole))
+    exit::print(&exit::for_reader(&table.short, &table.whole))
 }
 
 /// Prints one line per fault.

@@ -6,7 +6,7 @@ use omnilife_leaderboard::{
     figure::{FigureRequest, GalleryRequest, figure, gallery},
     query, render, results_table,
 };
-use omnilife_schemas::{lock::FolderLock, progress::Progress, store};
+use omnilife_schemas::{lock::FolderLock, plain_text::counted, progress::Progress, store};
 
 use super::submission;
 use crate::{
@@ -42,6 +42,8 @@ fn build(arguments: &LeaderboardBuildArguments, progress: &dyn Progress) -> anyh
         check_leaderboard(&request)?;
         return exit::print("The tables are what the results give.\n");
     }
+    // Read first, so that the output cannot be taken for it.
+    store::names_in(&request.results)?;
     let _lock = FolderLock::take(&request.out, progress)?;
     let built = build_leaderboard(&request)?;
     for note in &built.notes {
@@ -125,11 +127,11 @@ fn draw_gallery(arguments: &GalleryArguments) -> anyhow::Result<()> {
         panel_width: usize::from(arguments.panel_width),
     })?;
     exit::print(&format!(
-        "{}\n{}\n{} of {} sequences: {}\n",
+        "{}\n{}\n{} of {}: {}\n",
         drawn.png.display(),
         drawn.svg.display(),
         drawn.sequences.len(),
-        drawn.of,
+        counted(drawn.of, "sequence"),
         drawn.sequences.join(", ")
     ))
 }

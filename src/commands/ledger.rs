@@ -3,7 +3,9 @@
 use omnilife_curate::ledger::{
     self, Evidence, MergeRequest, agreement, candidates, resolve, resolve::MERGE_SECONDS,
 };
-use omnilife_schemas::{layout::LEDGER_FILE, lock::FolderLock, progress::Progress};
+use omnilife_schemas::{
+    layout::LEDGER_FILE, lock::FolderLock, plain_text::counted, progress::Progress,
+};
 
 use super::curate::print_json;
 use crate::{cli::LedgerCommand, exit};
@@ -26,9 +28,9 @@ pub(crate) fn execute(command: &LedgerCommand, progress: &dyn Progress) -> anyho
             let _lock = FolderLock::take_existing(folder, progress)?;
             let merged = ledger::merge(folder, files, request.as_ref(), progress)?;
             exit::print(&format!(
-                "{}: {} lines, {} boundaries hold\n",
+                "{}: {}, boundaries that hold: {}\n",
                 folder.join(LEDGER_FILE).display(),
-                merged.entries().len(),
+                counted(merged.entries().len(), "line"),
                 resolve(merged.entries()).len()
             ))
         }

@@ -41,7 +41,12 @@ fn note_far_frames(scene: &Path, progress: &dyn Progress) -> anyhow::Result<()> 
 /// Runs `omnilife completions`.
 pub(crate) fn completions(shell: Shell) -> anyhow::Result<()> {
     let mut script = Vec::new();
-    clap_complete::generate(shell, &mut cli::command(), "omnilife", &mut script);
+    clap_complete::generate(
+        shell,
+        &mut cli::command_with_values(),
+        "omnilife",
+        &mut script,
+    );
     Ok(io::stdout().write_all(&script)?)
 }
 

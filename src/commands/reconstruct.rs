@@ -13,7 +13,12 @@ use omnilife_reconstruct::{
     process, scene,
 };
 use omnilife_schemas::{
-    camera::Camera, layout::RUN_FILE, progress::Progress, records::WordedViews,
+    camera::Camera,
+    layout::RUN_FILE,
+    plain_text::counted,
+    progress::Progress,
+    records::{Scene, Split, WordedViews},
+    store,
 };
 use omnilife_video::Projection;
 
@@ -77,6 +82,9 @@ pub(crate) fn execute(command: &ReconstructCommand, progress: &dyn Progress) -> 
         } => {
             let methods = names.iter().map(|name| methods::find(name));
             let methods = methods.collect::<Result<Vec<_>, _>>()?;
+            // Some methods require nothing, and would leave them unread.
+            store::read_record::<Scene>(scene)?;
+            store::read_record::<Split>(split)?;
             match preparation::prepare(&methods, scene, split, progress) {
                 Err(error) if *where_possible && !exit::is_interruption(&error) => {
                     progress.note(&format!("left as it is: {error}"));
@@ -93,7 +101,10 @@ pub(crate) fn execute(command: &ReconstructCommand, progress: &dyn Progress) -> 
         } => {
             let request = method.request(*iterations)?;
             let backend = method.backend.into();
-            let plan = plan_cost::plan(scene, split, &method.method, &request, backend)?;
+            progress.begin("planning", None);
+            let plan = plan_cost::plan(scene, split, &method.method, &request, backend);
+            progress.end();
+            let plan = plan?;
             note_far_frames(scene, progress)?;
             for line in scene::mask_notes(scene, split)? {
                 progress.note(&line);
@@ -104,7 +115,11 @@ pub(crate) fn execute(command: &ReconstructCommand, progress: &dyn Progress) -> 
         ReconstructCommand::Export(arguments) => export(arguments, progress),
         ReconstructCommand::Atlas { run, out } => {
             let files = atlas::export(run, out, progress)?;
-            exit::print(&format!("{} files in {}\n", files.len(), out.display()))
+            exit::print(&format!(
+                "{} in {}\n",
+                counted(files.len(), "file"),
+                out.display()
+            ))
         }
         ReconstructCommand::Edit { run, script, out } => {
             let request = EditRequest {
@@ -190,7 +205,11 @@ fn render(arguments: &RenderArguments, progress: &dyn Progress) -> anyhow::Resul
         }
     }
     let rendered = render::render_poses(&arguments.request()?, progress)?;
-    let mut text = format!("{} views in {}\n", rendered.views, arguments.out.display());
+    let mut text = format!(
+        "{} in {}\n",
+        counted(rendered.views, "view"),
+        arguments.out.display()
+    );
     if rendered.unposed > 0 {
         text += &format!(
             "{} frames have no usable pose and are left out\n",

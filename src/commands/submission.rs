@@ -1,7 +1,7 @@
 //! `omnilife leaderboard submit` and `add`: submitted results, and scoring a sample of them again.
 
 use std::{
-    env, fs,
+    env,
     path::Path,
     time::{SystemTime, UNIX_EPOCH},
 };
@@ -14,6 +14,7 @@ use omnilife_leaderboard::submission::{self, PackRequest, Verified};
 use omnilife_schemas::{
     layout::SPLIT_FILE,
     lock::FolderLock,
+    plain_text::counted,
     progress::Progress,
     provenance,
     records::{Padding, ResultRecord, SubmittedResult, Verification},
@@ -33,31 +34,22 @@ pub(crate) fn submit(
     arguments: &SubmitResultsArguments,
     progress: &dyn Progress,
 ) -> anyhow::Result<()> {
-    let existed = arguments.out.exists();
-    let lock = FolderLock::take(&arguments.out, progress)?;
+    // Read first, so that the output cannot be taken for it.
+    submission::read_card(&arguments.card)?;
+    let _lock = FolderLock::take(&arguments.out, progress)?;
     let packed = submission::pack(&PackRequest {
         results: arguments.results.clone(),
         card: arguments.card.clone(),
         out: arguments.out.clone(),
         with_failures: arguments.with_failures,
-    });
-    let packed = match packed {
-        Ok(packed) => packed,
-        Err(error) => {
-            drop(lock);
-            if !existed {
-                // Removes the folder that was made for nothing; one with content stays.
-                drop(fs::remove_dir(&arguments.out));
-            }
-            return Err(error.into());
-        }
-    };
+    })?;
     let files: usize = packed.results.iter().map(|result| result.files.len()).sum();
     exit::print(&format!(
-        "{}: {} results of {}, {files} files\n",
+        "{}: {} of {}, {}\n",
         arguments.out.display(),
-        packed.results.len(),
-        packed.card.method
+        counted(packed.results.len(), "result"),
+        packed.card.method,
+        counted(files, "file")
     ))
 }
 
@@ -85,9 +77,9 @@ pub(crate) fn add(arguments: &AddArguments, progress: &dyn Progress) -> anyhow::
     };
     let target = submission::add(&verified, &verification, &arguments.results)?;
     exit::print(&format!(
-        "{}: {} results of {} added, {} of them scored again\n",
+        "{}: {} of {} added, {} of them scored again\n",
         target.display(),
-        verified.results.len(),
+        counted(verified.results.len(), "result"),
         verified.submission.card.method,
         scored_again
     ))
@@ -112,9 +104,9 @@ fn audit(
         .collect();
     order.sort_by(|a, b| a.0.cmp(&b.0));
     progress.note(&format!(
-        "auditing {} of {} results, audit seed {seed}",
+        "auditing {} of {}, audit seed {seed}",
         count.min(order.len()),
-        order.len()
+        counted(order.len(), "result")
     ));
     for (_, entry, result) in order.into_iter().take(count) {
         let scene = scenes

@@ -10,14 +10,16 @@ use std::{
 
 use anyhow::Context;
 use omnilife_reconstruct::process;
-use omnilife_schemas::{ErrorKind, progress::Progress, records::SweepUnit};
+use omnilife_schemas::{ErrorKind, plain_text::counted, progress::Progress, records::SweepUnit};
 use omnilife_sweep::{
     PoolLimits, RunRequest, RunSummary, Sweep, SweepError, UnitState,
     history::GroupCost,
     plan, reduce, run, slurm,
     status::{self, Counts, Status},
 };
+use serde_json::{Value, json};
 
+use super::curate::print_json;
 use crate::{
     cli::{PlanCommand, SubmitArguments, SweepCommand, SweepRunArguments},
     exit::{self, BadRequest, PartialFailure},
@@ -34,6 +36,9 @@ pub(crate) fn execute(command: &SweepCommand, progress: &dyn Progress) -> anyhow
         SweepCommand::Status {
             sweep, csv: true, ..
         } => print_table(sweep),
+        SweepCommand::Status {
+            sweep, json: true, ..
+        } => print_json(&status_record(&Status::of(Sweep::open(sweep)?)?)),
         SweepCommand::Status { sweep, units, .. } => print_status(sweep, *units),
         SweepCommand::Retry { sweep, units } => retry(sweep, units),
         SweepCommand::Reduce { sweep } => {
@@ -73,9 +78,9 @@ fn make_plan(command: &PlanCommand) -> anyhow::Result<()> {
     let made = plan::plan(&here, units, reduce)?;
     plan::write(out, &made)?;
     exit::print(&format!(
-        "{}: {} units\n",
+        "{}: {}\n",
         out.join(plan::PLAN_FILE).display(),
-        made.units.len()
+        counted(made.units.len(), "unit")
     ))
 }
 
@@ -187,7 +192,10 @@ fn as_result(summary: &RunSummary) -> anyhow::Result<()> {
         .iter()
         .any(|outcome| outcome.exit_code != Some(2));
     Err(PartialFailure {
-        message: format!("{failed} of {all} units failed, the first: {unit}: {reason}"),
+        message: format!(
+            "{failed} of {} failed, the first: {unit}: {reason}",
+            counted(all, "unit")
+        ),
         blame: if ours {
             ErrorKind::Internal
         } else {
@@ -239,6 +247,42 @@ fn print_status(folder: &Path, every: bool) -> anyhow::Result<()> {
     exit::print(&text)
 }
 
+/// Returns the status for programs; costs are sums over the units that are done.
+fn status_record(status: &Status) -> Value {
+    let Counts {
+        done,
+        failed,
+        running,
+        missing,
+    } = status.counts();
+    let history = status.history();
+    let groups = history.groups().map(|(name, cost)| {
+        json!({
+            "group": name,
+            "done": cost.done,
+            "wall_seconds": cost.wall_seconds,
+            "cpu_seconds": cost.cpu_seconds,
+            "peak_memory_bytes": cost.peak_memory_bytes,
+        })
+    });
+    let units = status.units().map(|(unit, state)| {
+        json!({
+            "unit": unit.id,
+            "group": unit.group,
+            "state": state.name(),
+            "reason": status::reason(state),
+        })
+    });
+    json!({
+        "done": done,
+        "failed": failed,
+        "running": running,
+        "missing": missing,
+        "groups": groups.collect::<Vec<_>>(),
+        "units": units.collect::<Vec<_>>(),
+    })
+}
+
 /// Returns the cost of a group per unit, and the estimated cost of its remaining units.
 fn cost_words(name: &str, cost: &GroupCost, left: &[&SweepUnit]) -> String {
     let done = f64::from(cost.done);
@@ -281,7 +325,7 @@ fn retry(folder: &Path, ids: &[String]) -> anyhow::Result<()> {
             return Err(BadRequest(format!("{}: has not failed", unit.id)).into());
         }
     }
-    exit::print(&format!("{count} units are to be done again\n"))
+    exit::print(&format!("to be done again: {}\n", counted(count, "unit")))
 }
 
 /// Returns `--minutes` and `--signal-before`, which together make the time of a job.
@@ -316,10 +360,10 @@ fn submit(arguments: &SubmitArguments) -> anyhow::Result<()> {
     for (array, id) in &submission.arrays {
         let needs = &array.needs;
         text += &format!(
-            "{}: {} units, each {} cores, {} MiB, {} minutes",
+            "{}: {}, each {}, {} MiB, {} minutes",
             id.as_deref().unwrap_or("array"),
-            array.units.len(),
-            needs.cores,
+            counted(array.units.len(), "unit"),
+            counted(needs.cores as usize, "core"),
             needs.memory_mebibytes,
             needs.minutes
         );
@@ -329,7 +373,10 @@ fn submit(arguments: &SubmitArguments) -> anyhow::Result<()> {
         text.push('\n');
     }
     if submission.queued > 0 {
-        text += &format!("{} units are in the queue already\n", submission.queued);
+        text += &format!(
+            "in the queue already: {}\n",
+            counted(submission.queued, "unit")
+        );
     }
     if submission.arrays.is_empty() {
         text += "nothing to submit\n";

@@ -10,16 +10,73 @@ use std::{
 use indicatif::{MultiProgress, ProgressBar, ProgressDrawTarget, ProgressStyle};
 
 use super::{locked, wording::closing_line};
+use crate::width;
 
 /// Shortest work that gets a bar.
 const SHOWN_AFTER: Duration = Duration::from_secs(1);
 /// Interval at which bars are redrawn.
 const REDRAW_EVERY: Duration = Duration::from_millis(100);
+/// Columns of the widest count with its times.
+#[cfg(test)]
+const COUNT_COLUMNS: usize = "30000/30000 59m (left 59m) ".len();
 
 /// Bars on a terminal, redrawn by a thread of their own that ends with them.
 pub(super) struct Bars {
     screen: MultiProgress,
     stack: Vec<Bar>,
+    layout: Layout,
+}
+
+/// Columns of the parts of a bar, which fit into one line from 60 columns on.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+struct Layout {
+    label: usize,
+    /// 0 for a line without a bar.
+    bar: usize,
+}
+
+impl Layout {
+    fn of(columns: usize) -> Self {
+        let (label, bar) = match columns {
+            ..80 => (28, 0),
+            80..110 => (30, 12),
+            _ => (40, 30),
+        };
+        Self { label, bar }
+    }
+
+    fn template(self, has_total: bool) -> String {
+        match (has_total, self.bar) {
+            (false, _) => "{spinner} {prefix} {pos} {elapsed} {wide_msg}".to_owned(),
+            (true, 0) => "{prefix} {pos}/{len} {elapsed} (left {eta}) {wide_msg}".to_owned(),
+            (true, bar) => {
+                format!(
+                    "{{prefix}} [{{bar:{bar}}}] {{pos}}/{{len}} {{elapsed}} (left {{eta}}) {{wide_msg}}"
+                )
+            }
+        }
+    }
+
+    /// Gives a bar this layout.
+    fn apply(self, bar: &ProgressBar, label: &str) {
+        // A test shows that the templates parse.
+        let style = ProgressStyle::with_template(&self.template(bar.length().is_some()))
+            .unwrap_or_else(|_| ProgressStyle::default_bar());
+        bar.set_style(style.progress_chars("=> "));
+        bar.set_prefix(shortened(label, self.label));
+    }
+}
+
+/// Returns the label, its middle left out where it has more than `most` characters: ends tell files apart.
+fn shortened(label: &str, most: usize) -> String {
+    let letters: Vec<char> = label.chars().collect();
+    if letters.len() <= most {
+        return label.to_owned();
+    }
+    let head = (most - 1) / 2;
+    let tail = letters.len() - (most - 1 - head);
+    let part = |range: &[char]| range.iter().collect::<String>();
+    format!("{}…{}", part(&letters[..head]), part(&letters[tail..]))
 }
 
 struct Bar {
@@ -34,6 +91,7 @@ impl Bars {
         let bars = Arc::new(Mutex::new(Self {
             screen: MultiProgress::new(),
             stack: Vec::new(),
+            layout: Layout::of(width::of_stderr()),
         }));
         let watched = Arc::downgrade(&bars);
         // Should the thread not start, no bar shows; the closing lines still do.
@@ -47,8 +105,7 @@ impl Bars {
 
     pub(super) fn begin(&mut self, label: &str, total: Option<u64>) {
         let bar = ProgressBar::with_draw_target(total, ProgressDrawTarget::hidden());
-        bar.set_style(style(total.is_some()));
-        bar.set_prefix(label.to_owned());
+        self.layout.apply(&bar, label);
         self.stack.push(Bar {
             label: label.to_owned(),
             bar,
@@ -99,6 +156,13 @@ impl Bars {
 
     /// Shows the bars of work that has lasted long enough, and turns the spinners.
     fn redraw(&mut self) {
+        let layout = Layout::of(width::of_stderr());
+        if layout != self.layout {
+            self.layout = layout;
+            for work in &self.stack {
+                layout.apply(&work.bar, &work.label);
+            }
+        }
         for work in &mut self.stack {
             if !work.on_screen && work.begun.elapsed() >= SHOWN_AFTER {
                 work.bar = self.screen.add(work.bar.clone());
@@ -119,29 +183,30 @@ fn redraw_while_alive(bars: &Weak<Mutex<Bars>>) {
     }
 }
 
-fn template(has_total: bool) -> &'static str {
-    if has_total {
-        "{prefix} [{bar:30}] {pos}/{len} {elapsed} (left {eta}) {wide_msg}"
-    } else {
-        "{spinner} {prefix} {pos} {elapsed} {wide_msg}"
-    }
-}
-
-fn style(has_total: bool) -> ProgressStyle {
-    // The templates are constants, and a test shows that they parse.
-    ProgressStyle::with_template(template(has_total))
-        .unwrap_or_else(|_| ProgressStyle::default_bar())
-        .progress_chars("=> ")
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
 
     #[test]
-    fn templates_parse() {
-        for has_total in [true, false] {
-            assert!(ProgressStyle::with_template(template(has_total)).is_ok());
+    fn bars_fit_into_a_line_from_60_columns_on() {
+        for columns in 60..200 {
+            let layout = Layout::of(columns);
+            for has_total in [true, false] {
+                assert!(ProgressStyle::with_template(&layout.template(has_total)).is_ok());
+            }
+            // A blank behind the label, and a blank and two brackets around the bar.
+            let bar = if layout.bar == 0 { 0 } else { layout.bar + 3 };
+            assert!(
+                layout.label + 1 + bar + COUNT_COLUMNS <= columns,
+                "{columns}"
+            );
         }
+    }
+
+    #[test]
+    fn long_labels_keep_both_ends() {
+        assert_eq!(shortened("training", 8), "training");
+        assert_eq!(shortened("analysing walk.mp4", 9), "anal….mp4");
+        assert_eq!(shortened("äöüäöüäöü", 5).chars().count(), 5);
     }
 }

@@ -2,7 +2,7 @@
 
 use std::{io::Write, time::Duration};
 
-use super::wording::{closing_line, count_of, joined, text_of};
+use super::wording::{closing_line, count_of, joined, text_of, times_of};
 
 /// Shortest time between lines about one piece of work.
 const LINE_EVERY: Duration = Duration::from_secs(10);
@@ -59,7 +59,12 @@ impl PlainLines {
             return;
         }
         work.last_line = now;
-        let parts = [count_of(work.done, work.total), text_of(&work.status)];
+        let elapsed = now.saturating_sub(work.begun);
+        let parts = [
+            count_of(work.done, work.total),
+            Some(times_of(work.done, work.total, elapsed)),
+            text_of(&work.status),
+        ];
         let line = format!("{}: {}", work.label, joined(parts));
         self.indented_line(self.stack.len() - 1, &line);
     }

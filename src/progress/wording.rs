@@ -36,6 +36,22 @@ pub(super) fn count_of(done: u64, total: Option<u64>) -> Option<String> {
     }
 }
 
+/// Returns the time so far, and an estimate of the rest where the total is known: `after 10 s, left 20 s`.
+pub(super) fn times_of(done: u64, total: Option<u64>, elapsed: Duration) -> String {
+    let after = format!("after {}", seconds(elapsed));
+    let left = total
+        .filter(|&total| 0 < done && done < total)
+        .map(|total| {
+            let ratio = (total - done) as f64 / done as f64;
+            Duration::try_from_secs_f64(elapsed.as_secs_f64() * ratio)
+        });
+    match left {
+        Some(Ok(left)) => format!("{after}, left {}", seconds(left)),
+        // A total without sense gives no duration.
+        Some(Err(_)) | None => after,
+    }
+}
+
 pub(super) fn text_of(status: &str) -> Option<String> {
     (!status.is_empty()).then(|| status.to_owned())
 }
@@ -60,6 +76,15 @@ pub(super) fn seconds(duration: Duration) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn the_rest_is_estimated_where_it_can_be() {
+        let minute = Duration::from_secs(60);
+        assert_eq!(times_of(2, Some(6), minute), "after 60 s, left 120 s");
+        for (done, total) in [(0, Some(6)), (6, Some(6)), (2, None), (1, Some(u64::MAX))] {
+            assert_eq!(times_of(done, total, minute), "after 60 s");
+        }
+    }
 
     #[test]
     fn durations_read_well() {

@@ -143,12 +143,22 @@ fn score_all(
 ) -> anyhow::Result<(Outcomes, anyhow::Result<()>)> {
     let mut outcomes = Outcomes::default();
     let mut failed = Vec::new();
+    let mut number = 0;
+    let total = sequence_count(&curated.record);
     for (index, video) in curated.record.videos.iter().enumerate() {
         if let VideoStatus::Curated { sequences } = &video.status {
             for sequence in sequences {
                 let folder = out.join(sequence);
                 let id = sequence.strip_prefix("videos/").unwrap_or(sequence);
-                outcomes.push(match job.score_sequence(&folder, id) {
+                number += 1;
+                let label = match total {
+                    1 => id.to_owned(),
+                    total => format!("{number} of {total}: {id}"),
+                };
+                job.progress.begin(&label, None);
+                let scored = job.score_sequence(&folder, id);
+                job.progress.end();
+                outcomes.push(match scored {
                     Ok(()) => Outcome::scored(&video.file, id),
                     Err(error) if exit::is_interruption(&error) => return Err(error),
                     Err(error) => {
@@ -290,14 +300,7 @@ impl Job<'_> {
     /// Refuses one folder of masks for several sequences: masks are named by frame, and every sequence counts its
     /// frames from 0.
     fn refuse_shared_masks(&self, dataset: &Dataset) -> anyhow::Result<()> {
-        let sequences: usize = dataset
-            .videos
-            .iter()
-            .map(|video| match &video.status {
-                VideoStatus::Curated { sequences } => sequences.len(),
-                _ => 0,
-            })
-            .sum();
+        let sequences = sequence_count(dataset);
         let of_frames = match &self.truth.ignored {
             // A single image belongs to the camera, in whatever direction it looks.
             Some(IgnoredRegion::Masks(path)) if path.is_dir() => Some("--ignore-mask"),
@@ -386,6 +389,14 @@ impl Job<'_> {
         )?;
         refuse_unscored(&score(&request, self.progress)?)
     }
+}
+
+fn sequence_count(dataset: &Dataset) -> usize {
+    let counts = dataset.videos.iter().map(|video| match &video.status {
+        VideoStatus::Curated { sequences } => sequences.len(),
+        _ => 0,
+    });
+    counts.sum()
 }
 
 /// Refuses a result without scores, whatever its views state.

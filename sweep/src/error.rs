@@ -41,7 +41,9 @@ pub enum SweepError {
         by: String,
     },
     /// The runner was asked to end and has done so.
-    #[error("ended as asked to; units that were under way go on from their checkpoints")]
+    #[error(
+        "interrupted; run the same command again to go on, units under way from their checkpoints"
+    )]
     Interrupted,
     /// A Slurm command failed.
     #[error("{command}: {reason}")]

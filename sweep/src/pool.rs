@@ -102,6 +102,7 @@ pub fn run(request: &RunRequest<'_>, progress: &dyn Progress) -> Result<RunSumma
     let mut pool = Pool::new(&sweep, request)?;
     progress.begin("units", Some(pool.waiting.len() as u64));
     let outcome = pool.run(progress);
+    progress.status("");
     progress.end();
     let table = match lock {
         Some(lock) => write_table(&sweep, &lock),
@@ -239,6 +240,9 @@ impl<'a> Pool<'a> {
                 if self.active.is_empty() && (ending || self.is_over()) {
                     return Ok(());
                 }
+                let id = |index: &usize| self.unit(*index).id.as_str();
+                let ids: Vec<&str> = self.active.keys().take(3).map(id).collect();
+                progress.status(&ids.join(", "));
                 match receiver.recv_timeout(TICK) {
                     Ok(Message::Idle(index)) => self.set_free(index),
                     Ok(Message::Ended(index, ended)) => self.take_in(index, ended, progress),

@@ -462,3 +462,27 @@ fn a_model_beyond_the_memory_that_it_may_take_is_refused_before_training() {
         assert!(!out.join("run.json").exists());
     }
 }
+
+#[test]
+fn a_dataset_in_place_of_a_sequence_lists_its_sequences() {
+    let dataset = &small_run().out;
+    let sequence = dataset.join(SEQUENCE);
+    for (words, part) in [
+        (&["curate", "poses"][..], sequence.as_path()),
+        (&["curate", "masks"][..], sequence.as_path()),
+        (
+            &["bench", "split", "--out", "split.json"][..],
+            sequence.as_path(),
+        ),
+        (
+            &["curate", "ledger", "show"][..],
+            sequence.parent().unwrap(),
+        ),
+    ] {
+        let words = words.iter().map(std::ffi::OsStr::new);
+        let ended = omnilife(words.chain([dataset.as_os_str()]));
+        assert_eq!(ended.code, Some(2), "{}", ended.stderr);
+        let part = part.to_str().unwrap();
+        assert!(ended.stderr.contains(part), "{part}: {}", ended.stderr);
+    }
+}

@@ -82,7 +82,7 @@ fn a_curated_dataset_is_sound_until_something_changes() {
         format!("{}: sound\n", out.display())
     );
     let card = fs::read_to_string(out.join("README.md")).unwrap();
-    assert!(card.contains("1 sequences from 1 of 1 videos"), "{card}");
+    assert!(card.contains("1 sequence from 1 of 1 video"), "{card}");
     let summary = fs::read_to_string(out.join("statistics/summary.csv")).unwrap();
     assert!(summary.contains("mean duration,2.0,seconds"), "{summary}");
     let sums = Command::new("sha256sum")
@@ -372,10 +372,10 @@ fn the_real_footage_becomes_a_sound_dataset() {
     let ended = curate(&[data], &out, &["--criteria", "none"]);
     for said in [
         "bikes.mp4: rejected: its image is rectilinear",
-        "congo_stereo.mp4: 1 sequences",
-        "city4k.mp4: 1 sequences",
+        "congo_stereo.mp4: 1 sequence",
+        "city4k.mp4: 1 sequence",
         "reef.mp4: 4 sequences",
-        "tunnel.mp4: 1 sequences",
+        "tunnel.mp4: 1 sequence",
     ] {
         assert!(ended.stdout.contains(said), "{said}: {}", ended.stdout);
     }

@@ -107,7 +107,7 @@ fn programs_of_others_end_with_the_process() {
                     [predictions]\nnovel = \"{work}/{frame}.png\"\n";
     fs::write(at("method.toml"), manifest).unwrap();
     let sequence = small_run().out.join(SEQUENCE);
-    let mut child = Command::new(cargo_bin!("omnilife"))
+    let child = Command::new(cargo_bin!("omnilife"))
         .args(["--quiet", "bench", "external"])
         .arg(at("method.toml"))
         .arg("--scene")
@@ -116,6 +116,7 @@ fn programs_of_others_end_with_the_process() {
         .arg(sequence.join("per-scene/split.json"))
         .arg("--out")
         .arg(at("run"))
+        .stderr(Stdio::piped())
         .spawn()
         .unwrap();
     let deadline = Instant::now() + Duration::from_secs(60);
@@ -126,7 +127,10 @@ fn programs_of_others_end_with_the_process() {
     let id = child.id().to_string();
     let sent = Command::new("kill").args(["-TERM", &id]).status().unwrap();
     assert!(sent.success());
-    assert!(!child.wait().unwrap().success());
+    let ended = child.wait_with_output().unwrap();
+    assert!(!ended.status.success());
+    let stderr = String::from_utf8(ended.stderr).unwrap();
+    assert!(stderr.contains("run the same command again"), "{stderr}");
     thread::sleep(Duration::from_secs(4));
     assert!(!at("run/work/late").exists());
 }

@@ -63,7 +63,7 @@ fn a_boundary_goes_from_an_annotator_over_an_expert_into_the_cut() {
     assert!(
         ended
             .stdout
-            .ends_with("ledger.jsonl: 2 lines, 1 boundaries hold\n"),
+            .ends_with("ledger.jsonl: 2 lines, boundaries that hold: 1\n"),
         "{}",
         ended.stdout
     );
@@ -88,7 +88,7 @@ fn a_boundary_goes_from_an_annotator_over_an_expert_into_the_cut() {
         audit
             .succeeded()
             .stdout
-            .ends_with("audit.html: 1 boundaries\n"),
+            .ends_with("audit.html: 1 boundary\n"),
         "one boundary"
     );
     assert!(
@@ -118,7 +118,7 @@ fn a_boundary_goes_from_an_annotator_over_an_expert_into_the_cut() {
     // A repeated statement is entered once.
     let again = ledger(&["merge", video_folder, file.to_str().unwrap()]).succeeded();
     assert!(
-        again.stdout.contains("3 lines, 1 boundaries hold"),
+        again.stdout.contains("3 lines, boundaries that hold: 1"),
         "{}",
         again.stdout
     );

@@ -66,5 +66,6 @@ mod sweeps;
 #[cfg(unix)]
 mod trial;
 mod two_at_once;
+mod walk;
 #[cfg(unix)]
 mod writing_commands;

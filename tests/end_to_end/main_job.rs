@@ -216,7 +216,7 @@ fn comparisons_show_prediction_and_truth_side_by_side() {
 fn skipped(stderr: &str) -> Vec<&str> {
     let stages = [
         "analysis unchanged",
-        "sequences unchanged",
+        "sequence unchanged",
         "poses unchanged",
         "reconstruct ",
         "scoring ",
@@ -234,7 +234,7 @@ fn skipped(stderr: &str) -> Vec<&str> {
 
 const CURATION: [&str; 3] = [
     "analysis unchanged",
-    "sequences unchanged",
+    "sequence unchanged",
     "poses unchanged",
 ];
 

@@ -112,7 +112,7 @@ fn a_gallery_shows_the_sequences_of_a_dataset_once() {
     };
     let drawn = draw().succeeded();
     assert!(
-        drawn.stdout.contains("1 of 1 sequences: street/seq-000"),
+        drawn.stdout.contains("1 of 1 sequence: street/seq-000"),
         "{}",
         drawn.stdout
     );
@@ -124,4 +124,16 @@ fn a_gallery_shows_the_sequences_of_a_dataset_once() {
     draw().succeeded();
     std::fs::write(figure.with_extension("png"), "another").unwrap();
     assert!(draw().failed_quietly(2).contains("is there already"));
+}
+
+#[test]
+fn colours_are_for_terminals_and_on_request() {
+    let escape = '\u{1b}';
+    let wrong = ["curate", "verify", "/nonexistent"];
+    for words in [&wrong[..], &["nonsense"][..]] {
+        let of = |colour: &[&str]| omnilife(words.iter().chain(colour)).stderr;
+        assert!(!of(&[]).contains(escape), "{words:?}: no terminal");
+        assert!(!of(&["--color", "never"]).contains(escape), "{words:?}");
+        assert!(of(&["--color", "always"]).contains(escape), "{words:?}");
+    }
 }

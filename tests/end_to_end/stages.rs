@@ -111,7 +111,7 @@ fn stage_by_stage_gives_the_scores_of_the_main_job() {
         &[&sample("street.mp4"), &out],
     )
     .succeeded();
-    assert!(built.stdout.contains("1 sequences"), "{}", built.stdout);
+    assert!(built.stdout.contains("1 sequence"), "{}", built.stdout);
 
     let sequence = out.join(SEQUENCE);
     let posed = stage(

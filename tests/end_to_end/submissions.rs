@@ -73,7 +73,7 @@ fn an_honest_submission_is_added_once() {
     assert!(
         added
             .stdout
-            .contains("1 results of odgs added, 1 of them scored again")
+            .contains("1 result of odgs added, 1 of them scored again")
     );
     let files = crate::support::files(&results);
     assert_eq!(

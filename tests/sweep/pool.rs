@@ -314,6 +314,14 @@ fn status_writes_nothing() {
     let before = state();
     succeeded(shell.run("status", &["--units"]));
     assert_eq!(shell.count("failed"), 1);
+    let printed = succeeded(shell.run("status", &["--json"]));
+    let status: serde_json::Value = serde_json::from_str(&printed).unwrap();
+    assert_eq!(status["failed"], 1);
+    let units = status["units"].as_array().unwrap();
+    assert!(
+        units.iter().any(|unit| unit["state"] == "failed"),
+        "{status}"
+    );
     assert_eq!(state(), before);
 }
 

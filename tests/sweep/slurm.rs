@@ -203,9 +203,9 @@ fn job_arrays_do_what_a_local_run_does() {
     let sizes: Vec<&str> = planned.lines().map(|line| &line[..14]).collect();
     assert_eq!(
         sizes,
-        ["array: 9 units", "array: 9 units", "array: 1 units"]
+        ["array: 9 units", "array: 9 units", "array: 1 unit,"]
     );
-    assert!(planned.contains("each 1 cores, 256 MiB"), "{planned}");
+    assert!(planned.contains("each 1 core, 256 MiB"), "{planned}");
 
     // A throttle of three, and a node that goes down in the middle: its units run again.
     let submitted = cluster.submit(&shell, &["--throttle", "3"]);
@@ -215,7 +215,7 @@ fn job_arrays_do_what_a_local_run_does() {
     );
     let again = cluster.submit(&shell, &[]);
     assert!(
-        again.contains("units are in the queue already\nnothing to submit"),
+        again.contains("in the queue already: ") && again.contains("nothing to submit"),
         "{again}"
     );
     wait_for("the slow unit", Duration::from_secs(60), || {
@@ -253,7 +253,7 @@ fn job_arrays_do_what_a_local_run_does() {
     mend(&shell);
     succeeded(shell.run("retry", &[]));
     let resubmitted = cluster.submit(&shell, &[]);
-    assert!(resubmitted.contains(": 1 units"), "{resubmitted}");
+    assert!(resubmitted.contains(": 1 unit,"), "{resubmitted}");
     cluster.drain();
     assert_eq!(shell.count("done"), SCENES);
 

@@ -4,7 +4,7 @@ use std::fmt::Write;
 
 use omnilife_schemas::{
     layout::{DATASHEET_FILE, STATISTICS_FOLDER},
-    plain_text::{for_markdown, without_folders},
+    plain_text::{counted, for_markdown, without_folders},
     records::{Dataset, VideoEntry, VideoStatus},
 };
 
@@ -32,11 +32,11 @@ pub(super) fn card(release: &Release<'_>) -> String {
     line(
         &mut text,
         &format!(
-            "{} sequences from {} of {} videos, {:.2} hours of equirectangular 360-degree video; \
+            "{} from {} of {}, {:.2} hours of equirectangular 360-degree video; \
              {:.1} s on average, {:.1} % above two minutes. Made by omnilife {}.\n",
-            statistics.rows.len(),
+            counted(statistics.rows.len(), "sequence"),
             statistics.curated_videos,
-            statistics.videos,
+            counted(statistics.videos, "video"),
             statistics.seconds() / 3600.0,
             statistics.mean_seconds(),
             100.0 * statistics.long_share(),
@@ -223,7 +223,7 @@ fn sources(text: &mut String, dataset: &Dataset) {
     );
     for video in &dataset.videos {
         let outcome = match &video.status {
-            VideoStatus::Curated { sequences } => format!("{} sequences", sequences.len()),
+            VideoStatus::Curated { sequences } => counted(sequences.len(), "sequence"),
             VideoStatus::Rejected { reason, .. } => format!("rejected: {}", for_markdown(reason)),
             VideoStatus::Failed { reason } => format!("failed: {}", for_markdown(reason)),
             VideoStatus::Duplicate { of } => format!("the same content as {}", for_markdown(of)),

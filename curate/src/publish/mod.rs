@@ -40,6 +40,7 @@ use omnilife_schemas::{
         TABLES_FOLDER,
     },
     lock::FolderLock,
+    plain_text::counted,
     progress::Progress,
     records::{About, Dataset, Statements},
     stage::StagePlan,
@@ -151,11 +152,11 @@ impl Release<'_> {
     /// Returns how the sequences were collected, in one sentence.
     fn collection(&self) -> String {
         format!(
-            "{} sequences from {} of {} videos, cut at shot boundaries and sampled by omnilife {}; attrition.csv and \
+            "{} from {} of {}, cut at shot boundaries and sampled by omnilife {}; attrition.csv and \
              funnel.csv give what was left out and why",
-            self.statistics.rows.len(),
+            counted(self.statistics.rows.len(), "sequence"),
             self.statistics.curated_videos,
-            self.statistics.videos,
+            counted(self.statistics.videos, "video"),
             env!("CARGO_PKG_VERSION")
         )
     }

@@ -367,7 +367,7 @@ impl Tracking<'_> {
         detections.extend(filled);
         stages.push(stage("trajectory", "trajectory-spline", reason, begun));
         for warning in &warnings {
-            progress.note(&format!("{}: {warning}", self.scene.id));
+            progress.note(&format!("warning: {}: {warning}", self.scene.id));
         }
         Ok(Tracks {
             scene: self.scene.id.clone(),

@@ -26,18 +26,36 @@ pub(crate) fn render(table: &Table, level: usize) -> String {
         lines.extend([String::new(), format!("{marks}# {source}")]);
         lines.extend(paragraphs(&block.notes));
         lines.push(String::new());
-        lines.extend(body(table, &block.rows, &block.columns()));
+        lines.extend(body(table, &block.rows, &block.columns(), for_markdown));
     }
     lines.push(String::new());
     lines.join("\n")
 }
 
-/// Returns the lines of the measured rows, class by class, with the class's title.
-pub(crate) fn blocks(table: &Table) -> Vec<(Option<&'static str>, Vec<String>)> {
+/// Lines of the measured rows of a class, with the class's title.
+type Block = (Option<&'static str>, Vec<String>);
+
+/// Makes a text harmless in a cell.
+type Escape = fn(&str) -> String;
+
+/// Returns the lines of the measured rows, class by class.
+pub(crate) fn blocks(table: &Table) -> Vec<Block> {
+    blocks_by(table, for_markdown)
+}
+
+/// Returns the lines for a terminal, which shows texts as they are.
+pub(crate) fn terminal_blocks(table: &Table) -> Vec<Block> {
+    blocks_by(table, str::to_owned)
+}
+
+fn blocks_by(table: &Table, escape: Escape) -> Vec<Block> {
     let all: Vec<usize> = (0..table.columns.len()).collect();
     let blocks = table.blocks().map(|rows| {
         let class = rows.first().and_then(|row| row.class);
-        (class.map(MethodClass::title), body(table, rows, &all))
+        (
+            class.map(MethodClass::title),
+            body(table, rows, &all, escape),
+        )
     });
     blocks.collect()
 }
@@ -48,24 +66,24 @@ fn paragraphs(notes: &[String]) -> Vec<String> {
 }
 
 /// Returns the lines of some rows under the headings of some columns.
-fn body(table: &Table, rows: &[Row], columns: &[usize]) -> Vec<String> {
+fn body(table: &Table, rows: &[Row], columns: &[usize], escape: Escape) -> Vec<String> {
     let headings = headings(table, columns);
-    let headings = headings.iter().map(|text| for_markdown(text)).collect();
+    let headings = headings.iter().map(|text| escape(text)).collect();
     let mut lines = vec![headings];
-    lines.extend(rows.iter().map(|row| cells(row, columns)));
+    lines.extend(rows.iter().map(|row| cells(row, columns, escape)));
     aligned(&lines, table.names.len())
 }
 
-fn cells(row: &Row, columns: &[usize]) -> Vec<String> {
+fn cells(row: &Row, columns: &[usize], escape: Escape) -> Vec<String> {
     let names = marked_names(row);
-    let mut cells: Vec<String> = names.iter().map(|name| for_markdown(name)).collect();
-    cells.extend(columns.iter().map(|&at| cell(&row.cells[at])));
+    let mut cells: Vec<String> = names.iter().map(|name| escape(name)).collect();
+    cells.extend(columns.iter().map(|&at| cell(&row.cells[at], escape)));
     cells
 }
 
-fn cell(cell: &Cell) -> String {
+fn cell(cell: &Cell, escape: Escape) -> String {
     let Cell::Score(score) = cell else {
-        return for_markdown(&cell.plain());
+        return escape(&cell.plain());
     };
     let (value, interval) = (score.value(), score.interval());
     match score.standing {

@@ -44,7 +44,7 @@ pub fn edit(
     };
     let edited = edit(&request.run, &record, &Script::read(&request.script)?)?;
     for warning in edited.warnings {
-        progress.note(&format!("{}: {warning}", request.out.display()));
+        progress.note(&format!("warning: {}: {warning}", request.out.display()));
         record.warnings.push(warning);
     }
     let planned = edited.planned;

@@ -37,8 +37,8 @@ pub enum ReconstructError {
     },
     /// The process was terminated.
     #[error(
-        "scene {scene}: training was interrupted at iteration {iteration}; begun again, it goes on \
-         from its last checkpoint"
+        "scene {scene}: training was interrupted at iteration {iteration}; run the same command \
+         again to go on from its last checkpoint"
     )]
     Interrupted {
         /// The scene.

@@ -112,23 +112,28 @@ pub struct FolderLock {
     _held: Arc<Held>,
 }
 
-/// Lock of a folder; `None` where the file system has no locks.
+/// Lock of a folder.
 #[derive(Debug)]
-struct Held(Option<LockFile>);
+struct Held {
+    /// `None` where the file system has no locks.
+    lock: Option<LockFile>,
+    /// Folders that were created for the lock, the innermost first.
+    created: Vec<PathBuf>,
+}
 
 impl FolderLock {
     /// Creates the folder where it is missing, locks it, and removes half-written files of killed processes from it,
     /// but not from folders below. On a file system without locks a note says so and no process is kept out.
     ///
+    /// A folder that was created, and into which nothing was written, is removed with the lock.
+    ///
     /// # Errors
     /// [`StoreError::Refused`] with the process that holds the folder, and when the folder cannot be written into.
     pub fn take(folder: &Path, progress: &dyn Progress) -> Result<Self, StoreError> {
-        if folder.is_file() {
-            return Err(StoreError::refused(
-                folder,
-                "is a file; the output needs a folder",
-            ));
-        }
+        let missing = folder.ancestors().take_while(|at| !at.exists());
+        // A relative path ends in an empty one, which is the working directory.
+        let created = missing.filter(|at| !at.as_os_str().is_empty());
+        let created = created.map(Path::to_owned).collect();
         store::create_folder(folder)?;
         let folder = fs::canonicalize(folder).map_err(|error| StoreError::read(folder, error))?;
         let mut all = all_held();
@@ -143,7 +148,7 @@ impl FolderLock {
                 folder.display()
             ));
         }
-        let held = Arc::new(Held(lock));
+        let held = Arc::new(Held { lock, created });
         all.insert(folder.clone(), Arc::downgrade(&held));
         drop(all);
         store::remove_abandoned(&folder)?;
@@ -170,9 +175,15 @@ impl Drop for Held {
     fn drop(&mut self) {
         // Another thread must not find the lock half released.
         let mut all = all_held();
-        if let Some(lock) = self.0.take() {
+        if let Some(lock) = self.lock.take() {
             // A file that cannot be removed is hidden and taken over by the next process.
             drop(lock.release());
+        }
+        for folder in &self.created {
+            // The system refuses to remove a folder with files.
+            if fs::remove_dir(folder).is_err() {
+                break;
+            }
         }
         all.retain(|_, held| held.strong_count() > 0);
     }
@@ -307,6 +318,22 @@ mod tests {
         drop(again);
         assert!(!path.exists());
         drop(FolderLock::take(&folder, &Silent).unwrap());
+    }
+
+    #[test]
+    fn a_folder_that_was_created_for_nothing_is_removed() {
+        let temp = tempfile::tempdir().unwrap();
+        let (outer, existing) = (temp.path().join("a"), temp.path().join("existing"));
+        fs::create_dir(&existing).unwrap();
+        drop(FolderLock::take(&existing, &Silent).unwrap());
+        assert!(existing.is_dir(), "it was there before");
+        let inner = outer.join("b");
+        drop(FolderLock::take(&inner, &Silent).unwrap());
+        assert!(!outer.exists());
+        let lock = FolderLock::take(&inner, &Silent).unwrap();
+        fs::write(outer.join("file"), "").unwrap();
+        drop(lock);
+        assert!(!inner.exists() && outer.is_dir());
     }
 
     #[test]

@@ -29,6 +29,12 @@ fn turns_direction(character: char) -> bool {
     matches!(character, '\u{202a}'..='\u{202e}' | '\u{2066}'..='\u{2069}')
 }
 
+/// Returns a number with its noun, which takes an s in the plural: `1 frame`, `0 frames`.
+pub fn counted(count: usize, noun: &str) -> String {
+    let plural = if count == 1 { "" } else { "s" };
+    format!("{count} {noun}{plural}")
+}
+
 /// Returns text for a line or a table cell of Markdown: no part of it is a link, an image, markup or the end of the
 /// cell.
 pub fn for_markdown(text: &str) -> String {

@@ -102,8 +102,12 @@ impl StoreError {
         }
     }
 
-    /// Makes the error of a `path` that cannot be read.
+    /// Makes the error of a `path` that cannot be read. Where its folder is missing, or is a file, the reason says so.
     pub fn read(path: &Path, source: io::Error) -> Self {
+        let source = match folder_fault(path) {
+            Some(fault) if is_not_there(source.kind()) => io::Error::new(source.kind(), fault),
+            _ => source,
+        };
         Self::Read {
             path: path.to_owned(),
             source,
@@ -154,8 +158,34 @@ fn is_bad_path(kind: io::ErrorKind) -> bool {
     )
 }
 
+/// Returns whether the system did not find the path.
+fn is_not_there(kind: io::ErrorKind) -> bool {
+    matches!(kind, io::ErrorKind::NotFound | io::ErrorKind::NotADirectory)
+}
+
+/// Returns the fault of the folder of `path`; `None` where it is a folder.
+fn folder_fault(path: &Path) -> Option<&'static str> {
+    let folder = path.parent()?;
+    if folder.as_os_str().is_empty() || folder.is_dir() {
+        None
+    } else if folder.exists() {
+        Some("its folder is a file")
+    } else {
+        Some("its folder does not exist")
+    }
+}
+
 /// Creates a folder and its parents; a power cut afterwards loses none of them.
+///
+/// # Errors
+/// When the path is that of a file, and when the system refuses.
 pub fn create_folder(path: &Path) -> Result<(), StoreError> {
+    if path.is_file() {
+        return Err(StoreError::refused(
+            path,
+            "is a file; the output needs a folder",
+        ));
+    }
     let missing: Vec<&Path> = path.ancestors().take_while(|at| !at.exists()).collect();
     fs::create_dir_all(path)
         .and_then(|()| {

@@ -297,6 +297,22 @@ fn broken_records_are_input_errors_of_one_line() {
 }
 
 #[test]
+fn a_file_in_no_folder_is_told_from_one_that_is_missing() {
+    let folder = tempfile::tempdir().unwrap();
+    fs::write(folder.path().join("file"), "").unwrap();
+    let message = |path: &str| {
+        let error = store::read_text(&folder.path().join(path)).unwrap_err();
+        assert_eq!(error.error_kind(), ErrorKind::User);
+        error.to_string()
+    };
+    assert!(message("missing/scene.json").ends_with("its folder does not exist"));
+    assert!(message("file/scene.json").ends_with("its folder is a file"));
+    assert!(!message("scene.json").contains("its folder"));
+    let error = store::create_folder(&folder.path().join("file")).unwrap_err();
+    assert!(error.to_string().contains("needs a folder"), "{error}");
+}
+
+#[test]
 fn hashes_are_sha256() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("abc");

@@ -1,6 +1,7 @@
 use std::collections::BTreeSet;
 
 use clap::Parser;
+use omnilife_bench::PROTOCOLS;
 
 use super::*;
 

@@ -4,8 +4,9 @@ mod curation;
 mod sequence;
 
 use maud::{DOCTYPE, Markup, PreEscaped, html};
-use omnilife_schemas::records::{
-    DatasetStatus, PartState, PartStatus, SequencePart, SequenceStatus,
+use omnilife_schemas::{
+    plain_text::counted,
+    records::{DatasetStatus, PartState, PartStatus, SequencePart, SequenceStatus},
 };
 
 use super::{coverage::Coverage, parts::Records, path::CameraPath, sheet::Sheet};
@@ -293,13 +294,5 @@ fn duration(seconds: f64) -> String {
         seconds if seconds < 120.0 => format!("{:.1} s", seconds + 0.0),
         seconds if seconds < 7200.0 => format!("{:.1} min", seconds / 60.0),
         seconds => format!("{:.2} h", seconds / 3600.0),
-    }
-}
-
-/// Returns a number with its noun.
-fn counted(count: usize, noun: &str) -> String {
-    match count {
-        1 => format!("1 {noun}"),
-        count => format!("{count} {noun}s"),
     }
 }

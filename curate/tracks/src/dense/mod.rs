@@ -143,7 +143,7 @@ fn measured(
     let mut staging = Staging::new(&request.out, "dense")?;
     let dense = stage(&work, &mut staging, &maps, warnings)?;
     for warning in &dense.warnings {
-        progress.note(&format!("{}: {warning}", scene.id));
+        progress.note(&format!("warning: {}: {warning}", scene.id));
     }
     Ok((dense, staging))
 }

@@ -261,7 +261,7 @@ impl Method {
         let idle = self.idle_constants(request, &findings.plan);
         findings.warnings.extend(idle);
         for warning in &findings.warnings {
-            session.progress.note(warning);
+            session.progress.note(&format!("warning: {warning}"));
         }
         let planning = session.planning.plus(planning);
         let session = Session {

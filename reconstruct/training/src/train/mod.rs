@@ -215,7 +215,7 @@ impl<'a> Trainer<'a> {
             Ok(surfaces) => self.surfaces = surfaces,
             Err(error) => {
                 let warning = format!("no ghosts and holes are measured: {error}");
-                self.session.progress.note(&warning);
+                self.session.progress.note(&format!("warning: {warning}"));
                 self.warnings.push(warning);
             }
         }
