@@ -29,7 +29,14 @@ const BASE: &[&[&str]] = &[
     &["stage"],
 ];
 const SCHEMAS: &[&[&str]] = &[
-    &["camera", "frame_scores", "layout", "pose", "trajectory"],
+    &[
+        "absolute_orientation",
+        "camera",
+        "frame_scores",
+        "layout",
+        "pose",
+        "trajectory",
+    ],
     &["ground_plane", "mask", "padded_frame", "points"],
     &["image_file", "oriented_box"],
     &["mask_file", "records"],
