@@ -28,8 +28,7 @@ use crate::error::BenchError;
 /// Frames that both sides must have at least.
 const LEAST_FRAMES: usize = 3;
 /// Note on a trajectory that no positive scale brings nearer to the reference.
-const AGAINST: &str =
-    "the trajectory runs against the reference: no scale fits, and errors are those of a scale of 0";
+const AGAINST: &str = "the trajectory runs against the reference: no scale above 0 fits";
 
 /// Poses to be scored; entries are those of the scene's frames.
 #[derive(Debug, Clone, Copy)]
