@@ -10,7 +10,7 @@ use omnilife_schemas::records::ResultRecord;
 use crate::group::{Group, SceneRow};
 
 /// Marks behind a method's name in that of a variant.
-const MARKS: [&str; 3] = ["-with-", "-without-", "-plan-"];
+const MARKS: [&str; 4] = ["-with-", "-without-", "-plan-", "-set-"];
 
 /// Returns the method of a variant's name.
 fn method_of(variant: &str) -> &str {

@@ -13,7 +13,8 @@
 //! * [`image_file`]: images of others. [`oriented_box`]: boxes as cameras see them. [`ground_plane`],
 //!   [`padded_frame`], [`points`]: geometry and clouds.
 //! * [`camera`]: directions of pixels. [`pose`], [`trajectory`]: cameras and objects over time. [`layout`]: names of
-//!   files. [`frame_scores`], [`object_scores`]: the scores of every view, and of the objects in it.
+//!   files. [`frame_scores`], [`object_scores`]: the scores of every view, and of the objects in it. [`absolute_orientation`]:
+//!   rotations between vectors.
 //!
 //! # Conventions
 //! * Camera frame: x right, y down, z forward. World to camera: `x_c = R x_w + t`; poses store the
@@ -23,6 +24,7 @@
 //! * Images are `[0, 1]` f32, row-major, three interleaved channels, as decoded (sRGB).
 #![cfg_attr(not(test), warn(clippy::disallowed_methods))]
 
+pub mod absolute_orientation;
 pub mod bootstrap;
 pub mod camera;
 pub mod distances;

@@ -41,7 +41,7 @@ impl CameraWordArguments {
     /// The cameras that are asked for.
     ///
     /// # Errors
-    /// When words exclude each other, or an orbit has no degrees.
+    /// When words exclude each other or would be ignored, or an orbit has no degrees.
     pub(super) fn words(&self) -> anyhow::Result<CameraWords> {
         let refuse = |reason: String| Err(BadRequest(reason).into());
         let given: Vec<&str> = [
@@ -76,8 +76,15 @@ impl CameraWordArguments {
             up: self.up,
             split: self.split.clone(),
         };
-        if words.are_of_poses() && (words.up.is_some() || words.split.is_some()) {
-            return refuse("--up and --split go with --orbit, --look-at and the like".to_owned());
+        if words.are_of_poses() && words.split.is_some() {
+            return refuse("--split goes with --orbit, --look-at and the like".to_owned());
+        }
+        let turns = matches!(
+            words.places,
+            CameraPlaces::Orbit(_) | CameraPlaces::FromAbove
+        );
+        if words.up.is_some() && !turns && words.target.is_none() {
+            return refuse("--up goes with --orbit, --from-above or --look-at".to_owned());
         }
         Ok(words)
     }
@@ -95,7 +102,45 @@ fn look_at(text: &str) -> Result<LookAt, String> {
 
 #[cfg(test)]
 mod tests {
+    use clap::Parser;
+
     use super::*;
+
+    #[derive(Debug, Parser)]
+    struct WordLine {
+        #[command(flatten)]
+        cameras: CameraWordArguments,
+    }
+
+    #[test]
+    fn no_word_is_ignored() {
+        let words = |line: &str| {
+            let line = ["omnilife"].into_iter().chain(line.split_whitespace());
+            let parsed = WordLine::try_parse_from(line).expect("arguments");
+            parsed.cameras.words().map_err(|error| error.to_string())
+        };
+        for line in [
+            "",
+            "--orbit --up 0,0,1",
+            "--from-above --up 0,0,1",
+            "--stationary 3 --look-at 1,2,3 --up 0,0,1",
+            "--look-at car --up 0,0,1 --split split.json",
+            "--path poses.csv --split split.json",
+        ] {
+            assert!(words(line).is_ok(), "{line}");
+        }
+        for (line, reason) in [
+            ("--up 0,0,1", "--up goes with"),
+            ("--stationary 3 --up 0,0,1", "--up goes with"),
+            ("--split split.json", "--split goes with"),
+            ("--path poses.csv --up 0,0,1", "exclude each other"),
+            ("--path poses.csv --look-at car", "exclude each other"),
+            ("--orbit --stationary 3", "exclude each other"),
+        ] {
+            let refused = words(line).expect_err(line);
+            assert!(refused.contains(reason), "{line}: {refused}");
+        }
+    }
 
     #[test]
     fn a_target_is_a_point_or_an_object() {

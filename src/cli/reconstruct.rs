@@ -192,7 +192,7 @@ pub(crate) struct RenderArguments {
     #[arg(long)]
     pub(crate) out: PathBuf,
     /// Axes of the poses' world that x, y and z of a file point along, such as x,-z,y for a file with y
-    /// down in a world with z up [default: x,y,z].
+    /// down in a world with z up [default: x,y,z]. SPZ and glTF are turned to y down before.
     #[arg(long, value_name = "X,Y,Z", value_parser = FileAxes::parse, allow_hyphen_values = true)]
     pub(crate) axes: Option<FileAxes>,
     /// Size of the images in pixels [default: the scene's, or 1024x512; of faces, as sharp].

@@ -30,6 +30,7 @@ const BASE: &[&[&str]] = &[
 ];
 const SCHEMAS: &[&[&str]] = &[
     &[
+        "absolute_orientation",
         "camera",
         "frame_scores",
         "layout",

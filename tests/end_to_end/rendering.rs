@@ -273,7 +273,11 @@ fn cameras_by_words_exclude_each_other_and_leave_a_table() {
         (&["--stationary", "99"][..], "has no frame 99"),
         (&["--look-at", "7"][..], "there is no object \"7\""),
         (&["--orbit", "0"][..], "degrees"),
-        (&["--up", "0,0,1"][..], "--up and --split go with"),
+        (&["--up", "0,0,1"][..], "--up goes with"),
+        (
+            &["--stationary", "1", "--up", "0,0,1"][..],
+            "--up goes with",
+        ),
     ] {
         let message = render(words).failed_quietly(2).to_owned();
         assert!(message.contains(reason), "{message}");

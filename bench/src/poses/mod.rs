@@ -27,6 +27,8 @@ use crate::error::BenchError;
 
 /// Frames that both sides must have at least.
 const LEAST_FRAMES: usize = 3;
+/// Note on a trajectory that no positive scale brings nearer to the reference.
+const AGAINST: &str = "the trajectory runs against the reference: no scale above 0 fits";
 
 /// Poses to be scored; entries are those of the scene's frames.
 #[derive(Debug, Clone, Copy)]
@@ -80,6 +82,8 @@ pub fn score_poses(scene: &Scene, estimate: &PoseEstimate<'_>) -> Result<PoseSco
         .map(|pair| pair[0].1.centre().distance(pair[1].1.centre()))
         .sum();
     let registered_frames = pairs.len() as u32;
+    // Before the alignment: a scale of 0 would take the directions away.
+    let auc = relative::areas(&frames, path_length);
     for frame in &mut frames {
         frame.estimated = frame.estimated.and_then(|pose| alignment.apply(&pose));
     }
@@ -107,12 +111,16 @@ pub fn score_poses(scene: &Scene, estimate: &PoseEstimate<'_>) -> Result<PoseSco
         ate_rmse: ate_rmse(&frames).filter(|_| !stands),
         ate_rmse_of_thirds: [0, 1, 2].map(thirds),
         relative: relative::neighbours(&frames),
-        auc: relative::areas(&frames, path_length),
+        auc,
         drift: match stands {
             true => Vec::new(),
             false => relative::drift(&frames, path_length),
         },
-        notes: degeneracy.map(note).into_iter().collect(),
+        notes: degeneracy
+            .map(note)
+            .into_iter()
+            .chain((alignment.scale <= 0.0).then(|| AGAINST.to_owned()))
+            .collect(),
     })
 }
 
@@ -135,8 +143,8 @@ fn note(degeneracy: Degeneracy) -> String {
             "the cameras are on a line, which leaves a turn about it open: the alignment is by their rotations"
         }
         Degeneracy::ReferenceStands => {
-            "the reference stays in one place: there is no scale, no trajectory error and no drift, and pairs are \
-             compared by their rotations"
+            "the reference stays in one place: there is no scale, no trajectory error and no drift, translations \
+             between neighbours are in units of the trajectory, and pairs are compared by their rotations"
         }
         Degeneracy::EstimateStands => {
             "the estimated cameras are all in one place: they have no scale"

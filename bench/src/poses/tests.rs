@@ -213,6 +213,8 @@ fn lines_and_standing_cameras_are_told_in_a_line() {
     assert!(scores.ate_rmse.is_some_and(|ate| ate < 1e-9), "{scores:?}");
     assert!((scores.scale - 1.0 / 3.0).abs() < 1e-9);
 
+    let scores = scored(&line, &along(-0.4), PoseAlignment::Similarity);
+    assert!(scores.scale == 0.0 && scores.notes[1].contains("runs against"));
     let still = along(0.0);
     let scores = scored(&still, &line, PoseAlignment::Similarity);
     assert!(scores.notes[0].contains("stays in one place"));

@@ -23,7 +23,7 @@ const LOOSEST_FIT_PIXELS: f64 = 8.0;
 pub struct Registered {
     /// Maps directions of the first camera to the second.
     pub rotation: Quat,
-    /// What the camera's motion explains of the flow.
+    /// Explanation of the flow by the camera's motion.
     pub motion: PairMotion,
 }
 

@@ -5,6 +5,7 @@ use maud::{Markup, html};
 use omnilife_schemas::{
     Similarity,
     records::{Scale, Scene},
+    trajectory::GroundAxes,
 };
 
 /// Size of the figure in its own units.
@@ -18,10 +19,12 @@ const MOST_DIRECTIONS: usize = 12;
 const DIRECTION_LENGTH: f64 = 13.0;
 /// Longest scale bar as a share of the width.
 const MOST_BAR: f64 = 0.25;
+/// Least cosine of the angle between the cameras' up and -y in a world with y down.
+const LEAST_Y_DOWN: f64 = 0.7;
 
 /// Posed camera from above.
 struct Camera {
-    /// Position: x to the right, z up.
+    /// Position along the ground, to the right and up in the figure.
     at: DVec2,
     /// Viewing direction in the same axes, up to unit length; short where it looks up or down.
     ahead: DVec2,
@@ -39,6 +42,8 @@ pub(super) struct CameraPath {
     /// Length of the path in world units, gaps bridged.
     pub(super) length: f64,
     pub(super) unit: &'static str,
+    /// Directions of the figure.
+    pub(super) directions: &'static str,
 }
 
 impl CameraPath {
@@ -52,6 +57,17 @@ impl CameraPath {
         let centres: Vec<DVec3> = poses.iter().flatten().map(|(_, centre)| *centre).collect();
         let around = Similarity::from_most_cameras(&centres)?;
         let middle = DVec3::from_array(around.offset);
+        let up: DVec3 = (poses.iter().flatten())
+            .map(|(rotation, _)| *rotation * DVec3::NEG_Y)
+            .sum();
+        let up = up.normalize_or(DVec3::NEG_Y);
+        let (right, top, directions) = if up.dot(DVec3::NEG_Y) >= LEAST_Y_DOWN {
+            (DVec3::X, DVec3::Z, "x to the right and z up")
+        } else {
+            let axes = GroundAxes::new(up).to_world;
+            (axes.x_axis, axes.y_axis, "across the cameras' mean up")
+        };
+        let seen = |place: DVec3| dvec2(place.dot(right), place.dot(top));
         let mut cameras: Vec<Camera> = Vec::new();
         let mut places: Vec<DVec3> = Vec::new();
         let mut begins = true;
@@ -59,10 +75,9 @@ impl CameraPath {
             let drawn =
                 pose.filter(|(_, centre)| (*centre - middle).length() * around.scale <= MOST_RADII);
             if let Some((rotation, centre)) = drawn {
-                let ahead = rotation * DVec3::Z;
                 cameras.push(Camera {
-                    at: dvec2(centre.x, centre.z),
-                    ahead: dvec2(ahead.x, ahead.z),
+                    at: seen(centre),
+                    ahead: seen(rotation * DVec3::Z),
                     begins,
                 });
                 places.push(centre);
@@ -78,6 +93,7 @@ impl CameraPath {
                 Scale::Metres => "m",
                 Scale::Arbitrary => "units",
             },
+            directions,
             cameras,
         })
     }
@@ -177,7 +193,62 @@ fn number(value: f64) -> String {
 
 #[cfg(test)]
 mod tests {
+    use std::collections::BTreeMap;
+
+    use glam::{DMat3, DQuat};
+    use omnilife_schemas::{
+        Pose,
+        camera::ErpCamera,
+        records::{PoseSource, PoseValidation, SceneFrame, ValidationStatus},
+    };
+
     use super::*;
+
+    #[test]
+    fn a_world_with_z_up_is_seen_from_above_too() {
+        // Right is x, down is -z, ahead is y.
+        let upright = DMat3::from_cols(DVec3::X, DVec3::NEG_Z, DVec3::Y);
+        let frame = |place: DVec3| SceneFrame {
+            image: "0.png".to_owned(),
+            time_seconds: 0.0,
+            capture: None,
+            pose: Some(Pose::new(DQuat::from_mat3(&upright), place)),
+            mask: None,
+            ignore_mask: None,
+            classes: BTreeMap::new(),
+            objects: BTreeMap::new(),
+            depth: None,
+            depth_prior: None,
+        };
+        let places = [[0.0, 0.0, 1.5], [0.0, 5.0, 1.5], [5.0, 5.0, 3.0]];
+        let scene = Scene {
+            id: "walk/seq-000".to_owned(),
+            camera: ErpCamera {
+                width: 64,
+                height: 32,
+            }
+            .into(),
+            scale: Scale::Metres,
+            frames: places.map(DVec3::from_array).map(frame).into(),
+            points: None,
+            pose_source: PoseSource::Given {
+                file: "poses.json".to_owned(),
+            },
+            validation: PoseValidation {
+                status: ValidationStatus::Unchecked,
+                registered_frames: 3,
+                total_frames: 3,
+                measures: BTreeMap::new(),
+                problems: Vec::new(),
+            },
+            published_split: None,
+        };
+        let path = CameraPath::of(&scene).expect("poses");
+        let near = |found: DVec2, x: f64, y: f64| found.distance(dvec2(x, y)) < 1e-9;
+        assert!(near(path.cameras[1].at, 0.0, 5.0) && near(path.cameras[2].at, 5.0, 5.0));
+        assert!(near(path.cameras[0].ahead, 0.0, 1.0));
+        assert_eq!(path.directions, "across the cameras' mean up");
+    }
 
     fn camera(x: f64, z: f64, begins: bool) -> Camera {
         Camera {
@@ -193,6 +264,7 @@ mod tests {
             far: 0,
             length: 0.0,
             unit: "m",
+            directions: "",
             cameras,
         }
     }

@@ -7,6 +7,7 @@ use glam::{DVec2, DVec3, dvec2};
 use image::codecs::jpeg::JpegEncoder;
 use omnilife_schemas::{
     RgbImage,
+    plain_text::for_html,
     posed_view::PosedView,
     records::{Scene, Tracks},
     store,
@@ -38,11 +39,11 @@ pub(super) fn write(
         "<!doctype html><meta charset=\"utf-8\"><title>Tracks of {id}</title>\n\
          <style>body{{font:14px sans-serif;margin:2em}}svg{{background:#eee}}\
          td,th{{padding:2px 8px;text-align:left}}</style>\n<h1>Tracks of {id}</h1>\n",
-        id = escaped(&scene.id)
+        id = for_html(&scene.id)
     );
     page += "<table><tr><th>stage<th>method<th>evidence<th>seconds</tr>\n";
     for stage in &tracks.stages {
-        let (name, method, reason) = (&stage.stage, &stage.method, escaped(&stage.reason));
+        let (name, method, reason) = (&stage.stage, &stage.method, for_html(&stage.reason));
         let _ = writeln!(
             page,
             "<tr><td>{name}<td>{method}<td>{reason}<td>{:.2}</tr>",
@@ -53,7 +54,7 @@ pub(super) fn write(
     page += &plan(tracks, views);
     page += "<ul>\n";
     for warning in &tracks.warnings {
-        let _ = writeln!(page, "<li>{}</li>", escaped(warning));
+        let _ = writeln!(page, "<li>{}</li>", for_html(warning));
     }
     page += "</ul>\n<h2>Boxes: dashed as detected, solid as tracked</h2>\n";
     let step = views.len().div_ceil(FRAMES).max(1);
@@ -61,10 +62,6 @@ pub(super) fn write(
         page += &frame(folder, scene, view, tracks)?;
     }
     Ok(store::write_bytes(path, page.as_bytes())?)
-}
-
-fn escaped(text: &str) -> String {
-    text.replace('&', "&amp;").replace('<', "&lt;")
 }
 
 /// Returns the hue of an id's colour: neighbouring ids differ clearly.

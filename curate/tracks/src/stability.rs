@@ -8,6 +8,7 @@ use omnilife_schemas::{
     ground_plane::Plane,
     posed_view::PosedView,
     records::{StabilityMeasures, StabilityRow, StabilityStatus},
+    statistics::largest_or_nan,
 };
 
 use super::{
@@ -157,7 +158,7 @@ fn error_of(views: &[PosedView], coefficients: Option<usize>) -> Result<f64, Str
         let place = path.spline.position(view.seconds);
         place.distance(view.centre - DVec3::Z * 50.0)
     };
-    Ok(views.iter().map(error).fold(0.0, f64::max))
+    Ok(views.iter().map(error).fold(0.0, largest_or_nan))
 }
 
 /// Returns the largest error, and the names of cases whose error is too large.
@@ -165,9 +166,9 @@ fn faults(cases: impl Iterator<Item = (String, Result<f64, String>)>, most: f64)
     let (mut bad, mut worst) = (Vec::new(), 0.0_f64);
     for (name, error) in cases {
         match error {
-            Ok(error) if error <= most => worst = worst.max(error),
+            Ok(error) if error <= most => worst = largest_or_nan(worst, error),
             Ok(error) => {
-                worst = worst.max(error);
+                worst = largest_or_nan(worst, error);
                 bad.push(format!("{name}: {error:e} m off"));
             }
             Err(reason) => bad.push(format!("{name}: {reason}")),
@@ -252,7 +253,7 @@ fn trajectory_camera() -> Checked {
                 .position(one.view.seconds)
                 .distance(one.position())
         };
-        observations.iter().map(error).fold(0.0, f64::max)
+        observations.iter().map(error).fold(0.0, largest_or_nan)
     });
     faults(
         judged.chain([("principal point outside".to_owned(), outside)]),
@@ -291,10 +292,10 @@ fn spline_condition() -> Checked {
         }
         let error = matrix.solve(&right).map_or(f64::INFINITY, |found| {
             let errors = (0..size).map(|row| (found[row] - truth[row]).abs() * scale(row));
-            errors.fold(0.0, f64::max)
+            errors.fold(0.0, largest_or_nan)
         });
-        worst = worst.max(error);
-        if error > LIMIT {
+        worst = largest_or_nan(worst, error);
+        if error.is_nan() || error > LIMIT {
             bad.push(format!("1e{exponent}: {error:e}"));
         }
     }

@@ -92,6 +92,21 @@ fn an_aid_on_one_side_is_warned_of_unless_a_bare_row_stands_beside_it() {
 }
 
 #[test]
+fn other_constants_are_a_variant_and_no_other_method() {
+    let rows = [
+        row("street", "odgs", &[("short-schedule", true)]),
+        row("street", "omni4dgs", &[("short-schedule", true)]),
+        row(
+            "street",
+            "omni4dgs-set-gamma=1",
+            &[("short-schedule", false)],
+        ),
+    ];
+    let text = tables(&rows).markdown;
+    assert!(!text.contains(UNEQUAL), "{text}");
+}
+
+#[test]
 fn results_that_say_nothing_have_no_line() {
     let text = tables(&[result("street", "odgs", 25.0, 0.8)]).markdown;
     assert!(!text.contains("Aids") && !text.contains(UNEQUAL), "{text}");

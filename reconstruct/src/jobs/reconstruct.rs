@@ -137,6 +137,12 @@ pub fn reconstruct(
                 interpolate,
             } => {
                 record.configuration = settings();
+                if request.tensorboard.is_some() {
+                    progress.note(&format!(
+                        "{}: trains nothing, so that TensorBoard gets no event file",
+                        method.id
+                    ));
+                }
                 let frames = Frames::new(request, &scene, &split)?;
                 frames.make_views(method.id, interpolate, &stage, progress, &mut record)?
             }

@@ -40,7 +40,8 @@ pub struct RenderRequest {
     /// A run's folder, or a file of Gaussians in any of the
     /// [formats of exchange](omnilife_training::formats::exchange::SPLAT_FORMATS).
     pub model: PathBuf,
-    /// Axes of a file in the world of the poses; `None` for the same axes.
+    /// Axes of a file in the world of the poses, of SPZ and glTF once they are turned to y down; `None` for the same
+    /// axes.
     pub axes: Option<FileAxes>,
     /// A `poses.json` or `scene.json`.
     pub poses: PathBuf,

@@ -39,6 +39,7 @@ mod tests;
 
 use std::{collections::BTreeMap, time::Instant};
 
+pub(crate) use omnilife_schemas::statistics::largest_or_nan;
 use omnilife_schemas::{
     progress::Progress,
     provenance,
@@ -197,14 +198,6 @@ pub struct Limits {
     pub forward: f64,
     /// Relative difference of a gradient value.
     pub gradient: f64,
-}
-
-/// Returns the larger of two values; NaN if either is NaN.
-fn largest_or_nan(a: f64, b: f64) -> f64 {
-    if a.is_nan() || b.is_nan() {
-        return f64::NAN;
-    }
-    a.max(b)
 }
 
 /// Returns the reason for unexpected measures, or `None`.

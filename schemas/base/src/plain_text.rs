@@ -52,6 +52,22 @@ pub fn for_markdown(text: &str) -> String {
     escaped
 }
 
+/// Returns text for a page of HTML, between tags or in a quoted attribute.
+pub fn for_html(text: &str) -> String {
+    let mut escaped = String::with_capacity(text.len());
+    for character in text.chars() {
+        match character {
+            '&' => escaped.push_str("&amp;"),
+            '<' => escaped.push_str("&lt;"),
+            '>' => escaped.push_str("&gt;"),
+            '"' => escaped.push_str("&quot;"),
+            '\'' => escaped.push_str("&#39;"),
+            character => escaped.push(character),
+        }
+    }
+    escaped
+}
+
 /// Returns text for a cell of a table that spreadsheets open. They take a text that starts with one of `= + - @` as a
 /// formula, and an apostrophe in front as the mark of a text.
 pub fn for_spreadsheet(text: &str) -> Cow<'_, str> {
@@ -124,6 +140,14 @@ mod tests {
             "\\!\\[\\](https://e.org/p.png) a\\_b \\& \\<b>\\|"
         );
         assert_eq!(for_markdown("two\nlines"), "two lines");
+    }
+
+    #[test]
+    fn tags_and_quotes_in_a_name_are_text() {
+        assert_eq!(
+            for_html("<b> & \"c\" 'd'"),
+            "&lt;b&gt; &amp; &quot;c&quot; &#39;d&#39;"
+        );
     }
 
     #[test]

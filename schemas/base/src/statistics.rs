@@ -36,6 +36,14 @@ pub fn median<T: Real>(values: &[T]) -> Option<T> {
     quantile(values, 0.5)
 }
 
+/// Returns the larger of two values; NaN if either is NaN, so that a maximum of errors does not hide one.
+pub fn largest_or_nan(a: f64, b: f64) -> f64 {
+    if a.is_nan() || b.is_nan() {
+        return f64::NAN;
+    }
+    a.max(b)
+}
+
 /// Returns the quantile `share` in [0, 1] of the values whose times are within `reach_seconds` of that of `index`.
 /// `times` is sorted and as long as `values`.
 pub fn local_quantile(
@@ -99,6 +107,14 @@ mod tests {
     #[test]
     fn nan_sorts_last() {
         assert_eq!(median(&[f32::NAN, 1.0, 0.0]), Some(1.0));
+    }
+
+    #[test]
+    fn no_maximum_hides_nan() {
+        assert_eq!([1.0, 3.0, 2.0].into_iter().fold(0.0, largest_or_nan), 3.0);
+        for values in [[f64::NAN, 1.0], [1.0, f64::NAN]] {
+            assert!(values.into_iter().fold(0.0, largest_or_nan).is_nan());
+        }
     }
 
     #[test]

@@ -3,7 +3,7 @@
 use clap::{Command, builder::PossibleValuesParser};
 use omnilife_bench::{ADAPTERS, PROTOCOLS};
 use omnilife_curate::{boundaries::DETECTORS, exchange, ledger, masks};
-use omnilife_reconstruct::{formats::exchange::SPLAT_FORMATS, methods::METHODS};
+use omnilife_reconstruct::{jobs::export, methods::METHODS};
 
 use crate::cli::ledger::ROLES;
 
@@ -34,6 +34,7 @@ pub(super) const VALUES: &[Values] = &[
     ("curate import", "format", format_names),
     ("curate ledger export", "format", boundary_format_names),
     ("curate ledger merge", "role", role_names),
+    ("run", "masks_method", mask_method_names),
     ("curate masks", "method", mask_method_names),
     ("curate tracks", "detector", vehicle_detector_names),
     ("curate tracks", "distance", distance_names),
@@ -95,7 +96,7 @@ fn association_names() -> Vec<&'static str> {
 }
 
 fn splat_format_names() -> Vec<&'static str> {
-    SPLAT_FORMATS.iter().map(|format| format.name).collect()
+    export::format_names()
 }
 
 fn adapter_names() -> Vec<&'static str> {

@@ -105,7 +105,7 @@ fn camera_path(status: &SequenceStatus, path: &CameraPath) -> Markup {
         figure {
             (path.svg(&label))
             figcaption {
-                "Camera path from above, x to the right and z up: " (counted(path.posed, "pose")) ", "
+                "Camera path from above, " (path.directions) ": " (counted(path.posed, "pose")) ", "
                 (length) ". Strokes are viewing directions."
                 @if path.far > 0 { " " (counted(path.far, "camera")) " far off all others left out." }
             }

@@ -281,6 +281,26 @@ fn places_are_those_of_the_map_to_a_centimetre() {
 }
 
 #[test]
+fn exports_stay_beside_later_ones_of_the_same_tracks_alone() {
+    let temp = tempfile::tempdir().unwrap();
+    write_scene(&temp.path().join("scene"));
+    write_track(temp.path(), [DVec3::ZERO, DVec3::X], 1.0);
+    let is_there = |file: &str| temp.path().join("tracks").join(file).exists();
+    for format in ["mot", "speeds", "mot", "speeds"] {
+        export(temp.path(), &[format], None).unwrap();
+    }
+    assert!(is_there("tracks.mot.txt") && is_there("tracks.csv"));
+    write_track(temp.path(), [DVec3::ZERO, DVec3::Y], 1.0);
+    export(temp.path(), &["mot"], None).unwrap();
+    assert!(is_there("tracks.mot.txt") && !is_there("tracks.csv"));
+    // Changed by hand it is the user's.
+    let own = temp.path().join("tracks/tracks.mot.txt");
+    fs::write(&own, "mine").unwrap();
+    export(temp.path(), &["speeds"], None).unwrap();
+    assert_eq!(read(temp.path(), "tracks.mot.txt"), "mine");
+}
+
+#[test]
 fn a_flight_along_a_line_is_refused() {
     let temp = tempfile::tempdir().unwrap();
     let scene = write_scene(&temp.path().join("scene"));

@@ -11,6 +11,7 @@ use std::path::PathBuf;
 
 use omnilife_schemas::{
     layout::{GEOREFERENCE_FILE, SCENE_FILE, TRACKS_FILE},
+    ownership::{OwnFile, Standing},
     progress::Progress,
     records::{Georeference, Scene, Tracks},
     stage::StagePlan,
@@ -66,7 +67,7 @@ pub struct TrackExportRequest {
 }
 
 /// Writes tracks in some formats beside their record, and the place of the scene where it is known. Returns the files
-/// and the place.
+/// and the place. Earlier exports of the same scene, tracks and telemetry stay; others are removed with a note.
 ///
 /// # Errors
 /// When a record or the telemetry cannot be read, telemetry does not fit the scene, tracks lack something that a format
@@ -99,12 +100,29 @@ pub fn export_tracks(
     }
     let place = georeference.iter().map(|_| GEOREFERENCE_FILE);
     let files: Vec<&str> = texts.iter().map(|(file, _)| *file).chain(place).collect();
+    let (is_same, earlier) = (plan.is_done(), plan.own_files());
     plan.run(&files, progress, |out| {
         for (file, text) in &texts {
             out.write_bytes(file, text.as_bytes())?;
         }
         if let Some(georeference) = &georeference {
             out.write_record(GEOREFERENCE_FILE, georeference)?;
+        }
+        for OwnFile { file, .. } in earlier.files() {
+            if out.has(&file) || earlier.standing(&file)? != Standing::Ours {
+                continue;
+            }
+            if is_same {
+                out.add(file);
+            } else {
+                // Beside these files it would be of other tracks or of another place.
+                let path = request.folder.join(&file);
+                progress.note(&format!(
+                    "{}: removed, an export of another scene, tracks or telemetry",
+                    path.display()
+                ));
+                store::remove(&path)?;
+            }
         }
         Ok::<_, TracksError>(())
     })?;

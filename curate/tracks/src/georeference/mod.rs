@@ -142,9 +142,14 @@ fn middle(points: &[GeoPoint]) -> Option<GeoPoint> {
 /// Returns a line on a georeference for readers.
 pub fn words(georeference: &Georeference) -> String {
     let (residuals, utm) = (&georeference.residuals, &georeference.utm);
+    // The third number of `GPS(..)` has no name.
+    let doubt = match georeference.heights.as_str() {
+        "gps" => "; heights without a name may be numbers of satellites",
+        _ => "",
+    };
     format!(
         "georeferenced by {} ({}): {} positions, {} left out, {:.2} m off in the median, {:.2} m in 90 %, {:.2} m at \
-         most; {:.4} m per unit; origin in UTM {}{} {:.1} E {:.1} N",
+         most; {:.4} m per unit; origin in UTM {}{} {:.1} E {:.1} N{doubt}",
         georeference.source,
         georeference.heights,
         residuals.used,

@@ -4,8 +4,11 @@
 //! the scale that of Umeyama (Least-squares estimation of transformation parameters, 1991). Points are weighted anew
 //! by their residuals (Cauchy) until mistakes have no weight, and left out beyond four robust standard deviations.
 
-use glam::{DMat3, DQuat, DVec3};
-use omnilife_schemas::statistics::median;
+use glam::{DQuat, DVec3};
+use omnilife_schemas::{
+    absolute_orientation::{best_rotation, eigen},
+    statistics::median,
+};
 
 /// Minimum number of points.
 pub const LEAST_POINTS: usize = 4;
@@ -73,27 +76,20 @@ fn deviation(residuals: &[f64]) -> f64 {
 /// Fits a similarity by weighted least squares.
 fn weighted(from: &[DVec3], to: &[DVec3], weights: &[f64]) -> Result<FittedSimilarity, String> {
     let [middle_from, middle_to] = [from, to].map(|points| middle(points, weights));
-    let mut products = DMat3::ZERO;
-    let mut extent = 0.0;
-    for ((&from, &to), &weight) in from.iter().zip(to).zip(weights) {
-        let (from, to) = (from - middle_from, to - middle_to);
-        // Rows are of `from`, columns of `to`.
-        products += DMat3::from_cols(
-            weight * to.x * from,
-            weight * to.y * from,
-            weight * to.z * from,
-        );
-        extent += weight * from.length_squared();
-    }
+    let centred = || {
+        let pairs = from.iter().zip(to).zip(weights);
+        pairs.map(move |((&from, &to), &weight)| (from - middle_from, to - middle_to, weight))
+    };
+    let extent: f64 = centred()
+        .map(|(from, _, weight)| weight * from.length_squared())
+        .sum();
     if extent.is_nan() || extent <= 0.0 {
         return Err("all cameras are in one place".to_owned());
     }
-    let rotation = horn(&products);
-    let turned = DMat3::from_quat(rotation);
-    // Trace of R S, where `products` is S.
-    let along = (0..3)
-        .map(|axis| turned.row(axis).dot(products.col(axis)))
-        .sum::<f64>();
+    let (rotation, _) = best_rotation(centred().map(|(from, to, weight)| (weight * from, to)));
+    let along: f64 = centred()
+        .map(|(from, to, weight)| weight * to.dot(rotation * from))
+        .sum();
     let scale = along / extent;
     if !scale.is_finite() || scale <= 0.0 {
         return Err("recorded positions and cameras have nothing in common".to_owned());
@@ -117,27 +113,6 @@ fn middle(points: &[DVec3], weights: &[f64]) -> DVec3 {
         .map(|(&point, &weight)| weight * point)
         .sum();
     sum / weights.iter().sum::<f64>()
-}
-
-/// Returns the rotation that brings `from` to `to` best, of the sums of their products: the eigenvector of the largest
-/// eigenvalue of Horn's matrix.
-fn horn(products: &DMat3) -> DQuat {
-    // s[i][j]: the sum of coordinate i of `from` times coordinate j of `to`.
-    let s = products.transpose().to_cols_array_2d();
-    let [[xx, xy, xz], [yx, yy, yz], [zx, zy, zz]] = s;
-    let matrix = [
-        [xx + yy + zz, yz - zy, zx - xz, xy - yx],
-        [yz - zy, xx - yy - zz, xy + yx, zx + xz],
-        [zx - xz, xy + yx, yy - xx - zz, yz + zy],
-        [xy - yx, zx + xz, yz + zy, zz - xx - yy],
-    ];
-    let (values, vectors) = eigen(matrix);
-    let largest = (0..4).fold(
-        0,
-        |best, at| if values[at] > values[best] { at } else { best },
-    );
-    let [w, x, y, z] = [0, 1, 2, 3].map(|row: usize| vectors[row][largest]);
-    DQuat::from_xyzw(x, y, z, w).normalize()
 }
 
 /// Refuses points on a line.
@@ -166,44 +141,6 @@ fn refuse_line(points: &[DVec3], weights: &[f64], fit: &FittedSimilarity) -> Res
         ));
     }
     Ok(())
-}
-
-/// Returns the eigenvalues of a symmetric matrix, and its eigenvectors as columns (Jacobi rotations).
-fn eigen<const N: usize>(mut matrix: [[f64; N]; N]) -> ([f64; N], [[f64; N]; N]) {
-    let mut vectors = [[0.0; N]; N];
-    for (at, row) in vectors.iter_mut().enumerate() {
-        row[at] = 1.0;
-    }
-    // Convergence is quadratic: a handful of sweeps reach rounding.
-    for _ in 0..30 {
-        for p in 0..N {
-            for q in p + 1..N {
-                if matrix[p][q] == 0.0 {
-                    continue;
-                }
-                let slope = (matrix[q][q] - matrix[p][p]) / (2.0 * matrix[p][q]);
-                let tangent = slope.signum() / (slope.abs() + slope.hypot(1.0));
-                let cos = 1.0 / tangent.hypot(1.0);
-                let sin = tangent * cos;
-                let turn = |a: &mut f64, b: &mut f64| {
-                    (*a, *b) = (cos * *a - sin * *b, sin * *a + cos * *b);
-                };
-                for row in matrix.iter_mut().chain(&mut vectors) {
-                    let (left, right) = row.split_at_mut(q);
-                    turn(&mut left[p], &mut right[0]);
-                }
-                let (upper, lower) = matrix.split_at_mut(q);
-                for (a, b) in upper[p].iter_mut().zip(&mut lower[0]) {
-                    turn(a, b);
-                }
-            }
-        }
-    }
-    let mut values = [0.0; N];
-    for (at, value) in values.iter_mut().enumerate() {
-        *value = matrix[at][at];
-    }
-    (values, vectors)
 }
 
 #[cfg(test)]

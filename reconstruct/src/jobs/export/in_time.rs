@@ -280,8 +280,13 @@ fn write_sequence(
         let mut gaussians = ActivatedGaussians::default();
         let at = Viewpoint::of_moment(seconds);
         model.activate(&at, &TemporalFeatures::default(), &mut gaussians);
-        // Counted when the source was read.
-        let drawable = whole(&gaussians, frame, &mut InvalidGaussians::default());
+        let mut invalid = InvalidGaussians::default();
+        let drawable = whole(&gaussians, frame, &mut invalid);
+        // The others were counted when the source was read.
+        let far = asset.invalid.out_of_reach.max(invalid.out_of_reach);
+        asset.invalid.out_of_reach = far;
+        let transparent = drawable.changes.transparent;
+        asset.changes.transparent = asset.changes.transparent.max(transparent);
         let visible = drawable.whole.filter(|visible| !visible.is_empty());
         let Some(visible) = visible else {
             let reason = format!("has no Gaussian that a viewer could draw at {seconds} seconds");

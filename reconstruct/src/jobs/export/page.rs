@@ -8,6 +8,7 @@ use std::{fs, path::PathBuf};
 
 use base64::{Engine, engine::general_purpose::STANDARD};
 use omnilife_schemas::{
+    plain_text::for_html,
     records::{AssetLevel, AssetMoments, AssetPlacement, AssetSplats},
     store,
 };
@@ -157,7 +158,7 @@ pub(super) fn html(content: &PageContent<'_>, libraries: &[Vec<u8>]) -> String {
     let mut page = String::with_capacity(TEMPLATE.len() + inside.len() + 8_000_000);
     for (index, part) in TEMPLATE.split("@@").enumerate() {
         match part {
-            "TITLE" if index % 2 == 1 => page += &escaped(content.title),
+            "TITLE" if index % 2 == 1 => page += &for_html(content.title),
             "IMPORTS" if index % 2 == 1 => page += &in_script(&import_map),
             "SETTINGS" if index % 2 == 1 => page += &in_script(&settings),
             "SPLATS" if index % 2 == 1 => page += &inside,
@@ -184,19 +185,6 @@ fn moments_of(moments: &AssetMoments) -> serde_json::Value {
 /// Returns JSON that cannot end the script around it.
 fn in_script(value: &serde_json::Value) -> String {
     value.to_string().replace('<', "\\u003c")
-}
-
-pub(super) fn escaped(text: &str) -> String {
-    text.chars()
-        .map(|letter| match letter {
-            '&' => "&amp;".to_owned(),
-            '<' => "&lt;".to_owned(),
-            '>' => "&gt;".to_owned(),
-            '"' => "&quot;".to_owned(),
-            '\'' => "&#39;".to_owned(),
-            other => other.to_string(),
-        })
-        .collect()
 }
 
 pub(super) fn base64(bytes: &[u8]) -> String {

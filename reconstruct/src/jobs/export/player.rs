@@ -2,7 +2,9 @@
 //!
 //! A graphics card computes the motion in every frame, and a worker sorts by depth. Without a card, workers draw.
 
-use super::page::{base64, escaped};
+use omnilife_schemas::plain_text::for_html;
+
+use super::page::base64;
 
 const TEMPLATE: &str = include_str!("player.html");
 const SCRIPT: &str = concat!(
@@ -20,7 +22,7 @@ pub(super) fn html(title: &str, file: &[u8]) -> String {
         String::with_capacity(TEMPLATE.len() + SCRIPT.len() + SORTER.len() + inside.len());
     for (index, part) in TEMPLATE.split("@@").enumerate() {
         match part {
-            "TITLE" if index % 2 == 1 => page += &escaped(title),
+            "TITLE" if index % 2 == 1 => page += &for_html(title),
             "FILE" if index % 2 == 1 => page += &inside,
             "SORTER" if index % 2 == 1 => page += SORTER,
             "SCRIPT" if index % 2 == 1 => page += SCRIPT,

@@ -28,12 +28,14 @@ function headerOf(bytes) {
     for (const name of ["position", "size", "rotation", "opacity", "colour", ...(part.motion.kind === "rigid" ? ["object"] : [])]) {
       if (!names.includes(name)) refuse(`has a part without ${name}`);
     }
+    if (part.motion.kind === "rigid" && names.includes("harmonics")) refuse("has a rigid part with harmonics");
     if (!(part.count >= 0) || new Set(names).size !== names.length) refuse("has a part without a count, or a name twice");
     for (const array of part.arrays) {
       const expected = array.name === "harmonics" ? 3 * ((header.degree + 1) ** 2 - 1) : WIDTHS[array.name] || array.width;
       if (!(array.width > 0) || array.width !== expected) refuse(`has ${array.name} of width ${array.width}`);
       const isKnown = array.type in BYTES && [undefined, "linear", "exp"].includes(array.map);
-      const isBounded = array.type === "f32" || [array.low, array.high].every((bounds) => bounds && bounds.length === array.width && bounds.every(Number.isFinite));
+      const isBounded = array.type === "f32" || ([array.low, array.high].every((bounds) => bounds && bounds.length === array.width && bounds.every(Number.isFinite))
+        && array.low.every((low, column) => low <= array.high[column]));
       if (!isKnown || !isBounded) refuse(`has ${array.name} of an unknown type, or without bounds`);
     }
     for (const { times, positions, rotations } of part.motion.objects || []) {
@@ -130,6 +132,7 @@ async function sceneOf(file) {
   }
   const all = [scene.position, scene.size, scene.rotation, scene.opacity, scene.colour, scene.velocity, scene.peak];
   if (all.some((values) => values.some((value) => !Number.isFinite(value)))) refuse("has a number that is not finite");
+  if (scene.opacity.some((opacity) => opacity < 0 || opacity > 1)) refuse("has an opacity that is not in [0, 1]");
   if (scene.size.some((size) => size < 0) || scene.duration.some((duration) => !(duration > 0))) refuse("has a negative size or duration");
   return scene;
 }

@@ -22,7 +22,7 @@ use self::{
 use super::{checkpoint::LoopState, trace_views::TraceViews};
 use crate::{error::ReconstructError, learner::Learner, scene::TrainingScene};
 
-/// Largest share of the training's time that the page and the views for TensorBoard take before the last row.
+/// Share of the training's time beyond which the page and the views for TensorBoard wait for a later row.
 pub const MOST_SHARE: f64 = 0.02;
 /// Largest width of views for TensorBoard, pixels.
 const MOST_WIDTH: usize = 512;
@@ -170,7 +170,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_page_and_the_views_take_two_percent_at_most() {
+    fn the_page_and_the_views_wait_beyond_two_percent() {
         let affordable = |spent, training| {
             is_affordable(
                 Duration::from_millis(spent),

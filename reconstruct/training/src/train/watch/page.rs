@@ -6,7 +6,10 @@
 use std::{io, path::PathBuf};
 
 use omnilife_charts::{ChartError, Series, Titles, log_log, over_log_x};
-use omnilife_schemas::store::{self, StoreError};
+use omnilife_schemas::{
+    plain_text::for_html,
+    store::{self, StoreError},
+};
 
 use crate::train::trace::TracePoint;
 
@@ -80,7 +83,7 @@ impl Page {
         };
         let mut body = String::new();
         if let Some(image) = image {
-            let image = escaped(image);
+            let image = for_html(image);
             body += &format!("<p><img src=\"{image}\" alt=\"the latest novel view\"></p>\n");
         }
         let quality = series(trace, &DECIBELS, |_| true);
@@ -105,7 +108,7 @@ impl Page {
             .replace("@NUMBERS@", &numbers(trace.last()))
             .replace("@BODY@", &body)
             // Last: it comes from files of others.
-            .replace("@TITLE@", &escaped(&self.title)))
+            .replace("@TITLE@", &for_html(&self.title)))
     }
 }
 
@@ -174,13 +177,6 @@ fn numbers(row: Option<&TracePoint>) -> String {
         text += &format!("<tr><th>{name}</th><td>{value}</td></tr>\n");
     }
     text + "</table>"
-}
-
-fn escaped(text: &str) -> String {
-    text.replace('&', "&amp;")
-        .replace('<', "&lt;")
-        .replace('>', "&gt;")
-        .replace('"', "&quot;")
 }
 
 #[cfg(test)]
