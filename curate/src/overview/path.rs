@@ -217,6 +217,7 @@ mod tests {
             ignore_mask: None,
             classes: BTreeMap::new(),
             objects: BTreeMap::new(),
+            boxes: BTreeMap::new(),
             depth: None,
             depth_prior: None,
         };
@@ -242,6 +243,7 @@ mod tests {
                 problems: Vec::new(),
             },
             published_split: None,
+            objects: BTreeMap::new(),
         };
         let path = CameraPath::of(&scene).expect("poses");
         let near = |found: DVec2, x: f64, y: f64| found.distance(dvec2(x, y)) < 1e-9;
