@@ -7,16 +7,10 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use omnilife_schemas::records::ResultRecord;
 
-use crate::group::{Group, SceneRow};
-
-/// Marks behind a method's name in that of a variant.
-const MARKS: [&str; 4] = ["-with-", "-without-", "-plan-", "-set-"];
-
-/// Returns the method of a variant's name.
-fn method_of(variant: &str) -> &str {
-    let ends = MARKS.iter().filter_map(|mark| variant.find(mark));
-    &variant[..ends.min().unwrap_or(variant.len())]
-}
+use crate::{
+    group::{Group, SceneRow},
+    variants::method_of,
+};
 
 /// Returns the aids that the rows used, in a line; `None` where no record says.
 pub(crate) fn note(group: &Group<'_>) -> Option<String> {

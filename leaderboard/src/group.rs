@@ -17,7 +17,7 @@ use crate::{
     error::LeaderboardError,
     numbers::Numbers,
     quantity::{Quantity, ViewKind},
-    validate,
+    validate, variants,
 };
 
 /// All results of one protocol. Protocols of different hashes never share a group.
@@ -151,16 +151,13 @@ pub(crate) struct MethodRow<'a> {
     pub(crate) numbers: Numbers,
     /// True if every scene of the group is included, with complete results.
     pub(crate) complete: bool,
-    /// True for an ablation variant of another method in the group.
-    pub(crate) is_variant: bool,
+    /// The method of the group that this one is a variant of.
+    pub(crate) whole: Option<&'a str>,
     /// In the order of [`Group::quantities`]; ranks are among complete methods of the same class, without variants.
     pub(crate) confidence: Vec<Confidence>,
     /// Number of ranked methods of the class, in the same order.
     pub(crate) ranked: Vec<usize>,
 }
-
-/// Between a method's id and the component that a variant of it leaves out.
-pub(crate) const WITHOUT: &str = "-without-";
 
 /// Groups results by protocol, ordered by protocol and hash.
 ///
@@ -296,9 +293,7 @@ fn method_rows<'a>(
                 scenes: rows.len(),
                 complete: rows.len() == scenes.len() && numbers.complete,
                 numbers,
-                is_variant: method
-                    .split_once(WITHOUT)
-                    .is_some_and(|(whole, _)| by_method.contains_key(whole)),
+                whole: variants::whole_of(&by_method, method),
                 confidence: Vec::new(),
                 ranked: Vec::new(),
             }
@@ -320,7 +315,7 @@ fn method_rows<'a>(
                     })
                     .collect(),
                 ranked: method.complete
-                    && !method.is_variant
+                    && method.whole.is_none()
                     && method.numbers.scores[index].is_some(),
             })
             .collect();

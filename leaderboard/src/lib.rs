@@ -32,6 +32,7 @@ pub mod submission;
 mod table;
 mod tables;
 mod validate;
+mod variants;
 
 pub use collect::collect;
 pub use datasets::{DatasetsFormat, datasets};

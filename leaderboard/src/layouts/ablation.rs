@@ -1,15 +1,14 @@
-//! Variants of a method without a component, beside the whole: OmniLife360, Table 6.
-//!
-//! A method `omni4dgs-without-motion` is the variant of `omni4dgs` without `motion`.
+//! Variants of a method, beside the whole: OmniLife360, Table 6.
 
 use super::{common_notes, mark_classes, published_lpips, published_metrics};
 use crate::{
     class::MethodClass,
     format::PUBLISHED_LPIPS,
-    group::{Group, MethodRow, WITHOUT},
+    group::{Group, MethodRow},
     published::{OMNILIFE360, Paper, PublishedLayout, published_rows},
     quantity::ViewKind,
     table::{Cell, Column, Mark, Row, Table, cost_cells, cost_columns, method_score},
+    variants,
 };
 
 /// The paper's table.
@@ -28,11 +27,8 @@ pub(super) fn tables(group: &Group<'_>, papers: &[Paper]) -> Vec<Table> {
         .methods
         .iter()
         .filter_map(|whole| {
-            let prefix = format!("{}{WITHOUT}", whole.method);
-            let variants: Vec<(&str, &MethodRow<'_>)> = group
-                .methods
-                .iter()
-                .filter_map(|method| Some((method.method.strip_prefix(&prefix)?, method)))
+            let variants: Vec<&MethodRow<'_>> = (group.methods.iter())
+                .filter(|method| method.whole == Some(whole.method))
                 .collect();
             (!variants.is_empty()).then(|| table(group, papers, whole, &variants))
         })
@@ -43,7 +39,7 @@ fn table(
     group: &Group<'_>,
     papers: &[Paper],
     whole: &MethodRow<'_>,
-    variants: &[(&str, &MethodRow<'_>)],
+    variants: &[&MethodRow<'_>],
 ) -> Table {
     let sources = published_metrics(group, ViewKind::Novel);
     let mut columns: Vec<Column> = sources
@@ -72,10 +68,10 @@ fn table(
     };
     let mut rows: Vec<Row> = variants
         .iter()
-        .map(|(component, method)| row(format!("w/o {}", component.replace('-', " ")), method))
+        .map(|method| row(variants::label(whole.method, method.method), method))
         .collect();
     rows.push(row(format!("{} (full)", whole.method), whole));
-    let methods = variants.iter().map(|(_, method)| *method).chain([whole]);
+    let methods = variants.iter().copied().chain([whole]);
     let contestants: Vec<(MethodClass, bool)> = methods
         .map(|method| (method.class, method.complete))
         .collect();

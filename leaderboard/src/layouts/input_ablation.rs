@@ -1,4 +1,4 @@
-//! Variants of a method without a component in input views, whole images and objects: Neural Atlas Graphs, Table 10.
+//! Variants of a method in input views, whole images and objects: Neural Atlas Graphs, Table 10.
 
 use omnilife_schemas::records::{Direction, ObjectClass};
 
@@ -8,9 +8,10 @@ use super::{
 };
 use crate::{
     class::MethodClass,
-    group::{Group, MethodRow, WITHOUT},
+    group::{Group, MethodRow},
     published::{NEURAL_ATLAS_GRAPHS, Paper, PublishedLayout},
     table::{Mark, Row, Table},
+    variants,
 };
 
 const LAYOUT: FidelityLayout = FidelityLayout {
@@ -39,12 +40,9 @@ pub(super) fn tables(group: &Group<'_>, papers: &[Paper]) -> Vec<Table> {
         return Vec::new();
     }
     let of_whole = |whole: &MethodRow<'_>| {
-        let prefix = format!("{}{WITHOUT}", whole.method);
         let mut variants: Vec<(String, &MethodRow<'_>)> = (group.methods.iter())
-            .filter_map(|method| {
-                let component = method.method.strip_prefix(&prefix)?.replace('-', " ");
-                Some((format!("w/o {component}"), method))
-            })
+            .filter(|method| method.whole == Some(whole.method))
+            .map(|method| (variants::label(whole.method, method.method), method))
             .collect();
         if variants.is_empty() {
             return None;

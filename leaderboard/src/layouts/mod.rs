@@ -104,7 +104,7 @@ pub(crate) fn published_layout(protocol: &str) -> PublishedLayout {
 /// Returns the methods without variants.
 pub(crate) fn main_methods<'g, 'a>(group: &'g Group<'a>) -> Vec<&'g MethodRow<'a>> {
     let methods = group.methods.iter();
-    methods.filter(|method| !method.is_variant).collect()
+    methods.filter(|method| method.whole.is_none()).collect()
 }
 
 /// Marks the best of every class: methods of different classes have different inputs.

@@ -168,7 +168,7 @@ fn standing(group: &Group<'_>, method: &MethodRow<'_>) -> Markup {
                 "Rank " b { (rank) } " of " (of) " in its class by novel PSNR, over "
                 (format::counted(method.scenes, "scene")) "."
             }
-            None if method.is_variant => "A variant of another method, which is not ranked.",
+            None if method.whole.is_some() => "A variant of another method, which is not ranked.",
             None if method.complete => "Not ranked: its novel views have no PSNR.",
             None => {
                 "Not ranked: it has complete results of " (complete) " of "

@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use crate::support::result;
+use crate::{leaderboard::Place, support::result};
 use omnilife_leaderboard::{Tables, build};
 use omnilife_schemas::records::ResultRecord;
 
@@ -104,6 +104,40 @@ fn other_constants_are_a_variant_and_no_other_method() {
     ];
     let text = tables(&rows).markdown;
     assert!(!text.contains(UNEQUAL), "{text}");
+}
+
+/// The names `theirs` and `theirs-with-depth` are of another program, which lists no aids.
+#[test]
+fn variants_of_a_method_are_rows_of_its_ablation_and_not_ranked() {
+    let ours = |method| row("street", method, &[("short-schedule", true)]);
+    let place = Place::with(&[
+        ours("odgs"),
+        ours("odgs-with-dropout-without-sky-shell"),
+        ours("odgs-set-gamma=-1"),
+        ours("odgs-plan-auto"),
+        ours("nag-with-flow"),
+        result("street", "theirs", 24.0, 0.8),
+        result("street", "theirs-with-depth", 26.0, 0.8),
+    ]);
+    place.build();
+    let rows = |text: &str, names: &[&str]| {
+        let cells = text.lines().filter_map(|line| line.split('|').nth(1));
+        let cells: Vec<&str> = cells.map(str::trim).collect();
+        names.iter().filter(|name| cells.contains(name)).count()
+    };
+    let views = place.layout("views.md");
+    let ranked = ["odgs", "nag-with-flow", "theirs", "theirs-with-depth"];
+    assert_eq!(rows(&views, &ranked), 4, "{views}");
+    assert!(views.contains("3 variants stand"), "{views}");
+    let ablation = place.layout("ablation.md");
+    let listed = [
+        "odgs (full)",
+        "with dropout, w/o sky shell",
+        "gamma=-1",
+        "plan auto",
+    ];
+    assert_eq!(rows(&ablation, &listed), 4, "{ablation}");
+    assert!(!ablation.contains("theirs"), "{ablation}");
 }
 
 #[test]
