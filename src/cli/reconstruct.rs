@@ -58,7 +58,7 @@ pub(crate) struct MethodArguments {
     #[arg(long, value_name = "N")]
     pub(crate) trace_views: Option<usize>,
     /// Writes an event file for TensorBoard here: at each row of the trace its numbers, and an input and a
-    /// novel view. `run`, `bench run` and `bench ablate` make a folder per training in it.
+    /// novel view. `run`, `bench run`, `bench ablate` and `sweep plan bench` make a folder per training in it.
     #[arg(long, value_name = "FOLDER")]
     pub(crate) tensorboard: Option<PathBuf>,
     /// A checkpoint every so many iterations, from which an interrupted run goes on; 0 for none.

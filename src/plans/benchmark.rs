@@ -44,7 +44,7 @@ pub(crate) struct BenchmarkRequest<'a> {
     pub(crate) seeds: &'a [u64],
     /// Options of `reconstruct train` for the methods that are trained.
     pub(crate) train: &'a [String],
-    /// Folder of event files for TensorBoard, by unit.
+    /// Folder of event files for TensorBoard, in a folder per unit.
     pub(crate) tensorboard: Option<&'a Path>,
     /// Share of the machine that a unit takes.
     pub(crate) needs: UnitNeeds,
@@ -60,12 +60,7 @@ pub(crate) fn units(request: &BenchmarkRequest<'_>) -> anyhow::Result<Vec<SweepU
     for protocol in request.protocols {
         protocols::protocol(protocol)?;
     }
-    if !request.train.is_empty() && !request.methods.iter().any(Method::is_trained) {
-        let options = request.train.join(" ");
-        let reason =
-            format!("{options}: options of a training, and none of the methods is trained");
-        return Err(BadRequest(reason).into());
-    }
+    refuse_unused(request.train, request.methods)?;
     // The use of tracks for the regions of a scene must not depend on which method came first.
     let requiring: Vec<&Method> = (request.methods.iter())
         .filter(|method| method.has_requirements())
@@ -105,14 +100,17 @@ pub(crate) fn units(request: &BenchmarkRequest<'_>) -> anyhow::Result<Vec<SweepU
 pub(crate) fn sweep(
     arguments: &BenchPlanArguments,
 ) -> anyhow::Result<(Vec<SweepUnit>, Vec<String>)> {
+    let methods = methods(&arguments.methods)?;
+    refuse_unused(&arguments.train, &methods)?;
+    let (train, tensorboard) = without_tensorboard(&arguments.train);
     let units = units(&BenchmarkRequest {
         results: &arguments.results,
         scenes: &arguments.scenes,
-        methods: &methods(&arguments.methods)?,
+        methods: &methods,
         protocols: &arguments.protocols,
         seeds: &arguments.seeds,
-        train: &arguments.train,
-        tensorboard: None,
+        train: &train,
+        tensorboard: tensorboard.as_deref(),
         needs: needs(&arguments.plan)?,
     })?;
     let results = absolute(&arguments.results)?;
@@ -125,6 +123,34 @@ pub(crate) fn sweep(
         &board,
     ]);
     Ok((units, own_command(reduce)?))
+}
+
+/// Refuses options of a training where no method is trained.
+fn refuse_unused(train: &[String], methods: &[Method]) -> anyhow::Result<()> {
+    if train.is_empty() || methods.iter().any(Method::is_trained) {
+        return Ok(());
+    }
+    let options = train.join(" ");
+    let reason = format!("{options}: options of a training, and none of the methods is trained");
+    Err(BadRequest(reason).into())
+}
+
+/// Takes the folder of `--tensorboard` out of options of a training, because every unit has one of its own below it. A
+/// second such option or one without a folder stays, and is refused as the unit's own command line would refuse it.
+fn without_tensorboard(train: &[String]) -> (Vec<String>, Option<PathBuf>) {
+    const OPTION: &str = "--tensorboard";
+    for (at, word) in train.iter().enumerate() {
+        let (folder, behind) = match word.strip_prefix(OPTION) {
+            Some("") => (train.get(at + 1).map(String::as_str), at + 2),
+            Some(value) => (value.strip_prefix('='), at + 1),
+            None => (None, at),
+        };
+        if let Some(folder) = folder.filter(|folder| !folder.is_empty()) {
+            let others = train[..at].iter().chain(&train[behind..]);
+            return (others.cloned().collect(), Some(folder.into()));
+        }
+    }
+    (train.to_vec(), None)
 }
 
 /// Returns the methods of these names and method.toml files, each once: results are told apart by them.

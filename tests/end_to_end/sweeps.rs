@@ -83,6 +83,47 @@ fn options_of_a_training_need_a_method_that_is_trained() {
 }
 
 #[test]
+fn units_of_one_sweep_have_event_files_of_their_own() {
+    let folder = scratch();
+    let scene: PathBuf = small_run().out.join(SEQUENCE);
+    let [results, events] = ["results", "events"].map(|name| folder.path().join(name));
+    let planned = |work: &str, options: &[&str]| {
+        let work = folder.path().join(work);
+        let mut arguments = vec!["bench", scene.to_str().unwrap(), "--methods", "odgs"];
+        arguments.extend(["--seeds", "0,1", "--results", results.to_str().unwrap()]);
+        arguments.extend(["--out", work.to_str().unwrap(), "--"]);
+        (plan(&[&arguments[..], options].concat()), work)
+    };
+    let option = format!("--tensorboard={}", events.display());
+    let option = option.as_str();
+    for options in [&["--tensorboard"][..], &[option, option]] {
+        let (refused, _) = planned("refused", options);
+        assert!(
+            refused.failed_quietly(2).contains("--tensorboard"),
+            "{}",
+            refused.stderr
+        );
+    }
+    let words = [
+        "--iterations",
+        "3",
+        "--tensorboard",
+        events.to_str().unwrap(),
+    ];
+    let other_way = [option, "--iterations", "3"];
+    for (work, options) in [("first", &words[..]), ("second", &other_way)] {
+        let (ended, work) = planned(work, options);
+        ended.succeeded();
+        let units = fs::read_to_string(work.join("plan.json")).unwrap();
+        for seed in [0, 1] {
+            let own = format!("/events/street-seq-000.per-scene.odgs.seed-{seed}\"");
+            assert_eq!(units.matches(&own).count(), 1, "{units}");
+        }
+        assert_eq!(units.matches("--tensorboard").count(), 2, "{units}");
+    }
+}
+
+#[test]
 fn methods_scenes_and_seeds_become_one_table() {
     let folder = scratch();
     let results = folder.path().join("results");
