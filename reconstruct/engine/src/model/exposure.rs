@@ -23,11 +23,43 @@ const ROUNDS: usize = 3;
 
 /// Gains over time.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(try_from = "RecordedExposure")]
 pub struct Exposure {
-    /// Times of the estimated views, seconds, increasing.
+    /// Times of the estimated views, seconds, increasing; at least one.
     times_seconds: Vec<f64>,
     /// Natural logarithms of their gains of light, channel by channel; their median is 0.
     log_light_gains: Vec<[f32; 3]>,
+}
+
+/// Gains as a record has them, before they are checked.
+#[derive(Deserialize)]
+struct RecordedExposure {
+    times_seconds: Vec<f64>,
+    log_light_gains: Vec<[f32; 3]>,
+}
+
+impl TryFrom<RecordedExposure> for Exposure {
+    type Error = &'static str;
+
+    fn try_from(recorded: RecordedExposure) -> Result<Self, Self::Error> {
+        let RecordedExposure {
+            times_seconds,
+            log_light_gains,
+        } = recorded;
+        if times_seconds.is_empty() || times_seconds.len() != log_light_gains.len() {
+            return Err("an exposure has at least one time, and a gain for each");
+        }
+        // A number that is too large for 32 bits is read as infinite.
+        let is_finite = times_seconds.iter().all(|time| time.is_finite())
+            && log_light_gains.iter().flatten().all(|log| log.is_finite());
+        if !is_finite || !times_seconds.is_sorted() {
+            return Err("an exposure has increasing times, and finite gains");
+        }
+        Ok(Self {
+            times_seconds,
+            log_light_gains,
+        })
+    }
 }
 
 impl Exposure {
@@ -231,6 +263,28 @@ mod tests {
                 "{byte}: {found} {expected}"
             );
         }
+        Ok(())
+    }
+
+    #[test]
+    fn malformed_records_are_refused_and_others_come_back() -> Result<(), serde_json::Error> {
+        for (times, gains, reason) in [
+            ("[]", "[]", "at least one time"),
+            ("[0.0, 1.0]", "[[0, 0, 0]]", "a gain for each"),
+            ("[1.0, 0.0]", "[[0, 0, 0], [0, 0, 0]]", "increasing"),
+            ("[0.0]", "[[0, 1e300, 0]]", "finite"),
+        ] {
+            let text = format!(r#"{{"times_seconds": {times}, "log_light_gains": {gains}}}"#);
+            let refused =
+                serde_json::from_str::<Exposure>(&text).map_err(|error| error.to_string());
+            assert!(
+                refused.as_ref().is_err_and(|error| error.contains(reason)),
+                "{refused:?}"
+            );
+        }
+        let exposure = Exposure::estimate(&[view(0.0, 0.8), view(2.0, 1.0)]);
+        let text = serde_json::to_string(&exposure)?;
+        assert_eq!(serde_json::from_str::<Option<Exposure>>(&text)?, exposure);
         Ok(())
     }
 
