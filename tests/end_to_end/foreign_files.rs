@@ -3,7 +3,7 @@
 use std::{fs, os::unix::fs::symlink};
 
 use crate::{
-    support::{METHOD, SEQUENCE, copy_of_small_run, files, omnilife, scratch},
+    support::{METHOD, SEQUENCE, copy_of_small_run, files, omnilife, sample, scratch, small_run},
     writing_commands::{Inputs, WritingCommand, copy},
 };
 
@@ -99,6 +99,52 @@ fn a_changed_card_of_a_dataset_is_not_overwritten() {
     let ended = publish();
     assert!(ended.failed_quietly(2).contains("README.md: is in the way"));
     assert_eq!(fs::read_to_string(card).unwrap(), "my own words");
+}
+
+/// The dataset's record is malformed: the page has to be found before anything is curated.
+#[test]
+fn a_foreign_page_is_refused_before_videos_are_curated() {
+    let folder = scratch();
+    let out = folder.path().to_str().unwrap();
+    let (record, page) = (
+        folder.path().join("dataset.json"),
+        folder.path().join("index.html"),
+    );
+    fs::write(&record, "{}").unwrap();
+    fs::write(&page, "my page").unwrap();
+    let video = sample("street.mp4");
+    let ended = omnilife(["--quiet", "curate", video.to_str().unwrap(), "--out", out]);
+    assert!(
+        ended
+            .failed_quietly(2)
+            .contains("index.html: is in the way")
+    );
+    assert_eq!(fs::read_to_string(page).unwrap(), "my page");
+    assert_eq!(fs::read_to_string(record).unwrap(), "{}");
+}
+
+/// Interpolation leaves no page and no checkpoint, and removes those of an earlier training.
+#[test]
+fn interpolation_removes_no_file_that_a_training_would_have_left() {
+    let sequence = small_run().out.join(SEQUENCE);
+    let scene = sequence.join("scene.json");
+    let split = sequence.join("per-scene/split.json");
+    for name in ["progress.html", "trace.csv", "lift.json", "checkpoint.bin"] {
+        let folder = scratch();
+        let mine = folder.path().join(name);
+        fs::write(&mine, "mine").unwrap();
+        let mut arguments = vec!["--quiet".as_ref(), "reconstruct".as_ref(), "train".as_ref()];
+        arguments.extend([scene.as_os_str(), "--split".as_ref(), split.as_os_str()]);
+        arguments.extend(["--method".as_ref(), "cross-fade".as_ref()]);
+        arguments.extend(["--out".as_ref(), folder.path().as_os_str()]);
+        let ended = omnilife(arguments);
+        let message = ended.failed_quietly(2);
+        assert!(
+            message.contains(&format!("{name}: is in the way")),
+            "{message}"
+        );
+        assert_eq!(fs::read_to_string(mine).unwrap(), "mine");
+    }
 }
 
 /// Rendered views have the names of frames.

@@ -41,6 +41,8 @@ use crate::{
 use page::{Look, Page};
 use parts::Records;
 
+/// The page and its record.
+const FILES: [&str; 2] = [PAGE_FILE, STATUS_FILE];
 /// Largest number of sequences with contact sheets, about 0.1 MB each.
 const MOST_SHEETS: usize = 200;
 
@@ -60,6 +62,19 @@ pub fn status(folder: &Path, shown: &str) -> Result<DatasetStatus, CurateError> 
     Ok(Source::read(folder)?.status(shown))
 }
 
+/// Refuses a folder in which a file of another origin has the name of the page or of its record. Checked before long
+/// work that ends with [`write_page`].
+///
+/// # Errors
+/// When there is one.
+pub fn refuse_foreign_page(folder: &Path) -> Result<(), CurateError> {
+    let own = stage(folder).own_files();
+    for file in FILES {
+        own.refuse_foreign(file)?;
+    }
+    Ok(())
+}
+
 /// Writes the page of a folder and its record; returns the path of the page.
 ///
 /// # Errors
@@ -67,8 +82,7 @@ pub fn status(folder: &Path, shown: &str) -> Result<DatasetStatus, CurateError> 
 /// one cannot be written. An unreadable image is reported on the page.
 pub fn write_page(folder: &Path, progress: &dyn Progress) -> Result<PathBuf, CurateError> {
     let source = Source::read(folder)?;
-    let stage = StagePlan::new(folder, "overview");
-    stage.run([PAGE_FILE, STATUS_FILE], progress, |made| {
+    stage(folder).run(FILES, progress, |made| {
         let status = source.status(".");
         let shown = &source.sequences[..source.sequences.len().min(MOST_SHEETS)];
         progress.begin("drawing the page", Some(shown.len() as u64));
@@ -98,6 +112,10 @@ pub fn write_page(folder: &Path, progress: &dyn Progress) -> Result<PathBuf, Cur
         made.write_record(STATUS_FILE, &status)?;
         Ok(folder.join(PAGE_FILE))
     })
+}
+
+fn stage(folder: &Path) -> StagePlan {
+    StagePlan::new(folder, "overview")
 }
 
 impl Source {

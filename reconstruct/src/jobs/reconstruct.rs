@@ -119,7 +119,7 @@ pub fn reconstruct(
         trace_folder::remove_abandoned(&request.out)?;
         // What an earlier run tells of itself must not stand beside new predictions.
         store::remove(&record_path)?;
-        for file in [TRACE_FILE, PAGE_FILE] {
+        for file in [TRACE_FILE, PAGE_FILE, LIFT_FILE] {
             store::remove(&request.out.join(file))?;
         }
         let mut notes = scene::mask_notes(&request.scene, &request.split)?;
@@ -236,10 +236,11 @@ fn planned_files(method: &Method, split: &Split) -> Vec<String> {
         files.collect::<Vec<_>>()
     };
     let mut files = views(NOVEL_FOLDER, &split.novel_views);
+    // Those of a training are claimed by any method, because what an earlier one left is removed.
     let mut others = vec![RUN_FILE];
+    others.extend(TRAINING_FILES);
     if method.is_trained() {
         files.extend(views(INPUT_FOLDER, &split.input_views));
-        others.extend(TRAINING_FILES);
         // Files of an earlier run by another method are replaced or removed.
         others.extend(registry::model_files());
     } else {
