@@ -7,6 +7,7 @@
 //! OUT/outcomes.csv                         every sequence with its outcome
 //! OUT/table.md, OUT/table.csv              the scores
 //! OUT/leaderboard/site/index.html          the same to look at, with rendered views
+//! OUT/index.html, OUT/status.json          the dataset to look at, and what its sequences lack
 //! OUT/videos/<video>/boundaries.json, ...
 //! OUT/videos/<video>/seq-000/sequence.json, frames/, scene.json, points.ply, and dynamic-masks/ where masks are made
 //! OUT/videos/<video>/seq-000/<protocol>/split.json, and dense/, tracks.json where the method takes vehicles
@@ -22,7 +23,7 @@ use std::path::{Path, PathBuf};
 use omnilife_bench::{ScoreRequest, score, split_scene};
 use omnilife_curate::{
     CurateSettings, CuratedDataset, GivenTruth, IgnoredRegion, PoseRequest, curate_dataset_in,
-    expand_inputs, left_out_of_folders, pose_sequence_with,
+    expand_inputs, left_out_of_folders, overview, pose_sequence_with,
 };
 use omnilife_leaderboard::{LeaderboardRequest, build_leaderboard_of};
 use omnilife_reconstruct::{
@@ -107,6 +108,7 @@ pub(crate) fn main_job(arguments: &RunArguments, progress: &dyn Progress) -> any
     let settings = arguments.curation.settings(&arguments.criteria, false);
     let summary = StagePlan::new(&arguments.out, "summary");
     let sources = arguments.sources.as_deref();
+    overview::refuse_foreign_page(&arguments.out)?;
     prerequisites::require(sources.map(Prerequisite::Origins))?;
     job.require(&videos, &settings, &arguments.out, &summary)?;
     let place = commands::curate::place(&arguments.limit)?;
@@ -128,6 +130,8 @@ pub(crate) fn main_job(arguments: &RunArguments, progress: &dyn Progress) -> any
     let (outcomes, printed) = summary.run(SUMMARY_FILES, progress, |made| {
         score_all(&job, &curated, &arguments.out, made)
     })?;
+    let page = overview::write_page(&arguments.out, progress)?;
+    progress.note(&format!("{}: to be opened in a browser", page.display()));
     // A closed pipe must not turn a failure into a success.
     outcomes.as_result()?;
     printed

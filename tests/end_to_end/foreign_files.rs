@@ -113,12 +113,11 @@ fn a_foreign_page_is_refused_before_videos_are_curated() {
     fs::write(&record, "{}").unwrap();
     fs::write(&page, "my page").unwrap();
     let video = sample("street.mp4");
-    let ended = omnilife(["--quiet", "curate", video.to_str().unwrap(), "--out", out]);
-    assert!(
-        ended
-            .failed_quietly(2)
-            .contains("index.html: is in the way")
-    );
+    for command in ["curate", "run"] {
+        let ended = omnilife(["--quiet", command, video.to_str().unwrap(), "--out", out]);
+        let message = ended.failed_quietly(2);
+        assert!(message.contains("index.html: is in the way"), "{message}");
+    }
     assert_eq!(fs::read_to_string(page).unwrap(), "my page");
     assert_eq!(fs::read_to_string(record).unwrap(), "{}");
 }

@@ -70,7 +70,9 @@ fn the_documented_files_are_there_and_no_others() {
         "attrition.csv",
         "dataset.json",
         "funnel.csv",
+        "index.html",
         "outcomes.csv",
+        "status.json",
         "table.csv",
         "table.md",
     ]
@@ -90,7 +92,7 @@ fn the_documented_files_are_there_and_no_others() {
             "slices.json",
         ],
     );
-    expect(".done", &["summary.json"]);
+    expect(".done", &["overview.json", "summary.json"]);
     expect("videos/street/.done", &["analysis.json"]);
     expect(SEQUENCE, &["sequence.json", "scene.json", "points.ply"]);
     expect(
