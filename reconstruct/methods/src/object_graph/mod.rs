@@ -118,7 +118,7 @@ const POSE_REACH_OPTION: MethodOption = MethodOption::number(
     "0.2",
     Constant {
         unit: "lengths of the median vehicle",
-        source: "4DGF, learning rate of object poses",
+        source: "this project",
         component: Some(OBJECT_POSES_COMPONENT),
         is_weight: true,
     },
