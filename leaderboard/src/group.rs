@@ -287,13 +287,16 @@ fn method_rows<'a>(
         .map(|(&method, rows)| {
             let numbers: Vec<&Numbers> = rows.iter().map(|row| &row.numbers).collect();
             let numbers = Numbers::mean(&numbers);
+            // Only records of this program list aids.
+            let mut results = rows.iter().flat_map(|row| &row.results);
+            let is_ours = results.any(|result| result.aids.is_some());
             MethodRow {
                 method,
                 class: rows[0].class,
                 scenes: rows.len(),
                 complete: rows.len() == scenes.len() && numbers.complete,
                 numbers,
-                whole: variants::whole_of(&by_method, method),
+                whole: variants::whole_of(&by_method, method, is_ours),
                 confidence: Vec::new(),
                 ranked: Vec::new(),
             }

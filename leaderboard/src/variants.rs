@@ -2,8 +2,6 @@
 
 use std::collections::BTreeMap;
 
-use crate::group::SceneRow;
-
 const WITHOUT: &str = "-without-";
 /// Marks behind a method's name in that of a variant, with their words in tables.
 const MARKS: [(&str, &str); 4] = [
@@ -18,19 +16,14 @@ pub(crate) fn method_of(name: &str) -> &str {
     &name[..next_mark(name)]
 }
 
-/// Returns the whole method of a variant: the shortest name before a mark that has rows of its own. Without it, the
-/// variant is a method of its own.
-///
-/// Other programs are free to name a method `theirs-with-depth`. Only records of this program list
-/// [`aids`](omnilife_schemas::records::ResultRecord::aids): the marks of rows that lack them mean nothing, but for
-/// `-without-`.
-pub(crate) fn whole_of<'a>(
-    rows: &BTreeMap<&'a str, Vec<&SceneRow<'a>>>,
+/// Returns the whole method of a variant: the shortest name before a mark that is among `methods`. Without it, the
+/// variant is a method of its own. Methods of other programs are variants by `-without-` alone: they are free to have a
+/// name such as `theirs-with-depth`.
+pub(crate) fn whole_of<'a, T>(
+    methods: &BTreeMap<&'a str, T>,
     method: &str,
+    is_ours: bool,
 ) -> Option<&'a str> {
-    let of_method = rows.get(method).into_iter().flatten();
-    let mut results = of_method.flat_map(|row| &row.results);
-    let is_ours = results.any(|result| result.aids.is_some());
     let marks = MARKS.iter().map(|(mark, _)| *mark);
     let mut ends: Vec<usize> = marks
         .filter(|mark| is_ours || *mark == WITHOUT)
@@ -39,7 +32,7 @@ pub(crate) fn whole_of<'a>(
     ends.sort_unstable();
     let whole = ends
         .into_iter()
-        .find_map(|end| rows.get_key_value(&method[..end]));
+        .find_map(|end| methods.get_key_value(&method[..end]));
     whole.map(|(name, _)| *name)
 }
 

@@ -141,7 +141,7 @@ const BENCH: &[&[&str]] = &[
     &["scoring", "validate"],
 ];
 const LEADERBOARD: &[&[&str]] = &[
-    &["assets", "class", "error", "quantity"],
+    &["assets", "class", "error", "quantity", "variants"],
     &["collect", "format", "numbers", "outputs", "validate"],
     &["group", "questions", "submission"],
     &["aids", "budget", "remarks", "table"],
