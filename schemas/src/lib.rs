@@ -11,7 +11,7 @@
 //!   confidence intervals of scores. [`object_regions`]: moving content as the union of objects.
 //! * [`records`]: the JSON files. [`mask_file`]: masks of others.
 //! * [`image_file`]: images of others. [`oriented_box`]: boxes as cameras see them. [`ground_plane`],
-//!   [`padded_frame`], [`points`]: geometry and clouds.
+//!   [`padded_frame`], [`points`]: geometry and clouds. [`srgb`]: light of levels.
 //! * [`camera`]: directions of pixels. [`pose`], [`trajectory`]: cameras and objects over time. [`layout`]: names of
 //!   files. [`frame_scores`], [`object_scores`]: the scores of every view, and of the objects in it. [`absolute_orientation`]:
 //!   rotations between vectors.
@@ -48,6 +48,7 @@ pub mod rgb;
 pub mod rgba;
 pub mod scene_points;
 pub mod split_rules;
+pub mod srgb;
 pub mod tracked_regions;
 pub mod trajectory;
 

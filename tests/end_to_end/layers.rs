@@ -36,6 +36,7 @@ const SCHEMAS: &[&[&str]] = &[
         "layout",
         "object_scores",
         "pose",
+        "srgb",
         "trajectory",
     ],
     &["ground_plane", "mask", "padded_frame", "points"],

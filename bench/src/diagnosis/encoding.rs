@@ -2,6 +2,8 @@
 
 use std::fmt;
 
+use omnilife_schemas::srgb;
+
 /// An encoding of values other than sRGB in the full range of bytes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Encoding {
@@ -159,20 +161,10 @@ enum Form {
     },
 }
 
-/// Decodes sRGB to linear light (IEC 61966-2-1).
-fn linear_of_srgb(value: f64) -> f64 {
-    if value <= 0.04045 {
-        value / 12.92
-    } else {
-        ((value + 0.055) / 1.055).powf(2.4)
-    }
+fn linear_of_srgb(level: f64) -> f64 {
+    f64::from(srgb::to_linear(level as f32))
 }
 
-/// Encodes linear light as sRGB (IEC 61966-2-1).
-fn srgb_of_linear(value: f64) -> f64 {
-    if value <= 0.003_130_8 {
-        12.92 * value
-    } else {
-        1.055 * value.powf(1.0 / 2.4) - 0.055
-    }
+fn srgb_of_linear(light: f64) -> f64 {
+    f64::from(srgb::from_linear(light as f32))
 }

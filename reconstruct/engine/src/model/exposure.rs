@@ -8,10 +8,8 @@
 //! [`PixelMarks`](crate::losses::photometric::PixelMarks) handles it in losses. Between the estimated views, and
 //! for novel views, the logarithm of the gain is interpolated in time.
 
-use omnilife_schemas::statistics::median;
+use omnilife_schemas::{srgb, statistics::median};
 use serde::{Deserialize, Serialize};
-
-use crate::model::srgb;
 
 /// Light used for the estimate, of the render and of the render under the gain: levels of 0.05 to 0.9. Darker ones are
 /// noisy or clipped at 0, brighter ones may be clipped at 1.

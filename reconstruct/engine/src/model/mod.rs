@@ -1,7 +1,7 @@
 //! Trained model: parts, each a table of Gaussians with the parameterization that activates them, and
 //! corrections of poses.
 //!
-//! * [`exposure`]: gains of the views, in linear light ([`srgb`]). [`pose_corrections`]: of the input views' poses.
+//! * [`exposure`]: gains of the views, in linear light. [`pose_corrections`]: of the input views' poses.
 //! * [`layers`]: layers for viewing. [`saved`]: a model in a checkpoint.
 //! * [`dynamic_settings`]: training settings of dynamic methods.
 
@@ -11,7 +11,6 @@ pub mod exposure;
 pub mod layers;
 pub mod pose_corrections;
 pub mod saved;
-pub mod srgb;
 
 use self::pose_corrections::PoseCorrections;
 use crate::{

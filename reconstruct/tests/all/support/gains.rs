@@ -1,6 +1,7 @@
 //! Gains of a camera.
 
-use omnilife_engine::{model::srgb, training_view::TrainingView};
+use omnilife_engine::training_view::TrainingView;
+use omnilife_schemas::srgb;
 
 /// Multiplies the light of an image by a gain.
 pub(crate) fn brighten(view: &mut TrainingView, gain: f64) {

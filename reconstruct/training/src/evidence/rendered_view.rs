@@ -3,7 +3,7 @@
 use std::f32::consts::PI;
 
 use glam::{Vec3, vec2};
-use omnilife_schemas::statistics::median;
+use omnilife_schemas::{srgb, statistics::median};
 
 use crate::{
     evidence::{
@@ -15,7 +15,7 @@ use crate::{
 use omnilife_engine::{
     camera::{Camera, CameraKernels, View, horizontal},
     gaussians::ActivatedGaussians,
-    model::{exposure::Exposure, srgb},
+    model::exposure::Exposure,
     render::cpu::Renderer,
     training_view::TrainingView,
 };

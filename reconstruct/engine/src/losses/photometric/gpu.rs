@@ -238,7 +238,10 @@ pub(crate) fn loss_value(value: [f32; 4]) -> LossValue {
 
 #[cfg(test)]
 mod tests {
-    use omnilife_schemas::camera::{ErpCamera, PinholeCamera};
+    use omnilife_schemas::{
+        camera::{ErpCamera, PinholeCamera},
+        srgb,
+    };
     use rand::{RngExt, SeedableRng};
     use rand_pcg::Pcg64Mcg;
 
@@ -246,7 +249,6 @@ mod tests {
     use crate::{
         device::test_device,
         losses::photometric::{PixelMarks, cpu},
-        model::srgb,
     };
 
     #[test]
