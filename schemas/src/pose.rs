@@ -74,6 +74,13 @@ impl Pose {
     }
 }
 
+/// Returns the angle between two rotations, radians in `[0, pi]`.
+pub fn angle_between(one: DQuat, other: DQuat) -> f64 {
+    let difference = one.inverse() * other;
+    // The arc tangent keeps small angles, which the arc cosine of a scalar product rounds away.
+    2.0 * difference.xyz().length().atan2(difference.w.abs())
+}
+
 /// `x_normalized = scale * (x_world - offset)`: recentring and scaling without rotation.
 ///
 /// Scenes are normalized once on load, in f64, and the similarity is undone on export.

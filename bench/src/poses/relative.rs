@@ -3,6 +3,7 @@
 use glam::DVec3;
 use omnilife_schemas::{
     Pose,
+    pose::angle_between,
     records::{PoseAuc, PoseDrift, RelativePoseError},
 };
 
@@ -27,14 +28,6 @@ pub(super) struct FramePoses {
     pub(super) estimated: Option<Pose>,
 }
 
-/// Returns the angle between two rotations, degrees.
-pub(super) fn angle_degrees(one: glam::DQuat, other: glam::DQuat) -> f64 {
-    let difference = one.inverse() * other;
-    // The arc tangent keeps small angles, which an arc cosine rounds away.
-    let half = difference.xyz().length().atan2(difference.w.abs());
-    (2.0 * half).to_degrees()
-}
-
 /// Returns the motion from a camera to another in the frame of the first: rotation and translation.
 fn motion(from: &Pose, to: &Pose) -> Option<(glam::DQuat, DVec3)> {
     let back = from.rotation()?.inverse();
@@ -45,7 +38,8 @@ fn motion(from: &Pose, to: &Pose) -> Option<(glam::DQuat, DVec3)> {
 fn motion_error(reference: [&Pose; 2], estimated: [&Pose; 2]) -> Option<(f64, f64)> {
     let (true_turn, true_step) = motion(reference[0], reference[1])?;
     let (turn, step) = motion(estimated[0], estimated[1])?;
-    Some((angle_degrees(true_turn, turn), true_step.distance(step)))
+    let degrees = angle_between(true_turn, turn).to_degrees();
+    Some((degrees, true_step.distance(step)))
 }
 
 /// Returns the relative pose error between neighbouring frames.
@@ -99,7 +93,7 @@ pub(super) fn areas(frames: &[FramePoses], path_length: f64) -> Vec<PoseAuc> {
 fn pair_error(from: &FramePoses, to: &FramePoses, least_baseline: f64) -> Option<f64> {
     let (true_turn, true_step) = motion(&from.reference, &to.reference)?;
     let (turn, step) = motion(from.estimated.as_ref()?, to.estimated.as_ref()?)?;
-    let of_turn = angle_degrees(true_turn, turn);
+    let of_turn = angle_between(true_turn, turn).to_degrees();
     if true_step.length() <= least_baseline {
         return Some(of_turn);
     }

@@ -5,6 +5,7 @@ use std::path::Path;
 use omnilife_schemas::{
     Pose,
     points::PointCloud,
+    pose::angle_between,
     records::{PoseSource, Scale, Scene, ValidationStatus},
     statistics::median,
 };
@@ -85,9 +86,7 @@ fn of_scene(scene: &Scene, cloud: &PointCloud) -> PoseMotion {
 
 /// Returns the angle between the rotations of two poses, radians.
 fn turned(from: &Pose, to: &Pose) -> Option<f64> {
-    // The arc tangent keeps small angles, which the arc cosine of a scalar product rounds away.
-    let difference = from.rotation()?.inverse() * to.rotation()?;
-    Some(2.0 * difference.xyz().length().atan2(difference.w.abs()))
+    Some(angle_between(from.rotation()?, to.rotation()?))
 }
 
 #[cfg(test)]
