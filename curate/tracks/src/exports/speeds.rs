@@ -4,7 +4,7 @@
 //! east, north and up of its origin and headings clockwise from north. Without one, places are along the axes of the
 //! ground and headings counterclockwise from the first.
 
-use std::fmt::Write as _;
+use omnilife_schemas::plain_text::for_spreadsheet;
 
 use super::{TrackExport, TrackFormat};
 use crate::georeference::geodesy;
@@ -17,39 +17,56 @@ pub const FORMAT: TrackFormat = TrackFormat {
     write,
 };
 
+const COLUMNS: [&str; 4] = ["track", "class", "frame", "time_seconds"];
+const ON_THE_MAP: [&str; 7] = [
+    "east_metres",
+    "north_metres",
+    "up_metres",
+    "speed_metres_per_second",
+    "heading_degrees_from_north",
+    "latitude_degrees",
+    "longitude_degrees",
+];
+const ON_THE_GROUND: [&str; 5] = [
+    "x_metres",
+    "y_metres",
+    "z_metres",
+    "speed_metres_per_second",
+    "heading_degrees_from_x",
+];
+
 fn write(export: &TrackExport<'_>) -> Result<String, String> {
-    let mut text = "track,class,frame,time_seconds,".to_owned();
-    text += if export.georeference.is_some() {
-        "east_metres,north_metres,up_metres,speed_metres_per_second,heading_degrees_from_north,latitude_degrees,\
-         longitude_degrees\n"
-    } else {
-        "x_metres,y_metres,z_metres,speed_metres_per_second,heading_degrees_from_x\n"
-    };
-    for track in &export.tracks.tracks {
-        let class = quoted(&track.class);
-        for moment in export.moments(track) {
-            let [x, y, z] = moment.place.to_array();
-            let _ = write!(
-                text,
-                "{},{class},{},{},{x:.3},{y:.3},{z:.3},{:.3},{:.2}",
-                track.id, moment.frame, moment.seconds, moment.speed, moment.heading
-            );
-            if let Some(georeference) = export.georeference {
-                let point = geodesy::from_enu(&georeference.origin, moment.place);
-                let (latitude, longitude) = (point.latitude_degrees, point.longitude_degrees);
-                let _ = write!(text, ",{latitude:.9},{longitude:.9}");
-            }
-            text.push('\n');
-        }
-    }
-    Ok(text)
+    let table = table(export).map_err(|error| error.to_string())?;
+    let bytes = table.into_inner().map_err(|error| error.to_string())?;
+    String::from_utf8(bytes).map_err(|error| error.to_string())
 }
 
-/// Returns a text as a field of CSV.
-fn quoted(text: &str) -> String {
-    if text.contains([',', '"', '\n', '\r']) {
-        format!("\"{}\"", text.replace('"', "\"\""))
-    } else {
-        text.to_owned()
+fn table(export: &TrackExport<'_>) -> csv::Result<csv::Writer<Vec<u8>>> {
+    let mut table = csv::Writer::from_writer(Vec::new());
+    let of_place = match export.georeference {
+        Some(_) => &ON_THE_MAP[..],
+        None => &ON_THE_GROUND[..],
+    };
+    table.write_record(COLUMNS.iter().chain(of_place))?;
+    for track in &export.tracks.tracks {
+        let class = for_spreadsheet(&track.class);
+        for moment in export.moments(track) {
+            let mut row = vec![
+                track.id.to_string(),
+                class.to_string(),
+                moment.frame.to_string(),
+                moment.seconds.to_string(),
+            ];
+            row.extend(moment.place.to_array().map(|metres| format!("{metres:.3}")));
+            row.push(format!("{:.3}", moment.speed));
+            row.push(format!("{:.2}", moment.heading));
+            if let Some(georeference) = export.georeference {
+                let point = geodesy::from_enu(&georeference.origin, moment.place);
+                row.push(format!("{:.9}", point.latitude_degrees));
+                row.push(format!("{:.9}", point.longitude_degrees));
+            }
+            table.write_record(&row)?;
+        }
     }
+    Ok(table)
 }
