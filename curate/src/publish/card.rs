@@ -254,10 +254,10 @@ fn origins(text: &mut String, dataset: &Dataset) {
     line(
         text,
         &format!(
-            "Where {} of {} videos came from, as stated by who made the dataset:\n\n\
+            "Origins of {} of {}, as stated by the makers of the dataset:\n\n\
              | video | from | by | licence | date | keywords |\n|---|---|---|---|---|---|",
             stated().count(),
-            dataset.videos.len()
+            counted(dataset.videos.len(), "video")
         ),
     );
     for (video, origin) in stated() {
