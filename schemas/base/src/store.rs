@@ -1,8 +1,8 @@
 //! Atomic reading and writing of files: whole or not at all.
 //!
 //! Every file is written beside its final name, synced and renamed, so that a killed process or a full disk never
-//! leaves a partial file under a final name. JSON records ([`Record`]) carry
-//! their schema's name and version.
+//! leaves a partial file under a final name. JSON records ([`Record`]) carry their schema's
+//! name and version.
 #![cfg_attr(
     not(test),
     expect(
