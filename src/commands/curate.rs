@@ -270,6 +270,7 @@ fn build(arguments: &BuildArguments, progress: &dyn Progress) -> anyhow::Result<
     {
         return Err(exit::BadRequest(tip).into());
     }
+    publish::refuse_foreign(&arguments.out)?;
     overview::refuse_foreign_page(&arguments.out)?;
     let videos = expand_inputs(&arguments.videos)?;
     let left_out = left_out_of_folders(&arguments.videos, &videos)?;

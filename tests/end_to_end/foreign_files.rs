@@ -101,25 +101,29 @@ fn a_changed_card_of_a_dataset_is_not_overwritten() {
     assert_eq!(fs::read_to_string(card).unwrap(), "my own words");
 }
 
-/// The dataset's record is malformed: the page has to be found before anything is curated.
+/// The dataset's record is malformed: the file has to be found before anything is curated.
 #[test]
-fn a_foreign_page_is_refused_before_videos_are_curated() {
-    let folder = scratch();
-    let out = folder.path().to_str().unwrap();
-    let (record, page) = (
-        folder.path().join("dataset.json"),
-        folder.path().join("index.html"),
-    );
-    fs::write(&record, "{}").unwrap();
-    fs::write(&page, "my page").unwrap();
+fn a_file_in_the_way_of_the_last_step_is_refused_before_videos_are_curated() {
     let video = sample("street.mp4");
-    for command in ["curate", "run"] {
+    for (command, name) in [
+        ("curate", "index.html"),
+        ("curate", "README.md"),
+        ("run", "index.html"),
+    ] {
+        let folder = scratch();
+        let (record, mine) = (folder.path().join("dataset.json"), folder.path().join(name));
+        fs::write(&record, "{}").unwrap();
+        fs::write(&mine, "mine").unwrap();
+        let out = folder.path().to_str().unwrap();
         let ended = omnilife(["--quiet", command, video.to_str().unwrap(), "--out", out]);
         let message = ended.failed_quietly(2);
-        assert!(message.contains("index.html: is in the way"), "{message}");
+        assert!(
+            message.contains(&format!("{name}: is in the way")),
+            "{message}"
+        );
+        assert_eq!(fs::read_to_string(mine).unwrap(), "mine");
+        assert_eq!(fs::read_to_string(record).unwrap(), "{}");
     }
-    assert_eq!(fs::read_to_string(page).unwrap(), "my page");
-    assert_eq!(fs::read_to_string(record).unwrap(), "{}");
 }
 
 /// Interpolation leaves no page and no checkpoint, and removes those of an earlier training.

@@ -73,6 +73,19 @@ pub struct PublishSettings {
     pub shard_bytes: Option<u64>,
 }
 
+/// Refuses a folder in which a file of another origin has the name of the card, the datasheet, the metadata or the
+/// checksums. Checked before long work that ends with [`publish`].
+///
+/// # Errors
+/// When there is one.
+pub fn refuse_foreign(folder: &Path) -> Result<(), CurateError> {
+    let own = stage(folder).own_files();
+    for file in [CARD_FILE, DATASHEET_FILE, croissant::FILE, CHECKSUMS_FILE] {
+        own.refuse_foreign(file)?;
+    }
+    Ok(())
+}
+
 /// Writes statistics, figures, card and checksums of the dataset in `folder`.
 ///
 /// # Errors
@@ -97,7 +110,7 @@ pub fn publish(
     let shards = bytes.map(|bytes| shards::plan(folder, &statistics, bytes));
     let shards = shards.transpose()?.unwrap_or_default();
     let derived = derived_files(folder, &about, &dataset, &statistics, !shards.is_empty())?;
-    let stage = StagePlan::new(folder, "publish");
+    let stage = stage(folder);
     for (file, content) in &derived {
         // The card is meant for reading, so somebody may have edited it.
         let sha256 = store::sha256_bytes(content.as_bytes());
@@ -122,6 +135,10 @@ pub fn publish(
         out.add(CHECKSUMS_FILE);
         Ok(statistics)
     })
+}
+
+fn stage(folder: &Path) -> StagePlan {
+    StagePlan::new(folder, "publish")
 }
 
 /// Returns the keys of the statements that the makers of the published dataset in `folder` have not made, and that its
