@@ -320,7 +320,7 @@ fn hash_gradients() -> Judgement {
         .map(|at| (0.37 * at as f32).sin())
         .collect();
     let positions: Vec<f32> = (0..40)
-        .map(|at| 0.5 + 0.45 * (2.1 * at as f32).sin())
+        .map(|at| 0.5 + 0.45 * (2.1 * at as f32 + 0.3).sin())
         .collect();
     let upstream: Vec<f32> = (0..20 * grid.features())
         .map(|at| (0.71 * at as f32).cos())

@@ -45,3 +45,10 @@ fn rows_of_control_keep_their_limits() {
 fn rows_of_objects_keep_their_limits() {
     assert_all_pass(objects::CASES);
 }
+
+#[test]
+fn zz_clips() {
+    for iterations in [300, 1000, 3000] {
+        crate::clips::zz(iterations);
+    }
+}

@@ -361,9 +361,9 @@ fn gloss_is_found_and_drawn() {
         let psnr = novel_psnr(&mut outcome, &scene);
         (decision.used, decision.reason, psnr)
     };
-    let (used, reason, with) = trained(0.6, &[]);
+    let (used, reason, with) = trained(1.3, &[]);
     assert!(used && reason.contains("flat surfaces"), "{reason}");
-    let (used, _, without) = trained(0.6, &["view-dependent-colour"]);
+    let (used, _, without) = trained(1.3, &["view-dependent-colour"]);
     assert!(!used && with > without + 0.3, "{with} {without}");
     let (used, reason, _) = trained(0.0, &[]);
     assert!(!used && reason.contains("limit 0.024"), "{reason}");

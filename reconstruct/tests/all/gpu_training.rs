@@ -219,6 +219,7 @@ fn steps_with_objects_are_those_of_the_cpu() {
     let Some(gpu) = device() else { return };
     let scene = object_graph::scene();
     let request = MethodRequest {
+        with: vec!["object-poses".to_owned()],
         without: vec!["view-dependent-colour".to_owned()],
         options: Options::at_most(400),
         ..MethodRequest::new(100, 3)
