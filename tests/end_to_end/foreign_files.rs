@@ -138,7 +138,7 @@ fn interpolation_removes_no_file_that_a_training_would_have_left() {
         fs::write(&mine, "mine").unwrap();
         let mut arguments = vec!["--quiet".as_ref(), "reconstruct".as_ref(), "train".as_ref()];
         arguments.extend([scene.as_os_str(), "--split".as_ref(), split.as_os_str()]);
-        arguments.extend(["--method", "cross-fade"].map(OsStr::new));
+        arguments.extend(["--method", "cross-fade"].map(std::ffi::OsStr::new));
         arguments.extend(["--out".as_ref(), folder.path().as_os_str()]);
         let ended = omnilife(arguments);
         let message = ended.failed_quietly(2);
