@@ -58,7 +58,10 @@ fn a_list_goes_into_the_record_and_the_card_and_stays() {
 
     publish(&out, &PublishSettings::default(), &Silent).unwrap();
     let card = fs::read_to_string(out.join("README.md")).unwrap();
-    assert!(card.contains("Origins of 1 of 2 videos, as stated"), "{card}");
+    assert!(
+        card.contains("Origins of 1 of 2 videos, as stated"),
+        "{card}"
+    );
     assert!(
         card.contains(
             "| walk.mp4 | web https://e.org/a\\|b |  | CC-BY-4.0 |  | night, \\<b>market |"

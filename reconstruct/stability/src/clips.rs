@@ -367,9 +367,24 @@ pub(super) fn scene_of(frames: u32) -> Option<TrainingScene> {
 
 #[cfg(test)]
 pub(super) fn zz(iterations: u64) {
-    println!("zz {iterations} plain {:?}", learn(scene_of(FRAMES), iterations, 0.5).measured);
-    println!("zz {iterations} colour {:?}", learn(scene_of(FRAMES).map(of_one_colour), iterations, 0.5).measured);
-    println!("zz {iterations} dark {:?}", learn(scene_of(FRAMES).map(darkened), iterations, 0.5).measured);
-    println!("zz {iterations} pairs {:?}", learn(scene_of(FRAMES).map(in_pairs), iterations, 0.5).measured);
-    println!("zz {iterations} 500 {:?}", learn(scene_of(500), iterations, 0.5).measured);
+    println!(
+        "zz {iterations} plain {:?}",
+        learn(scene_of(FRAMES), iterations, 0.5).measured
+    );
+    println!(
+        "zz {iterations} colour {:?}",
+        learn(scene_of(FRAMES).map(of_one_colour), iterations, 0.5).measured
+    );
+    println!(
+        "zz {iterations} dark {:?}",
+        learn(scene_of(FRAMES).map(darkened), iterations, 0.5).measured
+    );
+    println!(
+        "zz {iterations} pairs {:?}",
+        learn(scene_of(FRAMES).map(in_pairs), iterations, 0.5).measured
+    );
+    println!(
+        "zz {iterations} 500 {:?}",
+        learn(scene_of(500), iterations, 0.5).measured
+    );
 }

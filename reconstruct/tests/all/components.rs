@@ -299,7 +299,12 @@ fn every_optional_component_of_every_method_trains() {
             (pose_refinement::ID, model.poses.is_some()),
             (view_dependent_colour::ID, has_harmonics),
         ] {
-            assert_eq!(with.contains(&component), is_there, "{}: {component}", method.id);
+            assert_eq!(
+                with.contains(&component),
+                is_there,
+                "{}: {component}",
+                method.id
+            );
         }
     }
 }

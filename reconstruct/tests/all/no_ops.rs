@@ -422,7 +422,12 @@ fn the_printed_velocities_are_found_to_have_no_effect() {
     let run = |with: &[&str], form: &str| {
         let set = [format!("velocity-form={form}")];
         let without = &[short_schedule::ID];
-        trial(method, &case, &request(method, &case, [with, without], &set)).unwrap()
+        trial(
+            method,
+            &case,
+            &request(method, &case, [with, without], &set),
+        )
+        .unwrap()
     };
     let with = &["velocity-decomposition"];
     let without = run(&[], "literal");
