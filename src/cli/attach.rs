@@ -20,7 +20,7 @@ pub(crate) struct AttachArguments {
     /// frame (N x 4 x 4 or N x 3 x 4).
     #[arg(long, group = "pose_files", help_heading = "Camera poses")]
     poses: Option<PathBuf>,
-    /// What the matrices of a .npy map, with camera axes x right, y down, z forward.
+    /// Direction of the matrices of a .npy file, with camera axes x right, y down, z forward.
     #[arg(
         long,
         value_enum,

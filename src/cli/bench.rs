@@ -150,7 +150,7 @@ pub(crate) enum BenchCommand {
         /// True poses of the scene's frames, in one of the same forms, as the reference instead.
         #[arg(long)]
         truth: Option<PathBuf>,
-        /// What the matrices of a .npy map, with camera axes x right, y down, z forward.
+        /// Direction of the matrices of a .npy file, with camera axes x right, y down, z forward.
         #[arg(long, value_enum, value_name = "CONVENTION")]
         poses_convention: Option<PosesConventionArgument>,
         /// Motions that bring the trajectory to the reference before its errors are measured.

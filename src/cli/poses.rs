@@ -18,7 +18,7 @@ pub(crate) struct PoseArguments {
     /// (N x 4 x 4 or N x 3 x 4) [default: structure from motion].
     #[arg(long)]
     pub(crate) poses: Option<PathBuf>,
-    /// What the matrices of a .npy map, with camera axes x right, y down, z forward.
+    /// Direction of the matrices of a .npy file, with camera axes x right, y down, z forward.
     #[arg(long, value_enum, value_name = "CONVENTION", requires = "poses")]
     pub(crate) poses_convention: Option<PosesConventionArgument>,
     #[command(flatten)]
@@ -68,7 +68,7 @@ pub(crate) struct IgnoreMaskArgument {
 }
 
 impl PoseArguments {
-    /// Where poses come from, with a folder of masks of what moves.
+    /// Source of poses, with a folder of masks of moving content.
     pub(crate) fn request(&self, masks: Option<&PathBuf>) -> omnilife_curate::PoseRequest {
         self.poses.clone().map_or_else(
             || {

@@ -354,7 +354,7 @@ fn painted(image: &mut RgbImage) -> Mask {
     mask
 }
 
-/// What is painted at one place of every frame is found, and in a scene by itself nothing is.
+/// Finds a patch painted at one place of every frame, and nothing in a scene by itself.
 #[test]
 fn what_stays_in_the_camera_frame_is_found() {
     let Some(data) = shared_data("street") else {

@@ -65,7 +65,7 @@ fn timestamps_come_from_the_source_and_an_uneven_rate_is_seen() {
     assert_eq!(sampled, times);
 }
 
-/// Of every five frames, all but one have lost their fine detail.
+/// Blurs four of every five frames.
 #[test]
 fn the_sharpest_frames_are_taken_on_request_with_their_reason() {
     let temp = tempfile::tempdir().unwrap();

@@ -17,7 +17,7 @@ pub struct Asset {
     /// Of a scene that moves, what is shown at other moments than that of the levels.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub moments: Option<AssetMoments>,
-    /// Of a scene that moves and is exported as a sequence, its files in order: all Gaussians at a moment.
+    /// Files of a moving scene that is exported as a sequence, in order: all Gaussians at a moment.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub sequence: Vec<AssetMoment>,
     /// Levels and moments that were asked for and are not there, with the reason.

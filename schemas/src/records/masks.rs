@@ -12,7 +12,7 @@ use crate::store::Record;
 pub struct Masks {
     /// Id of the sequence.
     pub sequence: String,
-    /// Where they come from: `files`, `command`, or a method such as `residual`.
+    /// Source of the masks: `files`, `command`, or a method such as `residual`.
     pub method: String,
     /// Settings of the method, in words.
     pub settings: String,

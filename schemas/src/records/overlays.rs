@@ -37,8 +37,8 @@ pub struct Overlay {
     pub variation_levels: f64,
     /// Share of it that is nearly black or nearly white.
     pub saturated_share: f64,
-    /// Where it moves, or shows for a part of the video: the single frames, or windows of two steps, in which it was
-    /// seen. Position and size of what moves are then means over those.
+    /// Single frames in which a moving overlay was seen, or windows of two steps in which a passing one was. Position and
+    /// size are then means over those.
     pub sightings: Option<Sightings>,
 }
 

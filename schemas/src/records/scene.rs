@@ -268,7 +268,7 @@ pub enum Scale {
     Arbitrary,
 }
 
-/// Where poses come from.
+/// Source of poses.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case", tag = "kind")]
 pub enum PoseSource {

@@ -24,7 +24,7 @@ fn every_command_has_examples_that_parse() {
     }
 }
 
-/// What the status of a dataset advises can be run.
+/// Parses every command that the status of a dataset advises.
 #[test]
 fn commands_that_make_missing_parts_parse() {
     for line in omnilife_curate::overview::COMMANDS {

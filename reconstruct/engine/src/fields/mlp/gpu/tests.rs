@@ -16,7 +16,7 @@ const PUBLISHED: NetworkShape = NetworkShape {
     outputs: 10,
 };
 
-/// As the networks of hash grids.
+/// Shape of the networks of hash grids.
 const WITHOUT_BIASES: NetworkShape = NetworkShape {
     shared_inputs: 0,
     skip_after: None,
