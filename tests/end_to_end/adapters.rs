@@ -209,7 +209,7 @@ fn a_data_set_that_a_loader_refuses_fails_the_run() {
         ("odgs", "\"openmvg\"", "\"colmap\"", "data_views.json"),
         (
             "gsplat-faces",
-            "\\\"$2\\\" --cube-faces \\\"$3\\\"",
+            "\\\"$2\\\" --cube-faces \\\"$3\\\" --sky-points 10000",
             "\\\"$2\\\"",
             "has no training images",
         ),

@@ -1,4 +1,4 @@
-//! Captions of a second: strokes that stay over two steps while their surroundings move.
+//! Passing captions: strokes that stay over two steps, in two windows at least, while their surroundings move.
 //!
 //! Over a whole video a caption averages out. Two steps are less than a second, and lie within one shot: nothing but what
 //! is painted over the image stays across a cut. Letters have many strong strokes close together.
@@ -17,6 +17,8 @@ const LEAST_DENSITY: f64 = 0.14;
 const LEAST_STROKE_STERADIANS: f64 = 6e-3;
 /// Captions are not read at the poles: largest latitude of their middle, degrees.
 const LARGEST_LATITUDE_DEGREES: f64 = 60.0;
+/// Least number of windows in which a caption is seen. A skyline far ahead stays for one while the near things move.
+const LEAST_SIGHTINGS: u32 = 2;
 /// Share of all windows from which on a caption is a sign that stays.
 const LASTING_SHARE: f64 = 0.8;
 
@@ -78,7 +80,8 @@ impl WindowPass {
                 None => found.push((seen.clone(), 1)),
             }
         }
-        let named = found.into_iter().map(|(overlay, count)| {
+        let found = found.into_iter().filter(|(_, count)| *count >= LEAST_SIGHTINGS);
+        let named = found.map(|(overlay, count)| {
             let lasts = f64::from(count) >= LASTING_SHARE * f64::from(self.windows);
             Overlay {
                 class: if lasts {
@@ -209,9 +212,9 @@ mod tests {
     }
 
     #[test]
-    fn a_caption_of_a_second_is_found_and_a_lasting_one_is_a_sign() {
+    fn a_passing_caption_is_found_and_a_lasting_one_is_a_sign() {
         assert!(captions(|_| false).is_empty());
-        let short = captions(|number| (3..6).contains(&number));
+        let short = captions(|number| (3..7).contains(&number));
         assert_eq!(short.len(), 1, "{short:?}");
         assert_eq!(short[0].class, OverlayClass::Caption);
         // Columns 200 to 280 of 512, rows 120 to 136 of 256.

@@ -167,7 +167,7 @@ fn motion_of_a_long_sequence_is_known_by_default() {
     let video = folder.path().join("walk.mp4");
     curate_dataset(&[video], &out, &settings, &notes).unwrap();
     let said = notes.take().join("\n");
-    assert!(said.contains("frames of 1 sequences unchanged"), "{said}");
+    assert!(said.contains("frames of 1 sequence unchanged"), "{said}");
     let kept: Sequence = store::read_record(&place.join("sequence.json")).unwrap();
     assert_eq!(kept, sequence);
 }

@@ -110,15 +110,8 @@ impl AtlasLearner {
     /// Moves its steps and images to the first GPU.
     ///
     /// # Errors
-    /// If there is none, or the settings have gradients that are rescaled as published.
+    /// If there is none.
     pub fn move_to_gpu(&mut self) -> Result<(), EngineError> {
-        if self.settings.published.gradients {
-            return Err(EngineError::Backend {
-                reason: "nag rescales gradients (gradients=published) on the CPU only; use the \
-                         backend cpu"
-                    .to_owned(),
-            });
-        }
         let room = [self.settings.rays, self.clip.frames.len()];
         self.device = Some(AtlasDevice::open(room)?);
         Ok(())

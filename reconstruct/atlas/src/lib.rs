@@ -68,6 +68,7 @@ pub const BASE_FIELDS: MethodOption = MethodOption {
     values: SIZES,
     default: "medium",
     constant: None,
+    cpu_only: &[],
 };
 /// Sizes of flow and view fields.
 pub const MOTION_FIELDS: MethodOption = MethodOption {
@@ -76,6 +77,7 @@ pub const MOTION_FIELDS: MethodOption = MethodOption {
     values: SIZES,
     default: "small",
     constant: None,
+    cpu_only: &[],
 };
 /// Rays of a step.
 pub const RAYS: MethodOption = MethodOption {
@@ -87,6 +89,7 @@ pub const RAYS: MethodOption = MethodOption {
     },
     default: "16384",
     constant: None,
+    cpu_only: &[],
 };
 
 /// Option of the loss on masks.
@@ -98,6 +101,7 @@ pub const MASK_LOSS: MethodOption = MethodOption {
     values: OptionValues::Word(&["strong", "published"]),
     default: "strong",
     constant: None,
+    cpu_only: &[],
 };
 /// Option of the gradients by planes.
 pub const GRADIENTS: MethodOption = MethodOption {
@@ -108,6 +112,7 @@ pub const GRADIENTS: MethodOption = MethodOption {
     values: OptionValues::Word(&["true", "published"]),
     default: "true",
     constant: None,
+    cpu_only: &["published"],
 };
 /// Option of the step sizes.
 pub const SCHEDULE: MethodOption = MethodOption {
@@ -117,6 +122,7 @@ pub const SCHEDULE: MethodOption = MethodOption {
     values: OptionValues::Word(&["decay", "published"]),
     default: "decay",
     constant: None,
+    cpu_only: &[],
 };
 
 /// Neural Atlas Graphs.

@@ -22,6 +22,8 @@ pub struct MethodOption {
     pub default: &'static str,
     /// Its publication, if it is a constant of a published method. A variant with another value has it in its name.
     pub constant: Option<Constant>,
+    /// Words that only the CPU has.
+    pub cpu_only: &'static [&'static str],
 }
 
 /// Constant of a published method.
@@ -144,6 +146,7 @@ impl MethodOption {
             values: OptionValues::Number { least, most },
             default,
             constant: Some(constant),
+            cpu_only: &[],
         }
     }
 
@@ -166,6 +169,7 @@ impl MethodOption {
                 component: Some(component),
                 is_weight: false,
             }),
+            cpu_only: &[],
         }
     }
 }
@@ -180,6 +184,7 @@ pub const MAX_GAUSSIANS: MethodOption = MethodOption {
     },
     default: "half the pixels of a view",
     constant: None,
+    cpu_only: &[],
 };
 /// Number of shards that train one after another.
 pub const SHARDS: MethodOption = MethodOption {
@@ -192,6 +197,7 @@ pub const SHARDS: MethodOption = MethodOption {
     },
     default: "as few as fit into memory",
     constant: None,
+    cpu_only: &[],
 };
 /// Degree of the spherical harmonics of colour.
 pub const SH_DEGREE: MethodOption = MethodOption {
@@ -203,6 +209,7 @@ pub const SH_DEGREE: MethodOption = MethodOption {
     },
     default: "0, or what the scene gives reason for",
     constant: None,
+    cpu_only: &[],
 };
 /// Definition of a Gaussian's falloff in a pixel.
 pub const FOOTPRINT: MethodOption = MethodOption {
@@ -212,6 +219,7 @@ pub const FOOTPRINT: MethodOption = MethodOption {
     values: OptionValues::Word(&["projected", "ray"]),
     default: "projected",
     constant: None,
+    cpu_only: &[],
 };
 /// Image gradient from which Gaussians are cloned or split.
 pub const DENSIFY_THRESHOLD: MethodOption = MethodOption {
@@ -221,6 +229,7 @@ pub const DENSIFY_THRESHOLD: MethodOption = MethodOption {
     values: OptionValues::ByLatitude,
     default: "that of the method",
     constant: None,
+    cpu_only: &[],
 };
 
 /// Options of all methods whose model is Gaussians.

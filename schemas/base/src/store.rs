@@ -131,8 +131,8 @@ impl Classified for StoreError {
     }
 }
 
-/// Returns whether the cause is the machine, whatever the file: no memory, too many open files, a broken disk.
-fn is_of_machine(error: &io::Error) -> bool {
+/// Returns true if the cause is the machine, whatever the file: no memory, too many open files, a broken disk.
+pub(crate) fn is_of_machine(error: &io::Error) -> bool {
     #[cfg(unix)]
     if let Some(code) = error.raw_os_error() {
         use nix::errno::Errno;

@@ -85,6 +85,7 @@ pub fn write_operator(
             image.write_png(&staging.begin(&format!("{OPERATOR_FOLDER}/{IMAGE_FILE}"))?)?;
         }
         made.replace(&staging.folder, &staging.files)?;
+        store::create_folder(&folder.join(OPERATOR_FOLDER))?;
         let named = |file: &str| files.as_ref().map(|_| file.to_owned());
         Ok::<_, CurateError>(Operator {
             sequence: sequence.id.clone(),

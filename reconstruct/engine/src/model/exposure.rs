@@ -270,7 +270,7 @@ mod tests {
             ("[]", "[]", "at least one time"),
             ("[0.0, 1.0]", "[[0, 0, 0]]", "a gain for each"),
             ("[1.0, 0.0]", "[[0, 0, 0], [0, 0, 0]]", "increasing"),
-            ("[0.0]", "[[0, 1e300, 0]]", "finite"),
+            ("[0.0]", "[[0, 1e300, 0]]", "out of range"),
         ] {
             let text = format!(r#"{{"times_seconds": {times}, "log_light_gains": {gains}}}"#);
             let refused =

@@ -342,7 +342,23 @@ impl Method {
         for name in request.options.names() {
             names::find(&kind, name, self.options, |option| option.id)?;
         }
-        self.check_backend(backend)
+        self.check_backend(backend)?;
+        let has_word = |option: &&MethodOption| {
+            let word = request.options.word(option);
+            word.is_some_and(|word| option.cpu_only.contains(&word))
+        };
+        match self.options.iter().find(has_word) {
+            Some(option) if backend != BackendChoice::Cpu => Err(EngineError::Backend {
+                reason: format!(
+                    "{} has {}={} on the CPU only; use the backend cpu",
+                    self.id,
+                    option.id,
+                    request.options.word(option).unwrap_or_default()
+                ),
+            }
+            .into()),
+            _ => Ok(()),
+        }
     }
 
     fn check_backend(&self, backend: BackendChoice) -> Result<(), ReconstructError> {

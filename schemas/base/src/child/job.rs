@@ -9,7 +9,7 @@ use std::{
 };
 
 use super::{Container, Outcome, ProcessGroup};
-use crate::store::StoreError;
+use crate::store::{self, StoreError};
 
 /// Command to run, with its environment and limits.
 #[derive(Debug)]
@@ -51,7 +51,8 @@ pub fn new_log(path: &Path) -> Result<File, StoreError> {
 /// Runs a command with no standard input and both outputs in the log.
 ///
 /// # Errors
-/// When the log cannot be written. A command that cannot be started is an outcome.
+/// When the log cannot be written, or the machine has no room for another process. A command that cannot be started for
+/// a reason of its own is an outcome.
 pub fn run(job: &Job) -> Result<Outcome, StoreError> {
     let log = new_log(&job.log)?;
     let errors = log.try_clone();
@@ -67,6 +68,9 @@ pub fn run(job: &Job) -> Result<Outcome, StoreError> {
         .stderr(errors);
     let group = match ProcessGroup::spawn(&mut command, job.container.clone()) {
         Ok(group) => group,
+        Err(error) if store::is_of_machine(&error) => {
+            return Err(StoreError::read(Path::new(&job.command[0]), error));
+        }
         Err(error) => {
             let program = &job.command[0];
             let reason = format!("{program} could not be started: {error}");
