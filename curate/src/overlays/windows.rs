@@ -80,7 +80,9 @@ impl WindowPass {
                 None => found.push((seen.clone(), 1)),
             }
         }
-        let found = found.into_iter().filter(|(_, count)| *count >= LEAST_SIGHTINGS);
+        let found = found
+            .into_iter()
+            .filter(|(_, count)| *count >= LEAST_SIGHTINGS);
         let named = found.map(|(overlay, count)| {
             let lasts = f64::from(count) >= LASTING_SHARE * f64::from(self.windows);
             Overlay {

@@ -140,11 +140,20 @@ fn of_one_colour(mut scene: TrainingScene) -> TrainingScene {
 /// Trains a clip with all components; the error is the mean difference of the images of all views, over their mean
 /// level.
 fn learn(scene: Option<TrainingScene>, iterations: u64, limit: f64) -> Judgement {
+    learn_with(scene, iterations, limit, PlanChoice::Auto)
+}
+
+fn learn_with(
+    scene: Option<TrainingScene>,
+    iterations: u64,
+    limit: f64,
+    plan: PlanChoice,
+) -> Judgement {
     let Some(scene) = scene else {
         return Judgement::failed("the scene has a camera without a place".to_owned());
     };
     let request = MethodRequest {
-        plan: PlanChoice::Full,
+        plan,
         options: Options::at_most(400),
         ..MethodRequest::new(iterations, 7)
     };
@@ -366,25 +375,27 @@ pub(super) fn scene_of(frames: u32) -> Option<TrainingScene> {
 }
 
 #[cfg(test)]
-pub(super) fn zz(iterations: u64) {
+pub(super) fn zz(iterations: u64, plan: PlanChoice) {
     println!(
-        "zz {iterations} plain {:?}",
-        learn(scene_of(FRAMES), iterations, 0.5).measured
+        "zz {iterations} {plan:?} colour {:?}",
+        learn_with(
+            scene_of(FRAMES).map(of_one_colour),
+            iterations,
+            0.5,
+            plan.clone()
+        )
+        .measured
     );
     println!(
-        "zz {iterations} colour {:?}",
-        learn(scene_of(FRAMES).map(of_one_colour), iterations, 0.5).measured
+        "zz {iterations} {plan:?} plain {:?}",
+        learn_with(scene_of(FRAMES), iterations, 0.5, plan.clone()).measured
     );
     println!(
-        "zz {iterations} dark {:?}",
-        learn(scene_of(FRAMES).map(darkened), iterations, 0.5).measured
+        "zz {iterations} {plan:?} 500 {:?}",
+        learn_with(scene_of(500), iterations, 0.5, plan.clone()).measured
     );
     println!(
-        "zz {iterations} pairs {:?}",
-        learn(scene_of(FRAMES).map(in_pairs), iterations, 0.5).measured
-    );
-    println!(
-        "zz {iterations} 500 {:?}",
-        learn(scene_of(500), iterations, 0.5).measured
+        "zz {iterations} {plan:?} dark {:?}",
+        learn_with(scene_of(FRAMES).map(darkened), iterations, 0.5, plan).measured
     );
 }

@@ -48,7 +48,10 @@ fn rows_of_objects_keep_their_limits() {
 
 #[test]
 fn zz_clips() {
-    for iterations in [300, 1000, 3000] {
-        crate::clips::zz(iterations);
+    use omnilife_training::request::PlanChoice;
+    for plan in [PlanChoice::Auto, PlanChoice::Full] {
+        for iterations in [300, 800] {
+            crate::clips::zz(iterations, plan.clone());
+        }
     }
 }

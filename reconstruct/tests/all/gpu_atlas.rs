@@ -58,7 +58,7 @@ fn two_planes_are_learnt_as_on_the_cpu() {
         (of_gpu.steps, of_gpu.refused.iter().sum::<u64>()),
         (STEPS, 0)
     );
-    assert!((of_cpu.loss - of_gpu.loss).abs() < 2e-3 * of_cpu.loss);
+    assert!((of_cpu.loss - of_gpu.loss).abs() < 1e-2 * of_cpu.loss);
     for frame in [0, 7, 15] {
         let [of_cpu, of_gpu] =
             [&mut cpu, &mut gpu].map(|learner| learner.image(&view(frame)).unwrap().data);

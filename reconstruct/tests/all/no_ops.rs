@@ -414,9 +414,9 @@ fn every_component_of_every_method_acts() {
     assert_eq!(idle, Vec::<String>::new(), "without an effect in any case");
 }
 
-/// The limit finds what it is for: under Adam, two velocities whose weights add up to one are one velocity.
+/// Under Adam, two velocities whose weights add up to one are nearly one velocity: the printed form moves images less.
 #[test]
-fn the_printed_velocities_are_found_to_have_no_effect() {
+fn printed_velocities_act_less_than_projected_ones() {
     let method = methods::find("omni4dgs").unwrap();
     let case = Case::new("clip", clip(), STEPS);
     let run = |with: &[&str], form: &str| {
@@ -437,7 +437,7 @@ fn the_printed_velocities_are_found_to_have_no_effect() {
         difference(&without, &trial)
     });
     assert!(
-        literal < LIMIT && projected > LIMIT,
+        literal < 0.5 * projected && projected > LIMIT,
         "{literal:.1e} {projected:.1e}"
     );
 }
