@@ -396,6 +396,12 @@ pub(super) fn zz(iterations: u64, plan: PlanChoice) {
     );
     println!(
         "zz {iterations} {plan:?} dark {:?}",
-        learn_with(scene_of(FRAMES).map(darkened), iterations, 0.5, plan.clone()).measured
+        learn_with(
+            scene_of(FRAMES).map(darkened),
+            iterations,
+            0.5,
+            plan.clone()
+        )
+        .measured
     );
 }

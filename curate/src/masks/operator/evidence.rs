@@ -29,6 +29,8 @@ const LARGEST_RATIO: f32 = 0.55;
 const LEAST_CHANGE: f32 = 6.0 / 255.0;
 /// Least sine of the angle to the path: near its two ends the scene does not go by.
 const LEAST_SINE: f32 = 0.35;
+/// The same while axes are tried. Else the best axis would be the one with what is carried at its end, out of count.
+const LEAST_SINE_TRIED: f32 = 0.05;
 /// Least median ratio over the sphere: below it the camera stands.
 const LEAST_MEDIAN_RATIO: f32 = 0.7;
 /// Number of axes over half the sphere that are tried first, and steps by which the best is refined, radians.
@@ -65,7 +67,7 @@ pub(super) fn measure(pairs: &[[&GreySphere; 2]]) -> opencv::Result<Option<Evide
     let along = change_along(&spread(&images, MEASURED_FRAMES), axis, &directions)?;
     let ratios = ratios(&over_time, &along);
     let stands = ratios.median_on_sphere() < LEAST_MEDIAN_RATIO;
-    let stays = staying(&over_time, &along, axis, &directions);
+    let stays = staying([&over_time, &along], axis, &directions, LEAST_SINE);
     Ok((!stands).then_some(Evidence { stays }))
 }
 
@@ -162,13 +164,18 @@ fn ratios(over_time: &Field, along: &Field) -> Field {
     }
 }
 
-/// Returns the evidence of each pixel.
-fn staying(over_time: &Field, along: &Field, axis: Vec3, directions: &[Vec3]) -> Field {
+/// Returns the evidence of each pixel, from its change over time and its change along the path.
+fn staying(
+    [over_time, along]: [&Field; 2],
+    axis: Vec3,
+    directions: &[Vec3],
+    least_sine: f32,
+) -> Field {
     let pixels = over_time.values.iter().zip(&along.values).zip(directions);
     let value = |((&time, &along), &direction): ((&f32, &f32), &Vec3)| {
         let stays = time < LARGEST_RATIO * (along + NOISE)
             && along > LEAST_CHANGE
-            && tangent(axis, direction).length() > LEAST_SINE;
+            && tangent(axis, direction).length() > least_sine;
         if stays { (along - time).max(0.0) } else { 0.0 }
     };
     Field {
@@ -185,7 +192,7 @@ fn best_axis(
 ) -> opencv::Result<Vec3> {
     let cost = |axis: Vec3| -> opencv::Result<(f32, Vec3)> {
         let along = change_along(images, axis, directions)?;
-        let stays = staying(over_time, &along, axis, directions);
+        let stays = staying([over_time, &along], axis, directions, LEAST_SINE_TRIED);
         Ok((weighted_sum(&stays), axis))
     };
     let best_of = |axes: Vec<Vec3>| -> opencv::Result<Option<(f32, Vec3)>> {
