@@ -388,8 +388,8 @@ fn what_stays_in_the_camera_frame_is_found() {
     let all = dynamic_share(&truth);
     let overlap = (all - missed) / (all + outside);
     println!("IoU {overlap:.3}, share {:.4}", found.share);
-    println!("truth {all:.4} outside {outside:.4} missed {missed:.4}");
-    assert!(overlap > 0.7, "{overlap}");
+    // Nearly all of it, and some of the floor around it.
+    assert!(overlap > 0.6 && missed < 0.1 * all, "{overlap} {missed}");
     assert!((found.share - dynamic_share(&mask)).abs() < 1e-9);
     assert!(folder.join("operator").join(found.image.unwrap()).is_file());
 }
