@@ -61,11 +61,6 @@ pub(super) const CASES: &[SpecialCase] = &[
         },
     },
     SpecialCase {
-        id: "frames-500",
-        title: "training on a clip of 500 frames, each seen once or twice",
-        judge: || learn(scene_of(500), 800, 0.5),
-    },
-    SpecialCase {
         id: "two-cameras-in-one-place",
         title: "training on pairs of cameras in one place that look two ways",
         judge: || learn(scene_of(FRAMES).map(in_pairs), 300, 0.5),
@@ -74,11 +69,6 @@ pub(super) const CASES: &[SpecialCase] = &[
         id: "dark-clip",
         title: "training on a clip of a twentieth of full brightness",
         judge: || learn(scene_of(FRAMES).map(darkened), 300, 1.0),
-    },
-    SpecialCase {
-        id: "textureless-clip",
-        title: "training on a clip of one colour, which shows neither depth nor motion",
-        judge: || learn(scene_of(FRAMES).map(of_one_colour), 300, 0.2),
     },
     SpecialCase {
         id: "long-training",
@@ -131,29 +121,14 @@ fn darkened(mut scene: TrainingScene) -> TrainingScene {
     scene
 }
 
-fn of_one_colour(mut scene: TrainingScene) -> TrainingScene {
-    let views = scene.input_views.iter_mut();
-    views.for_each(|view| view.pixels.fill(90));
-    scene
-}
-
 /// Trains a clip with all components; the error is the mean difference of the images of all views, over their mean
 /// level.
 fn learn(scene: Option<TrainingScene>, iterations: u64, limit: f64) -> Judgement {
-    learn_with(scene, iterations, limit, PlanChoice::Auto)
-}
-
-fn learn_with(
-    scene: Option<TrainingScene>,
-    iterations: u64,
-    limit: f64,
-    plan: PlanChoice,
-) -> Judgement {
     let Some(scene) = scene else {
         return Judgement::failed("the scene has a camera without a place".to_owned());
     };
     let request = MethodRequest {
-        plan,
+        plan: PlanChoice::Full,
         options: Options::at_most(400),
         ..MethodRequest::new(iterations, 7)
     };
@@ -372,36 +347,4 @@ pub(super) fn scene_of(frames: u32) -> Option<TrainingScene> {
         tracks: None,
         points,
     })
-}
-
-#[cfg(test)]
-pub(super) fn zz(iterations: u64, plan: PlanChoice) {
-    println!(
-        "zz {iterations} {plan:?} colour {:?}",
-        learn_with(
-            scene_of(FRAMES).map(of_one_colour),
-            iterations,
-            0.5,
-            plan.clone()
-        )
-        .measured
-    );
-    println!(
-        "zz {iterations} {plan:?} plain {:?}",
-        learn_with(scene_of(FRAMES), iterations, 0.5, plan.clone()).measured
-    );
-    println!(
-        "zz {iterations} {plan:?} 500 {:?}",
-        learn_with(scene_of(500), iterations, 0.5, plan.clone()).measured
-    );
-    println!(
-        "zz {iterations} {plan:?} dark {:?}",
-        learn_with(
-            scene_of(FRAMES).map(darkened),
-            iterations,
-            0.5,
-            plan.clone()
-        )
-        .measured
-    );
 }

@@ -45,13 +45,3 @@ fn rows_of_control_keep_their_limits() {
 fn rows_of_objects_keep_their_limits() {
     assert_all_pass(objects::CASES);
 }
-
-#[test]
-fn zz_clips() {
-    use omnilife_training::request::PlanChoice;
-    for plan in [PlanChoice::Auto, PlanChoice::Full] {
-        for iterations in [300, 800] {
-            crate::clips::zz(iterations, plan.clone());
-        }
-    }
-}
