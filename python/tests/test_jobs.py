@@ -224,7 +224,7 @@ class FromVideoToRun(unittest.TestCase):
 
         matplotlib.use("Agg")
         figure = omnilife.plot_trace(self.run_, ["train_loss", "primitives"], "iteration")
-        self.assertEqual([len(axes.lines[0].get_xydata()) for axes in figure.axes], [3, 4])
+        self.assertEqual([len(np.asarray(axes.lines[0].get_ydata())) for axes in figure.axes], [3, 4])
         for columns, reason in ((["nothing"], "has no nothing"), ([], "no columns")):
             with self.assertRaisesRegex(InputError, reason):
                 omnilife.plot_trace(self.folder / "run", columns)

@@ -3,9 +3,7 @@
 use std::sync::Arc;
 
 use balls::{scene, table, vary_shapes};
-use device::{
-    assert_gradients_agree, assert_images_agree, assert_most_gradients_agree, device, devices,
-};
+use device::{assert_gradients_agree, assert_images_agree, device, devices};
 use omnilife_engine::{
     EngineError,
     camera::View,
@@ -222,7 +220,10 @@ fn steps_with_objects_are_those_of_the_cpu() {
     let scene = object_graph::scene();
     let request = MethodRequest {
         with: vec!["object-poses".to_owned()],
-        without: vec!["view-dependent-colour".to_owned()],
+        // Points between others have distances alike, and the last bit decides which is drawn first.
+        without: ["view-dependent-colour", "denser-points"]
+            .map(str::to_owned)
+            .to_vec(),
         options: Options::at_most(400),
         ..MethodRequest::new(100, 3)
     };
@@ -235,6 +236,13 @@ fn steps_with_objects_are_those_of_the_cpu() {
         .parts
         .iter_mut()
         .for_each(|part| vary_shapes(&mut part.table));
+    // On a grid, many have one distance, and the last bit decides which is drawn first.
+    let centres = begin.parts[1].table.arrays[static_gaussians::POSITIONS]
+        .values
+        .iter_mut();
+    for (index, value) in centres.enumerate() {
+        *value += 0.03 * (12.9898 * index as f32).sin();
+    }
     let arrays = begin.trained_arrays();
     let rates: Vec<f32> = arrays.iter().map(|_| 1e-3).collect();
     let settings = settings();
@@ -257,7 +265,7 @@ fn steps_with_objects_are_those_of_the_cpu() {
             let [of_gpu, of_cpu] = tables;
             for (gpu, cpu) in of_gpu.zip(of_cpu) {
                 for (gpu, cpu) in gpu.arrays.iter().zip(&cpu.arrays) {
-                    assert_most_gradients_agree(gpu.name, &gpu.gradients, &cpu.gradients);
+                    assert_gradients_agree(gpu.name, &gpu.gradients, &cpu.gradients);
                 }
             }
             // Sums over an object's Gaussians, less their mean over time: what is left is small beside what was added.
