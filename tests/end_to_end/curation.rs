@@ -64,7 +64,7 @@ fn status_and_page_say_what_is_missing_and_the_command() {
     let nowhere = folder.path().join("nowhere");
     let ended = omnilife(["curate", "status", nowhere.to_str().unwrap()]);
     let message = ended.failed_quietly(2);
-    assert!(message.contains("nowhere: is no folder"), "{message}");
+    assert!(message.contains("nowhere: must be the folder"), "{message}");
 }
 
 #[test]

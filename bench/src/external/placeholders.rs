@@ -8,7 +8,7 @@
 //! without groups), `{target}` (index among the novel views of that group, from 0) and `{stem}` (name of the scene's
 //! image without its extension). `{frame:06}` pads with zeros to 6 digits. All paths are absolute.
 //!
-//! Where a method leaves the six faces of a cube in place of a panorama, `{face}` is the number of a face in the order
+//! For a method that leaves the six faces of a cube in place of a panorama, `{face}` is the number of a face in the order
 //! front, right, back, left, up, down, from 0, and `{face_name}` its name. `{face_index}` counts faces over all views
 //! of the kind: six times `{index}` plus `{face}`.
 #![cfg_attr(

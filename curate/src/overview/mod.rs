@@ -121,7 +121,10 @@ fn stage(folder: &Path) -> StagePlan {
 impl Source {
     fn read(folder: &Path) -> Result<Self, CurateError> {
         if !folder.is_dir() {
-            return Err(CurateError::input(folder, "is no folder of a dataset"));
+            return Err(CurateError::input(
+                folder,
+                "must be the folder of a dataset",
+            ));
         }
         let dataset: Option<Dataset> = optional(&folder.join(DATASET_FILE))?;
         let folders = match &dataset {

@@ -291,7 +291,7 @@ fn other_folders_and_foreign_pages_are_refused_in_one_line() {
         .unwrap_err()
         .to_string();
     assert!(
-        missing.ends_with("nowhere: is no folder of a dataset"),
+        missing.ends_with("nowhere: must be the folder of a dataset"),
         "{missing}"
     );
     let empty = status(temp.path(), ".").unwrap_err().to_string();

@@ -1,6 +1,6 @@
 //! Evidence per direction that content stays in the camera's frame while the scene goes by.
 //!
-//! What is carried looks the same a second later. So does a rail or a wall along the camera's path, which looks the same
+//! Carried content looks the same a second later. So does a rail or a wall along the camera's path, which looks the same
 //! all along it. They differ by how much the image would change if it were moved along the path: a rail would not, the
 //! outline of a helmet would. The path is found by that, too: along the wrong axis every rail would seem to be carried,
 //! so that the axis with the least evidence over the whole sphere is the path's. Its two directions are alike.

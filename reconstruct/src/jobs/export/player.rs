@@ -14,7 +14,7 @@ const SCRIPT: &str = concat!(
 );
 const SORTER: &str = include_str!("player_sorter.js");
 
-/// Returns the text of a page with a file inside; an empty file is none.
+/// Returns the text of a page with a file inside; an empty file leaves it out.
 pub(super) fn html(title: &str, file: &[u8]) -> String {
     let inside = base64(file);
     // Each placeholder is replaced once, and its text is not searched for the next.

@@ -92,7 +92,7 @@ impl Files<'_> {
             Self::Folder(folder) => {
                 let mut parts = Path::new(name).components();
                 let (Some(Component::Normal(_)), None) = (parts.next(), parts.next()) else {
-                    return Err(format!("names {name:?}, which is no file beside it"));
+                    return Err(format!("names {name:?}, which must be a file beside it"));
                 };
                 let bytes = fs::read(folder.join(name));
                 bytes

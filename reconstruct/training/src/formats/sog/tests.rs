@@ -178,7 +178,10 @@ fn folders_are_read_by_their_record() {
     });
     fs::write(folder.path().join(RECORD_FILE), &contents(&record, 3)[0].1).expect("written");
     let message = read_folder(folder.path()).map(drop).expect_err("refused");
-    assert!(message.contains("which is no file beside it"), "{message}");
+    assert!(
+        message.contains("which must be a file beside it"),
+        "{message}"
+    );
 }
 
 #[test]
