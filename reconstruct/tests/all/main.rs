@@ -10,6 +10,7 @@ mod exported_splats;
 mod gpu;
 mod gpu_atlas;
 mod gpu_density;
+mod gpu_drift;
 mod gpu_dynamic;
 mod gpu_failures;
 mod gpu_methods;
