@@ -35,8 +35,14 @@ pub struct Gpu {
     faults: Arc<Mutex<Faults>>,
     bytes_read: AtomicU64,
     made: AtomicU64,
+    /// Number of allocations, failed ones included.
+    allocations: AtomicU64,
     /// Size above which allocation fails, bytes; `u64::MAX` except in tests.
     largest_made: AtomicU64,
+    /// Number of allocations after which further ones fail; `u64::MAX` except in tests.
+    most_made: AtomicU64,
+    /// Largest buffer that a test pretends the adapter to allow, bytes; `u64::MAX` elsewhere.
+    pretended: AtomicU64,
     demand: Mutex<BufferDemand>,
     only_plans: AtomicBool,
     /// Readback buffer.
@@ -127,7 +133,10 @@ impl Gpu {
             faults,
             bytes_read: AtomicU64::new(0),
             made: AtomicU64::new(0),
+            allocations: AtomicU64::new(0),
             largest_made: AtomicU64::new(u64::MAX),
+            most_made: AtomicU64::new(u64::MAX),
+            pretended: AtomicU64::new(u64::MAX),
             demand: Mutex::default(),
             only_plans: AtomicBool::new(false),
             staging: Mutex::new(None),
@@ -185,6 +194,7 @@ impl Gpu {
         self.limits
             .max_storage_buffer_binding_size
             .min(self.limits.max_buffer_size)
+            .min(self.pretended.load(Ordering::Relaxed))
     }
 
     /// Returns the bytes that the host has read back so far.
@@ -252,9 +262,27 @@ impl Gpu {
         self.largest_made.store(bytes, Ordering::Relaxed);
     }
 
-    /// Returns true if [`Gpu::exhaust_above`] forbids a buffer of `bytes`.
-    pub(crate) fn is_exhausted(&self, bytes: u64) -> bool {
+    /// Makes every allocation after the next `allocations` ones fail. For tests of exhausted memory.
+    pub fn exhaust_after(&self, allocations: u64) {
+        let most = self.allocations().saturating_add(allocations);
+        self.most_made.store(most, Ordering::Relaxed);
+    }
+
+    /// Makes the adapter's largest buffer at most this large. For tests of small adapters.
+    pub fn pretend_largest_buffer(&self, bytes: u64) {
+        self.pretended.store(bytes, Ordering::Relaxed);
+    }
+
+    /// Returns the number of allocations so far, failed ones included.
+    pub fn allocations(&self) -> u64 {
+        self.allocations.load(Ordering::Relaxed)
+    }
+
+    /// Counts an allocation; returns true if [`Gpu::exhaust_above`] or [`Gpu::exhaust_after`] forbids it.
+    pub(crate) fn forbids(&self, bytes: u64) -> bool {
+        let number = self.allocations.fetch_add(1, Ordering::Relaxed);
         bytes > self.largest_made.load(Ordering::Relaxed)
+            || number >= self.most_made.load(Ordering::Relaxed)
     }
 
     /// Waits until the device has finished all submitted work.
