@@ -18,6 +18,7 @@ mod measure;
 pub mod memory;
 pub(crate) mod opacity_reset;
 mod room;
+pub mod single_kernels;
 
 use std::{collections::VecDeque, sync::Arc};
 
