@@ -21,39 +21,45 @@ use rand_pcg::Pcg64Mcg;
 
 use crate::{
     clips, largest_or_nan,
-    special::{Judgement, SpecialCase},
+    special::{HostOnly, Judgement, Runs, SpecialCase},
 };
 
 pub(super) const CASES: &[SpecialCase] = &[
     SpecialCase {
         id: "density-split",
         title: "4000 splits of a flat, rotated Gaussian: sizes and places of its children",
-        judge: split,
+        runs: Runs::OnCpu(HostOnly::WithinSteps),
+        judge: |_| split(),
     },
     SpecialCase {
         id: "density-reset",
         title: "opacities from a millionth to almost one after their reset",
-        judge: reset,
+        runs: Runs::OnCpu(HostOnly::WithinSteps),
+        judge: |_| reset(),
     },
     SpecialCase {
         id: "points-sizes",
         title: "first sizes of points a millionth and a million units apart",
-        judge: sizes_of_points,
+        runs: Runs::OnCpu(HostOnly::Preparation),
+        judge: |_| sizes_of_points(),
     },
     SpecialCase {
         id: "seeds-velocity",
         title: "first velocities of seeds on a disc that passes, in images of 48 columns",
-        judge: velocities_of_seeds,
+        runs: Runs::OnCpu(HostOnly::Preparation),
+        judge: |_| velocities_of_seeds(),
     },
     SpecialCase {
         id: "exposure-gains",
         title: "gains of a half to four, where every fifth place shows something else",
-        judge: gains,
+        runs: Runs::OnCpu(HostOnly::Preparation),
+        judge: |_| gains(),
     },
     SpecialCase {
         id: "pose-steps",
         title: "steps of poses down a valley, among views that are right",
-        judge: pose_steps,
+        runs: Runs::OnCpu(HostOnly::HostWork),
+        judge: |_| pose_steps(),
     },
 ];
 

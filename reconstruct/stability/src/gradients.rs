@@ -26,7 +26,7 @@ use omnilife_engine::{
 
 use crate::{
     largest_or_nan,
-    special::{Judgement, SpecialCase},
+    special::{HostOnly, Judgement, Runs, SpecialCase},
 };
 
 /// Limit of gradients computed in f64: ten times the error of five-point differences.
@@ -36,68 +36,81 @@ pub(super) const CASES: &[SpecialCase] = &[
     SpecialCase {
         id: "object-gradients",
         title: "gradients of an object as large as the scene, whose heading passes pi",
-        judge: || objects::judge(1.0, 1e-5),
+        runs: Runs::OnBoth,
+        judge: |device| objects::judge(device, 1.0, 1e-5),
     },
     SpecialCase {
         id: "object-gradients-large",
         title: "gradients of an object a million times as large as the scene",
-        judge: || objects::judge(1e6, 1e-5),
+        runs: Runs::OnBoth,
+        judge: |device| objects::judge(device, 1e6, 1e-5),
     },
     SpecialCase {
         id: "object-gradients-small",
         title: "gradients of an object a thousandth as large as the scene",
         // The distance from its centre has three digits fewer.
-        judge: || objects::judge(1e-3, 2e-3),
+        runs: Runs::OnBoth,
+        judge: |device| objects::judge(device, 1e-3, 2e-3),
     },
     SpecialCase {
         id: "plane-gradients",
         title: "gradients of a hit by ray and pose, of a tilted plane",
-        judge: || plane_gradients(0.7, EXACT),
+        runs: Runs::OnCpu(HostOnly::HostWork),
+        judge: |_| plane_gradients(0.7, EXACT),
     },
     SpecialCase {
         id: "plane-gradients-grazing",
         title: "gradients of a hit by ray and pose, of a plane with a cosine of a hundredth",
-        judge: || plane_gradients(std::f64::consts::FRAC_PI_2 - 0.01, 1e-6),
+        runs: Runs::OnCpu(HostOnly::HostWork),
+        judge: |_| plane_gradients(std::f64::consts::FRAC_PI_2 - 0.01, 1e-6),
     },
     SpecialCase {
         id: "sphere-gradients",
         title: "gradients of a hit on the sphere of the background by the ray",
-        judge: sphere_gradients,
+        runs: Runs::OnCpu(HostOnly::HostWork),
+        judge: |_| sphere_gradients(),
     },
     SpecialCase {
         id: "angle-gradients",
         title: "gradients of view angles from a thousandth of a radian to almost pi",
-        judge: angle_gradients,
+        runs: Runs::OnCpu(HostOnly::HostWork),
+        judge: |_| angle_gradients(),
     },
     SpecialCase {
         id: "layer-gradients",
         title: "gradients of composed layers by colour and opacity, behind an opaque one too",
-        judge: layer_gradients,
+        runs: Runs::OnCpu(HostOnly::WithinSteps),
+        judge: |_| layer_gradients(),
     },
     SpecialCase {
         id: "spline-gradients",
         title: "gradients of a spline of rotations by its knots, within and beyond them",
-        judge: || spline_gradients(0.4),
+        runs: Runs::OnCpu(HostOnly::HostWork),
+        judge: |_| spline_gradients(0.4),
     },
     SpecialCase {
         id: "spline-gradients-turned",
         title: "gradients of a spline of rotations whose knots are far apart",
-        judge: || spline_gradients(1.3),
+        runs: Runs::OnCpu(HostOnly::HostWork),
+        judge: |_| spline_gradients(1.3),
     },
     SpecialCase {
         id: "hash-gradients",
         title: "gradients of a hash grid by table and position",
-        judge: hash_gradients,
+        runs: Runs::OnCpu(HostOnly::WithinSteps),
+        judge: |_| hash_gradients(),
     },
     SpecialCase {
         id: "scaffold-gradients",
         title: "gradients of the loss on a scaffold by the centres, within and beyond half a voxel",
-        judge: scaffold::judge,
+        runs: Runs::OnCpu(HostOnly::WithinSteps),
+        judge: |_| scaffold::judge(),
     },
     SpecialCase {
         id: "dropout-gradients",
         title: "gradients of opacities where 99 of 100 Gaussians are dropped",
-        judge: dropout_gradients,
+        runs: Runs::OnCpu(HostOnly::WithinSteps),
+        judge: |_| dropout_gradients(),
     },
 ];
 

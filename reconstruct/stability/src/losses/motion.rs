@@ -7,7 +7,7 @@ use omnilife_engine::{gaussians::periodic::TemporalParameters, losses::motion::o
 use super::compared;
 use crate::{
     Limits,
-    special::{Judgement, SpecialCase},
+    special::{HostOnly, Judgement, Runs, SpecialCase},
 };
 
 /// Ten times the measured errors.
@@ -20,12 +20,14 @@ pub(super) const CASES: &[SpecialCase] = &[
     SpecialCase {
         id: "motion-plain",
         title: "regularization of motion, for comparison",
-        judge: || judge(&PLAIN),
+        runs: Runs::OnCpu(HostOnly::WithinSteps),
+        judge: |_| judge(&PLAIN),
     },
     SpecialCase {
         id: "motion-far",
         title: "regularization of motion at a million times the cameras' radius",
-        judge: || {
+        runs: Runs::OnCpu(HostOnly::WithinSteps),
+        judge: |_| {
             judge(&Moving {
                 distance: 1e6,
                 ..PLAIN
@@ -35,7 +37,8 @@ pub(super) const CASES: &[SpecialCase] = &[
     SpecialCase {
         id: "motion-near",
         title: "regularization of motion a hundred-thousandth from the observer",
-        judge: || {
+        runs: Runs::OnCpu(HostOnly::WithinSteps),
+        judge: |_| {
             judge(&Moving {
                 distance: 1e-5,
                 speed: 1e-6,
@@ -46,7 +49,8 @@ pub(super) const CASES: &[SpecialCase] = &[
     SpecialCase {
         id: "motion-slow",
         title: "regularization of motion by a hundred-millionth per frame",
-        judge: || {
+        runs: Runs::OnCpu(HostOnly::WithinSteps),
+        judge: |_| {
             judge(&Moving {
                 speed: 1e-8,
                 ..PLAIN
@@ -56,7 +60,8 @@ pub(super) const CASES: &[SpecialCase] = &[
     SpecialCase {
         id: "motion-fast",
         title: "regularization of motion by ten thousand radii per frame",
-        judge: || {
+        runs: Runs::OnCpu(HostOnly::WithinSteps),
+        judge: |_| {
             judge(&Moving {
                 speed: 1e4,
                 ..PLAIN
@@ -66,7 +71,8 @@ pub(super) const CASES: &[SpecialCase] = &[
     SpecialCase {
         id: "motion-late",
         title: "regularization of motion a hundred thousand frames after the peak",
-        judge: || {
+        runs: Runs::OnCpu(HostOnly::WithinSteps),
+        judge: |_| {
             judge(&Moving {
                 frame: 1e5 + 0.3,
                 ..PLAIN
@@ -76,7 +82,8 @@ pub(super) const CASES: &[SpecialCase] = &[
     SpecialCase {
         id: "motion-long-cycle",
         title: "regularization of motion under a cycle of ten thousand frames",
-        judge: || {
+        runs: Runs::OnCpu(HostOnly::WithinSteps),
+        judge: |_| {
             judge(&Moving {
                 cycle: 1e4,
                 ..PLAIN

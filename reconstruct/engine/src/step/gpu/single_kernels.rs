@@ -135,7 +135,7 @@ pub struct RenderedMaps<'a> {
     pub temporal: [&'a [f32]; 4],
     /// Opacity of the dynamic Gaussians.
     pub opacity: &'a [f32],
-    /// Mask of what moves, 255 for all of a pixel.
+    /// Dynamic mask, 255 for all of a pixel.
     pub mask: &'a [u8],
     /// Non-zero for pixels that do not count.
     pub ignored: &'a [u8],
@@ -171,7 +171,7 @@ pub fn map_losses(
     };
     maps.set(gpu, losses);
     let (mut sum, mut gradient) = (0.0, Vec::new());
-    let planes = [&rendered.temporal[..], &[rendered.opacity]];
+    let planes: [&[&[f32]]; 2] = [&rendered.temporal, &[rendered.opacity]];
     for (loss, planes) in [MapLoss::Temporal, MapLoss::Opacity]
         .into_iter()
         .zip(planes)
