@@ -172,6 +172,11 @@ impl Device {
         self.gpu.as_ref().map(|device| &*device.gpu)
     }
 
+    /// Returns the activator of the open GPU; `None` for the CPU.
+    pub fn activator(&self) -> Option<&GpuActivator> {
+        self.gpu.as_ref().map(|device| &device.activator)
+    }
+
     /// Returns its description in words.
     pub fn describe(&self) -> String {
         match &self.gpu {
