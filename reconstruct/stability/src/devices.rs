@@ -12,11 +12,20 @@ use omnilife_engine::{
     EngineError,
     camera::View,
     device::Gpu,
-    gaussians::{ActivatedGaussians, parameterization::Viewpoint, temporal::TemporalFeatures},
+    gaussians::{
+        ActivatedGaussians, dropout::Dropout, parameterization::Viewpoint,
+        temporal::TemporalFeatures,
+    },
     losses::photometric::{Columns, cpu::Loss},
     model::{Model, Part},
     parameters::{ParameterTable, adam},
-    render::{cpu::Renderer, gpu::GpuRenderer, raster::RasterGradient, settings::RenderSettings},
+    render::{
+        cpu::Renderer,
+        gpu::GpuRenderer,
+        project::by_camera::{self, PoseGradient},
+        raster::RasterGradient,
+        settings::RenderSettings,
+    },
     step::{
         BackendChoice,
         gpu::{
@@ -250,6 +259,48 @@ impl Device {
         let gaussians = activation.gaussians.clone();
         let part = activation.backward(upstream(&gaussians))?;
         Ok((gaussians, part))
+    }
+
+    /// Returns the gradient of a weighted image of activated Gaussians by the pose of its view.
+    ///
+    /// # Errors
+    /// When the device fails.
+    pub fn pose_gradient(
+        &self,
+        view: &View,
+        settings: RenderSettings,
+        gaussians: &ActivatedGaussians,
+        weights: &[f32],
+    ) -> Result<PoseGradient, ReconstructError> {
+        let weighted: [&[f32]; 2] = [weights, &[]];
+        let made = self.round_trip_activated(view, settings, gaussians, weighted)?;
+        let degree = settings.sh_degree;
+        Ok(match &self.gpu {
+            None => by_camera::gradient(view, gaussians, degree, &made.gradient),
+            Some(device) => device.renderer.borrow().pose_gradient()?,
+        })
+    }
+
+    /// Leaves out Gaussians at an iteration, which is also that of the schedule, and takes a gradient back, both in
+    /// place. Returns the drawn opacities.
+    ///
+    /// # Errors
+    /// When the device fails.
+    pub fn drop_out(
+        &self,
+        dropout: Dropout,
+        iteration: u64,
+        [gaussians, gradient]: [&mut ActivatedGaussians; 2],
+    ) -> Result<Vec<f32>, ReconstructError> {
+        let Some(gpu) = self.gpu() else {
+            let step = dropout.of_step(iteration, iteration);
+            step.drop_out(gaussians);
+            let drawn = gaussians.opacities.clone();
+            step.drop_out_vjp(gaussians, gradient);
+            return Ok(drawn);
+        };
+        let both = [gaussians, gradient];
+        Ok(single_kernels::drop_out(gpu, dropout, iteration, both)?)
     }
 
     /// Takes the first step of Adam on all arrays of a table; returns the number of gradients that were not finite.

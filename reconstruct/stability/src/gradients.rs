@@ -25,6 +25,7 @@ use omnilife_engine::{
 };
 
 use crate::{
+    devices::Device,
     largest_or_nan,
     special::{HostOnly, Judgement, Runs, SpecialCase},
 };
@@ -109,8 +110,8 @@ pub(super) const CASES: &[SpecialCase] = &[
     SpecialCase {
         id: "dropout-gradients",
         title: "gradients of opacities where 99 of 100 Gaussians are dropped",
-        runs: Runs::OnCpu(HostOnly::WithinSteps),
-        judge: |_| dropout_gradients(),
+        runs: Runs::OnBoth,
+        judge: dropout_gradients,
     },
 ];
 
@@ -388,25 +389,25 @@ fn hash_gradients() -> Judgement {
     judged(by_table.max(relative_error(&pairs)), 1e-4)
 }
 
-fn dropout_gradients() -> Judgement {
+fn dropout_gradients(device: &Device) -> Judgement {
     const COUNT: usize = 5_000;
     let dropout = Dropout {
         last_share: 0.99,
         iterations: 100,
         seed: 5,
     };
-    let step = dropout.of_step(100, 100);
     let before: Vec<f32> = (0..COUNT).map(|at| 0.01 + 1e-4 * at as f32).collect();
     let upstream: Vec<f32> = (0..COUNT).map(|at| (0.3 * at as f32).sin()).collect();
     let mut gaussians = ActivatedGaussians::default();
     gaussians.reshape(COUNT, 0, 0);
     gaussians.opacities.clone_from(&before);
-    step.drop_out(&mut gaussians);
-    let drawn = gaussians.opacities.clone();
     let mut gradient = ActivatedGaussians::default();
     gradient.reshape(COUNT, 0, 0);
     gradient.opacities.clone_from(&upstream);
-    step.drop_out_vjp(&mut gaussians, &mut gradient);
+    let drawn = match device.drop_out(dropout, 100, [&mut gaussians, &mut gradient]) {
+        Ok(drawn) => drawn,
+        Err(error) => return Judgement::failed(error),
+    };
     // The drawn opacity is proportional to the stored one.
     let pairs: Vec<[f64; 2]> = (0..COUNT)
         .map(|at| {
@@ -425,7 +426,7 @@ fn dropout_gradients() -> Judgement {
         .fold(0.0, largest_or_nan);
     Judgement::of_errors(
         "the gradient is that by the opacities before, which come back",
-        Some([restored, 1e-6]),
-        Some([relative_error(&pairs), 1e-6]),
+        Some([restored, device.limit(1e-6)]),
+        Some([relative_error(&pairs), device.limit(1e-6)]),
     )
 }

@@ -4,6 +4,11 @@ use crate::{
     EngineError,
     camera::View,
     device::{DeviceBuffer, Gpu, Program, Rows},
+    gaussians::{
+        ActivatedGaussians,
+        activated_buffers::ActivatedBuffers,
+        dropout::{Dropout, gpu::DropoutKernels},
+    },
     losses::{
         maps::gpu::{MapLoss, MapLosses, Maps},
         photometric::{
@@ -189,4 +194,32 @@ pub fn map_losses(
         gradient.extend_from_slice(&upstream.read(gpu)?[4 * pixels..]);
     }
     Ok((sum, gradient))
+}
+
+/// Leaves out Gaussians at an iteration, which is also that of the schedule, and takes a gradient back, both in place
+/// as [`StepDropout::drop_out_vjp`](crate::gaussians::dropout::StepDropout::drop_out_vjp) does. Returns the drawn
+/// opacities.
+///
+/// # Errors
+/// If the device fails.
+pub fn drop_out(
+    gpu: &Gpu,
+    dropout: Dropout,
+    iteration: u64,
+    [gaussians, gradient]: [&mut ActivatedGaussians; 2],
+) -> Result<Vec<f32>, EngineError> {
+    let len = gaussians.len();
+    let buffers = ActivatedBuffers::new(gpu, len, gaussians.sh_degree, gaussians.feature_count)?;
+    let rows = Rows::new(len);
+    let programs = DropoutKernels::new(gpu)?.record(gpu, dropout, (&buffers, &rows))?;
+    buffers.write(gpu, gaussians);
+    buffers.write_gradient(gpu, gradient);
+    programs.set(gpu, iteration, iteration);
+    programs.forward.submit(gpu);
+    buffers.read(gpu, gaussians)?;
+    let drawn = gaussians.opacities.clone();
+    programs.backward.submit(gpu);
+    buffers.read(gpu, gaussians)?;
+    buffers.read_gradient(gpu, gradient)?;
+    Ok(drawn)
 }
