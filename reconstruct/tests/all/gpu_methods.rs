@@ -180,12 +180,8 @@ fn centres_are_held_near_their_anchors_as_on_the_cpu() {
         let farthest = of_cpu.iter().copied().fold(0.0, f32::max);
         assert_eq!(farthest > 0.0, iteration > 1, "{farthest}");
         let pairs = of_gpu.iter().zip(&of_cpu);
-        let apart = pairs.filter(|(gpu, cpu)| (*gpu - *cpu).abs() > 1e-3 * farthest);
-        // The sign of a step follows the last bit of a small gradient.
+        let apart = pairs.filter(|(gpu, cpu)| (*gpu - *cpu).abs() > 1e-3 * gpu.max(**cpu));
+        // A gradient of 0 on one device alone is a step on the other.
         assert!(apart.count() <= of_cpu.len() / 50, "step {iteration}");
-        let beyond = of_gpu
-            .iter()
-            .filter(|&&distance| distance > 1.001 * farthest);
-        assert_eq!(beyond.count(), 0, "step {iteration}");
     }
 }
