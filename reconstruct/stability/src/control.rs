@@ -20,7 +20,9 @@ use rand::SeedableRng;
 use rand_pcg::Pcg64Mcg;
 
 use crate::{
-    clips, largest_or_nan,
+    clips,
+    devices::Device,
+    largest_or_nan,
     special::{HostOnly, Judgement, Runs, SpecialCase},
 };
 
@@ -34,8 +36,8 @@ pub(super) const CASES: &[SpecialCase] = &[
     SpecialCase {
         id: "density-reset",
         title: "opacities from a millionth to almost one after their reset",
-        runs: Runs::OnCpu(HostOnly::WithinSteps),
-        judge: |_| reset(),
+        runs: Runs::OnBoth,
+        judge: reset,
     },
     SpecialCase {
         id: "points-sizes",
@@ -126,14 +128,16 @@ fn split() -> Judgement {
 }
 
 /// Compares opacities after a reset with the smaller of their own and a hundredth.
-fn reset() -> Judgement {
+fn reset(device: &Device) -> Judgement {
     let opacities = [1e-6_f32, 1e-3, 0.0099, 0.0101, 0.5, 0.999_99];
     let mut initial = InitialGaussians::default();
     for opacity in opacities {
         initial.push_isotropic([1.0, 0.0, 0.0], 0.1, [0.5; 3], opacity);
     }
-    let mut model = Model::of_static(table(&initial, 0));
-    omnilife_engine::density::reset_opacities(&mut model);
+    let model = match device.reset_opacities(Model::of_static(table(&initial, 0))) {
+        Ok(model) => model,
+        Err(error) => return Judgement::failed(error),
+    };
     let logits = &model.parts[0].table.arrays[OPACITY_LOGITS].values;
     let errors = logits.iter().zip(opacities).map(|(&logit, before)| {
         let found = 1.0 / (1.0 + (-f64::from(logit)).exp());

@@ -11,12 +11,16 @@ use crate::{parameterizations::Parameterization, setup::Setup};
 use omnilife_engine::{
     EngineError,
     camera::View,
+    density,
     device::Gpu,
     gaussians::{
         ActivatedGaussians, dropout::Dropout, parameterization::Viewpoint,
         temporal::TemporalFeatures,
     },
-    losses::photometric::{Columns, cpu::Loss},
+    losses::{
+        photometric::{Columns, cpu::Loss},
+        scaffold::Scaffold,
+    },
     model::{Model, Part},
     parameters::{ParameterTable, adam},
     render::{
@@ -301,6 +305,37 @@ impl Device {
         };
         let both = [gaussians, gradient];
         Ok(single_kernels::drop_out(gpu, dropout, iteration, both)?)
+    }
+
+    /// Returns a model after a reset of its opacities.
+    ///
+    /// # Errors
+    /// When the device fails.
+    pub fn reset_opacities(&self, mut model: Model) -> Result<Model, ReconstructError> {
+        match self.activator() {
+            None => {
+                density::reset_opacities(&mut model);
+                Ok(model)
+            }
+            Some(activator) => Ok(activator.reset_opacities(model)?),
+        }
+    }
+
+    /// Returns the gradient of the loss on a scaffold, of weight 1, by some centres.
+    ///
+    /// # Errors
+    /// When the device fails.
+    pub fn scaffold_gradient(
+        &self,
+        scaffold: &Scaffold,
+        centres: &[[f32; 3]],
+    ) -> Result<Vec<f32>, ReconstructError> {
+        let Some(gpu) = self.gpu() else {
+            let mut gradient = vec![[0.0; 3]; centres.len()];
+            scaffold.loss(centres, |_| 1.0, &mut gradient);
+            return Ok(gradient.into_flattened());
+        };
+        Ok(single_kernels::scaffold_gradient(gpu, scaffold, centres)?)
     }
 
     /// Takes the first step of Adam on all arrays of a table; returns the number of gradients that were not finite.

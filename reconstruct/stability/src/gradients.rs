@@ -104,8 +104,8 @@ pub(super) const CASES: &[SpecialCase] = &[
     SpecialCase {
         id: "scaffold-gradients",
         title: "gradients of the loss on a scaffold by the centres, within and beyond half a voxel",
-        runs: Runs::OnCpu(HostOnly::WithinSteps),
-        judge: |_| scaffold::judge(),
+        runs: Runs::OnBoth,
+        judge: scaffold::judge,
     },
     SpecialCase {
         id: "dropout-gradients",

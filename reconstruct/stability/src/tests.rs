@@ -62,6 +62,7 @@ fn rows_on_a_gpu_keep_their_limits() {
         objects::CASES,
         poses::CASES,
         gradients::CASES,
+        control::CASES,
     ];
     let parts = parts.into_iter().flatten().chain(losses::all());
     assert_pass(parts.map(|case| {

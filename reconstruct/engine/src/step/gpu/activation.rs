@@ -5,6 +5,7 @@ use std::sync::Arc;
 use super::{
     check,
     device_model::{DevicePart, copies, parts, sh_degree, uses_shared},
+    opacity_reset::OpacityResets,
 };
 use crate::{
     EngineError,
@@ -93,6 +94,23 @@ impl GpuActivator {
 }
 
 impl GpuActivator {
+    /// Returns a model after a reset of its opacities, as [`reset_opacities`](crate::density::reset_opacities) does.
+    ///
+    /// # Errors
+    /// If the model has no GPU kernels, or the device fails or runs out of memory.
+    pub fn reset_opacities(&self, mut model: Model) -> Result<Model, EngineError> {
+        check(&model)?;
+        let gpu = &*self.gpu;
+        let tables = copies(gpu, &model)?;
+        let of_all = (None, &self.row_mover, &self.kernels);
+        let parts = parts(gpu, &model, of_all, tables)?;
+        OpacityResets::new(gpu)?.record(gpu, &parts)?.submit(gpu);
+        for (part, on_device) in model.parts.iter_mut().zip(&parts) {
+            on_device.read(gpu, part)?;
+        }
+        Ok(model)
+    }
+
     /// Returns the motion regularization of a model's static Gaussians with their own times (Omni4DGS Eqs. 10 and
     /// 11), a mean with this weight, and the model with its gradients alone.
     ///

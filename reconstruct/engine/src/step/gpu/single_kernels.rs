@@ -1,5 +1,7 @@
 //! Kernels of a step that run alone on values of the host: for the stability catalogue, which judges them by f64.
 
+use std::sync::Arc;
+
 use crate::{
     EngineError,
     camera::View,
@@ -8,12 +10,17 @@ use crate::{
         ActivatedGaussians,
         activated_buffers::ActivatedBuffers,
         dropout::{Dropout, gpu::DropoutKernels},
+        static_gaussians::{self, InitialGaussians},
     },
     losses::{
         maps::gpu::{MapLoss, MapLosses, Maps},
         photometric::{
             LossValue,
             gpu::{Levels, Loss, LossWeights, loss_value, plain_levels, target_image},
+        },
+        scaffold::{
+            Scaffold,
+            gpu::{DeviceScaffold, DeviceScaffoldLoss, ScaffoldCentres},
         },
     },
     parameters::{
@@ -222,4 +229,34 @@ pub fn drop_out(
     buffers.read(gpu, gaussians)?;
     buffers.read_gradient(gpu, gradient)?;
     Ok(drawn)
+}
+
+/// Returns the gradient of the loss on a scaffold, of weight 1, by some centres.
+///
+/// # Errors
+/// If the device fails.
+pub fn scaffold_gradient(
+    gpu: &Gpu,
+    scaffold: &Scaffold,
+    centres: &[[f32; 3]],
+) -> Result<Vec<f32>, EngineError> {
+    let len = centres.len();
+    let initial = InitialGaussians::isotropic(
+        centres.to_vec(),
+        &vec![1.0; len],
+        vec![[0.5; 3]; len],
+        vec![0.5; len],
+    );
+    let mut table = static_gaussians::table(&initial, 0);
+    let on_device = TableBuffers::new(gpu, &table.arrays, [len, len])?;
+    let field = Arc::new(DeviceScaffold::new(gpu, scaffold)?);
+    let loss = DeviceScaffoldLoss::new(gpu, field, &on_device, &vec![1.0; len])?;
+    loss.set(gpu, len, ScaffoldCentres::All);
+    let mut program = Program::default();
+    loss.record(gpu, &mut program, &on_device, &Rows::new(len));
+    program.submit(gpu);
+    on_device.read_gradients(gpu, &mut table.arrays)?;
+    Ok(std::mem::take(
+        &mut table.arrays[static_gaussians::POSITIONS].gradients,
+    ))
 }
