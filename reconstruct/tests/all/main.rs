@@ -13,6 +13,7 @@ mod gpu_density;
 mod gpu_dynamic;
 mod gpu_failures;
 mod gpu_methods;
+mod gpu_sums;
 mod gpu_training;
 mod interpolation;
 mod moved_scene;

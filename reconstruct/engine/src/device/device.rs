@@ -12,6 +12,7 @@ use omnilife_schemas::records::Backend;
 
 use crate::device::adapters::AdapterSummary;
 use crate::device::error::GpuError;
+use crate::device::pixel_sums::{PixelSums, splats_are_chosen};
 
 /// Threads of every workgroup: one per pixel of a tile.
 pub(crate) const WORKGROUP: u32 = 256;
@@ -31,7 +32,7 @@ pub struct Gpu {
     pub(crate) queue: wgpu::Queue,
     summary: AdapterSummary,
     limits: wgpu::Limits,
-    subgroup_size: Option<u32>,
+    pixel_sums: PixelSums,
     faults: Arc<Mutex<Faults>>,
     bytes_read: AtomicU64,
     made: AtomicU64,
@@ -67,12 +68,14 @@ fn lock(faults: &Mutex<Faults>) -> MutexGuard<'_, Faults> {
 }
 
 impl Gpu {
-    /// Opens the first adapter, hardware before software, with all optional features that it offers.
+    /// Opens the first adapter, hardware before software, with all optional features that it offers. The
+    /// environment variable `OMNILIFE_GPU_SUMS` chooses between a thread per pixel (`pixels`, the default) and
+    /// a thread per splat (`splats`) in the backward pass of rasterization.
     ///
     /// # Errors
-    /// If no adapter is found, it is too small, or its driver gives no device.
+    /// If no adapter is found, it is too small, its driver gives no device, or the variable has another value.
     pub fn open() -> Result<Self, GpuError> {
-        Self::open_with(OPTIONAL_FEATURES)
+        Self::open_with(OPTIONAL_FEATURES, splats_are_chosen()?)
     }
 
     /// Opens the adapter as if it had no subgroups, to test the kernels' twins without them.
@@ -80,10 +83,18 @@ impl Gpu {
     /// # Errors
     /// See [`Gpu::open`].
     pub fn open_without_subgroups() -> Result<Self, GpuError> {
-        Self::open_with(OPTIONAL_FEATURES - wgpu::Features::SUBGROUP)
+        Self::open_with(OPTIONAL_FEATURES - wgpu::Features::SUBGROUP, false)
     }
 
-    fn open_with(optional: wgpu::Features) -> Result<Self, GpuError> {
+    /// Opens the adapter with a thread per splat in the backward pass of rasterization, to compare the forms.
+    ///
+    /// # Errors
+    /// See [`Gpu::open`].
+    pub fn open_with_sums_per_splat() -> Result<Self, GpuError> {
+        Self::open_with(OPTIONAL_FEATURES, true)
+    }
+
+    fn open_with(optional: wgpu::Features, per_splat: bool) -> Result<Self, GpuError> {
         let adapter = crate::device::adapters::wgpu_adapters()
             .into_iter()
             .next()
@@ -105,6 +116,11 @@ impl Gpu {
             })?;
         let has_subgroups = device.features().contains(wgpu::Features::SUBGROUP);
         let subgroup_size = has_subgroups.then(|| adapter.get_info().subgroup_min_size.max(1));
+        let pixel_sums = if per_splat {
+            PixelSums::Splats
+        } else {
+            PixelSums::over_threads(subgroup_size)
+        };
         let faults = Arc::new(Mutex::new(Faults::default()));
         let of_errors = Arc::clone(&faults);
         device.on_uncaptured_error(Arc::new(move |error: wgpu::Error| {
@@ -123,7 +139,7 @@ impl Gpu {
             queue,
             summary,
             limits,
-            subgroup_size,
+            pixel_sums,
             faults,
             bytes_read: AtomicU64::new(0),
             made: AtomicU64::new(0),
@@ -140,9 +156,14 @@ impl Gpu {
     }
 
     /// Returns the threads of the smallest subgroup, in which kernels add up over pixels. `None` if they add
-    /// up in workgroup memory.
+    /// up in workgroup memory, or with a thread per splat.
     pub fn subgroup_size(&self) -> Option<u32> {
-        self.subgroup_size
+        self.pixel_sums.subgroup_size()
+    }
+
+    /// Returns the form in which kernels add up over pixels.
+    pub fn pixel_sums(&self) -> PixelSums {
+        self.pixel_sums
     }
 
     /// Returns the limits within which the kernels work, by name, for the run record.
@@ -176,7 +197,8 @@ impl Gpu {
                 .limits()
                 .map(|(name, limit)| (name.to_owned(), limit))
                 .into(),
-            subgroup_size: self.subgroup_size,
+            subgroup_size: self.subgroup_size(),
+            sums_per_splat: self.pixel_sums == PixelSums::Splats,
         }
     }
 

@@ -11,6 +11,14 @@ pub enum GpuError {
          mesa-vulkan-drivers brings a software one); use the backend cpu"
     )]
     NoAdapter,
+    /// The environment names an unknown form of sums over pixels.
+    #[error("{variable} must be pixels or splats, got '{value}'")]
+    Sums {
+        /// Name of the variable.
+        variable: &'static str,
+        /// Its value.
+        value: String,
+    },
     /// The adapter's limits are below those that the kernels need.
     #[error("the GPU {adapter} is too small: {what} needs {needed}, it offers {offered}")]
     TooSmall {
@@ -62,7 +70,7 @@ pub enum GpuError {
 impl Classified for GpuError {
     fn error_kind(&self) -> ErrorKind {
         match self {
-            Self::NoAdapter => ErrorKind::User,
+            Self::NoAdapter | Self::Sums { .. } => ErrorKind::User,
             Self::TooSmall { .. }
             | Self::OutOfMemory { .. }
             | Self::Open { .. }
