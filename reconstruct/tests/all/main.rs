@@ -12,6 +12,7 @@ mod gpu_atlas;
 mod gpu_density;
 mod gpu_dynamic;
 mod gpu_failures;
+mod gpu_fused;
 mod gpu_methods;
 mod gpu_sums;
 mod gpu_training;

@@ -247,6 +247,9 @@ pub enum Backend {
         /// True if gradients of splats were summed over pixels by a thread per splat.
         #[serde(default, skip_serializing_if = "std::ops::Not::not")]
         sums_per_splat: bool,
+        /// True if one kernel computed Adam's steps from the gradients by splats.
+        #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+        fused_adam: bool,
     },
 }
 

@@ -11,8 +11,8 @@ use std::sync::{
 use omnilife_schemas::records::Backend;
 
 use crate::device::adapters::AdapterSummary;
+use crate::device::choices::{KernelChoices, PixelSums};
 use crate::device::error::GpuError;
-use crate::device::pixel_sums::{PixelSums, splats_are_chosen};
 
 /// Threads of every workgroup: one per pixel of a tile.
 pub(crate) const WORKGROUP: u32 = 256;
@@ -32,6 +32,7 @@ pub struct Gpu {
     pub(crate) queue: wgpu::Queue,
     summary: AdapterSummary,
     limits: wgpu::Limits,
+    choices: KernelChoices,
     pixel_sums: PixelSums,
     faults: Arc<Mutex<Faults>>,
     bytes_read: AtomicU64,
@@ -69,13 +70,14 @@ fn lock(faults: &Mutex<Faults>) -> MutexGuard<'_, Faults> {
 
 impl Gpu {
     /// Opens the first adapter, hardware before software, with all optional features that it offers. The
-    /// environment variable `OMNILIFE_GPU_SUMS` chooses between a thread per pixel (`pixels`, the default) and
-    /// a thread per splat (`splats`) in the backward pass of rasterization.
+    /// environment chooses the kernels: `OMNILIFE_GPU_SUMS` sums a splat's gradient by a thread per pixel
+    /// (`pixels`, the default) or per splat (`splats`); `OMNILIFE_GPU_ADAM` has `separate` kernels up to Adam
+    /// (the default) or a `fused` one.
     ///
     /// # Errors
-    /// If no adapter is found, it is too small, its driver gives no device, or the variable has another value.
+    /// If no adapter is found, it is too small, its driver gives no device, or a variable has another value.
     pub fn open() -> Result<Self, GpuError> {
-        Self::open_with(OPTIONAL_FEATURES, splats_are_chosen()?)
+        Self::open_with(OPTIONAL_FEATURES, KernelChoices::of_environment()?)
     }
 
     /// Opens the adapter as if it had no subgroups, to test the kernels' twins without them.
@@ -83,18 +85,19 @@ impl Gpu {
     /// # Errors
     /// See [`Gpu::open`].
     pub fn open_without_subgroups() -> Result<Self, GpuError> {
-        Self::open_with(OPTIONAL_FEATURES - wgpu::Features::SUBGROUP, false)
+        let optional = OPTIONAL_FEATURES - wgpu::Features::SUBGROUP;
+        Self::open_with(optional, KernelChoices::default())
     }
 
-    /// Opens the adapter with a thread per splat in the backward pass of rasterization, to compare the forms.
+    /// Opens the adapter with these kernels, whatever the environment chooses, to compare them.
     ///
     /// # Errors
     /// See [`Gpu::open`].
-    pub fn open_with_sums_per_splat() -> Result<Self, GpuError> {
-        Self::open_with(OPTIONAL_FEATURES, true)
+    pub fn open_with_choices(choices: KernelChoices) -> Result<Self, GpuError> {
+        Self::open_with(OPTIONAL_FEATURES, choices)
     }
 
-    fn open_with(optional: wgpu::Features, per_splat: bool) -> Result<Self, GpuError> {
+    fn open_with(optional: wgpu::Features, choices: KernelChoices) -> Result<Self, GpuError> {
         let adapter = crate::device::adapters::wgpu_adapters()
             .into_iter()
             .next()
@@ -116,11 +119,6 @@ impl Gpu {
             })?;
         let has_subgroups = device.features().contains(wgpu::Features::SUBGROUP);
         let subgroup_size = has_subgroups.then(|| adapter.get_info().subgroup_min_size.max(1));
-        let pixel_sums = if per_splat {
-            PixelSums::Splats
-        } else {
-            PixelSums::over_threads(subgroup_size)
-        };
         let faults = Arc::new(Mutex::new(Faults::default()));
         let of_errors = Arc::clone(&faults);
         device.on_uncaptured_error(Arc::new(move |error: wgpu::Error| {
@@ -139,7 +137,8 @@ impl Gpu {
             queue,
             summary,
             limits,
-            pixel_sums,
+            choices,
+            pixel_sums: PixelSums::new(choices, subgroup_size),
             faults,
             bytes_read: AtomicU64::new(0),
             made: AtomicU64::new(0),
@@ -164,6 +163,11 @@ impl Gpu {
     /// Returns the form in which kernels add up over pixels.
     pub fn pixel_sums(&self) -> PixelSums {
         self.pixel_sums
+    }
+
+    /// Returns the kernels that stand for others.
+    pub fn choices(&self) -> KernelChoices {
+        self.choices
     }
 
     /// Returns the limits within which the kernels work, by name, for the run record.
@@ -198,7 +202,8 @@ impl Gpu {
                 .map(|(name, limit)| (name.to_owned(), limit))
                 .into(),
             subgroup_size: self.subgroup_size(),
-            sums_per_splat: self.pixel_sums == PixelSums::Splats,
+            sums_per_splat: self.choices.sums_per_splat,
+            fused_adam: self.choices.fused_adam,
         }
     }
 

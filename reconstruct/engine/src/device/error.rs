@@ -11,11 +11,13 @@ pub enum GpuError {
          mesa-vulkan-drivers brings a software one); use the backend cpu"
     )]
     NoAdapter,
-    /// The environment names an unknown form of sums over pixels.
-    #[error("{variable} must be pixels or splats, got '{value}'")]
-    Sums {
+    /// The environment names unknown kernels.
+    #[error("{variable} must be {values}, got '{value}'")]
+    Choice {
         /// Name of the variable.
         variable: &'static str,
+        /// Known values.
+        values: String,
         /// Its value.
         value: String,
     },
@@ -70,7 +72,7 @@ pub enum GpuError {
 impl Classified for GpuError {
     fn error_kind(&self) -> ErrorKind {
         match self {
-            Self::NoAdapter | Self::Sums { .. } => ErrorKind::User,
+            Self::NoAdapter | Self::Choice { .. } => ErrorKind::User,
             Self::TooSmall { .. }
             | Self::OutOfMemory { .. }
             | Self::Open { .. }

@@ -72,7 +72,7 @@ mod tests {
         losses::{maps, motion, photometric, scaffold},
         parameters::{adam, rows},
         render::{bin, buffers, project, raster, sort},
-        step::gpu::{kernels, opacity_reset},
+        step::gpu::{fused_adam, kernels, opacity_reset},
         surfaces,
     };
 
@@ -115,6 +115,7 @@ mod tests {
                 raster::gpu::shader(shape, PixelSums::Workgroups),
                 raster::gpu::shader(shape, PixelSums::Splats),
                 kernels::shader(shape),
+                fused_adam::shader(shape),
                 project::by_camera::gpu::shader(shape),
             ]);
         }

@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use omnilife_engine::device::{Gpu, GpuError, PixelSums};
+use omnilife_engine::device::{Gpu, GpuError, KernelChoices, PixelSums};
 use omnilife_schemas::RgbImage;
 
 /// Returns a device; without any adapter `None`, and a line with the reason.
@@ -26,9 +26,13 @@ pub(crate) fn devices() -> Vec<Arc<Gpu>> {
     let Some(gpu) = device() else {
         return Vec::new();
     };
+    let per_splat = KernelChoices {
+        sums_per_splat: true,
+        ..KernelChoices::default()
+    };
     let others = [
         Gpu::open_without_subgroups(),
-        Gpu::open_with_sums_per_splat(),
+        Gpu::open_with_choices(per_splat),
     ];
     let others = others.map(|opened| match opened {
         Ok(other) => Arc::new(other),

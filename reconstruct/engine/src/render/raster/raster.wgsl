@@ -83,7 +83,7 @@ fn sum_entries(
             }
         }
     }
-    splat_gradients[first] = 1.0;
+    splat_gradients[first] = select(DRAWN_ELLIPSE, DRAWN_CONE, splat.shape == CONE);
     splat_gradients[first + 11u] = sums[0];
     if splat.shape == ELLIPSE {
         // ln alpha = const - q/2, q = x^2 a + y^2 c with x = dx - slope dy, y = dy.

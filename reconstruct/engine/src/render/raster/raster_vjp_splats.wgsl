@@ -112,7 +112,7 @@ fn add_pixel(tile: u32, number: u32, own: ptr<function, OwnSplat>) {
         atomicSub(&alive_count, 1u);
         return;
     }
-    if drawn.weight <= 0.0 {
+    if !(drawn.weight > 0.0) {
         return;
     }
     var along = 0.0;
