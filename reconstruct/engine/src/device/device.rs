@@ -11,6 +11,7 @@ use std::sync::{
 use omnilife_schemas::records::Backend;
 
 use crate::device::adapters::AdapterSummary;
+use crate::device::choices::{KernelChoices, PixelSums};
 use crate::device::error::GpuError;
 
 /// Threads of every workgroup: one per pixel of a tile.
@@ -31,7 +32,8 @@ pub struct Gpu {
     pub(crate) queue: wgpu::Queue,
     summary: AdapterSummary,
     limits: wgpu::Limits,
-    subgroup_size: Option<u32>,
+    choices: KernelChoices,
+    pixel_sums: PixelSums,
     faults: Arc<Mutex<Faults>>,
     bytes_read: AtomicU64,
     made: AtomicU64,
@@ -73,12 +75,15 @@ fn lock(faults: &Mutex<Faults>) -> MutexGuard<'_, Faults> {
 }
 
 impl Gpu {
-    /// Opens the first adapter, hardware before software, with all optional features that it offers.
+    /// Opens the first adapter, hardware before software, with all optional features that it offers. The
+    /// environment chooses the kernels: `OMNILIFE_GPU_SUMS` sums a splat's gradient by a thread per pixel
+    /// (`pixels`, the default) or per splat (`splats`); `OMNILIFE_GPU_ADAM` has `separate` kernels up to Adam
+    /// (the default) or a `fused` one.
     ///
     /// # Errors
-    /// If no adapter is found, it is too small, or its driver gives no device.
+    /// If no adapter is found, it is too small, its driver gives no device, or a variable has another value.
     pub fn open() -> Result<Self, GpuError> {
-        Self::open_with(OPTIONAL_FEATURES)
+        Self::open_with(OPTIONAL_FEATURES, KernelChoices::of_environment()?)
     }
 
     /// Opens the adapter as if it had no subgroups, to test the kernels' twins without them.
@@ -86,10 +91,19 @@ impl Gpu {
     /// # Errors
     /// See [`Gpu::open`].
     pub fn open_without_subgroups() -> Result<Self, GpuError> {
-        Self::open_with(OPTIONAL_FEATURES - wgpu::Features::SUBGROUP)
+        let optional = OPTIONAL_FEATURES - wgpu::Features::SUBGROUP;
+        Self::open_with(optional, KernelChoices::default())
     }
 
-    fn open_with(optional: wgpu::Features) -> Result<Self, GpuError> {
+    /// Opens the adapter with these kernels, whatever the environment chooses, to compare them.
+    ///
+    /// # Errors
+    /// See [`Gpu::open`].
+    pub fn open_with_choices(choices: KernelChoices) -> Result<Self, GpuError> {
+        Self::open_with(OPTIONAL_FEATURES, choices)
+    }
+
+    fn open_with(optional: wgpu::Features, choices: KernelChoices) -> Result<Self, GpuError> {
         let adapter = crate::device::adapters::wgpu_adapters()
             .into_iter()
             .next()
@@ -129,7 +143,8 @@ impl Gpu {
             queue,
             summary,
             limits,
-            subgroup_size,
+            choices,
+            pixel_sums: PixelSums::new(choices, subgroup_size),
             faults,
             bytes_read: AtomicU64::new(0),
             made: AtomicU64::new(0),
@@ -149,9 +164,19 @@ impl Gpu {
     }
 
     /// Returns the threads of the smallest subgroup, in which kernels add up over pixels. `None` if they add
-    /// up in workgroup memory.
+    /// up in workgroup memory, or with a thread per splat.
     pub fn subgroup_size(&self) -> Option<u32> {
-        self.subgroup_size
+        self.pixel_sums.subgroup_size()
+    }
+
+    /// Returns the form in which kernels add up over pixels.
+    pub fn pixel_sums(&self) -> PixelSums {
+        self.pixel_sums
+    }
+
+    /// Returns the kernels that stand for others.
+    pub fn choices(&self) -> KernelChoices {
+        self.choices
     }
 
     /// Returns the limits within which the kernels work, by name, for the run record.
@@ -185,7 +210,9 @@ impl Gpu {
                 .limits()
                 .map(|(name, limit)| (name.to_owned(), limit))
                 .into(),
-            subgroup_size: self.subgroup_size,
+            subgroup_size: self.subgroup_size(),
+            sums_per_splat: self.choices.sums_per_splat,
+            fused_adam: self.choices.fused_adam,
         }
     }
 

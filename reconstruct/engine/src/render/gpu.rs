@@ -98,13 +98,25 @@ impl Chains {
         buffers: &RenderBuffers,
         upstream: &DeviceBuffer<f32>,
     ) -> Result<(), GpuError> {
+        self.backward_to_splats(gpu, program, buffers, upstream)?;
         let stages = self.stages(gpu, &buffers.shape)?;
-        program.begin_stage("raster backward");
-        stages
-            .rasterization
-            .backward(gpu, program, buffers, upstream);
         program.begin_stage("project backward");
         stages.projection.backward(gpu, program, buffers);
+        Ok(())
+    }
+
+    /// Records the backward pass from `upstream`, the gradient by the image, to the splats.
+    pub(crate) fn backward_to_splats(
+        &mut self,
+        gpu: &Gpu,
+        program: &mut Program,
+        buffers: &RenderBuffers,
+        upstream: &DeviceBuffer<f32>,
+    ) -> Result<(), GpuError> {
+        let stages = self.stages(gpu, &buffers.shape)?;
+        program.begin_stage("raster backward");
+        let rasterization = &stages.rasterization;
+        rasterization.backward(gpu, program, buffers, upstream);
         Ok(())
     }
 }
