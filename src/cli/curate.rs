@@ -19,6 +19,7 @@ use super::{
     memory::gibibytes,
     places,
     poses::{MovingMasksArgument, PoseArguments, TruthArguments},
+    tracks::TrackArguments,
 };
 
 #[derive(Debug, Args)]
@@ -238,6 +239,8 @@ pub(crate) enum CurateCommand {
         out: Option<PathBuf>,
     },
     /// Tracks what moves through a posed scene: tracks.json, and tracks.html and tracks.mp4 to look at.
+    // In `run`, --detector is that of shot boundaries.
+    #[command(mut_arg("vehicle_detector", |option| option.visible_alias("detector")))]
     Tracks {
         /// Folder with a scene.json.
         #[arg(value_parser = places::scene_folder())]
@@ -245,26 +248,8 @@ pub(crate) enum CurateCommand {
         /// A split.json: its input views alone are looked at, and the result goes beside it.
         #[arg(long)]
         split: Option<PathBuf>,
-        /// How vehicles are found: motion (what the points of the scene do not explain), files, or command.
-        #[arg(long, default_value = "motion")]
-        detector: String,
-        /// Boxes of another program for the detector files: MOT text, or COCO JSON.
-        #[arg(long, value_name = "FILE")]
-        detections: Option<PathBuf>,
-        /// How the program of the detector command is run, and what it writes.
-        #[arg(long, value_name = "FILE.toml")]
-        program: Option<PathBuf>,
-        /// How far away they are: on the ground around them, or by distances that a network estimated
-        /// (`curate poses --depth-prior`); auto says which, and why.
-        #[arg(long, default_value = "auto")]
-        distance: String,
-        /// How those of one vehicle are found: by whole chains on the ground, or as DeepSORT does in the image,
-        /// with its appearance network (scripts/setup --models).
-        #[arg(long, default_value = "ground-chains")]
-        association: String,
-        /// Metres in a unit of the world, where the scene does not say.
-        #[arg(long, value_name = "METRES")]
-        metres_per_unit: Option<f64>,
+        #[command(flatten)]
+        tracking: TrackArguments,
         /// Also writes the tracks for traffic tools: mot (boxes), speeds (CSV with speed and heading), geojson.
         #[arg(long, value_name = "FORMAT", value_delimiter = ',')]
         export: Vec<String>,

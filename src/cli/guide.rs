@@ -20,6 +20,7 @@ pub(crate) const EXAMPLES: &[Examples] = &[
         &[
             "run walk.mp4 --out OUT",
             "run walk.mp4 --poses poses.json --method omni4dgs-plus --iterations 8000 --out OUT",
+            "run flight.mp4 --projection pinhole --method object-graph --vehicle-detector command --program yolo.toml --out OUT",
         ],
     ),
     (

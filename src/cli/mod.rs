@@ -19,6 +19,7 @@ mod run;
 mod statement;
 mod suggestion;
 mod sweep;
+mod tracks;
 #[cfg(test)]
 mod walk;
 
@@ -49,6 +50,7 @@ pub(crate) use sweep::{
     BenchPlanArguments, PlanArguments, PlanCommand, SubmitArguments, SweepCommand,
     SweepRunArguments,
 };
+pub(crate) use tracks::TrackArguments;
 
 use crate::colour;
 

@@ -20,6 +20,7 @@ use omnilife_schemas::{
     records::{Scene, Split, WordedViews},
     store,
 };
+use omnilife_tracks::TrackOptions;
 use omnilife_video::Projection;
 
 use super::{curate::print_json, method_list, note_far_frames, video};
@@ -85,7 +86,8 @@ pub(crate) fn execute(command: &ReconstructCommand, progress: &dyn Progress) -> 
             // Some methods require nothing, and would leave them unread.
             store::read_record::<Scene>(scene)?;
             store::read_record::<Split>(split)?;
-            match preparation::prepare(&methods, scene, split, progress) {
+            let tracking = TrackOptions::default();
+            match preparation::prepare(&methods, scene, split, &tracking, progress) {
                 Err(error) if *where_possible && !exit::is_interruption(&error) => {
                     progress.note(&format!("left as it is: {error}"));
                     Ok(())

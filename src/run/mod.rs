@@ -28,7 +28,7 @@ use omnilife_curate::{
 use omnilife_leaderboard::{LeaderboardRequest, build_leaderboard_of};
 use omnilife_reconstruct::{
     jobs::reconstruct::{self, ReconstructRequest},
-    methods::{self, METHODS, Method},
+    methods::{self, METHODS, Method, requirement::Requirement},
     request::{BackendChoice, MethodRequest},
 };
 use omnilife_schemas::{
@@ -39,9 +39,10 @@ use omnilife_schemas::{
     stage::{StageOutputs, StagePlan},
     store,
 };
+use omnilife_tracks::TrackOptions;
 
 use crate::{
-    cli::RunArguments,
+    cli::{RunArguments, TrackArguments},
     commands,
     exit::{self, BadRequest, PartialFailure},
     preparation,
@@ -92,6 +93,7 @@ pub(crate) fn main_job(arguments: &RunArguments, progress: &dyn Progress) -> any
         tensorboard: arguments.method.tensorboard.clone(),
         protocol: arguments.protocol.clone(),
         dense: arguments.dense,
+        tracking: tracking(&arguments.tracking, method)?,
         progress,
     };
     // A faulty request must not be found out after an hour of work.
@@ -123,7 +125,7 @@ pub(crate) fn main_job(arguments: &RunArguments, progress: &dyn Progress) -> any
                 progress,
             )
         })?;
-    job.refuse_shared_masks(&curated.record)?;
+    job.refuse_shared_files(&curated.record)?;
     if let Some(line) = masks_off {
         progress.note(&line);
     }
@@ -262,6 +264,8 @@ struct Job<'a> {
     tensorboard: Option<PathBuf>,
     protocol: String,
     dense: bool,
+    /// Detector, distances and association of vehicles.
+    tracking: TrackOptions,
     progress: &'a dyn Progress,
 }
 
@@ -301,9 +305,9 @@ impl Job<'_> {
         prerequisites::require(needed)
     }
 
-    /// Refuses one folder of masks for several sequences: masks are named by frame, and every sequence counts its
-    /// frames from 0.
-    fn refuse_shared_masks(&self, dataset: &Dataset) -> anyhow::Result<()> {
+    /// Refuses one folder of masks, or one file of boxes, for several sequences: both name frames, and every sequence
+    /// counts its frames from 0.
+    fn refuse_shared_files(&self, dataset: &Dataset) -> anyhow::Result<()> {
         let sequences = sequence_count(dataset);
         let of_frames = match &self.truth.ignored {
             // A single image belongs to the camera, in whatever direction it looks.
@@ -311,6 +315,8 @@ impl Job<'_> {
             _ => None,
         };
         let of_frames = self.masks.given().map(|_| "--masks").or(of_frames);
+        let boxes = self.tracking.detections.as_ref().map(|_| "--detections");
+        let of_frames = of_frames.or(boxes);
         match of_frames {
             Some(option) if sequences > 1 => Err(BadRequest(format!(
                 "{option} belongs to one sequence, the videos gave {sequences}; pose them one by \
@@ -367,7 +373,7 @@ impl Job<'_> {
             preparation::dense_points(&scene, &split, true, self.progress)?;
         }
         let method = methods::find(&self.method)?;
-        preparation::prepare(&[method], &scene, &split, self.progress)?;
+        preparation::prepare(&[method], &scene, &split, &self.tracking, self.progress)?;
         let method_folder = self.method_folder(folder);
         let run = method_folder.join("run");
         reconstruct::reconstruct(
@@ -393,6 +399,32 @@ impl Job<'_> {
         )?;
         refuse_unscored(&score(&request, self.progress)?)
     }
+}
+
+/// Returns the options of tracking, with their files checked.
+///
+/// # Errors
+/// When a name is unknown, a file is missing, or the method takes no tracks of vehicles.
+fn tracking(arguments: &TrackArguments, method: &Method) -> anyhow::Result<TrackOptions> {
+    if let Some(option) = arguments.first_choice()
+        && !method.requires.contains(&Requirement::Tracks)
+    {
+        let takes = METHODS
+            .iter()
+            .filter(|one| one.requires.contains(&Requirement::Tracks));
+        let takes: Vec<&str> = takes.map(|one| one.id).collect();
+        return Err(BadRequest(format!(
+            "{option} is for methods that take tracks of vehicles ({}), got --method {}",
+            takes.join(", "),
+            method.id
+        ))
+        .into());
+    }
+    let options = arguments
+        .options()
+        .map_err(|unknown| BadRequest(unknown.to_string()))?;
+    options.check()?;
+    Ok(options)
 }
 
 fn sequence_count(dataset: &Dataset) -> usize {

@@ -21,6 +21,7 @@ pub mod exports;
 pub mod georeference;
 mod hover;
 mod image_boxes;
+pub mod options;
 mod overlay;
 mod page;
 mod path;
@@ -48,10 +49,10 @@ use omnilife_schemas::{
 
 pub use decisions::{TracksPlan, plan_tracks};
 pub use error::TracksError;
+pub use options::TrackOptions;
 
 use association::{Association, Sighting, deepsort};
 use detectors::{Detector, DetectorInput};
-use distance::DistanceMethod;
 use image_boxes::{is_cut, middle, within_image};
 
 /// The page for viewing, beside the tracks.
@@ -67,18 +68,8 @@ pub struct TrackRequest {
     pub scene_folder: PathBuf,
     /// A split whose input views alone are used; all frames if `None`.
     pub split: Option<PathBuf>,
-    /// One of [`DETECTORS`](detectors::DETECTORS).
-    pub detector: &'static Detector,
-    /// A file of boxes.
-    pub detections: Option<PathBuf>,
-    /// A TOML of a program that finds boxes.
-    pub program: Option<PathBuf>,
-    /// The way to find distances.
-    pub distance: DistanceMethod,
-    /// The way to find which detections are of one object.
-    pub association: Association,
-    /// Metres in a unit of the world, where the scene does not say.
-    pub metres_per_unit: Option<f64>,
+    /// Detector, distances and association.
+    pub options: TrackOptions,
     /// Folder of the result.
     pub out: PathBuf,
 }
@@ -134,11 +125,11 @@ impl Asked {
         let scene_path = request.scene_folder.join(SCENE_FILE);
         let scene: Scene = store::read_record(&scene_path)?;
         let frames = frames_of(&scene, request.split.as_deref())?;
-        let files = request.detector.check_files(request);
+        let files = request.options.detector.check_files(&request.options);
         files.map_err(|reason| TracksError::input(&scene_path, reason))?;
         let views = PosedView::of_scene(&scene, &frames);
-        distance::check_estimates(&scene_path, &scene, &views, request.distance)?;
-        let known_scale = metres_per_unit(&scene_path, &scene, request.metres_per_unit)?;
+        distance::check_estimates(&scene_path, &scene, &views, request.options.distance)?;
+        let known_scale = metres_per_unit(&scene_path, &scene, request.options.metres_per_unit)?;
         let beside = request.split.as_deref().and_then(Path::parent);
         let beside = beside.unwrap_or(&request.scene_folder);
         let points = ScenePoints::find(&scene, &request.scene_folder, beside)?;
@@ -161,15 +152,15 @@ impl Asked {
     fn stage(&self, request: &TrackRequest) -> Result<StagePlan, TracksError> {
         let mut plan = StagePlan::new(&request.out, "tracks")
             .with_file(&self.scene_path)?
-            .with_text("detector", request.detector.id)
-            .with_text("distance", request.distance.id())
-            .with_text("association", request.association.id())
+            .with_text("detector", request.options.detector.id)
+            .with_text("distance", request.options.distance.id())
+            .with_text("association", request.options.association.id())
             .with_settings("frames", &self.frames)
             .with_settings("metres per unit", &self.known_scale);
-        if let Some(file) = &request.detections {
+        if let Some(file) = &request.options.detections {
             plan = plan.with_file(file)?;
         }
-        if let Some(file) = &request.program {
+        if let Some(file) = &request.options.program {
             plan = detectors::command::with_inputs(plan, file)?;
         }
         for &frame in &self.frames {
@@ -209,7 +200,7 @@ impl Asked {
         request: &TrackRequest,
         progress: &dyn Progress,
     ) -> Result<Tracks, TracksError> {
-        if request.association == Association::DeepSort {
+        if request.options.association == Association::DeepSort {
             // Before the boxes are looked for whose appearance it compares.
             appearance::published_weights()?;
         }
@@ -228,8 +219,8 @@ impl Asked {
             points: &points,
             ground: plane,
             metres_per_unit: self.known_scale.unwrap_or(1.0),
-            file: request.detections.as_ref(),
-            program: request.program.as_ref(),
+            file: request.options.detections.as_ref(),
+            program: request.options.program.as_ref(),
             out: &request.out,
         };
         let mut stages = Vec::new();
@@ -238,7 +229,7 @@ impl Asked {
             let (metres, evidence) = vehicle_scale::by_vehicles(
                 &self.scene_path,
                 plane,
-                request.detector,
+                request.options.detector,
                 &input,
                 progress,
             )?;
@@ -255,7 +246,7 @@ impl Asked {
             request,
             warnings,
         };
-        work.run(stages, request.detector, &input, progress)
+        work.run(stages, request.options.detector, &input, progress)
     }
 }
 
@@ -319,10 +310,10 @@ impl Tracking<'_> {
         };
         stages.push(stage("detector", detector.id, found, begun));
         let begun = Stopwatch::with_children();
-        let lifted = self.lift(&mut detections, input, self.request.distance)?;
+        let lifted = self.lift(&mut detections, input, self.request.options.distance)?;
         stages.push(stage("distance", lifted.method.id(), lifted.reason, begun));
         let begun = Stopwatch::with_children();
-        let association = self.request.association;
+        let association = self.request.options.association;
         let groups = match association {
             Association::DeepSort => {
                 let (groups, said) = self.associate_by_appearance(&detections, input)?;

@@ -25,8 +25,8 @@ use omnilife_schemas::{
     trajectory::GroundAxes,
 };
 use omnilife_tracks::{
-    OVERLAY_FILE, PAGE_FILE, TrackRequest, association::Association, boxes::projected_box,
-    detectors::files, distance::DistanceMethod, make_tracks, plan_tracks,
+    OVERLAY_FILE, PAGE_FILE, TrackOptions, TrackRequest, boxes::projected_box, detectors::files,
+    distance::DistanceMethod, make_tracks, plan_tracks,
 };
 
 const FRAMES: usize = 16;
@@ -135,12 +135,11 @@ fn request(folder: &Path, boxes: &str) -> TrackRequest {
     TrackRequest {
         scene_folder: folder.join("scene"),
         split: None,
-        detector: &files::DETECTOR,
-        detections: Some(file),
-        program: None,
-        distance: DistanceMethod::Auto,
-        association: Association::GroundChains,
-        metres_per_unit: None,
+        options: TrackOptions {
+            detector: &files::DETECTOR,
+            detections: Some(file),
+            ..TrackOptions::default()
+        },
         out: folder.join("tracks"),
     }
 }
@@ -349,7 +348,7 @@ fn coco_boxes_are_read_and_checked() {
         let mut request = request(temp.path(), "");
         let file = temp.path().join("boxes.json");
         fs::write(&file, text).unwrap();
-        request.detections = Some(file);
+        request.options.detections = Some(file);
         make_tracks(&request, &Silent)
     };
     let image =
