@@ -138,6 +138,13 @@ pub(crate) enum BenchCommand {
         /// The scene.json, or its folder.
         #[arg(long, value_parser = places::scene_file())]
         scene: PathBuf,
+        /// True poses of the scene's frames, in a form of `bench poses`: paths of a scene posed from its images
+        /// alone are brought to their world by the cameras, and are left out without.
+        #[arg(long, value_name = "FILE")]
+        true_poses: Option<PathBuf>,
+        /// Direction of the matrices of a .npy file, with camera axes x right, y down, z forward.
+        #[arg(long, value_enum, value_name = "CONVENTION", requires = "true_poses")]
+        poses_convention: Option<PosesConventionArgument>,
     },
     /// Scores camera poses against those of a scene or against true ones: ATE, RPE, AUC, drift.
     Poses {

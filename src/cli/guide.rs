@@ -218,7 +218,10 @@ pub(crate) const EXAMPLES: &[Examples] = &[
     ),
     (
         "bench tracks",
-        &["bench tracks tracks.json --truth truth.json --scene SEQUENCE"],
+        &[
+            "bench tracks tracks.json --truth truth.json --scene SEQUENCE",
+            "bench tracks tracks.json --truth truth.json --scene SEQUENCE --true-poses poses.json",
+        ],
     ),
     (
         "bench poses",
