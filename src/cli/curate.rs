@@ -240,7 +240,10 @@ pub(crate) enum CurateCommand {
     },
     /// Tracks what moves through a posed scene: tracks.json, and tracks.html and tracks.mp4 to look at.
     // In `run`, --detector is that of shot boundaries.
-    #[command(mut_arg("vehicle_detector", |option| option.visible_alias("detector")))]
+    #[command(
+        mut_arg("vehicle_detector", |option| option.visible_alias("detector")),
+        mut_arg("every_frame", |option| option.requires("video"))
+    )]
     Tracks {
         /// Folder with a scene.json.
         #[arg(value_parser = places::scene_folder())]
@@ -250,6 +253,9 @@ pub(crate) enum CurateCommand {
         split: Option<PathBuf>,
         #[command(flatten)]
         tracking: TrackArguments,
+        /// The scene's video, for --every-frame. Boxes of --detections then have the numbers of its frames.
+        #[arg(long, value_name = "FILE", requires = "every_frame")]
+        video: Option<PathBuf>,
         /// Also writes the tracks for traffic tools: mot (boxes), speeds (CSV with speed and heading), geojson.
         #[arg(long, value_name = "FORMAT", value_delimiter = ',')]
         export: Vec<String>,

@@ -124,6 +124,7 @@ pub(crate) const EXAMPLES: &[Examples] = &[
             "curate tracks SEQUENCE --split split.json --detector files --detections boxes.txt",
             "curate tracks SEQUENCE --detector files --detections boxes.txt --association deepsort",
             "curate tracks SEQUENCE --split split.json --detector command --program yolo.toml",
+            "curate tracks SEQUENCE --split split.json --every-frame --video flight.mp4",
             "curate tracks SEQUENCE --split split.json --plan",
         ],
     ),

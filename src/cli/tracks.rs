@@ -32,10 +32,14 @@ pub(crate) struct TrackArguments {
     /// Metres in a unit of the world, where the scene does not say.
     #[arg(long, value_name = "METRES")]
     pub(crate) metres_per_unit: Option<f64>,
+    /// Looks at every frame of the video, with poses interpolated between those of the samples. Refused where
+    /// samples that are left out and interpolated move the ground by more than two pixels.
+    #[arg(long)]
+    pub(crate) every_frame: bool,
 }
 
 impl TrackArguments {
-    /// Returns the options of tracking.
+    /// Returns the options of tracking; a video is to be added where `every_frame` is set.
     ///
     /// # Errors
     /// [`UnknownName`] where there is another detector, distance or association.
@@ -50,6 +54,7 @@ impl TrackArguments {
                 one.id()
             })?,
             metres_per_unit: self.metres_per_unit,
+            video: None,
         })
     }
 
@@ -70,6 +75,7 @@ impl TrackArguments {
                 self.association != default.association.id(),
             ),
             ("--metres-per-unit", self.metres_per_unit.is_some()),
+            ("--every-frame", self.every_frame),
         ]
         .into_iter()
         .find_map(|(option, is_chosen)| is_chosen.then_some(option))
@@ -114,6 +120,7 @@ mod tests {
             "--distance monocular",
             "--association deepsort",
             "--metres-per-unit 2",
+            "--every-frame",
         ] {
             let option = words.split(' ').next();
             assert_eq!(parsed(words).first_choice(), option, "{words}");

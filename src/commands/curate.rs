@@ -19,7 +19,7 @@ use omnilife_schemas::{
     records::ValidationStatus,
 };
 use omnilife_tracks::{
-    TrackRequest,
+    TrackOptions, TrackRequest,
     dense::{DenseRequest, make_dense},
     exports::{TRACK_FORMATS, TrackExportRequest, export_tracks},
     make_tracks, plan_tracks,
@@ -113,6 +113,7 @@ pub(crate) fn execute(command: &CurateCommand, progress: &dyn Progress) -> anyho
             scene,
             split,
             tracking,
+            video,
             export,
             telemetry,
             plan,
@@ -127,7 +128,10 @@ pub(crate) fn execute(command: &CurateCommand, progress: &dyn Progress) -> anyho
             let request = TrackRequest {
                 scene_folder: scene.clone(),
                 split: split.clone(),
-                options: tracking.options().map_err(unknown)?,
+                options: TrackOptions {
+                    video: video.clone(),
+                    ..tracking.options().map_err(unknown)?
+                },
                 out: out.clone().unwrap_or_else(|| beside.to_owned()),
             };
             // Names are checked before the tracking.

@@ -94,6 +94,7 @@ pub(crate) fn main_job(arguments: &RunArguments, progress: &dyn Progress) -> any
         protocol: arguments.protocol.clone(),
         dense: arguments.dense,
         tracking: tracking(&arguments.tracking, method)?,
+        every_frame: arguments.tracking.every_frame,
         progress,
     };
     // A faulty request must not be found out after an hour of work.
@@ -130,7 +131,7 @@ pub(crate) fn main_job(arguments: &RunArguments, progress: &dyn Progress) -> any
         progress.note(&line);
     }
     let (outcomes, printed) = summary.run(SUMMARY_FILES, progress, |made| {
-        score_all(&job, &curated, &arguments.out, made)
+        score_all(&job, &videos, &curated, &arguments.out, made)
     })?;
     let page = overview::write_page(&arguments.out, progress)?;
     progress.note(&format!("{}: to be opened in a browser", page.display()));
@@ -143,6 +144,7 @@ pub(crate) fn main_job(arguments: &RunArguments, progress: &dyn Progress) -> any
 /// sequences.
 fn score_all(
     job: &Job<'_>,
+    videos: &[PathBuf],
     curated: &CuratedDataset,
     out: &Path,
     made: &mut StageOutputs<'_>,
@@ -162,7 +164,7 @@ fn score_all(
                     total => format!("{number} of {total}: {id}"),
                 };
                 job.progress.begin(&label, None);
-                let scored = job.score_sequence(&folder, id);
+                let scored = job.score_sequence(&folder, id, videos.get(index));
                 job.progress.end();
                 outcomes.push(match scored {
                     Ok(()) => Outcome::scored(&video.file, id),
@@ -266,6 +268,8 @@ struct Job<'a> {
     dense: bool,
     /// Detector, distances and association of vehicles.
     tracking: TrackOptions,
+    /// True if vehicles are tracked through every frame of the video.
+    every_frame: bool,
     progress: &'a dyn Progress,
 }
 
@@ -363,8 +367,13 @@ impl Job<'_> {
         Ok(())
     }
 
-    /// Makes poses, split, reconstruction and scores of one sequence.
-    fn score_sequence(&self, folder: &Path, id: &str) -> anyhow::Result<()> {
+    /// Makes poses, split, reconstruction and scores of one sequence of a video.
+    fn score_sequence(
+        &self,
+        folder: &Path,
+        id: &str,
+        video: Option<&PathBuf>,
+    ) -> anyhow::Result<()> {
         self.pose(folder, id)?;
         let protocol_folder = folder.join(&self.protocol);
         let (scene, split) = (folder.join(SCENE_FILE), protocol_folder.join(SPLIT_FILE));
@@ -373,7 +382,11 @@ impl Job<'_> {
             preparation::dense_points(&scene, &split, true, self.progress)?;
         }
         let method = methods::find(&self.method)?;
-        preparation::prepare(&[method], &scene, &split, &self.tracking, self.progress)?;
+        let tracking = TrackOptions {
+            video: video.filter(|_| self.every_frame).cloned(),
+            ..self.tracking.clone()
+        };
+        preparation::prepare(&[method], &scene, &split, &tracking, self.progress)?;
         let method_folder = self.method_folder(folder);
         let run = method_folder.join("run");
         reconstruct::reconstruct(
@@ -424,6 +437,9 @@ fn tracking(arguments: &TrackArguments, method: &Method) -> anyhow::Result<Track
         .options()
         .map_err(|unknown| BadRequest(unknown.to_string()))?;
     options.check()?;
+    if arguments.every_frame {
+        options.check_every_frame()?;
+    }
     Ok(options)
 }
 

@@ -17,6 +17,7 @@ pub mod dense;
 pub mod detectors;
 pub mod distance;
 pub mod error;
+mod every_frame;
 pub mod exports;
 pub mod georeference;
 mod hover;
@@ -25,6 +26,7 @@ pub mod options;
 mod overlay;
 mod page;
 mod path;
+mod pose_interpolation;
 pub mod rings;
 pub mod spline_fit;
 pub mod stability;
@@ -53,6 +55,7 @@ pub use options::TrackOptions;
 
 use association::{Association, Sighting, deepsort};
 use detectors::{Detector, DetectorInput};
+use every_frame::{EveryFrame, Samples};
 use image_boxes::{is_cut, middle, within_image};
 
 /// The page for viewing, beside the tracks.
@@ -118,6 +121,8 @@ struct Asked {
     known_scale: Option<f64>,
     /// Points of static content.
     points: Option<ScenePoints>,
+    /// SHA-256 of the video whose frames are all used.
+    video_sha256: Option<String>,
 }
 
 impl Asked {
@@ -134,6 +139,7 @@ impl Asked {
         let beside = beside.unwrap_or(&request.scene_folder);
         let points = ScenePoints::find(&scene, &request.scene_folder, beside)?;
         Ok(Self {
+            video_sha256: every_frame::check_video(request)?,
             scene_path,
             scene,
             frames,
@@ -159,6 +165,9 @@ impl Asked {
             .with_settings("metres per unit", &self.known_scale);
         if let Some(file) = &request.options.detections {
             plan = plan.with_file(file)?;
+        }
+        if let Some(sha256) = &self.video_sha256 {
+            plan = plan.with_hash("video", sha256.clone());
         }
         if let Some(file) = &request.options.program {
             plan = detectors::command::with_inputs(plan, file)?;
@@ -212,10 +221,28 @@ impl Asked {
                 "has too few points to find the ground by; poses from structure from motion bring them",
             )
         })?;
-        let mut input = DetectorInput {
-            folder: &request.scene_folder,
+        let mut stages = Vec::new();
+        let begun = Stopwatch::with_children();
+        let samples = Samples {
             scene: &self.scene,
             views: &self.views,
+        };
+        let every = EveryFrame::of_request(request, samples, plane, progress)?;
+        if let Some(every) = &every {
+            stages.push(stage("frames", "every-frame", every.reason.clone(), begun));
+        }
+        let (scene, views, scale_views) = match &every {
+            // Programs run once, on all frames.
+            Some(every) if request.options.detector.keeps_files => {
+                (&every.scene, &every.views, &every.views)
+            }
+            Some(every) => (&every.scene, &every.views, &every.sample_views),
+            None => (&self.scene, &self.views, &self.views),
+        };
+        let mut input = DetectorInput {
+            folder: &request.scene_folder,
+            scene,
+            views: scale_views,
             points: &points,
             ground: plane,
             metres_per_unit: self.known_scale.unwrap_or(1.0),
@@ -223,7 +250,6 @@ impl Asked {
             program: request.options.program.as_ref(),
             out: &request.out,
         };
-        let mut stages = Vec::new();
         if self.known_scale.is_none() {
             let begun = Stopwatch::with_children();
             let (metres, evidence) = vehicle_scale::by_vehicles(
@@ -237,16 +263,21 @@ impl Asked {
             stages.push(stage("scale", "vehicle-length", evidence, begun));
             input.metres_per_unit = metres;
         }
+        input.views = views;
         let work = Tracking {
-            scene: &self.scene,
-            views: &self.views,
+            scene,
+            views,
             points: &points,
             plane,
             metres_per_unit: input.metres_per_unit,
             request,
             warnings,
         };
-        work.run(stages, request.options.detector, &input, progress)
+        let tracks = work.run(stages, request.options.detector, &input, progress)?;
+        Ok(match &every {
+            Some(every) => every.at_samples(tracks),
+            None => tracks,
+        })
     }
 }
 

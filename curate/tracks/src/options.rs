@@ -24,6 +24,8 @@ pub struct TrackOptions {
     pub association: Association,
     /// Metres in a unit of the world, where the scene does not say.
     pub metres_per_unit: Option<f64>,
+    /// The scene's video, of which every frame is used; the samples alone if `None`.
+    pub video: Option<PathBuf>,
 }
 
 impl Default for TrackOptions {
@@ -36,6 +38,7 @@ impl Default for TrackOptions {
             distance: DistanceMethod::Auto,
             association: Association::GroundChains,
             metres_per_unit: None,
+            video: None,
         }
     }
 }
@@ -68,6 +71,20 @@ impl TrackOptions {
             crate::appearance::published_weights()?;
         }
         Ok(())
+    }
+
+    /// Checks that distances are known at every frame of a video.
+    ///
+    /// # Errors
+    /// When they are to be estimates, which samples alone have.
+    pub fn check_every_frame(&self) -> Result<(), TracksError> {
+        if !self.distance.needs_estimates() {
+            return Ok(());
+        }
+        let reason =
+            "has estimates of samples alone, and --every-frame needs distances on the ground";
+        let option = format!("--distance {}", self.distance.id());
+        Err(TracksError::input(Path::new(&option), reason))
     }
 }
 
@@ -106,6 +123,17 @@ mod tests {
                 refusal.as_ref().is_err_and(|words| words.contains(named)),
                 "{named}: {refusal:?}"
             );
+        }
+        for (distance, is_known) in [
+            (DistanceMethod::Auto, true),
+            (DistanceMethod::Ground, true),
+            (DistanceMethod::Monocular, false),
+        ] {
+            let options = TrackOptions {
+                distance,
+                ..TrackOptions::default()
+            };
+            assert_eq!(options.check_every_frame().is_ok(), is_known);
         }
     }
 }

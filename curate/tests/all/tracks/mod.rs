@@ -2,6 +2,7 @@
 //! in one line.
 
 mod estimates;
+mod every_frame;
 mod exports;
 mod moved;
 #[cfg(unix)]
@@ -104,7 +105,7 @@ fn write_points(folder: &Path, side: usize, spacing: f64) {
 
 /// The cars' boxes as MOT text.
 fn boxes(scene: &Scene) -> String {
-    let frames: Vec<u32> = (0..FRAMES as u32).collect();
+    let frames: Vec<u32> = (0..scene.frames.len() as u32).collect();
     let axes = GroundAxes::new(DVec3::Z);
     let mut text = String::new();
     for view in PosedView::of_scene(scene, &frames) {
