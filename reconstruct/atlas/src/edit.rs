@@ -12,7 +12,7 @@ use super::{
     clip::{camera_direction, pixel_centre},
     graph::Graph,
     node::{FieldKind, Fields, LearntOffsets, Node, Overlay, Surface},
-    outputs,
+    outputs, paint,
     render::{Moment, Rays},
     saved,
     shade::Detail,
@@ -124,7 +124,16 @@ fn apply(graph: &mut Graph, edit: &Edit, folder: &Path, run: &RunRecord) -> Resu
         Edit::Texture { image, frame, .. } => {
             let painted = read_rgba(&folder.join(image))?;
             let (texture, done) = match frame {
-                None => (painted, format!("{id} is painted over its atlas")),
+                None => {
+                    let is_sphere = matches!(graph.nodes[number].surface, Surface::Sphere { .. });
+                    if is_sphere && painted.width != 2 * painted.height {
+                        return Err(format!(
+                            "{id} is a sphere: an image over it must be twice as wide as high, got {}x{}",
+                            painted.width, painted.height
+                        ));
+                    }
+                    (painted, format!("{id} is painted over its atlas"))
+                }
                 Some(frame) => {
                     let (texture, returned) = from_frame(graph, number, *frame, &painted)?;
                     let share = 100.0 * returned;
@@ -229,9 +238,9 @@ fn read_rgba(path: &Path) -> Result<Texture<4>, String> {
 /// Returns the paint of a frame over the node's atlas, and the share of the painted pixels that come back within
 /// half a pixel.
 ///
-/// The ray of every painted pixel is followed to the node and moved by the flow of the frame's moment. Its paint
-/// is spread linearly over the four texels around. Texels without paint between painted ones take the mean of
-/// their neighbours.
+/// The ray of every painted pixel is followed to the node and moved by the flow of the frame's moment. On a sphere
+/// every texel then looks up its pixel ([`paint`]). On a plane the paint is spread linearly over the four texels
+/// around. Texels without paint between painted ones take the mean of their neighbours.
 fn from_frame(
     graph: &mut Graph,
     node: usize,
@@ -273,6 +282,15 @@ fn from_frame(
             "nothing that is painted in frame {frame} lies on {}",
             graph.nodes[node].id
         ));
+    }
+    if let Some(texture) = paint::on_sphere(graph, node, &taken, painted) {
+        let shades = samples.iter().zip(&seen.shaded[node].shades);
+        let queries = shades.map(|(sample, shade)| {
+            let [.., cover] = painted.texels[pixels[sample.ray]];
+            (cover, shade.query)
+        });
+        let returned = paint::returned_share(&texture, &queries.collect::<Vec<_>>());
+        return Ok((texture, returned));
     }
     let (across, down) = (
         graph.nodes[node].colour.width,

@@ -21,6 +21,7 @@ pub mod learner;
 pub mod linked_masks;
 pub mod node;
 pub mod outputs;
+mod paint;
 pub mod plan;
 pub mod published;
 pub mod render;
