@@ -256,7 +256,8 @@ pub(crate) enum CurateCommand {
         /// The scene's video, for --every-frame. Boxes of --detections then have the numbers of its frames.
         #[arg(long, value_name = "FILE", requires = "every_frame")]
         video: Option<PathBuf>,
-        /// Also writes the tracks for traffic tools: mot (boxes), speeds (CSV with speed and heading), geojson.
+        /// Also writes the tracks for traffic tools: mot (boxes), speeds (CSV with speed and heading), geojson,
+        /// orthophoto (the ground without moving vehicles).
         #[arg(long, value_name = "FORMAT", value_delimiter = ',')]
         export: Vec<String>,
         /// Positions of a drone in the subtitles (.SRT) of its video; with them, or with positions of stills in

@@ -39,7 +39,6 @@ use omnilife_schemas::{
     elapsed::Stopwatch,
     ground_plane::Plane,
     layout::{SCENE_FILE, TRACKS_FILE},
-    points::PointCloud,
     posed_view::{PosedView, frames_of},
     progress::Progress,
     records::{Detection, Scale, Scene, Track, TrackStage, Tracks},
@@ -187,22 +186,6 @@ impl Asked {
         }
     }
 
-    /// Returns points of static content, and remarks on them.
-    fn static_points(&self) -> Result<(Vec<DVec3>, Vec<String>), TracksError> {
-        match &self.points {
-            Some(points) => {
-                let points = PointCloud::read_ply(&points.file)?.positions.into_iter();
-                Ok((points.map(DVec3::from_array).collect(), Vec::new()))
-            }
-            None if hover::is_hovering(&self.scene, &self.views) => {
-                let warning = "the camera hovers, and without parallax there is no ground: tracks are on a plane \
-                               across the viewing direction, images are compared by homographies";
-                Ok((hover::plane_points(&self.views), vec![warning.to_owned()]))
-            }
-            None => Ok((Vec::new(), Vec::new())),
-        }
-    }
-
     /// Computes the tracks, without writing them.
     fn track(
         &self,
@@ -213,7 +196,8 @@ impl Asked {
             // Before the boxes are looked for whose appearance it compares.
             appearance::published_weights()?;
         }
-        let (points, warnings) = self.static_points()?;
+        let points = self.points.as_ref();
+        let (points, warnings) = hover::static_points(points, &self.scene, &self.views)?;
         let centres: Vec<DVec3> = self.views.iter().map(|view| view.centre).collect();
         let (plane, _) = Plane::dominant(&points, &centres).ok_or_else(|| {
             TracksError::input(

@@ -5,6 +5,7 @@ mod estimates;
 mod every_frame;
 mod exports;
 mod moved;
+mod orthophotos;
 #[cfg(unix)]
 mod programs;
 
