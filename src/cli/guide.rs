@@ -189,7 +189,11 @@ pub(crate) const EXAMPLES: &[Examples] = &[
     ("reconstruct atlas", &["reconstruct atlas RUN --out ATLAS"]),
     (
         "reconstruct edit",
-        &["reconstruct edit RUN --script edit.toml --out EDITED"],
+        &[
+            "reconstruct edit RUN --script edit.toml --out EDITED",
+            "reconstruct edit RUN --script edit.toml --poses SEQUENCE --preview 12 --out PREVIEW",
+            "reconstruct edit RUN --script edit.toml --poses SEQUENCE --video edited.mp4 --out EDITED",
+        ],
     ),
     (
         "reconstruct methods",

@@ -6,6 +6,7 @@ mod bench_run;
 mod camera_words;
 mod curate;
 mod dataset;
+mod edit;
 mod guide;
 mod leaderboard;
 mod ledger;
@@ -35,6 +36,7 @@ pub(crate) use dataset::{
     AnnotateArguments, ExportArguments, ImportArguments, MasksArguments, PublishArguments,
     SelectArguments, SliceArguments,
 };
+pub(crate) use edit::EditArguments;
 pub(crate) use leaderboard::{
     AddArguments, AnswerFormatArgument, DatasetsArguments, FigureArguments, GalleryArguments,
     LeaderboardBuildArguments, LeaderboardCommand, QueryArguments, SubmitResultsArguments,
