@@ -232,6 +232,15 @@ pub(crate) enum BenchCommand {
         /// Folder with results of the other.
         b: PathBuf,
     },
+    /// Scores a video without a truth, such as an edited one: T-LPIPS over neighbouring frames, as JSON.
+    Video {
+        /// Folder of PNG images, frames in the order of their names.
+        views: PathBuf,
+        /// Folder of another video of the same frames, beside which the number is read: a camera that moves changes
+        /// images too.
+        #[arg(long, value_name = "VIEWS")]
+        reference: Option<PathBuf>,
+    },
     /// Runs methods on scenes under protocols, scores them and makes the tables, with intervals.
     Run(BenchRunArguments),
     /// Looks for mistakes of convention: axes, pixel centres, channels, encodings, order of frames.

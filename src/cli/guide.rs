@@ -241,6 +241,10 @@ pub(crate) const EXAMPLES: &[Examples] = &[
     ),
     ("bench compare", &["bench compare SCORES-A SCORES-B"]),
     (
+        "bench video",
+        &["bench video EDITED/views --reference VIEWS"],
+    ),
+    (
         "bench run",
         &[
             "bench run DATASET --out OUT",

@@ -8,6 +8,7 @@ use omnilife_bench::{
     diagnose, frames_without_content, protocols, record_failure, run_external, score,
     split_scene_under,
     tracking::{compare_tracks, world::TruePoses},
+    video_consistency::video_consistency,
     write_adapter,
 };
 use omnilife_schemas::{
@@ -216,6 +217,13 @@ pub(crate) fn execute(command: &BenchCommand, progress: &dyn Progress) -> anyhow
             bench_scores::validate(scene, split, &predictions, progress)
         }
         BenchCommand::Compare { a, b } => bench_scores::compare(a, b),
+        BenchCommand::Video { views, reference } => {
+            let of_reference = reference.as_deref().map(video_consistency).transpose()?;
+            print_json(&json!({
+                "video": video_consistency(views)?,
+                "reference": of_reference,
+            }))
+        }
         BenchCommand::Run(arguments) => bench_run::execute(arguments, progress),
         BenchCommand::Diagnose {
             scene,

@@ -130,6 +130,7 @@ const BENCH: &[&[&str]] = &[
         "poses",
         "protocols",
         "stability_report",
+        "video_consistency",
     ],
     &["metrics", "split", "tracking"],
     &["availability", "scene_identity"],
