@@ -204,6 +204,31 @@ fn a_clip_is_imported_learnt_scored_taken_apart_and_edited() {
 
     edits_are_shown_in_one_command(folder, &atlas, &scene);
 
+    // An image, and an object of a run, stand where the square is.
+    image::RgbaImage::from_pixel(8, 8, image::Rgba([20, 20, 240, 255]))
+        .save(folder.join("blue.png"))
+        .unwrap();
+    let insert = "[[edit]]\nkind = \"insert\"\nnode = \"square\"\n";
+    let removal = "[[edit]]\nkind = \"remove\"\nnode = \"square\"\n";
+    for (what, name, channel) in [
+        ("new = \"logo\"\nimage = \"blue.png\"\n", "logo", 2),
+        (
+            "new = \"twin\"\nrun = \"run\"\nfrom = \"square\"\n",
+            "twin",
+            0,
+        ),
+    ] {
+        let script = format!("{insert}{what}{removal}");
+        edit(&atlas, &script, &folder.join(name)).succeeded();
+        let (ended, shown) = render(&folder.join(name), "all", &format!("{name}-views"));
+        ended.succeeded();
+        let middle = read_image(&shown)[(32, 20)];
+        assert!(
+            middle[channel] > 150 && middle[1] < 110,
+            "{name}: {middle:?}"
+        );
+    }
+
     // A painted frame returns at its painted position.
     let mut paint = image::RgbaImage::new(SIZE[0], SIZE[1]);
     for x in 29..36 {

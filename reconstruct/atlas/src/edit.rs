@@ -11,6 +11,7 @@ use omnilife_schemas::{image_file::ImageFile, records::RunRecord, trajectory::Gr
 use super::{
     clip::{camera_direction, pixel_centre},
     graph::Graph,
+    insert,
     node::{FieldKind, Fields, LearntOffsets, Node, Overlay, Surface},
     outputs, paint,
     render::{Moment, Rays},
@@ -64,15 +65,30 @@ fn apply(graph: &mut Graph, edit: &Edit, folder: &Path, run: &RunRecord) -> Resu
         }
         Edit::Duplicate { new, .. } => {
             let new = new.as_deref().unwrap_or_default();
-            let is_name = !new.is_empty() && !new.contains(['/', '\\', ':']);
-            if !is_name || graph.find(new).is_some() {
-                return Err(format!(
-                    "new must be a free name without /, \\ and :, got {new:?}"
-                ));
-            }
+            check_name(graph, new)?;
             let copy = copied(&graph.nodes[number], new);
             graph.nodes.insert(number + 1, copy);
             Ok(format!("{new} is a copy of {id}"))
+        }
+        Edit::Insert {
+            new,
+            image,
+            run: other,
+            from,
+            ..
+        } => {
+            check_name(graph, new)?;
+            let place = &graph.nodes[number];
+            let node = match (image, other, from) {
+                (Some(image), ..) => insert::image(place, new, &folder.join(image))?,
+                (None, Some(other), Some(from)) => {
+                    insert::of_run(place, new, &folder.join(other), from)?
+                }
+                _ => return Err("must have either image, or run and from".to_owned()),
+            };
+            // Of two at one distance the earlier is in front.
+            graph.nodes.insert(number, node);
+            Ok(format!("{new} is inserted in the place of {id}, before it"))
         }
         Edit::Retime {
             seconds, frames, ..
@@ -150,6 +166,17 @@ fn apply(graph: &mut Graph, edit: &Edit, folder: &Path, run: &RunRecord) -> Resu
     }
 }
 
+/// Checks the name of a new node.
+fn check_name(graph: &Graph, new: &str) -> Result<(), String> {
+    let is_name = !new.is_empty() && !new.contains(['/', '\\', ':']);
+    if is_name && graph.find(new).is_none() {
+        return Ok(());
+    }
+    Err(format!(
+        "new must be a free name without /, \\ and :, got {new:?}"
+    ))
+}
+
 /// Returns a node's distance from the camera of its training. Earlier shifts do not change it, so that a shift
 /// and its reverse cancel.
 fn distance_of(node: &Node, camera: DVec3) -> f64 {
@@ -200,22 +227,24 @@ fn copied(node: &Node, id: &str) -> Node {
         colour: node.colour.clone(),
         opacity: node.opacity.clone(),
         fields,
-        offsets: node.offsets.as_ref().map(|offsets| LearntOffsets {
-            unit: offsets.unit,
-            with_rotation: offsets.with_rotation,
-            parameters: SharedParameters::new(
-                "trajectories",
-                offsets.parameters.array.values.clone(),
-            ),
-        }),
+        offsets: copied_offsets(node),
         times: node.times,
         delay: node.delay,
         overlay: node.overlay.clone(),
     }
 }
 
+/// Returns a copy of a node's corrections of its trajectory.
+pub(super) fn copied_offsets(node: &Node) -> Option<LearntOffsets> {
+    node.offsets.as_ref().map(|offsets| LearntOffsets {
+        unit: offsets.unit,
+        with_rotation: offsets.with_rotation,
+        parameters: SharedParameters::new("trajectories", offsets.parameters.array.values.clone()),
+    })
+}
+
 /// Reads an RGBA image with colours weighted by opacity.
-fn read_rgba(path: &Path) -> Result<Texture<4>, String> {
+pub(super) fn read_rgba(path: &Path) -> Result<Texture<4>, String> {
     let decoded = ImageFile::open(path).and_then(ImageFile::decode);
     let rgba = decoded.map_err(|error| error.to_string())?.to_rgba8();
     let texels: Vec<[f32; 4]> = rgba

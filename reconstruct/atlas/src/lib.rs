@@ -17,6 +17,7 @@ mod device;
 pub mod edit;
 pub mod graph;
 pub mod initialize;
+mod insert;
 pub mod learner;
 pub mod linked_masks;
 pub mod node;
