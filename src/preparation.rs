@@ -17,16 +17,13 @@ use omnilife_schemas::{
     store,
 };
 use omnilife_tracks::{
-    TrackRequest,
-    association::Association,
+    TrackOptions, TrackRequest,
     dense::{self, DenseRequest, make_dense},
-    detectors::motion,
-    distance::DistanceMethod,
     make_tracks,
 };
 
-/// Makes everything that `methods` require of a scene and a split, in the order of their rows. Existing inputs that
-/// are up to date are not made again.
+/// Makes everything that `methods` require of a scene and a split, in the order of their rows; tracks by `tracking`.
+/// Existing inputs that are up to date are not made again.
 ///
 /// # Errors
 /// When the scene cannot be read, or a requirement cannot be made.
@@ -34,13 +31,14 @@ pub(crate) fn prepare(
     methods: &[&Method],
     scene: &Path,
     split: &Path,
+    tracking: &TrackOptions,
     progress: &dyn Progress,
 ) -> anyhow::Result<()> {
     let requirements: BTreeSet<Requirement> = (methods.iter())
         .flat_map(|method| method.requires.iter().copied())
         .collect();
     for requirement in requirements {
-        meet(requirement, scene, split, progress)?;
+        meet(requirement, scene, split, tracking, progress)?;
     }
     Ok(())
 }
@@ -50,6 +48,7 @@ fn meet(
     requirement: Requirement,
     scene: &Path,
     split: &Path,
+    tracking: &TrackOptions,
     progress: &dyn Progress,
 ) -> anyhow::Result<()> {
     match requirement {
@@ -60,12 +59,7 @@ fn meet(
             let request = TrackRequest {
                 scene_folder: folder_of(scene),
                 split: Some(split.to_owned()),
-                detector: &motion::DETECTOR,
-                detections: None,
-                program: None,
-                distance: DistanceMethod::Auto,
-                association: Association::GroundChains,
-                metres_per_unit: None,
+                options: tracking.clone(),
                 out: folder_of(split),
             };
             make_tracks(&request, progress)?;
