@@ -96,7 +96,7 @@ def show(**options):
         omnilife.rerun.show(sys.argv[1], small.scene, small.split, follow=True, **options)
     except omnilife.OmnilifeError as error:
         assert "\\n" not in str(error)
-        print(type(error).__name__, str(error).split(":")[-3 if "proxy" in str(error) else 0].split("/")[-1])
+        print(type(error).__name__, next(name for name in ("run.rrd", "/proxy") if f"{name}: cannot be" in str(error)))
     sys.stdout.flush()
     small.remove()
     os._exit(0)
@@ -389,7 +389,7 @@ class Recordings(Scenes):
         self.assertEqual(self.in_a_process(LIMITED, self.folder / "run.rrd"), "MachineError run.rrd")
 
     def test_a_viewer_that_goes_is_one_line(self) -> None:
-        self.assertEqual(self.in_a_process(LEFT_ALONE), "MachineError proxy")
+        self.assertEqual(self.in_a_process(LEFT_ALONE), "MachineError /proxy")
 
     def in_a_process(self, code: str, *words: object) -> str:
         """Runs code in a process that ends at once: the SDK would wait at its exit for what is gone."""
