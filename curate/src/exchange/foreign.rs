@@ -44,7 +44,7 @@ pub struct ForeignScene {
     pub(crate) stills: BTreeMap<PathBuf, (Still, f64)>,
     /// A line on the source of these seconds; empty without stills.
     pub(crate) stills_note: String,
-    /// Names, times, boxes and distances of the frames of a drive, and paths of what moves.
+    /// Names, times, boxes and distances of the frames of a drive, and paths of moving objects.
     pub(crate) drive: Option<Drive>,
     /// Lines on decisions and omissions of the reader.
     pub notes: Vec<String>,

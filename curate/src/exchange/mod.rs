@@ -121,7 +121,9 @@ pub fn written_formats() -> impl Iterator<Item = &'static Format> {
 /// # Errors
 /// [`CurateError::Input`] that lists the formats, for an unknown name, and for a layout that is known and not read.
 pub fn format(id: &str, folder: &Path) -> Result<&'static Format, CurateError> {
-    driving::refuse_unread(id, folder)?;
+    if let Some(reason) = driving::unread_layout(id) {
+        return Err(CurateError::input(folder, reason));
+    }
     names::find("format", id, FORMATS, |format| format.id)
         .map_err(|unknown| CurateError::input(folder, unknown.to_string()))
 }

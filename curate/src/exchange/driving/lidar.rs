@@ -1,7 +1,9 @@
 //! Sweeps of a LiDAR: static points with colours, and distances in images.
 //!
 //! Points of static content are those outside the boxes of moving objects that an image of the same moment shows, one
-//! in every cell of a grid. A sweep counts as taken at one moment.
+//! in every cell of a grid. A LiDAR stands elsewhere than a camera and sees what is hidden from it: points behind the
+//! boxes of moving objects are left out of an image, those behind static content are not. A sweep counts as taken at
+//! one moment.
 
 use std::{
     collections::{BTreeMap, HashSet},
@@ -23,6 +25,8 @@ use super::{objects, rig};
 const CELL_METRES: f64 = 0.1;
 /// Margin by which boxes are larger: their labels are tight.
 const BOX_MARGIN_METRES: f64 = 0.1;
+/// Coordinate beyond which no point of a sweep can be, metres.
+const FARTHEST_METRES: f64 = 1e5;
 /// Size of a sweep of five million points of five floats.
 const MOST_BYTES: u64 = 100_000_000;
 
@@ -30,7 +34,7 @@ const MOST_BYTES: u64 = 100_000_000;
 /// coordinates in the sensor's frame, metres.
 ///
 /// # Errors
-/// When the file is missing, truncated, or has coordinates that are not finite.
+/// When the file is missing, truncated, or has coordinates that are not finite or beyond 100 km.
 pub(super) fn read(path: &Path, values: usize) -> Result<Vec<DVec3>, StoreError> {
     let bytes = store::read_limited(path, MOST_BYTES)?;
     points_of(&bytes, values).map_err(|reason| StoreError::malformed(path, reason))
@@ -50,10 +54,13 @@ fn points_of(bytes: &[u8], values: usize) -> Result<Vec<DVec3>, String> {
         let mut floats = floats.iter().map(|bytes| f32::from_le_bytes(*bytes));
         let mut next = || floats.next().map_or(f64::NAN, f64::from);
         let place = DVec3::new(next(), next(), next());
-        let is_sound = place.is_finite();
+        // NaN compares false, so it is refused too.
+        let is_sound = place.abs().cmple(DVec3::splat(FARTHEST_METRES)).all();
         is_sound.then_some(place).ok_or_else(|| {
             let [x, y, z] = place.to_array();
-            format!("coordinates must be finite, got ({x}, {y}, {z}) of point {index}")
+            format!(
+                "coordinates must be finite and within 100 km, got ({x}, {y}, {z}) of point {index}"
+            )
         })
     });
     points.collect()
@@ -91,9 +98,19 @@ impl SweepView {
         })
     }
 
-    /// Enters a point of the world, and returns its colour; `None` where the image does not show it.
-    fn see(&mut self, point: DVec3) -> Option<[u8; 3]> {
-        let local = self.to_camera * (point - self.centre);
+    /// Enters a point of the world, and returns its colour; `None` where the image does not show it, because it is
+    /// outside or behind one of the boxes.
+    fn see(&mut self, point: DVec3, boxes: &[OrientedBox]) -> Option<[u8; 3]> {
+        let to_point = point - self.centre;
+        let hides = |one: &OrientedBox| {
+            let crossing = one.crossing(self.centre, to_point);
+            crossing.is_some_and(|[enter, _]| enter < 1.0)
+                && !objects::is_inside(one, BOX_MARGIN_METRES, point)
+        };
+        if boxes.iter().any(hides) {
+            return None;
+        }
+        let local = self.to_camera * to_point;
         let pixel = self.own.project(local)?;
         let shown = self.common.project(local)?;
         if !rig::holds(&self.own, pixel) || !rig::holds(&self.common, shown) {
@@ -138,7 +155,7 @@ impl StaticPoints {
         views: &mut [SweepView],
     ) {
         for point in points {
-            let seen = views.iter_mut().map(|view| view.see(point));
+            let seen = views.iter_mut().map(|view| view.see(point, boxes));
             // All views get its distance; the first has its colour.
             let colour = seen.fold(None, |colour, next| colour.or(next));
             let is_of_box = |one: &OrientedBox| objects::is_inside(one, BOX_MARGIN_METRES, point);
@@ -197,7 +214,7 @@ mod tests {
         assert_eq!(points_of(&[], 4), Ok(Vec::new()));
     }
 
-    /// Of three points, one is in a box, and one shares its cell with another.
+    /// Points in a box, in the cell of another, behind the camera and behind a box.
     #[test]
     fn points_in_boxes_and_unseen_ones_are_counted() {
         let mut points = StaticPoints::default();
@@ -236,9 +253,14 @@ mod tests {
             DVec3::new(1.53, 0.0, 3.03),
             DVec3::new(1.55, 0.0, 3.05),
             DVec3::new(0.0, 0.0, -3.0),
+            DVec3::new(-1.5, 0.0, 3.0),
         ];
-        points.add(sweep.into_iter(), &[moving], &mut views);
-        assert_eq!((points.unseen, points.thinned), (2, 1));
+        let before_last = OrientedBox {
+            centre: DVec3::new(-1.0, 0.0, 2.0),
+            ..moving
+        };
+        points.add(sweep.into_iter(), &[moving, before_last], &mut views);
+        assert_eq!((points.unseen, points.thinned), (3, 1));
         assert_eq!(points.cloud.colours, [[40, 50, 60]]);
         let nearest = DVec3::new(1.53, 0.0, 3.03).length() as f32;
         assert_eq!(views[0].distances, BTreeMap::from([(1, nearest)]));

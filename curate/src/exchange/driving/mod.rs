@@ -1,7 +1,7 @@
 //! Drives: calibrated sequences of several cameras with LiDAR and labelled 3D boxes. They are read and not written.
 //!
 //! All cameras of the rig are in one scene and have one camera there: images of others are resampled. The world is
-//! upright (z up), in metres. Of the labels, what moves is taken: records and boxes in the images, and paths in
+//! upright (z up), in metres. Of the labels, moving objects are taken: records and boxes in the images, and paths in
 //! `tracks.json`. Distances of the LiDAR are sparse estimates along the rays. A folder stands for one sequence and all
 //! its colour cameras; `FOLDER/SEQUENCE` and `FOLDER/SEQUENCE/CAMERA+CAMERA`, which need not exist, name others.
 #![cfg_attr(
@@ -50,7 +50,7 @@ pub(crate) struct Drive {
     format: &'static str,
     /// Its frames by their images.
     views: BTreeMap<PathBuf, DriveView>,
-    /// Paths of what moves; empty without labels.
+    /// Paths of moving objects; empty without labels.
     tracks: Vec<Track>,
     /// Lines on labels that were left out.
     notes: Vec<String>,
@@ -101,12 +101,18 @@ impl Layout<'_> {
     /// Makes a scene of the drive.
     ///
     /// # Errors
-    /// When it has no images, or an image or a sweep cannot be read.
+    /// When it has no camera, an image or a sweep cannot be read, or the path of an object overflows.
     fn scene(self) -> Result<ForeignScene, CurateError> {
         let cameras: Vec<PinholeCamera> = self.cameras.iter().map(|one| one.camera).collect();
         let common = (rig::common_camera(&cameras))
             .ok_or_else(|| CurateError::input(self.root, "must have a camera, got none"))?;
         let moving = Moving::of(&self.objects, self.label_reach_seconds);
+        for track in &moving.tracks {
+            if let Some(fault) = track.path.fault() {
+                let reason = format!("must have sound labels, and track {} {fault}", track.id);
+                return Err(CurateError::input(self.root, reason));
+            }
+        }
         let mut views = BTreeMap::new();
         for image in &self.images {
             let view = self.view(image, common, &moving.tracks)?;
@@ -276,15 +282,13 @@ fn parts_left_out(root: &Path, parts: &[(&str, &str)]) -> Vec<String> {
         .collect()
 }
 
-/// Refuses a layout that is known by its name and not read: Waymo's parquet tables.
-pub(super) fn refuse_unread(id: &str, folder: &Path) -> Result<(), CurateError> {
-    if id != "waymo" {
-        return Ok(());
-    }
-    let reason = format!(
-        "must be in the layout {} or {}; Waymo's parquet tables (waymo) are not read",
-        kitti::FORMAT.id,
-        nuscenes::FORMAT.id
-    );
-    Err(CurateError::input(folder, reason))
+/// Returns why a layout that is known by its name is not read; `None` for other names.
+pub fn unread_layout(id: &str) -> Option<String> {
+    (id == "waymo").then(|| {
+        format!(
+            "the layout of a drive must be {} or {}; Waymo's parquet tables (waymo) are not read",
+            kitti::FORMAT.id,
+            nuscenes::FORMAT.id
+        )
+    })
 }

@@ -1,7 +1,7 @@
-//! Labelled boxes of a drive: paths of what moves, and boxes in images.
+//! Labelled boxes of a drive: paths of moving objects, and boxes in images.
 //!
-//! An object of a scene is something that moves: the static scene is learnt from the pixels beside all of them. So
-//! boxes of parked cars are not taken, and their points stay in the scene.
+//! The objects of a scene are its dynamic region, and the static scene is learnt from the other pixels. So boxes of
+//! parked cars are not taken, and their points stay in the scene.
 
 use glam::{DVec2, DVec3};
 use omnilife_schemas::{

@@ -1,4 +1,4 @@
-//! What the record of a scene has of a drive: names, times and boxes of frames, distances of the LiDAR, and
+//! Parts of a drive in the record of a scene: names, times and boxes of frames, distances of the LiDAR, and
 //! `tracks.json`.
 
 use std::{collections::BTreeMap, io, path::Path};
@@ -102,7 +102,7 @@ impl Drive {
         self.views.get(image)
     }
 
-    /// Returns the record of what moves in a scene of the drive; `None` where nothing is labelled that does.
+    /// Returns the record of the moving objects in a scene of the drive; `None` where none is labelled.
     pub(crate) fn tracks(&self, scene: &Scene) -> Option<Tracks> {
         if self.tracks.is_empty() {
             return None;

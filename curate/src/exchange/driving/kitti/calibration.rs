@@ -30,7 +30,7 @@ pub(super) struct Calibration {
 pub(super) struct Projection {
     focal: [f64; 2],
     principal: [f64; 2],
-    /// Where the camera is in that frame.
+    /// Place of the camera in that frame.
     place: DVec3,
 }
 
