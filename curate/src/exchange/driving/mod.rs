@@ -36,7 +36,7 @@ pub(super) use rig::resampled;
 
 use self::{
     lidar::{StaticPoints, SweepView},
-    objects::{LabelledObject, Moving},
+    objects::{LabelledObject, MovingObjects},
     record::DriveView,
     rigid::Rigid,
 };
@@ -106,7 +106,7 @@ impl Layout<'_> {
         let cameras: Vec<PinholeCamera> = self.cameras.iter().map(|one| one.camera).collect();
         let common = (rig::common_camera(&cameras))
             .ok_or_else(|| CurateError::input(self.root, "must have a camera, got none"))?;
-        let moving = Moving::of(&self.objects, self.label_reach_seconds);
+        let moving = MovingObjects::of(&self.objects, self.label_reach_seconds);
         for track in &moving.tracks {
             if let Some(fault) = track.path.fault() {
                 let reason = format!("must have sound labels, and track {} {fault}", track.id);

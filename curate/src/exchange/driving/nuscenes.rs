@@ -64,7 +64,11 @@ const MICROSECONDS: f64 = 1e-6;
 
 fn import(folder: &Path) -> Result<ForeignScene, CurateError> {
     let is_root = |folder: &Path| tables_of(folder).is_some();
-    let choice = Choice::read(folder, is_root, "v1.0-mini/ or another version of nuScenes")?;
+    let choice = Choice::read(
+        folder,
+        is_root,
+        "one folder of tables v1.0-*, as nuScenes does",
+    )?;
     let tables = tables_of(&choice.root).ok_or_else(|| {
         CurateError::input(&choice.root, "must hold one folder of tables, v1.0-*")
     })?;
@@ -86,7 +90,7 @@ fn import(folder: &Path) -> Result<ForeignScene, CurateError> {
 fn tables_of(root: &Path) -> Option<PathBuf> {
     let mut names = store::names_in(root).ok()?;
     names.retain(|name| name.starts_with(VERSION) && root.join(name).is_dir());
-    match &names[..] {
+    match names.as_slice() {
         [only] => Some(root.join(only)),
         _ => None,
     }

@@ -51,13 +51,13 @@ pub(super) struct LabelledObject {
 
 /// Moving objects of a drive, and lines on what was left out.
 #[derive(Debug, Default)]
-pub(super) struct Moving {
+pub(super) struct MovingObjects {
     pub(super) tracks: Vec<Track>,
     pub(super) classes: Vec<(u32, ObjectClass)>,
     pub(super) notes: Vec<String>,
 }
 
-impl Moving {
+impl MovingObjects {
     /// Takes the objects that move. Their paths are extended by this many seconds at both ends, at the speed there.
     pub(super) fn of(objects: &[LabelledObject], extension_seconds: f64) -> Self {
         let mut found = Self::default();
@@ -210,7 +210,7 @@ mod tests {
             object(7, &[0.0, 0.3, -0.2]),
             object(9, &[5.0]),
         ];
-        let moving = Moving::of(&objects, 0.05);
+        let moving = MovingObjects::of(&objects, 0.05);
         assert_eq!(moving.classes, [(4, ObjectClass::Vehicle)]);
         assert_eq!(moving.notes.len(), 1);
         assert!(moving.notes[0].contains(": 2 (7, 9)"), "{:?}", moving.notes);

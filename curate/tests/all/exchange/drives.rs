@@ -362,7 +362,7 @@ fn assert_refused(layout: &str, format: &str, faults: &[Fault]) {
         let line = found.map(|scene| scene.id).unwrap_err().to_string();
         for words in told {
             assert!(
-                line.contains(words) && !line.contains('\n'),
+                line.contains(*words) && !line.contains('\n'),
                 "{file}: {line}"
             );
         }
