@@ -136,10 +136,10 @@ impl Layout<'_> {
             )
         }));
         notes.extend(resampling_notes(&self.cameras, &common));
-        notes.extend((!moving.tracks.is_empty()).then(|| {
-            "boxes are labels of all frames, also of those that a split keeps for scoring; occlusion is ignored"
-                .to_owned()
-        }));
+        notes.push(
+            "points, their colours and boxes are those of all frames, also of frames that a split keeps for scoring"
+                .to_owned(),
+        );
         notes.extend(moving.notes.iter().cloned());
         let frames = self.images.iter().map(|image| ForeignFrame {
             image: image.file.clone(),
