@@ -82,7 +82,7 @@ impl Calibration {
             found.insert(name, (line, words));
         }
         let mut rows = |names: &[&str]| {
-            let of_name = names.iter().find_map(|name| found.remove(name));
+            let of_name = names.iter().find_map(|name| found.remove(*name));
             of_name.ok_or_else(|| format!("must hold {}, got none", names.join(" or ")))
         };
         let rigid = |(line, words): (usize, SplitWhitespace<'_>), what: &str| {
