@@ -13,7 +13,7 @@ use omnilife_schemas::{
     camera::Camera,
     layout::DENSE_FOLDER,
     progress::Progress,
-    records::{PoseSource, Scene},
+    records::{PoseSource, Scene, Tracks},
     store,
 };
 use omnilife_tracks::{
@@ -56,6 +56,9 @@ fn meet(
         Requirement::Parallax => Ok(()),
         Requirement::DensePoints => dense_points(scene, split, false, progress),
         Requirement::Tracks => {
+            if has_labels(scene, split, progress)? {
+                return Ok(());
+            }
             let request = TrackRequest {
                 scene_folder: folder_of(scene),
                 split: Some(split.to_owned()),
@@ -66,6 +69,22 @@ fn meet(
             Ok(())
         }
     }
+}
+
+/// Returns true, with a note, where the tracks beside a split are labels of a dataset, which are taken as they are.
+fn has_labels(scene: &Path, split: &Path, progress: &dyn Progress) -> anyhow::Result<bool> {
+    let scene: Scene = store::read_record(scene)?;
+    // Tracks that cannot be read are left to the tracker, which replaces its own and refuses others.
+    let tracks = Tracks::beside_split(&scene.id, &folder_of(split));
+    let labelled = tracks.ok().flatten().filter(Tracks::are_labels);
+    if let Some(tracks) = &labelled {
+        progress.note(&format!(
+            "{}: {} tracks are labels of a dataset, taken as they are",
+            scene.id,
+            tracks.tracks.len()
+        ));
+    }
+    Ok(labelled.is_some())
 }
 
 /// Measures dense points of a perspective scene by stereo where it has few, or in any case with `always`. A hovering
