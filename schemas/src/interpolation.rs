@@ -120,10 +120,7 @@ mod tests {
     #[test]
     fn a_panorama_of_faces_shows_every_direction_where_it_is() {
         let side = 96;
-        let camera = ErpCamera {
-            width: 120,
-            height: 60,
-        };
+        let camera = ErpCamera::new(120, 60);
         let colour = |direction: DVec3| 0.5 * (direction + 1.0);
         let faces = CUBE_FACES.map(|face| {
             let mut image = RgbImage::black(side, side);

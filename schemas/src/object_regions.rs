@@ -310,10 +310,7 @@ mod tests {
 
     #[test]
     fn boxes_go_on_at_the_left_edge_of_panoramas_alone() {
-        let erp = Camera::Erp(ErpCamera {
-            width: 8,
-            height: 4,
-        });
+        let erp = Camera::Erp(ErpCamera::new(8, 4));
         let row = |camera: &Camera| box_mask(camera, [6.5, 1.0, 3.0, 1.0]).data[8..16].to_vec();
         assert_eq!(row(&erp), [255, 0, 0, 0, 0, 0, 255, 255]);
         assert_eq!(row(&scene().camera), [0, 0, 0, 0, 0, 0, 255, 255]);

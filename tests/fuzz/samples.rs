@@ -107,11 +107,7 @@ pub(crate) fn write_scene(folder: &Path) {
     };
     let scene = Scene {
         id: "a/seq-000".to_owned(),
-        camera: ErpCamera {
-            width: 16,
-            height: 8,
-        }
-        .into(),
+        camera: ErpCamera::new(16, 8).into(),
         scale: Scale::Metres,
         frames: (0..3).map(frame).collect(),
         points: Some("points.ply".to_owned()),

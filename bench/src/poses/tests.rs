@@ -28,11 +28,7 @@ fn scene(poses: &[Option<Pose>]) -> Scene {
     };
     Scene {
         id: "walk/seq-000".to_owned(),
-        camera: ErpCamera {
-            width: 64,
-            height: 32,
-        }
-        .into(),
+        camera: ErpCamera::new(64, 32).into(),
         scale: Scale::Metres,
         frames: poses.iter().enumerate().map(frame).collect(),
         points: None,

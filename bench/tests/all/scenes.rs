@@ -13,11 +13,7 @@ pub(crate) const HEIGHT: usize = 16;
 pub(crate) fn scene(frames: usize, unposed: &[usize]) -> Scene {
     Scene {
         id: "stripes/seq-000".to_owned(),
-        camera: ErpCamera {
-            width: WIDTH as u32,
-            height: HEIGHT as u32,
-        }
-        .into(),
+        camera: ErpCamera::new(WIDTH as u32, HEIGHT as u32).into(),
         scale: Scale::Metres,
         frames: (0..frames)
             .map(|frame| SceneFrame {

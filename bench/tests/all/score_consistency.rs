@@ -320,11 +320,7 @@ fn real_frames_are_scored() {
     let mut images: Vec<_> = entries.map(|entry| entry.unwrap().path()).collect();
     images.sort();
     let mut scene = scene(10, &[]);
-    scene.camera = ErpCamera {
-        width: 1024,
-        height: 512,
-    }
-    .into();
+    scene.camera = ErpCamera::new(1024, 512).into();
     let mut bench = Bench::of(&scene);
     for (frame, entry) in scene.frames.iter_mut().enumerate() {
         entry.image = format!("frames/{frame:06}.jpg");

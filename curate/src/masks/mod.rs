@@ -298,10 +298,7 @@ fn marked_share(mask: &Mask) -> f64 {
 
 /// Returns the share of the sphere that a mask covers: every pixel counts by its solid angle.
 pub fn dynamic_share(mask: &Mask) -> f64 {
-    let camera = ErpCamera {
-        width: mask.width as u32,
-        height: mask.height as u32,
-    };
+    let camera = ErpCamera::new(mask.width as u32, mask.height as u32);
     mask.marked_share(&camera.into())
 }
 

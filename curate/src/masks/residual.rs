@@ -219,10 +219,7 @@ fn moving(this: &GreySphere, others: &[&GreySphere]) -> opencv::Result<Mask> {
 
 /// Returns the directions of the pixels of a panorama, row by row.
 pub(super) fn directions(width: usize) -> Vec<Vec3> {
-    let camera = ErpCamera {
-        width: width as u32,
-        height: width as u32 / 2,
-    };
+    let camera = ErpCamera::new(width as u32, width as u32 / 2);
     (0..camera.height)
         .flat_map(|row| (0..camera.width).map(move |column| (column, row)))
         .map(|(column, row)| {

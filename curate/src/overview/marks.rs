@@ -83,10 +83,7 @@ pub(super) fn draw(rgb: &mut [u8], mask: &Mask, mark: Mark, wraps: bool) {
 
 /// Returns the discs of the overlays of a video in a panorama of this size: records keep centres and areas alone.
 pub(super) fn overlays(overlays: &[Overlay], width: usize, height: usize) -> Mask {
-    let camera = ErpCamera {
-        width: width as u32,
-        height: height as u32,
-    };
+    let camera = ErpCamera::new(width as u32, height as u32);
     let discs: Vec<_> = (overlays.iter())
         .map(|overlay| {
             let (longitude, latitude) = (overlay.longitude_degrees, overlay.latitude_degrees);

@@ -224,11 +224,7 @@ mod tests {
         let places = [[0.0, 0.0, 1.5], [0.0, 5.0, 1.5], [5.0, 5.0, 3.0]];
         let scene = Scene {
             id: "walk/seq-000".to_owned(),
-            camera: ErpCamera {
-                width: 64,
-                height: 32,
-            }
-            .into(),
+            camera: ErpCamera::new(64, 32).into(),
             scale: Scale::Metres,
             frames: places.map(DVec3::from_array).map(frame).into(),
             points: None,

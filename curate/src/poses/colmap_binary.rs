@@ -287,10 +287,7 @@ mod tests {
         let folder =
             tempfile::tempdir().map_err(|error| StoreError::read(Path::new("."), error))?;
         let pose = Pose::new(DQuat::from_rotation_y(0.3), DVec3::new(1.0, 2.0, 3.0));
-        let camera = ErpCamera {
-            width: 64,
-            height: 32,
-        };
+        let camera = ErpCamera::new(64, 32);
         let points = PointCloud {
             positions: vec![[1.0, 2.0, 3.0]],
             colours: vec![[4, 5, 6]],

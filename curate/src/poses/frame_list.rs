@@ -179,10 +179,7 @@ mod tests {
         // The corners move by 0.07 pixels, and by 0.7.
         assert_eq!(known.camera_with(Some(pinhole(50.1))), Ok(pinhole(50.0)));
         assert!(known.camera_with(Some(pinhole(51.0))).is_err());
-        let erp = Camera::from(ErpCamera {
-            width: 64,
-            height: 32,
-        });
+        let erp = Camera::from(ErpCamera::new(64, 32));
         assert!(known.camera_with(Some(erp)).is_err());
         assert!(frames(None).camera_with(None).is_err());
         assert_eq!(

@@ -236,10 +236,7 @@ mod tests {
     }
 
     fn erp(width: usize) -> Rgb8Image {
-        let camera = ErpCamera {
-            width: width as u32,
-            height: width as u32 / 2,
-        };
+        let camera = ErpCamera::new(width as u32, width as u32 / 2);
         let pixels = (0..width * width / 2).map(|at| {
             let centre = dvec2((at % width) as f64, (at / width) as f64) + 0.5;
             colour(camera.unproject(centre))
@@ -273,10 +270,7 @@ mod tests {
     /// Gives every pixel of cube faces the colour of the direction whose place is nearest to its centre, found by a
     /// walk over many directions.
     fn stored(layout: SphereLayout, [width, height]: [usize; 2]) -> Rgb8Image {
-        let camera = ErpCamera {
-            width: 1600,
-            height: 800,
-        };
+        let camera = ErpCamera::new(1600, 800);
         let mut nearest = vec![(f64::INFINITY, [0; 3]); width * height];
         for pixel in 0..1600 * 800 {
             let centre = dvec2(f64::from(pixel % 1600), f64::from(pixel / 1600)) + 0.5;

@@ -417,10 +417,7 @@ fn what_has_no_depth_is_refused_in_one_line() {
     }
     let folder = temp.path().join("panorama");
     let mut scene = FLIGHT.write(&folder);
-    scene.camera = Camera::Erp(ErpCamera {
-        width: 160,
-        height: 120,
-    });
+    scene.camera = Camera::Erp(ErpCamera::new(160, 120));
     store::write_record(&folder.join("scene.json"), &scene).unwrap();
     let message = make_dense(&request(&folder), &Silent)
         .unwrap_err()

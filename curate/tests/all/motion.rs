@@ -24,10 +24,7 @@ use support::{shared_data, world_colour};
 
 use crate::support;
 
-const CAMERA: ErpCamera = ErpCamera {
-    width: 256,
-    height: 128,
-};
+const CAMERA: ErpCamera = ErpCamera::new(256, 128);
 
 /// Returns the view of a camera rotated by `rotation` (camera to world).
 fn seen(rotation: DQuat, colour: impl Fn(DVec3) -> [f64; 3]) -> GreySphere {

@@ -195,11 +195,7 @@ fn imported(folder: &Path) {
     });
     let scene = Scene {
         id: "hall".to_owned(),
-        camera: ErpCamera {
-            width: 32,
-            height: 16,
-        }
-        .into(),
+        camera: ErpCamera::new(32, 16).into(),
         scale: Scale::Metres,
         frames: frames.collect(),
         points: Some("points.ply".to_owned()),

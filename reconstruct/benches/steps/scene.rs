@@ -65,11 +65,7 @@ fn vary(table: &mut ParameterTable, random: &mut Pcg64Mcg) {
 pub(crate) fn view(width: u32) -> View {
     let rotation = DQuat::from_euler(glam::EulerRot::XYZ, 0.3, -1.1, 0.2);
     View {
-        camera: ErpCamera {
-            width,
-            height: width / 2,
-        }
-        .into(),
+        camera: ErpCamera::new(width, width / 2).into(),
         rotation: Mat3::from_quat(rotation.as_quat()),
         centre: Vec3::ZERO,
         time_seconds: 0.0,

@@ -88,11 +88,7 @@ mod tests {
     fn scene() -> Scene {
         Scene {
             id: "flight".to_owned(),
-            camera: ErpCamera {
-                width: 4,
-                height: 2,
-            }
-            .into(),
+            camera: ErpCamera::new(4, 2).into(),
             frames: Vec::new(),
             points: None,
             scale: Scale::Metres,

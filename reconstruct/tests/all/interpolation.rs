@@ -29,10 +29,7 @@ fn camera_pose(along: f64) -> CameraPose {
 
 /// Returns a group in the room, the distances seen from its first view, and the novel views.
 fn room_group(width: u32) -> (Group, Vec<f64>, Vec<RgbImage>) {
-    let camera = ErpCamera {
-        width,
-        height: width / 2,
-    };
+    let camera = ErpCamera::new(width, width / 2);
     let camera_poses = [0.0, 1.0].map(camera_pose);
     let targets: Vec<CameraPose> = [0.25, 0.5, 0.75].map(camera_pose).to_vec();
     let (first, distances) = seen(camera, &camera_poses[0]);
@@ -258,10 +255,7 @@ fn the_sweep_finds_the_depth_of_rendered_scenes() {
         let poses: serde_json::Value = serde_json::from_str(&text).unwrap();
         let frames = [20_usize, 29];
         let group = Group {
-            camera: ErpCamera {
-                width: 1024,
-                height: 512,
-            },
+            camera: ErpCamera::new(1024, 512),
             context: frames.map(|frame| ContextView {
                 frame: frame as u32,
                 camera_pose: rendered_camera_pose(&poses, frame),

@@ -144,10 +144,7 @@ fn furnished(folder: &Path, centres: &[DVec3]) -> TrainingScene {
         offset: [0.0; 3],
         scale: 0.25,
     };
-    let [camera, coarse] = [128, 64].map(|width| ErpCamera {
-        width,
-        height: width / 2,
-    });
+    let [camera, coarse] = [128, 64].map(|width| ErpCamera::new(width, width / 2));
     let (mut input_views, mut depth_priors) = (Vec::new(), Vec::new());
     for (number, &centre) in centres.iter().enumerate() {
         let to_world = room::camera_pose(number).0;

@@ -23,10 +23,7 @@ use painted_room::{room, seen};
 
 use crate::support::{novel_views, painted_room};
 
-const CAMERA: ErpCamera = ErpCamera {
-    width: 128,
-    height: 64,
-};
+const CAMERA: ErpCamera = ErpCamera::new(128, 64);
 const ITERATIONS: u64 = 200;
 
 fn camera_pose(frame: u32) -> CameraPose {

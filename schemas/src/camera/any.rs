@@ -174,10 +174,7 @@ mod tests {
 
     #[test]
     fn a_camera_without_a_model_is_erp() {
-        let erp = Camera::Erp(ErpCamera {
-            width: 64,
-            height: 32,
-        });
+        let erp = Camera::Erp(ErpCamera::new(64, 32));
         assert_eq!(read(r#"{"width": 64, "height": 32}"#), Ok(erp));
         assert_eq!(
             read(r#"{"model": "erp", "width": 64, "height": 32}"#),

@@ -122,11 +122,7 @@ mod tests {
         };
         Scene {
             id: "walk/seq-000".to_owned(),
-            camera: ErpCamera {
-                width: 64,
-                height: 32,
-            }
-            .into(),
+            camera: ErpCamera::new(64, 32).into(),
             scale,
             frames: (0..12).map(frame).collect(),
             points: None,

@@ -17,10 +17,7 @@ const RED: f32 = 0.45;
 
 /// Draws the view of a panorama towards the middle of a region.
 pub(super) fn draw(panorama: &RgbImage, mask: &Mask) -> RgbImage {
-    let camera = ErpCamera {
-        width: mask.width as u32,
-        height: mask.height as u32,
-    };
+    let camera = ErpCamera::new(mask.width as u32, mask.height as u32);
     let view = towards(middle(mask, &camera));
     let slope = |at: usize| ((at as f64 + 0.5) / SIDE as f64 * 2.0 - 1.0) * REACH;
     let pixel = |at: usize| {

@@ -18,10 +18,7 @@ fn colour(direction: DVec3) -> DVec3 {
 /// the east of it.
 fn coloured_scene() -> (TempDir, Scene) {
     let (folder, mut scene) = scene();
-    let camera = ErpCamera {
-        width: 128,
-        height: 64,
-    };
+    let camera = ErpCamera::new(128, 64);
     for frame in &mut scene.frames {
         let rotation = DMat3::from_quat(frame.pose.and_then(|p| p.rotation()).unwrap_or_default());
         let directions = (0..128 * 64_u32).map(|pixel| {

@@ -47,10 +47,7 @@ use omnilife_schemas::{
 use serde_json::Value;
 use tempfile::TempDir;
 
-const CAMERA: ErpCamera = ErpCamera {
-    width: 32,
-    height: 16,
-};
+const CAMERA: ErpCamera = ErpCamera::new(32, 16);
 
 /// Six frames on a bent path; the second has no mask, the last no pose.
 fn scene() -> (TempDir, Scene) {

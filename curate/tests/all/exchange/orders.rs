@@ -75,13 +75,7 @@ fn poses_without_names_belong_to_numbers() {
         let foreign = Foreign::new(SIZE, &images);
         let poses = Poses {
             scale: Scale::Arbitrary,
-            camera: Some(
-                ErpCamera {
-                    width: 24,
-                    height: 12,
-                }
-                .into(),
-            ),
+            camera: Some(ErpCamera::new(24, 12).into()),
             frames: (0..images.len() as u8)
                 .map(|n| PosedFrame {
                     time_seconds: f64::from(n),

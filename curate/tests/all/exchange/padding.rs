@@ -136,10 +136,7 @@ fn padded_panoramas_keep_their_directions() {
     let transforms = json(&there.join("transforms.json"));
     let entry = |name: &str| transforms[name].as_f64().unwrap();
     assert_eq!([entry("w"), entry("h")], [16.0, 13.0]);
-    let panorama = ErpCamera {
-        width: 16,
-        height: 8,
-    };
+    let panorama = ErpCamera::new(16, 8);
     for (column, row) in [(0, 0), (3, 2), (8, 4), (15, 7)] {
         let place = dvec2(f64::from(column) + 0.5, f64::from(row) + 0.5);
         let of_frame = place + dvec2(0.0, 2.0);

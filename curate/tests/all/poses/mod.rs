@@ -445,10 +445,7 @@ fn frames_of_a_pinhole_need_its_camera() {
     // Of half the size: its lengths are halved.
     let scene = pose(Some(pinhole.into())).unwrap();
     assert_eq!(scene.camera, Camera::from(pinhole).resized(256, 128));
-    let erp = ErpCamera {
-        width: 256,
-        height: 128,
-    };
+    let erp = ErpCamera::new(256, 128);
     for (camera, reason) in [
         (None, "has no pinhole camera"),
         (Some(erp.into()), "has no pinhole camera"),

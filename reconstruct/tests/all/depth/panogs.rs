@@ -24,10 +24,7 @@ use omnilife_schemas::{
     records::{DepthPrior, DistanceConvention, Scale, SurfaceFaults},
 };
 
-pub(crate) const CAMERA: ErpCamera = ErpCamera {
-    width: 128,
-    height: 64,
-};
+pub(crate) const CAMERA: ErpCamera = ErpCamera::new(128, 64);
 /// Normalized units per metre.
 pub(crate) const UNIT: f64 = 0.25;
 

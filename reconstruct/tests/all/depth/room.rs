@@ -104,10 +104,7 @@ pub(crate) struct RoomView {
 
 /// Returns the view of a camera in metres.
 pub(crate) fn view(number: usize, width: usize) -> RoomView {
-    let camera = ErpCamera {
-        width: width as u32,
-        height: width as u32 / 2,
-    };
+    let camera = ErpCamera::new(width as u32, width as u32 / 2);
     view_of(
         number,
         camera.into(),

@@ -24,10 +24,7 @@ use rand_pcg::Pcg64Mcg;
 /// The spherical harmonics of degree 1 over the coordinates of a direction.
 const SH_C1: f32 = 0.488_602_5;
 
-pub(crate) const CAMERA: Camera = Camera::Erp(ErpCamera {
-    width: 96,
-    height: 48,
-});
+pub(crate) const CAMERA: Camera = Camera::Erp(ErpCamera::new(96, 48));
 
 /// Returns the scene: every ball has a colour of its own, the same from all directions.
 pub(crate) fn scene() -> TrainingScene {

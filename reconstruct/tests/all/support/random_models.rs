@@ -45,10 +45,7 @@ pub(crate) struct Scene {
 
 impl Scene {
     pub(crate) fn new() -> Self {
-        let camera = Camera::Erp(ErpCamera {
-            width: 32,
-            height: 16,
-        });
+        let camera = Camera::Erp(ErpCamera::new(32, 16));
         let random = &mut Pcg64Mcg::seed_from_u64(9);
         let view = |number: u16| {
             let at = f32::from(number);

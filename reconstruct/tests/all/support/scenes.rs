@@ -95,10 +95,7 @@ pub(crate) fn turned() -> DQuat {
 
 /// Returns a panorama of `width` columns.
 pub(crate) fn erp(width: u32) -> Camera {
-    Camera::Erp(ErpCamera {
-        width,
-        height: width / 2,
-    })
+    Camera::Erp(ErpCamera::new(width, width / 2))
 }
 
 /// Returns a pinhole camera with unequal focal lengths, off its middle.

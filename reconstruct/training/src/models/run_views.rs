@@ -159,10 +159,7 @@ mod tests {
 
     #[test]
     fn what_is_there_at_no_time_of_a_view_is_not_in_view_of_a_sphere_either() {
-        let erp = ErpCamera {
-            width: 64,
-            height: 32,
-        };
+        let erp = ErpCamera::new(64, 32);
         let views = views(erp.into());
         let seen_later = |seconds: f64| {
             let object = object(500.0, 0.0);

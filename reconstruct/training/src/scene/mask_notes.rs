@@ -113,11 +113,7 @@ mod tests {
     fn scene() -> Scene {
         Scene {
             id: "held/seq-000".to_owned(),
-            camera: ErpCamera {
-                width: WIDTH as u32,
-                height: HEIGHT as u32,
-            }
-            .into(),
+            camera: ErpCamera::new(WIDTH as u32, HEIGHT as u32).into(),
             scale: Scale::Arbitrary,
             frames: (0..4).map(frame).collect(),
             points: None,

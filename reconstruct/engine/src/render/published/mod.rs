@@ -220,10 +220,7 @@ mod tests {
     use super::*;
     use crate::gaussians::SH_C0;
 
-    const CAMERA: ErpCamera = ErpCamera {
-        width: 64,
-        height: 32,
-    };
+    const CAMERA: ErpCamera = ErpCamera::new(64, 32);
 
     fn view() -> View {
         View {

@@ -165,10 +165,7 @@ fn activated(model: &mut Model, seconds: f64) -> ActivatedGaussians {
 }
 
 fn image(model: &Model, seconds: f64) -> Vec<f32> {
-    let camera = Camera::Erp(ErpCamera {
-        width: 64,
-        height: 32,
-    });
+    let camera = Camera::Erp(ErpCamera::new(64, 32));
     let centre = DVec3::from_array(NORMALIZATION.offset);
     let pose = Pose::new(DQuat::IDENTITY, centre);
     let view = View::new(camera, &pose, &NORMALIZATION, seconds).expect("a pose");

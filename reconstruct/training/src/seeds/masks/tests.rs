@@ -22,10 +22,7 @@ fn settings(clock: Clock, velocity: SeedVelocity, maximum: usize) -> SeedSetting
 
 /// Returns one view of a mask with a component across the seam and one in the middle of the image.
 fn scene() -> TrainingScene {
-    let camera = ErpCamera {
-        width: 16,
-        height: 8,
-    };
+    let camera = ErpCamera::new(16, 8);
     let mut mask = vec![0; 128];
     for pixel in [4 * 16, 4 * 16 + 15, 3 * 16 + 15] {
         mask[pixel] = 255;
@@ -126,11 +123,7 @@ fn seeds_lie_on_the_masked_pixels_at_the_distance_of_what_they_hide() {
 #[test]
 fn a_component_that_walks_has_its_velocity() {
     let mut scene = scene();
-    scene.camera = ErpCamera {
-        width: 64,
-        height: 32,
-    }
-    .into();
+    scene.camera = ErpCamera::new(64, 32).into();
     let first = scene.input_views[0].clone();
     scene.input_views.clear();
     // One column to the right per frame, from the middle of the image; frames 0, 1, 2, 4.
