@@ -83,11 +83,7 @@ mod tests {
     use super::*;
 
     fn ramp() -> RgbImage {
-        RgbImage {
-            width: 4,
-            height: 2,
-            data: (0..8).flat_map(|pixel| [pixel as f32; 3]).collect(),
-        }
+        RgbImage::new(4, 2, (0..8).flat_map(|pixel| [pixel as f32; 3]).collect())
     }
 
     #[test]

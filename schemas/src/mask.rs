@@ -24,6 +24,15 @@ pub struct Mask {
 }
 
 impl Mask {
+    /// Makes a mask of `height * width` values, row by row.
+    pub fn new(width: usize, height: usize, data: Vec<u8>) -> Self {
+        Self {
+            width,
+            height,
+            data,
+        }
+    }
+
     /// Returns the mask at another size; every pixel takes the value of the nearest old one.
     ///
     /// # Panics

@@ -161,11 +161,7 @@ mod tests {
         ] {
             let mut data = vec![0; width * height];
             data[0] = 255;
-            let mask = Mask {
-                width,
-                height,
-                data,
-            };
+            let mask = Mask::new(width, height, data);
             let file = folder.path().join(name);
             mask.write_png(&file).unwrap();
             survey.add(&file, &camera, MarkedGreys::AboveHalf).unwrap();

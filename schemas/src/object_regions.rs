@@ -146,11 +146,7 @@ impl<'a> RegionSource<'a> {
 }
 
 fn empty([width, height]: [usize; 2]) -> Mask {
-    Mask {
-        width,
-        height,
-        data: vec![0; width * height],
-    }
+    Mask::new(width, height, vec![0; width * height])
 }
 
 /// Marks the pixels of the scene's images whose centres are in a box.
@@ -219,15 +215,7 @@ mod tests {
         };
         Scene {
             id: "street/seq-000".to_owned(),
-            camera: PinholeCamera {
-                width: 8,
-                height: 4,
-                fx: 8.0,
-                fy: 8.0,
-                cx: 4.0,
-                cy: 2.0,
-            }
-            .into(),
+            camera: PinholeCamera::new([8, 4], [8.0, 8.0], [4.0, 2.0]).into(),
             scale: Scale::Arbitrary,
             frames: vec![seen, frame()],
             points: None,

@@ -111,11 +111,7 @@ mod tests {
 
     fn empty(camera: &Camera) -> Mask {
         let [width, height] = camera.size();
-        Mask {
-            width,
-            height,
-            data: vec![0; width * height],
-        }
+        Mask::new(width, height, vec![0; width * height])
     }
 
     fn boxes() -> Vec<OrientedBox> {

@@ -12,10 +12,7 @@ use omnilife_schemas::{
 
 /// Returns the similarity that leaves the world unchanged.
 pub(crate) fn unchanged() -> Similarity {
-    Similarity {
-        offset: [0.0; 3],
-        scale: 1.0,
-    }
+    Similarity::new([0.0; 3], 1.0)
 }
 
 /// Returns names as owned strings.

@@ -52,10 +52,7 @@ fn run_record(bench: &Bench) -> RunRecord {
         clip_seconds: None,
         stages: Vec::new(),
         views: None,
-        normalization: Similarity {
-            offset: [0.0; 3],
-            scale: 1.0,
-        },
+        normalization: Similarity::new([0.0; 3], 1.0),
         trace: None,
         trace_views: None,
         surfaces: None,

@@ -308,11 +308,7 @@ mod tests {
 
     #[test]
     fn what_the_camera_carries_does_not_move() {
-        let mask = |data: [u8; 4]| Mask {
-            width: 4,
-            height: 1,
-            data: data.to_vec(),
-        };
+        let mask = |data: [u8; 4]| Mask::new(4, 1, data.to_vec());
         let mut found = Found {
             frames: vec![mask([255, 255, 0, 0]).into()],
             notes: Vec::new(),

@@ -155,16 +155,7 @@ mod tests {
 
     #[test]
     fn frames_keep_the_camera_that_they_have() {
-        let pinhole = |f: f64| {
-            Camera::from(PinholeCamera {
-                width: 64,
-                height: 32,
-                fx: f,
-                fy: f,
-                cx: 32.0,
-                cy: 16.0,
-            })
-        };
+        let pinhole = |f: f64| Camera::from(PinholeCamera::new([64, 32], [f, f], [32.0, 16.0]));
         let frames = |camera: Option<Camera>| FrameList {
             id: "walk".to_owned(),
             size: [64, 32],

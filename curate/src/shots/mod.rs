@@ -230,10 +230,7 @@ mod tests {
     }
 
     fn from_to(begin_seconds: f64, end_seconds: f64) -> TimeRange {
-        TimeRange {
-            begin_seconds,
-            end_seconds,
-        }
+        TimeRange::new(begin_seconds, end_seconds)
     }
 
     #[test]

@@ -101,11 +101,7 @@ fn resized(image: Rgb8Image, [width, height]: [usize; 2]) -> Rgb8Image {
     let data = RgbImage::from_rgb8(image.width, image.height, &image.data)
         .resized_by_area(width, height)
         .to_rgb8();
-    Rgb8Image {
-        width,
-        height,
-        data,
-    }
+    Rgb8Image::new(width, height, data)
 }
 
 /// Returns the left eye's half of a stereo frame; `None` for other layouts.
@@ -116,11 +112,11 @@ fn left_eye(layout: SphereLayout, frame: &Rgb8Image) -> Option<Rgb8Image> {
         _ => return None,
     };
     let rows = frame.data.chunks_exact(3 * frame.width).take(height);
-    Some(Rgb8Image {
+    Some(Rgb8Image::new(
         width,
         height,
-        data: rows.flat_map(|row| &row[..3 * width]).copied().collect(),
-    })
+        rows.flat_map(|row| &row[..3 * width]).copied().collect(),
+    ))
 }
 
 /// Returns true for a layout that stores only the front half of the sphere.
@@ -241,11 +237,7 @@ mod tests {
             let centre = dvec2((at % width) as f64, (at / width) as f64) + 0.5;
             colour(camera.unproject(centre))
         });
-        Rgb8Image {
-            width,
-            height: width / 2,
-            data: pixels.flatten().collect(),
-        }
+        Rgb8Image::new(width, width / 2, pixels.flatten().collect())
     }
 
     /// Returns an image of two lenses back to back.
@@ -260,11 +252,7 @@ mod tests {
             let across = from_middle.normalize() * angle.sin();
             colour(DVec3::new(side * across.x, across.y, side * angle.cos()))
         });
-        Rgb8Image {
-            width,
-            height,
-            data: pixels.flatten().collect(),
-        }
+        Rgb8Image::new(width, height, pixels.flatten().collect())
     }
 
     /// Gives every pixel of cube faces the colour of the direction whose place is nearest to its centre, found by a
@@ -288,11 +276,11 @@ mod tests {
                 }
             }
         }
-        Rgb8Image {
+        Rgb8Image::new(
             width,
             height,
-            data: nearest.iter().flat_map(|&(_, colour)| colour).collect(),
-        }
+            nearest.iter().flat_map(|&(_, colour)| colour).collect(),
+        )
     }
 
     #[test]
@@ -365,11 +353,7 @@ mod tests {
             (SphereLayout::HalfErpTopBottom, half, above),
         ] {
             let height = data.len() / (3 * width);
-            let frame = Rgb8Image {
-                width,
-                height,
-                data,
-            };
+            let frame = Rgb8Image::new(width, height, data);
             let found = ToErp::new(layout).convert(&frame, WIDTH);
             for (at, (found, whole)) in found.data.iter().zip(&whole.data).enumerate() {
                 let expected = if is_ahead(at / 3) { *whole } else { 0 };

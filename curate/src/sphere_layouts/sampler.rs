@@ -96,10 +96,6 @@ impl SphereSampler {
                 }
                 *pixel = sum.map(|sum| (sum / self.rays as f64).round() as u8);
             });
-        Rgb8Image {
-            width,
-            height,
-            data,
-        }
+        Rgb8Image::new(width, height, data)
     }
 }

@@ -130,10 +130,7 @@ pub(crate) fn curate(
 fn analyse(stills: &Stills, source: &SourceVideo) -> Result<VideoAnalysis, CurateError> {
     let interval = frame_interval(&stills.times).unwrap_or(SECONDS_APART);
     let last = stills.times.last().copied().unwrap_or_default();
-    let range = TimeRange {
-        begin_seconds: 0.0,
-        end_seconds: last + interval,
-    };
+    let range = TimeRange::new(0.0, last + interval);
     let longest = stills.times.windows(2).map(|pair| pair[1] - pair[0]);
     let probe = Probe {
         frames_per_second: 1.0 / interval,
@@ -207,11 +204,7 @@ fn sample(path: &Path) -> Result<Rgb8Image, CurateError> {
     let width = SAMPLE_WIDTH_PIXELS.min(image.width);
     let height = (width * image.height / image.width).max(1);
     let small = image.resized_by_area(width, height);
-    Ok(Rgb8Image {
-        width,
-        height,
-        data: small.to_rgb8(),
-    })
+    Ok(Rgb8Image::new(width, height, small.to_rgb8()))
 }
 
 /// Returns a still as viewers show it.

@@ -103,13 +103,9 @@ impl Flight {
             let mask = self.masked.then(|| format!("{number:06}-mask.png"));
             if let Some(mask) = &mask {
                 let covered = (0..SIZE[0] * SIZE[1]).map(|at| u8::from(at % SIZE[0] < 40) * 255);
-                Mask {
-                    width: SIZE[0] as usize,
-                    height: SIZE[1] as usize,
-                    data: covered.collect(),
-                }
-                .write_png(&folder.join(mask))
-                .unwrap();
+                Mask::new(SIZE[0] as usize, SIZE[1] as usize, covered.collect())
+                    .write_png(&folder.join(mask))
+                    .unwrap();
             }
             SceneFrame {
                 image,
@@ -148,12 +144,9 @@ impl Flight {
             let positions: Vec<[f64; 3]> = (0..400)
                 .map(|n| [f64::from(n % 20) - 10.0, f64::from(n / 20) - 10.0, 0.0])
                 .collect();
-            PointCloud {
-                colours: vec![[90; 3]; positions.len()],
-                positions,
-            }
-            .write_ply(&folder.join("points.ply"))
-            .unwrap();
+            PointCloud::of_colour(positions, [90; 3])
+                .write_ply(&folder.join("points.ply"))
+                .unwrap();
         }
         store::write_record(&folder.join("scene.json"), &scene).unwrap();
         scene

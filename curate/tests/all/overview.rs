@@ -62,11 +62,7 @@ fn mask(folder: &Path) {
     );
     for frame in &sequence.frames.entries {
         let pixels = (0..width * height).map(|at| 255 * u8::from(at % width < width / 4));
-        let mask = Mask {
-            width,
-            height,
-            data: pixels.collect(),
-        };
+        let mask = Mask::new(width, height, pixels.collect());
         let name = Path::new(&frame.file).file_name().unwrap();
         mask.write_png(&given.join(name)).unwrap();
     }
@@ -212,10 +208,8 @@ fn imported(folder: &Path) {
         published_split: None,
         objects: [].into(),
     };
-    let points = PointCloud {
-        positions: vec![[0.0, -50.0, 1.5], [0.0, 50.0, 1.5]],
-        colours: vec![[1, 2, 3]; 2],
-    };
+    let positions = vec![[0.0, -50.0, 1.5], [0.0, 50.0, 1.5]];
+    let points = PointCloud::of_colour(positions, [1, 2, 3]);
     points.write_ply(&folder.join("points.ply")).unwrap();
     store::write_record(&folder.join("scene.json"), &scene).unwrap();
 }

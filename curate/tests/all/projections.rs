@@ -34,11 +34,7 @@ fn paint(width: usize, height: usize, colour: impl Fn(usize, usize) -> [f64; 3])
             data.extend(colour(x, y).map(|v| (v.clamp(0.0, 1.0) * 255.0).round() as u8));
         }
     }
-    Rgb8Image {
-        width,
-        height,
-        data,
-    }
+    Rgb8Image::new(width, height, data)
 }
 
 /// A world with structure at all scales, so that stereo has details to match.

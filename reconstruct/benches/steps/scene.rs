@@ -80,11 +80,7 @@ pub(crate) fn target(count: usize, view: &View, settings: RenderSettings) -> Rgb
 }
 
 /// Sixty frames a second apart.
-const CLIP: Clock = Clock {
-    origin_seconds: 0.0,
-    frame_seconds: 1.0,
-    duration_frames: 60.0,
-};
+const CLIP: Clock = Clock::new(0.0, 1.0, 60.0);
 
 /// Returns the network of Deformable-GS, active from the first step on, in a [`CLIP`].
 pub(crate) fn deformation() -> Deformable {

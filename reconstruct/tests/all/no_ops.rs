@@ -140,10 +140,7 @@ fn clip() -> TrainingScene {
 /// images', which get worse from camera to camera.
 fn furnished(folder: &Path, centres: &[DVec3]) -> TrainingScene {
     std::fs::create_dir(folder).unwrap();
-    let normalization = Similarity {
-        offset: [0.0; 3],
-        scale: 0.25,
-    };
+    let normalization = Similarity::new([0.0; 3], 0.25);
     let [camera, coarse] = [128, 64].map(|width| ErpCamera::new(width, width / 2));
     let (mut input_views, mut depth_priors) = (Vec::new(), Vec::new());
     for (number, &centre) in centres.iter().enumerate() {

@@ -64,10 +64,7 @@ fn walk() -> TrainingScene {
         camera: CAMERA.into(),
         input_views,
         novel_views,
-        normalization: Similarity {
-            offset: [0.0; 3],
-            scale: 1.0,
-        },
+        normalization: Similarity::new([0.0; 3], 1.0),
         scale: Scale::Arbitrary,
         is_normalized_by_points: false,
         objects: [].into(),

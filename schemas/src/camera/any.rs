@@ -146,14 +146,11 @@ impl TryFrom<Entry> for Camera {
                 "a pinhole camera with the focal lengths {fx} and {fy}, expected positive ones"
             ));
         }
-        Ok(Self::Pinhole(PinholeCamera {
-            width,
-            height,
-            fx,
-            fy,
-            cx,
-            cy,
-        }))
+        Ok(Self::Pinhole(PinholeCamera::new(
+            [width, height],
+            [fx, fy],
+            [cx, cy],
+        )))
     }
 }
 

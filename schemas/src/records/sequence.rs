@@ -64,6 +64,14 @@ pub struct TimeRange {
 }
 
 impl TimeRange {
+    /// Makes a segment from its first instant inside to its first instant outside.
+    pub const fn new(begin_seconds: f64, end_seconds: f64) -> Self {
+        Self {
+            begin_seconds,
+            end_seconds,
+        }
+    }
+
     /// Returns the length in seconds.
     pub fn duration_seconds(&self) -> f64 {
         self.end_seconds - self.begin_seconds

@@ -79,11 +79,7 @@ pub(super) fn find(stays: &Field) -> opencv::Result<Option<Region>> {
         }
     }
     Ok(Some(Region {
-        mask: Mask {
-            width,
-            height,
-            data: smoothed(&data, width)?,
-        },
+        mask: Mask::new(width, height, smoothed(&data, width)?),
         evidence: most,
     }))
 }

@@ -36,10 +36,7 @@ fn sequence_of(entries: Vec<FrameEntry>) -> Sequence {
             sha256: String::new(),
             bytes: 1,
         },
-        range: TimeRange {
-            begin_seconds: 0.0,
-            end_seconds: 1.0,
-        },
+        range: TimeRange::new(0.0, 1.0),
         probe: Probe {
             container: "mp4".to_owned(),
             codec: "h264".to_owned(),

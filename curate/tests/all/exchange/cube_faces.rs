@@ -41,11 +41,7 @@ fn coloured_scene() -> (TempDir, Scene) {
         )
         .unwrap();
         if let Some(file) = &frame.mask {
-            let mask = Mask {
-                width: 128,
-                height: 64,
-                data: mask,
-            };
+            let mask = Mask::new(128, 64, mask);
             mask.write_png(&folder.path().join(file)).unwrap();
         }
     }

@@ -43,11 +43,7 @@ fn objects_may_be_what_is_ignored() {
     fs::remove_file(from.join("scene.json")).unwrap();
     // Without the record the frame without a pose is left out, and its mask that of no frame.
     fs::remove_file(from.join("mask/000005.png")).unwrap();
-    let all = Mask {
-        width: 32,
-        height: 16,
-        data: vec![255; 32 * 16],
-    };
+    let all = Mask::new(32, 16, vec![255; 32 * 16]);
     all.write_png(&from.join("mask/000003.png")).unwrap();
     let back = export.path().join("back");
     let imported = import(&ImportRequest {

@@ -68,13 +68,9 @@ fn scene() -> (TempDir, Scene) {
                 .map(|at| if at % (index + 2) == 0 { 255 } else { 0 })
                 .collect();
             let name = format!("masks/{index:06}.png");
-            Mask {
-                width: 32,
-                height: 16,
-                data,
-            }
-            .write_png(&root.join(&name))
-            .unwrap();
+            Mask::new(32, 16, data)
+                .write_png(&root.join(&name))
+                .unwrap();
             name
         });
         let q = DQuat::from_euler(glam::EulerRot::YXZ, 0.9 * t, 0.2 * t - 0.4, 0.1 * t);
@@ -129,13 +125,9 @@ fn holder(root: &Path, index: i32) -> String {
     let name = format!("ignore/{index:06}.png");
     fs::create_dir_all(root.join("ignore")).unwrap();
     let data = (0..32 * 16).map(|at| 255 * u8::from(at % 32 > 20 + index));
-    Mask {
-        width: 32,
-        height: 16,
-        data: data.collect(),
-    }
-    .write_png(&root.join(&name))
-    .unwrap();
+    Mask::new(32, 16, data.collect())
+        .write_png(&root.join(&name))
+        .unwrap();
     name
 }
 
@@ -256,14 +248,7 @@ fn every_format_gives_back_what_it_was_given() {
 #[test]
 fn pinhole_cameras_come_back() {
     let (folder, mut original) = scene();
-    let pinhole = PinholeCamera {
-        width: 32,
-        height: 16,
-        fx: 21.25,
-        fy: 21.25,
-        cx: 15.5,
-        cy: 8.125,
-    };
+    let pinhole = PinholeCamera::new([32, 16], [21.25, 21.25], [15.5, 8.125]);
     let path = folder.path().join("scene.json");
     original.camera = pinhole.into();
     store::write_record(&path, &original).unwrap();

@@ -11,14 +11,7 @@ use omnilife_schemas::{
 
 use super::*;
 
-const PINHOLE: PinholeCamera = PinholeCamera {
-    width: 32,
-    height: 16,
-    fx: 21.25,
-    fy: 21.25,
-    cx: 15.5,
-    cy: 8.125,
-};
+const PINHOLE: PinholeCamera = PinholeCamera::new([32, 16], [21.25, 21.25], [15.5, 8.125]);
 
 fn export_padded(
     format: &str,

@@ -149,15 +149,7 @@ fn imports_read_nothing_outside_of_their_folder() {
 #[test]
 fn refusals_name_no_temporary_folder() {
     let (folder, mut scene) = scene();
-    scene.camera = PinholeCamera {
-        width: 32,
-        height: 16,
-        fx: 20.0,
-        fy: 21.0,
-        cx: 16.0,
-        cy: 8.0,
-    }
-    .into();
+    scene.camera = PinholeCamera::new([32, 16], [20.0, 21.0], [16.0, 8.0]).into();
     store::write_record(&folder.path().join("scene.json"), &scene).unwrap();
     for format in ["hm3d", "openmvg"] {
         let out = folder.path().join("to").join(format);

@@ -87,13 +87,9 @@ fn frame(root: &Path, at: u32, name: &str, bits: u16) -> SceneFrame {
     let mask = |folder: &str, step: u32| {
         let file = format!("{folder}/{stem}.png");
         let data = (0..32 * 16).map(|p| 255 * u8::from(p % (at + step) == 0));
-        Mask {
-            width: 32,
-            height: 16,
-            data: data.collect(),
-        }
-        .write_png(&path(&file))
-        .unwrap();
+        Mask::new(32, 16, data.collect())
+            .write_png(&path(&file))
+            .unwrap();
         file
     };
     let distances = |folder: &str, value: f32| {

@@ -57,10 +57,7 @@ fn given_poses_are_matched_by_time_and_bring_points_and_masks() {
     let sequence = sequence_of_twenty(temp.path());
     let given = temp.path().join("given");
     fs::create_dir(&given).unwrap();
-    let cloud = PointCloud {
-        positions: vec![[1.0, 2.0, 3.0]],
-        colours: vec![[9, 8, 7]],
-    };
+    let cloud = PointCloud::of_colour(vec![[1.0, 2.0, 3.0]], [9, 8, 7]);
     cloud.write_ply(&given.join("cloud.ply")).unwrap();
     // A mask of half the size: its left half is white.
     let half: Vec<u8> = (0..128 * 64)

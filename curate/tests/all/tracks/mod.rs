@@ -95,10 +95,7 @@ fn write_points(folder: &Path, side: usize, spacing: f64) {
     let positions: Vec<[f64; 3]> = (0..side * side)
         .map(|n| [coordinate(n % side), coordinate(n / side), 0.0])
         .collect();
-    let points = PointCloud {
-        colours: vec![[90; 3]; positions.len()],
-        positions,
-    };
+    let points = PointCloud::of_colour(positions, [90; 3]);
     points.write_ply(&folder.join("points.ply")).unwrap();
 }
 

@@ -14,10 +14,7 @@ struct Empty;
 
 impl OpenedModel for Empty {
     fn normalization(&self) -> Similarity {
-        Similarity {
-            offset: [0.0; 3],
-            scale: 1.0,
-        }
+        Similarity::new([0.0; 3], 1.0)
     }
 
     fn image(&mut self, _view: &View) -> Result<RgbImage, ReconstructError> {

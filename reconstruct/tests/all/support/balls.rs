@@ -66,10 +66,7 @@ pub(crate) fn scene_with(
     }
     static_gaussians::activate(&table, &mut instant);
     let mut renderer = Renderer::new(RenderSettings::new(0.01));
-    let normalization = Similarity {
-        offset: [0.0; 3],
-        scale: 1.0,
-    };
+    let normalization = Similarity::new([0.0; 3], 1.0);
     let (mut input_views, mut novel_views) = (Vec::new(), Vec::new());
     for frame in 0..15_u32 {
         let along = f64::from(frame) / 7.0 - 1.0;

@@ -137,14 +137,7 @@ mod tests {
 
     #[test]
     fn objects_beside_every_image_are_not_in_view() {
-        let camera = PinholeCamera {
-            width: 640,
-            height: 360,
-            fx: 400.0,
-            fy: 400.0,
-            cx: 320.0,
-            cy: 180.0,
-        };
+        let camera = PinholeCamera::new([640, 360], [400.0, 400.0], [320.0, 180.0]);
         let views = views(camera.into());
         let is_in_view = |x: f64, y: f64| is_in_view(&object(x, y), [0.0, 0.0, 1.0], &views);
         assert!(is_in_view(0.0, 0.0));

@@ -356,11 +356,7 @@ fn averaged<const C: usize>(pixels: &[u8], width: usize, factor: usize) -> Vec<u
 
 /// Marks each square of `factor` pixels of a mask with a marked pixel.
 fn marked_in_any(marks: &[u8], width: usize, factor: usize) -> Vec<u8> {
-    let mask = Mask {
-        width,
-        height: marks.len() / width,
-        data: marks.to_vec(),
-    };
+    let mask = Mask::new(width, marks.len() / width, marks.to_vec());
     mask.resized_to_any(width / factor, mask.height / factor)
         .data
 }
