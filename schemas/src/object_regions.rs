@@ -178,25 +178,13 @@ mod tests {
     use super::*;
     use crate::{
         camera::{ErpCamera, PinholeCamera},
-        records::{PoseSource, PoseValidation, Scale, SceneObject, ValidationStatus},
+        records::SceneObject,
     };
 
     const SIZE: [usize; 2] = [8, 4];
 
     fn frame() -> SceneFrame {
-        SceneFrame {
-            image: "frames/0.png".to_owned(),
-            time_seconds: 0.0,
-            capture: None,
-            pose: None,
-            mask: None,
-            ignore_mask: None,
-            classes: [].into(),
-            objects: [].into(),
-            boxes: [].into(),
-            depth: None,
-            depth_prior: None,
-        }
+        SceneFrame::new("frames/0.png".to_owned(), 0.0, None)
     }
 
     /// Returns a scene of a car, a walker and a dog without a class. The second frame shows none of them.
@@ -214,27 +202,16 @@ mod tests {
             ..frame()
         };
         Scene {
-            id: "street/seq-000".to_owned(),
-            camera: PinholeCamera::new([8, 4], [8.0, 8.0], [4.0, 2.0]).into(),
-            scale: Scale::Arbitrary,
-            frames: vec![seen, frame()],
-            points: None,
-            pose_source: PoseSource::Given {
-                file: "poses.json".to_owned(),
-            },
-            validation: PoseValidation {
-                status: ValidationStatus::Unchecked,
-                registered_frames: 0,
-                total_frames: 2,
-                measures: [].into(),
-                problems: Vec::new(),
-            },
-            published_split: None,
             objects: [
                 ("car".to_owned(), listed(ObjectClass::Vehicle)),
                 ("walker".to_owned(), listed(ObjectClass::Person)),
             ]
             .into(),
+            ..Scene::given(
+                "street/seq-000",
+                PinholeCamera::new([8, 4], [8.0, 8.0], [4.0, 2.0]),
+                vec![seen, frame()],
+            )
         }
     }
 

@@ -10,8 +10,8 @@ use omnilife_schemas::{
     points::PointCloud,
     progress::Silent,
     records::{
-        Colour, DenseStereo, Padding, PoseSource, PoseValidation, Protocol, Resampling, Scale,
-        Scene, SceneFrame, ScoredViews, Split, SplitRule, ValidationStatus,
+        Colour, DenseStereo, Padding, Protocol, Resampling, Scale, Scene, SceneFrame, ScoredViews,
+        Split, SplitRule,
     },
     rgb::{self, Mask},
     scene_points::ScenePoints,
@@ -108,37 +108,18 @@ impl Flight {
                     .unwrap();
             }
             SceneFrame {
-                image,
-                time_seconds: number as f64,
-                pose: Some(Pose::new(DQuat::from_mat3(&to_world), centre)),
                 mask,
-                ignore_mask: None,
-                classes: [].into(),
-                objects: [].into(),
-                boxes: [].into(),
-                depth: None,
-                depth_prior: None,
-                capture: None,
+                ..SceneFrame::new(
+                    image,
+                    number as f64,
+                    Some(Pose::new(DQuat::from_mat3(&to_world), centre)),
+                )
             }
         });
         let scene = Scene {
-            id: "flight".to_owned(),
-            camera: camera().into(),
             scale: Scale::Metres,
-            frames: frames.collect(),
             points: self.with_points.then(|| "points.ply".to_owned()),
-            pose_source: PoseSource::Given {
-                file: "poses.json".to_owned(),
-            },
-            validation: PoseValidation {
-                status: ValidationStatus::Unchecked,
-                registered_frames: 7,
-                total_frames: 7,
-                measures: [].into(),
-                problems: Vec::new(),
-            },
-            published_split: None,
-            objects: [].into(),
+            ..Scene::given("flight", camera(), frames.collect())
         };
         if self.with_points {
             let positions: Vec<[f64; 3]> = (0..400)

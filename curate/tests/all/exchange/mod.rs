@@ -93,23 +93,8 @@ fn scene() -> (TempDir, Scene) {
         }
     });
     let scene = Scene {
-        id: "clip/seq-000".to_owned(),
-        camera: CAMERA.into(),
-        scale: Scale::Arbitrary,
-        frames: frames.collect(),
         points: Some("points.ply".to_owned()),
-        pose_source: PoseSource::Given {
-            file: "poses.json".to_owned(),
-        },
-        validation: PoseValidation {
-            status: ValidationStatus::Unchecked,
-            registered_frames: 5,
-            total_frames: 6,
-            measures: Default::default(),
-            problems: Vec::new(),
-        },
-        published_split: None,
-        objects: [].into(),
+        ..Scene::given("clip/seq-000", CAMERA, frames.collect())
     };
     let points = PointCloud {
         positions: vec![[0.1, -2.5, 3.0e-3], [1.0e3, 4.0, -7.25]],
