@@ -157,23 +157,12 @@ fn analyse(stills: &Stills, source: &SourceVideo) -> Result<VideoAnalysis, Curat
 }
 
 /// Returns the probe of images of `size` that are not frames of a video.
-fn probe_of([width, height]: [u32; 2]) -> Probe {
+fn probe_of(size: [u32; 2]) -> Probe {
     Probe {
         container: STILLS.to_owned(),
         codec: STILLS.to_owned(),
-        width,
-        height,
         pixel_format: "rgb24".to_owned(),
-        bit_depth: 8,
-        frames_per_second: 0.0,
-        duration_seconds: 0.0,
-        decoded_frames: None,
-        variable_frame_rate: None,
-        longest_interval_seconds: None,
-        rotation_degrees: 0.0,
-        pixel_aspect_ratio: 1.0,
-        transfer: "unknown".to_owned(),
-        spherical: None,
+        ..Probe::of_size(size)
     }
 }
 

@@ -9,10 +9,7 @@ use omnilife_schemas::{
     npy,
     points::PointCloud,
     progress::Silent,
-    records::{
-        Colour, DenseStereo, Padding, Protocol, Resampling, Scale, Scene, SceneFrame, ScoredViews,
-        Split, SplitRule,
-    },
+    records::{DenseStereo, Protocol, Scale, Scene, SceneFrame, ScoredViews, Split, SplitRule},
     rgb::{self, Mask},
     scene_points::ScenePoints,
     store,
@@ -291,28 +288,8 @@ fn nothing_is_known_under_masks() {
 fn input_views_alone_are_looked_at() {
     let temp = tempfile::tempdir().unwrap();
     let scene = FLIGHT.write(temp.path());
-    let protocol = Protocol {
-        id: "test".to_owned(),
-        version: 1,
-        split: SplitRule::AllGiven,
-        scored: ScoredViews::Novel,
-        largest_width: None,
-        resampling: Resampling::Area,
-        padding: Padding::None,
-        colour: Colour::Srgb8,
-        metrics: Vec::new(),
-        mask_rule: "none".to_owned(),
-    };
-    let split = Split {
-        scene: "flight".to_owned(),
-        protocol_hash: protocol.hash(),
-        protocol,
-        input_views: vec![0, 2, 4, 6],
-        novel_views: vec![1, 3, 5],
-        unposed: Vec::new(),
-        groups: Vec::new(),
-        incomplete: Vec::new(),
-    };
+    let protocol = Protocol::new("test", SplitRule::AllGiven, ScoredViews::Novel);
+    let split = Split::new("flight", protocol, vec![0, 2, 4, 6], vec![1, 3, 5]);
     let file = temp.path().join("alternate/split.json");
     fs::create_dir(temp.path().join("alternate")).unwrap();
     store::write_record(&file, &split).unwrap();

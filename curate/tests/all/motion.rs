@@ -180,21 +180,9 @@ fn rendered(data: &Path, folder: &Path, frames: &[usize]) {
         },
         range: TimeRange::new(0.0, 2.0),
         probe: Probe {
-            container: String::new(),
-            codec: String::new(),
-            width: 1024,
-            height: 512,
-            pixel_format: String::new(),
-            bit_depth: 8,
             frames_per_second: 30.0,
             duration_seconds: 2.0,
-            decoded_frames: None,
-            variable_frame_rate: None,
-            longest_interval_seconds: None,
-            rotation_degrees: 0.0,
-            pixel_aspect_ratio: 1.0,
-            transfer: "bt709".to_owned(),
-            spherical: None,
+            ..Probe::of_size([1024, 512])
         },
         projection: DetectedProjection {
             projection: VideoProjection::Erp,

@@ -12,7 +12,7 @@ use omnilife_reconstruct::stereo::{SweepSettings, SweptDepth};
 use omnilife_schemas::{
     RgbImage,
     camera::ErpCamera,
-    records::{Colour, Padding, Protocol, Resampling, ScoredViews, Split, SplitRule},
+    records::{Protocol, ScoredViews, Split, SplitRule},
 };
 use painted_room::seen;
 
@@ -179,28 +179,8 @@ fn a_camera_that_only_turns_has_no_depth_and_says_so() {
 }
 
 fn split(input_views: &[u32], novel_views: &[u32]) -> Split {
-    let protocol = Protocol {
-        id: "test".to_owned(),
-        version: 1,
-        split: SplitRule::AllGiven,
-        scored: ScoredViews::Novel,
-        largest_width: None,
-        resampling: Resampling::Area,
-        padding: Padding::None,
-        colour: Colour::Srgb8,
-        metrics: Vec::new(),
-        mask_rule: "none".to_owned(),
-    };
-    Split {
-        scene: "room".to_owned(),
-        protocol_hash: protocol.hash(),
-        protocol,
-        input_views: input_views.to_vec(),
-        novel_views: novel_views.to_vec(),
-        unposed: Vec::new(),
-        groups: Vec::new(),
-        incomplete: Vec::new(),
-    }
+    let protocol = Protocol::new("test", SplitRule::AllGiven, ScoredViews::Novel);
+    Split::new("room", protocol, input_views.to_vec(), novel_views.to_vec())
 }
 
 #[test]

@@ -18,10 +18,7 @@ use omnilife_schemas::{
     Pose, RgbImage, Similarity,
     points::PointCloud,
     progress::Silent,
-    records::{
-        Colour, Padding, Protocol, Resampling, RunRecord, Scale, Scene, SceneFrame, ScoredViews,
-        SplitRule,
-    },
+    records::{Protocol, RunRecord, Scale, Scene, SceneFrame, ScoredViews, SplitRule},
     split_rules, store,
 };
 use tempfile::TempDir;
@@ -136,21 +133,14 @@ fn trained(world: &World, change: impl Fn(&mut Scene)) -> Trained {
         ..Scene::given("balls", balls::CAMERA, views.iter().map(frame).collect())
     };
     change(&mut scene);
-    let protocol = Protocol {
-        id: "fifth".to_owned(),
-        version: 1,
-        split: SplitRule::EveryNth {
+    let protocol = Protocol::new(
+        "fifth",
+        SplitRule::EveryNth {
             period: 5,
             offset: 4,
         },
-        scored: ScoredViews::Novel,
-        largest_width: None,
-        resampling: Resampling::Area,
-        padding: Padding::None,
-        colour: Colour::Srgb8,
-        metrics: Vec::new(),
-        mask_rule: "none".to_owned(),
-    };
+        ScoredViews::Novel,
+    );
     let split = split_rules::split(&scene, &protocol).unwrap();
     let [scene_file, split_file] =
         ["scene.json", "split.json"].map(|name| folder.path().join(name));

@@ -5,7 +5,7 @@ use omnilife_schemas::{
     RgbImage,
     camera::Camera,
     padded_frame::PaddedFrame,
-    records::{Colour, Padding, Protocol, Resampling, ScoredViews, SplitRule},
+    records::{Padding, Protocol, ScoredViews, SplitRule},
     split_rules,
 };
 
@@ -193,22 +193,18 @@ fn frames_are_those_of_the_split() {
     original.camera = PINHOLE.into();
     store::write_record(&folder.path().join("scene.json"), &original).unwrap();
     let protocol = Protocol {
-        id: "test".to_owned(),
-        version: 1,
-        split: SplitRule::EveryNth {
-            period: 2,
-            offset: 1,
-        },
-        scored: ScoredViews::Novel,
-        largest_width: None,
-        resampling: Resampling::Area,
         padding: Padding::Frame {
             width: 40,
             height: 20,
         },
-        colour: Colour::Srgb8,
-        metrics: Vec::new(),
-        mask_rule: "none".to_owned(),
+        ..Protocol::new(
+            "test",
+            SplitRule::EveryNth {
+                period: 2,
+                offset: 1,
+            },
+            ScoredViews::Novel,
+        )
     };
     let file = folder.path().join("split.json");
     let split = split_rules::split(&original, &protocol).unwrap();

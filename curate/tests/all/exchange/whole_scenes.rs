@@ -5,8 +5,8 @@ use std::collections::BTreeSet;
 use omnilife_curate::exchange::scene_id;
 use omnilife_schemas::{
     records::{
-        Capture, Colour, DepthImage, DepthPrior, DistanceConvention, ObjectClass, Padding,
-        Protocol, PublishedSplit, Resampling, SceneObject, ScoredViews, Split, SplitRule,
+        Capture, DepthImage, DepthPrior, DistanceConvention, ObjectClass, Protocol, PublishedSplit,
+        SceneObject, ScoredViews, Split, SplitRule,
     },
     testing::Notes,
 };
@@ -218,29 +218,9 @@ fn frames_for_testing_stay_behind() {
     let folder = tempfile::tempdir().unwrap();
     let frames = [(0, EVERYTHING), (1, EVERYTHING), (2, EVERYTHING)];
     let original = write_scene(folder.path(), &frames, NAMES[0]);
-    let protocol = Protocol {
-        id: "test".to_owned(),
-        version: 1,
-        split: SplitRule::AllGiven,
-        scored: ScoredViews::Novel,
-        largest_width: None,
-        resampling: Resampling::Area,
-        padding: Padding::None,
-        colour: Colour::Srgb8,
-        metrics: Vec::new(),
-        mask_rule: "none".to_owned(),
-    };
+    let protocol = Protocol::new("test", SplitRule::AllGiven, ScoredViews::Novel);
     let split = folder.path().join("split.json");
-    let record = Split {
-        scene: original.id.clone(),
-        protocol_hash: protocol.hash(),
-        protocol,
-        input_views: vec![0, 2],
-        novel_views: vec![1],
-        unposed: Vec::new(),
-        groups: Vec::new(),
-        incomplete: Vec::new(),
-    };
+    let record = Split::new(&original.id, protocol, vec![0, 2], vec![1]);
     store::write_record(&split, &record).unwrap();
     let out = folder.path().join("out");
     let request = ExportRequest {

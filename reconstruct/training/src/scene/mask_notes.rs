@@ -78,7 +78,7 @@ mod tests {
     use omnilife_schemas::{
         Pose,
         camera::ErpCamera,
-        records::{Colour, MaskEntry, Padding, Protocol, Resampling, ScoredViews, SplitRule},
+        records::{MaskEntry, Protocol, ScoredViews, SplitRule},
         split_rules,
     };
 
@@ -112,21 +112,14 @@ mod tests {
     }
 
     fn protocol() -> Protocol {
-        Protocol {
-            id: "second".to_owned(),
-            version: 1,
-            split: SplitRule::EveryNth {
+        Protocol::new(
+            "second",
+            SplitRule::EveryNth {
                 period: 2,
                 offset: 1,
             },
-            scored: ScoredViews::Novel,
-            largest_width: None,
-            resampling: Resampling::Area,
-            padding: Padding::None,
-            colour: Colour::Srgb8,
-            metrics: Vec::new(),
-            mask_rule: "none".to_owned(),
-        }
+            ScoredViews::Novel,
+        )
     }
 
     /// Marks the lowest rows with a value.
