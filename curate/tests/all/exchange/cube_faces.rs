@@ -52,16 +52,11 @@ fn coloured_scene() -> (TempDir, Scene) {
 
 fn export_faces(scene_folder: &Path, format: &str, out: &Path) -> Result<ExportScene, CurateError> {
     let request = ExportRequest {
-        scene_folder,
-        format,
-        split: None,
-        given_only: false,
         cube_faces: Some(CubeFaces {
             side: SIDE,
             sky_points: SKY_POINTS,
         }),
-        pad_to: None,
-        out,
+        ..ExportRequest::new(scene_folder, format, out)
     };
     export(&request, &Silent)
 }
@@ -110,15 +105,7 @@ fn faces_come_back_as_a_perspective_scene() {
             "{format} left its scratch folder"
         );
         let back = out.path().join("back");
-        let scene = import(&ImportRequest {
-            folder: &exported,
-            format,
-            id: "faces",
-            frames_per_second: None,
-            masks: MaskMeaning::Moving,
-            out: &back,
-        })
-        .unwrap();
+        let scene = import(&ImportRequest::new(&exported, format, "faces", &back)).unwrap();
         assert_eq!(scene.frames.len(), 6 * 5, "{format}");
         assert_pixels_show_their_directions(&scene, &back);
         for frame in &scene.frames {
@@ -172,16 +159,11 @@ fn formats_without_rigs_and_odd_sizes_are_refused() {
         "{error}"
     );
     let request = ExportRequest {
-        scene_folder: folder.path(),
-        format: "colmap",
-        split: None,
-        given_only: false,
         cube_faces: Some(CubeFaces {
             side: 0,
             sky_points: 0,
         }),
-        pad_to: None,
-        out: &to,
+        ..ExportRequest::new(folder.path(), "colmap", &to)
     };
     let error = export(&request, &Silent).unwrap_err().to_string();
     assert!(error.contains("faces of 0 pixels"), "{error}");

@@ -118,15 +118,7 @@ fn holder(root: &Path, index: i32) -> String {
 
 /// Exports without a split.
 fn export_all(format: &str, scene_folder: &Path, out: &Path) -> Result<ExportScene, CurateError> {
-    let request = ExportRequest {
-        scene_folder,
-        format,
-        split: None,
-        given_only: false,
-        cube_faces: None,
-        pad_to: None,
-        out,
-    };
+    let request = ExportRequest::new(scene_folder, format, out);
     export(&request, &Silent)
 }
 
@@ -139,14 +131,12 @@ fn exported(format: &str, scene_folder: &Path) -> TempDir {
 /// Exports a scene and imports it again, into the folder `back` beside the export.
 fn round_trip(format: &str, scene_folder: &Path, id: &str) -> (TempDir, Scene) {
     let export = exported(format, scene_folder);
-    let scene = import(&ImportRequest {
-        folder: &export.path().join("scene"),
+    let scene = import(&ImportRequest::new(
+        &export.path().join("scene"),
         format,
         id,
-        frames_per_second: None,
-        masks: MaskMeaning::Moving,
-        out: &export.path().join("back"),
-    })
+        &export.path().join("back"),
+    ))
     .unwrap();
     (export, scene)
 }
@@ -239,14 +229,12 @@ fn pinhole_cameras_come_back() {
     store::write_record(&path, &original).unwrap();
     for format in ["colmap", "nerfstudio", "openmvg"] {
         let export = exported(format, folder.path());
-        let imported = import(&ImportRequest {
-            folder: &export.path().join("scene"),
+        let imported = import(&ImportRequest::new(
+            &export.path().join("scene"),
             format,
-            id: &original.id,
-            frames_per_second: None,
-            masks: MaskMeaning::Moving,
-            out: &export.path().join("back"),
-        });
+            &original.id,
+            &export.path().join("back"),
+        ));
         assert_eq!(imported.unwrap().camera, pinhole.into(), "{format}");
     }
     let refused = |format: &str| {
@@ -283,14 +271,12 @@ fn openmvgs_own_file_is_read() {
     fs::write(at("sfm_data.json"), whole.to_string()).unwrap();
     fs::remove_file(at("data_views.json")).unwrap();
     fs::remove_file(at("data_extrinsics.json")).unwrap();
-    let imported = import(&ImportRequest {
-        folder: &export.path().join("scene"),
-        format: "openmvg",
-        id: &original.id,
-        frames_per_second: None,
-        masks: MaskMeaning::Moving,
-        out: &export.path().join("back"),
-    })
+    let imported = import(&ImportRequest::new(
+        &export.path().join("scene"),
+        "openmvg",
+        &original.id,
+        &export.path().join("back"),
+    ))
     .unwrap();
     assert_eq!(imported.camera, original.camera);
     assert_eq!(imported.validation.registered_frames, 5);

@@ -20,13 +20,9 @@ fn export_padded(
     out: &Path,
 ) -> Result<ExportScene, CurateError> {
     let request = ExportRequest {
-        scene_folder,
-        format,
         split,
-        given_only: false,
-        cube_faces: None,
         pad_to,
-        out,
+        ..ExportRequest::new(scene_folder, format, out)
     };
     export(&request, &Silent)
 }
@@ -78,15 +74,7 @@ fn padded_perspective_frames_come_back_with_their_camera_and_masks_of_the_paddin
         let (there, back) = (out.path().join("there"), out.path().join("back"));
         export_padded(format.id, folder.path(), (None, Some([23, 10])), &there).unwrap();
         assert!(!there.join("scratch").exists());
-        let imported = import(&ImportRequest {
-            folder: &there,
-            format: format.id,
-            id: &original.id,
-            frames_per_second: None,
-            masks: MaskMeaning::Moving,
-            out: &back,
-        })
-        .unwrap();
+        let imported = import(&ImportRequest::new(&there, format.id, &original.id, &back)).unwrap();
         let Camera::Pinhole(camera) = imported.camera else {
             panic!("{}: {:?}", format.id, imported.camera);
         };
@@ -156,14 +144,12 @@ fn padded_panoramas_keep_their_directions() {
         assert!(pixels.all(|(pixel, &value)| value == 0 || !is_padding(frame, pixel)));
     }
     // Scenes have panoramas of the whole sphere.
-    let imported = import(&ImportRequest {
-        folder: &there,
-        format: "nerfstudio",
-        id: &original.id,
-        frames_per_second: None,
-        masks: MaskMeaning::Moving,
-        out: &out.path().join("back"),
-    });
+    let imported = import(&ImportRequest::new(
+        &there,
+        "nerfstudio",
+        &original.id,
+        &out.path().join("back"),
+    ));
     assert!(imported.is_err());
 }
 

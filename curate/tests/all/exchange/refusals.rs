@@ -22,14 +22,7 @@ fn what_cannot_be_exchanged_is_refused() {
     let export = exported("colmap", folder.path());
     let from = export.path().join("scene");
     fs::remove_file(from.join("times.csv")).unwrap();
-    let request = |out| ImportRequest {
-        folder: &from,
-        format: "colmap",
-        id: "x",
-        frames_per_second: None,
-        masks: MaskMeaning::Moving,
-        out,
-    };
+    let request = |out| ImportRequest::new(&from, "colmap", "x", out);
     let back = export.path().join("back");
     let error = import(&request(&back)).unwrap_err().to_string();
     assert!(error.contains("give --fps"), "{error}");

@@ -146,14 +146,12 @@ fn capture(number: f64) -> Capture {
 }
 
 pub(super) fn import_frames(folder: &Path, out: &Path) -> Result<Scene, CurateError> {
-    import(&ImportRequest {
+    import(&ImportRequest::new(
         folder,
-        format: "frames",
-        id: &scene_id("frames", folder)?,
-        frames_per_second: None,
-        masks: MaskMeaning::Moving,
+        "frames",
+        &scene_id("frames", folder)?,
         out,
-    })
+    ))
 }
 
 /// Contents of all files that a scene names, as pixels or bytes.
@@ -224,13 +222,9 @@ fn frames_for_testing_stay_behind() {
     store::write_record(&split, &record).unwrap();
     let out = folder.path().join("out");
     let request = ExportRequest {
-        scene_folder: folder.path(),
-        format: "frames",
         split: Some(&split),
         given_only: true,
-        cube_faces: None,
-        pad_to: None,
-        out: &out,
+        ..ExportRequest::new(folder.path(), "frames", &out)
     };
     export(&request, &Silent).unwrap();
     let back = import_frames(&out, &folder.path().join("back")).unwrap();
@@ -338,13 +332,8 @@ fn resized_frames_have_no_record() {
     let out = folder.path().join("small");
     let notes = Notes::default();
     let request = ExportRequest {
-        scene_folder: folder.path(),
-        format: "frames",
-        split: None,
-        given_only: false,
-        cube_faces: None,
         pad_to: Some([16, 8]),
-        out: &out,
+        ..ExportRequest::new(folder.path(), "frames", &out)
     };
     export(&request, &notes).unwrap();
     let lines = notes.take();
@@ -388,15 +377,7 @@ fn exports_say_what_they_leave_out() {
         let notes = Notes::default();
         let exports = tempfile::tempdir().unwrap();
         let out = exports.path().join(format.id);
-        let request = ExportRequest {
-            scene_folder: folder.path(),
-            format: format.id,
-            split: None,
-            given_only: false,
-            cube_faces: None,
-            pad_to: None,
-            out: &out,
-        };
+        let request = ExportRequest::new(folder.path(), format.id, &out);
         export(&request, &notes).unwrap();
         let lines = notes.take();
         let said: BTreeSet<&str> = parts
@@ -415,15 +396,7 @@ fn exports_say_what_they_leave_out() {
     }
     let notes = Notes::default();
     let out = folder.path().join("again");
-    let request = ExportRequest {
-        scene_folder: folder.path(),
-        format: "colmap",
-        split: None,
-        given_only: false,
-        cube_faces: None,
-        pad_to: None,
-        out: &out,
-    };
+    let request = ExportRequest::new(folder.path(), "colmap", &out);
     export(&request, &notes).unwrap();
     let lines = notes.take();
     let objects = lines
@@ -446,14 +419,12 @@ fn text_models_of_colmap_hold_no_spaces_in_names() {
         "{line}"
     );
     let export = exported("colmap-binary", folder.path());
-    let back = import(&ImportRequest {
-        folder: &export.path().join("scene"),
-        format: "colmap",
-        id: "x",
-        frames_per_second: None,
-        masks: MaskMeaning::Moving,
-        out: &export.path().join("back"),
-    });
+    let back = import(&ImportRequest::new(
+        &export.path().join("scene"),
+        "colmap",
+        "x",
+        &export.path().join("back"),
+    ));
     let images = |scene: &Scene| -> Vec<String> {
         scene
             .frames
