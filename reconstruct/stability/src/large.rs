@@ -80,10 +80,7 @@ fn judge() -> Judgement {
     let (drawn, instant) = (view.view(), reference::instant(&gaussians));
     let mut renderer = Renderer::new(view.settings);
     let colour = renderer.forward(&drawn, &instant).colour.clone();
-    let upstream = RasterGradient {
-        colour: &weights,
-        features: &[],
-    };
+    let upstream = RasterGradient::new(&weights, &[]);
     let mut gradient = ActivatedGaussians::default();
     renderer.backward(&drawn, &instant, &upstream, &mut gradient);
     let (expected, decisions) = reference::render(&view, &gaussians, None);

@@ -89,10 +89,7 @@ fn judge(shapes: Vec<Shape>, size: f64) -> Judgement {
     let (drawn, instant) = (view.view(), instant(&gaussians));
     let mut renderer = Renderer::new(view.settings);
     renderer.forward(&drawn, &instant);
-    let upstream = RasterGradient {
-        colour: &weights,
-        features: &[],
-    };
+    let upstream = RasterGradient::new(&weights, &[]);
     let mut gradient = ActivatedGaussians::default();
     renderer.backward(&drawn, &instant, &upstream, &mut gradient);
     let found = by_camera::gradient(&drawn, &instant, view.settings.sh_degree, &gradient);

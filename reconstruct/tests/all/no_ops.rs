@@ -183,20 +183,9 @@ fn furnished(folder: &Path, centres: &[DVec3]) -> TrainingScene {
         }));
     }
     TrainingScene {
-        id: "room".to_owned(),
-        camera: Camera::from(camera),
-        input_views,
-        novel_views: Vec::new(),
-        normalization,
         scale: Scale::Metres,
-        is_normalized_by_points: false,
-        added_points: 0,
-        seen_for_points: None,
-        points: PointCloud::default(),
         depth_priors,
-        novel_depth_priors: Vec::new(),
-        objects: [].into(),
-        tracks: None,
+        ..TrainingScene::new("room", Camera::from(camera), input_views, normalization)
     }
 }
 

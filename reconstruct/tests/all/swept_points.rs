@@ -17,7 +17,7 @@ use omnilife_schemas::{
     camera::{CameraModel, ErpCamera},
     points::PointCloud,
     progress::Silent,
-    records::{ComponentDecision, Scale},
+    records::ComponentDecision,
 };
 use painted_room::{room, seen};
 
@@ -60,20 +60,13 @@ fn walk() -> TrainingScene {
         });
     }
     TrainingScene {
-        id: "room".to_owned(),
-        camera: CAMERA.into(),
-        input_views,
         novel_views,
-        normalization: Similarity::new([0.0; 3], 1.0),
-        scale: Scale::Arbitrary,
-        is_normalized_by_points: false,
-        objects: [].into(),
-        tracks: None,
-        points: PointCloud::default(),
-        added_points: 0,
-        seen_for_points: None,
-        depth_priors: Vec::new(),
-        novel_depth_priors: Vec::new(),
+        ..TrainingScene::new(
+            "room",
+            CAMERA.into(),
+            input_views,
+            Similarity::new([0.0; 3], 1.0),
+        )
     }
 }
 

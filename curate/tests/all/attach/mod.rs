@@ -49,21 +49,21 @@ impl Scenes {
             ..CurateSettings::default()
         };
         curate_video(&video, &folder.join("walk"), &settings, &Silent).unwrap();
-        let poses = Poses {
-            scale: Scale::Metres,
-            camera: None,
-            frames: (0..FRAMES)
-                .map(|frame| PosedFrame {
-                    time_seconds: 0.1 * frame as f64,
-                    pose: Pose {
-                        rotation_wxyz: [1.0, 0.0, 0.0, 0.0],
-                        centre: [frame as f64, 0.0, 0.0],
-                    },
-                    mask: None,
+        let poses = Poses::new(
+            Scale::Metres,
+            None,
+            (0..FRAMES)
+                .map(|frame| {
+                    PosedFrame::new(
+                        0.1 * frame as f64,
+                        Pose {
+                            rotation_wxyz: [1.0, 0.0, 0.0, 0.0],
+                            centre: [frame as f64, 0.0, 0.0],
+                        },
+                    )
                 })
                 .collect(),
-            points: None,
-        };
+        );
         let file = folder.join("poses.json");
         store::write_record(&file, &poses).unwrap();
         let (sequence, request) = (folder.join("walk/seq-000"), PoseRequest::Given(file));

@@ -64,20 +64,9 @@ pub(crate) fn scene(
         });
     }
     TrainingScene {
-        id: "room".to_owned(),
-        camera: CAMERA.into(),
-        input_views,
-        novel_views: Vec::new(),
-        normalization,
         scale: Scale::Metres,
-        is_normalized_by_points: false,
-        added_points: 0,
-        seen_for_points: None,
-        points: PointCloud::default(),
         depth_priors,
-        novel_depth_priors: Vec::new(),
-        objects: [].into(),
-        tracks: None,
+        ..TrainingScene::new("room", CAMERA.into(), input_views, normalization)
     }
 }
 

@@ -21,10 +21,7 @@ use super::{
 #[test]
 fn half_a_turn_moves_the_seam_and_nothing_else() {
     let mut random = Pcg64Mcg::seed_from_u64(13);
-    let richness = Richness {
-        sh_degree: 0,
-        features: 0,
-    };
+    let richness = Richness::new(0, 0);
     let gaussians = scene(&mut random, 200, richness);
     let instant = instant(&gaussians);
     for (width, footprint) in [128, 120]

@@ -88,20 +88,9 @@ pub(crate) fn scene_with(
         });
     }
     TrainingScene {
-        id: "balls".to_owned(),
-        camera,
-        input_views,
         novel_views,
-        normalization,
-        scale: omnilife_schemas::records::Scale::Arbitrary,
-        added_points: 0,
-        seen_for_points: None,
-        depth_priors: Vec::new(),
-        novel_depth_priors: Vec::new(),
-        is_normalized_by_points: false,
-        objects: [].into(),
-        tracks: None,
         points,
+        ..TrainingScene::new("balls", camera, input_views, normalization)
     }
 }
 

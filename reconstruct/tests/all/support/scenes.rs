@@ -17,6 +17,15 @@ pub(crate) struct Richness {
     pub(crate) features: usize,
 }
 
+impl Richness {
+    pub(crate) const fn new(sh_degree: usize, features: usize) -> Self {
+        Self {
+            sh_degree,
+            features,
+        }
+    }
+}
+
 /// Returns a Gaussian in a direction from the origin.
 pub(crate) fn at(direction: DVec3, distance: f64, scale: [f64; 3], opacity: f64) -> Gaussian {
     Gaussian {

@@ -33,20 +33,11 @@ pub fn poses(scene: &Scene, split: &Split) -> Poses {
     let mut frames: Vec<PosedFrame> = views
         .filter_map(|&frame| {
             let entry = scene.frames.get(frame as usize)?;
-            Some(PosedFrame {
-                time_seconds: entry.time_seconds,
-                pose: entry.pose?,
-                mask: None,
-            })
+            Some(PosedFrame::new(entry.time_seconds, entry.pose?))
         })
         .collect();
     frames.sort_by(|one, other| one.time_seconds.total_cmp(&other.time_seconds));
-    Poses {
-        scale: scene.scale,
-        camera: Some(scene.camera),
-        frames,
-        points: None,
-    }
+    Poses::new(scene.scale, Some(scene.camera), frames)
 }
 
 /// Returns true if any view shows a part of the box of an object during the object's existence. Occlusion is
@@ -104,17 +95,8 @@ mod tests {
     fn views(camera: Camera) -> Poses {
         let looks_down = DMat3::from_cols(DVec3::X, -DVec3::Y, -DVec3::Z);
         let pose = Pose::new(DQuat::from_mat3(&looks_down), dvec3(0.0, 0.0, 40.0));
-        let frame = |time: i32| PosedFrame {
-            time_seconds: f64::from(time),
-            pose,
-            mask: None,
-        };
-        Poses {
-            scale: Scale::Metres,
-            camera: Some(camera),
-            frames: (0..5).map(frame).collect(),
-            points: None,
-        }
+        let frame = |time: i32| PosedFrame::new(f64::from(time), pose);
+        Poses::new(Scale::Metres, Some(camera), (0..5).map(frame).collect())
     }
 
     /// Returns an object that moves from a place along x at 2 m/s, from second 2 to 6.

@@ -47,20 +47,13 @@ fn scene() -> TrainingScene {
         .chain([[5.0, 0.0, 0.0]])
         .collect();
     TrainingScene {
-        id: "mask".to_owned(),
-        camera: camera.into(),
-        input_views: vec![view],
-        novel_views: Vec::new(),
-        normalization: Similarity::new([0.0; 3], 1.0),
-        scale: omnilife_schemas::records::Scale::Arbitrary,
-        added_points: 0,
-        seen_for_points: None,
-        depth_priors: Vec::new(),
-        novel_depth_priors: Vec::new(),
-        is_normalized_by_points: false,
-        objects: [].into(),
-        tracks: None,
         points: PointCloud::of_colour(positions, [0; 3]),
+        ..TrainingScene::new(
+            "mask",
+            camera.into(),
+            vec![view],
+            Similarity::new([0.0; 3], 1.0),
+        )
     }
 }
 
