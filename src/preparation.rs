@@ -13,20 +13,17 @@ use omnilife_schemas::{
     camera::Camera,
     layout::DENSE_FOLDER,
     progress::Progress,
-    records::{PoseSource, Scene},
+    records::{PoseSource, Scene, Tracks},
     store,
 };
 use omnilife_tracks::{
-    TrackRequest,
-    association::Association,
+    TrackOptions, TrackRequest,
     dense::{self, DenseRequest, make_dense},
-    detectors::motion,
-    distance::DistanceMethod,
     make_tracks,
 };
 
-/// Makes everything that `methods` require of a scene and a split, in the order of their rows. Existing inputs that
-/// are up to date are not made again.
+/// Makes everything that `methods` require of a scene and a split, in the order of their rows; tracks by `tracking`.
+/// Existing inputs that are up to date are not made again.
 ///
 /// # Errors
 /// When the scene cannot be read, or a requirement cannot be made.
@@ -34,13 +31,14 @@ pub(crate) fn prepare(
     methods: &[&Method],
     scene: &Path,
     split: &Path,
+    tracking: &TrackOptions,
     progress: &dyn Progress,
 ) -> anyhow::Result<()> {
     let requirements: BTreeSet<Requirement> = (methods.iter())
         .flat_map(|method| method.requires.iter().copied())
         .collect();
     for requirement in requirements {
-        meet(requirement, scene, split, progress)?;
+        meet(requirement, scene, split, tracking, progress)?;
     }
     Ok(())
 }
@@ -50,6 +48,7 @@ fn meet(
     requirement: Requirement,
     scene: &Path,
     split: &Path,
+    tracking: &TrackOptions,
     progress: &dyn Progress,
 ) -> anyhow::Result<()> {
     match requirement {
@@ -57,21 +56,35 @@ fn meet(
         Requirement::Parallax => Ok(()),
         Requirement::DensePoints => dense_points(scene, split, false, progress),
         Requirement::Tracks => {
+            if has_labels(scene, split, progress)? {
+                return Ok(());
+            }
             let request = TrackRequest {
                 scene_folder: folder_of(scene),
                 split: Some(split.to_owned()),
-                detector: &motion::DETECTOR,
-                detections: None,
-                program: None,
-                distance: DistanceMethod::Auto,
-                association: Association::GroundChains,
-                metres_per_unit: None,
+                options: tracking.clone(),
                 out: folder_of(split),
             };
             make_tracks(&request, progress)?;
             Ok(())
         }
     }
+}
+
+/// Returns true, with a note, where the tracks beside a split are labels of a dataset, which are taken as they are.
+fn has_labels(scene: &Path, split: &Path, progress: &dyn Progress) -> anyhow::Result<bool> {
+    let scene: Scene = store::read_record(scene)?;
+    // Tracks that cannot be read are left to the tracker, which replaces its own and refuses others.
+    let tracks = Tracks::beside_split(&scene.id, &folder_of(split));
+    let labelled = tracks.ok().flatten().filter(Tracks::are_labels);
+    if let Some(tracks) = &labelled {
+        progress.note(&format!(
+            "{}: {} tracks are labels of a dataset, taken as they are",
+            scene.id,
+            tracks.tracks.len()
+        ));
+    }
+    Ok(labelled.is_some())
 }
 
 /// Measures dense points of a perspective scene by stereo where it has few, or in any case with `always`. A hovering

@@ -8,6 +8,7 @@
 //! * [`curve`]: error against run time, from the traces of runs;
 //! * [`stability_report`]: results of stiff and extreme cases, for people;
 //! * [`tracking`]: tracks of vehicles against true ones; [`poses`]: camera poses against true ones;
+//! * [`mod@video_consistency`]: temporal consistency of videos without a truth;
 //! * [`scoring`]: folders of predictions against a scene's images, with every failure in the record.
 //!
 //! Predictions of any method are scored, so this crate knows no method and no renderer. Its metrics are separate from
@@ -27,6 +28,7 @@ pub mod scoring;
 pub mod split;
 pub mod stability_report;
 pub mod tracking;
+pub mod video_consistency;
 
 mod availability;
 mod frames_table;

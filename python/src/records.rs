@@ -8,7 +8,7 @@ use omnilife_leaderboard::{
 };
 use omnilife_schemas::{
     camera::Camera,
-    records::{Dataset, ExternalRun, Protocol, ResultRecord, RunRecord, Scene, Split},
+    records::{Dataset, ExternalRun, Protocol, ResultRecord, RunRecord, Scene, Split, Tracks},
     store::{self, Record},
 };
 use pyo3::prelude::*;
@@ -16,7 +16,8 @@ use serde::Serialize;
 
 use crate::{background, errors::Failure};
 
-/// Reads a record of a kind: `scene`, `split`, `result`, `dataset`, `run` or `external-run`. Returns its JSON.
+/// Reads a record of a kind: `scene`, `split`, `result`, `dataset`, `run`, `tracks` or `external-run`. Returns its
+/// JSON.
 #[pyfunction]
 pub(crate) fn read_record(py: Python<'_>, kind: &str, path: PathBuf) -> PyResult<String> {
     let read = match kind {
@@ -25,6 +26,7 @@ pub(crate) fn read_record(py: Python<'_>, kind: &str, path: PathBuf) -> PyResult
         "result" => json_of::<ResultRecord>,
         "dataset" => json_of::<Dataset>,
         "run" => json_of::<RunRecord>,
+        "tracks" => json_of::<Tracks>,
         "external-run" => json_of::<ExternalRun>,
         other => return Err(Failure::of_input(format!("{other}: no kind of record")).into()),
     };

@@ -218,6 +218,38 @@ class FromVideoToRun(unittest.TestCase):
         image = accumulator.Images("views/novel")[-1]
         self.assertEqual((image.step, image.width), (30, 2 * image.height))
 
+    @extras.needs("rerun")
+    def test_rerun_shows_the_run_and_its_scores(self) -> None:
+        import omnilife.rerun
+        from rerun.chunk import RrdReader
+
+        scores, file = self.folder / "scores", self.folder / "run.rrd"
+        scene = omnilife.load_scene(self.dataset.sequences[0])
+        omnilife.score(scene, self.split, run=self.folder / "run", out=scores)
+        for follow in (False, True):
+            notes = omnilife.rerun.show(
+                *(self.folder / "run", scene, self.split),
+                save=file,
+                follow=follow,
+                scores=scores,
+                max_gaussians=100,
+            )
+            self.assertEqual(len(notes), 1)
+            self.assertIn("shows 100 of", notes[0])
+            chunks = RrdReader(file).stream().to_chunks()
+            places = {chunk.entity_path for chunk in chunks}
+            novel = [place for place in places if place.startswith("/views/novel/") and place.endswith("/rendered")]
+            self.assertEqual(len(novel), min(3, len(self.split.novel_views)))
+            for place in ("/world/points", "/world/gaussians", "/world/cameras/path", "/trace/train_loss"):
+                self.assertIn(place, places)
+            self.assertTrue(any(place.startswith("/scores/curve/novel_psnr") for place in places), places)
+            iterations: list[int] = []
+            for chunk in chunks:
+                if chunk.entity_path == novel[0]:
+                    iterations += chunk.to_record_batch().column("iteration").to_pylist()
+            self.assertEqual(sorted(iterations), [0, 10, 20, 30])
+        self.assertEqual(list(self.folder.glob(".*.part")), [])
+
     @extras.needs("matplotlib")
     def test_a_trace_is_plotted(self) -> None:
         import matplotlib

@@ -175,7 +175,7 @@ pub(crate) fn write_png(
     store::write_with(path, |writer| encode_png(writer, size, bytes, colours))
 }
 
-fn encode_png(
+pub(crate) fn encode_png(
     writer: impl std::io::Write,
     size: (usize, usize),
     bytes: &[u8],

@@ -23,6 +23,16 @@ pub fn write_straight_png(
     rgb::write_png(path, size, &bytes, image::ExtendedColorType::Rgba8)
 }
 
+/// Returns 8-bit RGBA of straight alpha and a size (width, height) as a PNG.
+///
+/// # Errors
+/// When the image is empty.
+pub fn straight_png(size: (usize, usize), rgba: &[u8]) -> std::io::Result<Vec<u8>> {
+    let mut png = Vec::new();
+    rgb::encode_png(&mut png, size, rgba, image::ExtendedColorType::Rgba8)?;
+    Ok(png)
+}
+
 /// Returns the 8-bit RGBA of a layer; black where it is transparent.
 fn straight_rgba8(over_black: &RgbImage, opacity: &RgbImage) -> Vec<u8> {
     debug_assert_eq!(over_black.data.len(), opacity.data.len());

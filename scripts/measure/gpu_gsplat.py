@@ -113,9 +113,9 @@ def main():
             try:
                 seconds = measure(count, width, int(steps))
             except RuntimeError as error:
-                print(json.dumps({"gaussians": count, "width": width, "error": str(error).splitlines()[0]}))
+                print(json.dumps({"gaussians": count, "width": width, "error": str(error).splitlines()[0]}), flush=True)
             else:
-                print(json.dumps({"gaussians": count, "width": width, "seconds": seconds}))
+                print(json.dumps({"gaussians": count, "width": width, "seconds": seconds}), flush=True)
 
 
 main()

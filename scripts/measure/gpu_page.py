@@ -1,16 +1,24 @@
-"""The page of scripts/measure/gpu: tables of what lies in its folder.
+"""The page of scripts/measure/gpu: tables of what lies in its folder, complete or not.
 
-    gpu_page.py FOLDER    prints the page
-    gpu_page.py sizes     prints the sizes at which gpu_before.json was counted: kind, Gaussians, columns
+    gpu_page.py FOLDER       prints the page
+    gpu_page.py sizes        prints the sizes at which gpu_before.json was counted: kind, Gaussians, columns
+    gpu_page.py rays FILE    reads what the bench `atlas` prints; prints a line of JSON for each size of fields
 """
 
 import hashlib
 import json
+import re
 import sys
 from pathlib import Path
 
 
 BEFORE = json.loads((Path(__file__).parent / "gpu_before.json").read_text())
+# Rays of a step of the bench `atlas`.
+RAYS = 6144
+SECONDS = {"ps": 1e-12, "ns": 1e-9, "us": 1e-6, "µs": 1e-6, "μs": 1e-6, "ms": 1e-3, "s": 1.0}
+# Steps a second at the large size that the card is held to: LichtFeld's rate on its equirectangular path, and
+# half of it.
+BARS = {"static": 62, "dynamic": 31}
 
 
 def read(path):
@@ -32,14 +40,89 @@ def milliseconds(seconds):
     return "-" if seconds is None else f"{1e3 * seconds:.2f}"
 
 
+def rays(text):
+    """A line for each size of fields: seconds of a step in the middle of Criterion's interval."""
+    value = r"[\d.]+ \S+"
+    pattern = re.compile(rf"^nag-gpu/(\w+)\s+time:\s+\[{value} ([\d.]+) (\S+) {value}\]", re.MULTILINE)
+    for size, number, unit in pattern.findall(text):
+        seconds = float(number) * SECONDS[unit]
+        yield {"fields": size, "seconds": seconds, "rays_per_second": RAYS / seconds}
+
+
+def parts(out):
+    """The parts in the order in which they ended, with their states and seconds."""
+    paths = sorted((out / "parts").glob("*.json"), key=lambda path: path.stat().st_mtime_ns)
+    rows = [json.loads(path.read_text()) for path in paths]
+    body = [[row["part"], row["state"], row["seconds"], row["expected_seconds"]] for row in rows]
+    return table(["Part", "State", "Seconds", "Expected"], body)
+
+
+def all_costs(out):
+    """The lines of all parts that measured steps, the most important first."""
+    return [row for name in ("large", "counted", "costs") for row in read(out / f"{name}.jsonl")]
+
+
+def form_of(cost):
+    """The threads that sum over pixels."""
+    if cost["sums_per_splat"]:
+        return "a thread per splat"
+    threads = cost["subgroup_size"]
+    return f"subgroups of {threads} threads at least" if threads else "the memory of workgroups"
+
+
+def is_chosen(cost):
+    """True unless all kernels are the default ones."""
+    return cost["sums_per_splat"] or cost["fused_adam"]
+
+
+def large(out):
+    """A step of the large size with every choice of kernels, beside the rate that it is held to."""
+    body = []
+    for row in read(out / "large.jsonl"):
+        cost = row.get("measured")
+        if cost is None:
+            body.append([row["kind"], size_of(row), row["error"]] + ["-"] * 5)
+            continue
+        stages = {stage["name"]: stage["seconds"] for stage in cost["stages"]}
+        body.append(
+            [
+                row["kind"],
+                size_of(row),
+                form_of(cost),
+                "one" if cost["fused_adam"] else "separate",
+                milliseconds(cost["wall_seconds"]),
+                f"{1 / cost['wall_seconds']:.1f}",
+                BARS[row["kind"]],
+                milliseconds(stages.get("raster backward")),
+            ]
+        )
+    head = [
+        "Gaussians",
+        "Number, image",
+        "sums over pixels by",
+        "kernels from splats to Adam",
+        "ms a step",
+        "steps a second",
+        "bar at 1,000,000 and 2048x1024",
+        "ms of raster backward",
+    ]
+    return table(head, body)
+
+
+def nag(out):
+    body = [
+        [row["fields"], milliseconds(row["seconds"]), f"{row['rays_per_second']:,.0f}"]
+        for row in read(out / "rays.jsonl")
+    ]
+    return table([f"Fields (two objects, a background, {RAYS:,} rays)", "ms a step", "rays a second"], body)
+
+
 def device(out):
     """The adapter, in words."""
-    for row in read(out / "costs.jsonl"):
+    for row in all_costs(out):
         if cost := row.get("measured"):
-            threads = cost["subgroup_size"]
-            sums = f"subgroups of {threads} threads at least" if threads else "the memory of workgroups"
             copied = f"{1e-9 * cost['copied_per_second']:.1f} GB/s"
-            return f"On {cost['device']}. It copies {copied}, read and written. Sums over pixels in {sums}."
+            return f"On {cost['device']}. It copies {copied}, read and written. Sums over pixels by {form_of(cost)}."
     return "No size was measured."
 
 
@@ -161,11 +244,11 @@ def peer(out):
     """Steps of gsplat on cube faces beside ours."""
     path = out / "gsplat.jsonl"
     if not path.exists():
-        return "gsplat was left out: `python3` did not have it, or torch had no GPU.\n"
+        return "Left out, or `python3` did not have gsplat, or torch had no GPU.\n"
     ours = {
         (row["gaussians"], row["width"]): milliseconds(row["measured"]["wall_seconds"])
-        for row in read(out / "costs.jsonl")
-        if row["kind"] == "static" and row.get("measured")
+        for row in reversed(all_costs(out))
+        if row["kind"] == "static" and row.get("measured") and not is_chosen(row["measured"])
     }
     body = []
     for row in read(path):
@@ -198,7 +281,7 @@ def model_hash(folder):
 
 def compared(out):
     body = []
-    for folder in sorted((out / "compared").iterdir()):
+    for folder in sorted((out / "compared").glob("*")):
         seeds = [mean(score(folder / f"cpu-{seed}"), "psnr") for seed in (0, 1, 2)]
         seeds = [value for value in seeds if value is not None]
         on_gpu = mean(score(folder / "gpu-0"), "psnr")
@@ -235,12 +318,15 @@ def long_runs(out):
     return table(head, body)
 
 
-def stability(out):
-    report = json.loads((out / "stability" / "stability.json").read_text())
+def stability(out, form):
+    path = out / f"stability-{form}" / "stability.json"
+    if not path.exists():
+        return f"Stability catalogue on the adapter, sums by {form}: not finished.\n"
+    report = json.loads(path.read_text())
     cases = [row for row in report["rows"] if row["status"] != "not-run"]
     failed = [row["case"] for row in cases if row["status"] == "fail"]
     result = "all pass" if not failed else "failed: " + ", ".join(failed)
-    return f"Stability catalogue on the adapter: {len(cases)} rows, {result}.\n"
+    return f"Stability catalogue on the adapter, sums by {form}: {len(cases)} rows, {result}.\n"
 
 
 def sizes():
@@ -251,10 +337,17 @@ def sizes():
 def main():
     if sys.argv[1:] == ["sizes"]:
         return sizes()
+    if sys.argv[1:2] == ["rays"]:
+        for row in rays(Path(sys.argv[2]).read_text()):
+            print(json.dumps(row))
+        return None
     out = Path(sys.argv[1])
-    failed = (out / "failed.txt").read_text().split()
     print(device(out) + "\n")
-    print(stability(out))
+    print("Parts of the measurement:\n\n" + parts(out))
+    for form in ("pixels", "splats"):
+        print(stability(out, form))
+    print("A step of the large size:\n\n" + large(out))
+    print("Neural Atlas Graphs:\n\n" + nag(out))
     print("What is counted, before and now:\n\n" + counted(out))
     print("The same sizes by stage, as if every buffer passed once for each kernel:\n\n" + stage_bytes(out))
     print("Static Gaussians:\n\n" + costs(out, "static"))
@@ -262,8 +355,6 @@ def main():
     print("Beside gsplat, static Gaussians (ours with SSIM, gsplat with L1 alone):\n\n" + peer(out))
     print("Scores of short runs on both backends:\n\n" + compared(out))
     print("Long runs on the GPU:\n\n" + long_runs(out))
-    if failed:
-        print("Failed: " + ", ".join(failed) + "\n")
 
 
 main()

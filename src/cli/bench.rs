@@ -138,6 +138,13 @@ pub(crate) enum BenchCommand {
         /// The scene.json, or its folder.
         #[arg(long, value_parser = places::scene_file())]
         scene: PathBuf,
+        /// True poses of the scene's frames, in a form of `bench poses`: paths of a scene posed from its images
+        /// alone are brought to their world by the cameras, and are left out without.
+        #[arg(long, value_name = "FILE")]
+        true_poses: Option<PathBuf>,
+        /// Direction of the matrices of a .npy file, with camera axes x right, y down, z forward.
+        #[arg(long, value_enum, value_name = "CONVENTION", requires = "true_poses")]
+        poses_convention: Option<PosesConventionArgument>,
     },
     /// Scores camera poses against those of a scene or against true ones: ATE, RPE, AUC, drift.
     Poses {
@@ -224,6 +231,15 @@ pub(crate) enum BenchCommand {
         a: PathBuf,
         /// Folder with results of the other.
         b: PathBuf,
+    },
+    /// Scores a video without a truth, such as an edited one: T-LPIPS over neighbouring frames, as JSON.
+    Video {
+        /// Folder of PNG images, frames in the order of their names.
+        views: PathBuf,
+        /// Folder of another video of the same frames, beside which the number is read: a camera that moves changes
+        /// images too.
+        #[arg(long, value_name = "VIEWS")]
+        reference: Option<PathBuf>,
     },
     /// Runs methods on scenes under protocols, scores them and makes the tables, with intervals.
     Run(BenchRunArguments),

@@ -18,6 +18,9 @@ pub(crate) struct CameraWordArguments {
     /// Looks down on the target, with the upper edge where the cameras look.
     #[arg(long)]
     from_above: bool,
+    /// Renders the frame with this number alone, from 0 on.
+    #[arg(long, value_name = "FRAME")]
+    frame: Option<usize>,
     /// Keeps the camera of the frame with this number, from 0 on, while time goes on.
     #[arg(long, value_name = "FRAME")]
     stationary: Option<usize>,
@@ -47,6 +50,7 @@ impl CameraWordArguments {
         let given: Vec<&str> = [
             ("--orbit", self.orbit.is_some()),
             ("--from-above", self.from_above),
+            ("--frame", self.frame.is_some()),
             ("--stationary", self.stationary.is_some()),
             ("--path", self.path.is_some()),
             ("--look-at", self.path.is_some() && self.look_at.is_some()),
@@ -68,7 +72,9 @@ impl CameraWordArguments {
             (_, Some(frame), _) => CameraPlaces::Stationary(frame),
             (.., Some(file)) => CameraPlaces::Path(file.clone()),
             _ if self.from_above => CameraPlaces::FromAbove,
-            _ => CameraPlaces::OfPoses,
+            _ => self
+                .frame
+                .map_or(CameraPlaces::OfPoses, CameraPlaces::Frame),
         };
         let words = CameraWords {
             places,
@@ -126,6 +132,8 @@ mod tests {
             "--stationary 3 --look-at 1,2,3 --up 0,0,1",
             "--look-at car --up 0,0,1 --split split.json",
             "--path poses.csv --split split.json",
+            "--frame 3",
+            "--frame 3 --look-at car --split split.json",
         ] {
             assert!(words(line).is_ok(), "{line}");
         }
@@ -133,6 +141,8 @@ mod tests {
             ("--up 0,0,1", "--up goes with"),
             ("--stationary 3 --up 0,0,1", "--up goes with"),
             ("--split split.json", "--split goes with"),
+            ("--frame 3 --split split.json", "--split goes with"),
+            ("--frame 3 --stationary 3", "exclude each other"),
             ("--path poses.csv --up 0,0,1", "exclude each other"),
             ("--path poses.csv --look-at car", "exclude each other"),
             ("--orbit --stationary 3", "exclude each other"),

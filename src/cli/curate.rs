@@ -19,6 +19,7 @@ use super::{
     memory::gibibytes,
     places,
     poses::{MovingMasksArgument, PoseArguments, TruthArguments},
+    tracks::TrackArguments,
 };
 
 #[derive(Debug, Args)]
@@ -238,6 +239,11 @@ pub(crate) enum CurateCommand {
         out: Option<PathBuf>,
     },
     /// Tracks what moves through a posed scene: tracks.json, and tracks.html and tracks.mp4 to look at.
+    // In `run`, --detector is that of shot boundaries.
+    #[command(
+        mut_arg("vehicle_detector", |option| option.visible_alias("detector")),
+        mut_arg("every_frame", |option| option.requires("video"))
+    )]
     Tracks {
         /// Folder with a scene.json.
         #[arg(value_parser = places::scene_folder())]
@@ -245,27 +251,13 @@ pub(crate) enum CurateCommand {
         /// A split.json: its input views alone are looked at, and the result goes beside it.
         #[arg(long)]
         split: Option<PathBuf>,
-        /// How vehicles are found: motion (what the points of the scene do not explain), files, or command.
-        #[arg(long, default_value = "motion")]
-        detector: String,
-        /// Boxes of another program for the detector files: MOT text, or COCO JSON.
-        #[arg(long, value_name = "FILE")]
-        detections: Option<PathBuf>,
-        /// How the program of the detector command is run, and what it writes.
-        #[arg(long, value_name = "FILE.toml")]
-        program: Option<PathBuf>,
-        /// How far away they are: on the ground around them, or by distances that a network estimated
-        /// (`curate poses --depth-prior`); auto says which, and why.
-        #[arg(long, default_value = "auto")]
-        distance: String,
-        /// How those of one vehicle are found: by whole chains on the ground, or as DeepSORT does in the image,
-        /// with its appearance network (scripts/setup --models).
-        #[arg(long, default_value = "ground-chains")]
-        association: String,
-        /// Metres in a unit of the world, where the scene does not say.
-        #[arg(long, value_name = "METRES")]
-        metres_per_unit: Option<f64>,
-        /// Also writes the tracks for traffic tools: mot (boxes), speeds (CSV with speed and heading), geojson.
+        #[command(flatten)]
+        tracking: TrackArguments,
+        /// The scene's video, for --every-frame. Boxes of --detections then have the numbers of its frames.
+        #[arg(long, value_name = "FILE", requires = "every_frame")]
+        video: Option<PathBuf>,
+        /// Also writes the tracks for traffic tools: mot (boxes), speeds (CSV with speed and heading), geojson,
+        /// orthophoto (the ground without moving vehicles).
         #[arg(long, value_name = "FORMAT", value_delimiter = ',')]
         export: Vec<String>,
         /// Positions of a drone in the subtitles (.SRT) of its video; with them, or with positions of stills in

@@ -168,7 +168,8 @@ impl ExportArguments {
 /// `curate import`.
 #[derive(Debug, Args)]
 pub(crate) struct ImportArguments {
-    /// Folder in another tool's format, or a COLMAP model in it (sparse/1).
+    /// Folder in another tool's format, or a COLMAP model in it (sparse/1); of a drive also FOLDER/SEQUENCE and
+    /// FOLDER/SEQUENCE/CAMERA+CAMERA.
     pub(crate) folder: PathBuf,
     /// Which.
     #[arg(long, value_parser = parse_format)]
@@ -184,7 +185,7 @@ pub(crate) struct ImportArguments {
     /// nothing is learned and which no score counts. Masks in ignore/ always mark the latter.
     #[arg(long, value_enum, default_value_t = MasksMark::Moving)]
     pub(crate) masks: MasksMark,
-    /// Folder to fill with scene.json, frames, masks and points.
+    /// Folder to fill with scene.json, frames, masks and points; of a drive with depth-prior and tracks.json too.
     #[arg(long)]
     pub(crate) out: PathBuf,
 }
@@ -205,6 +206,9 @@ impl From<MasksMark> for MaskMeaning {
 }
 
 fn parse_format(text: &str) -> Result<String, String> {
+    if let Some(reason) = exchange::driving::unread_layout(text) {
+        return Err(reason);
+    }
     one_of(text, exchange::FORMATS.iter())
 }
 

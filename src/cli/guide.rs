@@ -20,6 +20,7 @@ pub(crate) const EXAMPLES: &[Examples] = &[
         &[
             "run walk.mp4 --out OUT",
             "run walk.mp4 --poses poses.json --method omni4dgs-plus --iterations 8000 --out OUT",
+            "run flight.mp4 --projection pinhole --method object-graph --vehicle-detector command --program yolo.toml --out OUT",
         ],
     ),
     (
@@ -123,6 +124,7 @@ pub(crate) const EXAMPLES: &[Examples] = &[
             "curate tracks SEQUENCE --split split.json --detector files --detections boxes.txt",
             "curate tracks SEQUENCE --detector files --detections boxes.txt --association deepsort",
             "curate tracks SEQUENCE --split split.json --detector command --program yolo.toml",
+            "curate tracks SEQUENCE --split split.json --every-frame --video flight.mp4",
             "curate tracks SEQUENCE --split split.json --plan",
         ],
     ),
@@ -187,7 +189,11 @@ pub(crate) const EXAMPLES: &[Examples] = &[
     ("reconstruct atlas", &["reconstruct atlas RUN --out ATLAS"]),
     (
         "reconstruct edit",
-        &["reconstruct edit RUN --script edit.toml --out EDITED"],
+        &[
+            "reconstruct edit RUN --script edit.toml --out EDITED",
+            "reconstruct edit RUN --script edit.toml --poses SEQUENCE --preview 12 --out PREVIEW",
+            "reconstruct edit RUN --script edit.toml --poses SEQUENCE --video edited.mp4 --out EDITED",
+        ],
     ),
     (
         "reconstruct methods",
@@ -217,7 +223,10 @@ pub(crate) const EXAMPLES: &[Examples] = &[
     ),
     (
         "bench tracks",
-        &["bench tracks tracks.json --truth truth.json --scene SEQUENCE"],
+        &[
+            "bench tracks tracks.json --truth truth.json --scene SEQUENCE",
+            "bench tracks tracks.json --truth truth.json --scene SEQUENCE --true-poses poses.json",
+        ],
     ),
     (
         "bench poses",
@@ -231,6 +240,10 @@ pub(crate) const EXAMPLES: &[Examples] = &[
         &["bench validate VIEWS --scene SEQUENCE --split split.json"],
     ),
     ("bench compare", &["bench compare SCORES-A SCORES-B"]),
+    (
+        "bench video",
+        &["bench video EDITED/views --reference VIEWS"],
+    ),
     (
         "bench run",
         &[

@@ -6,6 +6,7 @@ mod bench_run;
 mod camera_words;
 mod curate;
 mod dataset;
+mod edit;
 mod guide;
 mod leaderboard;
 mod ledger;
@@ -19,6 +20,7 @@ mod run;
 mod statement;
 mod suggestion;
 mod sweep;
+mod tracks;
 #[cfg(test)]
 mod walk;
 
@@ -34,6 +36,7 @@ pub(crate) use dataset::{
     AnnotateArguments, ExportArguments, ImportArguments, MasksArguments, PublishArguments,
     SelectArguments, SliceArguments,
 };
+pub(crate) use edit::EditArguments;
 pub(crate) use leaderboard::{
     AddArguments, AnswerFormatArgument, DatasetsArguments, FigureArguments, GalleryArguments,
     LeaderboardBuildArguments, LeaderboardCommand, QueryArguments, SubmitResultsArguments,
@@ -49,6 +52,7 @@ pub(crate) use sweep::{
     BenchPlanArguments, PlanArguments, PlanCommand, SubmitArguments, SweepCommand,
     SweepRunArguments,
 };
+pub(crate) use tracks::TrackArguments;
 
 use crate::colour;
 

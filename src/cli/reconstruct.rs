@@ -14,7 +14,7 @@ use omnilife_reconstruct::{
     request::{BackendChoice, MethodRequest, PlanChoice},
 };
 
-use super::{camera_words::CameraWordArguments, memory::gibibytes, places};
+use super::{camera_words::CameraWordArguments, edit::EditArguments, memory::gibibytes, places};
 use crate::exit::BadRequest;
 
 #[derive(Debug, Clone, Args)]
@@ -418,16 +418,7 @@ pub(crate) enum ReconstructCommand {
     /// `rotate` with `turn = [x, y, z]` in degrees; `duplicate` with `new`; `retime` with `seconds` or `frames`;
     /// `texture` with `image` and `frame`. `axes` are "ground" (vehicles have them where nothing is said), "camera"
     /// (nodes of an atlas have them) or "world"; `unit` is "world" (vehicles) or "distance" (nodes).
-    Edit {
-        /// Folder of the run: vehicles of `object-graph`, nodes of `nag`.
-        run: PathBuf,
-        /// The script, TOML.
-        #[arg(long, value_name = "EDIT.toml")]
-        script: PathBuf,
-        /// Folder of the edited run.
-        #[arg(long)]
-        out: PathBuf,
-    },
+    Edit(EditArguments),
     /// Lists the methods, their components, and their options with unit, range, default and source.
     Methods {
         /// Prints the list as JSON.

@@ -11,6 +11,7 @@ use super::{
     curate::{CurationArguments, MemoryLimitArguments},
     poses::PoseArguments,
     reconstruct::MethodArguments,
+    tracks::TrackArguments,
 };
 
 #[derive(Debug, Args)]
@@ -35,6 +36,8 @@ pub(crate) struct RunArguments {
     pub(crate) poses: PoseArguments,
     #[command(flatten)]
     pub(crate) masks: MaskStepArguments,
+    #[command(flatten)]
+    pub(crate) tracking: TrackArguments,
     #[command(flatten)]
     pub(crate) method: MethodArguments,
     /// Optimizer steps; schedules scale with them. A first look has 1500 here and in `bench run`; the

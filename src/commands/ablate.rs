@@ -17,6 +17,7 @@ use omnilife_schemas::{
     stage::StagePlan,
     store,
 };
+use omnilife_tracks::TrackOptions;
 
 use super::pooled;
 use crate::{
@@ -59,7 +60,8 @@ pub(crate) fn execute(
         summary.run([TABLE_FILE], progress, |made| -> anyhow::Result<_> {
             let split = out.join(SPLIT_FILE);
             split_scene(scene, protocol, &split)?;
-            preparation::prepare(&[method], scene, &split, progress)?;
+            let tracking = TrackOptions::default();
+            preparation::prepare(&[method], scene, &split, &tracking, progress)?;
             let can_be_left_out = |component: &str| {
                 let mut without = asked.clone();
                 without.without.push(component.to_owned());

@@ -6,7 +6,10 @@ use omnilife_bench::{
     ADAPTERS, BenchError, DEFAULT_MEMORY_BYTES, Diagnosis, ExternalRequest, FailureRequest,
     METRICS, MetricChoice, PROTOCOLS, Predictions, ScoreRequest, Statement, curves, curves_table,
     diagnose, frames_without_content, protocols, record_failure, run_external, score,
-    split_scene_under, tracking::compare_tracks, write_adapter,
+    split_scene_under,
+    tracking::{compare_tracks, world::TruePoses},
+    video_consistency::video_consistency,
+    write_adapter,
 };
 use omnilife_schemas::{
     ErrorKind,
@@ -90,11 +93,23 @@ pub(crate) fn execute(command: &BenchCommand, progress: &dyn Progress) -> anyhow
             tracks,
             truth,
             scene,
+            true_poses,
+            poses_convention,
         } => {
-            let report = compare_tracks(tracks, truth, &store::read_record(scene)?)?;
-            if let Some(note) = &report.rescaled {
-                progress.note(note);
-            }
+            let scene = store::read_record(scene)?;
+            let convention = poses_convention.map(Into::into);
+            let given = (true_poses.as_deref())
+                .map(|path| bench_poses::read_poses(path, convention, &scene))
+                .transpose()?;
+            let given = given
+                .as_ref()
+                .map(|(name, poses)| TruePoses { name, poses });
+            let report = compare_tracks(tracks, truth, &scene, given.as_ref())?;
+            let notes = [&report.rescaled, &report.paths_left_out];
+            notes
+                .into_iter()
+                .flatten()
+                .for_each(|note| progress.note(note));
             exit::print(&format!("{}\n", serde_json::to_string_pretty(&report)?))
         }
         BenchCommand::Poses {
@@ -202,6 +217,13 @@ pub(crate) fn execute(command: &BenchCommand, progress: &dyn Progress) -> anyhow
             bench_scores::validate(scene, split, &predictions, progress)
         }
         BenchCommand::Compare { a, b } => bench_scores::compare(a, b),
+        BenchCommand::Video { views, reference } => {
+            let of_reference = reference.as_deref().map(video_consistency).transpose()?;
+            print_json(&json!({
+                "video": video_consistency(views)?,
+                "reference": of_reference,
+            }))
+        }
         BenchCommand::Run(arguments) => bench_run::execute(arguments, progress),
         BenchCommand::Diagnose {
             scene,

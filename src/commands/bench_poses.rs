@@ -29,11 +29,7 @@ pub(super) fn execute(
 ) -> anyhow::Result<()> {
     let scene: Scene = store::read_record(places.scene)?;
     let given = [Some(places.trajectory), places.truth];
-    if convention.is_some() && !given.into_iter().flatten().any(is_array) {
-        let reason =
-            "--poses-convention says what the matrices of a .npy map, and no .npy is given";
-        return Err(BadRequest(reason.to_owned()).into());
-    }
+    refuse_idle_convention(convention, given.into_iter().flatten())?;
     let read = |path: &Path| -> anyhow::Result<Vec<Option<Pose>>> {
         let convention = convention.filter(|_| is_array(path));
         Ok(read_trajectory(path, convention, &scene)?)
@@ -54,6 +50,32 @@ pub(super) fn execute(
         store::write_record(out, &scores)?;
     }
     exit::print(&pose_table(&scores))
+}
+
+/// Reads poses of a scene's frames, with the name of their file or folder.
+///
+/// # Errors
+/// When they cannot be read, or a convention belongs to another file than a `.npy`.
+pub(super) fn read_poses(
+    path: &Path,
+    convention: Option<PoseConvention>,
+    scene: &Scene,
+) -> anyhow::Result<(String, Vec<Option<Pose>>)> {
+    refuse_idle_convention(convention, [path])?;
+    Ok((own_name(path), read_trajectory(path, convention, scene)?))
+}
+
+/// Refuses a convention of matrices where no file has any.
+fn refuse_idle_convention<'a>(
+    convention: Option<PoseConvention>,
+    given: impl IntoIterator<Item = &'a Path>,
+) -> anyhow::Result<()> {
+    if convention.is_some() && !given.into_iter().any(is_array) {
+        let reason =
+            "--poses-convention says what the matrices of a .npy map, and no .npy is given";
+        return Err(BadRequest(reason.to_owned()).into());
+    }
+    Ok(())
 }
 
 fn is_array(path: &Path) -> bool {

@@ -19,11 +19,8 @@ use omnilife_schemas::{
     records::ValidationStatus,
 };
 use omnilife_tracks::{
-    TrackRequest,
-    association::ASSOCIATIONS,
+    TrackOptions, TrackRequest,
     dense::{DenseRequest, make_dense},
-    detectors::DETECTORS,
-    distance::DISTANCES,
     exports::{TRACK_FORMATS, TrackExportRequest, export_tracks},
     make_tracks, plan_tracks,
 };
@@ -115,12 +112,8 @@ pub(crate) fn execute(command: &CurateCommand, progress: &dyn Progress) -> anyho
         CurateCommand::Tracks {
             scene,
             split,
-            detector,
-            detections,
-            program,
-            distance,
-            association,
-            metres_per_unit,
+            tracking,
+            video,
             export,
             telemetry,
             plan,
@@ -135,14 +128,10 @@ pub(crate) fn execute(command: &CurateCommand, progress: &dyn Progress) -> anyho
             let request = TrackRequest {
                 scene_folder: scene.clone(),
                 split: split.clone(),
-                detector: find("detector", detector, DETECTORS, |one| one.id).map_err(unknown)?,
-                detections: detections.clone(),
-                program: program.clone(),
-                distance: *find("distance", distance, &DISTANCES, |one| one.id())
-                    .map_err(unknown)?,
-                association: *find("association", association, &ASSOCIATIONS, |one| one.id())
-                    .map_err(unknown)?,
-                metres_per_unit: *metres_per_unit,
+                options: TrackOptions {
+                    video: video.clone(),
+                    ..tracking.options().map_err(unknown)?
+                },
                 out: out.clone().unwrap_or_else(|| beside.to_owned()),
             };
             // Names are checked before the tracking.

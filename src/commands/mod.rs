@@ -9,6 +9,7 @@ mod bench_scores;
 mod bench_stability;
 pub(crate) mod curate;
 pub(crate) mod dataset;
+mod edit;
 pub(crate) mod leaderboard;
 mod ledger;
 mod method_list;

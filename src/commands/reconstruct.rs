@@ -1,13 +1,13 @@
 //! `omnilife reconstruct`.
 
+use std::path::Path;
+
 use omnilife_reconstruct::{
     backends,
     jobs::{
-        atlas,
-        edit::{self, EditRequest},
-        export, plan_cost,
+        atlas, export, plan_cost,
         reconstruct::{self, ReconstructRequest},
-        render,
+        render::{self, RenderedViews},
     },
     methods::{self, METHODS},
     process, scene,
@@ -20,9 +20,10 @@ use omnilife_schemas::{
     records::{Scene, Split, WordedViews},
     store,
 };
+use omnilife_tracks::TrackOptions;
 use omnilife_video::Projection;
 
-use super::{curate::print_json, method_list, note_far_frames, video};
+use super::{curate::print_json, edit, method_list, note_far_frames, video};
 use crate::{
     cli::{AssetArguments, CameraArgument, ReconstructCommand, RenderArguments},
     exit, preparation, termination,
@@ -85,7 +86,8 @@ pub(crate) fn execute(command: &ReconstructCommand, progress: &dyn Progress) -> 
             // Some methods require nothing, and would leave them unread.
             store::read_record::<Scene>(scene)?;
             store::read_record::<Split>(split)?;
-            match preparation::prepare(&methods, scene, split, progress) {
+            let tracking = TrackOptions::default();
+            match preparation::prepare(&methods, scene, split, &tracking, progress) {
                 Err(error) if *where_possible && !exit::is_interruption(&error) => {
                     progress.note(&format!("left as it is: {error}"));
                     Ok(())
@@ -121,16 +123,7 @@ pub(crate) fn execute(command: &ReconstructCommand, progress: &dyn Progress) -> 
                 out.display()
             ))
         }
-        ReconstructCommand::Edit { run, script, out } => {
-            let request = EditRequest {
-                run: run.clone(),
-                script: script.clone(),
-                out: out.clone(),
-            };
-            let done = edit::edit(&request, progress)?;
-            let lines = done.iter().map(|line| format!("{line}\n"));
-            exit::print(&lines.collect::<String>())
-        }
+        ReconstructCommand::Edit(arguments) => edit::execute(arguments, progress),
         ReconstructCommand::Methods { json: false } => {
             exit::print(&METHODS.iter().map(method_list::text).collect::<String>())
         }
@@ -225,15 +218,23 @@ fn render(arguments: &RenderArguments, progress: &dyn Progress) -> anyhow::Resul
         text += &unseen_table(cameras);
     }
     if let Some(file) = &arguments.video {
-        let projection = match rendered.camera {
-            Camera::Erp(_) => Projection::Equirectangular,
-            Camera::Pinhole(_) => Projection::Flat,
-        };
-        let (images, times) = (&rendered.files, &rendered.times_seconds);
-        let rate = video::encode(images, times, projection, file)?;
-        text += &format!("{} at {rate:.3} frames per second\n", file.display());
+        text += &film(&rendered, file)?;
     }
     exit::print(&text)
+}
+
+/// Encodes rendered views as a video; returns a line on it.
+pub(super) fn film(rendered: &RenderedViews, file: &Path) -> anyhow::Result<String> {
+    let projection = match rendered.camera {
+        Camera::Erp(_) => Projection::Equirectangular,
+        Camera::Pinhole(_) => Projection::Flat,
+    };
+    let (images, times) = (&rendered.files, &rendered.times_seconds);
+    let rate = video::encode(images, times, projection, file)?;
+    Ok(format!(
+        "{} at {rate:.3} frames per second\n",
+        file.display()
+    ))
 }
 
 /// Returns the table of the shares that no input view saw, or the reason why there is none.

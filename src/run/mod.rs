@@ -28,7 +28,7 @@ use omnilife_curate::{
 use omnilife_leaderboard::{LeaderboardRequest, build_leaderboard_of};
 use omnilife_reconstruct::{
     jobs::reconstruct::{self, ReconstructRequest},
-    methods::{self, METHODS, Method},
+    methods::{self, METHODS, Method, requirement::Requirement},
     request::{BackendChoice, MethodRequest},
 };
 use omnilife_schemas::{
@@ -39,9 +39,10 @@ use omnilife_schemas::{
     stage::{StageOutputs, StagePlan},
     store,
 };
+use omnilife_tracks::TrackOptions;
 
 use crate::{
-    cli::RunArguments,
+    cli::{RunArguments, TrackArguments},
     commands,
     exit::{self, BadRequest, PartialFailure},
     preparation,
@@ -92,6 +93,8 @@ pub(crate) fn main_job(arguments: &RunArguments, progress: &dyn Progress) -> any
         tensorboard: arguments.method.tensorboard.clone(),
         protocol: arguments.protocol.clone(),
         dense: arguments.dense,
+        tracking: tracking(&arguments.tracking, method)?,
+        every_frame: arguments.tracking.every_frame,
         progress,
     };
     // A faulty request must not be found out after an hour of work.
@@ -123,12 +126,12 @@ pub(crate) fn main_job(arguments: &RunArguments, progress: &dyn Progress) -> any
                 progress,
             )
         })?;
-    job.refuse_shared_masks(&curated.record)?;
+    job.refuse_shared_files(&curated.record)?;
     if let Some(line) = masks_off {
         progress.note(&line);
     }
     let (outcomes, printed) = summary.run(SUMMARY_FILES, progress, |made| {
-        score_all(&job, &curated, &arguments.out, made)
+        score_all(&job, &videos, &curated, &arguments.out, made)
     })?;
     let page = overview::write_page(&arguments.out, progress)?;
     progress.note(&format!("{}: to be opened in a browser", page.display()));
@@ -141,6 +144,7 @@ pub(crate) fn main_job(arguments: &RunArguments, progress: &dyn Progress) -> any
 /// sequences.
 fn score_all(
     job: &Job<'_>,
+    videos: &[PathBuf],
     curated: &CuratedDataset,
     out: &Path,
     made: &mut StageOutputs<'_>,
@@ -160,7 +164,7 @@ fn score_all(
                     total => format!("{number} of {total}: {id}"),
                 };
                 job.progress.begin(&label, None);
-                let scored = job.score_sequence(&folder, id);
+                let scored = job.score_sequence(&folder, id, videos.get(index));
                 job.progress.end();
                 outcomes.push(match scored {
                     Ok(()) => Outcome::scored(&video.file, id),
@@ -262,6 +266,10 @@ struct Job<'a> {
     tensorboard: Option<PathBuf>,
     protocol: String,
     dense: bool,
+    /// Detector, distances and association of vehicles.
+    tracking: TrackOptions,
+    /// True if vehicles are tracked through every frame of the video.
+    every_frame: bool,
     progress: &'a dyn Progress,
 }
 
@@ -301,9 +309,9 @@ impl Job<'_> {
         prerequisites::require(needed)
     }
 
-    /// Refuses one folder of masks for several sequences: masks are named by frame, and every sequence counts its
-    /// frames from 0.
-    fn refuse_shared_masks(&self, dataset: &Dataset) -> anyhow::Result<()> {
+    /// Refuses one folder of masks, or one file of boxes, for several sequences: both name frames, and every sequence
+    /// counts its frames from 0.
+    fn refuse_shared_files(&self, dataset: &Dataset) -> anyhow::Result<()> {
         let sequences = sequence_count(dataset);
         let of_frames = match &self.truth.ignored {
             // A single image belongs to the camera, in whatever direction it looks.
@@ -311,6 +319,8 @@ impl Job<'_> {
             _ => None,
         };
         let of_frames = self.masks.given().map(|_| "--masks").or(of_frames);
+        let boxes = self.tracking.detections.as_ref().map(|_| "--detections");
+        let of_frames = of_frames.or(boxes);
         match of_frames {
             Some(option) if sequences > 1 => Err(BadRequest(format!(
                 "{option} belongs to one sequence, the videos gave {sequences}; pose them one by \
@@ -357,8 +367,13 @@ impl Job<'_> {
         Ok(())
     }
 
-    /// Makes poses, split, reconstruction and scores of one sequence.
-    fn score_sequence(&self, folder: &Path, id: &str) -> anyhow::Result<()> {
+    /// Makes poses, split, reconstruction and scores of one sequence of a video.
+    fn score_sequence(
+        &self,
+        folder: &Path,
+        id: &str,
+        video: Option<&PathBuf>,
+    ) -> anyhow::Result<()> {
         self.pose(folder, id)?;
         let protocol_folder = folder.join(&self.protocol);
         let (scene, split) = (folder.join(SCENE_FILE), protocol_folder.join(SPLIT_FILE));
@@ -367,7 +382,11 @@ impl Job<'_> {
             preparation::dense_points(&scene, &split, true, self.progress)?;
         }
         let method = methods::find(&self.method)?;
-        preparation::prepare(&[method], &scene, &split, self.progress)?;
+        let tracking = TrackOptions {
+            video: video.filter(|_| self.every_frame).cloned(),
+            ..self.tracking.clone()
+        };
+        preparation::prepare(&[method], &scene, &split, &tracking, self.progress)?;
         let method_folder = self.method_folder(folder);
         let run = method_folder.join("run");
         reconstruct::reconstruct(
@@ -393,6 +412,35 @@ impl Job<'_> {
         )?;
         refuse_unscored(&score(&request, self.progress)?)
     }
+}
+
+/// Returns the options of tracking, with their files checked.
+///
+/// # Errors
+/// When a name is unknown, a file is missing, or the method takes no tracks of vehicles.
+fn tracking(arguments: &TrackArguments, method: &Method) -> anyhow::Result<TrackOptions> {
+    if let Some(option) = arguments.first_choice()
+        && !method.requires.contains(&Requirement::Tracks)
+    {
+        let takes = METHODS
+            .iter()
+            .filter(|one| one.requires.contains(&Requirement::Tracks));
+        let takes: Vec<&str> = takes.map(|one| one.id).collect();
+        return Err(BadRequest(format!(
+            "{option} is for methods that take tracks of vehicles ({}), got --method {}",
+            takes.join(", "),
+            method.id
+        ))
+        .into());
+    }
+    let options = arguments
+        .options()
+        .map_err(|unknown| BadRequest(unknown.to_string()))?;
+    options.check()?;
+    if arguments.every_frame {
+        options.check_every_frame()?;
+    }
+    Ok(options)
 }
 
 fn sequence_count(dataset: &Dataset) -> usize {

@@ -202,6 +202,33 @@ fn a_clip_is_imported_learnt_scored_taken_apart_and_edited() {
     let record = fs::read_to_string(folder.join("removed/run.json")).unwrap();
     assert!(record.contains("square is removed"));
 
+    edits_are_shown_in_one_command(folder, &atlas, &scene);
+
+    // An image, and an object of a run, stand where the square is.
+    image::RgbaImage::from_pixel(8, 8, image::Rgba([20, 20, 240, 255]))
+        .save(folder.join("blue.png"))
+        .unwrap();
+    let insert = "[[edit]]\nkind = \"insert\"\nnode = \"square\"\n";
+    let removal = "[[edit]]\nkind = \"remove\"\nnode = \"square\"\n";
+    for (what, name, channel) in [
+        ("new = \"logo\"\nimage = \"blue.png\"\n", "logo", 2),
+        (
+            "new = \"twin\"\nrun = \"run\"\nfrom = \"square\"\n",
+            "twin",
+            0,
+        ),
+    ] {
+        let script = format!("{insert}{what}{removal}");
+        edit(&atlas, &script, &folder.join(name)).succeeded();
+        let (ended, shown) = render(&folder.join(name), "all", &format!("{name}-views"));
+        ended.succeeded();
+        let middle = read_image(&shown)[(32, 20)];
+        assert!(
+            middle[channel] > 150 && middle[1] < 110,
+            "{name}: {middle:?}"
+        );
+    }
+
     // A painted frame returns at its painted position.
     let mut paint = image::RgbaImage::new(SIZE[0], SIZE[1]);
     for x in 29..36 {
@@ -222,6 +249,51 @@ fn a_clip_is_imported_learnt_scored_taken_apart_and_edited() {
     ended.succeeded();
     let painted = read_image(&painted);
     assert!(painted[(32, 20)][1] > 180, "{:?}", painted[(32, 20)]);
+}
+
+/// Previews a removal, and renders it as images and video, beside the edited run and its views at `folder`.
+fn edits_are_shown_in_one_command(folder: &Path, atlas: &Path, scene: &Path) {
+    let edit = |further: &str, name: &str| {
+        let out = folder.join(name);
+        let script = folder.join("removed.toml");
+        let ended = run(&format!(
+            "reconstruct edit {} --script {} --poses {} {further} --out {}",
+            atlas.display(),
+            script.display(),
+            scene.display(),
+            out.display()
+        ));
+        (ended, out)
+    };
+    let (ended, preview) = edit("--preview 3", "preview");
+    assert!(ended.succeeded().stdout.contains("square is removed"));
+    let half = folder.join("half");
+    run(&format!(
+        "reconstruct render {} --poses {} --frame 3 --size 32x20 --out {}",
+        folder.join("removed").display(),
+        scene.display(),
+        half.display()
+    ))
+    .succeeded();
+    let image = read_image(&preview.join("000003.png"));
+    assert_eq!(image.dimensions(), (SIZE[0] / 2, SIZE[1] / 2));
+    assert_eq!(image, read_image(&half.join("000003.png")));
+    // It is an image, and no run.
+    let names = fs::read_dir(&preview).unwrap();
+    let names = names.map(|entry| entry.unwrap().file_name().into_string().unwrap());
+    let visible: Vec<String> = names.filter(|name| !name.starts_with('.')).collect();
+    assert_eq!(visible, ["000003.png"]);
+    let film = folder.join("removed.mp4");
+    let (ended, shown) = edit(&format!("--video {}", film.display()), "shown");
+    ended.succeeded();
+    assert!(film.is_file() && shown.join("run.json").is_file());
+    assert_eq!(
+        read_image(&shown.join("views/000003.png")),
+        read_image(&folder.join("without-it/000003.png"))
+    );
+    let (ended, _) = edit("--preview 99", "beyond");
+    let message = ended.failed_quietly(2).to_owned();
+    assert!(message.contains("has no frame 99"), "{message}");
 }
 
 #[test]

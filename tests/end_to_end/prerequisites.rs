@@ -194,6 +194,35 @@ fn what_a_detector_of_vehicles_reads() {
 }
 
 #[test]
+fn tracking_of_the_main_job_is_possible() {
+    let out = Out::new();
+    let poses = sample("poses.json");
+    let poses = ["--poses", poses.to_str().unwrap()];
+    let missing = out.folder.path().join("missing.toml");
+    let missing = missing.to_str().unwrap();
+    let graph = ["--method", "object-graph"];
+    let of_program = ["--vehicle-detector", "command", "--program", missing];
+    for (words, reason) in [
+        (
+            vec!["--association", "deepsort"],
+            "--association is for methods that take tracks of vehicles",
+        ),
+        (
+            [&graph[..], &["--vehicle-detector", "radar"]].concat(),
+            "there is no detector \"radar\"",
+        ),
+        (
+            [&graph[..], &["--vehicle-detector", "files"]].concat(),
+            "--detections FILE",
+        ),
+        ([&graph[..], &of_program].concat(), "missing.toml"),
+    ] {
+        let ended = run(&out.path(), &[&poses[..], &words].concat());
+        out.assert_untouched(&ended, reason);
+    }
+}
+
+#[test]
 fn units_that_can_be_done() {
     let out = Out::new();
     let (scene, video) = (small_run().out.join(SEQUENCE), sample("street.mp4"));

@@ -19,6 +19,7 @@ const WRITES_NOTHING: &[&str] = &[
     "bench list",
     "bench tracks",
     "bench validate",
+    "bench video",
     "completions",
     "curate ledger agreement",
     "curate ledger export",

@@ -380,7 +380,8 @@ fn copied(name: &str, folder: &Path) -> Vec<String> {
     found
 }
 
-fn below(folder: &Path) -> Vec<PathBuf> {
+/// Returns the files below a folder, relative to it.
+pub(crate) fn below(folder: &Path) -> Vec<PathBuf> {
     let mut files = Vec::new();
     let mut open = vec![PathBuf::new()];
     while let Some(next) = open.pop() {

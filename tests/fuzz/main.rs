@@ -8,7 +8,9 @@
 #![cfg(unix)]
 #![expect(clippy::unwrap_used, reason = "a failed set-up step fails the test")]
 
+mod curated;
 mod datasets;
+mod drives;
 mod folders;
 mod mutation;
 mod paths;
@@ -27,6 +29,8 @@ use std::{
     time::{Duration, Instant},
 };
 
+use curated::CURATED;
+use drives::DRIVES;
 use folders::FOLDERS;
 use mutation::Mutator;
 use omnilife_schemas::{process, store};
@@ -58,7 +62,9 @@ fn no_file_makes_a_reader_panic() {
     let only: Option<String> = variable("OMNILIFE_FUZZ_TARGET");
     let root = Path::new(env!("CARGO_MANIFEST_DIR"));
     let scratch = scratch();
-    let all = FILES.iter().chain(FOLDERS).chain(PATHS).chain(SPLATS);
+    let all = [FILES, CURATED, FOLDERS, DRIVES, PATHS, SPLATS]
+        .into_iter()
+        .flatten();
     let is_chosen = |target: &&Target| only.as_ref().is_none_or(|only| *only == target.id);
     let chosen: Vec<&Target> = all.filter(is_chosen).collect();
     assert!(!chosen.is_empty(), "there is no target {only:?}");

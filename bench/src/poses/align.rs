@@ -15,15 +15,15 @@ const LEAST_SPREAD: f64 = 1e-9;
 
 /// `x_reference = scale * rotation * x_estimated + offset`.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Alignment {
-    pub(super) scale: f64,
-    pub(super) rotation: DQuat,
-    pub(super) offset: DVec3,
+pub(crate) struct Alignment {
+    pub(crate) scale: f64,
+    pub(crate) rotation: DQuat,
+    pub(crate) offset: DVec3,
 }
 
 impl Alignment {
     /// Returns an estimated pose in the world of the reference; `None` without a rotation.
-    pub(super) fn apply(&self, pose: &Pose) -> Option<Pose> {
+    pub(crate) fn apply(&self, pose: &Pose) -> Option<Pose> {
         let centre = self.scale * (self.rotation * pose.centre()) + self.offset;
         Some(Pose::new(self.rotation * pose.rotation()?, centre))
     }
@@ -31,7 +31,7 @@ impl Alignment {
 
 /// Part of an alignment that centres alone leave open.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Degeneracy {
+pub(crate) enum Degeneracy {
     /// The centres are on a line: a turn about it is open.
     Line,
     /// The reference stays in one place: rotation and scale are open.
@@ -44,7 +44,7 @@ pub(super) enum Degeneracy {
 /// rotation open, it is that of the cameras (their mean, Markley 2007).
 ///
 /// Returns `None` without pairs or for poses that are not valid.
-pub(super) fn align(
+pub(crate) fn align(
     pairs: &[(Pose, Pose)],
     kind: PoseAlignment,
 ) -> Option<(Alignment, Option<Degeneracy>)> {

@@ -11,7 +11,7 @@
 //! AUC does not depend on any alignment, and frames without a pose count in it. The other errors are of the registered
 //! frames alone, so the share of these belongs beside them.
 
-mod align;
+pub(crate) mod align;
 mod relative;
 
 use omnilife_schemas::{
@@ -214,4 +214,4 @@ pub fn pose_table(scores: &PoseScores) -> String {
 }
 
 #[cfg(test)]
-mod tests;
+pub(crate) mod tests;

@@ -7,7 +7,7 @@ use proptest::prelude::*;
 use super::*;
 
 /// Returns a scene of cameras.
-fn scene(poses: &[Option<Pose>]) -> Scene {
+pub(crate) fn scene(poses: &[Option<Pose>]) -> Scene {
     let frame = |(number, &pose): (usize, &Option<Pose>)| {
         SceneFrame::new(format!("frames/{number:06}.png"), 0.5 * number as f64, pose)
     };
@@ -22,7 +22,7 @@ fn scene(poses: &[Option<Pose>]) -> Scene {
 }
 
 /// Returns the poses of a walk along a curve in space.
-fn walk() -> Vec<Option<Pose>> {
+pub(crate) fn walk() -> Vec<Option<Pose>> {
     let pose = |number: u32| {
         let at = f64::from(number);
         let rotation =

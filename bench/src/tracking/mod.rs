@@ -12,6 +12,7 @@
 
 pub mod boxes;
 pub mod paths;
+pub mod world;
 
 use std::path::Path;
 
@@ -24,6 +25,7 @@ use serde::Serialize;
 use crate::error::BenchError;
 use boxes::{DetectionScores, TrackBox, TrackScores};
 use paths::PathScores;
+use world::{TruePoses, World, WorldAlignment};
 
 /// Scores of tracks against true ones.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -36,10 +38,15 @@ pub struct TrackReport {
     pub boxes: TrackScores,
     /// Scores in space; none if no path is near a true one.
     pub paths: Option<PathScores>,
+    /// Reason for which paths were left out, in one line.
+    pub paths_left_out: Option<String>,
+    /// Similarity by which paths were brought to the world of the truth; absent where it is that of the scene.
+    pub alignment: Option<WorldAlignment>,
 }
 
 /// Scores tracks against the true ones of a file, in the frames of the tracks. Boxes without a track count only as
-/// detections.
+/// detections. Paths are compared in the world of the truth: that of the scene where its poses were given, else by
+/// `true_poses`. Without these they are left out, with the reason.
 ///
 /// # Errors
 /// When a file cannot be read or has unusable tracks, or true boxes are in images of another aspect ratio.
@@ -47,6 +54,7 @@ pub fn compare_tracks(
     tracks_file: &Path,
     truth_file: &Path,
     scene: &Scene,
+    true_poses: Option<&TruePoses<'_>>,
 ) -> Result<TrackReport, BenchError> {
     let found = read_tracks(tracks_file)?;
     let mut truth = read_tracks(truth_file)?;
@@ -75,11 +83,23 @@ pub fn compare_tracks(
         .filter(|one| one.confidence > 0.0)
         .cloned()
         .collect();
+    let (world, paths_left_out, alignment) = match true_poses {
+        Some(given) => match World::by_cameras(scene, given, [&truth, &found]) {
+            Ok((world, alignment)) => (Some(world), None, Some(alignment)),
+            Err(reason) => (None, Some(format!("paths are left out: {reason}")), None),
+        },
+        None => match world::own_world(scene) {
+            None => (Some(World::shared(&found)), None, None),
+            reason => (None, reason, None),
+        },
+    };
     Ok(TrackReport {
         rescaled,
         detections: boxes::score_detections(&true_boxes, &detected),
         boxes: boxes::score_boxes(&of_tracks(&true_boxes), &of_tracks(&found_boxes)),
-        paths: paths::score_paths(&truth, &found, scene),
+        paths: world.and_then(|world| paths::score_paths(&truth, &found, scene, &world)),
+        paths_left_out,
+        alignment,
     })
 }
 

@@ -8,6 +8,8 @@ use omnilife_schemas::{
 };
 use serde::Serialize;
 
+use super::world::World;
+
 /// Errors of paths in space; `None` if no true object is near any.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct PathScores {
@@ -28,14 +30,20 @@ pub const REACH_METRES: f64 = 3.0;
 /// Speed below which an object stands, metres per second.
 const LEAST_SPEED: f64 = 0.5;
 
-/// Scores paths at the times of the true objects' sightings.
-pub fn score_paths(truth: &Tracks, found: &Tracks, scene: &Scene) -> Option<PathScores> {
+/// Scores paths at the times of the true objects' sightings, in the world of the truth.
+pub fn score_paths(
+    truth: &Tracks,
+    found: &Tracks,
+    scene: &Scene,
+    world: &World,
+) -> Option<PathScores> {
     let up = DVec3::from_array(found.up);
     let axes = [
         GroundAxes::new(DVec3::from_array(truth.up)),
         GroundAxes::new(up),
     ];
-    let metres = found.metres_per_unit;
+    let up = world.direction(up);
+    let metres = world.metres_per_unit;
     let (mut ground, mut headings, mut lengths, mut missing) =
         (Vec::new(), Vec::new(), Vec::new(), 0);
     for sighting in truth
@@ -55,7 +63,7 @@ pub fn score_paths(truth: &Tracks, found: &Tracks, scene: &Scene) -> Option<Path
         };
         let near = found.tracks.iter().filter_map(|track| {
             let (place, heading) = track.path.at(seconds)?;
-            let offset = place - centre;
+            let offset = world.place(place) - centre;
             let on_ground = (offset - up * offset.dot(up)).length() * metres;
             (on_ground <= REACH_METRES).then_some((on_ground, heading, track))
         });
@@ -64,10 +72,11 @@ pub fn score_paths(truth: &Tracks, found: &Tracks, scene: &Scene) -> Option<Path
             continue;
         };
         ground.push(distance);
-        lengths.push((track.dimensions[0] - object.dimensions[0]).abs() * metres);
+        let length = world.length(track.dimensions[0]);
+        lengths.push((length - object.dimensions[0]).abs() * metres);
         if object.path.centre.velocity(seconds).length() * metres > LEAST_SPEED {
-            let forward = axes[0].rotation(true_heading).x_axis;
-            let error = nearest_turn(heading - axes[1].heading(forward), 0.0);
+            let forward = world.direction(axes[1].rotation(heading).x_axis);
+            let error = nearest_turn(axes[0].heading(forward) - true_heading, 0.0);
             headings.push(error.abs().to_degrees());
         }
     }

@@ -12,7 +12,7 @@ use omnilife_schemas::{
     records::{PoseSource, Scale, SceneObject},
 };
 
-use super::{ForeignDistance, ForeignSplit};
+use super::{ForeignDistance, ForeignSplit, driving::Drive};
 use crate::{poses::frame_camera::FrameCamera, stills::Still};
 
 /// A scene of another program.
@@ -44,6 +44,8 @@ pub struct ForeignScene {
     pub(crate) stills: BTreeMap<PathBuf, (Still, f64)>,
     /// A line on the source of these seconds; empty without stills.
     pub(crate) stills_note: String,
+    /// Names, times, boxes and distances of the frames of a drive, and paths of moving objects.
+    pub(crate) drive: Option<Drive>,
     /// Lines on decisions and omissions of the reader.
     pub notes: Vec<String>,
 }
@@ -65,6 +67,7 @@ impl ForeignScene {
             frame_rate: None,
             stills: BTreeMap::new(),
             stills_note: String::new(),
+            drive: None,
             notes: Vec::new(),
         }
     }

@@ -6,6 +6,8 @@
 use std::path::Path;
 
 use omnilife_schemas::{
+    RgbImage,
+    camera::PinholeCamera,
     image_file::{ImageFile, ShownImage},
     layout::FRAMES_FOLDER,
     plain_text,
@@ -13,7 +15,7 @@ use omnilife_schemas::{
     store,
 };
 
-use super::ForeignFrame;
+use super::{ForeignFrame, driving};
 use crate::{
     error::CurateError,
     poses::{frame_camera::write_straight, lens::Straightening},
@@ -35,6 +37,30 @@ pub(super) struct FrameImage {
 }
 
 impl FrameImage {
+    /// Resamples the image of a frame from its camera to that of the scene; what it does not show there is ignored.
+    ///
+    /// # Errors
+    /// When it is damaged, transparent in places, to be turned, or cannot be written.
+    pub(super) fn resampled(
+        frame: &ForeignFrame,
+        name: &str,
+        (own, common): (&PinholeCamera, &PinholeCamera),
+        out: &Path,
+    ) -> Result<Self, CurateError> {
+        let (image, outside) = driving::resampled(&RgbImage::read(&frame.image)?, own, common);
+        let file = format!("{FRAMES_FOLDER}/{name}");
+        let path = out.join(&file);
+        super::refuse_second(&path)?;
+        image.write_png(&path)?;
+        Ok(Self {
+            file,
+            is_transparent: false,
+            ignored: outside.marks_anything().then_some(outside),
+            is_turned: false,
+            is_single_colour: rgb::is_single_colour(&image.to_rgb8()),
+        })
+    }
+
     /// Copies the image of a frame into the folder of a scene, rewrites it as an opaque RGB PNG, or undistorts it.
     ///
     /// # Errors

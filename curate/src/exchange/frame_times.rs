@@ -30,6 +30,10 @@ pub(super) fn frame_times(
     scene: &ForeignScene,
     beside: &[PathBuf],
 ) -> Result<FrameTimes, CurateError> {
+    if let Some(seconds) = of_drive(request, scene)? {
+        let notes = Vec::new();
+        return Ok(FrameTimes { seconds, notes });
+    }
     if let Some(table) = times::TimeTable::read(&scene.root)? {
         let both = |image: &Path| [file_name(image), name_with_folder(image)];
         let frames: Vec<[String; 2]> = (scene.frames.iter())
@@ -112,6 +116,25 @@ fn shared_by_folders(frames: &[ForeignFrame], times: &[f64]) -> Option<String> {
             times::TIMES_FILE
         )
     })
+}
+
+/// Returns the times of the images of a drive, which its layout states; `None` for other scenes.
+fn of_drive(
+    request: &ImportRequest<'_>,
+    scene: &ForeignScene,
+) -> Result<Option<Vec<f64>>, CurateError> {
+    let Some(drive) = &scene.drive else {
+        return Ok(None);
+    };
+    if let Some(rate) = request.frames_per_second {
+        let reason = format!(
+            "--fps must be left out of the format {}, which states times, got {rate}",
+            request.format
+        );
+        return Err(CurateError::input(request.folder, reason));
+    }
+    let views = (scene.frames.iter()).map(|frame| Some(drive.view(&frame.image)?.seconds));
+    Ok(views.collect())
 }
 
 /// Returns the times of stills; `None` for frames of a video.

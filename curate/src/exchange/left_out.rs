@@ -24,6 +24,10 @@ const IMAGES: [&str; 11] = [
 /// # Errors
 /// When a folder cannot be listed.
 pub(super) fn images_beside(scene: &ForeignScene) -> Result<Vec<PathBuf>, StoreError> {
+    if scene.drive.is_some() {
+        // Its folders have the images of other sequences too; its reader tells what it leaves out of its own.
+        return Ok(Vec::new());
+    }
     let parents = scene.frames.iter().filter_map(|frame| frame.image.parent());
     let folders: BTreeSet<PathBuf> = parents
         .map(Path::to_owned)

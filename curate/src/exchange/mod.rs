@@ -9,6 +9,7 @@ pub mod colmap;
 mod cube_faces;
 pub mod datasets;
 mod distances;
+pub mod driving;
 mod foreign;
 mod frame_images;
 mod frame_times;
@@ -106,6 +107,8 @@ pub const FORMATS: &[Format] = &[
     datasets::roam360::FORMAT,
     datasets::omniphotos::FORMAT,
     panoramas::FORMAT,
+    driving::kitti::FORMAT,
+    driving::nuscenes::FORMAT,
 ];
 
 /// Returns the formats that can be exported.
@@ -116,8 +119,11 @@ pub fn written_formats() -> impl Iterator<Item = &'static Format> {
 /// Looks a format up by its name.
 ///
 /// # Errors
-/// [`CurateError::Input`] that lists the formats, for an unknown name.
+/// [`CurateError::Input`] that lists the formats, for an unknown name, and for a layout that is known and not read.
 pub fn format(id: &str, folder: &Path) -> Result<&'static Format, CurateError> {
+    if let Some(reason) = driving::unread_layout(id) {
+        return Err(CurateError::input(folder, reason));
+    }
     names::find("format", id, FORMATS, |format| format.id)
         .map_err(|unknown| CurateError::input(folder, unknown.to_string()))
 }

@@ -6,8 +6,12 @@ use std::{
 };
 
 use omnilife_schemas::{
+    camera::Camera,
     image_file::ImageFile,
-    layout::{FRAMES_FOLDER, IGNORE_MASKS_FOLDER, POINTS_FILE, SCENE_FILE, SCENE_MASKS_FOLDER},
+    layout::{
+        FRAMES_FOLDER, IGNORE_MASKS_FOLDER, POINTS_FILE, SCENE_FILE, SCENE_MASKS_FOLDER,
+        TRACKS_FILE,
+    },
     mask_file::{self, MarkedGreys},
     mask_survey::MaskSurvey,
     records::{PoseSource, Scene, SceneFrame},
@@ -69,7 +73,8 @@ pub enum MaskMeaning {
     Ignored,
 }
 
-/// Imports a scene: `scene.json`, `frames/`, `masks/`, `depth/` and `points.ply`.
+/// Imports a scene: `scene.json`, `frames/`, `masks/`, `depth/` and `points.ply`; of a drive `depth-prior/` and
+/// `tracks.json` too.
 ///
 /// Poses are taken as they are and marked unchecked; a record of ours in the folder is kept entirely. The scale is
 /// arbitrary unless the format states it. Images are copied, with three exceptions: a lens is undistorted, transparent
@@ -173,7 +178,14 @@ fn write(
             .map(|(still, _)| still);
         let placement = still.and_then(|still| still.placement.as_ref());
         let lens = source.straightening.as_ref();
-        let image = FrameImage::import(frame, name, (lens, placement), out)?;
+        let view = (source.scene.drive.as_ref()).and_then(|drive| drive.view(&frame.image));
+        let own_camera = view.and_then(|view| view.own_camera.as_ref());
+        let image = match (own_camera, &camera) {
+            (Some(own), Camera::Pinhole(common)) => {
+                FrameImage::resampled(frame, name, (own, common), out)?
+            }
+            _ => FrameImage::import(frame, name, (lens, placement), out)?,
+        };
         unusual.add(name, &image);
         look_at_masks(source, frame, &mut masks)?;
         let ignored = ignored(source, frame, request)?;
@@ -200,9 +212,12 @@ fn write(
                 MaskMeaning::Moving => import_objects(source, (frame, name), out)?,
                 MaskMeaning::Ignored => [].into(),
             },
-            boxes: [].into(),
+            boxes: view.map(|view| view.boxes.clone()).unwrap_or_default(),
             depth: distances::import(source.scene, frame, name, out)?,
-            depth_prior: None,
+            depth_prior: match view {
+                Some(view) => view.write_ranges(&camera, name, out)?,
+                None => None,
+            },
             capture: still
                 .map(|still| still.capture.clone())
                 .filter(|capture| !capture.is_empty()),
@@ -247,6 +262,10 @@ fn write(
         },
     };
     store::write_record(&out.join(SCENE_FILE), &scene)?;
+    let drive = source.scene.drive.as_ref();
+    if let Some(tracks) = drive.and_then(|drive| drive.tracks(&scene)) {
+        store::write_record(&out.join(TRACKS_FILE), &tracks)?;
+    }
     Ok(scene)
 }
 
@@ -274,7 +293,11 @@ fn image_names(folder: &Path, source: &Source<'_>) -> Result<Vec<String>, Curate
         names.iter().find(|name| !seen.insert(*name)).cloned()
     };
     let frames = &source.scene.frames;
-    let own = frames.iter().map(image_name);
+    let drive = source.scene.drive.as_ref();
+    let own = frames.iter().map(|frame| {
+        let view = drive.and_then(|drive| drive.view(&frame.image));
+        view.map_or_else(|| image_name(frame), |view| view.name.clone())
+    });
     let mut names: Vec<String> = own.map(written).collect();
     if repeated(&names).is_some() {
         let of_folders = frames.iter().map(|frame| name_with_folder(&frame.image));
@@ -313,18 +336,14 @@ fn check_size(scene: &ForeignScene, frame: &ForeignFrame) -> Result<(), CurateEr
         return Ok(());
     }
     let [width, height] = ImageFile::open(&frame.image)?.shown_size()?;
-    let camera = scene.camera.camera();
-    if [width, height] == camera.size() {
+    let view = (scene.drive.as_ref()).and_then(|drive| drive.view(&frame.image));
+    let expected = view.map_or_else(|| scene.camera.camera().size(), |view| view.size);
+    if [width, height] == expected {
         return Ok(());
     }
-    Err(CurateError::input(
-        &frame.image,
-        format!(
-            "is {width}x{height}, its scene says {}x{}",
-            camera.width(),
-            camera.height()
-        ),
-    ))
+    let [across, down] = expected;
+    let reason = format!("is {width}x{height}, its scene says {across}x{down}");
+    Err(CurateError::input(&frame.image, reason))
 }
 
 /// Returns the pixels outside the scene in a frame: the mask of one of our exports, or the frame's one mask, if masks

@@ -47,7 +47,7 @@ pub fn plan_tracks(
     let tracks = if is_known {
         store::read_record(&asked.record(request))?
     } else {
-        let lock = request.detector.keeps_files;
+        let lock = request.options.detector.keeps_files;
         let lock = lock.then(|| FolderLock::take(&request.out, progress));
         let _lock = lock.transpose()?;
         asked.track(request, progress)?
@@ -74,7 +74,7 @@ fn decisions(request: &TrackRequest, asked: &Asked, tracks: &Tracks) -> Vec<Comp
         Some(points) => (!points.dense_frames.is_empty(), points.name.clone()),
         None => (false, "there are none: the ground is a plane".to_owned()),
     };
-    let scale = match (stage("scale"), request.metres_per_unit) {
+    let scale = match (stage("scale"), request.options.metres_per_unit) {
         (Some(stage), _) => (true, stage.reason.clone()),
         (None, Some(metres)) => (false, format!("given: {metres} metres in a unit")),
         (None, None) => (false, "the scene is in metres".to_owned()),
@@ -111,7 +111,7 @@ fn decisions(request: &TrackRequest, asked: &Asked, tracks: &Tracks) -> Vec<Comp
         decide("dense-points", are_dense, points),
         decide("metric-scale", scale.0, scale.1),
         decide(
-            &format!("detector: {}", request.detector.id),
+            &format!("detector: {}", request.options.detector.id),
             true,
             reason("detector"),
         ),
@@ -121,7 +121,7 @@ fn decisions(request: &TrackRequest, asked: &Asked, tracks: &Tracks) -> Vec<Comp
             format!("{without}{}", reason("distance")),
         ),
         decide(
-            &format!("association: {}", request.association.id()),
+            &format!("association: {}", request.options.association.id()),
             true,
             reason("association"),
         ),

@@ -53,7 +53,7 @@ impl DistanceMethod {
         }
     }
 
-    fn needs_estimates(self) -> bool {
+    pub(super) fn needs_estimates(self) -> bool {
         matches!(self, Self::Monocular | Self::MonocularScale)
     }
 }

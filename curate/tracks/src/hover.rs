@@ -4,9 +4,13 @@
 
 use glam::DVec3;
 use omnilife_schemas::{
+    points::PointCloud,
     posed_view::PosedView,
     records::{PoseSource, Scene},
+    scene_points::ScenePoints,
 };
+
+use crate::error::TracksError;
 
 /// Least distance between neighbouring points of the plane, pixels.
 const SPACING: usize = 4;
@@ -15,15 +19,38 @@ const MOST_FRAMES: usize = 12;
 /// Least cosine between rays and the normal of the plane, at its end: 75 degrees.
 const LEAST_COSINE: f64 = 0.26;
 
+/// Returns points of static content, and remarks on them: those of a scene, or of the plane below a hovering camera.
+///
+/// # Errors
+/// When the points cannot be read.
+pub(super) fn static_points(
+    points: Option<&ScenePoints>,
+    scene: &Scene,
+    views: &[PosedView],
+) -> Result<(Vec<DVec3>, Vec<String>), TracksError> {
+    match points {
+        Some(points) => {
+            let points = PointCloud::read_ply(&points.file)?.positions.into_iter();
+            Ok((points.map(DVec3::from_array).collect(), Vec::new()))
+        }
+        None if is_hovering(scene, views) => {
+            let warning = "the camera hovers, and without parallax there is no ground: tracks are on a plane \
+                           across the viewing direction, images are compared by homographies";
+            Ok((plane_points(views), vec![warning.to_owned()]))
+        }
+        None => Ok((Vec::new(), Vec::new())),
+    }
+}
+
 /// Returns true if a scene's poses are rotations of a camera in one place.
-pub(super) fn is_hovering(scene: &Scene, views: &[PosedView]) -> bool {
+fn is_hovering(scene: &Scene, views: &[PosedView]) -> bool {
     let is_registered = matches!(scene.pose_source, PoseSource::Registered { .. });
     let first = views.first().map(|view| view.centre);
     is_registered && views.iter().all(|view| Some(view.centre) == first)
 }
 
 /// Returns points of the plane that any of the views sees.
-pub(super) fn plane_points(views: &[PosedView]) -> Vec<DVec3> {
+fn plane_points(views: &[PosedView]) -> Vec<DVec3> {
     let axis = |view: &PosedView| view.to_world.z_axis;
     let Some(normal) = views.iter().map(axis).sum::<DVec3>().try_normalize() else {
         return Vec::new();

@@ -17,13 +17,16 @@ pub mod dense;
 pub mod detectors;
 pub mod distance;
 pub mod error;
+mod every_frame;
 pub mod exports;
 pub mod georeference;
 mod hover;
 mod image_boxes;
+pub mod options;
 mod overlay;
 mod page;
 mod path;
+mod pose_interpolation;
 pub mod rings;
 pub mod spline_fit;
 pub mod stability;
@@ -36,7 +39,6 @@ use omnilife_schemas::{
     elapsed::Stopwatch,
     ground_plane::Plane,
     layout::{SCENE_FILE, TRACKS_FILE},
-    points::PointCloud,
     posed_view::{PosedView, frames_of},
     progress::Progress,
     records::{Detection, Scale, Scene, Track, TrackStage, Tracks},
@@ -48,10 +50,11 @@ use omnilife_schemas::{
 
 pub use decisions::{TracksPlan, plan_tracks};
 pub use error::TracksError;
+pub use options::TrackOptions;
 
 use association::{Association, Sighting, deepsort};
 use detectors::{Detector, DetectorInput};
-use distance::DistanceMethod;
+use every_frame::{EveryFrame, Samples};
 use image_boxes::{is_cut, middle, within_image};
 
 /// The page for viewing, beside the tracks.
@@ -67,18 +70,8 @@ pub struct TrackRequest {
     pub scene_folder: PathBuf,
     /// A split whose input views alone are used; all frames if `None`.
     pub split: Option<PathBuf>,
-    /// One of [`DETECTORS`](detectors::DETECTORS).
-    pub detector: &'static Detector,
-    /// A file of boxes.
-    pub detections: Option<PathBuf>,
-    /// A TOML of a program that finds boxes.
-    pub program: Option<PathBuf>,
-    /// The way to find distances.
-    pub distance: DistanceMethod,
-    /// The way to find which detections are of one object.
-    pub association: Association,
-    /// Metres in a unit of the world, where the scene does not say.
-    pub metres_per_unit: Option<f64>,
+    /// Detector, distances and association.
+    pub options: TrackOptions,
     /// Folder of the result.
     pub out: PathBuf,
 }
@@ -127,6 +120,8 @@ struct Asked {
     known_scale: Option<f64>,
     /// Points of static content.
     points: Option<ScenePoints>,
+    /// SHA-256 of the video whose frames are all used.
+    video_sha256: Option<String>,
 }
 
 impl Asked {
@@ -134,15 +129,16 @@ impl Asked {
         let scene_path = request.scene_folder.join(SCENE_FILE);
         let scene: Scene = store::read_record(&scene_path)?;
         let frames = frames_of(&scene, request.split.as_deref())?;
-        let files = request.detector.check_files(request);
+        let files = request.options.detector.check_files(&request.options);
         files.map_err(|reason| TracksError::input(&scene_path, reason))?;
         let views = PosedView::of_scene(&scene, &frames);
-        distance::check_estimates(&scene_path, &scene, &views, request.distance)?;
-        let known_scale = metres_per_unit(&scene_path, &scene, request.metres_per_unit)?;
+        distance::check_estimates(&scene_path, &scene, &views, request.options.distance)?;
+        let known_scale = metres_per_unit(&scene_path, &scene, request.options.metres_per_unit)?;
         let beside = request.split.as_deref().and_then(Path::parent);
         let beside = beside.unwrap_or(&request.scene_folder);
         let points = ScenePoints::find(&scene, &request.scene_folder, beside)?;
         Ok(Self {
+            video_sha256: every_frame::check_video(request)?,
             scene_path,
             scene,
             frames,
@@ -161,15 +157,18 @@ impl Asked {
     fn stage(&self, request: &TrackRequest) -> Result<StagePlan, TracksError> {
         let mut plan = StagePlan::new(&request.out, "tracks")
             .with_file(&self.scene_path)?
-            .with_text("detector", request.detector.id)
-            .with_text("distance", request.distance.id())
-            .with_text("association", request.association.id())
+            .with_text("detector", request.options.detector.id)
+            .with_text("distance", request.options.distance.id())
+            .with_text("association", request.options.association.id())
             .with_settings("frames", &self.frames)
             .with_settings("metres per unit", &self.known_scale);
-        if let Some(file) = &request.detections {
+        if let Some(file) = &request.options.detections {
             plan = plan.with_file(file)?;
         }
-        if let Some(file) = &request.program {
+        if let Some(sha256) = &self.video_sha256 {
+            plan = plan.with_hash("video", sha256.clone());
+        }
+        if let Some(file) = &request.options.program {
             plan = detectors::command::with_inputs(plan, file)?;
         }
         for &frame in &self.frames {
@@ -187,33 +186,18 @@ impl Asked {
         }
     }
 
-    /// Returns points of static content, and remarks on them.
-    fn static_points(&self) -> Result<(Vec<DVec3>, Vec<String>), TracksError> {
-        match &self.points {
-            Some(points) => {
-                let points = PointCloud::read_ply(&points.file)?.positions.into_iter();
-                Ok((points.map(DVec3::from_array).collect(), Vec::new()))
-            }
-            None if hover::is_hovering(&self.scene, &self.views) => {
-                let warning = "the camera hovers, and without parallax there is no ground: tracks are on a plane \
-                               across the viewing direction, images are compared by homographies";
-                Ok((hover::plane_points(&self.views), vec![warning.to_owned()]))
-            }
-            None => Ok((Vec::new(), Vec::new())),
-        }
-    }
-
     /// Computes the tracks, without writing them.
     fn track(
         &self,
         request: &TrackRequest,
         progress: &dyn Progress,
     ) -> Result<Tracks, TracksError> {
-        if request.association == Association::DeepSort {
+        if request.options.association == Association::DeepSort {
             // Before the boxes are looked for whose appearance it compares.
             appearance::published_weights()?;
         }
-        let (points, warnings) = self.static_points()?;
+        let points = self.points.as_ref();
+        let (points, warnings) = hover::static_points(points, &self.scene, &self.views)?;
         let centres: Vec<DVec3> = self.views.iter().map(|view| view.centre).collect();
         let (plane, _) = Plane::dominant(&points, &centres).ok_or_else(|| {
             TracksError::input(
@@ -221,24 +205,41 @@ impl Asked {
                 "has too few points to find the ground by; poses from structure from motion bring them",
             )
         })?;
-        let mut input = DetectorInput {
-            folder: &request.scene_folder,
+        let mut stages = Vec::new();
+        let begun = Stopwatch::with_children();
+        let samples = Samples {
             scene: &self.scene,
             views: &self.views,
+        };
+        let every = EveryFrame::of_request(request, samples, plane, progress)?;
+        if let Some(every) = &every {
+            stages.push(stage("frames", "every-frame", every.reason.clone(), begun));
+        }
+        let (scene, views, scale_views) = match &every {
+            // Programs run once, on all frames.
+            Some(every) if request.options.detector.keeps_files => {
+                (&every.scene, &every.views, &every.views)
+            }
+            Some(every) => (&every.scene, &every.views, &every.sample_views),
+            None => (&self.scene, &self.views, &self.views),
+        };
+        let mut input = DetectorInput {
+            folder: &request.scene_folder,
+            scene,
+            views: scale_views,
             points: &points,
             ground: plane,
             metres_per_unit: self.known_scale.unwrap_or(1.0),
-            file: request.detections.as_ref(),
-            program: request.program.as_ref(),
+            file: request.options.detections.as_ref(),
+            program: request.options.program.as_ref(),
             out: &request.out,
         };
-        let mut stages = Vec::new();
         if self.known_scale.is_none() {
             let begun = Stopwatch::with_children();
             let (metres, evidence) = vehicle_scale::by_vehicles(
                 &self.scene_path,
                 plane,
-                request.detector,
+                request.options.detector,
                 &input,
                 progress,
             )?;
@@ -246,16 +247,21 @@ impl Asked {
             stages.push(stage("scale", "vehicle-length", evidence, begun));
             input.metres_per_unit = metres;
         }
+        input.views = views;
         let work = Tracking {
-            scene: &self.scene,
-            views: &self.views,
+            scene,
+            views,
             points: &points,
             plane,
             metres_per_unit: input.metres_per_unit,
             request,
             warnings,
         };
-        work.run(stages, request.detector, &input, progress)
+        let tracks = work.run(stages, request.options.detector, &input, progress)?;
+        Ok(match &every {
+            Some(every) => every.at_samples(tracks),
+            None => tracks,
+        })
     }
 }
 
@@ -319,10 +325,10 @@ impl Tracking<'_> {
         };
         stages.push(stage("detector", detector.id, found, begun));
         let begun = Stopwatch::with_children();
-        let lifted = self.lift(&mut detections, input, self.request.distance)?;
+        let lifted = self.lift(&mut detections, input, self.request.options.distance)?;
         stages.push(stage("distance", lifted.method.id(), lifted.reason, begun));
         let begun = Stopwatch::with_children();
-        let association = self.request.association;
+        let association = self.request.options.association;
         let groups = match association {
             Association::DeepSort => {
                 let (groups, said) = self.associate_by_appearance(&detections, input)?;

@@ -11,7 +11,7 @@ use glam::{DVec2, DVec3};
 use omnilife_engine::{
     EngineError,
     camera::View,
-    device::Gpu,
+    device::{Gpu, KernelChoices},
     step::gpu::memory::DevicePlan,
     surfaces::{
         gpu::{
@@ -107,7 +107,8 @@ impl AtlasDevice {
     /// Opens the first GPU, for batches of at most so many rays and moments.
     pub(super) fn open(room: [usize; 2]) -> Result<Self, EngineError> {
         Ok(Self {
-            gpu: Arc::new(Gpu::open()?),
+            // Choices of kernels concern Gaussians alone.
+            gpu: Arc::new(Gpu::open_with_choices(KernelChoices::default())?),
             room: room.map(|room| room.max(1)),
             surfaces: None,
             is_newer: false,

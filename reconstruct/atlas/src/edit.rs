@@ -11,8 +11,9 @@ use omnilife_schemas::{image_file::ImageFile, records::RunRecord, trajectory::Gr
 use super::{
     clip::{camera_direction, pixel_centre},
     graph::Graph,
+    insert,
     node::{FieldKind, Fields, LearntOffsets, Node, Overlay, Surface},
-    outputs,
+    outputs, paint,
     render::{Moment, Rays},
     saved,
     shade::Detail,
@@ -64,15 +65,30 @@ fn apply(graph: &mut Graph, edit: &Edit, folder: &Path, run: &RunRecord) -> Resu
         }
         Edit::Duplicate { new, .. } => {
             let new = new.as_deref().unwrap_or_default();
-            let is_name = !new.is_empty() && !new.contains(['/', '\\', ':']);
-            if !is_name || graph.find(new).is_some() {
-                return Err(format!(
-                    "new must be a free name without /, \\ and :, got {new:?}"
-                ));
-            }
+            check_name(graph, new)?;
             let copy = copied(&graph.nodes[number], new);
             graph.nodes.insert(number + 1, copy);
             Ok(format!("{new} is a copy of {id}"))
+        }
+        Edit::Insert {
+            new,
+            image,
+            run: other,
+            from,
+            ..
+        } => {
+            check_name(graph, new)?;
+            let place = &graph.nodes[number];
+            let node = match (image, other, from) {
+                (Some(image), ..) => insert::image(place, new, &folder.join(image))?,
+                (None, Some(other), Some(from)) => {
+                    insert::of_run(place, new, &folder.join(other), from)?
+                }
+                _ => return Err("must have either image, or run and from".to_owned()),
+            };
+            // Of two at one distance the earlier is in front.
+            graph.nodes.insert(number, node);
+            Ok(format!("{new} is inserted in the place of {id}, before it"))
         }
         Edit::Retime {
             seconds, frames, ..
@@ -124,7 +140,16 @@ fn apply(graph: &mut Graph, edit: &Edit, folder: &Path, run: &RunRecord) -> Resu
         Edit::Texture { image, frame, .. } => {
             let painted = read_rgba(&folder.join(image))?;
             let (texture, done) = match frame {
-                None => (painted, format!("{id} is painted over its atlas")),
+                None => {
+                    let is_sphere = matches!(graph.nodes[number].surface, Surface::Sphere { .. });
+                    if is_sphere && painted.width != 2 * painted.height {
+                        return Err(format!(
+                            "{id} is a sphere: an image over it must be twice as wide as high, got {}x{}",
+                            painted.width, painted.height
+                        ));
+                    }
+                    (painted, format!("{id} is painted over its atlas"))
+                }
                 Some(frame) => {
                     let (texture, returned) = from_frame(graph, number, *frame, &painted)?;
                     let share = 100.0 * returned;
@@ -139,6 +164,17 @@ fn apply(graph: &mut Graph, edit: &Edit, folder: &Path, run: &RunRecord) -> Resu
             Ok(done)
         }
     }
+}
+
+/// Checks the name of a new node.
+fn check_name(graph: &Graph, new: &str) -> Result<(), String> {
+    let is_name = !new.is_empty() && !new.contains(['/', '\\', ':']);
+    if is_name && graph.find(new).is_none() {
+        return Ok(());
+    }
+    Err(format!(
+        "new must be a free name without /, \\ and :, got {new:?}"
+    ))
 }
 
 /// Returns a node's distance from the camera of its training. Earlier shifts do not change it, so that a shift
@@ -191,22 +227,24 @@ fn copied(node: &Node, id: &str) -> Node {
         colour: node.colour.clone(),
         opacity: node.opacity.clone(),
         fields,
-        offsets: node.offsets.as_ref().map(|offsets| LearntOffsets {
-            unit: offsets.unit,
-            with_rotation: offsets.with_rotation,
-            parameters: SharedParameters::new(
-                "trajectories",
-                offsets.parameters.array.values.clone(),
-            ),
-        }),
+        offsets: copied_offsets(node),
         times: node.times,
         delay: node.delay,
         overlay: node.overlay.clone(),
     }
 }
 
+/// Returns a copy of a node's corrections of its trajectory.
+pub(super) fn copied_offsets(node: &Node) -> Option<LearntOffsets> {
+    node.offsets.as_ref().map(|offsets| LearntOffsets {
+        unit: offsets.unit,
+        with_rotation: offsets.with_rotation,
+        parameters: SharedParameters::new("trajectories", offsets.parameters.array.values.clone()),
+    })
+}
+
 /// Reads an RGBA image with colours weighted by opacity.
-fn read_rgba(path: &Path) -> Result<Texture<4>, String> {
+pub(super) fn read_rgba(path: &Path) -> Result<Texture<4>, String> {
     let decoded = ImageFile::open(path).and_then(ImageFile::decode);
     let rgba = decoded.map_err(|error| error.to_string())?.to_rgba8();
     let texels: Vec<[f32; 4]> = rgba
@@ -229,9 +267,9 @@ fn read_rgba(path: &Path) -> Result<Texture<4>, String> {
 /// Returns the paint of a frame over the node's atlas, and the share of the painted pixels that come back within
 /// half a pixel.
 ///
-/// The ray of every painted pixel is followed to the node and moved by the flow of the frame's moment. Its paint
-/// is spread linearly over the four texels around. Texels without paint between painted ones take the mean of
-/// their neighbours.
+/// The ray of every painted pixel is followed to the node and moved by the flow of the frame's moment. On a sphere
+/// every texel then looks up its pixel ([`paint`]). On a plane the paint is spread linearly over the four texels
+/// around. Texels without paint between painted ones take the mean of their neighbours.
 fn from_frame(
     graph: &mut Graph,
     node: usize,
@@ -273,6 +311,15 @@ fn from_frame(
             "nothing that is painted in frame {frame} lies on {}",
             graph.nodes[node].id
         ));
+    }
+    if let Some(texture) = paint::on_sphere(graph, node, &taken, painted) {
+        let shades = samples.iter().zip(&seen.shaded[node].shades);
+        let queries = shades.map(|(sample, shade)| {
+            let [.., cover] = painted.texels[pixels[sample.ray]];
+            (cover, shade.query)
+        });
+        let returned = paint::returned_share(&texture, &queries.collect::<Vec<_>>());
+        return Ok((texture, returned));
     }
     let (across, down) = (
         graph.nodes[node].colour.width,

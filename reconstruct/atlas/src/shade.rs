@@ -261,8 +261,11 @@ impl Node {
         let unclamped = DVec3::from_array(base.value) + colour;
         let mut shown = unclamped.clamp(DVec3::ZERO, DVec3::ONE);
         if let Some(overlay) = &self.overlay {
-            let painted = overlay.texture.sample(query.truncate(), Beyond::Zero).value;
-            let [red, green, blue, cover] = painted;
+            let painted = match self.surface {
+                Surface::Plane { .. } => overlay.texture.sample(query.truncate(), Beyond::Zero),
+                Surface::Sphere { .. } => overlay.texture.sample_direction(query),
+            };
+            let [red, green, blue, cover] = painted.value;
             // Texels are weighted by their opacity already.
             shown = shown * (1.0 - cover) + DVec3::new(red, green, blue);
         }

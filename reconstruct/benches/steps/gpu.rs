@@ -9,7 +9,9 @@
 //! * `bytes_read`: read back in 1,000 iterations, density control included.
 //! * `densifications`: one that needs more room, and one within it. `decision_seconds` last until the host goes
 //!   on, `device_seconds` from then on until the rows have moved; `made` counts buffers and bind groups.
-//! * `subgroup_size`: threads of the smallest subgroup, null where sums are taken in workgroup memory.
+//! * `subgroup_size`: threads of the smallest subgroup, null where sums are taken otherwise. `sums_per_splat`: true
+//!   if a thread per splat takes them (`OMNILIFE_GPU_SUMS=splats`). `fused_adam`: true if one kernel reaches from
+//!   the gradients by splats to Adam (`OMNILIFE_GPU_ADAM=fused`).
 //! * `copied_per_second`: bytes that the device copies, read and written.
 
 use std::{error::Error, sync::Arc, time::Instant};
@@ -127,6 +129,8 @@ fn measure(subject: &Subject, steps: u64) -> Result<Value, ReconstructError> {
         "bytes_read": of_steps + of_density,
         "densifications": [larger, within],
         "subgroup_size": gpu.subgroup_size(),
+        "sums_per_splat": gpu.choices().sums_per_splat,
+        "fused_adam": gpu.choices().fused_adam,
         "copied_per_second": gpu.copied_per_second()?,
     }))
 }

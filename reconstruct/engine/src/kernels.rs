@@ -177,12 +177,14 @@ mod tests {
     }
 
     /// Kernel files that belong to a listed one, or that several share.
-    const HELPERS: [&str; 5] = [
+    const HELPERS: [&str; 7] = [
         "density/moving.wgsl",
         "device/scan.wgsl",
         "parameters/rows.wgsl",
         "render/raster/raster_vjp.wgsl",
+        "render/raster/raster_vjp_splats.wgsl",
         "render/raster/raster_vjp_subgroups.wgsl",
+        "step/fused_adam.wgsl",
     ];
 
     /// Finds files with entry points below a folder, as paths relative to `src`.

@@ -41,6 +41,8 @@ pub enum CameraPlaces {
     /// Those of the poses.
     #[default]
     OfPoses,
+    /// That of the frame with this number alone, at its time.
+    Frame(usize),
     /// A circle around the target over so many degrees, at the median distance and height of the poses' cameras.
     Orbit(f64),
     /// Above the target, with the image's upper edge where the poses' cameras look.
@@ -61,9 +63,10 @@ pub enum LookAt {
 }
 
 impl CameraWords {
-    /// Returns true where the cameras are those of the poses.
+    /// Returns true where the cameras are those of the poses, all or one.
     pub fn are_of_poses(&self) -> bool {
-        self.places == CameraPlaces::OfPoses && self.target.is_none()
+        let is_given = matches!(self.places, CameraPlaces::OfPoses | CameraPlaces::Frame(_));
+        is_given && self.target.is_none()
     }
 }
 
@@ -71,6 +74,7 @@ impl fmt::Display for CameraWords {
     fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
         match &self.places {
             CameraPlaces::OfPoses => write!(formatter, "poses"),
+            CameraPlaces::Frame(frame) => write!(formatter, "frame {frame}"),
             CameraPlaces::Orbit(degrees) => write!(formatter, "orbit {degrees}"),
             CameraPlaces::FromAbove => write!(formatter, "from above"),
             CameraPlaces::Stationary(frame) => write!(formatter, "stationary {frame}"),
@@ -85,6 +89,32 @@ impl fmt::Display for CameraWords {
             Some(LookAt::Object(id)) => write!(formatter, ", look at object {id}"),
         }
     }
+}
+
+/// Returns the posed frames of a file with `count` frames, or the one that is asked for.
+///
+/// # Errors
+/// When there is no such frame, or it has no pose: one line.
+pub(super) fn of_poses(
+    places: &CameraPlaces,
+    file: &Path,
+    count: usize,
+    posed: &[PlacedFrame],
+) -> Result<Vec<PlacedFrame>, ReconstructError> {
+    let CameraPlaces::Frame(number) = *places else {
+        return Ok(posed.to_vec());
+    };
+    let found = posed.iter().find(|frame| frame.number == number);
+    let found = found.ok_or_else(|| {
+        let last = count.saturating_sub(1);
+        let reason = if number > last {
+            format!("has no frame {number}: there are 0 to {last}")
+        } else {
+            format!("frame {number} has no usable pose")
+        };
+        ReconstructError::scene(file, reason)
+    });
+    Ok(vec![*found?])
 }
 
 /// Scene that words refer to.
@@ -112,10 +142,11 @@ impl Surroundings<'_> {
         model: &dyn OpenedModel,
     ) -> Result<Vec<PlacedFrame>, ReconstructError> {
         match &words.places {
-            CameraPlaces::OfPoses if words.target.is_none() => Ok(self.posed.to_vec()),
-            CameraPlaces::OfPoses => self.turned(self.posed.to_vec(), words, model),
-            CameraPlaces::Stationary(number) => {
-                let frames = self.in_place_of(*number)?;
+            CameraPlaces::OfPoses | CameraPlaces::Frame(_) | CameraPlaces::Stationary(_) => {
+                let frames = match &words.places {
+                    CameraPlaces::Stationary(number) => self.in_place_of(*number)?,
+                    places => of_poses(places, self.file, self.seconds.len(), self.posed)?,
+                };
                 match &words.target {
                     None => Ok(frames),
                     Some(_) => self.turned(frames, words, model),
@@ -142,16 +173,12 @@ impl Surroundings<'_> {
 
     /// Returns all frames with the pose of one.
     fn in_place_of(&self, number: usize) -> Result<Vec<PlacedFrame>, ReconstructError> {
-        if number >= self.seconds.len() {
-            let last = self.seconds.len().saturating_sub(1);
-            return Err(self.refused(format!("has no frame {number}: there are 0 to {last}")));
-        }
-        let mut posed = self.posed.iter();
-        let Some(frame) = posed.find(|frame| frame.number == number) else {
-            return Err(self.refused(format!("frame {number} has no usable pose")));
-        };
-        let pose = frame.pose;
-        Ok(self.moments(|_| pose))
+        let of_frame = CameraPlaces::Frame(number);
+        let found = of_poses(&of_frame, self.file, self.seconds.len(), self.posed)?;
+        let poses: Vec<Pose> = found.iter().map(|frame| frame.pose).collect();
+        Ok(poses
+            .first()
+            .map_or_else(Vec::new, |pose| self.moments(|_| *pose)))
     }
 
     /// Returns a frame for each time of the scene.

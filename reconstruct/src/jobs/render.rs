@@ -1,6 +1,9 @@
 //! Rendering of models along given poses: those of runs in layers, and Gaussians of other programs.
 
-use std::{collections::BTreeSet, path::PathBuf};
+use std::{
+    collections::BTreeSet,
+    path::{Path, PathBuf},
+};
 
 use glam::DVec3;
 use omnilife_schemas::{
@@ -21,7 +24,7 @@ use omnilife_engine::camera::{Camera, View};
 
 use super::{
     camera_path::{CameraPath, PlacedFrame},
-    camera_words::{CameraPlaces, CameraWords, Surroundings},
+    camera_words::{CameraPlaces, CameraWords, Surroundings, of_poses},
     cube_faces,
     layer_image::{self, LayerImage},
     unseen::{self, InputViews},
@@ -100,6 +103,15 @@ const BYTES_PER_PIXEL: u64 = 5 * 4 + 3 * 4 + 3;
 /// Maximum side of images, pixels.
 const LARGEST_SIDE: u32 = 1 << 15;
 
+/// Returns the size at which the frames of a `poses.json` or `scene.json` are rendered by default, pixels.
+///
+/// # Errors
+/// When the file cannot be read as either.
+pub fn frame_size(poses: &Path) -> Result<[u32; 2], ReconstructError> {
+    let camera = CameraPath::read(poses)?.camera;
+    Ok(camera.map_or(DEFAULT_SIZE, |camera| [camera.width(), camera.height()]))
+}
+
 /// Renders every posed frame, or every frame of cameras by words; of these it writes a record too ([`CAMERAS_FILE`]).
 ///
 /// # Errors
@@ -121,7 +133,8 @@ pub fn render_poses(
     let camera = camera(request, path.camera)?;
     let mut opened = open(request, of_cameras, camera, progress)?;
     let (frames, cameras) = if request.cameras.are_of_poses() {
-        (posed.clone(), None)
+        let (places, count) = (&request.cameras.places, path.frames.len());
+        (of_poses(places, &request.poses, count, &posed)?, None)
     } else {
         let (frames, record) = worded(request, &path, &posed, camera, &*opened)?;
         (frames, Some(record))

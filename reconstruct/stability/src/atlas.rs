@@ -14,12 +14,10 @@ use omnilife_engine::{
     trajectories::{catmull_rom::Knots, rigid_spline::RigidPose, rotation_spline::rotation},
 };
 
-pub(crate) use self::clips::on_gpu;
-use self::clips::{clip_on_cpu, units};
+use self::clips::{clip_on, units};
 use crate::{
-    devices::DeviceKind,
     largest_or_nan,
-    special::{Judgement, SpecialCase},
+    special::{HostOnly, Judgement, Runs, SpecialCase},
 };
 use omnilife_atlas::shade::let_inwards;
 
@@ -27,7 +25,8 @@ pub(super) const CASES: &[SpecialCase] = &[
     SpecialCase {
         id: "plane-parallel",
         title: "planes that a ray runs along: cosines of 0, 1e-7, 1e-5 and 1e-3",
-        judge: || {
+        runs: Runs::OnCpu(HostOnly::HostWork),
+        judge: |_| {
             judge(
                 "missed below 1e-6, else finite with a finite gradient",
                 parallel,
@@ -37,12 +36,14 @@ pub(super) const CASES: &[SpecialCase] = &[
     SpecialCase {
         id: "plane-behind",
         title: "planes behind the camera and through it",
-        judge: || judge("missed", behind),
+        runs: Runs::OnCpu(HostOnly::HostWork),
+        judge: |_| judge("missed", behind),
     },
     SpecialCase {
         id: "plane-tilted",
         title: "a plane tilted by 80 degrees, hit within the box of its corners and beyond its edge",
-        judge: || {
+        runs: Runs::OnCpu(HostOnly::HostWork),
+        judge: |_| {
             judge(
                 "missed: inside is tested in the plane's own coordinates",
                 tilted,
@@ -52,12 +53,14 @@ pub(super) const CASES: &[SpecialCase] = &[
     SpecialCase {
         id: "plane-border",
         title: "hits on a plane's border and 1e-12 of its side beyond it",
-        judge: || judge("hit on the border, missed beyond", border),
+        runs: Runs::OnCpu(HostOnly::HostWork),
+        judge: |_| judge("hit on the border, missed beyond", border),
     },
     SpecialCase {
         id: "opaque-layers",
         title: "64 opaque layers, and opacities of 0, 1 - 1e-7 and exactly 1",
-        judge: || {
+        runs: Runs::OnCpu(HostOnly::WithinSteps),
+        judge: |_| {
             judge_error(
                 "gradients by opacities, which have no division",
                 1e-14,
@@ -68,7 +71,8 @@ pub(super) const CASES: &[SpecialCase] = &[
     SpecialCase {
         id: "equal-distances",
         title: "coplanar and intersecting planes",
-        judge: || {
+        runs: Runs::OnCpu(HostOnly::HostWork),
+        judge: |_| {
             judge(
                 "order by the number of the surface, ray by ray",
                 equal_distances,
@@ -78,22 +82,26 @@ pub(super) const CASES: &[SpecialCase] = &[
     SpecialCase {
         id: "sphere-grazing",
         title: "a camera close under the sphere of the background",
-        judge: || judge_error("the distance keeps its digits", 5e-6, grazing),
+        runs: Runs::OnCpu(HostOnly::HostWork),
+        judge: |_| judge_error("the distance keeps its digits", 5e-6, grazing),
     },
     SpecialCase {
         id: "view-angles",
         title: "planes seen at 0, 90 and 180 degrees",
-        judge: || judge_error("the angles, and finite gradients", 1e-14, angles),
+        runs: Runs::OnCpu(HostOnly::HostWork),
+        judge: |_| judge_error("the angles, and finite gradients", 1e-14, angles),
     },
     SpecialCase {
         id: "short-splines",
         title: "splines of 1, 2 and 3 knots, at their ends and beyond",
-        judge: || judge_error("a constant velocity is kept", 2e-14, short_splines),
+        runs: Runs::OnCpu(HostOnly::HostWork),
+        judge: |_| judge_error("a constant velocity is kept", 2e-14, short_splines),
     },
     SpecialCase {
         id: "antipodal-rotations",
         title: "quaternions of either sign, no turn and half a turn between knots",
-        judge: || {
+        runs: Runs::OnCpu(HostOnly::HostWork),
+        judge: |_| {
             judge_error(
                 "the sign means nothing; half a turn is finite",
                 1e-14,
@@ -104,7 +112,8 @@ pub(super) const CASES: &[SpecialCase] = &[
     SpecialCase {
         id: "hash-coordinates",
         title: "hash coordinates of 0, 1, outside, NaN and infinite",
-        judge: || {
+        runs: Runs::OnCpu(HostOnly::WithinSteps),
+        judge: |_| {
             judge(
                 "clamped; what is no number gets nothing and gives nothing",
                 coordinates,
@@ -114,62 +123,77 @@ pub(super) const CASES: &[SpecialCase] = &[
     SpecialCase {
         id: "hash-one-cell",
         title: "a million samples in one cell of a hash grid",
-        judge: || judge_error("the gradient is the sum in f64", 5e-7, one_cell),
+        runs: Runs::OnCpu(HostOnly::WithinSteps),
+        judge: |_| judge_error("the gradient is the sum in f64", 5e-7, one_cell),
     },
     SpecialCase {
         id: "atlas-identical-frames",
         title: "an atlas of identical frames without parallax or noise",
-        judge: || clip_on_cpu("atlas-identical-frames"),
+        runs: Runs::OnBoth,
+        judge: |device| clip_on("atlas-identical-frames", device.kind()),
     },
     SpecialCase {
         id: "atlas-odd-masks",
         title: "masks of one frame, of one pixel, of two pieces, at opposite borders and of everything",
-        judge: || clip_on_cpu("atlas-odd-masks"),
+        runs: Runs::OnBoth,
+        judge: |device| clip_on("atlas-odd-masks", device.kind()),
     },
     SpecialCase {
         id: "atlas-wide-mask",
         title: "a panorama's mask on a pole, and one across the seam",
-        judge: || clip_on_cpu("atlas-wide-mask"),
+        runs: Runs::OnBoth,
+        judge: |device| clip_on("atlas-wide-mask", device.kind()),
     },
     SpecialCase {
         id: "atlas-units",
         title: "a clip in units of 1e-6 and 1e6, and 1e6 from the origin",
-        judge: || judge_error("the same images", 1e-4, || units(DeviceKind::Cpu)),
+        runs: Runs::OnBoth,
+        judge: |device| {
+            let limit = device.limit(1e-4);
+            judge_error("the same images", limit, || units(device.kind()))
+        },
     },
     SpecialCase {
         id: "atlas-64-objects",
         title: "64 objects of four pixels side by side",
-        judge: || clip_on_cpu("atlas-64-objects"),
+        runs: Runs::OnBoth,
+        judge: |device| clip_on("atlas-64-objects", device.kind()),
     },
     SpecialCase {
         id: "atlas-never-hit",
         title: "an object that no ray hits",
-        judge: || clip_on_cpu("atlas-never-hit"),
+        runs: Runs::OnBoth,
+        judge: |device| clip_on("atlas-never-hit", device.kind()),
     },
     SpecialCase {
         id: "atlas-flash",
         title: "a frame that is white, and one of twice the exposure",
-        judge: || clip_on_cpu("atlas-flash"),
+        runs: Runs::OnBoth,
+        judge: |device| clip_on("atlas-flash", device.kind()),
     },
     SpecialCase {
         id: "atlas-carried-along",
         title: "a mask that stands still in the image of a camera that turns, and of one that does not",
-        judge: || clip_on_cpu("atlas-carried-along"),
+        runs: Runs::OnBoth,
+        judge: |device| clip_on("atlas-carried-along", device.kind()),
     },
     SpecialCase {
         id: "atlas-turned-around",
         title: "a camera that turns by 30 and by 170 degrees",
-        judge: || clip_on_cpu("atlas-turned-around"),
+        runs: Runs::OnBoth,
+        judge: |device| clip_on("atlas-turned-around", device.kind()),
     },
     SpecialCase {
         id: "atlas-odd-points",
         title: "scene points at the camera, at one distance, and behind the background",
-        judge: || clip_on_cpu("atlas-odd-points"),
+        runs: Runs::OnBoth,
+        judge: |device| clip_on("atlas-odd-points", device.kind()),
     },
     SpecialCase {
         id: "clamped-colours",
         title: "colours at 0 and 1 and far beyond them",
-        judge: || judge("gradients that point inwards pass, others are 0", clamped),
+        runs: Runs::OnCpu(HostOnly::WithinSteps),
+        judge: |_| judge("gradients that point inwards pass, others are 0", clamped),
     },
 ];
 
@@ -179,7 +203,6 @@ fn judge(action: &str, find: impl FnOnce() -> Result<(), String>) -> Judgement {
         action: action.to_owned(),
         fault: find().err(),
         measured: None,
-        missing: None,
     }
 }
 

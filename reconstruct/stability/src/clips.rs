@@ -5,7 +5,10 @@ use omnilife_schemas::{
     Pose, Similarity, camera::CameraModel, camera::ErpCamera, points::PointCloud, progress::Silent,
 };
 
-use crate::special::{Judgement, SpecialCase};
+use crate::{
+    devices::DeviceKind,
+    special::{HostOnly, Judgement, Runs, SpecialCase},
+};
 use omnilife_engine::{camera::View, model::Part, training_view::TrainingView};
 use omnilife_methods::omni4dgs_plus;
 use omnilife_reconstruct::registry::METHODS;
@@ -27,33 +30,39 @@ pub(super) const CASES: &[SpecialCase] = &[
     SpecialCase {
         id: "masks-empty",
         title: "training with masks in which nothing is marked",
-        judge: || train_all(|scene| fill_masks(scene, 0)),
+        runs: Runs::OnBoth,
+        judge: |device| train_all(device.kind(), |scene| fill_masks(scene, 0)),
     },
     SpecialCase {
         id: "masks-full",
         title: "training with masks in which everything is marked",
-        judge: || train_all(|scene| fill_masks(scene, 255)),
+        runs: Runs::OnBoth,
+        judge: |device| train_all(device.kind(), |scene| fill_masks(scene, 255)),
     },
     SpecialCase {
         id: "one-frame",
         title: "training on one frame",
-        judge: || train_all(|scene| scene.input_views.truncate(1)),
+        runs: Runs::OnBoth,
+        judge: |device| train_all(device.kind(), |scene| scene.input_views.truncate(1)),
     },
     SpecialCase {
         id: "two-frames",
         title: "training on two frames",
-        judge: || train_all(|scene| scene.input_views.truncate(2)),
+        runs: Runs::OnBoth,
+        judge: |device| train_all(device.kind(), |scene| scene.input_views.truncate(2)),
     },
     SpecialCase {
         id: "frames-10000",
         title: "training on a clip of 10,000 frames, eleven days into the recording",
-        judge: || train_all(lengthen),
+        runs: Runs::OnBoth,
+        judge: |device| train_all(device.kind(), lengthen),
     },
     SpecialCase {
         id: "dynamic-set-empty",
         title: "training where no Gaussian is dynamic: lifespans longer than the cycle, no masks marked",
-        judge: || {
-            train_all(|scene| {
+        runs: Runs::OnBoth,
+        judge: |device| {
+            train_all(device.kind(), |scene| {
                 lengthen(scene);
                 fill_masks(scene, 0);
             })
@@ -62,17 +71,20 @@ pub(super) const CASES: &[SpecialCase] = &[
     SpecialCase {
         id: "two-cameras-in-one-place",
         title: "training on pairs of cameras in one place that look two ways",
-        judge: || learn(scene_of(FRAMES).map(in_pairs), 300, 0.5),
+        runs: Runs::OnBoth,
+        judge: |device| learn(device.kind(), scene_of(FRAMES).map(in_pairs), 300, 0.5),
     },
     SpecialCase {
         id: "dark-clip",
         title: "training on a clip of a twentieth of full brightness",
-        judge: || learn(scene_of(FRAMES).map(darkened), 300, 1.0),
+        runs: Runs::OnBoth,
+        judge: |device| learn(device.kind(), scene_of(FRAMES).map(darkened), 300, 1.0),
     },
     SpecialCase {
         id: "long-training",
         title: "training for thousands of steps on a handful of frames",
-        judge: train_long,
+        runs: Runs::OnCpu(HostOnly::Duration),
+        judge: |_| train_long(),
     },
 ];
 
@@ -122,25 +134,25 @@ fn darkened(mut scene: TrainingScene) -> TrainingScene {
 
 /// Trains a clip with all components; the error is the mean difference of the images of all views, over their mean
 /// level.
-fn learn(scene: Option<TrainingScene>, iterations: u64, limit: f64) -> Judgement {
+fn learn(kind: DeviceKind, scene: Option<TrainingScene>, iterations: u64, limit: f64) -> Judgement {
     let Some(scene) = scene else {
-        return Judgement::failed("the scene has a camera without a place".to_owned());
+        return Judgement::failed("the scene has a camera without a place");
     };
     let request = MethodRequest {
         plan: PlanChoice::Full,
         options: Options::at_most(400),
         ..MethodRequest::new(iterations, 7)
     };
-    let session = Session::without_files(&Silent);
+    let session = session(kind);
     let mut outcome = match omni4dgs_plus::METHOD.train(&scene, &request, &session) {
         Ok(outcome) => outcome,
-        Err(error) => return Judgement::failed(error.to_string()),
+        Err(error) => return Judgement::failed(error),
     };
     let (mut off, mut level) = (0.0, 0.0);
     for view in &scene.input_views {
         let image = match outcome.learner.image(&view.view) {
             Ok(image) => image,
-            Err(error) => return Judgement::failed(error.to_string()),
+            Err(error) => return Judgement::failed(error),
         };
         for (&found, &byte) in image.data.iter().zip(&view.pixels) {
             let expected = f64::from(byte) / 255.0;
@@ -166,7 +178,7 @@ const LEARNT: f64 = 0.5;
 /// Trains with all components for thousands of steps: errors that grow slowly show only then.
 fn train_long() -> Judgement {
     let Some(scene) = scene() else {
-        return Judgement::failed("the scene has a camera without a place".to_owned());
+        return Judgement::failed("the scene has a camera without a place");
     };
     let request = MethodRequest {
         plan: PlanChoice::Full,
@@ -178,7 +190,7 @@ fn train_long() -> Judgement {
     let trained = omni4dgs_plus::METHOD.train(&scene, &request, &session);
     let outcome = match trained {
         Ok(outcome) => outcome,
-        Err(error) => return Judgement::failed(error.to_string()),
+        Err(error) => return Judgement::failed(error),
     };
     let trace = outcome.training.state.trace.iter();
     let losses: Vec<f64> = trace.filter_map(|row| row.train_loss).collect();
@@ -196,46 +208,63 @@ fn train_long() -> Judgement {
     )
 }
 
-/// Trains every method, with all components and with those of its plan.
-fn train_all(change: impl Fn(&mut TrainingScene)) -> Judgement {
+/// Trains every method, with all components, and on the CPU with those of its plan too.
+fn train_all(kind: DeviceKind, change: impl Fn(&mut TrainingScene)) -> Judgement {
     let Some(mut scene) = scene() else {
-        return Judgement::failed("the scene has a camera without a place".to_owned());
+        return Judgement::failed("the scene has a camera without a place");
     };
     change(&mut scene);
-    let faults: Vec<String> = methods_of_time()
-        .flat_map(|method| [(method, PlanChoice::Full), (method, PlanChoice::Auto)])
+    // Kernels are compiled for each training: on a GPU the whole plan has to do.
+    let (plans, of_plans) = match kind {
+        DeviceKind::Cpu => (vec![PlanChoice::Full, PlanChoice::Auto], ""),
+        DeviceKind::Gpu => (vec![PlanChoice::Full], " with the whole plan"),
+    };
+    let faults: Vec<String> = methods_of_time(kind)
+        .flat_map(|method| plans.iter().map(move |plan| (method, plan)))
         .filter_map(|(method, plan)| {
-            let fault = fault_of(&scene, method, plan)?;
+            let fault = fault_of(kind, &scene, method, plan.clone())?;
             Some(format!("{}: {fault}", method.id))
         })
         .collect();
-    let ids: Vec<&str> = methods_of_time().map(|method| method.id).collect();
+    let ids: Vec<&str> = methods_of_time(kind).map(|method| method.id).collect();
     Judgement {
         action: format!(
-            "{} trained for {ITERATIONS} steps each: losses and parameters finite, no gradient \
+            "{} trained for {ITERATIONS} steps each{of_plans}: losses and parameters finite, no gradient \
              refused, lifespans within bounds",
             ids.join(", ")
         ),
         fault: (!faults.is_empty()).then(|| faults.join("; ")),
         measured: None,
-        missing: None,
     }
 }
 
-/// Returns the methods whose Gaussians change with time.
-fn methods_of_time() -> impl Iterator<Item = &'static Method> {
-    let knows_time = |method: &&Method| method.motion() == MotionEvidenceUse::Decides;
-    METHODS.iter().filter(knows_time)
+fn session(kind: DeviceKind) -> Session<'static> {
+    Session {
+        backend: kind.backend(),
+        ..Session::without_files(&Silent)
+    }
 }
 
-fn fault_of(scene: &TrainingScene, method: &Method, plan: PlanChoice) -> Option<String> {
+/// Returns the methods whose Gaussians change with time and that a device trains.
+fn methods_of_time(kind: DeviceKind) -> impl Iterator<Item = &'static Method> {
+    let knows_time = |method: &&Method| method.motion() == MotionEvidenceUse::Decides;
+    let methods = METHODS.iter().filter(knows_time);
+    methods.filter(move |method| method.backends.contains(&kind.backend()))
+}
+
+fn fault_of(
+    kind: DeviceKind,
+    scene: &TrainingScene,
+    method: &Method,
+    plan: PlanChoice,
+) -> Option<String> {
     let request = MethodRequest {
         plan,
         options: Options::at_most(400),
         ..MethodRequest::new(ITERATIONS, 7)
     };
     method
-        .train(scene, &request, &Session::without_files(&Silent))
+        .train(scene, &request, &session(kind))
         .map_or_else(|error| Some(error.to_string()), fault_in)
 }
 

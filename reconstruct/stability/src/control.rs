@@ -20,40 +20,48 @@ use rand::SeedableRng;
 use rand_pcg::Pcg64Mcg;
 
 use crate::{
-    clips, largest_or_nan,
-    special::{Judgement, SpecialCase},
+    clips,
+    devices::Device,
+    largest_or_nan,
+    special::{HostOnly, Judgement, Runs, SpecialCase},
 };
 
 pub(super) const CASES: &[SpecialCase] = &[
     SpecialCase {
         id: "density-split",
         title: "4000 splits of a flat, rotated Gaussian: sizes and places of its children",
-        judge: split,
+        runs: Runs::OnCpu(HostOnly::WithinSteps),
+        judge: |_| split(),
     },
     SpecialCase {
         id: "density-reset",
         title: "opacities from a millionth to almost one after their reset",
+        runs: Runs::OnBoth,
         judge: reset,
     },
     SpecialCase {
         id: "points-sizes",
         title: "first sizes of points a millionth and a million units apart",
-        judge: sizes_of_points,
+        runs: Runs::OnCpu(HostOnly::Preparation),
+        judge: |_| sizes_of_points(),
     },
     SpecialCase {
         id: "seeds-velocity",
         title: "first velocities of seeds on a disc that passes, in images of 48 columns",
-        judge: velocities_of_seeds,
+        runs: Runs::OnCpu(HostOnly::Preparation),
+        judge: |_| velocities_of_seeds(),
     },
     SpecialCase {
         id: "exposure-gains",
         title: "gains of a half to four, where every fifth place shows something else",
-        judge: gains,
+        runs: Runs::OnCpu(HostOnly::Preparation),
+        judge: |_| gains(),
     },
     SpecialCase {
         id: "pose-steps",
         title: "steps of poses down a valley, among views that are right",
-        judge: pose_steps,
+        runs: Runs::OnCpu(HostOnly::HostWork),
+        judge: |_| pose_steps(),
     },
 ];
 
@@ -120,14 +128,16 @@ fn split() -> Judgement {
 }
 
 /// Compares opacities after a reset with the smaller of their own and a hundredth.
-fn reset() -> Judgement {
+fn reset(device: &Device) -> Judgement {
     let opacities = [1e-6_f32, 1e-3, 0.0099, 0.0101, 0.5, 0.999_99];
     let mut initial = InitialGaussians::default();
     for opacity in opacities {
         initial.push_isotropic([1.0, 0.0, 0.0], 0.1, [0.5; 3], opacity);
     }
-    let mut model = Model::of_static(table(&initial, 0));
-    omnilife_engine::density::reset_opacities(&mut model);
+    let model = match device.reset_opacities(Model::of_static(table(&initial, 0))) {
+        Ok(model) => model,
+        Err(error) => return Judgement::failed(error),
+    };
     let logits = &model.parts[0].table.arrays[OPACITY_LOGITS].values;
     let errors = logits.iter().zip(opacities).map(|(&logit, before)| {
         let found = 1.0 / (1.0 + (-f64::from(logit)).exp());

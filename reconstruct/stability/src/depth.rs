@@ -7,7 +7,7 @@ use omnilife_engine::{
 };
 use omnilife_schemas::{camera::ErpCamera, distances::DistanceImage};
 
-use super::special::{Judgement, SpecialCase};
+use super::special::{HostOnly, Judgement, Runs, SpecialCase};
 use omnilife_training::seeds::depth::{
     DistanceView, LiftSettings, Lifted, fit_scales, incidence, lift, lift::z_onto,
 };
@@ -16,28 +16,33 @@ pub(super) const CASES: &[SpecialCase] = &[
     SpecialCase {
         id: "lifted-distances",
         title: "distances that are unknown, tiny, huge, alone, all equal or jump from pixel to pixel",
-        judge: lifted_distances,
+        runs: Runs::OnCpu(HostOnly::Preparation),
+        judge: |_| lifted_distances(),
     },
     SpecialCase {
         id: "lifted-scene-size",
         title: "one room lifted at sizes of 1e-6 and 1e6, and far from the origin",
-        judge: lifted_scene_size,
+        runs: Runs::OnCpu(HostOnly::Preparation),
+        judge: |_| lifted_scene_size(),
     },
     SpecialCase {
         id: "flat-gaussian-rotation",
         title: "normals along and against every axis",
-        judge: rotations,
+        runs: Runs::OnCpu(HostOnly::Preparation),
+        judge: |_| rotations(),
     },
     SpecialCase {
         id: "depth-scales",
         title: "one view, views that share nothing, a view ten times as large",
-        judge: depth_scales,
+        runs: Runs::OnCpu(HostOnly::Preparation),
+        judge: |_| depth_scales(),
     },
     SpecialCase {
         id: "scaffold-field",
         title: "the fused surface beyond its truncation, at a block's border, at a camera, at places that \
                 no number of a voxel reaches",
-        judge: scaffold_field,
+        runs: Runs::OnCpu(HostOnly::Preparation),
+        judge: |_| scaffold_field(),
     },
 ];
 
@@ -101,7 +106,6 @@ fn judged(action: impl Into<String>, fault: Option<String>) -> Judgement {
         action: action.into(),
         fault,
         measured: None,
-        missing: None,
     }
 }
 

@@ -25,8 +25,9 @@ use omnilife_engine::{
 };
 
 use crate::{
+    devices::Device,
     largest_or_nan,
-    special::{Judgement, SpecialCase},
+    special::{HostOnly, Judgement, Runs, SpecialCase},
 };
 
 /// Limit of gradients computed in f64: ten times the error of five-point differences.
@@ -36,67 +37,80 @@ pub(super) const CASES: &[SpecialCase] = &[
     SpecialCase {
         id: "object-gradients",
         title: "gradients of an object as large as the scene, whose heading passes pi",
-        judge: || objects::judge(1.0, 1e-5),
+        runs: Runs::OnBoth,
+        judge: |device| objects::judge(device, 1.0, 1e-5),
     },
     SpecialCase {
         id: "object-gradients-large",
         title: "gradients of an object a million times as large as the scene",
-        judge: || objects::judge(1e6, 1e-5),
+        runs: Runs::OnBoth,
+        judge: |device| objects::judge(device, 1e6, 1e-5),
     },
     SpecialCase {
         id: "object-gradients-small",
         title: "gradients of an object a thousandth as large as the scene",
         // The distance from its centre has three digits fewer.
-        judge: || objects::judge(1e-3, 2e-3),
+        runs: Runs::OnBoth,
+        judge: |device| objects::judge(device, 1e-3, 2e-3),
     },
     SpecialCase {
         id: "plane-gradients",
         title: "gradients of a hit by ray and pose, of a tilted plane",
-        judge: || plane_gradients(0.7, EXACT),
+        runs: Runs::OnCpu(HostOnly::HostWork),
+        judge: |_| plane_gradients(0.7, EXACT),
     },
     SpecialCase {
         id: "plane-gradients-grazing",
         title: "gradients of a hit by ray and pose, of a plane with a cosine of a hundredth",
-        judge: || plane_gradients(std::f64::consts::FRAC_PI_2 - 0.01, 1e-6),
+        runs: Runs::OnCpu(HostOnly::HostWork),
+        judge: |_| plane_gradients(std::f64::consts::FRAC_PI_2 - 0.01, 1e-6),
     },
     SpecialCase {
         id: "sphere-gradients",
         title: "gradients of a hit on the sphere of the background by the ray",
-        judge: sphere_gradients,
+        runs: Runs::OnCpu(HostOnly::HostWork),
+        judge: |_| sphere_gradients(),
     },
     SpecialCase {
         id: "angle-gradients",
         title: "gradients of view angles from a thousandth of a radian to almost pi",
-        judge: angle_gradients,
+        runs: Runs::OnCpu(HostOnly::HostWork),
+        judge: |_| angle_gradients(),
     },
     SpecialCase {
         id: "layer-gradients",
         title: "gradients of composed layers by colour and opacity, behind an opaque one too",
-        judge: layer_gradients,
+        runs: Runs::OnCpu(HostOnly::WithinSteps),
+        judge: |_| layer_gradients(),
     },
     SpecialCase {
         id: "spline-gradients",
         title: "gradients of a spline of rotations by its knots, within and beyond them",
-        judge: || spline_gradients(0.4),
+        runs: Runs::OnCpu(HostOnly::HostWork),
+        judge: |_| spline_gradients(0.4),
     },
     SpecialCase {
         id: "spline-gradients-turned",
         title: "gradients of a spline of rotations whose knots are far apart",
-        judge: || spline_gradients(1.3),
+        runs: Runs::OnCpu(HostOnly::HostWork),
+        judge: |_| spline_gradients(1.3),
     },
     SpecialCase {
         id: "hash-gradients",
         title: "gradients of a hash grid by table and position",
-        judge: hash_gradients,
+        runs: Runs::OnCpu(HostOnly::WithinSteps),
+        judge: |_| hash_gradients(),
     },
     SpecialCase {
         id: "scaffold-gradients",
         title: "gradients of the loss on a scaffold by the centres, within and beyond half a voxel",
+        runs: Runs::OnBoth,
         judge: scaffold::judge,
     },
     SpecialCase {
         id: "dropout-gradients",
         title: "gradients of opacities where 99 of 100 Gaussians are dropped",
+        runs: Runs::OnBoth,
         judge: dropout_gradients,
     },
 ];
@@ -375,25 +389,25 @@ fn hash_gradients() -> Judgement {
     judged(by_table.max(relative_error(&pairs)), 1e-4)
 }
 
-fn dropout_gradients() -> Judgement {
+fn dropout_gradients(device: &Device) -> Judgement {
     const COUNT: usize = 5_000;
     let dropout = Dropout {
         last_share: 0.99,
         iterations: 100,
         seed: 5,
     };
-    let step = dropout.of_step(100, 100);
     let before: Vec<f32> = (0..COUNT).map(|at| 0.01 + 1e-4 * at as f32).collect();
     let upstream: Vec<f32> = (0..COUNT).map(|at| (0.3 * at as f32).sin()).collect();
     let mut gaussians = ActivatedGaussians::default();
     gaussians.reshape(COUNT, 0, 0);
     gaussians.opacities.clone_from(&before);
-    step.drop_out(&mut gaussians);
-    let drawn = gaussians.opacities.clone();
     let mut gradient = ActivatedGaussians::default();
     gradient.reshape(COUNT, 0, 0);
     gradient.opacities.clone_from(&upstream);
-    step.drop_out_vjp(&mut gaussians, &mut gradient);
+    let drawn = match device.drop_out(dropout, 100, [&mut gaussians, &mut gradient]) {
+        Ok(drawn) => drawn,
+        Err(error) => return Judgement::failed(error),
+    };
     // The drawn opacity is proportional to the stored one.
     let pairs: Vec<[f64; 2]> = (0..COUNT)
         .map(|at| {
@@ -412,7 +426,7 @@ fn dropout_gradients() -> Judgement {
         .fold(0.0, largest_or_nan);
     Judgement::of_errors(
         "the gradient is that by the opacities before, which come back",
-        Some([restored, 1e-6]),
-        Some([relative_error(&pairs), 1e-6]),
+        Some([restored, device.limit(1e-6)]),
+        Some([relative_error(&pairs), device.limit(1e-6)]),
     )
 }

@@ -3,23 +3,20 @@
 use glam::dvec3;
 use omnilife_engine::{
     gaussians::ActivatedGaussians,
-    render::{
-        cpu::Renderer,
-        raster::RasterGradient,
-        reference::{self, Gaussian},
-    },
+    render::reference::{self, Gaussian},
 };
 use omnilife_schemas::camera::ErpCamera;
 
 use crate::{
     channels::{self, Shape},
     devices::Device,
-    special::{Judgement, SpecialCase},
+    special::{Judgement, Runs, SpecialCase},
 };
 
 pub(super) const CASES: &[SpecialCase] = &[SpecialCase {
     id: "size-4096",
     title: "an image of 4096 x 2048 pixels with Gaussians on the equator, the seam and a pole, and a thin one",
+    runs: Runs::OnBoth,
     judge,
 }];
 
@@ -68,7 +65,7 @@ fn along(gaussians: &[Gaussian], gradient: &ActivatedGaussians) -> f64 {
     sum
 }
 
-fn judge() -> Judgement {
+fn judge(device: &Device) -> Judgement {
     let (mut view, gaussians) = channels::setup_of(shapes());
     let camera = ErpCamera {
         width: 4096,
@@ -78,13 +75,13 @@ fn judge() -> Judgement {
     let values = 3 * camera.width as usize * camera.height as usize;
     let weights = Device::weights(values);
     let (drawn, instant) = (view.view(), reference::instant(&gaussians));
-    let mut renderer = Renderer::new(view.settings);
-    let colour = renderer.forward(&drawn, &instant).colour.clone();
-    let upstream = RasterGradient::new(&weights, &[]);
-    let mut gradient = ActivatedGaussians::default();
-    renderer.backward(&drawn, &instant, &upstream, &mut gradient);
+    let weighted: [&[f32]; 2] = [&weights, &[]];
+    let made = match device.round_trip_activated(&drawn, view.settings, &instant, weighted) {
+        Ok(made) => made,
+        Err(error) => return Judgement::failed(error),
+    };
     let (expected, decisions) = reference::render(&view, &gaussians, None);
-    let differences = colour.iter().zip(&expected.colour);
+    let differences = made.colour.iter().zip(&expected.colour);
     let differences = differences.map(|(&found, expected)| (f64::from(found) - expected).abs());
     let image = differences.sum::<f64>() / values as f64;
     let loss = |step: f64| -> f64 {
@@ -95,10 +92,10 @@ fn judge() -> Judgement {
             .sum()
     };
     let by_direction = (loss(1e-5) - loss(-1e-5)) / 2e-5;
-    let error = (along(&gaussians, &gradient) / by_direction - 1.0).abs();
+    let error = (along(&gaussians, &made.gradient) / by_direction - 1.0).abs();
     Judgement::of_errors(
         "the mean of the image, and the derivative along one direction, against f64",
-        Some([image, LIMITS[0]]),
-        Some([error, LIMITS[1]]),
+        Some([image, device.limit(LIMITS[0])]),
+        Some([error, device.limit(LIMITS[1])]),
     )
 }

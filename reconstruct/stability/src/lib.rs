@@ -126,7 +126,7 @@ fn on_device(
         progress.advance(1);
     }
     for case in special::all() {
-        report.rows.push(case.row(kind));
+        report.rows.push(case.row(&device));
         progress.advance(1);
     }
     for (sweep, record) in SWEEPS.iter().zip(&mut report.sweeps) {

@@ -11,8 +11,10 @@ use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 
 use crate::{
-    Limits, largest_or_nan,
-    special::{Judgement, SpecialCase},
+    Limits,
+    devices::{Device, DeviceKind},
+    largest_or_nan,
+    special::{HostOnly, Judgement, Runs, SpecialCase},
 };
 
 /// Size with rows that end inside of a vector and of a strip.
@@ -28,37 +30,44 @@ const CASES: &[SpecialCase] = &[
     SpecialCase {
         id: "loss-noise",
         title: "the loss of noise against noise, for comparison",
-        judge: || judge(&images(0.0, 1.0, 1.0), LIMITS),
+        runs: Runs::OnBoth,
+        judge: |device| judge(device, &images(0.0, 1.0, 1.0), LIMITS),
     },
     SpecialCase {
         id: "loss-dark",
         title: "the loss of images of a thousandth of full brightness",
-        judge: || judge(&images(0.0, 1e-3, 1.0), LIMITS),
+        runs: Runs::OnBoth,
+        judge: |device| judge(device, &images(0.0, 1e-3, 1.0), LIMITS),
     },
     SpecialCase {
         id: "loss-flat",
         title: "the loss of white images with noise of a millionth",
-        judge: || judge(&images(1.0, 1e-6, 1.0), CANCELLING),
+        runs: Runs::OnBoth,
+        judge: |device| judge(device, &images(1.0, 1e-6, 1.0), CANCELLING),
     },
     SpecialCase {
         id: "loss-checkerboard",
         title: "the loss of black and white squares of one pixel against their negative",
-        judge: || judge(&checkerboard(), LIMITS),
+        runs: Runs::OnBoth,
+        judge: |device| judge(device, &checkerboard(), LIMITS),
     },
     SpecialCase {
         id: "loss-almost-equal",
         title: "the loss of images that differ in the last bit of some values",
-        judge: || judge(&almost_equal(), LIMITS),
+        runs: Runs::OnBoth,
+        judge: |device| judge(device, &almost_equal(), LIMITS),
     },
     SpecialCase {
         id: "loss-light-mask",
         title: "the loss under a mask of one pixel with a weight of a millionth",
-        judge: || judge(&light_mask(), LIMITS),
+        runs: Runs::OnCpu(HostOnly::Bytes),
+        judge: |device| judge(device, &light_mask(), LIMITS),
     },
     SpecialCase {
         id: "loss-bright",
         title: "the loss of a render ten times as bright as white",
-        judge: || judge(&images(10.0, 1.0, 1.0), CANCELLING),
+        runs: Runs::OnBoth,
+        judge: |device| judge(device, &images(10.0, 1.0, 1.0), CANCELLING),
     },
 ];
 
@@ -71,6 +80,11 @@ const LIMITS: Limits = Limits {
 const CANCELLING: Limits = Limits {
     forward: 1e-7,
     gradient: 1.5e-3,
+};
+/// Least limits on a GPU, which adds up in f32.
+const IN_F32: Limits = Limits {
+    forward: 1e-5,
+    gradient: 1e-4,
 };
 
 /// A render, a target and a mask.
@@ -85,9 +99,10 @@ struct Images {
 fn images(level: f32, noise: f32, weight: f32) -> Images {
     let mut random = Pcg64Mcg::seed_from_u64(8);
     let [width, height] = SIZE;
+    // No more values than the bytes of a device's images.
     let mut image = |level: f32| -> Vec<f32> {
         (0..3 * width * height)
-            .map(|_| level + noise * random.random_range(0.0..1.0_f32))
+            .map(|_| level + noise * f32::from(random.random_range(0..=127_u8)) / 127.0)
             .collect()
     };
     Images {
@@ -128,16 +143,31 @@ fn light_mask() -> Images {
 }
 
 /// Judges errors of the value, absolute, and of the gradient, relative to its largest value.
-fn judge(images: &Images, limits: Limits) -> Judgement {
+fn judge(device: &Device, images: &Images, limits: Limits) -> Judgement {
     let [width, height] = SIZE;
-    let mut loss = Loss::new(width, height, Columns::Wrap);
     let Images {
         render,
         target,
         mask,
     } = images;
-    let (value, gradient) = loss.masked_forward_backward(render, target, mask, LAMBDA);
     let widen = |values: &[f32]| -> Vec<f64> { values.iter().copied().map(f64::from).collect() };
+    let (found, limits) = match device.kind() {
+        DeviceKind::Cpu => {
+            let mut loss = Loss::new(width, height, Columns::Wrap);
+            let (value, gradient) = loss.masked_forward_backward(render, target, mask, LAMBDA);
+            ((value.total, widen(gradient)), limits)
+        }
+        DeviceKind::Gpu => match device.photometric_loss(SIZE, [render, target], LAMBDA) {
+            Ok((value, gradient)) => {
+                let limits = Limits {
+                    forward: limits.forward.max(IN_F32.forward),
+                    gradient: limits.gradient.max(IN_F32.gradient),
+                };
+                ((value, widen(&gradient)), limits)
+            }
+            Err(error) => return Judgement::failed(error),
+        },
+    };
     let pair = ReferencePair {
         width,
         height,
@@ -147,7 +177,6 @@ fn judge(images: &Images, limits: Limits) -> Judgement {
         mask: &widen(mask),
     };
     let (expected, by_render) = pair.value_and_gradient(f64::from(LAMBDA));
-    let found = (value.total, widen(gradient));
     compared(&found, &(expected.total, by_render), limits)
 }
 
@@ -189,6 +218,5 @@ fn compared(
         action: "the loss and its gradient, against f64".to_owned(),
         fault,
         measured: Some(measures),
-        missing: None,
     }
 }

@@ -4,12 +4,11 @@ use glam::{DVec3, Vec3};
 use omnilife_engine::{
     gaussians::{
         ActivatedGaussians,
-        parameterization::{Parameterization, Viewpoint},
+        parameterization::Viewpoint,
         static_gaussians::InitialGaussians,
-        temporal::TemporalFeatures,
         tracked::{self, TrackedGaussians, TrackedObject},
     },
-    parameters::ParameterTable,
+    model::Part,
     trajectories::rigid_path::RigidPath,
 };
 use omnilife_schemas::{
@@ -17,33 +16,43 @@ use omnilife_schemas::{
     trajectory::{BSpline, ObjectPath},
 };
 
-use super::special::{Judgement, SpecialCase};
+use omnilife_training::error::ReconstructError;
+
+use crate::{
+    devices::Device,
+    special::{Judgement, Runs, SpecialCase},
+};
 
 pub(super) const CASES: &[SpecialCase] = &[
     SpecialCase {
         id: "object-heading",
         title: "an object whose heading passes pi, and is given turns away",
-        judge: headings,
+        runs: Runs::OnBoth,
+        judge: |device| headings(device).unwrap_or_else(Judgement::failed),
     },
     SpecialCase {
         id: "object-box",
         title: "objects with boxes of 1e-6 and 1e6 of the scene",
-        judge: boxes,
+        runs: Runs::OnBoth,
+        judge: |device| boxes(device).unwrap_or_else(Judgement::failed),
     },
     SpecialCase {
         id: "object-absent",
         title: "objects before and after their paths, and one whose path has no length in time",
-        judge: absent,
+        runs: Runs::OnBoth,
+        judge: |device| absent(device).unwrap_or_else(Judgement::failed),
     },
     SpecialCase {
         id: "object-crowd",
         title: "500 objects in one place",
-        judge: crowd,
+        runs: Runs::OnBoth,
+        judge: |device| crowd(device).unwrap_or_else(Judgement::failed),
     },
     SpecialCase {
         id: "object-far",
         title: "a path 5e6 m from the origin, as UTM coordinates are",
-        judge: far,
+        runs: Runs::OnBoth,
+        judge: |device| far(device).unwrap_or_else(Judgement::failed),
     },
 ];
 
@@ -74,7 +83,11 @@ fn object(id: u32, size: f32, path: &ObjectPath, normalization: &Similarity) -> 
 }
 
 /// Returns the activated Gaussians of some objects, three each, at a time, and all gradients of a loss of them.
-fn activated(objects: Vec<TrackedObject>, seconds: f64) -> (ActivatedGaussians, Vec<f32>) {
+fn activated(
+    device: &Device,
+    objects: Vec<TrackedObject>,
+    seconds: f64,
+) -> Result<(ActivatedGaussians, Vec<f32>), ReconstructError> {
     let mut initial = InitialGaussians::default();
     let mut numbers = Vec::new();
     for number in 0..objects.len() {
@@ -83,8 +96,7 @@ fn activated(objects: Vec<TrackedObject>, seconds: f64) -> (ActivatedGaussians, 
             numbers.push(number);
         }
     }
-    let mut table: ParameterTable = tracked::table(&initial, &numbers);
-    let mut tracked = TrackedGaussians::new(objects, true);
+    let table = tracked::table(&initial, &numbers);
     let at = Viewpoint {
         seconds,
         shift_frames: 0.0,
@@ -92,26 +104,19 @@ fn activated(objects: Vec<TrackedObject>, seconds: f64) -> (ActivatedGaussians, 
         down: Vec3::Y,
         scheduled: Some(1),
     };
-    let mut activated = ActivatedGaussians::default();
-    activated.reshape(table.len(), 0, 0);
-    tracked.activate(&table, &at, &TemporalFeatures::default(), 0, &mut activated);
-    let seen = activated.clone();
-    let mut gradient = ActivatedGaussians::default();
-    gradient.clear_to_zero(&activated);
-    gradient.positions.fill([1.0, -0.5, 0.25]);
-    gradient.scales.fill([0.5; 3]);
-    gradient.rotations.fill([0.1, 0.2, -0.3, 0.4]);
-    tracked.activate_backward(
-        &mut table,
-        &at,
-        &TemporalFeatures::default(),
-        0,
-        &mut activated,
-        &mut gradient,
-    );
-    let gradients = table.arrays.iter().flat_map(|array| &array.gradients);
-    let of_poses = &tracked.corrections.array.gradients;
-    (seen, gradients.chain(of_poses).copied().collect())
+    let part = Part::new(TrackedGaussians::new(objects, true), table);
+    let (seen, part) = device.activated_part(part, &at, |activated| {
+        let mut gradient = ActivatedGaussians::default();
+        gradient.clear_to_zero(activated);
+        gradient.positions.fill([1.0, -0.5, 0.25]);
+        gradient.scales.fill([0.5; 3]);
+        gradient.rotations.fill([0.1, 0.2, -0.3, 0.4]);
+        gradient
+    })?;
+    let gradients = part.table.arrays.iter().flat_map(|array| &array.gradients);
+    let shared = part.parameterization.shared();
+    let of_poses = shared.iter().flat_map(|poses| &poses.array.gradients);
+    Ok((seen, gradients.chain(of_poses).copied().collect()))
 }
 
 fn is_finite(gaussians: &ActivatedGaussians, gradients: &[f32]) -> bool {
@@ -138,7 +143,6 @@ fn judged(action: &str, fault: Option<String>) -> Judgement {
         action: action.to_owned(),
         fault,
         measured: None,
-        missing: None,
     }
 }
 
@@ -147,50 +151,50 @@ fn judged_by(action: &str, error: f64, is_finite: bool, limit: f64) -> Judgement
     if is_finite {
         Judgement::of_errors(action, Some([error, limit]), None)
     } else {
-        Judgement::failed("a gradient is not finite".to_owned())
+        Judgement::failed("a gradient is not finite")
     }
 }
 
-fn headings() -> Judgement {
+fn headings(device: &Device) -> Result<Judgement, ReconstructError> {
     use std::f64::consts::{PI, TAU};
     let at = |headings: [f64; 2], seconds: f64| {
         let path = path(DVec3::ZERO, 2.0, headings);
-        activated(vec![object(1, 1.0, &path, &AS_IS)], seconds)
+        activated(device, vec![object(1, 1.0, &path, &AS_IS)], seconds)
     };
     // Halfway between pi - 0.1 and -pi + 0.1 is pi, and not 0.
-    let (through, gradients) = at([PI - 0.1, 0.1 - PI], 1.0);
-    let (straight, _) = at([PI, PI], 1.0);
-    let (turned, _) = at([PI + 1e6 * TAU; 2], 1.0);
+    let (through, gradients) = at([PI - 0.1, 0.1 - PI], 1.0)?;
+    let (straight, _) = at([PI, PI], 1.0)?;
+    let (turned, _) = at([PI + 1e6 * TAU; 2], 1.0)?;
     let error = apart(&through, &straight).max(apart(&turned, &straight));
-    judged_by(
+    Ok(judged_by(
         "headings go the short way round, also a million turns on",
         f64::from(error),
         is_finite(&through, &gradients),
-        1e-6,
-    )
+        device.limit(1e-6),
+    ))
 }
 
-fn boxes() -> Judgement {
+fn boxes(device: &Device) -> Result<Judgement, ReconstructError> {
     let path = path(DVec3::ZERO, 2.0, [0.3, 0.3]);
-    let of = |size: f32| activated(vec![object(1, size, &path, &AS_IS)], 0.0);
-    let (reference, _) = of(1.0);
+    let of = |size: f32| activated(device, vec![object(1, size, &path, &AS_IS)], 0.0);
+    let (reference, _) = of(1.0)?;
     let (mut worst, mut all_finite) = (0.0_f32, true);
     for size in [1e-6_f32, 1e6] {
-        let (found, gradients) = of(size);
+        let (found, gradients) = of(size)?;
         let pairs = found.positions.iter().zip(&reference.positions);
         let off = pairs.map(|(a, b)| (Vec3::from_array(*a) / size).distance(Vec3::from_array(*b)));
         worst = off.fold(worst, f32::max);
         all_finite &= is_finite(&found, &gradients);
     }
-    judged_by(
+    Ok(judged_by(
         "the same object, larger or smaller; finite gradients",
         f64::from(worst),
         all_finite,
-        1e-6,
-    )
+        device.limit(1e-6),
+    ))
 }
 
-fn absent() -> Judgement {
+fn absent(device: &Device) -> Result<Judgement, ReconstructError> {
     let long = path(DVec3::ZERO, 2.0, [0.0, 0.0]);
     let short = path(DVec3::ZERO, 0.0, [0.0, 0.0]);
     let mut faults = Vec::new();
@@ -202,37 +206,37 @@ fn absent() -> Judgement {
         (&short, 0.0, true),
         (&short, 1e-9, false),
     ] {
-        let (found, gradients) = activated(vec![object(1, 1.0, path, &AS_IS)], seconds);
+        let (found, gradients) = activated(device, vec![object(1, 1.0, path, &AS_IS)], seconds)?;
         let is_drawn = found.opacities.iter().any(|&opacity| opacity > 0.0);
         let is_still = gradients.iter().all(|&gradient| gradient == 0.0);
         if is_drawn != is_there || !is_finite(&found, &gradients) || (!is_there && !is_still) {
             faults.push(format!("at {seconds:e} s"));
         }
     }
-    judged(
+    Ok(judged(
         "not drawn, and nothing is learnt of it",
         (!faults.is_empty()).then(|| faults.join("; ")),
-    )
+    ))
 }
 
-fn crowd() -> Judgement {
+fn crowd(device: &Device) -> Result<Judgement, ReconstructError> {
     let path = path(DVec3::ZERO, 2.0, [0.0, 1.0]);
     let objects = (0..500)
         .map(|id| object(id, 1.0, &path, &AS_IS))
         .collect::<Vec<_>>();
-    let one = activated(vec![objects[0].clone()], 1.0).0;
-    let (all, gradients) = activated(objects, 1.0);
+    let one = activated(device, vec![objects[0].clone()], 1.0)?.0;
+    let (all, gradients) = activated(device, objects, 1.0)?;
     let own = all.positions.iter().zip(one.positions.iter().cycle());
     let off = own.map(|(a, b)| Vec3::from_array(*a).distance(Vec3::from_array(*b)));
-    judged_by(
+    Ok(judged_by(
         "each as if it were alone",
         f64::from(off.fold(0.0, f32::max)),
         is_finite(&all, &gradients),
-        1e-7,
-    )
+        device.limit(1e-7),
+    ))
 }
 
-fn far() -> Judgement {
+fn far(device: &Device) -> Result<Judgement, ReconstructError> {
     let offset = DVec3::new(691_000.0, 5_335_000.0, 520.0);
     let normalization = Similarity {
         offset: offset.to_array(),
@@ -240,17 +244,17 @@ fn far() -> Judgement {
     };
     let at = |begin: DVec3, normalization: &Similarity| {
         let path = path(begin, 2.0, [0.2, 0.4]);
-        activated(vec![object(1, 0.2, &path, normalization)], 1.3)
+        activated(device, vec![object(1, 0.2, &path, normalization)], 1.3)
     };
     let near = Similarity {
         offset: [0.0; 3],
         ..normalization
     };
-    let (found, gradients) = at(offset, &normalization);
-    judged_by(
+    let (found, gradients) = at(offset, &normalization)?;
+    Ok(judged_by(
         "paths are brought near in f64",
-        f64::from(apart(&found, &at(DVec3::ZERO, &near).0)),
+        f64::from(apart(&found, &at(DVec3::ZERO, &near)?.0)),
         is_finite(&found, &gradients),
-        1e-6,
-    )
+        device.limit(1e-6),
+    ))
 }

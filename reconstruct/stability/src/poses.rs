@@ -2,21 +2,13 @@
 //! is judged by finite differences of the reference in f64.
 
 use glam::{DMat3, DQuat, DVec3};
-use omnilife_engine::{
-    gaussians::ActivatedGaussians,
-    render::{
-        cpu::Renderer,
-        project::by_camera,
-        raster::RasterGradient,
-        reference::{self, Gaussian, RefView, instant},
-    },
-};
+use omnilife_engine::render::reference::{self, Gaussian, RefView, instant};
 use omnilife_schemas::records::StabilityMeasures;
 
 use crate::{
     channels::{self, Shape},
     devices::Device,
-    special::{Judgement, SpecialCase},
+    special::{Judgement, Runs, SpecialCase},
 };
 
 /// Ten times the measured error, relative to a gradient's length.
@@ -26,32 +18,38 @@ pub(super) const CASES: &[SpecialCase] = &[
     SpecialCase {
         id: "pose-plain",
         title: "the gradient by a pose, for comparison",
-        judge: || judge(channels::around(), 1.0),
+        runs: Runs::OnBoth,
+        judge: |device| judge(device, channels::around(), 1.0),
     },
     SpecialCase {
         id: "pose-poles",
         title: "the gradient by a pose from Gaussians on both poles",
-        judge: || judge(channels::at_the_poles(), 1.0),
+        runs: Runs::OnBoth,
+        judge: |device| judge(device, channels::at_the_poles(), 1.0),
     },
     SpecialCase {
         id: "pose-needles",
         title: "the gradient by a pose from needles a million times as long as thick",
-        judge: || judge(channels::needles(), 1.0),
+        runs: Runs::OnBoth,
+        judge: |device| judge(device, channels::needles(), 1.0),
     },
     SpecialCase {
         id: "pose-far",
         title: "the gradient by a pose from Gaussians at a hundred thousand radii",
-        judge: || judge(away(1e5), 1e5),
+        runs: Runs::OnBoth,
+        judge: |device| judge(device, away(1e5), 1e5),
     },
     SpecialCase {
         id: "pose-near",
         title: "the gradient by a pose from Gaussians at a fiftieth of a radius",
-        judge: || judge(away(0.01), 0.01),
+        runs: Runs::OnBoth,
+        judge: |device| judge(device, away(0.01), 0.01),
     },
     SpecialCase {
         id: "pose-layers",
         title: "the gradient by a pose from 300 translucent layers in one direction",
-        judge: || judge(channels::layers(), 1.0),
+        runs: Runs::OnBoth,
+        judge: |device| judge(device, channels::layers(), 1.0),
     },
 ];
 
@@ -80,19 +78,18 @@ fn moved(view: &RefView, rotation: DVec3, shift: DVec3) -> RefView {
 }
 
 /// Judges the gradient; `size` is about the distance of the Gaussians.
-fn judge(shapes: Vec<Shape>, size: f64) -> Judgement {
+fn judge(device: &Device, shapes: Vec<Shape>, size: f64) -> Judgement {
     let (view, gaussians) = channels::setup_of(shapes);
     let pixels = view.camera.width() as usize * view.camera.height() as usize;
     let weights = Device::weights(3 * pixels);
     let expected = by_differences(&view, &gaussians, &weights, size);
 
     let (drawn, instant) = (view.view(), instant(&gaussians));
-    let mut renderer = Renderer::new(view.settings);
-    renderer.forward(&drawn, &instant);
-    let upstream = RasterGradient::new(&weights, &[]);
-    let mut gradient = ActivatedGaussians::default();
-    renderer.backward(&drawn, &instant, &upstream, &mut gradient);
-    let found = by_camera::gradient(&drawn, &instant, view.settings.sh_degree, &gradient);
+    let found = match device.pose_gradient(&drawn, view.settings, &instant, &weights) {
+        Ok(found) => found,
+        Err(error) => return Judgement::failed(error),
+    };
+    let limit = device.limit(LIMIT);
     let error = |found: DVec3, expected: DVec3| (found - expected).length() / expected.length();
     let errors = [
         error(found.rotation, expected[0]),
@@ -101,12 +98,12 @@ fn judge(shapes: Vec<Shape>, size: f64) -> Judgement {
     let worst = errors[0].max(errors[1]);
     let is_finite = found.rotation.is_finite() && found.centre.is_finite();
     // NaN fails too.
-    let agrees = errors.iter().all(|&error| error <= LIMIT);
+    let agrees = errors.iter().all(|&error| error <= limit);
     Judgement {
         action: "turns and shifts, against differences in f64".to_owned(),
         fault: (!agrees).then(|| {
             format!(
-                "the gradient by the turn is off by {:.1e}, by the place by {:.1e}, the limit is {LIMIT:.0e}",
+                "the gradient by the turn is off by {:.1e}, by the place by {:.1e}, the limit is {limit:.0e}",
                 errors[0], errors[1]
             )
         }),
@@ -115,12 +112,11 @@ fn judge(shapes: Vec<Shape>, size: f64) -> Judgement {
             forward_share: None,
             forward_limit: None,
             gradient_error: worst.is_finite().then_some(worst),
-            gradient_limit: Some(LIMIT),
+            gradient_limit: Some(limit),
             is_finite,
             drawn: gaussians.len() as u64,
             gaussians: gaussians.len() as u64,
         }),
-        missing: None,
     }
 }
 

@@ -12,17 +12,62 @@ use crate::{
 };
 use omnilife_engine::{
     losses::photometric::{Columns, cpu::Loss},
-    parameters::{ParameterTable, adam},
+    parameters::ParameterTable,
 };
 
-/// A case with a judgement of its own; on a GPU, clips of atlases alone.
+/// A case with a judgement of its own.
 #[derive(Debug, Clone, Copy)]
 pub struct SpecialCase {
     /// Id, unique among all cases.
     pub id: &'static str,
     /// Title in words.
     pub title: &'static str,
-    pub(super) judge: fn() -> Judgement,
+    /// Devices that judge it.
+    pub runs: Runs,
+    pub(super) judge: fn(&Device) -> Judgement,
+}
+
+/// Devices of a case.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Runs {
+    /// The CPU and a GPU.
+    OnBoth,
+    /// The CPU alone, for a reason that its row on a GPU has.
+    OnCpu(HostOnly),
+}
+
+/// Reason for a case without a row of its own on a GPU.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum HostOnly {
+    /// Its part prepares training.
+    Preparation,
+    /// Its part works in f64 between the steps.
+    HostWork,
+    /// Its values do not fit into a device's images.
+    Bytes,
+    /// Its kernel has no entry but a step.
+    WithinSteps,
+    /// It has too many steps for a software device.
+    Duration,
+}
+
+impl HostOnly {
+    /// Returns the reason as a row has it.
+    pub fn in_words(self) -> &'static str {
+        match self {
+            Self::Preparation => "CPU alone: it prepares training, on the CPU for both backends",
+            Self::HostWork => {
+                "CPU alone: the host computes it in f64 between the steps of both backends"
+            }
+            Self::Bytes => {
+                "CPU alone: images and masks of a device are bytes, which cannot have these values"
+            }
+            Self::WithinSteps => {
+                "CPU alone: the kernel runs within a step or its own test, which compare it with the CPU"
+            }
+            Self::Duration => "CPU alone: thousands of steps take a software device too long",
+        }
+    }
 }
 
 /// Result of a case.
@@ -31,18 +76,15 @@ pub(super) struct Judgement {
     /// Fault of the case; `None` passes.
     pub(super) fault: Option<String>,
     pub(super) measured: Option<StabilityMeasures>,
-    /// Reason for a case that did not run.
-    pub(super) missing: Option<&'static str>,
 }
 
 impl Judgement {
     /// Returns the judgement of a case that failed to run.
-    pub(super) fn failed(reason: String) -> Self {
+    pub(super) fn failed(reason: impl ToString) -> Self {
         Self {
             action: String::new(),
-            fault: Some(reason),
+            fault: Some(reason.to_string()),
             measured: None,
-            missing: None,
         }
     }
 
@@ -77,7 +119,6 @@ impl Judgement {
                 drawn: 0,
                 gaussians: 0,
             }),
-            missing: None,
         }
     }
 }
@@ -101,54 +142,58 @@ const SPECIAL_CASES: &[SpecialCase] = &[
     SpecialCase {
         id: "non-finite-pixels",
         title: "pixels of a training image that are NaN or infinite",
-        judge: non_finite_pixels,
+        runs: Runs::OnCpu(HostOnly::Bytes),
+        judge: |_| non_finite_pixels(),
     },
     SpecialCase {
         id: "non-finite-gradient",
         title: "gradients of the image that are NaN or infinite",
+        runs: Runs::OnBoth,
         judge: non_finite_gradient,
     },
     SpecialCase {
         id: "flat-images",
         title: "the loss of images of one colour, equal and different",
+        runs: Runs::OnBoth,
         judge: flat_images,
     },
     SpecialCase {
         id: "tiny-gradients",
         title: "gradients whose squares f32 cannot hold",
+        runs: Runs::OnBoth,
         judge: tiny_gradients,
     },
 ];
 
 impl SpecialCase {
-    /// Judges the case.
-    pub fn row(&self, kind: DeviceKind) -> StabilityRow {
-        let judgement = match kind {
-            DeviceKind::Cpu => (self.judge)(),
-            DeviceKind::Gpu => atlas::on_gpu(self.id).unwrap_or_else(|| Judgement {
-                action: String::new(),
-                fault: None,
-                measured: None,
-                missing: Some("judged on the CPU"),
-            }),
-        };
-        let status = match (&judgement.fault, judgement.missing) {
-            (_, Some(_)) => StabilityStatus::NotRun,
-            (None, None) => StabilityStatus::Pass,
-            (Some(_), None) => StabilityStatus::Fail,
-        };
-        StabilityRow {
+    /// Judges the case on a device.
+    pub fn row(&self, device: &Device) -> StabilityRow {
+        let row = StabilityRow {
             case: self.id.to_owned(),
             title: self.title.to_owned(),
             parameterization: NO_PARAMETERIZATION.to_owned(),
-            backend: kind.id().to_owned(),
+            backend: device.kind().id().to_owned(),
+            measured: None,
+            action: String::new(),
+            status: StabilityStatus::NotRun,
+            reason: String::new(),
+        };
+        if let (DeviceKind::Gpu, Runs::OnCpu(reason)) = (device.kind(), self.runs) {
+            return StabilityRow {
+                reason: reason.in_words().to_owned(),
+                ..row
+            };
+        }
+        let judgement = (self.judge)(device);
+        StabilityRow {
             measured: judgement.measured,
             action: judgement.action,
-            status,
-            reason: judgement
-                .fault
-                .or(judgement.missing.map(str::to_owned))
-                .unwrap_or_default(),
+            status: match &judgement.fault {
+                None => StabilityStatus::Pass,
+                Some(_) => StabilityStatus::Fail,
+            },
+            reason: judgement.fault.unwrap_or_default(),
+            ..row
         }
     }
 }
@@ -178,12 +223,11 @@ fn non_finite_pixels() -> Judgement {
             .to_owned(),
         fault: (survivors > 0).then(|| format!("{survivors} of 3 kinds give a finite loss")),
         measured: None,
-        missing: None,
     }
 }
 
 /// Checks that gradients that are not finite are not applied, and are counted.
-fn non_finite_gradient() -> Judgement {
+fn non_finite_gradient(device: &Device) -> Judgement {
     let setup = Setup::new(mild());
     let camera = setup.view.camera;
     let values = camera.width() as usize * camera.height() as usize * 3;
@@ -193,23 +237,19 @@ fn non_finite_gradient() -> Judgement {
     weights[values - 1] = f32::NEG_INFINITY;
     let parameterization = &STATIC;
     let table = (parameterization.table)(&setup);
-    let made = Device::open(DeviceKind::Cpu)
-        .map_err(|reason| reason.clone())
-        .and_then(|device| {
-            device
-                .round_trip_with(&setup, parameterization, table, &weights)
-                .map_err(|error| error.to_string())
-        });
-    let mut table: ParameterTable = match made {
-        Ok(made) => made.table,
-        Err(reason) => return Judgement::failed(reason),
-    };
+    let mut table: ParameterTable =
+        match device.round_trip_with(&setup, parameterization, table, &weights) {
+            Ok(made) => made.table,
+            Err(error) => return Judgement::failed(error),
+        };
     let all: usize = table.arrays.iter().map(|array| array.gradients.len()).sum();
-    let mut refused = 0;
     for array in &mut table.arrays {
         array.learning_rate = 0.01;
-        refused += adam::cpu::step(array, 1, adam::SecondMomentDecay::PUBLISHED);
     }
+    let refused = match device.adam_step(&mut table) {
+        Ok(refused) => refused,
+        Err(error) => return Judgement::failed(error),
+    };
     let is_finite = table
         .arrays
         .iter()
@@ -227,39 +267,43 @@ fn non_finite_gradient() -> Judgement {
             None
         },
         measured: None,
-        missing: None,
     }
 }
 
 /// Judges flat images, whose variance is zero; SSIM's constants bound the quotient.
-fn flat_images() -> Judgement {
-    let mut loss = Loss::new(SIDE, SIDE, Columns::Wrap);
+fn flat_images(device: &Device) -> Judgement {
     let flat = image(|_| 0.5);
     let mut is_finite = true;
     let mut of_equal = [0.0_f64; 2];
     for (value, is_equal) in [(0.5, true), (0.7, false), (0.0, false), (1.0, false)] {
         let target = image(|_| value);
-        let (value, gradient) = loss.forward_backward(&flat, &target, 0.2);
-        is_finite &= value.total.is_finite() && gradient.iter().all(|g| g.is_finite());
+        let found = device.photometric_loss([SIDE; 2], [&flat, &target], 0.2);
+        let (value, gradient) = match found {
+            Ok(found) => found,
+            Err(error) => return Judgement::failed(error),
+        };
+        is_finite &= value.is_finite() && gradient.iter().all(|g| g.is_finite());
         if is_equal {
             let largest = gradient.iter().fold(0.0_f32, |most, g| most.max(g.abs()));
-            of_equal = [value.total.abs(), f64::from(largest)];
+            of_equal = [value.abs(), f64::from(largest)];
         }
     }
     if !is_finite {
-        return Judgement::failed("a loss or its gradient is not finite".to_owned());
+        return Judgement::failed("a loss or its gradient is not finite");
     }
     let [value, gradient] = of_equal.map(|error| Some([error, 1e-6]));
     Judgement::of_errors("quotients held by SSIM's constants", value, gradient)
 }
 
 /// Checks that Adam's step shrinks for a gradient of 1e-25, whose second moment is zero in f32.
-fn tiny_gradients() -> Judgement {
+fn tiny_gradients(device: &Device) -> Judgement {
     let mut table = ParameterTable::new(3);
     table.add("values", 1, vec![1.0; 3], 0.01);
-    let array = &mut table.arrays[0];
-    array.gradients = vec![1e-25, -1e-30, 1e-40];
-    adam::cpu::step(array, 1, adam::SecondMomentDecay::PUBLISHED);
+    table.arrays[0].gradients = vec![1e-25, -1e-30, 1e-40];
+    if let Err(error) = device.adam_step(&mut table) {
+        return Judgement::failed(error);
+    }
+    let array = &table.arrays[0];
     let largest = array
         .values
         .iter()
@@ -272,6 +316,5 @@ fn tiny_gradients() -> Judgement {
         fault: (!is_finite || largest > 0.01)
             .then(|| format!("a step of {largest} where the rate is 0.01")),
         measured: None,
-        missing: None,
     }
 }

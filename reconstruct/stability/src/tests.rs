@@ -1,14 +1,16 @@
 //! Parts of the catalogue one by one, for the mutants that they have to notice (`scripts/mutants`).
 
+use std::collections::BTreeSet;
+
 use omnilife_schemas::records::{StabilityRow, StabilityStatus};
 
 use crate::{
     cases, control,
     devices::{Device, DeviceKind},
-    gradients, objects,
+    gradients, losses, networks, objects,
     parameterizations::STATIC,
-    row,
-    special::SpecialCase,
+    poses, row,
+    special::{self, HostOnly, Runs, SpecialCase},
 };
 
 fn assert_pass(rows: impl Iterator<Item = StabilityRow>) {
@@ -20,7 +22,8 @@ fn assert_pass(rows: impl Iterator<Item = StabilityRow>) {
 }
 
 fn assert_all_pass(cases: &[SpecialCase]) {
-    assert_pass(cases.iter().map(|case| case.row(DeviceKind::Cpu)));
+    let device = Device::open(DeviceKind::Cpu).expect("a CPU");
+    assert_pass(cases.iter().map(|case| case.row(&device)));
 }
 
 #[test]
@@ -44,4 +47,50 @@ fn rows_of_control_keep_their_limits() {
 #[test]
 fn rows_of_objects_keep_their_limits() {
     assert_all_pass(objects::CASES);
+}
+
+/// Checks the rows of single parts on a GPU; clips, which train, and large images are judged by the whole catalogue
+/// alone.
+#[test]
+fn rows_on_a_gpu_keep_their_limits() {
+    let device = match Device::open(DeviceKind::Gpu) {
+        Ok(device) => device,
+        Err(reason) => return omnilife_schemas::testing::skip(reason),
+    };
+    let parts = [
+        networks::CASES,
+        objects::CASES,
+        poses::CASES,
+        gradients::CASES,
+        control::CASES,
+    ];
+    let parts = parts.into_iter().flatten().chain(losses::all());
+    assert_pass(parts.map(|case| {
+        let row = case.row(&device);
+        let is_left_out = row.status == StabilityStatus::NotRun;
+        assert_eq!(is_left_out, case.runs != Runs::OnBoth, "{row:?}");
+        row
+    }));
+}
+
+#[test]
+fn most_cases_run_on_both_devices_and_the_others_have_a_reason() {
+    let on_both = special::all().filter(|case| case.runs == Runs::OnBoth);
+    assert!(on_both.count() >= 45);
+    let reasons = [
+        HostOnly::Preparation,
+        HostOnly::HostWork,
+        HostOnly::Bytes,
+        HostOnly::WithinSteps,
+        HostOnly::Duration,
+    ];
+    for reason in reasons {
+        let mut cases = special::all();
+        assert!(
+            cases.any(|case| case.runs == Runs::OnCpu(reason)),
+            "{reason:?}"
+        );
+    }
+    let words = reasons.map(HostOnly::in_words);
+    assert_eq!(BTreeSet::from(words).len(), reasons.len());
 }

@@ -4,7 +4,14 @@
 use std::path::Path;
 
 use device::device;
+use glam::Vec3;
 use novel_views::novel_psnr;
+use omnilife_engine::{
+    gaussians::static_gaussians::POSITIONS,
+    model::{Model, Part, TrainedArray},
+    schedule::StepSchedule,
+    step::{Stepper, cpu::CpuStepper, gpu::GpuStepper, settings::TrainSettings},
+};
 use omnilife_reconstruct::{
     methods::{METHODS, Method, panogs, requirement::Requirement},
     options::Options,
@@ -124,4 +131,57 @@ fn fifty_steps_of_every_method_are_those_of_the_cpu() {
 #[test]
 fn fifty_steps_with_frozen_arrays_are_those_of_the_cpu() {
     compare(&panogs::METHOD, &[panogs::SHAPE_REFINEMENT, panogs::SHARDS]);
+}
+
+/// Checks that centres stay until they may move, and then leave their balls on neither device, however long a step is.
+#[test]
+fn centres_are_held_near_their_anchors_as_on_the_cpu() {
+    let Some(gpu) = device() else { return };
+    let folder = tempfile::tempdir().unwrap();
+    let scene = scene_of(&panogs::METHOD, folder.path());
+    let request = MethodRequest {
+        options: Options::at_most(400),
+        plan: PlanChoice::Full,
+        without: vec![panogs::SHARDS.to_owned()],
+        ..MethodRequest::new(STEPS, 7)
+    };
+    let mut prepared = depth::panogs::prepared(&scene, &request);
+    let begin = prepared.learner.gaussians().unwrap().unwrap().clone();
+    let settings: TrainSettings = serde_json::from_value(prepared.configuration).unwrap();
+    let arrays = begin.trained_arrays();
+    let rate = |array: &TrainedArray| if array.name == "positions" { 1.0 } else { 1e-3 };
+    let rates: Vec<f32> = arrays.iter().map(rate).collect();
+    assert!(rates.contains(&1.0), "centres do not move");
+    let mut on_gpu = GpuStepper::new(gpu, scene.inputs(), begin.clone(), &settings).unwrap();
+    let mut on_cpu = CpuStepper::new(scene.inputs(), begin.clone(), &settings);
+    // Distances of all centres from their anchors, which are their first positions.
+    let moved = |model: &Model| -> Vec<f32> {
+        let parts = model.parts.iter().zip(&begin.parts);
+        let of_part = |(part, begin): (&Part, &Part)| -> Vec<f32> {
+            let [now, first] = [part, begin].map(|part| &part.table.arrays[POSITIONS].values);
+            let pairs = now.as_chunks::<3>().0.iter().zip(first.as_chunks::<3>().0);
+            pairs
+                .map(|(now, first)| Vec3::from_array(*now).distance(Vec3::from_array(*first)))
+                .collect()
+        };
+        parts.flat_map(of_part).collect()
+    };
+    for (iteration, scheduled) in [(1, 1), (2, STEPS), (3, STEPS)] {
+        let schedule = StepSchedule {
+            iteration,
+            scheduled,
+            learning_rates: rates.clone(),
+            ..StepSchedule::default()
+        };
+        on_gpu.step(iteration as usize, &schedule).unwrap();
+        on_cpu.step(iteration as usize, &schedule).unwrap();
+        let of_gpu = moved(on_gpu.model().unwrap());
+        let of_cpu = moved(on_cpu.model().unwrap());
+        let farthest = of_cpu.iter().copied().fold(0.0, f32::max);
+        assert_eq!(farthest > 0.0, iteration > 1, "{farthest}");
+        let pairs = of_gpu.iter().zip(&of_cpu);
+        let apart = pairs.filter(|(gpu, cpu)| (*gpu - *cpu).abs() > 1e-3 * gpu.max(**cpu));
+        // A gradient of 0 on one device alone is a step on the other.
+        assert!(apart.count() <= of_cpu.len() / 50, "step {iteration}");
+    }
 }

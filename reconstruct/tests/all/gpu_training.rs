@@ -8,7 +8,7 @@ use omnilife_engine::{
     EngineError,
     camera::View,
     density::DensifySettings,
-    device::{BufferDemand, Gpu, GpuError},
+    device::{BufferDemand, Gpu, GpuError, PixelSums},
     gaussians::{
         deformable::{Deformable, DeformationModel, settings::DeformationSettings},
         static_gaussians::{self, InitialGaussians, StaticGaussians},
@@ -74,10 +74,16 @@ fn compare_steps(gpu: &Arc<Gpu>) {
     let scene = scene();
     let mut on_gpu = on_device(gpu, &scene, model(&scene, 1));
     let mut on_cpu = CpuStepper::new(scene.inputs(), model(&scene, 1), &settings());
-    let Backend::Gpu { subgroup_size, .. } = on_gpu.backend() else {
+    let Backend::Gpu {
+        subgroup_size,
+        sums_per_splat,
+        ..
+    } = on_gpu.backend()
+    else {
         panic!("another backend");
     };
     assert_eq!(subgroup_size, gpu.subgroup_size());
+    assert_eq!(sums_per_splat, gpu.pixel_sums() == PixelSums::Splats);
     for iteration in 1..=3 {
         let schedule = schedule(iteration, 1, &RATES);
         on_gpu.step(iteration as usize, &schedule).unwrap();

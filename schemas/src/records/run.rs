@@ -244,6 +244,12 @@ pub enum Backend {
         /// they were taken in the memory of workgroups.
         #[serde(default, skip_serializing_if = "Option::is_none")]
         subgroup_size: Option<u32>,
+        /// True if gradients of splats were summed over pixels by a thread per splat.
+        #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+        sums_per_splat: bool,
+        /// True if one kernel computed Adam's steps from the gradients by splats.
+        #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+        fused_adam: bool,
     },
 }
 

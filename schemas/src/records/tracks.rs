@@ -40,6 +40,15 @@ impl Record for Tracks {
 }
 
 impl Tracks {
+    /// Name of the stage of tracks that are labels of a dataset.
+    pub const LABELS_STAGE: &'static str = "labels";
+
+    /// Returns true for labels of a dataset: boxes that were given, and not tracked.
+    pub fn are_labels(&self) -> bool {
+        let mut stages = self.stages.iter();
+        stages.any(|stage| stage.stage == Self::LABELS_STAGE)
+    }
+
     /// Returns the tracks of a scene beside a split in `split_folder`; `None` where the file is missing.
     ///
     /// # Errors
@@ -92,7 +101,7 @@ impl Tracks {
 /// A stage of the making of tracks.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct TrackStage {
-    /// Its name: detector, distance, association, trajectory.
+    /// Its name: detector, distance, association, trajectory; labels alone where a dataset gives the boxes.
     pub stage: String,
     /// Which way was taken.
     pub method: String,

@@ -2,6 +2,7 @@
 
 mod cube_faces;
 mod datasets;
+mod drives;
 mod far_points;
 mod foreign;
 mod lenses;

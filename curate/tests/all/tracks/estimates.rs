@@ -54,7 +54,7 @@ fn estimated_distances_are_aligned_and_left_out_where_there_is_ground() {
     let given = boxes(&scene);
     let make = |distance: DistanceMethod| {
         let mut request = request(temp.path(), &given);
-        request.distance = distance;
+        request.options.distance = distance;
         make_tracks(&request, &Silent)
     };
     let refused = make(DistanceMethod::Monocular).unwrap_err();
@@ -110,7 +110,7 @@ fn estimates_that_cannot_be_used_are_refused_in_one_line() {
     estimate_distances(&folder, &mut scene, [160, 90]);
     let refusal = || {
         let mut request = request(temp.path(), &given);
-        request.distance = DistanceMethod::Monocular;
+        request.options.distance = DistanceMethod::Monocular;
         let error = make_tracks(&request, &Silent).unwrap_err();
         assert_eq!(error.error_kind(), ErrorKind::User);
         let message = error.to_string();
@@ -147,8 +147,8 @@ fn estimates_that_are_missing_are_told_before_anything_is_detected() {
     for distance in [DistanceMethod::Monocular, DistanceMethod::MonocularScale] {
         let mut request = request(temp.path(), &boxes(&scene));
         // Found out before the file of boxes, which has none, is read.
-        fs::write(request.detections.as_ref().unwrap(), "no boxes").unwrap();
-        request.distance = distance;
+        fs::write(request.options.detections.as_ref().unwrap(), "no boxes").unwrap();
+        request.options.distance = distance;
         let error = make_tracks(&request, &Silent).unwrap_err();
         assert_eq!(error.error_kind(), ErrorKind::User);
         let message = error.to_string();

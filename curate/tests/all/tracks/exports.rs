@@ -18,12 +18,12 @@ use serde_json::Value;
 use super::*;
 
 /// UTM zone, easting, northing and height of the world's origin.
-const ZONE: u8 = 32;
-const EAST: f64 = 691_600.0;
-const NORTH: f64 = 5_334_700.0;
+pub(super) const ZONE: u8 = 32;
+pub(super) const EAST: f64 = 691_600.0;
+pub(super) const NORTH: f64 = 5_334_700.0;
 const HEIGHT: f64 = 510.0;
 
-fn export(
+pub(super) fn export(
     folder: &Path,
     formats: &[&str],
     telemetry: Option<&Path>,
@@ -43,12 +43,12 @@ fn export(
         .map_err(|error| error.to_string())
 }
 
-fn read(folder: &Path, file: &str) -> String {
+pub(super) fn read(folder: &Path, file: &str) -> String {
     fs::read_to_string(folder.join("tracks").join(file)).unwrap()
 }
 
 /// Writes tracks of one vehicle from a place to another over 15 s.
-fn write_track(folder: &Path, [from, to]: [DVec3; 2], metres_per_unit: f64) {
+pub(super) fn write_track(folder: &Path, [from, to]: [DVec3; 2], metres_per_unit: f64) {
     let heading = (to.y - from.y).atan2(to.x - from.x);
     let track = Track {
         id: 7,
@@ -102,7 +102,7 @@ fn recorded(centre: DVec3) -> GeoPoint {
 }
 
 /// Puts the cameras on a circle, 60 m in radius.
-fn write_circling_scene(folder: &Path) -> Scene {
+pub(super) fn write_circling_scene(folder: &Path) -> Scene {
     let mut scene = write_scene(&folder.join("scene"));
     for (number, frame) in scene.frames.iter_mut().enumerate() {
         let (sin, cos) = (0.4 * number as f64).sin_cos();
@@ -114,7 +114,11 @@ fn write_circling_scene(folder: &Path) -> Scene {
 }
 
 /// Writes the recorded positions of a scene's cameras as subtitles; those of frame 3 are a mistake if asked for.
-fn write_telemetry(folder: &Path, scene: &Scene, has_mistake: bool) -> std::path::PathBuf {
+pub(super) fn write_telemetry(
+    folder: &Path,
+    scene: &Scene,
+    has_mistake: bool,
+) -> std::path::PathBuf {
     let mut text = String::new();
     for (number, frame) in scene.frames.iter().enumerate() {
         let mut centre = frame.pose.unwrap().centre();

@@ -2,8 +2,10 @@
 //! in one line.
 
 mod estimates;
+mod every_frame;
 mod exports;
 mod moved;
+mod orthophotos;
 #[cfg(unix)]
 mod programs;
 
@@ -22,8 +24,8 @@ use omnilife_schemas::{
     trajectory::GroundAxes,
 };
 use omnilife_tracks::{
-    OVERLAY_FILE, PAGE_FILE, TrackRequest, association::Association, boxes::projected_box,
-    detectors::files, distance::DistanceMethod, make_tracks, plan_tracks,
+    OVERLAY_FILE, PAGE_FILE, TrackOptions, TrackRequest, boxes::projected_box, detectors::files,
+    distance::DistanceMethod, make_tracks, plan_tracks,
 };
 
 const FRAMES: usize = 16;
@@ -80,7 +82,7 @@ fn write_points(folder: &Path, side: usize, spacing: f64) {
 
 /// The cars' boxes as MOT text.
 fn boxes(scene: &Scene) -> String {
-    let frames: Vec<u32> = (0..FRAMES as u32).collect();
+    let frames: Vec<u32> = (0..scene.frames.len() as u32).collect();
     let axes = GroundAxes::new(DVec3::Z);
     let mut text = String::new();
     for view in PosedView::of_scene(scene, &frames) {
@@ -111,12 +113,11 @@ fn request(folder: &Path, boxes: &str) -> TrackRequest {
     TrackRequest {
         scene_folder: folder.join("scene"),
         split: None,
-        detector: &files::DETECTOR,
-        detections: Some(file),
-        program: None,
-        distance: DistanceMethod::Auto,
-        association: Association::GroundChains,
-        metres_per_unit: None,
+        options: TrackOptions {
+            detector: &files::DETECTOR,
+            detections: Some(file),
+            ..TrackOptions::default()
+        },
         out: folder.join("tracks"),
     }
 }
@@ -325,7 +326,7 @@ fn coco_boxes_are_read_and_checked() {
         let mut request = request(temp.path(), "");
         let file = temp.path().join("boxes.json");
         fs::write(&file, text).unwrap();
-        request.detections = Some(file);
+        request.options.detections = Some(file);
         make_tracks(&request, &Silent)
     };
     let image =

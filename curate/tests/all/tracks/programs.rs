@@ -16,9 +16,11 @@ fn program_request(folder: &Path, further: &str) -> TrackRequest {
     );
     fs::write(&toml, text).unwrap();
     TrackRequest {
-        detector: &command::DETECTOR,
-        detections: None,
-        program: Some(toml),
+        options: TrackOptions {
+            detector: &command::DETECTOR,
+            program: Some(toml),
+            ..TrackOptions::default()
+        },
         ..request(folder, "")
     }
 }
@@ -48,7 +50,7 @@ fn a_program_finds_boxes_once_and_what_does_not_count_is_left_out() {
     assert!(frames.starts_with("000000.png\n000001.png\n"), "{frames}");
     assert_eq!(tracks.tracks.len(), 2, "{:?}", tracks.warnings);
     assert!(tracks.tracks.iter().all(|track| track.class == "car"));
-    let sha256 = store::sha256_file(asked.program.as_ref().unwrap()).unwrap();
+    let sha256 = store::sha256_file(asked.options.program.as_ref().unwrap()).unwrap();
     let said = &tracks.stages[0].reason;
     let parts = [
         "copier by",
@@ -74,7 +76,7 @@ fn a_program_finds_boxes_once_and_what_does_not_count_is_left_out() {
     );
     // Another way of tracking has the boxes; another program, or another script of it, has not.
     let mut by_appearance = asked.clone();
-    by_appearance.distance = DistanceMethod::Ground;
+    by_appearance.options.distance = DistanceMethod::Ground;
     make_tracks(&by_appearance, &Silent).unwrap();
     assert_eq!(runs(), "run\n");
     let known = plan_tracks(&by_appearance, &Silent).unwrap();
@@ -163,9 +165,9 @@ fn programs_that_fail_are_told_in_one_line() {
         );
     }
     let mut without = program_request(folder, "");
-    without.program = None;
+    without.options.program = None;
     assert!(refusal(&without).contains("--program FILE.toml"));
     let mut unused = program_request(folder, "");
-    unused.detector = &motion::DETECTOR;
+    unused.options.detector = &motion::DETECTOR;
     assert!(refusal(&unused).contains("--program is for the detector command"));
 }

@@ -188,6 +188,14 @@ pub(crate) fn with_inputs(mut plan: StagePlan, toml: &Path) -> Result<StagePlan,
     Ok(plan)
 }
 
+/// Checks that a TOML describes a program.
+///
+/// # Errors
+/// When it cannot be read, or describes none.
+pub(crate) fn check(toml: &Path) -> Result<(), TracksError> {
+    Program::read(toml).map(drop)
+}
+
 fn absolute(path: &Path) -> Result<PathBuf, StoreError> {
     std::path::absolute(path).map_err(|source| StoreError::read(path, source))
 }

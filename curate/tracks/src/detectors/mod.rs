@@ -16,7 +16,7 @@ use omnilife_schemas::{
     records::{Detection, Scene},
 };
 
-use super::TrackRequest;
+use super::TrackOptions;
 use crate::error::TracksError;
 
 /// Input of a detector.
@@ -76,18 +76,18 @@ pub struct Detector {
 
 impl Detector {
     /// Checks that it has the files it needs, and none that only another one reads.
-    pub(super) fn check_files(&self, request: &TrackRequest) -> Result<(), String> {
+    pub(super) fn check_files(&self, options: &TrackOptions) -> Result<(), String> {
         let is_command = self.id == command::ID;
-        if request.program.is_some() && !is_command {
+        if options.program.is_some() && !is_command {
             return Err(format!(
                 "--program is for the detector command, not for {}",
                 self.id
             ));
         }
-        if is_command && request.program.is_none() {
+        if is_command && options.program.is_none() {
             return Err("the detector command runs a program: --program FILE.toml".to_owned());
         }
-        if self.id == files::DETECTOR.id && request.detections.is_none() {
+        if self.id == files::DETECTOR.id && options.detections.is_none() {
             return Err("the detector files reads a file: --detections FILE".to_owned());
         }
         Ok(())

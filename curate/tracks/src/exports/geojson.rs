@@ -5,7 +5,7 @@
 use omnilife_schemas::records::Track;
 use serde_json::{Value, json};
 
-use super::{TrackExport, TrackFormat};
+use super::{Content, TrackExport, TrackFormat};
 use crate::georeference::geodesy;
 
 /// The format.
@@ -13,7 +13,7 @@ pub const FORMAT: TrackFormat = TrackFormat {
     id: "geojson",
     about: "paths in longitude and latitude, with times, speeds and headings; needs recorded positions",
     file: "tracks.geojson",
-    write,
+    content: Content::Text(write),
 };
 
 /// Digits of a degree: a tenth of a millimetre.

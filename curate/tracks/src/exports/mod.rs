@@ -5,9 +5,10 @@
 pub mod geojson;
 mod moments;
 pub mod mot;
+pub mod orthophoto;
 pub mod speeds;
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use omnilife_schemas::{
     layout::{GEOREFERENCE_FILE, SCENE_FILE, TRACKS_FILE},
@@ -32,19 +33,50 @@ pub struct TrackFormat {
     pub about: &'static str,
     /// Name of its file.
     pub file: &'static str,
-    /// Returns the text of the file.
-    ///
-    /// # Errors
-    /// When the tracks lack something that it needs: one line.
-    pub write: fn(&TrackExport<'_>) -> Result<String, String>,
+    /// Maker of the file.
+    pub content: Content,
+}
+
+/// Contents of files with their names.
+pub type NamedFiles = Vec<(&'static str, Vec<u8>)>;
+
+/// Maker of the files of a format.
+#[derive(Debug, Clone, Copy)]
+pub enum Content {
+    /// Returns the text of the file, or one line on what the tracks lack.
+    Text(fn(&TrackExport<'_>) -> Result<String, String>),
+    /// Returns the file, with others beside it.
+    Files(fn(&TrackExport<'_>) -> Result<NamedFiles, TracksError>),
+}
+
+impl TrackFormat {
+    /// Returns the files of an export.
+    fn files(&self, export: &TrackExport<'_>) -> Result<NamedFiles, TracksError> {
+        match self.content {
+            Content::Text(write) => match write(export) {
+                Ok(text) => Ok(vec![(self.file, text.into_bytes())]),
+                Err(reason) => Err(TracksError::input(&export.folder.join(TRACKS_FILE), reason)),
+            },
+            Content::Files(write) => write(export),
+        }
+    }
 }
 
 /// All formats.
-pub const TRACK_FORMATS: &[TrackFormat] = &[mot::FORMAT, speeds::FORMAT, geojson::FORMAT];
+pub const TRACK_FORMATS: &[TrackFormat] = &[
+    mot::FORMAT,
+    speeds::FORMAT,
+    geojson::FORMAT,
+    orthophoto::FORMAT,
+];
 
 /// Tracks to export.
 #[derive(Debug, Clone, Copy)]
 pub struct TrackExport<'a> {
+    /// Folder of the scene.
+    pub scene_folder: &'a Path,
+    /// Folder of the tracks.
+    pub folder: &'a Path,
     /// The tracks.
     pub tracks: &'a Tracks,
     /// Their scene.
@@ -83,15 +115,15 @@ pub fn export_tracks(
     let tracks = Tracks::beside_split(&scene.id, &request.folder)?.ok_or_else(missing)?;
     let georeference = place(request, &scene, progress)?;
     let export = TrackExport {
+        scene_folder: &request.scene_folder,
+        folder: &request.folder,
         tracks: &tracks,
         scene: &scene,
         georeference: georeference.as_ref(),
     };
-    let texts = request.formats.iter().map(|format| {
-        let text = (format.write)(&export).map(|text| (format.file, text));
-        text.map_err(|reason| TracksError::input(&tracks_path, reason))
-    });
-    let texts: Vec<(&str, String)> = texts.collect::<Result<_, TracksError>>()?;
+    let written = request.formats.iter().map(|format| format.files(&export));
+    let written: Vec<NamedFiles> = written.collect::<Result<_, TracksError>>()?;
+    let contents: NamedFiles = written.into_iter().flatten().collect();
     let mut plan = StagePlan::new(&request.folder, "track-exports")
         .with_file(&scene_path)?
         .with_file(&tracks_path)?;
@@ -99,11 +131,15 @@ pub fn export_tracks(
         plan = plan.with_file(file)?;
     }
     let place = georeference.iter().map(|_| GEOREFERENCE_FILE);
-    let files: Vec<&str> = texts.iter().map(|(file, _)| *file).chain(place).collect();
+    let files: Vec<&str> = contents
+        .iter()
+        .map(|(file, _)| *file)
+        .chain(place)
+        .collect();
     let (is_same, earlier) = (plan.is_done(), plan.own_files());
     plan.run(&files, progress, |out| {
-        for (file, text) in &texts {
-            out.write_bytes(file, text.as_bytes())?;
+        for (file, content) in &contents {
+            out.write_bytes(file, content)?;
         }
         if let Some(georeference) = &georeference {
             out.write_record(GEOREFERENCE_FILE, georeference)?;

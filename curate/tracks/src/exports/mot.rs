@@ -4,14 +4,14 @@
 
 use std::fmt::Write as _;
 
-use super::{TrackExport, TrackFormat};
+use super::{Content, TrackExport, TrackFormat};
 
 /// The format.
 pub const FORMAT: TrackFormat = TrackFormat {
     id: "mot",
     about: "boxes of the tracked vehicles, as results of the MOT challenge",
     file: "tracks.mot.txt",
-    write,
+    content: Content::Text(write),
 };
 
 fn write(export: &TrackExport<'_>) -> Result<String, String> {

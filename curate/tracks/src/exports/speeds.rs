@@ -6,7 +6,7 @@
 
 use omnilife_schemas::plain_text::for_spreadsheet;
 
-use super::{TrackExport, TrackFormat};
+use super::{Content, TrackExport, TrackFormat};
 use crate::georeference::geodesy;
 
 /// The format.
@@ -14,7 +14,7 @@ pub const FORMAT: TrackFormat = TrackFormat {
     id: "speeds",
     about: "CSV with place, speed (m/s) and heading (degrees) of each vehicle at each frame",
     file: "tracks.csv",
-    write,
+    content: Content::Text(write),
 };
 
 const COLUMNS: [&str; 4] = ["track", "class", "frame", "time_seconds"];

@@ -269,7 +269,7 @@ fn create_with(
         what: label.to_owned(),
         bytes: size,
     };
-    if gpu.is_exhausted(size) {
+    if gpu.forbids(size) {
         return Err(out_of_memory());
     }
     gpu.count_made();

@@ -11,6 +11,7 @@ use std::sync::{
 use omnilife_schemas::records::Backend;
 
 use crate::device::adapters::AdapterSummary;
+use crate::device::choices::{KernelChoices, PixelSums};
 use crate::device::error::GpuError;
 
 /// Threads of every workgroup: one per pixel of a tile.
@@ -31,12 +32,19 @@ pub struct Gpu {
     pub(crate) queue: wgpu::Queue,
     summary: AdapterSummary,
     limits: wgpu::Limits,
-    subgroup_size: Option<u32>,
+    choices: KernelChoices,
+    pixel_sums: PixelSums,
     faults: Arc<Mutex<Faults>>,
     bytes_read: AtomicU64,
     made: AtomicU64,
+    /// Number of allocations, failed ones included.
+    allocations: AtomicU64,
     /// Size above which allocation fails, bytes; `u64::MAX` except in tests.
     largest_made: AtomicU64,
+    /// Number of allocations after which further ones fail; `u64::MAX` except in tests.
+    most_made: AtomicU64,
+    /// Largest buffer that a test pretends the adapter to allow, bytes; `u64::MAX` elsewhere.
+    pretended: AtomicU64,
     demand: Mutex<BufferDemand>,
     only_plans: AtomicBool,
     /// Readback buffer.
@@ -67,12 +75,15 @@ fn lock(faults: &Mutex<Faults>) -> MutexGuard<'_, Faults> {
 }
 
 impl Gpu {
-    /// Opens the first adapter, hardware before software, with all optional features that it offers.
+    /// Opens the first adapter, hardware before software, with all optional features that it offers. The
+    /// environment chooses the kernels: `OMNILIFE_GPU_SUMS` sums a splat's gradient by a thread per pixel
+    /// (`pixels`, the default) or per splat (`splats`); `OMNILIFE_GPU_ADAM` has `separate` kernels up to Adam
+    /// (the default) or a `fused` one.
     ///
     /// # Errors
-    /// If no adapter is found, it is too small, or its driver gives no device.
+    /// If no adapter is found, it is too small, its driver gives no device, or a variable has another value.
     pub fn open() -> Result<Self, GpuError> {
-        Self::open_with(OPTIONAL_FEATURES)
+        Self::open_with(OPTIONAL_FEATURES, KernelChoices::of_environment()?)
     }
 
     /// Opens the adapter as if it had no subgroups, to test the kernels' twins without them.
@@ -80,10 +91,19 @@ impl Gpu {
     /// # Errors
     /// See [`Gpu::open`].
     pub fn open_without_subgroups() -> Result<Self, GpuError> {
-        Self::open_with(OPTIONAL_FEATURES - wgpu::Features::SUBGROUP)
+        let optional = OPTIONAL_FEATURES - wgpu::Features::SUBGROUP;
+        Self::open_with(optional, KernelChoices::default())
     }
 
-    fn open_with(optional: wgpu::Features) -> Result<Self, GpuError> {
+    /// Opens the adapter with these kernels, whatever the environment chooses, to compare them.
+    ///
+    /// # Errors
+    /// See [`Gpu::open`].
+    pub fn open_with_choices(choices: KernelChoices) -> Result<Self, GpuError> {
+        Self::open_with(OPTIONAL_FEATURES, choices)
+    }
+
+    fn open_with(optional: wgpu::Features, choices: KernelChoices) -> Result<Self, GpuError> {
         let adapter = crate::device::adapters::wgpu_adapters()
             .into_iter()
             .next()
@@ -123,11 +143,15 @@ impl Gpu {
             queue,
             summary,
             limits,
-            subgroup_size,
+            choices,
+            pixel_sums: PixelSums::new(choices, subgroup_size),
             faults,
             bytes_read: AtomicU64::new(0),
             made: AtomicU64::new(0),
+            allocations: AtomicU64::new(0),
             largest_made: AtomicU64::new(u64::MAX),
+            most_made: AtomicU64::new(u64::MAX),
+            pretended: AtomicU64::new(u64::MAX),
             demand: Mutex::default(),
             only_plans: AtomicBool::new(false),
             staging: Mutex::new(None),
@@ -140,9 +164,19 @@ impl Gpu {
     }
 
     /// Returns the threads of the smallest subgroup, in which kernels add up over pixels. `None` if they add
-    /// up in workgroup memory.
+    /// up in workgroup memory, or with a thread per splat.
     pub fn subgroup_size(&self) -> Option<u32> {
-        self.subgroup_size
+        self.pixel_sums.subgroup_size()
+    }
+
+    /// Returns the form in which kernels add up over pixels.
+    pub fn pixel_sums(&self) -> PixelSums {
+        self.pixel_sums
+    }
+
+    /// Returns the kernels that stand for others.
+    pub fn choices(&self) -> KernelChoices {
+        self.choices
     }
 
     /// Returns the limits within which the kernels work, by name, for the run record.
@@ -176,7 +210,9 @@ impl Gpu {
                 .limits()
                 .map(|(name, limit)| (name.to_owned(), limit))
                 .into(),
-            subgroup_size: self.subgroup_size,
+            subgroup_size: self.subgroup_size(),
+            sums_per_splat: self.choices.sums_per_splat,
+            fused_adam: self.choices.fused_adam,
         }
     }
 
@@ -185,6 +221,7 @@ impl Gpu {
         self.limits
             .max_storage_buffer_binding_size
             .min(self.limits.max_buffer_size)
+            .min(self.pretended.load(Ordering::Relaxed))
     }
 
     /// Returns the bytes that the host has read back so far.
@@ -252,9 +289,27 @@ impl Gpu {
         self.largest_made.store(bytes, Ordering::Relaxed);
     }
 
-    /// Returns true if [`Gpu::exhaust_above`] forbids a buffer of `bytes`.
-    pub(crate) fn is_exhausted(&self, bytes: u64) -> bool {
+    /// Makes every allocation after the next `allocations` ones fail. For tests of exhausted memory.
+    pub fn exhaust_after(&self, allocations: u64) {
+        let most = self.allocations().saturating_add(allocations);
+        self.most_made.store(most, Ordering::Relaxed);
+    }
+
+    /// Makes the adapter's largest buffer at most this large. For tests of small adapters.
+    pub fn pretend_largest_buffer(&self, bytes: u64) {
+        self.pretended.store(bytes, Ordering::Relaxed);
+    }
+
+    /// Returns the number of allocations so far, failed ones included.
+    pub fn allocations(&self) -> u64 {
+        self.allocations.load(Ordering::Relaxed)
+    }
+
+    /// Counts an allocation; returns true if [`Gpu::exhaust_above`] or [`Gpu::exhaust_after`] forbids it.
+    pub(crate) fn forbids(&self, bytes: u64) -> bool {
+        let number = self.allocations.fetch_add(1, Ordering::Relaxed);
         bytes > self.largest_made.load(Ordering::Relaxed)
+            || number >= self.most_made.load(Ordering::Relaxed)
     }
 
     /// Waits until the device has finished all submitted work.

@@ -11,6 +11,16 @@ pub enum GpuError {
          mesa-vulkan-drivers brings a software one); use the backend cpu"
     )]
     NoAdapter,
+    /// The environment names unknown kernels.
+    #[error("{variable} must be {values}, got '{value}'")]
+    Choice {
+        /// Name of the variable.
+        variable: &'static str,
+        /// Known values.
+        values: String,
+        /// Its value.
+        value: String,
+    },
     /// The adapter's limits are below those that the kernels need.
     #[error("the GPU {adapter} is too small: {what} needs {needed}, it offers {offered}")]
     TooSmall {
@@ -62,7 +72,7 @@ pub enum GpuError {
 impl Classified for GpuError {
     fn error_kind(&self) -> ErrorKind {
         match self {
-            Self::NoAdapter => ErrorKind::User,
+            Self::NoAdapter | Self::Choice { .. } => ErrorKind::User,
             Self::TooSmall { .. }
             | Self::OutOfMemory { .. }
             | Self::Open { .. }

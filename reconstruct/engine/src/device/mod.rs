@@ -8,10 +8,12 @@
 //! A stage's WGSL lies beside its CPU twin `cpu.rs`, with the same names in the same order; `gpu.rs` there
 //! binds its buffers. No kernel needs an optional feature of the device: all keep within the limits of every
 //! WebGPU adapter, but buffers may be as large as the adapter allows. Timestamps are optional, and every
-//! kernel with subgroups has a twin without them.
+//! kernel with subgroups has a twin without them. [`KernelChoices`]: kernels that stand for others;
+//! [`PixelSums`]: the forms of sums over pixels.
 
 pub mod adapters;
 mod buffer;
+mod choices;
 #[expect(
     clippy::module_inception,
     reason = "the device itself, in the room of its name"
@@ -24,6 +26,7 @@ pub(crate) mod shader;
 pub mod timer;
 
 pub use buffer::{DeviceBuffer, Uniform};
+pub use choices::{KernelChoices, PixelSums};
 pub(crate) use device::WORKGROUP;
 pub use device::{BufferDemand, Gpu};
 pub use error::GpuError;

@@ -394,3 +394,44 @@ impl Program {
         gpu.queue.submit([encoder.finish()]);
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::device::test_device;
+
+    fn refusal(gpu: &Gpu, text: &'static str) -> GpuError {
+        let shader = Shader {
+            file: "refused.wgsl",
+            constants: text.to_owned(),
+            parts: &[],
+        };
+        let compiled = Kernel::compile(gpu, &shader, ["run"]);
+        compiled.map(|_| ()).expect_err("the shader is not valid")
+    }
+
+    /// Checks features that an adapter lacks, a fault of types and one of grammar.
+    #[test]
+    fn a_shader_that_does_not_compile_is_one_line_with_its_file() {
+        let Some(gpu) = test_device() else { return };
+        let plain = Gpu::open_without_subgroups().expect("the same adapter");
+        assert_eq!(plain.subgroup_size(), None);
+        for text in [
+            "@compute @workgroup_size(256) fn run() { let sum = subgroupAdd(1.0); }",
+            "enable f16; @compute @workgroup_size(256) fn run() { let half = 1.0h; }",
+            "@compute @workgroup_size(256) fn run() { let sum: u32 = 1.0; }",
+            "@compute @workgroup_size(256) fn run( {",
+            "",
+        ] {
+            let error = refusal(&plain, text);
+            let message = error.to_string();
+            assert!(matches!(error, GpuError::Failed { .. }), "{message}");
+            assert_eq!(message.lines().count(), 1, "{message}");
+            assert!(message.contains("refused.wgsl"), "{message}");
+        }
+        // The fault was caught with the call, and the device goes on.
+        plain.check().expect("no fault is left");
+        refusal(&gpu, "fn");
+        gpu.check().expect("no fault is left");
+    }
+}

@@ -66,13 +66,13 @@ mod tests {
     use super::*;
     use crate::{
         density,
-        device::scan,
+        device::{PixelSums, scan},
         fields::{hash_grid, mlp},
         gaussians::{activated_buffers, deformable, dropout, static_gaussians, temporal, tracked},
         losses::{maps, motion, photometric, scaffold},
         parameters::{adam, rows},
         render::{bin, buffers, project, raster, sort},
-        step::gpu::{kernels, opacity_reset},
+        step::gpu::{fused_adam, kernels, opacity_reset},
         surfaces,
     };
 
@@ -112,16 +112,18 @@ mod tests {
             shaders.extend([
                 project::gpu::shader(shape),
                 bin::gpu::shader(shape),
-                raster::gpu::shader(shape, None),
+                raster::gpu::shader(shape, PixelSums::Workgroups),
+                raster::gpu::shader(shape, PixelSums::Splats),
                 kernels::shader(shape),
+                fused_adam::shader(shape),
                 project::by_camera::gpu::shader(shape),
             ]);
         }
         shaders
     }
 
-    /// Shaders that a device with subgroups uses in place of others, by its smallest subgroup.
-    fn subgroup_shaders() -> impl Iterator<Item = Shader> {
+    /// Returns shaders that use subgroups, by the smallest subgroup, and their form with a thread per splat.
+    fn raster_shaders() -> impl Iterator<Item = Shader> {
         let shape = |features| buffers::RenderShape {
             gaussians: 1,
             sh_degree: 3,
@@ -131,7 +133,8 @@ mod tests {
             entries: 1,
         };
         let sizes = [4, 8, 16, 32, 64].into_iter();
-        sizes.flat_map(move |size| [0, 4].map(|f| raster::gpu::shader(&shape(f), Some(size))))
+        let forms = sizes.map(PixelSums::Subgroups).chain([PixelSums::Splats]);
+        forms.flat_map(move |sums| [0, 4].map(|f| raster::gpu::shader(&shape(f), sums)))
     }
 
     fn parse(shader: &Shader) -> Module {
@@ -156,8 +159,8 @@ mod tests {
     }
 
     #[test]
-    fn kernels_that_use_subgroups_are_valid_and_fit_a_workgroup() {
-        for shader in subgroup_shaders() {
+    fn forms_of_sums_over_pixels_are_valid_and_fit_a_workgroup() {
+        for shader in raster_shaders() {
             let info = validate(&shader, Capabilities::SUBGROUP);
             let module = parse(&shader);
             let mut layouter = Layouter::default();

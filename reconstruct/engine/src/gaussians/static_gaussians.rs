@@ -39,7 +39,7 @@ pub(crate) const SH_CONSTANT_NAME: &str = "sh_constant";
 const LOG_SCALE_RANGE: (f32, f32) = (-30.0, 20.0);
 /// Least divisor in the normalization of a quaternion, so that a zero quaternion gives the identity, not NaN.
 /// It must not lengthen a short quaternion, which would no longer be a rotation.
-const LEAST_QUATERNION_LENGTH: f32 = 1e-12;
+pub(crate) const LEAST_QUATERNION_LENGTH: f32 = 1e-12;
 
 /// Quaternion (w, x, y, z) of the identity rotation.
 pub const NO_ROTATION: [f32; 4] = [1.0, 0.0, 0.0, 0.0];

@@ -119,7 +119,7 @@ impl RenderShape {
         11 + self.channels()
     }
 
-    /// Returns the values of a splat's gradient: a flag, shape (10), opacity, image of the centre (2),
+    /// Returns the values of a splat's gradient: a mark, shape (10), opacity, image of the centre (2),
     /// channels.
     pub(crate) fn splat_sums(&self) -> usize {
         14 + self.channels()

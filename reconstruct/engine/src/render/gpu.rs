@@ -10,7 +10,13 @@ use crate::{
     render::{
         Visible,
         bin::gpu::Binning,
-        project::gpu::Projection,
+        project::{
+            by_camera::{
+                PoseGradient,
+                gpu::{PoseGradients, sum},
+            },
+            gpu::Projection,
+        },
         raster::{Raster, RasterGradient, gpu::Rasterization},
         settings::RenderSettings,
     },
@@ -92,13 +98,25 @@ impl Chains {
         buffers: &RenderBuffers,
         upstream: &DeviceBuffer<f32>,
     ) -> Result<(), GpuError> {
+        self.backward_to_splats(gpu, program, buffers, upstream)?;
         let stages = self.stages(gpu, &buffers.shape)?;
-        program.begin_stage("raster backward");
-        stages
-            .rasterization
-            .backward(gpu, program, buffers, upstream);
         program.begin_stage("project backward");
         stages.projection.backward(gpu, program, buffers);
+        Ok(())
+    }
+
+    /// Records the backward pass from `upstream`, the gradient by the image, to the splats.
+    pub(crate) fn backward_to_splats(
+        &mut self,
+        gpu: &Gpu,
+        program: &mut Program,
+        buffers: &RenderBuffers,
+        upstream: &DeviceBuffer<f32>,
+    ) -> Result<(), GpuError> {
+        let stages = self.stages(gpu, &buffers.shape)?;
+        program.begin_stage("raster backward");
+        let rasterization = &stages.rasterization;
+        rasterization.backward(gpu, program, buffers, upstream);
         Ok(())
     }
 }
@@ -231,6 +249,23 @@ impl GpuRenderer {
                 centre_gradient: [sums[12], sums[13]],
             })
             .collect())
+    }
+
+    /// Returns the gradient by the pose of the view rendered last, from its last backward pass.
+    ///
+    /// # Errors
+    /// If the device fails, or no view was rendered before.
+    pub fn pose_gradient(&self) -> Result<PoseGradient, GpuError> {
+        let gpu = &*self.gpu;
+        let Some(RoundTrip { chain, .. }) = &self.round_trip else {
+            return Err(gpu.failed("a view must be rendered before the gradient by its pose"));
+        };
+        let buffers = &chain.buffers;
+        let mut program = Program::default();
+        let kernel = PoseGradients::new(gpu, &buffers.shape)?;
+        let parts = kernel.record(gpu, &mut program, buffers)?;
+        program.submit(gpu);
+        Ok(sum(&parts.read(gpu)?))
     }
 
     /// Renders one view as an image clamped to `[0, 1]`.

@@ -155,6 +155,10 @@ fn a_stationary_camera_is_that_of_its_frame_and_time_goes_on() {
         assert_eq!(frame.pose, arc()[3].pose);
         assert_eq!(frame.seconds, posed.seconds);
     }
+    let alone = frames(&by(CameraPlaces::Frame(3), None), &[], pinhole()).expect("a frame");
+    assert_eq!(alone, [arc()[3]]);
+    let refused = frames(&by(CameraPlaces::Frame(8), None), &[], pinhole());
+    assert!(refused.is_err_and(|error| error.to_string().contains("has no frame 8")));
     let words = by(CameraPlaces::Stationary(8), None);
     let message = frames(&words, &[], pinhole())
         .expect_err("refused")

@@ -4,7 +4,7 @@ use glam::{DMat3, DVec3};
 use omnilife_engine::{schedule::Position, trajectories::rigid_spline::RigidPose};
 use omnilife_schemas::camera::{Camera, ErpCamera, PinholeCamera};
 
-use super::{check, judge, judge_error};
+use super::{check, judge};
 use crate::{devices::DeviceKind, largest_or_nan, special::Judgement};
 use omnilife_atlas::{
     Begun, METHOD, begin,
@@ -67,23 +67,12 @@ const CLIPS: &[ClipCase] = &[
     ),
 ];
 
-fn clip_on(id: &str, kind: DeviceKind) -> Option<Judgement> {
-    let found = CLIPS.iter().find(|(case, ..)| *case == id);
-    found.map(|(_, action, find)| judge(action, || find(kind)))
-}
-
-/// Returns the judgement of a clip on the CPU.
-pub(super) fn clip_on_cpu(id: &str) -> Judgement {
-    clip_on(id, DeviceKind::Cpu).unwrap_or_else(|| Judgement::failed(format!("no clip is {id}")))
-}
-
-/// Returns the judgement of a case on a GPU; `None` for cases that train no clip.
-pub(crate) fn on_gpu(id: &str) -> Option<Judgement> {
-    if id == "atlas-units" {
-        let find = || units(DeviceKind::Gpu);
-        return Some(judge_error("the same images", 1e-3, find));
-    }
-    clip_on(id, DeviceKind::Gpu)
+/// Returns the judgement of a clip on a device.
+pub(super) fn clip_on(id: &str, kind: DeviceKind) -> Judgement {
+    CLIPS.iter().find(|(case, ..)| *case == id).map_or_else(
+        || Judgement::failed(format!("no clip is {id}")),
+        |(_, action, find)| judge(action, || find(kind)),
+    )
 }
 
 /// Makes frames of one pattern, with the masks of one object.

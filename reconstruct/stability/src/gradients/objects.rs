@@ -4,11 +4,11 @@ use glam::{DQuat, DVec3, Vec3};
 use omnilife_engine::{
     gaussians::{
         ActivatedGaussians,
-        parameterization::{Parameterization, Viewpoint},
+        parameterization::Viewpoint,
         static_gaussians::{InitialGaussians, LOG_SCALES, POSITIONS, QUATERNIONS},
-        temporal::TemporalFeatures,
         tracked::{self, TrackedGaussians, TrackedObject},
     },
+    model::Part,
     parameters::ParameterTable,
     trajectories::rigid_path::{CORRECTION_VALUES, RigidPath},
 };
@@ -18,7 +18,7 @@ use omnilife_schemas::{
 };
 
 use super::{difference, relative_error};
-use crate::{largest_or_nan, special::Judgement};
+use crate::{devices::Device, largest_or_nan, special::Judgement};
 
 const SECONDS: f64 = 0.7;
 const DURATION: f64 = 2.0;
@@ -128,9 +128,9 @@ fn table() -> ParameterTable {
 }
 
 /// Judges the gradients by every value of an object of this size, relative to the largest of their kind.
-pub(super) fn judge(size: f64, limit: f64) -> Judgement {
+pub(super) fn judge(device: &Device, size: f64, limit: f64) -> Judgement {
     let mut object = Object::new(size);
-    let mut table = table();
+    let table = table();
     let mut tracked = TrackedGaussians::new(vec![object.tracked()], true);
     for (at, value) in tracked.corrections.array.values.iter_mut().enumerate() {
         *value = 0.1 * size as f32 * (at as f32).cos();
@@ -142,24 +142,6 @@ pub(super) fn judge(size: f64, limit: f64) -> Judgement {
         down: Vec3::Y,
         scheduled: Some(1),
     };
-    let none = TemporalFeatures::default();
-    let mut activated = ActivatedGaussians::default();
-    activated.reshape(GAUSSIANS, 0, 0);
-    tracked.activate(&table, &at, &none, 0, &mut activated);
-    let rotations = activated.rotations.iter();
-    object.signs = rotations
-        .map(|q| {
-            let [w, x, y, z] = q.map(f64::from);
-            DQuat::from_xyzw(x, y, z, w)
-        })
-        .collect();
-    let mut gradient = ActivatedGaussians::default();
-    gradient.clear_to_zero(&activated);
-    for (index, weight) in object.weights.iter().enumerate() {
-        gradient.positions[index] = [0, 1, 2].map(|axis| (weight[axis] / size) as f32);
-        gradient.scales[index] = [3, 4, 5].map(|axis| (weight[axis] / size) as f32);
-        gradient.rotations[index] = [6, 7, 8, 9].map(|axis| weight[axis] as f32);
-    }
     let mut values = Vec::new();
     for index in 0..GAUSSIANS {
         for array in [POSITIONS, LOG_SCALES, QUATERNIONS] {
@@ -173,7 +155,28 @@ pub(super) fn judge(size: f64, limit: f64) -> Judgement {
     }
     let corrections = &tracked.corrections.array.values;
     values.extend(corrections.iter().map(|&value| f64::from(value)));
-    tracked.activate_backward(&mut table, &at, &none, 0, &mut activated, &mut gradient);
+    let taken_back = device.activated_part(Part::new(tracked, table), &at, |activated| {
+        let rotations = activated.rotations.iter();
+        object.signs = rotations
+            .map(|q| {
+                let [w, x, y, z] = q.map(f64::from);
+                DQuat::from_xyzw(x, y, z, w)
+            })
+            .collect();
+        let mut gradient = ActivatedGaussians::default();
+        gradient.clear_to_zero(activated);
+        for (index, weight) in object.weights.iter().enumerate() {
+            gradient.positions[index] = [0, 1, 2].map(|axis| (weight[axis] / size) as f32);
+            gradient.scales[index] = [3, 4, 5].map(|axis| (weight[axis] / size) as f32);
+            gradient.rotations[index] = [6, 7, 8, 9].map(|axis| weight[axis] as f32);
+        }
+        gradient
+    });
+    let part = match taken_back {
+        Ok((_, part)) => part,
+        Err(error) => return Judgement::failed(error),
+    };
+    let table = &part.table;
     let mut found = Vec::new();
     for index in 0..GAUSSIANS {
         for array in [POSITIONS, LOG_SCALES, QUATERNIONS] {
@@ -182,8 +185,9 @@ pub(super) fn judge(size: f64, limit: f64) -> Judgement {
             found.extend(row.iter().map(|&value| f64::from(value)));
         }
     }
-    let of_corrections = &tracked.corrections.array.gradients;
-    found.extend(of_corrections.iter().map(|&value| f64::from(value)));
+    let shared = part.parameterization.shared();
+    let of_corrections = shared.iter().flat_map(|shared| &shared.array.gradients);
+    found.extend(of_corrections.map(|&value| f64::from(value)));
     // Positions, log sizes, quaternions, and corrections.
     let mut kinds: [Vec<[f64; 2]>; 4] = Default::default();
     for (place, &found) in found.iter().enumerate() {
@@ -207,6 +211,6 @@ pub(super) fn judge(size: f64, limit: f64) -> Judgement {
     Judgement::of_errors(
         "compared with differences of the definition in f64",
         None,
-        Some([worst, limit]),
+        Some([worst, device.limit(limit)]),
     )
 }

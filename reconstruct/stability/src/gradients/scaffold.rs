@@ -8,7 +8,7 @@ use omnilife_engine::{
 use omnilife_schemas::{camera::ErpCamera, distances::DistanceImage};
 
 use super::{difference, relative_error};
-use crate::special::Judgement;
+use crate::{devices::Device, special::Judgement};
 
 const SIZE: [usize; 2] = [64, 32];
 const VOXEL: f64 = 0.1;
@@ -71,7 +71,7 @@ fn loss(field: &Scaffold, base: DVec3, centre: DVec3) -> Option<f64> {
 }
 
 /// Judges directions and ratios of the gradients: the loss's weight is a common factor.
-pub(super) fn judge() -> Judgement {
+pub(super) fn judge(device: &Device) -> Judgement {
     let field = field();
     let mut centres = Vec::new();
     let mut expected = Vec::new();
@@ -101,13 +101,11 @@ pub(super) fn judge() -> Judgement {
     if centres.len() < 50 {
         return Judgement::failed(format!("{} of 200 places have a value", centres.len()));
     }
-    let mut gradient = vec![[0.0; 3]; centres.len()];
-    field.loss(&centres, |_| 1.0, &mut gradient);
-    let found = gradient
-        .as_flattened()
-        .iter()
-        .map(|&value| f64::from(value));
-    let found: Vec<f64> = found.collect();
+    let gradient = match device.scaffold_gradient(&field, &centres) {
+        Ok(gradient) => gradient,
+        Err(error) => return Judgement::failed(error),
+    };
+    let found: Vec<f64> = gradient.into_iter().map(f64::from).collect();
     let length = |values: &[f64]| values.iter().map(|value| value * value).sum::<f64>().sqrt();
     let factor = length(&expected) / length(&found);
     let pairs: Vec<[f64; 2]> = found
@@ -118,6 +116,6 @@ pub(super) fn judge() -> Judgement {
     Judgement::of_errors(
         "compared with differences of the definition in f64, up to the weight",
         None,
-        Some([relative_error(&pairs), 1e-3]),
+        Some([relative_error(&pairs), device.limit(1e-3)]),
     )
 }

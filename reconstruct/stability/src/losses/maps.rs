@@ -1,12 +1,18 @@
 //! Losses on maps of velocity, lifespan and opacity (Omni4DGS Eqs. 6 and 9, PVG). Uncovered pixels make them
 //! divide by almost zero, and without counted pixels they are means over nothing.
 
-use omnilife_engine::losses::maps::{Counted, lifespan_map, opacity_map, velocity_map};
+use omnilife_engine::{
+    EngineError,
+    device::Gpu,
+    losses::maps::{Counted, lifespan_map, opacity_map, velocity_map},
+    step::gpu::single_kernels::{self, RenderedMaps},
+};
 
 use super::compared;
 use crate::{
     Limits,
-    special::{Judgement, SpecialCase},
+    devices::{Device, panorama},
+    special::{Judgement, Runs, SpecialCase},
 };
 
 const PIXELS: usize = 60;
@@ -24,36 +30,43 @@ pub(super) const CASES: &[SpecialCase] = &[
     SpecialCase {
         id: "maps-plain",
         title: "losses on maps of velocity, lifespan and opacity, for comparison",
-        judge: || judge(&maps(0.5, 0.4, 1.0)),
+        runs: Runs::OnBoth,
+        judge: |device| judge(device, &maps(0.5, 0.4, 1.0)),
     },
     SpecialCase {
         id: "maps-transparent",
         title: "losses on maps where a pixel is covered by a hundred-millionth at most",
-        judge: || judge(&maps(1.0 - 1e-8, 1e-8, 1e-8)),
+        runs: Runs::OnBoth,
+        judge: |device| judge(device, &maps(1.0 - 1e-8, 1e-8, 1e-8)),
     },
     SpecialCase {
         id: "maps-opaque",
         title: "losses on maps where everything is covered, and moves by a millionth",
-        judge: || judge(&maps(0.0, 0.0, 1e-6)),
+        runs: Runs::OnBoth,
+        judge: |device| judge(device, &maps(0.0, 0.0, 1e-6)),
     },
     SpecialCase {
         id: "maps-one-pixel",
         title: "losses on maps of which one pixel counts",
-        judge: || {
-            judge(&Maps {
+        runs: Runs::OnBoth,
+        judge: |device| {
+            let maps = Maps {
                 counted: 1,
                 ..maps(0.5, 0.4, 1.0)
-            })
+            };
+            judge(device, &maps)
         },
     },
     SpecialCase {
         id: "maps-no-pixel",
         title: "losses on maps of which no pixel counts",
-        judge: || {
-            judge(&Maps {
+        runs: Runs::OnBoth,
+        judge: |device| {
+            let maps = Maps {
                 counted: 0,
                 ..maps(0.5, 0.4, 1.0)
-            })
+            };
+            judge(device, &maps)
         },
     },
 ];
@@ -63,7 +76,8 @@ struct Maps {
     transmittance: Vec<f32>,
     /// Three of velocities, one of lifespans, one of opacities.
     planes: [Vec<f32>; 5],
-    mask: Vec<f32>,
+    /// Dynamic mask, 255 for all of a pixel.
+    mask: Vec<u8>,
     /// Number of counted pixels.
     counted: usize,
 }
@@ -85,31 +99,58 @@ fn maps(base: f64, spread: f64, size: f64) -> Maps {
     Maps {
         transmittance: narrow(transmittance),
         planes: [0, 1, 2, 3, 4].map(plane),
-        mask: narrow(
-            wave(9.0)
-                .iter()
-                .map(|v| (0.5 + v).clamp(0.0, 1.0))
-                .collect(),
-        ),
+        mask: wave(9.0)
+            .iter()
+            .map(|v| (255.0 * (0.5 + v).clamp(0.0, 1.0)).round() as u8)
+            .collect(),
         counted: PIXELS,
     }
 }
 
-fn judge(maps: &Maps) -> Judgement {
-    compared(&of_kernels(maps), &of_definition(maps), LIMITS)
+fn judge(device: &Device, maps: &Maps) -> Judgement {
+    let found = match device.gpu() {
+        None => of_kernels(maps),
+        Some(gpu) => match on_gpu(gpu, maps) {
+            Ok(found) => found,
+            Err(error) => return Judgement::failed(error),
+        },
+    };
+    compared(&found, &of_definition(maps), LIMITS)
+}
+
+/// Returns the marks of the pixels that do not count.
+fn ignored(maps: &Maps) -> Vec<u8> {
+    (0..PIXELS)
+        .map(|pixel| u8::from(pixel >= maps.counted))
+        .collect()
+}
+
+fn on_gpu(gpu: &Gpu, maps: &Maps) -> Result<(f64, Vec<f64>), EngineError> {
+    let [x, y, z, lifespan, opacity] = &maps.planes;
+    let rendered = RenderedMaps {
+        transmittance: &maps.transmittance,
+        temporal: [x, y, z, lifespan],
+        opacity,
+        mask: &maps.mask,
+        ignored: &ignored(maps),
+    };
+    let view = panorama([PIXELS, 1]);
+    let (value, gradient) = single_kernels::map_losses(gpu, &view, &rendered, WEIGHT)?;
+    // The device's value is weighted.
+    let gradient = gradient.into_iter().map(f64::from).collect();
+    Ok((value / f64::from(WEIGHT), gradient))
 }
 
 fn of_kernels(maps: &Maps) -> (f64, Vec<f64>) {
-    let ignored: Vec<u8> = (0..PIXELS)
-        .map(|pixel| u8::from(pixel >= maps.counted))
-        .collect();
+    let ignored = ignored(maps);
     let counted = Counted {
         ignored: Some(&ignored),
     };
+    let mask: Vec<f32> = maps.mask.iter().map(|&byte| share(byte)).collect();
     let [x, y, z, lifespan, opacity] = &maps.planes;
     let velocities = [x.as_slice(), y, z].concat();
     let mut gradients = [vec![0.0; 3 * PIXELS], vec![0.0; PIXELS], vec![0.0; PIXELS]];
-    let masked = (maps.mask.as_slice(), counted);
+    let masked = (mask.as_slice(), counted);
     let [by_velocity, by_lifespan, by_opacity] = &mut gradients;
     let value = velocity_map(
         &velocities,
@@ -123,6 +164,11 @@ fn of_kernels(maps: &Maps) -> (f64, Vec<f64>) {
     (value, gradient)
 }
 
+/// Returns the masked share of a pixel.
+fn share(byte: u8) -> f32 {
+    f32::from(byte) / 255.0
+}
+
 /// Returns loss and gradients by the definitions in f64.
 fn of_definition(maps: &Maps) -> (f64, Vec<f64>) {
     let weight = f64::from(WEIGHT) / maps.counted.max(1) as f64;
@@ -131,7 +177,8 @@ fn of_definition(maps: &Maps) -> (f64, Vec<f64>) {
     let (mut value, mut gradient) = (0.0, vec![0.0; 5 * PIXELS]);
     for pixel in 0..maps.counted {
         let covered = 1.0 - wide(&maps.transmittance, pixel) + OPACITY_EPSILON;
-        let outside = 1.0 - wide(&maps.mask, pixel);
+        let masked = f64::from(share(maps.mask[pixel]));
+        let outside = 1.0 - masked;
         for (number, plane) in maps.planes.iter().enumerate() {
             let found = wide(plane, pixel);
             let (term, slope) = match number {
@@ -141,7 +188,7 @@ fn of_definition(maps: &Maps) -> (f64, Vec<f64>) {
                 }
                 3 => (-found / covered, -1.0 / covered),
                 _ => {
-                    let excess = found - wide(&maps.mask, pixel);
+                    let excess = found - masked;
                     (excess.abs(), sign(excess))
                 }
             };

@@ -2,12 +2,26 @@
 //! hardly defined.
 
 use glam::{DVec3, Vec3};
-use omnilife_engine::{gaussians::periodic::TemporalParameters, losses::motion::of_one};
+use omnilife_engine::{
+    EngineError,
+    clock::Clock,
+    gaussians::{
+        parameterization::Viewpoint,
+        periodic::TemporalParameters,
+        static_gaussians::{InitialGaussians, POSITIONS},
+        temporal::{InitialTimes, LifespanRange, PEAK_TIMES, TimeModel, VELOCITIES, VelocityModel},
+        temporal_gaussians::TemporalGaussians,
+    },
+    losses::motion::of_one,
+    model::{Model, Part},
+    step::gpu::activation::GpuActivator,
+};
 
 use super::compared;
 use crate::{
     Limits,
-    special::{Judgement, SpecialCase},
+    devices::Device,
+    special::{Judgement, Runs, SpecialCase},
 };
 
 /// Ten times the measured errors.
@@ -20,67 +34,80 @@ pub(super) const CASES: &[SpecialCase] = &[
     SpecialCase {
         id: "motion-plain",
         title: "regularization of motion, for comparison",
-        judge: || judge(&PLAIN),
+        runs: Runs::OnBoth,
+        judge: |device| judge(device, &PLAIN),
     },
     SpecialCase {
         id: "motion-far",
         title: "regularization of motion at a million times the cameras' radius",
-        judge: || {
-            judge(&Moving {
+        runs: Runs::OnBoth,
+        judge: |device| {
+            let moving = Moving {
                 distance: 1e6,
                 ..PLAIN
-            })
+            };
+            judge(device, &moving)
         },
     },
     SpecialCase {
         id: "motion-near",
         title: "regularization of motion a hundred-thousandth from the observer",
-        judge: || {
-            judge(&Moving {
+        runs: Runs::OnBoth,
+        judge: |device| {
+            let moving = Moving {
                 distance: 1e-5,
                 speed: 1e-6,
                 ..PLAIN
-            })
+            };
+            judge(device, &moving)
         },
     },
     SpecialCase {
         id: "motion-slow",
         title: "regularization of motion by a hundred-millionth per frame",
-        judge: || {
-            judge(&Moving {
+        runs: Runs::OnBoth,
+        judge: |device| {
+            let moving = Moving {
                 speed: 1e-8,
                 ..PLAIN
-            })
+            };
+            judge(device, &moving)
         },
     },
     SpecialCase {
         id: "motion-fast",
         title: "regularization of motion by ten thousand radii per frame",
-        judge: || {
-            judge(&Moving {
+        runs: Runs::OnBoth,
+        judge: |device| {
+            let moving = Moving {
                 speed: 1e4,
                 ..PLAIN
-            })
+            };
+            judge(device, &moving)
         },
     },
     SpecialCase {
         id: "motion-late",
         title: "regularization of motion a hundred thousand frames after the peak",
-        judge: || {
-            judge(&Moving {
+        runs: Runs::OnBoth,
+        judge: |device| {
+            let moving = Moving {
                 frame: 1e5 + 0.3,
                 ..PLAIN
-            })
+            };
+            judge(device, &moving)
         },
     },
     SpecialCase {
         id: "motion-long-cycle",
         title: "regularization of motion under a cycle of ten thousand frames",
-        judge: || {
-            judge(&Moving {
+        runs: Runs::OnBoth,
+        judge: |device| {
+            let moving = Moving {
                 cycle: 1e4,
                 ..PLAIN
-            })
+            };
+            judge(device, &moving)
         },
     },
 ];
@@ -104,19 +131,85 @@ const PLAIN: Moving = Moving {
 const DIRECTION: DVec3 = DVec3::new(0.48, -0.6, 0.64);
 const HEADING: DVec3 = DVec3::new(0.6, 0.64, 0.48);
 const PEAK: f64 = 1.25;
+/// Its lifespan, frames.
+const LIFESPAN: f32 = 40.0;
 
-fn judge(moving: &Moving) -> Judgement {
-    let centre = (moving.distance * DIRECTION).as_vec3();
-    let velocity = (moving.speed * HEADING).as_vec3();
+/// Value, and gradients by centre, velocity and peak.
+type Found = (f64, Vec3, Vec3, f32);
+
+fn on_cpu(moving: &Moving, centre: Vec3, velocity: Vec3) -> Option<Found> {
     let parameters = TemporalParameters {
         peak: PEAK as f32,
-        lifespan: 40.0,
+        lifespan: LIFESPAN,
         velocity,
     };
-    let Some((value, by_temporal, by_centre)) =
-        of_one(&parameters, centre, moving.frame, moving.cycle as f32)
-    else {
-        return Judgement::failed("no direction is defined".to_owned());
+    let found = of_one(&parameters, centre, moving.frame, moving.cycle as f32);
+    let (value, by_temporal, by_centre) = found?;
+    Some((
+        f64::from(value),
+        by_centre,
+        by_temporal.velocity,
+        by_temporal.peak,
+    ))
+}
+
+/// Computes the loss of a Gaussian that is static in any cycle, seen from the origin.
+fn on_gpu(
+    activator: &GpuActivator,
+    moving: &Moving,
+    centre: Vec3,
+    velocity: Vec3,
+) -> Result<Option<Found>, EngineError> {
+    let time = TimeModel {
+        cycle_frames: moving.cycle as f32,
+        lifespans: Some(LifespanRange {
+            least_frames: 0.25,
+            largest_frames: 1e6,
+        }),
+        velocity: VelocityModel::Free,
+        least_marginal: 0.0,
+    };
+    let initial =
+        InitialGaussians::isotropic(vec![centre.to_array()], &[0.1], vec![[0.5; 3]], vec![0.5]);
+    let times = InitialTimes {
+        peaks: vec![PEAK as f32],
+        lifespans: vec![LIFESPAN],
+        velocities: vec![velocity.to_array()],
+    };
+    let gaussians = TemporalGaussians {
+        clock: Clock {
+            origin_seconds: 0.0,
+            frame_seconds: 1.0,
+            duration_frames: 1.0,
+        },
+        time,
+        down: [0.0, 1.0, 0.0],
+        dynamic_below_staticness: 0.0,
+    };
+    let at = Viewpoint::of_moment(moving.frame);
+    let part = Part::new(gaussians, time.table(&initial, &times, 0));
+    let (value, model) = activator.motion(Model::new(vec![part]), &at, 1.0)?;
+    let table = &model.parts[0].table;
+    let gradients = |name: &str| Some(&table.arrays[table.position(name)?].gradients);
+    let (Some(by_velocity), Some(by_peak)) = (gradients(VELOCITIES), gradients(PEAK_TIMES)) else {
+        return Ok(None);
+    };
+    let by_centre = &table.arrays[POSITIONS].gradients;
+    let [by_centre, by_velocity] = [by_centre, by_velocity].map(|by| Vec3::from_slice(by));
+    Ok(Some((value, by_centre, by_velocity, by_peak[0])))
+}
+
+fn judge(device: &Device, moving: &Moving) -> Judgement {
+    let centre = (moving.distance * DIRECTION).as_vec3();
+    let velocity = (moving.speed * HEADING).as_vec3();
+    let found = match device.activator() {
+        None => Ok(on_cpu(moving, centre, velocity)),
+        Some(activator) => on_gpu(activator, moving, centre, velocity),
+    };
+    let (value, by_centre, by_velocity, by_peak) = match found {
+        Ok(Some(found)) => found,
+        Ok(None) => return Judgement::failed("no direction is defined"),
+        Err(error) => return Judgement::failed(error),
     };
     let (expected, (in_centre, in_velocity, in_peak)) = reference(moving, centre, velocity);
     // Each array's gradient is relative to its own size, so that none hides behind another; the value is relative
@@ -126,18 +219,16 @@ fn judge(moving: &Moving) -> Judgement {
         [found.as_dvec3(), expected].map(|vector| (vector / size).to_array().to_vec())
     };
     let [centre, expected_centre] = relative(by_centre, in_centre);
-    let [velocity, expected_velocity] = relative(by_temporal.velocity, in_velocity);
-    let found = [
-        centre,
-        velocity,
-        vec![f64::from(by_temporal.peak) / in_peak],
-    ]
-    .concat();
+    let [velocity, expected_velocity] = relative(by_velocity, in_velocity);
+    let found = [centre, velocity, vec![f64::from(by_peak) / in_peak]].concat();
     let wanted = [expected_centre, expected_velocity, vec![1.0]].concat();
     compared(
-        &(f64::from(value) / expected, found),
+        &(value / expected, found),
         &(1.0, wanted),
-        LIMITS,
+        Limits {
+            forward: device.limit(LIMITS.forward),
+            gradient: device.limit(LIMITS.gradient),
+        },
     )
 }
 

@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use omnilife_engine::device::{Gpu, GpuError};
+use omnilife_engine::device::{Gpu, GpuError, KernelChoices, PixelSums};
 use omnilife_schemas::RgbImage;
 
 /// Returns a device; without any adapter `None`, and a line with the reason.
@@ -20,25 +20,36 @@ pub(crate) fn device() -> Option<Arc<Gpu>> {
     }
 }
 
-/// Returns a device with subgroups and the same without, so that both ways of adding up over pixels are judged.
-/// On a smaller machine: fewer, and a line with the reason.
+/// Returns a device with subgroups, the same without, and the same with a thread per splat, so that all forms of
+/// the sums over pixels are judged. On a smaller machine: fewer, and a line with the reason.
 pub(crate) fn devices() -> Vec<Arc<Gpu>> {
     let Some(gpu) = device() else {
         return Vec::new();
     };
-    let plain = match Gpu::open_without_subgroups() {
-        Ok(plain) => Arc::new(plain),
-        Err(error) => panic!("{error}"),
+    let per_splat = KernelChoices {
+        sums_per_splat: true,
+        ..KernelChoices::default()
     };
-    assert_eq!(plain.subgroup_size(), None);
+    let others = [
+        Gpu::open_without_subgroups(),
+        Gpu::open_with_choices(per_splat),
+    ];
+    let others = others.map(|opened| match opened {
+        Ok(other) => Arc::new(other),
+        Err(error) => panic!("{error}"),
+    });
+    let forms = others.each_ref().map(|other| other.pixel_sums());
+    assert_eq!(forms, [PixelSums::Workgroups, PixelSums::Splats]);
     match gpu.subgroup_size() {
         Some(size) => {
-            println!("with subgroups of {size} threads at least, and without");
-            vec![gpu, plain]
+            println!(
+                "with subgroups of {size} threads at least, without, and with a thread per splat"
+            );
+            [gpu].into_iter().chain(others).collect()
         }
         None => {
-            println!("without subgroups, which the adapter has not");
-            vec![plain]
+            println!("with a thread per splat and without; the adapter lacks subgroups");
+            others.into()
         }
     }
 }

@@ -137,6 +137,9 @@ impl EditedObjects<'_> {
                     "vehicles are made of Gaussians and have no texture to paint".to_owned(),
                 );
             }
+            Edit::Insert { .. } => {
+                return Err("insert must go into an atlas, got a graph of vehicles".to_owned());
+            }
         };
         match self
             .record

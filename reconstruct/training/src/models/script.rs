@@ -32,6 +32,12 @@
 //! frame = 12                  # painted in this frame; without it, over the node's atlas
 //!
 //! [[edit]]
+//! kind = "insert"             # in the place of a node, before it
+//! object = "swan"
+//! new = "logo"
+//! image = "logo.png"          # RGBA, beside the script; or run = "../other" and from = "duck"
+//!
+//! [[edit]]
 //! kind = "remove"
 //! object = "swan"
 //! ```
@@ -109,6 +115,20 @@ pub enum Edit {
         object: String,
         /// Name of the copy; `None`: the next free id, if parts have numbers.
         new: Option<String>,
+    },
+    /// Puts an image, or an object of another run, in the place of a part.
+    Insert {
+        /// Part whose place it takes; the part stays.
+        #[serde(alias = "node")]
+        object: String,
+        /// Name of the new part.
+        new: String,
+        /// RGBA image, relative to the script.
+        image: Option<PathBuf>,
+        /// Folder of another run, relative to the script.
+        run: Option<PathBuf>,
+        /// Part of that run.
+        from: Option<String>,
     },
     /// Shows a part later.
     Retime {
@@ -215,6 +235,7 @@ impl Edit {
             | Self::Shift { object, .. }
             | Self::Rotate { object, .. }
             | Self::Duplicate { object, .. }
+            | Self::Insert { object, .. }
             | Self::Retime { object, .. } => object,
         }
     }
@@ -227,6 +248,15 @@ impl Edit {
                 seconds, frames, ..
             } => {
                 return delay(*seconds, *frames).map(|_| ());
+            }
+            Self::Insert {
+                image, run, from, ..
+            } => {
+                let parts = (image.is_some(), run.is_some(), from.is_some());
+                return match parts {
+                    (true, false, false) | (false, true, true) => Ok(()),
+                    _ => Err("must have either image, or run and from".to_owned()),
+                };
             }
             Self::Texture { .. } | Self::Remove { .. } | Self::Duplicate { .. } => return Ok(()),
         };
@@ -309,6 +339,9 @@ mod tests {
             "kind = \"retime\"\nseconds = 1\nframes = 2",
             "kind = \"retime\"\nseconds = nan",
             "kind = \"remove\"\ncolour = 1",
+            "kind = \"insert\"\nnew = \"logo\"",
+            "kind = \"insert\"\nnew = \"logo\"\nimage = \"a.png\"\nrun = \"b\"",
+            "kind = \"insert\"\nnew = \"logo\"\nrun = \"b\"",
         ] {
             let message = read(&edit(rest)).expect_err(rest);
             assert!(message.contains("edit.toml: line "), "{message}");

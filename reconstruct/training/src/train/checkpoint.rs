@@ -2,7 +2,7 @@
 //!
 //! ```text
 //! omnilife/checkpoint/3\n
-//! {"inputs_sha256": ..., "settings": ..., "state": ..., "learner": ..., "body_sha256": ...}\n
+//! {"inputs_sha256": ..., "settings": ..., "state": ..., "normalization": ..., "learner": ..., "body_sha256": ...}\n
 //! body: what the learner saved
 //! ```
 //!
@@ -15,7 +15,10 @@
 use std::{fs, io::Write, path::Path, time::Duration};
 
 use omnilife_engine::{model::saved::LoadError, step::StepStatistics};
-use omnilife_schemas::store::{self, StoreError};
+use omnilife_schemas::{
+    Similarity,
+    store::{self, StoreError},
+};
 use rand_pcg::Pcg64Mcg;
 use serde::{Deserialize, Serialize};
 
@@ -76,6 +79,9 @@ struct Header {
     inputs_sha256: String,
     settings: LoopSettings,
     state: LoopState,
+    /// Normalized coordinates of the scene, for programs that show the model in the world. A resumed run has its own.
+    #[serde(default)]
+    normalization: Option<Similarity>,
     learner: String,
     body_sha256: String,
 }
@@ -89,7 +95,7 @@ pub enum Refusal {
     Damaged(StoreError),
 }
 
-/// Writes a checkpoint atomically.
+/// Writes a checkpoint of a scene with this normalization, atomically.
 ///
 /// # Errors
 /// When the file cannot be written.
@@ -97,6 +103,7 @@ pub fn write(
     path: &Path,
     inputs_sha256: &str,
     settings: &LoopSettings,
+    normalization: &Similarity,
     state: &LoopState,
     saved: &SavedLearner,
 ) -> Result<(), StoreError> {
@@ -104,6 +111,7 @@ pub fn write(
         inputs_sha256: inputs_sha256.to_owned(),
         settings: *settings,
         state: state.clone(),
+        normalization: Some(*normalization),
         learner: saved.header.clone(),
         body_sha256: store::sha256_bytes(&saved.body),
     };

@@ -392,6 +392,7 @@ impl<'a> Trainer<'a> {
             &files.checkpoint,
             &files.inputs_sha256,
             &self.settings,
+            &self.scene.normalization,
             &self.state,
             &saved,
         )?;

@@ -41,7 +41,9 @@ fn encode_positions(
     let begin = canonical.positions + (block.first + row) * 3u;
     let to = row * 3u * (1u + 2u * canonical.octaves);
     for (var axis = 0u; axis < 3u; axis++) {
-        let value = values[begin + axis] / canonical.length_unit;
+        let position = values[begin + axis] / canonical.length_unit;
+        // 0 times NaN is NaN: one such Gaussian would reach the gradient by the weights of all.
+        let value = select(0.0, position, is_finite(position));
         if octave == 0u {
             inputs[to + axis] = value;
         } else {

@@ -7,7 +7,7 @@ use crate::gaussians::static_gaussians::{
     SH_CONSTANT, SH_REST, StaticGaussians,
 };
 use crate::{
-    device::{Gpu, GpuError, Program, Rows, Shader, Uniform, kernels, wgsl_struct},
+    device::{Buffer, Gpu, GpuError, Program, Rows, Shader, Uniform, kernels, wgsl_struct},
     gaussians::{
         device_twin::{
             CompiledKernels, DeviceEntries, DeviceParameterization, DeviceTwin, NewDevicePart,
@@ -46,6 +46,7 @@ pub(crate) fn shader() -> Shader {
         parts: &[
             include_str!("../../device/common.wgsl"),
             include_str!("../gaussians.wgsl"),
+            include_str!("arrays.wgsl"),
             include_str!("static_gaussians.wgsl"),
         ],
     }
@@ -92,6 +93,11 @@ impl DeviceRows {
             uniform: Uniform::of(gpu, "static arrays", &arrays)?,
             arrays,
         })
+    }
+
+    /// Returns the uniform with the offsets of the arrays.
+    pub(crate) fn arrays(&self) -> &Buffer {
+        &self.uniform.raw
     }
 
     /// Changes the entries, for everything that is submitted later.

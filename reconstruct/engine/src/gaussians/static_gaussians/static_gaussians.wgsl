@@ -1,22 +1,5 @@
 // The static parameterization: activation and its VJP, one thread per Gaussian.
 
-struct StaticArrays {
-    // Number of Gaussians, and index of the first among all activated ones.
-    len: u32,
-    first: u32,
-    // Number of non-constant coefficients per Gaussian.
-    rest: u32,
-    // Number of those that the table stores; the others are zero.
-    stored_rest: u32,
-    // Offset of each array in the table, in values.
-    positions: u32,
-    log_scales: u32,
-    quaternions: u32,
-    opacity_logits: u32,
-    sh_constant: u32,
-    sh_rest: u32,
-}
-
 @group(0) @binding(0) var<uniform> arrays: StaticArrays;
 @group(0) @binding(1) var<storage, read> values: array<f32>;
 @group(0) @binding(2) var<storage, read_write> gaussians: array<Gaussian>;

@@ -332,4 +332,32 @@ mod tests {
             }
         }
     }
+
+    #[test]
+    fn an_image_without_a_pixel_that_counts_has_no_loss() {
+        let Some(gpu) = test_device() else { return };
+        let (width, height, pixels) = (16, 8, 16 * 8);
+        let weights = LossWeights {
+            ssim: 0.2,
+            total: 1.0,
+            masked: false,
+        };
+        let camera = ErpCamera { width, height }.into();
+        let loss = Loss::new(&gpu, &camera, 0, weights).expect("fits");
+        loss.set_view(&gpu, false, 0);
+        let render = DeviceBuffer::of(&gpu, "render", &vec![0.25; 3 * pixels]).expect("fits");
+        let packed = pack_pixels(
+            &vec![200; 3 * pixels],
+            None,
+            Some(&vec![1; pixels]),
+            &plain_levels(),
+        );
+        let target = DeviceBuffer::of(&gpu, "target", &packed).expect("fits");
+        let mut program = Program::default();
+        loss.record(&gpu, &mut program, &render, &target);
+        program.submit(&gpu);
+        assert_eq!(loss.value.read(&gpu).expect("reads"), [[0.0; 4]]);
+        let gradient = loss.gradient.read(&gpu).expect("reads");
+        assert!(gradient.iter().all(|&value| value == 0.0));
+    }
 }

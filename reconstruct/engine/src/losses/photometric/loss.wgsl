@@ -298,6 +298,11 @@ fn loss_value(@builtin(local_invocation_index) thread: u32) {
         workgroupBarrier();
     }
     if thread == 0u {
+        // Without a pixel that counts the loss is 0.
+        if settings.counted == 0.0 {
+            value[0] = vec4<f32>();
+            return;
+        }
         let means = sums[0] / settings.counted;
         let total = (1.0 - settings.lambda) * means.x + settings.lambda * (1.0 - means.z);
         value[0] = vec4(means.xyz, settings.weight * total);

@@ -2,7 +2,7 @@
 
 use crate::parameters::adam::{BETA_1, EPSILON, SecondMomentDecay, corrections};
 use crate::{
-    device::{Gpu, GpuError, Kernel, Program, Rows, Shader, Threads, Uniform, wgsl_struct},
+    device::{Buffer, Gpu, GpuError, Kernel, Program, Rows, Shader, Threads, Uniform, wgsl_struct},
     parameters::device_table::TableBuffers,
 };
 
@@ -23,16 +23,22 @@ wgsl_struct! {
     }
 }
 
+/// Returns the constants of `value.wgsl`.
+pub(crate) fn constants() -> String {
+    format!(
+        "const BETA_1: f32 = {BETA_1:e};\n\
+         const EPSILON: f32 = {EPSILON:e};\n"
+    )
+}
+
 pub(crate) fn shader() -> Shader {
     Shader {
         file: "adam.wgsl",
-        constants: format!(
-            "const BETA_1: f32 = {BETA_1:e};\n\
-             const EPSILON: f32 = {EPSILON:e};\n"
-        ),
+        constants: constants(),
         parts: &[
             include_str!("../../device/common.wgsl"),
             include_str!("../../device/status.wgsl"),
+            include_str!("value.wgsl"),
             include_str!("adam.wgsl"),
         ],
     }
@@ -60,6 +66,11 @@ impl TableStep {
             settings: Uniform::of(gpu, "Adam step", &AdamStep::default())?,
             numbers,
         })
+    }
+
+    /// Returns the uniform with the settings.
+    pub(crate) fn settings(&self) -> &Buffer {
+        &self.settings.raw
     }
 
     /// Returns the trained values per row of a table.

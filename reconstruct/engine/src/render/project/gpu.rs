@@ -61,7 +61,6 @@ impl Projection {
                 &buffers.view.raw,
                 &buffers.activated.gaussians.raw,
                 &buffers.activated.harmonics.raw,
-                &buffers.splats.raw,
                 &buffers.channels.raw,
                 &buffers.splat_gradients.raw,
                 &buffers.activated.gaussian_gradients.raw,

@@ -13,14 +13,13 @@ const SH_C0: f32 = 0.2820948;
 @group(0) @binding(6) var<storage, read_write> keys: array<u32>;
 @group(0) @binding(7) var<storage, read_write> numbers: array<u32>;
 
-@group(0) @binding(3) var<storage, read> drawn: array<Splat>;
-@group(0) @binding(4) var<storage, read> drawn_channels: array<f32>;
-// SUMS per splat: 1 if it is drawn, by the shape (10), by the logarithm of the opacity, by the centre's image
-// (2, written here), by the channels.
-@group(0) @binding(5) var<storage, read_write> splat_gradients: array<f32>;
-@group(0) @binding(6) var<storage, read_write> gaussian_gradients: array<Gaussian>;
-@group(0) @binding(7) var<storage, read_write> harmonic_gradients: array<f32>;
-@group(0) @binding(8) var<storage, read_write> feature_gradients: array<f32>;
+@group(0) @binding(3) var<storage, read> drawn_channels: array<f32>;
+// SUMS per splat: 0, DRAWN_ELLIPSE or DRAWN_CONE, by the shape (10), by the logarithm of the opacity, by the
+// centre's image (2, written here), by the channels.
+@group(0) @binding(4) var<storage, read_write> splat_gradients: array<f32>;
+@group(0) @binding(5) var<storage, read_write> gaussian_gradients: array<Gaussian>;
+@group(0) @binding(6) var<storage, read_write> harmonic_gradients: array<f32>;
+@group(0) @binding(7) var<storage, read_write> feature_gradients: array<f32>;
 
 fn all_finite(gaussian: Gaussian) -> bool {
     // A sum is finite only if all of its terms are.
@@ -186,6 +185,46 @@ fn axes_vjp(rotation: vec4<f32>, scale: vec3<f32>, d_axes: mat3x3<f32>) -> AxesG
     );
 }
 
+// Gradient by a Gaussian that is drawn.
+struct DrawnGradient {
+    gaussian: Gaussian,
+    // By the colour; the clamp of the colour at 0 stops it.
+    colour: vec3<f32>,
+    // Derivatives of the colour by the harmonics, the constant one left out.
+    basis: array<f32, 15>,
+}
+
+// Returns the gradient by a Gaussian that is drawn, and writes that by the image of its centre.
+fn drawn_gradient(index: u32, gaussian: Gaussian, placed: Placed) -> DrawnGradient {
+    let first = index * SUMS;
+    let gradient = shape_vjp(first, placed, gaussian, splat_gradients[first] == DRAWN_CONE);
+    splat_gradients[first + 12u] = gradient.centre.x;
+    splat_gradients[first + 13u] = gradient.centre.y;
+    let by_axes = axes_vjp(gaussian.rotation, gaussian.scale, gradient.axes);
+    let shown = vec3(
+        drawn_channels[index * CHANNELS],
+        drawn_channels[index * CHANNELS + 1u],
+        drawn_channels[index * CHANNELS + 2u],
+    );
+    let by_colour = select(vec3<f32>(), three(first + 14u), shown > vec3<f32>());
+    let direction = to_world(placed.point / placed.distance);
+    var by_values: array<f32, 15>;
+    for (var coefficient = 1u; coefficient < sh_count(view.sh_degree); coefficient++) {
+        by_values[coefficient - 1u] = dot(by_colour, harmonic(index, coefficient));
+    }
+    let by_direction = basis_vjp(view.sh_degree, direction, by_values);
+    // d(p/|p|): remove the part along p, divide by the length.
+    let through_direction = (by_direction - direction * dot(by_direction, direction))
+        / placed.distance;
+    let by_gaussian = Gaussian(
+        to_world(gradient.point) + through_direction,
+        splat_gradients[first + 11u] / gaussian.opacity,
+        by_axes.scale + gradient.scale,
+        by_axes.rotation,
+    );
+    return DrawnGradient(by_gaussian, by_colour, basis(view.sh_degree, direction));
+}
+
 @compute @workgroup_size(256)
 fn project_gaussians_vjp(
     @builtin(workgroup_id) group: vec3<u32>,
@@ -211,42 +250,18 @@ fn project_gaussians_vjp(
     if !placed.is_seen || splat_gradients[first] == 0.0 {
         return;
     }
-    let gradient = shape_vjp(first, placed, gaussian, drawn[index].shape == CONE);
-    splat_gradients[first + 12u] = gradient.centre.x;
-    splat_gradients[first + 13u] = gradient.centre.y;
-    let by_axes = axes_vjp(gaussian.rotation, gaussian.scale, gradient.axes);
-
-    // The clamp of the colour at 0 stops the gradient.
-    let shown = vec3(
-        drawn_channels[index * CHANNELS],
-        drawn_channels[index * CHANNELS + 1u],
-        drawn_channels[index * CHANNELS + 2u],
-    );
-    let by_colour = select(vec3<f32>(), three(first + 14u), shown > vec3<f32>());
-    let direction = to_world(placed.point / placed.distance);
-    let values = basis(view.sh_degree, direction);
-    var by_values: array<f32, 15>;
+    var by = drawn_gradient(index, gaussian, placed);
+    gaussian_gradients[index] = by.gaussian;
     for (var coefficient = 0u; coefficient < sh_count(view.sh_degree); coefficient++) {
         var value = SH_C0;
         if coefficient > 0u {
-            value = values[coefficient - 1u];
-            by_values[coefficient - 1u] = dot(by_colour, harmonic(index, coefficient));
+            value = by.basis[coefficient - 1u];
         }
-        let place = (index * stored + coefficient) * 3u;
-        harmonic_gradients[place] = value * by_colour.x;
-        harmonic_gradients[place + 1u] = value * by_colour.y;
-        harmonic_gradients[place + 2u] = value * by_colour.z;
+        let place_of_value = (index * stored + coefficient) * 3u;
+        harmonic_gradients[place_of_value] = value * by.colour.x;
+        harmonic_gradients[place_of_value + 1u] = value * by.colour.y;
+        harmonic_gradients[place_of_value + 2u] = value * by.colour.z;
     }
-    let by_direction = basis_vjp(view.sh_degree, direction, by_values);
-    // d(p/|p|): remove the part along p, divide by the length.
-    let through_direction = (by_direction - direction * dot(by_direction, direction))
-        / placed.distance;
-    gaussian_gradients[index] = Gaussian(
-        to_world(gradient.point) + through_direction,
-        splat_gradients[first + 11u] / gaussian.opacity,
-        by_axes.scale + gradient.scale,
-        by_axes.rotation,
-    );
 }
 
 fn three(first: u32) -> vec3<f32> {

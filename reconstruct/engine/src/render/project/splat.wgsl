@@ -4,6 +4,9 @@
 const ELLIPSE: u32 = 0u;
 // q = N / (l^2 + eps N) with N = (f_1.r)^2 + (f_2.r)^2 and l = max(m.r, 0)
 const CONE: u32 = 1u;
+// Marks of drawn splats beside their gradients; a splat that is not drawn has 0.
+const DRAWN_ELLIPSE: f32 = 1.0;
+const DRAWN_CONE: f32 = 2.0;
 
 struct Splat {
     // Centre of the rectangle, pixels; for an ellipse, its own centre.

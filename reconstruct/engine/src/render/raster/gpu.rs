@@ -1,7 +1,7 @@
 //! Rasterization on a GPU.
 
 use crate::{
-    device::{DeviceBuffer, Gpu, GpuError, Kernel, Program, Shader, WORKGROUP},
+    device::{DeviceBuffer, Gpu, GpuError, Kernel, PixelSums, Program, Shader, WORKGROUP},
     render::buffers::{DeviceSplat, RenderBuffers, RenderShape},
 };
 
@@ -13,12 +13,12 @@ const BATCH: usize = 64;
 /// Maximum number of splats between two barriers.
 const LONGEST_ROUND: usize = 8;
 
-/// Returns the kernels. The backward pass sums over pixels in subgroups of at least `subgroup_size` threads,
-/// or in workgroup memory if it is `None`.
-pub(crate) fn shader(shape: &RenderShape, subgroup_size: Option<u32>) -> Shader {
-    let (constants, parts) = match subgroup_size {
-        Some(size) => (subgroup_constants(shape, size), SUBGROUP_PARTS),
-        None => (String::new(), WORKGROUP_PARTS),
+/// Returns the kernels, whose backward pass sums over pixels in this form.
+pub(crate) fn shader(shape: &RenderShape, sums: PixelSums) -> Shader {
+    let (constants, parts) = match sums {
+        PixelSums::Subgroups(size) => (subgroup_constants(shape, size), SUBGROUP_PARTS),
+        PixelSums::Workgroups => (String::new(), WORKGROUP_PARTS),
+        PixelSums::Splats => (String::new(), SPLAT_PARTS),
     };
     Shader {
         file: "raster.wgsl",
@@ -56,6 +56,7 @@ macro_rules! parts {
 
 const SUBGROUP_PARTS: &[&str] = parts!("raster_vjp_subgroups.wgsl");
 const WORKGROUP_PARTS: &[&str] = parts!("raster_vjp.wgsl");
+const SPLAT_PARTS: &[&str] = parts!("raster_vjp_splats.wgsl");
 
 /// Kernels from tile lists to an image, and their backward pass.
 #[derive(Debug)]
@@ -69,7 +70,7 @@ impl Rasterization {
     pub(crate) fn new(gpu: &Gpu, shape: &RenderShape) -> Result<Self, GpuError> {
         let [composite, composite_vjp, sum_entries] = Kernel::compile(
             gpu,
-            &shader(shape, gpu.subgroup_size()),
+            &shader(shape, gpu.pixel_sums()),
             ["composite", "composite_vjp", "sum_entries"],
         )?;
         Ok(Self {

@@ -1,6 +1,6 @@
 // Rasterization: one workgroup per tile, one thread per pixel. Bindings and pixels are those of `tile.wgsl`.
-// The backward pass has two forms, which differ in how they sum over pixels: `raster_vjp.wgsl` and
-// `raster_vjp_subgroups.wgsl`. Their sums are added up per splat here.
+// The backward pass has three forms, which differ in how they sum over pixels: `raster_vjp.wgsl`,
+// `raster_vjp_subgroups.wgsl` and `raster_vjp_splats.wgsl`. Their sums are added up per splat here.
 
 @compute @workgroup_size(256)
 fn composite(
@@ -83,7 +83,7 @@ fn sum_entries(
             }
         }
     }
-    splat_gradients[first] = 1.0;
+    splat_gradients[first] = select(DRAWN_ELLIPSE, DRAWN_CONE, splat.shape == CONE);
     splat_gradients[first + 11u] = sums[0];
     if splat.shape == ELLIPSE {
         // ln alpha = const - q/2, q = x^2 a + y^2 c with x = dx - slope dy, y = dy.

@@ -1,4 +1,4 @@
-// Shared by rasterization and both forms of its backward pass: bindings, assignment of threads to pixels,
+// Shared by rasterization and the forms of its backward pass: bindings, assignment of threads to pixels,
 // evaluation of splats, and a tile's list in workgroup memory.
 
 @group(0) @binding(1) var<storage, read> tile_ranges: array<vec2<u32>>;

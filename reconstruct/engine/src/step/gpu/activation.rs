@@ -5,6 +5,7 @@ use std::sync::Arc;
 use super::{
     check,
     device_model::{DevicePart, copies, parts, sh_degree, uses_shared},
+    opacity_reset::OpacityResets,
 };
 use crate::{
     EngineError,
@@ -13,6 +14,7 @@ use crate::{
         ActivatedGaussians, activated_buffers::ActivatedBuffers, device_twin::CompiledKernels,
         parameterization::Viewpoint,
     },
+    losses::motion::gpu::Motion,
     model::Model,
     parameters::rows::RowMover,
 };
@@ -88,6 +90,60 @@ impl GpuActivator {
             buffers,
             activation,
         })
+    }
+}
+
+impl GpuActivator {
+    /// Returns a model after a reset of its opacities, as [`reset_opacities`](crate::density::reset_opacities) does.
+    ///
+    /// # Errors
+    /// If the model has no GPU kernels, or the device fails or runs out of memory.
+    pub fn reset_opacities(&self, mut model: Model) -> Result<Model, EngineError> {
+        check(&model)?;
+        let gpu = &*self.gpu;
+        let tables = copies(gpu, &model)?;
+        let of_all = (None, &self.row_mover, &self.kernels);
+        let parts = parts(gpu, &model, of_all, tables)?;
+        OpacityResets::new(gpu)?.record(gpu, &parts)?.submit(gpu);
+        for (part, on_device) in model.parts.iter_mut().zip(&parts) {
+            on_device.read(gpu, part)?;
+        }
+        Ok(model)
+    }
+
+    /// Returns the motion regularization of a model's static Gaussians with their own times (Omni4DGS Eqs. 10 and
+    /// 11), a mean with this weight, and the model with its gradients alone.
+    ///
+    /// # Errors
+    /// If the model has no GPU kernels, or the device fails or runs out of memory.
+    pub fn motion(
+        &self,
+        mut model: Model,
+        at: &Viewpoint,
+        weight: f32,
+    ) -> Result<(f64, Model), EngineError> {
+        check(&model)?;
+        let gpu = &*self.gpu;
+        let tables = copies(gpu, &model)?;
+        let of_all = (None, &self.row_mover, &self.kernels);
+        let parts = parts(gpu, &model, of_all, tables)?;
+        let motion = Motion::new(gpu, weight, false)?;
+        let (mut program, mut sums) = (Program::default(), Vec::new());
+        for part in &parts {
+            part.parameterization.set_moment(gpu, at);
+            if let Some(time) = part.parameterization.time() {
+                sums.push(motion.record(gpu, &mut program, time, &part.table)?);
+            }
+        }
+        program.submit(gpu);
+        let mut value = 0.0;
+        for sums in sums {
+            value += sums.read(gpu)?.into_iter().map(f64::from).sum::<f64>();
+        }
+        for (part, on_device) in model.parts.iter_mut().zip(&parts) {
+            on_device.read_gradients(gpu, part)?;
+        }
+        Ok((value, model))
     }
 }
 

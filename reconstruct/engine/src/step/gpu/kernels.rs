@@ -29,6 +29,7 @@ use crate::{
             activation::Activation,
             device_model::{DeviceModel, DevicePart, DevicePose},
             dynamic_losses::DynamicKernels,
+            fused_adam::FusedAdam,
             opacity_reset::OpacityResets,
         },
         settings::TrainSettings,
@@ -121,6 +122,8 @@ pub(super) struct StepKernels {
     pose_gradients: Option<PoseGradients>,
     dropout: Option<(Dropout, DropoutKernels)>,
     adam: Adam,
+    /// The kernel that stands for those from the gradients by splats to Adam, if chosen.
+    fused: Option<FusedAdam>,
     opacity_resets: OpacityResets,
     pub(super) density: DensityKernels,
     pub(super) row_mover: RowMover,
@@ -186,6 +189,10 @@ impl StepKernels {
                 .map(|dropout| Ok((dropout, DropoutKernels::new(&gpu)?)))
                 .transpose()?,
             adam: Adam::new(&gpu)?,
+            fused: match gpu.choices().fused_adam {
+                true => Some(FusedAdam::new(&gpu, &shape)?),
+                false => None,
+            },
             opacity_resets: OpacityResets::new(&gpu)?,
             density: DensityKernels::new(&gpu, inputs.views)?,
             row_mover: RowMover::new(&gpu)?,
@@ -214,7 +221,7 @@ impl StepKernels {
         let chain = self.chains.chain(&gpu, (shape, gaussians), status)?;
         let activated = &chain.buffers.activated;
         let activation = |uses_shared| Activation::record(&gpu, &parts, activated, uses_shared);
-        let canonical = activation(false)?;
+        let mut canonical = activation(false)?;
         let with_shared = match parts.iter().any(|part| part.shared.is_some()) {
             true => Some((activation(true)?, self.record_shared_update(&parts, &chain))),
             false => None,
@@ -229,9 +236,15 @@ impl StepKernels {
             None => None,
         };
         let mut backward = Program::default();
-        let upstream = &self.loss.gradient;
-        self.chains
-            .backward(&gpu, &mut backward, &chain.buffers, upstream)?;
+        let (upstream, buffers) = (&self.loss.gradient, &chain.buffers);
+        if self.fused.is_some() {
+            let chains = &mut self.chains;
+            chains.backward_to_splats(&gpu, &mut backward, buffers, upstream)?;
+            canonical.backward = Program::default();
+        } else {
+            self.chains
+                .backward(&gpu, &mut backward, buffers, upstream)?;
+        }
         let (update, statistics) = self.record_update(&parts, &chain)?;
         let model = DeviceModel {
             pose: self.record_pose(&chain)?,
@@ -314,9 +327,14 @@ impl StepKernels {
         ];
         program.run_workgroups(gpu, &self.judge_loss, 1, &judged);
         for part in parts {
+            if let Some(fused) = &self.fused {
+                fused.record(gpu, &mut program, part, &chain.buffers);
+            }
             statistics.push(self.record_statistics(&mut program, part, chain)?);
-            let table = (&part.next_step, &part.table, &part.rows.rows);
-            self.adam.record(gpu, &mut program, table, status);
+            if self.fused.is_none() {
+                let table = (&part.next_step, &part.table, &part.rows.rows);
+                self.adam.record(gpu, &mut program, table, status);
+            }
             let bounded = (&part.table, &part.rows);
             let twin = &part.parameterization;
             twin.keep_within_bounds(gpu, &mut program, bounded, status);

@@ -12,12 +12,14 @@ pub mod activation;
 mod density;
 mod device_model;
 mod dynamic_losses;
+pub(crate) mod fused_adam;
 mod image;
 pub(crate) mod kernels;
 mod measure;
 pub mod memory;
 pub(crate) mod opacity_reset;
 mod room;
+pub mod single_kernels;
 
 use std::{collections::VecDeque, sync::Arc};
 
@@ -141,6 +143,9 @@ impl<'a> GpuStepper<'a> {
         settings: &TrainSettings,
     ) -> Result<Self, EngineError> {
         check(&model)?;
+        if gpu.choices().fused_adam {
+            fused_adam::check(&model, settings)?;
+        }
         let (of_model, look_interval) = ((&model, settings), LOOK_INTERVAL as usize);
         let kernels = StepKernels::new(Arc::clone(&gpu), &inputs, of_model, look_interval)?;
         let exposure = settings.exposure.as_ref();

@@ -66,6 +66,11 @@ const SETTINGS: LoopSettings = LoopSettings {
     trace_every: Some(2),
 };
 
+const NORMALIZATION: Similarity = Similarity {
+    offset: [1.0, -2.0, 0.1 + 0.2],
+    scale: 0.25,
+};
+
 fn state() -> LoopState {
     LoopState {
         iteration: 7,
@@ -91,7 +96,8 @@ fn what_is_written_is_read_back_to_the_bit() -> Result<(), Box<dyn std::error::E
     let folder = tempfile::tempdir()?;
     let path = folder.path().join("checkpoint.bin");
     let mut learner = Remembered(vec![1, 2, 3, b'\n', 0]);
-    write(&path, "inputs", &SETTINGS, &state(), &learner.save()?)?;
+    let saved = learner.save()?;
+    write(&path, "inputs", &SETTINGS, &NORMALIZATION, &state(), &saved)?;
     let mut read_back = Remembered(Vec::new());
     let read = read(&path, "inputs", &SETTINGS, &mut read_back);
     let Ok(read) = read else {
@@ -105,7 +111,8 @@ fn what_is_written_is_read_back_to_the_bit() -> Result<(), Box<dyn std::error::E
 fn what_is_of_another_run_or_damaged_is_told_apart() -> Result<(), Box<dyn std::error::Error>> {
     let folder = tempfile::tempdir()?;
     let path = folder.path().join("checkpoint.bin");
-    let save = |saved: &SavedLearner| write(&path, "inputs", &SETTINGS, &state(), saved);
+    let save =
+        |saved: &SavedLearner| write(&path, "inputs", &SETTINGS, &NORMALIZATION, &state(), saved);
     let refusal = |inputs: &str, settings: &LoopSettings| match read(
         &path,
         inputs,
