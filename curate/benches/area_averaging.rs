@@ -24,11 +24,7 @@ fn by_opencv(image: &RgbImage, [width, height]: [usize; 2]) -> opencv::Result<Ve
 
 fn area(criterion: &mut Criterion) {
     let noise = |at: usize| (at * 2_654_435_761 % 1000) as f32 / 1000.0;
-    let image = RgbImage {
-        width: WIDTH,
-        height: HEIGHT,
-        data: (0..3 * WIDTH * HEIGHT).map(noise).collect(),
-    };
+    let image = RgbImage::new(WIDTH, HEIGHT, (0..3 * WIDTH * HEIGHT).map(noise).collect());
     let mut group = criterion.benchmark_group(format!("area averaging of {WIDTH}x{HEIGHT}"));
     for [width, height] in [[256, 128], [512, 256], [640, 320]] {
         let own = image.resized_by_area(width, height);

@@ -204,10 +204,7 @@ pub(crate) fn analyse_with(
     } else {
         0.0
     });
-    let range = TimeRange {
-        begin_seconds: first,
-        end_seconds: last + interval,
-    };
+    let range = TimeRange::new(first, last + interval);
     refuse_truncated(video, &reader, &probe, &range)?;
     measure_rate(&mut probe, &times, reader.seconds_per_tick());
     if probe.duration_seconds <= 0.0 {

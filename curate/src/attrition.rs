@@ -206,16 +206,10 @@ fn lost_segments(
     let mut shots: Vec<TimeRange> = known.copied().collect();
     shots.sort_by(|a, b| a.begin_seconds.total_cmp(&b.begin_seconds));
     let mut at = ledger.range.begin_seconds;
-    let end = TimeRange {
-        begin_seconds: ledger.range.end_seconds,
-        end_seconds: ledger.range.end_seconds,
-    };
+    let end = TimeRange::new(ledger.range.end_seconds, ledger.range.end_seconds);
     for shot in shots.iter().chain([&end]) {
         if shot.begin_seconds > at {
-            let range = TimeRange {
-                begin_seconds: at,
-                end_seconds: shot.begin_seconds,
-            };
+            let range = TimeRange::new(at, shot.begin_seconds);
             let value = format!("{:.3} s between two shots", range.duration_seconds());
             rejects.push(lost(range, TRANSITION, value, "frames of one shot alone"));
         }

@@ -295,10 +295,7 @@ mod tests {
     use super::*;
 
     fn whole(times: &[f64]) -> TimeRange {
-        TimeRange {
-            begin_seconds: times[0],
-            end_seconds: times[times.len() - 1] + 1.0,
-        }
+        TimeRange::new(times[0], times[times.len() - 1] + 1.0)
     }
 
     #[test]
@@ -331,10 +328,7 @@ mod tests {
             let all = choose(&times, whole(&times), Sampling::FramesPerSecond(rate));
             assert_eq!(all, times, "{rate} per second");
         }
-        let nowhere = TimeRange {
-            begin_seconds: 9.0,
-            end_seconds: 10.0,
-        };
+        let nowhere = TimeRange::new(9.0, 10.0);
         assert_eq!(choose(&times, nowhere, Sampling::MaxFrames(3)), [0.0; 0]);
     }
 

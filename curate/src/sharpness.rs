@@ -158,11 +158,7 @@ mod tests {
                 data.extend([grey; 3]);
             }
         }
-        Rgb8Image {
-            width: width as usize,
-            height: height as usize,
-            data,
-        }
+        Rgb8Image::new(width as usize, height as usize, data)
     }
 
     #[test]
@@ -185,20 +181,13 @@ mod tests {
             blurred[1] < blurred[0] && blurred[2] < blurred[1],
             "{blurred:?}"
         );
-        let plain = Rgb8Image {
-            width: 64,
-            height: 32,
-            data: vec![90; 64 * 32 * 3],
-        };
+        let plain = Rgb8Image::new(64, 32, vec![90; 64 * 32 * 3]);
         assert_eq!(sharpness(&plain, View::Sphere), 0.0);
         assert_eq!(sharpness(&plain, View::Flat), 0.0);
     }
 
     fn whole(times: &[f64]) -> TimeRange {
-        TimeRange {
-            begin_seconds: times[0],
-            end_seconds: times[times.len() - 1] + 0.1,
-        }
+        TimeRange::new(times[0], times[times.len() - 1] + 0.1)
     }
 
     #[test]

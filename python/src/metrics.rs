@@ -208,11 +208,7 @@ fn masked(width: usize, height: usize, data: Vec<u8>) -> Result<Mask, Failure> {
     if data.len() != width * height {
         return Err(Failure::of_input("a mask and the images differ in size"));
     }
-    Ok(Mask {
-        width,
-        height,
-        data,
-    })
+    Ok(Mask::new(width, height, data))
 }
 
 fn depth_pair((prediction, truth): (Vec<u8>, Vec<u8>)) -> DepthPair {

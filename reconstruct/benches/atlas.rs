@@ -53,15 +53,8 @@ fn clip() -> Clip {
         ignored: None,
     };
     Clip {
-        camera: PinholeCamera {
-            width: WIDTH as u32,
-            height: HEIGHT as u32,
-            fx: 160.0,
-            fy: 160.0,
-            cx: 80.0,
-            cy: 48.0,
-        }
-        .into(),
+        camera: PinholeCamera::new([WIDTH as u32, HEIGHT as u32], [160.0, 160.0], [80.0, 48.0])
+            .into(),
         frames: (0..FRAMES).map(frame).collect(),
         objects: ["left", "middle"].map(str::to_owned).to_vec(),
         clock: UnitClock {

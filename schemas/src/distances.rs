@@ -239,10 +239,7 @@ mod tests {
     }
 
     fn half_pixel(width: usize, height: usize) -> DistanceImage {
-        let camera = ErpCamera {
-            width: width as u32,
-            height: height as u32,
-        };
+        let camera = ErpCamera::new(width as u32, height as u32);
         image(width, height, |column, row| {
             camera.unproject(dvec2(column + 0.5, row + 0.5))
         })
@@ -307,10 +304,7 @@ mod tests {
 
     #[test]
     fn z_is_brought_to_the_ray() {
-        let camera = ErpCamera {
-            width: 64,
-            height: 32,
-        };
+        let camera = ErpCamera::new(64, 32);
         let rays = half_pixel(64, 32);
         let mut faces = rays.clone();
         for (at, value) in faces.values.iter_mut().enumerate() {

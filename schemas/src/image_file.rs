@@ -289,11 +289,7 @@ impl<'a> ImageFile<'a> {
         let mut image = self.decode()?;
         image.apply_orientation(orientation);
         let [width, height] = [image.width(), image.height()].map(|side| side as usize);
-        let transparent = transparent_pixels(&image).map(|data| Mask {
-            width,
-            height,
-            data,
-        });
+        let transparent = transparent_pixels(&image).map(|data| Mask::new(width, height, data));
         let mut rgb = image.into_rgb8().into_raw();
         if let Some(mask) = &transparent {
             let pixels = rgb.as_chunks_mut::<3>().0.iter_mut().zip(&mask.data);

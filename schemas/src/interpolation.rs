@@ -83,11 +83,7 @@ mod tests {
     use super::*;
 
     fn ramp() -> RgbImage {
-        RgbImage {
-            width: 4,
-            height: 2,
-            data: (0..8).flat_map(|pixel| [pixel as f32; 3]).collect(),
-        }
+        RgbImage::new(4, 2, (0..8).flat_map(|pixel| [pixel as f32; 3]).collect())
     }
 
     #[test]
@@ -120,10 +116,7 @@ mod tests {
     #[test]
     fn a_panorama_of_faces_shows_every_direction_where_it_is() {
         let side = 96;
-        let camera = ErpCamera {
-            width: 120,
-            height: 60,
-        };
+        let camera = ErpCamera::new(120, 60);
         let colour = |direction: DVec3| 0.5 * (direction + 1.0);
         let faces = CUBE_FACES.map(|face| {
             let mut image = RgbImage::black(side, side);

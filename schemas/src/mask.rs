@@ -24,6 +24,15 @@ pub struct Mask {
 }
 
 impl Mask {
+    /// Makes a mask of `height * width` values, row by row.
+    pub fn new(width: usize, height: usize, data: Vec<u8>) -> Self {
+        Self {
+            width,
+            height,
+            data,
+        }
+    }
+
     /// Returns the mask at another size; every pixel takes the value of the nearest old one.
     ///
     /// # Panics
@@ -87,10 +96,7 @@ impl Mask {
     /// Returns the marked share of the sphere, 0 to 1: pixels of ERP images count by their solid angle, those of a
     /// pinhole alike.
     pub fn marked_share(&self, camera: &Camera) -> f64 {
-        let erp = ErpCamera {
-            width: self.width as u32,
-            height: self.height as u32,
-        };
+        let erp = ErpCamera::new(self.width as u32, self.height as u32);
         let (mut marked, mut all) = (0.0, 0.0);
         for (row, pixels) in self.data.chunks(self.width.max(1)).enumerate() {
             let weight = match camera {

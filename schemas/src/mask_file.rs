@@ -98,11 +98,7 @@ pub fn decode(mut file: ImageFile<'_>, greys: MarkedGreys) -> Result<DecodedMask
     };
     let (data, encoding) = marks.map_err(|reason| malformed(reason.to_owned()))?;
     Ok(DecodedMask {
-        mask: Mask {
-            width,
-            height,
-            data,
-        },
+        mask: Mask::new(width, height, data),
         encoding,
     })
 }

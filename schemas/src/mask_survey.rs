@@ -150,11 +150,7 @@ mod tests {
     #[test]
     fn masks_of_another_shape_are_told() {
         let folder = tempfile::tempdir().unwrap();
-        let camera: Camera = ErpCamera {
-            width: 64,
-            height: 32,
-        }
-        .into();
+        let camera: Camera = ErpCamera::new(64, 32).into();
         let mut survey = MaskSurvey::default();
         for (name, width, height) in [
             ("same.png", 64, 32),
@@ -165,11 +161,7 @@ mod tests {
         ] {
             let mut data = vec![0; width * height];
             data[0] = 255;
-            let mask = Mask {
-                width,
-                height,
-                data,
-            };
+            let mask = Mask::new(width, height, data);
             let file = folder.path().join(name);
             mask.write_png(&file).unwrap();
             survey.add(&file, &camera, MarkedGreys::AboveHalf).unwrap();

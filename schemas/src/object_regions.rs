@@ -146,11 +146,7 @@ impl<'a> RegionSource<'a> {
 }
 
 fn empty([width, height]: [usize; 2]) -> Mask {
-    Mask {
-        width,
-        height,
-        data: vec![0; width * height],
-    }
+    Mask::new(width, height, vec![0; width * height])
 }
 
 /// Marks the pixels of the scene's images whose centres are in a box.
@@ -182,25 +178,13 @@ mod tests {
     use super::*;
     use crate::{
         camera::{ErpCamera, PinholeCamera},
-        records::{PoseSource, PoseValidation, Scale, SceneObject, ValidationStatus},
+        records::SceneObject,
     };
 
     const SIZE: [usize; 2] = [8, 4];
 
     fn frame() -> SceneFrame {
-        SceneFrame {
-            image: "frames/0.png".to_owned(),
-            time_seconds: 0.0,
-            capture: None,
-            pose: None,
-            mask: None,
-            ignore_mask: None,
-            classes: [].into(),
-            objects: [].into(),
-            boxes: [].into(),
-            depth: None,
-            depth_prior: None,
-        }
+        SceneFrame::new("frames/0.png".to_owned(), 0.0, None)
     }
 
     /// Returns a scene of a car, a walker and a dog without a class. The second frame shows none of them.
@@ -218,35 +202,16 @@ mod tests {
             ..frame()
         };
         Scene {
-            id: "street/seq-000".to_owned(),
-            camera: PinholeCamera {
-                width: 8,
-                height: 4,
-                fx: 8.0,
-                fy: 8.0,
-                cx: 4.0,
-                cy: 2.0,
-            }
-            .into(),
-            scale: Scale::Arbitrary,
-            frames: vec![seen, frame()],
-            points: None,
-            pose_source: PoseSource::Given {
-                file: "poses.json".to_owned(),
-            },
-            validation: PoseValidation {
-                status: ValidationStatus::Unchecked,
-                registered_frames: 0,
-                total_frames: 2,
-                measures: [].into(),
-                problems: Vec::new(),
-            },
-            published_split: None,
             objects: [
                 ("car".to_owned(), listed(ObjectClass::Vehicle)),
                 ("walker".to_owned(), listed(ObjectClass::Person)),
             ]
             .into(),
+            ..Scene::given(
+                "street/seq-000",
+                PinholeCamera::new([8, 4], [8.0, 8.0], [4.0, 2.0]),
+                vec![seen, frame()],
+            )
         }
     }
 
@@ -310,10 +275,7 @@ mod tests {
 
     #[test]
     fn boxes_go_on_at_the_left_edge_of_panoramas_alone() {
-        let erp = Camera::Erp(ErpCamera {
-            width: 8,
-            height: 4,
-        });
+        let erp = Camera::Erp(ErpCamera::new(8, 4));
         let row = |camera: &Camera| box_mask(camera, [6.5, 1.0, 3.0, 1.0]).data[8..16].to_vec();
         assert_eq!(row(&erp), [255, 0, 0, 0, 0, 0, 255, 255]);
         assert_eq!(row(&scene().camera), [0, 0, 0, 0, 0, 0, 255, 255]);

@@ -111,11 +111,7 @@ mod tests {
 
     fn empty(camera: &Camera) -> Mask {
         let [width, height] = camera.size();
-        Mask {
-            width,
-            height,
-            data: vec![0; width * height],
-        }
+        Mask::new(width, height, vec![0; width * height])
     }
 
     fn boxes() -> Vec<OrientedBox> {
@@ -140,11 +136,7 @@ mod tests {
     fn what_is_marked_are_the_pixels_whose_rays_meet_the_box() {
         let cameras: [Camera; 2] = [
             PinholeCamera::with_horizontal_field_of_view(150, 70, 1.4).into(),
-            ErpCamera {
-                width: 200,
-                height: 100,
-            }
-            .into(),
+            ErpCamera::new(200, 100).into(),
         ];
         for camera in cameras {
             for (number, one) in boxes().into_iter().enumerate() {

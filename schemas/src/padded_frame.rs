@@ -178,14 +178,7 @@ mod tests {
 
     #[test]
     fn points_are_seen_at_their_places_in_the_frame() {
-        let camera = PinholeCamera {
-            width: 1917,
-            height: 1081,
-            fx: 1403.25,
-            fy: 1398.5,
-            cx: 951.125,
-            cy: 533.875,
-        };
+        let camera = PinholeCamera::new([1917, 1081], [1403.25, 1398.5], [951.125, 533.875]);
         for size in [[640, 640], [512, 256], [1917, 1200]] {
             let frame = PaddedFrame::fit([1917, 1081], size).expect("sizes are sizes");
             let of_frame = frame.pinhole(&camera);

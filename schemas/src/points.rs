@@ -92,6 +92,14 @@ struct PlyHeader {
 }
 
 impl<T> PointCloud<T> {
+    /// Makes a cloud of points of one colour.
+    pub fn of_colour(positions: Vec<[T; 3]>, colour: [u8; 3]) -> Self {
+        Self {
+            colours: vec![colour; positions.len()],
+            positions,
+        }
+    }
+
     /// Returns the number of points.
     pub fn len(&self) -> usize {
         self.positions.len()

@@ -93,6 +93,11 @@ pub struct Similarity {
 }
 
 impl Similarity {
+    /// Makes a similarity from the world point that becomes the origin, and normalized units per world unit.
+    pub const fn new(offset: [f64; 3], scale: f64) -> Self {
+        Self { offset, scale }
+    }
+
     /// Recentres at the mean camera and scales so that the farthest camera is 1 unit from it.
     ///
     /// The camera radius is at least 1e-9 of the distance of the mean camera from the world's origin (and 1e-12), so

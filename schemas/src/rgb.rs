@@ -21,6 +21,15 @@ pub struct RgbImage {
 }
 
 impl RgbImage {
+    /// Makes an image of `height * width * 3` values.
+    pub fn new(width: usize, height: usize, data: Vec<f32>) -> Self {
+        Self {
+            width,
+            height,
+            data,
+        }
+    }
+
     /// Makes a black image.
     pub fn black(width: usize, height: usize) -> Self {
         Self {

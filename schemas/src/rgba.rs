@@ -63,11 +63,7 @@ pub fn read_over_black(path: &Path) -> Result<RgbImage, StoreError> {
         let share = f32::from(alpha) / 255.0;
         [red, green, blue].map(|value| share * f32::from(value) / 255.0)
     });
-    Ok(RgbImage {
-        width,
-        height,
-        data: over_black.collect(),
-    })
+    Ok(RgbImage::new(width, height, over_black.collect()))
 }
 
 #[cfg(test)]
@@ -77,11 +73,7 @@ mod tests {
     use super::*;
 
     fn image(pixels: [[f32; 3]; 4]) -> RgbImage {
-        RgbImage {
-            width: 4,
-            height: 1,
-            data: pixels.as_flattened().to_vec(),
-        }
+        RgbImage::new(4, 1, pixels.as_flattened().to_vec())
     }
 
     #[test]

@@ -51,11 +51,7 @@ impl TrackedRegions {
         let pose = frame.pose.filter(crate::Pose::is_valid)?;
         let to_world = DMat3::from_quat(pose.rotation()?);
         let [width, height] = camera.size();
-        let mut mask = Mask {
-            width,
-            height,
-            data: vec![0; width * height],
-        };
+        let mut mask = Mask::new(width, height, vec![0; width * height]);
         for track in &self.tracks {
             let Some((centre, heading)) = track.path.at(frame.time_seconds) else {
                 continue;

@@ -119,11 +119,7 @@ fn the_main_job_goes_on_without_the_masks_of_a_program_that_fails() {
         let has_masks = scene.frames.iter().all(|frame| frame.mask.is_some());
         (ended.stderr, has_masks)
     };
-    let square = Mask {
-        width: 2,
-        height: 2,
-        data: vec![0; 4],
-    };
+    let square = Mask::new(2, 2, vec![0; 4]);
     square.write_png(&folder.path().join("square.png")).unwrap();
     let squares = format!(
         "for frame in $1/*; do cp {} $2/$(basename $frame); done",

@@ -14,10 +14,7 @@ use omnilife_schemas::{
 };
 use omnilife_video::{Converter, Scaling, VideoReader};
 
-const CAMERA: ErpCamera = ErpCamera {
-    width: 512,
-    height: 256,
-};
+const CAMERA: ErpCamera = ErpCamera::new(512, 256);
 /// Side of a cell in pixels; the nearest of all points in a cell is taken as the visible one.
 const CELL_PIXELS: usize = 4;
 

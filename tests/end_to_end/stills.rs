@@ -25,18 +25,9 @@ fn five_stills_become_a_scored_scene() {
         // Natural order differs from that of the letters.
         let name = format!("R{}.png", number + 8);
         fs::copy(sequence.join(&frame.image), stills.join(name)).unwrap();
-        frames.push(PosedFrame {
-            time_seconds: number as f64,
-            pose: frame.pose.unwrap(),
-            mask: None,
-        });
+        frames.push(PosedFrame::new(number as f64, frame.pose.unwrap()));
     }
-    let poses = Poses {
-        scale: Scale::Metres,
-        camera: None,
-        frames,
-        points: None,
-    };
+    let poses = Poses::new(Scale::Metres, None, frames);
     let poses_file = folder.path().join("poses.json");
     store::write_record(&poses_file, &poses).unwrap();
     let out = folder.path().join("out");

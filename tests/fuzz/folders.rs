@@ -11,7 +11,7 @@ use std::{
 use assert_cmd::cargo::cargo_bin_cmd;
 use omnilife_bench::curve::{Clock, Region, read_run};
 use omnilife_curate::{
-    exchange::{self, ImportRequest, MaskMeaning},
+    exchange::{self, ImportRequest},
     poses::{colmap::ColmapModel, matrices},
 };
 use omnilife_leaderboard::{LeaderboardRequest, build_leaderboard, submission::verify};
@@ -267,15 +267,7 @@ fn read_colmap(input: &Input, seed: &Seed) {
 fn exported(folder: &Path, format: &str) -> Vec<String> {
     let (scene, out) = (folder.join("scene"), folder.join("in"));
     write_scene(&scene);
-    let request = exchange::ExportRequest {
-        scene_folder: &scene,
-        format,
-        split: None,
-        given_only: false,
-        cube_faces: None,
-        pad_to: None,
-        out: &out,
-    };
+    let request = exchange::ExportRequest::new(&scene, format, &out);
     exchange::export(&request, &Silent).unwrap();
     let mut found = Vec::new();
     let mut folders = vec!["in".to_owned()];
@@ -305,12 +297,8 @@ fn with_rig(folder: &Path, format: &str, name: &str, frames: &[u8]) -> Vec<Strin
 fn import(input: &Input, format: &str) {
     let out = input.folder.join("out");
     drop(exchange::import(&ImportRequest {
-        folder: &input.folder.join("in"),
-        format,
-        id: "a",
         frames_per_second: Some(10.0),
-        masks: MaskMeaning::Moving,
-        out: &out,
+        ..ImportRequest::new(&input.folder.join("in"), format, "a", &out)
     }));
     store::remove(&out).unwrap();
 }

@@ -6,16 +6,13 @@ use omnilife_schemas::{
     Pose, RgbImage, Similarity,
     camera::ErpCamera,
     points::PointCloud,
-    records::{PoseSource, PoseValidation, Scale, Scene, SceneFrame, ValidationStatus},
+    records::{PoseValidation, Scale, Scene, SceneFrame, ValidationStatus},
     store,
 };
 
 /// Returns the similarity that leaves the world unchanged.
 pub(crate) fn unchanged() -> Similarity {
-    Similarity {
-        offset: [0.0; 3],
-        scale: 1.0,
-    }
+    Similarity::new([0.0; 3], 1.0)
 }
 
 /// Returns names as owned strings.
@@ -89,35 +86,19 @@ pub(crate) fn write_gaussians_in_time(folder: &Path) -> Vec<String> {
 
 /// A scene of three small images, with points.
 pub(crate) fn write_scene(folder: &Path) {
-    let frame = |number: usize| SceneFrame {
-        image: format!("frames/{number:06}.png"),
-        time_seconds: 0.1 * number as f64,
-        pose: Some(Pose {
-            rotation_wxyz: [1.0, 0.0, 0.0, 0.0],
-            centre: [number as f64, 0.0, 0.0],
-        }),
-        mask: None,
-        ignore_mask: None,
-        classes: [].into(),
-        objects: [].into(),
-        boxes: [].into(),
-        depth: None,
-        depth_prior: None,
-        capture: None,
+    let frame = |number: usize| {
+        SceneFrame::new(
+            format!("frames/{number:06}.png"),
+            0.1 * number as f64,
+            Some(Pose {
+                rotation_wxyz: [1.0, 0.0, 0.0, 0.0],
+                centre: [number as f64, 0.0, 0.0],
+            }),
+        )
     };
     let scene = Scene {
-        id: "a/seq-000".to_owned(),
-        camera: ErpCamera {
-            width: 16,
-            height: 8,
-        }
-        .into(),
         scale: Scale::Metres,
-        frames: (0..3).map(frame).collect(),
         points: Some("points.ply".to_owned()),
-        pose_source: PoseSource::Given {
-            file: "poses.json".to_owned(),
-        },
         validation: PoseValidation {
             status: ValidationStatus::Valid,
             registered_frames: 3,
@@ -125,8 +106,11 @@ pub(crate) fn write_scene(folder: &Path) {
             measures: [].into(),
             problems: Vec::new(),
         },
-        published_split: None,
-        objects: [].into(),
+        ..Scene::given(
+            "a/seq-000",
+            ErpCamera::new(16, 8),
+            (0..3).map(frame).collect(),
+        )
     };
     fs::create_dir_all(folder.join("frames")).unwrap();
     for frame in &scene.frames {

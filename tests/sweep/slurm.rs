@@ -115,37 +115,16 @@ fn result(scene: usize) -> ResultRecord {
         undefined_views: 0,
     };
     ResultRecord {
-        method: "odgs".to_owned(),
-        scene: format!("place-{scene}/seq-000"),
         scene_sha256: store::sha256_bytes(&[scene as u8]),
         protocol: "per-scene/1".to_owned(),
         protocol_hash: "a34df006b285".repeat(5) + "a34d",
-        rules: None,
         scored_size: [512, 256],
-        input_views: [].into(),
         novel_views: [("psnr".to_owned(), score)].into(),
-        failures: Vec::new(),
-        unavailable: Vec::new(),
-        regions: None,
-        versions: [].into(),
-        frames_table: "frames.csv".to_owned(),
-        objects: None,
-        run_failure: None,
-        predictions: None,
-        statement: None,
-        training: None,
         training_seconds: Some(61.25),
         primitives: Some(1000),
         iterations: Some(3000),
         seed: Some(0),
-        backend: None,
-        hardware: None,
-        run_versions: [].into(),
-        rendering_seconds: None,
-        stages: Vec::new(),
-        aids: None,
-        peak_memory_bytes: None,
-        warnings: Vec::new(),
+        ..ResultRecord::new("odgs", &format!("place-{scene}/seq-000"))
     }
 }
 

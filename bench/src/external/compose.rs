@@ -68,11 +68,7 @@ fn cut(image: &RgbImage, cell: Cell) -> Option<RgbImage> {
         let begin = left.checked_mul(3)?;
         data.extend(line.get(begin..begin.checked_add(width.checked_mul(3)?)?)?);
     }
-    Some(RgbImage {
-        width,
-        height,
-        data,
-    })
+    Some(RgbImage::new(width, height, data))
 }
 
 /// Returns begin and length of one of `[count, number]` equal spans with gaps between and around them; `None` unless
@@ -91,11 +87,7 @@ mod tests {
 
     #[test]
     fn a_cell_is_cut_out_of_its_grid() {
-        let image = RgbImage {
-            width: 4,
-            height: 2,
-            data: (0..8).flat_map(|pixel| [pixel as f32; 3]).collect(),
-        };
+        let image = RgbImage::new(4, 2, (0..8).flat_map(|pixel| [pixel as f32; 3]).collect());
         let cell = |columns, rows, column, row| Cell {
             columns,
             rows,

@@ -51,10 +51,7 @@ const DIRECTIONS: [fn(f64, f64) -> DVec3; 6] = [
 /// the seam and repeats the last row beyond the poles. Nothing is rounded to 8 bits again.
 pub(super) fn render(pair: &ViewPair) -> Vec<Face> {
     let [width, height] = pair.size();
-    let camera = ErpCamera {
-        width: width as u32,
-        height: height as u32,
-    };
+    let camera = ErpCamera::new(width as u32, height as u32);
     let side = (height / 2).max(1);
     DIRECTIONS
         .par_iter()

@@ -1,53 +1,23 @@
 //! Properties of the scores of poses.
 
-use std::collections::BTreeMap;
-
 use glam::{DQuat, DVec3};
-use omnilife_schemas::{
-    camera::ErpCamera,
-    records::{PoseSource, PoseValidation, SceneFrame, ValidationStatus},
-};
+use omnilife_schemas::{camera::ErpCamera, records::SceneFrame};
 use proptest::prelude::*;
 
 use super::*;
 
 /// Returns a scene of cameras.
 pub(crate) fn scene(poses: &[Option<Pose>]) -> Scene {
-    let frame = |(number, &pose): (usize, &Option<Pose>)| SceneFrame {
-        image: format!("frames/{number:06}.png"),
-        time_seconds: 0.5 * number as f64,
-        capture: None,
-        pose,
-        mask: None,
-        ignore_mask: None,
-        classes: BTreeMap::new(),
-        objects: BTreeMap::new(),
-        boxes: BTreeMap::new(),
-        depth: None,
-        depth_prior: None,
+    let frame = |(number, &pose): (usize, &Option<Pose>)| {
+        SceneFrame::new(format!("frames/{number:06}.png"), 0.5 * number as f64, pose)
     };
     Scene {
-        id: "walk/seq-000".to_owned(),
-        camera: ErpCamera {
-            width: 64,
-            height: 32,
-        }
-        .into(),
         scale: Scale::Metres,
-        frames: poses.iter().enumerate().map(frame).collect(),
-        points: None,
-        pose_source: PoseSource::Given {
-            file: "poses.json".to_owned(),
-        },
-        validation: PoseValidation {
-            status: ValidationStatus::Unchecked,
-            registered_frames: poses.len() as u32,
-            total_frames: poses.len() as u32,
-            measures: BTreeMap::new(),
-            problems: Vec::new(),
-        },
-        published_split: None,
-        objects: BTreeMap::new(),
+        ..Scene::given(
+            "walk/seq-000",
+            ErpCamera::new(64, 32),
+            poses.iter().enumerate().map(frame).collect(),
+        )
     }
 }
 

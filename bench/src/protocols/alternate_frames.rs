@@ -1,6 +1,6 @@
 //! `alternate-frames`: every second frame is given, and those between are new in view and in time.
 
-use omnilife_schemas::records::{Colour, Padding, Protocol, Resampling, ScoredViews, SplitRule};
+use omnilife_schemas::records::{Protocol, ScoredViews, SplitRule};
 
 use super::{ProtocolEntry, metric_list};
 
@@ -16,18 +16,14 @@ pub(super) const ENTRY: ProtocolEntry = ProtocolEntry {
 
 fn protocol() -> Protocol {
     Protocol {
-        id: ENTRY.id.to_owned(),
-        version: 1,
-        split: SplitRule::EveryNth {
-            period: 2,
-            offset: 1,
-        },
-        scored: ScoredViews::InputAndNovel,
-        largest_width: None,
-        resampling: Resampling::Area,
-        padding: Padding::None,
-        colour: Colour::Srgb8,
         metrics: metric_list::all(),
-        mask_rule: "none".to_owned(),
+        ..Protocol::new(
+            ENTRY.id,
+            SplitRule::EveryNth {
+                period: 2,
+                offset: 1,
+            },
+            ScoredViews::InputAndNovel,
+        )
     }
 }

@@ -1,6 +1,6 @@
 //! `input-view`: a method reproduces its input views.
 
-use omnilife_schemas::records::{Colour, Padding, Protocol, Resampling, ScoredViews, SplitRule};
+use omnilife_schemas::records::{Protocol, ScoredViews, SplitRule};
 
 use super::{ProtocolEntry, metric_list};
 
@@ -16,15 +16,8 @@ pub(super) const ENTRY: ProtocolEntry = ProtocolEntry {
 
 fn protocol() -> Protocol {
     Protocol {
-        id: ENTRY.id.to_owned(),
         version: 3,
-        split: SplitRule::AllGiven,
-        scored: ScoredViews::Input,
-        largest_width: None,
-        resampling: Resampling::Area,
-        padding: Padding::None,
-        colour: Colour::Srgb8,
         metrics: metric_list::of_input_views(),
-        mask_rule: "none".to_owned(),
+        ..Protocol::new(ENTRY.id, SplitRule::AllGiven, ScoredViews::Input)
     }
 }

@@ -1,6 +1,6 @@
 //! `per-scene`: a method is trained on one scene and predicts that scene's held-out views.
 
-use omnilife_schemas::records::{Colour, Padding, Protocol, Resampling, ScoredViews, SplitRule};
+use omnilife_schemas::records::{Protocol, ScoredViews, SplitRule};
 
 use super::{ProtocolEntry, metric_list};
 
@@ -16,18 +16,15 @@ pub(super) const ENTRY: ProtocolEntry = ProtocolEntry {
 
 fn protocol() -> Protocol {
     Protocol {
-        id: ENTRY.id.to_owned(),
         version: 2,
-        split: SplitRule::EveryNth {
-            period: 5,
-            offset: 4,
-        },
-        scored: ScoredViews::InputAndNovel,
-        largest_width: None,
-        resampling: Resampling::Area,
-        padding: Padding::None,
-        colour: Colour::Srgb8,
         metrics: metric_list::all(),
-        mask_rule: "none".to_owned(),
+        ..Protocol::new(
+            ENTRY.id,
+            SplitRule::EveryNth {
+                period: 5,
+                offset: 4,
+            },
+            ScoredViews::InputAndNovel,
+        )
     }
 }

@@ -1,6 +1,6 @@
 //! `published`: the published split of a data set.
 
-use omnilife_schemas::records::{Colour, Padding, Protocol, Resampling, ScoredViews, SplitRule};
+use omnilife_schemas::records::{Protocol, ScoredViews, SplitRule};
 
 use super::{ProtocolEntry, metric_list};
 
@@ -16,15 +16,7 @@ pub(super) const ENTRY: ProtocolEntry = ProtocolEntry {
 
 fn protocol() -> Protocol {
     Protocol {
-        id: ENTRY.id.to_owned(),
-        version: 1,
-        split: SplitRule::Published,
-        scored: ScoredViews::Novel,
-        largest_width: None,
-        resampling: Resampling::Area,
-        padding: Padding::None,
-        colour: Colour::Srgb8,
         metrics: metric_list::all(),
-        mask_rule: "none".to_owned(),
+        ..Protocol::new(ENTRY.id, SplitRule::Published, ScoredViews::Novel)
     }
 }

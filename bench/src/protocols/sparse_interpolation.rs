@@ -1,6 +1,6 @@
 //! `sparse-interpolation`: from two views, those between them.
 
-use omnilife_schemas::records::{Colour, Padding, Protocol, Resampling, ScoredViews, SplitRule};
+use omnilife_schemas::records::{Protocol, ScoredViews, SplitRule};
 
 use super::{ProtocolEntry, metric_list};
 
@@ -17,15 +17,12 @@ pub(super) const ENTRY: ProtocolEntry = ProtocolEntry {
 
 fn protocol() -> Protocol {
     Protocol {
-        id: ENTRY.id.to_owned(),
-        version: 1,
-        split: SplitRule::Groups { length: 10 },
-        scored: ScoredViews::Novel,
         largest_width: Some(1024),
-        resampling: Resampling::Area,
-        padding: Padding::None,
-        colour: Colour::Srgb8,
         metrics: metric_list::all(),
-        mask_rule: "none".to_owned(),
+        ..Protocol::new(
+            ENTRY.id,
+            SplitRule::Groups { length: 10 },
+            ScoredViews::Novel,
+        )
     }
 }

@@ -1,6 +1,6 @@
 //! `sparse-panoramas`: from a few panoramas, all others.
 
-use omnilife_schemas::records::{Colour, Padding, Protocol, Resampling, ScoredViews, SplitRule};
+use omnilife_schemas::records::{Protocol, ScoredViews, SplitRule};
 
 use super::{ProtocolEntry, metric_list};
 
@@ -16,15 +16,11 @@ pub(super) const ENTRY: ProtocolEntry = ProtocolEntry {
 
 fn protocol() -> Protocol {
     Protocol {
-        id: ENTRY.id.to_owned(),
-        version: 1,
-        split: SplitRule::EvenlyGiven { count: 10 },
-        scored: ScoredViews::Novel,
-        largest_width: None,
-        resampling: Resampling::Area,
-        padding: Padding::None,
-        colour: Colour::Srgb8,
         metrics: metric_list::all(),
-        mask_rule: "none".to_owned(),
+        ..Protocol::new(
+            ENTRY.id,
+            SplitRule::EvenlyGiven { count: 10 },
+            ScoredViews::Novel,
+        )
     }
 }

@@ -52,10 +52,7 @@ fn run_record(bench: &Bench) -> RunRecord {
         clip_seconds: None,
         stages: Vec::new(),
         views: None,
-        normalization: Similarity {
-            offset: [0.0; 3],
-            scale: 1.0,
-        },
+        normalization: Similarity::new([0.0; 3], 1.0),
         trace: None,
         trace_views: None,
         surfaces: None,
@@ -320,11 +317,7 @@ fn real_frames_are_scored() {
     let mut images: Vec<_> = entries.map(|entry| entry.unwrap().path()).collect();
     images.sort();
     let mut scene = scene(10, &[]);
-    scene.camera = ErpCamera {
-        width: 1024,
-        height: 512,
-    }
-    .into();
+    scene.camera = ErpCamera::new(1024, 512).into();
     let mut bench = Bench::of(&scene);
     for (frame, entry) in scene.frames.iter_mut().enumerate() {
         entry.image = format!("frames/{frame:06}.jpg");

@@ -87,11 +87,7 @@ fn what_is_predicted_where_nothing_counts_is_looked_at_and_not_shown() {
     }
     let bench = Bench::of(&scene);
     let marks = (0..WIDTH * HEIGHT).map(|at| 255 * u8::from(at / WIDTH >= HEIGHT / 2));
-    let mask = Mask {
-        width: WIDTH,
-        height: HEIGHT,
-        data: marks.collect(),
-    };
+    let mask = Mask::new(WIDTH, HEIGHT, marks.collect());
     let file = bench.request.scene.with_file_name("holder.png");
     mask.write_png(&file).unwrap();
     let result = bench.score().unwrap();
@@ -132,11 +128,7 @@ fn what_is_predicted_where_nothing_counts_is_looked_at_and_not_shown() {
 }
 
 fn mask_of_all() -> Mask {
-    Mask {
-        width: WIDTH,
-        height: HEIGHT,
-        data: vec![255; WIDTH * HEIGHT],
-    }
+    Mask::new(WIDTH, HEIGHT, vec![255; WIDTH * HEIGHT])
 }
 
 #[test]

@@ -268,11 +268,7 @@ mod tests {
                 data.extend_from_slice(&colour);
             }
         }
-        Rgb8Image {
-            width,
-            height,
-            data,
-        }
+        Rgb8Image::new(width, height, data)
     }
 
     fn boundaries(is_open: impl Fn(usize) -> bool) -> Vec<Boundary> {

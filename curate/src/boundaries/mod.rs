@@ -155,11 +155,7 @@ mod tests {
     fn a_detector_is_a_row_and_a_pass() {
         let mut pass = (TOY.start)().expect("it needs nothing");
         for (frame, value) in [10, 20, 200, 210].into_iter().enumerate() {
-            let image = Rgb8Image {
-                width: 1,
-                height: 1,
-                data: vec![value; 3],
-            };
+            let image = Rgb8Image::new(1, 1, vec![value; 3]);
             pass.observe(frame as f64, &image).expect("seen");
         }
         let signals = pass.finish();

@@ -204,6 +204,21 @@ pub struct ExportRequest<'a> {
     pub out: &'a Path,
 }
 
+impl<'a> ExportRequest<'a> {
+    /// Makes a request to export all frames of a scene as they are.
+    pub fn new(scene_folder: &'a Path, format: &'a str, out: &'a Path) -> Self {
+        Self {
+            scene_folder,
+            format,
+            split: None,
+            given_only: false,
+            cube_faces: None,
+            pad_to: None,
+            out,
+        }
+    }
+}
+
 /// Exports a scene, with a note on every part of it that the format cannot hold.
 ///
 /// # Errors

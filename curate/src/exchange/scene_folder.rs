@@ -50,6 +50,20 @@ pub struct ImportRequest<'a> {
     pub out: &'a Path,
 }
 
+impl<'a> ImportRequest<'a> {
+    /// Makes a request to import a folder whose masks are of moving content.
+    pub fn new(folder: &'a Path, format: &'a str, id: &'a str, out: &'a Path) -> Self {
+        Self {
+            folder,
+            format,
+            id,
+            frames_per_second: None,
+            masks: MaskMeaning::Moving,
+            out,
+        }
+    }
+}
+
 /// Meaning of masks.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum MaskMeaning {

@@ -108,10 +108,7 @@ mod tests {
     use std::{error::Error, fs};
 
     use glam::{DQuat, DVec3};
-    use omnilife_schemas::{
-        camera::ErpCamera,
-        records::{PoseSource, PoseValidation, Scale, SceneFrame, ValidationStatus},
-    };
+    use omnilife_schemas::{camera::ErpCamera, records::SceneFrame};
 
     use super::*;
 
@@ -120,42 +117,18 @@ mod tests {
     /// Returns a scene of three frames, whose camera walks along z and is turned by 90 degrees about y.
     fn scene() -> Scene {
         let rotation = DQuat::from_xyzw(0.0, SIDE, 0.0, SIDE);
-        let frame = |number: u32| SceneFrame {
-            image: format!("frames/{number:06}.png"),
-            time_seconds: 0.5 * f64::from(number),
-            capture: None,
-            pose: Some(Pose::new(rotation, DVec3::new(1.0, 2.0, f64::from(number)))),
-            mask: None,
-            ignore_mask: None,
-            classes: BTreeMap::new(),
-            objects: BTreeMap::new(),
-            boxes: BTreeMap::new(),
-            depth: None,
-            depth_prior: None,
+        let frame = |number: u32| {
+            SceneFrame::new(
+                format!("frames/{number:06}.png"),
+                0.5 * f64::from(number),
+                Some(Pose::new(rotation, DVec3::new(1.0, 2.0, f64::from(number)))),
+            )
         };
-        Scene {
-            id: "walk/seq-000".to_owned(),
-            camera: ErpCamera {
-                width: 64,
-                height: 32,
-            }
-            .into(),
-            scale: Scale::Arbitrary,
-            frames: (0..3).map(frame).collect(),
-            points: None,
-            pose_source: PoseSource::Given {
-                file: "poses.json".to_owned(),
-            },
-            validation: PoseValidation {
-                status: ValidationStatus::Unchecked,
-                registered_frames: 3,
-                total_frames: 3,
-                measures: BTreeMap::new(),
-                problems: Vec::new(),
-            },
-            published_split: None,
-            objects: BTreeMap::new(),
-        }
+        Scene::given(
+            "walk/seq-000",
+            ErpCamera::new(64, 32),
+            (0..3).map(frame).collect(),
+        )
     }
 
     /// Checks that the poses of the first and the last frame are those of the scene, and that the middle has none.

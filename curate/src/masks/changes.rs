@@ -84,11 +84,11 @@ impl<'a, I: Compared> Changes<'a, I> {
         let changes = changes.map_err(|error| CurateError::internal(self.folder, error))?;
         self.forget_before(index);
         let mark = |&value: &f32| 255 * u8::from(value > LEAST_CHANGE);
-        Ok(Mask {
-            width: changes.width,
-            height: changes.height,
-            data: changes.values.iter().map(mark).collect(),
-        })
+        Ok(Mask::new(
+            changes.width,
+            changes.height,
+            changes.values.iter().map(mark).collect(),
+        ))
     }
 
     fn load(&mut self, index: usize) -> Result<(), CurateError> {

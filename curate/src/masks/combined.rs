@@ -121,10 +121,7 @@ fn confirmed(
 
 /// Returns the area of a pixel by its row: steradians, or the share of a perspective frame.
 fn area([width, height]: [usize; 2], is_perspective: bool) -> impl Fn(usize) -> f64 {
-    let camera = ErpCamera {
-        width: width as u32,
-        height: height as u32,
-    };
+    let camera = ErpCamera::new(width as u32, height as u32);
     move |row| match is_perspective {
         true => 1.0 / (width * height) as f64,
         false => camera.pixel_solid_angle(row as u32),

@@ -37,10 +37,7 @@ fn read_mask(file: &Path, sequence: &Sequence) -> Result<FrameMasks, CurateError
 
 /// Returns lines on assumptions about given masks, and on masks of no frame.
 fn notes(files: &[PathBuf], sequence: &Sequence) -> Result<Vec<String>, CurateError> {
-    let camera = ErpCamera {
-        width: sequence.frames.width,
-        height: sequence.frames.height,
-    };
+    let camera = ErpCamera::new(sequence.frames.width, sequence.frames.height);
     let mut survey = MaskSurvey::default();
     for file in files {
         survey.add(file, &camera.into(), MarkedGreys::AboveHalf)?;

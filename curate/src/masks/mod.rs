@@ -298,10 +298,7 @@ fn marked_share(mask: &Mask) -> f64 {
 
 /// Returns the share of the sphere that a mask covers: every pixel counts by its solid angle.
 pub fn dynamic_share(mask: &Mask) -> f64 {
-    let camera = ErpCamera {
-        width: mask.width as u32,
-        height: mask.height as u32,
-    };
+    let camera = ErpCamera::new(mask.width as u32, mask.height as u32);
     mask.marked_share(&camera.into())
 }
 
@@ -311,11 +308,7 @@ mod tests {
 
     #[test]
     fn what_the_camera_carries_does_not_move() {
-        let mask = |data: [u8; 4]| Mask {
-            width: 4,
-            height: 1,
-            data: data.to_vec(),
-        };
+        let mask = |data: [u8; 4]| Mask::new(4, 1, data.to_vec());
         let mut found = Found {
             frames: vec![mask([255, 255, 0, 0]).into()],
             notes: Vec::new(),

@@ -196,11 +196,7 @@ fn moving(this: &GreySphere, others: &[&GreySphere]) -> opencv::Result<Mask> {
         .reduce(|a, b| Ok(a?.smaller(&b?)));
     let (width, height) = (this.width(0), this.width(0) / 2);
     let Some(misfit) = misfit.transpose()? else {
-        return Ok(Mask {
-            width,
-            height,
-            data: vec![0; width * height],
-        });
+        return Ok(Mask::new(width, height, vec![0; width * height]));
     };
     let extent = EXTENT_RADIANS / this.pixel_radians(0);
     let slopes = luma(this).slopes().blurred(extent)?;
@@ -210,19 +206,16 @@ fn moving(this: &GreySphere, others: &[&GreySphere]) -> opencv::Result<Mask> {
     }
     let limit = OVER_MEDIAN * ratio.median_on_sphere();
     let mark = |&value: &f32| if value > limit { 255 } else { 0 };
-    Ok(Mask {
+    Ok(Mask::new(
         width,
         height,
-        data: ratio.values.iter().map(mark).collect(),
-    })
+        ratio.values.iter().map(mark).collect(),
+    ))
 }
 
 /// Returns the directions of the pixels of a panorama, row by row.
 pub(super) fn directions(width: usize) -> Vec<Vec3> {
-    let camera = ErpCamera {
-        width: width as u32,
-        height: width as u32 / 2,
-    };
+    let camera = ErpCamera::new(width as u32, width as u32 / 2);
     (0..camera.height)
         .flat_map(|row| (0..camera.width).map(move |column| (column, row)))
         .map(|(column, row)| {

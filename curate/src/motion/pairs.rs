@@ -61,10 +61,7 @@ mod tests {
     fn steady(seconds: f64, rate: f64) -> (Vec<f64>, TimeRange) {
         let count = (seconds * rate).round() as usize;
         let times = (0..count).map(|index| index as f64 / rate).collect();
-        let range = TimeRange {
-            begin_seconds: 0.0,
-            end_seconds: seconds,
-        };
+        let range = TimeRange::new(0.0, seconds);
         (times, range)
     }
 

@@ -162,11 +162,7 @@ mod tests {
             let data = (0..width * height)
                 .flat_map(|at| [level((at % width + turn) % width, at / width); 3])
                 .collect();
-            Rgb8Image {
-                width,
-                height,
-                data,
-            }
+            Rgb8Image::new(width, height, data)
         };
         let (straight, turned) = (numbers(&image(0)), numbers(&image(19)));
         for (a, b) in straight.iter().zip(&turned) {
@@ -178,11 +174,7 @@ mod tests {
     #[test]
     fn timestamps_that_leap_cost_nothing() {
         let mut pass = SignaturePass::default();
-        let black = Rgb8Image {
-            width: 64,
-            height: 32,
-            data: vec![0; 64 * 32 * 3],
-        };
+        let black = Rgb8Image::new(64, 32, vec![0; 64 * 32 * 3]);
         for time in [-5.0, 0.0, 1e9, 1e15] {
             pass.observe(time, &black);
         }
@@ -199,14 +191,7 @@ mod tests {
                 let time = frame as f64 / rate as f64;
                 let data = vec![(60.0 * time) as u8; 64 * 32 * 3];
                 if pass.wants(time) {
-                    pass.observe(
-                        time,
-                        &Rgb8Image {
-                            width: 64,
-                            height: 32,
-                            data,
-                        },
-                    );
+                    pass.observe(time, &Rgb8Image::new(64, 32, data));
                 }
             }
             pass.finish()

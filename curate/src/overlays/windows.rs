@@ -198,11 +198,11 @@ mod tests {
             let mixed = mixed.wrapping_mul(mixed | 1);
             ((mixed >> 13) % 200) as u8
         };
-        Rgb8Image {
-            width: WIDTH,
-            height: HEIGHT,
-            data: (0..WIDTH * HEIGHT).flat_map(|at| [level(at); 3]).collect(),
-        }
+        Rgb8Image::new(
+            WIDTH,
+            HEIGHT,
+            (0..WIDTH * HEIGHT).flat_map(|at| [level(at); 3]).collect(),
+        )
     }
 
     fn captions(is_shown: impl Fn(usize) -> bool) -> Vec<Overlay> {

@@ -83,10 +83,7 @@ pub(super) fn draw(rgb: &mut [u8], mask: &Mask, mark: Mark, wraps: bool) {
 
 /// Returns the discs of the overlays of a video in a panorama of this size: records keep centres and areas alone.
 pub(super) fn overlays(overlays: &[Overlay], width: usize, height: usize) -> Mask {
-    let camera = ErpCamera {
-        width: width as u32,
-        height: height as u32,
-    };
+    let camera = ErpCamera::new(width as u32, height as u32);
     let discs: Vec<_> = (overlays.iter())
         .map(|overlay| {
             let (longitude, latitude) = (overlay.longitude_degrees, overlay.latitude_degrees);
@@ -101,11 +98,7 @@ pub(super) fn overlays(overlays: &[Overlay], width: usize, height: usize) -> Mas
         (discs.iter()).any(|&(centre, cosine)| ray.dot(centre) >= cosine)
     };
     let pixels = (0..width * height).map(|index| 255 * u8::from(is_in_disc(index)));
-    Mask {
-        width,
-        height,
-        data: pixels.collect(),
-    }
+    Mask::new(width, height, pixels.collect())
 }
 
 #[cfg(test)]
@@ -118,11 +111,7 @@ mod tests {
         let pixels = (0..8 * 6).map(|at| (at % 8, at / 8));
         let pixels =
             pixels.map(|(x, y)| 255 * u8::from(columns.contains(&x) && (1..5).contains(&y)));
-        Mask {
-            width: 8,
-            height: 6,
-            data: pixels.collect(),
-        }
+        Mask::new(8, 6, pixels.collect())
     }
 
     #[test]

@@ -193,14 +193,8 @@ fn number(value: f64) -> String {
 
 #[cfg(test)]
 mod tests {
-    use std::collections::BTreeMap;
-
     use glam::{DMat3, DQuat};
-    use omnilife_schemas::{
-        Pose,
-        camera::ErpCamera,
-        records::{PoseSource, PoseValidation, SceneFrame, ValidationStatus},
-    };
+    use omnilife_schemas::{Pose, camera::ErpCamera, records::SceneFrame};
 
     use super::*;
 
@@ -208,42 +202,21 @@ mod tests {
     fn a_world_with_z_up_is_seen_from_above_too() {
         // Right is x, down is -z, ahead is y.
         let upright = DMat3::from_cols(DVec3::X, DVec3::NEG_Z, DVec3::Y);
-        let frame = |place: DVec3| SceneFrame {
-            image: "0.png".to_owned(),
-            time_seconds: 0.0,
-            capture: None,
-            pose: Some(Pose::new(DQuat::from_mat3(&upright), place)),
-            mask: None,
-            ignore_mask: None,
-            classes: BTreeMap::new(),
-            objects: BTreeMap::new(),
-            boxes: BTreeMap::new(),
-            depth: None,
-            depth_prior: None,
+        let frame = |place: DVec3| {
+            SceneFrame::new(
+                "0.png".to_owned(),
+                0.0,
+                Some(Pose::new(DQuat::from_mat3(&upright), place)),
+            )
         };
         let places = [[0.0, 0.0, 1.5], [0.0, 5.0, 1.5], [5.0, 5.0, 3.0]];
         let scene = Scene {
-            id: "walk/seq-000".to_owned(),
-            camera: ErpCamera {
-                width: 64,
-                height: 32,
-            }
-            .into(),
             scale: Scale::Metres,
-            frames: places.map(DVec3::from_array).map(frame).into(),
-            points: None,
-            pose_source: PoseSource::Given {
-                file: "poses.json".to_owned(),
-            },
-            validation: PoseValidation {
-                status: ValidationStatus::Unchecked,
-                registered_frames: 3,
-                total_frames: 3,
-                measures: BTreeMap::new(),
-                problems: Vec::new(),
-            },
-            published_split: None,
-            objects: BTreeMap::new(),
+            ..Scene::given(
+                "walk/seq-000",
+                ErpCamera::new(64, 32),
+                places.map(DVec3::from_array).map(frame).into(),
+            )
         };
         let path = CameraPath::of(&scene).expect("poses");
         let near = |found: DVec2, x: f64, y: f64| found.distance(dvec2(x, y)) < 1e-9;

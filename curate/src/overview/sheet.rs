@@ -138,11 +138,7 @@ fn shown(
         let discs = marks::overlays(overlays, width, height);
         marks::draw(&mut rgb, &discs, Mark::Overlay, wraps);
     }
-    let small = Rgb8Image {
-        width,
-        height,
-        data: rgb,
-    };
+    let small = Rgb8Image::new(width, height, rgb);
     let url =
         jpeg::data_url(&small, QUALITY).map_err(|error| CurateError::internal(&path, error))?;
     Ok(Shown {

@@ -287,14 +287,8 @@ mod tests {
         let folder =
             tempfile::tempdir().map_err(|error| StoreError::read(Path::new("."), error))?;
         let pose = Pose::new(DQuat::from_rotation_y(0.3), DVec3::new(1.0, 2.0, 3.0));
-        let camera = ErpCamera {
-            width: 64,
-            height: 32,
-        };
-        let points = PointCloud {
-            positions: vec![[1.0, 2.0, 3.0]],
-            colours: vec![[4, 5, 6]],
-        };
+        let camera = ErpCamera::new(64, 32);
+        let points = PointCloud::of_colour(vec![[1.0, 2.0, 3.0]], [4, 5, 6]);
         write(folder.path(), &camera.into(), &[("a.png", pose)], &points)?;
         let model = ColmapModel::read(folder.path())?;
         assert_eq!(model.camera, FrameCamera::Straight(camera.into()));

@@ -155,16 +155,7 @@ mod tests {
 
     #[test]
     fn frames_keep_the_camera_that_they_have() {
-        let pinhole = |f: f64| {
-            Camera::from(PinholeCamera {
-                width: 64,
-                height: 32,
-                fx: f,
-                fy: f,
-                cx: 32.0,
-                cy: 16.0,
-            })
-        };
+        let pinhole = |f: f64| Camera::from(PinholeCamera::new([64, 32], [f, f], [32.0, 16.0]));
         let frames = |camera: Option<Camera>| FrameList {
             id: "walk".to_owned(),
             size: [64, 32],
@@ -179,10 +170,7 @@ mod tests {
         // The corners move by 0.07 pixels, and by 0.7.
         assert_eq!(known.camera_with(Some(pinhole(50.1))), Ok(pinhole(50.0)));
         assert!(known.camera_with(Some(pinhole(51.0))).is_err());
-        let erp = Camera::from(ErpCamera {
-            width: 64,
-            height: 32,
-        });
+        let erp = Camera::from(ErpCamera::new(64, 32));
         assert!(known.camera_with(Some(erp)).is_err());
         assert!(frames(None).camera_with(None).is_err());
         assert_eq!(

@@ -11,10 +11,7 @@ use omnilife_schemas::{
     camera::Camera,
     points::PointCloud,
     pose,
-    records::{
-        FrameEntry, PoseConvention, PoseSource, PoseValidation, PosedFrame, Poses, Scale,
-        ValidationStatus,
-    },
+    records::{FrameEntry, PoseConvention, PoseSource, PoseValidation, PosedFrame, Poses, Scale},
     store,
 };
 
@@ -352,10 +349,7 @@ pub(crate) fn unchecked(poses: &[Option<Pose>]) -> PoseValidation {
     }
     problems.extend(pose::far_frames(poses));
     PoseValidation {
-        status: ValidationStatus::Unchecked,
-        registered_frames: registered as u32,
-        total_frames: poses.len() as u32,
-        measures: BTreeMap::new(),
         problems,
+        ..PoseValidation::unchecked(registered, poses.len())
     }
 }

@@ -199,11 +199,11 @@ impl Straightening {
             let row = (y.max(0.0) as usize).min(mask.height - 1);
             mask.data[row * mask.width + column]
         };
-        Mask {
-            width: self.width,
-            height: self.height,
-            data: self.places.iter().map(nearest).collect(),
-        }
+        Mask::new(
+            self.width,
+            self.height,
+            self.places.iter().map(nearest).collect(),
+        )
     }
 }
 

@@ -342,17 +342,9 @@ fn stage_scene(
         .zip(masks)
         .zip(images)
         .map(|(((entry, pose), mask), image)| SceneFrame {
-            image,
-            time_seconds: entry.time_seconds,
-            pose,
             mask,
-            ignore_mask: None,
-            classes: [].into(),
-            objects: [].into(),
-            boxes: [].into(),
-            depth: None,
-            depth_prior: None,
             capture: entry.capture.clone(),
+            ..SceneFrame::new(image, entry.time_seconds, pose)
         })
         .collect();
     truth.stage(staging, folder, &mut frames, size, progress)?;

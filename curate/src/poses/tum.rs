@@ -41,12 +41,7 @@ pub(super) fn read(path: &Path) -> Result<Poses, StoreError> {
         })?;
         frames.push(frame);
     }
-    Ok(Poses {
-        scale: Scale::Arbitrary,
-        camera: None,
-        frames,
-        points: None,
-    })
+    Ok(Poses::new(Scale::Arbitrary, None, frames))
 }
 
 fn posed_frame(line: &str) -> Option<PosedFrame> {
@@ -57,10 +52,11 @@ fn posed_frame(line: &str) -> Option<PosedFrame> {
     let [time_seconds, tx, ty, tz, qx, qy, qz, qw] = <[f64; 8]>::try_from(numbers).ok()?;
     let rotation = DQuat::from_xyzw(qx, qy, qz, qw);
     let length = rotation.length();
-    (length > 1e-12).then(|| PosedFrame {
-        time_seconds,
-        pose: Pose::new(rotation / length, DVec3::new(tx, ty, tz)),
-        mask: None,
+    (length > 1e-12).then(|| {
+        PosedFrame::new(
+            time_seconds,
+            Pose::new(rotation / length, DVec3::new(tx, ty, tz)),
+        )
     })
 }
 

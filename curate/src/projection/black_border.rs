@@ -194,11 +194,11 @@ mod tests {
     fn of_columns(levels: &[u8]) -> Rgb8Image {
         let (width, height) = (levels.len(), 32);
         let row = levels.iter().flat_map(|&level| [level; 3]);
-        Rgb8Image {
+        Rgb8Image::new(
             width,
             height,
-            data: (0..height).flat_map(|_| row.clone()).collect(),
-        }
+            (0..height).flat_map(|_| row.clone()).collect(),
+        )
     }
 
     #[test]

@@ -206,21 +206,9 @@ mod tests {
 
     fn samples(images: &[Rgb8Image]) -> Samples {
         let probe = Probe {
-            container: "mp4".to_owned(),
-            codec: "h264".to_owned(),
-            width: 128,
-            height: 64,
-            pixel_format: "yuv420p".to_owned(),
-            bit_depth: 8,
             frames_per_second: 2.0,
             duration_seconds: 1.0,
-            decoded_frames: None,
-            variable_frame_rate: None,
-            longest_interval_seconds: None,
-            rotation_degrees: 0.0,
-            pixel_aspect_ratio: 1.0,
-            transfer: "bt709".to_owned(),
-            spherical: None,
+            ..Probe::of_size([128, 64])
         };
         let mut pass = SamplePass::default();
         for (number, image) in images.iter().enumerate() {
@@ -230,10 +218,7 @@ mod tests {
     }
 
     fn from_to(begin_seconds: f64, end_seconds: f64) -> TimeRange {
-        TimeRange {
-            begin_seconds,
-            end_seconds,
-        }
+        TimeRange::new(begin_seconds, end_seconds)
     }
 
     #[test]

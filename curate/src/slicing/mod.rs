@@ -163,10 +163,7 @@ pub fn slice_segment(
     // It gets its name when it has been read back.
     let unchecked = Unfinished::beside(out);
     let request = SliceRequest {
-        range: TimeRange {
-            begin_seconds: first,
-            end_seconds: next.unwrap_or(after_last),
-        },
+        range: TimeRange::new(first, next.unwrap_or(after_last)),
         path: unchecked.path().to_owned(),
         name: out.display().to_string(),
     };

@@ -50,18 +50,12 @@ pub fn shots(
         let after = times.partition_point(|&time| time <= boundary.begin_seconds);
         let end = times.get(after).copied().unwrap_or(range.end_seconds);
         if end > begin {
-            all.push(TimeRange {
-                begin_seconds: begin,
-                end_seconds: end,
-            });
+            all.push(TimeRange::new(begin, end));
         }
         begin = boundary.end_seconds.max(begin);
     }
     if range.end_seconds > begin {
-        all.push(TimeRange {
-            begin_seconds: begin,
-            end_seconds: range.end_seconds,
-        });
+        all.push(TimeRange::new(begin, range.end_seconds));
     }
     let (kept, dropped) = all
         .into_iter()
@@ -111,10 +105,7 @@ pub fn segments(range: TimeRange, shots: &Shots, name: impl Fn(usize) -> String)
     let mut all = Vec::with_capacity(2 * known.len() + 1);
     let mut reached = range.begin_seconds;
     let transition = |begin_seconds, end_seconds| Segment {
-        range: TimeRange {
-            begin_seconds,
-            end_seconds,
-        },
+        range: TimeRange::new(begin_seconds, end_seconds),
         outcome: SegmentOutcome::Transition,
     };
     for segment in known {
@@ -149,10 +140,7 @@ mod tests {
     #[test]
     fn transitions_belong_to_no_shot_and_short_shots_are_dropped() {
         let times: Vec<f64> = (0..100).map(|i| f64::from(i) * 0.1).collect();
-        let range = TimeRange {
-            begin_seconds: 0.0,
-            end_seconds: 10.0,
-        };
+        let range = TimeRange::new(0.0, 10.0);
         let found = shots(
             &times,
             range,
@@ -162,10 +150,7 @@ mod tests {
             ],
             1.0,
         );
-        let span = |begin: usize, end| TimeRange {
-            begin_seconds: times[begin],
-            end_seconds: end,
-        };
+        let span = |begin: usize, end| TimeRange::new(times[begin], end);
         assert_eq!(found.kept, [span(0, times[30]), span(40, 10.0)]);
         assert_eq!(found.dropped, [span(30, times[35])]);
         let all = segments(range, &found, |index| format!("seq-{index:03}"));

@@ -293,11 +293,7 @@ mod tests {
             let side = if lens == 1 { 1.0 } else { -1.0 };
             world(dvec3(side * across.x, across.y, side * angle.cos()), turn)
         });
-        Rgb8Image {
-            width: 2 * HALF,
-            height: HALF,
-            data: pixels.flatten().collect(),
-        }
+        Rgb8Image::new(2 * HALF, HALF, pixels.flatten().collect())
     }
 
     #[test]
@@ -357,11 +353,7 @@ mod tests {
                 .is_err_and(|reason| reason.contains("no field of view")),
             "{message:?}"
         );
-        let black = Rgb8Image {
-            width: 2 * HALF,
-            height: HALF,
-            data: vec![0; 6 * HALF * HALF],
-        };
+        let black = Rgb8Image::new(2 * HALF, HALF, vec![0; 6 * HALF * HALF]);
         assert!(estimate(&[black]).is_err());
     }
 }

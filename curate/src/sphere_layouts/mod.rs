@@ -101,11 +101,7 @@ fn resized(image: Rgb8Image, [width, height]: [usize; 2]) -> Rgb8Image {
     let data = RgbImage::from_rgb8(image.width, image.height, &image.data)
         .resized_by_area(width, height)
         .to_rgb8();
-    Rgb8Image {
-        width,
-        height,
-        data,
-    }
+    Rgb8Image::new(width, height, data)
 }
 
 /// Returns the left eye's half of a stereo frame; `None` for other layouts.
@@ -116,11 +112,11 @@ fn left_eye(layout: SphereLayout, frame: &Rgb8Image) -> Option<Rgb8Image> {
         _ => return None,
     };
     let rows = frame.data.chunks_exact(3 * frame.width).take(height);
-    Some(Rgb8Image {
+    Some(Rgb8Image::new(
         width,
         height,
-        data: rows.flat_map(|row| &row[..3 * width]).copied().collect(),
-    })
+        rows.flat_map(|row| &row[..3 * width]).copied().collect(),
+    ))
 }
 
 /// Returns true for a layout that stores only the front half of the sphere.
@@ -236,19 +232,12 @@ mod tests {
     }
 
     fn erp(width: usize) -> Rgb8Image {
-        let camera = ErpCamera {
-            width: width as u32,
-            height: width as u32 / 2,
-        };
+        let camera = ErpCamera::new(width as u32, width as u32 / 2);
         let pixels = (0..width * width / 2).map(|at| {
             let centre = dvec2((at % width) as f64, (at / width) as f64) + 0.5;
             colour(camera.unproject(centre))
         });
-        Rgb8Image {
-            width,
-            height: width / 2,
-            data: pixels.flatten().collect(),
-        }
+        Rgb8Image::new(width, width / 2, pixels.flatten().collect())
     }
 
     /// Returns an image of two lenses back to back.
@@ -263,20 +252,13 @@ mod tests {
             let across = from_middle.normalize() * angle.sin();
             colour(DVec3::new(side * across.x, across.y, side * angle.cos()))
         });
-        Rgb8Image {
-            width,
-            height,
-            data: pixels.flatten().collect(),
-        }
+        Rgb8Image::new(width, height, pixels.flatten().collect())
     }
 
     /// Gives every pixel of cube faces the colour of the direction whose place is nearest to its centre, found by a
     /// walk over many directions.
     fn stored(layout: SphereLayout, [width, height]: [usize; 2]) -> Rgb8Image {
-        let camera = ErpCamera {
-            width: 1600,
-            height: 800,
-        };
+        let camera = ErpCamera::new(1600, 800);
         let mut nearest = vec![(f64::INFINITY, [0; 3]); width * height];
         for pixel in 0..1600 * 800 {
             let centre = dvec2(f64::from(pixel % 1600), f64::from(pixel / 1600)) + 0.5;
@@ -294,11 +276,11 @@ mod tests {
                 }
             }
         }
-        Rgb8Image {
+        Rgb8Image::new(
             width,
             height,
-            data: nearest.iter().flat_map(|&(_, colour)| colour).collect(),
-        }
+            nearest.iter().flat_map(|&(_, colour)| colour).collect(),
+        )
     }
 
     #[test]
@@ -371,11 +353,7 @@ mod tests {
             (SphereLayout::HalfErpTopBottom, half, above),
         ] {
             let height = data.len() / (3 * width);
-            let frame = Rgb8Image {
-                width,
-                height,
-                data,
-            };
+            let frame = Rgb8Image::new(width, height, data);
             let found = ToErp::new(layout).convert(&frame, WIDTH);
             for (at, (found, whole)) in found.data.iter().zip(&whole.data).enumerate() {
                 let expected = if is_ahead(at / 3) { *whole } else { 0 };

@@ -32,10 +32,7 @@ impl SphereSampler {
         let [width, height] = size;
         let native = erp_width(layout, (stored[0] as u32, stored[1] as u32)) as usize;
         let side = native.div_ceil(width).clamp(1, MOST_RAYS);
-        let camera = ErpCamera {
-            width: width as u32,
-            height: height as u32,
-        };
+        let camera = ErpCamera::new(width as u32, height as u32);
         let place = |pixel: usize, ray: usize| {
             let corner = dvec2((pixel % width) as f64, (pixel / width) as f64);
             let within = dvec2((ray % side) as f64, (ray / side) as f64) + 0.5;
@@ -99,10 +96,6 @@ impl SphereSampler {
                 }
                 *pixel = sum.map(|sum| (sum / self.rays as f64).round() as u8);
             });
-        Rgb8Image {
-            width,
-            height,
-            data,
-        }
+        Rgb8Image::new(width, height, data)
     }
 }

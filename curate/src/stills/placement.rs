@@ -52,11 +52,7 @@ impl Placement {
         let [width, height] = self.size.map(|side| side as usize);
         let [left, top] = self.corner.map(|side| side as usize);
         let mut rgb = vec![0; 3 * full_width * full_height];
-        let mut mask = Mask {
-            width: full_width,
-            height: full_height,
-            data: vec![255; full_width * full_height],
-        };
+        let mut mask = Mask::new(full_width, full_height, vec![255; full_width * full_height]);
         for row in 0..height {
             for column in 0..width {
                 let from = row * width + column;

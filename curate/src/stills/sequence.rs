@@ -130,10 +130,7 @@ pub(crate) fn curate(
 fn analyse(stills: &Stills, source: &SourceVideo) -> Result<VideoAnalysis, CurateError> {
     let interval = frame_interval(&stills.times).unwrap_or(SECONDS_APART);
     let last = stills.times.last().copied().unwrap_or_default();
-    let range = TimeRange {
-        begin_seconds: 0.0,
-        end_seconds: last + interval,
-    };
+    let range = TimeRange::new(0.0, last + interval);
     let longest = stills.times.windows(2).map(|pair| pair[1] - pair[0]);
     let probe = Probe {
         frames_per_second: 1.0 / interval,
@@ -160,23 +157,12 @@ fn analyse(stills: &Stills, source: &SourceVideo) -> Result<VideoAnalysis, Curat
 }
 
 /// Returns the probe of images of `size` that are not frames of a video.
-fn probe_of([width, height]: [u32; 2]) -> Probe {
+fn probe_of(size: [u32; 2]) -> Probe {
     Probe {
         container: STILLS.to_owned(),
         codec: STILLS.to_owned(),
-        width,
-        height,
         pixel_format: "rgb24".to_owned(),
-        bit_depth: 8,
-        frames_per_second: 0.0,
-        duration_seconds: 0.0,
-        decoded_frames: None,
-        variable_frame_rate: None,
-        longest_interval_seconds: None,
-        rotation_degrees: 0.0,
-        pixel_aspect_ratio: 1.0,
-        transfer: "unknown".to_owned(),
-        spherical: None,
+        ..Probe::of_size(size)
     }
 }
 
@@ -207,11 +193,7 @@ fn sample(path: &Path) -> Result<Rgb8Image, CurateError> {
     let width = SAMPLE_WIDTH_PIXELS.min(image.width);
     let height = (width * image.height / image.width).max(1);
     let small = image.resized_by_area(width, height);
-    Ok(Rgb8Image {
-        width,
-        height,
-        data: small.to_rgb8(),
-    })
+    Ok(Rgb8Image::new(width, height, small.to_rgb8()))
 }
 
 /// Returns a still as viewers show it.

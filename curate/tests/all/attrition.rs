@@ -153,10 +153,7 @@ fn files_of_a_folder_that_are_not_taken_are_in_both_records() {
 fn leave_out(folder: &Path, [begin_seconds, end_seconds]: [f64; 2]) {
     let mut ledger = Evidence::read(folder).unwrap().ledger(folder).unwrap();
     let action = LedgerAction::Label(SegmentLabel {
-        range: TimeRange {
-            begin_seconds,
-            end_seconds,
-        },
+        range: TimeRange::new(begin_seconds, end_seconds),
         scene: None,
         action: None,
         traversal: None,

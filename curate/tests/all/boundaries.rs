@@ -19,11 +19,7 @@ fn image(colour: impl Fn(usize, usize) -> [f64; 3]) -> Rgb8Image {
             data.extend(colour(x, y).map(|v| (v.clamp(0.0, 1.0) * 255.0).round() as u8));
         }
     }
-    Rgb8Image {
-        width: WIDTH,
-        height: HEIGHT,
-        data,
-    }
+    Rgb8Image::new(WIDTH, HEIGHT, data)
 }
 
 fn signals(seconds: f64, fps: f64, show: impl Fn(f64, usize, usize) -> [f64; 3]) -> Signals {

@@ -9,10 +9,7 @@ use omnilife_schemas::{
     npy,
     points::PointCloud,
     progress::Silent,
-    records::{
-        Colour, DenseStereo, Padding, PoseSource, PoseValidation, Protocol, Resampling, Scale,
-        Scene, SceneFrame, ScoredViews, Split, SplitRule, ValidationStatus,
-    },
+    records::{DenseStereo, Protocol, Scale, Scene, SceneFrame, ScoredViews, Split, SplitRule},
     rgb::{self, Mask},
     scene_points::ScenePoints,
     store,
@@ -103,57 +100,31 @@ impl Flight {
             let mask = self.masked.then(|| format!("{number:06}-mask.png"));
             if let Some(mask) = &mask {
                 let covered = (0..SIZE[0] * SIZE[1]).map(|at| u8::from(at % SIZE[0] < 40) * 255);
-                Mask {
-                    width: SIZE[0] as usize,
-                    height: SIZE[1] as usize,
-                    data: covered.collect(),
-                }
-                .write_png(&folder.join(mask))
-                .unwrap();
+                Mask::new(SIZE[0] as usize, SIZE[1] as usize, covered.collect())
+                    .write_png(&folder.join(mask))
+                    .unwrap();
             }
             SceneFrame {
-                image,
-                time_seconds: number as f64,
-                pose: Some(Pose::new(DQuat::from_mat3(&to_world), centre)),
                 mask,
-                ignore_mask: None,
-                classes: [].into(),
-                objects: [].into(),
-                boxes: [].into(),
-                depth: None,
-                depth_prior: None,
-                capture: None,
+                ..SceneFrame::new(
+                    image,
+                    number as f64,
+                    Some(Pose::new(DQuat::from_mat3(&to_world), centre)),
+                )
             }
         });
         let scene = Scene {
-            id: "flight".to_owned(),
-            camera: camera().into(),
             scale: Scale::Metres,
-            frames: frames.collect(),
             points: self.with_points.then(|| "points.ply".to_owned()),
-            pose_source: PoseSource::Given {
-                file: "poses.json".to_owned(),
-            },
-            validation: PoseValidation {
-                status: ValidationStatus::Unchecked,
-                registered_frames: 7,
-                total_frames: 7,
-                measures: [].into(),
-                problems: Vec::new(),
-            },
-            published_split: None,
-            objects: [].into(),
+            ..Scene::given("flight", camera(), frames.collect())
         };
         if self.with_points {
             let positions: Vec<[f64; 3]> = (0..400)
                 .map(|n| [f64::from(n % 20) - 10.0, f64::from(n / 20) - 10.0, 0.0])
                 .collect();
-            PointCloud {
-                colours: vec![[90; 3]; positions.len()],
-                positions,
-            }
-            .write_ply(&folder.join("points.ply"))
-            .unwrap();
+            PointCloud::of_colour(positions, [90; 3])
+                .write_ply(&folder.join("points.ply"))
+                .unwrap();
         }
         store::write_record(&folder.join("scene.json"), &scene).unwrap();
         scene
@@ -317,28 +288,8 @@ fn nothing_is_known_under_masks() {
 fn input_views_alone_are_looked_at() {
     let temp = tempfile::tempdir().unwrap();
     let scene = FLIGHT.write(temp.path());
-    let protocol = Protocol {
-        id: "test".to_owned(),
-        version: 1,
-        split: SplitRule::AllGiven,
-        scored: ScoredViews::Novel,
-        largest_width: None,
-        resampling: Resampling::Area,
-        padding: Padding::None,
-        colour: Colour::Srgb8,
-        metrics: Vec::new(),
-        mask_rule: "none".to_owned(),
-    };
-    let split = Split {
-        scene: "flight".to_owned(),
-        protocol_hash: protocol.hash(),
-        protocol,
-        input_views: vec![0, 2, 4, 6],
-        novel_views: vec![1, 3, 5],
-        unposed: Vec::new(),
-        groups: Vec::new(),
-        incomplete: Vec::new(),
-    };
+    let protocol = Protocol::new("test", SplitRule::AllGiven, ScoredViews::Novel);
+    let split = Split::new("flight", protocol, vec![0, 2, 4, 6], vec![1, 3, 5]);
     let file = temp.path().join("alternate/split.json");
     fs::create_dir(temp.path().join("alternate")).unwrap();
     store::write_record(&file, &split).unwrap();
@@ -417,10 +368,7 @@ fn what_has_no_depth_is_refused_in_one_line() {
     }
     let folder = temp.path().join("panorama");
     let mut scene = FLIGHT.write(&folder);
-    scene.camera = Camera::Erp(ErpCamera {
-        width: 160,
-        height: 120,
-    });
+    scene.camera = Camera::Erp(ErpCamera::new(160, 120));
     store::write_record(&folder.join("scene.json"), &scene).unwrap();
     let message = make_dense(&request(&folder), &Silent)
         .unwrap_err()

@@ -27,21 +27,21 @@ fn sequence(folder: &Path) -> (PathBuf, PathBuf) {
         ..CurateSettings::default()
     };
     curate_video(&video, &folder.join("walk"), &settings, &Silent).unwrap();
-    let poses = Poses {
-        scale: Scale::Metres,
-        camera: None,
-        frames: (0..12)
-            .map(|frame| PosedFrame {
-                time_seconds: 0.1 * f64::from(frame),
-                pose: Pose {
-                    rotation_wxyz: [1.0, 0.0, 0.0, 0.0],
-                    centre: [f64::from(frame), 0.0, 0.0],
-                },
-                mask: None,
+    let poses = Poses::new(
+        Scale::Metres,
+        None,
+        (0..12)
+            .map(|frame| {
+                PosedFrame::new(
+                    0.1 * f64::from(frame),
+                    Pose {
+                        rotation_wxyz: [1.0, 0.0, 0.0, 0.0],
+                        centre: [f64::from(frame), 0.0, 0.0],
+                    },
+                )
             })
             .collect(),
-        points: None,
-    };
+    );
     let path = folder.join("poses.json");
     store::write_record(&path, &poses).unwrap();
     (folder.join("walk/seq-000"), path)

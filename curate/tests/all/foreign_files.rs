@@ -45,12 +45,7 @@ fn write_poses(file: &Path, step: f64, mask: Option<&str>) -> PoseRequest {
             mask: mask.filter(|_| index == 4).map(str::to_owned),
         })
         .collect();
-    let record = Poses {
-        camera: None,
-        scale: Scale::Metres,
-        frames,
-        points: None,
-    };
+    let record = Poses::new(Scale::Metres, None, frames);
     store::write_record(file, &record).unwrap();
     PoseRequest::Given(file.to_owned())
 }

@@ -18,10 +18,7 @@ use proptest::prelude::*;
 const FPS: f64 = 25.0;
 
 fn range() -> TimeRange {
-    TimeRange {
-        begin_seconds: 0.0,
-        end_seconds: 40.0,
-    }
+    TimeRange::new(0.0, 40.0)
 }
 
 fn source() -> SourceVideo {
@@ -376,10 +373,7 @@ proptest! {
 
 fn label(begin_seconds: f64, end_seconds: f64, scene: Option<&str>) -> LedgerAction {
     LedgerAction::Label(SegmentLabel {
-        range: TimeRange {
-            begin_seconds,
-            end_seconds,
-        },
+        range: TimeRange::new(begin_seconds, end_seconds),
         scene: scene.map(str::to_owned),
         action: None,
         traversal: None,
@@ -400,10 +394,7 @@ fn an_expert_says_last_what_is_left_out() {
             ..label
         })
     };
-    let range = |begin_seconds, end_seconds| TimeRange {
-        begin_seconds,
-        end_seconds,
-    };
+    let range = TimeRange::new;
     let mut of_ada = decisions(vec![segment(true)]);
     of_ada.author = "Ada".to_owned();
     of_ada.role = PersonRole::Annotator;
@@ -437,10 +428,7 @@ fn labels_are_of_the_segments_that_they_cover_and_an_experts_counts_more() {
     ledger.write().unwrap();
     let read = Ledger::read(&path).unwrap();
     let last = |begin_seconds: f64, end_seconds: f64| {
-        let range = TimeRange {
-            begin_seconds,
-            end_seconds,
-        };
+        let range = TimeRange::new(begin_seconds, end_seconds);
         let found = labels::of_segment(read.entries(), range);
         found.last().map(|(_, label)| label.scene.clone().unwrap())
     };

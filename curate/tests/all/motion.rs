@@ -24,10 +24,7 @@ use support::{shared_data, world_colour};
 
 use crate::support;
 
-const CAMERA: ErpCamera = ErpCamera {
-    width: 256,
-    height: 128,
-};
+const CAMERA: ErpCamera = ErpCamera::new(256, 128);
 
 /// Returns the view of a camera rotated by `rotation` (camera to world).
 fn seen(rotation: DQuat, colour: impl Fn(DVec3) -> [f64; 3]) -> GreySphere {
@@ -153,11 +150,7 @@ fn a_camera_that_stands_has_no_heading() {
 
 #[test]
 fn shares_are_of_the_sphere() {
-    let mut mask = Mask {
-        width: 64,
-        height: 32,
-        data: vec![0; 64 * 32],
-    };
+    let mut mask = Mask::new(64, 32, vec![0; 64 * 32]);
     // The rows beyond 60 degrees north: a cap of (1 - sin 60) / 2.
     for value in &mut mask.data[..64 * 32 / 6] {
         *value = 255;
@@ -185,26 +178,11 @@ fn rendered(data: &Path, folder: &Path, frames: &[usize]) {
             sha256: String::new(),
             bytes: 0,
         },
-        range: TimeRange {
-            begin_seconds: 0.0,
-            end_seconds: 2.0,
-        },
+        range: TimeRange::new(0.0, 2.0),
         probe: Probe {
-            container: String::new(),
-            codec: String::new(),
-            width: 1024,
-            height: 512,
-            pixel_format: String::new(),
-            bit_depth: 8,
             frames_per_second: 30.0,
             duration_seconds: 2.0,
-            decoded_frames: None,
-            variable_frame_rate: None,
-            longest_interval_seconds: None,
-            rotation_degrees: 0.0,
-            pixel_aspect_ratio: 1.0,
-            transfer: "bt709".to_owned(),
-            spherical: None,
+            ..Probe::of_size([1024, 512])
         },
         projection: DetectedProjection {
             projection: VideoProjection::Erp,
@@ -331,11 +309,7 @@ fn turns_of_a_rendered_scene_are_found_while_it_moves() {
 /// Paints stripes on what a camera would carry, across the seam, and returns their mask.
 fn painted(image: &mut RgbImage) -> Mask {
     let (width, height) = (image.width, image.height);
-    let mut mask = Mask {
-        width,
-        height,
-        data: vec![0; width * height],
-    };
+    let mut mask = Mask::new(width, height, vec![0; width * height]);
     // From 25 to 78 degrees below the horizon, 25 degrees to both sides.
     let rows = height * 115 / 180..height * 168 / 180;
     for (pixel, mark) in mask.data.iter_mut().enumerate() {

@@ -15,8 +15,8 @@ use omnilife_schemas::{
     points::PointCloud,
     progress::Silent,
     records::{
-        DatasetStatus, PartState, PartStatus, PoseSource, PoseValidation, Sampling, Scale, Scene,
-        SceneFrame, Sequence, SequencePart, ValidationStatus,
+        DatasetStatus, PartState, PartStatus, Sampling, Scale, Scene, SceneFrame, Sequence,
+        SequencePart,
     },
     rgb::{self, Mask},
     store,
@@ -62,11 +62,7 @@ fn mask(folder: &Path) {
     );
     for frame in &sequence.frames.entries {
         let pixels = (0..width * height).map(|at| 255 * u8::from(at % width < width / 4));
-        let mask = Mask {
-            width,
-            height,
-            data: pixels.collect(),
-        };
+        let mask = Mask::new(width, height, pixels.collect());
         let name = Path::new(&frame.file).file_name().unwrap();
         mask.write_png(&given.join(name)).unwrap();
     }
@@ -176,50 +172,22 @@ fn imported(folder: &Path) {
         let image = format!("frames/{index:06}.png");
         let pixels = vec![40 * index; 32 * 16 * 3];
         rgb::write_rgb8_png(&folder.join(&image), 32, 16, &pixels).unwrap();
-        SceneFrame {
+        SceneFrame::new(
             image,
-            time_seconds: 0.5 * f64::from(index),
-            capture: None,
-            pose: Some(Pose::new(
+            0.5 * f64::from(index),
+            Some(Pose::new(
                 DQuat::IDENTITY,
                 [0.0, 0.0, f64::from(index)].into(),
             )),
-            mask: None,
-            ignore_mask: None,
-            classes: [].into(),
-            objects: [].into(),
-            boxes: [].into(),
-            depth: None,
-            depth_prior: None,
-        }
+        )
     });
     let scene = Scene {
-        id: "hall".to_owned(),
-        camera: ErpCamera {
-            width: 32,
-            height: 16,
-        }
-        .into(),
         scale: Scale::Metres,
-        frames: frames.collect(),
         points: Some("points.ply".to_owned()),
-        pose_source: PoseSource::Given {
-            file: "poses.json".to_owned(),
-        },
-        validation: PoseValidation {
-            status: ValidationStatus::Unchecked,
-            registered_frames: 4,
-            total_frames: 4,
-            measures: Default::default(),
-            problems: Vec::new(),
-        },
-        published_split: None,
-        objects: [].into(),
+        ..Scene::given("hall", ErpCamera::new(32, 16), frames.collect())
     };
-    let points = PointCloud {
-        positions: vec![[0.0, -50.0, 1.5], [0.0, 50.0, 1.5]],
-        colours: vec![[1, 2, 3]; 2],
-    };
+    let positions = vec![[0.0, -50.0, 1.5], [0.0, 50.0, 1.5]];
+    let points = PointCloud::of_colour(positions, [1, 2, 3]);
     points.write_ply(&folder.join("points.ply")).unwrap();
     store::write_record(&folder.join("scene.json"), &scene).unwrap();
 }

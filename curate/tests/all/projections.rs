@@ -9,21 +9,9 @@ use crate::support;
 
 fn probe(width: u32, height: u32) -> Probe {
     Probe {
-        container: "mp4".to_owned(),
-        codec: "h264".to_owned(),
-        width,
-        height,
-        pixel_format: "yuv420p".to_owned(),
-        bit_depth: 8,
         frames_per_second: 30.0,
         duration_seconds: 10.0,
-        decoded_frames: None,
-        variable_frame_rate: None,
-        longest_interval_seconds: None,
-        rotation_degrees: 0.0,
-        pixel_aspect_ratio: 1.0,
-        transfer: "bt709".to_owned(),
-        spherical: None,
+        ..Probe::of_size([width, height])
     }
 }
 
@@ -34,11 +22,7 @@ fn paint(width: usize, height: usize, colour: impl Fn(usize, usize) -> [f64; 3])
             data.extend(colour(x, y).map(|v| (v.clamp(0.0, 1.0) * 255.0).round() as u8));
         }
     }
-    Rgb8Image {
-        width,
-        height,
-        data,
-    }
+    Rgb8Image::new(width, height, data)
 }
 
 /// A world with structure at all scales, so that stereo has details to match.

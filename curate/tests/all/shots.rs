@@ -314,10 +314,7 @@ fn a_video_whose_shots_are_mostly_flat_is_rejected_as_a_whole() {
 fn keep(folder: &Path, begin_seconds: f64, end_seconds: f64) {
     let mut ledger = Evidence::read(folder).unwrap().ledger(folder).unwrap();
     let action = LedgerAction::Label(SegmentLabel {
-        range: TimeRange {
-            begin_seconds,
-            end_seconds,
-        },
+        range: TimeRange::new(begin_seconds, end_seconds),
         scene: None,
         action: None,
         traversal: None,

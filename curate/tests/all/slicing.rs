@@ -60,10 +60,7 @@ fn mean_difference(a: &[u8], b: &[u8]) -> f64 {
 }
 
 fn range(begin_seconds: f64, end_seconds: f64) -> TimeRange {
-    TimeRange {
-        begin_seconds,
-        end_seconds,
-    }
+    TimeRange::new(begin_seconds, end_seconds)
 }
 
 #[test]

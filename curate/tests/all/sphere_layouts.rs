@@ -218,17 +218,13 @@ fn half_of_a_sphere_becomes_a_scene_that_ignores_the_rest() {
     assert!(psnr > 35.0, "{psnr:.2} dB");
     assert_eq!(sequence.projection.projection, VideoProjection::HalfErp);
 
-    let frames = sequence.frames.entries.iter().map(|entry| PosedFrame {
-        time_seconds: entry.time_seconds,
-        pose: Pose::new(DQuat::IDENTITY, DVec3::X * entry.time_seconds),
-        mask: None,
+    let frames = sequence.frames.entries.iter().map(|entry| {
+        PosedFrame::new(
+            entry.time_seconds,
+            Pose::new(DQuat::IDENTITY, DVec3::X * entry.time_seconds),
+        )
     });
-    let poses = Poses {
-        scale: Scale::Arbitrary,
-        camera: None,
-        frames: frames.collect(),
-        points: None,
-    };
+    let poses = Poses::new(Scale::Arbitrary, None, frames.collect());
     let file = temp.path().join("poses.json");
     store::write_record(&file, &poses).unwrap();
     let folder = stored

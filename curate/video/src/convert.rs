@@ -25,6 +25,15 @@ pub struct Rgb8Image {
 }
 
 impl Rgb8Image {
+    /// Makes an image of `height * width * 3` values.
+    pub fn new(width: usize, height: usize, data: Vec<u8>) -> Self {
+        Self {
+            width,
+            height,
+            data,
+        }
+    }
+
     /// Returns the pixel in column `x` and row `y`.
     #[inline]
     pub fn pixel(&self, x: usize, y: usize) -> [u8; 3] {
@@ -227,9 +236,5 @@ fn packed(frame: &ffmpeg::frame::Video) -> Result<Rgb8Image, ffmpeg::Error> {
     for y in 0..height {
         data.extend_from_slice(plane.row(y));
     }
-    Ok(Rgb8Image {
-        width,
-        height,
-        data,
-    })
+    Ok(Rgb8Image::new(width, height, data))
 }

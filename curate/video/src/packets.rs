@@ -161,10 +161,7 @@ mod tests {
     }
 
     fn range(begin_seconds: f64, end_seconds: f64) -> TimeRange {
-        TimeRange {
-            begin_seconds,
-            end_seconds,
-        }
+        TimeRange::new(begin_seconds, end_seconds)
     }
 
     #[test]

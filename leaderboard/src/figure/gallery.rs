@@ -346,11 +346,7 @@ mod tests {
     fn what_a_mask_marks_is_coloured_below_the_frame() {
         let mut image = RgbImage::black(8, 4);
         image.data.fill(0.5);
-        let mut mask = Mask {
-            width: 4,
-            height: 2,
-            data: vec![0; 8],
-        };
+        let mut mask = Mask::new(4, 2, vec![0; 8]);
         mask.data[3] = 255;
         let with_mask = Panels {
             marked: Some(marked(image.clone(), &mask)),

@@ -179,11 +179,7 @@ fn crop(image: &RgbImage, [left, top]: [usize; 2], [width, height]: [usize; 2]) 
         let begin = (row * image.width + left) * 3;
         data.extend_from_slice(&image.data[begin..begin + width * 3]);
     }
-    RgbImage {
-        width,
-        height,
-        data,
-    }
+    RgbImage::new(width, height, data)
 }
 
 /// Enlarges an image by nearest pixels: an enlarged part shows its pixels and no more.
@@ -195,11 +191,7 @@ fn enlarged(image: &RgbImage, width: usize, height: usize) -> RgbImage {
             data.extend_from_slice(&image.data[at * 3..at * 3 + 3]);
         }
     }
-    RgbImage {
-        width,
-        height,
-        data,
-    }
+    RgbImage::new(width, height, data)
 }
 
 fn difference(truth: &RgbImage, view: &RgbImage) -> RgbImage {

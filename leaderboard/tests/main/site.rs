@@ -9,8 +9,8 @@ use crate::support::{request, result, summary, write};
 use omnilife_leaderboard::{LeaderboardRequest, build_leaderboard};
 use omnilife_schemas::{
     records::{
-        Colour, Dataset, Origin, OriginKind, Padding, Protocol, Resampling, ScoredViews, Split,
-        SplitRule, VideoEntry, VideoStatus,
+        Dataset, Origin, OriginKind, Protocol, ScoredViews, Split, SplitRule, VideoEntry,
+        VideoStatus,
     },
     rgb, store,
 };
@@ -48,19 +48,16 @@ fn image(path: &Path, [width, height]: [u32; 2], error: u8) {
 pub(crate) fn small_site(folder: &Path) -> LeaderboardRequest {
     let input = folder.join("results");
     let protocol = Protocol {
-        id: "per-scene".to_owned(),
-        version: 1,
-        split: SplitRule::EveryNth {
-            period: 5,
-            offset: 4,
-        },
-        scored: ScoredViews::InputAndNovel,
         largest_width: Some(512),
-        resampling: Resampling::Area,
-        padding: Padding::None,
-        colour: Colour::Srgb8,
         metrics: ["psnr", "ssim"].map(str::to_owned).to_vec(),
-        mask_rule: "none".to_owned(),
+        ..Protocol::new(
+            "per-scene",
+            SplitRule::EveryNth {
+                period: 5,
+                offset: 4,
+            },
+            ScoredViews::InputAndNovel,
+        )
     };
     let scenes = [
         ("street/seq-000", 20.0),
@@ -92,16 +89,7 @@ pub(crate) fn small_site(folder: &Path) -> LeaderboardRequest {
         unscored.novel_views.clear();
         unscored.warnings = vec!["novel views were not scored: no predictions given".to_owned()];
         write(&input, &unscored);
-        let split = Split {
-            scene: scene.to_owned(),
-            protocol_hash: protocol.hash(),
-            protocol: protocol.clone(),
-            input_views: vec![0],
-            novel_views: vec![4],
-            unposed: Vec::new(),
-            groups: Vec::new(),
-            incomplete: Vec::new(),
-        };
+        let split = Split::new(scene, protocol.clone(), vec![0], vec![4]);
         store::write_record(&input.join(scene).join("split.json"), &split).unwrap();
     }
     LeaderboardRequest {

@@ -28,12 +28,9 @@ pub(crate) fn summary(mean: f64, views: u32) -> Summary {
 /// A result whose novel views score `psnr` and its input views 3 dB more.
 pub(crate) fn result(scene: &str, method: &str, psnr: f64, ssim: f64) -> ResultRecord {
     ResultRecord {
-        method: method.to_owned(),
-        scene: scene.to_owned(),
         scene_sha256: store::sha256_bytes(scene.as_bytes()),
         protocol: "per-scene/1".to_owned(),
         protocol_hash: HASH.to_owned(),
-        rules: None,
         scored_size: [512, 256],
         input_views: [
             ("psnr".to_owned(), summary(psnr + 3.0, 48)),
@@ -45,28 +42,10 @@ pub(crate) fn result(scene: &str, method: &str, psnr: f64, ssim: f64) -> ResultR
             ("ssim".to_owned(), summary(ssim, 12)),
         ]
         .into(),
-        failures: Vec::new(),
-        unavailable: Vec::new(),
-        regions: None,
-        frames_table: "frames.csv".to_owned(),
-        objects: None,
-        run_failure: None,
-        predictions: None,
-        statement: None,
-        training: None,
         training_seconds: Some(61.25),
-        seed: None,
-        backend: None,
-        hardware: None,
-        run_versions: [].into(),
-        rendering_seconds: None,
-        stages: Vec::new(),
-        aids: None,
-        peak_memory_bytes: None,
         primitives: Some(123_456),
         iterations: Some(3000),
-        warnings: Vec::new(),
-        versions: [].into(),
+        ..ResultRecord::new(method, scene)
     }
 }
 

@@ -70,10 +70,7 @@ impl Iteration {
             .loss
             .forward_backward(&raster.colour, &self.target, 0.2);
         lap("loss");
-        let upstream = RasterGradient {
-            colour,
-            features: &[],
-        };
+        let upstream = RasterGradient::new(colour, &[]);
         self.renderer.backward_timed(
             0..self.instant.len(),
             &self.view,

@@ -65,11 +65,7 @@ fn vary(table: &mut ParameterTable, random: &mut Pcg64Mcg) {
 pub(crate) fn view(width: u32) -> View {
     let rotation = DQuat::from_euler(glam::EulerRot::XYZ, 0.3, -1.1, 0.2);
     View {
-        camera: ErpCamera {
-            width,
-            height: width / 2,
-        }
-        .into(),
+        camera: ErpCamera::new(width, width / 2).into(),
         rotation: Mat3::from_quat(rotation.as_quat()),
         centre: Vec3::ZERO,
         time_seconds: 0.0,
@@ -84,11 +80,7 @@ pub(crate) fn target(count: usize, view: &View, settings: RenderSettings) -> Rgb
 }
 
 /// Sixty frames a second apart.
-const CLIP: Clock = Clock {
-    origin_seconds: 0.0,
-    frame_seconds: 1.0,
-    duration_frames: 60.0,
-};
+const CLIP: Clock = Clock::new(0.0, 1.0, 60.0);
 
 /// Returns the network of Deformable-GS, active from the first step on, in a [`CLIP`].
 pub(crate) fn deformation() -> Deformable {

@@ -59,6 +59,15 @@ impl TimeSpan {
 }
 
 impl Clock {
+    /// Makes a clock from the middle of the clip and the time between frames, seconds, and the clip's length, frames.
+    pub const fn new(origin_seconds: f64, frame_seconds: f64, duration_frames: f32) -> Self {
+        Self {
+            origin_seconds,
+            frame_seconds,
+            duration_frames,
+        }
+    }
+
     /// Creates the clock of increasing times in seconds. A single frame lasts one second.
     pub fn from_times(times: &[f64]) -> Self {
         let (first, last) = match (times.first(), times.last()) {

@@ -218,11 +218,7 @@ mod tests {
 
     #[test]
     fn parameterizations_with_kernels_on_a_gpu_are_those_of_the_list() {
-        let clock = Clock {
-            origin_seconds: 0.0,
-            frame_seconds: 1.0,
-            duration_frames: 1.0,
-        };
+        let clock = Clock::new(0.0, 1.0, 1.0);
         let temporal = TemporalGaussians {
             clock,
             time: TimeModel {

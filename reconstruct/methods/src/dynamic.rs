@@ -219,11 +219,7 @@ mod tests {
 
     #[test]
     fn first_peaks_are_drawn_apart_from_the_order_of_views() {
-        let clock = Clock {
-            origin_seconds: 0.0,
-            frame_seconds: 0.1,
-            duration_frames: 40.0,
-        };
+        let clock = Clock::new(0.0, 0.1, 40.0);
         let peaks = |seed: u64| scattered_times(&clock, 50, 2.0, seed).peaks;
         let half = 0.5 * PEAK_RANGE * clock.duration_frames;
         let mut of_views = stream(3, Purpose::ViewOrder);

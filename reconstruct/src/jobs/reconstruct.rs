@@ -195,10 +195,7 @@ fn begun_record(
         stages: Vec::new(),
         seconds_per_group: None,
         peak_memory_bytes: None,
-        normalization: Similarity {
-            offset: [0.0; 3],
-            scale: 1.0,
-        },
+        normalization: Similarity::new([0.0; 3], 1.0),
         up: run_views::up(scene, split),
         clip_seconds: run_views::clip_seconds(scene, split),
         views: can_be_edited.then(|| run_views::poses(scene, split)),

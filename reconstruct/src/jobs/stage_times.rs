@@ -80,7 +80,7 @@ mod tests {
     use omnilife_schemas::{
         camera::ErpCamera,
         elapsed::Elapsed,
-        records::{PoseValidation, Scale, TrackStage, ValidationStatus},
+        records::{PoseValidation, Scale, TrackStage},
     };
 
     use super::*;
@@ -88,11 +88,7 @@ mod tests {
     fn scene() -> Scene {
         Scene {
             id: "flight".to_owned(),
-            camera: ErpCamera {
-                width: 4,
-                height: 2,
-            }
-            .into(),
+            camera: ErpCamera::new(4, 2).into(),
             frames: Vec::new(),
             points: None,
             scale: Scale::Metres,
@@ -101,13 +97,7 @@ mod tests {
                 configuration: "default".to_owned(),
                 wall_seconds: 3,
             },
-            validation: PoseValidation {
-                status: ValidationStatus::Unchecked,
-                registered_frames: 0,
-                total_frames: 0,
-                measures: [].into(),
-                problems: Vec::new(),
-            },
+            validation: PoseValidation::unchecked(0, 0),
             published_split: None,
             objects: [].into(),
         }

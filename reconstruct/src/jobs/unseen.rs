@@ -218,10 +218,7 @@ mod tests {
         assert!((beside - 0.5).abs() < 0.03, "{beside}");
         assert_eq!(of(pose(std::f64::consts::PI, DVec3::ZERO)), 1.0);
         // An input view of a sixth of the sphere.
-        let sphere = ErpCamera {
-            width: 128,
-            height: 64,
-        };
+        let sphere = ErpCamera::new(128, 64);
         let around = share(sphere.into(), &wall, pose(0.0, DVec3::ZERO));
         assert!((around - 5.0 / 6.0).abs() < 0.05, "{around}");
     }

@@ -3,7 +3,6 @@
 use glam::{DQuat, DVec3, Mat3, Vec3};
 use omnilife_schemas::{
     Pose, Similarity, camera::CameraModel, camera::ErpCamera, points::PointCloud, progress::Silent,
-    records::Scale,
 };
 
 use crate::{
@@ -361,19 +360,7 @@ pub(super) fn scene_of(frames: u32) -> Option<TrainingScene> {
         points.colours.push([128; 3]);
     }
     Some(TrainingScene {
-        id: "stripes".to_owned(),
-        camera: camera.into(),
-        input_views,
-        novel_views: Vec::new(),
-        normalization,
-        scale: Scale::Arbitrary,
-        added_points: 0,
-        seen_for_points: None,
-        depth_priors: Vec::new(),
-        novel_depth_priors: Vec::new(),
-        is_normalized_by_points: false,
-        objects: [].into(),
-        tracks: None,
         points,
+        ..TrainingScene::new("stripes", camera.into(), input_views, normalization)
     })
 }

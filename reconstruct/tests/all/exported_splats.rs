@@ -184,16 +184,14 @@ proptest! {
 /// Renders an image of a model from the origin.
 fn drawn(model: &Path, folder: &Path, progress: &dyn Progress) -> RgbImage {
     let poses = folder.join("poses.json");
-    let record = Poses {
-        scale: Scale::Arbitrary,
-        camera: None,
-        frames: vec![PosedFrame {
-            time_seconds: 0.0,
-            pose: Pose::new(DQuat::IDENTITY, DVec3::ZERO),
-            mask: None,
-        }],
-        points: None,
-    };
+    let record = Poses::new(
+        Scale::Arbitrary,
+        None,
+        vec![PosedFrame::new(
+            0.0,
+            Pose::new(DQuat::IDENTITY, DVec3::ZERO),
+        )],
+    );
     store::write_record(&poses, &record).unwrap();
     let request = RenderRequest {
         model: model.to_owned(),

@@ -27,10 +27,7 @@ use support::{
 use crate::support;
 use crate::support::device;
 
-const PLAIN: Richness = Richness {
-    sh_degree: 0,
-    features: 0,
-};
+const PLAIN: Richness = Richness::new(0, 0);
 
 fn view(camera: Camera, rotation: DQuat, footprint: Footprint) -> RefView {
     RefView::new(
@@ -79,10 +76,7 @@ fn compare(renderer: &mut GpuRenderer, view: &RefView, gaussians: &[Gaussian]) {
     let mut noise =
         |len: usize| -> Vec<f32> { (0..len).map(|_| random.random_range(-1.0..1.0)).collect() };
     let (colour, features) = (noise(raster.colour.len()), noise(raster.features.len()));
-    let upstream = RasterGradient {
-        colour: &colour,
-        features: &features,
-    };
+    let upstream = RasterGradient::new(&colour, &features);
     let (mut gradient, mut expected) =
         (ActivatedGaussians::default(), ActivatedGaussians::default());
     renderer.backward(&upstream, &mut gradient).unwrap();
@@ -123,10 +117,7 @@ fn images_and_gradients_are_those_of_the_reference_and_of_the_cpu() {
 
 fn images_and_gradients_agree(gpu: Arc<Gpu>) {
     let mut unused = GpuRenderer::new(Arc::clone(&gpu), settings(Footprint::Projected));
-    let upstream = RasterGradient {
-        colour: &[],
-        features: &[],
-    };
+    let upstream = RasterGradient::new(&[], &[]);
     let refused = unused.backward(&upstream, &mut ActivatedGaussians::default());
     assert!(
         matches!(refused, Err(GpuError::Failed { .. })),
@@ -142,10 +133,7 @@ fn images_and_gradients_agree(gpu: Arc<Gpu>) {
             (erp(40), turned(), 3),
             (pinhole(50, 35), turned(), 0),
         ] {
-            let richness = Richness {
-                sh_degree,
-                features: 2,
-            };
+            let richness = Richness::new(sh_degree, 2);
             let gaussians = scene(&mut random, 60, richness);
             compare(
                 &mut renderer,
@@ -155,10 +143,7 @@ fn images_and_gradients_agree(gpu: Arc<Gpu>) {
         }
     }
     // Harmonics above the drawn degree stay unchanged.
-    let richness = Richness {
-        sh_degree: 3,
-        features: 2,
-    };
+    let richness = Richness::new(3, 2);
     let mut view = view(erp(48), turned(), Footprint::Projected);
     view.settings.sh_degree = 1;
     compare(&mut renderer, &view, &scene(&mut random, 40, richness));
@@ -199,10 +184,7 @@ fn what_is_hidden_has_no_gradient_and_gradients_are_the_same_each_time() {
         compare(&mut renderer, &view, &layers);
         let gradient = |renderer: &mut GpuRenderer| {
             let raster = renderer.forward(&view.view(), &instant(&layers)).unwrap();
-            let upstream = RasterGradient {
-                colour: &raster.colour,
-                features: &[],
-            };
+            let upstream = RasterGradient::new(&raster.colour, &[]);
             let mut gradient = ActivatedGaussians::default();
             renderer.backward(&upstream, &mut gradient).unwrap();
             gradient
@@ -268,10 +250,7 @@ fn hopeless_gaussians_are_left_out_and_harm_nothing() {
     let raster = renderer.forward(&view, &degenerate).unwrap();
     assert_eq!(raster, expected);
     let ones = vec![1.0; raster.colour.len()];
-    let upstream = RasterGradient {
-        colour: &ones,
-        features: &[],
-    };
+    let upstream = RasterGradient::new(&ones, &[]);
     let mut gradient = ActivatedGaussians::default();
     renderer.backward(&upstream, &mut gradient).unwrap();
     let (of_clean, of_hopeless) = gradient.positions.split_at(clean.len());

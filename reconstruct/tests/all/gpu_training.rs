@@ -203,11 +203,7 @@ fn steps_with_a_network_are_those_of_the_cpu() {
     assert_eq!(on_gpu.take_statistics().unwrap().refused, [0; 7]);
     let view = &scene.novel_views[0].view;
     let small = View {
-        camera: ErpCamera {
-            width: 32,
-            height: 16,
-        }
-        .into(),
+        camera: ErpCamera::new(32, 16).into(),
         ..*view
     };
     for view in [view, &small] {

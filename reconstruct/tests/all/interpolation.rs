@@ -12,7 +12,7 @@ use omnilife_reconstruct::stereo::{SweepSettings, SweptDepth};
 use omnilife_schemas::{
     RgbImage,
     camera::ErpCamera,
-    records::{Colour, Padding, Protocol, Resampling, ScoredViews, Split, SplitRule},
+    records::{Protocol, ScoredViews, Split, SplitRule},
 };
 use painted_room::seen;
 
@@ -29,10 +29,7 @@ fn camera_pose(along: f64) -> CameraPose {
 
 /// Returns a group in the room, the distances seen from its first view, and the novel views.
 fn room_group(width: u32) -> (Group, Vec<f64>, Vec<RgbImage>) {
-    let camera = ErpCamera {
-        width,
-        height: width / 2,
-    };
+    let camera = ErpCamera::new(width, width / 2);
     let camera_poses = [0.0, 1.0].map(camera_pose);
     let targets: Vec<CameraPose> = [0.25, 0.5, 0.75].map(camera_pose).to_vec();
     let (first, distances) = seen(camera, &camera_poses[0]);
@@ -182,28 +179,8 @@ fn a_camera_that_only_turns_has_no_depth_and_says_so() {
 }
 
 fn split(input_views: &[u32], novel_views: &[u32]) -> Split {
-    let protocol = Protocol {
-        id: "test".to_owned(),
-        version: 1,
-        split: SplitRule::AllGiven,
-        scored: ScoredViews::Novel,
-        largest_width: None,
-        resampling: Resampling::Area,
-        padding: Padding::None,
-        colour: Colour::Srgb8,
-        metrics: Vec::new(),
-        mask_rule: "none".to_owned(),
-    };
-    Split {
-        scene: "room".to_owned(),
-        protocol_hash: protocol.hash(),
-        protocol,
-        input_views: input_views.to_vec(),
-        novel_views: novel_views.to_vec(),
-        unposed: Vec::new(),
-        groups: Vec::new(),
-        incomplete: Vec::new(),
-    }
+    let protocol = Protocol::new("test", SplitRule::AllGiven, ScoredViews::Novel);
+    Split::new("room", protocol, input_views.to_vec(), novel_views.to_vec())
 }
 
 #[test]
@@ -258,10 +235,7 @@ fn the_sweep_finds_the_depth_of_rendered_scenes() {
         let poses: serde_json::Value = serde_json::from_str(&text).unwrap();
         let frames = [20_usize, 29];
         let group = Group {
-            camera: ErpCamera {
-                width: 1024,
-                height: 512,
-            },
+            camera: ErpCamera::new(1024, 512),
             context: frames.map(|frame| ContextView {
                 frame: frame as u32,
                 camera_pose: rendered_camera_pose(&poses, frame),

@@ -18,10 +18,7 @@ use omnilife_schemas::{
     Pose, RgbImage, Similarity,
     points::PointCloud,
     progress::Silent,
-    records::{
-        Colour, Padding, PoseSource, PoseValidation, Protocol, Resampling, RunRecord, Scale, Scene,
-        SceneFrame, ScoredViews, SplitRule, ValidationStatus,
-    },
+    records::{Protocol, RunRecord, Scale, Scene, SceneFrame, ScoredViews, SplitRule},
     split_rules, store,
 };
 use tempfile::TempDir;
@@ -128,55 +125,22 @@ fn trained(world: &World, change: impl Fn(&mut Scene)) -> Trained {
             .unwrap();
         let to_world = DQuat::from_mat3(&view.view.rotation.transpose().as_dmat3());
         let pose = Pose::new(world.turn * to_world, in_world(view.view.centre));
-        SceneFrame {
-            image,
-            time_seconds: view.view.time_seconds,
-            pose: Some(pose),
-            mask: None,
-            ignore_mask: None,
-            classes: [].into(),
-            objects: [].into(),
-            boxes: [].into(),
-            depth: None,
-            depth_prior: None,
-            capture: None,
-        }
+        SceneFrame::new(image, view.view.time_seconds, Some(pose))
     };
     let mut scene = Scene {
-        id: "balls".to_owned(),
-        camera: balls::CAMERA,
         scale: Scale::Metres,
-        frames: views.iter().map(frame).collect(),
         points: Some("points.ply".to_owned()),
-        pose_source: PoseSource::Given {
-            file: "poses.json".to_owned(),
-        },
-        validation: PoseValidation {
-            status: ValidationStatus::Unchecked,
-            registered_frames: views.len() as u32,
-            total_frames: views.len() as u32,
-            measures: [].into(),
-            problems: Vec::new(),
-        },
-        published_split: None,
-        objects: [].into(),
+        ..Scene::given("balls", balls::CAMERA, views.iter().map(frame).collect())
     };
     change(&mut scene);
-    let protocol = Protocol {
-        id: "fifth".to_owned(),
-        version: 1,
-        split: SplitRule::EveryNth {
+    let protocol = Protocol::new(
+        "fifth",
+        SplitRule::EveryNth {
             period: 5,
             offset: 4,
         },
-        scored: ScoredViews::Novel,
-        largest_width: None,
-        resampling: Resampling::Area,
-        padding: Padding::None,
-        colour: Colour::Srgb8,
-        metrics: Vec::new(),
-        mask_rule: "none".to_owned(),
-    };
+        ScoredViews::Novel,
+    );
     let split = split_rules::split(&scene, &protocol).unwrap();
     let [scene_file, split_file] =
         ["scene.json", "split.json"].map(|name| folder.path().join(name));

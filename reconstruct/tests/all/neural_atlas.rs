@@ -34,15 +34,7 @@ const FRAMES: usize = 16;
 const NAMES: [&str; 2] = ["far", "near"];
 
 fn camera() -> Camera {
-    PinholeCamera {
-        width: WIDTH as u32,
-        height: HEIGHT as u32,
-        fx: 160.0,
-        fy: 160.0,
-        cx: 80.0,
-        cy: 48.0,
-    }
-    .into()
+    PinholeCamera::new([WIDTH as u32, HEIGHT as u32], [160.0, 160.0], [80.0, 48.0]).into()
 }
 
 /// A textured plane of the truth.

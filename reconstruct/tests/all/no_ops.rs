@@ -140,14 +140,8 @@ fn clip() -> TrainingScene {
 /// images', which get worse from camera to camera.
 fn furnished(folder: &Path, centres: &[DVec3]) -> TrainingScene {
     std::fs::create_dir(folder).unwrap();
-    let normalization = Similarity {
-        offset: [0.0; 3],
-        scale: 0.25,
-    };
-    let [camera, coarse] = [128, 64].map(|width| ErpCamera {
-        width,
-        height: width / 2,
-    });
+    let normalization = Similarity::new([0.0; 3], 0.25);
+    let [camera, coarse] = [128, 64].map(|width| ErpCamera::new(width, width / 2));
     let (mut input_views, mut depth_priors) = (Vec::new(), Vec::new());
     for (number, &centre) in centres.iter().enumerate() {
         let to_world = room::camera_pose(number).0;
@@ -189,20 +183,9 @@ fn furnished(folder: &Path, centres: &[DVec3]) -> TrainingScene {
         }));
     }
     TrainingScene {
-        id: "room".to_owned(),
-        camera: Camera::from(camera),
-        input_views,
-        novel_views: Vec::new(),
-        normalization,
         scale: Scale::Metres,
-        is_normalized_by_points: false,
-        added_points: 0,
-        seen_for_points: None,
-        points: PointCloud::default(),
         depth_priors,
-        novel_depth_priors: Vec::new(),
-        objects: [].into(),
-        tracks: None,
+        ..TrainingScene::new("room", Camera::from(camera), input_views, normalization)
     }
 }
 

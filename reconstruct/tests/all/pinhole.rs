@@ -18,14 +18,7 @@ use crate::support::{balls, novel_views};
 
 /// Returns a pinhole's view of the balls. Its pixels are not square and its axis is off the middle.
 fn scene() -> TrainingScene {
-    let camera = Camera::Pinhole(PinholeCamera {
-        width: 64,
-        height: 48,
-        fx: 40.0,
-        fy: 42.0,
-        cx: 30.5,
-        cy: 25.0,
-    });
+    let camera = Camera::Pinhole(PinholeCamera::new([64, 48], [40.0, 42.0], [30.5, 25.0]));
     let colour = |random: &mut rand_pcg::Pcg64Mcg, _| [0; 3].map(|_| random.random_range(0.1..0.9));
     balls::scene_with(camera, colour, 0.25, 0.0)
 }

@@ -52,17 +52,14 @@ fn written(folder: &Path, name: &str, format: &str, gaussians: &ActivatedGaussia
 
 /// Writes a pose for each rotation, at the origin.
 fn poses(folder: &Path, rotations: &[DQuat]) -> PathBuf {
-    let frame = |(number, rotation): (usize, &DQuat)| PosedFrame {
-        time_seconds: number as f64,
-        pose: Pose::new(*rotation, DVec3::ZERO),
-        mask: None,
+    let frame = |(number, rotation): (usize, &DQuat)| {
+        PosedFrame::new(number as f64, Pose::new(*rotation, DVec3::ZERO))
     };
-    let record = Poses {
-        scale: Scale::Arbitrary,
-        camera: None,
-        frames: rotations.iter().enumerate().map(frame).collect(),
-        points: None,
-    };
+    let record = Poses::new(
+        Scale::Arbitrary,
+        None,
+        rotations.iter().enumerate().map(frame).collect(),
+    );
     let path = folder.join("poses.json");
     store::write_record(&path, &record).unwrap();
     path

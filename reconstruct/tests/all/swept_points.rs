@@ -17,16 +17,13 @@ use omnilife_schemas::{
     camera::{CameraModel, ErpCamera},
     points::PointCloud,
     progress::Silent,
-    records::{ComponentDecision, Scale},
+    records::ComponentDecision,
 };
 use painted_room::{room, seen};
 
 use crate::support::{novel_views, painted_room};
 
-const CAMERA: ErpCamera = ErpCamera {
-    width: 128,
-    height: 64,
-};
+const CAMERA: ErpCamera = ErpCamera::new(128, 64);
 const ITERATIONS: u64 = 200;
 
 fn camera_pose(frame: u32) -> CameraPose {
@@ -63,23 +60,13 @@ fn walk() -> TrainingScene {
         });
     }
     TrainingScene {
-        id: "room".to_owned(),
-        camera: CAMERA.into(),
-        input_views,
         novel_views,
-        normalization: Similarity {
-            offset: [0.0; 3],
-            scale: 1.0,
-        },
-        scale: Scale::Arbitrary,
-        is_normalized_by_points: false,
-        objects: [].into(),
-        tracks: None,
-        points: PointCloud::default(),
-        added_points: 0,
-        seen_for_points: None,
-        depth_priors: Vec::new(),
-        novel_depth_priors: Vec::new(),
+        ..TrainingScene::new(
+            "room",
+            CAMERA.into(),
+            input_views,
+            Similarity::new([0.0; 3], 1.0),
+        )
     }
 }
 

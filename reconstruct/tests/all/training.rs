@@ -131,10 +131,7 @@ fn few_and_odd_points_train_without_a_panic() {
     ];
     for positions in clouds {
         let mut scene = scene();
-        scene.points = PointCloud {
-            colours: vec![[90; 3]; positions.len()],
-            positions,
-        };
+        scene.points = PointCloud::of_colour(positions, [90; 3]);
         let outcome = train(&scene, 30);
         let last = outcome.training.state.trace.last().unwrap().clone();
         assert!(

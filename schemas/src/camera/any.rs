@@ -146,14 +146,11 @@ impl TryFrom<Entry> for Camera {
                 "a pinhole camera with the focal lengths {fx} and {fy}, expected positive ones"
             ));
         }
-        Ok(Self::Pinhole(PinholeCamera {
-            width,
-            height,
-            fx,
-            fy,
-            cx,
-            cy,
-        }))
+        Ok(Self::Pinhole(PinholeCamera::new(
+            [width, height],
+            [fx, fy],
+            [cx, cy],
+        )))
     }
 }
 
@@ -174,10 +171,7 @@ mod tests {
 
     #[test]
     fn a_camera_without_a_model_is_erp() {
-        let erp = Camera::Erp(ErpCamera {
-            width: 64,
-            height: 32,
-        });
+        let erp = Camera::Erp(ErpCamera::new(64, 32));
         assert_eq!(read(r#"{"width": 64, "height": 32}"#), Ok(erp));
         assert_eq!(
             read(r#"{"model": "erp", "width": 64, "height": 32}"#),

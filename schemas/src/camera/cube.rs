@@ -59,10 +59,7 @@ mod tests {
             );
         }
         let camera = face_camera(64);
-        let erp = crate::camera::ErpCamera {
-            width: 91,
-            height: 45,
-        };
+        let erp = crate::camera::ErpCamera::new(91, 45);
         for pixel in 0..91 * 45 {
             let centre = dvec2(f64::from(pixel % 91) + 0.5, f64::from(pixel / 91) + 0.5);
             let direction = erp.unproject(centre);

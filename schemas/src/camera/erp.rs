@@ -23,6 +23,11 @@ pub struct ErpCamera {
 }
 
 impl ErpCamera {
+    /// Makes a camera of this many columns and rows.
+    pub const fn new(width: u32, height: u32) -> Self {
+        Self { width, height }
+    }
+
     /// Returns longitude in (-pi, pi] and latitude in [-pi/2, pi/2], radians, of a non-zero direction.
     ///
     /// The latitude is computed as `atan2(-y, hypot(x, z))`, which equals `asin(-y/|p|)` and keeps

@@ -24,6 +24,18 @@ pub struct PinholeCamera {
 }
 
 impl PinholeCamera {
+    /// Makes a camera from its image size (width, height), focal lengths and principal point, pixels.
+    pub const fn new([width, height]: [u32; 2], [fx, fy]: [f64; 2], [cx, cy]: [f64; 2]) -> Self {
+        Self {
+            width,
+            height,
+            fx,
+            fy,
+            cx,
+            cy,
+        }
+    }
+
     /// Makes a camera with square pixels, a centred principal point and the given horizontal field of view in
     /// radians, in (0, pi).
     pub fn with_horizontal_field_of_view(width: u32, height: u32, radians: f64) -> Self {

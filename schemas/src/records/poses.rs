@@ -21,6 +21,18 @@ pub struct Poses {
     pub points: Option<String>,
 }
 
+impl Poses {
+    /// Makes a record of poses without points.
+    pub fn new(scale: Scale, camera: Option<Camera>, frames: Vec<PosedFrame>) -> Self {
+        Self {
+            scale,
+            camera,
+            frames,
+            points: None,
+        }
+    }
+}
+
 impl Record for Poses {
     const SCHEMA: &'static str = "omnilife/poses/2";
     /// The older version has no camera.
@@ -36,4 +48,15 @@ pub struct PosedFrame {
     pub pose: Pose,
     /// Mask image of dynamic objects (white) relative to the poses file.
     pub mask: Option<String>,
+}
+
+impl PosedFrame {
+    /// Makes a pose without a mask.
+    pub fn new(time_seconds: f64, pose: Pose) -> Self {
+        Self {
+            time_seconds,
+            pose,
+            mask: None,
+        }
+    }
 }

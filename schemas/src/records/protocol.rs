@@ -40,6 +40,22 @@ impl Record for Protocol {
 }
 
 impl Protocol {
+    /// Makes the first version of rules that score whole images at the scene's own size, by no metric yet.
+    pub fn new(id: &str, split: SplitRule, scored: ScoredViews) -> Self {
+        Self {
+            id: id.to_owned(),
+            version: 1,
+            split,
+            scored,
+            largest_width: None,
+            resampling: Resampling::Area,
+            padding: Padding::None,
+            colour: Colour::Srgb8,
+            metrics: Vec::new(),
+            mask_rule: "none".to_owned(),
+        }
+    }
+
     /// Returns width and height of the scored images of a scene, in pixels: the scene's own, or where that is wider
     /// than [`Protocol::largest_width`], that width with the height in proportion (rounded to nearest). With padded
     /// frames it is the size of the image in them.

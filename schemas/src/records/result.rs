@@ -10,7 +10,7 @@ use super::{
     protocol::Protocol,
     run::{Backend, StageTime},
 };
-use crate::{provenance::Hardware, store::Record};
+use crate::{frame_scores::FRAME_SCORES_FILE, provenance::Hardware, store::Record};
 
 /// Prefix of every warning of a result about a likely mistake of convention in its predictions, such as another order
 /// of channels. The author of the predictions should read these first.
@@ -181,6 +181,43 @@ pub fn is_of_region(metric: &str) -> bool {
 }
 
 impl ResultRecord {
+    /// Makes the result of a method on a scene, without protocol and scores.
+    pub fn new(method: &str, scene: &str) -> Self {
+        Self {
+            method: method.to_owned(),
+            scene: scene.to_owned(),
+            scene_sha256: String::new(),
+            protocol: String::new(),
+            protocol_hash: String::new(),
+            rules: None,
+            scored_size: [0; 2],
+            input_views: BTreeMap::new(),
+            novel_views: BTreeMap::new(),
+            run_failure: None,
+            failures: Vec::new(),
+            unavailable: Vec::new(),
+            regions: None,
+            frames_table: FRAME_SCORES_FILE.to_owned(),
+            objects: None,
+            predictions: None,
+            statement: None,
+            training: None,
+            aids: None,
+            training_seconds: None,
+            primitives: None,
+            iterations: None,
+            seed: None,
+            backend: None,
+            hardware: None,
+            rendering_seconds: None,
+            stages: Vec::new(),
+            peak_memory_bytes: None,
+            warnings: Vec::new(),
+            versions: BTreeMap::new(),
+            run_versions: BTreeMap::new(),
+        }
+    }
+
     /// Returns the names of the tables beside it.
     pub fn tables(&self) -> impl Iterator<Item = &String> {
         let of_objects = self.objects.iter().map(|objects| &objects.table);

@@ -41,6 +41,24 @@ pub struct Scene {
 }
 
 impl Scene {
+    /// Makes a scene of given poses, which are not checked, of arbitrary scale and without points and objects.
+    pub fn given(id: &str, camera: impl Into<Camera>, frames: Vec<SceneFrame>) -> Self {
+        let registered = frames.iter().filter(|frame| frame.pose.is_some()).count();
+        Self {
+            id: id.to_owned(),
+            camera: camera.into(),
+            scale: Scale::Arbitrary,
+            points: None,
+            pose_source: PoseSource::Given {
+                file: "poses.json".to_owned(),
+            },
+            validation: PoseValidation::unchecked(registered, frames.len()),
+            frames,
+            published_split: None,
+            objects: BTreeMap::new(),
+        }
+    }
+
     /// Returns a line that names the frames whose cameras are far from all others; `None` without any.
     pub fn far_frames(&self) -> Option<String> {
         let poses: Vec<_> = self.frames.iter().map(|frame| frame.pose).collect();
@@ -189,6 +207,23 @@ pub struct SceneFrame {
 }
 
 impl SceneFrame {
+    /// Makes a frame with an image, a time in seconds and a pose alone.
+    pub fn new(image: String, time_seconds: f64, pose: Option<Pose>) -> Self {
+        Self {
+            image,
+            time_seconds,
+            capture: None,
+            pose,
+            mask: None,
+            ignore_mask: None,
+            classes: BTreeMap::new(),
+            objects: BTreeMap::new(),
+            boxes: BTreeMap::new(),
+            depth: None,
+            depth_prior: None,
+        }
+    }
+
     /// Returns the names of the objects with a mask or a box, in order and without repetition.
     pub fn object_names(&self) -> impl Iterator<Item = &str> {
         let names: BTreeSet<&String> = self.objects.keys().chain(self.boxes.keys()).collect();
@@ -336,6 +371,19 @@ pub struct PoseValidation {
     pub measures: BTreeMap<String, f64>,
     /// Every limit that was missed, in words.
     pub problems: Vec<String>,
+}
+
+impl PoseValidation {
+    /// Makes the report of poses that cannot be checked.
+    pub fn unchecked(registered_frames: usize, total_frames: usize) -> Self {
+        Self {
+            status: ValidationStatus::Unchecked,
+            registered_frames: registered_frames as u32,
+            total_frames: total_frames as u32,
+            measures: BTreeMap::new(),
+            problems: Vec::new(),
+        }
+    }
 }
 
 /// Outcome of the pose validation.

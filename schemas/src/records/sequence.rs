@@ -64,6 +64,14 @@ pub struct TimeRange {
 }
 
 impl TimeRange {
+    /// Makes a segment from its first instant inside to its first instant outside.
+    pub const fn new(begin_seconds: f64, end_seconds: f64) -> Self {
+        Self {
+            begin_seconds,
+            end_seconds,
+        }
+    }
+
     /// Returns the length in seconds.
     pub fn duration_seconds(&self) -> f64 {
         self.end_seconds - self.begin_seconds
@@ -111,6 +119,28 @@ pub struct Probe {
 }
 
 impl Probe {
+    /// Makes the probe of 8-bit images of this size (width, height) that stand upright, with square pixels. Names are
+    /// empty, rate and duration 0.
+    pub fn of_size([width, height]: [u32; 2]) -> Self {
+        Self {
+            container: String::new(),
+            codec: String::new(),
+            width,
+            height,
+            pixel_format: String::new(),
+            bit_depth: 8,
+            frames_per_second: 0.0,
+            duration_seconds: 0.0,
+            decoded_frames: None,
+            variable_frame_rate: None,
+            longest_interval_seconds: None,
+            rotation_degrees: 0.0,
+            pixel_aspect_ratio: 1.0,
+            transfer: "unknown".to_owned(),
+            spherical: None,
+        }
+    }
+
     /// Returns whether levels are coded for high dynamic range. They are used as coded, not tone-mapped.
     pub fn is_hdr(&self) -> bool {
         matches!(self.transfer.as_str(), "smpte2084" | "arib-std-b67")

@@ -47,6 +47,27 @@ pub struct IncompleteGroup {
     pub reason: String,
 }
 
+impl Split {
+    /// Makes the split of a scene into these frames under a protocol without groups.
+    pub fn new(
+        scene: &str,
+        protocol: Protocol,
+        input_views: Vec<u32>,
+        novel_views: Vec<u32>,
+    ) -> Self {
+        Self {
+            scene: scene.to_owned(),
+            protocol_hash: protocol.hash(),
+            protocol,
+            input_views,
+            novel_views,
+            unposed: Vec::new(),
+            groups: Vec::new(),
+            incomplete: Vec::new(),
+        }
+    }
+}
+
 impl Record for Split {
     const SCHEMA: &'static str = "omnilife/split/2";
 }

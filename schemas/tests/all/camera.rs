@@ -107,10 +107,7 @@ proptest! {
 
 #[test]
 fn erp_axes_are_where_the_convention_says() {
-    let camera = ErpCamera {
-        width: 1024,
-        height: 512,
-    };
+    let camera = ErpCamera::new(1024, 512);
     for (direction, pixel) in [
         (DVec3::Z, dvec2(512.0, 256.0)),
         (DVec3::X, dvec2(768.0, 256.0)),
@@ -126,10 +123,7 @@ fn erp_axes_are_where_the_convention_says() {
 
 #[test]
 fn erp_seam_columns_meet() {
-    let camera = ErpCamera {
-        width: 1000,
-        height: 500,
-    };
+    let camera = ErpCamera::new(1000, 500);
     // Either sign of zero stands for the seam; both give column 0, never column W.
     for x in [0.0, -0.0] {
         let pixel = camera.project(dvec3(x, 0.0, -1.0)).unwrap_or(DVec2::NAN);
@@ -147,10 +141,7 @@ fn erp_seam_columns_meet() {
 
 #[test]
 fn erp_poles_have_a_row_and_some_column() {
-    let camera = ErpCamera {
-        width: 1024,
-        height: 512,
-    };
+    let camera = ErpCamera::new(1024, 512);
     for (y, v) in [(-1.0, 0.0), (1.0, 512.0)] {
         for (x, z) in [(0.0, 0.0), (-0.0, 0.0), (0.0, -0.0), (-0.0, -0.0)] {
             let pixel = camera.project(dvec3(x, y, z)).unwrap_or(DVec2::NAN);
@@ -166,10 +157,7 @@ fn erp_poles_have_a_row_and_some_column() {
 
 #[test]
 fn erp_refuses_what_has_no_direction() {
-    let camera = ErpCamera {
-        width: 8,
-        height: 4,
-    };
+    let camera = ErpCamera::new(8, 4);
     for point in [
         DVec3::ZERO,
         DVec3::NAN,
@@ -182,10 +170,7 @@ fn erp_refuses_what_has_no_direction() {
 
 #[test]
 fn erp_pixels_cover_the_sphere() {
-    let camera = ErpCamera {
-        width: 512,
-        height: 256,
-    };
+    let camera = ErpCamera::new(512, 256);
     let rows = (0..camera.height).map(|row| camera.pixel_solid_angle(row));
     let sphere = rows.sum::<f64>() * f64::from(camera.width);
     // The midpoint rule's error for 256 rows: pi^2 / (24 * 256^2) = 6.3e-6 of the whole.

@@ -301,10 +301,7 @@ fn where_to_look_is_all_but_black() {
 #[test]
 fn oddities_are_told() {
     let folder = Folder::new();
-    let camera = Camera::Erp(ErpCamera {
-        width: SIZE[0],
-        height: SIZE[1],
-    });
+    let camera = Camera::Erp(ErpCamera::new(SIZE[0], SIZE[1]));
     let notes = |marked: u8, other: u8, is_ignored: bool| {
         let path = folder.write(
             ColorType::Grayscale,

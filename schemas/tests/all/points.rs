@@ -59,10 +59,7 @@ proptest! {
     ) {
         let extent = 10.0_f64.powf(exponent);
         let at = |place: &[f64; 3]| [0, 1, 2].map(|axis| offset[axis] + extent * place[axis]);
-        let cloud = PointCloud {
-            positions: places.iter().map(at).collect(),
-            colours: vec![[1, 2, 3]; places.len()],
-        };
+        let cloud = PointCloud::of_colour(places.iter().map(at).collect(), [1, 2, 3]);
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("points.ply");
         cloud.write_ply(&path).unwrap();
@@ -141,10 +138,7 @@ fn coordinates_are_doubles_where_floats_would_lose_the_scene() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("points.ply");
         assert_eq!(Coordinates::of(&positions), expected);
-        let cloud = PointCloud {
-            colours: vec![[0; 3]; positions.len()],
-            positions,
-        };
+        let cloud = PointCloud::of_colour(positions, [0; 3]);
         cloud.write_ply(&path).unwrap();
         let bytes = fs::read(&path).unwrap();
         let property = format!("property {} x\n", expected.ply_type());

@@ -151,11 +151,7 @@ fn files_that_are_no_images_are_told() {
 
 #[test]
 fn nearest_resampling_keeps_halves() {
-    let mask = Mask {
-        width: 4,
-        height: 2,
-        data: vec![0, 0, 255, 255, 0, 0, 255, 255],
-    };
+    let mask = Mask::new(4, 2, vec![0, 0, 255, 255, 0, 0, 255, 255]);
     let large = mask.resized_to_nearest(8, 4);
     assert!(
         large
@@ -170,11 +166,7 @@ fn nearest_resampling_keeps_halves() {
 fn masks_survive_a_file_and_two_inversions() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("mask.png");
-    let mask = Mask {
-        width: 3,
-        height: 1,
-        data: vec![0, 255, 0],
-    };
+    let mask = Mask::new(3, 1, vec![0, 255, 0]);
     mask.write_png(&path).unwrap();
     assert_eq!(Mask::read(&path).unwrap(), mask);
     assert_eq!(mask.clone().inverted().data, [255, 0, 255]);

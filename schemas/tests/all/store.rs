@@ -49,12 +49,9 @@ fn result(mean: f64) -> ResultRecord {
         undefined_views: 0,
     };
     ResultRecord {
-        method: "odgs".to_owned(),
-        scene: "street".to_owned(),
         scene_sha256: store::sha256_bytes(b"street"),
         protocol: "per-scene/1".to_owned(),
         protocol_hash: store::sha256_bytes(b""),
-        rules: None,
         scored_size: [64, 32],
         input_views: [("psnr".to_owned(), summary)].into(),
         novel_views: [("psnr".to_owned(), summary)].into(),
@@ -63,27 +60,12 @@ fn result(mean: f64) -> ResultRecord {
             frame: 4,
             reason: "000004.png is missing".to_owned(),
         }],
-        unavailable: Vec::new(),
-        regions: None,
-        frames_table: "frames.csv".to_owned(),
-        objects: None,
-        run_failure: None,
-        predictions: None,
-        statement: None,
-        training: None,
         training_seconds: Some(0.1 + 0.2),
-        primitives: None,
         iterations: Some(u64::MAX),
         seed: Some(7),
         backend: Some(Backend::Cpu { threads: 2 }),
-        hardware: None,
-        run_versions: [].into(),
         rendering_seconds: Some(0.3),
-        stages: Vec::new(),
-        aids: None,
-        peak_memory_bytes: None,
-        warnings: Vec::new(),
-        versions: [].into(),
+        ..ResultRecord::new("odgs", "street")
     }
 }
 

@@ -23,37 +23,17 @@ fn write_scores(folder: &Path, method: &str, scene: &str, curve: Option<&str>) -
 
 fn record(method: &str, scene: &str) -> ResultRecord {
     ResultRecord {
-        method: method.to_owned(),
-        scene: scene.to_owned(),
-        scene_sha256: String::new(),
         protocol: "per-scene/2".to_owned(),
         protocol_hash: "0123456789abcdef".to_owned(),
-        rules: None,
         scored_size: [64, 32],
-        input_views: [].into(),
-        novel_views: [].into(),
-        failures: Vec::new(),
-        unavailable: Vec::new(),
-        regions: None,
-        frames_table: "frames.csv".to_owned(),
-        objects: None,
-        run_failure: None,
-        predictions: None,
-        statement: None,
-        training: None,
         training_seconds: Some(90.0),
         primitives: Some(4000),
         iterations: Some(900),
         seed: Some(3),
         backend: Some(Backend::Cpu { threads: 2 }),
-        hardware: None,
         rendering_seconds: Some(1.0),
-        stages: Vec::new(),
-        aids: None,
         peak_memory_bytes: Some(3 << 29),
-        warnings: Vec::new(),
-        versions: [].into(),
-        run_versions: [].into(),
+        ..ResultRecord::new(method, scene)
     }
 }
 

@@ -50,11 +50,7 @@ fn write(bytes: &[u8], file: &std::path::Path) {
 /// A scene of 20 frames of hills, of which the novel views 4, 9, 14 and 19 are predicted.
 fn bench(predict: impl Fn(usize) -> Vec<u8>) -> Bench {
     let mut scene = scene(20, &[]);
-    scene.camera = ErpCamera {
-        width: COLUMNS as u32,
-        height: ROWS as u32,
-    }
-    .into();
+    scene.camera = ErpCamera::new(COLUMNS as u32, ROWS as u32).into();
     let mut bench = Bench::of(&scene);
     for (frame, entry) in scene.frames.iter().enumerate() {
         write(&hills(frame), &bench.at("scene").join(&entry.image));

@@ -151,11 +151,7 @@ fn masked_scores_are_means_over_the_frames_that_have_them() {
     masked.frames[3].mask = Some("masks/3.png".to_owned());
     let bench = Bench::of(&masked);
     fs::create_dir(bench.at("scene/masks")).unwrap();
-    let mask = |data: Vec<u8>| Mask {
-        width: WIDTH,
-        height: HEIGHT,
-        data,
-    };
+    let mask = |data: Vec<u8>| Mask::new(WIDTH, HEIGHT, data);
     let left_half = (0..WIDTH * HEIGHT).map(|at| 255 * u8::from(at % WIDTH < WIDTH / 2));
     mask(left_half.collect())
         .write_png(&bench.at("scene/masks/4.png"))

@@ -18,11 +18,7 @@ fn psnr(mse: f64) -> f64 {
 fn columns(columns: std::ops::Range<usize>) -> Mask {
     let is_marked = |pixel: usize| columns.contains(&(pixel % WIDTH)) && pixel / WIDTH < 8;
     let data = (0..WIDTH * HEIGHT).map(|pixel| 255 * u8::from(is_marked(pixel)));
-    Mask {
-        width: WIDTH,
-        height: HEIGHT,
-        data: data.collect(),
-    }
+    Mask::new(WIDTH, HEIGHT, data.collect())
 }
 
 /// Two vehicles that overlap in frame 0, a person with a box in frame 1, a tree in a novel view, and a person in no

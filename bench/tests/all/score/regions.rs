@@ -115,11 +115,7 @@ fn masks_of_the_scene_come_before_tracks() {
     masked.frames[4].mask = Some("masks/4.png".to_owned());
     let bench = Bench::of(&masked);
     fs::create_dir(bench.at("scene/masks")).unwrap();
-    let mask = Mask {
-        width: WIDTH,
-        height: HEIGHT,
-        data: vec![255; WIDTH * HEIGHT],
-    };
+    let mask = Mask::new(WIDTH, HEIGHT, vec![255; WIDTH * HEIGHT]);
     mask.write_png(&bench.at("scene/masks/4.png")).unwrap();
     with_metrics(&bench, &["psnr-dynamic"]);
     store::write_record(&bench.at("tracks.json"), &tracks(4.0)).unwrap();

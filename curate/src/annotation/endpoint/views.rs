@@ -60,9 +60,5 @@ fn smaller(frame: RgbImage) -> RgbImage {
 }
 
 fn rgb8(image: &RgbImage) -> Rgb8Image {
-    Rgb8Image {
-        width: image.width,
-        height: image.height,
-        data: image.to_rgb8(),
-    }
+    Rgb8Image::new(image.width, image.height, image.to_rgb8())
 }

@@ -22,10 +22,7 @@ use crate::{
 /// Columns of the images that are compared.
 const IMAGE_WIDTH: usize = 256;
 /// Directions at which flow is measured.
-const GRID: ErpCamera = ErpCamera {
-    width: 64,
-    height: 32,
-};
+const GRID: ErpCamera = ErpCamera::new(64, 32);
 /// Flow that the camera's motion does not explain is motion of the scene from this length on, pixels.
 const LEAST_MOVED_PIXELS: f32 = 1.0;
 /// Neighbours of a moving direction, of eight, that must move too: single ones are errors of the flow.

@@ -106,40 +106,22 @@ mod tests {
         let frame = |number: u32| {
             let seconds = gap * f64::from(number);
             let rotation = DQuat::from_rotation_y(0.1 * seconds);
-            SceneFrame {
-                image: format!("{number}.png"),
-                time_seconds: seconds,
-                capture: None,
-                pose: Some(Pose::new(rotation, DVec3::new(0.0, 0.0, 1.5 * seconds))),
-                mask: None,
-                ignore_mask: None,
-                classes: BTreeMap::new(),
-                objects: BTreeMap::new(),
-                boxes: BTreeMap::new(),
-                depth: None,
-                depth_prior: None,
-            }
+            SceneFrame::new(
+                format!("{number}.png"),
+                seconds,
+                Some(Pose::new(rotation, DVec3::new(0.0, 0.0, 1.5 * seconds))),
+            )
         };
         Scene {
             id: "walk/seq-000".to_owned(),
-            camera: ErpCamera {
-                width: 64,
-                height: 32,
-            }
-            .into(),
+            camera: ErpCamera::new(64, 32).into(),
             scale,
             frames: (0..12).map(frame).collect(),
             points: None,
             pose_source: PoseSource::Given {
                 file: "poses.txt".to_owned(),
             },
-            validation: PoseValidation {
-                status: ValidationStatus::Unchecked,
-                registered_frames: 12,
-                total_frames: 12,
-                measures: BTreeMap::new(),
-                problems: Vec::new(),
-            },
+            validation: PoseValidation::unchecked(12, 12),
             published_split: None,
             objects: BTreeMap::new(),
         }

@@ -22,10 +22,6 @@
 //!
 //! Split: the authors publish none. Their viewer's clip and sampling of cameras (`Config/*.yaml`) are no split and not
 //! applied. The data of ODGS, with OpenMVG's poses and a split, are the format `openmvg`.
-#![cfg_attr(
-    not(test),
-    deny(clippy::indexing_slicing, clippy::arithmetic_side_effects)
-)]
 
 mod landmarks;
 

@@ -14,10 +14,6 @@
 //! `tools/convert_360roam_to_colmap.py` of `Insta360-Research-Team/GGPS`, which reads the same axes.
 //!
 //! Split: the lists `train` and `test`. Times are not published, and the scenes count as static.
-#![cfg_attr(
-    not(test),
-    deny(clippy::indexing_slicing, clippy::arithmetic_side_effects)
-)]
 
 use std::{
     collections::{BTreeMap, BTreeSet},

@@ -1,8 +1,4 @@
 //! Text files of other programs, read up to a generous size limit.
-#![cfg_attr(
-    not(test),
-    deny(clippy::indexing_slicing, clippy::arithmetic_side_effects)
-)]
 
 use std::path::Path;
 

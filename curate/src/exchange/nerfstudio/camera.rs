@@ -3,10 +3,6 @@
 //! `ns-process-data` writes them once where it knows one camera, and with each frame where there are several,
 //! even equal ones. An `EQUIRECTANGULAR` image has half a turn for each `fl_x` pixels to the left and to the
 //! right of `cx`, and half a turn for `fl_y` pixels in height.
-#![cfg_attr(
-    not(test),
-    deny(clippy::indexing_slicing, clippy::arithmetic_side_effects)
-)]
 
 use std::collections::BTreeSet;
 

@@ -1,9 +1,5 @@
 //! The lists that ODGS reads beside OpenMVG's data: stems of images for training and for testing, one a line
 //! (`readOpenMVGInfo` in `scene_perspective/dataset_readers.py` of `esw0116/ODGS`).
-#![cfg_attr(
-    not(test),
-    deny(clippy::indexing_slicing, clippy::arithmetic_side_effects)
-)]
 
 use std::{collections::BTreeSet, path::Path};
 

@@ -3,10 +3,6 @@
 //! A type is named with its first object (`polymorphic_name`, and the highest bit of `polymorphic_id`); later
 //! objects have the number alone. Views of versions 0.1 and 0.2 have neither. A spherical intrinsic has its size
 //! inside of its base class (`value0`), a pinhole beside its own values.
-#![cfg_attr(
-    not(test),
-    deny(clippy::indexing_slicing, clippy::arithmetic_side_effects)
-)]
 
 use std::collections::BTreeMap;
 

@@ -1,9 +1,5 @@
 //! Our own table: `begin_seconds,end_seconds,kind`; the last two are optional. A row with one instant is the first
 //! frame of a new shot.
-#![cfg_attr(
-    not(test),
-    deny(clippy::indexing_slicing, clippy::arithmetic_side_effects)
-)]
 
 use std::fmt::Write;
 

@@ -1,10 +1,6 @@
 //! An edit decision list, CMX 3600: one event per shot with timecodes in whole frames, without
 //! dropped numbers. A gradual transition is an event of type D, whose dissolve lies before the part
 //! of the new shot that is its own.
-#![cfg_attr(
-    not(test),
-    deny(clippy::indexing_slicing, clippy::arithmetic_side_effects)
-)]
 
 use std::fmt::Write;
 

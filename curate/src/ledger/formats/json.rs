@@ -1,8 +1,4 @@
 //! Our own JSON: a list of boundaries as in `boundaries.json`, or such a file.
-#![cfg_attr(
-    not(test),
-    deny(clippy::indexing_slicing, clippy::arithmetic_side_effects)
-)]
 
 use omnilife_schemas::records::Boundary;
 use serde::Deserialize;

@@ -1,9 +1,5 @@
 //! Label Studio's JSON of a project with video timeline labels: a list of tasks, whose annotations
 //! hold results of type `timelinelabels` with frame ranges, numbered from 1.
-#![cfg_attr(
-    not(test),
-    deny(clippy::indexing_slicing, clippy::arithmetic_side_effects)
-)]
 
 use omnilife_schemas::records::Boundary;
 use serde::Deserialize;

@@ -1,9 +1,5 @@
 //! PySceneDetect's list of scenes (`scenedetect list-scenes`): a table of shots with frames from 1,
 //! whose first line may list timecodes.
-#![cfg_attr(
-    not(test),
-    deny(clippy::indexing_slicing, clippy::arithmetic_side_effects)
-)]
 
 use std::fmt::Write;
 

@@ -2,10 +2,6 @@
 //!
 //! The reference scores the last frame of the old shot for a cut and takes it into the shot, so
 //! that a shot ends where the next begins minus one.
-#![cfg_attr(
-    not(test),
-    deny(clippy::indexing_slicing, clippy::arithmetic_side_effects)
-)]
 
 use std::fmt::Write;
 

@@ -72,10 +72,7 @@ impl View {
         let middle = dvec2(pixel[0] as f64 + 0.5, pixel[1] as f64 + 0.5);
         match self {
             Self::Sphere(rotation) => {
-                let camera = ErpCamera {
-                    width: size[0] as u32,
-                    height: size[1] as u32,
-                };
+                let camera = ErpCamera::new(size[0] as u32, size[1] as u32);
                 place(*rotation * camera.unproject(middle))
             }
             Self::Part([left, top, width, height]) => {
@@ -115,10 +112,7 @@ pub(super) fn weight([x, y]: [f64; 2]) -> f64 {
 /// Returns the image of a view, `side` pixels square, interleaved RGB. The corners of the image are centres of pixels,
 /// as in the network's grid.
 fn crop(panorama: &RgbImage, view: &DMat3, side: usize) -> Vec<u8> {
-    let camera = ErpCamera {
-        width: panorama.width as u32,
-        height: panorama.height as u32,
-    };
+    let camera = ErpCamera::new(panorama.width as u32, panorama.height as u32);
     let to_panorama = view.transpose();
     let slope = |at: usize| (2.0 * at as f64 / (side - 1) as f64 - 1.0) * REACH;
     let mut out = Vec::with_capacity(side * side * 3);
@@ -163,10 +157,7 @@ mod tests {
     #[test]
     fn every_direction_is_well_inside_some_view() {
         let views = views();
-        let camera = ErpCamera {
-            width: 180,
-            height: 90,
-        };
+        let camera = ErpCamera::new(180, 90);
         for pixel in 0..180 * 90 {
             let centre = dvec2(f64::from(pixel % 180) + 0.5, f64::from(pixel / 180) + 0.5);
             let direction = camera.unproject(centre);
@@ -182,10 +173,7 @@ mod tests {
     /// The colour of a pixel is its direction.
     #[test]
     fn images_show_what_lies_in_their_direction() {
-        let camera = ErpCamera {
-            width: 256,
-            height: 128,
-        };
+        let camera = ErpCamera::new(256, 128);
         let mut panorama = RgbImage::black(256, 128);
         for (at, pixel) in panorama.data.chunks_exact_mut(3).enumerate() {
             let centre = dvec2((at % 256) as f64 + 0.5, (at / 256) as f64 + 0.5);

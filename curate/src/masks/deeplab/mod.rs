@@ -266,11 +266,7 @@ mod tests {
     #[test]
     fn views_are_looked_at_where_something_is_marked() {
         let (width, height) = (64, 32);
-        let mut mask = Mask {
-            width,
-            height,
-            data: vec![0; width * height],
-        };
+        let mut mask = Mask::new(width, height, vec![0; width * height]);
         let count = |mask: &Mask| Views::showing(false, mask, 0.5, |_| 1.0).0.len();
         assert_eq!(count(&mask), 0);
         mask.data[height / 2 * width + width / 2] = 255;

@@ -275,11 +275,7 @@ mod tests {
 
     #[test]
     fn verdicts_follow_the_evidence() {
-        let mask = |data: [u8; 2]| Mask {
-            width: 2,
-            height: 1,
-            data: data.to_vec(),
-        };
+        let mask = |data: [u8; 2]| Mask::new(2, 1, data.to_vec());
         let verdict = |evidence: f64, people: Option<Mask>| {
             let mask = mask([255, 0]);
             Verdict::of(Some(Region { mask, evidence }), people, 9)

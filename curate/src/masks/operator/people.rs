@@ -51,11 +51,7 @@ fn common(shown: &[Vec<bool>]) -> Mask {
         let count = shown.iter().filter(|people| people[pixel]).count();
         255 * u8::from(count > 0 && count as f64 >= least)
     };
-    Mask {
-        width: WIDTH,
-        height: WIDTH / 2,
-        data: (0..WIDTH * WIDTH / 2).map(mark).collect(),
-    }
+    Mask::new(WIDTH, WIDTH / 2, (0..WIDTH * WIDTH / 2).map(mark).collect())
 }
 
 #[cfg(test)]

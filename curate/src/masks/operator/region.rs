@@ -33,10 +33,7 @@ pub(super) struct Region {
 /// Finds the region of what is carried; `None` without any evidence.
 pub(super) fn find(stays: &Field) -> opencv::Result<Option<Region>> {
     let (width, height) = (stays.width, stays.height);
-    let camera = ErpCamera {
-        width: width as u32,
-        height: height as u32,
-    };
+    let camera = ErpCamera::new(width as u32, height as u32);
     let row_at = |degrees: f64| ((0.5 - degrees / 180.0) * height as f64) as usize;
     let is_seed = |pixel: usize| stays.values[pixel] > 0.0 && pixel / width >= row_at(TOP_DEGREES);
     let seeds: Vec<u8> = (0..stays.values.len())
@@ -82,11 +79,7 @@ pub(super) fn find(stays: &Field) -> opencv::Result<Option<Region>> {
         }
     }
     Ok(Some(Region {
-        mask: Mask {
-            width,
-            height,
-            data: smoothed(&data, width)?,
-        },
+        mask: Mask::new(width, height, smoothed(&data, width)?),
         evidence: most,
     }))
 }

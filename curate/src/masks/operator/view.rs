@@ -17,10 +17,7 @@ const RED: f32 = 0.45;
 
 /// Draws the view of a panorama towards the middle of a region.
 pub(super) fn draw(panorama: &RgbImage, mask: &Mask) -> RgbImage {
-    let camera = ErpCamera {
-        width: mask.width as u32,
-        height: mask.height as u32,
-    };
+    let camera = ErpCamera::new(mask.width as u32, mask.height as u32);
     let view = towards(middle(mask, &camera));
     let slope = |at: usize| ((at as f64 + 0.5) / SIDE as f64 * 2.0 - 1.0) * REACH;
     let pixel = |at: usize| {
@@ -38,11 +35,7 @@ pub(super) fn draw(panorama: &RgbImage, mask: &Mask) -> RgbImage {
             }
         }
     };
-    RgbImage {
-        width: SIDE,
-        height: SIDE,
-        data: (0..SIDE * SIDE).flat_map(pixel).collect(),
-    }
+    RgbImage::new(SIDE, SIDE, (0..SIDE * SIDE).flat_map(pixel).collect())
 }
 
 /// Returns the mean direction of what a mask marks; straight down if it marks nothing.
@@ -71,16 +64,8 @@ mod tests {
 
     #[test]
     fn the_region_is_in_the_middle_and_red() {
-        let panorama = RgbImage {
-            width: 128,
-            height: 64,
-            data: vec![0.2; 128 * 64 * 3],
-        };
-        let mut mask = Mask {
-            width: 64,
-            height: 32,
-            data: vec![0; 64 * 32],
-        };
+        let panorama = RgbImage::new(128, 64, vec![0.2; 128 * 64 * 3]);
+        let mut mask = Mask::new(64, 32, vec![0; 64 * 32]);
         // Across the seam, below the horizon.
         for row in 20..28 {
             for column in [62, 63, 0, 1] {

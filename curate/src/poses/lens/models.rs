@@ -87,14 +87,7 @@ impl LensModel {
             && fy > 0.0;
         let distortion = (self.distortion)(terms)?;
         is_sound.then_some(Lens {
-            camera: PinholeCamera {
-                width,
-                height,
-                fx,
-                fy,
-                cx,
-                cy,
-            },
+            camera: PinholeCamera::new([width, height], [fx, fy], [cx, cy]),
             distortion,
         })
     }

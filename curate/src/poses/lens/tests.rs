@@ -6,14 +6,7 @@ use super::*;
 
 fn lens(radial: [f64; 2], tangential: [f64; 2]) -> Lens {
     Lens {
-        camera: PinholeCamera {
-            width: 320,
-            height: 180,
-            fx: 260.0,
-            fy: 255.0,
-            cx: 158.0,
-            cy: 93.0,
-        },
+        camera: PinholeCamera::new([320, 180], [260.0, 255.0], [158.0, 93.0]),
         distortion: opencv(radial, tangential),
     }
 }
@@ -145,14 +138,7 @@ fn places_and_frames_are_those_of_opencv() {
     let golden = std::fs::read(file).expect("the golden file");
     let golden: Golden = serde_json::from_slice(&golden).expect("sound JSON");
     let [fx, fy, cx, cy] = golden.intrinsics;
-    let camera = PinholeCamera {
-        width: golden.width,
-        height: golden.height,
-        fx,
-        fy,
-        cx,
-        cy,
-    };
+    let camera = PinholeCamera::new([golden.width, golden.height], [fx, fy], [cx, cy]);
     let frame = RgbImage {
         width: golden.width as usize,
         height: golden.height as usize,

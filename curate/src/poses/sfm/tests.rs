@@ -36,26 +36,11 @@ fn sequence_of(entries: Vec<FrameEntry>) -> Sequence {
             sha256: String::new(),
             bytes: 1,
         },
-        range: TimeRange {
-            begin_seconds: 0.0,
-            end_seconds: 1.0,
-        },
+        range: TimeRange::new(0.0, 1.0),
         probe: Probe {
-            container: "mp4".to_owned(),
-            codec: "h264".to_owned(),
-            width: 64,
-            height: 32,
-            pixel_format: "yuv420p".to_owned(),
-            bit_depth: 8,
             frames_per_second: 10.0,
             duration_seconds: 1.0,
-            decoded_frames: None,
-            variable_frame_rate: None,
-            longest_interval_seconds: None,
-            rotation_degrees: 0.0,
-            pixel_aspect_ratio: 1.0,
-            transfer: "bt709".to_owned(),
-            spherical: None,
+            ..Probe::of_size([64, 32])
         },
         projection: DetectedProjection {
             projection: VideoProjection::Erp,

@@ -13,7 +13,7 @@ use std::{
 use omnilife_curate::{
     AttachRequest, CurateError, CurateSettings, GivenDepth, GivenPrior, GivenTruth, IgnoredRegion,
     PoseRequest, curate_video,
-    exchange::{ExportRequest, ImportRequest, MaskMeaning, export, import},
+    exchange::{ExportRequest, ImportRequest, export, import},
     pose_sequence, pose_sequence_with,
 };
 use omnilife_schemas::{
@@ -49,45 +49,29 @@ impl Scenes {
             ..CurateSettings::default()
         };
         curate_video(&video, &folder.join("walk"), &settings, &Silent).unwrap();
-        let poses = Poses {
-            scale: Scale::Metres,
-            camera: None,
-            frames: (0..FRAMES)
-                .map(|frame| PosedFrame {
-                    time_seconds: 0.1 * frame as f64,
-                    pose: Pose {
-                        rotation_wxyz: [1.0, 0.0, 0.0, 0.0],
-                        centre: [frame as f64, 0.0, 0.0],
-                    },
-                    mask: None,
+        let poses = Poses::new(
+            Scale::Metres,
+            None,
+            (0..FRAMES)
+                .map(|frame| {
+                    PosedFrame::new(
+                        0.1 * frame as f64,
+                        Pose {
+                            rotation_wxyz: [1.0, 0.0, 0.0, 0.0],
+                            centre: [frame as f64, 0.0, 0.0],
+                        },
+                    )
                 })
                 .collect(),
-            points: None,
-        };
+        );
         let file = folder.join("poses.json");
         store::write_record(&file, &poses).unwrap();
         let (sequence, request) = (folder.join("walk/seq-000"), PoseRequest::Given(file));
         pose_sequence(&sequence, &request, &Silent).unwrap();
         let (exported, imported) = (folder.join("exported"), folder.join("imported"));
-        let out = ExportRequest {
-            scene_folder: &sequence,
-            format,
-            split: None,
-            given_only: false,
-            cube_faces: None,
-            pad_to: None,
-            out: &exported,
-        };
+        let out = ExportRequest::new(&sequence, format, &exported);
         export(&out, &Silent).unwrap();
-        import(&ImportRequest {
-            folder: &exported,
-            format,
-            id: "walk",
-            frames_per_second: None,
-            masks: MaskMeaning::Moving,
-            out: &imported,
-        })
-        .unwrap();
+        import(&ImportRequest::new(&exported, format, "walk", &imported)).unwrap();
         Self {
             folder: folder.to_owned(),
             sequence,
@@ -309,25 +293,9 @@ fn masks_that_were_imported_are_replaced() {
     let (first, second) = (scenes.masks("first", 20), scenes.masks("second", 90));
     attach(&scenes.sequence, None, &given(first), &Silent).unwrap();
     let (exported, imported) = (temp.path().join("masked"), temp.path().join("again"));
-    let out = ExportRequest {
-        scene_folder: &scenes.sequence,
-        format: "frames",
-        split: None,
-        given_only: false,
-        cube_faces: None,
-        pad_to: None,
-        out: &exported,
-    };
+    let out = ExportRequest::new(&scenes.sequence, "frames", &exported);
     export(&out, &Silent).unwrap();
-    let scene = import(&ImportRequest {
-        folder: &exported,
-        format: "frames",
-        id: "walk",
-        frames_per_second: None,
-        masks: MaskMeaning::Moving,
-        out: &imported,
-    })
-    .unwrap();
+    let scene = import(&ImportRequest::new(&exported, "frames", "walk", &imported)).unwrap();
     assert!(scene.frames.iter().all(|frame| frame.mask.is_some()));
     let scene = attach(&imported, None, &given(second), &Silent).unwrap();
     let mask = Mask::read(&imported.join(scene.frames[0].mask.as_ref().unwrap())).unwrap();

@@ -18,10 +18,7 @@ fn colour(direction: DVec3) -> DVec3 {
 /// the east of it.
 fn coloured_scene() -> (TempDir, Scene) {
     let (folder, mut scene) = scene();
-    let camera = ErpCamera {
-        width: 128,
-        height: 64,
-    };
+    let camera = ErpCamera::new(128, 64);
     for frame in &mut scene.frames {
         let rotation = DMat3::from_quat(frame.pose.and_then(|p| p.rotation()).unwrap_or_default());
         let directions = (0..128 * 64_u32).map(|pixel| {
@@ -44,11 +41,7 @@ fn coloured_scene() -> (TempDir, Scene) {
         )
         .unwrap();
         if let Some(file) = &frame.mask {
-            let mask = Mask {
-                width: 128,
-                height: 64,
-                data: mask,
-            };
+            let mask = Mask::new(128, 64, mask);
             mask.write_png(&folder.path().join(file)).unwrap();
         }
     }
@@ -59,16 +52,11 @@ fn coloured_scene() -> (TempDir, Scene) {
 
 fn export_faces(scene_folder: &Path, format: &str, out: &Path) -> Result<ExportScene, CurateError> {
     let request = ExportRequest {
-        scene_folder,
-        format,
-        split: None,
-        given_only: false,
         cube_faces: Some(CubeFaces {
             side: SIDE,
             sky_points: SKY_POINTS,
         }),
-        pad_to: None,
-        out,
+        ..ExportRequest::new(scene_folder, format, out)
     };
     export(&request, &Silent)
 }
@@ -117,15 +105,7 @@ fn faces_come_back_as_a_perspective_scene() {
             "{format} left its scratch folder"
         );
         let back = out.path().join("back");
-        let scene = import(&ImportRequest {
-            folder: &exported,
-            format,
-            id: "faces",
-            frames_per_second: None,
-            masks: MaskMeaning::Moving,
-            out: &back,
-        })
-        .unwrap();
+        let scene = import(&ImportRequest::new(&exported, format, "faces", &back)).unwrap();
         assert_eq!(scene.frames.len(), 6 * 5, "{format}");
         assert_pixels_show_their_directions(&scene, &back);
         for frame in &scene.frames {
@@ -179,16 +159,11 @@ fn formats_without_rigs_and_odd_sizes_are_refused() {
         "{error}"
     );
     let request = ExportRequest {
-        scene_folder: folder.path(),
-        format: "colmap",
-        split: None,
-        given_only: false,
         cube_faces: Some(CubeFaces {
             side: 0,
             sky_points: 0,
         }),
-        pad_to: None,
-        out: &to,
+        ..ExportRequest::new(folder.path(), "colmap", &to)
     };
     let error = export(&request, &Silent).unwrap_err().to_string();
     assert!(error.contains("faces of 0 pixels"), "{error}");

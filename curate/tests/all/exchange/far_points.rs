@@ -16,10 +16,7 @@ fn points_far_from_the_origin_come_back_exactly() {
             wave(n + 90),
         ]
     };
-    let points = PointCloud {
-        positions: (0..30).map(at).collect(),
-        colours: vec![[1, 2, 3]; 30],
-    };
+    let points = PointCloud::of_colour((0..30).map(at).collect(), [1, 2, 3]);
     points.write_ply(&folder.path().join("points.ply")).unwrap();
     // The only format that holds none.
     for format in written_formats().filter(|format| format.id != "hm3d") {

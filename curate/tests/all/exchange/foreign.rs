@@ -45,12 +45,13 @@ impl Foreign {
     pub(crate) fn import_from(&self, below: &str, format: &str) -> Result<Scene, CurateError> {
         store::remove(&self.path().join("out")).unwrap();
         import(&ImportRequest {
-            folder: &self.path().join("in").join(below),
-            format,
-            id: "foreign",
             frames_per_second: Some(10.0),
-            masks: MaskMeaning::Moving,
-            out: &self.path().join("out"),
+            ..ImportRequest::new(
+                &self.path().join("in").join(below),
+                format,
+                "foreign",
+                &self.path().join("out"),
+            )
         })
     }
 

@@ -11,12 +11,8 @@ fn masks_of_other_tools_may_mark_what_is_ignored() {
     fs::remove_dir_all(from.join("ignore")).unwrap();
     let back = export.path().join("back");
     let imported = import(&ImportRequest {
-        folder: &from,
-        format: "nerfstudio",
-        id: &original.id,
-        frames_per_second: None,
         masks: MaskMeaning::Ignored,
-        out: &back,
+        ..ImportRequest::new(&from, "nerfstudio", &original.id, &back)
     })
     .unwrap();
     for (frame, expected) in imported.frames.iter().zip(&original.frames) {
@@ -43,20 +39,12 @@ fn objects_may_be_what_is_ignored() {
     fs::remove_file(from.join("scene.json")).unwrap();
     // Without the record the frame without a pose is left out, and its mask that of no frame.
     fs::remove_file(from.join("mask/000005.png")).unwrap();
-    let all = Mask {
-        width: 32,
-        height: 16,
-        data: vec![255; 32 * 16],
-    };
+    let all = Mask::new(32, 16, vec![255; 32 * 16]);
     all.write_png(&from.join("mask/000003.png")).unwrap();
     let back = export.path().join("back");
     let imported = import(&ImportRequest {
-        folder: &from,
-        format: "frames",
-        id: &original.id,
-        frames_per_second: None,
         masks: MaskMeaning::Ignored,
-        out: &back,
+        ..ImportRequest::new(&from, "frames", &original.id, &back)
     })
     .unwrap();
     for (number, frame) in imported.frames.iter().enumerate() {
@@ -85,15 +73,7 @@ fn labels_of_what_is_ignored_are_told() {
         mask.write_png(&file).unwrap();
     }
     let back = export.path().join("back");
-    let imported = import(&ImportRequest {
-        folder: &from,
-        format: "frames",
-        id: &original.id,
-        frames_per_second: None,
-        masks: MaskMeaning::Moving,
-        out: &back,
-    })
-    .unwrap();
+    let imported = import(&ImportRequest::new(&from, "frames", &original.id, &back)).unwrap();
     for (frame, expected) in imported.frames.iter().zip(&original.frames) {
         let read = |root: &Path, file: &Option<String>| {
             let file = file.as_ref()?;
@@ -141,14 +121,12 @@ fn nerfstudio_gets_masks_of_all_frames_or_of_none() {
         .collect();
     assert_eq!(white, [false, true, false, false, false]);
     let back = export.path().join("back");
-    let imported = import(&ImportRequest {
-        folder: &export.path().join("scene"),
-        format: "nerfstudio",
-        id: &scene.id,
-        frames_per_second: None,
-        masks: MaskMeaning::Moving,
-        out: &back,
-    })
+    let imported = import(&ImportRequest::new(
+        &export.path().join("scene"),
+        "nerfstudio",
+        &scene.id,
+        &back,
+    ))
     .unwrap();
     for (frame, expected) in imported.frames.iter().zip(&scene.frames) {
         let read = |root: &Path, file: &Option<String>| {

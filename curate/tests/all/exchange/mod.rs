@@ -48,10 +48,7 @@ use omnilife_schemas::{
 use serde_json::Value;
 use tempfile::TempDir;
 
-const CAMERA: ErpCamera = ErpCamera {
-    width: 32,
-    height: 16,
-};
+const CAMERA: ErpCamera = ErpCamera::new(32, 16);
 
 /// Six frames on a bent path; the second has no mask, the last no pose.
 fn scene() -> (TempDir, Scene) {
@@ -72,13 +69,9 @@ fn scene() -> (TempDir, Scene) {
                 .map(|at| if at % (index + 2) == 0 { 255 } else { 0 })
                 .collect();
             let name = format!("masks/{index:06}.png");
-            Mask {
-                width: 32,
-                height: 16,
-                data,
-            }
-            .write_png(&root.join(&name))
-            .unwrap();
+            Mask::new(32, 16, data)
+                .write_png(&root.join(&name))
+                .unwrap();
             name
         });
         let q = DQuat::from_euler(glam::EulerRot::YXZ, 0.9 * t, 0.2 * t - 0.4, 0.1 * t);
@@ -101,23 +94,8 @@ fn scene() -> (TempDir, Scene) {
         }
     });
     let scene = Scene {
-        id: "clip/seq-000".to_owned(),
-        camera: CAMERA.into(),
-        scale: Scale::Arbitrary,
-        frames: frames.collect(),
         points: Some("points.ply".to_owned()),
-        pose_source: PoseSource::Given {
-            file: "poses.json".to_owned(),
-        },
-        validation: PoseValidation {
-            status: ValidationStatus::Unchecked,
-            registered_frames: 5,
-            total_frames: 6,
-            measures: Default::default(),
-            problems: Vec::new(),
-        },
-        published_split: None,
-        objects: [].into(),
+        ..Scene::given("clip/seq-000", CAMERA, frames.collect())
     };
     let points = PointCloud {
         positions: vec![[0.1, -2.5, 3.0e-3], [1.0e3, 4.0, -7.25]],
@@ -133,27 +111,15 @@ fn holder(root: &Path, index: i32) -> String {
     let name = format!("ignore/{index:06}.png");
     fs::create_dir_all(root.join("ignore")).unwrap();
     let data = (0..32 * 16).map(|at| 255 * u8::from(at % 32 > 20 + index));
-    Mask {
-        width: 32,
-        height: 16,
-        data: data.collect(),
-    }
-    .write_png(&root.join(&name))
-    .unwrap();
+    Mask::new(32, 16, data.collect())
+        .write_png(&root.join(&name))
+        .unwrap();
     name
 }
 
 /// Exports without a split.
 fn export_all(format: &str, scene_folder: &Path, out: &Path) -> Result<ExportScene, CurateError> {
-    let request = ExportRequest {
-        scene_folder,
-        format,
-        split: None,
-        given_only: false,
-        cube_faces: None,
-        pad_to: None,
-        out,
-    };
+    let request = ExportRequest::new(scene_folder, format, out);
     export(&request, &Silent)
 }
 
@@ -166,14 +132,12 @@ fn exported(format: &str, scene_folder: &Path) -> TempDir {
 /// Exports a scene and imports it again, into the folder `back` beside the export.
 fn round_trip(format: &str, scene_folder: &Path, id: &str) -> (TempDir, Scene) {
     let export = exported(format, scene_folder);
-    let scene = import(&ImportRequest {
-        folder: &export.path().join("scene"),
+    let scene = import(&ImportRequest::new(
+        &export.path().join("scene"),
         format,
         id,
-        frames_per_second: None,
-        masks: MaskMeaning::Moving,
-        out: &export.path().join("back"),
-    })
+        &export.path().join("back"),
+    ))
     .unwrap();
     (export, scene)
 }
@@ -260,27 +224,18 @@ fn every_format_gives_back_what_it_was_given() {
 #[test]
 fn pinhole_cameras_come_back() {
     let (folder, mut original) = scene();
-    let pinhole = PinholeCamera {
-        width: 32,
-        height: 16,
-        fx: 21.25,
-        fy: 21.25,
-        cx: 15.5,
-        cy: 8.125,
-    };
+    let pinhole = PinholeCamera::new([32, 16], [21.25, 21.25], [15.5, 8.125]);
     let path = folder.path().join("scene.json");
     original.camera = pinhole.into();
     store::write_record(&path, &original).unwrap();
     for format in ["colmap", "nerfstudio", "openmvg"] {
         let export = exported(format, folder.path());
-        let imported = import(&ImportRequest {
-            folder: &export.path().join("scene"),
+        let imported = import(&ImportRequest::new(
+            &export.path().join("scene"),
             format,
-            id: &original.id,
-            frames_per_second: None,
-            masks: MaskMeaning::Moving,
-            out: &export.path().join("back"),
-        });
+            &original.id,
+            &export.path().join("back"),
+        ));
         assert_eq!(imported.unwrap().camera, pinhole.into(), "{format}");
     }
     let refused = |format: &str| {
@@ -317,14 +272,12 @@ fn openmvgs_own_file_is_read() {
     fs::write(at("sfm_data.json"), whole.to_string()).unwrap();
     fs::remove_file(at("data_views.json")).unwrap();
     fs::remove_file(at("data_extrinsics.json")).unwrap();
-    let imported = import(&ImportRequest {
-        folder: &export.path().join("scene"),
-        format: "openmvg",
-        id: &original.id,
-        frames_per_second: None,
-        masks: MaskMeaning::Moving,
-        out: &export.path().join("back"),
-    })
+    let imported = import(&ImportRequest::new(
+        &export.path().join("scene"),
+        "openmvg",
+        &original.id,
+        &export.path().join("back"),
+    ))
     .unwrap();
     assert_eq!(imported.camera, original.camera);
     assert_eq!(imported.validation.registered_frames, 5);

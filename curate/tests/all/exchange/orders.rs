@@ -73,24 +73,13 @@ fn poses_without_names_belong_to_numbers() {
         let images: Vec<String> = names.iter().map(|name| format!("rgb/{name}")).collect();
         let images: Vec<(&str, u8)> = images.iter().map(String::as_str).zip(0..).collect();
         let foreign = Foreign::new(SIZE, &images);
-        let poses = Poses {
-            scale: Scale::Arbitrary,
-            camera: Some(
-                ErpCamera {
-                    width: 24,
-                    height: 12,
-                }
-                .into(),
-            ),
-            frames: (0..images.len() as u8)
-                .map(|n| PosedFrame {
-                    time_seconds: f64::from(n),
-                    pose: pose(n),
-                    mask: None,
-                })
+        let poses = Poses::new(
+            Scale::Arbitrary,
+            Some(ErpCamera::new(24, 12).into()),
+            (0..images.len() as u8)
+                .map(|n| PosedFrame::new(f64::from(n), pose(n)))
                 .collect(),
-            points: None,
-        };
+        );
         store::write_record(&foreign.path().join("in/poses.json"), &poses).unwrap();
         foreign
     };

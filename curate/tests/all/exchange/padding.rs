@@ -5,20 +5,13 @@ use omnilife_schemas::{
     RgbImage,
     camera::Camera,
     padded_frame::PaddedFrame,
-    records::{Colour, Padding, Protocol, Resampling, ScoredViews, SplitRule},
+    records::{Padding, Protocol, ScoredViews, SplitRule},
     split_rules,
 };
 
 use super::*;
 
-const PINHOLE: PinholeCamera = PinholeCamera {
-    width: 32,
-    height: 16,
-    fx: 21.25,
-    fy: 21.25,
-    cx: 15.5,
-    cy: 8.125,
-};
+const PINHOLE: PinholeCamera = PinholeCamera::new([32, 16], [21.25, 21.25], [15.5, 8.125]);
 
 fn export_padded(
     format: &str,
@@ -27,13 +20,9 @@ fn export_padded(
     out: &Path,
 ) -> Result<ExportScene, CurateError> {
     let request = ExportRequest {
-        scene_folder,
-        format,
         split,
-        given_only: false,
-        cube_faces: None,
         pad_to,
-        out,
+        ..ExportRequest::new(scene_folder, format, out)
     };
     export(&request, &Silent)
 }
@@ -85,15 +74,7 @@ fn padded_perspective_frames_come_back_with_their_camera_and_masks_of_the_paddin
         let (there, back) = (out.path().join("there"), out.path().join("back"));
         export_padded(format.id, folder.path(), (None, Some([23, 10])), &there).unwrap();
         assert!(!there.join("scratch").exists());
-        let imported = import(&ImportRequest {
-            folder: &there,
-            format: format.id,
-            id: &original.id,
-            frames_per_second: None,
-            masks: MaskMeaning::Moving,
-            out: &back,
-        })
-        .unwrap();
+        let imported = import(&ImportRequest::new(&there, format.id, &original.id, &back)).unwrap();
         let Camera::Pinhole(camera) = imported.camera else {
             panic!("{}: {:?}", format.id, imported.camera);
         };
@@ -136,10 +117,7 @@ fn padded_panoramas_keep_their_directions() {
     let transforms = json(&there.join("transforms.json"));
     let entry = |name: &str| transforms[name].as_f64().unwrap();
     assert_eq!([entry("w"), entry("h")], [16.0, 13.0]);
-    let panorama = ErpCamera {
-        width: 16,
-        height: 8,
-    };
+    let panorama = ErpCamera::new(16, 8);
     for (column, row) in [(0, 0), (3, 2), (8, 4), (15, 7)] {
         let place = dvec2(f64::from(column) + 0.5, f64::from(row) + 0.5);
         let of_frame = place + dvec2(0.0, 2.0);
@@ -166,14 +144,12 @@ fn padded_panoramas_keep_their_directions() {
         assert!(pixels.all(|(pixel, &value)| value == 0 || !is_padding(frame, pixel)));
     }
     // Scenes have panoramas of the whole sphere.
-    let imported = import(&ImportRequest {
-        folder: &there,
-        format: "nerfstudio",
-        id: &original.id,
-        frames_per_second: None,
-        masks: MaskMeaning::Moving,
-        out: &out.path().join("back"),
-    });
+    let imported = import(&ImportRequest::new(
+        &there,
+        "nerfstudio",
+        &original.id,
+        &out.path().join("back"),
+    ));
     assert!(imported.is_err());
 }
 
@@ -203,22 +179,18 @@ fn frames_are_those_of_the_split() {
     original.camera = PINHOLE.into();
     store::write_record(&folder.path().join("scene.json"), &original).unwrap();
     let protocol = Protocol {
-        id: "test".to_owned(),
-        version: 1,
-        split: SplitRule::EveryNth {
-            period: 2,
-            offset: 1,
-        },
-        scored: ScoredViews::Novel,
-        largest_width: None,
-        resampling: Resampling::Area,
         padding: Padding::Frame {
             width: 40,
             height: 20,
         },
-        colour: Colour::Srgb8,
-        metrics: Vec::new(),
-        mask_rule: "none".to_owned(),
+        ..Protocol::new(
+            "test",
+            SplitRule::EveryNth {
+                period: 2,
+                offset: 1,
+            },
+            ScoredViews::Novel,
+        )
     };
     let file = folder.path().join("split.json");
     let split = split_rules::split(&original, &protocol).unwrap();

@@ -212,14 +212,7 @@ fn data_of_openmvg_is_read_as_cereal_writes_it() {
         |view| view % 2,
         "0.3",
     ));
-    let camera = PinholeCamera {
-        width: 32,
-        height: 16,
-        fx: 20.5,
-        fy: 20.5,
-        cx: 15.5,
-        cy: 8.25,
-    };
+    let camera = PinholeCamera::new([32, 16], [20.5, 20.5], [15.5, 8.25]);
     assert_eq!(foreign.import("openmvg").unwrap().camera, camera.into());
     let with = |name: &'static str, entry: &str, terms: &[f64]| {
         let mut intrinsic = (name, pinhole.1.clone());

@@ -85,16 +85,11 @@ fn pycolmap_takes_cube_faces_as_a_rig() {
     let out = tempfile::tempdir().unwrap();
     let target = out.path().join("faces");
     let request = ExportRequest {
-        scene_folder: folder.path(),
-        format: "colmap-binary",
-        split: None,
-        given_only: false,
         cube_faces: Some(CubeFaces {
             side: 8,
             sky_points: 0,
         }),
-        pad_to: None,
-        out: &target,
+        ..ExportRequest::new(folder.path(), "colmap-binary", &target)
     };
     export(&request, &Silent).unwrap();
     let seen = asked(&python, SEEN, &target.join("sparse/0"));

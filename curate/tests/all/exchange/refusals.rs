@@ -22,14 +22,7 @@ fn what_cannot_be_exchanged_is_refused() {
     let export = exported("colmap", folder.path());
     let from = export.path().join("scene");
     fs::remove_file(from.join("times.csv")).unwrap();
-    let request = |out| ImportRequest {
-        folder: &from,
-        format: "colmap",
-        id: "x",
-        frames_per_second: None,
-        masks: MaskMeaning::Moving,
-        out,
-    };
+    let request = |out| ImportRequest::new(&from, "colmap", "x", out);
     let back = export.path().join("back");
     let error = import(&request(&back)).unwrap_err().to_string();
     assert!(error.contains("give --fps"), "{error}");
@@ -149,15 +142,7 @@ fn imports_read_nothing_outside_of_their_folder() {
 #[test]
 fn refusals_name_no_temporary_folder() {
     let (folder, mut scene) = scene();
-    scene.camera = PinholeCamera {
-        width: 32,
-        height: 16,
-        fx: 20.0,
-        fy: 21.0,
-        cx: 16.0,
-        cy: 8.0,
-    }
-    .into();
+    scene.camera = PinholeCamera::new([32, 16], [20.0, 21.0], [16.0, 8.0]).into();
     store::write_record(&folder.path().join("scene.json"), &scene).unwrap();
     for format in ["hm3d", "openmvg"] {
         let out = folder.path().join("to").join(format);

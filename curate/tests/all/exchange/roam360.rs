@@ -74,14 +74,12 @@ fn poses_points_and_split_are_those_of_the_authors() {
 #[test]
 fn times_are_not_asked_for() {
     let foreign = scene_of(poses().to_string());
-    let scene = import(&ImportRequest {
-        folder: &foreign.path().join("in"),
-        format: "360roam",
-        id: "foreign",
-        frames_per_second: None,
-        masks: MaskMeaning::Moving,
-        out: &foreign.path().join("out"),
-    });
+    let scene = import(&ImportRequest::new(
+        &foreign.path().join("in"),
+        "360roam",
+        "foreign",
+        &foreign.path().join("out"),
+    ));
     let scene = scene.unwrap();
     assert_eq!(
         foreign.shown(&scene),

@@ -168,14 +168,12 @@ fn plain(number: u8) -> Photo<'static> {
 
 fn imported(foreign: &Foreign) -> Result<Scene, CurateError> {
     store::remove(&foreign.path().join("out")).unwrap();
-    import(&ImportRequest {
-        folder: &foreign.path().join("in"),
-        format: "panoramas",
-        id: "stills",
-        frames_per_second: None,
-        masks: MaskMeaning::Moving,
-        out: &foreign.path().join("out"),
-    })
+    import(&ImportRequest::new(
+        &foreign.path().join("in"),
+        "panoramas",
+        "stills",
+        &foreign.path().join("out"),
+    ))
 }
 
 #[test]

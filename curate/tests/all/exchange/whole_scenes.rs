@@ -5,8 +5,8 @@ use std::collections::BTreeSet;
 use omnilife_curate::exchange::scene_id;
 use omnilife_schemas::{
     records::{
-        Capture, Colour, DepthImage, DepthPrior, DistanceConvention, ObjectClass, Padding,
-        Protocol, PublishedSplit, Resampling, SceneObject, ScoredViews, Split, SplitRule,
+        Capture, DepthImage, DepthPrior, DistanceConvention, ObjectClass, Protocol, PublishedSplit,
+        SceneObject, ScoredViews, Split, SplitRule,
     },
     testing::Notes,
 };
@@ -87,13 +87,9 @@ fn frame(root: &Path, at: u32, name: &str, bits: u16) -> SceneFrame {
     let mask = |folder: &str, step: u32| {
         let file = format!("{folder}/{stem}.png");
         let data = (0..32 * 16).map(|p| 255 * u8::from(p % (at + step) == 0));
-        Mask {
-            width: 32,
-            height: 16,
-            data: data.collect(),
-        }
-        .write_png(&path(&file))
-        .unwrap();
+        Mask::new(32, 16, data.collect())
+            .write_png(&path(&file))
+            .unwrap();
         file
     };
     let distances = |folder: &str, value: f32| {
@@ -150,14 +146,12 @@ fn capture(number: f64) -> Capture {
 }
 
 pub(super) fn import_frames(folder: &Path, out: &Path) -> Result<Scene, CurateError> {
-    import(&ImportRequest {
+    import(&ImportRequest::new(
         folder,
-        format: "frames",
-        id: &scene_id("frames", folder)?,
-        frames_per_second: None,
-        masks: MaskMeaning::Moving,
+        "frames",
+        &scene_id("frames", folder)?,
         out,
-    })
+    ))
 }
 
 /// Contents of all files that a scene names, as pixels or bytes.
@@ -222,39 +216,15 @@ fn frames_for_testing_stay_behind() {
     let folder = tempfile::tempdir().unwrap();
     let frames = [(0, EVERYTHING), (1, EVERYTHING), (2, EVERYTHING)];
     let original = write_scene(folder.path(), &frames, NAMES[0]);
-    let protocol = Protocol {
-        id: "test".to_owned(),
-        version: 1,
-        split: SplitRule::AllGiven,
-        scored: ScoredViews::Novel,
-        largest_width: None,
-        resampling: Resampling::Area,
-        padding: Padding::None,
-        colour: Colour::Srgb8,
-        metrics: Vec::new(),
-        mask_rule: "none".to_owned(),
-    };
+    let protocol = Protocol::new("test", SplitRule::AllGiven, ScoredViews::Novel);
     let split = folder.path().join("split.json");
-    let record = Split {
-        scene: original.id.clone(),
-        protocol_hash: protocol.hash(),
-        protocol,
-        input_views: vec![0, 2],
-        novel_views: vec![1],
-        unposed: Vec::new(),
-        groups: Vec::new(),
-        incomplete: Vec::new(),
-    };
+    let record = Split::new(&original.id, protocol, vec![0, 2], vec![1]);
     store::write_record(&split, &record).unwrap();
     let out = folder.path().join("out");
     let request = ExportRequest {
-        scene_folder: folder.path(),
-        format: "frames",
         split: Some(&split),
         given_only: true,
-        cube_faces: None,
-        pad_to: None,
-        out: &out,
+        ..ExportRequest::new(folder.path(), "frames", &out)
     };
     export(&request, &Silent).unwrap();
     let back = import_frames(&out, &folder.path().join("back")).unwrap();
@@ -362,13 +332,8 @@ fn resized_frames_have_no_record() {
     let out = folder.path().join("small");
     let notes = Notes::default();
     let request = ExportRequest {
-        scene_folder: folder.path(),
-        format: "frames",
-        split: None,
-        given_only: false,
-        cube_faces: None,
         pad_to: Some([16, 8]),
-        out: &out,
+        ..ExportRequest::new(folder.path(), "frames", &out)
     };
     export(&request, &notes).unwrap();
     let lines = notes.take();
@@ -412,15 +377,7 @@ fn exports_say_what_they_leave_out() {
         let notes = Notes::default();
         let exports = tempfile::tempdir().unwrap();
         let out = exports.path().join(format.id);
-        let request = ExportRequest {
-            scene_folder: folder.path(),
-            format: format.id,
-            split: None,
-            given_only: false,
-            cube_faces: None,
-            pad_to: None,
-            out: &out,
-        };
+        let request = ExportRequest::new(folder.path(), format.id, &out);
         export(&request, &notes).unwrap();
         let lines = notes.take();
         let said: BTreeSet<&str> = parts
@@ -439,15 +396,7 @@ fn exports_say_what_they_leave_out() {
     }
     let notes = Notes::default();
     let out = folder.path().join("again");
-    let request = ExportRequest {
-        scene_folder: folder.path(),
-        format: "colmap",
-        split: None,
-        given_only: false,
-        cube_faces: None,
-        pad_to: None,
-        out: &out,
-    };
+    let request = ExportRequest::new(folder.path(), "colmap", &out);
     export(&request, &notes).unwrap();
     let lines = notes.take();
     let objects = lines
@@ -470,14 +419,12 @@ fn text_models_of_colmap_hold_no_spaces_in_names() {
         "{line}"
     );
     let export = exported("colmap-binary", folder.path());
-    let back = import(&ImportRequest {
-        folder: &export.path().join("scene"),
-        format: "colmap",
-        id: "x",
-        frames_per_second: None,
-        masks: MaskMeaning::Moving,
-        out: &export.path().join("back"),
-    });
+    let back = import(&ImportRequest::new(
+        &export.path().join("scene"),
+        "colmap",
+        "x",
+        &export.path().join("back"),
+    ));
     let images = |scene: &Scene| -> Vec<String> {
         scene
             .frames

@@ -57,10 +57,7 @@ fn given_poses_are_matched_by_time_and_bring_points_and_masks() {
     let sequence = sequence_of_twenty(temp.path());
     let given = temp.path().join("given");
     fs::create_dir(&given).unwrap();
-    let cloud = PointCloud {
-        positions: vec![[1.0, 2.0, 3.0]],
-        colours: vec![[9, 8, 7]],
-    };
+    let cloud = PointCloud::of_colour(vec![[1.0, 2.0, 3.0]], [9, 8, 7]);
     cloud.write_ply(&given.join("cloud.ply")).unwrap();
     // A mask of half the size: its left half is white.
     let half: Vec<u8> = (0..128 * 64)
@@ -141,12 +138,7 @@ fn given_poses_take_a_folder_of_masks() {
         pose: pose_at(f64::from(index)),
         mask: (index == 0).then(|| "own.png".to_owned()),
     });
-    let record = Poses {
-        camera: None,
-        scale: Scale::Metres,
-        frames: frames.collect(),
-        points: None,
-    };
+    let record = Poses::new(Scale::Metres, None, frames.collect());
     let file = temp.path().join("poses.json");
     store::write_record(&file, &record).unwrap();
     let request = PoseRequest::Given(file);
@@ -187,17 +179,9 @@ fn what_is_no_part_of_the_scene_is_kept_for_every_frame() {
     }
     let tripod = temp.path().join("tripod.png");
     save(&tripod, 28);
-    let frames = (0..20).map(|index| PosedFrame {
-        time_seconds: f64::from(index) * 0.1,
-        pose: pose_at(f64::from(index)),
-        mask: None,
-    });
-    let record = Poses {
-        camera: None,
-        scale: Scale::Metres,
-        frames: frames.collect(),
-        points: None,
-    };
+    let frames =
+        (0..20).map(|index| PosedFrame::new(f64::from(index) * 0.1, pose_at(f64::from(index))));
+    let record = Poses::new(Scale::Metres, None, frames.collect());
     let file = temp.path().join("poses.json");
     store::write_record(&file, &record).unwrap();
     let request = PoseRequest::Given(file);
@@ -294,11 +278,7 @@ fn poses_that_fit_nothing_or_are_broken_are_refused() {
         };
         store::write_record(&file, &record).unwrap();
     };
-    let frame = |time_seconds: f64, pose: Pose| PosedFrame {
-        time_seconds,
-        pose,
-        mask: None,
-    };
+    let frame = PosedFrame::new;
     let refused = |reason: &str| {
         let request = PoseRequest::Given(file.clone());
         let error = pose_sequence(&sequence, &request, &Silent).unwrap_err();
@@ -351,12 +331,7 @@ fn masks_of_the_user_survive_and_failed_poses_leave_no_scene() {
                 mask: (index == 0).then(|| format!("masks/{mask}")),
             })
             .collect();
-        let record = Poses {
-            camera: None,
-            scale: Scale::Metres,
-            frames,
-            points: None,
-        };
+        let record = Poses::new(Scale::Metres, None, frames);
         store::write_record(&file, &record).unwrap();
     };
     write_mask("000000.png", 256);
@@ -390,16 +365,11 @@ fn moved_poses_are_not_made_again() {
     let temp = tempfile::tempdir().unwrap();
     let sequence = sequence_of_twenty(temp.path());
     let given = temp.path().join("given.json");
-    let record = Poses {
-        camera: None,
-        scale: Scale::Metres,
-        frames: vec![PosedFrame {
-            time_seconds: 0.0,
-            pose: pose_at(0.0),
-            mask: None,
-        }],
-        points: None,
-    };
+    let record = Poses::new(
+        Scale::Metres,
+        None,
+        vec![PosedFrame::new(0.0, pose_at(0.0))],
+    );
     store::write_record(&given, &record).unwrap();
     let scene = pose_sequence(&sequence, &PoseRequest::Given(given.clone()), &Silent).unwrap();
     let folder = temp.path().join("moved");
@@ -428,27 +398,16 @@ fn frames_of_a_pinhole_need_its_camera() {
     let pinhole = PinholeCamera::with_horizontal_field_of_view(512, 256, 1.1);
     let file = temp.path().join("poses.json");
     let pose = |camera: Option<Camera>| {
-        let frames = (0..20).map(|index| PosedFrame {
-            time_seconds: f64::from(index) * 0.1,
-            pose: pose_at(f64::from(index)),
-            mask: None,
-        });
-        let record = Poses {
-            camera,
-            scale: Scale::Metres,
-            frames: frames.collect(),
-            points: None,
-        };
+        let frames =
+            (0..20).map(|index| PosedFrame::new(f64::from(index) * 0.1, pose_at(f64::from(index))));
+        let record = Poses::new(Scale::Metres, camera, frames.collect());
         store::write_record(&file, &record).unwrap();
         pose_sequence(&sequence, &PoseRequest::Given(file.clone()), &Silent)
     };
     // Of half the size: its lengths are halved.
     let scene = pose(Some(pinhole.into())).unwrap();
     assert_eq!(scene.camera, Camera::from(pinhole).resized(256, 128));
-    let erp = ErpCamera {
-        width: 256,
-        height: 128,
-    };
+    let erp = ErpCamera::new(256, 128);
     for (camera, reason) in [
         (None, "has no pinhole camera"),
         (Some(erp.into()), "has no pinhole camera"),

@@ -132,14 +132,7 @@ fn a_lens_that_does_nothing_changes_nothing() {
     write_flight(&model, "1 SIMPLE_RADIAL 512 256 400 256 128 0.0005\n");
     let read = ColmapModel::read(&model).unwrap();
     assert_eq!(read.camera.lens(), None);
-    let straight = PinholeCamera {
-        width: 512,
-        height: 256,
-        fx: 400.0,
-        fy: 400.0,
-        cx: 256.0,
-        cy: 128.0,
-    };
+    let straight = PinholeCamera::new([512, 256], [400.0, 400.0], [256.0, 128.0]);
     assert_eq!(read.camera.camera(), straight.into());
     for camera in [
         "1 RADIAL 512 256 400 256 128 -300 0\n",

@@ -5,10 +5,7 @@ use super::*;
 /// A made-up model without errors: `frames` cameras along a line amid points on a sphere, all seen
 /// by all. The world is tilted.
 fn perfect(frames: u32, tilt: DQuat) -> (ColmapModel, Vec<String>) {
-    let camera = ErpCamera {
-        width: 1024,
-        height: 512,
-    };
+    let camera = ErpCamera::new(1024, 512);
     let ids: Vec<u32> = (1..=frames).collect();
     let points: std::collections::BTreeMap<u64, ColmapPoint> = (0..300_u64)
         .map(|id| {

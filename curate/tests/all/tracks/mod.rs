@@ -19,10 +19,7 @@ use omnilife_schemas::{
     points::PointCloud,
     posed_view::PosedView,
     progress::Silent,
-    records::{
-        DepthPrior, DistanceConvention, PoseSource, PoseValidation, Scale, Scene, SceneFrame,
-        ValidationStatus,
-    },
+    records::{DepthPrior, DistanceConvention, PoseSource, Scale, Scene, SceneFrame},
     rgb, store,
     trajectory::GroundAxes,
 };
@@ -53,38 +50,20 @@ fn write_scene(folder: &Path) -> Scene {
         let image = format!("frames/{number:06}.png");
         rgb::write_rgb8_png(&folder.join(&image), 320, 180, &vec![90; 320 * 180 * 3]).unwrap();
         let q = DQuat::from_mat3(&(looks_down * DMat3::from_rotation_x(0.1)));
-        SceneFrame {
+        SceneFrame::new(
             image,
-            time_seconds: number as f64,
-            pose: Some(Pose::new(q, dvec3(0.3 * number as f64 - 2.0, -4.0, 40.0))),
-            mask: None,
-            ignore_mask: None,
-            classes: [].into(),
-            depth: None,
-            depth_prior: None,
-            objects: [].into(),
-            boxes: [].into(),
-            capture: None,
-        }
+            number as f64,
+            Some(Pose::new(q, dvec3(0.3 * number as f64 - 2.0, -4.0, 40.0))),
+        )
     });
     let scene = Scene {
-        id: "flight".to_owned(),
-        camera: PinholeCamera::with_horizontal_field_of_view(320, 180, 1.1).into(),
         scale: Scale::Metres,
-        frames: frames.collect(),
         points: Some("points.ply".to_owned()),
-        pose_source: PoseSource::Given {
-            file: "poses.json".to_owned(),
-        },
-        validation: PoseValidation {
-            status: ValidationStatus::Unchecked,
-            registered_frames: FRAMES as u32,
-            total_frames: FRAMES as u32,
-            measures: [].into(),
-            problems: Vec::new(),
-        },
-        published_split: None,
-        objects: [].into(),
+        ..Scene::given(
+            "flight",
+            PinholeCamera::with_horizontal_field_of_view(320, 180, 1.1),
+            frames.collect(),
+        )
     };
     write_points(folder, 60, 1.0);
     store::write_record(&folder.join("scene.json"), &scene).unwrap();
@@ -97,10 +76,7 @@ fn write_points(folder: &Path, side: usize, spacing: f64) {
     let positions: Vec<[f64; 3]> = (0..side * side)
         .map(|n| [coordinate(n % side), coordinate(n / side), 0.0])
         .collect();
-    let points = PointCloud {
-        colours: vec![[90; 3]; positions.len()],
-        positions,
-    };
+    let points = PointCloud::of_colour(positions, [90; 3]);
     points.write_ply(&folder.join("points.ply")).unwrap();
 }
 

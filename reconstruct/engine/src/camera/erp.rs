@@ -131,10 +131,7 @@ mod tests {
 
     use super::*;
 
-    const CAMERA: ErpCamera = ErpCamera {
-        width: 1024,
-        height: 512,
-    };
+    const CAMERA: ErpCamera = ErpCamera::new(1024, 512);
 
     /// Returns the Jacobian of the f64 definition by central differences.
     fn reference_jacobian(p: DVec3) -> [DVec3; 2] {

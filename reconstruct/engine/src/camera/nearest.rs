@@ -77,10 +77,7 @@ mod tests {
 
     #[test]
     fn what_a_pixel_shows_is_seen_in_that_pixel() {
-        let erp = ErpCamera {
-            width: 40,
-            height: 20,
-        };
+        let erp = ErpCamera::new(40, 20);
         let pinhole = PinholeCamera::with_horizontal_field_of_view(30, 20, 1.4);
         for camera in [Camera::from(erp), Camera::from(pinhole)] {
             let view = View {

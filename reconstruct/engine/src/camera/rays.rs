@@ -74,10 +74,7 @@ mod tests {
 
     #[test]
     fn rays_are_those_of_the_definition() {
-        let erp = ErpCamera {
-            width: 40,
-            height: 20,
-        };
+        let erp = ErpCamera::new(40, 20);
         let pinhole = PinholeCamera::with_horizontal_field_of_view(30, 20, 1.4);
         let (erp_rays, pinhole_rays) = (Rays::new(erp.into()), Rays::new(pinhole.into()));
         for (column, row) in [(0, 0), (29, 19), (7, 11), (20, 3)] {

@@ -19,7 +19,7 @@ use super::{
 use crate::{
     camera::{Camera, View},
     density::{order, settings::LatitudeOf},
-    device::{DeviceBuffer, Gpu, GpuError, Kernel, Scan, Shader, wgsl_struct},
+    device::{DeviceBuffer, Gpu, GpuError, Scan, Shader, kernels, wgsl_struct},
     gaussians::{static_gaussians::logit, temporal::gpu::table_constants},
     model::Part,
     render::sort::gpu::RadixSort,
@@ -100,19 +100,26 @@ pub(crate) fn shader() -> Shader {
     }
 }
 
+kernels! {
+    /// The kernels of the shader.
+    struct OwnKernels() = shader() => [
+        find_candidates,
+        grow_in_space,
+        find_restless,
+        grow_in_time,
+        count_copies,
+        append_copies,
+        judge_rows,
+        keep_rows,
+        write_sources,
+        write_children,
+    ];
+}
+
 /// The kernels, which do not depend on the number of Gaussians, and the input views.
 #[derive(Debug)]
 pub(crate) struct DensityKernels {
-    find_candidates: Kernel,
-    grow_in_space: Kernel,
-    find_restless: Kernel,
-    grow_in_time: Kernel,
-    count_copies: Kernel,
-    append_copies: Kernel,
-    judge_rows: Kernel,
-    keep_rows: Kernel,
-    write_sources: Kernel,
-    write_children: Kernel,
+    own: OwnKernels,
     sort: RadixSort,
     scan: Scan,
     views: DeviceBuffer<DensityView>,
@@ -121,45 +128,9 @@ pub(crate) struct DensityKernels {
 impl DensityKernels {
     /// Compiles the kernels and uploads the input views.
     pub(crate) fn new(gpu: &Gpu, views: &[TrainingView]) -> Result<Self, GpuError> {
-        let [
-            find_candidates,
-            grow_in_space,
-            find_restless,
-            grow_in_time,
-            count_copies,
-            append_copies,
-            judge_rows,
-            keep_rows,
-            write_sources,
-            write_children,
-        ] = Kernel::compile(
-            gpu,
-            &shader(),
-            [
-                "find_candidates",
-                "grow_in_space",
-                "find_restless",
-                "grow_in_time",
-                "count_copies",
-                "append_copies",
-                "judge_rows",
-                "keep_rows",
-                "write_sources",
-                "write_children",
-            ],
-        )?;
         let views: Vec<DensityView> = views.iter().map(|view| density_view(&view.view)).collect();
         Ok(Self {
-            find_candidates,
-            grow_in_space,
-            find_restless,
-            grow_in_time,
-            count_copies,
-            append_copies,
-            judge_rows,
-            keep_rows,
-            write_sources,
-            write_children,
+            own: OwnKernels::new(gpu)?,
             sort: RadixSort::new(gpu)?,
             scan: Scan::new(gpu)?,
             views: DeviceBuffer::of(gpu, "views for density control", &views)?,

@@ -341,10 +341,7 @@ mod tests {
 
     /// Returns two upright views, one unit below and one above the origin.
     pub(super) fn views() -> [TrainingView; 2] {
-        let camera = ErpCamera {
-            width: 8,
-            height: 4,
-        };
+        let camera = ErpCamera::new(8, 4);
         let view = |height: f32| TrainingView {
             frame: 0,
             view: View {

@@ -243,11 +243,7 @@ mod tests {
 
     fn temporal() -> TemporalGaussians {
         TemporalGaussians {
-            clock: Clock {
-                origin_seconds: 0.0,
-                frame_seconds: 1.0,
-                duration_frames: 40.0,
-            },
+            clock: Clock::new(0.0, 1.0, 40.0),
             time: TimeModel {
                 cycle_frames: 10.0,
                 lifespans: Some(LifespanRange {

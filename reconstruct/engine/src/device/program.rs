@@ -23,6 +23,32 @@ pub struct Kernel {
     pipeline: wgpu::ComputePipeline,
 }
 
+/// Declares a structure of the kernels of a shader, named as their entry points, with `new`, which compiles them.
+macro_rules! kernels {
+    (
+        $(#[$meta:meta])*
+        $vis:vis struct $name:ident($($argument:ident: $kind:ty)?) = $shader:expr => [$($entry:ident),+ $(,)?];
+    ) => {
+        $(#[$meta])*
+        #[derive(Debug)]
+        $vis struct $name {
+            $($entry: $crate::device::Kernel,)+
+        }
+
+        impl $name {
+            $vis fn new(
+                gpu: &$crate::device::Gpu,
+                $($argument: $kind,)?
+            ) -> Result<Self, $crate::device::GpuError> {
+                let [$($entry),+] =
+                    $crate::device::Kernel::compile(gpu, &$shader, [$(stringify!($entry)),+])?;
+                Ok(Self { $($entry),+ })
+            }
+        }
+    };
+}
+pub(crate) use kernels;
+
 impl Kernel {
     /// Compiles the entry points of one file, of workgroups of 256 threads.
     ///

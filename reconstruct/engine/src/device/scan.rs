@@ -4,7 +4,7 @@ use crate::device::{
     buffer::{DeviceBuffer, Uniform},
     device::Gpu,
     error::GpuError,
-    program::{Kernel, Program},
+    program::{Program, kernels},
     shader::{Shader, wgsl_struct},
 };
 
@@ -27,23 +27,12 @@ pub(crate) fn shader() -> Shader {
     }
 }
 
-/// Exclusive prefix sums that saturate at `u32::MAX`.
-#[derive(Debug)]
-pub(crate) struct Scan {
-    scan_blocks: Kernel,
-    add_totals: Kernel,
+kernels! {
+    /// Exclusive prefix sums that saturate at `u32::MAX`.
+    pub(crate) struct Scan() = shader() => [scan_blocks, add_totals];
 }
 
 impl Scan {
-    pub(crate) fn new(gpu: &Gpu) -> Result<Self, GpuError> {
-        let [scan_blocks, add_totals] =
-            Kernel::compile(gpu, &shader(), ["scan_blocks", "add_totals"])?;
-        Ok(Self {
-            scan_blocks,
-            add_totals,
-        })
-    }
-
     /// Replaces every value by the sum of those before it. Append one value to find the total in it.
     pub(crate) fn record(
         &self,

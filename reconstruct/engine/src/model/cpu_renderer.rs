@@ -60,10 +60,7 @@ impl CpuRenderer {
     ) {
         match self {
             Self::Exact(renderer) => {
-                let upstream = RasterGradient {
-                    colour: image_gradient,
-                    features: feature_gradient,
-                };
+                let upstream = RasterGradient::new(image_gradient, feature_gradient);
                 renderer.backward(view, instant, &upstream, out);
             }
             Self::Published(renderer) => renderer.backward(view, instant, image_gradient, out),
@@ -84,10 +81,7 @@ impl CpuRenderer {
     ) -> Result<(), EngineError> {
         match self {
             Self::Exact(renderer) => {
-                let upstream = RasterGradient {
-                    colour: image_gradient,
-                    features: &[],
-                };
+                let upstream = RasterGradient::new(image_gradient, &[]);
                 renderer.backward_of(learning, view, instant, &upstream, out);
                 Ok(())
             }

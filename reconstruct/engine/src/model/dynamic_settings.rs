@@ -147,10 +147,7 @@ mod tests {
 
     #[test]
     fn a_gaussian_that_moves_by_a_pixel_costs_a_pixel_however_many_there_are() {
-        let camera = Camera::Erp(ErpCamera {
-            width: 128,
-            height: 64,
-        });
+        let camera = Camera::Erp(ErpCamera::new(128, 64));
         let loss = |form| MotionLoss { weight: 0.5, form };
         let pixel = std::f32::consts::PI / 64.0;
         for gaussians in [0, 1, 1_000, 1_000_000] {

@@ -186,10 +186,7 @@ mod tests {
     use super::*;
 
     fn view(seconds: f64) -> View {
-        let camera = ErpCamera {
-            width: 8,
-            height: 4,
-        };
+        let camera = ErpCamera::new(8, 4);
         View {
             camera: camera.into(),
             rotation: Mat3::from_euler(glam::EulerRot::XYZ, 0.3, -1.1, 0.2),

@@ -263,11 +263,7 @@ mod tests {
         model::pose_corrections::PoseCorrections,
     };
 
-    const CLOCK: Clock = Clock {
-        origin_seconds: 0.0,
-        frame_seconds: 1.0,
-        duration_frames: 4.0,
-    };
+    const CLOCK: Clock = Clock::new(0.0, 1.0, 4.0);
 
     fn initial() -> InitialGaussians {
         InitialGaussians {

@@ -157,10 +157,7 @@ impl DynamicLosses {
             dynamic.weight,
             &mut alone.opacity_gradient,
         );
-        let upstream = RasterGradient {
-            colour: &image_gradient,
-            features: &alone.opacity_gradient,
-        };
+        let upstream = RasterGradient::new(&image_gradient, &alone.opacity_gradient);
         alone
             .renderer
             .backward(step.drawn, &alone.activated, &upstream, &mut alone.gradient);

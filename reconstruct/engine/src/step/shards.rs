@@ -161,10 +161,7 @@ mod tests {
         training_view::{InputViews, TrainingView},
     };
 
-    const CAMERA: ErpCamera = ErpCamera {
-        width: 64,
-        height: 32,
-    };
+    const CAMERA: ErpCamera = ErpCamera::new(64, 32);
 
     fn views() -> Vec<TrainingView> {
         let view = |number: u32| TrainingView {

@@ -178,10 +178,7 @@ mod tests {
             heading_seconds: vec![1.0, 4.0, 7.0],
             headings: vec![3.0, -3.0, 2.5],
         };
-        let normalization = Similarity {
-            offset: [1.0, -2.0, 0.5],
-            scale: 0.25,
-        };
+        let normalization = Similarity::new([1.0, -2.0, 0.5], 0.25);
         RigidPath::new(
             &given,
             dvec3(0.1, 0.2, 1.0).normalize(),

@@ -241,18 +241,12 @@ fn some_places(lifted: &[Lifted]) -> PointCloud<f32> {
     let all: usize = lifted.iter().map(Lifted::len).sum();
     let positions = lifted.iter().flat_map(|lifted| &lifted.gaussians.positions);
     let positions: Vec<[f32; 3]> = positions.step_by(all / MOST_PLACES + 1).copied().collect();
-    PointCloud {
-        colours: vec![[0; 3]; positions.len()],
-        positions,
-    }
+    PointCloud::of_colour(positions, [0; 3])
 }
 
 /// Returns the centres as points.
 fn points_of(gaussians: &InitialGaussians) -> PointCloud<f32> {
-    PointCloud {
-        positions: gaussians.positions.clone(),
-        colours: vec![[0; 3]; gaussians.len()],
-    }
+    PointCloud::of_colour(gaussians.positions.clone(), [0; 3])
 }
 
 fn distance_views(views: &[SourceView]) -> Vec<DistanceView<'_>> {

@@ -206,10 +206,7 @@ impl Drawing {
     }
 
     fn seconds_of_backward(&mut self, ranges: &[Range<usize>]) -> f64 {
-        let upstream = RasterGradient {
-            colour: &self.by_image,
-            features: &[],
-        };
+        let upstream = RasterGradient::new(&self.by_image, &[]);
         let begun = Stopwatch::of_own_process();
         for range in ranges {
             self.renderer.backward_of(

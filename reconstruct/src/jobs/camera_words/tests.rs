@@ -14,10 +14,7 @@ struct Empty;
 
 impl OpenedModel for Empty {
     fn normalization(&self) -> Similarity {
-        Similarity {
-            offset: [0.0; 3],
-            scale: 1.0,
-        }
+        Similarity::new([0.0; 3], 1.0)
     }
 
     fn image(&mut self, _view: &View) -> Result<RgbImage, ReconstructError> {
@@ -131,14 +128,7 @@ fn from_above_the_upper_edge_is_forward_and_all_is_in_the_image() {
     let points: Vec<DVec3> = (0..100)
         .map(|n| dvec3(f64::from(n % 10) - 4.5, 1.0, f64::from(n / 10) - 0.5))
         .collect();
-    for camera in [
-        pinhole(),
-        ErpCamera {
-            width: 64,
-            height: 32,
-        }
-        .into(),
-    ] {
+    for camera in [pinhole(), ErpCamera::new(64, 32).into()] {
         let above = frames(&by(CameraPlaces::FromAbove, None), &points, camera).expect("frames");
         for frame in &above {
             let rotation = frame.pose.rotation().expect("a rotation");
@@ -178,11 +168,7 @@ fn a_stationary_camera_is_that_of_its_frame_and_time_goes_on() {
 
 #[test]
 fn panoramas_without_points_have_no_middle() {
-    let camera = ErpCamera {
-        width: 64,
-        height: 32,
-    }
-    .into();
+    let camera = ErpCamera::new(64, 32).into();
     let message = frames(&by(CameraPlaces::Orbit(360.0), None), &[], camera);
     let message = message.expect_err("refused").to_string();
     assert!(message.contains("--look-at"), "{message}");

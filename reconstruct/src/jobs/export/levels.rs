@@ -126,10 +126,7 @@ pub(super) fn selections(positions: Vec<[f32; 3]>, counts: &[u64]) -> Vec<Select
         return levels;
     }
     let mut indices: Vec<usize> = (0..all).collect();
-    let mut points = PointCloud {
-        positions,
-        colours: vec![[0; 3]; all],
-    };
+    let mut points = PointCloud::of_colour(positions, [0; 3]);
     levels.extend(thinned.map(|&count| {
         let kept = thinned_indices(&points, count as usize);
         points = selected(&points, &kept);

@@ -311,10 +311,7 @@ fn distances_that_say_nothing_give_finite_samples_or_none() {
 #[test]
 fn photographs_are_lifted_too() {
     let camera = PinholeCamera::with_horizontal_field_of_view(160, 120, 1.2);
-    let metres = omnilife_schemas::Similarity {
-        offset: [0.0; 3],
-        scale: 1.0,
-    };
+    let metres = omnilife_schemas::Similarity::new([0.0; 3], 1.0);
     let view = room::view_of(1, camera.into(), &metres);
     let all = lifted(&view, &view.distances, None);
     assert_eq!(all.counts.thinned, 0);

@@ -24,10 +24,7 @@ use omnilife_schemas::{
     records::{DepthPrior, DistanceConvention, Scale, SurfaceFaults},
 };
 
-pub(crate) const CAMERA: ErpCamera = ErpCamera {
-    width: 128,
-    height: 64,
-};
+pub(crate) const CAMERA: ErpCamera = ErpCamera::new(128, 64);
 /// Normalized units per metre.
 pub(crate) const UNIT: f64 = 0.25;
 
@@ -37,10 +34,7 @@ pub(crate) fn scene(
     count: usize,
     change: impl Fn(usize, usize, f32) -> f32,
 ) -> TrainingScene {
-    let normalization = Similarity {
-        offset: [0.0; 3],
-        scale: UNIT,
-    };
+    let normalization = Similarity::new([0.0; 3], UNIT);
     let (mut input_views, mut depth_priors) = (Vec::new(), Vec::new());
     for number in 0..count {
         let view = room::view_of(number, CAMERA.into(), &normalization);
@@ -70,20 +64,9 @@ pub(crate) fn scene(
         });
     }
     TrainingScene {
-        id: "room".to_owned(),
-        camera: CAMERA.into(),
-        input_views,
-        novel_views: Vec::new(),
-        normalization,
         scale: Scale::Metres,
-        is_normalized_by_points: false,
-        added_points: 0,
-        seen_for_points: None,
-        points: PointCloud::default(),
         depth_priors,
-        novel_depth_priors: Vec::new(),
-        objects: [].into(),
-        tracks: None,
+        ..TrainingScene::new("room", CAMERA.into(), input_views, normalization)
     }
 }
 
@@ -321,10 +304,7 @@ fn ghosts_and_holes_are_found_where_distances_are_known() {
             (first.centre + first.rotation.transpose() * ray * share).to_array()
         };
         let positions: Vec<[f32; 3]> = (0..128 * 64).step_by(7).map(place).collect();
-        PointCloud {
-            colours: vec![[128; 3]; positions.len()],
-            positions,
-        }
+        PointCloud::of_colour(positions, [128; 3])
     };
     // A shell of the sky is not a ghost, and would outweigh the points.
     let points_alone = MethodRequest {

@@ -104,18 +104,8 @@ pub(crate) struct RoomView {
 
 /// Returns the view of a camera in metres.
 pub(crate) fn view(number: usize, width: usize) -> RoomView {
-    let camera = ErpCamera {
-        width: width as u32,
-        height: width as u32 / 2,
-    };
-    view_of(
-        number,
-        camera.into(),
-        &Similarity {
-            offset: [0.0; 3],
-            scale: 1.0,
-        },
-    )
+    let camera = ErpCamera::new(width as u32, width as u32 / 2);
+    view_of(number, camera.into(), &Similarity::new([0.0; 3], 1.0))
 }
 
 /// Returns the view of a camera of any kind in normalized units.

@@ -100,10 +100,7 @@ fn by_brute_force(
         .enumerate()
         .filter(|(number, _)| *number != own)
     {
-        let camera = ErpCamera {
-            width: other.distances.width as u32,
-            height: other.distances.height as u32,
-        };
+        let camera = ErpCamera::new(other.distances.width as u32, other.distances.height as u32);
         let away = place - other.centre;
         let distance = away.length();
         let pixel = camera.project(other.to_world.transpose() * away).unwrap();
@@ -315,10 +312,7 @@ fn a_mirrored_world_and_a_wrong_convention_show() {
     assert!(3.0 * ray < z, "{ray} {z}");
     let mut wrong = self::views(5, 256);
     for view in &mut wrong {
-        let camera = ErpCamera {
-            width: 256,
-            height: 128,
-        };
+        let camera = ErpCamera::new(256, 128);
         view.distances = view
             .distances
             .clone()

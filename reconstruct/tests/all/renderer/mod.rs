@@ -50,10 +50,7 @@ fn images_are_those_of_the_reference() {
     for camera in [erp(64), erp(40), erp(72), pinhole(50, 35)] {
         for footprint in FOOTPRINTS {
             for (rotation, sh_degree) in [(DQuat::IDENTITY, 1), (turned(), 3)] {
-                let richness = Richness {
-                    sh_degree,
-                    features: 2,
-                };
+                let richness = Richness::new(sh_degree, 2);
                 let gaussians = scene(&mut random, 60, richness);
                 let centre = dvec3(0.05, -0.02, 0.04);
                 let view = RefView::new(camera, rotation, centre, settings(footprint));
@@ -88,10 +85,7 @@ fn check_gradients(view: &RefView, gaussians: &[Gaussian], random: &mut Pcg64Mcg
     let instant = instant(gaussians);
     let mut renderer = Renderer::new(view.settings);
     renderer.forward(&view.view(), &instant);
-    let upstream = RasterGradient {
-        colour: &by_colour,
-        features: &by_features,
-    };
+    let upstream = RasterGradient::new(&by_colour, &by_features);
     let mut gradient = ActivatedGaussians::default();
     renderer.backward(&view.view(), &instant, &upstream, &mut gradient);
     let values = gradient_rows(&instant, &gradient);
@@ -137,10 +131,7 @@ fn gradients_are_those_of_the_reference() {
     ];
     for (camera, footprint, sh_degree, features) in cases {
         for rotation in [DQuat::IDENTITY, turned()] {
-            let richness = Richness {
-                sh_degree,
-                features,
-            };
+            let richness = Richness::new(sh_degree, features);
             let gaussians = scene(&mut random, 16, richness);
             let centre = dvec3(0.03, 0.02, -0.05);
             let view = RefView::new(camera, rotation, centre, settings(footprint));
@@ -153,10 +144,7 @@ fn gradients_are_those_of_the_reference() {
 #[test]
 fn harmonics_above_the_drawn_degree_are_not_there() {
     let mut random = Pcg64Mcg::seed_from_u64(16);
-    let rich = Richness {
-        sh_degree: 3,
-        features: 0,
-    };
+    let rich = Richness::new(3, 0);
     let gaussians = scene(&mut random, 30, rich);
     let mut plain = gaussians.clone();
     for gaussian in &mut plain {
@@ -166,10 +154,7 @@ fn harmonics_above_the_drawn_degree_are_not_there() {
     settings.sh_degree = 1;
     let view = RefView::new(erp(64), turned(), DVec3::ZERO, settings).view();
     let upstream = vec![1.0; 64 * 32 * 3];
-    let upstream = RasterGradient {
-        colour: &upstream,
-        features: &[],
-    };
+    let upstream = RasterGradient::new(&upstream, &[]);
     let [rich, plain] = [&gaussians, &plain].map(|gaussians| {
         let instant = instant(gaussians);
         let mut renderer = Renderer::new(settings);
@@ -190,18 +175,12 @@ fn harmonics_above_the_drawn_degree_are_not_there() {
 #[test]
 fn gradients_without_an_earlier_image_are_those_of_the_view() {
     let mut random = Pcg64Mcg::seed_from_u64(15);
-    let plain = Richness {
-        sh_degree: 0,
-        features: 0,
-    };
+    let plain = Richness::new(0, 0);
     let gaussians = instant(&scene(&mut random, 40, plain));
     for settings in FOOTPRINTS.map(settings) {
         let view = RefView::new(erp(64), turned(), DVec3::ZERO, settings).view();
         let colour = vec![1.0; 64 * 32 * 3];
-        let upstream = RasterGradient {
-            colour: &colour,
-            features: &[],
-        };
+        let upstream = RasterGradient::new(&colour, &[]);
         let [alone, behind_image] = [false, true].map(|draws| {
             let mut renderer = Renderer::new(settings);
             if draws {
@@ -219,10 +198,7 @@ fn gradients_without_an_earlier_image_are_those_of_the_view() {
 #[test]
 fn results_do_not_depend_on_the_number_of_threads() {
     let mut random = Pcg64Mcg::seed_from_u64(14);
-    let richness = Richness {
-        sh_degree: 2,
-        features: 1,
-    };
+    let richness = Richness::new(2, 1);
     let gaussians = scene(&mut random, 3000, richness);
     let instant = instant(&gaussians);
     let view = RefView::new(
@@ -234,10 +210,7 @@ fn results_do_not_depend_on_the_number_of_threads() {
     let mut weights =
         |count: usize| -> Vec<f32> { (0..count).map(|_| random.random_range(-1.0..1.0)).collect() };
     let (by_colour, by_features) = (weights(96 * 48 * 3), weights(96 * 48));
-    let upstream = RasterGradient {
-        colour: &by_colour,
-        features: &by_features,
-    };
+    let upstream = RasterGradient::new(&by_colour, &by_features);
     let run = |threads| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads);
         pool.build().unwrap().install(|| {
@@ -255,10 +228,7 @@ fn results_do_not_depend_on_the_number_of_threads() {
 #[test]
 fn some_gaussians_learn_what_they_learn_among_all() {
     let mut random = Pcg64Mcg::seed_from_u64(15);
-    let richness = Richness {
-        sh_degree: 1,
-        features: 1,
-    };
+    let richness = Richness::new(1, 1);
     let gaussians = scene(&mut random, 700, richness);
     let instant = instant(&gaussians);
     for (camera, footprint) in [
@@ -273,10 +243,7 @@ fn some_gaussians_learn_what_they_learn_among_all() {
             (0..count).map(|_| random.random_range(-1.0..1.0)).collect()
         };
         let (colour, features) = (weights(raster.colour.len()), weights(raster.features.len()));
-        let upstream = RasterGradient {
-            colour: &colour,
-            features: &features,
-        };
+        let upstream = RasterGradient::new(&colour, &features);
         let mut all = ActivatedGaussians::default();
         renderer.backward(&view.view(), &instant, &upstream, &mut all);
         let seen: Vec<Visible> = renderer.visible().collect();
@@ -304,10 +271,7 @@ fn some_gaussians_learn_what_they_learn_among_all() {
 #[test]
 fn a_renderer_has_no_memory() {
     let mut random = Pcg64Mcg::seed_from_u64(18);
-    let rich = Richness {
-        sh_degree: 1,
-        features: 2,
-    };
+    let rich = Richness::new(1, 2);
     let (large, small) = (scene(&mut random, 80, rich), scene(&mut random, 20, rich));
     let views = [
         RefView::new(
@@ -353,10 +317,7 @@ fn a_renderer_has_no_memory() {
 #[test]
 fn hopeless_gaussians_are_left_out_and_harm_nothing() {
     let mut random = Pcg64Mcg::seed_from_u64(15);
-    let richness = Richness {
-        sh_degree: 1,
-        features: 0,
-    };
+    let richness = Richness::new(1, 0);
     let mut gaussians = instant(&scene(&mut random, 30, richness));
     let clean = gaussians.clone();
     let changes: [fn(&mut ActivatedGaussians); 8] = [
@@ -390,10 +351,7 @@ fn hopeless_gaussians_are_left_out_and_harm_nothing() {
                 "change {number}, {camera:?} {footprint:?}"
             );
             let ones = vec![1.0; raster.colour.len()];
-            let upstream = RasterGradient {
-                colour: &ones,
-                features: &[],
-            };
+            let upstream = RasterGradient::new(&ones, &[]);
             let mut gradient = ActivatedGaussians::default();
             renderer.backward(&view.view(), &degenerate, &upstream, &mut gradient);
             assert_eq!(gradient.positions[30], [0.0; 3]);

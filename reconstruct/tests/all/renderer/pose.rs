@@ -55,10 +55,7 @@ fn check(view: &RefView, gaussians: &[Gaussian], random: &mut Pcg64Mcg) {
     let (drawn, instant) = (view.view(), instant(gaussians));
     let mut renderer = Renderer::new(view.settings);
     renderer.forward(&drawn, &instant);
-    let upstream = RasterGradient {
-        colour: &by_colour,
-        features: &by_features,
-    };
+    let upstream = RasterGradient::new(&by_colour, &by_features);
     let mut gradient = ActivatedGaussians::default();
     renderer.backward(&drawn, &instant, &upstream, &mut gradient);
     let degree = view.settings.sh_degree;
@@ -90,10 +87,7 @@ fn gradients_by_the_pose_are_those_of_the_reference() {
     ];
     for (camera, footprint, sh_degree, features) in cases {
         for rotation in [DQuat::IDENTITY, turned()] {
-            let richness = Richness {
-                sh_degree,
-                features,
-            };
+            let richness = Richness::new(sh_degree, features);
             // Its first ones lie on the seam, at the poles and around the camera.
             let gaussians = scene(&mut random, 24, richness);
             let mut settings = settings(footprint);
@@ -107,10 +101,7 @@ fn gradients_by_the_pose_are_those_of_the_reference() {
 #[test]
 fn gaussians_whose_gradient_is_not_finite_have_no_say_and_threads_do_not_matter() {
     let mut random = Pcg64Mcg::seed_from_u64(32);
-    let richness = Richness {
-        sh_degree: 1,
-        features: 0,
-    };
+    let richness = Richness::new(1, 0);
     let gaussians = instant(&scene(&mut random, 5000, richness));
     let mut gradient = gaussians.clone();
     let view = RefView::new(

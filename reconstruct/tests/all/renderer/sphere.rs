@@ -21,10 +21,7 @@ use super::{
 #[test]
 fn half_a_turn_moves_the_seam_and_nothing_else() {
     let mut random = Pcg64Mcg::seed_from_u64(13);
-    let richness = Richness {
-        sh_degree: 0,
-        features: 0,
-    };
+    let richness = Richness::new(0, 0);
     let gaussians = scene(&mut random, 200, richness);
     let instant = instant(&gaussians);
     for (width, footprint) in [128, 120]
@@ -136,10 +133,7 @@ fn all_around(count: u32, scales: std::ops::Range<f64>) -> ActivatedGaussians {
 /// Single pixels may differ where the edges of footprints, steps of 1/255, fall between pixels.
 #[test]
 fn a_quarter_turn_moves_the_poles_and_nothing_else() {
-    let camera = ErpCamera {
-        width: 256,
-        height: 128,
-    };
+    let camera = ErpCamera::new(256, 128);
     let half_pixel = std::f64::consts::PI / f64::from(camera.height) / 2.0;
     let quarter = DQuat::from_rotation_x(std::f64::consts::FRAC_PI_2);
     // Along the ray nothing is linearized. The projected footprint is linearized, and its low-pass filter is a
@@ -176,10 +170,7 @@ fn a_quarter_turn_moves_the_poles_and_nothing_else() {
 /// and the poles. A shift by one pixel is a difference.
 #[test]
 fn a_pinhole_and_a_panorama_agree_on_their_overlap() {
-    let panorama = ErpCamera {
-        width: 1024,
-        height: 512,
-    };
+    let panorama = ErpCamera::new(1024, 512);
     // Pixels of about the same size: a Gaussian smaller than a pixel is spread over it.
     let narrow = pinhole(330, 240);
     let centre = dvec3(0.1, -0.05, 0.2);

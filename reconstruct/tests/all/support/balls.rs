@@ -24,10 +24,7 @@ use rand_pcg::Pcg64Mcg;
 /// The spherical harmonics of degree 1 over the coordinates of a direction.
 const SH_C1: f32 = 0.488_602_5;
 
-pub(crate) const CAMERA: Camera = Camera::Erp(ErpCamera {
-    width: 96,
-    height: 48,
-});
+pub(crate) const CAMERA: Camera = Camera::Erp(ErpCamera::new(96, 48));
 
 /// Returns the scene: every ball has a colour of its own, the same from all directions.
 pub(crate) fn scene() -> TrainingScene {
@@ -69,10 +66,7 @@ pub(crate) fn scene_with(
     }
     static_gaussians::activate(&table, &mut instant);
     let mut renderer = Renderer::new(RenderSettings::new(0.01));
-    let normalization = Similarity {
-        offset: [0.0; 3],
-        scale: 1.0,
-    };
+    let normalization = Similarity::new([0.0; 3], 1.0);
     let (mut input_views, mut novel_views) = (Vec::new(), Vec::new());
     for frame in 0..15_u32 {
         let along = f64::from(frame) / 7.0 - 1.0;
@@ -94,20 +88,9 @@ pub(crate) fn scene_with(
         });
     }
     TrainingScene {
-        id: "balls".to_owned(),
-        camera,
-        input_views,
         novel_views,
-        normalization,
-        scale: omnilife_schemas::records::Scale::Arbitrary,
-        added_points: 0,
-        seen_for_points: None,
-        depth_priors: Vec::new(),
-        novel_depth_priors: Vec::new(),
-        is_normalized_by_points: false,
-        objects: [].into(),
-        tracks: None,
         points,
+        ..TrainingScene::new("balls", camera, input_views, normalization)
     }
 }
 

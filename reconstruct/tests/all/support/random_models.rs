@@ -45,10 +45,7 @@ pub(crate) struct Scene {
 
 impl Scene {
     pub(crate) fn new() -> Self {
-        let camera = Camera::Erp(ErpCamera {
-            width: 32,
-            height: 16,
-        });
+        let camera = Camera::Erp(ErpCamera::new(32, 16));
         let random = &mut Pcg64Mcg::seed_from_u64(9);
         let view = |number: u16| {
             let at = f32::from(number);
@@ -66,11 +63,7 @@ impl Scene {
             }
         };
         Self {
-            clock: Clock {
-                origin_seconds: 3.0,
-                frame_seconds: 1.0,
-                duration_frames: 7.0,
-            },
+            clock: Clock::new(3.0, 1.0, 7.0),
             camera,
             input_views: (0..7).map(view).collect(),
         }
@@ -226,10 +219,7 @@ pub(crate) fn random_deformed(scene: &Scene, len: usize, seed: u64) -> Model {
 /// Returns random static Gaussians, and random ones of two objects that cross the views' path and turn.
 pub(crate) fn random_objects(lens: [usize; 2], seed: u64) -> Model {
     let random = &mut Pcg64Mcg::seed_from_u64(seed);
-    let normalization = Similarity {
-        offset: [0.0; 3],
-        scale: 1.0,
-    };
+    let normalization = Similarity::new([0.0; 3], 1.0);
     let object = |id: u32| {
         let side = 2.0 * f64::from(id) - 3.0;
         let path = ObjectPath {

@@ -17,6 +17,15 @@ pub(crate) struct Richness {
     pub(crate) features: usize,
 }
 
+impl Richness {
+    pub(crate) const fn new(sh_degree: usize, features: usize) -> Self {
+        Self {
+            sh_degree,
+            features,
+        }
+    }
+}
+
 /// Returns a Gaussian in a direction from the origin.
 pub(crate) fn at(direction: DVec3, distance: f64, scale: [f64; 3], opacity: f64) -> Gaussian {
     Gaussian {
@@ -95,10 +104,7 @@ pub(crate) fn turned() -> DQuat {
 
 /// Returns a panorama of `width` columns.
 pub(crate) fn erp(width: u32) -> Camera {
-    Camera::Erp(ErpCamera {
-        width,
-        height: width / 2,
-    })
+    Camera::Erp(ErpCamera::new(width, width / 2))
 }
 
 /// Returns a pinhole camera with unequal focal lengths, off its middle.

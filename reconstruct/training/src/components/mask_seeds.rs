@@ -75,11 +75,7 @@ mod tests {
     fn seeds_are_as_dense_as_the_rest() {
         let share = |coverage, duration_frames| {
             let seeding = Seeding {
-                clock: Clock {
-                    origin_seconds: 0.0,
-                    frame_seconds: 0.1,
-                    duration_frames,
-                },
+                clock: Clock::new(0.0, 0.1, duration_frames),
                 velocity: SeedVelocity::None,
                 lifespan_frames: LIFESPAN_FRAMES,
             };

@@ -136,10 +136,7 @@ pub const SPLAT_FORMATS: &[SplatFormat] = &[
 ];
 
 /// Coordinates of a file, unchanged.
-const UNCHANGED: Similarity = Similarity {
-    offset: [0.0; 3],
-    scale: 1.0,
-};
+const UNCHANGED: Similarity = Similarity::new([0.0; 3], 1.0);
 
 /// Returns the format of a name.
 ///

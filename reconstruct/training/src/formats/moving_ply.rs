@@ -134,15 +134,8 @@ mod tests {
             velocities: vec![[0.1, 0.2, 0.3], [-1.0, 0.0, 0.5]],
         };
         let table = model.table(&initial, &times, 1);
-        let normalization = Similarity {
-            offset: [10.0, 20.0, 30.0],
-            scale: 0.5,
-        };
-        let clock = Clock {
-            origin_seconds: 100.0,
-            frame_seconds: 0.1,
-            duration_frames: 60.0,
-        };
+        let normalization = Similarity::new([10.0, 20.0, 30.0], 0.5);
+        let clock = Clock::new(100.0, 0.1, 60.0);
         let folder = tempfile::tempdir()?;
         let path = folder.path().join("moving.ply");
         write(&path, &table, &model, &normalization, &clock)?;

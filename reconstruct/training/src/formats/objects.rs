@@ -31,10 +31,7 @@ pub const OBJECTS_FILE: &str = "objects.json";
 pub const OBJECT_GAUSSIANS_FILE: &str = "gaussians-objects.ply";
 
 /// The objects' own coordinates are those of the file.
-const AS_IS: Similarity = Similarity {
-    offset: [0.0; 3],
-    scale: 1.0,
-};
+const AS_IS: Similarity = Similarity::new([0.0; 3], 1.0);
 
 /// Writes the objects of a part with the corrections of their paths, object after object, atomically.
 ///

@@ -30,21 +30,16 @@ fn refined_poses(scene: &TrainingScene, model: &Model) -> Poses {
             let view = model.corrected(&view.view);
             let centre = scene.normalization.restore(view.centre.as_dvec3());
             let pose = Pose::from_matrix(view.rotation.transpose().as_dmat3(), centre)?;
-            Some(PosedFrame {
-                time_seconds: view.time_seconds,
-                pose,
-                mask: None,
-            })
+            Some(PosedFrame::new(view.time_seconds, pose))
         })
         .collect();
     frames.sort_by(|one, other| one.time_seconds.total_cmp(&other.time_seconds));
-    Poses {
-        camera: match scene.camera {
+    Poses::new(
+        scene.scale,
+        match scene.camera {
             Camera::Erp(_) => None,
             camera @ Camera::Pinhole(_) => Some(camera),
         },
-        scale: scene.scale,
         frames,
-        points: None,
-    }
+    )
 }

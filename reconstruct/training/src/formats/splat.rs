@@ -268,10 +268,7 @@ mod tests {
 
     use super::*;
 
-    const STAY: Similarity = Similarity {
-        offset: [0.0; 3],
-        scale: 1.0,
-    };
+    const STAY: Similarity = Similarity::new([0.0; 3], 1.0);
 
     fn row(position: [f32; 3], scale: [f32; 3], opacity: u8) -> SplatRow {
         SplatRow {

@@ -227,10 +227,7 @@ impl Source {
                 None => exchange::origin(path)?,
             }
         };
-        let in_place = Similarity {
-            offset: offset.to_array(),
-            scale: 1.0,
-        };
+        let in_place = Similarity::new(offset.to_array(), 1.0);
         Self::open(path, run, in_place)
     }
 

@@ -103,11 +103,7 @@ pub trait OpenedModel {
     /// When the backend fails.
     fn opacity(&mut self, view: &View) -> Result<RgbImage, ReconstructError> {
         let (width, height) = (view.camera.width() as usize, view.camera.height() as usize);
-        Ok(RgbImage {
-            width,
-            height,
-            data: vec![1.0; 3 * width * height],
-        })
+        Ok(RgbImage::new(width, height, vec![1.0; 3 * width * height]))
     }
 
     /// Returns the maximum speed of a velocity map, world units per second; `None` for other layers.

@@ -418,16 +418,11 @@ mod tests {
     fn views() -> Poses {
         let looks_down = DMat3::from_cols(DVec3::X, -DVec3::Y, -DVec3::Z);
         let pose = Pose::new(DQuat::from_mat3(&looks_down), DVec3::Z * 40.0);
-        Poses {
-            scale: Scale::Metres,
-            camera: Some(PinholeCamera::with_horizontal_field_of_view(64, 36, 1.1).into()),
-            frames: vec![PosedFrame {
-                time_seconds: 3.0,
-                pose,
-                mask: None,
-            }],
-            points: None,
-        }
+        Poses::new(
+            Scale::Metres,
+            Some(PinholeCamera::with_horizontal_field_of_view(64, 36, 1.1).into()),
+            vec![PosedFrame::new(3.0, pose)],
+        )
     }
 
     #[test]

@@ -33,20 +33,11 @@ pub fn poses(scene: &Scene, split: &Split) -> Poses {
     let mut frames: Vec<PosedFrame> = views
         .filter_map(|&frame| {
             let entry = scene.frames.get(frame as usize)?;
-            Some(PosedFrame {
-                time_seconds: entry.time_seconds,
-                pose: entry.pose?,
-                mask: None,
-            })
+            Some(PosedFrame::new(entry.time_seconds, entry.pose?))
         })
         .collect();
     frames.sort_by(|one, other| one.time_seconds.total_cmp(&other.time_seconds));
-    Poses {
-        scale: scene.scale,
-        camera: Some(scene.camera),
-        frames,
-        points: None,
-    }
+    Poses::new(scene.scale, Some(scene.camera), frames)
 }
 
 /// Returns true if any view shows a part of the box of an object during the object's existence. Occlusion is
@@ -104,17 +95,8 @@ mod tests {
     fn views(camera: Camera) -> Poses {
         let looks_down = DMat3::from_cols(DVec3::X, -DVec3::Y, -DVec3::Z);
         let pose = Pose::new(DQuat::from_mat3(&looks_down), dvec3(0.0, 0.0, 40.0));
-        let frame = |time: i32| PosedFrame {
-            time_seconds: f64::from(time),
-            pose,
-            mask: None,
-        };
-        Poses {
-            scale: Scale::Metres,
-            camera: Some(camera),
-            frames: (0..5).map(frame).collect(),
-            points: None,
-        }
+        let frame = |time: i32| PosedFrame::new(f64::from(time), pose);
+        Poses::new(Scale::Metres, Some(camera), (0..5).map(frame).collect())
     }
 
     /// Returns an object that moves from a place along x at 2 m/s, from second 2 to 6.
@@ -137,14 +119,7 @@ mod tests {
 
     #[test]
     fn objects_beside_every_image_are_not_in_view() {
-        let camera = PinholeCamera {
-            width: 640,
-            height: 360,
-            fx: 400.0,
-            fy: 400.0,
-            cx: 320.0,
-            cy: 180.0,
-        };
+        let camera = PinholeCamera::new([640, 360], [400.0, 400.0], [320.0, 180.0]);
         let views = views(camera.into());
         let is_in_view = |x: f64, y: f64| is_in_view(&object(x, y), [0.0, 0.0, 1.0], &views);
         assert!(is_in_view(0.0, 0.0));
@@ -159,10 +134,7 @@ mod tests {
 
     #[test]
     fn what_is_there_at_no_time_of_a_view_is_not_in_view_of_a_sphere_either() {
-        let erp = ErpCamera {
-            width: 64,
-            height: 32,
-        };
+        let erp = ErpCamera::new(64, 32);
         let views = views(erp.into());
         let seen_later = |seconds: f64| {
             let object = object(500.0, 0.0);

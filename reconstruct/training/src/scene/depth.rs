@@ -77,11 +77,7 @@ pub fn resized_view(view: &TrainingView, size: [usize; 2]) -> TrainingView {
         resized_bytes(&grey).into_iter().step_by(3).collect()
     });
     let ignored = view.ignored.as_ref().map(|marks| {
-        let mask = Mask {
-            width: own[0],
-            height: own[1],
-            data: marks.clone(),
-        };
+        let mask = Mask::new(own[0], own[1], marks.clone());
         mask.resized_to_any(width, height).data
     });
     let mut smaller = TrainingView {

@@ -78,10 +78,7 @@ mod tests {
     use omnilife_schemas::{
         Pose,
         camera::ErpCamera,
-        records::{
-            Colour, MaskEntry, Padding, PoseSource, PoseValidation, Protocol, Resampling, Scale,
-            ScoredViews, SplitRule, ValidationStatus,
-        },
+        records::{MaskEntry, Protocol, ScoredViews, SplitRule},
         split_rules,
     };
 
@@ -92,66 +89,37 @@ mod tests {
 
     fn frame(number: u32) -> SceneFrame {
         SceneFrame {
-            image: format!("frames/{number}.png"),
-            time_seconds: f64::from(number),
-            pose: Some(Pose {
-                rotation_wxyz: [1.0, 0.0, 0.0, 0.0],
-                centre: [f64::from(number), 0.0, 0.0],
-            }),
             mask: Some("moving.png".to_owned()),
             ignore_mask: Some("holder.png".to_owned()),
-            classes: [].into(),
-            objects: [].into(),
-            boxes: [].into(),
-            depth: None,
-            depth_prior: None,
-            capture: None,
+            ..SceneFrame::new(
+                format!("frames/{number}.png"),
+                f64::from(number),
+                Some(Pose {
+                    rotation_wxyz: [1.0, 0.0, 0.0, 0.0],
+                    centre: [f64::from(number), 0.0, 0.0],
+                }),
+            )
         }
     }
 
     /// Returns four frames that share a dynamic mask and a mask of the operator.
     fn scene() -> Scene {
-        Scene {
-            id: "held/seq-000".to_owned(),
-            camera: ErpCamera {
-                width: WIDTH as u32,
-                height: HEIGHT as u32,
-            }
-            .into(),
-            scale: Scale::Arbitrary,
-            frames: (0..4).map(frame).collect(),
-            points: None,
-            pose_source: PoseSource::Given {
-                file: "poses.json".to_owned(),
-            },
-            validation: PoseValidation {
-                status: ValidationStatus::Unchecked,
-                registered_frames: 4,
-                total_frames: 4,
-                measures: [].into(),
-                problems: Vec::new(),
-            },
-            published_split: None,
-            objects: [].into(),
-        }
+        Scene::given(
+            "held/seq-000",
+            ErpCamera::new(WIDTH as u32, HEIGHT as u32),
+            (0..4).map(frame).collect(),
+        )
     }
 
     fn protocol() -> Protocol {
-        Protocol {
-            id: "second".to_owned(),
-            version: 1,
-            split: SplitRule::EveryNth {
+        Protocol::new(
+            "second",
+            SplitRule::EveryNth {
                 period: 2,
                 offset: 1,
             },
-            scored: ScoredViews::Novel,
-            largest_width: None,
-            resampling: Resampling::Area,
-            padding: Padding::None,
-            colour: Colour::Srgb8,
-            metrics: Vec::new(),
-            mask_rule: "none".to_owned(),
-        }
+            ScoredViews::Novel,
+        )
     }
 
     /// Marks the lowest rows with a value.

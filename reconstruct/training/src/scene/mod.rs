@@ -70,6 +70,31 @@ pub struct TrainingScene {
 }
 
 impl TrainingScene {
+    /// Makes a scene of input views alone, of arbitrary scale.
+    pub fn new(
+        id: &str,
+        camera: Camera,
+        input_views: Vec<TrainingView>,
+        normalization: Similarity,
+    ) -> Self {
+        Self {
+            id: id.to_owned(),
+            camera,
+            input_views,
+            novel_views: Vec::new(),
+            normalization,
+            scale: Scale::Arbitrary,
+            is_normalized_by_points: false,
+            points: PointCloud::default(),
+            added_points: 0,
+            seen_for_points: None,
+            depth_priors: Vec::new(),
+            novel_depth_priors: Vec::new(),
+            objects: BTreeMap::new(),
+            tracks: None,
+        }
+    }
+
     /// Loads `scene.json` and `split.json`; `extent` selects the cameras of the normalization. Larger images are
     /// resized to the protocol's width by area averaging.
     ///
@@ -356,11 +381,7 @@ fn averaged<const C: usize>(pixels: &[u8], width: usize, factor: usize) -> Vec<u
 
 /// Marks each square of `factor` pixels of a mask with a marked pixel.
 fn marked_in_any(marks: &[u8], width: usize, factor: usize) -> Vec<u8> {
-    let mask = Mask {
-        width,
-        height: marks.len() / width,
-        data: marks.to_vec(),
-    };
+    let mask = Mask::new(width, marks.len() / width, marks.to_vec());
     mask.resized_to_any(width / factor, mask.height / factor)
         .data
 }

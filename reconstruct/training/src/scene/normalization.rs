@@ -80,10 +80,7 @@ mod tests {
     #[test]
     fn a_still_camera_takes_its_scale_from_the_points() {
         let centre = DVec3::new(3.0, 4.0, 5.0);
-        let points = PointCloud {
-            positions: vec![[8.0, 4.0, 5.0]; 3],
-            colours: vec![[0; 3]; 3],
-        };
+        let points = PointCloud::of_colour(vec![[8.0, 4.0, 5.0]; 3], [0; 3]);
         let still = Similarity::from_cameras(&[centre; 4]).expect("cameras");
         let similarity = normalization(still, &points);
         let point = similarity.normalize(DVec3::new(8.0, 4.0, 5.0));

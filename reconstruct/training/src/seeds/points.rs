@@ -119,10 +119,7 @@ mod tests {
     use super::*;
 
     fn cloud(positions: Vec<[f32; 3]>) -> PointCloud<f32> {
-        PointCloud {
-            colours: vec![[100; 3]; positions.len()],
-            positions,
-        }
+        PointCloud::of_colour(positions, [100; 3])
     }
 
     #[test]

@@ -213,10 +213,7 @@ impl<'a> Reference<'a> {
         let (rig, [depth, _]) = stereo::depths([&images[0], &images[1]], placements, &settings)?;
         Some(Self {
             view: pair[0],
-            camera: ErpCamera {
-                width: depth.width as u32,
-                height: depth.height as u32,
-            },
+            camera: ErpCamera::new(depth.width as u32, depth.height as u32),
             image: images[0].resized_by_area(depth.width, depth.height),
             depth,
             baseline: rig.baseline as f32,

@@ -15,10 +15,10 @@ pub struct ErpRays(Rays);
 impl ErpRays {
     /// Returns the rays of an image of this size.
     pub fn new(width: usize, height: usize) -> Self {
-        Self(Rays::new(Camera::Erp(ErpCamera {
-            width: width as u32,
-            height: height as u32,
-        })))
+        Self(Rays::new(Camera::Erp(ErpCamera::new(
+            width as u32,
+            height as u32,
+        ))))
     }
 
     /// Returns the ray through the centre of a pixel, camera frame.

@@ -93,15 +93,9 @@ mod tests {
 
     #[test]
     fn regions_are_told_apart_and_what_is_ignored_counts_in_none() {
-        let camera = ErpCamera {
-            width: 4,
-            height: 2,
-        };
+        let camera = ErpCamera::new(4, 2);
         let pose = Pose::new(DQuat::IDENTITY, DVec3::ZERO);
-        let as_is = Similarity {
-            offset: [0.0; 3],
-            scale: 1.0,
-        };
+        let as_is = Similarity::new([0.0; 3], 1.0);
         let mut view = TrainingView {
             frame: 0,
             view: View::new(camera, &pose, &as_is, 0.0).expect("a pose"),

@@ -4,10 +4,6 @@
 //!
 //! The file is a map. Its entry `landmarks` is a map of landmarks by their number, or nil without any. The entry
 //! `pos_w` of a landmark is its place in the world, three numbers. All else is skipped.
-#![cfg_attr(
-    not(test),
-    deny(clippy::indexing_slicing, clippy::arithmetic_side_effects)
-)]
 
 /// Reads the places of the landmarks from the bytes of a map.
 ///

@@ -38,14 +38,12 @@ fn rows(matrix: DMat3) -> [[f64; 3]; 3] {
 /// Imports the folder without a frame rate.
 fn import_as_is(foreign: &Foreign, format: &str) -> Result<Scene, CurateError> {
     store::remove(&foreign.path().join("out")).unwrap();
-    import(&ImportRequest {
-        folder: &foreign.path().join("in"),
+    import(&ImportRequest::new(
+        &foreign.path().join("in"),
         format,
-        id: "foreign",
-        frames_per_second: None,
-        masks: MaskMeaning::Moving,
-        out: &foreign.path().join("out"),
-    })
+        "foreign",
+        &foreign.path().join("out"),
+    ))
 }
 
 /// A frame of a scene stands at `centre`, and sees all world points where `theirs` does, to 1e-6.

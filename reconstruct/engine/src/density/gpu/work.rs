@@ -165,9 +165,9 @@ impl Placement {
         let (mut sources, mut children) = (Program::default(), Program::default());
         let origins = &buffers.origins.raw;
         let to_sources = [&step.raw, order, origins, &moves.sources.raw];
-        sources.run(gpu, &kernels.write_sources, new_rows, &to_sources);
+        sources.run(gpu, &kernels.own.write_sources, new_rows, &to_sources);
         let to_values = [&step.raw, order, &buffers.children.raw, &table.values.raw];
-        children.run(gpu, &kernels.write_children, new_rows, &to_values);
+        children.run(gpu, &kernels.own.write_children, new_rows, &to_values);
         Ok(Self {
             step,
             places,
@@ -350,7 +350,7 @@ impl Recorder<'_> {
         program.clear(&buffers.grown.raw);
         program.run(
             self.gpu,
-            &kernels.find_candidates,
+            &kernels.own.find_candidates,
             &self.counts.rows,
             &[
                 self.time,
@@ -367,7 +367,7 @@ impl Recorder<'_> {
         let sorted = buffers.pairs.sorted(KEY_BITS);
         program.run(
             self.gpu,
-            &kernels.grow_in_space,
+            &kernels.own.grow_in_space,
             &self.counts.rows,
             &[
                 self.time,
@@ -389,7 +389,7 @@ impl Recorder<'_> {
         let mut program = Program::default();
         program.run(
             self.gpu,
-            &kernels.find_restless,
+            &kernels.own.find_restless,
             &self.counts.rows,
             &[
                 &buffers.step.raw,
@@ -403,7 +403,7 @@ impl Recorder<'_> {
         let sorted = buffers.pairs.sorted(KEY_BITS);
         program.run(
             self.gpu,
-            &kernels.grow_in_time,
+            &kernels.own.grow_in_time,
             &self.counts.rows,
             &[
                 self.time,
@@ -425,11 +425,11 @@ impl Recorder<'_> {
         program.clear(copies);
         let capacity = self.of.table.capacity;
         let counted = [step, growth, copies];
-        program.run(self.gpu, &self.kernels.count_copies, capacity, &counted);
+        program.run(self.gpu, &self.kernels.own.count_copies, capacity, &counted);
         (self.kernels.scan).record(self.gpu, &mut program, &buffers.copies)?;
         let appended = [step, growth, copies, &buffers.origins.raw];
         let rows = &self.counts.rows;
-        program.run(self.gpu, &self.kernels.append_copies, rows, &appended);
+        program.run(self.gpu, &self.kernels.own.append_copies, rows, &appended);
         Ok(program)
     }
 
@@ -440,7 +440,7 @@ impl Recorder<'_> {
         program.clear(&buffers.stays.raw);
         program.run(
             self.gpu,
-            &kernels.judge_rows,
+            &kernels.own.judge_rows,
             &self.counts.extended,
             &[
                 self.time,
@@ -463,7 +463,7 @@ impl Recorder<'_> {
         let mut program = Program::default();
         program.run(
             self.gpu,
-            &kernels.keep_rows,
+            &kernels.own.keep_rows,
             &self.counts.extended,
             &[
                 self.time,

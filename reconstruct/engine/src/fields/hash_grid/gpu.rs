@@ -8,7 +8,7 @@
 use super::levels::{FEATURES, HashGrid, MAX_DIMENSIONS, PRIMES};
 use crate::{
     device::{
-        Buffer, DeviceBuffer, Gpu, GpuError, Kernel, Program, Rows, Shader, Threads, Uniform,
+        Buffer, DeviceBuffer, Gpu, GpuError, Program, Rows, Shader, Threads, Uniform, kernels,
         wgsl_struct,
     },
     fields::mlp::blocks_gpu::{Block, BlockPass},
@@ -70,43 +70,15 @@ pub(crate) fn shader() -> Shader {
     }
 }
 
-/// Kernels of all grids.
-#[derive(Debug)]
-pub(crate) struct GridKernels {
-    encode: Kernel,
-    find_largest: Kernel,
-    add_by_table: Kernel,
-    finish_by_table: Kernel,
-    add_by_positions: Kernel,
-}
-
-impl GridKernels {
-    pub(crate) fn new(gpu: &Gpu) -> Result<Self, GpuError> {
-        let [
-            encode,
-            find_largest,
-            add_by_table,
-            finish_by_table,
-            add_by_positions,
-        ] = Kernel::compile(
-            gpu,
-            &shader(),
-            [
-                "encode",
-                "find_largest",
-                "add_by_table",
-                "finish_by_table",
-                "add_by_positions",
-            ],
-        )?;
-        Ok(Self {
-            encode,
-            find_largest,
-            add_by_table,
-            finish_by_table,
-            add_by_positions,
-        })
-    }
+kernels! {
+    /// Kernels of all grids.
+    pub(crate) struct GridKernels() = shader() => [
+        encode,
+        find_largest,
+        add_by_table,
+        finish_by_table,
+        add_by_positions,
+    ];
 }
 
 /// Buffers of a backward pass, which grids use one after another.

@@ -50,11 +50,7 @@ mod tests {
     #[test]
     fn time_runs_from_0_to_1_and_its_noise_ends() {
         let settings = DeformationSettings {
-            clock: Clock {
-                origin_seconds: 12.0,
-                frame_seconds: 0.1,
-                duration_frames: 40.0,
-            },
+            clock: Clock::new(12.0, 0.1, 40.0),
             model: DeformationModel::published(1.0),
             warm_up_iterations: 10,
             time_noise: None,

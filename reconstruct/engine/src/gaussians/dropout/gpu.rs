@@ -2,7 +2,7 @@
 
 use super::Dropout;
 use crate::{
-    device::{Gpu, GpuError, Kernel, Program, Rows, Shader, Uniform, wgsl_struct},
+    device::{Gpu, GpuError, Program, Rows, Shader, Uniform, kernels, wgsl_struct},
     gaussians::activated_buffers::ActivatedBuffers,
 };
 
@@ -27,11 +27,9 @@ pub(crate) fn shader() -> Shader {
     }
 }
 
-/// Kernels of dropout and its VJP.
-#[derive(Debug)]
-pub(crate) struct DropoutKernels {
-    drop_out: Kernel,
-    drop_out_vjp: Kernel,
+kernels! {
+    /// Kernels of dropout and its VJP.
+    pub(crate) struct DropoutKernels() = shader() => [drop_out, drop_out_vjp];
 }
 
 /// Programs for a set of Gaussians.
@@ -45,15 +43,6 @@ pub(crate) struct DropoutPrograms {
 }
 
 impl DropoutKernels {
-    pub(crate) fn new(gpu: &Gpu) -> Result<Self, GpuError> {
-        let [drop_out, drop_out_vjp] =
-            Kernel::compile(gpu, &shader(), ["drop_out", "drop_out_vjp"])?;
-        Ok(Self {
-            drop_out,
-            drop_out_vjp,
-        })
-    }
-
     /// Records the programs on activated Gaussians.
     pub(crate) fn record(
         &self,

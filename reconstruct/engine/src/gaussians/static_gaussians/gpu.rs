@@ -7,7 +7,7 @@ use crate::gaussians::static_gaussians::{
     SH_CONSTANT, SH_REST, StaticGaussians,
 };
 use crate::{
-    device::{Buffer, Gpu, GpuError, Kernel, Program, Rows, Shader, Uniform, wgsl_struct},
+    device::{Buffer, Gpu, GpuError, Program, Rows, Shader, Uniform, kernels, wgsl_struct},
     gaussians::{
         device_twin::{
             CompiledKernels, DeviceEntries, DeviceParameterization, DeviceTwin, NewDevicePart,
@@ -52,22 +52,9 @@ pub(crate) fn shader() -> Shader {
     }
 }
 
-/// Kernels of the activation and its VJP.
-#[derive(Debug)]
-struct StaticKernels {
-    activate: Kernel,
-    activate_vjp: Kernel,
-}
-
-impl StaticKernels {
-    fn new(gpu: &Gpu) -> Result<Self, GpuError> {
-        let [activate, activate_vjp] =
-            Kernel::compile(gpu, &shader(), ["activate", "activate_vjp"])?;
-        Ok(Self {
-            activate,
-            activate_vjp,
-        })
-    }
+kernels! {
+    /// Kernels of the activation and its VJP.
+    struct StaticKernels() = shader() => [activate, activate_vjp];
 }
 
 /// Gaussians of a table on a device, in their current number, and the offsets of the arrays of static Gaussians.

@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use crate::{
     device::{
-        Buffer, DeviceBuffer, Gpu, GpuError, Kernel, Program, Rows, Shader, Uniform, wgsl_struct,
+        Buffer, DeviceBuffer, Gpu, GpuError, Program, Rows, Shader, Uniform, kernels, wgsl_struct,
     },
     gaussians::{
         activated_buffers::ActivatedBuffers,
@@ -100,40 +100,18 @@ pub(crate) fn dynamic_shader() -> Shader {
     }
 }
 
-/// Kernels that move and fade Gaussians; they do not depend on their number.
-#[derive(Debug)]
-struct TemporalKernels {
-    activate_temporal: Kernel,
-    activate_temporal_vjp: Kernel,
-    keep_within_bounds: Kernel,
-    gather_dynamic: Kernel,
-    gather_dynamic_vjp: Kernel,
+kernels! {
+    /// Kernels that move and fade Gaussians; they do not depend on their number.
+    struct TemporalKernels() = shader() => [
+        activate_temporal,
+        activate_temporal_vjp,
+        keep_within_bounds,
+    ];
 }
 
-impl TemporalKernels {
-    fn new(gpu: &Gpu) -> Result<Self, GpuError> {
-        let [activate_temporal, activate_temporal_vjp, keep_within_bounds] = Kernel::compile(
-            gpu,
-            &shader(),
-            [
-                "activate_temporal",
-                "activate_temporal_vjp",
-                "keep_within_bounds",
-            ],
-        )?;
-        let [gather_dynamic, gather_dynamic_vjp] = Kernel::compile(
-            gpu,
-            &dynamic_shader(),
-            ["gather_dynamic", "gather_dynamic_vjp"],
-        )?;
-        Ok(Self {
-            activate_temporal,
-            activate_temporal_vjp,
-            keep_within_bounds,
-            gather_dynamic,
-            gather_dynamic_vjp,
-        })
-    }
+kernels! {
+    /// Kernels of the dynamic Gaussians alone.
+    struct DynamicKernels() = dynamic_shader() => [gather_dynamic, gather_dynamic_vjp];
 }
 
 /// Temporal parameters of a part on a device: their location in its table, and the current viewpoint.
@@ -142,6 +120,7 @@ pub struct DeviceTime {
     pub(crate) uniform: Uniform<TemporalView>,
     pub(crate) rows: Rows,
     kernels: Arc<TemporalKernels>,
+    dynamic: Arc<DynamicKernels>,
     temporal: TemporalGaussians,
     /// Values that do not depend on the viewpoint.
     places: TemporalView,
@@ -203,6 +182,7 @@ impl DeviceTime {
             uniform: Uniform::of(gpu, "temporal parameters", &places)?,
             rows: part.rows.rows.clone(),
             kernels: part.kernels.get(gpu, TemporalKernels::new)?,
+            dynamic: part.kernels.get(gpu, DynamicKernels::new)?,
             temporal,
             places,
         })
@@ -252,7 +232,7 @@ impl DeviceTime {
     ) {
         program.run(
             gpu,
-            &self.kernels.gather_dynamic,
+            &self.dynamic.gather_dynamic,
             &self.rows,
             &[
                 &self.uniform.raw,
@@ -275,7 +255,7 @@ impl DeviceTime {
     ) {
         program.run(
             gpu,
-            &self.kernels.gather_dynamic_vjp,
+            &self.dynamic.gather_dynamic_vjp,
             &self.rows,
             &[
                 &self.uniform.raw,
@@ -291,7 +271,8 @@ impl DeviceTime {
 impl DeviceTwin for TemporalGaussians {
     fn compile(&self, gpu: &Gpu, kernels: &CompiledKernels) -> Result<(), GpuError> {
         StaticGaussians.compile(gpu, kernels)?;
-        kernels.get(gpu, TemporalKernels::new).map(drop)
+        kernels.get(gpu, TemporalKernels::new)?;
+        kernels.get(gpu, DynamicKernels::new).map(drop)
     }
 
     fn open(&self, part: &NewDevicePart<'_>) -> Result<Box<dyn DeviceParameterization>, GpuError> {

@@ -7,7 +7,7 @@ use std::sync::Arc;
 
 use super::{MARGIN, NUMBERS, TrackedGaussians, TrackedObject, wxyz};
 use crate::{
-    device::{Buffer, DeviceBuffer, Gpu, GpuError, Kernel, Program, Shader, Uniform, wgsl_struct},
+    device::{Buffer, DeviceBuffer, Gpu, GpuError, Program, Shader, Uniform, kernels, wgsl_struct},
     gaussians::{
         device_twin::{
             CompiledKernels, DeviceEntries, DeviceParameterization, DeviceRows, DeviceTwin,
@@ -62,43 +62,15 @@ pub(crate) fn shader() -> Shader {
     }
 }
 
-/// Kernels of placement, its VJP and bounds.
-#[derive(Debug)]
-struct TrackedKernels {
-    place_objects: Kernel,
-    place_objects_vjp: Kernel,
-    sum_by_object: Kernel,
-    keep_in_boxes: Kernel,
-    fix_gauge: Kernel,
-}
-
-impl TrackedKernels {
-    fn new(gpu: &Gpu) -> Result<Self, GpuError> {
-        let [
-            place_objects,
-            place_objects_vjp,
-            sum_by_object,
-            keep_in_boxes,
-            fix_gauge,
-        ] = Kernel::compile(
-            gpu,
-            &shader(),
-            [
-                "place_objects",
-                "place_objects_vjp",
-                "sum_by_object",
-                "keep_in_boxes",
-                "fix_gauge",
-            ],
-        )?;
-        Ok(Self {
-            place_objects,
-            place_objects_vjp,
-            sum_by_object,
-            keep_in_boxes,
-            fix_gauge,
-        })
-    }
+kernels! {
+    /// Kernels of placement, its VJP and bounds.
+    struct TrackedKernels() = shader() => [
+        place_objects,
+        place_objects_vjp,
+        sum_by_object,
+        keep_in_boxes,
+        fix_gauge,
+    ];
 }
 
 impl DeviceTwin for TrackedGaussians {

@@ -22,10 +22,7 @@ const KNOTS: usize = 3;
 
 /// Returns two objects, a huge and a tiny one, whose headings pass pi.
 fn objects() -> Vec<TrackedObject> {
-    let normalization = Similarity {
-        offset: [0.0; 3],
-        scale: 1.0,
-    };
+    let normalization = Similarity::new([0.0; 3], 1.0);
     let object = |id: u32, size: f32, turn: f64| {
         let path = ObjectPath {
             centre: BSpline {

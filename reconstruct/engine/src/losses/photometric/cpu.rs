@@ -292,10 +292,7 @@ mod tests {
             }
         }
         let cameras = [
-            Camera::Erp(ErpCamera {
-                width: 40,
-                height: 12,
-            }),
+            Camera::Erp(ErpCamera::new(40, 12)),
             Camera::Pinhole(PinholeCamera::with_horizontal_field_of_view(40, 12, 1.0)),
         ];
         for camera in cameras {

@@ -1,7 +1,7 @@
 //! The loss on a GPU.
 
 use crate::device::{
-    DeviceBuffer, Gpu, GpuError, Kernel, Program, Shader, Uniform, WORKGROUP, wgsl_struct,
+    DeviceBuffer, Gpu, GpuError, Program, Shader, Uniform, WORKGROUP, kernels, wgsl_struct,
 };
 use crate::{
     losses::photometric::{Columns, LossValue},
@@ -108,14 +108,21 @@ pub(crate) struct LossWeights {
     pub(crate) masked: bool,
 }
 
+kernels! {
+    /// Kernels of the loss.
+    struct LossKernels() = shader() => [
+        blur_rows,
+        structural_similarity,
+        blur_derivative_rows,
+        image_gradient,
+        loss_value,
+    ];
+}
+
 /// The loss of images of one size. Its buffers are reused over iterations.
 #[derive(Debug)]
 pub(crate) struct Loss {
-    blur_rows: Kernel,
-    structural_similarity: Kernel,
-    blur_derivative_rows: Kernel,
-    image_gradient: Kernel,
-    loss_value: Kernel,
+    kernels: LossKernels,
     settings: Uniform<LossSettings>,
     /// Settings of images whose gain stays, where every pixel counts.
     plain: LossSettings,
@@ -138,23 +145,6 @@ impl Loss {
         planes: usize,
         weights: LossWeights,
     ) -> Result<Self, GpuError> {
-        let [
-            blur_rows,
-            structural_similarity,
-            blur_derivative_rows,
-            image_gradient,
-            loss_value,
-        ] = Kernel::compile(
-            gpu,
-            &shader(),
-            [
-                "blur_rows",
-                "structural_similarity",
-                "blur_derivative_rows",
-                "image_gradient",
-                "loss_value",
-            ],
-        )?;
         let [width, height] = camera.size();
         let pixels = width * height;
         let window = super::cpu::gaussian_window();
@@ -173,11 +163,7 @@ impl Loss {
             bounds_saturated: 0,
         };
         Ok(Self {
-            blur_rows,
-            structural_similarity,
-            blur_derivative_rows,
-            image_gradient,
-            loss_value,
+            kernels: LossKernels::new(gpu)?,
             settings: Uniform::of(gpu, "loss settings", &plain)?,
             plain,
             pixels,
@@ -208,19 +194,19 @@ impl Loss {
         render: &DeviceBuffer<f32>,
         target: &DeviceBuffer<u32>,
     ) {
-        let settings = &self.settings.raw;
+        let (kernels, settings) = (&self.kernels, &self.settings.raw);
         let (rows, derivatives) = (&self.rows.raw, &self.derivatives.raw);
         let images = [settings, &render.raw, &target.raw, rows];
-        program.run(gpu, &self.blur_rows, self.pixels, &images);
+        program.run(gpu, &kernels.blur_rows, self.pixels, &images);
         let [a, b, c, d] = images;
         let buffers = [a, b, c, d, derivatives, &self.partials.raw];
-        program.run(gpu, &self.structural_similarity, self.pixels, &buffers);
+        program.run(gpu, &kernels.structural_similarity, self.pixels, &buffers);
         let buffers = [settings, derivatives, rows];
-        program.run(gpu, &self.blur_derivative_rows, self.pixels, &buffers);
+        program.run(gpu, &kernels.blur_derivative_rows, self.pixels, &buffers);
         let buffers = [a, b, c, d, &self.gradient.raw];
-        program.run(gpu, &self.image_gradient, self.pixels, &buffers);
+        program.run(gpu, &kernels.image_gradient, self.pixels, &buffers);
         let buffers = [settings, &self.partials.raw, &self.value.raw];
-        program.run_workgroups(gpu, &self.loss_value, 1, &buffers);
+        program.run_workgroups(gpu, &kernels.loss_value, 1, &buffers);
     }
 }
 

@@ -1,7 +1,7 @@
 //! The projection on a GPU.
 
 use crate::{
-    device::{Gpu, GpuError, Kernel, Program, Shader},
+    device::{Gpu, Program, Shader, kernels},
     render::buffers::{RenderBuffers, RenderShape},
 };
 
@@ -25,26 +25,15 @@ pub(crate) fn shader(shape: &RenderShape) -> Shader {
     }
 }
 
-/// Kernels from Gaussians to splats, and their VJP.
-#[derive(Debug)]
-pub(crate) struct Projection {
-    project_gaussians: Kernel,
-    project_gaussians_vjp: Kernel,
+kernels! {
+    /// Kernels from Gaussians to splats, and their VJP.
+    pub(crate) struct Projection(shape: &RenderShape) = shader(shape) => [
+        project_gaussians,
+        project_gaussians_vjp,
+    ];
 }
 
 impl Projection {
-    pub(crate) fn new(gpu: &Gpu, shape: &RenderShape) -> Result<Self, GpuError> {
-        let [project_gaussians, project_gaussians_vjp] = Kernel::compile(
-            gpu,
-            &shader(shape),
-            ["project_gaussians", "project_gaussians_vjp"],
-        )?;
-        Ok(Self {
-            project_gaussians,
-            project_gaussians_vjp,
-        })
-    }
-
     pub(crate) fn forward(&self, gpu: &Gpu, program: &mut Program, buffers: &RenderBuffers) {
         program.run(
             gpu,

@@ -140,10 +140,7 @@ impl PublishedRenderer {
             rays,
             background: self.settings.background,
         };
-        let upstream = RasterGradient {
-            colour: image_gradient,
-            features: &[],
-        };
+        let upstream = RasterGradient::new(image_gradient, &[]);
         let all = 0..gaussians.len();
         self.learning.find(&self.lists, all.clone(), all);
         raster::cpu::backward(
@@ -220,10 +217,7 @@ mod tests {
     use super::*;
     use crate::gaussians::SH_C0;
 
-    const CAMERA: ErpCamera = ErpCamera {
-        width: 64,
-        height: 32,
-    };
+    const CAMERA: ErpCamera = ErpCamera::new(64, 32);
 
     fn view() -> View {
         View {
@@ -362,10 +356,7 @@ mod tests {
         let shifted = one(distance * direction(column + 0.5, row + 0.5), [1e-4; 3]);
         let mut exact = crate::render::cpu::Renderer::new(RenderSettings::new(0.2));
         exact.forward(&view(), &shifted);
-        let upstream = RasterGradient {
-            colour: &weights,
-            features: &[],
-        };
+        let upstream = RasterGradient::new(&weights, &[]);
         exact.backward(&view(), &shifted, &upstream, &mut gradient);
         let by_pixel = exact.visible().map(|visible| visible.centre_gradient);
         let [by_u, by_v] = by_pixel.last().expect("it is visible");

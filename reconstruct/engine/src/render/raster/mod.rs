@@ -79,6 +79,13 @@ pub struct RasterGradient<'a> {
     pub features: &'a [f32],
 }
 
+impl<'a> RasterGradient<'a> {
+    /// Makes a gradient of these parts.
+    pub fn new(colour: &'a [f32], features: &'a [f32]) -> Self {
+        Self { colour, features }
+    }
+}
+
 /// Gradients by the splats of every trained (splat, tile) entry, in the order of the tiles' lists.
 #[derive(Debug, Default)]
 pub struct EntryGradients {

@@ -1,7 +1,7 @@
 //! Radix sort on a GPU, for distances and for tile indices.
 
 use crate::device::{
-    DeviceBuffer, Gpu, GpuError, Kernel, Program, Shader, Uniform, Workgroups, wgsl_struct,
+    DeviceBuffer, Gpu, GpuError, Program, Shader, Uniform, Workgroups, kernels, wgsl_struct,
 };
 
 /// Pairs that one workgroup moves.
@@ -84,12 +84,9 @@ impl Pairs {
     }
 }
 
-/// Stable sort of pairs by the low bits of their keys.
-#[derive(Debug)]
-pub(crate) struct RadixSort {
-    count_digits: Kernel,
-    sum_digits: Kernel,
-    move_pairs: Kernel,
+kernels! {
+    /// Stable sort of pairs by the low bits of their keys.
+    pub(crate) struct RadixSort() = shader() => [count_digits, sum_digits, move_pairs];
 }
 
 /// Number of pairs.
@@ -102,16 +99,6 @@ pub(crate) struct PairCount<'a> {
 }
 
 impl RadixSort {
-    pub(crate) fn new(gpu: &Gpu) -> Result<Self, GpuError> {
-        let [count_digits, sum_digits, move_pairs] =
-            Kernel::compile(gpu, &shader(), ["count_digits", "sum_digits", "move_pairs"])?;
-        Ok(Self {
-            count_digits,
-            sum_digits,
-            move_pairs,
-        })
-    }
-
     /// Records sorting of the first `count[0]` pairs by the lowest `bits` of their keys. The result is in
     /// [`Pairs::sorted`].
     pub(crate) fn record(

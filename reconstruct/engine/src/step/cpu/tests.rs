@@ -31,10 +31,7 @@ fn table() -> ParameterTable {
 /// Returns the loss of a step on an image of one level, and true if it changes colours. `None` removes no
 /// gain.
 fn step(level: u8, gain: Option<f32>) -> (f64, bool) {
-    let camera = ErpCamera {
-        width: 32,
-        height: 16,
-    };
+    let camera = ErpCamera::new(32, 16);
     let view = TrainingView {
         frame: 0,
         view: View {

@@ -7,10 +7,7 @@ use rand_pcg::Pcg64Mcg;
 
 use crate::evidence::poses::*;
 
-const CAMERA: Camera = Camera::Erp(ErpCamera {
-    width: 256,
-    height: 128,
-});
+const CAMERA: Camera = Camera::Erp(ErpCamera::new(256, 128));
 
 /// Returns observations of points all around cameras on a path, whose images are displaced by the twists, with
 /// noise and some moving objects.

@@ -230,10 +230,7 @@ fn files_are_read_where_their_record_places_them() {
         scale: 4.0,
         rotation: DQuat::from_xyzw(0.1, 0.7, -0.2, 0.6).normalize(),
     };
-    let normalization = Similarity {
-        offset: [1e6, -2e5, 41.0],
-        scale: 0.5,
-    };
+    let normalization = Similarity::new([1e6, -2e5, 41.0], 0.5);
     let written = varied(20, 3);
     let back = placement.rotation.inverse();
     let turn = HarmonicTurn::new(back);

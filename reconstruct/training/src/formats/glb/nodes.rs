@@ -1,8 +1,4 @@
 //! Nodes of a glTF document: the placement of their meshes.
-#![cfg_attr(
-    not(test),
-    deny(clippy::indexing_slicing, clippy::arithmetic_side_effects)
-)]
 
 use glam::{DMat3, DQuat, DVec3};
 use serde_json::Value;

@@ -1,8 +1,4 @@
 //! Quantized arrays: integers between the bounds of each column.
-#![cfg_attr(
-    not(test),
-    deny(clippy::indexing_slicing, clippy::arithmetic_side_effects)
-)]
 
 use serde::{Deserialize, Serialize};
 

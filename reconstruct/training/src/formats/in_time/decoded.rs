@@ -1,8 +1,4 @@
 //! Gaussians of a file in time, as tables in normalized coordinates.
-#![cfg_attr(
-    not(test),
-    deny(clippy::indexing_slicing, clippy::arithmetic_side_effects)
-)]
 
 use glam::DVec3;
 use omnilife_engine::{

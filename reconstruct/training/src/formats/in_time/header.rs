@@ -1,8 +1,4 @@
 //! Header of Gaussians in time, as `docs/reference/gaussians-in-time.md` specifies it.
-#![cfg_attr(
-    not(test),
-    deny(clippy::indexing_slicing, clippy::arithmetic_side_effects)
-)]
 
 use omnilife_engine::gaussians::{MAX_SH_DEGREE, sh_rest_count};
 use serde::{Deserialize, Serialize};

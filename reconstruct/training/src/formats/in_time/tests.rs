@@ -27,15 +27,8 @@ use rand_pcg::Pcg64Mcg;
 
 use super::{header::Motion, *};
 
-const NORMALIZATION: Similarity = Similarity {
-    offset: [100.0, -40.0, 7.0],
-    scale: 0.25,
-};
-const CLOCK: Clock = Clock {
-    origin_seconds: 12.0,
-    frame_seconds: 0.1,
-    duration_frames: 40.0,
-};
+const NORMALIZATION: Similarity = Similarity::new([100.0, -40.0, 7.0], 0.25);
+const CLOCK: Clock = Clock::new(12.0, 0.1, 40.0);
 const TIMES: [f64; 4] = [10.0, 11.33, 12.0, 14.0];
 
 fn placement() -> Placement {
@@ -165,10 +158,7 @@ fn activated(model: &mut Model, seconds: f64) -> ActivatedGaussians {
 }
 
 fn image(model: &Model, seconds: f64) -> Vec<f32> {
-    let camera = Camera::Erp(ErpCamera {
-        width: 64,
-        height: 32,
-    });
+    let camera = Camera::Erp(ErpCamera::new(64, 32));
     let centre = DVec3::from_array(NORMALIZATION.offset);
     let pose = Pose::new(DQuat::IDENTITY, centre);
     let view = View::new(camera, &pose, &NORMALIZATION, seconds).expect("a pose");
@@ -316,10 +306,7 @@ fn malformed_files_are_one_line() {
 fn the_file_of_another_writer_moves_as_specified() {
     let bytes = include_bytes!("peer/peer.gtime");
     // Normalized coordinates are those of the file.
-    let normalization = Similarity {
-        offset: [10.0, 20.0, 30.0],
-        scale: 2.0,
-    };
+    let normalization = Similarity::new([10.0, 20.0, 30.0], 2.0);
     let mut invalid = InvalidGaussians::default();
     let read = from_bytes(Path::new("peer.gtime"), bytes, &normalization, &mut invalid);
     let mut model = read.expect("a valid file");

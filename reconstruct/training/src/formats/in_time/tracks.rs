@@ -104,10 +104,7 @@ impl ObjectTrack {
         placed: &Placed,
         begin_seconds: f64,
     ) -> Result<Self, String> {
-        let path = object.path.in_world(&Similarity {
-            offset: [0.0; 3],
-            scale: 1.0,
-        });
+        let path = object.path.in_world(&Similarity::new([0.0; 3], 1.0));
         if path.centre.degree == 0 && path.centre.coefficients.len() > 1 {
             return Err(format!("object {} jumps from place to place", object.id));
         }

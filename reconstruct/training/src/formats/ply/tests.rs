@@ -5,10 +5,7 @@ use omnilife_schemas::points::PointCloud;
 use super::*;
 use omnilife_engine::gaussians::static_gaussians::InitialGaussians;
 
-const NORMALIZATION: Similarity = Similarity {
-    offset: [10.0, 20.0, 30.0],
-    scale: 0.5,
-};
+const NORMALIZATION: Similarity = Similarity::new([10.0, 20.0, 30.0], 0.5);
 
 fn table(sh_degree: usize) -> ParameterTable {
     let initial = InitialGaussians::isotropic(

@@ -145,10 +145,7 @@ fn scenes_with_more_rows_than_the_palette_come_near() {
 
 /// Reads a record on disk with its images.
 fn read_folder(folder: &Path) -> Result<ActivatedGaussians, String> {
-    let unchanged = Similarity {
-        offset: [0.0; 3],
-        scale: 1.0,
-    };
+    let unchanged = Similarity::new([0.0; 3], 1.0);
     let path = folder.join(RECORD_FILE);
     let mut invalid = InvalidGaussians::default();
     let table = exchange::read(&path, &Placement::WORLD, &unchanged, &mut invalid);

@@ -22,10 +22,7 @@ fn settings(clock: Clock, velocity: SeedVelocity, maximum: usize) -> SeedSetting
 
 /// Returns one view of a mask with a component across the seam and one in the middle of the image.
 fn scene() -> TrainingScene {
-    let camera = ErpCamera {
-        width: 16,
-        height: 8,
-    };
+    let camera = ErpCamera::new(16, 8);
     let mut mask = vec![0; 128];
     for pixel in [4 * 16, 4 * 16 + 15, 3 * 16 + 15] {
         mask[pixel] = 255;
@@ -50,26 +47,13 @@ fn scene() -> TrainingScene {
         .chain([[5.0, 0.0, 0.0]])
         .collect();
     TrainingScene {
-        id: "mask".to_owned(),
-        camera: camera.into(),
-        input_views: vec![view],
-        novel_views: Vec::new(),
-        normalization: Similarity {
-            offset: [0.0; 3],
-            scale: 1.0,
-        },
-        scale: omnilife_schemas::records::Scale::Arbitrary,
-        added_points: 0,
-        seen_for_points: None,
-        depth_priors: Vec::new(),
-        novel_depth_priors: Vec::new(),
-        is_normalized_by_points: false,
-        objects: [].into(),
-        tracks: None,
-        points: PointCloud {
-            colours: vec![[0; 3]; positions.len()],
-            positions,
-        },
+        points: PointCloud::of_colour(positions, [0; 3]),
+        ..TrainingScene::new(
+            "mask",
+            camera.into(),
+            vec![view],
+            Similarity::new([0.0; 3], 1.0),
+        )
     }
 }
 
@@ -87,11 +71,7 @@ fn components_are_connected_around_the_seam() {
 #[test]
 fn seeds_lie_on_the_masked_pixels_at_the_distance_of_what_they_hide() {
     let scene = scene();
-    let clock = Clock {
-        origin_seconds: 1.0,
-        frame_seconds: 0.5,
-        duration_frames: 10.0,
-    };
+    let clock = Clock::new(1.0, 0.5, 10.0);
     let seeds = mask_seeds(&scene, &settings(clock, SeedVelocity::Tracked, 100));
     assert_eq!((seeds.masked_pixels, seeds.gaussians.len()), (4, 4));
     assert_eq!(seeds.times.peaks, [2.0; 4]);
@@ -126,11 +106,7 @@ fn seeds_lie_on_the_masked_pixels_at_the_distance_of_what_they_hide() {
 #[test]
 fn a_component_that_walks_has_its_velocity() {
     let mut scene = scene();
-    scene.camera = ErpCamera {
-        width: 64,
-        height: 32,
-    }
-    .into();
+    scene.camera = ErpCamera::new(64, 32).into();
     let first = scene.input_views[0].clone();
     scene.input_views.clear();
     // One column to the right per frame, from the middle of the image; frames 0, 1, 2, 4.
@@ -146,11 +122,7 @@ fn a_component_that_walks_has_its_velocity() {
         view.mask = Some(mask);
         scene.input_views.push(view);
     }
-    let clock = Clock {
-        origin_seconds: 2.0,
-        frame_seconds: 1.0,
-        duration_frames: 4.0,
-    };
+    let clock = Clock::new(2.0, 1.0, 4.0);
     let seeds = mask_seeds(&scene, &settings(clock, SeedVelocity::Tracked, 100));
     assert_eq!(seeds.gaussians.len(), 8);
     // In the first and the last view too, which have only one neighbour.
@@ -174,11 +146,7 @@ fn a_component_that_walks_has_its_velocity() {
 #[test]
 fn seeds_have_the_colours_of_the_compensated_image() {
     let scene = scene();
-    let clock = Clock {
-        origin_seconds: 1.0,
-        frame_seconds: 0.5,
-        duration_frames: 10.0,
-    };
+    let clock = Clock::new(1.0, 0.5, 10.0);
     // Twice the light at the view's time as in the middle of all views: half of white has the level 0.7354.
     let pairs = |gain: f32| vec![[[0.2 * gain; 3], [0.2; 3]]; 60];
     let views = [(0.0, pairs(1.0)), (1.0, pairs(1.0)), (2.0, pairs(2.0))];
@@ -198,11 +166,7 @@ fn seeds_have_the_colours_of_the_compensated_image() {
 #[test]
 fn empty_masks_have_no_seeds() {
     let mut scene = scene();
-    let clock = Clock {
-        origin_seconds: 0.0,
-        frame_seconds: 1.0,
-        duration_frames: 0.0,
-    };
+    let clock = Clock::new(0.0, 1.0, 0.0);
     for mask in [None, Some(vec![0; 128])] {
         scene.input_views[0].mask = mask;
         let seeds = mask_seeds(&scene, &settings(clock, SeedVelocity::Tracked, 9));
@@ -214,21 +178,10 @@ fn empty_masks_have_no_seeds() {
 #[test]
 fn seeds_of_a_pinhole_lie_on_its_rays() {
     let mut scene = scene();
-    let camera = PinholeCamera {
-        width: 16,
-        height: 8,
-        fx: 10.0,
-        fy: 10.0,
-        cx: 8.0,
-        cy: 4.0,
-    };
+    let camera = PinholeCamera::new([16, 8], [10.0, 10.0], [8.0, 4.0]);
     scene.camera = camera.into();
     scene.input_views[0].view.camera = camera.into();
-    let clock = Clock {
-        origin_seconds: 1.0,
-        frame_seconds: 0.5,
-        duration_frames: 10.0,
-    };
+    let clock = Clock::new(1.0, 0.5, 10.0);
     let seeds = mask_seeds(&scene, &settings(clock, SeedVelocity::None, 9));
     // Those at both sides of the image are two components.
     assert_eq!(seeds.masked_pixels, 4);
