@@ -142,7 +142,11 @@ pub const METHOD: Method = Method {
                   plane is hit is tested in its own coordinates; the mask loss leaves out pixels that \
                   another object covers and weighs ten times as much; gradients are not rescaled; \
                   step sizes fall by ten without looking at the loss (mask-loss, gradients and schedule \
-                  switch these three back); a sphere as background and its flow are this project's. One model learns from all input views at once; without \
+                  switch these three back); a sphere as background and its flow are this project's; \
+                  first planes come from boxes, distances, points, tracked textures or outlines of \
+                  masks, and turn in the image's plane alone; the background's plane goes through \
+                  scene points; knots are half of the frames, or all where the camera shakes; nodes \
+                  are there in the frames of their masks and one more each way. One model learns from all input views at once; without \
                   masks there is the background alone. On a GPU, the host intersects rays with \
                   surfaces and moves trajectories.",
     components: &[
