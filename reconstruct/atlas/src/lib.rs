@@ -6,6 +6,7 @@
 //! * [`clip`]: input of the method; [`linked_masks`]: objects from one mask per frame.
 //! * [`node`], [`graph`]: nodes, and the atlas that they make. [`initialize`]: first nodes.
 //!   [`knots`]: number of knots of trajectories.
+//!   [`front`]: static things without a mask before objects.
 //! * [`shade`], [`render`], [`step`]: appearance along rays, images, and one step of the optimizer.
 //! * [`plan`]: components by the evidence of a clip, [`pose_evidence`]: that on the camera's poses. [`settings`]: sizes, rates, phases. [`published`]:
 //!   deviations of the published code, on request.
@@ -16,6 +17,7 @@
 pub mod clip;
 mod device;
 pub mod edit;
+pub mod front;
 pub mod graph;
 pub mod initialize;
 pub mod knots;
@@ -40,6 +42,7 @@ use omnilife_schemas::{distances::DistanceImage, records::ComponentDecision};
 
 use self::{
     clip::Clip,
+    graph::Graph,
     initialize::{
         boxes::TrackedBoxes,
         first_nodes::{Evidence, FirstNodes, first_nodes, reference_frames},
@@ -53,7 +56,7 @@ use self::{
     settings::{FieldSize, Settings},
 };
 use omnilife_training::{
-    components::MotionEvidenceUse,
+    components::{Decision, DecisionLog, MotionEvidenceUse},
     error::ReconstructError,
     method::{Findings, Method, MethodKind, ON_CPU_AND_GPU, Prepared},
     options::{MethodOption, OptionValues},
@@ -146,7 +149,8 @@ pub const METHOD: Method = Method {
                   first planes come from boxes, distances, points, tracked textures or outlines of \
                   masks, and turn in the image's plane alone; the background's plane goes through \
                   scene points; knots are half of the frames, or all where the camera shakes; nodes \
-                  are there in the frames of their masks and one more each way. One model learns from all input views at once; without \
+                  are there in the frames of their masks and one more each way; static things without \
+                  a mask that hide objects are a plane in front. One model learns from all input views at once; without \
                   masks there is the background alone. On a GPU, the host intersects rays with \
                   surfaces and moves trajectories.",
     components: &[
@@ -157,6 +161,7 @@ pub const METHOD: Method = Method {
         plan::CAMERA_OFFSETS,
         plan::MASK_LOSS,
         plan::COARSE_TO_FINE,
+        front::FRONT,
     ],
     optional_components: &[],
     // Supplement, Table 10.
@@ -404,7 +409,10 @@ pub fn begin_with(
     let (knots, of_knots) = knots::of(&clip, request.options.word(&KNOTS));
     let mut nodes = first_nodes(&clip, evidence, knots).map_err(refuse)?;
     let poses = agreement(&clip, evidence.points);
-    let clip = with_nodes_alone(clip, &nodes.with_node);
+    let mut clip = with_nodes_alone(clip, &nodes.with_node);
+    nodes
+        .decisions
+        .extend(add_front(&mut clip, &mut nodes.graph, request));
     let mut settings = settings_of(request);
     let plan = Plan::of(&clip, &mut nodes.graph, poses.as_ref(), request);
     if !plan.mask_loss {
@@ -425,6 +433,27 @@ pub fn begin_with(
         settings,
         plan: decisions,
     })
+}
+
+/// Adds a static thing before the objects where there is one; returns a line for the record.
+fn add_front(
+    clip: &mut Clip,
+    graph: &mut Graph,
+    request: &MethodRequest,
+) -> Vec<ComponentDecision> {
+    let mut log = DecisionLog::new(request);
+    match front::find(clip, graph) {
+        Ok(found) => {
+            let decision = Decision::new(true, found.reason.clone());
+            if log.decide(front::FRONT, decision) {
+                front::add(clip, graph, found);
+            }
+        }
+        Err(reason) => {
+            log.decide(front::FRONT, Decision::new(false, reason).settled());
+        }
+    }
+    log.into_decisions()
 }
 
 /// Returns the bytes that training takes: values, gradients and two moments of every parameter, and the stored

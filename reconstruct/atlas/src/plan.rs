@@ -4,7 +4,10 @@
 //! decides on the fields.
 
 use glam::DVec3;
-use omnilife_engine::surfaces::{compose::compose, view_angle::view_angle};
+use omnilife_engine::surfaces::{
+    compose::{Layer, compose},
+    view_angle::view_angle,
+};
 use omnilife_schemas::records::ComponentDecision;
 
 use super::{
@@ -291,8 +294,7 @@ fn measure(clip: &Clip, graph: &mut Graph) -> Vec<Measured> {
             for (object, counts) in in_frame.iter_mut().enumerate() {
                 let is_masked = frame.covered(object, pixel) >= 0.5;
                 let is_hidden = !is_masked && frame.is_covered(pixel);
-                let layer = layers.iter().find(|layer| layer.surface == object);
-                let is_opaque = layer.is_some_and(|layer| layer.opacity > 0.5);
+                let is_opaque = share_of(&layers, object) > 0.5;
                 if !is_hidden {
                     counts[0] += u32::from(is_masked && is_opaque);
                     counts[1] += u32::from(is_masked || is_opaque);
@@ -338,6 +340,18 @@ fn measure(clip: &Clip, graph: &mut Graph) -> Vec<Measured> {
             },
         })
         .collect()
+}
+
+/// Returns the share of a ray that a surface covers, with nearer ones in front.
+fn share_of(layers: &[Layer], surface: usize) -> f64 {
+    let mut left = 1.0;
+    for layer in layers {
+        if layer.surface == surface {
+            return left * layer.opacity;
+        }
+        left *= 1.0 - layer.opacity;
+    }
+    0.0
 }
 
 /// Returns the change of a mask's width against its height, pixels; translation and scaling keep their ratio.
