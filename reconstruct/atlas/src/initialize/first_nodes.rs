@@ -152,7 +152,13 @@ pub fn first_nodes(
             Made::Node(node, source) => {
                 nodes.push(*node);
                 with_node.push(object);
-                (true, format!("it has a mask; {source}"))
+                let is_missed = evidence.boxes.is_some() && boxes[object].is_none();
+                let missed = if is_missed {
+                    "no track's box is where its masks are; "
+                } else {
+                    ""
+                };
+                (true, format!("it has a mask; {missed}{source}"))
             }
             Made::LeftOut(reason) => (false, reason),
         };
