@@ -8,8 +8,8 @@
 //!   [`knots`]: number of knots of trajectories.
 //!   [`front`]: static things without a mask before objects.
 //! * [`shade`], [`render`], [`step`]: appearance along rays, images, and one step of the optimizer.
-//! * [`plan`]: components by the evidence of a clip, [`pose_evidence`]: that on the camera's poses. [`settings`]: sizes, rates, phases. [`published`]:
-//!   deviations of the published code, on request.
+//! * [`plan`]: components by the evidence of a clip. [`pose_evidence`]: agreement of poses and points.
+//! * [`settings`]: sizes, rates, phases. [`published`]: deviations of the published code, on request.
 //! * [`learner`]: batches and checkpoints; `device`: steps with fields on a GPU. [`saved`]: an atlas in files.
 //!   [`outputs`]: layers and images of the atlas. [`edit`]: edits by a script.
 #![cfg_attr(not(test), warn(clippy::disallowed_methods))]
@@ -29,6 +29,7 @@ pub mod plan;
 pub mod pose_evidence;
 pub mod published;
 pub mod render;
+mod robust;
 pub mod saved;
 pub mod settings;
 pub mod shade;

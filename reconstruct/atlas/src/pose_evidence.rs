@@ -16,6 +16,7 @@ use rayon::prelude::*;
 use super::{
     clip::{Clip, ClipFrame, project},
     initialize::{grey_at, pixel_at, seen_at},
+    robust::{TUKEY, sigma_of, weight},
 };
 
 /// Pairs of frames, at most.
@@ -37,9 +38,6 @@ const STILL: f64 = 1e-3;
 const UNKNOWNS: usize = 8;
 /// Standard deviations of the unknowns without evidence: radians, median depths, shares.
 const BELIEVED: [f64; UNKNOWNS] = [0.05, 0.05, 0.05, 0.05, 0.05, 0.05, 0.5, 0.5];
-/// Standard deviation of normal errors over the median of their absolute values, and Tukey's constant.
-const SIGMA_OF_MEDIAN: f64 = 1.4826;
-const TUKEY: f64 = 4.685;
 /// Minimum standard deviation of grey values' errors.
 const LEAST_SIGMA: f64 = 0.005;
 /// Errors beyond this share of the points' contrast do not agree.
@@ -276,7 +274,7 @@ impl Pair<'_> {
         for _ in 0..STEPS {
             let equations = self.equations(&correction)?;
             let errors = errors(&equations, &correction);
-            let sigma = sigma_of(&errors);
+            let sigma = sigma_at_least(&errors);
             let solution =
                 normal(&equations, &errors, sigma).solve(&right(&equations, &errors, sigma))?;
             let &[a, b, c, x, y, z, gain, offset] = solution.first_chunk::<UNKNOWNS>()?;
@@ -316,7 +314,7 @@ impl Pair<'_> {
         if agreement < LEAST_AGREEMENT {
             return None;
         }
-        let sigma = sigma_of(&errors);
+        let sigma = sigma_at_least(&errors);
         let matrix = normal(&equations, &errors, sigma);
         let mut inverse = Vec::with_capacity(UNKNOWNS);
         for unknown in 0..UNKNOWNS {
@@ -356,16 +354,9 @@ fn errors(equations: &[Equation], correction: &Correction) -> Vec<f64> {
         .collect()
 }
 
-fn sigma_of(errors: &[f64]) -> f64 {
-    let sizes: Vec<f64> = errors.iter().map(|error| error.abs()).collect();
-    (SIGMA_OF_MEDIAN * median(&sizes).unwrap_or(0.0)).max(LEAST_SIGMA)
-}
-
-/// Returns Tukey's weight of an error.
-fn weight(error: f64, sigma: f64) -> f64 {
-    let share = error / (TUKEY * sigma).max(f64::MIN_POSITIVE);
-    let inside = 1.0 - share * share;
-    if inside > 0.0 { inside * inside } else { 0.0 }
+/// Returns the standard deviation of errors, at least that of the images.
+fn sigma_at_least(errors: &[f64]) -> f64 {
+    sigma_of(errors).max(LEAST_SIGMA)
 }
 
 fn normal(equations: &[Equation], errors: &[f64], sigma: f64) -> BandMatrix {
