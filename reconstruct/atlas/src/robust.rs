@@ -41,7 +41,7 @@ mod tests {
     #[test]
     fn one_foreign_error_in_three_does_not_change_the_deviation() {
         assert_eq!(sigma_of(&[]), 0.0);
-        let found = sigma_of(&[-2.0, 1e9, 2.0]);
+        let found = sigma_of(&[-2.0, 1e9, 1.0]);
         assert!((found - 2.0 * 1.4826).abs() < 1e-12, "{found}");
     }
 }

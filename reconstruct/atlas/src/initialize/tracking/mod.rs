@@ -11,6 +11,7 @@ pub mod alignment;
 pub mod patch;
 
 use glam::DVec2;
+use rayon::prelude::*;
 
 use self::{
     alignment::{Aligned, PlanarSimilarity, Template, aligned},
@@ -85,7 +86,7 @@ pub fn tracked(clip: &Clip, object: usize, seen: &[Silhouette], reference: usize
         let patch = Patch::of(clip, object, seen, step)?;
         Some(patch.pyramid(COARSEST, LEVELS))
     };
-    let patches: Vec<Option<Vec<Patch>>> = seen.iter().map(patch).collect();
+    let patches: Vec<Option<Vec<Patch>>> = seen.par_iter().map(patch).collect();
     let chain = Chain {
         clip,
         seen,
