@@ -5,9 +5,11 @@
 //!
 //! * [`clip`]: input of the method; [`linked_masks`]: objects from one mask per frame.
 //! * [`node`], [`graph`]: nodes, and the atlas that they make. [`initialize`]: first nodes.
+//!   [`knots`]: number of knots of trajectories.
+//!   [`front`]: static things without a mask before objects.
 //! * [`shade`], [`render`], [`step`]: appearance along rays, images, and one step of the optimizer.
-//! * [`plan`]: components by the evidence of a clip. [`settings`]: sizes, rates, phases. [`published`]:
-//!   deviations of the published code, on request.
+//! * [`plan`]: components by the evidence of a clip. [`pose_evidence`]: agreement of poses and points.
+//! * [`settings`]: sizes, rates, phases. [`published`]: deviations of the published code, on request.
 //! * [`learner`]: batches and checkpoints; `device`: steps with fields on a GPU. [`saved`]: an atlas in files.
 //!   [`outputs`]: layers and images of the atlas. [`edit`]: edits by a script.
 #![cfg_attr(not(test), warn(clippy::disallowed_methods))]
@@ -15,43 +17,49 @@
 pub mod clip;
 mod device;
 pub mod edit;
+pub mod front;
 pub mod graph;
 pub mod initialize;
 mod insert;
+pub mod knots;
 pub mod learner;
 pub mod linked_masks;
 pub mod node;
 pub mod outputs;
 mod paint;
 pub mod plan;
+pub mod pose_evidence;
 pub mod published;
 pub mod render;
+mod robust;
 pub mod saved;
 pub mod settings;
 pub mod shade;
 pub mod step;
 
+use std::collections::BTreeMap;
+
 use glam::DVec3;
 use omnilife_engine::fields::grid_field::GridField;
-use omnilife_schemas::records::ComponentDecision;
+use omnilife_schemas::{distances::DistanceImage, records::ComponentDecision};
 
 use self::{
     clip::Clip,
     graph::Graph,
     initialize::{
-        background,
-        objects::{self, Made, Setting},
-        order,
-        silhouettes::{self, Silhouette},
+        boxes::TrackedBoxes,
+        first_nodes::{Evidence, FirstNodes, first_nodes, reference_frames},
     },
+    knots::KNOTS,
     learner::AtlasLearner,
     node::{FieldKind, LearntOffsets, Node, Surface},
     plan::Plan,
+    pose_evidence::agreement,
     published::Published,
     settings::{FieldSize, Settings},
 };
 use omnilife_training::{
-    components::MotionEvidenceUse,
+    components::{Decision, DecisionLog, MotionEvidenceUse},
     error::ReconstructError,
     method::{Findings, Method, MethodKind, ON_CPU_AND_GPU, Prepared},
     options::{MethodOption, OptionValues},
@@ -140,7 +148,12 @@ pub const METHOD: Method = Method {
                   plane is hit is tested in its own coordinates; the mask loss leaves out pixels that \
                   another object covers and weighs ten times as much; gradients are not rescaled; \
                   step sizes fall by ten without looking at the loss (mask-loss, gradients and schedule \
-                  switch these three back); a sphere as background and its flow are this project's. One model learns from all input views at once; without \
+                  switch these three back); a sphere as background and its flow are this project's; \
+                  first planes come from boxes, distances, points, tracked textures or outlines of \
+                  masks, and turn in the image's plane alone; the background's plane goes through \
+                  scene points; knots are half of the frames, or all where the camera shakes; nodes \
+                  are there in the frames of their masks and one more each way; static things without \
+                  a mask that hide objects are a plane in front. One model learns from all input views at once; without \
                   masks there is the background alone. On a GPU, the host intersects rays with \
                   surfaces and moves trajectories.",
     components: &[
@@ -151,6 +164,7 @@ pub const METHOD: Method = Method {
         plan::CAMERA_OFFSETS,
         plan::MASK_LOSS,
         plan::COARSE_TO_FINE,
+        front::FRONT,
     ],
     optional_components: &[],
     // Supplement, Table 10.
@@ -170,6 +184,7 @@ pub const METHOD: Method = Method {
         MASK_LOSS,
         GRADIENTS,
         SCHEDULE,
+        KNOTS,
     ],
     kind: MethodKind::Trained {
         extent: CameraExtent::Most,
@@ -178,90 +193,6 @@ pub const METHOD: Method = Method {
         prepare,
     },
 };
-
-/// First nodes of a clip, with the outcome for each object.
-#[derive(Debug)]
-pub struct FirstNodes {
-    /// Objects in the order of their names, the background last; no fields yet.
-    pub graph: Graph,
-    /// Numbers of the clip's objects that have a node.
-    pub with_node: Vec<usize>,
-    /// Distance of the background, normalized units.
-    pub distance: f64,
-    /// A line for each object and for the background.
-    pub decisions: Vec<ComponentDecision>,
-}
-
-/// Places the nodes of a clip. `points` are scene points, normalized.
-///
-/// # Errors
-/// When masks leave no background.
-pub fn first_nodes(clip: &Clip, points: &[DVec3]) -> Result<FirstNodes, String> {
-    let count = clip.frames.len().max(1) as f64;
-    let mean = clip.frames.iter().map(|f| f.pose.centre).sum::<DVec3>() / count;
-    let distances: Vec<f64> = points.iter().map(|point| point.distance(mean)).collect();
-    let placed = background::place(clip, &distances);
-    let mut nodes = Vec::new();
-    let mut with_node = Vec::new();
-    let mut decisions = Vec::new();
-    let seen: Vec<Vec<Silhouette>> = (0..clip.objects.len())
-        .map(|object| silhouettes::of_object(clip, object))
-        .collect();
-    let by_points: Vec<Option<(f64, usize)>> = seen
-        .iter()
-        .enumerate()
-        .map(|(object, seen)| objects::depth_of_points(clip, object, seen, points, placed.distance))
-        .collect();
-    let known: Vec<Option<f64>> = by_points
-        .iter()
-        .map(|found| found.map(|(depth, _)| depth))
-        .collect();
-    let setting = Setting {
-        depths: &order::depths(clip, &seen, &known, placed.distance),
-        seen: &seen,
-        by_points: &by_points,
-        background: placed.distance,
-        knots: knots_of(clip),
-    };
-    for object in 0..clip.objects.len() {
-        let made = objects::node(clip, object, &setting);
-        let (used, reason) = match made {
-            Made::Node(node, depth) => {
-                nodes.push(*node);
-                with_node.push(object);
-                (true, format!("it has a mask; its distance is {depth}"))
-            }
-            Made::LeftOut(reason) => (false, reason),
-        };
-        decisions.push(ComponentDecision {
-            component: format!("object:{}", clip.objects[object]),
-            used,
-            reason,
-        });
-    }
-    nodes.push(background::node(clip, &placed)?);
-    decisions.push(ComponentDecision {
-        component: background::BACKGROUND.to_owned(),
-        used: true,
-        reason: placed.reason.clone(),
-    });
-    Ok(FirstNodes {
-        graph: Graph {
-            nodes,
-            camera: None,
-            clock: clip.clock,
-            footage: clip.footage(),
-        },
-        with_node,
-        distance: placed.distance,
-        decisions,
-    })
-}
-
-/// Knots of trajectories: half as many as frames (the published ratio for DAVIS).
-fn knots_of(clip: &Clip) -> usize {
-    (clip.frames.len().div_ceil(2)).max(1)
-}
 
 /// Returns the clip without objects that have no node: the masks' numbers are those of the nodes.
 fn with_nodes_alone(clip: Clip, with_node: &[usize]) -> Clip {
@@ -274,8 +205,13 @@ fn with_nodes_alone(clip: Clip, with_node: &[usize]) -> Clip {
 }
 
 /// Gives nodes the fields and offsets of a plan.
-pub fn add_fields(clip: &Clip, nodes: &mut FirstNodes, plan: &Plan, settings: &Settings) {
-    let knots = knots_of(clip);
+pub fn add_fields(
+    clip: &Clip,
+    nodes: &mut FirstNodes,
+    knots: usize,
+    plan: &Plan,
+    settings: &Settings,
+) {
     let flow_points = ((clip.frames.len() as f64 * 0.1).round() as usize).max(1);
     let distance = nodes.distance;
     for (number, node) in nodes.graph.nodes.iter_mut().enumerate() {
@@ -386,7 +322,15 @@ fn prepare<'a>(
         .map(|&at| DVec3::from_array(at.map(f64::from)))
         .collect();
     let warnings = clip.warnings.clone();
-    let mut begun = begin(clip, &points, request)?;
+    let evidence = Evidence {
+        points: &points,
+        distances: distances_of(scene, &clip)?,
+        boxes: scene.tracks.as_ref().map(|tracks| TrackedBoxes {
+            tracks,
+            to_normalized: scene.normalization,
+        }),
+    };
+    let mut begun = begin_with(clip, &evidence, request)?;
     if backend == BackendChoice::Gpu {
         begun.learner.move_to_gpu()?;
     }
@@ -411,6 +355,23 @@ fn prepare<'a>(
     })
 }
 
+/// Reads the distances of the frames in which objects are compared with them.
+fn distances_of(
+    scene: &TrainingScene,
+    clip: &Clip,
+) -> Result<BTreeMap<u32, DistanceImage>, ReconstructError> {
+    let wanted = reference_frames(clip);
+    let mut found = BTreeMap::new();
+    for (number, view) in scene.input_views.iter().enumerate() {
+        if wanted.contains(&view.frame)
+            && let Some(image) = scene.distances(number)?
+        {
+            found.insert(view.frame, image);
+        }
+    }
+    Ok(found)
+}
+
 /// Start of training on a clip.
 #[derive(Debug)]
 pub struct Begun {
@@ -422,37 +383,80 @@ pub struct Begun {
     pub plan: Vec<ComponentDecision>,
 }
 
-/// Places the nodes of a clip, decides on components, and makes the fields.
+/// Begins with scene points, normalized, as only evidence beside the clip: see [`begin_with`].
 ///
 /// # Errors
-/// When masks leave no background, or the atlas does not fit into memory.
+/// As [`begin_with`].
 pub fn begin(
     clip: Clip,
     points: &[DVec3],
     request: &MethodRequest,
 ) -> Result<Begun, ReconstructError> {
+    let evidence = Evidence {
+        points,
+        ..Evidence::default()
+    };
+    begin_with(clip, &evidence, request)
+}
+
+/// Places the nodes of a clip, decides on components, and makes the fields.
+///
+/// # Errors
+/// When masks leave no background, or the atlas does not fit into memory.
+pub fn begin_with(
+    clip: Clip,
+    evidence: &Evidence<'_>,
+    request: &MethodRequest,
+) -> Result<Begun, ReconstructError> {
     let refuse = |reason: String| ReconstructError::Request { reason };
-    let mut nodes = first_nodes(&clip, points).map_err(refuse)?;
-    let clip = with_nodes_alone(clip, &nodes.with_node);
+    let (knots, of_knots) = knots::of(&clip, request.options.word(&KNOTS));
+    let mut nodes = first_nodes(&clip, evidence, knots).map_err(refuse)?;
+    let poses = agreement(&clip, evidence.points);
+    let mut clip = with_nodes_alone(clip, &nodes.with_node);
+    nodes
+        .decisions
+        .extend(add_front(&mut clip, &mut nodes.graph, request));
     let mut settings = settings_of(request);
-    let plan = Plan::of(&clip, &mut nodes.graph, request);
+    let plan = Plan::of(&clip, &mut nodes.graph, poses.as_ref(), request);
     if !plan.mask_loss {
         settings.mask_weight = 0.0;
     }
     settings.coarse_to_fine = plan.coarse_to_fine;
-    add_fields(&clip, &mut nodes, &plan, &settings);
+    add_fields(&clip, &mut nodes, knots, &plan, &settings);
     let values: usize = nodes.graph.parameter_counts().iter().sum();
     process::require(
         training_bytes(values, settings.rays),
         &format!("training an atlas of {values} parameters"),
     )?;
     let mut decisions = nodes.decisions;
+    decisions.push(of_knots);
     decisions.extend(plan.decisions);
     Ok(Begun {
         learner: AtlasLearner::new(clip, nodes.graph, settings.clone()),
         settings,
         plan: decisions,
     })
+}
+
+/// Adds a static thing before the objects where there is one; returns a line for the record.
+fn add_front(
+    clip: &mut Clip,
+    graph: &mut Graph,
+    request: &MethodRequest,
+) -> Vec<ComponentDecision> {
+    let mut log = DecisionLog::new(request);
+    match front::find(clip, graph) {
+        Ok(found) => {
+            let decision = Decision::new(true, found.reason.clone());
+            if log.decide(front::FRONT, decision) {
+                front::add(clip, graph, found);
+            }
+        }
+        Err(reason) => {
+            log.decide(front::FRONT, Decision::new(false, reason).settled());
+        }
+    }
+    log.into_decisions()
 }
 
 /// Returns the bytes that training takes: values, gradients and two moments of every parameter, and the stored

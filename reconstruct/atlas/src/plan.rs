@@ -4,13 +4,17 @@
 //! decides on the fields.
 
 use glam::DVec3;
-use omnilife_engine::surfaces::{compose::compose, view_angle::view_angle};
+use omnilife_engine::surfaces::{
+    compose::{Layer, compose},
+    view_angle::view_angle,
+};
 use omnilife_schemas::records::ComponentDecision;
 
 use super::{
     clip::{Clip, camera_direction, pixel_centre},
     graph::Graph,
     node::{Hit, Surface},
+    pose_evidence::PoseAgreement,
     render::{Moment, Rays},
     shade::Detail,
 };
@@ -40,6 +44,8 @@ const ABOVE_NOISE: f64 = 3.0;
 const LEAST_SPAN: f64 = std::f64::consts::PI / 180.0;
 /// Base opacities that overlap the masks by this need no field.
 const GOOD_OVERLAP: f64 = 0.98;
+/// Overlap below which a frame is reported as a bad one.
+const BAD_OVERLAP: f64 = 0.5;
 /// Minimum change of shape that counts as a rotation, pixels.
 const LEAST_DEVIATION: f64 = 0.5;
 /// Approximate number of examined pixels of each frame.
@@ -80,15 +86,21 @@ struct Measured {
     residual: f64,
     /// Range of the angles of view to the node's middle, radians.
     span: f64,
-    /// Overlap of base opacity and masks, intersection over union.
-    overlap: f64,
+    /// Overlap of base opacity and masks in each frame, intersection over union.
+    overlaps: Vec<f64>,
     /// Deviation of the mask's outline from pure translation and scaling, pixels.
     deviation: f64,
 }
 
 impl Plan {
-    /// Decides on a clip whose masks are those of the graph's objects, in the same order.
-    pub fn of(clip: &Clip, graph: &mut Graph, request: &MethodRequest) -> Self {
+    /// Decides on a clip whose masks are those of the graph's objects, in the same order. `poses` is the agreement of
+    /// the given poses with scene points, if these tell.
+    pub fn of(
+        clip: &Clip,
+        graph: &mut Graph,
+        poses: Option<&PoseAgreement>,
+        request: &MethodRequest,
+    ) -> Self {
         let noise = noise(clip);
         let measured = measure(clip, graph);
         let mut log = DecisionLog::new(request);
@@ -119,10 +131,8 @@ impl Plan {
                 ..OfNode::default()
             };
             if is_object {
-                let opacity = Decision::new(
-                    found.overlap < GOOD_OVERLAP,
-                    format!("base opacity and masks overlap by {:.3}", found.overlap),
-                );
+                let (overlap, words) = found.overlap();
+                let opacity = Decision::new(overlap < GOOD_OVERLAP, words);
                 of_node.opacity = log.decide_for(OPACITY_FIELD, id, opacity);
                 let rotation = Decision::new(
                     found.deviation > LEAST_DEVIATION,
@@ -133,14 +143,7 @@ impl Plan {
             nodes.push(of_node);
         }
         let background = measured.last().cloned().unwrap_or_default();
-        let camera = Decision::new(
-            background.residual > ABOVE_NOISE * noise,
-            format!(
-                "under the given poses the background leaves {} rms, the noise is {}",
-                rms(background.residual),
-                rms(noise)
-            ),
-        );
+        let camera = camera_decision(&background, noise, poses);
         let camera = camera.unless((clip.frames.len() < 2).then_some("a second frame"));
         let objects = clip.objects.len();
         let masks = Decision::new(objects > 0, format!("{objects} objects with masks"));
@@ -161,6 +164,46 @@ impl Plan {
             nodes,
             decisions: log.into_decisions(),
         }
+    }
+}
+
+impl Measured {
+    /// Returns the mean overlap over frames, 1 without any, and the evidence in words.
+    fn overlap(&self) -> (f64, String) {
+        let count = self.overlaps.len();
+        if count == 0 {
+            return (1.0, "no frame shows it".to_owned());
+        }
+        let mean = self.overlaps.iter().sum::<f64>() / count as f64;
+        let least = self.overlaps.iter().copied().fold(1.0, f64::min);
+        let bad = self
+            .overlaps
+            .iter()
+            .filter(|&&overlap| overlap < BAD_OVERLAP);
+        let words = format!(
+            "base opacity and masks overlap by {mean:.3} in the mean over {count} frames, {least:.3} at least, \
+             below {BAD_OVERLAP} in {}",
+            bad.count()
+        );
+        (mean, words)
+    }
+}
+
+/// Decides on corrections of the camera. Scene points tell errors of poses from a background at a wrong place; only
+/// without them the background's residual counts.
+fn camera_decision(background: &Measured, noise: f64, poses: Option<&PoseAgreement>) -> Decision {
+    match poses {
+        Some(found) if found.agrees() => Decision::new(false, found.words()).even_if_full(),
+        Some(found) => Decision::new(true, found.words()),
+        None => Decision::new(
+            background.residual > ABOVE_NOISE * noise,
+            format!(
+                "under the given poses the background leaves {:.2}/255 rms, the noise is {:.2}/255; scene points do \
+                 not tell",
+                255.0 * background.residual,
+                255.0 * noise
+            ),
+        ),
     }
 }
 
@@ -212,7 +255,7 @@ fn measure(clip: &Clip, graph: &mut Graph) -> Vec<Measured> {
     };
     let nodes = graph.nodes.len();
     let mut squares = vec![(0.0, 0.0); nodes];
-    let mut overlaps = vec![(0.0, 0.0); nodes];
+    let mut overlaps: Vec<Vec<f64>> = vec![Vec::new(); nodes];
     let mut spans = vec![
         [
             f64::INFINITY,
@@ -238,6 +281,7 @@ fn measure(clip: &Clip, graph: &mut Graph) -> Vec<Measured> {
                 .collect(),
         };
         let seen = graph.see(&rays, &base, false, &|_| true);
+        let mut in_frame = vec![[0_u32; 2]; clip.objects.len()];
         for (ray, &pixel) in pixels.iter().enumerate() {
             let (layers, _) = seen.layers(ray);
             let error = compose(&layers) - DVec3::from_array(frame.colour(pixel));
@@ -247,15 +291,22 @@ fn measure(clip: &Clip, graph: &mut Graph) -> Vec<Measured> {
                 sum.0 += error.length_squared() / 3.0;
                 sum.1 += 1.0;
             }
-            for (object, overlap) in overlaps.iter_mut().enumerate().take(clip.objects.len()) {
+            for (object, counts) in in_frame.iter_mut().enumerate() {
                 let is_masked = frame.covered(object, pixel) >= 0.5;
                 let is_hidden = !is_masked && frame.is_covered(pixel);
-                let layer = layers.iter().find(|layer| layer.surface == object);
-                let is_opaque = layer.is_some_and(|layer| layer.opacity > 0.5);
+                let is_opaque = share_of(&layers, object) > 0.5;
                 if !is_hidden {
-                    overlap.0 += f64::from(u8::from(is_masked && is_opaque));
-                    overlap.1 += f64::from(u8::from(is_masked || is_opaque));
+                    counts[0] += u32::from(is_masked && is_opaque);
+                    counts[1] += u32::from(is_masked || is_opaque);
                 }
+            }
+        }
+        for (object, [both, either]) in in_frame.into_iter().enumerate() {
+            let has_mask = frame.masks[object]
+                .as_ref()
+                .is_some_and(|mask| mask.iter().any(|&byte| byte >= 128));
+            if has_mask && either > 0 {
+                overlaps[object].push(f64::from(both) / f64::from(either));
             }
         }
         for (samples, span) in seen.samples.iter().zip(&mut spans) {
@@ -281,11 +332,7 @@ fn measure(clip: &Clip, graph: &mut Graph) -> Vec<Measured> {
                 let [a, b, c, d] = spans[node];
                 (b - a).max(d - c).max(0.0)
             },
-            overlap: if overlaps[node].1 > 0.0 {
-                overlaps[node].0 / overlaps[node].1
-            } else {
-                1.0
-            },
+            overlaps: std::mem::take(&mut overlaps[node]),
             deviation: if node < clip.objects.len() {
                 deviation(clip, node)
             } else {
@@ -293,6 +340,18 @@ fn measure(clip: &Clip, graph: &mut Graph) -> Vec<Measured> {
             },
         })
         .collect()
+}
+
+/// Returns the share of a ray that a surface covers, with nearer ones in front.
+fn share_of(layers: &[Layer], surface: usize) -> f64 {
+    let mut left = 1.0;
+    for layer in layers {
+        if layer.surface == surface {
+            return left * layer.opacity;
+        }
+        left *= 1.0 - layer.opacity;
+    }
+    0.0
 }
 
 /// Returns the change of a mask's width against its height, pixels; translation and scaling keep their ratio.

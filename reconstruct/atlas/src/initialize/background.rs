@@ -8,9 +8,10 @@ use omnilife_engine::{
     surfaces::texture::Texture,
     trajectories::rigid_spline::{RigidPose, RigidSpline},
 };
+use omnilife_schemas::statistics::quantile;
 use rayon::prelude::*;
 
-use super::{by_distance_in_time, colour_at, pixel_at, point_on, seen_at, texel_uv};
+use super::{by_distance_in_time, colour_at, pixel_at, planes, point_on, seen_at, texel_uv};
 use crate::{
     clip::{Clip, ClipFrame, camera_direction},
     node::{Fields, Node, Surface},
@@ -24,6 +25,16 @@ const WIDEST: f64 = 60.0 * PI / 180.0;
 const MARGIN: f64 = 1.06;
 /// Texels of a side, at most.
 const MOST_TEXELS: f64 = 2048.0;
+/// Share of the scene's points that are before the background, where they are on no plane.
+const FAR_SHARE: f64 = 0.9;
+/// Distance over the cameras' path without points.
+const FAR_OVER_PATH: f64 = 4.0;
+/// Minimum share of the scene's points on a plane that is the background.
+const LEAST_AGREEING: f64 = 0.4;
+/// Minimum distance of a plane through points, over the cameras' distance from their mean.
+const LEAST_DISTANCE: f64 = 0.1;
+/// Maximum distance in view, over that of the middle.
+const FARTHEST: f64 = 50.0;
 /// Distance without evidence: cameras do not move.
 const STILL_DISTANCE: f64 = 2.0;
 
@@ -63,24 +74,32 @@ fn border_directions(clip: &Clip) -> Vec<(DVec3, DVec3)> {
     rays.collect()
 }
 
-/// Decides on surface and distance. `point_distances` are the scene points' distances from the mean camera.
-pub fn place(clip: &Clip, point_distances: &[f64]) -> Placed {
+/// Returns the mean position of the cameras, and the length of their path.
+fn path_of(clip: &Clip) -> (DVec3, f64) {
     let count = clip.frames.len().max(1) as f64;
     let mean = clip.frames.iter().map(|f| f.pose.centre).sum::<DVec3>() / count;
-    let path: f64 = clip
+    let steps = clip
         .frames
         .windows(2)
-        .map(|pair| pair[0].pose.centre.distance(pair[1].pose.centre))
-        .sum();
-    let mut sorted = point_distances.to_vec();
-    sorted.sort_by(f64::total_cmp);
-    let by_points = sorted.get(sorted.len() * 9 / 10).copied();
-    let is_still = path < 1e-6;
-    let (distance, why) = match by_points {
-        Some(far) if far > 4.0 * path => (far, "the 90th percentile of the scene's points"),
-        _ if is_still => (STILL_DISTANCE, "any: the cameras stand still"),
-        _ => (4.0 * path, "four times the cameras' path"),
-    };
+        .map(|pair| pair[0].pose.centre.distance(pair[1].pose.centre));
+    (mean, steps.sum())
+}
+
+/// Returns the distance from the mean camera without a plane through points, and its source.
+fn guessed_distance(points: &[DVec3], mean: DVec3, path: f64) -> (f64, &'static str) {
+    let distances: Vec<f64> = points.iter().map(|point| point.distance(mean)).collect();
+    match quantile(&distances, FAR_SHARE) {
+        Some(far) if far > FAR_OVER_PATH * path => {
+            (far, "the 90th percentile of the scene's points")
+        }
+        _ if path < 1e-6 => (STILL_DISTANCE, "any: the cameras stand still"),
+        _ => (FAR_OVER_PATH * path, "four times the cameras' path"),
+    }
+}
+
+/// Decides on surface and distance. `points` are the scene's points.
+pub fn place(clip: &Clip, points: &[DVec3]) -> Placed {
+    let (mean, path) = path_of(clip);
     let forward: DVec3 = clip.frames.iter().map(|f| f.pose.rotation.col(2)).sum();
     let axis = forward.normalize_or(DVec3::Z);
     let borders = border_directions(clip);
@@ -88,45 +107,142 @@ pub fn place(clip: &Clip, point_distances: &[f64]) -> Placed {
         .iter()
         .map(|(_, direction)| direction.dot(axis).clamp(-1.0, 1.0).acos())
         .fold(0.0, f64::max);
-    let is_sphere = matches!(clip.camera, Camera::Erp(_)) || widest > WIDEST;
     let view = format!("{:.0} degrees of view", 2.0 * widest.to_degrees());
-    if is_sphere {
-        let [width, height] = clip.size();
-        let across = match clip.camera {
-            Camera::Erp(_) => [width, height],
-            Camera::Pinhole(camera) => {
-                let around = (2.0 * PI * camera.fx).min(MOST_TEXELS);
-                [around as usize, (0.5 * around) as usize]
-            }
-        };
-        let what = match clip.camera {
-            Camera::Erp(_) => "panoramas".to_owned(),
-            Camera::Pinhole(_) => view,
-        };
-        return Placed {
-            surface: Surface::Sphere {
-                centre: mean,
-                radius: distance,
-            },
-            texels: across,
-            distance,
-            reason: format!("a sphere ({what}), its radius {why}"),
-        };
+    match clip.camera {
+        Camera::Pinhole(_) if widest <= WIDEST => {
+            let plane = plane_of(clip, points, axis, &borders);
+            plane_in_view(clip, &plane, &borders, &view)
+        }
+        camera => {
+            let (distance, why) = guessed_distance(points, mean, path);
+            sphere(clip, &camera, mean, distance, &view, why)
+        }
     }
-    let rotation = facing(axis, &clip.frames[clip.frames.len() / 2].pose);
-    let middle = mean + distance * axis;
+}
+
+/// Returns a sphere around the mean camera.
+fn sphere(clip: &Clip, camera: &Camera, mean: DVec3, radius: f64, view: &str, why: &str) -> Placed {
+    let (texels, what) = match camera {
+        Camera::Erp(_) => (clip.size(), "panoramas"),
+        Camera::Pinhole(camera) => {
+            let around = (2.0 * PI * camera.fx).min(MOST_TEXELS);
+            ([around as usize, (0.5 * around) as usize], view)
+        }
+    };
+    Placed {
+        surface: Surface::Sphere {
+            centre: mean,
+            radius,
+        },
+        texels,
+        distance: radius,
+        reason: format!("a sphere ({what}), its radius {why}"),
+    }
+}
+
+/// A plane before the cameras.
+struct Facing {
+    /// Point of the plane before the mean camera.
+    middle: DVec3,
+    /// Its axes: columns, the last one away from the cameras.
+    rotation: DMat3,
+    /// Distance of `middle` from the mean camera.
+    distance: f64,
+    /// Source of its place.
+    why: String,
+}
+
+/// Returns the plane of the background: through points where these lie on one, else parallel to the mean image.
+fn plane_of(clip: &Clip, points: &[DVec3], axis: DVec3, borders: &[(DVec3, DVec3)]) -> Facing {
+    let (mean, path) = path_of(clip);
+    let upright = &clip.frames[clip.frames.len() / 2].pose;
+    let camera = facing(axis, upright);
+    let baseline = clip
+        .frames
+        .iter()
+        .map(|frame| frame.pose.centre.distance(mean))
+        .fold(0.0, f64::max);
+    let focal = match clip.camera {
+        Camera::Pinhole(camera) => camera.fx,
+        Camera::Erp(camera) => f64::from(camera.width) / (2.0 * PI),
+    };
+    let own: Vec<DVec3> = points
+        .iter()
+        .map(|&point| camera.transpose() * (point - mean))
+        .collect();
+    let at_borders: Vec<DVec2> = borders
+        .iter()
+        .map(|&(_, direction)| camera.transpose() * direction)
+        .filter(|local| local.z > 0.0)
+        .map(|local| local.truncate() / local.z)
+        .collect();
+    let found = planes::fitted(&own, 1.0 / (focal * baseline), &at_borders);
+    let far = found.filter(|found| {
+        found.agreeing >= LEAST_AGREEING && found.normal.z * LEAST_DISTANCE * baseline < 1.0
+    });
+    if let Some(found) = far {
+        let normal = (camera * found.normal).normalize();
+        let distance = 1.0 / found.normal.z;
+        let tilt = normal.dot(axis).clamp(-1.0, 1.0).acos().to_degrees();
+        let plane = Facing {
+            middle: mean + distance * axis,
+            rotation: facing(normal, upright),
+            distance,
+            why: format!(
+                "through the scene's points: {:.0} % of {} within a pixel of parallax, tilted by {tilt:.0} degrees",
+                100.0 * found.agreeing,
+                found.points
+            ),
+        };
+        if is_before(&plane, borders) {
+            return plane;
+        }
+    }
+    let (distance, why) = guessed_distance(points, mean, path);
+    let none = found.map_or_else(String::new, |found| {
+        format!(
+            "; {:.0} % of {} points at most are on one plane",
+            100.0 * found.agreeing,
+            found.points
+        )
+    });
+    Facing {
+        middle: mean + distance * axis,
+        rotation: camera,
+        distance,
+        why: format!("its distance {why}{none}"),
+    }
+}
+
+/// Returns true if all rays meet a plane before their cameras, and none far behind its middle.
+fn is_before(plane: &Facing, borders: &[(DVec3, DVec3)]) -> bool {
+    let normal = plane.rotation.col(2);
+    borders.iter().all(|&(origin, direction)| {
+        let along = normal.dot(plane.middle - origin) / normal.dot(direction);
+        along > 0.0 && along < FARTHEST * plane.distance
+    })
+}
+
+/// Returns the part of a plane that the cameras see.
+fn plane_in_view(clip: &Clip, plane: &Facing, borders: &[(DVec3, DVec3)], view: &str) -> Placed {
+    let (middle, rotation) = (plane.middle, plane.rotation);
+    let normal = rotation.col(2);
     let (mut low, mut high) = (DVec2::MAX, DVec2::MIN);
-    for (origin, direction) in borders {
-        let along = axis.dot(middle - origin) / axis.dot(direction);
+    let mut nearest = f64::INFINITY;
+    for &(origin, direction) in borders {
+        let along = normal.dot(middle - origin) / normal.dot(direction);
         let local = rotation.transpose() * (origin + along * direction - middle);
         low = low.min(local.truncate());
         high = high.max(local.truncate());
+        nearest = nearest.min(along);
     }
     let size = MARGIN * (high - low);
     let centre = middle + rotation * (0.5 * (low + high)).extend(0.0);
+    // The nearest part has the finest texture; without a tilt that is the middle.
+    let nearest = nearest.clamp(0.25 * plane.distance, plane.distance);
     let per_unit = match clip.camera {
-        Camera::Pinhole(camera) => camera.fx / distance,
-        Camera::Erp(camera) => f64::from(camera.width) / (2.0 * PI * distance),
+        Camera::Pinhole(camera) => camera.fx / nearest,
+        Camera::Erp(camera) => f64::from(camera.width) / (2.0 * PI * nearest),
     };
     let texels = (size * per_unit).clamp(DVec2::splat(2.0), DVec2::splat(MOST_TEXELS));
     Placed {
@@ -138,8 +254,23 @@ pub fn place(clip: &Clip, point_distances: &[f64]) -> Placed {
             },
         },
         texels: [texels.x.ceil() as usize, texels.y.ceil() as usize],
-        distance,
-        reason: format!("a plane ({view}), its distance {why}"),
+        distance: plane.distance,
+        reason: format!("a plane ({view}), {}", plane.why),
+    }
+}
+
+impl Placed {
+    /// Returns the distance along a ray to the background; `None` where the ray misses it.
+    pub fn along(&self, origin: DVec3, direction: DVec3) -> Option<f64> {
+        let along = match &self.surface {
+            Surface::Plane { trajectory, .. } => {
+                let pose = trajectory.pose(0.0);
+                let normal = pose.rotation.col(2);
+                normal.dot(pose.centre - origin) / normal.dot(direction)
+            }
+            Surface::Sphere { radius, .. } => *radius,
+        };
+        (along.is_finite() && along > 0.0).then_some(along)
     }
 }
 

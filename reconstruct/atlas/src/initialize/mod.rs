@@ -1,14 +1,20 @@
-//! First nodes of an atlas, from a clip with poses and masks (Neural Atlas Graphs, supplement A.4). The evidence
-//! of this project replaces depth networks and tracked features.
+//! First nodes of an atlas, from a clip with poses and masks (Neural Atlas Graphs, supplement A.4). Evidence
+//! decides for each object, in the order of its worth.
 //!
-//! * [`background`]: a plane behind everything, or a sphere around the cameras.
-//! * [`objects`]: a plane for each object, at the distance that its size in the image gives. [`silhouettes`]: the
-//!   visible part in each frame, and the position of the whole. [`order`]: occlusion.
+//! * [`first_nodes`]: all of them, with a line on the evidence of each.
+//! * [`background`]: a plane behind everything, or a sphere around the cameras. [`planes`]: the plane of points.
+//! * [`objects`]: a plane for each object. [`boxes`]: from boxes. [`in_frames`]: from what happens in its masks, which
+//!   [`tracking`] finds in the texture and [`silhouettes`] in the outline. [`order`]: occlusion.
 
 pub mod background;
+pub mod boxes;
+pub mod first_nodes;
+pub mod in_frames;
 pub mod objects;
 pub mod order;
+pub mod planes;
 pub mod silhouettes;
+pub mod tracking;
 
 use glam::DVec2;
 use omnilife_engine::{camera::Camera, trajectories::rigid_spline::RigidPose};
@@ -16,7 +22,7 @@ use omnilife_engine::{camera::Camera, trajectories::rigid_spline::RigidPose};
 use super::clip::{Clip, ClipFrame, project};
 
 /// Returns the position of a world point in a frame's image, pixels; `None` outside of the image.
-fn seen_at(clip: &Clip, frame: &ClipFrame, point: glam::DVec3) -> Option<DVec2> {
+pub(super) fn seen_at(clip: &Clip, frame: &ClipFrame, point: glam::DVec3) -> Option<DVec2> {
     let local = frame.pose.rotation.transpose() * (point - frame.pose.centre);
     let at = project(&clip.camera, local)?;
     let [width, height] = clip.size();
@@ -25,7 +31,7 @@ fn seen_at(clip: &Clip, frame: &ClipFrame, point: glam::DVec3) -> Option<DVec2> 
 }
 
 /// Returns the number of the pixel at a position.
-fn pixel_at(clip: &Clip, at: DVec2) -> usize {
+pub(super) fn pixel_at(clip: &Clip, at: DVec2) -> usize {
     let [width, height] = clip.size();
     let column = (at.x as usize).min(width - 1);
     let row = (at.y as usize).min(height - 1);
@@ -56,6 +62,11 @@ fn colour_at(clip: &Clip, frame: &ClipFrame, at: DVec2) -> [f64; 3] {
         }
     }
     colour
+}
+
+/// Returns the mean of a frame's channels at a position, linear between pixels' centres.
+pub(super) fn grey_at(clip: &Clip, frame: &ClipFrame, at: DVec2) -> f64 {
+    colour_at(clip, frame, at).iter().sum::<f64>() / 3.0
 }
 
 /// Returns the world point of a plane's `uv`.

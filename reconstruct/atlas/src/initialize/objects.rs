@@ -1,10 +1,9 @@
-//! Planes of objects: at the position of their masks, and at the distance that their size in the image gives.
+//! Planes of objects, painted with what their masks show.
 //!
-//! The frame with the largest mask is the reference frame. There an object is at the distance of the scene points
-//! in its mask; without points it is at a guess from [occlusion](super::order). In other frames its distance
-//! grows as the root of its area shrinks: objects keep their size. A mask that touches the image's border or
-//! another object's mask shows a part of the object. Such a frame gives no distance; its position comes from the
-//! [silhouette](super::silhouettes) of the whole.
+//! The frame with the largest mask is the reference frame. There an object is at the distance of its box in
+//! `tracks.json`, of the depths or of the scene points in its mask; without any it is at a guess from
+//! [occlusion](super::order). [Motion inside of the mask](super::in_frames) gives distance, turn and position in other
+//! frames, unless the box does. The base opacity is what most masks cover, of those frames that could show it.
 
 use glam::{DQuat, DVec2, DVec3};
 use omnilife_engine::{
@@ -12,12 +11,17 @@ use omnilife_engine::{
     surfaces::texture::Texture,
     trajectories::rigid_spline::{RigidPose, RigidSpline},
 };
+use omnilife_schemas::statistics::median;
 use rayon::prelude::*;
 
 use super::{
-    background::filled,
-    by_distance_in_time, colour_at, pixel_at, point_on, seen_at,
-    silhouettes::{Shape, Silhouette, middle, on_plane, plane_axes, reference, relative_depths},
+    background::{Placed, filled},
+    boxes::BoxPath,
+    by_distance_in_time, colour_at,
+    first_nodes::Evidence,
+    in_frames::InFrames,
+    pixel_at, point_on, seen_at,
+    silhouettes::{Shape, Silhouette, plane_axes, reference},
     texel_uv,
 };
 use crate::{
@@ -37,6 +41,15 @@ const LEAST_POINTS: usize = 3;
 const WIDEST: f64 = 50.0 * std::f64::consts::PI / 180.0;
 /// Base opacities (the published code's).
 const OPACITIES: [f64; 2] = [0.1, 0.9];
+
+/// Number of frames whose masks make the base opacity, at most.
+const VOTING_FRAMES: usize = 24;
+/// Steepness of the base opacity by the share of masks: 1 from two thirds on.
+const STEEPNESS: f64 = 3.0;
+/// Maximum distance of a plane, over that of the background behind it.
+const FARTHEST: f64 = 0.95;
+/// Minimum distance of a plane, over that of the background.
+const NEAREST: f64 = 0.01;
 
 /// Masks of two frames that overlap by so much are the same place of the image.
 const SAME_PLACE: f64 = 0.95;
@@ -88,12 +101,16 @@ fn is_carried_along(clip: &Clip, seen: &[Silhouette]) -> bool {
 pub struct Setting<'a> {
     /// Silhouettes of each object.
     pub seen: &'a [Vec<Silhouette>],
-    /// The distance of each by scene points, and their number.
-    pub by_points: &'a [Option<(f64, usize)>],
+    /// Motion of each over its silhouettes.
+    pub in_frames: &'a [InFrames],
+    /// Boxes of the objects that have any.
+    pub boxes: &'a [Option<BoxPath>],
+    /// The known distance of each, with its source.
+    pub known: &'a [Option<(f64, String)>],
     /// The distance of each in its reference frame.
     pub depths: &'a [f64],
-    /// Distance of the background.
-    pub background: f64,
+    /// Minimum distance of the background behind each.
+    pub backgrounds: &'a [f64],
     /// Number of knots of trajectories.
     pub knots: usize,
 }
@@ -101,7 +118,7 @@ pub struct Setting<'a> {
 /// Makes the node of an object, without fields.
 pub fn node(clip: &Clip, object: usize, setting: &Setting<'_>) -> Made {
     let name = &clip.objects[object];
-    let (seen, background) = (&setting.seen[object], setting.background);
+    let (seen, background) = (&setting.seen[object], setting.backgrounds[object]);
     let Some(reference) = reference(seen) else {
         return Made::LeftOut("its masks are empty".to_owned());
     };
@@ -130,40 +147,38 @@ pub fn node(clip: &Clip, object: usize, setting: &Setting<'_>) -> Made {
                 .to_owned(),
         );
     }
-    let axes = plane_axes(&clip.camera, reference.direction);
     let depth = setting.depths[object];
-    let depth_from = match setting.by_points[object] {
-        Some((_, count)) => format!("from {count} points in its mask"),
-        None => format!("a guess: {:.2} of the background's", depth / background),
-    };
-    let depths: Vec<f64> = relative_depths(seen, reference)
-        .into_iter()
-        .map(|relative| (depth * relative).clamp(0.01 * background, 0.95 * background))
-        .collect();
-    let shape = Shape::of(clip, reference, depth);
-    let poses: Vec<(f64, DVec3, DQuat)> = seen
-        .par_iter()
-        .zip(&depths)
-        .filter_map(|(seen, &depth)| {
-            let pose = if seen.is_partial {
-                shape.placed(clip, object, seen, depth)?
-            } else {
-                middle(clip, seen, depth)
+    let (placed, source) = match &setting.boxes[object] {
+        Some(path) => (path.poses(clip, seen, reference), path.reason.clone()),
+        None => {
+            let from = match &setting.known[object] {
+                Some((_, source)) => source.clone(),
+                None => format!("a guess: {:.2} of the background's", depth / background),
             };
+            let in_frames = &setting.in_frames[object];
+            (
+                poses(clip, object, seen, in_frames, [depth, background]),
+                format!("its distance is {from}; {}", in_frames.reason),
+            )
+        }
+    };
+    let poses: Vec<(f64, DVec3, DQuat)> = placed
+        .iter()
+        .map(|(seen, pose)| {
             let rotation = DQuat::from_mat3(&pose.rotation).normalize();
-            Some((clip.frames[seen.frame].time, pose.centre, rotation))
+            (clip.frames[seen.frame].time, pose.centre, rotation)
         })
         .collect();
-    let mut half = DVec2::ZERO;
-    for (seen, &depth) in seen.iter().zip(&depths) {
-        let axes = plane_axes(&clip.camera, seen.direction);
-        for place in on_plane(clip, seen, &axes, depth) {
-            half = half.max(place.abs());
-        }
-    }
-    let of_reference = on_plane(clip, reference, &axes, depth)
-        .into_iter()
-        .fold(DVec2::ZERO, |half, place| half.max(place.abs()));
+    let of_frames = placed
+        .iter()
+        .map(|(seen, pose)| half_size(clip, seen, pose));
+    let half = of_frames.fold(DVec2::ZERO, DVec2::max);
+    let at_reference = placed
+        .iter()
+        .find(|(seen, _)| seen.frame == reference.frame);
+    let Some(of_reference) = at_reference.map(|(seen, pose)| half_size(clip, seen, pose)) else {
+        return Made::LeftOut("its plane has no place in its reference frame".to_owned());
+    };
     // A mask that is wrong in one frame must not blow up the plane.
     let size = 2.0 * MARGIN * half.min(2.5 * of_reference);
     let trajectory = RigidSpline::fitted(setting.knots.min(seen.len().max(1)), &poses);
@@ -189,8 +204,68 @@ pub fn node(clip: &Clip, object: usize, setting: &Setting<'_>) -> Made {
         overlay: None,
     };
     let texels = [texels.x.ceil() as usize, texels.y.ceil() as usize];
-    paint(clip, object, &mut made, texels, reference.frame);
-    Made::Node(Box::new(made), depth_from)
+    paint(clip, object, seen, &mut made, texels, reference.frame);
+    Made::Node(Box::new(made), source)
+}
+
+/// Returns the poses of an object's plane by its motion, in the frames that determine one.
+fn poses<'a>(
+    clip: &Clip,
+    object: usize,
+    seen: &'a [Silhouette],
+    in_frames: &InFrames,
+    [depth, background]: [f64; 2],
+) -> Vec<(&'a Silhouette, RigidPose)> {
+    let Some(reference) = reference(seen) else {
+        return Vec::new();
+    };
+    let shape = Shape::of(clip, reference, depth);
+    seen.par_iter()
+        .zip(&in_frames.frames)
+        .filter_map(|(seen, in_frame)| {
+            let own = (depth * in_frame.relative_depth)
+                .clamp(NEAREST * background, FARTHEST * background);
+            Some((seen, in_frame.pose(clip, object, &shape, seen, own)?))
+        })
+        .collect()
+}
+
+/// Returns half of the sides that a plane at a pose needs for a mask.
+fn half_size(clip: &Clip, seen: &Silhouette, pose: &RigidPose) -> DVec2 {
+    let frame = &clip.frames[seen.frame];
+    let [width, _] = clip.size();
+    let to_plane = pose.rotation.transpose();
+    let origin = to_plane * (frame.pose.centre - pose.centre);
+    let turn = to_plane * frame.pose.rotation;
+    let places = seen.pixels.iter().filter_map(|&pixel| {
+        let direction = turn * camera_direction(&clip.camera, pixel_centre(pixel, width));
+        let along = -origin.z / direction.z;
+        (along.is_finite() && along > 0.0).then(|| (origin + along * direction).truncate().abs())
+    });
+    places.fold(DVec2::ZERO, DVec2::max)
+}
+
+/// Returns the minimum depth of the background behind an object's masks, along its plane's normal.
+pub fn background_behind(clip: &Clip, seen: &[Silhouette], placed: &Placed) -> f64 {
+    let [width, _] = clip.size();
+    let in_frame = |seen: &Silhouette| {
+        let pose = &clip.frames[seen.frame].pose;
+        let normal = plane_axes(&clip.camera, seen.direction).col(2);
+        // The nearest background is behind the mask's edge; every tenth pixel is near some of it.
+        let pixels = seen.pixels.iter().step_by(10);
+        let depths = pixels.filter_map(|&pixel| {
+            let direction = camera_direction(&clip.camera, pixel_centre(pixel, width));
+            let along = placed.along(pose.centre, pose.rotation * direction)?;
+            Some(along * normal.dot(direction))
+        });
+        depths.fold(f64::INFINITY, f64::min)
+    };
+    let least = seen.iter().map(in_frame).fold(f64::INFINITY, f64::min);
+    if least.is_finite() && least > 0.0 {
+        least
+    } else {
+        placed.distance
+    }
 }
 
 /// Returns the distance along the plane's normal of the scene points in an object's reference silhouette, and
@@ -222,25 +297,59 @@ pub fn depth_of_points(
     is_enough.then(|| (depths[near], depths.len()))
 }
 
-/// Paints the base textures: opacity from the reference frame's mask, colours from inside the mask. Other colours
+/// Returns the median distance along the plane's normal in an object's reference silhouette, and the number of known
+/// distances there. `None` where they are too few, or as far as the background.
+pub fn depth_of_distances(
+    clip: &Clip,
+    seen: &[Silhouette],
+    evidence: &Evidence<'_>,
+    background: f64,
+) -> Option<(f64, usize)> {
+    let reference = reference(seen)?;
+    let image = evidence
+        .distances
+        .get(&clip.frames[reference.frame].number)?;
+    let normal = plane_axes(&clip.camera, reference.direction).col(2);
+    let [width, height] = clip.size();
+    let scale = DVec2::new(
+        image.width as f64 / width as f64,
+        image.height as f64 / height as f64,
+    );
+    let known: Vec<f64> = reference
+        .pixels
+        .iter()
+        .filter_map(|&pixel| {
+            let at = pixel_centre(pixel, width);
+            let place = at * scale;
+            let distance = f64::from(image.sample(place.x, place.y));
+            let depth = distance * normal.dot(camera_direction(&clip.camera, at));
+            (depth > 0.0).then_some(depth)
+        })
+        .collect();
+    let depth = median(&known)?;
+    let is_enough = known.len() >= LEAST_POINTS && depth < NOT_BACKGROUND * background;
+    is_enough.then_some((depth, known.len()))
+}
+
+/// Paints the base textures: opacity from the masks, colours from inside the mask of the reference frame. Other colours
 /// come from the frame nearest in time that sees the object there.
-fn paint(clip: &Clip, object: usize, node: &mut Node, texels: [usize; 2], reference: usize) {
+fn paint(
+    clip: &Clip,
+    object: usize,
+    seen: &[Silhouette],
+    node: &mut Node,
+    texels: [usize; 2],
+    reference: usize,
+) {
     let [width, height] = texels;
-    let Surface::Plane { size, .. } = &node.surface else {
+    let Surface::Plane { size, trajectory } = &node.surface else {
         return;
     };
     let size = *size;
     let of_reference = &clip.frames[reference];
-    let pose_in = |frame: &ClipFrame| -> RigidPose { node.given_pose(frame.time) };
-    let reference_pose = pose_in(of_reference);
-    let cover: Vec<f64> = (0..width * height)
-        .into_par_iter()
-        .map(|texel| {
-            let point = point_on(&reference_pose, size, texel_uv(texel, width, height));
-            let at = seen_at(clip, of_reference, point);
-            at.map_or(0.0, |at| of_reference.covered(object, pixel_at(clip, at)))
-        })
-        .collect();
+    let trajectory = trajectory.clone();
+    let pose_in = move |frame: &ClipFrame| -> RigidPose { trajectory.pose(frame.time) };
+    let cover = cover_of(clip, object, seen, (size, texels), &pose_in);
     let [low, high] = OPACITIES;
     let smooth = blurred(&cover, width, height);
     let opacity = Texture {
@@ -266,6 +375,44 @@ fn paint(clip: &Clip, object: usize, node: &mut Node, texels: [usize; 2], refere
         .collect();
     node.colour = filled(width, height, &read);
     node.opacity = Some(opacity);
+}
+
+/// Returns the opacity of each texel, [0, 1]: the share of the masks that cover it, made steeper. A frame votes where
+/// it has a mask of the object and neither the image's end nor another object's mask hides the texel.
+fn cover_of(
+    clip: &Clip,
+    object: usize,
+    seen: &[Silhouette],
+    (size, [width, height]): (DVec2, [usize; 2]),
+    pose_in: &(dyn Fn(&ClipFrame) -> RigidPose + Sync),
+) -> Vec<f64> {
+    let stride = seen.len().div_ceil(VOTING_FRAMES).max(1);
+    let voters: Vec<(&ClipFrame, RigidPose)> = seen
+        .iter()
+        .step_by(stride)
+        .map(|seen| &clip.frames[seen.frame])
+        .map(|frame| (frame, pose_in(frame)))
+        .collect();
+    let share = |texel: usize| {
+        let uv = texel_uv(texel, width, height);
+        let (mut covered, mut votes) = (0.0, 0.0);
+        for (frame, pose) in &voters {
+            let Some(at) = seen_at(clip, frame, point_on(pose, size, uv)) else {
+                continue;
+            };
+            let pixel = pixel_at(clip, at);
+            let mut others = (0..frame.masks.len()).filter(|&other| other != object);
+            let is_hidden =
+                !frame.shows_scene(pixel) || others.any(|other| frame.covered(other, pixel) >= 0.5);
+            if !is_hidden {
+                covered += frame.covered(object, pixel);
+                votes += 1.0;
+            }
+        }
+        let mean = if votes > 0.0 { covered / votes } else { 0.0 };
+        (STEEPNESS * (mean - 0.5) + 0.5).clamp(0.0, 1.0)
+    };
+    (0..width * height).into_par_iter().map(share).collect()
 }
 
 /// Blurs with a Gaussian of 5 by 5 texels and a standard deviation of 1.

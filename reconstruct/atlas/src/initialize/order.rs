@@ -2,7 +2,10 @@
 
 use rayon::prelude::*;
 
-use super::silhouettes::{Shape, Silhouette, reference, relative_depths};
+use super::{
+    in_frames::InFrames,
+    silhouettes::{Shape, Silhouette, reference},
+};
 use crate::clip::Clip;
 
 /// Distance without evidence, over that of the background.
@@ -30,35 +33,42 @@ struct Occlusion {
 pub fn depths(
     clip: &Clip,
     seen: &[Vec<Silhouette>],
+    in_frames: &[InFrames],
     known: &[Option<f64>],
     background: f64,
 ) -> Vec<f64> {
-    let guess = GUESSED_DEPTH * background;
-    let mut depths: Vec<f64> = known.iter().map(|depth| depth.unwrap_or(guess)).collect();
-    let occlusions = occlusions(clip, seen);
+    // An object that gets much smaller is before the background then, too.
+    let farthest: Vec<f64> = in_frames
+        .iter()
+        .map(|of_object| FARTHEST * background / of_object.farthest())
+        .collect();
+    let guesses = farthest
+        .iter()
+        .map(|far| far.min(GUESSED_DEPTH * background));
+    let depths = known.iter().zip(guesses);
+    let mut depths: Vec<f64> = depths
+        .map(|(depth, guess)| depth.unwrap_or(guess))
+        .collect();
+    let occlusions = occlusions(clip, seen, in_frames);
     // One object pushes the next: at most as often as there are objects, in circles too.
     for _ in 0..depths.len() {
         for occlusion in occlusions.iter().filter(|one| known[one.behind].is_none()) {
             let [own, of_front] = occlusion.relative;
             let least = BEHIND * depths[occlusion.front] * of_front / own;
             let depth = &mut depths[occlusion.behind];
-            *depth = depth.max(least).min(FARTHEST * background);
+            *depth = depth.max(least.min(farthest[occlusion.behind]));
         }
     }
     depths
 }
 
-fn occlusions(clip: &Clip, seen: &[Vec<Silhouette>]) -> Vec<Occlusion> {
-    let relative: Vec<Vec<f64>> = seen
-        .iter()
-        .map(|seen| relative_to_reference(seen))
-        .collect();
+fn occlusions(clip: &Clip, seen: &[Vec<Silhouette>], in_frames: &[InFrames]) -> Vec<Occlusion> {
     let covered: Vec<Vec<(usize, Vec<f64>)>> = (0..seen.len())
-        .map(|object| covered_shares(clip, object, &seen[object], &relative[object]))
+        .map(|object| covered_shares(clip, object, &seen[object], &in_frames[object]))
         .collect();
     let relative_in = |object: usize, frame: usize| {
         let at = seen[object].iter().position(|seen| seen.frame == frame);
-        at.map(|at| relative[object][at])
+        at.map(|at| in_frames[object].frames[at].relative_depth)
     };
     let total = |object: usize, by: usize| -> f64 {
         covered[object].iter().map(|(_, shares)| shares[by]).sum()
@@ -87,26 +97,22 @@ fn occlusions(clip: &Clip, seen: &[Vec<Silhouette>]) -> Vec<Occlusion> {
     found
 }
 
-fn relative_to_reference(seen: &[Silhouette]) -> Vec<f64> {
-    reference(seen).map_or_else(Vec::new, |reference| relative_depths(seen, reference))
-}
-
 /// Returns the shares of an object under the masks of others, for frames that show a part of it.
 fn covered_shares(
     clip: &Clip,
     object: usize,
     seen: &[Silhouette],
-    relative: &[f64],
+    in_frames: &InFrames,
 ) -> Vec<(usize, Vec<f64>)> {
     let Some(reference) = reference(seen) else {
         return Vec::new();
     };
     let shape = Shape::of(clip, reference, 1.0);
     seen.par_iter()
-        .zip(relative)
+        .zip(&in_frames.frames)
         .filter(|(seen, _)| seen.is_partial)
-        .filter_map(|(seen, &depth)| {
-            let pose = shape.placed(clip, object, seen, depth)?;
+        .filter_map(|(seen, in_frame)| {
+            let pose = in_frame.pose(clip, object, &shape, seen, in_frame.relative_depth)?;
             Some((seen.frame, shape.covered_shares(clip, seen.frame, &pose)))
         })
         .collect()

@@ -18,6 +18,8 @@ const FIRST_STEP: f64 = 0.25;
 const LAST_STEP_PIXELS: f64 = 0.2;
 /// Steps of one length.
 const STEPS: usize = 24;
+/// Cost, in intersection over union, of a squared change of the logarithm of depth or of a squared turn.
+const CHANGE_COST: f64 = 0.2;
 /// Minimum visible share of a silhouette that gives the position of the whole.
 const LEAST_SHARE: f64 = 0.2;
 
@@ -37,6 +39,18 @@ pub struct Silhouette {
 }
 
 impl Silhouette {
+    /// Returns a silhouette without pixels, for tests.
+    #[cfg(test)]
+    pub(super) fn at_frame(frame: usize) -> Self {
+        Self {
+            frame,
+            area: 0.0,
+            direction: DVec3::Z,
+            is_partial: false,
+            pixels: Vec::new(),
+        }
+    }
+
     /// Returns the intersection over union of the pixels, which are in ascending order.
     pub(super) fn overlap(&self, other: &Self) -> f64 {
         let both = self
@@ -128,12 +142,34 @@ pub(super) fn on_plane(clip: &Clip, seen: &Silhouette, axes: &DMat3, depth: f64)
 
 /// Returns the pose of a plane around the middle of a silhouette, `depth` away along its normal.
 pub(super) fn middle(clip: &Clip, seen: &Silhouette, depth: f64) -> RigidPose {
-    let frame = &clip.frames[seen.frame];
     let axes = plane_axes(&clip.camera, seen.direction);
-    let along = axes.col(2).dot(seen.direction);
-    RigidPose {
-        centre: frame.pose.centre + frame.pose.rotation * (depth / along * seen.direction),
-        rotation: frame.pose.rotation * axes,
+    let local = axes.transpose() * seen.direction;
+    let at = Similar {
+        turn: 0.0,
+        shift: local.truncate() / local.z,
+    };
+    at.pose(clip, seen, depth)
+}
+
+/// Turn and position of an object on the tangent plane of a silhouette.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Similar {
+    /// Rotation about the plane's normal, radians.
+    pub(super) turn: f64,
+    /// Position of its middle, one unit from the camera.
+    pub(super) shift: DVec2,
+}
+
+impl Similar {
+    /// Returns the pose of its plane, `depth` away along the normal.
+    pub(super) fn pose(&self, clip: &Clip, seen: &Silhouette, depth: f64) -> RigidPose {
+        let frame = &clip.frames[seen.frame];
+        let axes = plane_axes(&clip.camera, seen.direction);
+        RigidPose {
+            centre: frame.pose.centre
+                + frame.pose.rotation * axes * (depth * self.shift.extend(1.0)),
+            rotation: frame.pose.rotation * axes * DMat3::from_rotation_z(self.turn),
+        }
     }
 }
 
@@ -144,18 +180,6 @@ pub(super) fn reference(seen: &[Silhouette]) -> Option<&Silhouette> {
     whole
         .max_by(largest)
         .or_else(|| seen.iter().max_by(largest))
-}
-
-/// Returns the distance of an object in each of its frames, over its distance in the reference frame. It grows as
-/// the root of the area shrinks, in the nearest frame that shows all of the object.
-pub(super) fn relative_depths(seen: &[Silhouette], reference: &Silhouette) -> Vec<f64> {
-    let in_frame = |own: &Silhouette| {
-        let distance = |other: &&Silhouette| other.frame.abs_diff(own.frame);
-        let whole = seen.iter().filter(|other| !other.is_partial);
-        let by = whole.min_by_key(distance).unwrap_or(reference);
-        (reference.area / by.area).sqrt()
-    };
-    seen.iter().map(in_frame).collect()
 }
 
 /// A complete silhouette in the plane of its object.
@@ -184,19 +208,21 @@ impl Shape {
         }
     }
 
-    /// Returns the pose of its plane, `depth` away, in a frame that shows a part of it; `None` where too little
-    /// is visible.
+    /// Returns the pose of its plane, `depth` away and turned, in a frame that shows a part of it; `None` where too
+    /// little is visible.
     pub(super) fn placed(
         &self,
         clip: &Clip,
         object: usize,
         seen: &Silhouette,
         depth: f64,
+        turn: f64,
     ) -> Option<RigidPose> {
         let of_part = middle(clip, seen, depth);
+        let turned = of_part.rotation * DMat3::from_rotation_z(turn);
         let pose = |shift: DVec2| RigidPose {
             centre: of_part.centre + of_part.rotation * shift.extend(0.0),
-            rotation: of_part.rotation,
+            rotation: turned,
         };
         let whole = self.area_at_one * self.places.len() as f64 / (depth * depth);
         if seen.area < LEAST_SHARE * whole {
@@ -204,7 +230,8 @@ impl Shape {
         }
         let mut best = (
             DVec2::ZERO,
-            self.overlap(clip, object, seen, depth, &pose(DVec2::ZERO)),
+            self.fit(clip, object, seen, depth, &pose(DVec2::ZERO))
+                .overlap,
         );
         let pixel = depth * (seen.area / seen.pixels.len() as f64).sqrt();
         let mut step = FIRST_STEP * depth * whole.sqrt();
@@ -212,7 +239,8 @@ impl Shape {
             for _ in 0..STEPS {
                 let around = NEIGHBOURS.map(|to| {
                     let shift = best.0 + step * DVec2::from_array(to);
-                    (shift, self.overlap(clip, object, seen, depth, &pose(shift)))
+                    let fit = self.fit(clip, object, seen, depth, &pose(shift));
+                    (shift, fit.overlap)
                 });
                 let better =
                     around.into_iter().fold(
@@ -229,6 +257,59 @@ impl Shape {
             step *= 0.5;
         }
         Some(pose(best.0))
+    }
+
+    /// Returns the depth, over that of the shape, and the place that lay the shape over a complete mask, from a first
+    /// guess of depth and turn. Changes of both against the guess cost a little: a round mask has no turn.
+    pub(super) fn laid_over(
+        &self,
+        clip: &Clip,
+        object: usize,
+        seen: &Silhouette,
+        [depth, turn]: [f64; 2],
+    ) -> Option<(f64, Similar)> {
+        let axes = plane_axes(&clip.camera, seen.direction);
+        let local = axes.transpose() * seen.direction;
+        let middle = local.truncate() / local.z;
+        let size = seen.area.sqrt();
+        // Shift over the mask's size, logarithm of depth, turn.
+        let place = |at: [f64; 4]| {
+            let similar = Similar {
+                turn: turn + at[3],
+                shift: middle + size * DVec2::new(at[0], at[1]),
+            };
+            (depth * at[2].exp(), similar)
+        };
+        let value = |at: [f64; 4]| {
+            let (depth, similar) = place(at);
+            let pose = similar.pose(clip, seen, depth);
+            let cost = CHANGE_COST * (at[2] * at[2] + at[3] * at[3]);
+            self.fit(clip, object, seen, depth, &pose).overlap - cost
+        };
+        let mut best = ([0.0; 4], value([0.0; 4]));
+        let pixel = 1.0 / (seen.pixels.len() as f64).sqrt();
+        let mut step = FIRST_STEP;
+        while step > LAST_STEP_PIXELS * pixel {
+            for _ in 0..STEPS {
+                let moves = (0..4).flat_map(|axis| [(axis, step), (axis, -step)]);
+                let better = moves
+                    .map(|(axis, by)| {
+                        let mut at = best.0;
+                        at[axis] += by;
+                        (at, value(at))
+                    })
+                    .fold(
+                        best,
+                        |best, other| if other.1 > best.1 { other } else { best },
+                    );
+                if better.0 == best.0 {
+                    break;
+                }
+                best = better;
+            }
+            step *= 0.5;
+        }
+        (best.1 > 0.0).then(|| place(best.0))
     }
 
     /// Returns the shares of the shape at a pose that the objects' masks cover in a frame.
@@ -250,15 +331,15 @@ impl Shape {
             .collect()
     }
 
-    /// Returns the intersection over union of the shape at a pose and a mask, where both can be visible.
-    fn overlap(
+    /// Compares the shape at a pose with a mask, where both can be visible.
+    pub(super) fn fit(
         &self,
         clip: &Clip,
         object: usize,
         seen: &Silhouette,
         depth: f64,
         pose: &RigidPose,
-    ) -> f64 {
+    ) -> Fit {
         let frame = &clip.frames[seen.frame];
         let (mut both, mut shown) = (0_usize, 0_usize);
         for place in &self.places {
@@ -276,8 +357,22 @@ impl Shape {
             }
         }
         let of = |count: usize| count as f64 * self.area_at_one / (depth * depth);
-        of(both) / (seen.area + of(shown) - of(both)).max(f64::MIN_POSITIVE)
+        let either = seen.area + of(shown) - of(both);
+        Fit {
+            overlap: of(both) / either.max(f64::MIN_POSITIVE),
+            reached: (of(both) / seen.area.max(f64::MIN_POSITIVE)).min(1.0),
+        }
     }
+}
+
+/// Agreement of a shape with a mask.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Fit {
+    /// Intersection over union.
+    pub(super) overlap: f64,
+    /// Share of the mask under the shape. A thing without a mask that hides a part of an object lowers the overlap
+    /// alone.
+    pub(super) reached: f64,
 }
 
 /// Returns true if a pixel is drawn for a share of all. A hash decides: regular steps in a row would be stripes.
@@ -303,7 +398,10 @@ const NEIGHBOURS: [[f64; 2]; 8] = [
 mod tests {
     use omnilife_schemas::camera::PinholeCamera;
 
-    use super::{super::order, *};
+    use super::{
+        super::{in_frames, order},
+        *,
+    };
     use crate::clip::{ClipFrame, UnitClock};
 
     const WIDTH: usize = 120;
@@ -332,27 +430,6 @@ mod tests {
                 Some(mask(&is_hidden)),
             ],
             ignored: None,
-        }
-    }
-
-    #[test]
-    fn half_the_size_is_twice_as_far() {
-        let seen = |frame: usize, area: f64, is_partial: bool| Silhouette {
-            frame,
-            area,
-            direction: DVec3::Z,
-            is_partial,
-            pixels: Vec::new(),
-        };
-        // A part is as far as the nearest frame that shows the whole.
-        let all = [
-            seen(0, 0.04, false),
-            seen(5, 0.01, false),
-            seen(6, 0.001, true),
-        ];
-        let found = relative_depths(&all, &all[0]);
-        for (found, expected) in found.into_iter().zip([1.0, 2.0, 2.0]) {
-            assert!((found - expected).abs() < 1e-12, "{found} {expected}");
         }
     }
 
@@ -387,22 +464,27 @@ mod tests {
         assert_eq!(partial, [false, true, true, true]);
         let shape = Shape::of(&clip, &seen[0], depth);
         for (seen, place) in seen.iter().zip(places).skip(1) {
-            let found = shape.placed(&clip, 0, seen, depth).map(|pose| pose.centre);
+            let found = shape
+                .placed(&clip, 0, seen, depth, 0.0)
+                .map(|pose| pose.centre);
             let found = found.map(|at| 100.0 * at.truncate() / at.z + DVec2::new(60.0, 40.0));
             let apart = found.map_or(f64::NAN, |at| (at - DVec2::from_array(place)).length());
             assert!(apart < 0.7, "{place:?}: {found:?}");
         }
         // The wall hides the disc: the disc is the farther one, whichever is the first.
         let both = [of_object(&clip, 0), of_object(&clip, 1)];
-        let depths = order::depths(&clip, &both, &[None, None], 4.0);
+        let in_frames = [0, 1].map(|object| in_frames::of(&clip, object, &both[object]));
+        let evidence =
+            |known: [Option<f64>; 2]| order::depths(&clip, &both, &in_frames, &known, 4.0);
+        let depths = evidence([None, None]);
         assert!(depths[0] > 1.05 * depths[1], "{depths:?}");
-        let known = order::depths(&clip, &both, &[Some(1.0), None], 4.0);
+        let known = evidence([Some(1.0), None]);
         assert_eq!(known, [1.0, 2.0]);
         // A sliver gives no position.
         let sliver = Silhouette {
             area: 0.1 * seen[0].area,
             ..seen[1].clone()
         };
-        assert!(shape.placed(&clip, 0, &sliver, depth).is_none());
+        assert!(shape.placed(&clip, 0, &sliver, depth, 0.0).is_none());
     }
 }
