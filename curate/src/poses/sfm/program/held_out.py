@@ -1,7 +1,7 @@
 """Matches that the mapper does not see, by which its poses are judged.
 
-A track is a set of features that verified matches connect. One of EVERY is taken out of the matches before
-mapping and written down: a line of `<frame> <x> <y> <z>` for every feature, the unit ray in its camera's axes.
+A track is a set of features that verified matches connect. One of EVERY, or twice as many of a short sequence, is
+taken out of the matches before mapping and written down: a line of `<frame> <x> <y> <z>` for every feature, the unit ray in its camera's axes.
 """
 
 import numpy as np
@@ -10,6 +10,8 @@ import pycolmap
 import faces
 
 EVERY = 20
+# Tracks below which twice as many are held out.
+ENOUGH = 400
 LEAST_FRAMES = 3
 
 
@@ -73,7 +75,8 @@ def pick(track, ids, counts, names, seed):
     """Returns features (image, index) by track of those that are held out: without two of one frame in a track."""
     sizes = np.bincount(track, minlength=len(track))
     roots = np.flatnonzero(sizes >= LEAST_FRAMES)
-    roots = np.random.default_rng(seed).permutation(roots)[: max(1, len(roots) // EVERY)]
+    wanted = max(len(roots) // EVERY, min(2 * len(roots) // EVERY, ENOUGH))
+    roots = np.random.default_rng(seed).permutation(roots)[:wanted]
     members = {int(root): [] for root in roots}
     image_of = np.repeat(ids, counts)
     index_of = np.concatenate([np.arange(count) for count in counts]) if counts else np.zeros(0, int)
