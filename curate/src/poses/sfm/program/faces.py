@@ -11,7 +11,9 @@ import pycolmap
 
 # Yaws to the right and pitches upwards, in degrees; neighbouring faces overlap.
 # The layout of COLMAP's panorama_sfm: poles are outside. The upper row stands between the faces of the others.
-ROWS = tuple((yaw + (45.0 if pitch > 0 else 0.0), pitch) for pitch in (-35.0, 0.0, 35.0) for yaw in (0.0, 90.0, 180.0, 270.0))
+ROWS = tuple(
+    (yaw + (45.0 if pitch > 0 else 0.0), pitch) for pitch in (-35.0, 0.0, 35.0) for yaw in (0.0, 90.0, 180.0, 270.0)
+)
 # A cube whose faces reach beyond its edges.
 CUBE = ((0.0, 0.0), (90.0, 0.0), (180.0, 0.0), (270.0, 0.0), (0.0, -90.0), (0.0, 90.0))
 
@@ -196,9 +198,8 @@ class Faces:
             name = frame_name(image.name)
             pose = image.cam_from_world()
             turn = self.rotations[self.face_of(image.name)].T
-            entry = images.setdefault(
-                name, dict(id=len(images) + 1, pose=(turn @ pose.rotation.matrix(), turn @ pose.translation), points=[])
-            )
+            whole = (turn @ pose.rotation.matrix(), turn @ pose.translation)
+            entry = images.setdefault(name, dict(id=len(images) + 1, pose=whole, points=[]))
             if not image.points2D:
                 continue
             pixels = np.array([point.xy for point in image.points2D])
@@ -213,7 +214,7 @@ class Faces:
                 rotation, translation = entry["pose"]
                 x, y, z, w = pycolmap.Rotation3d(rotation).quat
                 numbers = " ".join(repr(float(value)) for value in (w, x, y, z, *translation))
-                points = " ".join(f"{x!r} {y!r} {id}" for x, y, id in ((float(x), float(y), i) for x, y, i in entry["points"]))
+                points = " ".join(f"{float(x)!r} {float(y)!r} {id}" for x, y, id in entry["points"])
                 out.write(f"{entry['id']} {numbers} 1 {name}\n{points}\n")
         with (folder / "points3D.txt").open("w") as out:
             for id, point in model.points3D.items():
@@ -225,17 +226,10 @@ class Faces:
 
 
 def rays_of(rig):
-    """Returns a function of a camera, the name of its image and pixels to unit rays in the frame."""
+    """Returns a function of a camera, the name of its image and pixels to unit rays in the panorama."""
     if rig is not None:
         return lambda camera, image, pixels: rig.rays(image, pixels)
-
-    def rays(camera, image, pixels):
-        if camera.model_name == "EQUIRECTANGULAR":
-            return panorama_rays(pixels, camera.width, camera.height)
-        plane = camera.cam_from_img(image_points=pixels)
-        return unit(np.concatenate([plane, np.ones((len(plane), 1))], 1))
-
-    return rays
+    return lambda camera, image, pixels: panorama_rays(pixels, camera.width, camera.height)
 
 
 def read_colours(path):

@@ -1,7 +1,8 @@
 """Matches that the mapper does not see, by which its poses are judged.
 
 A track is a set of features that verified matches connect. One of EVERY, or twice as many of a short sequence, is
-taken out of the matches before mapping and written down: a line of `<frame> <x> <y> <z>` for every feature, the unit ray in its camera's axes.
+taken out of the matches before mapping and written down: a line of `<frame> <x> <y> <z>` for every feature, the unit
+ray in its camera's axes.
 """
 
 import numpy as np
@@ -53,7 +54,7 @@ def hold_out(database, path, rays_of, seed):
 def connected(pairs, geometries, first, count):
     """Returns the smallest feature that each is connected with; each feature is itself where nothing matches it."""
     ends = [
-        np.stack([first[a] + geometry.inlier_matches[:, 0].astype(int), first[b] + geometry.inlier_matches[:, 1].astype(int)])
+        geometry.inlier_matches.astype(int).T + np.array([[first[a]], [first[b]]])
         for (a, b), geometry in zip(pairs, geometries)
         if len(geometry.inlier_matches)
     ]

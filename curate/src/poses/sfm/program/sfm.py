@@ -2,7 +2,7 @@
 
 One attempt per process: some COLMAP failures end the process that they happen in. Reads frames in
 order of name, writes the largest model as COLMAP text to --out/sparse, with the camera of the frames,
-and matches that no mapper saw to --out/held_out.txt. Speaks to its caller in lines:
+and, of panoramas, matches that no mapper saw to --out/held_out.txt. Speaks to its caller in lines:
     begin <stage>       a stage of the work begins
     models <n>          the mapper returned n models
     loops <n>           n pairs of frames far apart in time were matched
@@ -66,7 +66,8 @@ def match(args, database, rig):
     pairs = loops.pairs_of_frames(database, faces.frame_name, args.overlap, args.seed)
     if pairs:
         listed = args.out / "loops.txt"
-        listed.write_text("".join(f"{a} {b}\n" for a, b in loops.pairs_of_images(database, faces.frame_name, pairs)))
+        images = loops.pairs_of_images(database, faces.frame_name, pairs)
+        listed.write_text("".join(f"{a} {b}\n" for a, b in images))
         options = pycolmap.ImportedPairingOptions(match_list_path=listed)
         pycolmap.match_image_pairs(database, pairing_options=options, matching_options=matching)
     say("loops", len(pairs))
@@ -140,7 +141,9 @@ def finish(args, database, images, rig):
     """Matches, holds tracks out and maps; returns the models, and the rig that their images belong to."""
     say("begin matching")
     match(args, database, rig)
-    held_out.hold_out(database, args.out / "held_out.txt", faces.rays_of(rig), args.seed)
+    if not has_lens(args):
+        # Rays of a lens are known after mapping alone.
+        held_out.hold_out(database, args.out / "held_out.txt", faces.rays_of(rig), args.seed)
     say("begin mapping")
     models = args.out / "models"
     models.mkdir()
