@@ -204,6 +204,13 @@ pub(crate) enum CurateCommand {
         sequence: PathBuf,
         #[command(flatten)]
         poses: PoseArguments,
+        /// Takes every road, prints a table of them, and keeps the poses that predict the other roads' matches best.
+        #[arg(
+            long,
+            help_heading = "Camera poses",
+            conflicts_with_all = ["poses", "road"]
+        )]
+        compare: bool,
         #[command(flatten)]
         masks: MovingMasksArgument,
         #[command(flatten)]

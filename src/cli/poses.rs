@@ -4,8 +4,8 @@ use std::path::PathBuf;
 
 use clap::{Args, ValueEnum};
 use omnilife_curate::{
-    FrameCommand, GivenDepth, GivenPrior, GivenTruth, GroundScale, IgnoredRegion, PriorProgram,
-    SfmSettings,
+    FrameCommand, GivenDepth, GivenPrior, GivenTruth, GroundScale, IgnoredRegion, PoseRequest,
+    PriorProgram, SfmSettings, poses::sfm::Road,
 };
 use omnilife_schemas::records::{DistanceConvention, DistanceGrid, PoseConvention};
 
@@ -21,6 +21,11 @@ pub(crate) struct PoseArguments {
     /// Direction of the matrices of a .npy file, with camera axes x right, y down, z forward.
     #[arg(long, value_enum, value_name = "CONVENTION", requires = "poses")]
     pub(crate) poses_convention: Option<PosesConventionArgument>,
+    /// Road from panoramas to poses: features of the panorama itself, features of a cube's faces put back on the
+    /// sphere, or overlapping perspective faces as a rig of cameras. The default tries them in turn until poses
+    /// are valid.
+    #[arg(long, value_enum, conflicts_with = "poses")]
+    pub(crate) road: Option<RoadArgument>,
     #[command(flatten)]
     pub(crate) ignored: IgnoreMaskArgument,
     /// Median height of a drone above the ground, which brings poses of arbitrary scale to metres.
@@ -29,6 +34,25 @@ pub(crate) struct PoseArguments {
     /// The same by the size of a pixel of the frames on the ground straight below.
     #[arg(long, value_name = "METRES")]
     pub(crate) gsd: Option<f64>,
+}
+
+#[derive(Debug, Clone, Copy, ValueEnum)]
+pub(crate) enum RoadArgument {
+    Auto,
+    Spherical,
+    Mixed,
+    Faces,
+}
+
+impl From<RoadArgument> for Road {
+    fn from(argument: RoadArgument) -> Self {
+        match argument {
+            RoadArgument::Auto => Self::Auto,
+            RoadArgument::Spherical => Self::Spherical,
+            RoadArgument::Mixed => Self::Mixed,
+            RoadArgument::Faces => Self::Faces,
+        }
+    }
 }
 
 #[derive(Debug, Clone, Copy, ValueEnum)]
@@ -69,16 +93,28 @@ pub(crate) struct IgnoreMaskArgument {
 
 impl PoseArguments {
     /// Source of poses, with a folder of masks of moving content.
-    pub(crate) fn request(&self, masks: Option<&PathBuf>) -> omnilife_curate::PoseRequest {
+    pub(crate) fn request(&self, masks: Option<&PathBuf>) -> PoseRequest {
         self.poses.clone().map_or_else(
             || {
-                omnilife_curate::PoseRequest::Sfm(SfmSettings {
+                PoseRequest::Sfm(SfmSettings {
                     masks: masks.cloned(),
+                    road: self.road.map(Road::from).unwrap_or_default(),
                     ..SfmSettings::default()
                 })
             },
-            omnilife_curate::PoseRequest::Given,
+            PoseRequest::Given,
         )
+    }
+
+    /// Source of poses by a comparison of all roads.
+    pub(crate) fn comparison(&self, masks: Option<&PathBuf>) -> PoseRequest {
+        match self.request(masks) {
+            PoseRequest::Sfm(settings) => PoseRequest::Sfm(SfmSettings {
+                compare: true,
+                ..settings
+            }),
+            given @ PoseRequest::Given(_) => given,
+        }
     }
 
     /// What is known of the frames beside them: masks of what moves, where poses are given, and of what is no

@@ -11,12 +11,13 @@ use omnilife_curate::{
     worker,
 };
 use omnilife_schemas::{
-    layout::{DENSE_FOLDER, SCENE_FILE},
+    layout::{ATTEMPTS_FILE, DENSE_FOLDER, SCENE_FILE, SFM_FOLDER},
     names::{UnknownName, find},
     ownership::refuse_another_kind,
     plain_text::counted,
     progress::Progress,
     records::ValidationStatus,
+    store,
 };
 use omnilife_tracks::{
     TrackOptions, TrackRequest,
@@ -26,7 +27,7 @@ use omnilife_tracks::{
 };
 use serde::Serialize;
 
-use super::ledger;
+use super::{ledger, road_table::road_table};
 use crate::{
     cli::{self, BuildArguments, CurateCommand, MemoryLimitArguments},
     commands::{attach, dataset},
@@ -189,16 +190,23 @@ pub(crate) fn execute(command: &CurateCommand, progress: &dyn Progress) -> anyho
         CurateCommand::Poses {
             sequence,
             poses,
+            compare,
             masks,
             truth,
         } => {
             termination::take_programs_along()?;
-            let scene = pose_sequence_with(
-                sequence,
-                &poses.request(masks.masks.as_ref()),
-                &truth.given(poses.truth(masks.masks.as_ref()))?,
-                progress,
-            )?;
+            let masks = masks.masks.as_ref();
+            let request = if *compare {
+                poses.comparison(masks)
+            } else {
+                poses.request(masks)
+            };
+            let truth = truth.given(poses.truth(masks))?;
+            let scene = pose_sequence_with(sequence, &request, &truth, progress)?;
+            if *compare {
+                let attempts = sequence.join(SFM_FOLDER).join(ATTEMPTS_FILE);
+                exit::print(&road_table(&store::read_record(&attempts)?))?;
+            }
             exit::print(&format!(
                 "{}: {} of {} posed, {}\n",
                 scene.id,

@@ -15,6 +15,7 @@ mod ledger;
 mod method_list;
 mod pooled;
 pub(crate) mod reconstruct;
+mod road_table;
 mod submission;
 pub(crate) mod sweep;
 mod video;

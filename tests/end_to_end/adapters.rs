@@ -223,6 +223,12 @@ fn a_data_set_that_a_loader_refuses_fails_the_run() {
         ("lichtfeld", "\"--given-only\", ", "", "may be a novel view"),
         ("pvg", "lambda_lidar=0", "lambda_lidar=1", "taken for depth"),
         (
+            "omnimatte-rf",
+            "[flow,mask,blender]",
+            "[flow,mask,colmap]",
+            "poses_bounds.npy",
+        ),
+        (
             "layered-neural-atlases",
             "glob('*.png')",
             "glob('*.jpg')",

@@ -7,6 +7,10 @@ const FOUND: (&str, &str) = ("found.py", include_str!("../../adapters/found.py")
 const GROUPS: (&str, &str) = ("groups.py", include_str!("../../adapters/groups.py"));
 const LNA: (&str, &str) = ("lna.py", include_str!("../../adapters/lna.py"));
 const OMNIGS: (&str, &str) = ("omnigs.py", include_str!("../../adapters/omnigs.py"));
+const OMNIMATTE_RF: (&str, &str) = (
+    "omnimatte_rf.py",
+    include_str!("../../adapters/omnimatte_rf.py"),
+);
 const PANSPLAT: (&str, &str) = ("pansplat.py", include_str!("../../adapters/pansplat.py"));
 const PATCHED: (&str, &str) = ("patched.py", include_str!("../../adapters/patched.py"));
 const PLY: (&str, &str) = ("ply.py", include_str!("../../adapters/ply.py"));
@@ -229,14 +233,14 @@ pub const ADAPTERS: &[Adapter] = &[
     Adapter {
         id: "omnimatte-rf",
         protocol: "input-view",
-        is_perspective: false,
-        about: "OmnimatteRF by its authors' code",
+        is_perspective: true,
+        about: "OmnimatteRF by its authors' code, on perspective scenes",
         manifest: include_str!("../../adapters/omnimatte-rf.toml"),
-        files: &[],
-        loader: "facebookresearch/OmnimatteRF at f3bbc62",
-        reads: "`rgb_1x/`, `mask/`, `flow/`, poses of RoDynRF",
-        lost: "flow and poses are made by programs of their own",
+        files: &[OMNIMATTE_RF, PLY],
+        loader: "facebookresearch/OmnimatteRF at f3bbc62, `core/model/matting_dataset.py`, `core/data/`, `workflows/`",
+        reads: "`rgb_1x/`, `masks/mask/00/`, `flow/` of RAFT, Blender's `poses.json` with near and far",
+        lost: "panoramas are refused; times, points, objects beyond one layer",
         views: "numbered images",
-        tried: Tried::ByHand,
+        tried: Tried::StandIn,
     },
 ];

@@ -105,6 +105,11 @@ impl IgnoredPixels {
         Ok(found)
     }
 
+    /// Returns true if every pixel is part of the scene.
+    pub(super) fn is_empty(&self) -> bool {
+        self.of_all.is_none() && self.given_files().is_empty()
+    }
+
     /// Returns the given files, one of all frames or one of each.
     pub(super) fn given_files(&self) -> &[PathBuf] {
         match &self.given {

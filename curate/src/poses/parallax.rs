@@ -94,25 +94,9 @@ fn left_by_turn(pair: &[[DVec2; 2]], focal: f64) -> f64 {
         .iter()
         .map(|places| places.map(|place| place.extend(focal).normalize()))
         .collect();
-    let mut turn = DQuat::IDENTITY;
-    for _ in 0..STEPS {
-        // Least squares over small rotations that bring the first rays onto the second.
-        let (mut matrix, mut right) = (DMat3::ZERO, DVec3::ZERO);
-        for [one, other] in &rays {
-            let turned = turn * *one;
-            matrix += DMat3::IDENTITY
-                - DMat3::from_cols(turned * turned.x, turned * turned.y, turned * turned.z);
-            right += turned.cross(*other);
-        }
-        let step = matrix.inverse() * right;
-        if !step.is_finite() {
-            return f64::INFINITY;
-        }
-        turn = (DQuat::from_scaled_axis(step) * turn).normalize();
-        if step.length() < 1e-12 {
-            break;
-        }
-    }
+    let Some(turn) = rotation_between(&rays) else {
+        return f64::INFINITY;
+    };
     let left: Vec<f64> = rays
         .iter()
         .zip(pair)
@@ -122,6 +106,31 @@ fn left_by_turn(pair: &[[DVec2; 2]], focal: f64) -> f64 {
         })
         .collect();
     median(&left).unwrap_or(f64::INFINITY)
+}
+
+/// Returns the rotation that brings the first of each pair of unit rays onto the second, by least squares; `None` if
+/// the rays do not determine one.
+pub(super) fn rotation_between(rays: &[[DVec3; 2]]) -> Option<DQuat> {
+    let mut turn = DQuat::IDENTITY;
+    for _ in 0..STEPS {
+        // Least squares over small rotations that bring the first rays onto the second.
+        let (mut matrix, mut right) = (DMat3::ZERO, DVec3::ZERO);
+        for [one, other] in rays {
+            let turned = turn * *one;
+            matrix += DMat3::IDENTITY
+                - DMat3::from_cols(turned * turned.x, turned * turned.y, turned * turned.z);
+            right += turned.cross(*other);
+        }
+        let step = matrix.inverse() * right;
+        if !step.is_finite() {
+            return None;
+        }
+        turn = (DQuat::from_scaled_axis(step) * turn).normalize();
+        if step.length() < 1e-12 {
+            break;
+        }
+    }
+    Some(turn)
 }
 
 #[cfg(test)]

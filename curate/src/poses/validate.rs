@@ -169,7 +169,8 @@ impl Report {
     }
 }
 
-fn angle_degrees(a: DVec3, b: DVec3) -> f64 {
+/// Returns the angle between two vectors of any length, degrees.
+pub(super) fn angle_degrees(a: DVec3, b: DVec3) -> f64 {
     // atan2 keeps its precision at small angles, where the arc cosine loses it.
     a.cross(b).length().atan2(a.dot(b)).to_degrees()
 }

@@ -89,7 +89,7 @@ pub use sequence::{
     Sequence, SharpFrame, SharpFrames, SourceVideo, SphereTurn, SphericalMetadata, TimeRange,
     VideoProjection,
 };
-pub use sfm::{SfmAttempt, SfmReport};
+pub use sfm::{HeldOutScore, SfmAttempt, SfmReport};
 pub use slices::{Segment, SegmentOutcome, SliceFile, SliceMethod, Slices};
 pub use sphere_layout::{FaceOrder, FisheyeCircle, SphereLayout};
 pub use split::{IncompleteGroup, Split, ViewGroup};

@@ -1,13 +1,19 @@
 //! Structure from motion by COLMAP, driven by one small Python script.
 //!
-//! The script (`sfm.py`, part of this binary) only calls COLMAP and leaves a text model; the rest is done here.
-//! Configurations of [`FALLBACK_CONFIGURATIONS`] are tried in order until one is valid; each runs in its own process
-//! and is recorded in `sfm/attempts.json`.
+//! The script (`program/sfm.py`, part of this binary) only calls COLMAP and leaves a text model; the rest is done here.
+//! Configurations of [`FALLBACK_CONFIGURATIONS`] are tried in order until one is valid, or one of every [`Road`] for a
+//! comparison; each runs in its own process and is recorded in `sfm/attempts.json`.
 
+mod advice;
+mod configurations;
+mod held_out;
 mod installation;
 mod workspace;
 
-use std::path::{Path, PathBuf};
+use std::{
+    cmp::{Ordering, Reverse},
+    path::{Path, PathBuf},
+};
 
 use omnilife_schemas::{
     Pose,
@@ -22,6 +28,10 @@ use omnilife_schemas::{
 };
 use serde::{Deserialize, Serialize};
 
+use advice::{Circumstances, advice};
+use configurations::configurations;
+pub use configurations::{Configuration, FALLBACK_CONFIGURATIONS, Road};
+use held_out::HeldOutTracks;
 pub use installation::{PYTHON_VARIABLE, SfmInstallation, installation};
 use workspace::{Attempted, SfmWorkspace};
 
@@ -55,38 +65,13 @@ pub struct SfmSettings {
     pub seed: u32,
     /// Limits of valid poses.
     pub limits: ValidationLimits,
+    /// Road from panoramas to poses.
+    #[serde(default)]
+    pub road: Road,
+    /// Runs one configuration of every road and takes the best poses.
+    #[serde(default)]
+    pub compare: bool,
 }
-
-/// A configuration of COLMAP.
-#[derive(Debug, Clone, Copy)]
-pub struct Configuration {
-    /// Unique id, recorded with the attempt.
-    pub id: &'static str,
-    /// Its effect and its use.
-    pub summary: &'static str,
-    mapper: &'static str,
-    features: u32,
-    overlap: u32,
-}
-
-/// Configurations in the order in which they are tried. On rendered scenes with known poses both
-/// are accurate to a few hundredths of a degree; they fail on different footage.
-pub static FALLBACK_CONFIGURATIONS: &[Configuration] = &[
-    Configuration {
-        id: "global",
-        summary: "Global mapping: all rotations, then all positions, at once.",
-        mapper: "global",
-        features: 8192,
-        overlap: 10,
-    },
-    Configuration {
-        id: "incremental",
-        summary: "Incremental mapping that may start on forward motion, with more features.",
-        mapper: "incremental",
-        features: 12288,
-        overlap: 15,
-    },
-];
 
 /// Adds everything that the poses depend on to a stage's inputs. Threads are left out: they affect only the speed.
 pub(super) fn add_inputs(
@@ -97,9 +82,13 @@ pub(super) fn add_inputs(
     let mut plan = plan
         .with_settings("seed", &settings.seed)
         .with_settings("limits", &settings.limits)
+        .with_settings("road", &settings.road)
+        .with_settings("comparison", &settings.compare)
         .with_text("configurations", &format!("{FALLBACK_CONFIGURATIONS:?}"))
-        .with_text("script", workspace::SCRIPT)
         .with_text(TOOL, version);
+    for (name, text) in workspace::PROGRAM {
+        plan = plan.with_text(name, text);
+    }
     if let Some(folder) = &settings.masks {
         for file in masks::files(folder)? {
             // A mask belongs to the frame whose name it has.
@@ -136,10 +125,10 @@ fn run_with(
 ) -> Result<PosedSequence, CurateError> {
     let settings_and_masks = (settings, ignored);
     let workspace = SfmWorkspace::new(sequence_folder, sequence, settings_and_masks, installation)?;
-    let mut attempts = Vec::new();
-    let mut best: Option<(usize, (ColmapModel, PoseValidation))> = None;
+    let (mut attempts, mut models) = (Vec::new(), Vec::new());
+    let mut tracks = HeldOutTracks::default();
     let mut any_broken = false;
-    for configuration in FALLBACK_CONFIGURATIONS {
+    for configuration in configurations(sequence_folder, sequence, settings)? {
         let label = format!("structure from motion: {}", configuration.id);
         progress.begin(&label, None);
         let outcome = workspace.attempt(configuration, progress);
@@ -147,30 +136,40 @@ fn run_with(
         let Attempted {
             attempt,
             found,
+            held_out,
             is_broken,
         } = outcome?;
         any_broken |= is_broken;
+        tracks.extend(&held_out);
         progress.note(&format!("{}: {}", sequence.id, describe(&attempt)));
-        let index = attempts.len();
+        let ends = is_valid(&attempt) && !settings.compare;
         attempts.push(attempt);
-        if let Some(found) = found {
-            let is_better = best
-                .as_ref()
-                .is_none_or(|(other, _)| rank(&attempts[index]) > rank(&attempts[*other]));
-            if is_better {
-                best = Some((index, found));
-            }
-        }
-        if is_valid(&attempts[index]) {
+        models.push(found);
+        if ends {
             break;
         }
     }
+    // All roads are judged by the matches of all.
+    for (attempt, found) in attempts.iter_mut().zip(&models) {
+        attempt.held_out = found.as_ref().and_then(|(model, _)| tracks.score(model));
+    }
+    let chosen = best_of(&attempts, &models);
+    let circumstances = Circumstances {
+        parallax_degrees: tracks.parallax_degrees(),
+        has_masks: settings.masks.is_some(),
+        has_ignored: !ignored.is_empty(),
+    };
     let report = SfmReport {
+        advice: advice(&attempts, chosen, &settings.limits, circumstances),
         attempts,
-        chosen: best.as_ref().map(|(index, _)| *index),
+        chosen,
     };
     store::write_record(&workspace.folder.join(ATTEMPTS_FILE), &report)?;
-    let Some((index, found)) = best else {
+    for sentence in &report.advice {
+        progress.note(&format!("{}: poses: {sentence}", sequence.id));
+    }
+    let found = chosen.and_then(|index| Some((index, models.get_mut(index)?.take()?)));
+    let Some((index, found)) = found else {
         return Err(no_poses(sequence, &report, any_broken).into());
     };
     workspace.publish(&report.attempts[index].configuration, progress)?;
@@ -185,8 +184,19 @@ fn run_with(
     )
 }
 
+/// Returns the index of the attempt with the best poses; the earlier one of equals.
+fn best_of<T>(attempts: &[SfmAttempt], models: &[Option<T>]) -> Option<usize> {
+    let usable = (0..attempts.len()).filter(|&index| models[index].is_some());
+    // The last of equal maxima is taken, so the search begins at the end.
+    usable
+        .rev()
+        .max_by(|&a, &b| compare(&attempts[a], &attempts[b]))
+}
+
 fn no_poses(sequence: &Sequence, report: &SfmReport, any_broken: bool) -> SfmError {
-    let reasons: Vec<String> = report.attempts.iter().map(describe).collect();
+    let reasons: Vec<String> = (report.attempts.iter().map(describe))
+        .chain(report.advice.iter().cloned())
+        .collect();
     let (sequence, reason) = (sequence.id.clone(), reasons.join("; "));
     if any_broken {
         SfmError::Broken { sequence, reason }
@@ -231,6 +241,13 @@ fn posed(
         let measures = measures.into_iter().chain(turns);
         let measures = measures.filter(|(_, value)| value.is_finite());
         (validation.measures).extend(measures.map(|(name, value)| (name.to_owned(), value)));
+    }
+    if let Some(held_out) = attempt.held_out {
+        let measures = &mut validation.measures;
+        measures.insert("held_out_score".to_owned(), held_out.score);
+        if let Some(degrees) = held_out.median_degrees {
+            measures.insert("held_out_median_degrees".to_owned(), degrees);
+        }
     }
     match level::level(&mut model) {
         Levelling::ByGround { share } => {
@@ -292,15 +309,19 @@ fn is_valid(attempt: &SfmAttempt) -> bool {
         .is_some_and(|validation| validation.status == ValidationStatus::Valid)
 }
 
-/// Ranks valid before unstable, then more frames, then fewer missed limits.
-fn rank(attempt: &SfmAttempt) -> (bool, u32, std::cmp::Reverse<usize>) {
-    let (frames, problems) = attempt
-        .validation
-        .as_ref()
-        .map_or((0, usize::MAX), |validation| {
-            (validation.registered_frames, validation.problems.len())
-        });
-    (is_valid(attempt), frames, std::cmp::Reverse(problems))
+/// Ranks valid before unstable, then by held-out tracks, then more frames, then fewer missed limits.
+fn compare(a: &SfmAttempt, b: &SfmAttempt) -> Ordering {
+    let score = |attempt: &SfmAttempt| attempt.held_out.map_or(0.0, |held_out| held_out.score);
+    let counts = |attempt: &SfmAttempt| {
+        let validation = attempt.validation.as_ref();
+        validation.map_or((0, Reverse(usize::MAX)), |validation| {
+            let problems = validation.problems.len();
+            (validation.registered_frames, Reverse(problems))
+        })
+    };
+    (is_valid(a).cmp(&is_valid(b)))
+        .then(score(a).total_cmp(&score(b)))
+        .then(counts(a).cmp(&counts(b)))
 }
 
 fn describe(attempt: &SfmAttempt) -> String {

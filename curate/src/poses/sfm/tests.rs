@@ -257,3 +257,64 @@ fn perspective_frames_are_posed_with_a_lens() {
     assert!(posed.validation.measures["distortion_pixels"] > 0.25);
     assert_eq!(posed.validation.measures["focal_length_pixels"], camera.fx);
 }
+
+/// Returns the error or the configurations that ran on three frames, with these lines as the program.
+fn configurations_of(
+    lines: &str,
+    sequence: &Sequence,
+    settings: &SfmSettings,
+) -> Result<(Vec<String>, Option<usize>), CurateError> {
+    let temp = tempfile::tempdir().unwrap();
+    let folder = temp.path().join("seq-000");
+    fs::create_dir(&folder).unwrap();
+    let python = interpreter(temp.path(), lines);
+    let ignored = nothing_ignored(sequence);
+    run_with(&python, &folder, sequence, (settings, &ignored), &Silent)?;
+    let report = report(&folder);
+    let attempts = report.attempts.into_iter();
+    Ok((
+        attempts.map(|attempt| attempt.configuration).collect(),
+        report.chosen,
+    ))
+}
+
+/// A model of three frames of which the last is at 2, by the road of cubes, or at 3; and a track that fits 2.
+const THREE_FRAMES: &str = "mkdir -p $OUT/sparse\n\
+    case $OUT in *mixed) AT=-2;; *) AT=-3;; esac\n\
+    echo '1 EQUIRECTANGULAR 64 32 64 32' > $OUT/sparse/cameras.txt\n\
+    printf '1 1 0 0 0 0 0 0 1 000000.png\\n\\n2 1 0 0 0 -1 0 0 1 000001.png\\n\\n' > $OUT/sparse/images.txt\n\
+    printf \"3 1 0 0 0 $AT 0 0 1 000002.png\\n\\n\" >> $OUT/sparse/images.txt\n\
+    echo '7 0 0 4 10 20 30 0.1 1 0 2 0' > $OUT/sparse/points3D.txt\n\
+    echo '000000.png 0 0 4 000001.png -1 0 4 000002.png -2 0 4' > $OUT/held_out.txt\n\
+    echo models 1";
+
+#[test]
+fn a_comparison_takes_every_road_and_the_one_that_predicts_held_out_matches() {
+    let compared = SfmSettings {
+        compare: true,
+        ..SfmSettings::default()
+    };
+    let (ran, chosen) = configurations_of(THREE_FRAMES, &sequence(3), &compared).unwrap();
+    assert_eq!(ran, ["global", "mixed", "faces"]);
+    assert_eq!(chosen, Some(1));
+}
+
+#[test]
+fn a_road_has_its_own_configurations_and_needs_panoramas() {
+    let faces = SfmSettings {
+        road: Road::Faces,
+        ..SfmSettings::default()
+    };
+    let (ran, chosen) = configurations_of(THREE_FRAMES, &sequence(3), &faces).unwrap();
+    assert_eq!((ran, chosen), (vec!["faces".to_owned()], Some(0)));
+    let mut perspective = sequence(3);
+    perspective.projection.projection = VideoProjection::Rectilinear;
+    let compared = SfmSettings {
+        compare: true,
+        ..SfmSettings::default()
+    };
+    for settings in [faces, compared] {
+        let error = configurations_of(THREE_FRAMES, &perspective, &settings).unwrap_err();
+        assert_eq!(error.error_kind(), ErrorKind::User);
+    }
+}

@@ -19,7 +19,7 @@ use omnilife_schemas::{
     store::{self, Unfinished},
 };
 
-use super::{Configuration, SfmInstallation, SfmSettings};
+use super::{Configuration, HeldOutTracks, SfmInstallation, SfmSettings};
 use crate::{
     error::{CurateError, SfmError},
     poses::{
@@ -27,7 +27,17 @@ use crate::{
     },
 };
 
-pub(super) const SCRIPT: &str = include_str!("sfm.py");
+/// The script and its modules, by the names of their files.
+pub(super) const PROGRAM: [(&str, &str); 4] = [
+    (SCRIPT, include_str!("program/sfm.py")),
+    ("faces.py", include_str!("program/faces.py")),
+    ("held_out.py", include_str!("program/held_out.py")),
+    ("loops.py", include_str!("program/loops.py")),
+];
+const SCRIPT: &str = "sfm.py";
+
+/// Tracks that no mapper saw.
+const HELD_OUT_FILE: &str = "held_out.txt";
 
 /// Folder of a text model.
 const MODEL_FOLDER: &str = "sparse";
@@ -63,7 +73,7 @@ impl<'a> SfmWorkspace<'a> {
         let scratch = Unfinished::folder_beside(&folder.join("work"))?;
         let mut workspace = Self {
             frames: sequence_folder.join(FRAMES_FOLDER),
-            script: scratch.path().join("sfm.py"),
+            script: scratch.path().join(SCRIPT),
             masks: None,
             folder,
             scratch,
@@ -71,7 +81,9 @@ impl<'a> SfmWorkspace<'a> {
             settings,
             installation,
         };
-        store::write_bytes(&workspace.script, SCRIPT.as_bytes())?;
+        for (name, text) in PROGRAM {
+            store::write_bytes(&workspace.scratch.path().join(name), text.as_bytes())?;
+        }
         let moving = settings.masks.as_ref();
         let moving = moving
             .map(|folder| masks::find(folder, &sequence.frames.entries))
@@ -91,7 +103,13 @@ impl<'a> SfmWorkspace<'a> {
         let started = Instant::now();
         let out = self.scratch.path().join(configuration.id);
         store::create_folder(&out)?;
-        let Conversation { models, ending } = self.converse(configuration, &out, progress)?;
+        let Conversation {
+            models,
+            loops,
+            cpu_seconds,
+            ending,
+        } = self.converse(configuration, &out, progress)?;
+        let held_out = HeldOutTracks::read(&out.join(HELD_OUT_FILE))?;
         let model = match ending {
             Ending::Success => match ColmapModel::read(&out.join(MODEL_FOLDER)) {
                 Ok(model) if model.images.len() >= 2 => Ok(model),
@@ -115,13 +133,17 @@ impl<'a> SfmWorkspace<'a> {
         let attempt = SfmAttempt {
             configuration: configuration.id.to_owned(),
             wall_seconds: started.elapsed().as_secs_f64(),
+            cpu_seconds: Some(cpu_seconds),
+            loops,
             models,
+            held_out: None,
             validation: found.as_ref().map(|(_, validation)| validation.clone()),
             failure,
         };
         Ok(Attempted {
             attempt,
             found,
+            held_out,
             is_broken,
         })
     }
@@ -144,6 +166,7 @@ impl<'a> SfmWorkspace<'a> {
         command.stdout(Stdio::piped()).stderr(log);
         let mut group = ProcessGroup::spawn(&mut command, None).map_err(cannot_run)?;
         let mut models = 0;
+        let mut loops = None;
         let mut failed = None;
         let mut misspoken = None;
         if let Some(stdout) = group.leader().stdout.take() {
@@ -157,13 +180,18 @@ impl<'a> SfmWorkspace<'a> {
                         Ok(count) => models = count,
                         Err(_) => misspoken = Some(format!("the script said {line:?}")),
                     },
+                    Some(("loops", count)) => match count.parse() {
+                        Ok(count) => loops = Some(count),
+                        Err(_) => misspoken = Some(format!("the script said {line:?}")),
+                    },
                     Some(("failed", reason)) => failed = Some(reason.to_owned()),
                     // COLMAP's own chatter.
                     _ => {}
                 }
             }
         }
-        let status = group.wait().map_err(cannot_run)?.status;
+        let ended = group.wait().map_err(cannot_run)?;
+        let status = ended.status;
         for what in group.end(GRACE).lines() {
             progress.note(&format!("COLMAP left running: {what}"));
         }
@@ -177,7 +205,12 @@ impl<'a> SfmWorkspace<'a> {
                 Ending::Broken(format!("COLMAP ended with {status}{said}"))
             }
         };
-        Ok(Conversation { models, ending })
+        Ok(Conversation {
+            models,
+            loops,
+            cpu_seconds: ended.cpu_time.as_secs_f64(),
+            ending,
+        })
     }
 
     fn command(&self, configuration: &Configuration, out: &Path) -> Command {
@@ -190,6 +223,7 @@ impl<'a> SfmWorkspace<'a> {
             .args(["--frames".as_ref(), self.frames.as_os_str()])
             .args(["--out".as_ref(), out.as_os_str()])
             .args(["--camera-model", camera_model(self.sequence)])
+            .args(["--road", configuration.road.name()])
             .args(["--mapper", configuration.mapper])
             .args(["--features", &configuration.features.to_string()])
             .args(["--overlap", &configuration.overlap.to_string()])
@@ -233,6 +267,8 @@ fn camera_model(sequence: &Sequence) -> &'static str {
 pub(super) struct Attempted {
     pub(super) attempt: SfmAttempt,
     pub(super) found: Option<(ColmapModel, PoseValidation)>,
+    /// Its tracks that the mapper did not see.
+    pub(super) held_out: HeldOutTracks,
     /// True if it was killed, crashed, or left invalid files.
     pub(super) is_broken: bool,
 }
@@ -240,6 +276,8 @@ pub(super) struct Attempted {
 /// Output of the script.
 struct Conversation {
     models: u32,
+    loops: Option<u32>,
+    cpu_seconds: f64,
     ending: Ending,
 }
 
