@@ -19,7 +19,7 @@ use crate::{
 pub struct VideoConsistency {
     /// Number of pairs of neighbouring frames.
     pub pairs: u32,
-    /// Mean of LPIPS with AlexNet over the pairs.
+    /// Mean of LPIPS with `AlexNet` over the pairs.
     pub temporal_lpips: f64,
     /// Standard deviation over the pairs; `None` with a single one.
     pub standard_deviation: Option<f64>,

@@ -204,7 +204,7 @@ impl<'a> InFrame<'a> {
     fn overlaps(&self, object: usize, front: &[u8]) -> Option<[f64; 2]> {
         let (mut both, mut either) = (0.0, [0.0; 2]);
         let mut has_mask = false;
-        for pixel in 0..self.clip.pixel_count() {
+        for (pixel, &front) in front.iter().enumerate() {
             if self.is_hidden(object, pixel) {
                 continue;
             }
@@ -213,7 +213,7 @@ impl<'a> InFrame<'a> {
             has_mask |= is_masked;
             both += f64::from(u8::from(is_masked && is_opaque));
             either[0] += f64::from(u8::from(is_masked || is_opaque));
-            either[1] += f64::from(u8::from(is_masked || is_opaque && front[pixel] == 0));
+            either[1] += f64::from(u8::from(is_masked || is_opaque && front == 0));
         }
         has_mask.then(|| either.map(|either| both / f64::max(either, 1.0)))
     }
@@ -222,7 +222,7 @@ impl<'a> InFrame<'a> {
 /// Looks for static things before the objects of a graph, whose masks are those of the clip in the same order.
 ///
 /// # Errors
-/// The reason where there is none, or it has no place.
+/// The reason where nothing stands in front, or it has no place.
 pub fn find(clip: &Clip, graph: &Graph) -> Result<Front, String> {
     let (background, objects) = graph.nodes.split_last().ok_or("there is no node")?;
     if objects.is_empty() {

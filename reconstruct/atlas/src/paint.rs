@@ -229,7 +229,7 @@ mod tests {
 
     /// Caps at both poles, a block across the seam and one in the middle of the frame.
     fn is_painted(column: usize, row: usize) -> bool {
-        let is_cap = row < 5 || row >= HEIGHT - 5;
+        let is_cap = !(5..HEIGHT - 5).contains(&row);
         let is_block = (12..20).contains(&row);
         let across = (column + 4) % WIDTH;
         is_cap || is_block && (across < 8 || (32..40).contains(&across))
@@ -268,7 +268,7 @@ mod tests {
             for (pixel, colour) in shown.iter().enumerate() {
                 if is_all(pixel, 3, true) {
                     let place = match pixel / WIDTH {
-                        row if row < 5 || row >= HEIGHT - 5 => 0,
+                        row if !(5..HEIGHT - 5).contains(&row) => 0,
                         _ if (pixel + WIDTH / 4) % WIDTH < WIDTH / 2 => 1,
                         _ => 2,
                     };

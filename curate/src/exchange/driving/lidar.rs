@@ -157,7 +157,7 @@ impl StaticPoints {
         for point in points {
             let seen = views.iter_mut().map(|view| view.see(point, boxes));
             // All views get its distance; the first has its colour.
-            let colour = seen.fold(None, |colour, next| colour.or(next));
+            let colour = seen.fold(None, Option::or);
             let is_of_box = |one: &OrientedBox| objects::is_inside(one, BOX_MARGIN_METRES, point);
             let counter = match colour {
                 _ if boxes.iter().any(is_of_box) => &mut self.in_boxes,

@@ -9,7 +9,7 @@ use omnilife_schemas::{
     camera::{Camera, PinholeCamera},
     elapsed::Elapsed,
     layout::DEPTH_PRIOR_FOLDER,
-    records::{DepthPrior, Detection, DistanceConvention, Scene, Track, TrackStage, Tracks},
+    records::{DepthPrior, Detection, DistanceConvention, Scene, TrackStage, Tracks},
     store::{self, StoreError},
 };
 

@@ -179,7 +179,7 @@ impl<'a> GroundMap<'a> {
         let first = self.coordinates(raster.place(0.0, 0.0));
         let by_column = (self.coordinates(raster.place(across, 0.0)) - first) / across;
         let by_row = (self.coordinates(raster.place(0.0, down)) - first) / down;
-        let terms = [by_column, by_row, first].map(DVec2::to_array);
+        let terms = [by_column, by_row, first].map(|term| term.to_array());
         let lines = terms.as_flattened().iter();
         lines.map(|term| format!("{term:.10}\n")).collect()
     }

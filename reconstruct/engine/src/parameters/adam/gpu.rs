@@ -123,7 +123,7 @@ impl Adam {
         gpu: &Gpu,
         program: &mut Program,
         (step, table, rows): (&TableStep, &TableBuffers, &Rows),
-        status: &wgpu::Buffer,
+        status: &Buffer,
     ) {
         program.run(
             gpu,
