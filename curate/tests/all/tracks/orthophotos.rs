@@ -42,7 +42,7 @@ fn paint(folder: &Path, scene: &Scene, colour: impl Fn(DVec3, f64) -> [u8; 3]) {
     let frames: Vec<u32> = (0..FRAMES as u32).collect();
     for view in PosedView::of_scene(scene, &frames) {
         let pixels = (0..320 * 180).flat_map(|pixel| {
-            let at = glam::dvec2((pixel % 320) as f64 + 0.5, (pixel / 320) as f64 + 0.5);
+            let at = glam::dvec2(f64::from(pixel % 320) + 0.5, f64::from(pixel / 320) + 0.5);
             let ray = view.ray(at);
             colour(view.centre - view.centre.z / ray.z * ray, view.seconds)
         });
