@@ -12,6 +12,7 @@ pub const ALL: &str = "aids";
 /// The aids, by the names of their components.
 pub const AIDS: &[&str] = &[
     "exposure-compensation",
+    "camera-response",
     "view-dependent-colour",
     "pose-refinement",
     "short-schedule",
