@@ -8,7 +8,7 @@ use super::{
     Supported, camera_response, dropout, exposure_compensation, pose_refinement,
     view_dependent_colour,
 };
-pub use crate::aids::{AIDS, ALL, is_aid};
+pub use crate::aids::{AIDS, ALL, BY_NAME, is_aid};
 
 /// Aids that methods of Gaussians have on request, because their gain depends on the scene.
 pub const ON_REQUEST: &[&str] = &[

@@ -31,8 +31,8 @@ mod tests;
 use omnilife_schemas::camera::Camera;
 use serde::{Deserialize, Serialize};
 
-pub use self::shown::{ResponseGradient, ViewResponse};
 use self::shown::{CURVE_VALUES, Lens, SHARED_VALUES};
+pub use self::shown::{ResponseGradient, ViewResponse};
 use super::exposure::Exposure;
 use crate::parameters::{ParameterArray, ParameterTable, SharedParameters, adam};
 
@@ -43,7 +43,7 @@ pub const CAMERA_CURVE: &str = "camera_curve";
 
 /// Weights of half the squares of gains and of shared numbers. L1 falls with a slope of about 0.05 for each, as long as
 /// images deviate by more than their noise.
-const PRIOR_WEIGHTS: [f32; 2] = [1e-3, 0.05];
+const PRIOR_WEIGHTS: [f32; 2] = [1e-3, 0.01];
 
 /// Response with the state of its optimization.
 #[derive(Debug, Clone, PartialEq)]
