@@ -1,6 +1,7 @@
 //! Integration tests of scenes, methods and training.
 #![expect(clippy::unwrap_used, reason = "a failed set-up step fails the test")]
 
+mod camera_response;
 mod checkpoints;
 mod components;
 mod depth;

@@ -93,3 +93,6 @@ impl ResponseMemory {
         }
     }
 }
+
+#[cfg(test)]
+mod tests;
