@@ -303,25 +303,27 @@ fn largest(array: &ParameterArray) -> f32 {
         .fold(0.0, |most, value| most.max(value.abs()))
 }
 
-/// Returns the response that is learnt from images of a camera by L1, beside the scene as it is.
-fn learnt(camera: &CameraResponse, views: usize) -> CameraResponse {
+/// Returns the response that is learnt by L1 from five images of a camera with another, beside the scene as it is.
+fn learnt(truth: &CameraResponse, camera: &Camera) -> CameraResponse {
+    let views = truth.steps.len();
+    let [width, height] = camera.size();
     let mut random = Pcg64Mcg::seed_from_u64(7);
-    let scene: Vec<f32> = (0..3 * 800)
+    let scene: Vec<f32> = (0..3 * width * height)
         .map(|_| random.random_range(0.02..1.0))
         .collect();
     let (mut image, mut by_render) = (Vec::new(), Vec::new());
     let bytes: Vec<Vec<f32>> = (0..views)
         .map(|view| {
-            camera.of_view(view, &ERP).show(&scene, &mut image);
+            truth.of_view(view, camera).show(&scene, &mut image);
             let byte = |level: &f32| (255.0 * level.min(1.0)).round() / 255.0;
             image.iter().map(byte).collect()
         })
         .collect();
-    let mut found = CameraResponse::new((0..views).map(|view| view as f64).collect(), &ERP, None);
+    let mut found = of_five_views(camera);
     let steps = 100 * views;
     for step in 0..steps {
         let view = step % views;
-        let shown = found.of_view(view, &ERP);
+        let shown = found.of_view(view, camera);
         shown.show(&scene, &mut image);
         let pairs = image.iter().zip(&bytes[view]);
         let by_shown: Vec<f32> = pairs
@@ -345,14 +347,13 @@ fn learnt(camera: &CameraResponse, views: usize) -> CameraResponse {
 #[test]
 fn known_gains_and_gamma_are_recovered() {
     for exponent in [1.2_f32, 0.85] {
-        let times = (0..5).map(f64::from).collect();
-        let mut camera = CameraResponse::new(times, &ERP, None);
+        let mut camera = of_five_views(&ERP);
         // Their mean is 0.
         camera.gains.arrays[0].values = vec![
             -0.3, -0.36, -0.3, 0.2, 0.14, 0.16, 0.1, -0.06, -0.14, 0.0, 0.04, 0.16, 0.0, 0.24, 0.12,
         ];
         camera.shared.array.values = vec![exponent.ln(), 0.0];
-        let found = learnt(&camera, 5);
+        let found = learnt(&camera, &ERP);
         let gains = |of: &CameraResponse| of.gains.arrays[0].values.clone();
         for (found, expected) in gains(&found).iter().zip(gains(&camera)) {
             assert!((found - expected).abs() < 0.03, "{found} {expected}");
@@ -365,10 +366,34 @@ fn known_gains_and_gamma_are_recovered() {
 
 #[test]
 fn a_camera_without_a_response_stays_within_half_a_percent() {
-    let camera = CameraResponse::new((0..5).map(f64::from).collect(), &ERP, None);
-    let found = learnt(&camera, 5);
+    let camera = of_five_views(&ERP);
+    let found = learnt(&camera, &ERP);
     for array in found.arrays() {
         let most = largest(array);
         assert!(most < 0.005, "{}: {most}", array.name);
     }
+}
+
+#[test]
+fn a_vignette_is_recovered() {
+    let camera = pinhole();
+    for vignette in [[-0.4, -0.2, 0.1], [-0.8, 0.0, 0.0]] {
+        let mut truth = of_five_views(&camera);
+        truth.shared.array.values[CURVE_VALUES..].copy_from_slice(&vignette);
+        let found = learnt(&truth, &camera);
+        let found = found.learnt().and_then(|found| found.vignette);
+        let light = |[a1, a2, a3]: [f32; 3], r: f32| (a1 * r + a2 * r * r + a3 * r.powi(3)).exp();
+        for r in [0.25, 0.5, 0.75] {
+            let ratio = found.map(|found| light(found, r) / light(vignette, r));
+            assert!(
+                ratio.is_some_and(|ratio| (ratio - 1.0).abs() < 0.03),
+                "{r}: {found:?}"
+            );
+        }
+    }
+}
+
+/// Returns a new response of a camera for five views.
+fn of_five_views(camera: &Camera) -> CameraResponse {
+    CameraResponse::new((0..5).map(f64::from).collect(), camera, None)
 }
