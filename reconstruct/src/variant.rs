@@ -110,7 +110,7 @@ impl Variant {
         aided.with.push(aids::ALL.to_owned());
         aided.with.sort();
         let is_decided = |name: &&str| aids::is_aid(name) && !aids::BY_NAME.contains(name);
-        Ok(optional.any(|name| is_decided(name)).then_some(aided))
+        Ok(optional.any(is_decided).then_some(aided))
     }
 
     fn forget_aids(&mut self) {
