@@ -9,7 +9,10 @@ use omnilife_engine::{
 };
 
 use crate::registry::METHODS;
-use omnilife_training::{error::ReconstructError, method::Method};
+use omnilife_training::{components::camera_response, error::ReconstructError, method::Method};
+
+/// Components without GPU kernels, of methods that have them otherwise.
+const ON_CPU_ALONE: [&str; 1] = [camera_response::ID];
 
 /// Checks that the machine has the device of a backend.
 ///
@@ -32,9 +35,10 @@ pub fn tables() -> String {
     text += "\n| Component | CPU | GPU |\n|---|---|---|\n";
     for component in components() {
         let has = |method: &Method| components_of(method).any(|name| name == component);
-        let on_gpu = METHODS
-            .iter()
-            .any(|method| runs_on_gpu(method) && has(method));
+        let on_gpu = !ON_CPU_ALONE.contains(&component)
+            && METHODS
+                .iter()
+                .any(|method| runs_on_gpu(method) && has(method));
         row(&mut text, component, on_gpu);
     }
     text += "\n| Parameterization | CPU | GPU |\n|---|---|---|\n";

@@ -99,7 +99,7 @@ impl Variant {
     }
 
     /// Returns the same variant with all aids that the method can have, by the evidence; `None` for a method without
-    /// optional ones.
+    /// optional ones that the evidence decides on.
     ///
     /// # Errors
     /// When the method does not exist.
@@ -109,7 +109,8 @@ impl Variant {
         aided.forget_aids();
         aided.with.push(aids::ALL.to_owned());
         aided.with.sort();
-        Ok(optional.any(|name| aids::is_aid(name)).then_some(aided))
+        let is_decided = |name: &&str| aids::is_aid(name) && !aids::BY_NAME.contains(name);
+        Ok(optional.any(is_decided).then_some(aided))
     }
 
     fn forget_aids(&mut self) {

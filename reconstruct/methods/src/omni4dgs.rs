@@ -14,7 +14,7 @@ use omnilife_engine::{
 use omnilife_training::{
     baseline::{OPACITY_RESET, scene_extent},
     components::{
-        self, Decision, Draft, denser_points, draft::MotionEvidenceUse, dropout,
+        self, Decision, Draft, camera_response, denser_points, draft::MotionEvidenceUse, dropout,
         exposure_compensation, mask_seeds, pose_refinement, short_schedule, sky_shell,
         static_table, swept_points, view_dependent_colour,
     },
@@ -60,6 +60,7 @@ pub const METHOD: Method = Method {
         VELOCITY_DECOMPOSITION,
         MOTION_REGULARIZATION,
         exposure_compensation::ID,
+        camera_response::ID,
         view_dependent_colour::ID,
         pose_refinement::ID,
         dropout::ID,

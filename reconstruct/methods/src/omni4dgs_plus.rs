@@ -18,7 +18,7 @@ use crate::{
 use omnilife_training::{
     baseline::{OPACITY_RESET, scene_extent},
     components::{
-        Decision, Draft, denser_points,
+        Decision, Draft, camera_response, denser_points,
         draft::{MotionEvidenceUse, Seeding},
         dropout, exposure_compensation, mask_seeds, pose_refinement, short_schedule, sky_shell,
         static_table, swept_points, view_dependent_colour,
@@ -68,7 +68,11 @@ pub const METHOD: Method = Method {
         sky_shell::ID,
         OPACITY_RESET,
     ],
-    optional_components: &[VELOCITY_DECOMPOSITION, MOTION_REGULARIZATION],
+    optional_components: &[
+        VELOCITY_DECOMPOSITION,
+        MOTION_REGULARIZATION,
+        camera_response::ID,
+    ],
     ablation: &[],
     default_plan: DefaultPlan::Auto,
     backends: ON_CPU_AND_GPU,

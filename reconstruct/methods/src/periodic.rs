@@ -20,9 +20,9 @@ use omnilife_engine::{
 use omnilife_training::{
     baseline::{OPACITY_RESET, scene_extent},
     components::{
-        Decision, Draft, denser_points, draft::MotionEvidenceUse, dropout, exposure_compensation,
-        mask_seeds, pose_refinement, short_schedule, sky_shell, static_table, swept_points,
-        view_dependent_colour,
+        Decision, Draft, camera_response, denser_points, draft::MotionEvidenceUse, dropout,
+        exposure_compensation, mask_seeds, pose_refinement, short_schedule, sky_shell,
+        static_table, swept_points, view_dependent_colour,
     },
     error::ReconstructError,
     method::{Method, MethodKind, ON_CPU_AND_GPU, PreparedGaussians},
@@ -67,6 +67,7 @@ pub const METHOD: Method = Method {
     ],
     optional_components: &[
         exposure_compensation::ID,
+        camera_response::ID,
         view_dependent_colour::ID,
         pose_refinement::ID,
         dropout::ID,

@@ -5,7 +5,7 @@ use std::collections::BTreeSet;
 use glam::{Vec3, vec3};
 use omnilife_engine::{camera::pose::PoseCorrection, gaussians::static_gaussians::OPACITY_LOGITS};
 use omnilife_reconstruct::{
-    components::{denser_points, pose_refinement, view_dependent_colour},
+    components::{camera_response, denser_points, pose_refinement, view_dependent_colour},
     methods::{self, METHODS},
     options::Options,
     request::{BackendChoice, MethodRequest, PlanChoice},
@@ -297,6 +297,7 @@ fn every_optional_component_of_every_method_trains() {
         let has_harmonics = model.parts[0].table.position("sh_rest").is_some();
         for (component, is_there) in [
             (pose_refinement::ID, model.poses.is_some()),
+            (camera_response::ID, model.response.is_some()),
             (view_dependent_colour::ID, has_harmonics),
         ] {
             // What is the method's own, the plan decides.

@@ -2,6 +2,7 @@
 #![expect(clippy::unwrap_used, reason = "a failed set-up step fails the test")]
 
 mod atlas_planes;
+mod camera_response;
 mod checkpoints;
 mod components;
 mod depth;

@@ -96,6 +96,7 @@ pub fn published_settings(iterations: u64) -> TrainSettings {
         objects: false,
         exposure: None,
         dropout: None,
+        response: None,
         pose_refinement: None,
         shards: None,
         trace_every: None,

@@ -25,7 +25,7 @@ const ROUNDS: usize = 3;
 pub struct Exposure {
     /// Times of the estimated views, seconds, increasing; at least one.
     times_seconds: Vec<f64>,
-    /// Natural logarithms of their gains of light, channel by channel; their median is 0.
+    /// Natural logarithms of their gains of light, channel by channel; the median of estimated ones is 0.
     log_light_gains: Vec<[f32; 3]>,
 }
 
@@ -68,16 +68,25 @@ impl Exposure {
             .iter()
             .filter_map(|(time, pairs)| Some((*time, log_gain(pairs)?)))
             .collect();
-        found.sort_by(|left, right| left.0.total_cmp(&right.0));
         let middle = [0, 1, 2].map(|channel| {
             let gains: Vec<f32> = found.iter().map(|(_, gain)| gain[channel]).collect();
             median(&gains)
         });
         let middle = [middle[0]?, middle[1]?, middle[2]?];
         let relative = |gain: [f32; 3]| [0, 1, 2].map(|channel| gain[channel] - middle[channel]);
-        Some(Self {
-            times_seconds: found.iter().map(|(time, _)| *time).collect(),
-            log_light_gains: found.iter().map(|(_, gain)| relative(*gain)).collect(),
+        for (_, gain) in &mut found {
+            *gain = relative(*gain);
+        }
+        Self::of_log_gains(found)
+    }
+
+    /// Creates gains of times in seconds, from their natural logarithms; `None` without any.
+    pub(crate) fn of_log_gains(mut views: Vec<(f64, [f32; 3])>) -> Option<Self> {
+        views.sort_by(|left, right| left.0.total_cmp(&right.0));
+        let (times_seconds, log_light_gains): (Vec<_>, Vec<_>) = views.into_iter().unzip();
+        (!times_seconds.is_empty()).then_some(Self {
+            times_seconds,
+            log_light_gains,
         })
     }
 

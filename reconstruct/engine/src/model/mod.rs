@@ -1,10 +1,12 @@
 //! Trained model: parts, each a table of Gaussians with the parameterization that activates them, and
 //! corrections of poses.
 //!
-//! * [`exposure`]: gains of the views, in linear light. [`pose_corrections`]: of the input views' poses.
+//! * [`exposure`]: gains of the views, in linear light. [`camera_response`]: gains, tone curve and vignette, learnt.
+//!   [`pose_corrections`]: of the input views' poses.
 //! * [`layers`]: layers for viewing. [`saved`]: a model in a checkpoint.
 //! * [`dynamic_settings`]: training settings of dynamic methods.
 
+pub mod camera_response;
 pub(crate) mod cpu_renderer;
 pub mod dynamic_settings;
 pub mod exposure;
@@ -12,7 +14,7 @@ pub mod layers;
 pub mod pose_corrections;
 pub mod saved;
 
-use self::pose_corrections::PoseCorrections;
+use self::{camera_response::CameraResponse, pose_corrections::PoseCorrections};
 use crate::{
     camera::View,
     clock::TimeSpan,
@@ -78,6 +80,8 @@ impl PartialEq for Part {
 pub struct Model {
     /// Gaussians by kind; an activated model concatenates them in this order.
     pub parts: Vec<Part>,
+    /// Response of the camera, if it is learnt.
+    pub response: Option<CameraResponse>,
     /// Corrections of the input views' poses, if they are refined.
     pub poses: Option<PoseCorrections>,
 }
@@ -94,7 +98,11 @@ pub struct TrainedArray {
 impl Model {
     /// Creates a model of these parts.
     pub fn new(parts: Vec<Part>) -> Self {
-        Self { parts, poses: None }
+        Self {
+            parts,
+            response: None,
+            poses: None,
+        }
     }
 
     /// Creates a model of static Gaussians.
@@ -147,13 +155,14 @@ impl Model {
         }
     }
 
-    /// Iterates over all arrays with rows: tables of the parts, parameters shared by their Gaussians,
-    /// corrections of poses.
+    /// Iterates over all arrays with rows: tables of the parts, parameters shared by their Gaussians, the
+    /// response of the camera, corrections of poses.
     fn arrays(&self) -> impl Iterator<Item = &ParameterArray> {
         let tables = self.parts.iter().flat_map(|part| &part.table.arrays);
         let shared = self.parts.iter().filter_map(Part::shared_array);
+        let response = self.response.iter().flat_map(CameraResponse::arrays);
         let poses = self.poses.iter().flat_map(|poses| &poses.table.arrays);
-        tables.chain(shared).chain(poses)
+        tables.chain(shared).chain(response).chain(poses)
     }
 
     /// Returns all arrays that are not frozen by name, in a fixed order; arrays of one name in several parts

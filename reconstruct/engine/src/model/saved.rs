@@ -4,20 +4,24 @@
 //! body: f32, little-endian; for each part: of each array its values, first and second moments (of a frozen
 //!       one its values alone); then the sums of its density statistics, their views as u32, and the
 //!       sums of its time gradients, if it has any; then its shared parameters, with moments.
-//!       Then the corrections of poses with theirs, array by array, if poses are refined.
+//!       Then the response of the camera with its moments, array by array, if it is learnt, and the
+//!       corrections of poses with theirs, if poses are refined.
 //! ```
 //!
 //! Gradients are not kept: every step overwrites them.
 
 use serde::{Deserialize, Serialize};
 
-use super::{Model, Part, Statistics};
+use super::{Model, Part, Statistics, camera_response::CameraResponse};
 use crate::parameters::{ParameterArray, ParameterTable, SharedParameters};
 
 /// Header: layout of the body's words.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct SavedModel {
     parts: Vec<SavedPart>,
+    /// Response of the camera.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    response: Option<SavedResponse>,
     /// Optimizer steps of each input view's pose.
     pose_steps: Option<Vec<u64>>,
 }
@@ -57,6 +61,33 @@ struct SavedShared {
     steps: u64,
 }
 
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+struct SavedResponse {
+    /// Optimizer steps of each input view's gain.
+    gain_steps: Vec<u64>,
+    shared: SavedShared,
+}
+
+impl SavedResponse {
+    fn of(response: &CameraResponse) -> Self {
+        Self {
+            gain_steps: response.steps.clone(),
+            shared: saved_shared(&response.shared),
+        }
+    }
+
+    /// Returns the numbers of gains and of shared values.
+    fn lengths(&self) -> [usize; 2] {
+        [self.gain_steps.len(), self.shared.values]
+    }
+
+    /// Returns the number of its words; `None` if it overflows.
+    fn words(&self) -> Option<usize> {
+        let gains = self.gain_steps.len().checked_mul(3)?;
+        gains.checked_add(self.shared.values)?.checked_mul(3)
+    }
+}
+
 /// Error in restoring a saved model.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum LoadError {
@@ -71,6 +102,7 @@ impl SavedModel {
     pub fn of(model: &Model) -> (Self, Vec<u8>) {
         let header = Self {
             parts: model.parts.iter().map(saved_part).collect(),
+            response: model.response.as_ref().map(SavedResponse::of),
             pose_steps: model.poses.as_ref().map(|poses| poses.steps.clone()),
         };
         let mut body = Vec::new();
@@ -87,7 +119,9 @@ impl SavedModel {
                 push_array(&mut body, &shared.array);
             }
         }
-        for array in model.poses.iter().flat_map(|poses| &poses.table.arrays) {
+        let response = model.response.iter().flat_map(CameraResponse::arrays);
+        let poses = model.poses.iter().flat_map(|poses| &poses.table.arrays);
+        for array in response.chain(poses) {
             push_array(&mut body, array);
         }
         (header, body)
@@ -105,6 +139,8 @@ impl SavedModel {
                 .iter()
                 .zip(&model.parts)
                 .all(|(saved, part)| saved.is_of(part))
+            && self.response.as_ref().map(SavedResponse::lengths)
+                == (model.response.as_ref()).map(|response| SavedResponse::of(response).lengths())
             && self.pose_steps.as_ref().map(Vec::len)
                 == model.poses.as_ref().map(|poses| poses.steps.len());
         if !is_alike {
@@ -136,6 +172,11 @@ impl SavedModel {
                 *shared = words.shared(saved, shared.array.name);
             }
         }
+        if let (Some(response), Some(saved)) = (&mut model.response, &self.response) {
+            response.gains = words.table(saved.gain_steps.len(), &response.gains);
+            response.steps.clone_from(&saved.gain_steps);
+            response.shared = words.shared(saved.shared, response.shared.array.name);
+        }
         if let (Some(poses), Some(steps)) = (&mut model.poses, &self.pose_steps) {
             *poses = poses.with_values(words.table(steps.len(), &poses.table), steps.clone());
         }
@@ -148,7 +189,11 @@ impl SavedModel {
     fn body_bytes(&self) -> Option<usize> {
         // Each array has values and two moments.
         let poses = self.pose_steps.as_ref().map_or(0, Vec::len);
-        let mut words = poses.checked_mul(3 * 6)?;
+        let response = self
+            .response
+            .as_ref()
+            .map_or(Some(0), SavedResponse::words)?;
+        let mut words = poses.checked_mul(3 * 6)?.checked_add(response)?;
         for part in &self.parts {
             let values = part.arrays.iter().try_fold(0_usize, |sum, array| {
                 let columns = if array.frozen { 1 } else { 3 };
@@ -195,11 +240,15 @@ fn saved_part(part: &Part) -> SavedPart {
         gaussians: part.table.len(),
         arrays: part.table.arrays.iter().map(array).collect(),
         with_times: part.parameterization.temporal().is_some(),
-        shared: part.parameterization.shared().map(|shared| SavedShared {
-            values: shared.array.values.len(),
-            steps: shared.steps,
-        }),
+        shared: part.parameterization.shared().map(saved_shared),
         steps: part.steps,
+    }
+}
+
+fn saved_shared(shared: &SharedParameters) -> SavedShared {
+    SavedShared {
+        values: shared.array.values.len(),
+        steps: shared.steps,
     }
 }
 
@@ -262,6 +311,7 @@ mod tests {
         },
         model::pose_corrections::PoseCorrections,
     };
+    use omnilife_schemas::camera::PinholeCamera;
 
     const CLOCK: Clock = Clock::new(0.0, 1.0, 4.0);
 
@@ -275,7 +325,7 @@ mod tests {
         }
     }
 
-    /// Returns a model with a part of each kind, and poses.
+    /// Returns a model with a part of each kind, a camera's response, and poses.
     fn model() -> Model {
         let temporal = TemporalGaussians {
             clock: CLOCK,
@@ -302,6 +352,8 @@ mod tests {
             Part::new(Deformable::new(deformation, vec![0.5; 9]), table),
             Part::new(temporal, moving),
         ]);
+        let camera = PinholeCamera::with_horizontal_field_of_view(8, 6, 1.0).into();
+        model.response = Some(CameraResponse::new(vec![0.5, 0.0], &camera, None));
         model.poses = Some(PoseCorrections::new(vec![0.5, 0.0]));
         model
     }
@@ -318,6 +370,12 @@ mod tests {
         if let Some(weights) = trained.parts[1].parameterization.shared_mut() {
             weights.array.second_moments[8] = 0.125;
             weights.steps = 6;
+        }
+        if let Some(response) = &mut trained.response {
+            response.gains.arrays[0].values[5] = -0.25;
+            response.steps[0] = 7;
+            response.shared.array.first_moments[4] = 1e-9;
+            response.shared.steps = 9;
         }
         if let Some(poses) = &mut trained.poses {
             poses.table.arrays[1].values[4] = -1e-7;

@@ -7,6 +7,7 @@ use omnilife_schemas::{RgbImage, records::Backend};
 
 use super::{
     StepStatistics, Stepper,
+    camera_response::{ResponseMemory, ResponseSettings},
     dynamic_losses::{DynamicLosses, StepView},
     pose_refinement::{self, PoseRefinement},
     settings::TrainSettings,
@@ -46,6 +47,8 @@ pub struct CpuStepper<'a> {
     dynamic: Option<DynamicLosses>,
     pub(super) exposure: Option<Exposure>,
     dropout: Option<Dropout>,
+    response: Option<ResponseSettings>,
+    response_memory: ResponseMemory,
     pose_refinement: Option<PoseRefinement>,
     shards: Option<Shards>,
     pub(super) shard_memory: ShardMemory,
@@ -78,8 +81,11 @@ impl<'a> CpuStepper<'a> {
                 .dynamics
                 .as_ref()
                 .map(|dynamics| DynamicLosses::new(dynamics, settings.rendering)),
-            exposure: settings.exposure.clone(),
+            // A response begins with the gains, and images keep theirs.
+            exposure: (settings.exposure.clone()).filter(|_| settings.response.is_none()),
             dropout: settings.dropout,
+            response: settings.response.clone(),
+            response_memory: ResponseMemory::default(),
             pose_refinement: settings.pose_refinement,
             shards: settings.shards.clone(),
             shard_memory: ShardMemory::default(),
@@ -96,7 +102,8 @@ impl<'a> CpuStepper<'a> {
             .map_or_else(TemporalFeatures::default, DynamicLosses::features)
     }
 
-    /// Writes the image with which a view's render is compared, its gain removed.
+    /// Writes the image with which a view's render is compared, its gain removed, and the saturated values of an
+    /// image with gains, removed or learnt.
     pub(super) fn write_target(&mut self, number: usize) {
         let view = &self.inputs.views[number];
         match &self.exposure {
@@ -106,6 +113,9 @@ impl<'a> CpuStepper<'a> {
                 view.write_saturated(&mut self.saturated);
             }
             None => view.write_image(&mut self.target),
+        }
+        if self.response.is_some() {
+            view.write_saturated(&mut self.saturated);
         }
     }
 
@@ -127,12 +137,13 @@ impl<'a> CpuStepper<'a> {
         let raster = self
             .renderer
             .forward(drawn, &self.activated, schedule.sh_degree);
-        let (value, image_gradient) = self.loss.forward_backward_marked(
-            marks,
-            &raster.colour,
-            &self.target,
-            self.ssim_weight,
-        );
+        let response =
+            (self.model.response.as_ref()).map(|response| response.of_view(number, &drawn.camera));
+        let shown = (self.response_memory).shown(response.as_ref(), &raster.colour);
+        let (value, by_shown) =
+            (self.loss).forward_backward_marked(marks, shown, &self.target, self.ssim_weight);
+        let image_gradient =
+            (self.response_memory).by_render(response.as_ref(), &raster.colour, by_shown);
         let mut total = value.total;
         let Some(dynamic) = &mut self.dynamic else {
             self.renderer.backward(
@@ -151,6 +162,7 @@ impl<'a> CpuStepper<'a> {
             schedule,
             target: &self.target,
             saturated: marks.saturated,
+            response: response.as_ref(),
             mask: view.mask.as_ref().map(|_| &self.mask[..]),
             counted: Counted {
                 ignored: marks.ignored,
@@ -317,8 +329,20 @@ impl Stepper for CpuStepper<'_> {
         self.statistics.squared_error += squared_error;
         self.update(schedule);
         let Self {
-            model, statistics, ..
+            model,
+            arrays,
+            response,
+            response_memory,
+            statistics,
+            ..
         } = self;
+        response_memory.update(
+            (&mut *model, &arrays[..]),
+            number,
+            response.as_ref(),
+            schedule,
+            statistics,
+        );
         pose_refinement::move_pose(model, number, by_pose.as_ref(), schedule, statistics);
         Ok(())
     }
@@ -340,7 +364,12 @@ impl Stepper for CpuStepper<'_> {
         let at = Viewpoint::of_image(&drawn);
         let none = TemporalFeatures::default();
         self.model.activate(&at, &none, &mut self.activated);
-        Ok(self.renderer.image(&drawn, &self.activated, sh_degree))
+        let Some(response) = &self.model.response else {
+            return Ok(self.renderer.image(&drawn, &self.activated, sh_degree));
+        };
+        let response = response.at(view.time_seconds, &drawn.camera);
+        let raster = self.renderer.forward(&drawn, &self.activated, sh_degree);
+        Ok(response.image(raster))
     }
 }
 

@@ -18,6 +18,7 @@ use crate::{
     },
     model::{
         Model,
+        camera_response::ViewResponse,
         dynamic_settings::{DynamicSettings, MotionForm},
     },
     render::{
@@ -26,6 +27,7 @@ use crate::{
         settings::RenderSettings,
     },
     schedule::StepSchedule,
+    step::camera_response::ResponseMemory,
 };
 
 /// Losses of one method, and all buffers that a step overwrites.
@@ -45,8 +47,10 @@ pub(super) struct StepView<'a> {
     pub(super) schedule: &'a StepSchedule,
     /// Image of the view with the exposure removed, HWC.
     pub(super) target: &'a [f32],
-    /// True for saturated values of the image; empty if gains are not removed.
+    /// True for saturated values of the image; empty if gains are neither removed nor learnt.
     pub(super) saturated: &'a [bool],
+    /// Response of the camera at the view, if it is learnt.
+    pub(super) response: Option<&'a ViewResponse>,
     /// Mask, if the view has one.
     pub(super) mask: Option<&'a [f32]>,
     /// Pixels that count.
@@ -65,6 +69,7 @@ struct DynamicAlone {
     /// True for saturated values where the mask is 1.
     saturated: Vec<bool>,
     opacity_gradient: Vec<f32>,
+    response: ResponseMemory,
 }
 
 impl DynamicLosses {
@@ -79,6 +84,7 @@ impl DynamicLosses {
                 target: Vec::new(),
                 saturated: Vec::new(),
                 opacity_gradient: Vec::new(),
+                response: ResponseMemory::default(),
             },
             feature_gradient: Vec::new(),
         }
@@ -143,8 +149,11 @@ impl DynamicLosses {
             ignored: step.counted.ignored,
             saturated: &alone.saturated,
         };
-        let (value, image_gradient) =
-            loss.forward_backward_marked(marks, &raster.colour, &alone.target, dynamic.ssim_weight);
+        let shown = alone.response.shown(step.response, &raster.colour);
+        let (value, by_shown) =
+            loss.forward_backward_marked(marks, shown, &alone.target, dynamic.ssim_weight);
+        // The response learns from whole images alone.
+        let image_gradient = (alone.response).by_render(step.response, &raster.colour, by_shown);
         let image_gradient: Vec<f32> = image_gradient
             .iter()
             .map(|value| dynamic.weight * value)

@@ -1,5 +1,6 @@
 //! Training steps: the interface of a backend to the training loop, one step on one view.
 
+pub mod camera_response;
 pub mod cpu;
 mod dynamic_losses;
 pub mod gpu;
@@ -63,13 +64,19 @@ pub fn stepper<'a>(
 
 /// Returns an error for settings, other than parameterizations, without GPU kernels.
 fn check_gpu(settings: &TrainSettings) -> Result<(), EngineError> {
-    if settings.renderer == RendererChoice::Exact {
-        return Ok(());
+    let missing = [
+        (
+            settings.renderer != RendererChoice::Exact,
+            "the renderer with the published quirks",
+        ),
+        (settings.response.is_some(), "a camera's response"),
+    ];
+    match missing.iter().find(|(is_asked, _)| *is_asked) {
+        Some((_, what)) => Err(EngineError::Backend {
+            reason: format!("{what} has no GPU kernels; use the backend cpu"),
+        }),
+        None => Ok(()),
     }
-    Err(EngineError::Backend {
-        reason: "the renderer with the published quirks has no GPU kernels; use the backend cpu"
-            .to_owned(),
-    })
 }
 
 /// Sums over several steps.

@@ -13,7 +13,7 @@ use crate::{
     gaussians::{deformable::settings::DeformationSettings, dropout::Dropout},
     model::dynamic_settings::DynamicSettings,
     parameters::short_schedule::{LearningRate, ShortSchedule},
-    step::{pose_refinement::PoseRefinement, shards::Shards},
+    step::{camera_response::ResponseSettings, pose_refinement::PoseRefinement, shards::Shards},
 };
 
 /// Resolved settings of a run, as stored in its record.
@@ -56,6 +56,9 @@ pub struct TrainSettings {
     /// Dropout of Gaussians, if used.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub dropout: Option<Dropout>,
+    /// Response of the camera, if it is learnt. Exposure gains are then where its gains begin, and images keep theirs.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub response: Option<ResponseSettings>,
     /// Refinement of poses, if used.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub pose_refinement: Option<PoseRefinement>,
@@ -109,6 +112,7 @@ pub(crate) mod tests {
             objects: false,
             exposure: None,
             dropout: None,
+            response: None,
             pose_refinement: None,
             shards: None,
             trace_every: None,

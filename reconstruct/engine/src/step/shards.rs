@@ -41,8 +41,8 @@ impl Shards {
         largest as f64 / self.gaussians.iter().sum::<u64>().max(1) as f64
     }
 
-    /// Refuses settings that a step in shards does not support: motion, dropout, refined poses, the published
-    /// renderer.
+    /// Refuses settings that a step in shards does not support: motion, dropout, refined poses, a camera's response,
+    /// the published renderer.
     ///
     /// # Errors
     /// Names the unsupported setting.
@@ -51,6 +51,7 @@ impl Shards {
             (settings.dynamics.is_some(), "motion"),
             (settings.dropout.is_some(), "dropout"),
             (settings.pose_refinement.is_some(), "refined poses"),
+            (settings.response.is_some(), "a camera's response"),
             (
                 settings.renderer != RendererChoice::Exact,
                 "the renderer with the published quirks",

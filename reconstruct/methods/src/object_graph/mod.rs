@@ -23,8 +23,8 @@ use omnilife_schemas::records::Tracks;
 use omnilife_training::{
     baseline::{OPACITY_RESET, require_memory},
     components::{
-        Decision, Draft, denser_points, draft::MotionEvidenceUse, dropout, exposure_compensation,
-        pose_refinement, short_schedule, sky_shell, view_dependent_colour,
+        Decision, Draft, camera_response, denser_points, draft::MotionEvidenceUse, dropout,
+        exposure_compensation, pose_refinement, short_schedule, sky_shell, view_dependent_colour,
     },
     error::ReconstructError,
     method::{Method, MethodKind, ON_CPU_AND_GPU, PreparedGaussians, requirement::Requirement},
@@ -67,6 +67,7 @@ pub const METHOD: Method = Method {
     optional_components: &[
         OBJECT_POSES_COMPONENT,
         exposure_compensation::ID,
+        camera_response::ID,
         view_dependent_colour::ID,
         pose_refinement::ID,
         dropout::ID,

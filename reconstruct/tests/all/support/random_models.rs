@@ -126,6 +126,7 @@ pub(crate) fn train_settings(scene: &Scene) -> TrainSettings {
         objects: false,
         exposure: None,
         dropout: None,
+        response: None,
         pose_refinement: None,
         shards: None,
         trace_every: None,

@@ -4,12 +4,16 @@ use std::collections::BTreeMap;
 
 use omnilife_schemas::records::ComponentDecision;
 
-use super::{Supported, dropout, exposure_compensation, pose_refinement, view_dependent_colour};
-pub use crate::aids::{AIDS, ALL, is_aid};
+use super::{
+    Supported, camera_response, dropout, exposure_compensation, pose_refinement,
+    view_dependent_colour,
+};
+pub use crate::aids::{AIDS, ALL, BY_NAME, is_aid};
 
-/// Aids that methods of Gaussians have on request. They need a pilot fit, and their gain depends on the scene.
+/// Aids that methods of Gaussians have on request, because their gain depends on the scene.
 pub const ON_REQUEST: &[&str] = &[
     exposure_compensation::ID,
+    camera_response::ID,
     view_dependent_colour::ID,
     pose_refinement::ID,
     dropout::ID,

@@ -13,6 +13,7 @@
 //! and in no table.
 
 pub mod aids;
+pub mod camera_response;
 mod decision;
 mod decision_log;
 pub mod denser_points;
@@ -87,6 +88,7 @@ pub struct Supported {
 /// sky, which takes its share of the remaining room.
 pub const COMPONENTS: &[Component] = &[
     exposure_compensation::COMPONENT,
+    camera_response::COMPONENT,
     view_dependent_colour::COMPONENT,
     pose_refinement::COMPONENT,
     short_schedule::COMPONENT,

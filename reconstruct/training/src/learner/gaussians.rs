@@ -243,7 +243,8 @@ impl Learner for GaussianLearner<'_> {
 
     fn image(&mut self, view: &View) -> Result<RgbImage, EngineError> {
         let mut image = self.stepper.image(view, self.state.sh_degree)?;
-        if let Some(exposure) = &self.settings.exposure {
+        // A response, which the stepper applies, has gains of its own.
+        if let (Some(exposure), None) = (&self.settings.exposure, &self.settings.response) {
             exposure.apply(&mut image.data, view.time_seconds);
         }
         Ok(image)

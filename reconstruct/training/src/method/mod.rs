@@ -25,7 +25,11 @@ use crate::{
     scene::{CameraExtent, TrainingScene},
     train::{self, LoopSettings, Session, TrainingOutcome},
 };
-use omnilife_engine::{EngineError, model::Model, step::settings::TrainSettings};
+use omnilife_engine::{
+    EngineError,
+    model::{Model, camera_response::CameraResponse},
+    step::settings::TrainSettings,
+};
 
 /// Outcome of a method's training.
 #[derive(Debug)]
@@ -255,7 +259,7 @@ impl Method {
         let Prepared {
             mut learner,
             length,
-            configuration,
+            mut configuration,
             mut findings,
         } = prepared?;
         let idle = self.idle_constants(request, &findings.plan);
@@ -270,6 +274,7 @@ impl Method {
         };
         let mut training = train::train(scene, &mut *learner, length, &session)?;
         training.warnings.extend(findings.warnings.iter().cloned());
+        record_response(&mut configuration, &mut *learner)?;
         Ok(MethodOutcome {
             learner,
             training,
@@ -373,4 +378,22 @@ impl Method {
         }
         .into())
     }
+}
+
+/// Adds the learnt response of the camera to the settings in a run's record, if they have one.
+fn record_response(
+    configuration: &mut serde_json::Value,
+    learner: &mut dyn Learner,
+) -> Result<(), ReconstructError> {
+    let Some(settings) = configuration.get_mut("response") else {
+        return Ok(());
+    };
+    let model = learner.gaussians()?;
+    let response = model.and_then(|model| model.response.as_ref());
+    let learnt = response.and_then(CameraResponse::learnt);
+    settings["learnt"] =
+        serde_json::to_value(learnt).map_err(|error| ReconstructError::Request {
+            reason: format!("a camera's response that cannot be recorded: {error}"),
+        })?;
+    Ok(())
 }
