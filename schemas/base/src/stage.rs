@@ -56,7 +56,7 @@ impl Record for Done {
 /// One thing a stage depends on.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 pub struct StageInput {
-    /// What it is.
+    /// Name of the input.
     pub name: String,
     /// SHA-256 of its content.
     pub sha256: String,

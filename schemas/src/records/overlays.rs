@@ -18,7 +18,7 @@ pub struct OverlayReport {
 /// A region of the sphere that stays, or a mosaic that moves.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Overlay {
-    /// What it is.
+    /// Kind of overlay.
     pub class: OverlayClass,
     /// Longitude of its centre, degrees from the image's middle, positive to the right.
     pub longitude_degrees: f64,
@@ -62,7 +62,7 @@ impl Sightings {
     }
 }
 
-/// What an overlay is.
+/// Kind of an overlay.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum OverlayClass {

@@ -28,7 +28,7 @@ pub struct SfmAttempt {
     pub wall_seconds: f64,
     /// Models the mapper returned; the one with the most frames is looked at.
     pub models: u32,
-    /// What validation said about it, where there was a model.
+    /// Validation of its model, if it has one.
     pub validation: Option<PoseValidation>,
     /// Why there was none, in one line.
     pub failure: Option<String>,
