@@ -266,7 +266,7 @@ pub fn data_folder() -> Option<PathBuf> {
         .or_else(|| set("HOME").map(|home| home.join(".local/share/omnilife")))
 }
 
-/// Removes a file or a link, or a folder with its content; a missing one is no error.
+/// Removes a file or a link, or a folder with its content; a missing one is accepted.
 ///
 /// # Errors
 /// When it exists and cannot be removed.
@@ -322,7 +322,7 @@ pub fn write_with(
     if fs::metadata(path).is_ok_and(|there| !there.is_file() && !there.is_dir()) {
         return Err(StoreError::refused(
             path,
-            "is no regular file, and would be replaced by one",
+            "must be a regular file; a device, socket or pipe is not replaced",
         ));
     }
     let temporary = Unfinished::beside(path);

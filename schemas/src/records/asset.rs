@@ -82,7 +82,7 @@ pub struct AssetLevel {
     pub growth: f64,
 }
 
-/// A scene that moves: at every moment it is what stands still and what moves then, both in the place
+/// A dynamic scene: at every moment its static Gaussians and those of the moment, which together stand in the place
 /// of the levels.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct AssetMoments {

@@ -10,9 +10,9 @@ use crate::store::Record;
 pub struct Operator {
     /// Id of the sequence.
     pub sequence: String,
-    /// Verdict on the sequence.
+    /// Finding for the sequence.
     pub finding: OperatorFinding,
-    /// Reason of the verdict, in words.
+    /// Reason of the finding, in words.
     pub reason: String,
     /// Change that content would show if it went by, less the change that it shows, over its area: grey levels of 255
     /// times steradians; 0 if not judged.

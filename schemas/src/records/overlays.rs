@@ -27,9 +27,9 @@ pub struct Overlay {
     /// Its size; the whole sphere has 4 pi.
     pub solid_angle_steradians: f64,
     /// Length of the mean gradient over the mean length of the gradient: 1 where nothing changes, 0
-    /// of what moves.
+    /// in dynamic regions.
     pub constancy: f64,
-    /// Share of its details that stay from one look to the next; 0 of what moves.
+    /// Share of its details that stay from one look to the next; 0 in dynamic regions.
     pub stayed: f64,
     /// Mean gradient on its edges, 8-bit levels per pixel.
     pub strength_levels: f64,

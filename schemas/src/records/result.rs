@@ -63,7 +63,7 @@ pub struct ResultRecord {
     /// The predictions that were scored; records of older versions do not say.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub predictions: Option<ScoredPredictions>,
-    /// Facts about the run that whoever scored it states and no record measured.
+    /// Facts about the run that were stated at scoring and that no record measured.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub statement: Option<RunStatement>,
     /// The way the method came to its views, where a record or a statement says.
@@ -164,7 +164,7 @@ pub struct ScoredPredictions {
     pub files: Vec<ScoredFile>,
 }
 
-/// A predicted view, or its distances.
+/// A novel or input view as predicted, or its distances.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 pub struct ScoredFile {
     /// `input` or `novel`.

@@ -316,7 +316,7 @@ fn side_pixels<'de, D: Deserializer<'de>>(deserializer: D) -> Result<u32, D::Err
     if (1..=MOST).contains(&pixels) {
         return Ok(pixels);
     }
-    let reason = format!("{pixels} pixels is no side of an image, expected 1 to {MOST}");
+    let reason = format!("the side of an image must be 1 to {MOST} pixels, got {pixels}");
     Err(serde::de::Error::custom(reason))
 }
 

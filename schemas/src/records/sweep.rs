@@ -14,7 +14,7 @@ pub struct SweepPlan {
     pub version: String,
     /// Absolute path of the folder in which all commands run.
     pub folder: String,
-    /// The units, in the order in which they are begun.
+    /// The units, in the order in which they start.
     pub units: Vec<SweepUnit>,
     /// Commands that make one whole of what the units leave, run one after another.
     pub reduce: Vec<Vec<String>>,
