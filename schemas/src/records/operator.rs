@@ -35,7 +35,7 @@ impl Record for Operator {
     const SCHEMA: &'static str = "omnilife/operator/1";
 }
 
-/// Verdict on content that stays in the camera's frame.
+/// Finding on content that stays in the camera's frame.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum OperatorFinding {
