@@ -47,7 +47,7 @@ pub(crate) fn why_not(
             },
             Need::DynamicMask if tells(Region::Moving) => continue,
             Need::DynamicMask if has_tracks => continue,
-            Need::DynamicMask => "the scene has no masks of what moves".to_owned(),
+            Need::DynamicMask => "the scene has no dynamic masks".to_owned(),
             Need::ClassMask(class) if tells(Region::Class(class)) => continue,
             Need::ClassMask(class) => format!("the scene has no masks of class {class}"),
             Need::ObjectMasks if any_frame(&|frame| frame.object_names().next().is_some()) => {

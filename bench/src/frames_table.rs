@@ -70,7 +70,7 @@ fn row(job: &ScoringJob, outcome: &ViewOutcome) -> FrameRow {
     }
 }
 
-/// Returns the distance in world units from a frame's camera to the nearest camera of a given view; `None` if one of
+/// Returns the distance in world units from a frame's camera to the nearest camera of an input view; `None` if one of
 /// them has no pose.
 fn distance_to_given(job: &ScoringJob, frame: u32) -> Option<f64> {
     let position = |frame: u32| Some(job.scene.frames.get(frame as usize)?.pose?.centre());

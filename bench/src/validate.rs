@@ -169,7 +169,7 @@ fn finding(view: View, reason: String) -> Finding {
     }
 }
 
-/// Returns predictions that repeat an earlier one although the ground truth does not. Copies of a given view among
+/// Returns predictions that repeat an earlier one although the ground truth does not. Copies of an input view among
 /// novel ones are no fault: baselines predict them.
 fn repetitions(job: &ScoringJob, checked: &[Checked]) -> Vec<Finding> {
     let mut first: BTreeMap<&str, (&View, &str)> = BTreeMap::new();

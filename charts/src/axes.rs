@@ -34,7 +34,7 @@ pub struct Axes {
 /// Draws axes around curves, at least one of which has points; `margin` units stay free on the right.
 ///
 /// # Errors
-/// When the drawing library fails.
+/// When the plotting library fails.
 pub fn axes(titles: &Titles<'_>, margin: i32, curves: &[Curve]) -> Result<Axes, ChartError> {
     let points = || curves.iter().flat_map(|curve| &curve.points);
     let levels = curves.iter().filter_map(|curve| curve.level);

@@ -39,7 +39,7 @@ const PAPER: RGBColor = RGBColor(255, 255, 255);
 /// Draws bars below a title and a line about their total; `empty` is the text without bars.
 ///
 /// # Errors
-/// When the drawing library fails.
+/// When the plotting library fails.
 pub fn bars(title: &str, about: &str, empty: &str, bars: &[Bar]) -> Result<String, ChartError> {
     let rows = bars.len().max(1) as i32;
     let height = TITLE_HEIGHT + rows * ROW_HEIGHT + MARGIN;

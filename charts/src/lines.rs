@@ -56,7 +56,7 @@ pub struct Series {
 /// Draws lines over a logarithmic x axis, with `y` on a linear one.
 ///
 /// # Errors
-/// When no series has a point, or the drawing library fails.
+/// When no series has a point, or the plotting library fails.
 pub fn over_log_x(
     caption: &str,
     titles: &Titles<'_>,
@@ -85,7 +85,7 @@ pub fn over_log_x(
 /// Draws lines over a logarithmic x axis, with `y` on another one.
 ///
 /// # Errors
-/// When no series has a point, or the drawing library fails.
+/// When no series has a point, or the plotting library fails.
 pub fn log_log(
     caption: &str,
     titles: &Titles<'_>,

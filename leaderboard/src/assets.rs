@@ -1,8 +1,8 @@
 //! Assets of `reconstruct export`, with the scores of their levels.
 //!
 //! An asset lies in the folder of its `asset.json`. The scores of a level are the `result.json` of `scores/<LEVEL>/`
-//! beside it: `reconstruct render ASSET/LEVEL.splat` and `bench score --novel-views` create them. A level is no method:
-//! these results are in no other table.
+//! beside it: `reconstruct render ASSET/LEVEL.splat` and `bench score --novel-views` create them. Levels are not
+//! methods: these results are in no other table.
 #![cfg_attr(
     not(test),
     deny(clippy::indexing_slicing, clippy::arithmetic_side_effects)

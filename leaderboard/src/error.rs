@@ -109,7 +109,7 @@ pub enum LeaderboardError {
     Chart {
         /// The chart.
         chart: String,
-        /// The drawing library's reason.
+        /// The plotting library's reason.
         reason: String,
     },
     /// An embedded file of published tables is broken.

@@ -57,11 +57,11 @@ impl FrameScores {
     /// Reads a table.
     ///
     /// # Errors
-    /// When the file cannot be read or is no such table.
+    /// When the file cannot be read or is not such a table.
     pub fn read(path: &Path) -> Result<Self, StoreError> {
         let bytes = store::read_limited(path, MOST_BYTES)?;
         let malformed =
-            |reason| StoreError::malformed(path, format!("is no table of views: {reason}"));
+            |reason| StoreError::malformed(path, format!("must be a table of views: {reason}"));
         Self::from_bytes(&bytes).map_err(malformed)
     }
 

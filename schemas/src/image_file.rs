@@ -137,7 +137,7 @@ impl<'a> ImageFile<'a> {
     /// Opens a file and reads its header.
     ///
     /// # Errors
-    /// When the file is missing, is no image, or states no pixels or more than [`MOST_PIXELS`].
+    /// When the file is missing, is not an image, or states no pixels or more than [`MOST_PIXELS`].
     pub fn open(path: &'a Path) -> Result<Self, StoreError> {
         error_kind::reading(path);
         let failed = |source| StoreError::read(path, source);

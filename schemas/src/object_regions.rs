@@ -1,7 +1,7 @@
 //! Regions of a frame: moving content, and the objects of a class.
 //!
 //! A frame's own mask of a region comes first. Where it has none, the region is the union of the scene's objects, those
-//! of the class or all: they are what moves. An object without a mask in a frame is as large as its box there.
+//! of the class or all, since objects move. An object without a mask in a frame is as large as its box there.
 
 use std::collections::BTreeMap;
 

@@ -50,11 +50,11 @@ impl ObjectScores {
     /// Reads a table.
     ///
     /// # Errors
-    /// When the file cannot be read or is no such table.
+    /// When the file cannot be read or is not such a table.
     pub fn read(path: &Path) -> Result<Self, StoreError> {
         let bytes = store::read_limited(path, MOST_BYTES)?;
         let malformed =
-            |reason| StoreError::malformed(path, format!("is no table of objects: {reason}"));
+            |reason| StoreError::malformed(path, format!("must be a table of objects: {reason}"));
         Self::from_bytes(&bytes).map_err(malformed)
     }
 

@@ -16,7 +16,7 @@ const UNSEEN_ROUNDING: f64 = 1e-5;
 /// Number of frames that a warning lists.
 const LISTED_FRAMES: usize = 10;
 
-/// Where a camera is and how it is turned: `x_w = R x_c + centre`.
+/// Position and rotation of a camera: `x_w = R x_c + centre`.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Pose {
     /// Camera-to-world rotation as a quaternion (w, x, y, z).

@@ -193,7 +193,7 @@ fn given(scene: &Scene, frames: &[u32]) -> Result<Shares, String> {
     }
     if let Some(missing) = frames.iter().find(|frame| !posed.contains(frame)) {
         return Err(format!(
-            "frame {missing} is to be given, and is no frame with a pose of {}",
+            "input view {missing} must be the index of a frame with a pose, of {} frames",
             scene.frames.len()
         ));
     }
@@ -234,8 +234,9 @@ fn published(scene: &Scene) -> Result<Shares, String> {
         }
         let mut posed = Vec::new();
         for &view in views {
-            let frame = (scene.frames.get(view as usize))
-                .ok_or_else(|| format!("its published {use_of} view {view} is no frame"))?;
+            let frame = (scene.frames.get(view as usize)).ok_or_else(|| {
+                format!("its published {use_of} view {view} must be a frame of the scene")
+            })?;
             posed.extend(frame.pose.map(|_| view));
         }
         if posed.is_empty() {

@@ -208,7 +208,7 @@ pub fn nearest_turn(angle: f64, reference: f64) -> f64 {
     angle - turns.round() * std::f64::consts::TAU
 }
 
-/// Where an object is while it is known, and where it heads.
+/// Position and heading of an object over the time at which they are known.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct ObjectPath {
     /// Centre of its box.

@@ -87,8 +87,8 @@ def still(folder):
             planning = [run.record["planning_cpu_seconds"] for run in methods[name]]
             plain = [run.record["training_cpu_seconds"] for run in methods[PEER]]
             share = sum(planning) / sum(plain)
-            lines.append(f"Its images are those of `{PEER}` to the bit: what it costs is planning, {spread(planning, 2)} "
-                         f"CPU s, {share:.1%} of the other's training, and the rest of the ratio is the machine's noise.")
+            lines.append(f"Its images are those of `{PEER}` to the bit. Its cost is planning, {spread(planning, 2)} CPU s, "
+                         f"{share:.1%} of the other's training. The rest of the ratio is noise of the machine.")
     lines.append(f"\nWhat the plan says of motion: {planned.decision('temporal-opacity')['reason']}.")
     return "\n".join(lines)
 

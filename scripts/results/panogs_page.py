@@ -177,9 +177,9 @@ def large(folder):
     return [
         f"## One sample per pixel of {views} panoramas of {width}x{height}", "",
         f"{views} x {width} x {height} = {pixels:,} pixels. {summary[0].upper()}{summary[1:]}. The images are "
-        "those of the rendering, enlarged, and the distances refined to them: the rows say what as many Gaussians "
-        "as the paper's assets have cost here, and their scores, of images without more detail, stand for nothing "
-        "but the order of the levels.", "",
+        "those of the rendering, enlarged, and the distances refined to them. The rows show the cost of as many "
+        "Gaussians as the paper's assets have. The images have no more detail, so their scores tell only the order "
+        "of the levels.", "",
         *table(HEADS, [row("one sample per pixel", every), row("finest samples", finest)]), "",
         f"Refinement of distances, normals, lift, and the choice among {views} views take {finest_cpu:.1f} CPU "
         "seconds of planning.", "",
@@ -222,9 +222,9 @@ def main():
     if (folder / "street/plan").exists():
         text += further(folder / "street", "A street", "`street` is rendered, outdoors.")
     if (folder / "tunnel/plan").exists():
-        text += further(folder / "tunnel", "Real footage", "`tunnel` is a walk with a consumer camera; poses come "
-                        "from structure from motion, distances from the sphere sweep of neighbouring views, so "
-                        "ghosts and holes, which are counted by known distances, are not.")
+        text += further(folder / "tunnel", "Real footage", "`tunnel` is a walk with a consumer camera. Poses come "
+                        "from structure from motion, distances from the sphere sweep of neighbouring views. Ghosts "
+                        "and holes need known distances and are not counted.")
     page = PAGE.read_text()
     before, rest = page.split(BEGIN)
     PAGE.write_text(before + BEGIN + "\n" + "\n".join(text) + "\n" + END + rest.split(END)[1])

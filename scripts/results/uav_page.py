@@ -225,9 +225,9 @@ def images(folder, scene, page):
     sheet.save(target, quality=72)
     return [f"![frames 16 (given), 17 and 25 (novel): as filmed, odgs, object-graph on its own tracks, all "
             f"vehicles taken out, one moved and one copied](../images/{target.name})", "",
-            "Frames 16 (given), 17 and 25 (novel): as filmed, `odgs`, `object-graph` on tracks by `motion`, "
-            "the same with every vehicle taken out, and on exact tracks with one vehicle moved and turned "
-            "and one copied."]
+            "Frames 16 (input), 17 and 25 (novel): as filmed, `odgs`, and `object-graph` on tracks by `motion`. "
+            "Then the same without all vehicles, and on exact tracks with one vehicle moved and turned and one "
+            "copied."]
 
 
 def main():

@@ -109,7 +109,9 @@ fn check(plan: &SweepPlan) -> Result<(), String> {
     for unit in &plan.units {
         let id = &unit.id;
         if *id != file_name(id) {
-            return Err(format!("unit {id:?}: is no name for a folder"));
+            return Err(format!(
+                "unit {id:?}: an id must be a valid name of a folder"
+            ));
         }
         if !ids.insert(id) {
             return Err(format!("unit {id}: is planned twice"));

@@ -229,7 +229,7 @@ fn a_damaged_table_of_views_is_refused() {
     repack(&submission, "frames.csv");
     let message = add(&submission, &results, "0").failed_quietly(2).to_owned();
     assert!(
-        message.contains("frames.csv: is no table of views"),
+        message.contains("frames.csv: must be a table of views"),
         "{message}"
     );
 }

@@ -1,7 +1,7 @@
 //! Error against run time: from the novel views along a training to its curve, and from curves to time-to-quality
-//! tables, drawings and the Pareto front.
+//! tables, plots and the Pareto front.
 //!
-//! Time, on the wall's clock or the CPU's, is that of planning and of the training steps alone; the time for rendering
+//! Time, wall-clock or CPU time, is that of planning and of the training steps alone; the time for rendering
 //! the views along it is reported beside it. Quality is the mean PSNR of the novel views at a row of the trace, by the
 //! metric that scores the predictions. Runs are compared if scene and protocol are the same. A run without scores along
 //! its training is a point, with a line: its training time and its score. That is a method that does not train, a
@@ -103,7 +103,7 @@ fn drawing_file(number: usize) -> String {
     format!("curve-{number}.svg")
 }
 
-/// Returns a line for every run without scores along its training: its place in table and drawing.
+/// Returns a line for every run without scores along its training: its place in table and plot.
 fn without_rows(runs: &[TracedRun], clock: Clock) -> impl Iterator<Item = String> {
     let names = trace::names(&runs.iter().collect::<Vec<_>>());
     let of_end = runs

@@ -146,7 +146,7 @@ impl FinalScores {
             let metric = region.psnr_metric();
             let reason = match region {
                 Region::Whole => "",
-                _ => ": the scene has no masks of what moves, or an older version scored it",
+                _ => ": the scene has no dynamic masks, or an older version scored it",
             };
             BenchError::mismatch(file, format!("has no {metric} of novel views{reason}"))
         })?;

@@ -21,7 +21,7 @@ const LARGEST_LOSS_DB: f64 = 0.5;
 const NEIGHBOUR_GAIN_DB: f64 = 3.0;
 /// Least share of views of other frames if these are unordered.
 const PERMUTED_SHARE: f64 = 0.5;
-/// Least PSNR to a given view of its copy, and the least distance of the right one, dB.
+/// Least PSNR to an input view of its copy, and the least distance of the right one, dB.
 const COPY_DB: f64 = 42.0;
 const COPY_LEAD_DB: f64 = 3.0;
 

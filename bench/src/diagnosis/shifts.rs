@@ -28,7 +28,7 @@ const AGREEING_VIEW_PIXELS: f64 = 0.3;
 const AGREEING_PART_PIXELS: f64 = 0.35;
 const AGREEING_VIEWS: f64 = 0.8;
 const AGREEING_PARTS: f64 = 0.75;
-/// Least gain in dB of every view by a shift: one without a gain is no matter of convention.
+/// Least gain in dB of every view by a shift: a shift without a gain is not a mistake of convention.
 const TELLING_GAIN_DB: f64 = 0.2;
 
 /// Returns the shift (right, down) in pixels of every part of a prediction against the ground truth, row by row; `None`

@@ -27,7 +27,7 @@ pub(super) fn view(
         for (image, source) in images.iter().zip(sources) {
             if image.width != image.height {
                 return Err(format!(
-                    "{} is no face of a cube: it has {}x{} pixels",
+                    "{}: a face of a cube must be square, got {}x{} pixels",
                     source.display(),
                     image.width,
                     image.height

@@ -37,7 +37,7 @@ pub struct FailureRequest {
 /// row of the tables.
 ///
 /// # Errors
-/// When scene and split are unusable or do not belong together, a file that is no record of ours is in
+/// When scene and split are unusable or do not belong together, a file that is not a record of this program is in
 /// the way, or a file cannot be written.
 pub fn record_failure(
     request: &FailureRequest,

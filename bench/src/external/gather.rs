@@ -106,7 +106,7 @@ fn group_of(split: &Split, frame: u32) -> usize {
         .unwrap_or(0)
 }
 
-/// Returns the place of a frame among the novel views of its group; 0 if no group has it.
+/// Returns the index of a frame among the novel views of its group; 0 if no group has it.
 fn target_of(split: &Split, frame: u32) -> usize {
     let mut places = split.groups.iter().map(|group| {
         let mut views = group.novel_views.iter();

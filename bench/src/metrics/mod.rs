@@ -46,7 +46,7 @@ use omnilife_schemas::{
 
 use crate::{error::BenchError, lpips::Backbone, protocols};
 
-/// A metric: a number for a predicted view beside its ground truth.
+/// A metric: a number for a prediction compared with its ground truth.
 #[derive(Debug, Clone, Copy)]
 pub struct Metric {
     /// Id, unique in [`METRICS`]. Variants of a metric are metrics of their own.
@@ -71,7 +71,7 @@ pub struct Metric {
 /// Computes a metric of a view.
 pub type Function = fn(&Sample<'_>) -> Result<f64, Undefined>;
 
-/// A requirement of a metric beside a predicted view and its ground truth.
+/// A requirement of a metric beside a prediction and its ground truth.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Need {
     /// The weights of a network.

@@ -1,4 +1,4 @@
-//! All data of one predicted view.
+//! All data of one prediction.
 
 use std::{collections::BTreeMap, sync::OnceLock};
 
@@ -20,7 +20,7 @@ pub struct DepthPair {
     pub truth: Vec<f32>,
 }
 
-/// Input of a metric: a predicted view beside its ground truth, with all other data of it. Shared intermediate results
+/// Input of a metric: a prediction beside its ground truth, with all other data of it. Shared intermediate results
 /// are computed once.
 ///
 /// Masks and depth have the size of the images.

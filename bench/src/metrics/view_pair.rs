@@ -1,4 +1,4 @@
-//! A predicted view beside its ground truth.
+//! A prediction beside its ground truth.
 
 use std::sync::OnceLock;
 
@@ -6,7 +6,7 @@ use omnilife_schemas::rgb::Mask;
 
 use crate::lpips::{Backbone, ImageFeatures, InputRange, Lpips};
 
-/// A predicted view and its ground truth: two 8-bit RGB images of the same size.
+/// A prediction and its ground truth: two 8-bit RGB images of the same size.
 ///
 /// Pixels that no score counts have the ground truth as their prediction, so that windows and networks that reach over
 /// them see no error there; means are over the other pixels.

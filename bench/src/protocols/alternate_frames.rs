@@ -8,9 +8,9 @@ use super::{ProtocolEntry, metric_list};
 /// the wrong place.
 pub(super) const ENTRY: ProtocolEntry = ProtocolEntry {
     id: "alternate-frames",
-    description: "Dynamic scenes in view and time: of every two posed frames the first is given and the \
-                  second is predicted; both kinds are scored, whole images at the scene's own size, what \
-                  moves and what stands still apart where masks are known",
+    description: "Dynamic scenes in view and time: of every two posed frames the first is an input view and \
+                  the second a novel one; both kinds are scored, whole images at the scene's own size, \
+                  and by dynamic and static regions where the scene has masks",
     protocol,
 };
 

@@ -188,7 +188,7 @@ fn scenes_without_a_usable_published_split_are_refused() {
     let message = refusal(split(&scene(8, &[]), &published()));
     assert!(message.contains("no split was published"), "{message}");
     for (input, novel, what) in [
-        (&[0, 8][..], &[1][..], "8 is no frame"),
+        (&[0, 8][..], &[1][..], "view 8 must be a frame"),
         (&[0, 1], &[1, 2], "frame 1 is"),
         (&[1, 0], &[2], "do not rise"),
         (&[0, 1], &[3, 3], "do not rise"),

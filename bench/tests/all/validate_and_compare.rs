@@ -284,7 +284,7 @@ fn damaged_tables_of_views_are_refused() {
         assert_eq!(error.error_kind(), ErrorKind::User, "{error}");
         let message = error.to_string();
         assert!(
-            message.contains("frames.csv: is no table of views"),
+            message.contains("frames.csv: must be a table of views"),
             "{message}"
         );
         assert!(!message.contains('\n'), "{message}");

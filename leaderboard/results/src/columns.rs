@@ -293,7 +293,7 @@ const OF_VIEWS: &[Column] = &[
     ),
     Column::number(
         "distance_to_given",
-        "World units from the camera to the nearest camera of a given view.",
+        "World units from the camera to the nearest camera of an input view.",
         |row| view(row)?.distance_to_given,
     ),
 ];

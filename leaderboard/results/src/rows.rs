@@ -52,7 +52,7 @@ pub(crate) struct View {
     pub(crate) time_seconds: f64,
     /// 1 to 3: its third of the time from the first view to the last one.
     pub(crate) third: Option<i64>,
-    /// World units from its camera to the nearest camera of a given view.
+    /// World units from its camera to the nearest camera of an input view.
     pub(crate) distance_to_given: Option<f64>,
 }
 

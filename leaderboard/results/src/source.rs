@@ -71,7 +71,10 @@ impl<'a> Source<'a> {
         if !is_inside(&self.result.frames_table) {
             return Err(ResultsError::Impossible {
                 path: self.file.to_owned(),
-                reason: format!("{:?} is no file in its folder", self.result.frames_table),
+                reason: format!(
+                    "{:?} must be a relative path inside its folder",
+                    self.result.frames_table
+                ),
             });
         }
         let path = self.file.with_file_name(&self.result.frames_table);

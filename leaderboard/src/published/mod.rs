@@ -41,7 +41,7 @@ pub struct Paper {
     pub id: String,
     /// Title.
     pub title: String,
-    /// What its tables call `Ours`, where they do.
+    /// Name of the paper's own method, if its tables call it `Ours`.
     #[serde(default)]
     pub own_method: Option<String>,
     /// Those of its tables that are shown, in order.

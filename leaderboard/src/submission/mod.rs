@@ -46,7 +46,7 @@ fn files_below(folder: &Path) -> Result<Vec<String>, LeaderboardError> {
                 let what = if kind.is_symlink() {
                     "is a link; a submission holds the files themselves"
                 } else {
-                    "is no file"
+                    "is a device, socket or pipe; a submission holds regular files"
                 };
                 return Err(submission_error(&path, what.to_owned()));
             }

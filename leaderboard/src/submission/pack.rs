@@ -142,7 +142,7 @@ pub fn read_card(path: &Path) -> Result<MethodCard, LeaderboardError> {
     let text = fs::read_to_string(path).map_err(|source| StoreError::read(path, source))?;
     toml::from_str(&text).map_err(|error| {
         let message = error.message().lines().next().unwrap_or_default();
-        submission_error(path, message.to_owned())
+        submission_error(path, format!("must be a card in TOML: {message}"))
     })
 }
 

@@ -167,7 +167,7 @@ pub fn is_inside(file: &str) -> bool {
 /// When the name is empty, absolute, has a part `.` or `..`, or leads through a link.
 pub fn path_inside(folder: &Path, file: &str) -> Result<PathBuf, StoreError> {
     if !is_inside(file) {
-        let reason = format!("{file:?} is no file in the folder");
+        let reason = format!("{file:?} must be a relative path inside the folder");
         return Err(StoreError::refused(folder, reason));
     }
     let mut path = folder.to_owned();

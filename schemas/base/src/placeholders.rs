@@ -22,7 +22,9 @@ pub fn check(text: &str, known: &[(&str, bool)]) -> Result<(), String> {
             ));
         };
         if digits > 0 && !is_number {
-            return Err(format!("{text:?}: {{{name}}} is no number to pad"));
+            return Err(format!(
+                "{text:?}: only numbers can be padded, and {{{name}}} is text"
+            ));
         }
     }
     Ok(())
@@ -95,7 +97,10 @@ mod tests {
         assert_eq!(check("{folder}/{frame:06}", &known), Ok(()));
         for (text, reason) in [
             ("{fram}", "{fram} is not known; there are {frame}, {folder}"),
-            ("{folder:03}", "{folder} is no number to pad"),
+            (
+                "{folder:03}",
+                "only numbers can be padded, and {folder} is text",
+            ),
             ("{frame:3x}", "padding is written {frame:06}"),
             ("{frame", "a brace is not closed"),
         ] {

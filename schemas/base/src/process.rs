@@ -165,7 +165,7 @@ mod tests {
 
     #[test]
     #[cfg(target_os = "linux")]
-    fn a_process_that_has_ended_does_not_run_though_nobody_has_asked_how() {
+    fn an_ended_process_that_was_not_waited_for_does_not_run() {
         let mut child = std::process::Command::new("true")
             .spawn()
             .expect("true is there");

@@ -141,7 +141,7 @@ mod tests {
     }
 
     #[test]
-    fn nobody_has_said_what_this_test_was_built_from() {
+    fn an_empty_commit_is_unknown() {
         state_commit("");
         assert_eq!(versions()[COMMIT], UNKNOWN);
     }

@@ -56,7 +56,7 @@ impl Record for Done {
 /// One thing a stage depends on.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 pub struct StageInput {
-    /// What it is.
+    /// Name of the input.
     pub name: String,
     /// SHA-256 of its content.
     pub sha256: String,
@@ -74,7 +74,7 @@ pub struct StageOutput {
     pub sha256: Option<String>,
 }
 
-/// A stage that has begun and not finished, `.done/<stage>.begun.json` in the stage's folder.
+/// A stage that has started and not finished, `.done/<stage>.begun.json` in the stage's folder.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 pub struct Begun {
     /// Name of the stage.

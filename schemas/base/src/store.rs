@@ -103,6 +103,7 @@ impl StoreError {
     pub fn read(path: &Path, source: io::Error) -> Self {
         let source = match folder_fault(path) {
             Some(fault) if is_not_there(source.kind()) => io::Error::new(source.kind(), fault),
+            _ if is_not_text(&source) => io::Error::new(source.kind(), "must be text in UTF-8"),
             _ => source,
         };
         Self::Read {
@@ -158,6 +159,11 @@ fn is_bad_path(kind: io::ErrorKind) -> bool {
 /// Returns whether the system did not find the path.
 fn is_not_there(kind: io::ErrorKind) -> bool {
     matches!(kind, io::ErrorKind::NotFound | io::ErrorKind::NotADirectory)
+}
+
+/// Returns true for the standard library's error of a file without valid UTF-8; errors of other origin hold their own.
+fn is_not_text(source: &io::Error) -> bool {
+    source.kind() == io::ErrorKind::InvalidData && source.get_ref().is_none()
 }
 
 /// Returns the fault of the folder of `path`; `None` where it is a folder.
@@ -266,7 +272,7 @@ pub fn data_folder() -> Option<PathBuf> {
         .or_else(|| set("HOME").map(|home| home.join(".local/share/omnilife")))
 }
 
-/// Removes a file or a link, or a folder with its content; a missing one is no error.
+/// Removes a file or a link, or a folder with its content; a missing one is accepted.
 ///
 /// # Errors
 /// When it exists and cannot be removed.
@@ -322,7 +328,7 @@ pub fn write_with(
     if fs::metadata(path).is_ok_and(|there| !there.is_file() && !there.is_dir()) {
         return Err(StoreError::refused(
             path,
-            "is no regular file, and would be replaced by one",
+            "must be a regular file; a device, socket or pipe is not replaced",
         ));
     }
     let temporary = Unfinished::beside(path);

@@ -12,7 +12,7 @@ pub struct About {
     pub name: String,
     /// Licence of the whole, as an SPDX identifier where there is one.
     pub licence: Option<String>,
-    /// What it is, in a sentence or two.
+    /// Description in a sentence or two.
     pub description: Option<String>,
     /// Further statements.
     pub statements: Option<Statements>,

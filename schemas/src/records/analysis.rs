@@ -15,15 +15,15 @@ pub struct VideoAnalysis {
     pub source: SourceVideo,
     /// From the first frame to the end of the last.
     pub range: TimeRange,
-    /// What the container said, completed by what decoding measured.
+    /// Statements of the container, completed by measurements of the decoded frames.
     pub probe: Probe,
-    /// What the pixels and the metadata said, before any override.
+    /// Projection by pixels and metadata, before any override.
     #[serde(alias = "verdict")]
     pub projection: DetectedProjection,
-    /// How the sphere is stored, where frames are made equirectangular: as asked for, or as the evidence has it.
+    /// Layout of the sphere that frames are converted from: the requested one, else the one of the evidence.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub layout: Option<SphereLayout>,
-    /// What is painted over the image or always in it; `None` where the image is no single
+    /// Overlays painted over the image or always in it; `None` where the image is no single
     /// sphere.
     pub overlays: Option<OverlayReport>,
     /// Frames and packets that the decoder found damaged and patched up or left out.

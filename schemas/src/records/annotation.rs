@@ -17,15 +17,15 @@ pub struct Annotation {
     pub scene: Option<Tag>,
     /// Semantic group of the scene category.
     pub group: Option<String>,
-    /// Whether the sequence goes from indoors to outdoors or back without a cut.
+    /// `true` if the sequence goes from indoors to outdoors or back without a cut.
     pub traversal: bool,
     /// Action class.
     pub action: Option<Tag>,
     /// Captions, one per author.
     pub captions: Vec<Caption>,
-    /// How the camera moves.
+    /// Motion of the camera.
     pub ego_motion: EgoMotion,
-    /// How much else moves.
+    /// Motion of the scene's content.
     pub dynamics: Option<Dynamics>,
 }
 
@@ -38,7 +38,7 @@ impl Record for Annotation {
 pub struct Tag {
     /// Name in the taxonomy.
     pub name: String,
-    /// Who chose it.
+    /// Author of the choice.
     pub author: String,
 }
 
@@ -47,7 +47,7 @@ pub struct Tag {
 pub struct Caption {
     /// The text.
     pub text: String,
-    /// Who wrote it: a person's name, or the command.
+    /// Author: a person's name, or the command.
     pub author: String,
 }
 
@@ -58,11 +58,11 @@ pub struct CaptionAnswer {
     pub endpoint: String,
     /// Name of the model there.
     pub model: String,
-    /// What it was asked.
+    /// Prompt given to the model.
     pub prompt: String,
     /// Number of images that it was shown.
     pub images: u64,
-    /// What it answered.
+    /// Answer of the model.
     pub caption: String,
 }
 
@@ -70,7 +70,7 @@ impl Record for CaptionAnswer {
     const SCHEMA: &'static str = "omnilife/caption-answer/1";
 }
 
-/// How the camera moves: what the action implies and what was measured, kept apart.
+/// Motion of the camera: implied by the action, and measured. The two are kept apart.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize, JsonSchema)]
 pub struct EgoMotion {
     /// Class of the action in the taxonomy.
@@ -98,7 +98,7 @@ pub type Dynamics = Measured;
 pub struct Measured {
     /// The class.
     pub class: String,
-    /// What was looked at: `poses`, `frames`, `masks`.
+    /// Evidence: `poses`, `frames`, `masks`.
     pub from: String,
     /// Every value with the limit it is compared with.
     pub evidence: Vec<Evidence>,

@@ -8,13 +8,13 @@ use crate::store::Record;
 /// `asset.json`. All files are relative to its folder.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Asset {
-    /// What was exported.
+    /// The exported model.
     pub source: AssetSource,
     /// Gaussians of the source that a viewer can draw.
     pub splats: u64,
     /// The levels, the smallest first; each is part of the next.
     pub levels: Vec<AssetLevel>,
-    /// Of a scene that moves, what is shown at other moments than that of the levels.
+    /// Moments of a dynamic scene beside that of the levels.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub moments: Option<AssetMoments>,
     /// Files of a moving scene that is exported as a sequence, in order: all Gaussians at a moment.
@@ -22,9 +22,9 @@ pub struct Asset {
     pub sequence: Vec<AssetMoment>,
     /// Levels and moments that were asked for and are not there, with the reason.
     pub left_out: Vec<String>,
-    /// How the coordinates of the files came from the world's.
+    /// Transform from world coordinates to those of the files.
     pub placement: AssetPlacement,
-    /// What was changed for viewers.
+    /// Changes made for viewers.
     pub changes: AssetChanges,
     /// Gaussians of the source that are not valid.
     #[serde(default)]
@@ -52,7 +52,7 @@ impl Record for Asset {
     const SCHEMA: &'static str = "omnilife/asset/1";
 }
 
-/// What was exported.
+/// Source of an export.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct AssetSource {
     /// SHA-256 of the run's record, or of the file of Gaussians.
@@ -78,11 +78,11 @@ pub struct AssetLevel {
     pub bytes: u64,
     /// SHA-256 of the file.
     pub sha256: String,
-    /// How much larger its Gaussians are than the source's, for being fewer.
+    /// Ratio of the sizes of its Gaussians to the source's, which makes up for their smaller number.
     pub growth: f64,
 }
 
-/// A scene that moves: at every moment it is what stands still and what moves then, both in the place
+/// A dynamic scene: at every moment its static Gaussians and those of the moment, which together stand in the place
 /// of the levels.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct AssetMoments {
@@ -125,7 +125,7 @@ pub struct AssetPlacement {
     pub rotation_wxyz: [f64; 4],
 }
 
-/// What was changed for viewers, in Gaussians.
+/// Changes made for viewers, in Gaussians.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
 pub struct AssetChanges {
     /// Left out because their opacity rounds to 0.
@@ -165,7 +165,7 @@ pub struct AssetPage {
     pub file: String,
     /// Name of the level inside it; `None` where it holds moments, or none and others open by file or server.
     pub level: Option<String>,
-    /// Whether all moments of a scene that moves are inside it, instead of a level.
+    /// `true` if it holds all moments of a dynamic scene instead of a level.
     #[serde(default)]
     pub holds_moments: bool,
     /// Bytes of the file.

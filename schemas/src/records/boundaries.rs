@@ -38,15 +38,15 @@ impl Record for BoundaryLedger {
 /// A shot that becomes no sequence for what its frames show.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct RejectedShot {
-    /// Where it lies.
+    /// Range of time.
     pub range: TimeRange,
     /// Id of the check that it fails: `blank`, `title-card` or `shot-projection`.
     pub check: String,
-    /// What was measured, in the unit of the check.
+    /// Measured value, in the unit of the check.
     pub value: f64,
     /// The limit that the value is beyond.
     pub limit: f64,
-    /// What it shows and what the value is, in words.
+    /// Content of the segment and meaning of the value, in words.
     pub reading: String,
 }
 
@@ -58,7 +58,7 @@ pub struct Boundary {
     pub begin_seconds: f64,
     /// Timestamp of the first frame that belongs to the new shot alone.
     pub end_seconds: f64,
-    /// What kind of change.
+    /// Kind of change.
     pub kind: BoundaryKind,
     /// The detector's score, on its own scale; 1 for what people say.
     pub score: f64,

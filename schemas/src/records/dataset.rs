@@ -29,7 +29,7 @@ pub struct InputFile {
     pub reason: String,
 }
 
-/// What became of one video.
+/// Outcome of one video.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct VideoEntry {
     /// Name of its file, behind as many of its folders as tell it from other videos of this name (`a/x.mp4`).
@@ -39,20 +39,20 @@ pub struct VideoEntry {
     pub sha256: Option<String>,
     /// Length in seconds: of its frames where they were decoded, else as its header states it.
     pub duration_seconds: Option<f64>,
-    /// Where it came from, as somebody states it.
+    /// Origin, as its list of sources states it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub origin: Option<Origin>,
     /// Outcome.
     pub status: VideoStatus,
 }
 
-/// Where a video came from, as somebody states it; what is not known is left out.
+/// Origin of a video, as its list of sources states it; unknown fields are left out.
 #[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
 pub struct Origin {
-    /// Where it was published.
+    /// Address at which it was published.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub url: Option<String>,
-    /// Who published it, or filmed it.
+    /// Name of the person who published or filmed it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub uploader: Option<String>,
     /// Licence, best as an SPDX identifier.
@@ -64,12 +64,12 @@ pub struct Origin {
     /// Words by which it was found or is described.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub keywords: Vec<String>,
-    /// Whether it was taken from the web or filmed for the dataset.
+    /// Kind of origin: taken from the web, or filmed for the dataset.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub kind: Option<OriginKind>,
 }
 
-/// How a video came into a dataset.
+/// Kind of a video's origin.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum OriginKind {

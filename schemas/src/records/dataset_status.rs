@@ -103,7 +103,7 @@ pub enum SequencePart {
     Masks,
     /// Masks of ignored regions.
     IgnoreMasks,
-    /// True or estimated distances.
+    /// True distances or a depth prior.
     Depth,
     /// Tags, caption and measured motion.
     Annotation,

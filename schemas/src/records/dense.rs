@@ -23,11 +23,11 @@ pub struct DenseStereo {
     pub frames: Vec<DenseFrame>,
     /// File of the points, beside this one.
     pub points: String,
-    /// How many they are.
+    /// Number of points.
     pub point_count: u64,
     /// Edge of the cubes that hold one point each, world units.
     pub spacing: f64,
-    /// What was not as it should be, in words.
+    /// Warnings, in words.
     pub warnings: Vec<String>,
 }
 

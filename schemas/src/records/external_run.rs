@@ -12,7 +12,7 @@ use crate::{provenance::Hardware, store::Record};
 pub struct ExternalRun {
     /// Id of the method.
     pub method: String,
-    /// Where its code is, as its manifest says.
+    /// Address of its code, from its manifest.
     pub source: Option<String>,
     /// Its licence, as its manifest says.
     pub licence: Option<String>,
@@ -24,7 +24,7 @@ pub struct ExternalRun {
     pub protocol_hash: String,
     /// Random seed that was handed to the method.
     pub seed: u64,
-    /// Where its commands ran, in words: `plain`, `venv ...`, `conda ...`, `container ...`.
+    /// Environment of its commands, in words: `plain`, `venv ...`, `conda ...`, `container ...`.
     pub environment: String,
     /// The machine on which its commands ran; records of older versions do not say.
     #[serde(default)]
@@ -53,13 +53,13 @@ impl Record for ExternalRun {
 /// One command of a method.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Phase {
-    /// What the command is for.
+    /// Phase of the command.
     pub name: PhaseName,
     /// Program and arguments as they ran.
     pub command: Vec<String>,
     /// Everything it printed.
     pub log: String,
-    /// How it ended, in words: `exit 0`, `exit 3`, `killed by signal 9`, `time limit of 60 s`.
+    /// End of the command, in words: `exit 0`, `exit 3`, `killed by signal 9`, `time limit of 60 s`.
     pub ending: String,
     /// Processes and containers that ran on when it had ended, or did not end when they were told to,
     /// in words: `sleep (process 4711)`. All were ended before the next command began, but for those
@@ -75,7 +75,7 @@ pub struct Phase {
     pub peak_memory_bytes: Option<u64>,
 }
 
-/// What a command is for.
+/// Phase of a command.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum PhaseName {

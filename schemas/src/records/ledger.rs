@@ -17,7 +17,7 @@ pub struct LedgerEntry {
     pub id: u64,
     /// SHA-256 of the line before, without its line break; empty for line 0.
     pub previous_sha256: String,
-    /// Who says so.
+    /// Author of the line.
     pub author: Author,
     /// When, as the author states it (RFC 3339); detectors state none.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -25,7 +25,7 @@ pub struct LedgerEntry {
     /// Why.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub reason: Option<String>,
-    /// What is said.
+    /// Statement of the line.
     pub action: LedgerAction,
 }
 
@@ -33,7 +33,7 @@ impl Record for LedgerEntry {
     const SCHEMA: &'static str = "omnilife/ledger-entry/1";
 }
 
-/// Who wrote a line of the ledger.
+/// Author of a line of the ledger.
 #[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum Author {
@@ -45,7 +45,7 @@ pub enum Author {
     Expert(String),
 }
 
-/// What a line of the ledger says. Numbers are ids of lines that proposed a boundary.
+/// Statement of a line of the ledger. Numbers are ids of lines that proposed a boundary.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum LedgerAction {
@@ -66,14 +66,14 @@ pub enum LedgerAction {
     Move {
         /// The line that proposed it.
         id: u64,
-        /// How it really is.
+        /// The corrected boundary.
         boundary: Boundary,
     },
-    /// What a segment shows. Of two labels the later one counts, and an expert's above an annotator's.
+    /// Label of a segment. Of two labels the later one counts, and an expert's above an annotator's.
     Label(SegmentLabel),
 }
 
-/// What a person says that a segment of a video shows; a field that is absent says nothing.
+/// Label of a segment of a video by a person; an absent field states nothing.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct SegmentLabel {
@@ -85,10 +85,10 @@ pub struct SegmentLabel {
     /// Action of the taxonomy.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub action: Option<String>,
-    /// Whether it is a seamless traversal between indoors and outdoors.
+    /// `true` for a seamless traversal between indoors and outdoors.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub traversal: Option<bool>,
-    /// Whether what lies in it is to become no sequence.
+    /// `true` if the segment becomes no sequence.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub leave_out: Option<bool>,
 }
@@ -111,7 +111,7 @@ pub struct AuditDecisions {
     pub source_sha256: String,
     /// Name of the person.
     pub author: String,
-    /// As what the person speaks; files from before there were roles are experts'.
+    /// Role of the person; `expert` in files without roles.
     #[serde(default)]
     pub role: PersonRole,
     /// The decisions in the order in which they were made.
@@ -130,6 +130,6 @@ pub struct AuditDecision {
     /// Why.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub reason: Option<String>,
-    /// What; never `open`.
+    /// Decided action; never `open`.
     pub action: LedgerAction,
 }

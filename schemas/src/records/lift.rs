@@ -11,13 +11,13 @@ use crate::store::Record;
 pub struct Lift {
     /// Id of the scene.
     pub scene: String,
-    /// What its distances are, in words: files of whom, or a sweep.
+    /// Source of its distances, in words: the origin of the files, or a sweep.
     pub distances: String,
     /// Median relative difference between views that see one surface, as the distances came.
     pub disagreement_before: f64,
     /// The same with the views' factors.
     pub disagreement: f64,
-    /// How far distances of two views of one surface may differ, as a share.
+    /// Largest relative difference of the distances of two views of one surface.
     pub tolerance: f64,
     /// Share of the lifted samples, before the choice among views, that stand where two views or more see
     /// past them.
@@ -51,7 +51,7 @@ impl Record for Lift {
 pub struct LiftedView {
     /// Its frame, as the split numbers it.
     pub frame: u32,
-    /// What its distances were multiplied by.
+    /// Factor that its distances were multiplied by.
     pub factor: f64,
     /// Pixels of its distances.
     pub pixels: u64,

@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::store::Record;
 
-/// `masks.json`, beside one mask image per frame: white is what moves.
+/// `masks.json`, beside one mask image per frame: white marks dynamic regions.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Masks {
     /// Id of the sequence.

@@ -128,7 +128,7 @@ pub struct SchemaEntry {
 /// Reads a file as the record that its `schema` entry names.
 ///
 /// # Errors
-/// When it is no record, of a schema that is not known, or not what its schema asks for.
+/// When the file is not a record, its schema is unknown, or it does not match its schema.
 pub fn check_file(path: &Path) -> Result<(), StoreError> {
     let schema = store::schema_of(path)?;
     match SCHEMAS

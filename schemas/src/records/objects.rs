@@ -26,9 +26,9 @@ pub struct GraphObject {
     pub id: u32,
     /// Length, width and height of its box, world units.
     pub dimensions: [f64; 3],
-    /// Where it is, as given.
+    /// Path over time, as given.
     pub path: ObjectPath,
-    /// What training corrected of that at knots uniform in time: three values of the centre in world units,
+    /// Corrections by training, at knots uniform in time: three values of the centre in world units,
     /// and one of the heading, radians. One at least.
     pub corrections: Vec<[f64; 4]>,
 }

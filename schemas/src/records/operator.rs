@@ -10,9 +10,9 @@ use crate::store::Record;
 pub struct Operator {
     /// Id of the sequence.
     pub sequence: String,
-    /// Verdict on the sequence.
+    /// Finding for the sequence.
     pub finding: OperatorFinding,
-    /// Reason of the verdict, in words.
+    /// Reason of the finding, in words.
     pub reason: String,
     /// Change that content would show if it went by, less the change that it shows, over its area: grey levels of 255
     /// times steradians; 0 if not judged.
@@ -35,7 +35,7 @@ impl Record for Operator {
     const SCHEMA: &'static str = "omnilife/operator/1";
 }
 
-/// Verdict on content that stays in the camera's frame.
+/// Finding on content that stays in the camera's frame.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum OperatorFinding {

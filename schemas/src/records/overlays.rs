@@ -18,7 +18,7 @@ pub struct OverlayReport {
 /// A region of the sphere that stays, or a mosaic that moves.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Overlay {
-    /// What it is.
+    /// Kind of overlay.
     pub class: OverlayClass,
     /// Longitude of its centre, degrees from the image's middle, positive to the right.
     pub longitude_degrees: f64,
@@ -27,9 +27,9 @@ pub struct Overlay {
     /// Its size; the whole sphere has 4 pi.
     pub solid_angle_steradians: f64,
     /// Length of the mean gradient over the mean length of the gradient: 1 where nothing changes, 0
-    /// of what moves.
+    /// in dynamic regions.
     pub constancy: f64,
-    /// Share of its details that stay from one look to the next; 0 of what moves.
+    /// Share of its details that stay from one look to the next; 0 in dynamic regions.
     pub stayed: f64,
     /// Mean gradient on its edges, 8-bit levels per pixel.
     pub strength_levels: f64,
@@ -62,7 +62,7 @@ impl Sightings {
     }
 }
 
-/// What an overlay is.
+/// Kind of an overlay.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum OverlayClass {

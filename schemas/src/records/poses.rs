@@ -9,7 +9,7 @@ use crate::{camera::Camera, pose::Pose, store::Record};
 /// `poses.json`: camera poses by presentation time, with the points and masks that belong to them.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Poses {
-    /// Whether world units are metres.
+    /// Unit of the world: metres or arbitrary.
     pub scale: Scale,
     /// The camera of all frames: needed where it is a pinhole; images of another size scale it. None is
     /// ERP of the frames' size.

@@ -23,15 +23,15 @@ pub struct Protocol {
     /// Images that are wider than this many pixels are scored at this width, their height in
     /// proportion; nothing is enlarged. `None` scores at the scene's own size.
     pub largest_width: Option<u32>,
-    /// How images are brought to that size.
+    /// Resampling of images to that size.
     pub resampling: Resampling,
-    /// What is put around images, for methods that take frames of one size.
+    /// Padding around images, for methods that take frames of one size.
     pub padding: Padding,
-    /// What the numbers of a scored pixel are.
+    /// Encoding of the numbers of a scored pixel.
     pub colour: Colour,
     /// Ids of the metrics, with their variants.
     pub metrics: Vec<String>,
-    /// What masks do to a score: `none` (whole images) in this version.
+    /// Effect of masks on a score: `none` (whole images) in this version.
     pub mask_rule: String,
 }
 
@@ -112,7 +112,7 @@ impl Protocol {
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case", tag = "rule")]
 pub enum SplitRule {
-    /// Of every `period` posed frames, the one at `offset` is a novel view.
+    /// The posed frame at `offset` of every `period` is a novel view.
     EveryNth {
         /// Length of the cycle, at least 2.
         period: u32,
@@ -166,7 +166,7 @@ impl ScoredViews {
     }
 }
 
-/// What is put around images, for methods that take frames of one size.
+/// Padding around images, for methods that take frames of one size.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum Padding {
@@ -183,7 +183,7 @@ pub enum Padding {
     },
 }
 
-/// What the numbers of a scored pixel are.
+/// Encoding of the numbers of a scored pixel.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum Colour {

@@ -52,7 +52,7 @@ pub struct ResultRecord {
     /// Metrics of the protocol that no view has a value of, and why.
     #[serde(default)]
     pub unavailable: Vec<Unavailable>,
-    /// What static and dynamic regions are by, where it is not the scene's own masks.
+    /// Source of static and dynamic regions, unless it is the scene's own masks.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub regions: Option<ScoredRegions>,
     /// CSV file of per-frame values: view, frame, `time_seconds`, one column per metric.
@@ -63,7 +63,7 @@ pub struct ResultRecord {
     /// The predictions that were scored; records of older versions do not say.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub predictions: Option<ScoredPredictions>,
-    /// Facts about the run that whoever scored it states and no record measured.
+    /// Facts about the run that were stated at scoring and that no record measured.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub statement: Option<RunStatement>,
     /// The way the method came to its views, where a record or a statement says.
@@ -83,14 +83,14 @@ pub struct ResultRecord {
     /// Random seed, where the predictions came with a run record. Results of one method on one
     /// scene that differ by it are repetitions.
     pub seed: Option<u64>,
-    /// What computed the predictions, where they came with a run record.
+    /// Backend that computed the predictions, if they came with a run record.
     pub backend: Option<Backend>,
     /// The machine that computed the predictions, where they came with a run record that says.
     #[serde(default)]
     pub hardware: Option<Hardware>,
     /// Time to render all predictions in seconds, where they came with a run record.
     pub rendering_seconds: Option<f64>,
-    /// What the way from the video took, stage by stage, where the predictions came with a run record that says.
+    /// Times of the stages from the video on, if the predictions came with a run record that has them.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub stages: Vec<StageTime>,
     /// Highest resident memory of the training process in bytes, where known.
@@ -164,7 +164,7 @@ pub struct ScoredPredictions {
     pub files: Vec<ScoredFile>,
 }
 
-/// A predicted view, or its distances.
+/// A novel or input view as predicted, or its distances.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 pub struct ScoredFile {
     /// `input` or `novel`.
@@ -274,7 +274,7 @@ impl ResultRecord {
     }
 }
 
-/// What tells static regions from dynamic ones. Scores by regions of different hashes are not of the same pixels.
+/// Source of static and dynamic regions. Scores by regions of different hashes are not of the same pixels.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 pub struct ScoredRegions {
     /// `tracks`: the boxes of the tracks beside the split.

@@ -23,7 +23,7 @@ pub struct RunRecord {
     pub protocol_hash: String,
     /// Random seed.
     pub seed: u64,
-    /// What computed it.
+    /// Backend of the run.
     pub backend: Backend,
     /// The machine that computed it; records of older versions do not say.
     #[serde(default)]
@@ -36,7 +36,7 @@ pub struct RunRecord {
     /// of older versions and of other programs do not say.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub aids: Option<BTreeMap<String, bool>>,
-    /// What the scene showed of itself before it was trained; methods that ask for no evidence and
+    /// Evidence measured on the scene before training; methods that ask for no evidence and
     /// records of older versions have none.
     #[serde(default)]
     pub evidence: Option<serde_json::Value>,
@@ -49,7 +49,7 @@ pub struct RunRecord {
     /// Primitives of the model at the end: Gaussians, or what else the method is made of.
     #[serde(alias = "gaussians")]
     pub primitives: u64,
-    /// What deciding on components and placing first Gaussians took, pilot fit included, wall-clock
+    /// Time to decide on components and to place first Gaussians, pilot fit included, wall-clock
     /// seconds; training time includes it. Records of older versions have none, and their training
     /// time is without it.
     #[serde(default)]
@@ -189,7 +189,7 @@ impl Record for RunRecord {
     const OLDER: &'static [&'static str] = &["omnilife/run/1"];
 }
 
-/// What a stage on the way from a video to a model took.
+/// Time of a stage on the way from a video to a model.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct StageTime {
     /// Its name: `frames`, `poses`, `dense`; of tracks `scale`, `detector`, `distance`, `appearance`, `association`,
@@ -218,7 +218,7 @@ pub const TRAINING: &str = "training";
 pub const RENDERING: &str = "rendering";
 const RUN_STAGES: [&str; 3] = [PLANNING, TRAINING, RENDERING];
 
-/// What computed a run.
+/// Backend of a run.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case", tag = "kind")]
 pub enum Backend {
@@ -233,7 +233,7 @@ pub enum Backend {
         adapter: String,
         /// The interface it is reached through: `vulkan`, `metal` or `dx12`.
         interface: String,
-        /// Whether it is hardware: `discrete GPU`, `integrated GPU`, `virtual GPU`, `software`,
+        /// Kind of adapter: `discrete GPU`, `integrated GPU`, `virtual GPU`, `software`,
         /// `unknown kind`.
         device: String,
         /// The driver's name and version, where it tells.
@@ -253,18 +253,18 @@ pub enum Backend {
     },
 }
 
-/// Whether a component of a method was used, and on what evidence.
+/// Decision to use a component of a method or leave it out, with its evidence.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 pub struct ComponentDecision {
     /// The component.
     pub component: String,
-    /// Whether it was used.
+    /// `true` if it was used.
     pub used: bool,
     /// The evidence or the setting that decided.
     pub reason: String,
 }
 
-/// How Gaussians stand to the distances that a scene knows (`depth_prior` of its frames), with the factors by
+/// Position of Gaussians relative to the scene's known distances (`depth_prior` of its frames), with the factors by
 /// which its input views agree best.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct SurfaceFaults {
@@ -289,7 +289,7 @@ pub struct TraceViews {
     pub frames: Vec<u32>,
 }
 
-/// Where predictions are: `<folder>/<frame, 6 digits>.png`, frame numbers as in the split.
+/// Files of predictions: `<folder>/<frame, 6 digits>.png`, frame numbers as in the split.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 pub struct ViewPredictions {
     /// Folder of predicted input views, where the method renders them.

@@ -22,15 +22,15 @@ pub struct Scene {
     pub id: String,
     /// The camera of all frames.
     pub camera: Camera,
-    /// Whether world units are metres.
+    /// Unit of the world: metres or arbitrary.
     pub scale: Scale,
     /// Frames in order of time.
     pub frames: Vec<SceneFrame>,
     /// PLY file of world points.
     pub points: Option<String>,
-    /// Where the poses come from.
+    /// Source of the poses.
     pub pose_source: PoseSource,
-    /// Whether the poses can be trusted.
+    /// Validation of the poses.
     pub validation: PoseValidation,
     /// The split that the publisher of its data set asks for, where there is one.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -162,7 +162,7 @@ impl ObjectClass {
 /// are in neither list have no part in it.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 pub struct PublishedSplit {
-    /// Who publishes it, and where it stands.
+    /// Publisher and address.
     pub source: String,
     /// Frames a method may use.
     pub input_views: Vec<u32>,
@@ -248,19 +248,19 @@ pub struct DepthPrior {
     /// 16-bit grey PNG, or a `.npy` of f32 (rows, columns); 0 where the distance is not known. Pixel
     /// (i, j) has its centre at (i + 1/2, j + 1/2).
     pub file: String,
-    /// What a step of 1 in the file means, in units of the world frame.
+    /// Size of a step of 1 in the file, in units of the world frame.
     pub unit: f64,
     /// Columns of the file. They may be fewer than the image's, in the same proportion to its rows.
     pub width: u32,
     /// Rows of the file.
     pub height: u32,
-    /// What a distance is measured along.
+    /// Direction that distances are measured along.
     pub convention: DistanceConvention,
-    /// Who estimated them: a network, a sensor; `given` where nobody said.
+    /// Origin of the distances: a network, a sensor; `given` if it was not stated.
     pub source: String,
 }
 
-/// What a distance is measured along.
+/// Direction that distances are measured along.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum DistanceConvention {
@@ -271,7 +271,7 @@ pub enum DistanceConvention {
     Z,
 }
 
-/// Where the pixels of a panorama are.
+/// Arrangement of a panorama's pixels.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum DistanceGrid {
@@ -289,7 +289,7 @@ pub struct DepthImage {
     /// 16-bit grey PNG of the camera's size, or a `.npy` of f32 (rows, columns); 0 where the distance is not
     /// known.
     pub file: String,
-    /// What a step of 1 in the file means, in units of the world frame.
+    /// Size of a step of 1 in the file, in units of the world frame.
     pub unit: f64,
 }
 
@@ -316,7 +316,7 @@ pub enum PoseSource {
     Matrices {
         /// Name of the file.
         file: String,
-        /// What they map, which the user stated.
+        /// Convention of the matrices, as the user stated it.
         convention: PoseConvention,
     },
     /// A program that was run on the frames.
@@ -325,15 +325,15 @@ pub enum PoseSource {
         command: String,
         /// Name of the file that it left.
         file: String,
-        /// What its matrices map, where it left matrices.
+        /// Convention of the matrices; `None` for other files of poses.
         #[serde(default, skip_serializing_if = "Option::is_none")]
         convention: Option<PoseConvention>,
     },
     /// Images registered to their neighbours: turns of a camera whose place is not known.
     Registered {
-        /// What was found, and how well it fits.
+        /// Finding and quality of the fit.
         reason: String,
-        /// Whether enough of the images fits everywhere; where it does not, the poses are the best that
+        /// `true` if enough of the images fits everywhere; if `false`, the poses are the best that
         /// were found.
         succeeded: bool,
     },
@@ -348,7 +348,7 @@ pub enum PoseSource {
     },
 }
 
-/// What the matrix of a pose maps; axes of the camera are x right, y down, z forward.
+/// Mapping of a pose's matrix; axes of the camera are x right, y down, z forward.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum PoseConvention {
@@ -367,7 +367,7 @@ pub struct PoseValidation {
     pub registered_frames: u32,
     /// All frames.
     pub total_frames: u32,
-    /// What was measured; the name carries the unit.
+    /// Measured values; the name carries the unit.
     pub measures: BTreeMap<String, f64>,
     /// Every limit that was missed, in words.
     pub problems: Vec<String>,

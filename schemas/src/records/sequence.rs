@@ -15,12 +15,12 @@ pub struct Sequence {
     pub source: SourceVideo,
     /// Its segment of the source.
     pub range: TimeRange,
-    /// What the container and the decoder said.
+    /// Statements of the container and the decoder.
     pub probe: Probe,
-    /// Whether the video is equirectangular, with evidence.
+    /// Detected projection of the video, with evidence.
     #[serde(alias = "verdict")]
     pub projection: DetectedProjection,
-    /// How the source fares against the dataset's admission criteria.
+    /// Result of the dataset's admission criteria for the source.
     pub admission: Admission,
     /// The sampled frames.
     pub frames: FrameSet,
@@ -83,7 +83,7 @@ impl TimeRange {
     }
 }
 
-/// What the container and the decoder said about a video.
+/// Statements of the container and the decoder about a video.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Probe {
     /// Container format, FFmpeg's short name.
@@ -104,7 +104,7 @@ pub struct Probe {
     pub duration_seconds: f64,
     /// Decoded frames, where the video was decoded to its end.
     pub decoded_frames: Option<u64>,
-    /// Whether the distance between frames varies by more than half a percent of the typical one.
+    /// `true` if the distance between frames varies by more than half a percent of the typical one.
     pub variable_frame_rate: Option<bool>,
     /// Largest distance between two frames, seconds, where the video was decoded to its end.
     pub longest_interval_seconds: Option<f64>,
@@ -179,28 +179,28 @@ pub struct SphericalMetadata {
     pub projection: String,
     /// Stereo layout, FFmpeg's name, where it is stated.
     pub stereo: Option<String>,
-    /// Whether the image is stated to cover only a part of the sphere.
+    /// `true` if the image is stated to cover only a part of the sphere.
     pub is_cropped: bool,
-    /// Whether that part is the half of the sphere ahead: half a turn across, from pole to pole (VR180).
+    /// `true` if that part is the half of the sphere ahead: half a turn across, from pole to pole (VR180).
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub is_front_half: bool,
     /// Pose that players give the sphere, where it is not zero: yaw counter-clockwise, then pitch counter-clockwise,
     /// then roll clockwise (box `prhd` of version 2, elements `ProjectionPose` of Matroska). Frames are not turned.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub pose: Option<SphereTurn>,
-    /// Where players look first, where it is not ahead: heading, pitch and roll (entries `InitialView` of version 1).
+    /// First view of players, if it is not ahead: heading, pitch and roll (entries `InitialView` of version 1).
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub initial_view: Option<SphereTurn>,
     /// Why a turn that is stated is neither of the two.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub turn_fault: Option<String>,
-    /// Where it stands: `v2` (boxes `st3d` and `sv3d`), `v1` (XML in a `uuid` box) or `container`.
+    /// Source of the metadata: `v2` (boxes `st3d` and `sv3d`), `v1` (XML in a `uuid` box) or `container`.
     pub origin: String,
-    /// What version 1 says where version 2, which wins, says something else.
+    /// Statement of version 1 if it differs from version 2, which wins.
     pub conflict: Option<String>,
 }
 
-/// What kind of image a video shows.
+/// Kind of image in a video.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum VideoProjection {
@@ -252,7 +252,7 @@ pub struct DetectedProjection {
     /// The projection in force.
     #[serde(alias = "verdict")]
     pub projection: VideoProjection,
-    /// What the evidence of the whole video said, where the user or most of the time of its shots say otherwise.
+    /// Projection by the evidence of the whole video, if the user or most of the time of its shots override it.
     pub overridden: Option<VideoProjection>,
     /// Every test with its value.
     pub evidence: Vec<Evidence>,
@@ -269,20 +269,20 @@ pub struct Evidence {
     pub value: f64,
     /// The limit it is compared with.
     pub limit: f64,
-    /// What it says, in words.
+    /// Reading of the evidence, in words.
     pub reading: String,
 }
 
-/// How a video fares against a named profile of admission criteria.
+/// Result of a named profile of admission criteria for a video.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Admission {
     /// Name of the profile, `omnilife360` or `none`.
     pub profile: String,
     /// Every check's outcome.
     pub checks: Vec<CheckOutcome>,
-    /// Whether all checks passed.
+    /// `true` if all checks passed.
     pub admitted: bool,
-    /// Whether a failed check keeps the video out.
+    /// `true` if a failed check rejects the video.
     pub enforced: bool,
 }
 
@@ -291,15 +291,15 @@ pub struct Admission {
 pub struct CheckOutcome {
     /// Id of the check.
     pub check: String,
-    /// Whether it passed.
+    /// `true` if the check passed.
     pub passed: bool,
-    /// What was found.
+    /// Measured value.
     pub value: String,
-    /// What is asked for.
+    /// Required value.
     pub threshold: String,
 }
 
-/// How frames were chosen.
+/// Rule by which frames are chosen.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum Sampling {
@@ -316,7 +316,7 @@ fn side_pixels<'de, D: Deserializer<'de>>(deserializer: D) -> Result<u32, D::Err
     if (1..=MOST).contains(&pixels) {
         return Ok(pixels);
     }
-    let reason = format!("{pixels} pixels is no side of an image, expected 1 to {MOST}");
+    let reason = format!("the side of an image must be 1 to {MOST} pixels, got {pixels}");
     Err(serde::de::Error::custom(reason))
 }
 
@@ -329,11 +329,11 @@ pub struct FrameSet {
     /// Height in pixels.
     #[serde(deserialize_with = "side_pixels")]
     pub height: u32,
-    /// How frames were chosen.
+    /// Rule by which frames were chosen.
     pub sampling: Sampling,
-    /// How they were resized from the decoded size; `none` where they were not.
+    /// Resampling from the decoded size; `none` if they keep it.
     pub resampling: String,
-    /// How the video stores the sphere, where frames were made equirectangular from something else.
+    /// Layout of the sphere in the video, if frames were converted from it to equirectangular.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub converted_from: Option<SphereLayout>,
     /// The frames in order of time.

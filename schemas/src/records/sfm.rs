@@ -37,7 +37,7 @@ pub struct SfmAttempt {
     pub loops: Option<u32>,
     /// Models the mapper returned; the one with the most frames is looked at.
     pub models: u32,
-    /// What validation said about it, where there was a model.
+    /// Validation of its model, if it has one.
     pub validation: Option<PoseValidation>,
     /// Judgement by matches that no mapper saw, of all attempts; nothing without a model or such matches.
     #[serde(default, skip_serializing_if = "Option::is_none")]

@@ -28,14 +28,14 @@ impl Record for Slices {
 /// A segment of a video.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Segment {
-    /// Where it lies.
+    /// Range of time.
     pub range: TimeRange,
-    /// What became of it.
+    /// Outcome of the segment.
     #[serde(flatten)]
     pub outcome: SegmentOutcome,
 }
 
-/// What became of a segment.
+/// Outcome of a segment.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case", tag = "outcome")]
 pub enum SegmentOutcome {
@@ -54,11 +54,11 @@ pub enum SegmentOutcome {
     Rejected {
         /// Id of the check: `blank`, `title-card` or `shot-projection`.
         check: String,
-        /// What was measured, in the unit of the check.
+        /// Measured value, in the unit of the check.
         value: f64,
         /// The limit that the value is beyond.
         limit: f64,
-        /// What it shows and what the value is, in words.
+        /// Content of the segment and meaning of the value, in words.
         reading: String,
     },
     /// The interior of a gradual transition, which belongs to no shot.
@@ -74,13 +74,13 @@ pub struct SliceFile {
     pub sha256: String,
     /// Frames in it.
     pub frames: u64,
-    /// How it was made.
+    /// Method that made it.
     pub method: SliceMethod,
-    /// Whether it has sound.
+    /// `true` if it has sound.
     pub audio: bool,
 }
 
-/// How a slice was made.
+/// Method that makes a slice.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case", tag = "kind")]
 pub enum SliceMethod {

@@ -117,7 +117,9 @@ impl FromStr for FaceOrder {
             .filter(|order| FACE_LETTERS.iter().all(|letter| order.contains(letter)))
             .map(Self)
             .ok_or_else(|| {
-                format!("{text}: is no order of the faces r, l, u, d, f and b (rludfb is usual)")
+                format!(
+                    "{text}: must name each of the faces r, l, u, d, f and b once (rludfb is usual)"
+                )
             })
     }
 }
@@ -197,7 +199,7 @@ impl FromStr for SphereLayout {
             "eac" => Self::EquiangularCubemap,
             _ => {
                 return Err(format!(
-                    "{text}: is no way to store a sphere; known are {}",
+                    "{text}: must be a layout of the sphere, one of {}",
                     Self::NAMES.join(", ")
                 ));
             }

@@ -43,7 +43,7 @@ pub struct ViewGroup {
 pub struct IncompleteGroup {
     /// Its frames.
     pub frames: Vec<u32>,
-    /// What it lacks.
+    /// Reason why it is left out.
     pub reason: String,
 }
 

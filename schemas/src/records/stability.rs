@@ -14,7 +14,7 @@ pub struct StabilityReport {
     pub versions: BTreeMap<String, String>,
     /// Time that all of it took, wall-clock seconds.
     pub wall_seconds: f64,
-    /// What computed, by name, in words; or why it could not.
+    /// Backends that computed, by name, in words; or the reason why one could not.
     pub backends: BTreeMap<String, String>,
     /// The parameterizations of Gaussians that were tried.
     pub parameterizations: Vec<String>,
@@ -34,17 +34,17 @@ impl Record for StabilityReport {
 pub struct StabilityRow {
     /// Id of the case.
     pub case: String,
-    /// What it is, in words.
+    /// Description, in words.
     pub title: String,
     /// The parameterization of the Gaussians.
     pub parameterization: String,
     /// `cpu` or `gpu`.
     pub backend: String,
-    /// What was measured; none where nothing ran.
+    /// Measured errors; `None` if nothing ran.
     pub measured: Option<StabilityMeasures>,
-    /// What the code did about it, in words.
+    /// Response of the code, in words.
     pub action: String,
-    /// Whether that is good enough.
+    /// Status of the row.
     #[serde(alias = "verdict")]
     pub status: StabilityStatus,
     /// Why not, or under which limits it is.
@@ -66,7 +66,7 @@ pub struct StabilityMeasures {
     pub gradient_error: Option<f64>,
     /// Limit of `gradient_error`; none where it has no limit, and in records of older versions.
     pub gradient_limit: Option<f64>,
-    /// Whether every colour and every gradient value is finite.
+    /// `true` if every colour and every gradient value is finite.
     pub is_finite: bool,
     /// Gaussians that were drawn.
     pub drawn: u64,
@@ -74,11 +74,11 @@ pub struct StabilityMeasures {
     pub gaussians: u64,
 }
 
-/// How a row is judged.
+/// Status of a row.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum StabilityStatus {
-    /// As good as the case asks.
+    /// Within the limits of the case.
     Pass,
     /// Not.
     Fail,
@@ -91,11 +91,11 @@ pub enum StabilityStatus {
 pub struct StabilitySweep {
     /// Id.
     pub id: String,
-    /// What it is, in words.
+    /// Description, in words.
     pub title: String,
-    /// What the condition number counts.
+    /// Quantity that the condition number counts.
     pub condition: String,
-    /// What its points may be off by, in words; records of older versions do not say.
+    /// Limits of its points, in words; empty in records of older versions.
     #[serde(default)]
     pub limits: String,
     /// By backend and condition number.
@@ -109,7 +109,7 @@ pub struct StabilityPoint {
     pub backend: String,
     /// At least 1; 1 is the easiest.
     pub condition: f64,
-    /// What was measured.
+    /// Measured errors.
     pub measured: StabilityMeasures,
     /// Why that is not good enough, where it is not; older versions did not judge.
     #[serde(default, skip_serializing_if = "Option::is_none")]

@@ -18,7 +18,7 @@ impl Record for Submission {
     const SCHEMA: &'static str = "omnilife/submission/1";
 }
 
-/// Who made a method, and what it ran on.
+/// Authors and machine of a method.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct MethodCard {
@@ -28,11 +28,11 @@ pub struct MethodCard {
     pub title: String,
     /// Its authors.
     pub authors: Vec<String>,
-    /// Where its code is, where it is public.
+    /// Address of its code, if it is public.
     pub code: Option<String>,
     /// Licence of the code, as an SPDX identifier where there is one.
     pub licence: Option<String>,
-    /// What it ran on: processors, GPUs, memory.
+    /// Machine: processors, GPUs, memory.
     pub hardware: String,
     /// The way the method comes to its views, where the authors say.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -40,7 +40,7 @@ pub struct MethodCard {
     /// Optimizer steps of a scene, where they are the same for all.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub iterations: Option<u64>,
-    /// What else a reader should know: training data, settings, conventions.
+    /// Notes for readers: training data, settings, conventions.
     pub notes: Option<String>,
 }
 

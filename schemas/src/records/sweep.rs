@@ -14,7 +14,7 @@ pub struct SweepPlan {
     pub version: String,
     /// Absolute path of the folder in which all commands run.
     pub folder: String,
-    /// The units, in the order in which they are begun.
+    /// The units, in the order in which they start.
     pub units: Vec<SweepUnit>,
     /// Commands that make one whole of what the units leave, run one after another.
     pub reduce: Vec<Vec<String>>,
@@ -33,7 +33,7 @@ pub struct SweepUnit {
     pub id: String,
     /// Units of one group cost about the same: what some have cost is what others will need.
     pub group: String,
-    /// What it is about (method, scene, seed ...), for tables.
+    /// Labels for tables: method, scene, seed ...
     pub labels: BTreeMap<String, String>,
     /// Programs with their arguments, run one after another until one fails.
     pub commands: Vec<Vec<String>>,
@@ -44,11 +44,11 @@ pub struct SweepUnit {
     pub inputs: Vec<String>,
     /// Files that stand when it is done.
     pub outputs: Vec<String>,
-    /// What it needs, as far as nothing was measured yet.
+    /// Expected needs, until a unit of its group is measured.
     pub needs: UnitNeeds,
 }
 
-/// What a unit needs of a machine.
+/// Needs of a unit on its machine.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct UnitNeeds {
     /// CPU cores; its commands are told to use as many threads.
@@ -78,7 +78,7 @@ pub struct UnitOutcome {
     pub outputs: Vec<StageOutput>,
     /// Number of this attempt, from 1.
     pub attempt: u32,
-    /// Who ran it.
+    /// Process that ran it.
     pub runner: UnitRunner,
     /// When it began, seconds since 1970 by the runner's clock.
     pub begun_unix_seconds: f64,
@@ -129,7 +129,7 @@ pub struct UnitRunner {
 /// last and went away.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 pub struct RunnerLock {
-    /// Who.
+    /// Process that holds the lock.
     pub runner: UnitRunner,
     /// Runners that held it before, one after another, and went away.
     pub lost_runners: u32,

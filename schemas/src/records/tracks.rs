@@ -25,13 +25,13 @@ pub struct Tracks {
     pub up: [f64; 3],
     /// Metres in a unit of the world.
     pub metres_per_unit: f64,
-    /// How it was made, stage by stage.
+    /// Stages that made it, in order.
     pub stages: Vec<TrackStage>,
     /// Everything that was found in the images.
     pub detections: Vec<Detection>,
-    /// What follows from it: one entry per object that moves.
+    /// Resulting tracks: one per object that moves.
     pub tracks: Vec<Track>,
-    /// What was left out, and why, in words.
+    /// Parts that were left out, with the reason, in words.
     pub warnings: Vec<String>,
 }
 
@@ -119,13 +119,13 @@ pub struct Detection {
     pub frame: u32,
     /// Left, top, width and height of its box, pixels.
     pub box_pixels: [f64; 4],
-    /// Of the detector, in [0, 1]; 0 where it found nothing and the path of a track fills the gap.
+    /// Confidence of the detector, in [0, 1]; 0 if it found nothing and the path of a track fills the gap.
     pub confidence: f64,
-    /// What it is, such as `vehicle`.
+    /// Class, such as `vehicle`.
     pub class: String,
     /// Distance of its middle from the camera along the ray, world units.
     pub distance: Option<f64>,
-    /// Where its middle is in the world.
+    /// Position of its middle in the world.
     pub position: Option<[f64; 3]>,
     /// The track that it is of.
     pub track: Option<u32>,
@@ -136,15 +136,15 @@ pub struct Detection {
 pub struct Track {
     /// Unique in its file; of detections too.
     pub id: u32,
-    /// What it is.
+    /// Class of the object.
     pub class: String,
     /// Length, width and height of its box, world units.
     pub dimensions: [f64; 3],
-    /// Where it is while it is known.
+    /// Path over the time at which it is known.
     pub path: ObjectPath,
     /// Detections that it rests on.
     pub detections: u32,
-    /// How far it gets from where it is first seen, world units.
+    /// Largest distance from the position at which it is first seen, world units.
     pub displacement: f64,
 }
 

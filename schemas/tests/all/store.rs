@@ -124,7 +124,7 @@ fn a_full_disk_is_told_and_keeps_the_old_file() {
 /// A file renamed onto `/dev/stdout` or `/dev/null` would take its place for every program.
 #[cfg(unix)]
 #[test]
-fn what_is_no_regular_file_is_not_replaced() {
+fn a_socket_is_not_replaced() {
     use std::os::unix::{fs::FileTypeExt, net::UnixListener};
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("table.csv");
@@ -263,7 +263,7 @@ fn broken_records_are_input_errors_of_one_line() {
             "missing field `videos`",
         ),
         (&whole[..whole.len() / 2], "not a JSON record"),
-        (b"\xff\xfe", "cannot be read"),
+        (b"\xff\xfe", "must be text in UTF-8"),
     ] {
         fs::write(&path, content).unwrap();
         let error = store::read_record::<Dataset>(&path).unwrap_err();

@@ -123,7 +123,7 @@ pub fn submit(request: &SubmitRequest) -> Result<Submission, SweepError> {
 /// Puts the array task of this process back into the queue, to continue later.
 ///
 /// # Errors
-/// When this is no job, or Slurm refuses.
+/// When this is not a Slurm job, or Slurm refuses.
 pub fn requeue() -> Result<String, SweepError> {
     match crate::host::runner().slurm_job {
         Some(job) => cluster::requeue(&job).map(|()| job),

@@ -174,7 +174,7 @@ fn one_mistake_is_one_line_of_scoring_and_of_validating() {
     assert_told(|frame| predicted(frame + 5), order);
 }
 
-/// A baseline may show the given view that is nearest.
+/// A baseline may show the nearest input view.
 #[test]
 fn copies_of_given_views_are_a_note_and_no_warning() {
     let bench = bench(|frame| hills(frame - 1));

@@ -143,7 +143,7 @@ fn the_table_has_a_row_for_every_view() {
     assert!((psnr[0] - flat_psnr(2.0)).abs() < 1e-9);
 }
 
-/// Masks of what moves: one frame has none, one an empty one.
+/// Dynamic masks: one frame has none, one an empty one.
 #[test]
 fn masked_scores_are_means_over_the_frames_that_have_them() {
     let mut masked = scene(10, &[]);

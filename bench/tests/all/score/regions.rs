@@ -58,7 +58,7 @@ fn scenes_without_masks_are_scored_by_the_boxes_of_tracks() {
         without
             .unavailable
             .iter()
-            .all(|one| one.reason == "the scene has no masks of what moves"),
+            .all(|one| one.reason == "the scene has no dynamic masks"),
         "{:?}",
         without.unavailable
     );
