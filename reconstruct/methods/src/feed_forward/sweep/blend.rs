@@ -229,7 +229,7 @@ mod tests {
     }
 
     #[test]
-    fn views_keep_the_detail_of_the_given_ones() {
+    fn novel_views_keep_the_detail_of_the_input_views() {
         let error = error(1.0);
         // A blur of 0.65 pixels, as of the splats, takes an eighth of the amplitude of 0.4: 0.034.
         assert!(error < 0.02, "{error}");

@@ -40,7 +40,7 @@ pub const METHOD: Method = Method {
                   views (colour and census, semi-global aggregation around the seam, left-right \
                   check) gives depth and confidence; each view becomes one Gaussian per direction \
                   of an area-uniform sampling of the sphere; both are rendered at the novel view; \
-                  the distances there lead back to sharp colours of both given views (cubic), \
+                  the distances there lead back to sharp colours of both input views (cubic), \
                   which are blended by confidence, agreement and nearness.",
     components: &[],
     optional_components: &[],
