@@ -51,7 +51,7 @@ pub(super) fn images(
                 centre: rig.place(target.centre),
                 time_seconds: target.time_seconds,
             };
-            for cloud in clouds.iter_mut() {
+            for cloud in &mut *clouds {
                 set_inverse_distances(cloud, view.centre);
             }
             let [first, second] = &mut renderers;
