@@ -3,13 +3,15 @@
 //! ```text
 //! stereo          depth of both views (see [`omnilife_training::stereo`])
 //! splats          one Gaussian per direction of an area-uniform sampling of the sphere
-//! blend           both views' Gaussians rendered at the target, mixed by confidence and nearness
+//! blend           both views' Gaussians rendered at the target, for distance and confidence there
+//! cubic           colours of both views at that distance, mixed by confidence, agreement and nearness
 //! ```
 //!
 //! The published feed-forward methods (PanSplat, Splatter-360, OmniSplat) train the parts that are fixed here:
 //! the matching cost, its smoothing and the opacities.
 
 mod blend;
+mod cubic;
 mod splats;
 
 use std::time::Instant;
@@ -37,8 +39,9 @@ pub const METHOD: Method = Method {
     description: "Feed-forward, nothing is learned: a spherical plane sweep between the two given \
                   views (colour and census, semi-global aggregation around the seam, left-right \
                   check) gives depth and confidence; each view becomes one Gaussian per direction \
-                  of an area-uniform sampling of the sphere; both are rendered at the novel view \
-                  and blended by confidence and nearness.",
+                  of an area-uniform sampling of the sphere; both are rendered at the novel view; \
+                  the distances there lead back to sharp colours of both input views (cubic), \
+                  which are blended by confidence, agreement and nearness.",
     components: &[],
     optional_components: &[],
     ablation: &[],
@@ -84,12 +87,12 @@ fn interpolate(group: &Group) -> Result<Interpolated, ReconstructError> {
             )],
         });
     };
-    let clouds =
+    let mut clouds =
         [0, 1].map(|view| splats::of_view(&group.context[view].image, &depths[view], &rig, view));
     let gaussians = clouds.iter().map(|cloud| cloud.len() as u64).sum();
     let analysis_seconds = begun.elapsed().as_secs_f64();
     let begun = Instant::now();
-    let images = blend::images(group, &rig, &clouds);
+    let images = blend::images(group, &rig, &mut clouds);
     Ok(Interpolated {
         images,
         gaussians,

@@ -6,7 +6,7 @@ use glam::{Vec3, vec3};
 use omnilife_schemas::RgbImage;
 use rayon::prelude::*;
 
-use omnilife_engine::gaussians::{ActivatedGaussians, SH_C0};
+use omnilife_engine::gaussians::ActivatedGaussians;
 use omnilife_training::stereo::{
     Rig, SweptDepth,
     warp::{bilinear, sample},
@@ -14,19 +14,22 @@ use omnilife_training::stereo::{
 
 /// Distance that counts as infinitely far, in distances between the cameras.
 const FARTHEST: f32 = 2000.0;
+/// Minimum distance of a Gaussian in its inverse distance, in distances between the cameras.
+const NEAREST: f32 = 1e-3;
 /// Standard deviation of a Gaussian in pixels of the image's equator.
 const SIZE_PIXELS: f32 = 0.35;
 /// Opacity of every Gaussian.
 const OPACITY: f32 = 0.9;
 /// Confidence of directions that the other view does not confirm: they are visible where no better Gaussian is.
-const LEAST_CONFIDENCE: f32 = 0.02;
+const LEAST_CONFIDENCE: f32 = 0.1;
 /// Differences of colour (summed over channels, [0, 1]) between a direction and a pixel of the depth map beyond
 /// which they belong to different surfaces.
 const COLOUR_SCALE: f32 = 0.08;
 
 /// Makes one Gaussian per direction of an area-uniform sampling of the sphere. Every row of the image gets as
 /// many as its circle is long, `W cos(latitude)`, so that density is even and the poles are not crowded. Feature
-/// 0 is the confidence.
+/// 0 is the confidence, feature 1 is 0 until [`set_inverse_distances`]. Colours are left grey: they are looked up in
+/// the image.
 pub(super) fn of_view(
     image: &RgbImage,
     depth: &SweptDepth,
@@ -59,7 +62,6 @@ pub(super) fn of_view(
                     Sampled {
                         position: rig.centres[view] + distance * (rig.to_rig[view] * direction),
                         scale: SIZE_PIXELS * distance * PI / height,
-                        colour,
                         confidence: confidence.max(LEAST_CONFIDENCE),
                     }
                 })
@@ -72,21 +74,29 @@ pub(super) fn of_view(
         scales: samples.iter().map(|s| [s.scale; 3]).collect(),
         rotations: vec![[1.0, 0.0, 0.0, 0.0]; samples.len()],
         opacities: vec![OPACITY; samples.len()],
-        sh_constant: samples
-            .iter()
-            .map(|s| s.colour.map(|value| (value - 0.5) / SH_C0))
-            .collect(),
+        sh_constant: vec![[0.0; 3]; samples.len()],
         sh_degree: 0,
         sh_rest: Vec::new(),
-        feature_count: 1,
-        features: samples.iter().map(|s| s.confidence).collect(),
+        feature_count: 2,
+        features: samples.iter().flat_map(|s| [s.confidence, 0.0]).collect(),
     }
+}
+
+/// Sets feature 1 of every Gaussian to its inverse distance from a place, in the rig's units.
+pub(super) fn set_inverse_distances(cloud: &mut ActivatedGaussians, place: Vec3) {
+    let positions = cloud.positions.par_iter();
+    let features = cloud.features.as_chunks_mut::<2>().0.par_iter_mut();
+    features
+        .zip(positions)
+        .with_min_len(4096)
+        .for_each(|(features, &position)| {
+            features[1] = 1.0 / Vec3::from_array(position).distance(place).max(NEAREST);
+        });
 }
 
 struct Sampled {
     position: Vec3,
     scale: f32,
-    colour: [f32; 3],
     confidence: f32,
 }
 
