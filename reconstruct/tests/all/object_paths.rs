@@ -110,16 +110,20 @@ fn steps_of_paths_reach_as_far_as_these_are_off() {
         without: sets.iter().map(|&name| name.to_owned()).collect(),
         ..MethodRequest::new(250, 3)
     };
-    let way = |sway: f64, without: &[&str]| {
-        let scene = flight::scene(flight::path_beside(sway));
+    let way = |length: f64, without: &[&str]| {
+        let mut scene = flight::scene(flight::path_beside(SWAY));
+        for track in scene.tracks.iter_mut().flat_map(|all| &mut all.tracks) {
+            track.dimensions[0] = length;
+        }
         let prepared = prepared(&scene, &request(without));
         assert!(decision(&prepared, "object-poses").used);
         reach(&scene, &prepared, 250.0)
     };
-    // Twice what is left of the error after the refit, and never for more than half a metre.
-    let refit = way(SWAY, &[]);
+    // Twice what is left of the error after the refit.
+    let refit = way(4.5, &[]);
     assert!(refit > 0.0 && refit < 0.3, "{refit}");
-    // Twice a tenth of the vehicle's length where nothing is measured.
-    let unmeasured = way(SWAY, &["path-alignment"]);
-    assert!((unmeasured - 0.9).abs() < 1e-3, "{unmeasured}");
+    // Twice a tenth of the vehicle's length where nothing is measured, and never for more than half a metre.
+    let unmeasured = [4.5, 9.0].map(|length| way(length, &["path-alignment"]));
+    assert!((unmeasured[0] - 0.9).abs() < 1e-3, "{unmeasured:?}");
+    assert!((unmeasured[1] - 1.0).abs() < 1e-3, "{unmeasured:?}");
 }

@@ -267,7 +267,7 @@ mod tests {
             .clone()
             .moved(DVec3::new(0.4, -0.2, 0.0), 0.0, DVec3::Z);
         let mut corrections = corrections(&given, &constant);
-        corrections.retain(|one| !(4.0..8.0).contains(&one.seconds));
+        corrections.retain(|one| !(3.0..9.5).contains(&one.seconds));
         let found = refit(&given, &corrections, [0.05, 0.01]).expect("determined");
         assert!(
             errors(&found, &constant)[0] < 0.02,
