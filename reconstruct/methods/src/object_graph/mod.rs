@@ -159,12 +159,9 @@ fn prepare(
     let uses_objects = draft.decide(OBJECT_GRAPH, of_tracks(tracks));
     let survey = (uses_objects && request.allows(path_alignment::ID))
         .then(|| PathSurvey::new(scene, tracks));
-    let of_survey = survey.as_ref().map(PathSurvey::decision);
     let aligns = draft.decide(
         path_alignment::ID,
-        of_survey
-            .unwrap_or_else(Decision::not_looked_for)
-            .unless(draft.missing(OBJECT_GRAPH)),
+        of_alignment(tracks, survey.as_ref()).unless(draft.missing(OBJECT_GRAPH)),
     );
     let refit = survey.as_ref().filter(|_| aligns);
     let refit = refit.map(|survey| survey.refit(tracks));
@@ -235,6 +232,24 @@ fn of_tracks(tracks: &Tracks) -> Decision {
     } else {
         decision
     }
+}
+
+/// Decides on the refit of paths, by their alignment with the images.
+fn of_alignment(tracks: &Tracks, survey: Option<&PathSurvey>) -> Decision {
+    let Some(survey) = survey else {
+        return Decision::not_looked_for();
+    };
+    if detector_of(tracks) == Some("exact") || tracks.are_labels() {
+        return Decision::no_case("the paths are exact").unless(survey.missing());
+    }
+    Decision::new(true, survey.to_string()).unless(survey.missing())
+}
+
+/// Returns the detector of the tracks; `None` where they do not tell it.
+fn detector_of(tracks: &Tracks) -> Option<&str> {
+    let mut stages = tracks.stages.iter();
+    let detector = stages.find(|stage| stage.stage == "detector")?;
+    Some(detector.method.as_str())
 }
 
 /// Error of the paths in use.
@@ -316,10 +331,9 @@ fn uncorrectable(tracks: &Tracks) -> Option<&'static str> {
 
 /// Returns the decision on refining paths, with their origin.
 fn of_poses(tracks: &Tracks, error: PathError) -> Decision {
-    let detector = tracks.stages.iter().find(|stage| stage.stage == "detector");
-    let origin = match detector {
-        Some(stage) if stage.method == "exact" => "the paths are exact".to_owned(),
-        Some(stage) => format!("the paths come from detections ({})", stage.method),
+    let origin = match detector_of(tracks) {
+        Some("exact") => "the paths are exact".to_owned(),
+        Some(method) => format!("the paths come from detections ({method})"),
         None => "nothing is said of how the paths were found".to_owned(),
     };
     Decision::on_request(&format!(

@@ -2,7 +2,8 @@
 //!
 //! A path from detections is half a metre off, and its vehicle's Gaussians learn the mean of displaced images: a ghost.
 //! [`super::patches`] measures by how much every view misses the path, [`super::refit`] moves the path's control points
-//! and headings. A path whose patch agrees no better afterwards stays as it is.
+//! and headings. A path stays as it is where few views align, where it is hardly off, or where the patch agrees no
+//! better afterwards.
 
 use std::fmt;
 
@@ -13,7 +14,7 @@ use omnilife_schemas::{
     statistics::median,
     trajectory::ObjectPath,
 };
-use omnilife_training::{components::Decision, scene::TrainingScene};
+use omnilife_training::scene::TrainingScene;
 use rayon::prelude::*;
 
 use super::{
@@ -27,6 +28,11 @@ pub(super) const ID: &str = "path-alignment";
 
 /// Minimum number of aligned views of a path, the reference among them.
 const LEAST_VIEWS: usize = 4;
+/// Minimum share of them among the views that show the object: elsewhere the refit only continues its neighbours.
+const LEAST_SHARE: f64 = 2.0 / 3.0;
+/// Minimum error of a path that is refit, in lengths of the object, in the median. On true paths patches are off by up
+/// to this much, as light and surfaces are not those of a painted box.
+const LEAST_ERROR: f64 = 0.05;
 /// Maximum residual of a patch on its refit path, as a share of that on the given one.
 const LARGEST_RESIDUAL: f64 = 0.95;
 /// Error of a measured place beside its own, in lengths of the object.
@@ -95,11 +101,10 @@ impl PathSurvey {
         median(&distances.copied().collect::<Vec<f64>>())
     }
 
-    /// Returns the decision to use the refit paths.
-    pub(super) fn decision(&self) -> Decision {
-        let missing =
-            (self.refit_paths() == 0).then_some("a path whose patch agrees better after a refit");
-        Decision::new(true, self.to_string()).unless(missing)
+    /// Returns the requirement that no path meets, if none is refit.
+    pub(super) fn missing(&self) -> Option<&'static str> {
+        let is_empty = self.refit_paths() == 0;
+        is_empty.then_some("a path that is off and whose patch agrees better after a refit")
     }
 
     fn refit_paths(&self) -> usize {
@@ -178,7 +183,8 @@ fn aligned(levels: &[&TrainingScene], tracks: &Tracks, track: &Track) -> Aligned
         return object;
     };
     object.views = [patches.views(), patches.aligned()];
-    if patches.aligned() < LEAST_VIEWS {
+    let least = (LEAST_SHARE * patches.views() as f64).ceil() as usize;
+    if patches.aligned() < least.max(LEAST_VIEWS) {
         return object;
     }
     let normalization = &scene.normalization;
@@ -210,10 +216,12 @@ fn aligned(levels: &[&TrainingScene], tracks: &Tracks, track: &Track) -> Aligned
             Some((normalization.normalize(centre), heading))
         },
     );
+    let least = metres(LEAST_ERROR * track.dimensions[0]);
+    let is_off = median(&object.distances[0]).is_some_and(|error| error >= least);
     let is_better = object
         .residuals
         .is_some_and(|[before, after]| after <= LARGEST_RESIDUAL * before);
-    object.path = is_better.then_some(refit);
+    object.path = (is_off && is_better).then_some(refit);
     object
 }
 
