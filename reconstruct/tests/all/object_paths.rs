@@ -67,7 +67,7 @@ fn a_path_beside_its_vehicle_is_brought_to_it() {
     let given = errors(&scene, &flight::path_beside(SWAY));
     let path = path_of(&scene, &mut aligned);
     let found = errors(&scene, &path);
-    assert!(given[0] > 0.25 && given[1] > 0.02, "{given:?}");
+    assert!(given[0] > 0.25 && given[1] > 0.06, "{given:?}");
     assert!(
         found[0] < 0.3 * given[0] && found[1] < 0.5 * given[1],
         "{found:?} of {given:?}"
@@ -94,6 +94,24 @@ fn a_true_path_stays_true() {
         place < 0.05 && heading < 0.01,
         "{place} m, {heading} radians"
     );
+}
+
+#[test]
+fn a_path_whose_vehicle_few_views_show_stays() {
+    let given = flight::path_beside(SWAY);
+    let mut scene = flight::scene(given.clone());
+    for view in scene.input_views.iter_mut().step_by(2) {
+        view.pixels.fill(128);
+    }
+    let mut kept = prepared(&scene, &MethodRequest::new(250, 3));
+    let line = decision(&kept, "path-alignment");
+    assert!(
+        !line.used && line.reason.contains("cannot be without"),
+        "{line:?}"
+    );
+    let [place, _] = errors(&scene, &path_of(&scene, &mut kept));
+    let [expected, _] = errors(&scene, &given);
+    assert!((place - expected).abs() < 1e-6, "{place} {expected}");
 }
 
 /// Sum of the steps of a run, metres.

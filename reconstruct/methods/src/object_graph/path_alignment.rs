@@ -29,10 +29,13 @@ pub(super) const ID: &str = "path-alignment";
 /// Minimum number of aligned views of a path, the reference among them.
 const LEAST_VIEWS: usize = 4;
 /// Minimum share of them among the views that show the object: elsewhere the refit only continues its neighbours.
-const LEAST_SHARE: f64 = 2.0 / 3.0;
+const LEAST_SHARE: f64 = 0.75;
 /// Minimum error of a path that is refit, in lengths of the object, in the median. On true paths patches are off by up
 /// to this much, as light and surfaces are not those of a painted box.
 const LEAST_ERROR: f64 = 0.05;
+/// Minimum error of headings that are refit, radians, in the median: headings along a path are better than those by
+/// patches, whose sides the light changes.
+const LEAST_TURN: f64 = 0.05;
 /// Maximum residual of a patch on its refit path, as a share of that on the given one.
 const LARGEST_RESIDUAL: f64 = 0.95;
 /// Error of a measured place beside its own, in lengths of the object.
@@ -189,10 +192,14 @@ fn aligned(levels: &[&TrainingScene], tracks: &Tracks, track: &Track) -> Aligned
     }
     let normalization = &scene.normalization;
     let misses = patches.misses();
-    let corrections: Vec<PoseCorrection> = misses
+    let mut corrections: Vec<PoseCorrection> = misses
         .iter()
         .map(|miss| correction(miss, normalization))
         .collect();
+    let turns: Vec<f64> = corrections.iter().map(|one| one.turn.abs()).collect();
+    if median(&turns).is_some_and(|turn| turn < LEAST_TURN) {
+        corrections.iter_mut().for_each(|one| one.turn = 0.0);
+    }
     let metres = |world: f64| world * tracks.metres_per_unit;
     let from_given = corrections.iter().map(|one| metres(one.offset.length()));
     object.distances[0] = from_given.collect();

@@ -45,7 +45,7 @@ pub(crate) fn true_path() -> ObjectPath {
     }
 }
 
-/// Returns the path with an error of up to about `sway` metres, and of a tenth of that in radians.
+/// Returns the path with an error of up to about `sway` metres, and of three tenths of that in radians.
 pub(crate) fn path_beside(sway: f64) -> ObjectPath {
     let mut path = true_path();
     for (number, coefficient) in (0_u32..).zip(&mut path.centre.coefficients) {
@@ -54,7 +54,7 @@ pub(crate) fn path_beside(sway: f64) -> ObjectPath {
         coefficient[1] += sway * (1.1 * at + 0.6).cos();
     }
     for (heading, at) in path.headings.iter_mut().zip(&path.heading_seconds) {
-        *heading += 0.1 * sway * (0.7 * at).sin();
+        *heading += 0.3 * sway * (0.7 * at).sin();
     }
     path
 }
