@@ -18,7 +18,7 @@ use crate::support::flight;
 /// Error of the given path, metres.
 const SWAY: f64 = 0.5;
 
-fn prepared(scene: &TrainingScene, request: &MethodRequest) -> Prepared<'_> {
+fn prepared<'a>(scene: &'a TrainingScene, request: &MethodRequest) -> Prepared<'a> {
     let method = methods::find("object-graph").unwrap();
     method.prepare(scene, request, BackendChoice::Cpu).unwrap()
 }

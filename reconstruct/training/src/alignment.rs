@@ -348,7 +348,7 @@ mod tests {
         }
     }
 
-    /// Returns an even number of [-1, 1] that looks random.
+    /// Returns a number of [-1, 1] that looks random.
     fn noise(number: u32) -> f64 {
         let mixed = number.wrapping_mul(2_654_435_761) ^ 0x9e37_79b9;
         let mixed = (mixed ^ (mixed >> 15)).wrapping_mul(0x85eb_ca6b);
@@ -401,7 +401,7 @@ mod tests {
             .align(PlanarMotion::IDENTITY, sample)
             .expect("converges");
         let error = found.motion.shift - truth().shift;
-        assert!(error.length() < 0.01 * PIXEL, "{error}");
+        assert!(error.length() < CONVERGED * PIXEL, "{error}");
         assert!((found.motion.turn - truth().turn).abs() < 1e-3);
         assert!(
             found.correlation > 0.999 && found.residual < 0.5,
