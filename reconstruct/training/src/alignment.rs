@@ -35,6 +35,16 @@ const LEAST_DEVIATION: f64 = 0.5;
 /// Minimum share of a diagonal entry that a pivot must exceed: a straight edge alone tells no shift along it.
 const LEAST_PIVOT: f64 = 1e-4;
 
+/// Returns the standard deviation of normal errors with these absolute values, by their median; `None` without values.
+pub fn robust_deviation(sizes: &[f64]) -> Option<f64> {
+    median(sizes).map(|size| PER_MEDIAN * size)
+}
+
+/// Returns the weight of a difference by Cauchy's loss, in (0, 1], for errors of a positive standard deviation.
+pub fn cauchy_weight(difference: f64, deviation: f64) -> f64 {
+    1.0 / (1.0 + (difference / (CAUCHY * deviation)).powi(2))
+}
+
 /// Motion in a plane.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PlanarMotion {
@@ -263,7 +273,7 @@ struct Equations {
 impl Equations {
     fn new(template: &Template, differences: &[Difference]) -> Self {
         let sizes: Vec<f64> = sizes(differences).collect();
-        let deviation = (PER_MEDIAN * median(&sizes).unwrap_or(0.0)).max(LEAST_DEVIATION);
+        let deviation = robust_deviation(&sizes).unwrap_or(0.0).max(LEAST_DEVIATION);
         let mut all = Self {
             information: DMat3::ZERO,
             right: DVec3::ZERO,
@@ -273,7 +283,7 @@ impl Equations {
         for one in differences {
             let slopes = template.points[one.point].slopes;
             for (slope, value) in slopes.into_iter().zip(one.values) {
-                let weight = 1.0 / (1.0 + (value / (CAUCHY * deviation)).powi(2));
+                let weight = cauchy_weight(value, deviation);
                 let weighted = slope * weight;
                 let outer =
                     DMat3::from_cols(weighted * slope.x, weighted * slope.y, weighted * slope.z);

@@ -15,9 +15,9 @@
 use glam::DVec3;
 use omnilife_schemas::{
     band_matrix::BandMatrix,
-    statistics::median,
     trajectory::{BSpline, ObjectPath},
 };
+use omnilife_training::alignment::{cauchy_weight, robust_deviation};
 
 /// Weight of an even correction beside that of an exact measurement: parts without views continue their neighbours'.
 const PULL: f64 = 1e-2;
@@ -25,10 +25,6 @@ const PULL: f64 = 1e-2;
 const RIDGE: f64 = 1e-4;
 /// Rounds of weights by residuals.
 const ROUNDS: usize = 8;
-/// Standard deviation of a normal distribution over its median absolute deviation.
-const PER_MEDIAN: f64 = 1.4826;
-/// Scale of Cauchy's weights, in standard deviations (Holland and Welsch, 1977).
-const CAUCHY: f64 = 2.385;
 
 /// Correction of an object's pose at a time.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -138,15 +134,13 @@ fn solve(rows: &[Row], unknowns: usize, error: f64) -> Option<Vec<DVec3>> {
         found = weighted(rows, &factors, unknowns)?;
         let distance = |row: &Row| row.weight.sqrt() * row.distance(&found);
         let distances: Vec<f64> = rows.iter().map(distance).collect();
-        let scale = CAUCHY * (PER_MEDIAN * median(&distances)?).max(error);
+        let deviation = robust_deviation(&distances)?.max(error);
         for (factor, distance) in factors.iter_mut().zip(&distances) {
-            *factor = 1.0 / (1.0 + (distance / scale).powi(2));
+            *factor = cauchy_weight(*distance, deviation);
         }
     }
-    found
-        .iter()
-        .all(|one: &DVec3| one.is_finite())
-        .then_some(found)
+    let is_finite = found.iter().all(|one: &DVec3| one.is_finite());
+    is_finite.then_some(found)
 }
 
 /// Solves the normal equations for one set of weights.
