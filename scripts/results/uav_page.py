@@ -58,7 +58,8 @@ def of_geometry(folder):
 def of_tracks(folder):
     lines = ["| Detections | Frames a second | Recall | Precision | IDF1 | MOTA | Switches | Ground, m | "
              "Heading, degrees | Length, m |", "|---" * 2 + "|---:" * 8 + "|"]
-    kinds = [("`motion`", "motion-1", 1), ("`motion`", "motion-2", 2),
+    kinds = [("`motion`", "motion-1", 1), ("`motion`, after `path-alignment`", "refit-1", 1),
+             ("`motion`", "motion-2", 2),
              ("`motion`, points by stereo", "stereo-1", 1),
              ("true boxes, 15 % missing", "boxes-1-*", 1), ("true boxes, 15 % missing", "boxes-2-*", 2)]
     for title, pattern, rate in kinds:
@@ -244,6 +245,8 @@ def main():
                  ("`odgs` without aids", "odgs-bare"),
                  ("`object-graph` without aids, tracks by `motion`", "object-graph-bare")]
     ablated = [("all", "object-graph"), ("with `object-poses`", "with-object-poses"),
+               ("without `path-alignment`", "without-path-alignment"),
+               ("with `object-poses`, without `path-alignment`", "poses-alone"),
                ("without `sky-shell`", "without-sky-shell"), ("without `object-graph` (is `odgs`)", "odgs")]
     text = [f"{iterations} iterations, images {road.width} wide, tracks from images 640 wide; "
             f"{hardware['threads']} threads of {hardware['processor']}, shared with other work. Where there are "

@@ -71,7 +71,7 @@ const ENGINE: &[&[&str]] = &[
     &["step"],
 ];
 const TRAINING: &[&[&str]] = &[
-    &["aids", "error", "random"],
+    &["aids", "alignment", "error", "random"],
     &["options"],
     &["request"],
     &["process"],

@@ -24,6 +24,7 @@ mod moved_scene;
 mod neural_atlas;
 mod no_ops;
 mod object_graph;
+mod object_paths;
 mod pinhole;
 mod pose_refinement;
 mod projections;

@@ -30,7 +30,7 @@ use omnilife_schemas::{
     records::{ComponentDecision, DepthPrior, DistanceConvention, Scale},
 };
 
-use crate::{components::spoilt, depth::room, object_graph};
+use crate::{components::spoilt, depth::room, object_graph, support::flight};
 
 /// Least relative difference of images, root mean square. Last bits make less than a tenth of it in so few steps.
 const LIMIT: f64 = 2e-6;
@@ -118,6 +118,7 @@ fn cases(folder: &Path) -> Vec<Case> {
             furnished(&folder.join("corners"), &corners),
             STEPS,
         ),
+        Case::new("flight", flight::scene(flight::path_beside(0.5)), STEPS),
     ]
 }
 

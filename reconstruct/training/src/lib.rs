@@ -10,10 +10,12 @@
 //!   loop.
 //! * [`seeds`]: first Gaussians. [`formats`]: files of a model.
 //! * [`stereo`]: depth from two panoramas. [`scene`]: a scene in memory.
+//! * [`alignment`]: motion of a patch from image to image.
 //! * [`request`]: a user's request; [`options`]: options of single methods; [`aids`]: components that help any method.
 #![cfg_attr(not(test), warn(clippy::disallowed_methods))]
 
 pub mod aids;
+pub mod alignment;
 pub mod baseline;
 pub mod components;
 pub mod error;

@@ -66,7 +66,8 @@ pub(super) fn objects(scene: &TrainingScene, tracks: &Tracks) -> FirstObjects {
     first
 }
 
-fn tracked_object(scene: &TrainingScene, track: &Track, up: DVec3) -> TrackedObject {
+/// Returns the object of a track on its given path.
+pub(super) fn tracked_object(scene: &TrainingScene, track: &Track, up: DVec3) -> TrackedObject {
     let dimensions = track
         .dimensions
         .map(|side| (side * scene.normalization.scale) as f32);
@@ -130,7 +131,7 @@ fn seen(scene: &TrainingScene, object: &TrackedObject) -> (InitialGaussians, usi
 
 /// Returns columns and rows (from, to) of the pixels that an object's box may cover; `None` where it is not
 /// visible.
-fn pixel_range(
+pub(super) fn pixel_range(
     scene: &TrainingScene,
     view: &TrainingView,
     object: &TrackedObject,

@@ -4,8 +4,11 @@
 //! Fields for Urban Areas", `NeurIPS` 2024) on tracks that it finds itself.
 
 mod initial;
+mod patches;
+mod path_alignment;
+mod refit;
 
-use std::mem::take;
+use std::{fmt, mem::take};
 
 use omnilife_engine::{
     gaussians::{
@@ -18,7 +21,7 @@ use omnilife_engine::{
         short_schedule::{Growth, LearningRate},
     },
 };
-use omnilife_schemas::records::Tracks;
+use omnilife_schemas::{records::Tracks, statistics::median};
 
 use omnilife_training::{
     baseline::{OPACITY_RESET, require_memory},
@@ -35,6 +38,8 @@ use omnilife_training::{
     seeds::points,
 };
 
+use self::path_alignment::PathSurvey;
+
 /// The object graph.
 pub const METHOD: Method = Method {
     id: "object-graph",
@@ -42,9 +47,10 @@ pub const METHOD: Method = Method {
     source: "Dynamic urban scenes from UAV video (S2), after T. Fischer et al., Dynamic 3D Gaussian \
              Fields for Urban Areas, NeurIPS 2024",
     description: "Static Gaussians as odgs has them, and per tracked vehicle Gaussians that rest in \
-                  its box and move with its path; trained together. On request object-poses refines the \
-                  paths, by steps that reach a share of a vehicle's length (pose-reach); those of 4DGF are \
-                  for 30,000 iterations and more, and move paths by centimetres in a short run. \
+                  its box and move with its path; trained together. path-alignment refits paths to where the \
+                  images show their vehicles' patches, before training. On request object-poses refines the \
+                  paths further, by steps that reach some times the paths' measured error (pose-reach); those of \
+                  4DGF are for 30,000 iterations and more, and move paths by centimetres in a short run. \
                   Takes pinhole and ERP scenes; tracks come from `omnilife curate tracks`. Departures \
                   from the paper and from 4DGF: colours are constants per Gaussian (SH degree 0) and no \
                   network predicts them; no codes for appearance or transients (one video has no use \
@@ -59,6 +65,7 @@ pub const METHOD: Method = Method {
                   network where somebody gives its estimates. Aids as odgs has them.",
     components: &[
         OBJECT_GRAPH,
+        path_alignment::ID,
         denser_points::ID,
         short_schedule::ID,
         sky_shell::ID,
@@ -105,25 +112,28 @@ const POSITION_RATE: Decay = Decay {
     begin: 1.6e-4,
     end: 1.6e-6,
 };
-/// Sum of the step sizes of a correction over a run, in lengths of the median vehicle: twice the error of paths
-/// from detections, which is about a tenth of that. It is the same in a short run, where 4DGF's 1e-5 of the scene's
-/// extent is made for 30,000 iterations and more.
-const POSE_REACH: f32 = 0.2;
+/// Sum of the step sizes of a correction over a run, in errors of the paths: Adam's steps do not all go one way. It is
+/// the same in a short run, where 4DGF's 1e-5 of the scene's extent is made for 30,000 iterations and more.
+const POSE_REACH: f32 = 2.0;
 /// [`POSE_REACH`] as an option.
 const POSE_REACH_OPTION: MethodOption = MethodOption::number(
     (
         "pose-reach",
-        "greatest way of a path's corrections over the run",
+        "greatest way of a path's corrections over the run, in errors of the paths; larger follows the images farther",
     ),
     [0.0, 100.0],
-    "0.2",
+    "2",
     Constant {
-        unit: "lengths of the median vehicle",
+        unit: "errors of the paths",
         source: "this project",
         component: Some(OBJECT_POSES_COMPONENT),
         is_weight: true,
     },
 );
+/// Maximum error of paths that corrections are made for, metres.
+const LARGEST_ERROR_METRES: f64 = 0.5;
+/// Error of paths that no patch tells, in lengths of the median vehicle: that of paths from detections.
+const UNMEASURED_ERROR: f64 = 0.1;
 /// Share of the first step size at the end (4DGF).
 const POSE_END_SHARE: f32 = 0.1;
 /// Least step size: a rate of 0 has no logarithm.
@@ -148,9 +158,22 @@ fn prepare(
         })?;
     let mut draft = Draft::new(scene, request, METHOD.supported(), METHOD.motion())?;
     let uses_objects = draft.decide(OBJECT_GRAPH, of_tracks(tracks));
+    let survey = (uses_objects && request.allows(path_alignment::ID))
+        .then(|| PathSurvey::new(scene, tracks));
+    let aligns = draft.decide(
+        path_alignment::ID,
+        of_alignment(tracks, survey.as_ref()).unless(draft.missing(OBJECT_GRAPH)),
+    );
+    let refit = survey.as_ref().filter(|_| aligns);
+    let refit = refit.map(|survey| survey.refit(tracks));
+    let tracks = refit.as_ref().unwrap_or(tracks);
+    let error = PathError::new(
+        tracks,
+        survey.as_ref().and_then(|one| one.median_error(aligns)),
+    );
     let refines = draft.decide(
         OBJECT_POSES_COMPONENT,
-        of_poses(tracks)
+        of_poses(tracks, error)
             .unless(uncorrectable(tracks))
             .unless(draft.missing(OBJECT_GRAPH)),
     );
@@ -174,7 +197,8 @@ fn prepare(
     )?;
     if !objects.objects.is_empty() {
         draft.settings.objects = true;
-        let pose_rate = pose_rate(scene, request, &objects.objects);
+        let error = error.metres() / tracks.metres_per_unit * scene.normalization.scale;
+        let pose_rate = pose_rate(scene, request, &objects.objects, error as f32);
         let rates = &mut draft.settings.learning_rates;
         let positions = LearningRate::new(POSITION_RATE, Growth::LASTING);
         rates.insert(OBJECT_POSITIONS.to_owned(), positions);
@@ -211,13 +235,74 @@ fn of_tracks(tracks: &Tracks) -> Decision {
     }
 }
 
-/// Returns the step sizes of the corrections of paths, whose sum over the views of a path is [`POSE_REACH`].
-fn pose_rate(scene: &TrainingScene, request: &MethodRequest, objects: &[TrackedObject]) -> Decay {
-    let mut lengths: Vec<f32> = objects.iter().map(TrackedObject::unit).collect();
-    lengths.sort_by(f32::total_cmp);
-    let length = lengths.get(lengths.len() / 2).copied().unwrap_or(0.0);
+/// Decides on the refit of paths, by their alignment with the images.
+fn of_alignment(tracks: &Tracks, survey: Option<&PathSurvey>) -> Decision {
+    let Some(survey) = survey else {
+        return Decision::not_looked_for();
+    };
+    if detector_of(tracks) == Some("exact") || tracks.are_labels() {
+        return Decision::no_case("the paths are exact").unless(survey.missing());
+    }
+    Decision::new(true, survey.to_string()).unless(survey.missing())
+}
+
+/// Returns the detector of the tracks; `None` where they do not tell it.
+fn detector_of(tracks: &Tracks) -> Option<&str> {
+    let mut stages = tracks.stages.iter();
+    let detector = stages.find(|stage| stage.stage == "detector")?;
+    Some(detector.method.as_str())
+}
+
+/// Error of the paths in use.
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum PathError {
+    /// Median distance of the vehicles in the images, metres.
+    Measured(f64),
+    /// Share of the median vehicle's length, metres.
+    Assumed(f64),
+}
+
+impl PathError {
+    /// Takes the measured error in metres, or that of paths from detections.
+    fn new(tracks: &Tracks, measured_metres: Option<f64>) -> Self {
+        let lengths = tracks.tracks.iter().map(|track| track.dimensions[0]);
+        let length = median(&lengths.collect::<Vec<f64>>()).unwrap_or(0.0);
+        measured_metres.map_or(
+            Self::Assumed(UNMEASURED_ERROR * length * tracks.metres_per_unit),
+            Self::Measured,
+        )
+    }
+
+    /// Returns the error that corrections are made for, metres.
+    fn metres(self) -> f64 {
+        let (Self::Measured(metres) | Self::Assumed(metres)) = self;
+        metres.min(LARGEST_ERROR_METRES)
+    }
+}
+
+impl fmt::Display for PathError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let metres = self.metres();
+        match self {
+            Self::Measured(_) => write!(f, "made for {metres:.2} m, by the vehicles' patches"),
+            Self::Assumed(_) => write!(
+                f,
+                "made for {metres:.2} m, a share of a vehicle's length, as no patch was aligned"
+            ),
+        }
+    }
+}
+
+/// Returns the step sizes of the corrections of paths, whose sum over the views of a path is [`POSE_REACH`] times
+/// their error, normalized units.
+fn pose_rate(
+    scene: &TrainingScene,
+    request: &MethodRequest,
+    objects: &[TrackedObject],
+    error: f32,
+) -> Decay {
     let asked = request.options.number(&POSE_REACH_OPTION);
-    let reach = asked.unwrap_or(POSE_REACH) * length;
+    let reach = asked.unwrap_or(POSE_REACH) * error;
     let is_on = |object: &TrackedObject, seconds: f64| {
         let [begin, end] = object.path.range_seconds();
         (begin..=end).contains(&seconds)
@@ -246,14 +331,13 @@ fn uncorrectable(tracks: &Tracks) -> Option<&'static str> {
 }
 
 /// Returns the decision on refining paths, with their origin.
-fn of_poses(tracks: &Tracks) -> Decision {
-    let detector = tracks.stages.iter().find(|stage| stage.stage == "detector");
-    let origin = match detector {
-        Some(stage) if stage.method == "exact" => "the paths are exact".to_owned(),
-        Some(stage) => format!("the paths come from detections ({})", stage.method),
+fn of_poses(tracks: &Tracks, error: PathError) -> Decision {
+    let origin = match detector_of(tracks) {
+        Some("exact") => "the paths are exact".to_owned(),
+        Some(method) => format!("the paths come from detections ({method})"),
         None => "nothing is said of how the paths were found".to_owned(),
     };
     Decision::on_request(&format!(
-        "it moved as many paths from the truth as towards it; {origin}"
+        "it moved as many paths from the truth as towards it; {origin}; corrections are {error}"
     ))
 }

@@ -4,6 +4,7 @@ pub(crate) use omnilife_engine::render::reference;
 
 pub(crate) mod balls;
 pub(crate) mod device;
+pub(crate) mod flight;
 pub(crate) mod gains;
 pub(crate) mod held_camera;
 pub(crate) mod moving_ball;
