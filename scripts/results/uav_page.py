@@ -245,8 +245,8 @@ def main():
                  ("`odgs` without aids", "odgs-bare"),
                  ("`object-graph` without aids, tracks by `motion`", "object-graph-bare")]
     ablated = [("all", "object-graph"), ("with `object-poses`", "with-object-poses"),
-               ("without `path-alignment`", "without-path-alignment"),
-               ("with `object-poses`, without `path-alignment`", "poses-alone"),
+               ("with `path-alignment`", "with-path-alignment"),
+               ("with both", "with-both"),
                ("without `sky-shell`", "without-sky-shell"), ("without `object-graph` (is `odgs`)", "odgs")]
     text = [f"{iterations} iterations, images {road.width} wide, tracks from images 640 wide; "
             f"{hardware['threads']} threads of {hardware['processor']}, shared with other work. Where there are "

@@ -58,11 +58,7 @@ fn steps_of_objects_grow_in_short_schedules_and_paths_go_as_far_in_any() {
     let scene = scene();
     let method = methods::find("object-graph").unwrap();
     let prepared = |iterations: u64| {
-        // No patch tells the error of the path.
-        let request = MethodRequest {
-            without: vec!["path-alignment".to_owned()],
-            ..MethodRequest::new(iterations, 3)
-        };
+        let request = MethodRequest::new(iterations, 3);
         let prepared = method.prepare(&scene, &request, BackendChoice::Cpu);
         prepared.unwrap()
     };

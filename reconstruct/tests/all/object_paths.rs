@@ -58,10 +58,18 @@ fn errors(scene: &TrainingScene, path: &ObjectPath) -> [f64; 2] {
     [median(&distances).unwrap(), median(&turns).unwrap()]
 }
 
+/// Returns a request for refit paths.
+fn aligning() -> MethodRequest {
+    MethodRequest {
+        with: vec!["path-alignment".to_owned()],
+        ..MethodRequest::new(250, 3)
+    }
+}
+
 #[test]
 fn a_path_beside_its_vehicle_is_brought_to_it() {
     let scene = flight::scene(flight::path_beside(SWAY));
-    let request = MethodRequest::new(250, 3);
+    let request = aligning();
     let mut aligned = prepared(&scene, &request);
     assert!(decision(&aligned, "path-alignment").used);
     let given = errors(&scene, &flight::path_beside(SWAY));
@@ -74,11 +82,7 @@ fn a_path_beside_its_vehicle_is_brought_to_it() {
     );
     assert_eq!(path.fault(), None);
 
-    let without = MethodRequest {
-        without: vec!["path-alignment".to_owned()],
-        ..request
-    };
-    let mut left = prepared(&scene, &without);
+    let mut left = prepared(&scene, &MethodRequest::new(250, 3));
     assert!(!decision(&left, "path-alignment").used);
     let kept = errors(&scene, &path_of(&scene, &mut left));
     assert!((kept[0] - given[0]).abs() < 1e-6, "{kept:?} of {given:?}");
@@ -87,7 +91,7 @@ fn a_path_beside_its_vehicle_is_brought_to_it() {
 #[test]
 fn a_true_path_stays_true() {
     let scene = flight::scene(flight::true_path());
-    let mut aligned = prepared(&scene, &MethodRequest::new(250, 3));
+    let mut aligned = prepared(&scene, &aligning());
     let path = path_of(&scene, &mut aligned);
     let [place, heading] = errors(&scene, &path);
     assert!(
@@ -103,7 +107,7 @@ fn a_path_whose_vehicle_few_views_show_stays() {
     for view in scene.input_views.iter_mut().step_by(2) {
         view.pixels.fill(128);
     }
-    let mut kept = prepared(&scene, &MethodRequest::new(250, 3));
+    let mut kept = prepared(&scene, &aligning());
     let line = decision(&kept, "path-alignment");
     assert!(
         !line.used && line.reason.contains("cannot be without"),
@@ -123,25 +127,28 @@ fn reach(scene: &TrainingScene, prepared: &Prepared<'_>, iterations: f64) -> f64
 
 #[test]
 fn steps_of_paths_reach_as_far_as_these_are_off() {
-    let request = |sets: &[&str]| MethodRequest {
-        with: vec!["object-poses".to_owned()],
-        without: sets.iter().map(|&name| name.to_owned()).collect(),
+    let request = |others: &[&str]| MethodRequest {
+        with: [&["object-poses"], others]
+            .concat()
+            .iter()
+            .map(|&name| name.to_owned())
+            .collect(),
         ..MethodRequest::new(250, 3)
     };
-    let way = |length: f64, without: &[&str]| {
+    let way = |length: f64, others: &[&str]| {
         let mut scene = flight::scene(flight::path_beside(SWAY));
         for track in scene.tracks.iter_mut().flat_map(|all| &mut all.tracks) {
             track.dimensions[0] = length;
         }
-        let prepared = prepared(&scene, &request(without));
+        let prepared = prepared(&scene, &request(others));
         assert!(decision(&prepared, "object-poses").used);
         reach(&scene, &prepared, 250.0)
     };
     // Twice what is left of the error after the refit.
-    let refit = way(4.5, &[]);
+    let refit = way(4.5, &["path-alignment"]);
     assert!(refit > 0.0 && refit < 0.3, "{refit}");
     // Twice a tenth of the vehicle's length where nothing is measured, and never for more than half a metre.
-    let unmeasured = [4.5, 9.0].map(|length| way(length, &["path-alignment"]));
+    let unmeasured = [4.5, 9.0].map(|length| way(length, &[]));
     assert!((unmeasured[0] - 0.9).abs() < 1e-3, "{unmeasured:?}");
     assert!((unmeasured[1] - 1.0).abs() < 1e-3, "{unmeasured:?}");
 }

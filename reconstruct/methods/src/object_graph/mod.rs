@@ -47,9 +47,9 @@ pub const METHOD: Method = Method {
     source: "Dynamic urban scenes from UAV video (S2), after T. Fischer et al., Dynamic 3D Gaussian \
              Fields for Urban Areas, NeurIPS 2024",
     description: "Static Gaussians as odgs has them, and per tracked vehicle Gaussians that rest in \
-                  its box and move with its path; trained together. path-alignment refits paths to where the \
-                  images show their vehicles' patches, before training. On request object-poses refines the \
-                  paths further, by steps that reach some times the paths' measured error (pose-reach); those of \
+                  its box and move with its path; trained together. On request path-alignment \
+                  refits paths to where the images show their vehicles' patches, before training, and \
+                  object-poses refines the paths further, by steps that reach some times the paths' measured error (pose-reach); those of \
                   4DGF are for 30,000 iterations and more, and move paths by centimetres in a short run. \
                   Takes pinhole and ERP scenes; tracks come from `omnilife curate tracks`. Departures \
                   from the paper and from 4DGF: colours are constants per Gaussian (SH degree 0) and no \
@@ -65,13 +65,13 @@ pub const METHOD: Method = Method {
                   network where somebody gives its estimates. Aids as odgs has them.",
     components: &[
         OBJECT_GRAPH,
-        path_alignment::ID,
         denser_points::ID,
         short_schedule::ID,
         sky_shell::ID,
         OPACITY_RESET,
     ],
     optional_components: &[
+        path_alignment::ID,
         OBJECT_POSES_COMPONENT,
         exposure_compensation::ID,
         camera_response::ID,
@@ -158,8 +158,8 @@ fn prepare(
         })?;
     let mut draft = Draft::new(scene, request, METHOD.supported(), METHOD.motion())?;
     let uses_objects = draft.decide(OBJECT_GRAPH, of_tracks(tracks));
-    let survey = (uses_objects && request.allows(path_alignment::ID))
-        .then(|| PathSurvey::new(scene, tracks));
+    let survey =
+        (uses_objects && request.names(path_alignment::ID)).then(|| PathSurvey::new(scene, tracks));
     let aligns = draft.decide(
         path_alignment::ID,
         of_alignment(tracks, survey.as_ref()).unless(draft.missing(OBJECT_GRAPH)),
@@ -238,12 +238,14 @@ fn of_tracks(tracks: &Tracks) -> Decision {
 /// Decides on the refit of paths, by their alignment with the images.
 fn of_alignment(tracks: &Tracks, survey: Option<&PathSurvey>) -> Decision {
     let Some(survey) = survey else {
-        return Decision::not_looked_for();
+        return Decision::on_request("its gain was measured on no flight");
     };
-    if detector_of(tracks) == Some("exact") || tracks.are_labels() {
-        return Decision::no_case("the paths are exact").unless(survey.missing());
-    }
-    Decision::new(true, survey.to_string()).unless(survey.missing())
+    let origin = if detector_of(tracks) == Some("exact") || tracks.are_labels() {
+        "the paths are exact; "
+    } else {
+        ""
+    };
+    Decision::on_request(&format!("{origin}{survey}")).unless(survey.missing())
 }
 
 /// Returns the detector of the tracks; `None` where they do not tell it.
