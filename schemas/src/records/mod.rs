@@ -64,7 +64,7 @@ pub use lift::{Lift, LiftedView};
 pub use masks::{MaskEntry, Masks};
 pub use object_results::{ClassResult, ClassSummary, ObjectResult, ObjectResults};
 pub use objects::{GraphObject, Objects};
-pub use operator::{Operator, OperatorFinding};
+pub use operator::{CapKind, Operator, OperatorCap, OperatorFinding, Pole};
 pub use overlays::{Overlay, OverlayClass, OverlayReport, OverlaySpan, Sightings};
 pub use pose_scores::{PoseAlignment, PoseAuc, PoseDrift, PoseScores, RelativePoseError};
 pub use poses::{PosedFrame, Poses};
