@@ -30,6 +30,7 @@ pub mod saved;
 pub mod settings;
 pub mod shade;
 pub mod step;
+mod unseen;
 
 use glam::DVec3;
 use omnilife_engine::fields::grid_field::GridField;
