@@ -10,10 +10,7 @@ use super::{moving_mosaics::is_at_same_place, stability::Piece};
 /// Returns the number of the shot at an instant, from 0; a transition belongs to the nearer one.
 pub(super) fn shot_at(boundaries: &[Boundary], seconds: f64) -> usize {
     let middle = |boundary: &Boundary| 0.5 * (boundary.begin_seconds + boundary.end_seconds);
-    let before = boundaries
-        .iter()
-        .filter(|boundary| middle(boundary) < seconds);
-    before.count()
+    boundaries.partition_point(|boundary| middle(boundary) < seconds)
 }
 
 /// Returns the spans that were judged, in order of time.

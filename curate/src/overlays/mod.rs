@@ -61,7 +61,7 @@ pub fn report(pass: &OverlayPass, mosaics: &MosaicPass, boundaries: &[Boundary])
 fn what_stays(pass: &OverlayPass, boundaries: &[Boundary]) -> OverlayReport {
     let pieces = pass.pieces();
     let spans = by_shot::spans(&pieces, boundaries);
-    let moving_steps = spans.iter().map(|span| span.moving_steps).sum();
+    let moving_steps: u32 = spans.iter().map(|span| span.moving_steps).sum();
     let is_judged = spans.iter().any(|span| span.is_judged);
     let unjudged = (!is_judged).then(|| {
         format!(

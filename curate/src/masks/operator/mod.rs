@@ -204,7 +204,7 @@ impl Verdict {
 
     /// Adds caps: those that are found to the mask, and doubtful ones as a question if nothing else was found.
     fn with_caps(mut self, caps: Vec<Cap>) -> Self {
-        let has = |finding| caps.iter().any(|cap| cap.record.finding == finding);
+        let has = |finding: OperatorFinding| caps.iter().any(|cap| cap.record.finding == finding);
         let is_open =
             self.finding == OperatorFinding::Nothing || self.finding == OperatorFinding::Unjudged;
         let entered = match (has(OperatorFinding::Found), is_open && !caps.is_empty()) {
