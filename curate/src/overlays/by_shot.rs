@@ -7,6 +7,11 @@ use omnilife_schemas::records::{Boundary, Overlay, OverlaySpan, TimeRange};
 
 use super::{moving_mosaics::is_at_same_place, stability::Piece};
 
+/// Least mean gradient on the edges of what stays in a part of a video alone, 8-bit levels per pixel. Stripes that are
+/// painted over `tunnel` have 89 and more, translucent ones included. Skies and boards of single shots of `reef` have
+/// 6 to 20, so that this clip is not unseen by the limit.
+const LEAST_STROKE_LEVELS: f64 = 24.0;
+
 /// Returns the number of the shot at an instant, from 0; a transition belongs to the nearer one.
 pub(super) fn shot_at(boundaries: &[Boundary], seconds: f64) -> usize {
     let middle = |boundary: &Boundary| 0.5 * (boundary.begin_seconds + boundary.end_seconds);
@@ -28,8 +33,13 @@ pub(super) fn spans(pieces: &[Piece], boundaries: &[Boundary]) -> Vec<OverlaySpa
     pieces.iter().map(span).collect()
 }
 
-/// Returns the overlays of all pieces, each once with its times.
+/// Returns the overlays of all pieces, each once with its times. A sky or a board that the camera rides on may stay for
+/// a short shot, so what stays in a part of the video alone must have strokes as strong as letters. What carries the
+/// camera and patches under it need none, nor what stays in all judged parts of several.
 pub(super) fn gathered(pieces: Vec<Piece>) -> Vec<Overlay> {
+    let is_whole = pieces.len() == 1;
+    let judged = pieces.iter().filter(|piece| piece.overlays.is_some());
+    let judged = judged.count();
     let mut found = Vec::new();
     for piece in pieces {
         for overlay in piece.overlays.into_iter().flatten() {
@@ -37,6 +47,16 @@ pub(super) fn gathered(pieces: Vec<Piece>) -> Vec<Overlay> {
             add(&mut found, Overlay { ranges, ..overlay });
         }
     }
+    for overlay in &mut found {
+        // Several of one piece in one place are one.
+        overlay.ranges.dedup();
+    }
+    found.retain(|overlay| {
+        is_whole
+            || !overlay.class.spoils_geometry()
+            || overlay.strength_levels >= LEAST_STROKE_LEVELS
+            || (judged > 1 && overlay.ranges.len() == judged)
+    });
     found
 }
 
@@ -77,7 +97,7 @@ pub(super) fn are_together(one: &Overlay, other: &Overlay) -> bool {
 mod tests {
     use std::ops::Range;
 
-    use omnilife_schemas::records::{BoundaryKind, OverlayReport};
+    use omnilife_schemas::records::{BoundaryKind, OverlayClass, OverlayReport};
     use omnilife_video::Rgb8Image;
 
     use super::super::{MosaicPass, OverlayPass, report};
@@ -197,6 +217,45 @@ mod tests {
         let found = screened(&shot(1, 0..0, 12), &[6]);
         assert_eq!(found.spans.len(), 1);
         assert_eq!(found.spans[0].shots, 2);
+    }
+
+    #[test]
+    fn what_stays_faintly_must_stay_in_all_shots() {
+        let overlay = |strength_levels: f64| Overlay {
+            class: OverlayClass::Watermark,
+            longitude_degrees: 10.0,
+            latitude_degrees: 20.0,
+            solid_angle_steradians: 0.1,
+            constancy: 1.0,
+            stayed: 1.0,
+            strength_levels,
+            variation_levels: 0.0,
+            saturated_share: 0.0,
+            sightings: None,
+            ranges: Vec::new(),
+        };
+        let counts = |strengths: &[&[f64]]| {
+            let piece = |(number, strengths): (usize, &&[f64])| Piece {
+                range: TimeRange {
+                    begin_seconds: number as f64,
+                    end_seconds: number as f64 + 0.5,
+                },
+                moving_steps: 9,
+                overlays: Some(
+                    strengths
+                        .iter()
+                        .map(|&strength| overlay(strength))
+                        .collect(),
+                ),
+            };
+            gathered(strengths.iter().enumerate().map(piece).collect()).len()
+        };
+        assert_eq!(counts(&[&[10.0]]), 1);
+        assert_eq!(counts(&[&[10.0], &[]]), 0);
+        assert_eq!(counts(&[&[10.0, 10.0], &[]]), 0);
+        assert_eq!(counts(&[&[60.0], &[]]), 1);
+        assert_eq!(counts(&[&[10.0], &[10.0]]), 1);
+        assert_eq!(counts(&[&[10.0], &[10.0], &[]]), 0);
     }
 
     #[test]
