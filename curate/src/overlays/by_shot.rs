@@ -8,7 +8,7 @@ use omnilife_schemas::records::{Boundary, Overlay, OverlaySpan, TimeRange};
 use super::{moving_mosaics::is_at_same_place, stability::Piece};
 
 /// Least mean gradient on the edges of what stays in a part of a video alone, 8-bit levels per pixel. Stripes that are
-/// painted over `tunnel` have 89 and more, translucent ones included. Skies and boards of single shots of `reef` have
+/// painted over `tunnel` have 89 and more, translucent ones included. Skies and surfboards of single shots of `reef` have
 /// 6 to 20, so that this clip is not unseen by the limit.
 const LEAST_STROKE_LEVELS: f64 = 24.0;
 
@@ -33,7 +33,7 @@ pub(super) fn spans(pieces: &[Piece], boundaries: &[Boundary]) -> Vec<OverlaySpa
     pieces.iter().map(span).collect()
 }
 
-/// Returns the overlays of all pieces, each once with its times. A sky or a board that the camera rides on may stay for
+/// Returns the overlays of all pieces, each once with its times. A sky or a surfboard under the camera may stay for
 /// a short shot, so what stays in a part of the video alone must have strokes as strong as letters. What carries the
 /// camera and patches under it need none, nor what stays in all judged parts of several.
 pub(super) fn gathered(pieces: Vec<Piece>) -> Vec<Overlay> {
@@ -219,9 +219,8 @@ mod tests {
         assert_eq!(found.spans[0].shots, 2);
     }
 
-    #[test]
-    fn what_stays_faintly_must_stay_in_all_shots() {
-        let overlay = |strength_levels: f64| Overlay {
+    fn standing(strength_levels: f64) -> Overlay {
+        Overlay {
             class: OverlayClass::Watermark,
             longitude_degrees: 10.0,
             latitude_degrees: 20.0,
@@ -233,23 +232,28 @@ mod tests {
             saturated_share: 0.0,
             sightings: None,
             ranges: Vec::new(),
-        };
-        let counts = |strengths: &[&[f64]]| {
-            let piece = |(number, strengths): (usize, &&[f64])| Piece {
+        }
+    }
+
+    /// Number of overlays of shots, each with finds of these strengths in one place.
+    fn counts(shots: &[&[f64]]) -> usize {
+        let mut pieces = Vec::new();
+        for (number, strengths) in shots.iter().enumerate() {
+            let finds = strengths.iter().map(|&strength| standing(strength));
+            pieces.push(Piece {
                 range: TimeRange {
                     begin_seconds: number as f64,
                     end_seconds: number as f64 + 0.5,
                 },
                 moving_steps: 9,
-                overlays: Some(
-                    strengths
-                        .iter()
-                        .map(|&strength| overlay(strength))
-                        .collect(),
-                ),
-            };
-            gathered(strengths.iter().enumerate().map(piece).collect()).len()
-        };
+                overlays: Some(finds.collect()),
+            });
+        }
+        gathered(pieces).len()
+    }
+
+    #[test]
+    fn what_stays_faintly_must_stay_in_all_shots() {
         assert_eq!(counts(&[&[10.0]]), 1);
         assert_eq!(counts(&[&[10.0], &[]]), 0);
         assert_eq!(counts(&[&[10.0, 10.0], &[]]), 0);
