@@ -40,24 +40,30 @@ pub(super) fn gathered(pieces: Vec<Piece>) -> Vec<Overlay> {
     let is_whole = pieces.len() == 1;
     let judged = pieces.iter().filter(|piece| piece.overlays.is_some());
     let judged = judged.count();
-    let mut found = Vec::new();
-    for piece in pieces {
-        for overlay in piece.overlays.into_iter().flatten() {
-            let ranges = vec![piece.range];
-            add(&mut found, Overlay { ranges, ..overlay });
-        }
-    }
-    for overlay in &mut found {
-        // Several of one piece in one place are one.
-        overlay.ranges.dedup();
-    }
-    found.retain(|overlay| {
+    let is_clear = |overlay: &Overlay| {
         is_whole
             || !overlay.class.spoils_geometry()
             || overlay.strength_levels >= LEAST_STROKE_LEVELS
-            || (judged > 1 && overlay.ranges.len() == judged)
-    });
-    found
+    };
+    // Apart, so that a faint sky does not stand for letters in front of it.
+    let (mut clear, mut faint): (Vec<Overlay>, Vec<Overlay>) = (Vec::new(), Vec::new());
+    for piece in pieces {
+        for overlay in piece.overlays.into_iter().flatten() {
+            let ranges = vec![piece.range];
+            let found = match is_clear(&overlay) {
+                true => &mut clear,
+                false => &mut faint,
+            };
+            add(found, Overlay { ranges, ..overlay });
+        }
+    }
+    for overlay in clear.iter_mut().chain(&mut faint) {
+        // Several of one piece in one place are one.
+        overlay.ranges.dedup();
+    }
+    faint.retain(|overlay| judged > 1 && overlay.ranges.len() == judged);
+    clear.append(&mut faint);
+    clear
 }
 
 /// Adds a find to those of other shots; the larger one of a class in one place stands for both, with the sightings and
@@ -258,6 +264,7 @@ mod tests {
         assert_eq!(counts(&[&[10.0], &[]]), 0);
         assert_eq!(counts(&[&[10.0, 10.0], &[]]), 0);
         assert_eq!(counts(&[&[60.0], &[]]), 1);
+        assert_eq!(counts(&[&[60.0], &[10.0]]), 1);
         assert_eq!(counts(&[&[10.0], &[10.0]]), 1);
         assert_eq!(counts(&[&[10.0], &[10.0], &[]]), 0);
     }
