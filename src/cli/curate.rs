@@ -228,6 +228,10 @@ pub(crate) enum CurateCommand {
         /// Also looks for people who keep their place in the frame, by the network of `curate masks --method deeplab`.
         #[arg(long)]
         people: bool,
+        /// Also looks for caps around the poles that stay: a tripod below a camera that turns, a flat gap between lenses.
+        /// Off by default, because its limits are not measured on labels.
+        #[arg(long)]
+        caps: bool,
     },
     /// Measures the distances of a posed pinhole scene by stereo: dense points, which tracks and training
     /// then begin with, and distances per frame.

@@ -5,8 +5,9 @@ use std::path::{Path, PathBuf};
 use omnilife_curate::{
     CurateError, CurateSettings, CuratedDataset, Place, Worker, analysis,
     audit::{self, PageRequest},
-    boundaries, curate_dataset_in, curate_video, expand_inputs, left_out_of_folders, origins,
-    overview, pose_sequence_with, projection,
+    boundaries, curate_dataset_in, curate_video, expand_inputs, left_out_of_folders,
+    masks::operator::OperatorSearch,
+    origins, overview, pose_sequence_with, projection,
     publish::{self, PublishSettings},
     worker,
 };
@@ -97,8 +98,16 @@ pub(crate) fn execute(command: &CurateCommand, progress: &dyn Progress) -> anyho
         CurateCommand::Annotate(arguments) => dataset::annotate(arguments, progress),
         CurateCommand::Attach(arguments) => attach::execute(arguments, progress),
         CurateCommand::Masks(arguments) => dataset::masks(arguments, progress),
-        CurateCommand::Operator { sequence, people } => {
-            dataset::operator(sequence, *people, progress)
+        CurateCommand::Operator {
+            sequence,
+            people,
+            caps,
+        } => {
+            let search = OperatorSearch {
+                people: *people,
+                caps: *caps,
+            };
+            dataset::operator(sequence, search, progress)
         }
         CurateCommand::Export(arguments) => dataset::export(arguments, progress),
         CurateCommand::Import(arguments) => dataset::import(arguments, progress),

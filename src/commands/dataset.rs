@@ -7,7 +7,10 @@ use omnilife_curate::{
     annotation::annotate_dataset,
     enter_masks,
     exchange::{self, ExportRequest, ImportRequest},
-    masks::{operator, write_masks},
+    masks::{
+        operator::{self, OperatorSearch},
+        write_masks,
+    },
     overview, publish, slicing,
 };
 use omnilife_schemas::{
@@ -16,6 +19,7 @@ use omnilife_schemas::{
     lock::FolderLock,
     plain_text::counted,
     progress::Progress,
+    records::OperatorFinding,
     store,
 };
 
@@ -92,18 +96,23 @@ pub(crate) fn masks(arguments: &MasksArguments, progress: &dyn Progress) -> anyh
 /// Looks for what stays in the camera's frame and prints the verdict, with the command that uses its mask.
 pub(crate) fn operator(
     sequence: &Path,
-    with_people: bool,
+    search: OperatorSearch,
     progress: &dyn Progress,
 ) -> anyhow::Result<()> {
-    let record = operator::write_operator(sequence, with_people, progress)?;
+    let record = operator::write_operator(sequence, search, progress)?;
     progress.note(&format!("{}: {}", operator::ID, record.reliability));
     let mut text = format!("{}: {}\n", record.sequence, record.reason);
     let folder = sequence.join(OPERATOR_FOLDER);
     if let (Some(mask), Some(image)) = (&record.mask, &record.image) {
         let (mask, image) = (folder.join(mask), folder.join(image));
+        let is_doubtful = record.finding == OperatorFinding::Doubtful;
         text += &format!(
-            "{:.2} % of the sphere; to look at: {}\n  omnilife curate poses {} --ignore-mask {}\n",
+            "{:.2} % of the sphere; {}: {}\n  omnilife curate poses {} --ignore-mask {}\n",
             100.0 * record.share,
+            match is_doubtful {
+                true => "is what is red here no part of the scene? Then ignore it",
+                false => "to look at",
+            },
             image.display(),
             sequence.display(),
             mask.display()

@@ -7,7 +7,12 @@ use std::{
 
 use omnilife_curate::{
     MaskProgram,
-    masks::{self, MaskSource, operator, reliability, reliability::Target},
+    masks::{
+        self, MaskSource,
+        operator::{self, OperatorSearch},
+        reliability,
+        reliability::Target,
+    },
 };
 use omnilife_reconstruct::{methods::Method, request::MethodRequest};
 use omnilife_schemas::{
@@ -95,7 +100,7 @@ impl MaskStep {
 /// Looks for what the camera carries in a sequence; returns its mask if it is found. Otherwise, or where a person has to
 /// decide, a line says so.
 pub(crate) fn operator(folder: &Path, id: &str, progress: &dyn Progress) -> Option<PathBuf> {
-    let record = match operator::write_operator(folder, false, progress) {
+    let record = match operator::write_operator(folder, OperatorSearch::default(), progress) {
         Ok(record) => record,
         Err(error) => {
             progress.note(&format!(

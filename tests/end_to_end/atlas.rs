@@ -201,6 +201,14 @@ fn a_clip_is_imported_learnt_scored_taken_apart_and_edited() {
     assert!(read_image(&removed)[(32, 20)] != read_image(&all)[(32, 20)]);
     let record = fs::read_to_string(folder.join("removed/run.json")).unwrap();
     assert!(record.contains("square is removed"));
+    // The guessed part of the clean plate is marked.
+    assert!(record.contains("background-unseen.png"));
+    let unseen = image::open(folder.join("removed/background-unseen.png")).unwrap();
+    let plate = image::open(folder.join("atlas/background.png")).unwrap();
+    assert_eq!(
+        unseen.to_luma8().dimensions(),
+        plate.to_rgba8().dimensions()
+    );
 
     edits_are_shown_in_one_command(folder, &atlas, &scene);
 

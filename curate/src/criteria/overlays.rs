@@ -66,8 +66,17 @@ fn described(overlay: &Overlay) -> String {
                 sightings.seen_frames, sightings.looked_at_frames
             )
         });
+    let times = match overlay.ranges.as_slice() {
+        [] => String::new(),
+        [first, ..] => {
+            let seconds: f64 = (overlay.ranges.iter())
+                .map(|range| range.duration_seconds())
+                .sum();
+            format!(", for {seconds:.1} s from {:.1} s on", first.begin_seconds)
+        }
+    };
     format!(
-        "{} of {:.4} sr at longitude {:.0}, latitude {:.0} degrees{seen}",
+        "{} of {:.4} sr at longitude {:.0}, latitude {:.0} degrees{times}{seen}",
         overlay.class.name(),
         overlay.solid_angle_steradians,
         overlay.longitude_degrees,
@@ -99,6 +108,7 @@ mod tests {
                 reach_degrees: 10.0,
                 block_pixels: 16.0,
             }),
+            ranges: Vec::new(),
         }
     }
 
@@ -115,6 +125,7 @@ mod tests {
                 unjudged: Some("nothing moved".to_owned()),
                 moving_steps: 0,
                 overlays: vec![moving_mosaic(steradians, seen_frames)],
+                spans: Vec::new(),
             };
             let (passed, value) = judged(&report, &OMNILIFE360.thresholds, 0.02);
             assert_eq!(passed, passes, "{steradians} sr, {seen_frames} frames");

@@ -5,7 +5,10 @@ use std::path::Path;
 
 use glam::{DMat3, DQuat, DVec3, Quat, Vec3, dvec2, dvec3};
 use omnilife_curate::{
-    masks::{self, MaskSource, dynamic_share, operator},
+    masks::{
+        self, MaskSource, dynamic_share,
+        operator::{self, OperatorSearch},
+    },
     motion::{GreySphere, align, explain, flow, register},
 };
 use omnilife_schemas::{
@@ -338,7 +341,7 @@ fn what_stays_in_the_camera_frame_is_found() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
     rendered(&data, folder, &frames);
-    let alone = operator::write_operator(folder, false, &Silent).unwrap();
+    let alone = operator::write_operator(folder, OperatorSearch::default(), &Silent).unwrap();
     println!("alone: {}", alone.reason);
     assert_ne!(alone.finding, OperatorFinding::Found, "{}", alone.reason);
 
@@ -352,7 +355,7 @@ fn what_stays_in_the_camera_frame_is_found() {
         image.write_png(&folder.join(&entry.file)).unwrap();
     }
     store::write_record(&path, &sequence).unwrap();
-    let found = operator::write_operator(folder, false, &Silent).unwrap();
+    let found = operator::write_operator(folder, OperatorSearch::default(), &Silent).unwrap();
     println!("painted: {}", found.reason);
     assert_eq!(found.finding, OperatorFinding::Found, "{}", found.reason);
     let file = operator::found_mask(folder).unwrap().unwrap();

@@ -11,12 +11,14 @@ use omnilife_schemas::{image_file::ImageFile, records::RunRecord, trajectory::Gr
 use super::{
     clip::{camera_direction, pixel_centre},
     graph::Graph,
+    initialize::background::BACKGROUND,
     insert,
     node::{FieldKind, Fields, LearntOffsets, Node, Overlay, Surface},
     outputs, paint,
     render::{Moment, Rays},
     saved,
     shade::Detail,
+    unseen,
 };
 use omnilife_training::{
     error::ReconstructError,
@@ -26,7 +28,8 @@ use omnilife_training::{
     },
 };
 
-/// Applies a script to a run's atlas.
+/// Applies a script to a run's atlas. Once a part is removed, a mask marks what no frame shows of the background, and a
+/// warning has its share.
 ///
 /// # Errors
 /// When an edit names a missing part or does not suit its part, or when an image has no painted pixels.
@@ -36,21 +39,51 @@ pub(super) fn edit<'a>(
     script: &Script,
 ) -> Result<EditedModel<'a>, ReconstructError> {
     let mut graph = saved::read(folder)?;
-    let changes = script.apply(|edit| apply(&mut graph, edit, script.folder(), run))?;
+    let mut removes = false;
+    let changes = script.apply(|edit| {
+        removes |= matches!(edit, Edit::Remove { .. });
+        apply(&mut graph, edit, script.folder(), run)
+    })?;
+    let has_earlier = folder.join(unseen::FILE).is_file();
+    let is_plate = removes || has_earlier;
+    let unseen = match is_plate && graph.find(BACKGROUND).is_some() {
+        true => unseen::of_run(folder)?,
+        false => None,
+    };
+    let mut warnings = Vec::new();
+    if let Some(unseen) = &unseen {
+        warnings.push(format!(
+            "{:.2} % of the background is in none of the looked-at frames: {} marks it",
+            100.0 * unseen.share,
+            unseen::FILE
+        ));
+        if !has_earlier && !run.edits.is_empty() {
+            warnings.push(format!(
+                "{} is by the parts as they were edited before",
+                unseen::FILE
+            ));
+        }
+    }
+    let mask = unseen.map(|unseen| unseen.mask);
+    let mask_file = mask.iter().map(|_| unseen::FILE.to_owned());
     Ok(EditedModel {
         planned: PlannedFiles {
             files: outputs::ATLAS
                 .files
                 .iter()
                 .map(|&file| file.to_owned())
+                .chain(mask_file)
                 .collect(),
             write: Box::new(move |out| {
                 saved::write(out, &graph)?;
+                if let Some(mask) = &mask {
+                    mask.write_png(&out.join(unseen::FILE))?;
+                }
                 Ok(())
             }),
         },
         changes,
-        warnings: Vec::new(),
+        warnings,
     })
 }
 

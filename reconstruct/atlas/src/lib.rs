@@ -36,6 +36,7 @@ pub mod saved;
 pub mod settings;
 pub mod shade;
 pub mod step;
+mod unseen;
 
 use std::collections::BTreeMap;
 

@@ -1,8 +1,9 @@
 //! Operator, tripod, mount: content that stays in the camera's frame while the scene goes by.
 //!
 //! It is part of no scene, and its mask makes pixels ignored. The result is written as `operator/operator.json`, with the
-//! mask of all frames and an image to look at. Where the evidence is weak, a person has to decide by the image.
+//! mask of all frames and an image to look at. On request, caps around the poles are looked for too (`caps`). Where the evidence is weak, a person has to decide by the image.
 
+mod caps;
 mod evidence;
 mod people;
 mod region;
@@ -14,14 +15,14 @@ use omnilife_schemas::{
     RgbImage,
     layout::{OPERATOR_FILE, OPERATOR_FOLDER, SEQUENCE_FILE},
     progress::Progress,
-    records::{Operator, OperatorFinding, Sequence},
+    records::{CapKind, Operator, OperatorCap, OperatorFinding, Pole, Sequence},
     rgb::Mask,
     stage::StagePlan,
     staging::Staging,
     store,
 };
 
-use self::region::Region;
+use self::{caps::Cap, region::Region};
 use super::{deeplab, dynamic_share, reliability, reliability::Target};
 use crate::{error::CurateError, motion::GreySphere};
 
@@ -44,36 +45,56 @@ const DOUBTFUL: f64 = 0.75;
 /// Least share of the sphere that people have who carry the camera.
 const LEAST_PEOPLE: f64 = 1e-3;
 
-fn settings(with_people: bool) -> String {
-    let people = match with_people {
+/// Words on caps in records.
+const CAPS_UNMEASURED: &str = "; caps around the poles by limits that are not measured on labels";
+
+/// Parts of the search that are made on request.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct OperatorSearch {
+    /// Also asks the network of [`deeplab`] for people who keep their place.
+    pub people: bool,
+    /// Also looks for caps around the poles that stay: a tripod below a camera that turns, a gap between lenses.
+    pub caps: bool,
+}
+
+fn settings(search: OperatorSearch) -> String {
+    let people = match search.people {
         true => format!("; people by {}", (deeplab::METHOD.settings)()),
         false => String::new(),
     };
+    let caps = caps_words(search);
     format!(
-        "{} px, up to {MOST_PAIRS} pairs of frames {GAP_SECONDS} s apart, found from {FOUND}, doubtful from {DOUBTFUL}{people}",
+        "{} px, up to {MOST_PAIRS} pairs of frames {GAP_SECONDS} s apart, found from {FOUND}, doubtful from {DOUBTFUL}{people}{caps}",
         evidence::WIDTH,
     )
 }
 
+fn caps_words(search: OperatorSearch) -> &'static str {
+    match search.caps {
+        true => CAPS_UNMEASURED,
+        false => "",
+    }
+}
+
 /// Looks for content that stays in the camera's frame and writes it into the folder of a sequence; skipped, with a note,
-/// if its frames are unchanged. `with_people` also asks the network of [`deeplab`] for people who keep their place.
+/// if its frames are unchanged.
 ///
 /// # Errors
 /// When the sequence, a frame or the network cannot be read, or a file cannot be written.
 pub fn write_operator(
     folder: &Path,
-    with_people: bool,
+    search: OperatorSearch,
     progress: &dyn Progress,
 ) -> Result<Operator, CurateError> {
     let path = folder.join(SEQUENCE_FILE);
     let sequence: Sequence = store::read_record(&path)?;
     let plan = StagePlan::new(folder, ID)
         .with_file(&path)?
-        .with_text("settings", &settings(with_people));
+        .with_text("settings", &settings(search));
     let record = format!("{OPERATOR_FOLDER}/{OPERATOR_FILE}");
     let skipped = format!("{}: operator unchanged, skipped", sequence.id);
     plan.make((&record, &skipped), [&record], progress, |made| {
-        let verdict = judge(folder, &sequence, with_people, progress)?;
+        let verdict = judge(folder, &sequence, search, progress)?;
         let files = match &verdict.region {
             Some(region) => Some(draw(folder, &sequence, region)?),
             None => None,
@@ -94,10 +115,11 @@ pub fn write_operator(
             evidence: verdict.evidence,
             share,
             pairs: verdict.pairs as u32,
-            settings: settings(with_people),
-            reliability: reliability::of(ID, Target::Operator).text,
+            settings: settings(search),
+            reliability: reliability::of(ID, Target::Operator).text + caps_words(search),
             mask: named(MASK_FILE),
             image: named(IMAGE_FILE),
+            caps: verdict.caps,
         })
     })
 }
@@ -127,6 +149,7 @@ struct Verdict {
     evidence: f64,
     region: Option<Region>,
     pairs: usize,
+    caps: Vec<OperatorCap>,
 }
 
 impl Verdict {
@@ -137,6 +160,7 @@ impl Verdict {
             evidence: 0.0,
             region: None,
             pairs,
+            caps: Vec::new(),
         }
     }
 
@@ -174,14 +198,64 @@ impl Verdict {
                 evidence: strength,
             }),
             pairs,
+            caps: Vec::new(),
         }
     }
+
+    /// Adds caps: those that are found to the mask, and doubtful ones as a question if nothing else was found.
+    fn with_caps(mut self, caps: Vec<Cap>) -> Self {
+        let has = |finding: OperatorFinding| caps.iter().any(|cap| cap.record.finding == finding);
+        let is_open =
+            self.finding == OperatorFinding::Nothing || self.finding == OperatorFinding::Unjudged;
+        let entered = match (has(OperatorFinding::Found), is_open && !caps.is_empty()) {
+            (true, _) => Some(OperatorFinding::Found),
+            (false, true) => Some(OperatorFinding::Doubtful),
+            (false, false) => None,
+        };
+        if let Some(finding) = entered {
+            let is_found = self.finding == OperatorFinding::Found;
+            let region = self.region.take().filter(|_| is_found);
+            let of_caps = caps.iter().filter(|cap| cap.record.finding == finding);
+            let masks = of_caps.map(|cap| cap.mask.clone());
+            let all = region.map(|region| region.mask).into_iter().chain(masks);
+            let evidence = self.evidence;
+            self.region = all
+                .reduce(|all, mask| all.united(&mask))
+                .map(|mask| Region { mask, evidence });
+            self.finding = finding;
+        }
+        for cap in &caps {
+            self.reason += &described(&cap.record);
+        }
+        self.caps = caps.into_iter().map(|cap| cap.record).collect();
+        self
+    }
+}
+
+/// Describes a cap after other words of a reason.
+fn described(cap: &OperatorCap) -> String {
+    let kind = match cap.kind {
+        CapKind::Mount => "a mount",
+        CapKind::Gap => "a gap between lenses",
+    };
+    let pole = match cap.pole {
+        Pole::Zenith => "zenith",
+        Pole::Nadir => "nadir",
+    };
+    let verb = match cap.finding {
+        OperatorFinding::Found => "stays",
+        _ => "may stay",
+    };
+    format!(
+        "; {kind} {verb} within {:.0} degrees of the {pole}",
+        cap.radius_degrees
+    )
 }
 
 fn judge(
     folder: &Path,
     sequence: &Sequence,
-    with_people: bool,
+    search: OperatorSearch,
     progress: &dyn Progress,
 ) -> Result<Verdict, CurateError> {
     if sequence.is_pinhole() {
@@ -212,18 +286,20 @@ fn judge(
     let images = images?;
     let compared: Vec<[&GreySphere; 2]> = images.iter().map(|[a, b]| [a, b]).collect();
     let internal = |error: opencv::Error| CurateError::internal(folder, error);
+    let caps = match search.caps {
+        true => caps::find(&compared),
+        false => Vec::new(),
+    };
     let Some(evidence) = evidence::measure(&compared).map_err(internal)? else {
-        return Ok(Verdict::unjudged(
-            "the camera stands".to_owned(),
-            pairs.len(),
-        ));
+        let standing = Verdict::unjudged("the camera stands".to_owned(), pairs.len());
+        return Ok(standing.with_caps(caps));
     };
     let region = region::find(&evidence.stays).map_err(internal)?;
-    let people = match with_people {
+    let people = match search.people {
         true => Some(people::staying(folder, sequence, progress)?),
         false => None,
     };
-    Ok(Verdict::of(region, people, pairs.len()))
+    Ok(Verdict::of(region, people, pairs.len()).with_caps(caps))
 }
 
 /// Returns pairs of frames that are far enough apart, spread over the sequence.
@@ -296,5 +372,55 @@ mod tests {
         assert_eq!(marked(verdict(3.0, people())), Some(vec![255, 255]));
         let nobody = Some(mask([0, 0]));
         assert_eq!(verdict(0.2, nobody).finding, OperatorFinding::Nothing);
+    }
+
+    #[test]
+    fn found_caps_are_entered_and_doubtful_ones_are_asked_about() {
+        let cap = |finding: OperatorFinding, data: [u8; 2]| Cap {
+            record: OperatorCap {
+                pole: Pole::Nadir,
+                kind: CapKind::Gap,
+                finding,
+                radius_degrees: 20.0,
+                change_staying_levels: 0.0,
+                change_turning_levels: 0.0,
+                border_share: 1.0,
+                evidence: 0.0,
+            },
+            mask: Mask {
+                width: 2,
+                height: 1,
+                data: data.to_vec(),
+            },
+        };
+        let verdict = |evidence: f64, caps: Vec<Cap>| {
+            let mask = Mask {
+                width: 2,
+                height: 1,
+                data: vec![255, 0],
+            };
+            let verdict = Verdict::of(Some(Region { mask, evidence }), None, 9).with_caps(caps);
+            assert_eq!(verdict.caps.len(), 1);
+            (
+                verdict.finding,
+                verdict.region.map(|region| region.mask.data),
+            )
+        };
+        let (found, doubtful) = (OperatorFinding::Found, OperatorFinding::Doubtful);
+        let low = [0, 255];
+        // A region that is found keeps its mask, one that is doubtful or weak does not.
+        let entered = verdict(3.0, vec![cap(found, low)]);
+        assert_eq!(entered, (found, Some(vec![255, 255])));
+        for evidence in [1.0, 0.2] {
+            let entered = verdict(evidence, vec![cap(found, low)]);
+            assert_eq!(entered, (found, Some(low.to_vec())));
+        }
+        let asked = |evidence: f64| verdict(evidence, vec![cap(doubtful, low)]);
+        assert_eq!(asked(3.0), (found, Some(vec![255, 0])));
+        assert_eq!(asked(1.0), (doubtful, Some(vec![255, 0])));
+        assert_eq!(asked(0.2), (doubtful, Some(low.to_vec())));
+        let standing = Verdict::unjudged("stands".to_owned(), 9);
+        let standing = standing.with_caps(vec![cap(doubtful, low)]);
+        assert_eq!(standing.finding, doubtful);
     }
 }
