@@ -70,7 +70,7 @@ fn described(overlay: &Overlay) -> String {
         [] => String::new(),
         [first, ..] => {
             let seconds: f64 = (overlay.ranges.iter())
-                .map(|range| range.duration_seconds())
+                .map(omnilife_schemas::records::TimeRange::duration_seconds)
                 .sum();
             format!(", for {seconds:.1} s from {:.1} s on", first.begin_seconds)
         }

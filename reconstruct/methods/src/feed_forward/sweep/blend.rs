@@ -131,6 +131,7 @@ fn looked_up(group: &Group, rig: &Rig, view: usize, direction: Vec3) -> [f32; 3]
 }
 
 #[cfg(test)]
+#[expect(clippy::unwrap_used, reason = "a failed set-up step fails the test")]
 mod tests {
     use glam::{DMat3, DVec3, dvec3};
     use omnilife_schemas::camera::ErpCamera;
