@@ -1,5 +1,6 @@
-//! Held-out tracks: features that verified matches connect, and that no mapper saw. Poses of all roads are judged by
-//! the same ones: every feature is predicted from the others of its track.
+//! Held-out tracks: features that verified matches connect, and that the mapper of their own road did not see. Other
+//! roads may have found the same points. Poses of all roads are judged by the same tracks: every feature is predicted
+//! from the others of its track.
 
 use std::{
     collections::{BTreeMap, HashMap},
