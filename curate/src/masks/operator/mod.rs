@@ -1,7 +1,8 @@
 //! Operator, tripod, mount: content that stays in the camera's frame while the scene goes by.
 //!
 //! It is part of no scene, and its mask makes pixels ignored. The result is written as `operator/operator.json`, with the
-//! mask of all frames and an image to look at. On request, caps around the poles are looked for too (`caps`). Where the evidence is weak, a person has to decide by the image.
+//! mask of all frames and an image to look at. On request, caps around the poles are looked for too (`caps`). Where the
+//! evidence is weak, a person has to decide by the image.
 
 mod caps;
 mod evidence;
