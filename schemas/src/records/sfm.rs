@@ -39,8 +39,8 @@ pub struct SfmAttempt {
     pub models: u32,
     /// Validation of its model, if it has one.
     pub validation: Option<PoseValidation>,
-    /// Judgement by tracks of all attempts that the mapper of their own road did not see; other roads may have found the
-    /// same points. Nothing without a model or such tracks.
+    /// Judgement by tracks of all attempts that the mapper of their own road did not see; other roads may have found
+    /// the same points. Nothing without a model or such tracks.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub held_out: Option<HeldOutScore>,
     /// Why there was none, in one line.
