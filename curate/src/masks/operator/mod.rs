@@ -203,7 +203,8 @@ impl Verdict {
         }
     }
 
-    /// Adds caps: those that are found to the mask, and doubtful ones as a question if nothing else was found.
+    /// Adds caps: those that are found to the mask, and doubtful ones as a question if nothing else was found. The reason
+    /// begins with the caps that settle the finding.
     fn with_caps(mut self, caps: Vec<Cap>) -> Self {
         let has = |finding: OperatorFinding| caps.iter().any(|cap| cap.record.finding == finding);
         let is_open =
@@ -225,15 +226,18 @@ impl Verdict {
                 .map(|mask| Region { mask, evidence });
             self.finding = finding;
         }
-        for cap in &caps {
-            self.reason += &described(&cap.record);
-        }
+        let (settling, others): (Vec<&Cap>, Vec<&Cap>) =
+            (caps.iter()).partition(|cap| Some(cap.record.finding) == entered);
+        let words = |caps: Vec<&Cap>| caps.into_iter().map(|cap| described(&cap.record));
+        let reason = std::mem::take(&mut self.reason);
+        let parts = words(settling).chain([reason]).chain(words(others));
+        self.reason = parts.collect::<Vec<String>>().join("; ");
         self.caps = caps.into_iter().map(|cap| cap.record).collect();
         self
     }
 }
 
-/// Describes a cap after other words of a reason.
+/// Describes a cap.
 fn described(cap: &OperatorCap) -> String {
     let kind = match cap.kind {
         CapKind::Mount => "a mount",
@@ -248,7 +252,7 @@ fn described(cap: &OperatorCap) -> String {
         _ => "may stay",
     };
     format!(
-        "; {kind} {verb} within {:.0} degrees of the {pole}",
+        "{kind} {verb} within {:.0} degrees of the {pole}",
         cap.radius_degrees
     )
 }
@@ -423,5 +427,6 @@ mod tests {
         let standing = Verdict::unjudged("stands".to_owned(), 9);
         let standing = standing.with_caps(vec![cap(doubtful, low)]);
         assert_eq!(standing.finding, doubtful);
+        assert!(standing.reason.ends_with("; stands"), "{}", standing.reason);
     }
 }
