@@ -52,8 +52,9 @@ pub struct SfmAttempt {
 pub struct HeldOutScore {
     /// Features that were predicted, or could not be for want of a pose.
     pub observations: u32,
-    /// Median angle between features and their predictions, degrees; nothing if no frame has a pose.
+    /// Median angle between features and their predictions, degrees; nothing if none could be predicted.
     pub median_degrees: Option<f64>,
-    /// Mean credit in [0, 1]: 1 without an error, falling to 0 at half a degree; 0 without a pose.
+    /// Mean credit in [0, 1]: 1 without an error, falling to 0 at half a degree; 0 without a pose, or if all frames of
+    /// the track are in one place.
     pub score: f64,
 }
