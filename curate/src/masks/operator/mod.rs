@@ -228,10 +228,13 @@ impl Verdict {
         }
         let (settling, others): (Vec<&Cap>, Vec<&Cap>) =
             (caps.iter()).partition(|cap| Some(cap.record.finding) == entered);
-        let words = |caps: Vec<&Cap>| caps.into_iter().map(|cap| described(&cap.record));
-        let reason = std::mem::take(&mut self.reason);
-        let parts = words(settling).chain([reason]).chain(words(others));
-        self.reason = parts.collect::<Vec<String>>().join("; ");
+        let [mut words, others] = [settling, others].map(|caps| {
+            let words = caps.into_iter().map(|cap| described(&cap.record));
+            words.collect::<Vec<String>>()
+        });
+        words.push(self.reason);
+        words.extend(others);
+        self.reason = words.join("; ");
         self.caps = caps.into_iter().map(|cap| cap.record).collect();
         self
     }
