@@ -128,6 +128,8 @@ impl Layout<'_> {
             }
         }
         let mut notes = self.notes;
+        let has_sweeps = !self.sweeps.is_empty();
+        notes.extend(has_sweeps.then(|| "reflectance of the LiDAR is left out".to_owned()));
         notes.extend(points.note());
         notes.extend((far > 0).then(|| {
             format!(
