@@ -136,13 +136,16 @@ fn import(folder: &Path) -> Result<ForeignScene, CurateError> {
     }
     let labels = root.join(format!("{LABEL_FOLDER}/{sequence}.txt"));
     let objects = labelled(&labels, &to_world, &mut notes)?;
-    let grey = CAMERAS
+    let others = CAMERAS
         .iter()
         .filter(|name| !cameras.iter().any(|one| one.name == **name));
-    let grey: Vec<(&str, &str)> = grey
-        .map(|&name| (name, "a camera that is not chosen"))
+    let (others, missing): (Vec<&str>, Vec<&str>) =
+        others.partition(|name| root.join(name).join(&sequence).is_dir());
+    notes.extend(missing.iter().map(|name| format!("no {name} of the sequence")));
+    let others: Vec<(&str, &str)> = (others.into_iter())
+        .map(|name| (name, "a camera that is not chosen"))
         .collect();
-    notes.extend(parts_left_out(root, &grey));
+    notes.extend(parts_left_out(root, &others));
     Layout {
         format: FORMAT.id,
         root,
