@@ -67,7 +67,7 @@ const MICROSECONDS: f64 = 1e-6;
 
 fn import(folder: &Path) -> Result<ForeignScene, CurateError> {
     // A folder that cannot be listed is taken for the root, so that `tables_of` has its error.
-    let is_root = |folder: &Path| versions_in(folder).map_or(true, |names| !names.is_empty());
+    let is_root = |folder: &Path| !versions_in(folder).is_ok_and(|names| names.is_empty());
     let choice = Choice::read(
         folder,
         is_root,
@@ -399,16 +399,20 @@ mod tests {
     use super::*;
 
     #[test]
-    fn one_folder_of_tables_is_taken_and_several_are_named() -> Result<(), std::io::Error> {
+    fn one_folder_of_tables_is_taken_and_several_are_named()
+    -> Result<(), Box<dyn std::error::Error>> {
         let temp = tempfile::tempdir()?;
         let root = temp.path();
         assert!(versions_in(&root.join("none")).is_ok_and(|names| names.is_empty()));
-        std::fs::create_dir(root.join("v1.0-mini"))?;
+        store::create_folder(&root.join("v1.0-mini"))?;
         assert!(tables_of(root).is_ok_and(|folder| folder.ends_with("v1.0-mini")));
-        std::fs::create_dir(root.join("v1.0-test"))?;
+        store::create_folder(&root.join("v1.0-test"))?;
         let refusal = import(&root.join("scene-0061")).err();
         let refusal = refusal.map(|error| error.to_string()).unwrap_or_default();
-        assert!(refusal.contains("got 2 (v1.0-mini, v1.0-test)"), "{refusal}");
+        assert!(
+            refusal.contains("got 2 (v1.0-mini, v1.0-test)"),
+            "{refusal}"
+        );
         Ok(())
     }
 }
