@@ -42,7 +42,7 @@ use super::{
 };
 use crate::{
     error::CurateError,
-    exchange::{ForeignScene, Format, left_out},
+    exchange::{ForeignScene, Format, file_name, left_out},
     frame_order,
 };
 
@@ -137,11 +137,13 @@ fn import(folder: &Path) -> Result<ForeignScene, CurateError> {
     let labels = root.join(format!("{LABEL_FOLDER}/{sequence}.txt"));
     let objects = labelled(&labels, &to_world, &mut notes)?;
     let others = CAMERAS
-        .iter()
+        .into_iter()
         .filter(|name| !cameras.iter().any(|one| one.name == **name));
     let (others, missing): (Vec<&str>, Vec<&str>) =
         others.partition(|name| root.join(name).join(&sequence).is_dir());
-    notes.extend(missing.iter().map(|name| format!("no {name} of the sequence")));
+    let colour = CAMERAS.iter().skip(FIRST_COLOUR_CAMERA);
+    let missing = colour.filter(|name| missing.contains(*name));
+    notes.extend(missing.map(|name| format!("no {name} of the sequence")));
     let others: Vec<(&str, &str)> = (others.into_iter())
         .map(|name| (name, "a camera that is not chosen"))
         .collect();
@@ -201,12 +203,12 @@ fn world_from_rectified(
 /// Returns the sweeps of frames, each once, and reports frames without one.
 ///
 /// # Errors
-/// When the folder cannot be listed.
+/// When the folder cannot be listed, or two files have one number.
 fn sweep_files(
     folder: &Path,
     frames: &[u64],
     notes: &mut Vec<String>,
-) -> Result<BTreeMap<u64, PathBuf>, StoreError> {
+) -> Result<BTreeMap<u64, PathBuf>, CurateError> {
     if !folder.is_dir() {
         notes.push(format!(
             "no {LIDAR_FOLDER}: the scene has neither points nor distances"
@@ -215,16 +217,21 @@ fn sweep_files(
     }
     let mut files = store::paths_in(folder)?;
     files.retain(|file| frame_order::has_extension(file, &["bin"]));
-    let numbered = files
-        .into_iter()
-        .filter_map(|file| Some((frame_order::number(&file)?, file)));
-    let (mut sweeps, mut others) = (BTreeMap::new(), Vec::new());
-    for (frame, file) in numbered {
-        if frames.contains(&frame) {
-            sweeps.insert(frame, file);
-        } else {
-            others.push(frame.to_string());
+    let (mut sweeps, mut others) = (BTreeMap::<u64, PathBuf>::new(), Vec::new());
+    for file in files {
+        let number = frame_order::number(&file);
+        let Some(frame) = number.filter(|frame| frames.contains(frame)) else {
+            others.push(file_name(&file.to_string_lossy()));
+            continue;
+        };
+        if let Some(known) = sweeps.get(&frame) {
+            let reason = format!(
+                "must be the one sweep of frame {frame}, got {} too",
+                known.display()
+            );
+            return Err(CurateError::input(&file, reason));
         }
+        sweeps.insert(frame, file);
     }
     let mut without = frames.to_vec();
     without.sort_unstable();
@@ -414,6 +421,24 @@ mod tests {
         assert!((one.centre + one.axes.x_axis * one.half.x).distance(front) < 1e-12);
         assert!((one.axes.determinant() - 1.0).abs() < 1e-12);
         assert_eq!(one.axes.z_axis, DVec3::NEG_Y);
+    }
+
+    #[test]
+    fn sweeps_without_a_frame_are_listed_and_two_of_one_are_refused()
+    -> Result<(), Box<dyn std::error::Error>> {
+        let temp = tempfile::tempdir()?;
+        for name in ["000000.bin", "000002.bin", "notes.bin"] {
+            store::write_bytes(&temp.path().join(name), &[])?;
+        }
+        let mut notes = Vec::new();
+        let sweeps = sweep_files(temp.path(), &[0, 1], &mut notes);
+        assert!(sweeps.is_ok_and(|sweeps| sweeps.len() == 1 && sweeps.contains_key(&0)));
+        assert_eq!(notes.len(), 2, "{notes:?}");
+        assert!(notes[1].contains("2 (000002.bin, notes.bin)"), "{notes:?}");
+        store::write_bytes(&temp.path().join("0.bin"), &[])?;
+        let two = sweep_files(temp.path(), &[0, 1], &mut notes);
+        assert!(two.is_err_and(|error| error.to_string().contains("one sweep of frame 0")));
+        Ok(())
     }
 
     #[test]
