@@ -249,7 +249,8 @@ fn sweep_files(
 /// Reads the labelled objects in the world.
 ///
 /// # Errors
-/// When a line has another width, a number that is not finite, or a frame before that of the line above.
+/// When a line has another width, a number that is not finite, a frame before that of the line above, or another type
+/// than its track.
 fn labelled(
     path: &Path,
     to_world: &impl Fn(u64) -> Result<Rigid, String>,
@@ -273,6 +274,7 @@ fn objects_of(
     to_world: &impl Fn(u64) -> Result<Rigid, String>,
 ) -> Result<(Vec<LabelledObject>, Vec<String>), String> {
     let mut objects: BTreeMap<u32, LabelledObject> = BTreeMap::new();
+    let mut kinds: BTreeMap<u32, &str> = BTreeMap::new();
     let (mut last, mut without_care, mut unknown) = (0_u64, 0_usize, Vec::new());
     for (line, text) in table::lines(text) {
         let words: Vec<&str> = text.split_whitespace().collect();
@@ -297,6 +299,12 @@ fn objects_of(
         }
         let id: u32 = (id.parse())
             .map_err(|_| format!("line {line} must have the number of a track, got {id:?}"))?;
+        let known = *kinds.entry(id).or_insert(*kind);
+        if known != *kind {
+            return Err(format!(
+                "line {line} must have the type of track {id} above, {known}, got {kind}"
+            ));
+        }
         let in_camera = box_of(&values, line)?;
         let rectified = to_world(frame).map_err(|reason| format!("line {line}: {reason}"))?;
         let class = class_of(kind).unwrap_or_else(|| {
@@ -452,6 +460,10 @@ mod tests {
             (good.replace(" 12 ", " nan "), "\"nan\""),
             (good.replace(" 1.6 ", " 0 "), "above 0"),
             (good.clone() + &good, "second box"),
+            (
+                good.clone() + &line(3, 3, 2.0, 0.3).replace("Car", "Van"),
+                "Car, got Van",
+            ),
             (good.clone() + &line(1, 4, 0.0, 0.0), "after frame 2"),
         ] {
             let Err(reason) = objects_of(&bad, &resting) else {
