@@ -131,7 +131,7 @@ impl MovingObjects {
 
 impl LabelledObject {
     /// Returns the seconds of neighbouring labels.
-    fn steps(&self) -> impl Iterator<Item = [f64; 2]> + '_ {
+    fn steps(&self) -> impl Iterator<Item = [f64; 2]> {
         let later = self.boxes.iter().skip(1);
         (self.boxes.iter().zip(later)).map(|((before, _), (after, _))| [*before, *after])
     }
