@@ -17,8 +17,8 @@ use crate::poses::align::{Alignment, Degeneracy, align, mean_turn};
 
 /// Cameras that must have a pose in both worlds at least.
 const LEAST_FRAMES: usize = 3;
-/// Largest angle between the turn of the centres and that of the cameras, degrees. Along a nearly straight path, noise of
-/// the centres alone decides the turn about it.
+/// Largest angle between the turn of the centres and that of the cameras, degrees. Along a nearly straight path, noise
+/// of the centres alone decides the turn about it.
 const MOST_TURN_DEGREES: f64 = 1.0;
 
 /// True poses of a scene's frames.
@@ -115,8 +115,8 @@ impl World {
             && degrees > MOST_TURN_DEGREES
         {
             return Err(format!(
-                "the centres of the cameras turn the scene by {degrees:.1} degrees more than their rotations do, at most \
-                 {MOST_TURN_DEGREES} may be: along a nearly straight path, noise decides the turn about it"
+                "the centres of the cameras turn the scene by {degrees:.1} degrees more than their rotations do, at \
+                 most {MOST_TURN_DEGREES} may be: along a nearly straight path, noise decides the turn about it"
             ));
         }
         let metres = truth.metres_per_unit;

@@ -88,7 +88,7 @@ fn import(folder: &Path) -> Result<ForeignScene, CurateError> {
         .scene()
 }
 
-/// Returns the names of the folders of tables in a folder, in order; none of a path that is no folder.
+/// Returns the names of the folders of tables in a folder, in order. Other paths hold none.
 ///
 /// # Errors
 /// When the folder cannot be listed.

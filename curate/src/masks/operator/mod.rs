@@ -1,8 +1,8 @@
 //! Operator, tripod, mount: content that stays in the camera's frame while the scene goes by.
 //!
-//! It is part of no scene, and its mask makes pixels ignored. The result is written as `operator/operator.json`, with the
-//! mask of all frames and an image to look at. On request, caps around the poles are looked for too (`caps`). Where the
-//! evidence is weak, a person has to decide by the image.
+//! It is part of no scene, and its mask makes pixels ignored. The result is written as `operator/operator.json`, with
+//! the mask of all frames and an image to look at. On request, caps around the poles are looked for too (`caps`). Where
+//! the evidence is weak, a person has to decide by the image.
 
 mod caps;
 mod evidence;
@@ -203,8 +203,8 @@ impl Verdict {
         }
     }
 
-    /// Adds caps: those that are found to the mask, and doubtful ones as a question if nothing else was found. The reason
-    /// begins with the caps that settle the finding.
+    /// Adds caps: those that are found to the mask, and doubtful ones as a question if nothing else was found. The
+    /// reason begins with the caps that settle the finding.
     fn with_caps(mut self, caps: Vec<Cap>) -> Self {
         let has = |finding: OperatorFinding| caps.iter().any(|cap| cap.record.finding == finding);
         let is_open =
