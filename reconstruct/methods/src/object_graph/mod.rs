@@ -286,12 +286,16 @@ impl PathError {
 
 impl fmt::Display for PathError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let metres = self.metres();
+        let (Self::Measured(error) | Self::Assumed(error)) = *self;
+        write!(f, "made for {:.2} m", self.metres())?;
+        if error > LARGEST_ERROR_METRES {
+            write!(f, " of {error:.2} m")?;
+        }
         match self {
-            Self::Measured(_) => write!(f, "made for {metres:.2} m, by the vehicles' patches"),
+            Self::Measured(_) => f.write_str(", by the vehicles' patches"),
             Self::Assumed(_) => write!(
                 f,
-                "made for {metres:.2} m, a share of a vehicle's length, as no patch was aligned"
+                ", {UNMEASURED_ERROR} of a vehicle's length; path-alignment measures it"
             ),
         }
     }
