@@ -247,7 +247,11 @@ fn of_alignment(tracks: &Tracks, survey: Option<&PathSurvey>) -> Decision {
     } else {
         ""
     };
-    Decision::on_request(&format!("{origin}{survey}")).unless(survey.missing())
+    if survey.refits() {
+        Decision::on_request(&format!("{origin}{survey}"))
+    } else {
+        Decision::new(false, format!("no path is refit: {origin}{survey}")).settled()
+    }
 }
 
 /// Returns the detector of the tracks; `None` where they do not tell it.
