@@ -292,7 +292,7 @@ pub fn find(clip: &Clip, graph: &Graph) -> Result<Front, String> {
 /// Returns the distance of a plane before all objects, over that of the background.
 ///
 /// # Errors
-/// Where the cameras' motion displaces it against what it shows.
+/// Where an object is at or behind the cameras, or their motion displaces the plane against what it shows.
 fn nearness(clip: &Clip, objects: &[Node], background: &RigidPose) -> Result<f64, String> {
     let mean = mean_camera(clip);
     let normal = background.rotation.col(2);
@@ -303,6 +303,11 @@ fn nearness(clip: &Clip, objects: &[Node], background: &RigidPose) -> Result<f64
         frames.map(move |frame| normal.dot(node.given_pose(frame.time).centre - mean) / far)
     });
     let near = BEFORE * places.fold(1.0, f64::min);
+    if near <= 0.0 {
+        return Err(
+            "an object's plane is at or behind the cameras: no place before the objects".to_owned(),
+        );
+    }
     let focal = match clip.camera {
         Camera::Pinhole(camera) => camera.fx,
         Camera::Erp(camera) => f64::from(camera.width) / std::f64::consts::TAU,
@@ -313,7 +318,7 @@ fn nearness(clip: &Clip, objects: &[Node], background: &RigidPose) -> Result<f64
         .map(|frame| frame.pose.centre.distance(mean))
         .fold(0.0, f64::max);
     let parallax = focal * baseline * (1.0 / near - 1.0) / far;
-    if near > 0.0 && parallax <= MOST_PARALLAX {
+    if parallax <= MOST_PARALLAX {
         Ok(near)
     } else {
         Err(format!(

@@ -160,7 +160,16 @@ fn without_a_bar_or_with_a_camera_that_walks_there_is_no_front() {
     let (clip, graph) = scene(false, 0.0);
     assert!(find(&clip, &graph).is_err());
     let (clip, graph) = scene(true, 1.0);
-    assert!(find(&clip, &graph).is_err());
+    assert!(find(&clip, &graph).is_err_and(|reason| reason.contains("pixels")));
+}
+
+#[test]
+fn no_thing_is_before_an_object_that_passes_the_cameras() {
+    let (clip, mut graph) = scene(true, 0.0);
+    graph.nodes[0] = node("disc", vec![disc(0.0), -disc(1.0)], 2.0 * RADIUS, None);
+    let background = graph.nodes[1].given_pose(0.0);
+    let refused = nearness(&clip, &graph.nodes[..1], &background);
+    assert!(refused.is_err_and(|reason| reason.contains("behind the cameras")));
 }
 
 #[test]
