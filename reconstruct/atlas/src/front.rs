@@ -121,6 +121,8 @@ struct InFrame<'a> {
     /// Poses of the objects' planes, `None` where they are not there.
     poses: Vec<Option<RigidPose>>,
     nodes: &'a [Node],
+    /// Number of objects that cover at least half of each pixel.
+    covering: Vec<u32>,
 }
 
 impl<'a> InFrame<'a> {
@@ -129,11 +131,17 @@ impl<'a> InFrame<'a> {
             node.is_there(frame.time)
                 .then(|| node.given_pose(frame.time))
         });
+        let covering = (0..clip.pixel_count()).map(|pixel| {
+            let objects = 0..nodes.len();
+            let covering = objects.filter(|&object| frame.covered(object, pixel) >= 0.5);
+            covering.count() as u32
+        });
         Self {
             clip,
             frame,
             poses: poses.collect(),
             nodes,
+            covering: covering.collect(),
         }
     }
 
@@ -151,9 +159,8 @@ impl<'a> InFrame<'a> {
 
     /// Returns true if the mask of another object covers a pixel, or it is not of the scene.
     fn is_hidden(&self, object: usize, pixel: usize) -> bool {
-        let mut others = (0..self.nodes.len()).filter(|&other| other != object);
-        !self.frame.shows_scene(pixel)
-            || others.any(|other| self.frame.covered(other, pixel) >= 0.5)
+        let own = u32::from(self.frame.covered(object, pixel) >= 0.5);
+        !self.frame.shows_scene(pixel) || self.covering[pixel] > own
     }
 
     /// Adds the frame's vote on a point of the background.
@@ -244,7 +251,7 @@ pub fn find(clip: &Clip, graph: &Graph) -> Result<Front, String> {
     };
     let frames: Vec<InFrame<'_>> = clip
         .frames
-        .iter()
+        .par_iter()
         .map(|frame| InFrame::new(clip, frame, objects))
         .collect();
     let marks: Vec<bool> = (0..cells.width * cells.height)

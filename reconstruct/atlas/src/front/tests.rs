@@ -173,6 +173,25 @@ fn no_thing_is_before_an_object_that_passes_the_cameras() {
 }
 
 #[test]
+fn an_object_is_hidden_by_the_masks_of_others_alone() {
+    let (mut clip, mut graph) = scene(true, 0.0);
+    let half = |is_left: bool| -> Vec<u8> {
+        let is_in = |pixel: usize| (pixel % WIDTH < WIDTH / 2) == is_left;
+        let masks = (0..WIDTH * HEIGHT).map(|pixel| if is_in(pixel) { 200 } else { 100 });
+        masks.collect()
+    };
+    let last = graph.nodes.len() - 1;
+    graph
+        .nodes
+        .insert(last, node("other", vec![DVec3::Z], 1.0, None));
+    clip.frames[0].masks = vec![Some(half(true)), Some(half(false))];
+    let frame = InFrame::new(&clip, &clip.frames[0], &graph.nodes[..2]);
+    for (pixel, hidden) in [(0, [false, true]), (WIDTH - 1, [true, false])] {
+        assert_eq!([0, 1].map(|object| frame.is_hidden(object, pixel)), hidden);
+    }
+}
+
+#[test]
 fn holes_have_to_stay_and_to_look_the_same() {
     let votes = |holes: u32, shown: u32, greys: [f64; 2]| Votes {
         holes,
