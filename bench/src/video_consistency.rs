@@ -15,14 +15,38 @@ use crate::{
 };
 
 /// T-LPIPS of a folder of frames.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct VideoConsistency {
     /// Number of pairs of neighbouring frames.
     pub pairs: u32,
+    /// Width and height of the frames, pixels.
+    pub size: [usize; 2],
     /// Mean of LPIPS with `AlexNet` over the pairs.
     pub temporal_lpips: f64,
     /// Standard deviation over the pairs; `None` with a single one.
     pub standard_deviation: Option<f64>,
+    /// Names beside the frames that are no PNG images.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub left_out: Vec<String>,
+}
+
+impl VideoConsistency {
+    /// Checks that a reference can be read beside a video: as many frames, of one size.
+    ///
+    /// # Errors
+    /// One line about the reference.
+    pub fn check_reference(&self, folder: &Path, reference: &Self) -> Result<(), BenchError> {
+        let frames = [self, reference].map(|one| u64::from(one.pairs) + 1);
+        if frames[0] == frames[1] && self.size == reference.size {
+            return Ok(());
+        }
+        let [width, height] = self.size;
+        let reason = format!(
+            "must have {} frames of {width}x{height} as the video, got {} of {}x{}",
+            frames[0], frames[1], reference.size[0], reference.size[1]
+        );
+        Err(BenchError::mismatch(folder, reason))
+    }
 }
 
 /// Returns the T-LPIPS of the PNG images in a folder, in the order of their names, transparent ones over black.
@@ -33,9 +57,8 @@ pub struct VideoConsistency {
 pub fn video_consistency(folder: &Path) -> Result<VideoConsistency, BenchError> {
     let network = Lpips::published(Backbone::Alex)?;
     let paths = store::paths_in(folder)?.into_iter();
-    let images: Vec<PathBuf> = paths
-        .filter(|path| path.extension().is_some_and(|extension| extension == "png"))
-        .collect();
+    let is_png = |path: &PathBuf| path.extension().is_some_and(|extension| extension == "png");
+    let (images, others): (Vec<PathBuf>, Vec<PathBuf>) = paths.partition(is_png);
     let features = |size: [usize; 2], image: &[u8]| {
         network
             .features(size, image, InputRange::Signed)
@@ -47,8 +70,15 @@ pub fn video_consistency(folder: &Path) -> Result<VideoConsistency, BenchError> 
                 )
             })
     };
-    over_pairs(folder, &images, features, |before, now| {
+    let found = over_pairs(folder, &images, features, |before, now| {
         network.distance_of_features([before, now])
+    })?;
+    let names = others.iter().filter_map(|path| path.file_name());
+    Ok(VideoConsistency {
+        left_out: names
+            .map(|name| name.to_string_lossy().into_owned())
+            .collect(),
+        ..found
     })
 }
 
@@ -79,15 +109,17 @@ fn over_pairs<T>(
         }
         before = Some((size, now));
     }
-    if distances.is_empty() {
+    let Some((size, _)) = before.filter(|_| !distances.is_empty()) else {
         let reason = format!("must have at least two PNG images, got {}", images.len());
         return Err(BenchError::mismatch(folder, reason));
-    }
+    };
     let count = distances.len() as f64;
     let mean = distances.iter().sum::<f64>() / count;
     let squares: f64 = distances.iter().map(|one| (one - mean).powi(2)).sum();
     Ok(VideoConsistency {
         pairs: distances.len() as u32,
+        size,
+        left_out: Vec::new(),
         temporal_lpips: mean,
         standard_deviation: (distances.len() > 1).then(|| (squares / (count - 1.0)).sqrt()),
     })
@@ -140,6 +172,19 @@ mod tests {
         );
         let pair = of_greys(folder.path(), &images[..2])?;
         assert_eq!((pair.temporal_lpips, pair.standard_deviation), (10.0, None));
+        assert_eq!(found.size, [4, 1]);
+        let refusal = |reference: &VideoConsistency| {
+            let checked = found.check_reference(folder.path(), reference);
+            checked.err().map(|error| error.to_string())
+        };
+        assert_eq!(refusal(&found), None);
+        let shorter = refusal(&pair).unwrap_or_default();
+        assert!(shorter.contains("4 frames of 4x1") && shorter.contains("got 2 of 4x1"));
+        let wider = VideoConsistency {
+            size: [5, 1],
+            ..found.clone()
+        };
+        assert!(refusal(&wider).is_some());
         let alone = of_greys(folder.path(), &images[..1]);
         assert!(alone.is_err_and(|reason| reason.contains("at least two PNG images, got 1")));
         images.push(written(folder.path(), 4, 5, 50));

@@ -150,6 +150,23 @@ class Recording:
         """Whether the run's record is there, which is written last."""
         return (self._folder / "run.json").is_file()
 
+    @property
+    def folder(self) -> Path:
+        """Folder of the run."""
+        return self._folder
+
+    def versions(self) -> list[Optional[tuple[int, int]]]:
+        """Time and size of the trace and the checkpoint, `None` for one that is not there."""
+        found: list[Optional[tuple[int, int]]] = []
+        for name in ("trace.csv", "checkpoint.bin"):
+            try:
+                status = (self._folder / name).stat()
+            except FileNotFoundError:
+                found.append(None)
+            else:
+                found.append((status.st_mtime_ns, status.st_size))
+        return found
+
     def log_news(self) -> None:
         """Logs rows of the trace and a checkpoint, as far as they are new."""
         trace = self._folder / "trace.csv"

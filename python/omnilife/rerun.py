@@ -9,6 +9,7 @@ It reads the files that a training leaves, in a process of its own, and writes n
 from __future__ import annotations
 
 import argparse
+import logging
 import os
 import socket
 import sys
@@ -33,11 +34,15 @@ MAX_GAUSSIANS = 200_000
 #: Seconds between two looks at a run that learns.
 INTERVAL_SECONDS = 2.0
 
+#: Seconds without a change of a run's files after which a note says so.
+_QUIET_SECONDS = 600.0
 #: Seconds until a viewer that does not answer is not there, and until one must have taken what was sent.
 _CONNECT_SECONDS = 3.0
 _SEND_SECONDS = 20.0
 #: First bytes of recordings, and a word among the last ones of those that are whole.
 _MAGIC, _FOOT, _FOOT_BYTES = b"RRF2", b"RRF2FOOT", 32
+
+_LOG = logging.getLogger("omnilife")
 
 
 def show(
@@ -57,7 +62,8 @@ def show(
 
     `save` is a file that gets the recording, `connect` the address of a viewer that receives it. Without `follow`
     the run must have ended, and the file appears whole. With `follow` the run may learn or be about to: the file
-    grows under its name until the run ends or Ctrl-C, and viewers open it at any time. `scores` is the folder of
+    grows under its name until the run ends or Ctrl-C, and viewers open it at any time. Where neither trace.csv nor
+    checkpoint.bin changes for ten minutes, a warning says so once in the log `omnilife`. `scores` is the folder of
     the run's scores, whose curve is shown. `views` is the number of novel views that are shown.
     """
     sdk = _sdk()
@@ -93,10 +99,21 @@ def show(
 
 
 def _follow(recording: Recording, sink: _Sink, interval_seconds: float) -> None:
+    seen, since, is_noted = recording.versions(), time.monotonic(), False
     try:
         while not recording.has_ended():
             recording.log_news()
             sink.flush()
+            versions = recording.versions()
+            if versions != seen:
+                seen, since = versions, time.monotonic()
+            elif not is_noted and time.monotonic() - since >= _QUIET_SECONDS:
+                is_noted = True
+                _LOG.warning(
+                    "omnilife.rerun: neither trace.csv nor checkpoint.bin of %s has changed for %d minutes: it is "
+                    "still followed, until its end or Ctrl-C",
+                    *(recording.folder, round(_QUIET_SECONDS / 60)),
+                )
             time.sleep(interval_seconds)
         recording.log_run()
     except KeyboardInterrupt:

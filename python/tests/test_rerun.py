@@ -354,6 +354,25 @@ class Recordings(Scenes):
         self.assertTrue(any("interrupted" in note for note in notes), notes)
         self.assertEqual(self.read(file)["/trace/train_loss"]["Scalars:scalars"], [[0.75]])
 
+    def test_a_run_that_stands_still_is_noted_once(self) -> None:
+        self.learn([(0, 0.5, 0.75)])
+        looks: list[float] = []
+
+        def look(seconds: float) -> None:
+            looks.append(seconds)
+            if len(looks) == 2:
+                self.learn([(0, 0.5, 0.75), (1, 1.0, 0.5)])
+            if len(looks) == 5:
+                raise KeyboardInterrupt
+
+        for quiet, count in ((0.0, 1), (600.0, 0)):
+            looks.clear()
+            is_quiet = mock.patch.object(omnilife.rerun, "_QUIET_SECONDS", quiet)
+            logged = mock.patch.object(omnilife.rerun._LOG, "warning")
+            with mock.patch("time.sleep", look), is_quiet, logged as warning:
+                self.show(save=self.folder / f"still-{count}.rrd", follow=True)
+            self.assertEqual(warning.call_count, count)
+
     def test_bad_requests_are_refused_before_anything_is_written(self) -> None:
         kept = self.folder / "kept.rrd"
         kept.write_bytes(b"a diary")

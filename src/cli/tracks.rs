@@ -8,6 +8,8 @@ use omnilife_tracks::{
     TrackOptions, association::ASSOCIATIONS, detectors::DETECTORS, distance::DISTANCES,
 };
 
+use crate::exit::BadRequest;
+
 /// Choices of the chain from videos to paths of vehicles.
 #[derive(Debug, Args)]
 #[command(next_help_heading = "Tracks of vehicles")]
@@ -58,6 +60,20 @@ impl TrackArguments {
         })
     }
 
+    /// Refuses folders of still images where every frame of a video is to be tracked.
+    ///
+    /// # Errors
+    /// One line with the folder.
+    pub(crate) fn refuse_stills(&self, videos: &[PathBuf]) -> Result<(), BadRequest> {
+        match videos.iter().find(|video| video.is_dir()) {
+            Some(folder) if self.every_frame => Err(BadRequest(format!(
+                "--every-frame needs videos, got the folder of still images {}",
+                folder.display()
+            ))),
+            _ => Ok(()),
+        }
+    }
+
     /// Returns the first option that differs from its default; `None` where tracks are made as every command makes
     /// them.
     pub(crate) fn first_choice(&self) -> Option<&'static str> {
@@ -98,6 +114,16 @@ mod tests {
         let words = ["tracking"].into_iter().chain(words.split_whitespace());
         let parsed = Tracking::try_parse_from(words).map(|parsed| parsed.tracks);
         parsed.unwrap_or_else(|error| panic!("{error}"))
+    }
+
+    #[test]
+    fn stills_are_refused_for_every_frame_alone() {
+        // The folder of this crate stands for one of stills.
+        let folder = [PathBuf::from(env!("CARGO_MANIFEST_DIR"))];
+        let file = [PathBuf::from("flight.mp4")];
+        assert!(parsed("--every-frame").refuse_stills(&folder).is_err());
+        assert!(parsed("--every-frame").refuse_stills(&file).is_ok());
+        assert!(parsed("").refuse_stills(&folder).is_ok());
     }
 
     #[test]

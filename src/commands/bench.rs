@@ -218,9 +218,14 @@ pub(crate) fn execute(command: &BenchCommand, progress: &dyn Progress) -> anyhow
         }
         BenchCommand::Compare { a, b } => bench_scores::compare(a, b),
         BenchCommand::Video { views, reference } => {
-            let of_reference = reference.as_deref().map(video_consistency).transpose()?;
+            let video = video_consistency(views)?;
+            let of_reference = reference.as_deref().map(|folder| {
+                let found = video_consistency(folder)?;
+                video.check_reference(folder, &found).map(|()| found)
+            });
+            let of_reference = of_reference.transpose()?;
             print_json(&json!({
-                "video": video_consistency(views)?,
+                "video": video,
                 "reference": of_reference,
             }))
         }

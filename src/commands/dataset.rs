@@ -110,7 +110,7 @@ pub(crate) fn operator(
             "{:.2} % of the sphere; {}: {}\n  omnilife curate poses {} --ignore-mask {}\n",
             100.0 * record.share,
             match is_doubtful {
-                true => "is what is red here no part of the scene? Then ignore it",
+                true => "look at the red region, and ignore it if it does not belong to the scene",
                 false => "to look at",
             },
             image.display(),

@@ -2,10 +2,13 @@
 
 use std::path::Path;
 
-use omnilife_reconstruct::jobs::{
-    camera_words::{CameraPlaces, CameraWords},
-    edit::{self, EditRequest},
-    render::{self, RenderCamera, RenderRequest, RenderedViews},
+use omnilife_reconstruct::{
+    jobs::{
+        camera_words::{CameraPlaces, CameraWords},
+        edit::{self, EditRequest},
+        render::{self, RenderCamera, RenderRequest, RenderedViews},
+    },
+    models::EditPurpose,
 };
 use omnilife_schemas::{plain_text::counted, progress::Progress, staging::Staging, store};
 
@@ -25,7 +28,7 @@ pub(super) fn execute(arguments: &EditArguments, progress: &dyn Progress) -> any
     let text = match (&arguments.poses, arguments.preview) {
         (Some(poses), Some(frame)) => preview(arguments, poses, frame, progress)?,
         (Some(poses), None) => {
-            let mut text = edited(arguments, &arguments.out, progress)?;
+            let mut text = edited(arguments, &arguments.out, EditPurpose::Run, progress)?;
             let views = arguments.out.join(VIEWS_FOLDER);
             let model = &arguments.out;
             let rendered = rendered(arguments, model, poses, None, &views, progress)?;
@@ -39,7 +42,7 @@ pub(super) fn execute(arguments: &EditArguments, progress: &dyn Progress) -> any
             }
             text
         }
-        (None, _) => edited(arguments, &arguments.out, progress)?,
+        (None, _) => edited(arguments, &arguments.out, EditPurpose::Run, progress)?,
     };
     exit::print(&text)
 }
@@ -48,12 +51,14 @@ pub(super) fn execute(arguments: &EditArguments, progress: &dyn Progress) -> any
 fn edited(
     arguments: &EditArguments,
     out: &Path,
+    purpose: EditPurpose,
     progress: &dyn Progress,
 ) -> anyhow::Result<String> {
     let request = EditRequest {
         run: arguments.run.clone(),
         script: arguments.script.clone(),
         out: out.to_owned(),
+        purpose,
     };
     let done = edit::edit(&request, progress)?;
     Ok(done.iter().map(|line| format!("{line}\n")).collect())
@@ -68,7 +73,7 @@ fn preview(
 ) -> anyhow::Result<String> {
     store::create_folder(&arguments.out)?;
     let staging = Staging::new(&arguments.out, PREVIEW_FOLDER)?;
-    let text = edited(arguments, &staging.folder, progress)?;
+    let text = edited(arguments, &staging.folder, EditPurpose::Preview, progress)?;
     let out = &arguments.out;
     let rendered = rendered(
         arguments,

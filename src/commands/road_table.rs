@@ -40,8 +40,8 @@ pub(super) fn road_table(report: &SfmReport) -> String {
         text.push('\n');
     }
     text.push_str(
-        "error: median reprojection angle; held-out: median angle of matches that no mapper saw; score: their mean \
-         credit, 1 at best; *: chosen\n",
+        "error: median reprojection angle; held-out: median angle of tracks that the mapper of their own road did not \
+         see (other roads may have found the same points); score: their mean credit, 1 at best; *: chosen\n",
     );
     text
 }

@@ -100,6 +100,7 @@ pub(crate) fn main_job(arguments: &RunArguments, progress: &dyn Progress) -> any
     // A faulty request must not be found out after an hour of work.
     reconstruct::check(&job.method, &job.settings, job.backend)?;
     omnilife_bench::protocols::protocol(&job.protocol)?;
+    arguments.tracking.refuse_stills(&videos)?;
     if job.poses_are_given() && videos.len() > 1 {
         return Err(BadRequest(format!(
             "--poses belongs to one video, {} were given",

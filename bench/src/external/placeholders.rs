@@ -228,7 +228,7 @@ mod tests {
             ("views/{frame}.png", "should begin with {work}"),
             ("{work}/{fram}.png", "{fram} is not known"),
             ("{work}/{frame:6x}.png", "padding is written"),
-            ("{work}/{stem:04}.png", "no number to pad"),
+            ("{work}/{stem:04}.png", "only numbers can be padded"),
             ("{work}/{frame", "not closed"),
         ] {
             let message = check_pattern(pattern).err().unwrap_or_default();

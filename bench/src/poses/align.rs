@@ -92,7 +92,7 @@ pub(crate) fn align(
 }
 
 /// Returns the mean of the rotations that take the estimated cameras to those of the reference.
-fn mean_turn(pairs: &[(Pose, Pose)]) -> Option<DQuat> {
+pub(crate) fn mean_turn(pairs: &[(Pose, Pose)]) -> Option<DQuat> {
     let mut sum = [[0.0; 4]; 4];
     for (estimated, reference) in pairs {
         let turn = reference.rotation()? * estimated.rotation()?.inverse();

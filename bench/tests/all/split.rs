@@ -216,8 +216,8 @@ fn the_given_panoramas_can_be_named() {
     for (frames, what) in [
         (vec![], "ascending"),
         (vec![2, 1], "ascending"),
-        (vec![0, 3], "frame 3"),
-        (vec![0, 5], "frame 5"),
+        (vec![0, 3], "view 3"),
+        (vec![0, 5], "view 5"),
         (vec![0, 1, 2, 4], "none is left"),
     ] {
         protocol.split = SplitRule::Given { frames };

@@ -37,9 +37,9 @@ pub(super) fn spans(pieces: &[Piece], boundaries: &[Boundary]) -> Vec<OverlaySpa
 /// a short shot, so what stays in a part of the video alone must have strokes as strong as letters. What carries the
 /// camera and patches under it need none, nor what stays in all judged parts of several.
 pub(super) fn gathered(pieces: Vec<Piece>) -> Vec<Overlay> {
-    let is_whole = pieces.len() == 1;
     let judged = pieces.iter().filter(|piece| piece.overlays.is_some());
     let judged = judged.count();
+    let is_whole = judged <= 1;
     let is_clear = |overlay: &Overlay| {
         is_whole
             || !overlay.class.spoils_geometry()
@@ -243,6 +243,10 @@ mod tests {
 
     /// Number of overlays of shots, each with finds of these strengths in one place.
     fn counts(shots: &[&[f64]]) -> usize {
+        gathered(pieces(shots)).len()
+    }
+
+    fn pieces(shots: &[&[f64]]) -> Vec<Piece> {
         let mut pieces = Vec::new();
         for (number, strengths) in shots.iter().enumerate() {
             let finds = strengths.iter().map(|&strength| standing(strength));
@@ -255,7 +259,15 @@ mod tests {
                 overlays: Some(finds.collect()),
             });
         }
-        gathered(pieces).len()
+        pieces
+    }
+
+    /// A shot that is too short to be judged beside one that is.
+    #[test]
+    fn what_stays_faintly_in_the_only_judged_shot_is_kept() {
+        let mut shots = pieces(&[&[10.0], &[]]);
+        shots[1].overlays = None;
+        assert_eq!(gathered(shots).len(), 1);
     }
 
     #[test]

@@ -15,7 +15,7 @@ use omnilife_schemas::{
     Pose, RgbImage,
     camera::Camera,
     ground_plane::Plane,
-    layout::SEQUENCE_FILE,
+    layout::{SEQUENCE_FILE, STRAIGHT_FRAMES_FOLDER},
     posed_view::PosedView,
     progress::Progress,
     records::{Detection, Scene, SceneFrame, Sequence, Tracks},
@@ -37,12 +37,23 @@ const MOST_DIFFERENCE: f64 = 0.5;
 /// video.
 ///
 /// # Errors
-/// When there is no sequence beside the scene, or that of another video.
-pub(super) fn check_video(request: &TrackRequest) -> Result<Option<String>, TracksError> {
+/// When the lens is taken out of the scene's frames, or there is no sequence beside the scene, or that of another
+/// video.
+pub(super) fn check_video(
+    request: &TrackRequest,
+    scene: &Scene,
+) -> Result<Option<String>, TracksError> {
     let Some(video) = &request.options.video else {
         return Ok(None);
     };
     request.options.check_every_frame()?;
+    let is_straight =
+        |frame: &&SceneFrame| Path::new(&frame.image).starts_with(STRAIGHT_FRAMES_FOLDER);
+    if let Some(frame) = scene.frames.iter().find(is_straight) {
+        let reason = "--every-frame needs frames as the video has them; the lens is taken out of those of the scene";
+        let image = request.scene_folder.join(&frame.image);
+        return Err(TracksError::input(&image, reason));
+    }
     let file = request.scene_folder.join(SEQUENCE_FILE);
     let sequence: Sequence = store::read_record(&file)?;
     let sha256 = store::sha256_file(video)?;

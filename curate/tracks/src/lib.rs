@@ -138,7 +138,7 @@ impl Asked {
         let beside = beside.unwrap_or(&request.scene_folder);
         let points = ScenePoints::find(&scene, &request.scene_folder, beside)?;
         Ok(Self {
-            video_sha256: every_frame::check_video(request)?,
+            video_sha256: every_frame::check_video(request, &scene)?,
             scene_path,
             scene,
             frames,

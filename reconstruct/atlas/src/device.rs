@@ -103,12 +103,16 @@ fn loss_if_missed(targets: &Targets, weight: f64) -> f64 {
     weight * known.sum::<f64>() / targets.covered.len().max(1) as f64
 }
 
+/// Opens the first GPU. Choices of kernels concern Gaussians alone.
+fn gpu() -> Result<Arc<Gpu>, EngineError> {
+    Ok(Arc::new(Gpu::open_with_choices(KernelChoices::default())?))
+}
+
 impl AtlasDevice {
     /// Opens the first GPU, for batches of at most so many rays and moments.
     pub(super) fn open(room: [usize; 2]) -> Result<Self, EngineError> {
         Ok(Self {
-            // Choices of kernels concern Gaussians alone.
-            gpu: Arc::new(Gpu::open_with_choices(KernelChoices::default())?),
+            gpu: gpu()?,
             room: room.map(|room| room.max(1)),
             surfaces: None,
             is_newer: false,
@@ -122,9 +126,8 @@ impl AtlasDevice {
 
     /// Returns the memory of a graph's training.
     pub(super) fn plan(&self, graph: &Graph) -> Result<DevicePlan, EngineError> {
-        let gpu = Arc::new(Gpu::open()?);
         let surfaces = surfaces_of(graph);
-        let buffers = DeviceSurfaces::demand(gpu, &surfaces, self.room, FIELD_WEIGHT)?;
+        let buffers = DeviceSurfaces::demand(gpu()?, &surfaces, self.room, FIELD_WEIGHT)?;
         DevicePlan::of_buffers(buffers, None)
     }
 

@@ -23,13 +23,13 @@ use super::{
 use omnilife_training::{
     error::ReconstructError,
     models::{
-        EditedModel, PlannedFiles,
+        EditPurpose, EditedModel, PlannedFiles,
         script::{self, Axes, Delay, Edit, Script, Unit},
     },
 };
 
 /// Applies a script to a run's atlas. Once a part is removed, a mask marks what no frame shows of the background, and a
-/// warning has its share.
+/// warning has its share; previews are without both.
 ///
 /// # Errors
 /// When an edit names a missing part or does not suit its part, or when an image has no painted pixels.
@@ -37,6 +37,7 @@ pub(super) fn edit<'a>(
     folder: &'a Path,
     run: &RunRecord,
     script: &Script,
+    purpose: EditPurpose,
 ) -> Result<EditedModel<'a>, ReconstructError> {
     let mut graph = saved::read(folder)?;
     let mut removes = false;
@@ -45,7 +46,7 @@ pub(super) fn edit<'a>(
         apply(&mut graph, edit, script.folder(), run)
     })?;
     let has_earlier = folder.join(unseen::FILE).is_file();
-    let is_plate = removes || has_earlier;
+    let is_plate = (removes || has_earlier) && purpose == EditPurpose::Run;
     let unseen = match is_plate && graph.find(BACKGROUND).is_some() {
         true => unseen::of_run(folder)?,
         false => None,

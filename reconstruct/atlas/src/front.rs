@@ -121,6 +121,8 @@ struct InFrame<'a> {
     /// Poses of the objects' planes, `None` where they are not there.
     poses: Vec<Option<RigidPose>>,
     nodes: &'a [Node],
+    /// Number of objects that cover at least half of each pixel.
+    covering: Vec<u32>,
 }
 
 impl<'a> InFrame<'a> {
@@ -129,11 +131,17 @@ impl<'a> InFrame<'a> {
             node.is_there(frame.time)
                 .then(|| node.given_pose(frame.time))
         });
+        let covering = (0..clip.pixel_count()).map(|pixel| {
+            let objects = 0..nodes.len();
+            let covering = objects.filter(|&object| frame.covered(object, pixel) >= 0.5);
+            covering.count() as u32
+        });
         Self {
             clip,
             frame,
             poses: poses.collect(),
             nodes,
+            covering: covering.collect(),
         }
     }
 
@@ -151,9 +159,8 @@ impl<'a> InFrame<'a> {
 
     /// Returns true if the mask of another object covers a pixel, or it is not of the scene.
     fn is_hidden(&self, object: usize, pixel: usize) -> bool {
-        let mut others = (0..self.nodes.len()).filter(|&other| other != object);
-        !self.frame.shows_scene(pixel)
-            || others.any(|other| self.frame.covered(other, pixel) >= 0.5)
+        let own = u32::from(self.frame.covered(object, pixel) >= 0.5);
+        !self.frame.shows_scene(pixel) || self.covering[pixel] > own
     }
 
     /// Adds the frame's vote on a point of the background.
@@ -244,7 +251,7 @@ pub fn find(clip: &Clip, graph: &Graph) -> Result<Front, String> {
     };
     let frames: Vec<InFrame<'_>> = clip
         .frames
-        .iter()
+        .par_iter()
         .map(|frame| InFrame::new(clip, frame, objects))
         .collect();
     let marks: Vec<bool> = (0..cells.width * cells.height)
@@ -292,7 +299,7 @@ pub fn find(clip: &Clip, graph: &Graph) -> Result<Front, String> {
 /// Returns the distance of a plane before all objects, over that of the background.
 ///
 /// # Errors
-/// Where the cameras' motion displaces it against what it shows.
+/// Where an object is at or behind the cameras, or their motion displaces the plane against what it shows.
 fn nearness(clip: &Clip, objects: &[Node], background: &RigidPose) -> Result<f64, String> {
     let mean = mean_camera(clip);
     let normal = background.rotation.col(2);
@@ -303,6 +310,11 @@ fn nearness(clip: &Clip, objects: &[Node], background: &RigidPose) -> Result<f64
         frames.map(move |frame| normal.dot(node.given_pose(frame.time).centre - mean) / far)
     });
     let near = BEFORE * places.fold(1.0, f64::min);
+    if near <= 0.0 {
+        return Err(
+            "an object's plane is at or behind the cameras: no place before the objects".to_owned(),
+        );
+    }
     let focal = match clip.camera {
         Camera::Pinhole(camera) => camera.fx,
         Camera::Erp(camera) => f64::from(camera.width) / std::f64::consts::TAU,
@@ -313,7 +325,7 @@ fn nearness(clip: &Clip, objects: &[Node], background: &RigidPose) -> Result<f64
         .map(|frame| frame.pose.centre.distance(mean))
         .fold(0.0, f64::max);
     let parallax = focal * baseline * (1.0 / near - 1.0) / far;
-    if near > 0.0 && parallax <= MOST_PARALLAX {
+    if parallax <= MOST_PARALLAX {
         Ok(near)
     } else {
         Err(format!(

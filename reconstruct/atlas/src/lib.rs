@@ -152,10 +152,11 @@ pub const METHOD: Method = Method {
                   switch these three back); a sphere as background and its flow are this project's; \
                   first planes come from boxes, distances, points, tracked textures or outlines of \
                   masks, and turn in the image's plane alone; the background's plane goes through \
-                  scene points; knots are half of the frames, or all where the camera shakes; nodes \
-                  are there in the frames of their masks and one more each way; static things without \
-                  a mask that hide objects are a plane in front. One model learns from all input views at once; without \
-                  masks there is the background alone. On a GPU, the host intersects rays with \
+                  scene points; knots are half of the frames, on request all where the camera shakes; \
+                  nodes are there in the frames of their masks and one more each way; on request \
+                  (front) static things without a mask that hide objects are a plane before them. One \
+                  model learns from all input views at once; without masks there is the background \
+                  alone. On a GPU, the host intersects rays with \
                   surfaces and moves trajectories.",
     components: &[
         plan::FLOW,
@@ -165,9 +166,8 @@ pub const METHOD: Method = Method {
         plan::CAMERA_OFFSETS,
         plan::MASK_LOSS,
         plan::COARSE_TO_FINE,
-        front::FRONT,
     ],
-    optional_components: &[],
+    optional_components: &[front::FRONT],
     // Supplement, Table 10.
     ablation: &[
         plan::COARSE_TO_FINE,
@@ -439,13 +439,18 @@ pub fn begin_with(
     })
 }
 
-/// Adds a static thing before the objects where there is one; returns a line for the record.
+/// Adds a static thing before the objects on request, where there is one; returns a line for the record.
 fn add_front(
     clip: &mut Clip,
     graph: &mut Graph,
     request: &MethodRequest,
 ) -> Vec<ComponentDecision> {
     let mut log = DecisionLog::new(request);
+    if !request.names(front::FRONT) {
+        let decision = Decision::on_request("its gain was measured on synthetic clips alone");
+        log.decide(front::FRONT, decision);
+        return log.into_decisions();
+    }
     match front::find(clip, graph) {
         Ok(found) => {
             let decision = Decision::new(true, found.reason.clone());

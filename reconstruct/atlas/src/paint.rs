@@ -314,7 +314,9 @@ mod tests {
         let moved = off(&queries(node, &targets, 0.4));
         let places = against_flow(node, &targets, 0.4);
         let left = off(&queries(node, &places, 0.4));
-        assert!(moved > 0.0 && left < 0.5 * moved, "{left} of {moved}");
+        // A move leaves the error before it times the change of the flow. With the same field made by the code in
+        // `scripts/golden/neural_atlas.py` one leaves 0.017 of the mean error. Six rounds have five moves.
+        assert!(moved > 0.0 && left < 0.1 * moved, "{left} of {moved}");
     }
 
     #[test]

@@ -193,7 +193,7 @@ impl Measured {
 /// without them the background's residual counts.
 fn camera_decision(background: &Measured, noise: f64, poses: Option<&PoseAgreement>) -> Decision {
     match poses {
-        Some(found) if found.agrees() => Decision::new(false, found.words()).even_if_full(),
+        Some(found) if found.agrees() => Decision::new(false, found.words()),
         Some(found) => Decision::new(true, found.words()),
         None => Decision::new(
             background.residual > ABOVE_NOISE * noise,

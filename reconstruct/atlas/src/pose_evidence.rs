@@ -10,13 +10,16 @@
 
 use glam::{DMat3, DQuat, DVec2, DVec3};
 use omnilife_engine::camera::Camera;
-use omnilife_schemas::{band_matrix::BandMatrix, statistics::median};
+use omnilife_schemas::{
+    band_matrix::BandMatrix,
+    statistics::{TUKEY, median, tukey_weight},
+};
 use rayon::prelude::*;
 
 use super::{
     clip::{Clip, ClipFrame, project},
     initialize::{grey_at, pixel_at, seen_at},
-    robust::{TUKEY, sigma_of, weight},
+    robust::sigma_of,
 };
 
 /// Pairs of frames, at most.
@@ -308,7 +311,7 @@ impl Pair<'_> {
         let limit = AGREEING * contrast / TUKEY;
         let agreement = errors
             .iter()
-            .map(|&error| weight(error, limit))
+            .map(|&error| tukey_weight(error, limit))
             .sum::<f64>()
             / count;
         if agreement < LEAST_AGREEMENT {
@@ -365,7 +368,7 @@ fn normal(equations: &[Equation], errors: &[f64], sigma: f64) -> BandMatrix {
         matrix.add(unknown, unknown, (sigma / believed).powi(2));
     }
     for (equation, &error) in equations.iter().zip(errors) {
-        let weight = weight(error, sigma);
+        let weight = tukey_weight(error, sigma);
         for row in 0..UNKNOWNS {
             for column in 0..=row {
                 matrix.add(
@@ -382,7 +385,7 @@ fn normal(equations: &[Equation], errors: &[f64], sigma: f64) -> BandMatrix {
 fn right(equations: &[Equation], errors: &[f64], sigma: f64) -> [f64; UNKNOWNS] {
     let mut right = [0.0; UNKNOWNS];
     for (equation, &error) in equations.iter().zip(errors) {
-        let weighted = weight(error, sigma) * equation.difference;
+        let weighted = tukey_weight(error, sigma) * equation.difference;
         for (sum, value) in right.iter_mut().zip(equation.row) {
             *sum += weighted * value;
         }

@@ -6,7 +6,10 @@ use std::path::{Path, PathBuf};
 use omnilife_schemas::{layout::RUN_FILE, progress::Progress, stage::StagePlan};
 
 use crate::{jobs::reconstruct::NOVEL_FOLDER, registry};
-use omnilife_training::{error::ReconstructError, models::script::Script};
+use omnilife_training::{
+    error::ReconstructError,
+    models::{EditPurpose, script::Script},
+};
 
 /// Run to edit, its script, and the folder of the edited run.
 #[derive(Debug, Clone, PartialEq)]
@@ -17,6 +20,8 @@ pub struct EditRequest {
     pub script: PathBuf,
     /// Folder of the edited run, another one.
     pub out: PathBuf,
+    /// Use of the edited run.
+    pub purpose: EditPurpose,
 }
 
 /// Edits a run; returns the changes, one line each. The edited run can be rendered; its record lists the changes and
@@ -42,7 +47,8 @@ pub fn edit(
         );
         return Err(ReconstructError::scene(&request.run, reason));
     };
-    let edited = edit(&request.run, &record, &Script::read(&request.script)?)?;
+    let script = Script::read(&request.script)?;
+    let edited = edit(&request.run, &record, &script, request.purpose)?;
     for warning in edited.warnings {
         progress.note(&format!("warning: {}: {warning}", request.out.display()));
         record.warnings.push(warning);

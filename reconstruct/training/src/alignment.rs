@@ -11,9 +11,15 @@
 //!
 //! `W` turns and shifts a point in the plane of its first two coordinates. The bias of a channel is the median of its
 //! differences: brighter light moves nothing. Weights keep out whatever hides the object in one of the images.
+//!
+//! The atlas has an alignment of its own (`reconstruct/atlas/src/initialize/tracking/alignment.rs`): its similarity has
+//! a scale and its brightness a gain. This one has the rigid motion of a patch on the ground, and its covariance.
 
 use glam::{DMat3, DVec2, DVec3};
-use omnilife_schemas::{band_matrix::BandMatrix, statistics::median};
+use omnilife_schemas::{
+    band_matrix::BandMatrix,
+    statistics::{cauchy_weight, median, robust_deviation},
+};
 
 /// Channels of a value.
 pub const CHANNELS: usize = 3;
@@ -26,24 +32,10 @@ const LONGEST_STEP: f64 = 1.0;
 const CONVERGED: f64 = 0.02;
 /// Minimum share of a template that an image must show.
 const LEAST_SEEN: f64 = 0.6;
-/// Standard deviation of a normal distribution over its median absolute deviation.
-const PER_MEDIAN: f64 = 1.4826;
-/// Scale of Cauchy's weights that has an efficiency of 95 % with normal errors (Holland and Welsch, 1977).
-const CAUCHY: f64 = 2.385;
 /// Minimum standard deviation of a difference, levels of 255: that of rounding in both images.
 const LEAST_DEVIATION: f64 = 0.5;
 /// Minimum share of a diagonal entry that a pivot must exceed: a straight edge alone tells no shift along it.
 const LEAST_PIVOT: f64 = 1e-4;
-
-/// Returns the standard deviation of normal errors with these absolute values, by their median; `None` without values.
-pub fn robust_deviation(sizes: &[f64]) -> Option<f64> {
-    median(sizes).map(|size| PER_MEDIAN * size)
-}
-
-/// Returns the weight of a difference by Cauchy's loss, in (0, 1], for errors of a positive standard deviation.
-pub fn cauchy_weight(difference: f64, deviation: f64) -> f64 {
-    1.0 / (1.0 + (difference / (CAUCHY * deviation)).powi(2))
-}
 
 /// Motion in a plane.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -1,4 +1,4 @@
-//! Order statistics of numbers, and the frame interval of a clip.
+//! Order statistics of numbers, robust deviations and weights, and the frame interval of a clip.
 
 use std::cmp::Ordering;
 
@@ -34,6 +34,31 @@ pub fn quantile<T: Real>(values: &[T], share: f64) -> Option<T> {
 /// two in the middle, so that it is always one of the values.
 pub fn median<T: Real>(values: &[T]) -> Option<T> {
     quantile(values, 0.5)
+}
+
+/// Standard deviation of normal errors over the median of their absolute values.
+const DEVIATION_OF_MEDIAN: f64 = 1.4826;
+/// Scale of Cauchy's weights that has an efficiency of 95 % with normal errors (Holland and Welsch, 1977).
+const CAUCHY: f64 = 2.385;
+/// Tukey's constant: the standard deviations from which an error has no weight, for an efficiency of 95 % with normal
+/// errors (Holland and Welsch, 1977).
+pub const TUKEY: f64 = 4.685;
+
+/// Returns the standard deviation of normal errors with these absolute values, by their median; `None` without values.
+pub fn robust_deviation(sizes: &[f64]) -> Option<f64> {
+    median(sizes).map(|size| DEVIATION_OF_MEDIAN * size)
+}
+
+/// Returns the weight of an error by Cauchy's loss, in (0, 1], for errors of a positive standard deviation.
+pub fn cauchy_weight(error: f64, deviation: f64) -> f64 {
+    1.0 / (1.0 + (error / (CAUCHY * deviation)).powi(2))
+}
+
+/// Returns Tukey's weight of an error, in [0, 1], for a standard deviation of errors.
+pub fn tukey_weight(error: f64, deviation: f64) -> f64 {
+    let share = error / (TUKEY * deviation).max(f64::MIN_POSITIVE);
+    let inside = 1.0 - share * share;
+    if inside > 0.0 { inside * inside } else { 0.0 }
 }
 
 /// Returns the larger of two values; NaN if either is NaN, so that a maximum of errors does not hide one.
@@ -107,6 +132,35 @@ mod tests {
     #[test]
     fn nan_sorts_last() {
         assert_eq!(median(&[f32::NAN, 1.0, 0.0]), Some(1.0));
+    }
+
+    #[test]
+    fn one_foreign_error_in_three_does_not_change_the_deviation() {
+        assert_eq!(robust_deviation(&[]), None);
+        let found = robust_deviation(&[2.0, 1e9, 1.0]).unwrap_or_default();
+        assert!((found - 2.0 * 1.4826).abs() < 1e-12, "{found}");
+    }
+
+    #[test]
+    fn cauchys_weight_is_half_at_its_constant() {
+        for (share, expected) in [(0.0, 1.0), (1.0, 0.5), (-1.0, 0.5), (3.0, 0.1)] {
+            let found = cauchy_weight(share * 2.385 * 0.2, 0.2);
+            assert!((found - expected).abs() < 1e-12, "{share}: {found}");
+        }
+    }
+
+    #[test]
+    fn tukeys_weights_fall_to_nothing_at_the_constant() {
+        for (share, expected) in [
+            (0.0, 1.0),
+            (0.5, 0.5625),
+            (-0.5, 0.5625),
+            (1.0, 0.0),
+            (3.0, 0.0),
+        ] {
+            let found = tukey_weight(share * TUKEY * 0.2, 0.2);
+            assert!((found - expected).abs() < 1e-12, "{share}: {found}");
+        }
     }
 
     #[test]

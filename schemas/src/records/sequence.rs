@@ -394,7 +394,7 @@ mod tests {
         for width in [0, 16_385, 4_294_967_295] {
             let message = set(width).map_or_else(|error| error.to_string(), |_| String::new());
             assert!(
-                message.contains("no side of an image"),
+                message.contains("the side of an image must be"),
                 "{width}: {message}"
             );
         }

@@ -39,7 +39,8 @@ pub struct SfmAttempt {
     pub models: u32,
     /// Validation of its model, if it has one.
     pub validation: Option<PoseValidation>,
-    /// Judgement by matches that no mapper saw, of all attempts; nothing without a model or such matches.
+    /// Judgement by tracks of all attempts that the mapper of their own road did not see; other roads may have found
+    /// the same points. Nothing without a model or such tracks.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub held_out: Option<HeldOutScore>,
     /// Why there was none, in one line.
@@ -51,8 +52,9 @@ pub struct SfmAttempt {
 pub struct HeldOutScore {
     /// Features that were predicted, or could not be for want of a pose.
     pub observations: u32,
-    /// Median angle between features and their predictions, degrees; nothing if no frame has a pose.
+    /// Median angle between features and their predictions, degrees; nothing if none could be predicted.
     pub median_degrees: Option<f64>,
-    /// Mean credit in [0, 1]: 1 without an error, falling to 0 at half a degree; 0 without a pose.
+    /// Mean credit in [0, 1]: 1 without an error, falling to 0 at half a degree; 0 without a pose, or if all frames of
+    /// the track are in one place.
     pub score: f64,
 }

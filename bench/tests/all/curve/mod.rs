@@ -366,7 +366,7 @@ fn a_curve_is_of_the_region_that_is_asked_for() {
     assert!(
         error
             .to_string()
-            .contains("psnr-dynamic of novel views: the scene has no masks"),
+            .contains("psnr-dynamic of novel views: the scene has no dynamic masks"),
         "{error}"
     );
 }

@@ -42,7 +42,7 @@ use super::{
 };
 use crate::{
     error::CurateError,
-    exchange::{ForeignScene, Format, left_out},
+    exchange::{ForeignScene, Format, file_name, left_out},
     frame_order,
 };
 
@@ -136,13 +136,18 @@ fn import(folder: &Path) -> Result<ForeignScene, CurateError> {
     }
     let labels = root.join(format!("{LABEL_FOLDER}/{sequence}.txt"));
     let objects = labelled(&labels, &to_world, &mut notes)?;
-    let grey = CAMERAS
-        .iter()
+    let others = CAMERAS
+        .into_iter()
         .filter(|name| !cameras.iter().any(|one| one.name == **name));
-    let grey: Vec<(&str, &str)> = grey
-        .map(|&name| (name, "a camera that is not chosen"))
+    let (others, missing): (Vec<&str>, Vec<&str>) =
+        others.partition(|name| root.join(name).join(&sequence).is_dir());
+    let colour = CAMERAS.iter().skip(FIRST_COLOUR_CAMERA);
+    let missing = colour.filter(|name| missing.contains(*name));
+    notes.extend(missing.map(|name| format!("no {name} of the sequence")));
+    let others: Vec<(&str, &str)> = (others.into_iter())
+        .map(|name| (name, "a camera that is not chosen"))
         .collect();
-    notes.extend(parts_left_out(root, &grey));
+    notes.extend(parts_left_out(root, &others));
     Layout {
         format: FORMAT.id,
         root,
@@ -198,12 +203,12 @@ fn world_from_rectified(
 /// Returns the sweeps of frames, each once, and reports frames without one.
 ///
 /// # Errors
-/// When the folder cannot be listed.
+/// When the folder cannot be listed, or two files have one number.
 fn sweep_files(
     folder: &Path,
     frames: &[u64],
     notes: &mut Vec<String>,
-) -> Result<BTreeMap<u64, PathBuf>, StoreError> {
+) -> Result<BTreeMap<u64, PathBuf>, CurateError> {
     if !folder.is_dir() {
         notes.push(format!(
             "no {LIDAR_FOLDER}: the scene has neither points nor distances"
@@ -212,16 +217,21 @@ fn sweep_files(
     }
     let mut files = store::paths_in(folder)?;
     files.retain(|file| frame_order::has_extension(file, &["bin"]));
-    let numbered = files
-        .into_iter()
-        .filter_map(|file| Some((frame_order::number(&file)?, file)));
-    let (mut sweeps, mut others) = (BTreeMap::new(), Vec::new());
-    for (frame, file) in numbered {
-        if frames.contains(&frame) {
-            sweeps.insert(frame, file);
-        } else {
-            others.push(frame.to_string());
+    let (mut sweeps, mut others) = (BTreeMap::<u64, PathBuf>::new(), Vec::new());
+    for file in files {
+        let number = frame_order::number(&file);
+        let Some(frame) = number.filter(|frame| frames.contains(frame)) else {
+            others.push(file_name(&file.to_string_lossy()));
+            continue;
+        };
+        if let Some(known) = sweeps.get(&frame) {
+            let reason = format!(
+                "must be the one sweep of frame {frame}, got {} too",
+                known.display()
+            );
+            return Err(CurateError::input(&file, reason));
         }
+        sweeps.insert(frame, file);
     }
     let mut without = frames.to_vec();
     without.sort_unstable();
@@ -239,7 +249,8 @@ fn sweep_files(
 /// Reads the labelled objects in the world.
 ///
 /// # Errors
-/// When a line has another width, a number that is not finite, or a frame before that of the line above.
+/// When a line has another width, a number that is not finite, a frame before that of the line above, or another type
+/// than its track.
 fn labelled(
     path: &Path,
     to_world: &impl Fn(u64) -> Result<Rigid, String>,
@@ -263,6 +274,7 @@ fn objects_of(
     to_world: &impl Fn(u64) -> Result<Rigid, String>,
 ) -> Result<(Vec<LabelledObject>, Vec<String>), String> {
     let mut objects: BTreeMap<u32, LabelledObject> = BTreeMap::new();
+    let mut kinds: BTreeMap<u32, &str> = BTreeMap::new();
     let (mut last, mut without_care, mut unknown) = (0_u64, 0_usize, Vec::new());
     for (line, text) in table::lines(text) {
         let words: Vec<&str> = text.split_whitespace().collect();
@@ -287,6 +299,12 @@ fn objects_of(
         }
         let id: u32 = (id.parse())
             .map_err(|_| format!("line {line} must have the number of a track, got {id:?}"))?;
+        let known = *kinds.entry(id).or_insert(*kind);
+        if known != *kind {
+            return Err(format!(
+                "line {line} must have the type of track {id} above, {known}, got {kind}"
+            ));
+        }
         let in_camera = box_of(&values, line)?;
         let rectified = to_world(frame).map_err(|reason| format!("line {line}: {reason}"))?;
         let class = class_of(kind).unwrap_or_else(|| {
@@ -414,6 +432,24 @@ mod tests {
     }
 
     #[test]
+    fn sweeps_without_a_frame_are_listed_and_two_of_one_are_refused()
+    -> Result<(), Box<dyn std::error::Error>> {
+        let temp = tempfile::tempdir()?;
+        for name in ["000000.bin", "000002.bin", "notes.bin"] {
+            store::write_bytes(&temp.path().join(name), &[])?;
+        }
+        let mut notes = Vec::new();
+        let sweeps = sweep_files(temp.path(), &[0, 1], &mut notes);
+        assert!(sweeps.is_ok_and(|sweeps| sweeps.len() == 1 && sweeps.contains_key(&0)));
+        assert_eq!(notes.len(), 2, "{notes:?}");
+        assert!(notes[1].contains("2 (000002.bin, notes.bin)"), "{notes:?}");
+        store::write_bytes(&temp.path().join("0.bin"), &[])?;
+        let two = sweep_files(temp.path(), &[0, 1], &mut notes);
+        assert!(two.is_err_and(|error| error.to_string().contains("one sweep of frame 0")));
+        Ok(())
+    }
+
+    #[test]
     fn lines_of_another_width_order_or_number_are_refused_with_their_place() {
         let good = line(2, 3, 2.0, 0.3);
         assert!(objects_of(&good, &resting).is_ok());
@@ -424,6 +460,10 @@ mod tests {
             (good.replace(" 12 ", " nan "), "\"nan\""),
             (good.replace(" 1.6 ", " 0 "), "above 0"),
             (good.clone() + &good, "second box"),
+            (
+                good.clone() + &line(3, 3, 2.0, 0.3).replace("Car", "Van"),
+                "Car, got Van",
+            ),
             (good.clone() + &line(1, 4, 0.0, 0.0), "after frame 2"),
         ] {
             let Err(reason) = objects_of(&bad, &resting) else {

@@ -106,7 +106,9 @@ impl Layout<'_> {
         let cameras: Vec<PinholeCamera> = self.cameras.iter().map(|one| one.camera).collect();
         let common = (rig::common_camera(&cameras))
             .ok_or_else(|| CurateError::input(self.root, "must have a camera, got none"))?;
-        let moving = MovingObjects::of(&self.objects, self.label_reach_seconds);
+        let mut moving = MovingObjects::of(&self.objects, self.label_reach_seconds);
+        let seconds: Vec<f64> = self.images.iter().map(|image| image.seconds).collect();
+        moving.note_gaps(&seconds, self.label_reach_seconds);
         for track in &moving.tracks {
             if let Some(fault) = track.path.fault() {
                 let reason = format!("must have sound labels, and track {} {fault}", track.id);
@@ -128,6 +130,8 @@ impl Layout<'_> {
             }
         }
         let mut notes = self.notes;
+        let has_sweeps = !self.sweeps.is_empty();
+        notes.extend(has_sweeps.then(|| "reflectance of the LiDAR is left out".to_owned()));
         notes.extend(points.note());
         notes.extend((far > 0).then(|| {
             format!(

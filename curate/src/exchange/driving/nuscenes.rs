@@ -25,7 +25,10 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use omnilife_schemas::store::{self, StoreError};
+use omnilife_schemas::{
+    plain_text,
+    store::{self, StoreError},
+};
 
 use self::{
     order::samples_of,
@@ -63,15 +66,14 @@ const REACH_SECONDS: f64 = 0.1;
 const MICROSECONDS: f64 = 1e-6;
 
 fn import(folder: &Path) -> Result<ForeignScene, CurateError> {
-    let is_root = |folder: &Path| tables_of(folder).is_some();
+    // A folder that cannot be listed is taken for the root, so that `tables_of` has its error.
+    let is_root = |folder: &Path| !versions_in(folder).is_ok_and(|names| names.is_empty());
     let choice = Choice::read(
         folder,
         is_root,
         "one folder of tables v1.0-*, as nuScenes does",
     )?;
-    let tables = tables_of(&choice.root).ok_or_else(|| {
-        CurateError::input(&choice.root, "must hold one folder of tables, v1.0-*")
-    })?;
+    let tables = tables_of(&choice.root)?;
     let scenes: Vec<SceneRow> = read(&tables, "scene", |_| true)?;
     let names: Vec<String> = scenes.iter().map(|scene| scene.name.clone()).collect();
     let name = choice.sequence(&names)?;
@@ -86,13 +88,35 @@ fn import(folder: &Path) -> Result<ForeignScene, CurateError> {
         .scene()
 }
 
-/// Returns the folder of tables of a dataset; `None` unless there is one.
-fn tables_of(root: &Path) -> Option<PathBuf> {
-    let mut names = store::names_in(root).ok()?;
-    names.retain(|name| name.starts_with(VERSION) && root.join(name).is_dir());
+/// Returns the names of the folders of tables in a folder, in order. Other paths hold none.
+///
+/// # Errors
+/// When the folder cannot be listed.
+fn versions_in(folder: &Path) -> Result<Vec<String>, StoreError> {
+    if !folder.is_dir() {
+        return Ok(Vec::new());
+    }
+    let mut names = store::names_in(folder)?;
+    names.retain(|name| name.starts_with(VERSION) && folder.join(name).is_dir());
+    Ok(names)
+}
+
+/// Returns the folder of tables of a dataset.
+///
+/// # Errors
+/// Unless there is one, and when the root cannot be listed.
+fn tables_of(root: &Path) -> Result<PathBuf, CurateError> {
+    let names = versions_in(root)?;
     match names.as_slice() {
-        [only] => Some(root.join(only)),
-        _ => None,
+        [only] => Ok(root.join(only)),
+        _ => {
+            let reason = format!(
+                "must hold one folder of tables v1.0-*, got {} ({})",
+                names.len(),
+                plain_text::first_of(&names)
+            );
+            Err(CurateError::input(root, reason))
+        }
     }
 }
 
@@ -368,4 +392,27 @@ fn by_token<T>(rows: Vec<T>, token: impl Fn(&T) -> &String) -> BTreeMap<String, 
     rows.into_iter()
         .map(|row| (token(&row).clone(), row))
         .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn one_folder_of_tables_is_taken_and_several_are_named()
+    -> Result<(), Box<dyn std::error::Error>> {
+        let temp = tempfile::tempdir()?;
+        let root = temp.path();
+        assert!(versions_in(&root.join("none")).is_ok_and(|names| names.is_empty()));
+        store::create_folder(&root.join("v1.0-mini"))?;
+        assert!(tables_of(root).is_ok_and(|folder| folder.ends_with("v1.0-mini")));
+        store::create_folder(&root.join("v1.0-test"))?;
+        let refusal = import(&root.join("scene-0061")).err();
+        let refusal = refusal.map(|error| error.to_string()).unwrap_or_default();
+        assert!(
+            refusal.contains("got 2 (v1.0-mini, v1.0-test)"),
+            "{refusal}"
+        );
+        Ok(())
+    }
 }

@@ -9,6 +9,7 @@ use omnilife_schemas::{
     oriented_box::OrientedBox,
     plain_text,
     records::{ObjectClass, Track},
+    statistics::median,
     trajectory::{BSpline, GroundAxes, ObjectPath},
 };
 
@@ -18,6 +19,8 @@ const LEAST_DISPLACEMENT_METRES: f64 = 1.0;
 const REPORTED_TILT_DEGREES: f64 = 1.0;
 /// Distance in front of a camera at which edges of boxes are cut, metres.
 const NEAR_METRES: f64 = 0.1;
+/// Usual steps between labels from which on an object has a gap.
+const GAP_STEPS: f64 = 1.5;
 /// Smallest side of a box in an image, pixels.
 const LEAST_SIDE_PIXELS: f64 = 1.0;
 /// Pairs of corners that an edge joins, by the numbers of [`OrientedBox::corners`].
@@ -55,6 +58,8 @@ pub(super) struct MovingObjects {
     pub(super) tracks: Vec<Track>,
     pub(super) classes: Vec<(u32, ObjectClass)>,
     pub(super) notes: Vec<String>,
+    /// Objects with seconds of two neighbouring labels, between which labels are missing.
+    gaps: Vec<(u32, [f64; 2])>,
 }
 
 impl MovingObjects {
@@ -62,6 +67,10 @@ impl MovingObjects {
     pub(super) fn of(objects: &[LabelledObject], extension_seconds: f64) -> Self {
         let mut found = Self::default();
         let (mut standing, mut tilt) = (Vec::new(), 0.0_f64);
+        let steps: Vec<f64> = (objects.iter().flat_map(LabelledObject::steps))
+            .map(|[before, after]| after - before)
+            .collect();
+        let longest = median(&steps).map_or(f64::INFINITY, |usual| GAP_STEPS * usual);
         for object in objects {
             let displacement = object.displacement();
             if displacement < LEAST_DISPLACEMENT_METRES {
@@ -71,6 +80,8 @@ impl MovingObjects {
             let tilts = object.boxes.iter();
             let tilts = tilts.map(|(_, one)| one.axes.z_axis.angle_between(UP).to_degrees());
             tilt = tilts.fold(tilt, f64::max);
+            let gaps = (object.steps()).filter(|[before, after]| after - before > longest);
+            found.gaps.extend(gaps.map(|gap| (object.id, gap)));
             found.classes.push((object.id, object.class));
             found
                 .tracks
@@ -91,9 +102,40 @@ impl MovingObjects {
         }
         found
     }
+
+    /// Notes how many boxes of frames at these seconds lie in gaps of the labels; labels reach so far, seconds.
+    pub(super) fn note_gaps(&mut self, frames: &[f64], reach_seconds: f64) {
+        let is_bridged = |[before, after]: [f64; 2], seconds: f64| {
+            seconds > before + reach_seconds && seconds < after - reach_seconds
+        };
+        let bridged = |gap: [f64; 2]| {
+            frames
+                .iter()
+                .filter(move |&&at| is_bridged(gap, at))
+                .count()
+        };
+        let boxes: usize = self.gaps.iter().map(|(_, gap)| bridged(*gap)).sum();
+        let mut ids: Vec<u32> = self.gaps.iter().map(|(id, _)| *id).collect();
+        ids.dedup();
+        let ids: Vec<String> = ids.iter().map(u32::to_string).collect();
+        if boxes > 0 {
+            self.notes.push(format!(
+                "labels of moving objects have gaps, over which their paths are straight: {} ({}); boxes without a \
+                 label, interpolated in frames: {boxes}",
+                ids.len(),
+                plain_text::first_of(&ids)
+            ));
+        }
+    }
 }
 
 impl LabelledObject {
+    /// Returns the seconds of neighbouring labels.
+    fn steps(&self) -> impl Iterator<Item = [f64; 2]> {
+        let later = self.boxes.iter().skip(1);
+        (self.boxes.iter().zip(later)).map(|((before, _), (after, _))| [*before, *after])
+    }
+
     /// Returns the largest distance of the object from its first place.
     fn displacement(&self) -> f64 {
         let mut places = self.boxes.iter().map(|(_, one)| one.centre);
@@ -240,6 +282,32 @@ mod tests {
             );
         }
         assert_eq!(box_at(track, 0.26), None);
+    }
+
+    /// Labels at 0, 0.1, 0.2, 0.6 and 0.7 s: frames at 0.3, 0.4 and 0.5 s have none.
+    #[test]
+    fn boxes_in_gaps_of_labels_are_counted() {
+        let mut gappy = object(4, &[0.0, 1.0, 2.0, 3.0, 4.0]);
+        for (seconds, _) in gappy.boxes.iter_mut().skip(3) {
+            *seconds += 0.3;
+        }
+        let frames: Vec<f64> = (0..8).map(|number| 0.1 * f64::from(number)).collect();
+        let noted = |objects: &[LabelledObject], reach: f64| {
+            let mut moving = MovingObjects::of(objects, reach);
+            moving.note_gaps(&frames, reach);
+            moving.notes
+        };
+        let whole = object(5, &[0.0, 1.0, 2.0, 3.0]);
+        assert!(noted(std::slice::from_ref(&whole), 0.01).is_empty());
+        let notes = noted(&[gappy.clone(), whole], 0.01);
+        assert_eq!(notes.len(), 1, "{notes:?}");
+        assert!(
+            notes[0].contains(": 1 (4)") && notes[0].ends_with(": 3"),
+            "{notes:?}"
+        );
+        // Labels that reach over a frame leave the one in the middle.
+        let notes = noted(&[gappy], 0.15);
+        assert!(notes[0].ends_with(": 1"), "{notes:?}");
     }
 
     #[test]

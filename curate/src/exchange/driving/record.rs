@@ -27,7 +27,7 @@ const LIDAR: &str = "LiDAR";
 pub(crate) struct DriveView {
     /// Name of its image in the scene.
     pub(crate) name: String,
-    /// Seconds since the first image of the sequence.
+    /// Seconds since the beginning of the sequence.
     pub(crate) seconds: f64,
     /// Width and height of its image, pixels.
     pub(crate) size: [usize; 2],

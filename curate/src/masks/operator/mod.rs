@@ -1,7 +1,8 @@
 //! Operator, tripod, mount: content that stays in the camera's frame while the scene goes by.
 //!
-//! It is part of no scene, and its mask makes pixels ignored. The result is written as `operator/operator.json`, with the
-//! mask of all frames and an image to look at. On request, caps around the poles are looked for too (`caps`). Where the evidence is weak, a person has to decide by the image.
+//! It is part of no scene, and its mask makes pixels ignored. The result is written as `operator/operator.json`, with
+//! the mask of all frames and an image to look at. On request, caps around the poles are looked for too (`caps`). Where
+//! the evidence is weak, a person has to decide by the image.
 
 mod caps;
 mod evidence;
@@ -202,7 +203,8 @@ impl Verdict {
         }
     }
 
-    /// Adds caps: those that are found to the mask, and doubtful ones as a question if nothing else was found.
+    /// Adds caps: those that are found to the mask, and doubtful ones as a question if nothing else was found. The
+    /// reason begins with the caps that settle the finding.
     fn with_caps(mut self, caps: Vec<Cap>) -> Self {
         let has = |finding: OperatorFinding| caps.iter().any(|cap| cap.record.finding == finding);
         let is_open =
@@ -224,15 +226,21 @@ impl Verdict {
                 .map(|mask| Region { mask, evidence });
             self.finding = finding;
         }
-        for cap in &caps {
-            self.reason += &described(&cap.record);
-        }
+        let (settling, others): (Vec<&Cap>, Vec<&Cap>) =
+            (caps.iter()).partition(|cap| Some(cap.record.finding) == entered);
+        let [mut words, others] = [settling, others].map(|caps| {
+            let words = caps.into_iter().map(|cap| described(&cap.record));
+            words.collect::<Vec<String>>()
+        });
+        words.push(self.reason);
+        words.extend(others);
+        self.reason = words.join("; ");
         self.caps = caps.into_iter().map(|cap| cap.record).collect();
         self
     }
 }
 
-/// Describes a cap after other words of a reason.
+/// Describes a cap.
 fn described(cap: &OperatorCap) -> String {
     let kind = match cap.kind {
         CapKind::Mount => "a mount",
@@ -247,7 +255,7 @@ fn described(cap: &OperatorCap) -> String {
         _ => "may stay",
     };
     format!(
-        "; {kind} {verb} within {:.0} degrees of the {pole}",
+        "{kind} {verb} within {:.0} degrees of the {pole}",
         cap.radius_degrees
     )
 }
@@ -422,5 +430,6 @@ mod tests {
         let standing = Verdict::unjudged("stands".to_owned(), 9);
         let standing = standing.with_caps(vec![cap(doubtful, low)]);
         assert_eq!(standing.finding, doubtful);
+        assert!(standing.reason.ends_with("; stands"), "{}", standing.reason);
     }
 }

@@ -4,15 +4,15 @@ use omnilife_schemas::records::{SfmAttempt, ValidationStatus};
 
 use crate::poses::validate::ValidationLimits;
 
-/// A camera whose frames the best rotation leaves apart by less than this is static, degrees: about a pixel of a
-/// panorama of 1,024.
-pub(super) const STATIC_DEGREES: f64 = 0.35;
-
 /// Facts beside the attempts that advice depends on.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Circumstances {
     /// Parallax of the pair of frames that has most of it, degrees, where it was measured.
     pub(super) parallax_degrees: Option<f64>,
+    /// Degrees of a pixel of a panorama; `None` of perspective frames.
+    pub(super) pixel_degrees: Option<f64>,
+    /// True if the program crashed, was killed, or left invalid files in an attempt.
+    pub(super) is_broken: bool,
     /// True if masks of dynamic regions were given.
     pub(super) has_masks: bool,
     /// True if ignored regions were given.
@@ -31,16 +31,18 @@ pub(super) fn advice(
     if validation.is_some_and(|validation| validation.status == ValidationStatus::Valid) {
         return Vec::new();
     }
-    if let Some(degrees) = circumstances
-        .parallax_degrees
-        .filter(|degrees| *degrees < STATIC_DEGREES)
-    {
-        return vec![format!(
-            "the camera is static: rotations alone leave {degrees:.2} degrees between its frames; it cannot be \
-             posed by structure from motion, give its poses (--poses)"
-        )];
-    }
     let mut words = Vec::new();
+    let parallax = circumstances.parallax_degrees;
+    let least = circumstances.pixel_degrees;
+    let unmoved = parallax
+        .zip(least)
+        .filter(|(degrees, least)| degrees < least);
+    if let Some((degrees, _)) = unmoved {
+        words.push(format!(
+            "rotations alone explain frames that share matches to {degrees:.2} degrees: the camera is static, or its \
+             frames are too close in time (take fewer, --fps)"
+        ));
+    }
     let models = attempt.map_or_else(
         || {
             attempts
@@ -60,7 +62,9 @@ pub(super) fn advice(
     let registered = validation.map_or(0.0, |validation| {
         f64::from(validation.registered_frames) / f64::from(validation.total_frames.max(1))
     });
-    if models <= 1 && registered < limits.registered_share {
+    // A crash says nothing about the frames, and more of them do not help a camera that hardly moves between them.
+    let is_judged = validation.is_some() || !circumstances.is_broken;
+    if models <= 1 && registered < limits.registered_share && is_judged && unmoved.is_none() {
         words.push(format!(
             "{:.0} % of the frames are registered: sample more frames (--fps), so that neighbours see the same",
             100.0 * registered
@@ -85,7 +89,8 @@ pub(super) fn advice(
     if !circumstances.has_masks && (disagrees || validation.is_none()) {
         words.push("mask what moves (`curate masks`, then --masks)".to_owned());
     }
-    if !circumstances.has_ignored && (disagrees || validation.is_none()) {
+    let is_panorama = circumstances.pixel_degrees.is_some();
+    if is_panorama && !circumstances.has_ignored && (disagrees || validation.is_none()) {
         words.push(
             "mask the operator, who stays in the camera's frame (`curate operator`, then --ignore-mask)".to_owned(),
         );
@@ -101,8 +106,12 @@ mod tests {
 
     use super::*;
 
+    /// Degrees of a pixel of a panorama that is 512 wide.
+    const PIXEL: f64 = 360.0 / 512.0;
     const NOTHING: Circumstances = Circumstances {
         parallax_degrees: Some(4.0),
+        pixel_degrees: Some(PIXEL),
+        is_broken: false,
         has_masks: true,
         has_ignored: true,
     };
@@ -167,6 +176,14 @@ mod tests {
             2
         );
         assert!(words(&attempt(1, 30, &[("p90_error_degrees", 0.1)]), unmasked).is_empty());
+        // Perspective frames do not show the operator.
+        let perspective = Circumstances {
+            pixel_degrees: None,
+            ..unmasked
+        };
+        let masked = words(&attempt(1, 30, &[("p90_error_degrees", 2.0)]), perspective);
+        assert_eq!(masked.len(), 1, "{masked:?}");
+        assert!(masked[0].contains("`curate masks`"), "{masked:?}");
         let mut valid = attempt(1, 29, &[]);
         if let Some(validation) = &mut valid.validation {
             validation.status = ValidationStatus::Valid;
@@ -178,21 +195,35 @@ mod tests {
         assert!(words(&valid, standing).is_empty());
     }
 
-    /// A static camera is named by itself, whatever else is missing, and only below the limit.
+    /// Frames that rotations explain to less than a pixel are named beside other advice, and not asked to be more.
     #[test]
     fn a_static_camera_is_named() {
         let standing = |degrees| Circumstances {
             parallax_degrees: Some(degrees),
+            has_masks: false,
             ..NOTHING
         };
         let limits = ValidationLimits::default();
-        let still = advice(&[], None, &limits, standing(0.9 * STATIC_DEGREES));
-        assert_eq!(still.len(), 1);
+        let still = advice(&[], None, &limits, standing(0.9 * PIXEL));
+        assert_eq!(still.len(), 2, "{still:?}");
         assert!(still[0].contains("static"), "{still:?}");
-        let moving = advice(&[], None, &limits, standing(1.1 * STATIC_DEGREES));
-        assert!(
-            !moving.is_empty() && !moving[0].contains("static"),
-            "{moving:?}"
-        );
+        assert!(still[1].contains("--masks"), "{still:?}");
+        let moving = advice(&[], None, &limits, standing(1.1 * PIXEL));
+        assert_eq!(moving.len(), 2, "{moving:?}");
+        assert!(moving[0].contains("sample more frames"), "{moving:?}");
+    }
+
+    /// Without a model, a program that broke has registered nothing for no reason of the frames.
+    #[test]
+    fn a_broken_program_is_no_reason_for_more_frames() {
+        let broken = |is_broken| Circumstances {
+            is_broken,
+            ..NOTHING
+        };
+        let limits = ValidationLimits::default();
+        assert!(advice(&[], None, &limits, broken(true)).is_empty());
+        assert_eq!(advice(&[], None, &limits, broken(false)).len(), 1);
+        let few = attempt(1, 20, &[]);
+        assert_eq!(words(&few, broken(true)).len(), 1);
     }
 }

@@ -48,8 +48,7 @@ pub struct Configuration {
     pub(super) overlap: u32,
 }
 
-/// Configurations in the order in which they are tried: the cheap ones first, as docs/results/poses.md measures them.
-/// A comparison runs the first one of every road.
+/// Configurations in the order in which they are tried. A comparison runs the first one of every road.
 pub static FALLBACK_CONFIGURATIONS: &[Configuration] = &[
     Configuration {
         id: "global",
@@ -77,7 +76,7 @@ pub static FALLBACK_CONFIGURATIONS: &[Configuration] = &[
     },
     Configuration {
         id: "faces",
-        summary: "Global mapping of twelve perspective faces as a rig; the slowest one.",
+        summary: "Global mapping of twelve perspective faces as a rig.",
         road: Road::Faces,
         mapper: "global",
         features: 8192,

@@ -1,5 +1,6 @@
-//! Held-out tracks: features that verified matches connect, and that no mapper saw. Poses of all roads are judged by
-//! the same ones: every feature is predicted from the others of its track.
+//! Held-out tracks: features that verified matches connect, and that the mapper of their own road did not see. Other
+//! roads may have found the same points. Poses of all roads are judged by the same tracks: every feature is predicted
+//! from the others of its track.
 
 use std::{
     collections::{BTreeMap, HashMap},
@@ -25,6 +26,8 @@ const NO_CREDIT_DEGREES: f64 = 0.5;
 const ROUNDS: usize = 3;
 /// Rays whose normal matrix has a determinant below this, of 1, are parallel.
 const PARALLEL: f64 = 1e-12;
+/// Centres closer than this share of their distance from the origin, or of 1, are in one place.
+const SAME_PLACE: f64 = 1e-9;
 /// Tracks that two frames must share before their parallax is measured.
 const LEAST_SHARED: usize = 30;
 
@@ -139,7 +142,8 @@ fn parse(line: &str) -> Option<Vec<Feature>> {
 }
 
 /// Returns the angle between a feature's ray and the direction that the other features of its track predict, degrees.
-/// `None` if its frame or all but one of the others have no pose.
+/// `None` if its frame or all but one of the others have no pose, or if all frames of the track are in one place, where
+/// rotations alone predict it.
 fn error_degrees(
     track: &[Feature],
     index: usize,
@@ -156,7 +160,9 @@ fn error_degrees(
             Some((image.centre, image.rotation * *ray))
         })
         .collect();
-    if others.len() < 2 {
+    let least = SAME_PLACE * image.centre.length().max(1.0);
+    let is_apart = |(origin, _): &(DVec3, DVec3)| origin.distance(image.centre) > least;
+    if others.len() < 2 || !others.iter().any(is_apart) {
         return None;
     }
     let expected = direction_from(image.centre, &others);

@@ -154,8 +154,11 @@ fn run_with(
         attempt.held_out = found.as_ref().and_then(|(model, _)| tracks.score(model));
     }
     let chosen = best_of(&attempts, &models);
+    let width = f64::from(sequence.frames.width);
     let circumstances = Circumstances {
         parallax_degrees: tracks.parallax_degrees(),
+        pixel_degrees: (!sequence.is_pinhole()).then(|| 360.0 / width),
+        is_broken: any_broken,
         has_masks: settings.masks.is_some(),
         has_ignored: !ignored.is_empty(),
     };

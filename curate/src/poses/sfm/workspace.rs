@@ -36,7 +36,7 @@ pub(super) const PROGRAM: [(&str, &str); 4] = [
 ];
 const SCRIPT: &str = "sfm.py";
 
-/// Tracks that no mapper saw.
+/// Tracks that the mapper of their own road did not see.
 const HELD_OUT_FILE: &str = "held_out.txt";
 
 /// Folder of a text model.

@@ -246,6 +246,7 @@ fn kitti_tracking_comes_with_the_cameras_boxes_points_and_distances_of_the_truth
     assert!(of_moving.count() * 100 < points.len());
     for words in [
         "DontCare",
+        "reflectance",
         "in boxes of moving objects",
         "(2)",
         "10 frames per second",
@@ -289,6 +290,14 @@ fn a_path_names_the_sequence_and_the_cameras() {
     let (_folder, scene) = drive("kitti/0003/image_03", "kitti-tracking");
     assert_eq!(scene.frames.len(), 6);
     assert!(scene.frames[0].image.contains("image_03"));
+    let temp = tempfile::tempdir().unwrap();
+    let (folder, out) = (temp.path().join("in"), temp.path().join("out"));
+    copy(&fixture().join("kitti"), &folder);
+    fs::remove_dir_all(folder.join("image_03/0003")).unwrap();
+    assert!(says(
+        &imported(&folder, "kitti-tracking", &out).unwrap(),
+        "no image_03"
+    ));
     // One camera alone keeps its own.
     let (_folder, scene) = drive("nuscenes/scene-0061/CAM_FRONT", "nuscenes");
     let Camera::Pinhole(camera) = scene.camera else {

@@ -2,6 +2,7 @@
 
 use omnilife_schemas::{
     RgbImage,
+    layout::STRAIGHT_FRAMES_FOLDER,
     records::{
         Admission, DetectedProjection, FrameSet, Probe, Sampling, Sequence, SourceVideo, TimeRange,
         Tracks, VideoProjection,
@@ -211,6 +212,10 @@ fn other_videos_and_shaking_cameras_are_refused_in_one_line() {
     let mut by_estimates = request.clone();
     by_estimates.options.distance = DistanceMethod::Monocular;
     assert!(refusal(&by_estimates).contains("--distance monocular"));
+    let mut straight = scene.clone();
+    straight.frames[3].image = format!("{STRAIGHT_FRAMES_FOLDER}/000003.png");
+    store::write_record(&temp.path().join("scene/scene.json"), &straight).unwrap();
+    assert!(refusal(&request).contains("the lens is taken out"));
     for (number, frame) in (0..).zip(&mut scene.frames) {
         let turn = DQuat::from_rotation_x(if number % 2 == 0 { 0.02 } else { -0.02 });
         let pose = frame.pose.unwrap();

@@ -154,7 +154,7 @@ fn cameras_that_do_not_see_the_ground_are_refused() {
     write_track(temp.path(), [DVec3::ZERO, DVec3::X], 1.0);
     let message = export(temp.path(), &["orthophoto"], None).unwrap_err();
     assert!(
-        !message.contains('\n') && message.contains("ground"),
+        !message.contains('\n') && message.contains("75 degrees"),
         "{message}"
     );
 }

@@ -160,7 +160,35 @@ fn without_a_bar_or_with_a_camera_that_walks_there_is_no_front() {
     let (clip, graph) = scene(false, 0.0);
     assert!(find(&clip, &graph).is_err());
     let (clip, graph) = scene(true, 1.0);
-    assert!(find(&clip, &graph).is_err());
+    assert!(find(&clip, &graph).is_err_and(|reason| reason.contains("pixels")));
+}
+
+#[test]
+fn no_thing_is_before_an_object_that_passes_the_cameras() {
+    let (clip, mut graph) = scene(true, 0.0);
+    graph.nodes[0] = node("disc", vec![disc(0.0), -disc(1.0)], 2.0 * RADIUS, None);
+    let background = graph.nodes[1].given_pose(0.0);
+    let refused = nearness(&clip, &graph.nodes[..1], &background);
+    assert!(refused.is_err_and(|reason| reason.contains("behind the cameras")));
+}
+
+#[test]
+fn an_object_is_hidden_by_the_masks_of_others_alone() {
+    let (mut clip, mut graph) = scene(true, 0.0);
+    let half = |is_left: bool| -> Vec<u8> {
+        let is_in = |pixel: usize| (pixel % WIDTH < WIDTH / 2) == is_left;
+        let masks = (0..WIDTH * HEIGHT).map(|pixel| if is_in(pixel) { 200 } else { 100 });
+        masks.collect()
+    };
+    let last = graph.nodes.len() - 1;
+    graph
+        .nodes
+        .insert(last, node("other", vec![DVec3::Z], 1.0, None));
+    clip.frames[0].masks = vec![Some(half(true)), Some(half(false))];
+    let frame = InFrame::new(&clip, &clip.frames[0], &graph.nodes[..2]);
+    for (pixel, hidden) in [(0, [false, true]), (WIDTH - 1, [true, false])] {
+        assert_eq!([0, 1].map(|object| frame.is_hidden(object, pixel)), hidden);
+    }
 }
 
 #[test]

@@ -176,7 +176,8 @@ fn plane_of(clip: &Clip, points: &[DVec3], axis: DVec3, borders: &[(DVec3, DVec3
         .filter(|local| local.z > 0.0)
         .map(|local| local.truncate() / local.z)
         .collect();
-    let found = planes::fitted(&own, 1.0 / (focal * baseline), &at_borders);
+    let of_pixel = 1.0 / (focal * baseline);
+    let found = planes::fitted(&own, of_pixel, &at_borders);
     let far = found.filter(|found| {
         found.agreeing >= LEAST_AGREEING && found.normal.z * LEAST_DISTANCE * baseline < 1.0
     });
@@ -184,12 +185,17 @@ fn plane_of(clip: &Clip, points: &[DVec3], axis: DVec3, borders: &[(DVec3, DVec3
         let normal = (camera * found.normal).normalize();
         let distance = 1.0 / found.normal.z;
         let tilt = normal.dot(axis).clamp(-1.0, 1.0).acos().to_degrees();
+        let within = if found.tolerance < of_pixel {
+            format!("{:.0} % of the depth", 100.0 * planes::MOST_TOLERANCE)
+        } else {
+            "a pixel of parallax".to_owned()
+        };
         let plane = Facing {
             middle: mean + distance * axis,
             rotation: facing(normal, upright),
             distance,
             why: format!(
-                "through the scene's points: {:.0} % of {} within a pixel of parallax, tilted by {tilt:.0} degrees",
+                "through the scene's points: {:.0} % of {} within {within}, tilted by {tilt:.0} degrees",
                 100.0 * found.agreeing,
                 found.points
             ),

@@ -35,6 +35,8 @@ pub struct TrackedBoxes<'a> {
 /// Boxes of an object in the frames of a clip.
 #[derive(Debug, Clone, PartialEq)]
 pub struct BoxPath {
+    /// Number of its track.
+    pub track: u32,
     /// Boxes by the number of the frame in the clip, normalized; `None` where the track does not reach.
     pub boxes: Vec<Option<OrientedBox>>,
     /// Source, with its evidence.
@@ -125,6 +127,7 @@ pub fn matched(
             is_taken[track] = true;
             let id = given.tracks.tracks[track].id;
             found[object] = Some(BoxPath {
+                track: id,
                 boxes: paths[track].clone(),
                 reason: format!(
                     "its plane is that of the box of track {id}, whose image and its masks overlap by {overlap:.2}"

@@ -7,7 +7,7 @@ use omnilife_schemas::{distances::DistanceImage, records::ComponentDecision};
 use rayon::prelude::*;
 
 use super::{
-    background::{self, BACKGROUND},
+    background::{self, BACKGROUND, Placed},
     boxes::{BoxPath, TrackedBoxes, matched},
     in_frames::{self, InFrames},
     objects::{self, Made, Setting, background_behind},
@@ -119,6 +119,7 @@ pub fn first_nodes(
         .zip(&seen)
         .map(|(path, seen)| path.filter(|path| reaches(path, seen)))
         .collect();
+    let (boxes, refused) = before_background(clip, &seen, boxes, &placed);
     let in_frames: Vec<InFrames> = seen
         .par_iter()
         .enumerate()
@@ -153,10 +154,10 @@ pub fn first_nodes(
                 nodes.push(*node);
                 with_node.push(object);
                 let is_missed = evidence.boxes.is_some() && boxes[object].is_none();
-                let missed = if is_missed {
-                    "no track's box is where its masks are; "
-                } else {
-                    ""
+                let missed = match &refused[object] {
+                    Some(reason) => format!("{reason}; "),
+                    None if is_missed => "no track's box is where its masks are; ".to_owned(),
+                    None => String::new(),
                 };
                 (true, format!("it has a mask; {missed}{source}"))
             }
@@ -190,4 +191,126 @@ pub fn first_nodes(
 /// Returns true if a track has a box in the reference frame of its object.
 fn reaches(path: &BoxPath, seen: &[Silhouette]) -> bool {
     reference(seen).is_some_and(|reference| path.boxes[reference.frame].is_some())
+}
+
+/// Leaves out the boxes that [`behind_background`] speaks against, and returns its reasons.
+fn before_background(
+    clip: &Clip,
+    seen: &[Vec<Silhouette>],
+    boxes: Vec<Option<BoxPath>>,
+    placed: &Placed,
+) -> (Vec<Option<BoxPath>>, Vec<Option<String>>) {
+    let judged = boxes.into_iter().zip(seen).map(|(path, seen)| {
+        let refused = path
+            .as_ref()
+            .and_then(|path| behind_background(clip, path, seen, placed));
+        (path.filter(|_| refused.is_none()), refused)
+    });
+    judged.unzip()
+}
+
+/// Returns the reason against a box: on the ray through its middle, in the reference frame of its object, it is not
+/// before the background. A vehicle on the ground is hardly before it, so that no share of the distance is asked for.
+fn behind_background(
+    clip: &Clip,
+    path: &BoxPath,
+    seen: &[Silhouette],
+    placed: &Placed,
+) -> Option<String> {
+    let reference = reference(seen)?;
+    let camera = clip.frames[reference.frame].pose.centre;
+    let to_box = path.boxes[reference.frame]?.centre - camera;
+    let depth = to_box.length();
+    let background = placed.along(camera, to_box.try_normalize()?)?;
+    (depth >= background).then(|| {
+        let id = path.track;
+        format!("track {id}'s box is behind the background ({depth:.2} of {background:.2})")
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::DMat3;
+    use omnilife_engine::trajectories::rigid_spline::RigidPose;
+    use omnilife_schemas::{camera::PinholeCamera, oriented_box::OrientedBox};
+
+    use super::*;
+    use crate::{
+        clip::{ClipFrame, UnitClock},
+        node::Surface,
+    };
+
+    /// Returns a camera with an object in the middle of its image.
+    fn clip() -> Clip {
+        let frame = ClipFrame {
+            number: 0,
+            time: 0.0,
+            pose: RigidPose {
+                centre: DVec3::X,
+                rotation: DMat3::IDENTITY,
+            },
+            pixels: vec![0; 3 * 16],
+            masks: vec![Some(
+                (0..16).map(|at| if at == 5 { 255 } else { 0 }).collect(),
+            )],
+            ignored: None,
+        };
+        Clip {
+            camera: PinholeCamera {
+                width: 4,
+                height: 4,
+                fx: 4.0,
+                fy: 4.0,
+                cx: 2.0,
+                cy: 2.0,
+            }
+            .into(),
+            frames: vec![frame],
+            objects: vec!["car".to_owned()],
+            clock: UnitClock {
+                begin_seconds: 0.0,
+                length_seconds: 1.0,
+            },
+            warnings: Vec::new(),
+        }
+    }
+
+    #[test]
+    fn a_box_behind_the_background_is_left_out() {
+        let clip = clip();
+        let placed = Placed {
+            surface: Surface::Sphere {
+                centre: DVec3::X,
+                radius: 4.0,
+            },
+            texels: [8, 4],
+            distance: 4.0,
+            reason: String::new(),
+        };
+        let seen = [silhouettes::of_object(&clip, 0)];
+        let judged = |depth: f64| {
+            let at = OrientedBox {
+                centre: DVec3::new(1.0, 0.0, depth),
+                axes: DMat3::IDENTITY,
+                half: DVec3::ONE,
+            };
+            let path = BoxPath {
+                track: 7,
+                boxes: vec![Some(at)],
+                reason: String::new(),
+            };
+            before_background(&clip, &seen, vec![Some(path)], &placed)
+        };
+        let (kept, refused) = judged(3.9);
+        assert!(kept[0].is_some() && refused[0].is_none(), "{refused:?}");
+        for depth in [4.0, 5.5] {
+            let (kept, refused) = judged(depth);
+            let reason = refused[0].as_deref().unwrap_or_default();
+            assert!(kept[0].is_none(), "{depth}");
+            assert!(
+                reason.contains("track 7") && reason.contains("4.00"),
+                "{reason}"
+            );
+        }
+    }
 }

@@ -14,7 +14,7 @@ const DRAWS: usize = 300;
 /// Refinements by the points that agree.
 const REFINEMENTS: usize = 5;
 /// Maximum tolerance, over the median inverse depth: where cameras hardly move, everything is within a pixel.
-const MOST_TOLERANCE: f64 = 0.05;
+pub const MOST_TOLERANCE: f64 = 0.05;
 /// Minimum inverse depth of the plane in view, over the median: the horizon is not on a plane.
 const LEAST_INVERSE_DEPTH: f64 = 0.05;
 /// Share by which more points have to agree for a tilt.
@@ -27,6 +27,8 @@ pub struct InversePlane {
     pub normal: DVec3,
     /// Share of the points within the tolerance.
     pub agreeing: f64,
+    /// Tolerance of inverse depth: that of the call, or less where that is more than 5 % of the median.
+    pub tolerance: f64,
     /// Number of points.
     pub points: usize,
     /// True if it is not parallel to the image.
@@ -105,6 +107,7 @@ pub fn fitted(points: &[DVec3], tolerance: f64, borders: &[DVec2]) -> Option<Inv
         InversePlane {
             normal: found.1,
             agreeing: agreeing.count() as f64 / count as f64,
+            tolerance,
             points: count,
             is_tilted: unknowns == 3,
         }
@@ -190,6 +193,7 @@ mod tests {
         let found = fitted(&points(normal, 250), 1e-3, &BORDERS).expect("enough points");
         assert!(found.normal.distance(normal) < 1e-3, "{found:?}");
         assert!(found.is_tilted);
+        assert_eq!(found.tolerance, 1e-3);
         assert!((found.agreeing - 400.0 / 650.0).abs() < 0.05, "{found:?}");
     }
 
@@ -198,6 +202,9 @@ mod tests {
         let wall = DVec3::new(0.0, 0.0, 0.2);
         let found = fitted(&points(wall, 100), 1e-3, &BORDERS).expect("enough points");
         assert!(!found.is_tilted && found.normal.distance(wall) < 1e-3);
+        // Cameras that do not move: the tolerance is a share of the median inverse depth.
+        let still = fitted(&points(wall, 100), f64::INFINITY, &BORDERS).expect("enough points");
+        assert!((still.tolerance - 0.01).abs() < 1e-9, "{still:?}");
         // Ground below a horizon that is in view: no plane in front of the camera has it.
         let ground = DVec3::new(0.0, 0.5, 0.02);
         let below: Vec<DVec3> = points(ground, 0)

@@ -49,8 +49,10 @@ pub const METHOD: Method = Method {
     description: "Static Gaussians as odgs has them, and per tracked vehicle Gaussians that rest in \
                   its box and move with its path; trained together. On request path-alignment \
                   refits paths to where the images show their vehicles' patches, before training, and \
-                  object-poses refines the paths further, by steps that reach some times the paths' measured error (pose-reach); those of \
-                  4DGF are for 30,000 iterations and more, and move paths by centimetres in a short run. \
+                  object-poses refines the paths further, by steps that reach some times the paths' error \
+                  (pose-reach-errors); path-alignment measures the error, otherwise it is taken as a \
+                  tenth of a vehicle's length; steps of 4DGF are for 30,000 iterations and more, and move \
+                  paths by centimetres in a short run. \
                   Takes pinhole and ERP scenes; tracks come from `omnilife curate tracks`. Departures \
                   from the paper and from 4DGF: colours are constants per Gaussian (SH degree 0) and no \
                   network predicts them; no codes for appearance or transients (one video has no use \
@@ -118,7 +120,7 @@ const POSE_REACH: f32 = 2.0;
 /// [`POSE_REACH`] as an option.
 const POSE_REACH_OPTION: MethodOption = MethodOption::number(
     (
-        "pose-reach",
+        "pose-reach-errors",
         "greatest way of a path's corrections over the run, in errors of the paths; larger follows the images farther",
     ),
     [0.0, 100.0],
@@ -245,7 +247,11 @@ fn of_alignment(tracks: &Tracks, survey: Option<&PathSurvey>) -> Decision {
     } else {
         ""
     };
-    Decision::on_request(&format!("{origin}{survey}")).unless(survey.missing())
+    if survey.refits() {
+        Decision::on_request(&format!("{origin}{survey}"))
+    } else {
+        Decision::new(false, format!("no path is refit: {origin}{survey}")).settled()
+    }
 }
 
 /// Returns the detector of the tracks; `None` where they do not tell it.
@@ -284,12 +290,16 @@ impl PathError {
 
 impl fmt::Display for PathError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let metres = self.metres();
+        let (Self::Measured(error) | Self::Assumed(error)) = *self;
+        write!(f, "made for {:.2} m", self.metres())?;
+        if error > LARGEST_ERROR_METRES {
+            write!(f, " of {error:.2} m")?;
+        }
         match self {
-            Self::Measured(_) => write!(f, "made for {metres:.2} m, by the vehicles' patches"),
+            Self::Measured(_) => f.write_str(", by the vehicles' patches"),
             Self::Assumed(_) => write!(
                 f,
-                "made for {metres:.2} m, a share of a vehicle's length, as no patch was aligned"
+                ", {UNMEASURED_ERROR} of a vehicle's length; path-alignment measures it"
             ),
         }
     }

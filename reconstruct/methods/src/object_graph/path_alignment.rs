@@ -30,8 +30,8 @@ pub(super) const ID: &str = "path-alignment";
 const LEAST_VIEWS: usize = 4;
 /// Minimum share of them among the views that show the object: elsewhere the refit only continues its neighbours.
 const LEAST_SHARE: f64 = 0.75;
-/// Minimum error of a path that is refit, in lengths of the object, in the median. On true paths patches are off by up
-/// to this much, as light and surfaces are not those of a painted box.
+/// Minimum error of a path that is refit, in lengths of the object, in the median: a choice. On true paths patches are
+/// off by up to this much, as light and surfaces are not those of a painted box.
 const LEAST_ERROR: f64 = 0.05;
 /// Minimum error of headings that are refit, radians, in the median: headings along a path are better than those by
 /// patches, whose sides the light changes.
@@ -104,10 +104,9 @@ impl PathSurvey {
         median(&distances.copied().collect::<Vec<f64>>())
     }
 
-    /// Returns the requirement that no path meets, if none is refit.
-    pub(super) fn missing(&self) -> Option<&'static str> {
-        let is_empty = self.refit_paths() == 0;
-        is_empty.then_some("a path that is off and whose patch agrees better after a refit")
+    /// Returns true if a path is off and its patch agrees better after a refit.
+    pub(super) fn refits(&self) -> bool {
+        self.refit_paths() > 0
     }
 
     fn refit_paths(&self) -> usize {
@@ -136,7 +135,12 @@ impl fmt::Display for PathSurvey {
             self.objects.iter().partition(|one| one.path.is_some());
         if !kept.is_empty() {
             let ids: Vec<String> = kept.iter().map(|one| one.id.to_string()).collect();
-            write!(f, " (objects {} keep theirs)", ids.join(", "))?;
+            write!(f, " (objects {} keep theirs", ids.join(", "))?;
+            let distances = kept.iter().flat_map(|one| one.distances[0].clone());
+            if let Some(distance) = median(&distances.collect::<Vec<f64>>()) {
+                write!(f, ", {distance:.2} m off in the median")?;
+            }
+            f.write_str(")")?;
         }
         if refit.is_empty() {
             return Ok(());

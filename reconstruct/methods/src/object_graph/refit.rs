@@ -15,9 +15,9 @@
 use glam::DVec3;
 use omnilife_schemas::{
     band_matrix::BandMatrix,
+    statistics::{cauchy_weight, robust_deviation},
     trajectory::{BSpline, ObjectPath},
 };
-use omnilife_training::alignment::{cauchy_weight, robust_deviation};
 
 /// Weight of an even correction beside that of an exact measurement: parts without views continue their neighbours'.
 const PULL: f64 = 1e-2;

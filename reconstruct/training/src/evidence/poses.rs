@@ -45,9 +45,6 @@ const SQUARES: f64 = 3.0;
 const LEAST_OBSERVATIONS: usize = 50;
 /// Rounds of reweighting.
 const ROUNDS: usize = 8;
-/// Residuals of this many standard deviations have half their weight (Cauchy's: 95 % efficiency on
-/// normal residuals).
-const CAUCHY: f64 = 2.385;
 /// Ridge of the trend beside the cameras' path, over their mean square distance from its middle.
 const PATH_RIDGE: f64 = 1e-3;
 /// Minimum noise: residuals of an exact render still differ by rounding, grey levels of 1.
@@ -384,7 +381,7 @@ fn refined(rows: &[Row<'_>], twist: &Twist) -> Option<Twist> {
     let mut right = [0.0; 6];
     for row in rows {
         let residual = left(row);
-        let weight = 1.0 / (1.0 + (residual / (CAUCHY * scale)).powi(2));
+        let weight = statistics::cauchy_weight(residual, scale);
         for (i, slope) in row.0.iter().enumerate() {
             right[i] += weight * slope * row.1;
             for (j, other) in row.0[..=i].iter().enumerate() {

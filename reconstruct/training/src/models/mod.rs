@@ -32,10 +32,23 @@ pub struct ModelFormat {
 /// Opens a run's model.
 pub type OpenModel = fn(&OpenRequest<'_>) -> Result<Box<dyn OpenedModel>, ReconstructError>;
 /// Checks all edits of a script on a run's model, without writing.
-pub type EditModel =
-    for<'a> fn(&'a Path, &RunRecord, &Script) -> Result<EditedModel<'a>, ReconstructError>;
+pub type EditModel = for<'a> fn(
+    &'a Path,
+    &RunRecord,
+    &Script,
+    EditPurpose,
+) -> Result<EditedModel<'a>, ReconstructError>;
 /// Lists and writes images of a model's surfaces.
 pub type PlanTextures = fn(&Path) -> Result<PlannedFiles<'static>, ReconstructError>;
+
+/// Use of an edited model.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum EditPurpose {
+    /// It is kept as a run.
+    Run,
+    /// Images of it are rendered, and it is removed: findings about it alone are not looked for.
+    Preview,
+}
 
 /// Export of a model.
 #[derive(Debug, Clone, Copy)]

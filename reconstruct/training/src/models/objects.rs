@@ -11,7 +11,7 @@ use omnilife_schemas::{
 };
 
 use super::{
-    EditedModel, Export, ModelFormat, PlannedFiles, gaussians, run_views,
+    EditPurpose, EditedModel, Export, ModelFormat, PlannedFiles, gaussians, run_views,
     script::{self, Axes, Delay, Edit, Script, Unit},
 };
 use crate::{
@@ -43,6 +43,7 @@ fn edit<'a>(
     folder: &'a Path,
     run: &RunRecord,
     script: &Script,
+    _: EditPurpose,
 ) -> Result<EditedModel<'a>, ReconstructError> {
     if !folder.join(OBJECTS_FILE).is_file() {
         let reason = format!("has no objects: there is no {OBJECTS_FILE} to edit");

@@ -93,6 +93,20 @@ fn exact_poses_have_full_credit_and_others_lose_it_by_angle() {
     assert!(HeldOutTracks::default().score(&model(exact)).is_none());
 }
 
+/// Rotations alone explain the features of a camera that stands, at any distance from the origin.
+#[test]
+fn poses_in_one_place_have_no_credit() {
+    for offset in [0.0, 700.0] {
+        let mut standing = images(0.0);
+        for image in &mut standing {
+            image.centre.x += offset;
+        }
+        let score = tracks(&standing).score(&model(standing)).unwrap();
+        assert_eq!((score.observations, score.median_degrees), (360, None));
+        assert!(score.score.abs() < 1e-12, "{score:?}");
+    }
+}
+
 #[test]
 fn distances_weight_rays_in_a_triangulation() {
     // Two rays that meet near the centre, and a far origin whose ray is wrong by a small angle.

@@ -2,7 +2,7 @@
 
 One attempt per process: some COLMAP failures end the process that they happen in. Reads frames in
 order of name, writes the largest model as COLMAP text to --out/sparse, with the camera of the frames,
-and, of panoramas, matches that no mapper saw to --out/held_out.txt. Speaks to its caller in lines:
+and, of panoramas, tracks that its mapper did not see to --out/held_out.txt. Speaks to its caller in lines:
     begin <stage>       a stage of the work begins
     models <n>          the mapper returned n models
     loops <n>           n pairs of frames far apart in time were matched

@@ -9,12 +9,18 @@
 //! Inverse compositional Lucas-Kanade with Tukey's weights: S. Baker, I. Matthews, "Lucas-Kanade 20 Years On", IJCV
 //! 56 (2004), section 3.2, and part 2 (CMU-RI-TR-03-01) for the weights and for changes of brightness. Positions
 //! are complex numbers.
+//!
+//! Patches of vehicles have an alignment of their own (`reconstruct/training/src/alignment.rs`): a rigid motion without
+//! a scale, and its covariance. A mask's texture also gets nearer and changes its contrast.
 
 use glam::DVec2;
-use omnilife_schemas::band_matrix::BandMatrix;
+use omnilife_schemas::{
+    band_matrix::BandMatrix,
+    statistics::{TUKEY, tukey_weight},
+};
 
 use super::patch::Patch;
-use crate::robust::{TUKEY, sigma_of, weight};
+use crate::robust::sigma_of;
 
 /// Unknowns of a step.
 const UNKNOWNS: usize = 6;
@@ -299,7 +305,10 @@ fn converged(template: &Template, target: &Patch, mut state: State) -> Option<St
             .map(|&(point, difference)| state.error(point, difference))
             .collect();
         let sigma = template.sigma_of(&errors);
-        let weights: Vec<f64> = errors.iter().map(|&error| weight(error, sigma)).collect();
+        let weights: Vec<f64> = errors
+            .iter()
+            .map(|&error| tukey_weight(error, sigma))
+            .collect();
         let points = seen.iter().map(|&(point, _)| point);
         let matrix = template.normal_matrix(points.zip(weights.iter().copied()), sigma);
         let mut right = [0.0; UNKNOWNS];
@@ -342,10 +351,10 @@ fn judged(template: &Template, target: &Patch, state: &State) -> Option<Aligned>
     let limit = AGREEING * template.contrast / TUKEY;
     let agreement = errors
         .iter()
-        .map(|&error| weight(error, limit))
+        .map(|&error| tukey_weight(error, limit))
         .sum::<f64>();
     let sigma = template.sigma_of(&errors);
-    let weights = errors.iter().map(|&error| weight(error, sigma));
+    let weights = errors.iter().map(|&error| tukey_weight(error, sigma));
     let points = seen.iter().map(|&(point, _)| point);
     let matrix = template.normal_matrix(points.zip(weights), sigma);
     let variance = |unknown: usize| {

@@ -40,7 +40,7 @@ pub struct Tracked {
     /// From the tangent plane of the reference mask, around the mask's middle, to that of each mask; `None` where
     /// the texture does not tell.
     pub motions: Vec<Option<PlanarSimilarity>>,
-    /// Mean agreement of the tracked frames, [0, 1].
+    /// Mean agreement of the tracked frames, [0, 1], without the template's own; 0 where none is tracked.
     pub agreement: f64,
 }
 
@@ -100,7 +100,7 @@ pub fn tracked(clip: &Clip, object: usize, seen: &[Silhouette], reference: usize
         return none(motions);
     }
     motions[reference] = Some(first);
-    let (mut sum, mut count) = (1.0, 1.0);
+    let (mut sum, mut count) = (0.0, 0.0);
     let before: Vec<usize> = (0..reference).rev().collect();
     let after: Vec<usize> = (reference + 1..seen.len()).collect();
     for numbers in [before, after] {
@@ -112,7 +112,7 @@ pub fn tracked(clip: &Clip, object: usize, seen: &[Silhouette], reference: usize
     }
     Tracked {
         motions,
-        agreement: sum / count,
+        agreement: sum / f64::max(count, 1.0),
     }
 }
 
