@@ -22,8 +22,7 @@ use crate::{
     error::CurateError,
     frames,
     near_duplicates::signature,
-    overlays::{self, MosaicPass, OverlayPass},
-    projection,
+    overlays, projection,
     sequences::{self, Sequencing},
     settings::{CurateSettings, FrameSelection, LayoutChoice},
     sharpness::View,
@@ -282,18 +281,11 @@ fn analysed(
         let mut shot_samples = shot_samples.finish();
         let evident = || sphere_layouts::evident(&projection, &probe);
         let layout = asked.or_else(evident);
-        let screened = |pass: &OverlayPass, mosaics: &MosaicPass, signals: &Signals| {
-            // Boundaries of people, in the ledger, come later and change no measurement.
-            let boundaries = (detector.decide)(signals)
-                .map_err(|error| CurateError::internal(&folder.join(SIGNALS_FILE), error))?;
-            Ok::<_, CurateError>(overlays::report(pass, mosaics, &boundaries))
-        };
         let overlays = if layout == asked {
             // In a video of another kind, shots may still be spheres for most of the time.
             let is_sphere = layout.is_some() || projection.projection.is_monoscopic_erp();
             (is_sphere || shot_samples.show_spheres())
-                .then(|| screened(&overlays, &mosaics, &signals))
-                .transpose()?
+                .then(|| overlays::report(&overlays, &mosaics))
         } else {
             // What the frames store is known only now.
             let again = analysis::analyse_with(video, detector, layout, measured, progress)?;
@@ -301,7 +293,7 @@ fn analysed(
             signals = again.signals;
             signature = again.signature;
             shot_samples = again.shot_samples.finish();
-            Some(screened(&again.overlays, &again.mosaics, &signals)?)
+            Some(overlays::report(&again.overlays, &again.mosaics))
         };
         let record = VideoAnalysis {
             source: source.clone(),

@@ -66,17 +66,8 @@ fn described(overlay: &Overlay) -> String {
                 sightings.seen_frames, sightings.looked_at_frames
             )
         });
-    let times = match overlay.ranges.as_slice() {
-        [] => String::new(),
-        [first, ..] => {
-            let seconds: f64 = (overlay.ranges.iter())
-                .map(omnilife_schemas::records::TimeRange::duration_seconds)
-                .sum();
-            format!(", for {seconds:.1} s from {:.1} s on", first.begin_seconds)
-        }
-    };
     format!(
-        "{} of {:.4} sr at longitude {:.0}, latitude {:.0} degrees{times}{seen}",
+        "{} of {:.4} sr at longitude {:.0}, latitude {:.0} degrees{seen}",
         overlay.class.name(),
         overlay.solid_angle_steradians,
         overlay.longitude_degrees,
@@ -108,7 +99,6 @@ mod tests {
                 reach_degrees: 10.0,
                 block_pixels: 16.0,
             }),
-            ranges: Vec::new(),
         }
     }
 
@@ -125,7 +115,6 @@ mod tests {
                 unjudged: Some("nothing moved".to_owned()),
                 moving_steps: 0,
                 overlays: vec![moving_mosaic(steradians, seen_frames)],
-                spans: Vec::new(),
             };
             let (passed, value) = judged(&report, &OMNILIFE360.thresholds, 0.02);
             assert_eq!(passed, passes, "{steradians} sr, {seen_frames} frames");

@@ -4,17 +4,12 @@
 //! per pixel and over frames between which the scene moved, the share of the image's gradients that stays. `regions`
 //! gathers stable pixels into regions of the sphere and classifies them. A tripod or the wearer's helmet (class `rig`)
 //! stays too, and is part of the scene. A sky may stay with all that is around it, so the `surroundings` of what is
-//! painted must move. Captions of a second average out over a shot: `windows` of two steps show them.
-//!
-//! No sum runs over a shot boundary: the pass ends its sums at candidate `cuts`, and finds are gathered `by_shot` once
-//! boundaries are known.
+//! painted must move. Captions of a second average out over a video: `windows` of two steps show them.
 //!
 //! A mosaic that follows a face stays nowhere, but shows in single frames: `pixelation` finds its grid in one frame,
 //! `moving_mosaics` gathers the finds of many.
 
 mod blocks;
-mod by_shot;
-mod cuts;
 mod line_profiles;
 mod moving_mosaics;
 mod pixelation;
@@ -26,14 +21,14 @@ mod windows;
 pub use moving_mosaics::MosaicPass;
 pub use stability::OverlayPass;
 
-use omnilife_schemas::records::{Boundary, Overlay, OverlayReport};
+use omnilife_schemas::records::{Overlay, OverlayReport};
 
-/// Least number of looked-at pairs of frames, without a cut, between which the scene moved for a judgement.
+/// Least number of frames between which the scene moved for a judgement.
 const LEAST_MOVING_STEPS: u32 = 5;
 
-/// Reports the overlays found by the passes over an equirectangular video with these shot boundaries, in order of time.
-pub fn report(pass: &OverlayPass, mosaics: &MosaicPass, boundaries: &[Boundary]) -> OverlayReport {
-    let mut report = what_stays(pass, boundaries);
+/// Reports the overlays found by the passes over an equirectangular video.
+pub fn report(pass: &OverlayPass, mosaics: &MosaicPass) -> OverlayReport {
+    let mut report = what_stays(pass);
     let is_known = |seen: &Overlay| {
         report
             .overlays
@@ -42,13 +37,10 @@ pub fn report(pass: &OverlayPass, mosaics: &MosaicPass, boundaries: &[Boundary])
     };
     let moving = mosaics.overlay().filter(|seen| !is_known(seen));
     report.overlays.extend(moving);
-    let mut captions = pass.windows().captions(boundaries);
+    let mut captions = pass.windows().captions();
     captions.retain(|seen| {
         let mut standing = report.overlays.iter();
-        !standing.any(|standing| {
-            moving_mosaics::is_at_same_place(standing, seen)
-                && by_shot::are_together(standing, seen)
-        })
+        !standing.any(|standing| moving_mosaics::is_at_same_place(standing, seen))
     });
     report.overlays.extend(captions);
     report.overlays.sort_by(|a, b| {
@@ -58,22 +50,25 @@ pub fn report(pass: &OverlayPass, mosaics: &MosaicPass, boundaries: &[Boundary])
     report
 }
 
-fn what_stays(pass: &OverlayPass, boundaries: &[Boundary]) -> OverlayReport {
-    let pieces = pass.pieces();
-    let spans = by_shot::spans(&pieces, boundaries);
-    let moving_steps: u32 = spans.iter().map(|span| span.moving_steps).sum();
-    let is_judged = spans.iter().any(|span| span.is_judged);
-    let unjudged = (!is_judged).then(|| {
-        format!(
-            "the scene moved between {moving_steps} of {} looked-at pairs of frames, \
-             {LEAST_MOVING_STEPS} without a cut are needed to tell what is painted over it",
-            pass.steps()
-        )
-    });
+fn what_stays(pass: &OverlayPass) -> OverlayReport {
+    let moving_steps = pass.moving_steps();
+    let Some(stability) = pass
+        .stability()
+        .filter(|_| moving_steps >= LEAST_MOVING_STEPS)
+    else {
+        return OverlayReport {
+            unjudged: Some(format!(
+                "the scene moved between {moving_steps} of {} looked-at pairs of frames, \
+                 {LEAST_MOVING_STEPS} are needed to tell what is painted over it",
+                pass.steps()
+            )),
+            moving_steps,
+            overlays: Vec::new(),
+        };
+    };
     OverlayReport {
-        unjudged,
+        unjudged: None,
         moving_steps,
-        overlays: by_shot::gathered(pieces),
-        spans,
+        overlays: regions::find(&stability),
     }
 }

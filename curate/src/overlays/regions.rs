@@ -147,7 +147,6 @@ fn nadir_patch(grid: &Grid, stability: &Stability) -> Option<(Overlay, f64)> {
             / area,
         saturated_share: extreme / area,
         sightings: None,
-        ranges: Vec::new(),
     };
     Some((overlay, grid.latitude(top).to_degrees()))
 }
@@ -347,7 +346,6 @@ impl Region {
             variation_levels: variation / area,
             saturated_share: extreme / area,
             sightings: None,
-            ranges: Vec::new(),
         })
     }
 }

@@ -1,14 +1,8 @@
 //! Per-pixel stability of the image while the scene moves.
 
-use omnilife_schemas::records::{Overlay, TimeRange};
 use omnilife_video::Rgb8Image;
 
-use super::{
-    LEAST_MOVING_STEPS,
-    cuts::CutSignal,
-    regions,
-    windows::{StepPixel, WindowPass},
-};
+use super::windows::{StepPixel, WindowPass};
 
 /// Interval of the examined frames, seconds: long enough for a walking camera to move the image, short enough for a
 /// caption to last.
@@ -20,33 +14,17 @@ const STAYED_SHARE: f32 = 0.35;
 /// The scene moved between two frames when at most this share of the detail stayed.
 const STILL_SHARE: f64 = 0.5;
 
-/// Accumulates over a video. Of what lies before a candidate cut only the finds are kept.
+/// Accumulates over a video; memory does not grow with its length.
 #[derive(Debug, Default)]
 pub struct OverlayPass {
     width: usize,
     height: usize,
     next_seconds: Option<f64>,
     last: Vec<Sample>,
-    last_seconds: f64,
-    cuts: CutSignal,
-    ended: Vec<Piece>,
-    /// Time of the first frame since the last candidate cut, and sums over the frames since then.
-    begin_seconds: f64,
     sums: Vec<Sums>,
-    moving_steps: u32,
-    /// Compared pairs of frames of the whole video.
     steps: u32,
+    moving_steps: u32,
     windows: WindowPass,
-}
-
-/// Frames without a candidate cut between them.
-#[derive(Debug, Clone)]
-pub(super) struct Piece {
-    /// From its first looked-at frame to its last.
-    pub(super) range: TimeRange,
-    pub(super) moving_steps: u32,
-    /// Regions that stay; `None` if too few steps moved.
-    pub(super) overlays: Option<Vec<Overlay>>,
 }
 
 /// One pixel of one frame.
@@ -117,43 +95,15 @@ impl OverlayPass {
                 height: image.height,
                 next_seconds: self.next_seconds,
                 sums: vec![Sums::default(); samples.len()],
-                begin_seconds: time_seconds,
+                last: samples,
                 ..Self::default()
             };
-            self.cuts.begins_shot(image.width, levels(&samples));
-            self.take(time_seconds, samples);
             return;
         }
         self.steps += 1;
-        if self.cuts.begins_shot(image.width, levels(&samples)) {
-            self.end_piece(time_seconds);
-        } else {
-            self.compare(time_seconds, &samples);
-        }
-        self.take(time_seconds, samples);
-    }
-
-    /// Keeps a frame for the comparison with the next one.
-    fn take(&mut self, time_seconds: f64, samples: Vec<Sample>) {
-        self.last = samples;
-        self.last_seconds = time_seconds;
-    }
-
-    /// Judges what was summed up, and begins with the frame at this time.
-    fn end_piece(&mut self, time_seconds: f64) {
-        let piece = self.piece();
-        self.ended.push(piece);
-        self.begin_seconds = time_seconds;
-        self.sums.fill(Sums::default());
-        self.moving_steps = 0;
-        self.windows.end_shot();
-    }
-
-    /// Adds the step from the last frame to this one.
-    fn compare(&mut self, time_seconds: f64, samples: &[Sample]) {
         let mut detailed = 0_u64;
         let mut stayed = 0_u64;
-        for (before, now) in self.last.iter().zip(samples) {
+        for (before, now) in self.last.iter().zip(&samples) {
             let strength = before.strength().max(now.strength());
             if strength >= DETAIL_LEVELS {
                 detailed += 1;
@@ -163,19 +113,16 @@ impl OverlayPass {
         let is_moving = (stayed as f64) <= STILL_SHARE * detailed as f64 && detailed > 0;
         if is_moving {
             self.moving_steps += 1;
-            for ((sums, before), now) in self.sums.iter_mut().zip(&self.last).zip(samples) {
+            for ((sums, before), now) in self.sums.iter_mut().zip(&self.last).zip(&samples) {
                 sums.add(before, now);
             }
         }
         let step = is_moving.then(|| {
-            let pixels = self.last.iter().zip(samples);
+            let pixels = self.last.iter().zip(&samples);
             pixels.map(|(before, now)| step(before, now)).collect()
         });
-        let range = TimeRange {
-            begin_seconds: self.last_seconds,
-            end_seconds: time_seconds,
-        };
-        self.windows.add(range, step, self.width);
+        self.windows.add(step, self.width);
+        self.last = samples;
     }
 
     /// Returns what was seen over two steps.
@@ -188,28 +135,13 @@ impl OverlayPass {
         self.steps
     }
 
-    /// Returns the pieces between candidate cuts, in order of time; empty without a frame.
-    pub(super) fn pieces(&self) -> Vec<Piece> {
-        let last = (!self.last.is_empty()).then(|| self.piece());
-        self.ended.iter().cloned().chain(last).collect()
-    }
-
-    /// Judges the frames since the last candidate cut.
-    fn piece(&self) -> Piece {
-        let is_judged = self.moving_steps >= LEAST_MOVING_STEPS;
-        let stability = self.stability().filter(|_| is_judged);
-        Piece {
-            range: TimeRange {
-                begin_seconds: self.begin_seconds,
-                end_seconds: self.last_seconds,
-            },
-            moving_steps: self.moving_steps,
-            overlays: stability.map(|stability| regions::find(&stability)),
-        }
+    /// Returns the number of those between which the scene moved.
+    pub(super) fn moving_steps(&self) -> u32 {
+        self.moving_steps
     }
 
     /// Returns `None` before the scene has moved.
-    fn stability(&self) -> Option<Stability> {
+    pub(super) fn stability(&self) -> Option<Stability> {
         let count = self.moving_steps as f32;
         (self.moving_steps > 0).then(|| Stability {
             width: self.width,
@@ -275,10 +207,6 @@ fn step(before: &Sample, now: &Sample) -> StepPixel {
         gradient: [0, 1].map(|axis| 0.5 * (before.gradient[axis] + now.gradient[axis])),
         level: 0.5 * (before.level + now.level),
     }
-}
-
-fn levels(samples: &[Sample]) -> impl Iterator<Item = f32> {
-    samples.iter().map(|sample| sample.level)
 }
 
 fn samples(image: &Rgb8Image) -> Vec<Sample> {

@@ -4,8 +4,6 @@
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::sequence::TimeRange;
-
 /// All overlays of a video.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct OverlayReport {
@@ -15,23 +13,6 @@ pub struct OverlayReport {
     pub moving_steps: u32,
     /// Overlays, the largest first.
     pub overlays: Vec<Overlay>,
-    /// Spans of time that were judged each alone, in order; empty in records of older versions.
-    #[serde(default, skip_serializing_if = "Vec::is_empty")]
-    pub spans: Vec<OverlaySpan>,
-}
-
-/// A span of looked-at frames without a candidate cut inside.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-pub struct OverlaySpan {
-    /// From its first looked-at frame to its last.
-    pub range: TimeRange,
-    /// Number of shots that it holds: above 1 if a boundary was too soft to be seen during the pass. What stays in
-    /// some of these shots alone is then missed or given the times of all.
-    pub shots: u32,
-    /// Looked-at pairs of frames in it between which the scene moved.
-    pub moving_steps: u32,
-    /// True if these are enough to tell what stays.
-    pub is_judged: bool,
 }
 
 /// A region of the sphere that stays, or a mosaic that moves.
@@ -59,10 +40,6 @@ pub struct Overlay {
     /// Single frames in which a moving overlay was seen, or windows of two steps in which a passing one was. Position and
     /// size are then means over those.
     pub sightings: Option<Sightings>,
-    /// Times at which it stays, from the first looked-at frame to the last; empty for moving mosaics, which are seen in
-    /// single frames.
-    #[serde(default, skip_serializing_if = "Vec::is_empty")]
-    pub ranges: Vec<TimeRange>,
 }
 
 /// The frames in which a moving mosaic was seen, or the windows in which a caption was.

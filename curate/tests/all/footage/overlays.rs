@@ -17,8 +17,7 @@ use omnilife_schemas::{
 use crate::footage::{of_real_clip, support};
 
 fn reported(analysis: &Analysis) -> OverlayReport {
-    let boundaries = (DETECTORS[0].decide)(&analysis.signals).unwrap();
-    report(&analysis.overlays, &analysis.mosaics, &boundaries)
+    report(&analysis.overlays, &analysis.mosaics)
 }
 
 /// Largest artificial overlay, if there is a prominent one.
