@@ -299,7 +299,7 @@ pub fn find(clip: &Clip, graph: &Graph) -> Result<Front, String> {
 /// Returns the distance of a plane before all objects, over that of the background.
 ///
 /// # Errors
-/// Where an object is at or behind the cameras, or their motion displaces the plane against what it shows.
+/// An object at or behind the cameras, or a motion that displaces the plane against what it shows.
 fn nearness(clip: &Clip, objects: &[Node], background: &RigidPose) -> Result<f64, String> {
     let mean = mean_camera(clip);
     let normal = background.rotation.col(2);

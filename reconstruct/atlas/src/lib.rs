@@ -387,7 +387,7 @@ pub struct Begun {
 /// Begins with scene points, normalized, as only evidence beside the clip: see [`begin_with`].
 ///
 /// # Errors
-/// As [`begin_with`].
+/// The errors of [`begin_with`].
 pub fn begin(
     clip: Clip,
     points: &[DVec3],

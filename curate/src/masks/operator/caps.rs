@@ -1,6 +1,6 @@
 //! Caps around the poles that stay in the camera's frame: a tripod below a camera that turns, and gaps between lenses.
 //!
-//! Where the camera turns about the vertical, two hypotheses are compared for each ring around a pole: it turned with
+//! Two hypotheses are compared for each ring around a pole while the camera turns about the vertical: it turned with
 //! the world, or it stayed with the camera. Rings from the pole outwards that stay, with rings around them that turn,
 //! are a mount. A gap is flat, and ends on a circle around the pole. In front of a scene that does not change a lamp
 //! or a dome looks the same, so that a person has to look at it unless it is black.
