@@ -55,10 +55,14 @@ impl VideoConsistency {
 /// When the network's weights are missing, there are fewer than two images, or one cannot be read, has another size or
 /// is too small for the network.
 pub fn video_consistency(folder: &Path) -> Result<VideoConsistency, BenchError> {
-    let network = Lpips::published(Backbone::Alex)?;
     let paths = store::paths_in(folder)?.into_iter();
     let is_png = |path: &PathBuf| path.extension().is_some_and(|extension| extension == "png");
     let (images, others): (Vec<PathBuf>, Vec<PathBuf>) = paths.partition(is_png);
+    if images.len() < 2 {
+        return Err(too_few(folder, images.len()));
+    }
+    // After the folder: the network's weights may be missing, and the folder's fault is the one to mend first.
+    let network = Lpips::published(Backbone::Alex)?;
     let features = |size: [usize; 2], image: &[u8]| {
         network
             .features(size, image, InputRange::Signed)
@@ -80,6 +84,11 @@ pub fn video_consistency(folder: &Path) -> Result<VideoConsistency, BenchError> 
             .collect(),
         ..found
     })
+}
+
+fn too_few(folder: &Path, count: usize) -> BenchError {
+    let reason = format!("must have at least two PNG images, got {count}");
+    BenchError::mismatch(folder, reason)
 }
 
 /// Returns mean and deviation of a distance between neighbouring images, from the features of each.
@@ -110,8 +119,7 @@ fn over_pairs<T>(
         before = Some((size, now));
     }
     let Some((size, _)) = before.filter(|_| !distances.is_empty()) else {
-        let reason = format!("must have at least two PNG images, got {}", images.len());
-        return Err(BenchError::mismatch(folder, reason));
+        return Err(too_few(folder, images.len()));
     };
     let count = distances.len() as f64;
     let mean = distances.iter().sum::<f64>() / count;
