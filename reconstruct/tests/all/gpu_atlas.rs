@@ -13,7 +13,7 @@ use omnilife_reconstruct::{
 use omnilife_schemas::records::Backend;
 
 use crate::{
-    neural_atlas::{body, clip, learn, take_two_planes_apart, view},
+    neural_atlas::{TwoPlaneScores, body, clip, learn, take_two_planes_apart, view},
     support::device,
 };
 
@@ -81,7 +81,39 @@ fn a_graphics_card_takes_two_planes_apart() {
     if gpu.adapter().kind.is_software() {
         return omnilife_schemas::testing::skip("a software adapter takes minutes for 300 steps");
     }
-    take_two_planes_apart(true);
+    take_two_planes_apart(true, 1).check();
+}
+
+/// Prints the scores of three seeds on the CPU and on the device.
+#[test]
+#[ignore = "a software adapter takes minutes for each seed"]
+fn two_planes_on_a_device_score_within_the_seeds_of_the_cpu() {
+    if device().is_none() {
+        return;
+    }
+    let [of_cpu, of_gpu] =
+        [false, true].map(|on_gpu| [1, 2, 3].map(|seed| take_two_planes_apart(on_gpu, seed)));
+    let mean = |scores: &[TwoPlaneScores; 3], score: fn(&TwoPlaneScores) -> f64| {
+        scores.iter().map(score).sum::<f64>() / 3.0
+    };
+    for score in [
+        |one: &TwoPlaneScores| one.psnr_db,
+        |one: &TwoPlaneScores| one.removed_db,
+        |one: &TwoPlaneScores| one.overlap[0],
+        |one: &TwoPlaneScores| one.overlap[1],
+    ] {
+        let values = of_cpu.each_ref().map(score);
+        let least = values.into_iter().fold(f64::INFINITY, f64::min);
+        let largest = values.into_iter().fold(f64::NEG_INFINITY, f64::max);
+        let found = mean(&of_gpu, score);
+        println!("CPU {values:.4?}, mean of the device {found:.4}");
+        // A mean of three lies within the range of three others up to its own spread.
+        let room = largest - least;
+        assert!((least - room..=largest + room).contains(&found));
+    }
+    for scores in &of_gpu {
+        scores.check();
+    }
 }
 
 #[test]
