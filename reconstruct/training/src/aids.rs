@@ -20,10 +20,11 @@ pub const AIDS: &[&str] = &[
     "denser-points",
     "mask-seeds",
     "static-table",
+    "dense-start",
 ];
 
 /// Aids that no evidence decides on: used where they are asked for by name.
-pub const BY_NAME: &[&str] = &["camera-response"];
+pub const BY_NAME: &[&str] = &["camera-response", "dense-start"];
 
 /// Returns true for an aid.
 pub fn is_aid(component: &str) -> bool {

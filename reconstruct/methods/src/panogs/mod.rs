@@ -2,15 +2,14 @@
 //!
 //! Source: "PanoGS" (see [`METHOD`]); its equations stand beside their code.
 //!
-//! * `sources`: the distances, from files or by the sphere sweep. `depth_refinement`: distances with fewer pixels
-//!   on the image's grid.
+//! * `depth_refinement`: distances with fewer pixels on the image's grid.
 //! * `samples`: views agree on scales, pixels become Gaussians, and the finest view's stay; `manifest`: their
 //!   record.
 //! * `surface`: the scaffold (Eq. 9), on request. `anchored`: trained parameters; `shards`: the part that trains at
 //!   a time; `neighbour_views`: its views.
 //!
-//! Lift, normals, scales and redundancy themselves are in [`omnilife_training::seeds::depth`]: any method can
-//! start there.
+//! Sources of distances, lift, normals, scales and redundancy themselves are in [`omnilife_training::seeds::depth`]:
+//! any method can start there.
 
 mod anchored;
 mod depth_refinement;
@@ -18,7 +17,6 @@ mod manifest;
 mod neighbour_views;
 mod samples;
 mod shards;
-mod sources;
 mod surface;
 
 use std::sync::Arc;

@@ -9,7 +9,6 @@ use omnilife_schemas::{
 use super::{
     DEPTH_REFINEMENT, DEPTH_SCALE, POLE_THINNING, REDUNDANT_SAMPLES, depth_refinement, differ,
     manifest,
-    sources::{self, Sources},
 };
 use omnilife_training::{
     components::{Decision, DecisionLog, sky_shell},
@@ -18,7 +17,9 @@ use omnilife_training::{
     seeds::{
         depth::{
             Agreement, DistanceView, LiftCounts, LiftSettings, Lifted, ScaleFit, SourceView,
-            agreement, checks, fit_scales, lift, scaled, tolerance,
+            agreement, checks, fit_scales, lift, scaled,
+            sources::{self, Sources},
+            tolerance,
         },
         points,
         sky::{OpenSky, SKY_SHARE},
@@ -97,6 +98,7 @@ impl Samples {
             mut views,
             origin,
             size,
+            ..
         } = sources::of_scene(scene)?;
         check(scene, &views)?;
         let mut warnings = vec![format!("distances are those of {origin}")];

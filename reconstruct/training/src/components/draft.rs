@@ -39,6 +39,8 @@ pub struct Draft<'a> {
     pub fixed: InitialGaussians,
     /// The decisions so far.
     pub(crate) plan: DecisionLog<'a>,
+    /// Outcomes of components, for readers of the scores.
+    remarks: Vec<String>,
     motion: MotionEvidenceUse,
 }
 
@@ -94,6 +96,7 @@ impl<'a> Draft<'a> {
             point_indices: Vec::new(),
             fixed: InitialGaussians::default(),
             plan: DecisionLog::new(request),
+            remarks: Vec::new(),
             motion,
         };
         let resets = baseline::reset_decision(&draft.settings, request);
@@ -114,6 +117,21 @@ impl<'a> Draft<'a> {
     /// Returns the component if it is not used, as a missing requirement of others.
     pub fn missing(&self, component: &'static str) -> Option<&'static str> {
         (!self.is_used(component)).then_some(component)
+    }
+
+    /// Records the outcome of a used component, in its decision and as a line for readers of the scores.
+    pub(crate) fn report(&mut self, component: &str, outcome: &str) {
+        self.plan.add_outcome(component, true, outcome);
+        self.remarks.push(format!("{component}: {outcome}"));
+    }
+
+    /// Records why a component could not be used after all, in its decision and as a line for readers of the scores.
+    pub(crate) fn give_up(&mut self, component: &str, why: &str) {
+        self.plan.add_outcome(component, false, why);
+        // Requests that are not met have a line of their own.
+        if !self.request.asks_for(component) {
+            self.remarks.push(format!("{component} is not used: {why}"));
+        }
     }
 
     /// Decides on the shared components that the method supports, and applies the used ones. Between the turns it
@@ -167,7 +185,9 @@ impl<'a> Draft<'a> {
             MotionEvidenceUse::Decides => self.evidence.masks.warnings(),
             MotionEvidenceUse::None => Vec::new(),
         };
-        masks.into_iter().chain(self.plan.refusals()).collect()
+        let remarks = self.remarks.iter().cloned();
+        let all = masks.into_iter().chain(self.plan.refusals());
+        all.chain(remarks).collect()
     }
 }
 

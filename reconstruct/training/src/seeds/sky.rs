@@ -166,7 +166,8 @@ fn shell_radius(scene: &TrainingScene) -> f32 {
     }
 }
 
-fn fibonacci_sphere(count: usize) -> Vec<Vec3> {
+/// Returns unit vectors evenly spread over the sphere, each in the middle of an equal solid angle.
+pub(super) fn fibonacci_sphere(count: usize) -> Vec<Vec3> {
     // The angles of many directions exceed the precision of f32.
     let golden = std::f64::consts::PI * (3.0 - 5.0_f64.sqrt());
     (0..count)

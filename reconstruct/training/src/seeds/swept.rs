@@ -121,19 +121,20 @@ pub fn points(scene: &TrainingScene, maximum: usize, seed: u64) -> Option<SweptP
 
 /// Returns at most so many input views, evenly spread, with their depth at a width.
 fn references(scene: &TrainingScene, most: usize, gap: usize, width: usize) -> Vec<Reference<'_>> {
-    let views = scene.input_views.len();
-    let count = most.min(views);
-    (0..count)
-        .filter_map(|step| {
-            let first = step * (views - 1) / (count - 1).max(1);
-            Reference::new(scene, first, gap, width)
-        })
+    evenly(scene.input_views.len(), most)
+        .filter_map(|first| Reference::new(scene, first, gap, width))
         .collect()
+}
+
+/// Returns at most so many of the numbers below `count`, evenly spread, the first and the last among them.
+pub(super) fn evenly(count: usize, most: usize) -> impl Iterator<Item = usize> {
+    let taken = most.min(count);
+    (0..taken).map(move |step| step * (count - 1) / (taken - 1).max(1))
 }
 
 /// Returns the gap that gives most pixels a good distance: near views have too little parallax, far ones see
 /// different sides of surfaces.
-fn best_gap(scene: &TrainingScene) -> Option<usize> {
+pub(super) fn best_gap(scene: &TrainingScene) -> Option<usize> {
     if !scene.camera.wraps() {
         return None;
     }

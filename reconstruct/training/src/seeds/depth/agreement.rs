@@ -24,6 +24,9 @@ pub struct Agreement {
     pub free: u16,
     /// True if no other view has a finer sample of the surface.
     pub is_finest: bool,
+    /// True if no other view explains the surface: with samples of an octave of sizes below, or of the same octave
+    /// where it is an earlier view. Of all views that see a place one has this flag.
+    pub is_own: bool,
 }
 
 /// Returns the maximum difference of two views' distances to one surface, as a share.
@@ -49,10 +52,16 @@ fn is_farther(theirs: f32, distance: f32, tolerance: f32) -> bool {
     theirs > (1.0 + FREE_TOLERANCES as f32 * tolerance) * distance
 }
 
+/// Returns the octave of a radius: radii of one octave differ by a factor below two.
+fn octave(radius: f32) -> i32 {
+    radius.log2().floor() as i32
+}
+
 /// Compares the samples of view number `own` with all other views.
 ///
 /// A view j sees the sample's surface where `|D_j - d| < tolerance d`, with the distance `d` of the sample from
-/// it. There its own samples have the radius `d pitch / sqrt(cos)`. Among equals the earlier view's stays.
+/// it. There its own samples have the radius `d pitch / sqrt(cos)`. Among equals the earlier view's stays; among those
+/// of one octave of radii it does for [`Agreement::is_own`], which is a total order, so that a place keeps a view.
 pub fn agreement(
     lifted: &Lifted,
     own: usize,
@@ -71,6 +80,7 @@ pub fn agreement(
         let (normal, radius) = (lifted.normals[index], lifted.radii[index]);
         let mut found = Agreement {
             is_finest: true,
+            is_own: true,
             ..Agreement::default()
         };
         for (number, view, projector) in &others {
@@ -93,6 +103,7 @@ pub fn agreement(
             let their_radius = distance * angle / cosine.sqrt();
             let is_finer = their_radius < radius || (their_radius == radius && *number < own);
             found.is_finest &= !is_finer;
+            found.is_own &= (octave(radius), own) <= (octave(their_radius), *number);
         }
         found
     };

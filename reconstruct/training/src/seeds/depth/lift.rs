@@ -75,7 +75,7 @@ impl LiftSettings {
 
 impl LiftSettings {
     /// Returns the standard deviations of a sample of this radius.
-    fn scales(&self, radius: f32) -> [f32; 3] {
+    pub(super) fn scales(&self, radius: f32) -> [f32; 3] {
         let along = self.tangential * radius;
         [along, along, self.normal * radius]
     }
@@ -293,7 +293,7 @@ impl Lifter<'_> {
             return PixelUse::Flying;
         }
         let pitch = f64::from(distance) * pixel_angle(&view.view.camera, ray);
-        let radius = (pitch / cosine.max(LEAST_COSINE).sqrt()).min(LARGEST_RADIUS * pitch);
+        let radius = sample_radius(pitch, cosine);
         let to_world = view.view.rotation.as_dmat3().transpose();
         let place = view.view.centre.as_dvec3() + to_world * (ray * f64::from(distance));
         PixelUse::Kept(Sample {
@@ -329,6 +329,12 @@ fn edges(points: &Points<'_>, column: usize, row: usize) -> [bool; 2] {
     neighbours.fold([false; 2], |[behind, before], distance| {
         [behind || distance < own, before || distance > own]
     })
+}
+
+/// Returns the root of the area that a sample stands for on its surface, in the unit of its `pitch` across the ray;
+/// `cosine` is that between ray and normal, 0 to 1.
+pub(super) fn sample_radius(pitch: f64, cosine: f64) -> f64 {
+    (pitch / cosine.max(LEAST_COSINE).sqrt()).min(LARGEST_RADIUS * pitch)
 }
 
 /// Returns the root of the solid angle of a kept pixel in the direction of a unit ray, radians.
