@@ -1,4 +1,4 @@
-//! What was meant by a command that does not exist, wherever in the tree of commands it stands.
+//! Suggestions for commands and options that do not exist.
 
 use std::path::Path;
 

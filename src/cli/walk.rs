@@ -3,7 +3,7 @@
 
 use clap::{Arg, ArgMatches, Command, error::ErrorKind};
 
-use super::{guide, suggestion::with_tip};
+use super::{guide, numbers, suggestion::with_tip};
 
 /// A command with its words and its first example.
 struct Walked<'a> {
@@ -206,4 +206,39 @@ fn a_misspelt_option_gets_the_right_one_and_an_unknown_value_is_named() {
         }
     }
     assert!(values > 30, "{values} options check their values");
+}
+
+#[test]
+fn a_number_out_of_range_names_its_option_and_what_it_accepts() {
+    let root = guide::command();
+    let mut refused = 0;
+    for Walked {
+        words, definition, ..
+    } in commands(&root)
+    {
+        let options = definition
+            .get_arguments()
+            .filter(|argument| numbers::is_number(argument));
+        for option in options.filter_map(Arg::get_long) {
+            let option = format!("--{option}");
+            for value in ["-4", "nonsense!"] {
+                let line = ["omnilife", option.as_str(), value];
+                let Err(error) = definition.clone().try_get_matches_from(line) else {
+                    panic!("{words} {option} {value} was understood");
+                };
+                let text = error.to_string();
+                // Only times and angles are negative: then a required argument is missing.
+                let is_accepted = error.kind() == ErrorKind::MissingRequiredArgument;
+                if value == "-4" && is_accepted {
+                    continue;
+                }
+                refused += 1;
+                assert_eq!(error.kind(), ErrorKind::ValueValidation, "{words}: {text}");
+                for part in [option.as_str(), value, "must be"] {
+                    assert!(text.contains(part), "{words} {option}: {text}");
+                }
+            }
+        }
+    }
+    assert!(refused > 150, "{refused} values were refused");
 }

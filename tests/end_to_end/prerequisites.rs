@@ -253,10 +253,14 @@ fn units_that_can_be_done() {
         (&bench, ["--with", "no-such-part"], "no-such-part"),
         (&bench, ["--set", "no-such-option=1"], "no-such-option"),
         (&bench, ["--budget", "0"], "budget"),
-        (&curate, ["--min-shot", "nan"], "minimum shot length"),
-        (&curate, ["--max-frames", "0"], "positive number"),
     ] {
         let ended = omnilife([&plan[..], &options].concat());
         out.assert_untouched(&ended, reason);
+    }
+    for [option, value] in [["--min-shot", "nan"], ["--max-frames", "0"]] {
+        let ended = omnilife([&curate[..], &[option, value]].concat());
+        assert_eq!(ended.code, Some(2), "{}", ended.stderr);
+        assert!(ended.stderr.contains(option), "{}", ended.stderr);
+        assert!(!out.path().exists(), "{:?}", files(&out.path()));
     }
 }
