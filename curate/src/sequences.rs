@@ -103,7 +103,7 @@ impl Sequencing<'_> {
         let shots = &self.list.shots;
         for shot in &shots.rejected {
             progress.note(&format!(
-                "{}: {:.3} to {:.3} s is no sequence: it {} ({}, {})",
+                "{}: {:.3} to {:.3} s makes no sequence: it {} ({}, {})",
                 self.video.display(),
                 shot.range.begin_seconds,
                 shot.range.end_seconds,

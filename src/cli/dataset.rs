@@ -336,10 +336,7 @@ fn parse_property(text: &str) -> Result<String, String> {
     if known.contains(&text) {
         return Ok(text.to_owned());
     }
-    Err(format!(
-        "there is no property {text}; there are {}",
-        known.join(", ")
-    ))
+    Err(format!("must be one of {}, got {text}", known.join(", ")))
 }
 
 /// Returns the bytes of a number of megabytes.

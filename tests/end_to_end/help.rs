@@ -75,7 +75,10 @@ fn every_bash_script_shows_its_help() {
                 folders.push(path);
                 continue;
             }
-            if !fs::read(&path).unwrap().starts_with(b"#!/usr/bin/env bash\n") {
+            if !fs::read(&path)
+                .unwrap()
+                .starts_with(b"#!/usr/bin/env bash\n")
+            {
                 continue;
             }
             scripts += 1;

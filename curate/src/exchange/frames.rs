@@ -245,7 +245,7 @@ fn listed_objects(
     let objects = objects.collect();
     match classes.into_keys().next() {
         Some(name) => {
-            let reason = format!("has a class of {name:?}, of which there are no masks");
+            let reason = format!("has a class {name:?} without masks");
             Err(CurateError::input(&path, reason))
         }
         None => Ok(objects),
@@ -300,7 +300,7 @@ fn given_poses(
         (Some(camera), _) => camera,
         (None, Some(focal)) => turns::pinhole(size, focal),
         (None, None) => {
-            let reason = "has no camera, and there is no camera.json with the focal length";
+            let reason = "must have a camera, or a camera.json with the focal length beside it";
             return Err(CurateError::input(path, reason));
         }
     };

@@ -331,7 +331,7 @@ fn import(folder: &Path) -> Result<ForeignScene, CurateError> {
         let pose = Pose::from_matrix(world_to_camera.transpose(), centre).ok_or_else(|| {
             StoreError::malformed(
                 &extrinsics_path,
-                format!("pose {key} is no rotation and centre"),
+                format!("pose {key} must be a rotation and a centre"),
             )
         })?;
         if poses.insert(*key, pose).is_some() {

@@ -91,7 +91,7 @@ impl GivenTruth {
         if let Some(depth) = &self.depth
             && !(depth.unit.is_finite() && depth.unit > 0.0)
         {
-            let reason = format!("{}: is no unit of distances", depth.unit);
+            let reason = format!("the unit of distances must be positive, got {}", depth.unit);
             return Err(CurateError::input(&depth.folder, reason));
         }
         self.classes

@@ -72,7 +72,7 @@ fn decisions(request: &TrackRequest, asked: &Asked, tracks: &Tracks) -> Vec<Comp
     let reason = |name: &str| stage(name).map_or(String::new(), |stage| stage.reason.clone());
     let (are_dense, points) = match &asked.points {
         Some(points) => (!points.dense_frames.is_empty(), points.name.clone()),
-        None => (false, "there are none: the ground is a plane".to_owned()),
+        None => (false, "no dense points: the ground is a plane".to_owned()),
     };
     let scale = match (stage("scale"), request.options.metres_per_unit) {
         (Some(stage), _) => (true, stage.reason.clone()),
@@ -84,7 +84,7 @@ fn decisions(request: &TrackRequest, asked: &Asked, tracks: &Tracks) -> Vec<Comp
     let without = if has_estimates(&asked.scene, &asked.views) {
         ""
     } else {
-        "there are no estimates; "
+        "no depth prior; "
     };
     let appearance = match stage("appearance") {
         Some(stage) => (stage.reason.starts_with("kept"), stage.reason.clone()),

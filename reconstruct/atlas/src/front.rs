@@ -231,9 +231,12 @@ impl<'a> InFrame<'a> {
 /// # Errors
 /// The reason where nothing stands in front, or it has no place.
 pub fn find(clip: &Clip, graph: &Graph) -> Result<Front, String> {
-    let (background, objects) = graph.nodes.split_last().ok_or("there is no node")?;
+    let (background, objects) = graph
+        .nodes
+        .split_last()
+        .ok_or("the graph must have a background, got no node")?;
     if objects.is_empty() {
-        return Err("there is no object".to_owned());
+        return Err("the graph must have an object, got the background alone".to_owned());
     }
     if objects.iter().any(|node| node.id == FRONT) {
         return Err(format!("an object is named {FRONT}"));

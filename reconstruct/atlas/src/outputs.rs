@@ -106,7 +106,7 @@ fn shown(graph: &Graph, folder: &Path, layer: &str) -> Result<Shown, Reconstruct
         Some(("matte", name)) => Ok(Shown::Matte(id(name)?)),
         Some(("without", name)) => Ok(Shown::Without(id(name)?)),
         _ => Err(ReconstructError::Request {
-            reason: format!("there is no layer {layer:?}: an atlas has {}", LAYERS),
+            reason: format!("the layer of an atlas must be {LAYERS}, got {layer:?}"),
         }),
     }
 }
@@ -118,7 +118,7 @@ fn shown(graph: &Graph, folder: &Path, layer: &str) -> Result<Shown, Reconstruct
 pub(super) fn find(graph: &Graph, id: &str) -> Result<usize, String> {
     graph.find(id).ok_or_else(|| {
         let all: Vec<&str> = graph.nodes.iter().map(|node| node.id.as_str()).collect();
-        format!("there is no object {id:?}; there are {}", all.join(", "))
+        format!("the object must be one of {}, got {id:?}", all.join(", "))
     })
 }
 

@@ -152,9 +152,9 @@ impl Plan {
         let coarse = Decision::new(
             has_motion_fields,
             if has_motion_fields {
-                "there are flow or view fields"
+                "a node has a flow or view field"
             } else {
-                "there is no flow or view field"
+                "no node has a flow or view field"
             },
         );
         Self {

@@ -38,9 +38,9 @@ impl FromStr for Endpoint {
 
     /// Parses an address up to `/v1` or up to `/chat/completions`.
     fn from_str(text: &str) -> Result<Self, String> {
-        let uri: Uri = text
-            .parse()
-            .map_err(|error| format!("{text:?} is no address: {error}"))?;
+        let uri: Uri = text.parse().map_err(|error| {
+            format!("must be an address such as http://localhost:8000/v1, got {text:?}: {error}")
+        })?;
         let is_encrypted = match uri.scheme_str() {
             Some("https") => true,
             Some("http") => false,
@@ -355,7 +355,7 @@ fn seconds_asked_for<T>(response: &Response<T>) -> Option<Duration> {
 /// Returns the caption in an answer.
 fn caption(content: &[u8]) -> Result<String, String> {
     let answer: Answer = serde_json::from_slice(content)
-        .map_err(|error| format!("its answer is no chat completion: {error}"))?;
+        .map_err(|error| format!("its answer must be a chat completion: {error}"))?;
     let choice = answer.choices.into_iter().next();
     let choice = choice.ok_or("its answer has no choices")?;
     if choice.finish_reason.as_deref() == Some("length") {

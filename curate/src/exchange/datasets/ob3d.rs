@@ -145,7 +145,10 @@ fn frames_of(folder: &Path) -> Result<Found, CurateError> {
             return Err(CurateError::input(&file, reason));
         }
         let pose = pose_of(&camera.extrinsics).ok_or_else(|| {
-            StoreError::malformed(&file, "its extrinsics are no rotation with a translation")
+            StoreError::malformed(
+                &file,
+                "its extrinsics must be a rotation with a translation",
+            )
         })?;
         let name = format!("{stem}{IMAGE_END}");
         let place = format!("{IMAGES_FOLDER}/{name}");

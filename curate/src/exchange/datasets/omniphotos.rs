@@ -205,7 +205,7 @@ fn import(folder: &Path) -> Result<ForeignScene, CurateError> {
         image_folders: vec![images],
         missing_images,
         notes: vec![if points.is_empty() {
-            "there are no points: no map is named, or it has no landmarks".to_owned()
+            "no points: no map is named, or it has no landmarks".to_owned()
         } else {
             "the landmarks have no colours: points are grey".to_owned()
         }],

@@ -298,7 +298,7 @@ pub fn node(clip: &Clip, placed: &Placed) -> Result<Node, String> {
         .iter()
         .any(|frame| (0..clip.pixel_count()).any(|pixel| shows_background(frame, pixel)));
     if !has_open {
-        return Err("masks cover every pixel of every frame: there is no background".to_owned());
+        return Err("masks must leave the background visible in a frame, and they cover every pixel of every frame".to_owned());
     }
     let [width, height] = placed.texels;
     let frames = by_distance_in_time(clip, 0.5);

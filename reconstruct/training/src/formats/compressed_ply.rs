@@ -326,7 +326,7 @@ impl<'a> Arrays<'a> {
         let (chunk, vertex, sh) = match elements.as_slice() {
             [chunk, vertex] => (chunk, vertex, None),
             [chunk, vertex, sh] => (chunk, vertex, Some(sh)),
-            _ => return Err("is no compressed PLY of chunk, vertex and sh".to_owned()),
+            _ => return Err("must be a compressed PLY of chunk, vertex and sh".to_owned()),
         };
         let named = [Some(chunk), Some(vertex), sh];
         let expected = ["chunk", "vertex", "sh"];

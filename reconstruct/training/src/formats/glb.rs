@@ -303,7 +303,7 @@ impl<'a> Primitive<'a> {
         }
         let mode = primitive.get("mode").and_then(Value::as_u64);
         if mode != Some(POINTS) {
-            return Err("has Gaussians that are no points".to_owned());
+            return Err("must have Gaussians as points".to_owned());
         }
         let attributes = primitive.get("attributes").unwrap_or(&Value::Null);
         let column = |name: String, width: usize| {
