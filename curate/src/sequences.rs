@@ -208,7 +208,7 @@ impl Sequencing<'_> {
     }
 
     /// Lists everything that the frames of a sequence depend on, for its folder or for one that becomes it. Frames for
-    /// the measurement of motion are no part of it: sequences from before there were any stay as they are.
+    /// the measurement of motion are not part of it: sequences from before there were any stay as they are.
     fn plan(&self, sequence: &Planned, folder: &Path) -> StagePlan {
         let plan = StagePlan::new(folder, STAGE)
             .with_hash("video", self.analysis.source.sha256.clone())

@@ -189,7 +189,7 @@ fn every_adapter_writes_what_the_loader_of_its_method_reads_and_finds_its_views(
         assert_eq!(record.failure, None, "{id}: {log}");
         let result = checkout.score();
         assert!(result.failures.is_empty(), "{id}: {:?}", result.failures);
-        // One Gaussian is no scene; a video is lossy; faces are sampled twice.
+        // One Gaussian is not a scene; a video is lossy; faces are sampled twice.
         let least = match id {
             "lichtfeld" => 0.0,
             "layered-neural-atlases" => 24.0,

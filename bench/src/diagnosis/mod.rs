@@ -89,7 +89,7 @@ impl DiagnosisFinding {
 
 impl Diagnosis {
     /// Returns one line for every mistake, prefixed by [`DIAGNOSIS_PREFIX`], and one for frames of the data that are
-    /// given and held out, without it. Copies of given views, as in baselines, are no warning.
+    /// given and held out, without it. Copies of given views, as in baselines, make no warning.
     pub fn warnings(&self) -> Vec<String> {
         let mistakes = self
             .mistakes()

@@ -1,6 +1,6 @@
 //! Changes of the image against a still scene, between a frame and others around it.
 //!
-//! They confirm regions that a network found, and are no masks: an object leaves a change where it was and where it is.
+//! They confirm regions that a network found, and are not masks: an object leaves a change at its old and new place.
 //! If the camera moves, a change must show before and after, since near things hide others. Where it stands, frames
 //! further away are compared too: an animal may rest for a second.
 

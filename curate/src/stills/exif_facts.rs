@@ -19,7 +19,7 @@ pub(crate) struct TakenAt {
 /// Reads facts from EXIF data (a TIFF structure); unreadable ones are left out.
 ///
 /// # Errors
-/// When the data are no EXIF data; one line.
+/// When the data are not EXIF data; one line.
 pub(crate) fn read(data: Vec<u8>) -> Result<(Capture, Option<TakenAt>), String> {
     let exif = Reader::new()
         .read_raw(data)

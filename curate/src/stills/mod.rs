@@ -50,7 +50,7 @@ impl Stills {
     /// Reads the headers of all images in a folder.
     ///
     /// # Errors
-    /// [`CurateError::Input`] without images, for an image that is no panorama by its size or metadata, and
+    /// [`CurateError::Input`] without images, for an image that is not a panorama by its size or metadata, and
     /// for images of different sizes; [`CurateError::Store`] for files that cannot be read.
     pub(crate) fn read(folder: &Path) -> Result<Self, CurateError> {
         let images = frame_order::images_in(folder)?;

@@ -394,6 +394,6 @@ fn deviation(clip: &Clip, object: usize) -> f64 {
     };
     let mut changes: Vec<f64> = boxes.iter().map(|[w, h]| (w - middle * h).abs()).collect();
     changes.sort_by(f64::total_cmp);
-    // Nine frames of ten: one bad mask is no rotation.
+    // Nine frames of ten: one bad mask is not a rotation.
     changes[(changes.len() - 1) * 9 / 10]
 }

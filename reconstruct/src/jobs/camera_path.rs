@@ -93,7 +93,7 @@ impl CameraPath {
     /// Returns the numbers of the input views: those of a split, or all frames without one.
     ///
     /// # Errors
-    /// When the split cannot be read, is that of another scene, or `path` is no scene.
+    /// When the split cannot be read, is that of another scene, or `path` is not a scene.
     pub(super) fn input_views(
         &self,
         path: &Path,

@@ -20,7 +20,7 @@
 //!
 //! Numbers in the names of images count the frames of a video, whose rate the import is to be given.
 //!
-//! Split: the authors publish none. Their viewer's clip and sampling of cameras (`Config/*.yaml`) are no split and not
+//! Split: the authors publish none. Their viewer's clip and sampling of cameras (`Config/*.yaml`) are not a split and not
 //! applied. The data of ODGS, with OpenMVG's poses and a split, are the format `openmvg`.
 
 mod landmarks;

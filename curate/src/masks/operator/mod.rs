@@ -372,7 +372,7 @@ mod tests {
         assert_eq!(weak.finding, OperatorFinding::Nothing);
         assert!(weak.region.is_none() && weak.reason.contains("0.20"));
         assert_eq!(Verdict::of(None, None, 9).finding, OperatorFinding::Nothing);
-        // People alone are enough, and a weak outline is no part of their mask.
+        // People alone are enough, and a weak outline is not part of their mask.
         let people = || Some(mask([0, 255]));
         let marked = |verdict: Verdict| verdict.region.map(|region| region.mask.data);
         assert_eq!(verdict(0.2, people()).finding, OperatorFinding::Found);

@@ -19,7 +19,7 @@ use crate::{
 
 /// Name of the background's node.
 pub const BACKGROUND: &str = "background";
-/// Half of the field of view beyond which a plane is no background, radians.
+/// Half of the field of view beyond which a plane is not a background, radians.
 const WIDEST: f64 = 60.0 * PI / 180.0;
 /// Size of the plane over its visible part, each way.
 const MARGIN: f64 = 1.06;

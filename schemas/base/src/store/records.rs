@@ -83,7 +83,7 @@ pub fn update_record<T: Record + PartialEq>(path: &Path, record: &T) -> Result<(
 /// Returns the schema that a JSON file names.
 ///
 /// # Errors
-/// When it cannot be read, is no JSON, or names no schema.
+/// When it cannot be read, is not JSON, or names no schema.
 pub fn schema_of(path: &Path) -> Result<String, StoreError> {
     let text = read_text(path)?;
     tag(path, &text)?

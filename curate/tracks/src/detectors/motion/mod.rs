@@ -4,7 +4,7 @@
 //! content looks the same in most of them, unless something else passes or hides it; moving content differs from nearly
 //! all. So the differences of a pixel are sorted, and a low quantile counts: a pixel that agrees with more than a
 //! quarter of the other frames is static. The other frames are seconds apart, so that a car that waits for some seconds
-//! is still found. Colours within a pixel of the warped place are no difference: the surface is known to that accuracy.
+//! is still found. Colours within a pixel of the warped place do not differ: the surface is known to that accuracy.
 //! Thresholds follow the image: the median and 8 x 1.4826 times the median absolute deviation. A cast shadow moves too;
 //! it is a darker copy of its background, and is cut off.
 
@@ -249,7 +249,7 @@ fn box_of(pixels: &[usize], width: usize) -> Option<[f64; 4]> {
 fn darker_copy(shown: [f32; 3], background: [f32; 3]) -> bool {
     let ratios = [0, 1, 2].map(|channel| shown[channel] / background[channel].max(0.02));
     let mean = ratios.iter().sum::<f32>() / 3.0;
-    // NaN is no shadow.
+    // NaN is not a shadow.
     SHADOW.contains(&mean)
         && ratios
             .iter()
