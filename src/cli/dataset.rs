@@ -7,7 +7,7 @@ use omnilife_curate::{
     FrameCommand, MaskProgram,
     annotation::{
         AnnotateSettings, CaptionCommand, CaptionEndpoint,
-        endpoint::{Endpoint, Key, Patience},
+        endpoint::{Endpoint, Key, RetryPolicy},
     },
     exchange::{self, CubeFaces, MaskMeaning},
     masks::MaskSource,
@@ -118,9 +118,9 @@ impl AnnotateArguments {
             endpoint: endpoint.clone(),
             model: model.clone(),
             key,
-            patience: Patience {
+            patience: RetryPolicy {
                 timeout,
-                ..Patience::default()
+                ..RetryPolicy::default()
             },
         }))
     }

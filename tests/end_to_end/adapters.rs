@@ -7,7 +7,7 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use omnilife_bench::{ADAPTERS, Adapter, Tried};
+use omnilife_bench::{ADAPTERS, Adapter, AdapterTrial};
 use omnilife_schemas::{
     records::{ExternalRun, ResultRecord},
     store,
@@ -181,7 +181,7 @@ fn adapter(id: &str) -> &'static Adapter {
 
 #[test]
 fn every_adapter_writes_what_the_loader_of_its_method_reads_and_finds_its_views() {
-    let with_stand_in = |adapter: &&Adapter| adapter.tried != Tried::ByHand;
+    let with_stand_in = |adapter: &&Adapter| adapter.tried != AdapterTrial::ByHand;
     for adapter in ADAPTERS.iter().filter(with_stand_in) {
         let id = adapter.id;
         let checkout = Checkout::new(adapter);

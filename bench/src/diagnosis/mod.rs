@@ -25,7 +25,7 @@ use omnilife_schemas::records::DIAGNOSIS_PREFIX;
 use self::{
     copies::Truths,
     images::mean,
-    look::Looked,
+    look::ViewFacts,
     order::{Comparison, frames_to_compare},
 };
 use crate::{
@@ -200,7 +200,7 @@ struct OfKind<'a> {
     /// All frames of the kind, in the order of the split.
     frames: &'a [u32],
     /// Some of their views.
-    views: Vec<Looked>,
+    views: Vec<ViewFacts>,
 }
 
 impl OfKind<'_> {

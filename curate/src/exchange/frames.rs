@@ -166,7 +166,7 @@ fn import(folder: &Path) -> Result<ForeignScene, CurateError> {
 }
 
 /// A camera with a pose for each frame.
-struct Posed {
+struct PosedCamera {
     camera: Camera,
     poses: Vec<Option<Pose>>,
     points: PointCloud,
@@ -272,7 +272,7 @@ fn given_poses(
     path: &Path,
     images: &[PathBuf],
     size: [usize; 2],
-) -> Result<Posed, CurateError> {
+) -> Result<PosedCamera, CurateError> {
     let record: Poses = store::read_record(path)?;
     if record.frames.len() != images.len() {
         let reason = format!(
@@ -308,7 +308,7 @@ fn given_poses(
         Some(file) => PointCloud::read_ply(&folder.join(file))?,
         None => PointCloud::default(),
     };
-    Ok(Posed {
+    Ok(PosedCamera {
         camera,
         poses: record.frames.iter().map(|frame| Some(frame.pose)).collect(),
         points,
@@ -359,13 +359,13 @@ fn registered(
     objects: &BTreeMap<String, BTreeMap<String, PathBuf>>,
     [width, height]: [usize; 2],
     focal: Option<f64>,
-) -> Result<Posed, CurateError> {
+) -> Result<PosedCamera, CurateError> {
     let frames: Vec<GreyFrame> = images
         .par_iter()
         .map(|image| grey_frame(image, objects, [width, height]))
         .collect::<Result<_, CurateError>>()?;
     let found = turns::registered(&frames, [width, height], focal);
-    Ok(Posed {
+    Ok(PosedCamera {
         camera: found.camera,
         poses: found.poses,
         points: PointCloud::default(),

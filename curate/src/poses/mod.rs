@@ -37,7 +37,7 @@ use std::{
 use omnilife_schemas::{
     Pose,
     layout::{POINTS_FILE, SCENE_FILE, SEQUENCE_FILE},
-    ownership::Standing,
+    ownership::NameState,
     points::PointCloud,
     progress::Progress,
     records::{PoseConvention, PoseSource, PoseValidation, Scale, Scene, SceneFrame, Sequence},
@@ -220,7 +220,7 @@ fn put_in_place(
     own.remove(|file| !referred.contains(&file.to_owned()))?;
     // A mask of earlier poses that is given for these, at its place, is still ours.
     for file in referred {
-        if !out.has(file) && own.standing(file)? == Standing::Ours {
+        if !out.has(file) && own.standing(file)? == NameState::Ours {
             out.add(file);
         }
     }

@@ -10,7 +10,7 @@ use omnilife_schemas::{
 };
 
 use super::{
-    Asked, TrackRequest,
+    TrackInputs, TrackRequest,
     distance::{DistanceMethod, has_estimates},
 };
 use crate::error::TracksError;
@@ -42,7 +42,7 @@ pub fn plan_tracks(
     progress: &dyn Progress,
 ) -> Result<TracksPlan, TracksError> {
     let begun = Instant::now();
-    let asked = Asked::read(request)?;
+    let asked = TrackInputs::read(request)?;
     let is_known = asked.stage(request)?.is_done();
     let tracks = if is_known {
         store::read_record(&asked.record(request))?
@@ -62,7 +62,11 @@ pub fn plan_tracks(
     })
 }
 
-fn decisions(request: &TrackRequest, asked: &Asked, tracks: &Tracks) -> Vec<ComponentDecision> {
+fn decisions(
+    request: &TrackRequest,
+    asked: &TrackInputs,
+    tracks: &Tracks,
+) -> Vec<ComponentDecision> {
     let decide = |component: &str, used: bool, reason: String| ComponentDecision {
         component: component.to_owned(),
         used,

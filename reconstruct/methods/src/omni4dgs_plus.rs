@@ -9,7 +9,7 @@
 use omnilife_engine::model::dynamic_settings::TemporalSmoothing;
 
 use crate::{
-    dynamic::{self, Beginning, TEMPORAL_MOTION, TEMPORAL_OPACITY, TEMPORAL_SMOOTHING},
+    dynamic::{self, FirstGaussians, TEMPORAL_MOTION, TEMPORAL_OPACITY, TEMPORAL_SMOOTHING},
     omni4dgs::{
         self, DYNAMIC_MASK, MOTION_REGULARIZATION, VELOCITY_DECOMPOSITION, VELOCITY_REGULARIZATION,
         constants,
@@ -189,7 +189,7 @@ fn prepare(
     });
     let lifespan = omni4dgs::first_lifespan(&clock, &dynamics);
     draft.settings.dynamics = Some(dynamics);
-    let beginning = Beginning::of(&mut draft, &clock, lifespan);
+    let beginning = FirstGaussians::of(&mut draft, &clock, lifespan);
     dynamic::prepared(draft, &beginning)
 }
 

@@ -13,7 +13,7 @@ use omnilife_schemas::{
         cube::{CUBE_FACES, face_camera, side_of_equal_resolution},
     },
     layout::CAMERAS_FILE,
-    ownership::{OwnFile, Standing},
+    ownership::{NameState, OwnFile},
     progress::Progress,
     records::{WordedView, WordedViews},
     stage::StagePlan,
@@ -24,7 +24,7 @@ use omnilife_engine::camera::{Camera, View};
 
 use super::{
     camera_path::{CameraPath, PlacedFrame},
-    camera_words::{CameraPlaces, CameraWords, Surroundings, of_poses},
+    camera_words::{CameraPlaces, CameraWords, SceneContext, of_poses},
     cube_faces,
     layer_image::{self, LayerImage},
     unseen::{self, InputViews},
@@ -190,7 +190,7 @@ pub fn render_poses(
         // Images of earlier renderings stay, and stay this stage's own; a record of other cameras does not.
         let own = stage.own_files();
         for OwnFile { file, .. } in own.files() {
-            if out.has(&file) || own.standing(&file)? != Standing::Ours {
+            if out.has(&file) || own.standing(&file)? != NameState::Ours {
                 continue;
             }
             if file == CAMERAS_FILE {
@@ -216,7 +216,7 @@ fn worded(
     let given = path.input_views(&request.poses, split)?;
     let points = path.points(&request.poses, split)?;
     let seconds: Vec<f64> = path.frames.iter().map(|&(time, _)| time).collect();
-    let surroundings = Surroundings {
+    let surroundings = SceneContext {
         file: &request.poses,
         seconds: &seconds,
         posed,

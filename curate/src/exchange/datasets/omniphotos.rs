@@ -118,7 +118,7 @@ fn expect_panoramas(path: &Path) -> Result<(), StoreError> {
 }
 
 /// An image of the trajectory.
-struct Posed<'a> {
+struct TrajectoryImage<'a> {
     /// Name in `Input`.
     name: &'a str,
     pose: Pose,
@@ -128,7 +128,7 @@ struct Posed<'a> {
 ///
 /// # Errors
 /// Names the malformed part of the line.
-fn posed(line: &str) -> Result<Option<Posed<'_>>, String> {
+fn posed(line: &str) -> Result<Option<TrajectoryImage<'_>>, String> {
     if line.starts_with('#') || line.trim().is_empty() {
         return Ok(None);
     }
@@ -160,7 +160,7 @@ fn posed(line: &str) -> Result<Option<Posed<'_>>, String> {
             "has a quaternion of length {length}, expected one of length 1"
         ));
     }
-    Ok(Some(Posed {
+    Ok(Some(TrajectoryImage {
         name: name.split_once('/').map_or(*name, |(_, below)| below),
         pose: Pose::new(turn.normalize(), DVec3::new(x, y, z)),
     }))
@@ -177,7 +177,7 @@ fn import(folder: &Path) -> Result<ForeignScene, CurateError> {
         let malformed = |reason: String| {
             StoreError::malformed(&files.trajectory, format!("line {number} {reason}"))
         };
-        let Some(Posed { name, pose }) = posed(line).map_err(malformed)? else {
+        let Some(TrajectoryImage { name, pose }) = posed(line).map_err(malformed)? else {
             continue;
         };
         if !names.insert(name) {

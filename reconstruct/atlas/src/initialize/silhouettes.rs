@@ -144,7 +144,7 @@ pub(super) fn on_plane(clip: &Clip, seen: &Silhouette, axes: &DMat3, depth: f64)
 pub(super) fn middle(clip: &Clip, seen: &Silhouette, depth: f64) -> RigidPose {
     let axes = plane_axes(&clip.camera, seen.direction);
     let local = axes.transpose() * seen.direction;
-    let at = Similar {
+    let at = SilhouettePose {
         turn: 0.0,
         shift: local.truncate() / local.z,
     };
@@ -153,14 +153,14 @@ pub(super) fn middle(clip: &Clip, seen: &Silhouette, depth: f64) -> RigidPose {
 
 /// Turn and position of an object on the tangent plane of a silhouette.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Similar {
+pub(super) struct SilhouettePose {
     /// Rotation about the plane's normal, radians.
     pub(super) turn: f64,
     /// Position of its middle, one unit from the camera.
     pub(super) shift: DVec2,
 }
 
-impl Similar {
+impl SilhouettePose {
     /// Returns the pose of its plane, `depth` away along the normal.
     pub(super) fn pose(&self, clip: &Clip, seen: &Silhouette, depth: f64) -> RigidPose {
         let frame = &clip.frames[seen.frame];
@@ -267,14 +267,14 @@ impl Shape {
         object: usize,
         seen: &Silhouette,
         [depth, turn]: [f64; 2],
-    ) -> Option<(f64, Similar)> {
+    ) -> Option<(f64, SilhouettePose)> {
         let axes = plane_axes(&clip.camera, seen.direction);
         let local = axes.transpose() * seen.direction;
         let middle = local.truncate() / local.z;
         let size = seen.area.sqrt();
         // Shift over the mask's size, logarithm of depth, turn.
         let place = |at: [f64; 4]| {
-            let similar = Similar {
+            let similar = SilhouettePose {
                 turn: turn + at[3],
                 shift: middle + size * DVec2::new(at[0], at[1]),
             };

@@ -22,7 +22,7 @@ use omnilife_engine::{
 };
 use omnilife_schemas::{records::InvalidGaussians, store::StoreError};
 
-use super::{exchange::Gathered, validity::FileGaussian};
+use super::{exchange::FileRows, validity::FileGaussian};
 use crate::{error::ReconstructError, seeds::points::morton_code};
 
 /// Gaussians of a chunk.
@@ -399,7 +399,7 @@ pub(super) fn read(
 ) -> Result<ParameterTable, ReconstructError> {
     let malformed = |reason: String| StoreError::malformed(path, reason);
     let arrays = Arrays::find(bytes).map_err(malformed)?;
-    let mut gathered = Gathered::new(path, arrays.len, arrays.degree, invalid)?;
+    let mut gathered = FileRows::new(path, arrays.len, arrays.degree, invalid)?;
     let rest = sh_rest_count(arrays.degree);
     let rows = arrays
         .words

@@ -16,7 +16,7 @@ use crate::{
     evidence::SceneEvidence,
     learner::{Learner, gaussians::GaussianLearner},
     method::{
-        group::{Group, Interpolated},
+        group::{Group, GroupOutput},
         requirement::Requirement,
     },
     models::ModelFormat,
@@ -120,7 +120,7 @@ pub type PrepareMethod = for<'a> fn(
 ) -> Result<Prepared<'a>, ReconstructError>;
 
 /// Makes the novel views of a group from its two input views.
-pub type InterpolateGroup = fn(&Group) -> Result<Interpolated, ReconstructError>;
+pub type InterpolateGroup = fn(&Group) -> Result<GroupOutput, ReconstructError>;
 
 /// A method with a name.
 #[derive(Debug, Clone, Copy)]
