@@ -150,7 +150,7 @@ pub(crate) struct TruthArguments {
     /// where they are; may be repeated.
     #[arg(long = "class", value_name = "NAME=FOLDER", value_parser = parse_class)]
     pub(crate) classes: Vec<(String, PathBuf)>,
-    /// Folder of estimated distances (of a network, a sensor), for methods that start from them: 16-bit
+    /// Folder of depth priors (of a network, a sensor), for methods that start from them: 16-bit
     /// grey PNG or .npy files named like the frames, at any size, 0 where the distance is not known.
     #[arg(
         long,

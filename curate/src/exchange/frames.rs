@@ -18,7 +18,7 @@
 //! mask/                         white for moving content
 //! ignore/                       white outside of the scene
 //! classes/human/                white for objects of a class
-//! depth/, depth-prior/          true and estimated distances
+//! depth/, depth-prior/          true distances and depth priors
 //! ```
 //!
 //! If `scene.json` exists, it alone assigns files to frames; different poses or times beside it, and files that it does

@@ -28,7 +28,7 @@ const TAGS: u64 = 5;
 pub(super) struct Records {
     /// Folder relative to the dataset; `.` for the dataset's own.
     pub(super) folder: String,
-    /// The same as a path.
+    /// Path of the same folder.
     pub(super) path: PathBuf,
     pub(super) sequence: Option<Sequence>,
     pub(super) scene: Option<Scene>,
@@ -296,7 +296,7 @@ impl Records {
         PartFinding::of(count, TAGS)
     }
 
-    /// Counts the frames of the scene; without a scene there are none of all frames.
+    /// Counts the frames of the scene: 0 of all frames without a scene.
     fn of_frames(&self, has: impl Fn(&SceneFrame) -> bool) -> PartFinding {
         let frames = self.scene.iter().flat_map(|scene| &scene.frames);
         let count = frames.filter(|frame| has(frame)).count() as u64;
@@ -310,7 +310,7 @@ struct PartFinding {
     count: u64,
     of: u64,
     note: String,
-    /// True where no command would add to it.
+    /// True where no command would add anything.
     is_final: bool,
 }
 

@@ -56,7 +56,7 @@ impl FromStr for FrameCommand {
     }
 }
 
-/// A program that masks what moves in the frames of a sequence.
+/// Program that masks the dynamic regions in the frames of a sequence.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct MaskProgram {
     /// The program.

@@ -2,7 +2,7 @@
 //!
 //! [`pose_sequence`] turns `sequence.json` into `scene.json`, with further files for known data. These are
 //! `points.ply`, `masks/` of moving content, `ignore/` of pixels outside the scene, `depth/` of distances, `classes/`
-//! of masks of classes, and `depth-prior/` of estimated distances.
+//! of masks of classes, and `depth-prior/` of depth priors.
 
 mod attach;
 pub mod colmap;

@@ -1,4 +1,4 @@
-//! Estimated distances of a sequence's frames: from a network, a sensor, another program.
+//! Depth priors of a sequence's frames: from a network, a sensor, another program.
 //!
 //! They are given to methods, never scored against ([`super::truth`] holds true ones).
 

@@ -45,7 +45,7 @@ pub struct GivenTruth {
     pub depth: Option<GivenDepth>,
     /// Folder of masks by the name of the class: white for its objects.
     pub classes: BTreeMap<String, PathBuf>,
-    /// Estimated distances, which methods may use and no score does.
+    /// Depth priors, which methods may use and no score does.
     pub prior: Option<GivenPrior>,
     /// Known size of the world, if the poses do not give it.
     pub scale: Option<GroundScale>,
@@ -150,7 +150,7 @@ impl TruthFiles {
         self.masks = Some(files);
     }
 
-    /// Adds estimated distances.
+    /// Adds depth priors.
     pub(super) fn set_prior(&mut self, prior: PriorFiles) {
         self.prior = Some(prior);
     }

@@ -1,4 +1,4 @@
-//! Estimated distances of frames: brought in on the project's grid, refused in one line.
+//! Depth priors of frames: brought in on the project's grid, refused in one line.
 
 use std::{
     fs,

@@ -114,7 +114,7 @@ impl GroundUse {
     }
 }
 
-/// Returns true if any used frame has estimated distances.
+/// Returns true if any used frame has a depth prior.
 pub(super) fn has_estimates(scene: &Scene, views: &[PosedView]) -> bool {
     let prior = |view: &PosedView| scene.frames.get(view.frame as usize)?.depth_prior.as_ref();
     views.iter().any(|view| prior(view).is_some())

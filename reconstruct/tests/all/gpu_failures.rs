@@ -125,7 +125,7 @@ fn run(
     train::train(scene, learner, LoopSettings::from(&settings()), &session)
 }
 
-/// Starts a training on a device, which goes on from the folder's checkpoint.
+/// Starts a training on a device, which resumes from the folder's checkpoint.
 fn start(
     gpu: &Arc<Gpu>,
     scene: &TrainingScene,

@@ -37,7 +37,7 @@ const IMAGE_FILE: &str = "image.png";
 const GAP_SECONDS: f64 = 1.0;
 /// Number of pairs, spread over the sequence.
 const MOST_PAIRS: usize = 24;
-/// Least number of pairs for a verdict.
+/// Minimum number of pairs for a finding.
 const LEAST_PAIRS: usize = 4;
 /// Evidence from which a region is entered, and from which a person is asked: grey levels of 255 times steradians. An
 /// operator with a helmet has 3; of rendered scenes without an operator the strongest region has 0.6.

@@ -11,19 +11,19 @@ use rayon::prelude::*;
 use super::{pixel_at, seen_at};
 use crate::clip::{Clip, camera_direction, pixel_centre};
 
-/// Samples of a silhouette that is laid over another.
+/// Number of samples of a silhouette that is laid over another.
 const SAMPLES: usize = 2_000;
 /// First steps of its search, as a share of the root of its area; they are halved to a fraction of a pixel.
 const FIRST_STEP: f64 = 0.25;
 const LAST_STEP_PIXELS: f64 = 0.2;
-/// Steps of one length.
+/// Maximum number of steps of one length.
 const STEPS: usize = 24;
 /// Cost, in intersection over union, of a squared change of the logarithm of depth or of a squared turn.
 const CHANGE_COST: f64 = 0.2;
 /// Minimum visible share of a silhouette that gives the position of the whole.
 const LEAST_SHARE: f64 = 0.2;
 
-/// The mask of one frame.
+/// Mask of an object in one frame.
 #[derive(Debug, Clone)]
 pub struct Silhouette {
     pub(super) frame: usize,
@@ -375,7 +375,7 @@ pub(super) struct Fit {
     pub(super) reached: f64,
 }
 
-/// Returns true if a pixel is drawn for a share of all. A hash decides: regular steps in a row would be stripes.
+/// Returns true if a pixel belongs to a sample of a share of all. A hash decides: regular steps would make stripes.
 fn is_drawn(pixel: usize, share: f64) -> bool {
     // Knuth's multiplicative hash, 2^32 over the golden ratio.
     let hash = (pixel as u32).wrapping_mul(2_654_435_761);

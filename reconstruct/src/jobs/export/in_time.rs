@@ -1,4 +1,4 @@
-//! Exports in time: one file of closed forms with a page that plays it, or a file at each frame's time.
+//! Exports of dynamic scenes: one file of closed forms with a page that plays it, or a file at each frame's time.
 
 use glam::{DQuat, DVec3};
 use omnilife_engine::{
@@ -90,8 +90,8 @@ impl TimeExport {
 /// Exports Gaussians in time as an asset.
 ///
 /// # Errors
-/// When an option is of other formats, or the Gaussians cannot be read. When they have no closed form, or do not
-/// move. When a file cannot be written or belongs to someone else.
+/// When an option belongs to another format, or the Gaussians cannot be read, have no closed form or do not move. When
+/// a file cannot be written or belongs to someone else.
 pub(super) fn export(
     request: &ExportRequest,
     kind: TimeExport,

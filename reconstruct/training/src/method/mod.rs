@@ -185,7 +185,7 @@ impl Method {
         self.requires.contains(&requirement)
     }
 
-    /// Returns true if a request lets it have a component that learns from masks of moving content.
+    /// Returns true if a request lets it have a component that trains on masks of moving content.
     pub fn uses_masks(&self, request: &MethodRequest) -> bool {
         components::FED_BY_MASKS.iter().any(|component| {
             self.components.contains(component) && request.allows(component)
