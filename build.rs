@@ -10,7 +10,7 @@ use std::{
     process::Command,
 };
 
-/// Where a change makes another program, below the root of the workspace.
+/// Sources of the program, below the root of the workspace: a change in one of them makes another program.
 const SOURCES: [&str; 21] = [
     "Cargo.toml",
     "Cargo.lock",

@@ -14,13 +14,13 @@ use std::{
 use omnilife_schemas::{error_kind::last_file, plain_text::for_terminal};
 
 /// Allocator of the system that ends the process where no memory is left.
-struct OrEnd;
+struct EndingAllocator;
 
 #[global_allocator]
-static ALLOCATOR: OrEnd = OrEnd;
+static ALLOCATOR: EndingAllocator = EndingAllocator;
 
 // SAFETY: every call is passed unchanged to the system's allocator, and every returned pointer is that allocator's.
-unsafe impl GlobalAlloc for OrEnd {
+unsafe impl GlobalAlloc for EndingAllocator {
     unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
         // SAFETY: the caller keeps the contract.
         or_end(unsafe { System.alloc(layout) }, layout.size())

@@ -36,7 +36,7 @@ def array(path):
     (length,) = struct.unpack("<H", data[8:10])
     header = ast.literal_eval(data[10 : 10 + length].decode("latin1"))
     if data[:8] != b"\x93NUMPY\x01\x00" or header["descr"] != "<f4" or header["fortran_order"]:
-        raise SystemExit(f"{path}: is no array of ours")
+        raise SystemExit(f"{path}: must be an array of ours")
     return [value for (value,) in struct.iter_unpack("<f", data[10 + length :])]
 
 

@@ -11,7 +11,7 @@ def read(path):
     head, _, body = data.partition(b"end_header\n")
     lines = head.decode("ascii").splitlines()
     if lines[:2] != ["ply", "format binary_little_endian 1.0"]:
-        raise SystemExit(f"{path}: is no binary little-endian PLY")
+        raise SystemExit(f"{path}: must be a binary little-endian PLY")
     count = next(int(line.split()[2]) for line in lines if line.startswith("element vertex"))
     columns = [line.split()[1:] for line in lines if line.startswith("property")]
     row = struct.Struct("<" + "".join(CODES[kind] for kind, _ in columns))

@@ -42,12 +42,12 @@ pub struct Adapter {
     /// Form of the views that the method leaves, and their way back to the scene's frames.
     pub views: &'static str,
     /// Experience with it.
-    pub tried: Tried,
+    pub tried: AdapterTrial,
 }
 
 /// Experience with an adapter.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Tried {
+pub enum AdapterTrial {
     /// Never run; the user completes its data set or configuration.
     ByHand,
     /// Never run against the authors' code; tests run it against a stand-in of their loader.
@@ -56,7 +56,7 @@ pub enum Tried {
     AuthorsCode(&'static str),
 }
 
-impl Tried {
+impl AdapterTrial {
     /// Returns the answer to "run against the authors' code?".
     pub fn describe(self) -> String {
         match self {
@@ -134,8 +134,8 @@ mod tests {
                 .collect();
             let written = ["Data:", "Resolution:", "Loader:", "Lost:"];
             let conventions = match adapter.tried {
-                Tried::ByHand => &written[..2],
-                Tried::StandIn | Tried::AuthorsCode(_) => &written[..],
+                AdapterTrial::ByHand => &written[..2],
+                AdapterTrial::StandIn | AdapterTrial::AuthorsCode(_) => &written[..],
             };
             for convention in conventions {
                 assert!(head.contains(*convention), "{}: {convention}", adapter.id);

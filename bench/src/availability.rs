@@ -58,7 +58,7 @@ pub(crate) fn why_not(
                 "the depth of the scene is not known".to_owned()
             }
             Need::Depth if !depth_is_predicted => {
-                "no depth was predicted: there is no folder depth/ among the predictions".to_owned()
+                "no depth was predicted: the predictions have no folder depth/".to_owned()
             }
             // Depends on the single view: the first one has none before it.
             Need::Depth | Need::PreviousView => continue,

@@ -154,7 +154,7 @@ fn ignoring_views(outcomes: &[ViewOutcome]) -> Vec<String> {
         return Vec::new();
     }
     vec![format!(
-        "{count} of {} scored views have pixels that are no part of the scene; no score counts them",
+        "{count} of {} scored views have ignored pixels, which no score counts",
         outcomes.len()
     )]
 }

@@ -28,7 +28,7 @@ pub struct ValidationReport {
     /// All faults: likely mistakes of convention first, then files in the order of the views, stray files last. For a
     /// failed run only the failure: none of its views is read.
     pub findings: Vec<Finding>,
-    /// Facts that are no fault of the predictions, one line each: copies of given views, frames of the data that are
+    /// Facts that are no faults of the predictions, one line each: copies of given views, frames of the data that are
     /// given and held out.
     pub notes: Vec<String>,
 }
@@ -170,7 +170,7 @@ fn finding(view: View, reason: String) -> Finding {
 }
 
 /// Returns predictions that repeat an earlier one although the ground truth does not. Copies of an input view among
-/// novel ones are no fault: baselines predict them.
+/// novel ones make no fault: baselines predict them.
 fn repetitions(job: &ScoringJob, checked: &[Checked]) -> Vec<Finding> {
     let mut first: BTreeMap<&str, (&View, &str)> = BTreeMap::new();
     let mut repeated = Vec::new();

@@ -25,7 +25,7 @@ pub struct VideoConsistency {
     pub temporal_lpips: f64,
     /// Standard deviation over the pairs; `None` with a single one.
     pub standard_deviation: Option<f64>,
-    /// Names beside the frames that are no PNG images.
+    /// Names beside the frames that are not PNG images.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub left_out: Vec<String>,
 }

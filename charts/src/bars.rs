@@ -45,10 +45,10 @@ pub fn bars(title: &str, about: &str, empty: &str, bars: &[Bar]) -> Result<Strin
     let height = TITLE_HEIGHT + rows * ROW_HEIGHT + MARGIN;
     svg((WIDTH, height as u32), |canvas| {
         canvas.fill(&PAPER)?;
-        write(canvas, title, (MARGIN, 22), Look::Title)?;
-        write(canvas, about, (MARGIN, 42), Look::Faint)?;
+        write(canvas, title, (MARGIN, 22), BarStyle::Title)?;
+        write(canvas, about, (MARGIN, 42), BarStyle::Faint)?;
         if bars.is_empty() {
-            write(canvas, empty, (MARGIN, TITLE_HEIGHT + 15), Look::Faint)?;
+            write(canvas, empty, (MARGIN, TITLE_HEIGHT + 15), BarStyle::Faint)?;
         }
         let left = MARGIN + LABEL_WIDTH;
         let longest = WIDTH as i32 - left - VALUE_WIDTH;
@@ -64,12 +64,12 @@ pub fn bars(title: &str, about: &str, empty: &str, bars: &[Bar]) -> Result<Strin
                 [(left, top), (left + length, bottom)],
                 filled(BAR),
             ))?;
-            write(canvas, &bar.label, (left - 10, middle), Look::Label)?;
+            write(canvas, &bar.label, (left - 10, middle), BarStyle::Label)?;
             write(
                 canvas,
                 &bar.value,
                 (left + longest + 10, middle),
-                Look::Plain,
+                BarStyle::Plain,
             )?;
         }
         Ok(())
@@ -81,7 +81,7 @@ fn filled(colour: RGBColor) -> ShapeStyle {
 }
 
 #[derive(Clone, Copy)]
-enum Look {
+enum BarStyle {
     Title,
     Plain,
     Faint,
@@ -93,13 +93,13 @@ fn write(
     canvas: &Area<'_>,
     text: &str,
     position: (i32, i32),
-    look: Look,
+    look: BarStyle,
 ) -> Result<(), DrawingError> {
     let (size, style, colour, side) = match look {
-        Look::Title => (17, FontStyle::Bold, INK, HPos::Left),
-        Look::Plain => (13, FontStyle::Normal, INK, HPos::Left),
-        Look::Faint => (13, FontStyle::Normal, FAINT_INK, HPos::Left),
-        Look::Label => (13, FontStyle::Normal, INK, HPos::Right),
+        BarStyle::Title => (17, FontStyle::Bold, INK, HPos::Left),
+        BarStyle::Plain => (13, FontStyle::Normal, INK, HPos::Left),
+        BarStyle::Faint => (13, FontStyle::Normal, FAINT_INK, HPos::Left),
+        BarStyle::Label => (13, FontStyle::Normal, INK, HPos::Right),
     };
     let style = (FontFamily::SansSerif, size, style)
         .into_text_style(canvas)

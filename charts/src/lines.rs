@@ -116,7 +116,9 @@ fn draw(
     body: impl FnOnce(&mut ChartBuilder<'_, '_, SVGBackend<'_>>) -> Result<(), DrawingError>,
 ) -> Result<String, ChartError> {
     if series.iter().all(|series| series.points.is_empty()) {
-        return Err(ChartError("there is nothing to draw".to_owned()));
+        return Err(ChartError(
+            "a plot must have something to draw, got no values".to_owned(),
+        ));
     }
     svg(SIZE, |area| {
         area.fill(&WHITE)?;

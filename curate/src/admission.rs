@@ -143,8 +143,8 @@ pub(crate) fn effective_projection(
     ))
 }
 
-/// Returns true if a video that is no ERP as a whole may mix spheres with shots of another kind. Halves of one scene
-/// are no mixture; overlays were searched for only if some frames are spheres.
+/// Returns true if a video that is not ERP as a whole may mix spheres with shots of another kind. Halves of one scene
+/// are not a mixture; overlays were searched for only if some frames are spheres.
 fn may_be_mixed(analysis: &VideoAnalysis) -> bool {
     let found = &analysis.projection;
     let is_stereo = found

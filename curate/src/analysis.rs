@@ -87,7 +87,7 @@ impl SphereImages {
 /// of the video and its boundaries are judged from the frames as stored.
 ///
 /// # Errors
-/// [`CurateError::Video`] when the file is no video, has no frames, or breaks off early.
+/// [`CurateError::Video`] when the file is not a video, has no frames, or breaks off early.
 pub fn analyse(
     video: &Path,
     detector: &Detector,

@@ -173,7 +173,7 @@ pub struct Selection {
 }
 
 /// A file that shows the frame of a time.
-struct Wanted {
+struct FrameRequest {
     time_seconds: f64,
     path: PathBuf,
     /// Width and height in pixels.
@@ -181,7 +181,10 @@ struct Wanted {
 }
 
 /// Returns the files of all selections in order of time, and creates their folders.
-fn wanted_files(selections: &[Selection], size: (u32, u32)) -> Result<Vec<Wanted>, CurateError> {
+fn wanted_files(
+    selections: &[Selection],
+    size: (u32, u32),
+) -> Result<Vec<FrameRequest>, CurateError> {
     let small = size.0.min(MOTION_WIDTH_PIXELS) & !1;
     let mut wanted = Vec::new();
     for Selection {
@@ -197,7 +200,7 @@ fn wanted_files(selections: &[Selection], size: (u32, u32)) -> Result<Vec<Wanted
         let mut add = |times: &[f64], name: fn(usize) -> String, size| {
             wanted.extend(times.iter().enumerate().map(|(index, &time_seconds)| {
                 let path = folder.join(name(index));
-                Wanted {
+                FrameRequest {
                     time_seconds,
                     path,
                     size,
@@ -232,7 +235,7 @@ pub fn extract(
     progress.begin("extracting frames", Some(wanted.len() as u64));
     let outcome: Result<(), CurateError> = (|| {
         let mut due = wanted.iter().peekable();
-        while let Some(&&Wanted { time_seconds, .. }) = due.peek() {
+        while let Some(&&FrameRequest { time_seconds, .. }) = due.peek() {
             let lost = || {
                 CurateError::video(
                     video,
@@ -252,8 +255,9 @@ pub fn extract(
                 Some(to_erp) => to_erp.convert(&image, size.0 as usize),
                 None => image,
             };
-            let is_shown =
-                |wanted: &&Wanted| wanted.time_seconds <= frame.time_seconds + SAME_INSTANT_SECONDS;
+            let is_shown = |wanted: &&FrameRequest| {
+                wanted.time_seconds <= frame.time_seconds + SAME_INSTANT_SECONDS
+            };
             while let Some(wanted) = due.next_if(is_shown) {
                 write_frame(&wanted.path, &image, wanted.size)?;
                 progress.advance(1);

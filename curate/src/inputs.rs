@@ -194,7 +194,7 @@ fn name(path: &Path) -> String {
     name.to_string_lossy().into_owned()
 }
 
-/// Returns true for a visible folder that is no link; links may lead round in a circle.
+/// Returns true for a visible folder that is not a link; links may lead round in a circle.
 fn is_real_folder(path: &Path) -> bool {
     path.is_dir() && !path.is_symlink() && !name(path).starts_with('.')
 }

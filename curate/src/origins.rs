@@ -119,7 +119,7 @@ impl Row {
         let date = filled(self.date);
         if let Some(date) = date.as_deref().filter(|date| !is_date(date)) {
             return Err(format!(
-                "{}: {date:?} is no date like 2026, 2026-05 or 2026-05-31",
+                "{}: the date must be like 2026, 2026-05 or 2026-05-31, got {date:?}",
                 self.file
             ));
         }

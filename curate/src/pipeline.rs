@@ -37,7 +37,7 @@ use crate::{
 /// a note, while the video and the settings it depends on are unchanged.
 ///
 /// # Errors
-/// [`CurateError::Video`] for a file that is no sound video, [`CurateError::Rejected`] for one that the criteria (if
+/// [`CurateError::Video`] for a file that is not a sound video, [`CurateError::Rejected`] for one that the criteria (if
 /// enforced) or the ERP projection exclude, [`CurateError::Input`] for invalid settings and for a folder that holds
 /// another video, [`CurateError::Store`] when files cannot be written.
 pub fn curate_video(

@@ -11,7 +11,7 @@ use std::path::Path;
 use omnilife_schemas::{
     elapsed::Stopwatch,
     layout::{BOUNDARIES_FILE, FRAMES_FOLDER, MOTION_FOLDER, SEQUENCE_FILE, sequence_name},
-    ownership::Standing,
+    ownership::NameState,
     plain_text::counted,
     progress::Progress,
     records::{
@@ -24,7 +24,7 @@ use omnilife_schemas::{
 };
 use omnilife_video::Orientation;
 
-use self::planned::Planned;
+use self::planned::PlannedSequence;
 use crate::{
     boundaries::{Detector, Signals},
     criteria,
@@ -64,7 +64,7 @@ impl Sequencing<'_> {
         self.write_boundaries(progress)?;
         self.refuse_none_left()?;
         let planned = self.planned()?;
-        let (done, missing): (Vec<&Planned>, Vec<&Planned>) =
+        let (done, missing): (Vec<&PlannedSequence>, Vec<&PlannedSequence>) =
             planned.iter().partition(|sequence| {
                 self.plan(sequence, &self.folder.join(&sequence.name))
                     .is_done()
@@ -103,7 +103,7 @@ impl Sequencing<'_> {
         let shots = &self.list.shots;
         for shot in &shots.rejected {
             progress.note(&format!(
-                "{}: {:.3} to {:.3} s is no sequence: it {} ({}, {})",
+                "{}: {:.3} to {:.3} s makes no sequence: it {} ({}, {})",
                 self.video.display(),
                 shot.range.begin_seconds,
                 shot.range.end_seconds,
@@ -208,8 +208,8 @@ impl Sequencing<'_> {
     }
 
     /// Lists everything that the frames of a sequence depend on, for its folder or for one that becomes it. Frames for
-    /// the measurement of motion are no part of it: sequences from before there were any stay as they are.
-    fn plan(&self, sequence: &Planned, folder: &Path) -> StagePlan {
+    /// the measurement of motion are not part of it: sequences from before there were any stay as they are.
+    fn plan(&self, sequence: &PlannedSequence, folder: &Path) -> StagePlan {
         let plan = StagePlan::new(folder, STAGE)
             .with_hash("video", self.analysis.source.sha256.clone())
             .with_settings("timestamps in seconds", &sequence.times)
@@ -222,7 +222,11 @@ impl Sequencing<'_> {
     }
 
     /// Extracts the frames of some sequences in one decode and puts them in place.
-    fn extract(&self, missing: &[&Planned], progress: &dyn Progress) -> Result<(), CurateError> {
+    fn extract(
+        &self,
+        missing: &[&PlannedSequence],
+        progress: &dyn Progress,
+    ) -> Result<(), CurateError> {
         let started = Stopwatch::with_children();
         let staging = Staging::new(self.folder, "sequences")?;
         let selections: Vec<Selection> = missing
@@ -261,7 +265,7 @@ impl Sequencing<'_> {
     }
 
     /// Returns the record of a sequence whose files are in `folder`.
-    fn record(&self, sequence: &Planned, folder: &Path) -> Sequence {
+    fn record(&self, sequence: &PlannedSequence, folder: &Path) -> Sequence {
         let probe = &self.analysis.probe;
         let entries = |times: &[f64], name: fn(usize) -> String| -> Vec<FrameEntry> {
             let entry = |(index, &time_seconds): (usize, &f64)| FrameEntry {
@@ -386,7 +390,7 @@ fn all_are_ours(folder: &Path, frames_folder: &str) -> Result<bool, CurateError>
     for name in store::names_in(&folder.join(frames_folder))? {
         if !matches!(
             own.standing(&format!("{frames_folder}/{name}")),
-            Ok(Standing::Ours)
+            Ok(NameState::Ours)
         ) {
             return Ok(false);
         }

@@ -122,9 +122,9 @@ impl CurateSettings {
             Sampling::FramesPerSecond(rate) => rate.is_finite() && rate > 0.0,
         };
         let reason = if !sampling_is_positive {
-            "frames are sampled by a positive number"
+            "the number or rate of sampled frames must be positive"
         } else if !self.minimum_shot_seconds.is_finite() || self.minimum_shot_seconds < 0.0 {
-            "the minimum shot length is not a number of seconds from 0 on"
+            "the minimum shot length must be at least 0 seconds"
         } else if self
             .accept
             .is_some_and(|projection| !projection.is_monoscopic_erp() && !is_pinhole(projection))

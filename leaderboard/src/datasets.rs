@@ -19,7 +19,7 @@ use serde::Deserialize;
 use crate::{
     error::LeaderboardError,
     render,
-    table::{Cell, Column, Holds, PublishedBlock, Row, Table},
+    table::{Cell, Column, ColumnContent, PublishedBlock, Row, Table},
 };
 
 const FILE: &str = "datasets.json";
@@ -54,7 +54,7 @@ pub enum DatasetsFormat {
 /// Published datasets with their source.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
-struct Published {
+struct PublishedDatasets {
     source: String,
     notes: Vec<String>,
     rows: Vec<Facts>,
@@ -109,7 +109,7 @@ impl Facts {
 pub fn datasets(datasets: &[PathBuf], format: DatasetsFormat) -> Result<Vec<u8>, LeaderboardError> {
     let own = datasets.iter().map(|path| of_records(path));
     let own = own.collect::<Result<Vec<_>, _>>()?;
-    let published: Published =
+    let published: PublishedDatasets =
         serde_json::from_str(PUBLISHED).map_err(|error| LeaderboardError::Published {
             file: FILE,
             reason: error.to_string(),
@@ -123,12 +123,12 @@ pub fn datasets(datasets: &[PathBuf], format: DatasetsFormat) -> Result<Vec<u8>,
     Ok(text.into_bytes())
 }
 
-fn table(own: &[Facts], published: Published) -> Table {
+fn table(own: &[Facts], published: PublishedDatasets) -> Table {
     let columns = COLUMNS.map(|(name, _)| Column {
         group: None,
         name: name.to_owned(),
         direction: None,
-        holds: Holds::Other,
+        holds: ColumnContent::Other,
         missing: None,
     });
     Table {
@@ -148,7 +148,7 @@ fn table(own: &[Facts], published: Published) -> Table {
 /// Returns all rows in one table, own ones first.
 fn answer(
     own: &[Facts],
-    published: &Published,
+    published: &PublishedDatasets,
     format: AnswerFormat,
 ) -> Result<Vec<u8>, LeaderboardError> {
     let rows = || own.iter().chain(&published.rows);
@@ -196,17 +196,18 @@ fn of_records(path: &Path) -> Result<Facts, LeaderboardError> {
         if let VideoStatus::Curated { sequences: folders } = &video.status {
             let kind = (video.origin.as_ref()).and_then(|origin| origin.kind);
             for folder in folders {
-                sequences.push(Described::read(&file.with_file_name(folder))?);
+                sequences.push(AnnotatedSequence::read(&file.with_file_name(folder))?);
                 sources.push(kind.map(|kind| kind.words().to_owned()));
             }
         }
     }
     let dynamics = |of: fn(&Dynamics) -> &String| {
         let of_sequence =
-            |sequence: &Described| sequence.annotation.dynamics.as_ref().map(of).cloned();
+            |sequence: &AnnotatedSequence| sequence.annotation.dynamics.as_ref().map(of).cloned();
         counted(sequences.iter().map(of_sequence))
     };
-    let motion = |sequence: &Described| sequence.annotation.ego_motion.class().map(str::to_owned);
+    let motion =
+        |sequence: &AnnotatedSequence| sequence.annotation.ego_motion.class().map(str::to_owned);
     // The sum of nothing is -0, which prints its sign.
     let seconds: f64 = (sequences.iter())
         .map(|sequence| sequence.record.range.duration_seconds())
@@ -225,12 +226,12 @@ fn of_records(path: &Path) -> Result<Facts, LeaderboardError> {
 }
 
 /// A sequence with its annotation, an empty one without a file.
-struct Described {
+struct AnnotatedSequence {
     record: Sequence,
     annotation: Annotation,
 }
 
-impl Described {
+impl AnnotatedSequence {
     fn read(folder: &Path) -> Result<Self, StoreError> {
         let annotation = folder.join(ANNOTATION_FILE);
         Ok(Self {
@@ -269,10 +270,10 @@ fn name(file: &Path) -> String {
 }
 
 /// Returns the environment of all sequences, with the number of those whose own is unknown; `None` where all are.
-fn environment(sequences: &[Described]) -> Option<String> {
+fn environment(sequences: &[AnnotatedSequence]) -> Option<String> {
     let known: Vec<_> = sequences
         .iter()
-        .filter_map(Described::environment)
+        .filter_map(AnnotatedSequence::environment)
         .collect();
     let first = *known.first()?;
     let environment = if known.iter().all(|other| *other == first) {
@@ -287,7 +288,7 @@ fn environment(sequences: &[Described]) -> Option<String> {
 }
 
 /// Returns the size of the source videos, or the smallest and the largest one.
-fn resolution(sequences: &[Described]) -> Option<String> {
+fn resolution(sequences: &[AnnotatedSequence]) -> Option<String> {
     let sizes = || (sequences.iter()).map(|sequence| sequence.record.probe.upright_size());
     let area = |&(width, height): &(u32, u32)| u64::from(width) * u64::from(height);
     let (least, most) = (sizes().min_by_key(area)?, sizes().max_by_key(area)?);

@@ -16,7 +16,7 @@ use crate::{
     group, layouts,
     outputs::Outputs,
     published, questions, readme,
-    site::{self, SiteRequest, Surroundings},
+    site::{self, SiteFiles, SiteRequest},
     table::Table,
     tables::{self, CSV_FILE, MARKDOWN_FILE},
 };
@@ -103,7 +103,7 @@ pub fn check_leaderboard(request: &LeaderboardRequest) -> Result<(), Leaderboard
     }
 }
 
-struct Prepared<'a> {
+struct PreparedTables<'a> {
     groups: Vec<group::Group<'a>>,
     outputs: Outputs,
     markdown: String,
@@ -116,7 +116,7 @@ fn prepare<'a>(
     files: &RecordFiles,
     results: &'a [(PathBuf, ResultRecord)],
     with_site: bool,
-) -> Result<Prepared<'a>, LeaderboardError> {
+) -> Result<PreparedTables<'a>, LeaderboardError> {
     let groups = group::groups(results)?;
     let papers = published::papers()?;
     let assets = layouts::assets::tables(&files.assets()?, &papers);
@@ -143,7 +143,7 @@ fn prepare<'a>(
     tables::add_assets(&mut outputs, &assets, &request.out)?;
     let facts = questions::scene_facts(request.dataset.as_deref())?;
     let notes = questions::add_tables(&mut outputs, results, &facts)?;
-    Ok(Prepared {
+    Ok(PreparedTables {
         groups,
         outputs,
         markdown: all.markdown,
@@ -170,7 +170,7 @@ fn site_of(
         .map(|file: &Path| store::read_record::<Dataset>(file))
         .transpose()?;
     let dataset = request.dataset.as_deref().zip(dataset.as_ref());
-    let surroundings = Surroundings::of(results, &request.results, &request.out, dataset)?;
+    let surroundings = SiteFiles::of(results, &request.results, &request.out, dataset)?;
     let mut outputs = Outputs::default();
     site::add(
         &mut outputs,

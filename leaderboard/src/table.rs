@@ -33,14 +33,14 @@ pub(crate) struct Column {
     pub(crate) name: String,
     /// Direction of better values, if the column has its own.
     pub(crate) direction: Option<Direction>,
-    pub(crate) holds: Holds,
+    pub(crate) holds: ColumnContent,
     /// Reason for missing values, if more is known than that they were not measured.
     pub(crate) missing: Option<String>,
 }
 
 /// Content of a column, by which published columns find their place.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub(crate) enum Holds {
+pub(crate) enum ColumnContent {
     /// A metric; the id `lpips` is the published one of unknown variant.
     Score(Quantity),
     /// A place's scores; the row states the metric.
@@ -155,12 +155,12 @@ pub(crate) struct Score {
     pub(crate) decimals: usize,
     /// 95 % interval.
     pub(crate) interval: Option<[f64; 2]>,
-    pub(crate) standing: Standing,
+    pub(crate) standing: ScoreRank,
 }
 
 /// A score's standing among its rivals.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub(crate) enum Standing {
+pub(crate) enum ScoreRank {
     Best,
     Second,
     #[default]
@@ -214,7 +214,7 @@ impl Cell {
                 value,
                 decimals: decimals(metric),
                 interval,
-                standing: Standing::Other,
+                standing: ScoreRank::Other,
             })
         })
     }
@@ -289,7 +289,7 @@ impl Column {
             group: with_kind.then(|| format::kind_title(quantity.kind)),
             name: format::metric_title(&quantity.metric),
             direction: Some(*direction),
-            holds: Holds::Score(quantity.clone()),
+            holds: ColumnContent::Score(quantity.clone()),
             missing: group
                 .why_unavailable(quantity.kind, &quantity.metric)
                 .map(str::to_owned),
@@ -301,7 +301,7 @@ impl Column {
             group: None,
             name: name.to_owned(),
             direction: None,
-            holds: Holds::Other,
+            holds: ColumnContent::Other,
             missing: None,
         }
     }
@@ -387,9 +387,9 @@ pub(crate) fn mark_standings<'a>(
         for rival in &mut rivals {
             let printed = Some(as_printed(rival));
             rival.standing = match () {
-                () if count >= 2 && printed == best => Standing::Best,
-                () if count >= 3 && printed == second => Standing::Second,
-                () => Standing::Other,
+                () if count >= 2 && printed == best => ScoreRank::Best,
+                () if count >= 3 && printed == second => ScoreRank::Second,
+                () => ScoreRank::Other,
             };
         }
     }

@@ -14,7 +14,7 @@ use crate::{
     published::Paper,
     quantity::ViewKind,
     render, results_csv,
-    table::{Holds, Table},
+    table::{ColumnContent, Table},
 };
 
 /// File name of the table of all results in Markdown.
@@ -116,7 +116,7 @@ pub(crate) fn short_table(group: &Group<'_>, all: Table) -> Table {
     );
     let has_failures = group.scene_rows.iter().any(|row| !row.numbers.complete);
     all.with_columns(|column| match &column.holds {
-        Holds::Score(quantity) => {
+        ColumnContent::Score(quantity) => {
             quantity.kind == kind && metrics.contains(&quantity.metric.as_str())
         }
         _ => column.name == "Training (s)" || (has_failures && column.name == "Failures"),

@@ -183,7 +183,7 @@ def _read_csv(path: Path) -> Table:
         reason = error.strerror if isinstance(error, OSError) else error
         raise InputError(f"{path}: cannot be read: {reason}") from error
     if not rows or any(len(row) != len(rows[0]) for row in rows):
-        raise InputError(f"{path}: is no table of rows of equal length")
+        raise InputError(f"{path}: must be a table of rows of equal length")
     columns = ([row[at] for row in rows[1:]] for at in range(len(rows[0])))
     return Table({name: _values(column) for name, column in zip(rows[0], columns)})
 

@@ -101,7 +101,9 @@ pub(crate) fn rotation_matrix(rotation_wxyz: [f64; 4]) -> PyResult<[[f64; 3]; 3]
         centre: [0.0; 3],
     };
     let rotation = pose.rotation().ok_or_else(|| {
-        Failure::of_input(format!("the quaternion {rotation_wxyz:?} is no rotation"))
+        Failure::of_input(format!(
+            "the quaternion must be a rotation, got {rotation_wxyz:?}"
+        ))
     })?;
     Ok(DMat3::from_quat(rotation).transpose().to_cols_array_2d())
 }

@@ -36,7 +36,7 @@ pub(crate) enum Outcome {
 /// as f32.
 #[derive(FromPyObject)]
 #[pyo3(from_item_all)]
-pub(crate) struct Given {
+pub(crate) struct MetricInputs {
     /// Mask of the ignored region.
     ignored: Option<Vec<u8>>,
     dynamic: Option<Vec<u8>>,
@@ -115,7 +115,7 @@ pub(crate) fn compute(
     size: [usize; 2],
     prediction: &[u8],
     truth: &[u8],
-    given: Given,
+    given: MetricInputs,
 ) -> PyResult<Vec<Outcome>> {
     let (prediction, truth) = (prediction.to_vec(), truth.to_vec());
     background::run(py, move |link| {

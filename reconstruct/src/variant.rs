@@ -155,7 +155,7 @@ impl std::fmt::Display for Variant {
     }
 }
 
-/// Refuses options that are no constants of a publication: results of one name may differ in them.
+/// Refuses options that are not constants of a publication: results of one name may differ in them.
 fn refuse_others(method: &Method, options: &Options) -> Result<(), ReconstructError> {
     let mut declared = method.options.iter();
     let other = declared
@@ -220,7 +220,7 @@ mod tests {
             let method = find(variant.method).expect("a method");
             assert_eq!(Variant::of(method, &variant.request(600, 3)), variant);
         }
-        // Values by default are no variant, however they are written.
+        // Values by default make no variant, however they are written.
         let usual = Variant::parse("omni4dgs-set-gamma=5e-1-set-motion-form=seen");
         assert_eq!(usual.expect("a name").to_string(), "omni4dgs");
         // One name for one variant, in any order of its parts.

@@ -46,7 +46,7 @@ pub(crate) enum FileFormat {
 }
 
 impl FileFormat {
-    /// Returns the format by the beginning of a file; all that is no JPEG counts as PNG.
+    /// Returns the format by the beginning of a file; all that is not JPEG counts as PNG.
     fn of(beginning: &[u8]) -> Self {
         // The header chunk comes first and has the colour type in its tenth byte.
         const COLOUR_TYPE: usize = 25;

@@ -70,7 +70,7 @@ def main():
         began = time.monotonic()
         code = begin(whole).wait()
         takes = time.monotonic() - began
-        # 2: some of the videos are no ERP, which is an outcome like others.
+        # 2: some of the videos are not ERP, which is an outcome like others.
         if code not in (0, 2):
             sys.exit(f"interruptions: the undisturbed run ended with {code}")
         expected = published(whole)

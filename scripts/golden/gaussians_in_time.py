@@ -8,12 +8,12 @@ reconstruct/training/src/formats/in_time/peer/peer.gtime. With a COUNT it is a s
 a fountain, pulsing lights and two boxes that drive around.
 """
 
+import argparse
 import gzip
 import json
 import math
 import random
 import struct
-import sys
 
 C0 = 0.28209479177387814
 ORDER = {"u8": 1, "u16": 2, "u24": 3}
@@ -147,7 +147,11 @@ def large(count):
 
 
 if __name__ == "__main__":
-    if len(sys.argv) > 2:
-        write(sys.argv[1], large(int(sys.argv[2])), 8)
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("out", metavar="OUT.gtime")
+    parser.add_argument("count", metavar="COUNT", nargs="?", type=int)
+    arguments = parser.parse_args()
+    if arguments.count is not None:
+        write(arguments.out, large(arguments.count), 8)
     else:
-        write(sys.argv[1], small(), 4, degree=1)
+        write(arguments.out, small(), 4, degree=1)

@@ -1,10 +1,11 @@
 #!/usr/bin/env python3
-"""splatters.py OMNILIFE PROGRAM SEQUENCE SPLIT WORK ITERATIONS [SIDE]: a trainer of perspective views on the
-cube faces of a panoramic scene, beside our methods, at CPU seconds.
+"""Compares a trainer of perspective views, on the cube faces of a panoramic scene, with our methods at equal CPU
+seconds.
 
 PROGRAM is called as OpenSplat is: PROGRAM FOLDER -n ITERATIONS -o GAUSSIANS.ply, FOLDER a COLMAP project.
 Everything that is measured lands in WORK; the table goes to standard output.
 """
+import argparse
 import json
 import math
 import os
@@ -73,10 +74,17 @@ def ours(omnilife, method, sequence, split, work, seconds):
 
 
 def main():
-    omnilife, program, sequence, split, work, iterations = sys.argv[1:7]
-    work = Path(work)
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    for name in ("omnilife", "program", "sequence", "split"):
+        parser.add_argument(name, metavar=name.upper())
+    parser.add_argument("work", metavar="WORK", type=Path)
+    parser.add_argument("iterations", metavar="ITERATIONS", help="separated by commas")
+    parser.add_argument("side", metavar="SIDE", nargs="?", type=int, help="of a face, pixels")
+    arguments = parser.parse_args()
+    omnilife, program, sequence = arguments.omnilife, arguments.program, arguments.sequence
+    split, work, iterations = arguments.split, arguments.work, arguments.iterations
     width = json.loads((Path(sequence) / "scene.json").read_text())["camera"]["width"]
-    side = int(sys.argv[7]) if len(sys.argv) > 7 else max(8, round(width / math.pi))
+    side = arguments.side or max(8, round(width / math.pi))
     rows = [splatter(omnilife, program, sequence, split, work, int(count), side)
             for count in iterations.split(",")]
     longest = max(row["cpu"] for row in rows)

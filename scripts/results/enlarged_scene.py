@@ -9,6 +9,7 @@ of the frames, at their own size. Every EVERYth frame is there, from the first o
 RENDERING: it is for counts, sizes and times. Needs ffmpeg and a Python with NumPy and Pillow.
 """
 
+import argparse
 import json
 import shutil
 import sys
@@ -22,8 +23,13 @@ import street
 
 
 def main():
-    source, out = Path(sys.argv[1]), Path(sys.argv[2])
-    width, every = int(sys.argv[3]), int(sys.argv[4])
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("source", metavar="RENDERING", type=Path)
+    parser.add_argument("out", metavar="OUT", type=Path)
+    parser.add_argument("width", metavar="WIDTH", type=int)
+    parser.add_argument("every", metavar="EVERY", type=int)
+    arguments = parser.parse_args()
+    source, out, width, every = arguments.source, arguments.out, arguments.width, arguments.every
     size = (width, width // 2)
     for folder in ("masks", "depth"):
         (out / folder).mkdir(parents=True, exist_ok=True)

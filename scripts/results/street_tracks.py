@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""The exact paths of the vehicles of a rendered panoramic street, as omnilife/tracks/1.
+"""Writes the exact paths of the vehicles of a rendered panoramic street, as omnilife/tracks/1.
 
   street_tracks.py RENDERING SPLIT OUT
 
@@ -7,8 +7,8 @@ RENDERING holds poses.json with the centres of what moves, as scripts/fixtures/s
 split.json that is trained on. Needs NumPy.
 """
 
+import argparse
 import json
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -18,7 +18,11 @@ DIMENSIONS = {"car": (4.3, 1.8, 1.5), "van": (5.6, 2.1, 2.4)}
 
 
 def main():
-    rendering, split, out = map(Path, sys.argv[1:])
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    for name in ("rendering", "split", "out"):
+        parser.add_argument(name, metavar=name.upper(), type=Path)
+    arguments = parser.parse_args()
+    rendering, split, out = arguments.rendering, arguments.split, arguments.out
     truth, split = (json.loads(path.read_text()) for path in (rendering / "poses.json", split))
     frames = truth["frames"]
     times = [frame["time"] for frame in frames]

@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""What stereo and structure from motion make of a rendered flight, against its true geometry.
+"""Compares stereo and structure from motion of a rendered flight with its true geometry.
 
   uav_geometry.py dense RENDERING DENSE      distances of `omnilife curate dense`
   uav_geometry.py poses RENDERING SCENE      poses of a scene.json, after its world is brought to the true one
@@ -8,8 +8,8 @@ RENDERING holds tracks.json and depth/NNNN.png as uav_scene.py takes them. Print
 Pillow.
 """
 
+import argparse
 import json
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -65,7 +65,10 @@ def poses(rendering, file):
 
 
 if __name__ == "__main__":
-    if len(sys.argv) != 4 or sys.argv[1] not in ("dense", "poses"):
-        sys.exit(__doc__)
-    measure = {"dense": dense, "poses": poses}[sys.argv[1]]
-    print(json.dumps(measure(Path(sys.argv[2]), Path(sys.argv[3])), default=float))
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    measures = {"dense": dense, "poses": poses}
+    parser.add_argument("measure", choices=measures)
+    parser.add_argument("rendering", metavar="RENDERING", type=Path)
+    parser.add_argument("result", metavar="DENSE|SCENE", type=Path)
+    arguments = parser.parse_args()
+    print(json.dumps(measures[arguments.measure](arguments.rendering, arguments.result), default=float))

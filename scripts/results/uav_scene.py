@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""A rendered flight over traffic as `omnilife run --projection pinhole` takes it.
+"""Writes a rendered flight over traffic as `omnilife run --projection pinhole` takes it.
 
   uav_scene.py RENDERING OUT
 
@@ -9,10 +9,10 @@ masks of what moves), masks/, points.ply, and boxes.txt: the visible boxes of ve
 does not move is in no mask. Needs Pillow and NumPy, and ffmpeg.
 """
 
+import argparse
 import json
 import shutil
 import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -85,7 +85,11 @@ def true_tracks(truth, moving):
 
 
 def main():
-    rendering, out = Path(sys.argv[1]), Path(sys.argv[2])
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("rendering", metavar="RENDERING", type=Path)
+    parser.add_argument("out", metavar="OUT", type=Path)
+    arguments = parser.parse_args()
+    rendering, out = arguments.rendering, arguments.out
     truth = json.loads((rendering / "tracks.json").read_text())
     camera, frames = truth["camera"], truth["frames"]
     moving = moving_ids(frames)

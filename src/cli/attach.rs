@@ -6,7 +6,7 @@ use clap::Args;
 use omnilife_curate::{AttachRequest, FrameCommand, FramePrograms, GivenTruth};
 
 use super::{
-    places,
+    numbers, places,
     poses::{IgnoreMaskArgument, MovingMasksArgument, PosesConventionArgument, TruthArguments},
 };
 
@@ -35,7 +35,7 @@ pub(crate) struct AttachArguments {
     ignored: IgnoreMaskArgument,
     #[command(flatten)]
     truth: TruthArguments,
-    /// Takes the masks of what moves from a program, which masks the frames in {frames} and leaves an image for each,
+    /// Takes dynamic masks from a program, which masks the frames in {frames} and leaves an image for each,
     /// named like it, in {out}. Words are separated by blanks; no shell takes them apart.
     #[arg(
         long,
@@ -44,7 +44,7 @@ pub(crate) struct AttachArguments {
         help_heading = "Programs"
     )]
     masks_command: Option<FrameCommand>,
-    /// Takes the estimated distances from a program, which leaves a 16-bit grey PNG or a .npy for each frame.
+    /// Takes depth priors from a program, which leaves a 16-bit grey PNG or a .npy for each frame.
     #[arg(
         long,
         value_name = "COMMAND",
@@ -54,8 +54,8 @@ pub(crate) struct AttachArguments {
         help_heading = "Programs"
     )]
     depth_prior_command: Option<FrameCommand>,
-    /// Takes the poses from a program, which leaves a poses.json or an `all_poses.npy`; {times} is a CSV with the times of
-    /// the frames.
+    /// Takes the poses from a program, which leaves a poses.json or an `all_poses.npy`; {times} is a CSV with the times
+    /// of the frames.
     #[arg(
         long,
         value_name = "COMMAND",
@@ -63,19 +63,19 @@ pub(crate) struct AttachArguments {
         help_heading = "Programs"
     )]
     poses_command: Option<FrameCommand>,
-    /// Each program is ended after so many seconds, with all that it has started.
+    /// Stops each program, and all that it started, after this many seconds.
     #[arg(
         long,
         default_value_t = 3600,
         value_name = "SECONDS",
-        value_parser = clap::value_parser!(u64).range(1..),
-        help_heading = "Programs"
+        help_heading = "Programs",
+        value_parser = numbers::count::<u64>
     )]
     command_timeout: u64,
 }
 
 impl AttachArguments {
-    /// What is attached.
+    /// Returns the attachments that the options request.
     ///
     /// # Errors
     /// When a class is given twice.

@@ -11,7 +11,7 @@ use omnilife_schemas::records::PoseAlignment;
 
 use super::{
     bench_run::BenchRunArguments,
-    places,
+    numbers, places,
     poses::PosesConventionArgument,
     reconstruct::{BackendArgument, MethodArguments, size},
     statement::StatementArguments,
@@ -74,7 +74,7 @@ pub(crate) enum BenchCommand {
         /// The split.json to write.
         #[arg(long)]
         out: PathBuf,
-        /// The rules.
+        /// Protocol: the rules by which frames are split into input and novel views.
         #[arg(long, default_value = PROTOCOLS[0].id)]
         protocol: String,
         /// Gives methods frames of this size: images are resized to fit, never enlarged, and stand in the middle of
@@ -84,7 +84,8 @@ pub(crate) enum BenchCommand {
         pad_to: Option<[u32; 2]>,
         /// Gives these frames, by their numbers in the scene, in place of those that the protocol spreads evenly
         /// (sparse-panoramas); all others with a pose are predicted.
-        #[arg(long, value_name = "FRAMES", value_delimiter = ',')]
+        #[arg(long, value_name = "FRAMES", value_delimiter = ',',
+            value_parser = numbers::whole::<u32>)]
         given: Vec<u32>,
     },
     /// Runs an external method by the commands of its method.toml, and gathers its views for scoring.
@@ -100,8 +101,8 @@ pub(crate) enum BenchCommand {
         /// Folder of the run.
         #[arg(long)]
         out: PathBuf,
-        /// Seed that is handed to the method.
-        #[arg(long, default_value_t = 0)]
+        /// Seed that the commands of the method get.
+        #[arg(long, default_value_t = 0, value_parser = numbers::whole::<u64>)]
         seed: u64,
     },
     /// Records that a method failed on a scene; scored, the record is a row of failures.
@@ -114,14 +115,14 @@ pub(crate) enum BenchCommand {
         /// The split.json.
         #[arg(long, value_parser = places::split_file())]
         split: PathBuf,
-        /// Seed of the run.
-        #[arg(long, default_value_t = 0)]
+        /// Seed of the run that failed.
+        #[arg(long, default_value_t = 0, value_parser = numbers::whole::<u64>)]
         seed: u64,
-        /// Why, in one line.
+        /// Reason of the failure, in one line of the tables.
         #[arg(long, allow_hyphen_values = true)]
         reason: String,
-        /// Folder of the run: where an external method left a record of its failure there, its reason and
-        /// what its commands took are kept.
+        /// Folder of the run. Keeps the reason, times and memory of a failure that an external method recorded
+        /// there.
         #[arg(long, value_name = "FOLDER")]
         run: Option<PathBuf>,
         /// Folder of the record.
@@ -191,8 +192,9 @@ pub(crate) enum BenchCommand {
         /// Name of the method in the tables.
         #[arg(long, required_unless_present_any = ["run", "about"])]
         method: Option<String>,
-        /// Memory that views may take together, gigabytes: how many are scored at once.
-        #[arg(long, value_name = "GB", default_value_t = DEFAULT_MEMORY_BYTES as f64 / 1e9)]
+        /// Scores as many views at once as fit into this memory, gigabytes.
+        #[arg(long, value_name = "GB", default_value_t = DEFAULT_MEMORY_BYTES as f64 / 1e9,
+            value_parser = numbers::positive)]
         memory: f64,
         /// Computes these metrics alone, for a quick look: the others are unavailable in the result.
         #[arg(long, value_name = "METRIC", value_delimiter = ',')]
@@ -206,7 +208,7 @@ pub(crate) enum BenchCommand {
         #[command(flatten)]
         statement: Box<StatementArguments>,
     },
-    /// Checks predictions before they are scored: lists what is missing, too much, of another size
+    /// Checks predictions before they are scored: lists views that are missing, too many, of another size
     /// or depth, black, repeated, the ground truth itself, or of another convention.
     Validate {
         /// Folder of predicted novel views.
@@ -236,8 +238,7 @@ pub(crate) enum BenchCommand {
     Video {
         /// Folder of PNG images, frames in the order of their names.
         views: PathBuf,
-        /// Folder of another video of the same frames, beside which the number is read: a camera that moves changes
-        /// images too.
+        /// Also scores another video of the same frames, for comparison: a moving camera changes images too.
         #[arg(long, value_name = "VIEWS")]
         reference: Option<PathBuf>,
     },
@@ -272,10 +273,10 @@ pub(crate) enum BenchCommand {
     ///
     /// Exit code 1 where a case is not as good as it has to be.
     Stability {
-        /// Folder for stability.json, stability.csv, stability.md and the drawings.
+        /// Folder for stability.json, stability.csv, stability.md and the plots.
         #[arg(long)]
         out: Option<PathBuf>,
-        /// What computes; both by default, where there is a GPU.
+        /// Tests this backend alone [default: the CPU, and the GPU where there is one].
         #[arg(long, value_enum)]
         backend: Option<BackendArgument>,
     },
@@ -284,15 +285,13 @@ pub(crate) enum BenchCommand {
         /// Folders of scores, or the result.json there.
         #[arg(required = true, value_name = "SCORES")]
         runs: Vec<PathBuf>,
-        /// The time that counts: on the wall's clock, or of the CPU, which compares runs of a
-        /// machine that has other work too.
+        /// Measures wall-clock time, or CPU time, which compares runs on a machine that has other work too.
         #[arg(long, value_enum, default_value_t = ClockArgument::Wall)]
         clock: ClockArgument,
-        /// The part of the views whose quality counts: all, or what the scene's masks of what moves leave out
-        /// or mark.
+        /// Counts the quality of whole views, or of the static or dynamic region of the scene's masks alone.
         #[arg(long, value_enum, default_value_t = RegionArgument::Whole)]
         region: RegionArgument,
-        /// Folder for curves.csv, points.csv and the drawings.
+        /// Folder for curves.csv, points.csv and the plots.
         #[arg(long)]
         out: PathBuf,
     },
@@ -305,14 +304,14 @@ pub(crate) enum BenchCommand {
         /// Folder of the runs, their scores and the table.
         #[arg(long)]
         out: PathBuf,
-        /// The rules of splitting and scoring.
+        /// Protocol: the rules by which frames are split and scored.
         #[arg(long, default_value = PROTOCOLS[0].id)]
         protocol: String,
         #[command(flatten)]
         method: Box<MethodArguments>,
         /// Optimizer steps of every run, as many as the published protocol has; schedules scale with
         /// them. `run` and `bench run` have 1500.
-        #[arg(long, default_value_t = 30_000)]
+        #[arg(long, default_value_t = 30_000, value_parser = numbers::count::<u64>)]
         iterations: u64,
         /// Uses the components of the ablation in the method's publication, and leaves them out one at a time.
         #[arg(long)]

@@ -5,7 +5,7 @@ use std::{path::PathBuf, sync::LazyLock};
 use clap::{Args, ValueEnum};
 use omnilife_reconstruct::methods::METHODS;
 
-use super::reconstruct::BackendArgument;
+use super::{numbers, reconstruct::BackendArgument};
 
 /// Methods of a first benchmark: the default one, and all that need no training.
 static DEFAULT_METHODS: LazyLock<String> = LazyLock::new(|| {
@@ -32,7 +32,7 @@ pub(crate) struct BenchRunArguments {
     /// Scenes: scene.json files, or folders that are searched for them.
     #[arg(required = true)]
     pub(crate) scenes: Vec<PathBuf>,
-    /// Folder for everything that is made.
+    /// Folder for runs, scores and tables.
     #[arg(long)]
     pub(crate) out: PathBuf,
     /// Methods by name (`reconstruct methods` lists them), and method.toml files of others.
@@ -54,24 +54,25 @@ pub(crate) struct BenchRunArguments {
         default_value = "per-scene,sparse-interpolation"
     )]
     pub(crate) protocols: Vec<String>,
-    /// Seeds; repetitions of methods that learn nothing are left out.
-    #[arg(long, value_name = "SEED", value_delimiter = ',', default_value = "0")]
+    /// Trains each method once per seed; methods without training run once.
+    #[arg(long, value_name = "SEED", value_delimiter = ',', default_value = "0",
+        value_parser = numbers::whole::<u64>)]
     pub(crate) seeds: Vec<u64>,
     /// Optimizer steps of our methods that train. A first look has 1500 here and in `run`; the
     /// published protocol has the 30000 of `reconstruct train`.
-    #[arg(long, default_value_t = 1500)]
+    #[arg(long, default_value_t = 1500, value_parser = numbers::count::<u64>)]
     pub(crate) iterations: u64,
     /// Ends a training after this many seconds.
-    #[arg(long, value_name = "SECONDS")]
+    #[arg(long, value_name = "SECONDS", value_parser = numbers::positive)]
     pub(crate) budget: Option<f64>,
-    /// What trains.
+    /// Trains on the CPU or on a GPU.
     #[arg(long, value_enum, default_value_t = BackendArgument::Cpu)]
     pub(crate) backend: BackendArgument,
     /// Writes event files for TensorBoard here, a folder per training.
     #[arg(long, value_name = "FOLDER")]
     pub(crate) tensorboard: Option<PathBuf>,
-    /// Cores of one run; where they leave some over, runs share the machine, and their times are no
+    /// Cores of one run. With fewer than the machine has, runs share it, and their times are no
     /// longer comparable [default: all, one run after another].
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
+    #[arg(long, value_name = "N", value_parser = numbers::count::<u32>)]
     pub(crate) unit_cores: Option<u32>,
 }

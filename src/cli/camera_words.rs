@@ -5,24 +5,25 @@ use std::path::PathBuf;
 use clap::Args;
 use omnilife_reconstruct::jobs::camera_words::{CameraPlaces, CameraWords, LookAt};
 
-use super::{places, reconstruct::direction};
+use super::{numbers, places, reconstruct::direction};
 use crate::exit::BadRequest;
 
 #[derive(Debug, Args)]
 #[command(next_help_heading = "Cameras by words")]
 pub(crate) struct CameraWordArguments {
-    /// Circles the target once, or over so many degrees, at the median distance and height of the cameras. Cameras by
+    /// Circles the target once, or over this many degrees, at the median distance and height of the cameras. Cameras by
     /// words leave a cameras.json with the share of each view that no input view saw.
-    #[arg(long, value_name = "DEGREES", num_args = 0..=1, default_missing_value = "360", allow_negative_numbers = true)]
+    #[arg(long, value_name = "DEGREES", num_args = 0..=1, default_missing_value = "360", allow_negative_numbers = true,
+        value_parser = numbers::finite)]
     orbit: Option<f64>,
     /// Looks down on the target, with the upper edge where the cameras look.
     #[arg(long)]
     from_above: bool,
     /// Renders the frame with this number alone, from 0 on.
-    #[arg(long, value_name = "FRAME")]
+    #[arg(long, value_name = "FRAME", value_parser = numbers::whole::<usize>)]
     frame: Option<usize>,
     /// Keeps the camera of the frame with this number, from 0 on, while time goes on.
-    #[arg(long, value_name = "FRAME")]
+    #[arg(long, value_name = "FRAME", value_parser = numbers::whole::<usize>)]
     stationary: Option<usize>,
     /// Follows the poses of a file: CSV of `time_seconds,x,y,z,qw,qx,qy,qz` (camera to world), a JSON list of
     /// `{time_seconds, pose}`, or a poses.json.

@@ -17,7 +17,7 @@ use super::{
     },
     ledger::LedgerCommand,
     memory::gibibytes,
-    places,
+    numbers, places,
     poses::{MovingMasksArgument, PoseArguments, TruthArguments},
     tracks::TrackArguments,
 };
@@ -26,28 +26,31 @@ use super::{
 #[command(next_help_heading = "Sampling and shots")]
 pub(crate) struct CurationArguments {
     /// Samples this many frames per second.
-    #[arg(long, conflicts_with = "max_frames")]
+    #[arg(long, conflicts_with = "max_frames", value_parser = numbers::positive)]
     pub(crate) fps: Option<f64>,
     /// Samples at most this many frames per sequence, evenly in time.
-    #[arg(long, default_value_t = 120)]
+    #[arg(long, default_value_t = 120, value_parser = numbers::count::<u32>)]
     pub(crate) max_frames: u32,
     /// Takes the frames nearest to the instants of the sampling (even), or the sharpest ones near them (sharp).
     #[arg(long, value_enum, value_name = "FRAMES", default_value_t = SelectionArgument::Even)]
     pub(crate) select: SelectionArgument,
     /// Width of the sampled frames in pixels [default: the video's, at most 1024].
-    #[arg(long)]
+    #[arg(long, value_parser = numbers::count::<u32>)]
     pub(crate) width: Option<u32>,
     /// Takes the videos as this projection, and skips its detection.
     #[arg(long, value_name = "KIND", value_parser = parse_accept)]
     pub(crate) accept: Option<VideoProjection>,
-    /// Takes the videos as pinhole (ordinary perspective ones, whose frames make pinhole scenes) or as spheres
-    /// stored otherwise than equirectangular, whose frames are converted: stereo-top-bottom, stereo-left-right (the
-    /// left eye), half-erp, half-erp-left-right, half-erp-top-bottom (VR180; what is behind is ignored), eac, cubemap-3x2, cubemap-6x1, cubemap-1x6 (:rludfb says which face lies where), dual-fisheye
-    /// (:190 is the field of view in degrees; without it, it is found by what both lenses see) [default: stereo and stated eac and VR180 are seen, others never guessed].
+    /// Takes the videos as pinhole (perspective, whose frames make pinhole scenes), or converts frames of another
+    /// sphere layout to equirectangular ones: stereo-top-bottom, stereo-left-right (the left eye), half-erp,
+    /// half-erp-left-right, half-erp-top-bottom (VR180; the back is an ignored region), eac, cubemap-3x2,
+    /// cubemap-6x1, cubemap-1x6 (:rludfb is the order of faces), dual-fisheye (:190 is the field of view in degrees;
+    /// without it, it is measured where both lenses overlap) [default: stereo, and eac and VR180 that the file
+    /// states; other layouts must be given].
     #[arg(long, value_name = "KIND", conflicts_with = "accept", value_parser = parse_projection)]
     pub(crate) projection: Option<ProjectionArgument>,
     /// Drops shots shorter than this, in seconds.
-    #[arg(long, default_value_t = 1.0, value_name = "SECONDS")]
+    #[arg(long, default_value_t = 1.0, value_name = "SECONDS",
+        value_parser = numbers::not_negative)]
     pub(crate) min_shot: f64,
     #[command(flatten)]
     pub(crate) detector: DetectorArguments,
@@ -68,7 +71,7 @@ impl From<SelectionArgument> for FrameSelection {
     }
 }
 
-/// What the user says that videos show.
+/// Projection that the user states for videos.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) enum ProjectionArgument {
     Pinhole,
@@ -76,7 +79,7 @@ pub(crate) enum ProjectionArgument {
 }
 
 impl ProjectionArgument {
-    /// As it is given.
+    /// Returns the word of the command line.
     fn text(self) -> String {
         match self {
             Self::Pinhole => "pinhole".to_owned(),
@@ -123,30 +126,30 @@ fn parse_accept(text: &str) -> Result<VideoProjection, String> {
     [VideoProjection::Erp, VideoProjection::ErpSqueezed]
         .into_iter()
         .find(|projection| projection.name() == text)
-        .ok_or_else(|| "only erp and erp-squeezed can be accepted".to_owned())
+        .ok_or_else(|| "must be erp or erp-squeezed".to_owned())
 }
 
 #[derive(Debug, Args)]
 pub(crate) struct DetectorArguments {
-    /// How boundaries are found: histogram, transnetv2 (scripts/setup --models), or indoor-outdoor, which
-    /// looks for nothing else.
+    /// Finds boundaries by histogram, by transnetv2 (scripts/setup --models), or by indoor-outdoor, which
+    /// finds changes between indoors and outdoors alone.
     #[arg(long, default_value = omnilife_curate::boundaries::DEFAULT_DETECTOR)]
     pub(crate) detector: String,
 }
 
 #[derive(Debug, Subcommand)]
 pub(crate) enum CurateCommand {
-    /// Prints what the container and the decoder say about a video, as JSON.
+    /// Prints size, frame rate, codec and metadata of a video, as its container and decoder state them (JSON).
     Probe {
         /// The video.
         video: PathBuf,
     },
-    /// Prints whether a video is equirectangular, with evidence, as JSON.
+    /// Prints the projection of a video with the evidence for it, as JSON.
     Projection {
         /// The video.
         video: PathBuf,
     },
-    /// Prints where shots begin and end, as JSON.
+    /// Prints the start and end of each shot, as JSON.
     Boundaries {
         /// The video.
         video: PathBuf,
@@ -156,7 +159,7 @@ pub(crate) enum CurateCommand {
         #[arg(long, value_name = "FILE")]
         signals: Option<PathBuf>,
     },
-    /// Who said what about the boundaries of a curated video, and what follows.
+    /// Merges, prints and exports the decisions of several authors on the boundaries of a curated video.
     #[command(subcommand)]
     Ledger(LedgerCommand),
     /// Writes a page on which people play a small copy of a video, mark and label its segments, and
@@ -171,12 +174,12 @@ pub(crate) enum CurateCommand {
         /// Taxonomy file with the scenes and actions to choose from [default: the built-in one].
         #[arg(long, value_name = "FILE")]
         taxonomy: Option<PathBuf>,
-        /// The page.
+        /// The HTML page to write.
         #[arg(long, default_value = "audit.html")]
         out: PathBuf,
     },
-    /// Probe, projection, boundaries, slices and sampled frames of many videos: a dataset. The same as
-    /// `omnilife curate VIDEOS`.
+    /// Makes a dataset of many videos: probes them, checks their projection, and samples frames of each shot. The
+    /// same as `omnilife curate VIDEOS`.
     Build(BuildArguments),
     /// Curates one video into its folder in a dataset, as a unit of a sweep does; `omnilife curate`
     /// makes a dataset of such folders.
@@ -216,40 +219,41 @@ pub(crate) enum CurateCommand {
         #[command(flatten)]
         truth: TruthArguments,
     },
-    /// Attaches masks, distances and poses to a scene, curated or imported; what it has of the same kind is replaced.
+    /// Attaches masks, distances and poses to a curated or imported scene, in place of those of the same kind.
     Attach(AttachArguments),
-    /// Masks what moves in a sequence; `omnilife curate poses --masks` takes the result.
+    /// Masks the dynamic regions of a sequence; `omnilife curate poses --masks` takes the result.
     Masks(MasksArguments),
-    /// Looks for the operator, a mount or a helmet in a sequence: what stays in the camera's frame while the scene goes
-    /// by. Its mask is for `omnilife curate poses --ignore-mask`.
+    /// Masks the operator, a mount or a helmet, which stay in the camera's frame while the scene goes by;
+    /// `omnilife curate poses --ignore-mask` takes the result.
     Operator {
         /// Folder with a sequence.json.
         sequence: PathBuf,
         /// Also looks for people who keep their place in the frame, by the network of `curate masks --method deeplab`.
         #[arg(long)]
         people: bool,
-        /// Also looks for caps around the poles that stay: a tripod below a camera that turns, a flat gap between lenses.
-        /// Off by default, because its limits are not measured on labels.
+        /// Also looks for caps around the poles that stay: a tripod below a rotating camera, a flat gap between lenses.
+        /// Off by default, because its limits were not measured on labels.
         #[arg(long)]
         caps: bool,
     },
-    /// Measures the distances of a posed pinhole scene by stereo: dense points, which tracks and training
-    /// then begin with, and distances per frame.
+    /// Measures the distances of a posed pinhole scene by stereo: distances per frame, and dense points, from
+    /// which tracks and training start.
     Dense {
         /// Folder with a scene.json.
         #[arg(value_parser = places::scene_folder())]
         scene: PathBuf,
-        /// A split.json: its input views alone are looked at, and the result goes into dense/ beside it.
+        /// A split.json: uses its input views alone, and writes the result into dense/ beside it.
         #[arg(long)]
         split: Option<PathBuf>,
-        /// Frames that are wider are searched at this width, pixels.
-        #[arg(long, value_name = "PIXELS", default_value_t = omnilife_tracks::dense::SEARCH_WIDTH)]
+        /// Searches wider frames at this width, pixels; less is faster and coarser.
+        #[arg(long, value_name = "PIXELS", default_value_t = omnilife_tracks::dense::SEARCH_WIDTH,
+            value_parser = numbers::count::<u32>)]
         width: u32,
         /// Folder of the result [default: dense/ beside the split, else in the scene].
         #[arg(long)]
         out: Option<PathBuf>,
     },
-    /// Tracks what moves through a posed scene: tracks.json, and tracks.html and tracks.mp4 to look at.
+    /// Tracks vehicles through a posed scene: tracks.json, and tracks.html and tracks.mp4 to look at.
     // In `run`, --detector is that of shot boundaries.
     #[command(
         mut_arg("vehicle_detector", |option| option.visible_alias("detector")),
@@ -259,7 +263,7 @@ pub(crate) enum CurateCommand {
         /// Folder with a scene.json.
         #[arg(value_parser = places::scene_folder())]
         scene: PathBuf,
-        /// A split.json: its input views alone are looked at, and the result goes beside it.
+        /// A split.json: uses its input views alone, and writes the result beside it.
         #[arg(long)]
         split: Option<PathBuf>,
         #[command(flatten)]
@@ -275,8 +279,7 @@ pub(crate) enum CurateCommand {
         /// EXIF, exports have places on the Earth, and georeference.json the similarity with its residuals.
         #[arg(long, value_name = "FILE.srt")]
         telemetry: Option<PathBuf>,
-        /// Says what is used, what is left out and on what evidence, and writes no tracks; the frames are looked
-        /// at for it.
+        /// Prints which distances and detections would be used, which left out, and the evidence; writes no tracks.
         #[arg(long)]
         plan: bool,
         /// Folder of the result [default: that of the split, else of the scene].
@@ -289,9 +292,9 @@ pub(crate) enum CurateCommand {
     Import(ImportArguments),
     /// Writes statistics, figures, card and checksums of a dataset.
     Publish(PublishArguments),
-    /// Selects a subset that is like the whole dataset, and says how it compares.
+    /// Selects a subset with the shares of the whole dataset, and writes a comparison of both.
     Select(SelectArguments),
-    /// Prints what each sequence has and lacks, and the commands that make it.
+    /// Prints the parts that each sequence has and lacks, and the commands that make the missing ones.
     Status {
         /// Folder of a dataset, or of imported scenes.
         #[arg(value_parser = places::dataset_folder())]
@@ -300,8 +303,8 @@ pub(crate) enum CurateCommand {
         #[arg(long)]
         json: bool,
     },
-    /// Writes a page to look at: contact sheets with masks, camera paths, coverage of the sphere, losses, statistics,
-    /// and what is missing.
+    /// Writes a page on a dataset: contact sheets with masks, camera paths, coverage of the sphere, losses, statistics,
+    /// and missing parts.
     Overview {
         /// Folder of a dataset, or of imported scenes.
         #[arg(value_parser = places::dataset_folder())]
@@ -322,8 +325,8 @@ pub(crate) struct BuildArguments {
     /// Folder of the dataset.
     #[arg(long)]
     pub(crate) out: PathBuf,
-    /// Where the videos came from: CSV with the columns file, url, uploader, licence, date, keywords (between
-    /// semicolons) and kind (web, own-capture), or a JSON list of such rows; it is kept by later runs.
+    /// Records the origin of each video: CSV with the columns file, url, uploader, licence, date, keywords
+    /// (between semicolons) and kind (web, own-capture), or a JSON list of such rows. Later runs keep it.
     #[arg(long, value_name = "LIST")]
     pub(crate) sources: Option<PathBuf>,
     #[command(flatten)]
@@ -332,7 +335,7 @@ pub(crate) struct BuildArguments {
     pub(crate) limit: MemoryLimitArguments,
 }
 
-/// What the process that curates a video may use.
+/// Limit of the process that curates a video.
 #[derive(Debug, Args)]
 #[command(next_help_heading = "Limits")]
 pub(crate) struct MemoryLimitArguments {
@@ -350,7 +353,7 @@ impl MemoryLimitArguments {
     }
 }
 
-/// What holds for every video of a dataset.
+/// Settings that all videos of a dataset share.
 #[derive(Debug, Args)]
 pub(crate) struct CurationSettingsArguments {
     #[command(flatten)]

@@ -7,14 +7,14 @@ use omnilife_curate::{
     FrameCommand, MaskProgram,
     annotation::{
         AnnotateSettings, CaptionCommand, CaptionEndpoint,
-        endpoint::{Endpoint, Key, Patience},
+        endpoint::{Endpoint, Key, RetryPolicy},
     },
     exchange::{self, CubeFaces, MaskMeaning},
     masks::MaskSource,
     publish::{self, PublishSettings, SelectRequest},
 };
 
-use super::{places, reconstruct::size};
+use super::{numbers, places, reconstruct::size};
 use crate::exit::BadRequest;
 
 /// Environment variable with the key of the endpoint that captions.
@@ -25,11 +25,11 @@ const KEY_VARIABLE: &str = "OMNILIFE_CAPTION_KEY";
 pub(crate) struct SliceArguments {
     /// The video.
     pub(crate) video: PathBuf,
-    /// Where the slice begins, in seconds of the video's timestamps [default: at its first frame].
-    #[arg(long, value_name = "SECONDS")]
+    /// Start of the slice, in seconds of the video's timestamps [default: at its first frame].
+    #[arg(long, value_name = "SECONDS", value_parser = numbers::finite)]
     pub(crate) begin: Option<f64>,
-    /// Where it ends [default: after its last frame].
-    #[arg(long, value_name = "SECONDS")]
+    /// End of the slice, in seconds of the same clock [default: after its last frame].
+    #[arg(long, value_name = "SECONDS", value_parser = numbers::finite)]
     pub(crate) end: Option<f64>,
     /// The mp4 to write.
     #[arg(long)]
@@ -72,8 +72,9 @@ pub(crate) struct AnnotateArguments {
     /// Name of the model behind the endpoint.
     #[arg(long, value_name = "NAME", requires = "caption_endpoint", value_parser = NonEmptyStringValueParser::new())]
     pub(crate) caption_model: Option<String>,
-    /// The program is stopped, and the endpoint waited for, after so many seconds for a sequence.
-    #[arg(long, default_value_t = 120, value_name = "SECONDS", value_parser = clap::value_parser!(u64).range(1..))]
+    /// Gives up on the caption of a sequence after this many seconds.
+    #[arg(long, default_value_t = 120, value_name = "SECONDS",
+        value_parser = numbers::count::<u64>)]
     pub(crate) caption_timeout: u64,
     /// Taxonomy file [default: the built-in one].
     #[arg(long, value_name = "FILE")]
@@ -81,7 +82,7 @@ pub(crate) struct AnnotateArguments {
 }
 
 impl AnnotateArguments {
-    /// Where annotations come from.
+    /// Returns the sources of annotations.
     ///
     /// # Errors
     /// When the environment holds an invalid key.
@@ -117,9 +118,9 @@ impl AnnotateArguments {
             endpoint: endpoint.clone(),
             model: model.clone(),
             key,
-            patience: Patience {
+            patience: RetryPolicy {
                 timeout,
-                ..Patience::default()
+                ..RetryPolicy::default()
             },
         }))
     }
@@ -131,22 +132,23 @@ pub(crate) struct ExportArguments {
     /// The scene.json, or its folder.
     #[arg(value_parser = places::scene_folder())]
     pub(crate) scene: PathBuf,
-    /// What to write.
+    /// Format to write.
     #[arg(long, value_parser = parse_written_format)]
     pub(crate) format: String,
     /// Marks the novel views of this split.json as test frames, where the format can.
     #[arg(long, value_name = "FILE", value_parser = places::split_file())]
     pub(crate) split: Option<PathBuf>,
-    /// Leaves the novel views of the split out, for trainers that would learn from all images.
+    /// Leaves the novel views of the split out, for trainers that would train on all images.
     #[arg(long, requires = "split")]
     pub(crate) given_only: bool,
     /// Writes the six faces of a cube in place of every panorama, this many pixels wide, for trainers that
     /// know perspective cameras alone (colmap, colmap-binary, nerfstudio). A third of the panorama's
     /// width keeps its resolution.
-    #[arg(long, value_name = "PIXELS")]
+    #[arg(long, value_name = "PIXELS", value_parser = numbers::count::<u32>)]
     cube_faces: Option<u32>,
     /// Adds this many points on a far sphere to the points, in the colours seen there.
-    #[arg(long, value_name = "N", requires = "cube_faces", default_value_t = 0)]
+    #[arg(long, value_name = "N", requires = "cube_faces", default_value_t = 0,
+        value_parser = numbers::whole::<usize>)]
     sky_points: usize,
     /// Resizes images to fit into frames of this size, never enlarging them, and puts them in the middle of black
     /// padding, which the masks leave out [default: as the split says]. Panoramas with padding need a format
@@ -171,7 +173,7 @@ pub(crate) struct ImportArguments {
     /// Folder in another tool's format, or a COLMAP model in it (sparse/1); of a drive also FOLDER/SEQUENCE and
     /// FOLDER/SEQUENCE/CAMERA+CAMERA.
     pub(crate) folder: PathBuf,
-    /// Which.
+    /// Format of the folder.
     #[arg(long, value_parser = parse_format)]
     pub(crate) format: String,
     /// Name of the scene [default: that of the record in an export of ours, else the folder's].
@@ -179,7 +181,7 @@ pub(crate) struct ImportArguments {
     pub(crate) id: Option<String>,
     /// Frames per second, where the folder has no times.csv; numbers in the names of images count frames
     /// [default for layouts of data sets: their own].
-    #[arg(long)]
+    #[arg(long, value_parser = numbers::positive)]
     pub(crate) fps: Option<f64>,
     /// Meaning of the masks: dynamic regions, or ignored regions (the operator, a tripod), from which
     /// nothing is learned and which no score counts. Masks in ignore/ always mark the latter.
@@ -234,29 +236,29 @@ pub(crate) struct MasksArguments {
     /// Folder with a sequence.json.
     #[arg(value_parser = places::sequence_folder())]
     pub(crate) sequence: PathBuf,
-    /// Takes the masks from this folder: images named as the frames, white is what moves.
+    /// Takes the masks from this folder: images named as the frames, white where something moves.
     #[arg(long, value_name = "FOLDER", conflicts_with = "method")]
     pub(crate) from: Option<PathBuf>,
-    /// Takes them from a program, which masks the frames in {frames} and leaves an image for each, named like it, in
+    /// Takes the masks from a program, which masks the frames in {frames} and leaves an image for each, named like it, in
     /// {out}. Words are separated by blanks; no shell takes them apart.
     #[arg(long, value_name = "COMMAND", conflicts_with_all = ["method", "from"])]
     pub(crate) command: Option<FrameCommand>,
-    /// The program is ended after so many seconds, with all that it has started.
+    /// Stops the program, and all that it started, after this many seconds.
     #[arg(
         long,
         default_value_t = 3600,
         value_name = "SECONDS",
-        value_parser = clap::value_parser!(u64).range(1..)
+        value_parser = numbers::count::<u64>
     )]
     pub(crate) command_timeout: u64,
-    /// Finds them: residual (motion that the camera's own does not explain), deeplab (people, animals and vehicles by what
-    /// they are; scripts/setup --models), or combined (those of deeplab that move).
+    /// Finds dynamic regions by residual (motion that the camera's own does not explain), deeplab (people, animals
+    /// and vehicles by class; scripts/setup --models), or combined (those of deeplab that move).
     #[arg(long, default_value = omnilife_curate::masks::METHODS[0].id)]
     pub(crate) method: String,
 }
 
 impl MasksArguments {
-    /// Where masks come from.
+    /// Returns the source of masks.
     pub(crate) fn source(&self) -> MaskSource {
         match (&self.from, &self.command) {
             (Some(folder), _) => MaskSource::Files(folder.clone()),
@@ -274,23 +276,23 @@ impl MasksArguments {
 pub(crate) struct PublishArguments {
     /// Folder of the dataset.
     pub(crate) dataset: PathBuf,
-    /// Name of the dataset [default: what was said before, else the folder's name].
+    /// Name of the dataset [default: that of the last publication, else the folder's].
     #[arg(long)]
     pub(crate) name: Option<String>,
-    /// Its licence, as an SPDX identifier where there is one.
-    #[arg(long)]
+    /// Licence of the dataset: an SPDX identifier such as CC-BY-4.0, LicenseRef-NAME, or the address of its text.
+    #[arg(long, value_parser = publish::licence)]
     pub(crate) licence: Option<String>,
-    /// What it is, in a sentence or two.
+    /// Description of the dataset in its card, in a sentence or two.
     #[arg(long)]
     pub(crate) description: Option<String>,
     /// TOML file of the makers' statements; options given here go before its name, licence and description.
     #[arg(long, value_name = "FILE")]
     pub(crate) about: Option<PathBuf>,
-    /// Publishes only if nothing is unstated.
+    /// Refuses to publish while a question of the card has no answer.
     #[arg(long)]
     pub(crate) strict: bool,
     /// Also writes the frames into tar archives of about this many megabytes each, as the library webdataset reads
-    /// them; without it, those of before are removed.
+    /// them; without it, removes the archives of the last publication.
     #[arg(long, value_name = "MEGABYTES", value_parser = megabytes)]
     pub(crate) shards: Option<u64>,
 }
@@ -300,15 +302,15 @@ pub(crate) struct PublishArguments {
 pub(crate) struct SelectArguments {
     /// Folder of the dataset.
     pub(crate) dataset: PathBuf,
-    /// How many sequences.
-    #[arg(long, value_name = "N")]
+    /// Number of sequences to select.
+    #[arg(long, value_name = "N", value_parser = numbers::count::<usize>)]
     count: usize,
     /// Properties whose classes keep their shares, separated by commas.
     #[arg(long, value_name = "PROPERTIES", value_delimiter = ',', default_value = "scene,ego-motion,dynamics",
           value_parser = parse_property)]
     stratify: Vec<String>,
-    /// Decides between sequences that fit equally well.
-    #[arg(long, default_value_t = 0)]
+    /// Seed that decides between sequences that fit equally well.
+    #[arg(long, default_value_t = 0, value_parser = numbers::whole::<u64>)]
     seed: u64,
     /// Selects among sequences with valid poses alone.
     #[arg(long)]
@@ -334,23 +336,20 @@ fn parse_property(text: &str) -> Result<String, String> {
     if known.contains(&text) {
         return Ok(text.to_owned());
     }
-    Err(format!(
-        "there is no property {text}; there are {}",
-        known.join(", ")
-    ))
+    Err(format!("must be one of {}, got {text}", known.join(", ")))
 }
 
-/// Bytes of a number of megabytes.
+/// Returns the bytes of a number of megabytes.
 fn megabytes(text: &str) -> Result<u64, String> {
     text.parse()
         .ok()
         .filter(|megabytes: &f64| *megabytes > 0.0 && *megabytes < 1e9)
         .map(|megabytes| (megabytes * 1e6) as u64)
-        .ok_or_else(|| "the size of a shard is a positive number of megabytes".to_owned())
+        .ok_or_else(|| "must be a positive number of megabytes".to_owned())
 }
 
 impl PublishArguments {
-    /// What is said of the dataset.
+    /// Returns the statements about the dataset.
     pub(crate) fn settings(&self) -> PublishSettings {
         PublishSettings {
             name: self.name.clone(),

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use clap::Args;
 
-use super::places;
+use super::{numbers, places};
 
 #[derive(Debug, Args)]
 pub(crate) struct EditArguments {
@@ -24,7 +24,8 @@ pub(crate) struct EditArguments {
         long,
         value_name = "FRAME",
         requires = "poses",
-        conflicts_with = "video"
+        conflicts_with = "video",
+        value_parser = numbers::whole::<usize>
     )]
     pub(crate) preview: Option<usize>,
     /// Makes a video of the views too; players show views of the whole sphere as 360-degree video.

@@ -1,4 +1,4 @@
-//! What the help says beyond the options themselves: examples, and the values that an option takes.
+//! Additions to the help: examples of every command, and the values that an option takes.
 //!
 //! Both are slices that tests walk: every command has examples that parse, and every list of values
 //! belongs to an option that exists.
@@ -7,7 +7,7 @@ mod values;
 
 use clap::{Command, CommandFactory, Id};
 
-use super::Cli;
+use super::{Cli, numbers};
 use values::VALUES;
 
 /// Examples of a command: its words, and lines that follow `omnilife`.
@@ -378,6 +378,11 @@ fn with_guide(mut command: Command, words: &str) -> Command {
             argument.help(format!("{} [one of: {list}]", help.unwrap_or_default()))
         });
     }
+    // `--width -4` gets the error of the number, not the tip to write `-- -4`.
+    command = command.mut_args(|argument| {
+        let is_number = numbers::is_number(&argument);
+        argument.allow_negative_numbers(is_number)
+    });
     let hidden = hidden_in_short_help(&command);
     for id in &hidden {
         command = command.mut_arg(id, |argument| argument.hide_short_help(true));

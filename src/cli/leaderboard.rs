@@ -5,6 +5,8 @@ use std::path::PathBuf;
 use clap::{Args, Subcommand, ValueEnum, builder::PossibleValuesParser};
 use omnilife_leaderboard::{DatasetsFormat, RESULTS, TABLES};
 
+use super::numbers;
+
 #[derive(Debug, Subcommand)]
 pub(crate) enum LeaderboardCommand {
     /// Makes tables and a static site from all results in a folder.
@@ -27,14 +29,14 @@ pub(crate) enum LeaderboardCommand {
     /// Rows are scenes, columns the ground truth and the methods by rank; below each image a part of it
     /// enlarged and its error, four times as bright. OUT.png holds the pixels, OUT.svg the names as well.
     Figure(FigureArguments),
-    /// Draws a gallery of a dataset, for a paper: a frame of every kind of sequence, below it what moves.
+    /// Draws a gallery of a dataset, for a paper: a frame of every kind of sequence, below it the dynamic region.
     ///
     /// One sequence of every group, category and class of ego-motion that the annotations name, then a
-    /// second one; what masks mark is coloured. OUT.png holds the pixels, OUT.svg the names as well.
+    /// second one; dynamic regions are coloured. OUT.png holds the pixels, OUT.svg the names as well.
     Gallery(GalleryArguments),
-    /// Packs a method's results, its predictions and its card for handing in.
+    /// Packs a method's results, predictions and card into a submission.
     Submit(SubmitResultsArguments),
-    /// Checks what was handed in, scores a sample of it again, and takes it in.
+    /// Checks a submission, scores a sample of it again, and adds it to the results.
     Add(AddArguments),
 }
 
@@ -62,7 +64,7 @@ pub(crate) struct QueryArguments {
     /// COLUMN<NUMBER, also <=, > and >=; may be repeated, and all must hold.
     #[arg(long = "where", value_name = "CONDITION")]
     pub(crate) conditions: Vec<String>,
-    /// A dataset.json, whose annotations say what scenes are like.
+    /// Adds the columns of the annotations of this dataset.json.
     #[arg(long, value_name = "FILE")]
     pub(crate) dataset: Option<PathBuf>,
     /// Prints a table to read, or the same in another format.
@@ -116,28 +118,28 @@ impl From<DatasetsFormatArgument> for DatasetsFormat {
 pub(crate) struct FigureArguments {
     /// Folder that is searched for results, beside which scoring left its views.
     pub(crate) results: PathBuf,
-    /// The figure without its ending.
+    /// Path of the figure, to which .png and .svg are added.
     #[arg(long)]
     pub(crate) out: PathBuf,
-    /// Rows [default: all scenes of which every method has views].
+    /// Scenes, one per row [default: all scenes of which every method has views].
     #[arg(long, value_name = "SCENE", value_delimiter = ',')]
     pub(crate) scenes: Vec<String>,
-    /// Columns after the ground truth [default: all methods by rank].
+    /// Methods, one per column after the ground truth [default: all methods by rank].
     #[arg(long, value_name = "METHOD", value_delimiter = ',')]
     pub(crate) methods: Vec<String>,
     /// Protocol of the results [default: the first one].
     #[arg(long, value_name = "PROTOCOL")]
     pub(crate) protocol: Option<String>,
-    /// Frame of the novel views [default: the first one that the methods share].
-    #[arg(long, value_name = "FRAME")]
+    /// Shows the novel view with this frame number [default: the first one that the methods share].
+    #[arg(long, value_name = "FRAME", value_parser = numbers::whole::<u32>)]
     pub(crate) frame: Option<u32>,
-    /// What is enlarged, as shares of the width of the image: left and upper edge, width; the height is
-    /// half of that [default: where the methods differ most].
+    /// Enlarges this part of the image, as shares of its width: left edge, upper edge, width; the height is
+    /// half the width [default: where the methods differ most].
     #[arg(long, value_name = "LEFT,TOP,WIDTH", value_parser = inset)]
     pub(crate) inset: Option<[f64; 3]>,
     /// Width of an image in the figure in pixels.
     #[arg(long, default_value_t = 512, value_name = "PIXELS",
-        value_parser = clap::value_parser!(u16).range(64..=4096))]
+        value_parser = numbers::between::<u16, 64, 4_096>)]
     pub(crate) panel_width: u16,
 }
 
@@ -145,23 +147,23 @@ pub(crate) struct FigureArguments {
 pub(crate) struct GalleryArguments {
     /// Folder of a dataset, or its dataset.json.
     pub(crate) dataset: PathBuf,
-    /// The figure without its ending.
+    /// Path of the figure, to which .png and .svg are added.
     #[arg(long)]
     pub(crate) out: PathBuf,
     /// Sequences to show [default: as many kinds as there are].
     #[arg(long, value_name = "SEQUENCE", value_delimiter = ',')]
     pub(crate) sequences: Vec<String>,
-    /// Sequences that are shown at most, without --sequences.
+    /// Shows at most this many sequences, without --sequences.
     #[arg(long, default_value_t = 12, value_name = "N",
-        value_parser = clap::value_parser!(u16).range(1..=400))]
+        value_parser = numbers::between::<u16, 1, 400>)]
     pub(crate) most: u16,
-    /// Sequences beside each other.
+    /// Number of sequences in a row.
     #[arg(long, default_value_t = 4, value_name = "N",
-        value_parser = clap::value_parser!(u16).range(1..=40))]
+        value_parser = numbers::between::<u16, 1, 40>)]
     pub(crate) columns: u16,
     /// Width of an image in the figure in pixels.
     #[arg(long, default_value_t = 384, value_name = "PIXELS",
-        value_parser = clap::value_parser!(u16).range(64..=4096))]
+        value_parser = numbers::between::<u16, 64, 4_096>)]
     pub(crate) panel_width: u16,
 }
 
@@ -200,14 +202,14 @@ pub(crate) struct AddArguments {
     /// Folder of results that it is added to.
     #[arg(long)]
     pub(crate) results: PathBuf,
-    /// Results whose predictions are scored again.
-    #[arg(long, default_value_t = 0, value_name = "N")]
+    /// Scores the predictions of this many results again, and refuses the submission where a score differs.
+    #[arg(long, default_value_t = 0, value_name = "N", value_parser = numbers::whole::<usize>)]
     pub(crate) audit: usize,
     /// Folder that is searched for the scenes, for --audit.
     #[arg(long, value_name = "FOLDER")]
     pub(crate) scenes: Option<PathBuf>,
-    /// Draws the same sample again [default: another one every time].
-    #[arg(long, value_name = "SEED")]
+    /// Seed of the sample of --audit [default: another one every time].
+    #[arg(long, value_name = "SEED", value_parser = numbers::whole::<u64>)]
     pub(crate) audit_seed: Option<u64>,
 }
 
@@ -216,7 +218,7 @@ pub(crate) struct LeaderboardBuildArguments {
     /// Folder that is searched for result.json files, and for split.json files that explain their
     /// protocols.
     pub(crate) results: PathBuf,
-    /// Folder of the leaderboard.
+    /// Folder of the tables and of the site.
     #[arg(long)]
     pub(crate) out: PathBuf,
     /// A dataset.json whose videos the site shows.
@@ -227,12 +229,12 @@ pub(crate) struct LeaderboardBuildArguments {
     #[arg(long, value_name = "FILE")]
     pub(crate) page: Option<PathBuf>,
     /// Rendered views per scene and method that the site shows, at most.
-    #[arg(long, default_value_t = 4, value_name = "N")]
+    #[arg(long, default_value_t = 4, value_name = "N", value_parser = numbers::whole::<usize>)]
     pub(crate) views: usize,
-    /// Make the tables alone.
+    /// Makes the tables alone.
     #[arg(long)]
     pub(crate) no_site: bool,
-    /// Write nothing; fail where the tables, or that of --page, are not what the results give.
+    /// Writes nothing, and fails where the tables, or that of --page, differ from the results.
     #[arg(long)]
     pub(crate) check: bool,
 }

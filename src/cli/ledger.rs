@@ -5,11 +5,11 @@ use std::path::PathBuf;
 use clap::Subcommand;
 use omnilife_curate::ledger::{self, Role};
 
-use super::places;
+use super::{numbers, places};
 
 #[derive(Debug, Subcommand)]
 pub(crate) enum LedgerCommand {
-    /// Appends what files say: boundaries in the formats of several tools, or an audit's decisions.
+    /// Appends the entries of files: boundaries in the formats of several tools, or an audit's decisions.
     Merge {
         /// Folder of a curated video: DATASET/videos/NAME.
         #[arg(value_parser = places::video_folder())]
@@ -17,20 +17,20 @@ pub(crate) enum LedgerCommand {
         /// CSV, JSON, PySceneDetect CSV, TransNetV2 scenes, EDL, Label Studio JSON, decisions.json.
         #[arg(required = true)]
         files: Vec<PathBuf>,
-        /// Who found the boundaries in the files; decisions name their author themselves.
+        /// Author of the boundaries in the files; decisions name their author themselves.
         #[arg(long)]
         author: Option<String>,
-        /// As what the author speaks.
+        /// Role of the author: the decisions of an expert count above all proposals.
         #[arg(long, default_value = "annotator", value_parser = parse_role)]
         role: Role,
-        /// When, RFC 3339.
+        /// Time of the decisions, RFC 3339.
         #[arg(long)]
         time: Option<String>,
-        /// Why.
+        /// Reason of the decisions, kept in the ledger.
         #[arg(long)]
         reason: Option<String>,
     },
-    /// Prints all boundaries with their authors and what became of them, as JSON.
+    /// Prints all boundaries with their authors and their state, as JSON.
     Show {
         /// Folder of a curated video.
         #[arg(value_parser = places::video_folder())]
@@ -42,7 +42,7 @@ pub(crate) enum LedgerCommand {
         #[arg(value_parser = places::video_folder())]
         folder: PathBuf,
         /// Boundaries closer than this count as the same, in seconds.
-        #[arg(long, default_value_t = 0.1, value_name = "SECONDS", value_parser = parse_tolerance)]
+        #[arg(long, default_value_t = 0.1, value_name = "SECONDS", value_parser = numbers::positive)]
         tolerance: f64,
     },
     /// Prints the boundaries that hold in the format of another tool.
@@ -54,13 +54,6 @@ pub(crate) enum LedgerCommand {
         #[arg(long, value_parser = parse_format)]
         format: String,
     },
-}
-
-fn parse_tolerance(text: &str) -> Result<f64, String> {
-    text.parse()
-        .ok()
-        .filter(|seconds: &f64| seconds.is_finite() && *seconds > 0.0)
-        .ok_or_else(|| "a tolerance is a positive number of seconds".to_owned())
 }
 
 fn parse_format(text: &str) -> Result<String, String> {
@@ -77,5 +70,5 @@ pub(super) const ROLES: [(&str, Role); 3] = [
 fn parse_role(text: &str) -> Result<Role, String> {
     let role = ROLES.iter().find(|(name, _)| *name == text);
     role.map(|(_, role)| *role)
-        .ok_or_else(|| "an author is a detector, an annotator or an expert".to_owned())
+        .ok_or_else(|| "must be detector, annotator or expert".to_owned())
 }

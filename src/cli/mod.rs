@@ -11,6 +11,7 @@ mod guide;
 mod leaderboard;
 mod ledger;
 mod memory;
+mod numbers;
 mod places;
 mod poses;
 mod reconstruct;
@@ -83,22 +84,22 @@ pub(crate) enum ProgressArgument {
 
 #[derive(Debug, Subcommand)]
 pub(crate) enum Command {
-    /// The main job: from raw 360-degree videos to a scored table.
+    /// Does everything: from raw 360-degree videos to a table of scores.
     // The last of repeated options counts: scripts put their defaults first.
     #[command(args_override_self = true)]
     Run(Box<RunArguments>),
-    /// Raw video to verified, cut and posed sequences.
+    /// Makes verified, cut and posed sequences of raw video.
     Curate(CurateArguments),
-    /// A posed scene to Gaussians and rendered views.
+    /// Trains Gaussians on a posed scene, and renders, edits and exports them.
     #[command(subcommand)]
     Reconstruct(ReconstructCommand),
-    /// Splits and scores.
+    /// Splits scenes and scores predictions.
     #[command(subcommand)]
     Bench(BenchCommand),
-    /// Scores to tables.
+    /// Makes tables, figures and a site of scores.
     #[command(subcommand)]
     Leaderboard(LeaderboardCommand),
-    /// Many videos, or many methods, scenes and seeds: on this machine, or on a Slurm cluster.
+    /// Runs many videos, or many methods, scenes and seeds: on this machine, or on a Slurm cluster.
     #[command(subcommand)]
     Sweep(SweepCommand),
     /// Prints completions for a shell.
@@ -106,7 +107,7 @@ pub(crate) enum Command {
         /// The shell.
         shell: Shell,
     },
-    /// What is installed, and what each missing thing would enable.
+    /// Prints which dependencies are installed, and which features each missing one would enable.
     Doctor {
         /// Prints the report as JSON.
         #[arg(long)]
@@ -115,7 +116,7 @@ pub(crate) enum Command {
 }
 
 impl Cli {
-    /// What was asked for; ends the process where it was not understood, or was help.
+    /// Parses the command line; ends the process where it is wrong, or asks for help.
     pub(crate) fn of_arguments() -> Self {
         let words = std::env::args_os().map(|word| word.to_string_lossy().into_owned());
         let words: Vec<String> = words.collect();
@@ -141,12 +142,12 @@ impl Cli {
     }
 }
 
-/// The whole command line, with examples and lists of values.
+/// Returns the whole command line, with examples and lists of values.
 pub(crate) fn command() -> ClapCommand {
     guide::command()
 }
 
-/// The command line for completions, which propose names of methods, protocols and formats.
+/// Returns the command line for completions, which propose names of methods, protocols and formats.
 pub(crate) fn command_with_values() -> ClapCommand {
     guide::command_with_values()
 }

@@ -9,6 +9,7 @@ use omnilife_curate::{
 };
 use omnilife_schemas::records::{DistanceConvention, DistanceGrid, PoseConvention};
 
+use super::numbers;
 use crate::exit::BadRequest;
 
 #[derive(Debug, Args)]
@@ -28,11 +29,12 @@ pub(crate) struct PoseArguments {
     pub(crate) road: Option<RoadArgument>,
     #[command(flatten)]
     pub(crate) ignored: IgnoreMaskArgument,
-    /// Median height of a drone above the ground, which brings poses of arbitrary scale to metres.
-    #[arg(long, value_name = "METRES", conflicts_with = "gsd")]
+    /// Brings poses of arbitrary scale to metres by the median height of the drone above the ground.
+    #[arg(long, value_name = "METRES", conflicts_with = "gsd", value_parser = numbers::positive)]
     pub(crate) altitude: Option<f64>,
-    /// The same by the size of a pixel of the frames on the ground straight below.
-    #[arg(long, value_name = "METRES")]
+    /// Brings poses to metres by the ground sample distance instead: the size of a pixel on the ground straight
+    /// below.
+    #[arg(long, value_name = "METRES", value_parser = numbers::positive)]
     pub(crate) gsd: Option<f64>,
 }
 
@@ -117,8 +119,8 @@ impl PoseArguments {
         }
     }
 
-    /// What is known of the frames beside them: masks of what moves, where poses are given, and of what is no
-    /// part of the scene.
+    /// Returns the masks and the scale that come with the poses: dynamic masks, where poses are given, and ignored
+    /// regions.
     pub(crate) fn truth(&self, masks: Option<&PathBuf>) -> GivenTruth {
         GivenTruth {
             masks: self.poses.as_ref().and(masks.cloned()),
@@ -133,7 +135,7 @@ impl PoseArguments {
     }
 }
 
-/// What is known of the frames beside their cameras, for the metrics that ask for it.
+/// Ground truth of frames beside their cameras, for the metrics that need it.
 #[derive(Debug, Args)]
 #[command(next_help_heading = "Ground truth")]
 pub(crate) struct TruthArguments {
@@ -141,14 +143,14 @@ pub(crate) struct TruthArguments {
     /// distance is not known.
     #[arg(long, value_name = "FOLDER", requires = "depth_unit")]
     pub(crate) depth: Option<PathBuf>,
-    /// What a step of 1 in the files of --depth means, in units of the world.
-    #[arg(long, value_name = "UNITS", requires = "depth")]
+    /// Scale of the files of --depth: distance of a value of 1, in units of the world.
+    #[arg(long, value_name = "UNITS", requires = "depth", value_parser = numbers::positive)]
     pub(crate) depth_unit: Option<f64>,
     /// Masks of the objects of a class, such as human or vehicle: images named like the frames, white
     /// where they are; may be repeated.
     #[arg(long = "class", value_name = "NAME=FOLDER", value_parser = parse_class)]
     pub(crate) classes: Vec<(String, PathBuf)>,
-    /// Folder of estimated distances (of a network, a sensor), for methods that begin from them: 16-bit
+    /// Folder of depth priors (of a network, a sensor), for methods that start from them: 16-bit
     /// grey PNG or .npy files named like the frames, at any size, 0 where the distance is not known.
     #[arg(
         long,
@@ -157,17 +159,17 @@ pub(crate) struct TruthArguments {
         group = "prior_files"
     )]
     pub(crate) depth_prior: Option<PathBuf>,
-    /// What a step of 1 in the files of --depth-prior means, in units of the world.
-    #[arg(long, value_name = "UNITS", requires = "prior_files")]
+    /// Scale of the files of --depth-prior: distance of a value of 1, in units of the world.
+    #[arg(long, value_name = "UNITS", requires = "prior_files", value_parser = numbers::positive)]
     pub(crate) depth_prior_unit: Option<f64>,
-    /// What the distances of --depth-prior are measured along.
+    /// Direction of the distances of --depth-prior: along the ray, or along the optical axis (z).
     #[arg(long, value_enum, default_value_t = ConventionArgument::Ray)]
     pub(crate) depth_prior_convention: ConventionArgument,
-    /// Who estimated the distances of --depth-prior, for the record.
+    /// Name of the source of --depth-prior, for the record.
     #[arg(long, value_name = "NAME", default_value = "given")]
     pub(crate) depth_prior_source: String,
-    /// Where the pixels of --depth-prior are: with centres at half pixels, or with the first and the last
-    /// column in one direction and the first and last row at the poles.
+    /// Pixel grid of --depth-prior: centres at half pixels, or the first and last column in one direction and the
+    /// first and last row at the poles.
     #[arg(long, value_enum, default_value_t = GridArgument::HalfPixel)]
     pub(crate) grid: GridArgument,
 }
@@ -203,7 +205,7 @@ impl From<GridArgument> for DistanceGrid {
 }
 
 impl TruthArguments {
-    /// A program that estimates distances, with what its files hold; `None` without their unit.
+    /// Returns a program that estimates distances, with the form of its files; `None` without their unit.
     pub(crate) fn prior_program(&self, command: FrameCommand) -> Option<PriorProgram> {
         Some(PriorProgram {
             command,
@@ -213,7 +215,7 @@ impl TruthArguments {
         })
     }
 
-    /// What is given, beside what is known already.
+    /// Adds the given ground truth to what is known already.
     ///
     /// # Errors
     /// When a class is given twice.

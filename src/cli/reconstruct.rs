@@ -14,8 +14,9 @@ use omnilife_reconstruct::{
     request::{BackendChoice, MethodRequest, PlanChoice},
 };
 
-use super::{camera_words::CameraWordArguments, edit::EditArguments, memory::gibibytes, places};
-use crate::exit::BadRequest;
+use super::{
+    camera_words::CameraWordArguments, edit::EditArguments, memory::gibibytes, numbers, places,
+};
 
 #[derive(Debug, Clone, Args)]
 #[command(next_help_heading = "Method")]
@@ -24,10 +25,10 @@ pub(crate) struct MethodArguments {
     #[arg(long, default_value = METHODS[0].id)]
     pub(crate) method: String,
     /// Ends training after this many seconds, whatever the iterations; schedules shrink to fit.
-    #[arg(long, value_name = "SECONDS")]
+    #[arg(long, value_name = "SECONDS", value_parser = numbers::positive)]
     pub(crate) budget: Option<f64>,
-    /// Seed of everything random.
-    #[arg(long, default_value_t = 0)]
+    /// Seed of initialization and sampling; the same seed repeats a run.
+    #[arg(long, default_value_t = 0, value_parser = numbers::whole::<u64>)]
     pub(crate) seed: u64,
     /// An option of the method; `reconstruct methods` lists them. May be repeated.
     #[arg(long = "set", value_name = "NAME=VALUE")]
@@ -45,24 +46,25 @@ pub(crate) struct MethodArguments {
     /// the others].
     #[arg(long, value_name = "auto|full|COMPONENT,...", value_parser = plan)]
     pub(crate) plan: Option<PlanChoice>,
-    /// What computes: the CPU, or a GPU.
+    /// Computes on the CPU, or on a GPU.
     #[arg(long, value_enum, default_value_t = BackendArgument::Cpu)]
     pub(crate) backend: BackendArgument,
-    /// A row of the trace, with the novel views rendered for the curve of error against run time,
-    /// every so many iterations [default: at equal ratios of the CPU time of planning and training:
+    /// Adds a row to the trace, with novel views rendered for the curve of error against run time,
+    /// every this many iterations [default: at equal ratios of the CPU time of planning and training:
     /// before the first step, after 1, 1.4, 2, 2.8, 4 ... seconds, and after the last step].
-    #[arg(long, value_name = "ITERATIONS")]
+    #[arg(long, value_name = "ITERATIONS", value_parser = numbers::count::<u64>)]
     pub(crate) trace: Option<u64>,
     /// At each row of the trace renders this many novel views, evenly spread; 0 for none, and no
     /// curve [default: all].
-    #[arg(long, value_name = "N")]
+    #[arg(long, value_name = "N", value_parser = numbers::whole::<usize>)]
     pub(crate) trace_views: Option<usize>,
     /// Writes an event file for TensorBoard here: at each row of the trace its numbers, and an input and a
     /// novel view. `run`, `bench run`, `bench ablate` and `sweep plan bench` make a folder per training in it.
     #[arg(long, value_name = "FOLDER")]
     pub(crate) tensorboard: Option<PathBuf>,
-    /// A checkpoint every so many iterations, from which an interrupted run goes on; 0 for none.
-    #[arg(long, value_name = "ITERATIONS", default_value_t = 1_000)]
+    /// Writes a checkpoint every this many iterations, from which an interrupted run resumes; 0 for none.
+    #[arg(long, value_name = "ITERATIONS", default_value_t = 1_000,
+        value_parser = numbers::whole::<u64>)]
     pub(crate) checkpoint_every: u64,
 }
 
@@ -92,24 +94,11 @@ impl From<BackendArgument> for BackendChoice {
 }
 
 impl MethodArguments {
-    /// What is asked of the method.
+    /// Returns the request for the method.
     ///
     /// # Errors
-    /// When a number makes no sense, or the method does not understand an option.
+    /// When the method does not exist, or does not understand an option.
     pub(crate) fn request(&self, iterations: u64) -> anyhow::Result<MethodRequest> {
-        let refuse = |reason: &str| Err(BadRequest(reason.to_owned()).into());
-        if iterations == 0 {
-            return refuse("a training has at least 1 iteration");
-        }
-        if self.trace == Some(0) {
-            return refuse("there is at least 1 iteration from one row of the trace to the next");
-        }
-        if self
-            .budget
-            .is_some_and(|budget| !(budget > 0.0 && budget.is_finite()))
-        {
-            return refuse("a budget is a positive number of seconds");
-        }
         let method = methods::find(&self.method)?;
         Ok(MethodRequest {
             budget_seconds: self.budget,
@@ -203,19 +192,19 @@ pub(crate) struct RenderArguments {
     #[arg(long, visible_alias = "projection", value_enum)]
     pub(crate) camera: Option<CameraArgument>,
     /// Horizontal field of view of a pinhole camera.
-    #[arg(long, value_name = "DEGREES", default_value_t = 90.0)]
+    #[arg(long, value_name = "DEGREES", default_value_t = 90.0, value_parser = numbers::positive)]
     pub(crate) fov_degrees: f64,
-    /// Puts panoramas together from perspective faces of a cube, this many pixels wide: how a trainer of
-    /// perspective views draws the Gaussians that it left.
-    #[arg(long, value_name = "PIXELS")]
+    /// Renders panoramas from perspective faces of a cube, this many pixels wide, as the perspective trainers
+    /// of other projects do.
+    #[arg(long, value_name = "PIXELS", value_parser = numbers::count::<u32>)]
     pub(crate) cube_faces: Option<u32>,
-    /// What is shown. Of Gaussians: all, static, dynamic, velocity, depth or object:ID; of an atlas: all,
+    /// Renders this layer. Of Gaussians: all, static, dynamic, velocity, depth or object:ID; of an atlas: all,
     /// background, object:ID, matte:ID or without:ID. Images of object:ID have an alpha channel, with which their
     /// colours are not multiplied.
     #[arg(long, default_value = "all")]
     pub(crate) layer: String,
     /// Shows the object with this id alone.
-    #[arg(long, value_name = "ID", conflicts_with = "layer")]
+    #[arg(long, value_name = "ID", conflicts_with = "layer", value_parser = numbers::whole::<u32>)]
     pub(crate) object: Option<u32>,
     /// Makes a video of the images too; players show views of the whole sphere as 360-degree video.
     #[arg(long, value_name = "FILE.mp4")]
@@ -230,7 +219,7 @@ pub(crate) enum CameraArgument {
 }
 
 impl RenderArguments {
-    /// What is asked of the renderer.
+    /// Returns the request for the renderer.
     ///
     /// # Errors
     /// When cameras by words exclude each other.
@@ -276,11 +265,11 @@ pub(crate) struct AssetArguments {
     #[arg(long, value_name = "X,Y,Z", value_parser = direction, allow_hyphen_values = true)]
     pub(crate) up: Option<[f64; 3]>,
     /// The moment that levels show of a scene that moves [default: the middle of its clip].
-    #[arg(long, value_name = "SECONDS", allow_hyphen_values = true)]
+    #[arg(long, value_name = "SECONDS", allow_hyphen_values = true, value_parser = numbers::finite)]
     pub(crate) time: Option<f64>,
-    /// At how many moments a scene that moves is exported beside its levels, for the page's slider; 1
+    /// Number of moments that a dynamic scene is exported at beside its levels, for the page's slider; 1
     /// for none [default: one per frame of its clip, 60 at most].
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1_000))]
+    #[arg(long, value_name = "N", value_parser = numbers::between::<u32, 1, 1_000>)]
     pub(crate) moments: Option<u32>,
     /// Folder of the asset.
     #[arg(long)]
@@ -288,7 +277,7 @@ pub(crate) struct AssetArguments {
 }
 
 impl AssetArguments {
-    /// What is to be exported.
+    /// Returns the request for the export.
     pub(crate) fn request(&self) -> ExportRequest {
         ExportRequest {
             gaussians: self.gaussians.clone(),
@@ -312,7 +301,7 @@ pub(super) fn direction(text: &str) -> Result<[f64; 3], String> {
     numbers.ok_or_else(|| "expected three numbers such as 0,0,1".to_owned())
 }
 
-/// What [`plan`] reads.
+/// Returns the word that [`plan`] reads.
 pub(crate) fn plan_word(plan: &PlanChoice) -> String {
     match plan {
         PlanChoice::Auto => "auto".to_owned(),
@@ -359,14 +348,14 @@ pub(crate) enum ReconstructCommand {
         method: MethodArguments,
         /// Optimizer steps, as many as the published protocol has; schedules scale with them. `run` and
         /// `bench run` have 1500.
-        #[arg(long, default_value_t = 30_000)]
+        #[arg(long, default_value_t = 30_000, value_parser = numbers::count::<u64>)]
         iterations: u64,
         /// Memory that training may take, GiB: a model that needs more is refused before it is trained
-        /// [default: what the machine has left].
+        /// [default: the free memory of the machine].
         #[arg(long, value_name = "GIB", value_parser = gibibytes)]
         memory: Option<u64>,
     },
-    /// Makes what methods require beside a scene and its split: dense points, tracks of vehicles.
+    /// Makes the inputs that methods require beside a scene and its split: dense points, tracks of vehicles.
     ///
     /// `run`, `bench run`, `bench ablate` and sweeps do so by themselves. The result goes beside the split.
     Prepare {
@@ -383,7 +372,7 @@ pub(crate) enum ReconstructCommand {
         #[arg(long)]
         where_possible: bool,
     },
-    /// Prints which components a method has on a scene, on what evidence, and what that saves.
+    /// Prints the components that a method has on a scene, the evidence for each, and the time saved.
     ///
     /// With `--backend gpu` also the bytes on the device at the maximum number of Gaussians, the largest buffer,
     /// and whether the adapter holds them.
@@ -397,7 +386,7 @@ pub(crate) enum ReconstructCommand {
         #[command(flatten)]
         method: MethodArguments,
         /// Optimizer steps that the run would have, as in `reconstruct train`.
-        #[arg(long, default_value_t = 30_000)]
+        #[arg(long, default_value_t = 30_000, value_parser = numbers::count::<u64>)]
         iterations: u64,
     },
     /// Renders a run, or Gaussians, along given poses to PNG files, and to a video.
@@ -425,6 +414,6 @@ pub(crate) enum ReconstructCommand {
         #[arg(long)]
         json: bool,
     },
-    /// Says for each method, component, parameterization and kernel whether a backend has it.
+    /// Prints the backends that have each method, component, parameterization and kernel.
     Backends,
 }

@@ -9,6 +9,7 @@ use omnilife_schemas::names;
 
 use super::{
     curate::{CurationArguments, MemoryLimitArguments},
+    numbers,
     poses::PoseArguments,
     reconstruct::MethodArguments,
     tracks::TrackArguments,
@@ -19,10 +20,10 @@ pub(crate) struct RunArguments {
     /// Videos, folders of videos, or folders of still panoramas.
     #[arg(required = true)]
     pub(crate) videos: Vec<PathBuf>,
-    /// Folder for everything that is made.
+    /// Folder for the dataset, runs, scores and tables.
     #[arg(long)]
     pub(crate) out: PathBuf,
-    /// Where the videos came from, as `curate build` takes it; the dataset's record keeps it.
+    /// Records the origin of each video: a list as `curate build` takes it, kept in the dataset's record.
     #[arg(long, value_name = "LIST")]
     pub(crate) sources: Option<PathBuf>,
     #[command(flatten)]
@@ -42,13 +43,13 @@ pub(crate) struct RunArguments {
     pub(crate) method: MethodArguments,
     /// Optimizer steps; schedules scale with them. A first look has 1500 here and in `bench run`; the
     /// published protocol has the 30000 of `reconstruct train`.
-    #[arg(long, default_value_t = 1500)]
+    #[arg(long, default_value_t = 1500, value_parser = numbers::count::<u64>)]
     pub(crate) iterations: u64,
     /// Measures the distances of perspective videos by stereo first, for dense points (`curate dense`).
     /// object-graph does so by itself where poses come with few.
     #[arg(long)]
     pub(crate) dense: bool,
-    /// The rules of splitting and scoring.
+    /// Protocol: the rules by which frames are split and scored.
     #[arg(long, default_value = PROTOCOLS[0].id)]
     pub(crate) protocol: String,
 }
@@ -57,7 +58,7 @@ pub(crate) struct RunArguments {
 #[derive(Debug, Args)]
 #[command(next_help_heading = "Dynamic masks")]
 pub(crate) struct MaskStepArguments {
-    /// auto makes masks where the method learns from them and a detector reaches its bar on labelled footage, none makes
+    /// auto makes masks where the method trains on them and a detector reaches its bar on labelled footage, none makes
     /// none, and a folder has one for each frame, white where something moves. Structure from motion leaves it out, and
     /// the scene keeps it.
     #[arg(
@@ -67,7 +68,7 @@ pub(crate) struct MaskStepArguments {
         value_parser = MaskStepArgument::from_str
     )]
     pub(crate) masks: MaskStepArgument,
-    /// Makes them by this method of `curate masks`, whether or not it reaches its bar.
+    /// Makes dynamic masks by this method of `curate masks`, even one below the bar.
     #[arg(
         long,
         value_name = "METHOD",
@@ -75,20 +76,19 @@ pub(crate) struct MaskStepArguments {
         value_parser = parse_mask_method
     )]
     pub(crate) masks_method: Option<String>,
-    /// Takes them from a program, which masks the frames in {frames} and leaves an image for each, named like it, in
+    /// Takes dynamic masks from a program, which masks the frames in {frames} and leaves an image for each, named like it, in
     /// {out}. Words are separated by blanks; no shell takes them apart.
     #[arg(long, value_name = "COMMAND", conflicts_with = "masks")]
     pub(crate) masks_command: Option<FrameCommand>,
-    /// Looks in every sequence for the operator, a mount or a helmet, as `curate operator` does, and ignores what is
-    /// found.
+    /// Masks the operator, a mount or a helmet in every sequence, as `curate operator` does, and ignores that region.
     #[arg(long, conflicts_with = "ignore_mask")]
     pub(crate) operator: bool,
-    /// The program is ended after so many seconds for each sequence, with all that it has started.
+    /// Stops the program, and all that it started, after this many seconds for each sequence.
     #[arg(
         long,
         default_value_t = 3600,
         value_name = "SECONDS",
-        value_parser = clap::value_parser!(u64).range(1..)
+        value_parser = numbers::count::<u64>
     )]
     pub(crate) command_timeout: u64,
 }

@@ -7,6 +7,7 @@ use omnilife_bench::Statement;
 use omnilife_leaderboard::submission::read_card;
 use omnilife_schemas::records::{MethodCard, StatedClock, TrainingKind};
 
+use super::numbers;
 use crate::exit::BadRequest;
 
 #[derive(Debug, Clone, Copy, ValueEnum)]
@@ -52,19 +53,19 @@ pub(crate) struct StatementArguments {
     #[arg(long, value_enum)]
     class: Option<ClassArgument>,
     /// Training time of this scene: the tables mark it as stated.
-    #[arg(long, value_name = "SECONDS")]
+    #[arg(long, value_name = "SECONDS", value_parser = numbers::not_negative)]
     training_seconds: Option<f64>,
-    /// The clock of that time [default: wall].
+    /// Clock of --training-seconds [default: wall].
     #[arg(long, value_enum, requires = "training_seconds")]
     clock: Option<StatedClockArgument>,
-    /// Optimizer steps on this scene.
-    #[arg(long, value_name = "N")]
+    /// Number of optimizer steps on this scene.
+    #[arg(long, value_name = "N", value_parser = numbers::whole::<u64>)]
     iterations: Option<u64>,
-    /// Gaussians, or what else the model is made of.
-    #[arg(long, value_name = "N")]
+    /// Number of Gaussians, or of other primitives of the model.
+    #[arg(long, value_name = "N", value_parser = numbers::whole::<u64>)]
     primitives: Option<u64>,
     /// Random seed of the run: results that differ by it alone are repetitions.
-    #[arg(long, value_name = "SEED")]
+    #[arg(long, value_name = "SEED", value_parser = numbers::whole::<u64>)]
     seed: Option<u64>,
     /// Processors, GPUs and memory that it ran on.
     #[arg(long, value_name = "TEXT")]

@@ -1,4 +1,4 @@
-//! What was meant by a command that does not exist, wherever in the tree of commands it stands.
+//! Suggestions for commands and options that do not exist.
 
 use std::path::Path;
 
@@ -36,7 +36,7 @@ pub(crate) fn with_tip(error: clap::Error, command: &Command, words: &[String]) 
     )
 }
 
-/// Returns the tip for a video of `curate` that is no file, and may be a slip of the keys for a command.
+/// Returns the tip for a video of `curate` that is not a file, and may be a slip of the keys for a command.
 pub(crate) fn tip_for_video(video: &Path) -> Option<String> {
     let word = video.to_str().filter(|word| is_bare_word(word))?;
     if video.exists() {

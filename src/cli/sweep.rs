@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use clap::{Args, Subcommand};
 use omnilife_bench::PROTOCOLS;
 
-use super::{curate::CurationSettingsArguments, memory::gibibytes};
+use super::{curate::CurationSettingsArguments, memory::gibibytes, numbers};
 
 #[derive(Debug, Subcommand)]
 pub(crate) enum SweepCommand {
@@ -14,7 +14,7 @@ pub(crate) enum SweepCommand {
     Plan(PlanCommand),
     /// Runs missing units on this machine until none is left, and writes SWEEP/units.csv.
     Run(SweepRunArguments),
-    /// Prints what is done, failed, running and missing, why, and what the units cost.
+    /// Prints the counts of units by state, the reasons of failures, and the cost of units.
     Status {
         /// Folder of the sweep.
         sweep: PathBuf,
@@ -28,19 +28,19 @@ pub(crate) enum SweepCommand {
         #[arg(long, conflicts_with_all = ["units", "csv"])]
         json: bool,
     },
-    /// Makes failed units missing again.
+    /// Marks failed units as missing, so that the next run repeats them.
     Retry {
         /// Folder of the sweep.
         sweep: PathBuf,
         /// Ids of failed units [default: all].
         units: Vec<String>,
     },
-    /// Makes one whole of what the units have left: tables, a dataset. Failures are rows.
+    /// Merges the outputs of units: tables, a dataset. Failures are rows.
     Reduce {
         /// Folder of the sweep.
         sweep: PathBuf,
     },
-    /// Hands missing units to a cluster's engine.
+    /// Submits missing units to a cluster.
     Submit(SubmitArguments),
 }
 
@@ -63,11 +63,11 @@ pub(crate) enum PlanCommand {
     Bench(BenchPlanArguments),
     /// One unit per line of a file: a command of the shell.
     Commands {
-        /// The file; empty lines and lines that begin with # are left out.
+        /// File with a command per line; empty lines and lines that start with # are skipped.
         file: PathBuf,
         #[command(flatten)]
         plan: PlanArguments,
-        /// A command of the shell that makes one whole of what the units leave.
+        /// A command of the shell that merges the outputs of the units.
         #[arg(long, value_name = "COMMAND")]
         reduce: Option<String>,
     },
@@ -79,17 +79,17 @@ pub(crate) struct PlanArguments {
     /// Folder of the sweep.
     #[arg(long)]
     pub(crate) out: PathBuf,
-    /// Cores of a unit, and threads that it is told to use.
-    #[arg(long, default_value_t = 1, value_name = "N")]
+    /// Cores that a unit reserves, and threads that it uses.
+    #[arg(long, default_value_t = 1, value_name = "N", value_parser = numbers::count::<u32>)]
     pub(crate) unit_cores: u32,
-    /// Memory of a unit in GiB, until some were measured.
+    /// Memory that a unit reserves, GiB, until units of its group were measured.
     #[arg(long, default_value = "2", value_name = "GIB", value_parser = gibibytes)]
     pub(crate) unit_memory: u64,
-    /// GPUs of a unit.
-    #[arg(long, default_value_t = 0, value_name = "N")]
+    /// GPUs that a unit reserves.
+    #[arg(long, default_value_t = 0, value_name = "N", value_parser = numbers::whole::<u32>)]
     pub(crate) unit_gpus: u32,
-    /// Ends a unit after this many seconds; it has failed then.
-    #[arg(long, value_name = "SECONDS")]
+    /// Stops a unit after this many seconds, and counts it as failed.
+    #[arg(long, value_name = "SECONDS", value_parser = numbers::positive)]
     pub(crate) unit_limit: Option<f64>,
 }
 
@@ -101,11 +101,12 @@ pub(crate) struct BenchPlanArguments {
     /// Methods: names that `reconstruct methods` lists, or method.toml files.
     #[arg(long, required = true, value_delimiter = ',', value_name = "METHOD")]
     pub(crate) methods: Vec<String>,
-    /// Seeds; all scenes with the first seed come before any with the second. What interpolates
-    /// between views has none and is run once.
-    #[arg(long, default_value = "0", value_delimiter = ',', value_name = "SEED")]
+    /// Seeds; all scenes with the first seed come before any with the second. Methods without training run
+    /// once.
+    #[arg(long, default_value = "0", value_delimiter = ',', value_name = "SEED",
+        value_parser = numbers::whole::<u64>)]
     pub(crate) seeds: Vec<u64>,
-    /// The rules of splitting and scoring.
+    /// Protocols: the rules by which frames are split and scored.
     #[arg(long, default_value = PROTOCOLS[0].id, value_delimiter = ',', value_name = "PROTOCOL")]
     pub(crate) protocols: Vec<String>,
     /// Folder of the results.
@@ -123,27 +124,28 @@ pub(crate) struct SweepRunArguments {
     /// Folder of the sweep.
     pub(crate) sweep: PathBuf,
     /// Cores that all units together may use [default: all].
-    #[arg(long, value_name = "N")]
+    #[arg(long, value_name = "N", value_parser = numbers::count::<u32>)]
     pub(crate) cores: Option<u32>,
     /// Memory that all units together may use, GiB [default: nine tenths of what is free].
     #[arg(long, value_name = "GIB", value_parser = gibibytes)]
     pub(crate) memory: Option<u64>,
-    /// GPUs; units are told theirs by `CUDA_VISIBLE_DEVICES`.
-    #[arg(long, default_value_t = 0, value_name = "N")]
+    /// GPUs that units share; each unit gets its own by `CUDA_VISIBLE_DEVICES`.
+    #[arg(long, default_value_t = 0, value_name = "N", value_parser = numbers::whole::<u32>)]
     pub(crate) gpus: u32,
     /// Does not wait for units that tasks of Slurm work on.
     #[arg(long)]
     pub(crate) no_wait: bool,
-    /// How long units have to write their checkpoints when the runner is told to end, seconds.
-    #[arg(long, default_value_t = 60.0, value_name = "SECONDS")]
+    /// Gives units this many seconds to write their checkpoints when the runner is terminated.
+    #[arg(long, default_value_t = 60.0, value_name = "SECONDS",
+        value_parser = numbers::not_negative)]
     pub(crate) grace: f64,
     /// Runs one unit: the one at --line of this list, as a task of a job array does.
     #[arg(long, requires = "line", value_name = "FILE")]
     pub(crate) list: Option<PathBuf>,
     /// Line of the list, counted from 0.
-    #[arg(long, requires = "list", value_name = "N")]
+    #[arg(long, requires = "list", value_name = "N", value_parser = numbers::whole::<usize>)]
     pub(crate) line: Option<usize>,
-    /// Told by SIGUSR1 that its time is up, puts its Slurm job back into the queue.
+    /// Puts the Slurm job back into the queue when SIGUSR1 announces the end of its time.
     #[arg(long, requires = "list")]
     pub(crate) requeue: bool,
 }
@@ -152,25 +154,27 @@ pub(crate) struct SweepRunArguments {
 pub(crate) struct SubmitArguments {
     /// Folder of the sweep; every node must see it under the same path.
     pub(crate) sweep: PathBuf,
-    /// To Slurm, as job arrays.
+    /// Submits to Slurm, as job arrays.
     #[arg(long, required = true)]
     pub(crate) slurm: bool,
-    /// Tasks that run at a time.
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
+    /// Runs at most this many tasks at a time.
+    #[arg(long, value_name = "N", value_parser = numbers::count::<u32>)]
     pub(crate) throttle: Option<u32>,
-    /// Time asked for a unit while none of its group was measured, minutes.
-    #[arg(long, default_value_t = 720, value_name = "MINUTES")]
+    /// Requests this many minutes for a unit, until units of its group were measured.
+    #[arg(long, default_value_t = 720, value_name = "MINUTES",
+        value_parser = numbers::whole::<u64>)]
     pub(crate) minutes: u64,
-    /// How long before its end a job is told to write its checkpoint, seconds.
-    #[arg(long, default_value_t = 120, value_name = "SECONDS")]
+    /// Signals a job this many seconds before its time limit, so that it writes a checkpoint.
+    #[arg(long, default_value_t = 120, value_name = "SECONDS",
+        value_parser = numbers::whole::<u64>)]
     pub(crate) signal_before: u64,
     /// An option of every sbatch, such as --sbatch=--partition=gpu; may be repeated.
     #[arg(long, value_name = "OPTION", allow_hyphen_values = true)]
     pub(crate) sbatch: Vec<String>,
-    /// Submits no job that reduces.
+    /// Leaves out the job that reduces the results.
     #[arg(long)]
     pub(crate) no_reduce: bool,
-    /// Prints what would be submitted.
+    /// Prints the jobs, and submits none.
     #[arg(long)]
     pub(crate) dry_run: bool,
 }

@@ -8,33 +8,34 @@ use omnilife_tracks::{
     TrackOptions, association::ASSOCIATIONS, detectors::DETECTORS, distance::DISTANCES,
 };
 
+use super::numbers;
 use crate::exit::BadRequest;
 
 /// Choices of the chain from videos to paths of vehicles.
 #[derive(Debug, Args)]
 #[command(next_help_heading = "Tracks of vehicles")]
 pub(crate) struct TrackArguments {
-    /// How vehicles are found: motion (what the points of the scene do not explain), files, or command.
+    /// Detects vehicles by motion that the points of the scene do not explain, by files of boxes, or by a command.
     #[arg(long, value_name = "DETECTOR", default_value = "motion")]
     pub(crate) vehicle_detector: String,
     /// Boxes of another program for the detector files: MOT text, or COCO JSON.
     #[arg(long, value_name = "FILE")]
     pub(crate) detections: Option<PathBuf>,
-    /// How the program of the detector command is run, and what it writes.
+    /// Runs the program of this file for the detector command; the file states its arguments and its output.
     #[arg(long, value_name = "FILE.toml")]
     pub(crate) program: Option<PathBuf>,
-    /// How far away they are: on the ground around them, or by distances that a network estimated
-    /// (`curate poses --depth-prior`); auto says which, and why.
+    /// Places vehicles on the ground around them, or at the distances of a depth prior (`curate poses
+    /// --depth-prior`); auto chooses, and records the reason.
     #[arg(long, default_value = "auto")]
     pub(crate) distance: String,
-    /// How those of one vehicle are found: by whole chains on the ground, or as DeepSORT does in the image,
-    /// with its appearance network (scripts/setup --models).
+    /// Links the detections of a vehicle by whole chains on the ground, or in the image as DeepSORT does, with its
+    /// appearance network (scripts/setup --models).
     #[arg(long, default_value = "ground-chains")]
     pub(crate) association: String,
-    /// Metres in a unit of the world, where the scene does not say.
-    #[arg(long, value_name = "METRES")]
+    /// Metres per unit of the world, for speeds and sizes, where the scene does not state it.
+    #[arg(long, value_name = "METRES", value_parser = numbers::positive)]
     pub(crate) metres_per_unit: Option<f64>,
-    /// Looks at every frame of the video, with poses interpolated between those of the samples. Refused where
+    /// Tracks in every frame of the video, with poses interpolated between those of the samples. Refused where
     /// samples that are left out and interpolated move the ground by more than two pixels.
     #[arg(long)]
     pub(crate) every_frame: bool,

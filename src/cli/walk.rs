@@ -3,16 +3,16 @@
 
 use clap::{Arg, ArgMatches, Command, error::ErrorKind};
 
-use super::{guide, suggestion::with_tip};
+use super::{guide, numbers, suggestion::with_tip};
 
 /// A command with its words and its first example.
-struct Walked<'a> {
+struct CommandCase<'a> {
     words: &'static str,
     definition: &'a Command,
     example: Vec<String>,
 }
 
-fn commands(root: &Command) -> Vec<Walked<'_>> {
+fn commands(root: &Command) -> Vec<CommandCase<'_>> {
     let walked = guide::EXAMPLES.iter().map(|&(words, lines)| {
         let definition = words.split(' ').fold(root, |command, word| {
             let inner = command.find_subcommand(word);
@@ -20,7 +20,7 @@ fn commands(root: &Command) -> Vec<Walked<'_>> {
         });
         let line = lines[0].replace("\"out of memory\"", "memory");
         let line = line.split(" > ").next().unwrap_or_default();
-        Walked {
+        CommandCase {
             words,
             definition,
             example: line.split(' ').map(str::to_owned).collect(),
@@ -158,7 +158,7 @@ fn a_misspelt_option_gets_the_right_one_and_an_unknown_value_is_named() {
     const VALUE: &str = "nonsense!";
     let root = guide::command();
     let mut values = 0;
-    for Walked {
+    for CommandCase {
         words, definition, ..
     } in commands(&root)
     {
@@ -206,4 +206,39 @@ fn a_misspelt_option_gets_the_right_one_and_an_unknown_value_is_named() {
         }
     }
     assert!(values > 30, "{values} options check their values");
+}
+
+#[test]
+fn a_number_out_of_range_names_its_option_and_what_it_accepts() {
+    let root = guide::command();
+    let mut refused = 0;
+    for CommandCase {
+        words, definition, ..
+    } in commands(&root)
+    {
+        let options = definition
+            .get_arguments()
+            .filter(|argument| numbers::is_number(argument));
+        for option in options.filter_map(Arg::get_long) {
+            let option = format!("--{option}");
+            for value in ["-4", "nonsense!"] {
+                let line = ["omnilife", option.as_str(), value];
+                let Err(error) = definition.clone().try_get_matches_from(line) else {
+                    panic!("{words} {option} {value} was understood");
+                };
+                let text = error.to_string();
+                // Only times and angles are negative: then a required argument is missing.
+                let is_accepted = error.kind() == ErrorKind::MissingRequiredArgument;
+                if value == "-4" && is_accepted {
+                    continue;
+                }
+                refused += 1;
+                assert_eq!(error.kind(), ErrorKind::ValueValidation, "{words}: {text}");
+                for part in [option.as_str(), value, "must be"] {
+                    assert!(text.contains(part), "{words} {option}: {text}");
+                }
+            }
+        }
+    }
+    assert!(refused > 150, "{refused} values were refused");
 }

@@ -93,7 +93,7 @@ pub(crate) fn masks(arguments: &MasksArguments, progress: &dyn Progress) -> anyh
     ))
 }
 
-/// Looks for what stays in the camera's frame and prints the verdict, with the command that uses its mask.
+/// Looks for the operator and mounts and prints the finding, with the command that uses its mask.
 pub(crate) fn operator(
     sequence: &Path,
     search: OperatorSearch,

@@ -135,8 +135,8 @@ pub(crate) fn execute(command: &ReconstructCommand, progress: &dyn Progress) -> 
     }
 }
 
-/// Returns the time of a training, seconds, which includes planning, and beside it that of the trace's renders. The
-/// rounded parts add up to the rounded whole.
+/// Returns the times of a training with its planning, and of the trace's renders, seconds. The rounded parts add up to
+/// the rounded total.
 fn training_words(training: f64, planning: f64, evaluation: f64) -> String {
     let tenths = |seconds: f64| (10.0 * seconds).round() / 10.0;
     let (training, evaluation) = (tenths(training), tenths(evaluation));

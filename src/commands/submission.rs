@@ -10,7 +10,7 @@ use omnilife_bench::{
     DEFAULT_MEMORY_BYTES, MetricChoice, Predictions, ScoreRequest, Statement, protocols, score,
     split_scene_under, validate,
 };
-use omnilife_leaderboard::submission::{self, PackRequest, Verified};
+use omnilife_leaderboard::submission::{self, PackRequest, VerifiedSubmission};
 use omnilife_schemas::{
     layout::SPLIT_FILE,
     lock::FolderLock,
@@ -87,7 +87,7 @@ pub(crate) fn add(arguments: &AddArguments, progress: &dyn Progress) -> anyhow::
 
 /// Scores a sample of a submission's predictions again. The submitter cannot know the sample without the seed.
 fn audit(
-    verified: &Verified,
+    verified: &VerifiedSubmission,
     scenes: &Path,
     count: usize,
     seed: u64,
@@ -130,7 +130,7 @@ fn audit(
 
 /// Scores the predictions of an entry again, under the known protocol with the padding that its result has.
 fn score_again(
-    verified: &Verified,
+    verified: &VerifiedSubmission,
     entry: &SubmittedResult,
     padding: Option<Padding>,
     scene: &Path,

@@ -130,9 +130,6 @@ fn limits(arguments: &SweepRunArguments) -> anyhow::Result<PoolLimits> {
         Some(bytes) => bytes,
         None => process::available_memory_bytes().map_or(u64::MAX, |bytes| bytes / 10 * 9),
     };
-    if cores == 0 {
-        return Err(BadRequest("a pool needs at least one core".to_owned()).into());
-    }
     Ok(PoolLimits {
         cores,
         memory_bytes,
@@ -142,7 +139,7 @@ fn limits(arguments: &SweepRunArguments) -> anyhow::Result<PoolLimits> {
 
 fn seconds(value: f64) -> anyhow::Result<Duration> {
     Duration::try_from_secs_f64(value)
-        .map_err(|_| BadRequest(format!("{value}: is no number of seconds")).into())
+        .map_err(|_| BadRequest(format!("--grace must be a shorter time, got {value} s")).into())
 }
 
 fn summary_words(summary: &RunSummary) -> String {

@@ -35,8 +35,8 @@ pub(crate) enum MaskStep {
 }
 
 impl MaskStep {
-    /// Returns the step that is asked for, or that a method needs by default. Where a detector that it needs is off, a
-    /// line says why, with the option that turns one on.
+    /// Returns the requested step, or the one that a method needs by default. Reports a needed detector that is off,
+    /// with the reason and the option that turns one on.
     pub(crate) fn of(
         arguments: &MaskStepArguments,
         method: &Method,
@@ -71,8 +71,8 @@ impl MaskStep {
         }
     }
 
-    /// Makes the masks of a sequence; returns their folder. A detector or program that fails leaves the sequence without
-    /// masks, with a line.
+    /// Makes the masks of a sequence; returns their folder. A failure of the detector or program is reported, and
+    /// leaves the sequence without masks.
     pub(crate) fn make(&self, folder: &Path, id: &str, progress: &dyn Progress) -> Option<PathBuf> {
         let source = match self {
             Self::None => return None,
@@ -97,8 +97,8 @@ impl MaskStep {
     }
 }
 
-/// Looks for what the camera carries in a sequence; returns its mask if it is found. Otherwise, or where a person has to
-/// decide, a line says so.
+/// Looks for the operator and mounts in a sequence; returns their mask if it is found. Reports a sequence without one,
+/// or one on which a person has to decide.
 pub(crate) fn operator(folder: &Path, id: &str, progress: &dyn Progress) -> Option<PathBuf> {
     let record = match operator::write_operator(folder, OperatorSearch::default(), progress) {
         Ok(record) => record,
@@ -128,7 +128,7 @@ pub(crate) fn operator(folder: &Path, id: &str, progress: &dyn Progress) -> Opti
     mask.filter(|_| record.finding == OperatorFinding::Found)
 }
 
-/// Returns the line on a method that goes without masks, because no detector reaches its bar.
+/// Returns the message on a method that trains without masks, because no detector reaches its bar.
 fn all_off(method: &str) -> String {
     let detectors = masks::METHODS.iter().map(|detector| {
         let reliability = reliability::of(detector.id, Target::Moving);

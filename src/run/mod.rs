@@ -352,7 +352,7 @@ impl Job<'_> {
         )
     }
 
-    /// Makes masks of the operator and of what moves, and the poses of one sequence.
+    /// Makes masks of the operator and of dynamic regions, and the poses of one sequence.
     fn pose(&self, folder: &Path, id: &str) -> anyhow::Result<()> {
         let (mut poses, mut truth) = (self.poses.clone(), self.truth.clone());
         if self.operator {

@@ -103,7 +103,7 @@ fn json_hash(value: &impl Serialize) -> String {
 
 fn check(plan: &SweepPlan) -> Result<(), String> {
     if plan.units.is_empty() {
-        return Err("there is nothing to do: the plan has no units".to_owned());
+        return Err("a plan must have at least one unit, got none".to_owned());
     }
     let mut ids = BTreeSet::new();
     for unit in &plan.units {

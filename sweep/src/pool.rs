@@ -30,7 +30,7 @@ use crate::{
     lock::{self, HeldLock, Holder},
     process::{EndReason, Running},
     status::Status,
-    unit::{self, Ending, Launch, MOST_LOST_RUNNERS},
+    unit::{self, AttemptEnd, Launch, MOST_LOST_RUNNERS},
 };
 
 /// Interval for polling: time limits, requests to end.
@@ -136,12 +136,12 @@ fn lock_sweep(folder: &Path) -> Result<HeldLock, SweepError> {
 struct Active {
     running: Arc<Running>,
     deadline: Option<Instant>,
-    reserved: Reserved,
+    reserved: Reservation,
 }
 
 /// Resources reserved for a unit.
 #[derive(Debug, Clone, Default)]
-struct Reserved {
+struct Reservation {
     cores: u32,
     memory_bytes: u64,
     gpus: Vec<u32>,
@@ -175,7 +175,7 @@ enum Message {
     /// The commands have ended, so that others may start; the outcome is being written.
     Idle(usize),
     /// The unit has ended.
-    Ended(usize, Result<Ending, StoreError>),
+    Ended(usize, Result<AttemptEnd, StoreError>),
 }
 
 impl<'a> Pool<'a> {
@@ -338,7 +338,7 @@ impl<'a> Pool<'a> {
                 }
             };
         }
-        let used = |of: fn(&Reserved) -> u64| -> u64 {
+        let used = |of: fn(&Reservation) -> u64| -> u64 {
             self.active
                 .values()
                 .map(|active| of(&active.reserved))
@@ -418,11 +418,11 @@ impl<'a> Pool<'a> {
         self.active.insert(index, active);
     }
 
-    fn reserve(&self, unit: &SweepUnit) -> Reserved {
+    fn reserve(&self, unit: &SweepUnit) -> Reservation {
         let taken: BTreeSet<u32> = (self.active.values())
             .flat_map(|active| active.reserved.gpus.iter().copied())
             .collect();
-        Reserved {
+        Reservation {
             cores: unit.needs.cores,
             memory_bytes: self.history.memory_bytes(unit),
             gpus: (0..self.request.limits.gpus)
@@ -435,20 +435,20 @@ impl<'a> Pool<'a> {
     /// Releases a unit's resources for others; its lock is still held.
     fn set_free(&mut self, index: usize) {
         if let Some(active) = self.active.get_mut(&index) {
-            active.reserved = Reserved::default();
+            active.reserved = Reservation::default();
         }
     }
 
     fn take_in(
         &mut self,
         index: usize,
-        ended: Result<Ending, StoreError>,
+        ended: Result<AttemptEnd, StoreError>,
         progress: &dyn Progress,
     ) {
         self.active.remove(&index);
         let unit = self.unit(index);
         match ended {
-            Ok(Ending::Over(outcome)) => {
+            Ok(AttemptEnd::Over(outcome)) => {
                 progress.advance(1);
                 self.history.add(&unit.group, &outcome);
                 for what in &outcome.left_running {
@@ -462,7 +462,7 @@ impl<'a> Pool<'a> {
                     self.done_here += 1;
                 }
             }
-            Ok(Ending::Interrupted) => self.interrupted += 1,
+            Ok(AttemptEnd::Interrupted) => self.interrupted += 1,
             Err(error) => self.broken = Some(error),
         }
     }

@@ -38,11 +38,11 @@ pub(crate) enum EndReason {
 /// Requests of other threads to the running command of a unit; the thread that waits for it carries them out.
 #[derive(Debug, Default)]
 pub(crate) struct Running {
-    asked: Mutex<Asked>,
+    asked: Mutex<UnitRequests>,
 }
 
 #[derive(Debug, Default)]
-struct Asked {
+struct UnitRequests {
     /// First reason that was given for the end.
     reason: Option<EndReason>,
     /// True where it has to end at once.
@@ -50,7 +50,7 @@ struct Asked {
 }
 
 impl Running {
-    fn asked(&self) -> MutexGuard<'_, Asked> {
+    fn asked(&self) -> MutexGuard<'_, UnitRequests> {
         self.asked.lock().unwrap_or_else(PoisonError::into_inner)
     }
 

@@ -17,7 +17,7 @@ const LOG_FILE: &str = "reduce.log";
 /// Writes the table of units, leaves a record of every failure, and runs the plan's reduction.
 ///
 /// # Errors
-/// When the sweep cannot be read or written, or a command of the reduction fails. Failed units are no error, nor is a
+/// When the sweep cannot be read or written, or a command of the reduction fails. Failed units are not errors, nor is a
 /// unit whose failure cannot be recorded, such as one without a split: it is noted.
 pub fn reduce(
     folder: &Path,

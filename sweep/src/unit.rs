@@ -28,7 +28,7 @@ pub(crate) const MOST_LOST_RUNNERS: u32 = 3;
 const INTERRUPTED: i32 = 75;
 
 /// Ending of an attempt.
-pub(crate) enum Ending {
+pub(crate) enum AttemptEnd {
     /// Done or failed, with its outcome.
     Over(Box<UnitOutcome>),
     /// The runner was asked to end; the unit is missing again.
@@ -56,7 +56,7 @@ pub(crate) fn run(
     running: &Running,
     stop: &AtomicBool,
     idle: impl FnOnce(),
-) -> Result<Ending, StoreError> {
+) -> Result<AttemptEnd, StoreError> {
     let attempt = Attempt::begin(sweep, unit)?;
     let mut cost = Cost::default();
     let result = attempt.work(&launch, lock, running, &mut cost);
@@ -68,13 +68,13 @@ pub(crate) fn run(
     // A unit that ended well in spite of it is done.
     if running.reason() == Some(EndReason::Stop) && result.is_err() {
         lock.file.release()?;
-        return Ok(Ending::Interrupted);
+        return Ok(AttemptEnd::Interrupted);
     }
     idle();
     let outcome = attempt.outcome(result, &cost);
     sweep.write_outcome(unit, &outcome)?;
     lock.file.release()?;
-    Ok(Ending::Over(Box::new(outcome)))
+    Ok(AttemptEnd::Over(Box::new(outcome)))
 }
 
 /// Waits for a signal to this process. A cluster's engine signals all processes of a job at about the same time. If the

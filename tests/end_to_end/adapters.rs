@@ -7,7 +7,7 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use omnilife_bench::{ADAPTERS, Adapter, Tried};
+use omnilife_bench::{ADAPTERS, Adapter, AdapterTrial};
 use omnilife_schemas::{
     records::{ExternalRun, ResultRecord},
     store,
@@ -181,7 +181,7 @@ fn adapter(id: &str) -> &'static Adapter {
 
 #[test]
 fn every_adapter_writes_what_the_loader_of_its_method_reads_and_finds_its_views() {
-    let with_stand_in = |adapter: &&Adapter| adapter.tried != Tried::ByHand;
+    let with_stand_in = |adapter: &&Adapter| adapter.tried != AdapterTrial::ByHand;
     for adapter in ADAPTERS.iter().filter(with_stand_in) {
         let id = adapter.id;
         let checkout = Checkout::new(adapter);
@@ -189,7 +189,7 @@ fn every_adapter_writes_what_the_loader_of_its_method_reads_and_finds_its_views(
         assert_eq!(record.failure, None, "{id}: {log}");
         let result = checkout.score();
         assert!(result.failures.is_empty(), "{id}: {:?}", result.failures);
-        // One Gaussian is no scene; a video is lossy; faces are sampled twice.
+        // One Gaussian is not a scene; a video is lossy; faces are sampled twice.
         let least = match id {
             "lichtfeld" => 0.0,
             "layered-neural-atlases" => 24.0,

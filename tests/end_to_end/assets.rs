@@ -115,7 +115,7 @@ fn requests_that_make_no_asset_are_refused_in_one_line_and_leave_nothing() {
             &["--lod", "9M"][..],
             "fewer than every level that is asked for; ask for full",
         ),
-        (&["--up", "0,0,0"], "is no direction up"),
+        (&["--up", "0,0,0"], "--up must be a direction"),
         (&["--format", "spz", "--page"], "a page holds .splat levels"),
         (&["--format", "spx"], "did you mean \"spz\"?"),
     ] {
@@ -126,7 +126,7 @@ fn requests_that_make_no_asset_are_refused_in_one_line_and_leave_nothing() {
     }
     let ended = exported(&out, &["--lod", "some"]);
     assert_eq!(ended.code, Some(2));
-    assert!(ended.stderr.contains("is no level"), "{}", ended.stderr);
+    assert!(ended.stderr.contains("a level must be"), "{}", ended.stderr);
     let broken = folder.path().join("broken.splat");
     std::fs::write(&broken, [0; 33]).unwrap();
     let ended = omnilife([

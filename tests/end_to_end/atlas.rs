@@ -322,7 +322,7 @@ fn wrong_scripts_and_clips_are_one_line_each() {
     for (script, expected) in [
         (
             "[[edit]]\nkind = \"remove\"\nnode = \"swan\"\n",
-            "line 1: there is no object \"swan\"",
+            "line 1: the object must be",
         ),
         (
             "[[edit]]\nkind = \"remove\"\nnode = \"square\"\n\n[[edit]]\nkind = \"texture\"\nnode = \"background\"\nimage = \"empty.png\"\n",

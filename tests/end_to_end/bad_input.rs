@@ -63,6 +63,21 @@ fn assert_request_refused(further: &[&str], reason: &str) {
     assert!(!out.exists(), "{:?}", files(&out));
 }
 
+/// Asserts that an option is refused by its name and value before anything is written.
+fn assert_option_refused([option, value]: [&str; 2]) {
+    let folder = scratch();
+    let out = folder.path().join("out");
+    let ended = run(&sample("street.mp4"), &out, &["--quiet", option, value]);
+    let message = &ended.stderr;
+    assert_eq!(ended.code, Some(2), "{message}");
+    let quoted = format!("'{value}'");
+    for part in [option, quoted.as_str(), "must be"] {
+        assert!(message.contains(part), "{message}");
+    }
+    assert_eq!(ended.stdout, "");
+    assert!(!out.exists(), "{:?}", files(&out));
+}
+
 fn file(folder: &Path, name: &str, bytes: &[u8]) -> PathBuf {
     let path = folder.join(name);
     fs::write(&path, bytes).unwrap();
@@ -295,23 +310,25 @@ fn names_that_are_not_known() {
 
 #[test]
 fn numbers_that_make_no_sense() {
-    for (arguments, reason) in [
-        (["--iterations", "0"], "at least 1"),
-        (["--set", "max-gaussians=0"], "1 at least"),
-        (["--max-frames", "0"], "positive number"),
-        (["--fps", "0"], "positive number"),
-        (["--fps", "nan"], "positive number"),
-        (["--budget", "0"], "a positive number of seconds"),
-        (["--min-shot", "inf"], "minimum shot length"),
+    assert_request_refused(&["--set", "max-gaussians=0"], "1 at least");
+    for arguments in [
+        ["--iterations", "0"],
+        ["--trace", "0"],
+        ["--max-frames", "0"],
+        ["--width", "0"],
+        ["--width", "-4"],
+        ["--fps", "0"],
+        ["--fps", "nan"],
+        ["--budget", "0"],
+        ["--min-shot", "inf"],
     ] {
-        assert_request_refused(&arguments, reason);
+        assert_option_refused(arguments);
     }
 }
 
 #[test]
 fn settings_that_do_not_fit_the_video() {
     for (arguments, reason) in [
-        (["--width", "0"], "frame width of 0 pixels"),
         (["--width", "65"], "frame width of 65 pixels"),
         (["--min-shot", "3"], "none of its shots lasts 3 s"),
     ] {
@@ -378,7 +395,6 @@ fn requests_to_the_method_that_make_no_sense_are_refused() {
         &["--without", "sky"],
         "there is no odgs component \"sky\"; known: swept-points",
     );
-    assert_request_refused(&["--trace", "0"], "at least 1");
 }
 
 #[test]

@@ -13,7 +13,7 @@ use std::{
 };
 
 use crate::{
-    outcomes::{Expected, ending_fault},
+    outcomes::{ExpectedContent, ending_fault},
     support::{Ended, SmallDisk},
     trial::{Trial, variable},
     writing_commands::Inputs,
@@ -153,7 +153,7 @@ fn every_command_on_a_machine_that_fails_it() {
             trial.run().succeeded();
             trial.left()
         });
-        let expected = Expected::of(undisturbed.collect());
+        let expected = ExpectedContent::of(undisturbed.collect());
         let mut cells = Vec::new();
         for (at, (fault, name)) in FAULTS.into_iter().enumerate() {
             if !is_whole && number % FAULTS.len() != at {

@@ -1,4 +1,6 @@
-//! Help and version of the binary.
+//! Help and version of the binary, and help of the scripts.
+
+use std::{fs, path::Path, process::Command};
 
 use crate::support::omnilife;
 
@@ -60,4 +62,38 @@ fn the_version_has_the_commit() {
 #[test]
 fn list_of_methods() {
     insta::assert_snapshot!("reconstruct-methods", said(&["reconstruct", "methods"]));
+}
+
+#[test]
+fn every_bash_script_shows_its_help() {
+    let mut folders = vec![Path::new(env!("CARGO_MANIFEST_DIR")).join("scripts")];
+    let mut scripts = 0;
+    while let Some(folder) = folders.pop() {
+        for entry in fs::read_dir(folder).unwrap() {
+            let path = entry.unwrap().path();
+            if path.is_dir() {
+                folders.push(path);
+                continue;
+            }
+            if !fs::read(&path)
+                .unwrap()
+                .starts_with(b"#!/usr/bin/env bash\n")
+            {
+                continue;
+            }
+            scripts += 1;
+            let ended = Command::new(&path).arg("--help").output().unwrap();
+            let (help, errors) = (
+                String::from_utf8_lossy(&ended.stdout),
+                String::from_utf8_lossy(&ended.stderr),
+            );
+            assert_eq!(ended.status.code(), Some(0), "{}: {errors}", path.display());
+            assert!(
+                help.lines().count() >= 3 && errors.is_empty(),
+                "{}: {help}{errors}",
+                path.display()
+            );
+        }
+    }
+    assert!(scripts > 20, "{scripts} scripts");
 }

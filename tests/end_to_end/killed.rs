@@ -12,7 +12,7 @@ use std::{
 
 use crate::{
     chance::Chance,
-    outcomes::Expected,
+    outcomes::ExpectedContent,
     support::scratch,
     trial::{Trial, variable},
     writing_commands::Inputs,
@@ -46,7 +46,7 @@ fn walk(trial: &Trial<'_>, rounds: usize, chance: &mut Chance) -> Outcome {
         outcome.seconds = begun.elapsed().as_secs_f64();
         undisturbed.push(trial.left());
     }
-    let expected = Expected::of(undisturbed);
+    let expected = ExpectedContent::of(undisturbed);
     // The first two run to their ends.
     for round in 0..=rounds {
         trial.reset();

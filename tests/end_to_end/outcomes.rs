@@ -29,13 +29,13 @@ pub(crate) fn left_in(folder: &Path) -> Files {
 
 /// Content that every further run has to leave: everything on which several undisturbed runs agree. They differ in
 /// times, in memory, and in hashes of files that hold those.
-pub(crate) struct Expected {
+pub(crate) struct ExpectedContent {
     first: Files,
     /// Files of the other runs.
     others: Vec<Files>,
 }
 
-impl Expected {
+impl ExpectedContent {
     /// Keeps at least two `runs`.
     pub(crate) fn of(mut runs: Vec<Files>) -> Self {
         let first = runs.remove(0);

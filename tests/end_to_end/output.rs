@@ -120,7 +120,7 @@ fn a_gallery_shows_the_sequences_of_a_dataset_once() {
     assert_eq!(image.width(), 96);
     let text = std::fs::read_to_string(figure.with_extension("svg")).unwrap();
     assert!(text.contains("street/seq-000</text>"), "{text:.400}");
-    // The same plot again is no loss; another image of that name is.
+    // The same plot again is not a loss; another image of that name is.
     draw().succeeded();
     std::fs::write(figure.with_extension("png"), "another").unwrap();
     assert!(draw().failed_quietly(2).contains("is there already"));

@@ -13,11 +13,11 @@ use crate::support::{
 };
 
 /// Path of an output that does not exist yet.
-struct Out {
+struct OutputPath {
     folder: tempfile::TempDir,
 }
 
-impl Out {
+impl OutputPath {
     fn new() -> Self {
         Self { folder: scratch() }
     }
@@ -47,7 +47,7 @@ fn run(out: &Path, further: &[&str]) -> Ended {
 
 #[test]
 fn structure_from_motion() {
-    let out = Out::new();
+    let out = OutputPath::new();
     out.assert_untouched(&run(&out.path(), &[]), "scripts/setup --sfm");
     // Of many videos the good one needs it.
     let videos = out.folder.path().join("videos");
@@ -73,7 +73,7 @@ fn sequences_of_an_earlier_run_are_left_to_their_stages() {
 
 #[test]
 fn poses_that_can_be_read() {
-    let out = Out::new();
+    let out = OutputPath::new();
     let model = out.folder.path().join("model");
     fs::create_dir(&model).unwrap();
     let camera = "1 EQUIRECTANGULAR 128 64 128 64\n";
@@ -102,7 +102,7 @@ fn poses_that_can_be_read() {
 
 #[test]
 fn masks_that_are_there() {
-    let out = Out::new();
+    let out = OutputPath::new();
     let (poses, missing) = (sample("poses.json"), out.folder.path().join("missing"));
     let (poses, missing) = (poses.to_str().unwrap(), missing.to_str().unwrap());
     for option in ["--masks", "--ignore-mask"] {
@@ -113,7 +113,7 @@ fn masks_that_are_there() {
 
 #[test]
 fn weights_of_a_boundary_detector() {
-    let out = Out::new();
+    let out = OutputPath::new();
     let poses = sample("poses.json");
     let poses = ["--poses", poses.to_str().unwrap()];
     let detector = ["--detector", "transnetv2"];
@@ -130,7 +130,7 @@ fn weights_of_a_boundary_detector() {
 #[cfg(target_os = "linux")]
 #[test]
 fn an_adapter_for_the_backend() {
-    let out = Out::new();
+    let out = OutputPath::new();
     let (video, poses) = (sample("street.mp4"), sample("poses.json"));
     let scene = small_run().out.join(SEQUENCE).join("scene.json");
     let split = scene.with_file_name("per-scene").join("split.json");
@@ -183,7 +183,7 @@ fn a_folder_of_its_own() {
 
 #[test]
 fn what_a_detector_of_vehicles_reads() {
-    let out = Out::new();
+    let out = OutputPath::new();
     let (scene, folder) = (small_run().out.join(SEQUENCE), out.path());
     for (detector, option) in [("command", "--program"), ("files", "--detections")] {
         let arguments = ["curate", "tracks", scene.to_str().unwrap(), "--detector"];
@@ -195,7 +195,7 @@ fn what_a_detector_of_vehicles_reads() {
 
 #[test]
 fn tracking_of_the_main_job_is_possible() {
-    let out = Out::new();
+    let out = OutputPath::new();
     let poses = sample("poses.json");
     let poses = ["--poses", poses.to_str().unwrap()];
     let missing = out.folder.path().join("missing.toml");
@@ -224,7 +224,7 @@ fn tracking_of_the_main_job_is_possible() {
 
 #[test]
 fn units_that_can_be_done() {
-    let out = Out::new();
+    let out = OutputPath::new();
     let (scene, video) = (small_run().out.join(SEQUENCE), sample("street.mp4"));
     let (scene, video) = (scene.to_str().unwrap(), video.to_str().unwrap());
     let (folder, other) = (out.path(), out.folder.path().join("other"));
@@ -253,10 +253,14 @@ fn units_that_can_be_done() {
         (&bench, ["--with", "no-such-part"], "no-such-part"),
         (&bench, ["--set", "no-such-option=1"], "no-such-option"),
         (&bench, ["--budget", "0"], "budget"),
-        (&curate, ["--min-shot", "nan"], "minimum shot length"),
-        (&curate, ["--max-frames", "0"], "positive number"),
     ] {
         let ended = omnilife([&plan[..], &options].concat());
         out.assert_untouched(&ended, reason);
+    }
+    for [option, value] in [["--min-shot", "nan"], ["--max-frames", "0"]] {
+        let ended = omnilife([&curate[..], &[option, value]].concat());
+        assert_eq!(ended.code, Some(2), "{}", ended.stderr);
+        assert!(ended.stderr.contains(option), "{}", ended.stderr);
+        assert!(!out.path().exists(), "{:?}", files(&out.path()));
     }
 }

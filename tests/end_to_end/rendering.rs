@@ -271,7 +271,7 @@ fn cameras_by_words_exclude_each_other_and_leave_a_table() {
         (&["--stationary", "1", "--path", "a.csv"][..], "--path"),
         (&["--path", "a.csv", "--look-at", "0,0,1"][..], "--look-at"),
         (&["--stationary", "99"][..], "has no frame 99"),
-        (&["--look-at", "7"][..], "there is no object \"7\""),
+        (&["--look-at", "7"][..], "must have objects to show \"7\""),
         (&["--orbit", "0"][..], "degrees"),
         (&["--up", "0,0,1"][..], "--up goes with"),
         (

@@ -10,7 +10,7 @@ use std::{
 use assert_cmd::cargo::cargo_bin;
 
 use crate::{
-    outcomes::{Expected, Files, left_in},
+    outcomes::{ExpectedContent, Files, left_in},
     support::{Ended, omnilife},
     writing_commands::{Inputs, WritingCommand, copy},
 };
@@ -116,7 +116,7 @@ impl Trial<'_> {
     }
 
     /// Runs the command to its end on the existing files; returns the faults.
-    pub(crate) fn run_again(&self, expected: &Expected) -> Vec<String> {
+    pub(crate) fn run_again(&self, expected: &ExpectedContent) -> Vec<String> {
         if self.command.words[..2] == ["sweep", "run"] {
             // Failed units stay failed until a retry is requested.
             omnilife(["--quiet", "sweep", "retry", self.out().to_str().unwrap()]).succeeded();

@@ -44,7 +44,7 @@ fn commands(words: &[String]) -> Vec<Command> {
     found
 }
 
-/// Returns whether the usage has an argument that is no command: others would do their work.
+/// Returns whether the usage has an argument that is not a command: others would do their work.
 fn needs_arguments(help: &str) -> bool {
     let usage = help.split("Usage:").nth(1).unwrap_or_default();
     let usage = usage.split("\n\n").next().unwrap_or_default();

@@ -1,6 +1,6 @@
 //! The list of adapters, one row each.
 
-use super::{Adapter, Tried};
+use super::{Adapter, AdapterTrial};
 
 const DNERF: (&str, &str) = ("dnerf.py", include_str!("../../adapters/dnerf.py"));
 const FOUND: (&str, &str) = ("found.py", include_str!("../../adapters/found.py"));
@@ -33,7 +33,7 @@ pub const ADAPTERS: &[Adapter] = &[
         reads: "OpenMVG's `data_views.json` and `data_extrinsics.json`, `train.txt`, `test.txt`, `pcd.ply`",
         lost: "masks, times",
         views: "panoramas by the name of their image",
-        tried: Tried::StandIn,
+        tried: AdapterTrial::StandIn,
     },
     Adapter {
         id: "deformable-gs",
@@ -46,7 +46,7 @@ pub const ADAPTERS: &[Adapter] = &[
         reads: "D-NeRF's `transforms_train.json` and `transforms_test.json` with times, `points3d.ply`",
         lost: "masks; panoramas become cube faces",
         views: "numbered cube faces, put together to panoramas",
-        tried: Tried::StandIn,
+        tried: AdapterTrial::StandIn,
     },
     Adapter {
         id: "pvg",
@@ -59,7 +59,7 @@ pub const ADAPTERS: &[Adapter] = &[
         reads: "Waymo's layout with one camera: `calib/`, `pose/`, `image_0/`, `sky_0/`, `velodyne/`",
         lost: "panoramas are refused; masks, times",
         views: "cells of numbered grids",
-        tried: Tried::StandIn,
+        tried: AdapterTrial::StandIn,
     },
     Adapter {
         id: "omnigs",
@@ -72,7 +72,7 @@ pub const ADAPTERS: &[Adapter] = &[
         reads: "`openMVG/reconstruction/poses.json`, `colorized.ply` with doubles, `openMVG/data_openmvg_test.json`",
         lost: "masks, times; views are JPEG files",
         views: "numbered panoramas",
-        tried: Tried::StandIn,
+        tried: AdapterTrial::StandIn,
     },
     Adapter {
         id: "pfgs360",
@@ -85,7 +85,7 @@ pub const ADAPTERS: &[Adapter] = &[
         reads: "the layout of ODGS",
         lost: "masks, times; poses are estimated",
         views: "numbered panoramas",
-        tried: Tried::StandIn,
+        tried: AdapterTrial::StandIn,
     },
     Adapter {
         id: "lichtfeld",
@@ -98,7 +98,7 @@ pub const ADAPTERS: &[Adapter] = &[
         reads: "COLMAP's text model with an EQUIRECTANGULAR camera",
         lost: "times; masks are not used",
         views: "its Gaussians, drawn by `omnilife reconstruct render`",
-        tried: Tried::StandIn,
+        tried: AdapterTrial::StandIn,
     },
     Adapter {
         id: "gsplat-faces",
@@ -111,7 +111,7 @@ pub const ADAPTERS: &[Adapter] = &[
         reads: "COLMAP's text model with a PINHOLE camera, novel views apart",
         lost: "masks, times; panoramas become cube faces",
         views: "right halves of numbered images, cube faces put together to panoramas",
-        tried: Tried::StandIn,
+        tried: AdapterTrial::StandIn,
     },
     Adapter {
         id: "3dgrut-faces",
@@ -124,7 +124,7 @@ pub const ADAPTERS: &[Adapter] = &[
         reads: "COLMAP's text model with a PINHOLE camera, novel views apart",
         lost: "masks, times; panoramas become cube faces",
         views: "numbered cube faces, put together to panoramas",
-        tried: Tried::StandIn,
+        tried: AdapterTrial::StandIn,
     },
     Adapter {
         id: "pansplat",
@@ -137,7 +137,7 @@ pub const ADAPTERS: &[Adapter] = &[
         reads: "a lossless video per group, `frame_trajectory.txt`, `scale.txt`",
         lost: "masks, times, points; groups of one size alone",
         views: "panoramas by place in the video, renamed by frame",
-        tried: Tried::StandIn,
+        tried: AdapterTrial::StandIn,
     },
     Adapter {
         id: "splatter-360",
@@ -150,7 +150,7 @@ pub const ADAPTERS: &[Adapter] = &[
         reads: "chunks of scenes with poses of frames and faces, an index, frames of 1024x512, depths",
         lost: "masks, times, points; depths are made up, the network does not read them",
         views: "panoramas by group and target, put together by its code",
-        tried: Tried::StandIn,
+        tried: AdapterTrial::StandIn,
     },
     Adapter {
         id: "panosplatt3r",
@@ -163,7 +163,7 @@ pub const ADAPTERS: &[Adapter] = &[
         reads: "the layout of Splatter-360, and a configuration",
         lost: "masks, times, points; poses are estimated",
         views: "panoramas by group and target, put together by its code",
-        tried: Tried::StandIn,
+        tried: AdapterTrial::StandIn,
     },
     Adapter {
         id: "nag",
@@ -176,7 +176,7 @@ pub const ADAPTERS: &[Adapter] = &[
         reads: "`images/`, `masks/`, poses and depths as its configurations name them",
         lost: "poses and depths are made by programs of their own",
         views: "numbered images",
-        tried: Tried::ByHand,
+        tried: AdapterTrial::ByHand,
     },
     Adapter {
         id: "omnire",
@@ -189,7 +189,7 @@ pub const ADAPTERS: &[Adapter] = &[
         reads: "Waymo as drivestudio prepares it",
         lost: "nothing is exported",
         views: "images by frame and camera",
-        tried: Tried::ByHand,
+        tried: AdapterTrial::ByHand,
     },
     Adapter {
         id: "street-gaussians",
@@ -202,7 +202,7 @@ pub const ADAPTERS: &[Adapter] = &[
         reads: "Waymo as drivestudio prepares it",
         lost: "nothing is exported",
         views: "images by frame and camera",
-        tried: Tried::ByHand,
+        tried: AdapterTrial::ByHand,
     },
     Adapter {
         id: "emernerf",
@@ -215,7 +215,7 @@ pub const ADAPTERS: &[Adapter] = &[
         reads: "Waymo as its README prepares it",
         lost: "nothing is exported",
         views: "images by frame",
-        tried: Tried::ByHand,
+        tried: AdapterTrial::ByHand,
     },
     Adapter {
         id: "layered-neural-atlases",
@@ -228,7 +228,7 @@ pub const ADAPTERS: &[Adapter] = &[
         reads: "frames, a mask each, flow of RAFT, a configuration",
         lost: "poses, times, points, objects beyond one foreground; views come out of a lossy video",
         views: "images of the video",
-        tried: Tried::StandIn,
+        tried: AdapterTrial::StandIn,
     },
     Adapter {
         id: "omnimatte-rf",
@@ -241,6 +241,6 @@ pub const ADAPTERS: &[Adapter] = &[
         reads: "`rgb_1x/`, `masks/mask/00/`, `flow/` of RAFT, Blender's `poses.json` with near and far",
         lost: "panoramas are refused; times, points, objects beyond one layer",
         views: "numbered images",
-        tried: Tried::StandIn,
+        tried: AdapterTrial::StandIn,
     },
 ];

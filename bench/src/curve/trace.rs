@@ -265,7 +265,7 @@ fn training_cpu_seconds(stages: &[StageTime]) -> Option<f64> {
 ///
 /// # Errors
 /// When the curve is malformed, goes back in time, or lacks the requested time in some of its rows. Also when there
-/// are no rows, and the result is not complete or has no score of novel views in the region.
+/// are left out, and the result is not complete or has no score of novel views in the region.
 pub fn read_run(path: &Path, clock: Clock, region: Region) -> Result<TracedRun, BenchError> {
     if path.join(RUN_FILE).is_file() {
         return Err(BenchError::mismatch(

@@ -6,7 +6,7 @@ use super::{
     encoding::Encoding,
     images::{Small, correlation, least, mean, psnr_db},
     kind::ChannelOrder,
-    look::Looked,
+    look::ViewFacts,
 };
 
 /// Least mean gain in dB for another order of the channels; every view must gain.
@@ -45,7 +45,7 @@ const QUANTILES: usize = 50;
 type Distributions = [Vec<[f64; 3]>; 2];
 
 /// Returns the order of channels in which the views are much better, with the mean gain in dB.
-pub(super) fn channels(views: &[Looked]) -> Option<(ChannelOrder, f64)> {
+pub(super) fn channels(views: &[ViewFacts]) -> Option<(ChannelOrder, f64)> {
     let best = ChannelOrder::ALL
         .into_iter()
         .map(|order| {
@@ -113,7 +113,7 @@ fn likeness_of_colours(small: &Small, image: &[f32]) -> f64 {
 ///
 /// It is found by the distributions of values, which hardly depend on places: those of the views equal those of the
 /// ground truth in that encoding.
-pub(super) fn encoding(views: &[Looked]) -> Option<(Encoding, f64)> {
+pub(super) fn encoding(views: &[ViewFacts]) -> Option<(Encoding, f64)> {
     let distributions: Vec<Distributions> = views
         .iter()
         .map(|view| {

@@ -4,7 +4,7 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use omnilife_schemas::statistics::median;
 
-use super::{kind::DiagnosisKind, look::Looked};
+use super::{kind::DiagnosisKind, look::ViewFacts};
 use crate::metrics::ViewPair;
 
 /// Least median difference of bytes between two ground truths with different content: a static camera sees most pixels
@@ -33,16 +33,16 @@ pub(super) struct Truth {
 pub(super) type Truths = BTreeMap<u32, Truth>;
 
 /// Returns true if all views are one image although their ground truths differ in content.
-pub(super) fn is_one_image(views: &[Looked]) -> bool {
+pub(super) fn is_one_image(views: &[ViewFacts]) -> bool {
     let Some((first, others)) = views.split_first() else {
         return false;
     };
-    let is_other_truth = |view: &Looked| {
+    let is_other_truth = |view: &ViewFacts| {
         let values = view.small.truth.iter().zip(&first.small.truth);
         let differences: Vec<f32> = values.map(|(a, b)| (a - b).abs()).collect();
         median(&differences).is_some_and(|difference| difference > OTHER_CONTENT)
     };
-    let repeats = |view: &Looked| view.sha256 == first.sha256 && is_other_truth(view);
+    let repeats = |view: &ViewFacts| view.sha256 == first.sha256 && is_other_truth(view);
     !others.is_empty() && others.iter().all(repeats)
 }
 

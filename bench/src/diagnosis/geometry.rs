@@ -2,7 +2,7 @@
 
 use super::{
     images::{Small, correlation, least, mean},
-    look::Looked,
+    look::ViewFacts,
 };
 
 /// Least mean gain in dB for a finding: a wrong convention costs many.
@@ -38,7 +38,7 @@ impl Turn {
 }
 
 /// Returns the rotation that makes the views much better, with the mean gain in dB; `wraps` if columns do.
-pub(super) fn turn(views: &[Looked], wraps: bool) -> Option<(Turn, f64)> {
+pub(super) fn turn(views: &[ViewFacts], wraps: bool) -> Option<(Turn, f64)> {
     let mut best: Option<Candidate> = None;
     for is_mirrored in [false, true] {
         for is_upside_down in [false, true] {
@@ -75,8 +75,8 @@ struct Candidate {
 
 impl Candidate {
     /// Returns `None` without views.
-    fn of(views: &[Looked], flips: [bool; 2], wraps: bool) -> Option<Self> {
-        let gains = |view: &Looked| -> Vec<f64> {
+    fn of(views: &[ViewFacts], flips: [bool; 2], wraps: bool) -> Option<Self> {
+        let gains = |view: &ViewFacts| -> Vec<f64> {
             let small = &view.small;
             let image = flipped(&small.predicted, small.size[0], flips);
             let before = small.psnr_of(&small.predicted);
@@ -99,7 +99,7 @@ impl Candidate {
         })
     }
 
-    fn is_telling(&self, views: &[Looked]) -> bool {
+    fn is_telling(&self, views: &[ViewFacts]) -> bool {
         if self.gain < TELLING_GAIN_DB
             || least(self.by_view.iter().map(|gains| gains[self.columns])) <= 0.0
         {
@@ -129,7 +129,7 @@ impl Candidate {
     }
 
     /// Refines the shift of the columns at the larger of the reduced sizes.
-    fn degrees(&self, views: &[Looked]) -> f64 {
+    fn degrees(&self, views: &[ViewFacts]) -> f64 {
         let Some(first) = views.first() else {
             return 0.0;
         };

@@ -26,7 +26,7 @@ pub(super) const TELLING_OUTSIDE: f64 = 0.05;
 const BYTES_PER_PIXEL: u64 = 2 * 3 + 12 + 4 * 4;
 
 /// Facts about a view that the findings need.
-pub(super) struct Looked {
+pub(super) struct ViewFacts {
     pub(super) view: View,
     /// Mean squared error over the pixels that count, of bytes, as dB.
     pub(super) psnr_db: f64,
@@ -42,7 +42,7 @@ pub(super) struct Looked {
     pub(super) sha256: String,
 }
 
-impl Looked {
+impl ViewFacts {
     /// Examines a pair; columns wrap if `wraps` is true.
     pub(super) fn of(view: View, pair: &ViewPair, wraps: bool) -> Self {
         Self {
@@ -84,17 +84,17 @@ pub(super) fn look(
     job: &ScoringJob,
     views: &[View],
     memory_bytes: u64,
-) -> Result<Vec<Looked>, BenchError> {
+) -> Result<Vec<ViewFacts>, BenchError> {
     let wraps = wraps(job);
     let mut looked = Vec::with_capacity(views.len());
     for views in views.chunks(at_once(job, memory_bytes)) {
-        let found: Vec<Result<Option<Looked>, BenchError>> = views
+        let found: Vec<Result<Option<ViewFacts>, BenchError>> = views
             .par_iter()
             .map(|&view| {
                 let Some(pair) = read(job, view)? else {
                     return Ok(None);
                 };
-                let mut looked = Looked::of(view, &pair, wraps);
+                let mut looked = ViewFacts::of(view, &pair, wraps);
                 looked.outside = job
                     .folder(view.kind)
                     .and_then(|folder| folder.outside_share(view.frame));

@@ -25,7 +25,7 @@ use omnilife_schemas::records::DIAGNOSIS_PREFIX;
 use self::{
     copies::Truths,
     images::mean,
-    look::Looked,
+    look::ViewFacts,
     order::{Comparison, frames_to_compare},
 };
 use crate::{
@@ -89,7 +89,7 @@ impl DiagnosisFinding {
 
 impl Diagnosis {
     /// Returns one line for every mistake, prefixed by [`DIAGNOSIS_PREFIX`], and one for frames of the data that are
-    /// given and held out, without it. Copies of given views, as in baselines, are no warning.
+    /// given and held out, without it. Copies of given views, as in baselines, make no warning.
     pub fn warnings(&self) -> Vec<String> {
         let mistakes = self
             .mistakes()
@@ -200,7 +200,7 @@ struct OfKind<'a> {
     /// All frames of the kind, in the order of the split.
     frames: &'a [u32],
     /// Some of their views.
-    views: Vec<Looked>,
+    views: Vec<ViewFacts>,
 }
 
 impl OfKind<'_> {

@@ -8,7 +8,7 @@ use std::{
 use super::{
     copies::Truths,
     images::{mean, psnr_db},
-    look::Looked,
+    look::ViewFacts,
 };
 
 /// Least gain in dB by another frame, and the least share of the views that must gain.
@@ -98,7 +98,7 @@ fn shown_instead(order: FrameOrder, frame: u32, list: &[u32]) -> Option<u32> {
 
 /// Views beside the ground truths that they are compared with.
 pub(super) struct Comparison<'a> {
-    views: &'a [Looked],
+    views: &'a [ViewFacts],
     /// Frames of the kind of views, in the order of the split.
     list: &'a [u32],
     /// PSNR of every view against every truth, dB.
@@ -107,8 +107,8 @@ pub(super) struct Comparison<'a> {
 
 impl<'a> Comparison<'a> {
     /// Compares views of the frames of `list`; `truths` may lack some frames.
-    pub(super) fn new(views: &'a [Looked], list: &'a [u32], truths: &Truths) -> Self {
-        let of_view = |view: &Looked| {
+    pub(super) fn new(views: &'a [ViewFacts], list: &'a [u32], truths: &Truths) -> Self {
+        let of_view = |view: &ViewFacts| {
             let image = &view.medium.predicted;
             let psnr = |truth: &[f32]| psnr_db(view.medium.error_between(image, truth));
             let others = truths
@@ -127,7 +127,7 @@ impl<'a> Comparison<'a> {
 
     /// Counts views that are copies of a given frame and not of their own.
     pub(super) fn copies(&self, given: &[u32]) -> usize {
-        let is_copy = |(view, by_frame): &(&Looked, &BTreeMap<u32, f64>)| {
+        let is_copy = |(view, by_frame): &(&ViewFacts, &BTreeMap<u32, f64>)| {
             let own = by_frame[&view.view.frame];
             let mut of_given = given.iter().filter_map(|frame| by_frame.get(frame));
             of_given.any(|&psnr| psnr >= COPY_DB && psnr >= own + COPY_LEAD_DB)
@@ -146,7 +146,7 @@ impl<'a> Comparison<'a> {
 
     /// Returns gains in dB of the views whose frame in an order is another, examined one.
     fn gains(&self, order: FrameOrder) -> Vec<f64> {
-        let gain = |(view, by_frame): (&Looked, &BTreeMap<u32, f64>)| {
+        let gain = |(view, by_frame): (&ViewFacts, &BTreeMap<u32, f64>)| {
             let frame = view.view.frame;
             let shown = shown_instead(order, frame, self.list).filter(|&shown| shown != frame)?;
             Some(by_frame.get(&shown)? - by_frame[&frame])
@@ -180,7 +180,7 @@ impl<'a> Comparison<'a> {
 
     /// Returns a permutation of views: the best frame of most is another view's, and hardly two share one.
     fn permutation(&self) -> Option<(FrameOrder, f64)> {
-        let best = |(view, by_frame): (&Looked, &BTreeMap<u32, f64>)| {
+        let best = |(view, by_frame): (&ViewFacts, &BTreeMap<u32, f64>)| {
             let (&shown, psnr) = by_frame.iter().max_by(|a, b| a.1.total_cmp(b.1))?;
             Some((view.view.frame, shown, psnr - by_frame[&view.view.frame]))
         };

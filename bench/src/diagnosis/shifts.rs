@@ -7,7 +7,7 @@ use omnilife_schemas::statistics::median;
 use super::{
     geometry::vertex,
     images::{least, mean, psnr_db},
-    look::Looked,
+    look::ViewFacts,
 };
 use crate::metrics::ViewPair;
 
@@ -41,7 +41,7 @@ pub(super) fn by_part(pair: &ViewPair, wraps: bool) -> Vec<Option<[f64; 2]>> {
     let truth = smoothed(pair.truth(), pair.size());
     let mut predicted = smoothed(pair.prediction(), pair.size());
     match_exposure(&mut predicted, &truth);
-    let images = Smoothed {
+    let images = SmoothedPair {
         pair,
         predicted: padded(&predicted, width),
         truth,
@@ -76,14 +76,14 @@ struct Part {
 
 /// Both images of a pair in grey, without their finest detail, which contains noise and would make a blur of a shift by
 /// half a pixel.
-struct Smoothed<'a> {
+struct SmoothedPair<'a> {
     pair: &'a ViewPair,
     /// Padded by the reach.
     predicted: Vec<f32>,
     truth: Vec<f32>,
 }
 
-impl Smoothed<'_> {
+impl SmoothedPair<'_> {
     /// Returns the shift of the prediction in a part: first along the rows, then along the columns, then along the rows
     /// again.
     fn shift(&self, part: &Part) -> Option<[f64; 2]> {
@@ -174,7 +174,7 @@ fn smoothed(bytes: &[u8], [width, height]: [usize; 2]) -> Vec<f32> {
 }
 
 /// Returns the shift (right, down) of the views in half pixels, if all share one.
-pub(super) fn common(views: &[Looked]) -> Option<[i32; 2]> {
+pub(super) fn common(views: &[ViewFacts]) -> Option<[i32; 2]> {
     let by_view: Vec<&[Option<[f64; 2]>]> = views.iter().map(|view| &view.shifts[..]).collect();
     let parts = by_view.first()?.len();
     let all: Vec<[f64; 2]> = by_view

@@ -8,7 +8,7 @@ use super::{
     geometry,
     images::reduced,
     kind::{ChannelOrder, DiagnosisKind},
-    look::Looked,
+    look::ViewFacts,
     order::{Comparison, FrameOrder},
     shifts,
 };
@@ -141,14 +141,14 @@ fn from_places(image: &[u8], place: impl Fn(i64, i64) -> [i64; 2]) -> Vec<u8> {
     out
 }
 
-fn looked(predict: impl Fn(u32) -> Vec<u8>) -> Vec<Looked> {
+fn looked(predict: impl Fn(u32) -> Vec<u8>) -> Vec<ViewFacts> {
     let look = |frame: u32| {
         let pair = ViewPair::new(WIDTH, HEIGHT, predict(frame), panorama(frame)).unwrap();
         let view = View {
             kind: ViewKind::Novel,
             frame,
         };
-        Looked::of(view, &pair, true)
+        ViewFacts::of(view, &pair, true)
     };
     NOVEL.into_iter().map(look).collect()
 }
@@ -167,13 +167,13 @@ fn truth(bytes: &[u8]) -> Truth {
     }
 }
 
-fn order(views: &[Looked], truths: &Truths) -> Option<FrameOrder> {
+fn order(views: &[ViewFacts], truths: &Truths) -> Option<FrameOrder> {
     let comparison = Comparison::new(views, &NOVEL, truths);
     comparison.order().map(|(order, _)| order)
 }
 
 /// Findings of each family, in words; empty without any.
-fn found(views: &[Looked]) -> Vec<String> {
+fn found(views: &[ViewFacts]) -> Vec<String> {
     let mut found = Vec::new();
     found.extend(geometry::turn(views, true).map(|found| format!("{found:?}")));
     found.extend(shifts::common(views).map(|found| format!("{found:?}")));
@@ -202,7 +202,7 @@ fn honest_views_have_no_finding() {
         let pixels = image.as_chunks::<3>().0.iter();
         pixels.flat_map(|pixel| [pixel[1]; 3]).collect::<Vec<u8>>()
     };
-    let cases: [(&str, Vec<Looked>); 8] = [
+    let cases: [(&str, Vec<ViewFacts>); 8] = [
         ("rendered", looked(rendered)),
         ("truth", looked(panorama)),
         ("dark", looked(scaled([0.85; 3], 0.0))),
@@ -383,7 +383,7 @@ fn a_still_camera_has_no_order() {
     let truths: Truths = (0..FRAMES)
         .map(|frame| (frame, truth(&panorama(7))))
         .collect();
-    let views: Vec<Looked> = NOVEL
+    let views: Vec<ViewFacts> = NOVEL
         .into_iter()
         .map(|frame| {
             let pair = ViewPair::new(WIDTH, HEIGHT, rendered(7), panorama(7)).unwrap();
@@ -391,7 +391,7 @@ fn a_still_camera_has_no_order() {
                 kind: ViewKind::Novel,
                 frame,
             };
-            Looked::of(view, &pair, true)
+            ViewFacts::of(view, &pair, true)
         })
         .collect();
     assert_eq!(order(&views, &truths), None);
@@ -401,7 +401,7 @@ fn a_still_camera_has_no_order() {
 #[test]
 fn copies_of_given_views_are_counted() {
     let truths = truths();
-    let copies = |views: &[Looked]| Comparison::new(views, &NOVEL, &truths).copies(&given());
+    let copies = |views: &[ViewFacts]| Comparison::new(views, &NOVEL, &truths).copies(&given());
     assert_eq!(copies(&looked(|frame| panorama(frame - 1))), 6);
     assert_eq!(copies(&looked(|frame| rendered(frame - 1))), 0);
     assert_eq!(copies(&looked(panorama)), 0);

@@ -16,13 +16,13 @@ use super::{
 use crate::{error::BenchError, prediction, split};
 
 /// The gathered views.
-pub(super) struct Gathered {
+pub(super) struct GatheredViews {
     /// Relative to the run's folder.
     pub(super) files: Vec<String>,
     pub(super) warnings: Vec<String>,
 }
 
-impl Gathered {
+impl GatheredViews {
     /// Returns no views, with the manifest's notes for readers of scores.
     pub(super) fn notes_of(manifest: &Manifest) -> Self {
         Self {
@@ -41,10 +41,10 @@ pub(super) fn gather(
     scene: &Scene,
     split: &Split,
     out: &Path,
-) -> Result<Gathered, BenchError> {
+) -> Result<GatheredViews, BenchError> {
     let (size, _) = split::sizes(scene, split)?;
     let cell = manifest.predictions.cell;
-    let mut gathered = Gathered::notes_of(manifest);
+    let mut gathered = GatheredViews::notes_of(manifest);
     let kinds = [
         (
             INPUT_FOLDER,

@@ -101,7 +101,7 @@ pub fn run_external(
         let (phases, failure) = run_phases(&manifest, &places, &request.out, &label, progress)?;
         // The views of a run that failed stay in its work folder: their state is unknown.
         let gathered = match failure {
-            Some(_) => gather::Gathered::notes_of(&manifest),
+            Some(_) => gather::GatheredViews::notes_of(&manifest),
             None => gather::gather(&manifest, &places, &scene, &split, &request.out)?,
         };
         let mut warnings = gathered.warnings;

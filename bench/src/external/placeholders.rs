@@ -214,7 +214,7 @@ mod tests {
         assert_eq!(places.fill("--side={face_side}"), "--side=41");
         assert_eq!(places.fill("{scene_folder}/x"), "/data/{frame}/x");
         assert_eq!(places.fill("--seed={seed}"), "--seed=7");
-        // Braces in a path are no placeholders.
+        // Braces in a path are not placeholders.
         assert_eq!(places.fill("{scene}"), "/data/{frame}/scene.json");
     }
 

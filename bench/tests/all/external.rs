@@ -15,12 +15,12 @@ use scoring::Bench;
 use crate::{scenes, scoring};
 
 /// A scene, and a method whose commands run in `sh`.
-struct Stand {
+struct ScriptedMethod {
     bench: Bench,
     request: ExternalRequest,
 }
 
-impl Stand {
+impl ScriptedMethod {
     fn new(manifest: &str) -> Self {
         let bench = Bench::new();
         let file = bench.at("method/method.toml");
@@ -73,8 +73,8 @@ novel = "{{work}}/v/view-{{frame:06}}.png"
     )
 }
 
-fn copying_stand() -> Stand {
-    let stand = Stand::new("");
+fn copying_stand() -> ScriptedMethod {
+    let stand = ScriptedMethod::new("");
     let folder = stand.bench.at("novel").display().to_string();
     fs::write(&stand.request.manifest, copier(&folder)).unwrap();
     stand
@@ -117,7 +117,7 @@ fn an_unchanged_run_is_skipped_and_a_changed_seed_is_not() {
 /// A failed method is a row of the tables, with the reason, and is run again.
 #[test]
 fn a_failed_method_is_scored_as_failures() {
-    let stand = Stand::new(
+    let stand = ScriptedMethod::new(
         r#"
 id = "copier"
 [train]
@@ -164,7 +164,7 @@ novel = "{work}/{frame}.png"
 #[test]
 fn children_of_a_program_end_with_it() {
     for (rest, limit) in [("wait", "time_limit_seconds = 0.2"), ("exit 0", "")] {
-        let stand = Stand::new(&format!(
+        let stand = ScriptedMethod::new(&format!(
             r#"
 id = "parent"
 {limit}
@@ -185,7 +185,7 @@ novel = "{{work}}/{{frame}}.png"
 #[test]
 #[cfg(target_os = "linux")]
 fn what_a_command_leaves_running_is_told_and_gone_before_the_next() {
-    let stand = Stand::new(
+    let stand = ScriptedMethod::new(
         r#"
 id = "parent"
 [train]
@@ -209,7 +209,7 @@ novel = "{work}/{frame}.png"
 
 #[test]
 fn endless_and_missing_programs_end_with_a_reason() {
-    let stand = Stand::new(
+    let stand = ScriptedMethod::new(
         r#"
 id = "sleeper"
 time_limit_seconds = 0.2
@@ -222,7 +222,7 @@ novel = "{work}/{frame}.png"
     let failure = stand.run().failure.unwrap();
     assert_eq!(failure, "render ended with the time limit of 0.2 s");
 
-    let stand = Stand::new(
+    let stand = ScriptedMethod::new(
         r#"
 id = "absent"
 [environment]
@@ -242,7 +242,7 @@ novel = "{work}/{frame}.png"
 
 #[test]
 fn a_virtual_environment_comes_first_on_the_path() {
-    let stand = Stand::new("");
+    let stand = ScriptedMethod::new("");
     let venv = stand.bench.at("venv");
     fs::create_dir_all(venv.join("bin")).unwrap();
     let program = venv.join("bin/renderer");
@@ -285,7 +285,7 @@ fn mistakes_in_a_manifest_are_named() {
         ),
         ("[train]", "[train", "line 4: "),
     ] {
-        let stand = Stand::new(&good.replacen(from, to, 1));
+        let stand = ScriptedMethod::new(&good.replacen(from, to, 1));
         let message = stand.refusal();
         let file: PathBuf = stand.request.manifest.clone();
         assert!(message.starts_with(file.to_str().unwrap()), "{message}");

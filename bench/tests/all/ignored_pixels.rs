@@ -33,7 +33,7 @@ fn ignored() -> Mask {
 }
 
 /// All data of a view with the prediction `prediction`, and predicted distances of `distance` under the mask.
-struct Known {
+struct KnownView {
     pair: ViewPair,
     before: ViewPair,
     moving: Mask,
@@ -41,7 +41,7 @@ struct Known {
     depth: DepthPair,
 }
 
-impl Known {
+impl KnownView {
     fn new(mask: Option<&Mask>, under: [u8; 2]) -> Self {
         let truth = noise(3 * WIDTH * HEIGHT, 1);
         let pair = |seed: u32, byte: u8| {
@@ -87,7 +87,7 @@ fn mask_of_a_diagonal() -> Mask {
     mask(|x, y| (x + 2 * y) % 7 < 3)
 }
 
-fn value(metric: &Metric, known: &Known) -> Result<f64, Undefined> {
+fn value(metric: &Metric, known: &KnownView) -> Result<f64, Undefined> {
     (metric.function)(&known.sample())
 }
 
@@ -115,9 +115,9 @@ fn computable() -> impl Iterator<Item = &'static Metric> {
 #[test]
 fn what_is_predicted_where_nothing_counts_changes_no_score() {
     let ignored = ignored();
-    let black = Known::new(Some(&ignored), [0, 0]);
-    let grey = Known::new(Some(&ignored), [4, 90]);
-    let (all_black, all_grey) = (Known::new(None, [0, 0]), Known::new(None, [4, 90]));
+    let black = KnownView::new(Some(&ignored), [0, 0]);
+    let grey = KnownView::new(Some(&ignored), [4, 90]);
+    let (all_black, all_grey) = (KnownView::new(None, [0, 0]), KnownView::new(None, [4, 90]));
     for metric in computable() {
         let found = value(metric, &black).unwrap();
         assert_eq!(found, value(metric, &grey).unwrap(), "{}", metric.id);
@@ -135,8 +135,8 @@ fn what_is_predicted_where_nothing_counts_changes_no_score() {
 #[test]
 fn means_are_over_the_pixels_that_count() {
     let ignored = ignored();
-    let known = Known::new(Some(&ignored), [0, 0]);
-    let plain = Known::new(None, [0, 0]);
+    let known = KnownView::new(Some(&ignored), [0, 0]);
+    let plain = KnownView::new(None, [0, 0]);
     let (mut sum, mut values) = (0.0, 0.0);
     let (mut weighted, mut weights) = (0.0, 0.0);
     let bytes = plain.pair.prediction().iter().zip(plain.pair.truth());
@@ -157,7 +157,7 @@ fn means_are_over_the_pixels_that_count() {
     let ws_psnr = -10.0 * (weighted / weights).log10();
     assert!((value(metric("ws-psnr"), &known).unwrap() - ws_psnr).abs() < 1e-9);
     // On the same images, static content is scored where nothing is ignored either.
-    let mut composited = Known::new(None, [0, 0]);
+    let mut composited = KnownView::new(None, [0, 0]);
     let [prediction, truth] = [known.pair.prediction(), known.pair.truth()].map(<[u8]>::to_vec);
     composited.pair = ViewPair::new(WIDTH, HEIGHT, prediction, truth).unwrap();
     composited.moving = ignored;
@@ -169,7 +169,7 @@ fn means_are_over_the_pixels_that_count() {
 #[test]
 fn an_object_that_is_ignored_has_no_score() {
     let disc = mask(|x, y| (x as f64 - 48.0).hypot(y as f64 - 24.0) < 12.0);
-    let pair = Known::new(Some(&disc), [0, 0]).pair;
+    let pair = KnownView::new(Some(&disc), [0, 0]).pair;
     let mut sample = Sample::new(&pair);
     sample.objects = [("a", &disc)].into();
     for metric in METRICS
@@ -183,7 +183,10 @@ fn an_object_that_is_ignored_has_no_score() {
 #[test]
 fn a_mask_that_marks_nothing_changes_no_score() {
     let empty = mask(|_, _| false);
-    let (with, without) = (Known::new(Some(&empty), [9, 9]), Known::new(None, [9, 9]));
+    let (with, without) = (
+        KnownView::new(Some(&empty), [9, 9]),
+        KnownView::new(None, [9, 9]),
+    );
     for metric in computable() {
         let (with, without) = (
             value(metric, &with).unwrap(),

@@ -45,7 +45,7 @@ use crate::error::CurateError;
 
 /// Frames that are shown at most, spread evenly over the sequence.
 const SHOWN_FRAMES: usize = 8;
-/// A longer answer is no caption.
+/// Maximum size of an answer; a longer one is refused.
 const MOST_ANSWER_BYTES: usize = 1 << 20;
 /// Maximum size of the error output that is read.
 const SHOWN_ERROR_BYTES: usize = 64 << 10;

@@ -86,7 +86,7 @@ pub fn annotate_dataset(
         {
             return Err(CurateError::input(
                 table,
-                format!("{} is no sequence of this dataset", row.sequence),
+                format!("{} is not a sequence of this dataset", row.sequence),
             ));
         }
         rows.extend(read.into_iter().map(|row| (table, row)));

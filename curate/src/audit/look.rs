@@ -20,7 +20,7 @@ use crate::{
 };
 
 /// Content of a page that comes from its video.
-pub(super) struct Look {
+pub(super) struct PageImages {
     /// Frames around each candidate, in the order of the candidates.
     pub(super) filmstrips: Vec<Vec<Image>>,
     /// Frames spread over the video.
@@ -31,7 +31,7 @@ pub(super) struct Look {
 }
 
 /// Input of the decode.
-pub(super) struct Looking<'a> {
+pub(super) struct DecodeInputs<'a> {
     pub(super) video: &'a Path,
     pub(super) page: &'a Path,
     pub(super) analysis: &'a VideoAnalysis,
@@ -42,10 +42,10 @@ pub(super) struct Looking<'a> {
     pub(super) embedded_bytes: u64,
 }
 
-impl Looking<'_> {
+impl DecodeInputs<'_> {
     /// # Errors
     /// When the video breaks off before its end, or the small video cannot be written.
-    pub(super) fn look(&self, progress: &dyn Progress) -> Result<Look, CurateError> {
+    pub(super) fn look(&self, progress: &dyn Progress) -> Result<PageImages, CurateError> {
         progress.begin("drawing the page", Some(self.times.len() as u64));
         let decoded = self.decode(progress);
         progress.end();
@@ -55,7 +55,7 @@ impl Looking<'_> {
             CurateError::video(self.video, reason)
         })?;
         let end = self.analysis.range.end_seconds;
-        Ok(Look {
+        Ok(PageImages {
             filmstrips,
             overview,
             proxy: proxy.finish(self.page, end, self.embedded_bytes)?,

@@ -29,7 +29,7 @@ use crate::{
     ledger::{Candidate, Evidence, candidates, labels, resolve::MERGE_SECONDS},
 };
 use filmstrip::Filmstrips;
-use look::{Look, Looking};
+use look::{DecodeInputs, PageImages};
 pub use proxy::EMBEDDED_BYTES;
 use proxy::Proxy;
 
@@ -72,7 +72,7 @@ struct PageData<'a> {
     taxonomy: &'a Taxonomy,
     candidates: &'a [Candidate],
     suggestions: Vec<Suggestion>,
-    labels: Vec<Labelled<'a>>,
+    labels: Vec<SegmentLabelEntry<'a>>,
     /// Frames around each candidate, in the order of the candidates.
     filmstrips: Vec<Vec<Image>>,
     /// Frames spread over the video.
@@ -90,7 +90,7 @@ struct Suggestion {
 
 /// A label of the ledger.
 #[derive(Serialize)]
-struct Labelled<'a> {
+struct SegmentLabelEntry<'a> {
     author: &'a Author,
     label: &'a SegmentLabel,
 }
@@ -130,12 +130,12 @@ pub fn write_page(
     ledger.write()?;
     let candidates = candidates(ledger.entries(), MERGE_SECONDS);
     let times = &evidence.signals.times;
-    let Look {
+    let PageImages {
         filmstrips,
         overview,
         proxy,
         suggestions,
-    } = Looking {
+    } = DecodeInputs {
         video,
         page,
         analysis: &evidence.analysis,
@@ -174,7 +174,7 @@ pub fn write_page(
             })
             .collect(),
         labels: labels::all(ledger.entries())
-            .map(|(author, label)| Labelled { author, label })
+            .map(|(author, label)| SegmentLabelEntry { author, label })
             .collect(),
         filmstrips,
         overview,

@@ -15,7 +15,7 @@ pub const EMBEDDED_BYTES: u64 = 24 << 20;
 
 /// Encodes the small video while the original is decoded.
 pub(super) struct ProxyWriter {
-    /// Where it is written before its place is known.
+    /// File that is written before its final path is known.
     temporary: Unfinished,
     first_seconds: f64,
     video: Option<ViewVideoWriter>,

@@ -121,7 +121,7 @@ fn refuse_unusable_names(path: &Path, scene: &Scene) -> Result<(), CurateError> 
     let mut stems = BTreeMap::new();
     for (number, frame) in scene.frames.iter().enumerate() {
         if let Some(file) = frame.files().find(|file| !is_inside(file)) {
-            let reason = format!("{file:?} of frame {number} is no file in its folder");
+            let reason = format!("frame {number} must name a file in its folder, got {file:?}");
             return Err(CurateError::input(path, reason));
         }
         let name = file_name(&frame.image);
@@ -132,7 +132,7 @@ fn refuse_unusable_names(path: &Path, scene: &Scene) -> Result<(), CurateError> 
     }
     match scene.points.iter().find(|file| !is_inside(file)) {
         Some(file) => {
-            let reason = format!("{file:?} is no file in its folder");
+            let reason = format!("must name a file in its folder, got {file:?}");
             Err(CurateError::input(path, reason))
         }
         None => Ok(()),

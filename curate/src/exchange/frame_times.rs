@@ -98,7 +98,7 @@ pub(super) fn frame_times(
     })
 }
 
-/// Returns a line on frames of several folders that share times by their numbers but are no views of a rig.
+/// Returns a line on frames of several folders that share times by their numbers but are not views of a rig.
 fn shared_by_folders(frames: &[ForeignFrame], times: &[f64]) -> Option<String> {
     let alone = frames
         .iter()

@@ -18,7 +18,7 @@
 //! mask/                         white for moving content
 //! ignore/                       white outside of the scene
 //! classes/human/                white for objects of a class
-//! depth/, depth-prior/          true and estimated distances
+//! depth/, depth-prior/          true distances and depth priors
 //! ```
 //!
 //! If `scene.json` exists, it alone assigns files to frames; different poses or times beside it, and files that it does
@@ -166,7 +166,7 @@ fn import(folder: &Path) -> Result<ForeignScene, CurateError> {
 }
 
 /// A camera with a pose for each frame.
-struct Posed {
+struct PosedCamera {
     camera: Camera,
     poses: Vec<Option<Pose>>,
     points: PointCloud,
@@ -245,7 +245,7 @@ fn listed_objects(
     let objects = objects.collect();
     match classes.into_keys().next() {
         Some(name) => {
-            let reason = format!("has a class of {name:?}, of which there are no masks");
+            let reason = format!("has a class {name:?} without masks");
             Err(CurateError::input(&path, reason))
         }
         None => Ok(objects),
@@ -272,7 +272,7 @@ fn given_poses(
     path: &Path,
     images: &[PathBuf],
     size: [usize; 2],
-) -> Result<Posed, CurateError> {
+) -> Result<PosedCamera, CurateError> {
     let record: Poses = store::read_record(path)?;
     if record.frames.len() != images.len() {
         let reason = format!(
@@ -300,7 +300,7 @@ fn given_poses(
         (Some(camera), _) => camera,
         (None, Some(focal)) => turns::pinhole(size, focal),
         (None, None) => {
-            let reason = "has no camera, and there is no camera.json with the focal length";
+            let reason = "must have a camera, or a camera.json with the focal length beside it";
             return Err(CurateError::input(path, reason));
         }
     };
@@ -308,7 +308,7 @@ fn given_poses(
         Some(file) => PointCloud::read_ply(&folder.join(file))?,
         None => PointCloud::default(),
     };
-    Ok(Posed {
+    Ok(PosedCamera {
         camera,
         poses: record.frames.iter().map(|frame| Some(frame.pose)).collect(),
         points,
@@ -359,13 +359,13 @@ fn registered(
     objects: &BTreeMap<String, BTreeMap<String, PathBuf>>,
     [width, height]: [usize; 2],
     focal: Option<f64>,
-) -> Result<Posed, CurateError> {
+) -> Result<PosedCamera, CurateError> {
     let frames: Vec<GreyFrame> = images
         .par_iter()
         .map(|image| grey_frame(image, objects, [width, height]))
         .collect::<Result<_, CurateError>>()?;
     let found = turns::registered(&frames, [width, height], focal);
-    Ok(Posed {
+    Ok(PosedCamera {
         camera: found.camera,
         poses: found.poses,
         points: PointCloud::default(),

@@ -148,7 +148,7 @@ fn import(folder: &Path) -> Result<ForeignScene, CurateError> {
         return Err(StoreError::malformed(
             &rotation_path,
             format!(
-                "arrays of shape {:?} and {:?} are no rotations and translations",
+                "must have rotations N x 3 x 3 and translations N x 3, got arrays of shape {:?} and {:?}",
                 rotations.shape, translations.shape
             ),
         )
@@ -183,7 +183,7 @@ fn import(folder: &Path) -> Result<ForeignScene, CurateError> {
         let rotation = turned(DMat3::from_cols_array(rows).transpose());
         let centre = origin + DVec3::from_array(*centre);
         let pose = Pose::from_matrix(rotation, centre).ok_or_else(|| {
-            StoreError::malformed(&rotation_path, format!("pose {index} is no rotation"))
+            StoreError::malformed(&rotation_path, format!("pose {index} must be a rotation"))
         })?;
         let mask = image
             .file_name()

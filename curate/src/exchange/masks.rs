@@ -146,7 +146,7 @@ pub(super) fn copy_ignore_mask(
     store::copy_atomically(mask, &path)
 }
 
-/// Returns the place of a frame's mask of pixels outside the scene, by the frame's name.
+/// Returns the path of a frame's mask of ignored pixels, by the frame's name.
 pub(super) fn ignore_mask_path(folder: &Path, name: &str) -> PathBuf {
     folder
         .join(IGNORE_MASKS_FOLDER)

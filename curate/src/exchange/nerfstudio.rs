@@ -116,7 +116,7 @@ pub(super) fn pose_of(transform_matrix: &[[f64; 4]; 4]) -> Option<Pose> {
 /// Reads the poses of a `transforms.json` with the files of their images, which need not exist.
 ///
 /// # Errors
-/// When the file is missing or malformed, or a matrix is no rigid transform.
+/// When the file is missing or malformed, or a matrix is not a rigid transform.
 pub(super) fn poses(path: &Path) -> Result<Vec<(String, Pose)>, CurateError> {
     let transforms: ForeignTransforms = super::read_json(path)?;
     let frames = transforms.frames.into_iter();

@@ -73,15 +73,15 @@ const STATIC_TYPE: u32 = 1 << 30;
 struct SfmData {
     sfm_data_version: String,
     root_path: String,
-    views: Vec<Keyed<Polymorphic<View>>>,
-    intrinsics: Vec<Keyed<NamedPolymorphic<Intrinsic>>>,
-    extrinsics: Vec<Keyed<Extrinsic>>,
+    views: Vec<KeyedEntry<Polymorphic<View>>>,
+    intrinsics: Vec<KeyedEntry<NamedPolymorphic<Intrinsic>>>,
+    extrinsics: Vec<KeyedEntry<Extrinsic>>,
     structure: Vec<serde_json::Value>,
     control_points: Vec<serde_json::Value>,
 }
 
 #[derive(Serialize, Deserialize)]
-struct Keyed<T> {
+struct KeyedEntry<T> {
     key: u32,
     value: T,
 }
@@ -169,7 +169,7 @@ fn export(scene: &ExportScene, out: &Path) -> Result<(), CurateError> {
     let mut views = SfmData::empty();
     let mut extrinsics = SfmData::empty();
     for (key, frame) in (0..).zip(&scene.frames) {
-        views.views.push(Keyed {
+        views.views.push(KeyedEntry {
             key,
             value: Polymorphic {
                 polymorphic_id: STATIC_TYPE,
@@ -190,7 +190,7 @@ fn export(scene: &ExportScene, out: &Path) -> Result<(), CurateError> {
         // Valid poses have a rotation: frames were selected by that.
         let camera_to_world = DMat3::from_quat(frame.pose.rotation().unwrap_or_default());
         // Columns of camera-to-world are the rows of world-to-camera.
-        extrinsics.extrinsics.push(Keyed {
+        extrinsics.extrinsics.push(KeyedEntry {
             key,
             value: Extrinsic {
                 rotation: camera_to_world.to_cols_array_2d(),
@@ -198,7 +198,7 @@ fn export(scene: &ExportScene, out: &Path) -> Result<(), CurateError> {
             },
         });
     }
-    views.intrinsics.push(Keyed {
+    views.intrinsics.push(KeyedEntry {
         key: 0,
         value: NamedPolymorphic {
             polymorphic_id: FIRST_OF_ITS_KIND + 1,
@@ -325,13 +325,13 @@ fn import(folder: &Path) -> Result<ForeignScene, CurateError> {
     let views: records::SfmData = super::read_json(&views_path)?;
     let extrinsics: records::SfmData = super::read_json(&extrinsics_path)?;
     let mut poses = BTreeMap::new();
-    for Keyed { key, value } in &extrinsics.extrinsics {
+    for KeyedEntry { key, value } in &extrinsics.extrinsics {
         let world_to_camera = DMat3::from_cols_array_2d(&value.rotation).transpose();
         let centre = DVec3::from_array(value.center);
         let pose = Pose::from_matrix(world_to_camera.transpose(), centre).ok_or_else(|| {
             StoreError::malformed(
                 &extrinsics_path,
-                format!("pose {key} is no rotation and centre"),
+                format!("pose {key} must be a rotation and a centre"),
             )
         })?;
         if poses.insert(*key, pose).is_some() {

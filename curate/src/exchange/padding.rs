@@ -1,7 +1,7 @@
 //! Padding of images to frames of one size, for methods that require it.
 //!
 //! The padding is black, and ignored by masks. The camera of a perspective scene becomes that of the frame. A panorama
-//! in a padded frame is no whole sphere: only formats that state its place in the image can hold it. Readers of the
+//! in a padded frame is not a whole sphere: only formats that state its place in the image can hold it. Readers of the
 //! others would take the frame for the sphere, and its rows for other latitudes.
 
 use std::path::{Path, PathBuf};

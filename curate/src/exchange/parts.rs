@@ -22,7 +22,7 @@ pub enum Part {
     Classes,
     /// True distances.
     Distances,
-    /// Estimated distances.
+    /// Depth priors.
     EstimatedDistances,
     /// The statement that a unit of the world is a metre.
     Scale,

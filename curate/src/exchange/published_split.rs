@@ -123,7 +123,7 @@ pub(super) fn find(scene: &ForeignScene) -> Result<FoundSplit, CurateError> {
                     return Err(refused(format!("names {name}, which is several frames")));
                 }
                 None if missing.contains(name) => absent.push(name.clone()),
-                None => return Err(refused(format!("names {name}, which is no frame"))),
+                None => return Err(refused(format!("names {name}, which is not a frame"))),
             }
         }
         if list.is_empty() {

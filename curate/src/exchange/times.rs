@@ -114,7 +114,7 @@ impl TimeTable {
         let malformed = |reason: String| StoreError::malformed(&self.path, reason);
         if let Some((extra, _)) = self.rows.iter().find(|(name, _)| !known.contains(name)) {
             return Err(malformed(format!(
-                "has a time for {extra}, which is no image"
+                "has a time for {extra}, which is not an image"
             )));
         }
         let seconds = frames.iter().zip(found).map(|([name, _], time)| {

@@ -9,7 +9,9 @@ const ROUNDING_SECONDS: f64 = 1e-3;
 pub(super) fn boundary(boundary: &Boundary, range: TimeRange) -> Result<(), String> {
     let (begin, end) = (boundary.begin_seconds, boundary.end_seconds);
     if !(begin.is_finite() && end.is_finite()) {
-        return Err(format!("{begin} to {end} s is no segment of time"));
+        return Err(format!(
+            "a boundary must have finite times, got {begin} to {end} s"
+        ));
     }
     if begin >= end {
         return Err(format!("a boundary from {begin} to {end} s does not last"));

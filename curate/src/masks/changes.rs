@@ -1,6 +1,6 @@
 //! Changes of the image against a still scene, between a frame and others around it.
 //!
-//! They confirm regions that a network found, and are no masks: an object leaves a change where it was and where it is.
+//! They confirm regions that a network found, and are not masks: an object leaves a change at its old and new place.
 //! If the camera moves, a change must show before and after, since near things hide others. Where it stands, frames
 //! further away are compared too: an animal may rest for a second.
 
@@ -26,7 +26,7 @@ const FAR_SECONDS: f64 = 1.0;
 const STANDS_PIXELS: f32 = 2.0;
 
 /// A frame as it is compared.
-pub(super) trait Compared: Sized {
+pub(super) trait ComparableFrame: Sized {
     /// Reads a frame of a sequence.
     fn read(folder: &Path, sequence: &Sequence, index: usize) -> Result<Self, CurateError>;
 
@@ -35,7 +35,7 @@ pub(super) trait Compared: Sized {
     fn compare(&self, that: &Self) -> opencv::Result<(Field, bool)>;
 }
 
-impl Compared for GreySphere {
+impl ComparableFrame for GreySphere {
     fn read(folder: &Path, sequence: &Sequence, index: usize) -> Result<Self, CurateError> {
         residual::compared_image(folder, sequence, index)
     }
@@ -59,7 +59,7 @@ pub(super) struct Changes<'a, I> {
     held: BTreeMap<usize, I>,
 }
 
-impl<'a, I: Compared> Changes<'a, I> {
+impl<'a, I: ComparableFrame> Changes<'a, I> {
     pub(super) fn new(folder: &'a Path, sequence: &'a Sequence) -> Self {
         let entries = sequence.frames.entries.iter();
         Self {

@@ -13,7 +13,7 @@ use omnilife_schemas::{
 
 use super::{
     FrameMasks, MaskMethod,
-    changes::{Changes, Compared},
+    changes::{Changes, ComparableFrame},
     deeplab::{self, Likelihoods, Views, network::Network},
     plane::Plane,
     vote,
@@ -78,7 +78,7 @@ fn find(
     }
 }
 
-fn find_in<I: Compared>(
+fn find_in<I: ComparableFrame>(
     folder: &Path,
     sequence: &Sequence,
     network: &Network,

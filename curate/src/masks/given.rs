@@ -7,16 +7,16 @@ use omnilife_schemas::{
     rgb::Mask,
 };
 
-use super::{Found, FrameMasks};
+use super::{FrameMasks, MaskSet};
 use crate::{error::CurateError, poses};
 
 /// Reads a file per frame.
 ///
 /// # Errors
 /// When a file cannot be read or does not have the shape of its frame.
-pub(super) fn read(files: &[PathBuf], sequence: &Sequence) -> Result<Found, CurateError> {
+pub(super) fn read(files: &[PathBuf], sequence: &Sequence) -> Result<MaskSet, CurateError> {
     let frames = files.iter().map(|file| read_mask(file, sequence));
-    Ok(Found {
+    Ok(MaskSet {
         frames: frames.collect::<Result<_, _>>()?,
         notes: notes(files, sequence)?,
     })

@@ -117,7 +117,7 @@ pub fn write_masks(
         MaskSource::Files(from) => poses::masks::find(from, &sequence.frames.entries)?,
         MaskSource::Program(_) | MaskSource::Method(_) => Vec::new(),
     };
-    let described = Described::of(source, folder)?;
+    let described = SourceDescription::of(source, folder)?;
     let mut plan = StagePlan::new(folder, "masks")
         .with_file(&sequence_path)?
         .with_text("method", &described.method)
@@ -161,12 +161,12 @@ pub fn write_masks(
 }
 
 /// Masks of all frames, with lines on assumptions about them.
-struct Found {
+struct MaskSet {
     frames: Vec<FrameMasks>,
     notes: Vec<String>,
 }
 
-impl Found {
+impl MaskSet {
     /// Makes what the camera carries a class of its own, which does not count as moving.
     fn leave_out_operator(&mut self, operator: &Mask) {
         for frame in &mut self.frames {
@@ -184,7 +184,7 @@ fn find(
     source: &MaskSource,
     given: &[PathBuf],
     progress: &dyn Progress,
-) -> Result<Found, CurateError> {
+) -> Result<MaskSet, CurateError> {
     match source {
         MaskSource::Files(_) => given::read(given, sequence),
         MaskSource::Program(program) => {
@@ -201,7 +201,7 @@ fn find(
                 );
                 return Err(CurateError::input(&folder.join(SEQUENCE_FILE), reason));
             }
-            Ok(Found {
+            Ok(MaskSet {
                 frames: (method.find)(folder, sequence, progress)?,
                 notes: Vec::new(),
             })
@@ -247,13 +247,13 @@ fn find_method(id: &str, folder: &Path) -> Result<&'static MaskMethod, CurateErr
 }
 
 /// Description of a source, for the record.
-struct Described {
+struct SourceDescription {
     method: String,
     settings: String,
     reliability: Option<String>,
 }
 
-impl Described {
+impl SourceDescription {
     fn of(source: &MaskSource, folder: &Path) -> Result<Self, CurateError> {
         Ok(match source {
             MaskSource::Files(_) => Self {
@@ -309,7 +309,7 @@ mod tests {
     #[test]
     fn what_the_camera_carries_does_not_move() {
         let mask = |data: [u8; 4]| Mask::new(4, 1, data.to_vec());
-        let mut found = Found {
+        let mut found = MaskSet {
             frames: vec![mask([255, 255, 0, 0]).into()],
             notes: Vec::new(),
         };

@@ -4,7 +4,7 @@ use std::path::Path;
 
 use omnilife_schemas::{RgbImage, records::Sequence};
 
-use super::{changes::Compared, field::Field, residual::IMAGE_WIDTH};
+use super::{changes::ComparableFrame, field::Field, residual::IMAGE_WIDTH};
 use crate::error::CurateError;
 
 /// Largest shift at the smallest size, pixels.
@@ -58,7 +58,7 @@ impl Plane {
     }
 }
 
-impl Compared for Plane {
+impl ComparableFrame for Plane {
     fn read(folder: &Path, sequence: &Sequence, index: usize) -> Result<Self, CurateError> {
         let path = folder.join(&sequence.frames.entries[index].file);
         Ok(Self::new(&RgbImage::read(&path)?))

@@ -16,6 +16,6 @@ pub mod rotation;
 pub use camera::{CameraMotion, camera_motion};
 pub use flow::{Flow, flow};
 pub use grey::GreySphere;
-pub use registration::{Registered, register};
+pub use registration::{Registration, register};
 pub use residual::{PairMotion, explain};
 pub use rotation::align;

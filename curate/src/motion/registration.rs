@@ -20,7 +20,7 @@ const LOOSEST_FIT_PIXELS: f64 = 8.0;
 
 /// Motion between two frames that were registered.
 #[derive(Debug, Clone)]
-pub struct Registered {
+pub struct Registration {
     /// Maps directions of the first camera to the second.
     pub rotation: Quat,
     /// Explanation of the flow by the camera's motion.
@@ -31,7 +31,7 @@ pub struct Registered {
 ///
 /// Returns `None` where registration fails: too little detail, too little of it found again, rotations there and back
 /// that differ, or a flow that no motion of the camera explains.
-pub fn register(from: &GreySphere, to: &GreySphere, directions: &[Vec3]) -> Option<Registered> {
+pub fn register(from: &GreySphere, to: &GreySphere, directions: &[Vec3]) -> Option<Registration> {
     let aligned = align_neighbours(from, to);
     let back = align_neighbours(to, from);
     let pixel = from.pixel_radians(0);
@@ -52,7 +52,7 @@ pub fn register(from: &GreySphere, to: &GreySphere, directions: &[Vec3]) -> Opti
     if motion.limit_radians > LOOSEST_FIT_PIXELS * f64::from(pixel) {
         return None;
     }
-    Some(Registered {
+    Some(Registration {
         rotation: (Quat::from_scaled_axis(-motion.turn) * aligned).normalize(),
         motion,
     })

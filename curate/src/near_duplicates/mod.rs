@@ -73,7 +73,7 @@ pub fn find(dataset: &Dataset, out: &Path) -> Result<Vec<NearDuplicate>, CurateE
         };
         let signals = Signals::read_parquet(&file)?;
         let rows = rows(&signals)
-            .ok_or_else(|| CurateError::input(&file, "is no table of a signature"))?;
+            .ok_or_else(|| CurateError::input(&file, "must be a table of a signature"))?;
         signatures.push((number, signals.times, rows));
     }
     let pairs: Vec<(usize, usize)> = (0..signatures.len())

@@ -264,26 +264,26 @@ impl Grid {
 }
 
 /// A line beside a grid's outermost one.
-struct Next {
+struct NextLine {
     cut: usize,
     /// The pixels from line to line, in order.
     between: [usize; 2],
 }
 
-fn next_cut(cuts: &[usize], at_end: bool, period: f32, limit: usize) -> Option<Next> {
+fn next_cut(cuts: &[usize], at_end: bool, period: f32, limit: usize) -> Option<NextLine> {
     let (first, last) = (*cuts.first()?, *cuts.last()?);
     // Distances span the whole grid, so that roundings do not add up.
     let reach = cuts.len() as f32 * (last - first) as f32 / (cuts.len() - 1) as f32;
     debug_assert!((reach / cuts.len() as f32 - period).abs() < 1.5);
     if at_end {
         let cut = first + reach.round() as usize;
-        (cut <= limit).then_some(Next {
+        (cut <= limit).then_some(NextLine {
             cut,
             between: [last, cut],
         })
     } else {
         let cut = last.checked_sub(reach.round() as usize)?;
-        Some(Next {
+        Some(NextLine {
             cut,
             between: [cut, first],
         })

@@ -156,7 +156,7 @@ mod tests {
         }
     }
 
-    /// Everything that has a grid and is no mosaic, in the middle of an image with detail.
+    /// Everything that has a grid and is not a mosaic, in the middle of an image with detail.
     #[test]
     fn patterns_are_no_mosaics() {
         type Pattern = fn(usize, usize) -> usize;

@@ -1,6 +1,6 @@
 //! Surroundings of a region that stays: what is painted over the image stays while they move.
 //!
-//! A sky stays with all that is around it, or in front of nothing that could move, and so is no overlay.
+//! A sky stays with all that is around it, or in front of nothing that could move, and so is not an overlay.
 
 use super::regions::Grid;
 

@@ -63,7 +63,7 @@ impl Coverage {
         for (band, count) in bands.iter_mut().zip(counts) {
             band.directions = count as f64 / all.max(1) as f64;
         }
-        // Rows of perspective frames are no latitudes.
+        // Rows of perspective frames are not latitudes.
         let has_masks = !records.is_pinhole() && sheet.marks().any(|mark| mark != Mark::Overlay);
         if has_masks {
             for (index, band) in bands.iter_mut().enumerate() {

@@ -38,7 +38,7 @@ use crate::{
     error::CurateError,
     publish::{Statistics, optional},
 };
-use page::{Look, Page};
+use page::{Page, SequenceImages};
 use parts::Records;
 
 /// The page and its record.
@@ -87,11 +87,11 @@ pub fn write_page(folder: &Path, progress: &dyn Progress) -> Result<PathBuf, Cur
         let shown = &source.sequences[..source.sequences.len().min(MOST_SHEETS)];
         progress.begin("drawing the page", Some(shown.len() as u64));
         let looks = shown.par_iter().map(|records| {
-            let look = Look::at(records);
+            let look = SequenceImages::at(records);
             progress.advance(1);
             look
         });
-        let looks: Vec<Look> = looks.collect();
+        let looks: Vec<SequenceImages> = looks.collect();
         progress.end();
         let about: Option<About> = optional(&folder.join(ABOUT_FILE))?;
         let (attrition, statistics) = match &source.dataset {

@@ -28,7 +28,7 @@ const TAGS: u64 = 5;
 pub(super) struct Records {
     /// Folder relative to the dataset; `.` for the dataset's own.
     pub(super) folder: String,
-    /// The same as a path.
+    /// Path of the same folder.
     pub(super) path: PathBuf,
     pub(super) sequence: Option<Sequence>,
     pub(super) scene: Option<Scene>,
@@ -193,7 +193,7 @@ impl Records {
             SequencePart::Poses => self.poses(),
             SequencePart::Points => {
                 let has_points = (self.scene.as_ref()).is_some_and(|scene| scene.points.is_some());
-                Found::of(u64::from(has_points || self.has_dense_points), 1)
+                PartFinding::of(u64::from(has_points || self.has_dense_points), 1)
             }
             SequencePart::Masks => self.masks(),
             SequencePart::IgnoreMasks => self.of_frames(|frame| frame.ignore_mask.is_some()),
@@ -203,9 +203,9 @@ impl Records {
             SequencePart::Annotation => self.tags(),
             SequencePart::Splits => {
                 let count = self.splits.len() as u64;
-                Found {
+                PartFinding {
                     note: self.splits.join(", "),
-                    ..Found::of(count, count.max(1))
+                    ..PartFinding::of(count, count.max(1))
                 }
             }
         };
@@ -221,22 +221,22 @@ impl Records {
         })
     }
 
-    fn images(&self) -> Found {
+    fn images(&self) -> PartFinding {
         let frames = self.frames();
         let there = frames
             .iter()
             .filter(|frame| self.path.join(frame.image).is_file());
-        Found::of(there.count() as u64, frames.len().max(1) as u64)
+        PartFinding::of(there.count() as u64, frames.len().max(1) as u64)
     }
 
-    fn poses(&self) -> Found {
+    fn poses(&self) -> PartFinding {
         let found = self.of_frames(|frame| frame.pose.is_some());
         let Some(scene) = self.scene.as_ref().filter(|_| found.count > 0) else {
             return found;
         };
         let status = status_name(scene.validation.status);
         let words = [&[status.to_owned()][..], &scene.validation.problems].concat();
-        Found {
+        PartFinding {
             note: words.join("; "),
             // The other frames were not registered, and would not be again.
             is_final: true,
@@ -244,20 +244,20 @@ impl Records {
         }
     }
 
-    fn masks(&self) -> Found {
+    fn masks(&self) -> PartFinding {
         let in_scene = self.of_frames(|frame| frame.mask.is_some());
         let Some(masks) = &self.found_masks else {
             return in_scene;
         };
         let count = masks.frames.len() as u64;
         if self.scene.is_none() {
-            return Found {
+            return PartFinding {
                 note: masks.method.clone(),
-                ..Found::of(count, in_scene.of.max(count))
+                ..PartFinding::of(count, in_scene.of.max(count))
             };
         }
         if in_scene.count == 0 {
-            return Found {
+            return PartFinding {
                 state: PartState::Incomplete,
                 note: format!("{}, not in the scene", masks.method),
                 ..in_scene
@@ -266,7 +266,7 @@ impl Records {
         in_scene
     }
 
-    fn depth(&self) -> Found {
+    fn depth(&self) -> PartFinding {
         let is_true = self.of_frames(|frame| frame.depth.is_some());
         let is_any = self.of_frames(|frame| frame.depth.is_some() || frame.depth_prior.is_some());
         let note = match (is_true.count, is_any.count) {
@@ -274,13 +274,13 @@ impl Records {
             (0, _) => "estimated",
             _ => "true",
         };
-        Found {
+        PartFinding {
             note: note.to_owned(),
             ..is_any
         }
     }
 
-    fn tags(&self) -> Found {
+    fn tags(&self) -> PartFinding {
         let count = self.annotation.as_ref().map_or(0, |annotation| {
             [
                 annotation.scene.is_some(),
@@ -293,28 +293,28 @@ impl Records {
             .iter()
             .sum()
         });
-        Found::of(count, TAGS)
+        PartFinding::of(count, TAGS)
     }
 
-    /// Counts the frames of the scene; without a scene there are none of all frames.
-    fn of_frames(&self, has: impl Fn(&SceneFrame) -> bool) -> Found {
+    /// Counts the frames of the scene: 0 of all frames without a scene.
+    fn of_frames(&self, has: impl Fn(&SceneFrame) -> bool) -> PartFinding {
         let frames = self.scene.iter().flat_map(|scene| &scene.frames);
         let count = frames.filter(|frame| has(frame)).count() as u64;
-        Found::of(count, self.frames().len().max(1) as u64)
+        PartFinding::of(count, self.frames().len().max(1) as u64)
     }
 }
 
 /// State of a part without its command.
-struct Found {
+struct PartFinding {
     state: PartState,
     count: u64,
     of: u64,
     note: String,
-    /// True where no command would add to it.
+    /// True where no command would add anything.
     is_final: bool,
 }
 
-impl Found {
+impl PartFinding {
     fn of(count: u64, of: u64) -> Self {
         let state = match count {
             0 => PartState::Missing,

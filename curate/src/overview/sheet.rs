@@ -41,11 +41,11 @@ pub(super) struct SheetFrame {
     pub(super) number: usize,
     pub(super) time_seconds: f64,
     /// The drawn frame, or the reason why it cannot be shown.
-    pub(super) shown: Result<Shown, String>,
+    pub(super) shown: Result<Thumbnail, String>,
 }
 
 /// Small image.
-pub(super) struct Shown {
+pub(super) struct Thumbnail {
     /// JPEG as a data URL.
     pub(super) url: String,
     pub(super) width: usize,
@@ -110,7 +110,7 @@ fn shown(
     frame: &FrameFiles<'_>,
     overlays: &[Overlay],
     wraps: bool,
-) -> Result<Shown, CurateError> {
+) -> Result<Thumbnail, CurateError> {
     let path = folder.join(frame.image);
     let image = ImageFile::open(&path)?.decode()?;
     let (old_width, old_height) = (image.width() as usize, image.height() as usize);
@@ -141,7 +141,7 @@ fn shown(
     let small = Rgb8Image::new(width, height, rgb);
     let url =
         jpeg::data_url(&small, QUALITY).map_err(|error| CurateError::internal(&path, error))?;
-    Ok(Shown {
+    Ok(Thumbnail {
         url,
         width,
         height,

@@ -24,7 +24,7 @@ use omnilife_schemas::{
 use super::{
     GivenTruth, PosedSequence, STAGE, files_named_by,
     frame_list::FrameList,
-    frame_programs::{FramePrograms, Made, source_of_program},
+    frame_programs::{FramePrograms, ProgramOutputs, source_of_program},
     given, masks,
     truth::TruthFiles,
 };
@@ -143,7 +143,7 @@ fn new_poses(
 fn poses_of(
     request: &AttachRequest,
     frames: &FrameList,
-    made: &Made,
+    made: &ProgramOutputs,
 ) -> Result<Option<PosedSequence>, CurateError> {
     let given = &request.given;
     match (&request.poses, &made.poses) {
@@ -176,7 +176,7 @@ impl Attachment {
         request: &AttachRequest,
         frames: &FrameList,
         mut files: TruthFiles,
-        made: &Made,
+        made: &ProgramOutputs,
     ) -> Result<Self, CurateError> {
         let posed = poses_of(request, frames, made)?;
         let mut notes = Vec::new();

@@ -342,7 +342,7 @@ pub(super) fn image_of(
 ) -> Result<ColmapImage, &'static str> {
     let camera_from_world = DQuat::from_xyzw(x, y, z, w);
     if (camera_from_world.length() - 1.0).abs() > 1e-3 {
-        return Err("rotation is no unit quaternion");
+        return Err("the rotation must be a unit quaternion");
     }
     let rotation = camera_from_world.normalize().inverse();
     Ok(ColmapImage {

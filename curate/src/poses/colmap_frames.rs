@@ -83,7 +83,7 @@ fn read_text(path: &Path) -> Result<Frames, StoreError> {
         let words = line.words_from(10);
         let (triples, rest) = words.as_chunks::<3>();
         if !rest.is_empty() || triples.len() != count {
-            return Err(line.malformed("sensors and images are no triples"));
+            return Err(line.malformed("sensors and images must be triples"));
         }
         let images: Vec<u32> = triples
             .iter()

@@ -211,13 +211,13 @@ fn read_observations(line: &Line<'_>) -> Result<Vec<(DVec2, u64)>, StoreError> {
     let words = line.words_from(0);
     let (triples, rest) = words.as_chunks::<3>();
     if !rest.is_empty() {
-        return Err(line.malformed("features are no x y point triples"));
+        return Err(line.malformed("features must be triples of x, y and point"));
     }
     let mut observations = Vec::new();
     for [x, y, point] in triples {
         let parsed = (x.parse(), y.parse(), point.parse::<i64>());
         let (Ok(x), Ok(y), Ok(point)) = parsed else {
-            return Err(line.malformed("features are no x y point triples"));
+            return Err(line.malformed("features must be triples of x, y and point"));
         };
         if let Ok(point) = u64::try_from(point) {
             observations.push((DVec2::new(x, y), point));
@@ -243,7 +243,7 @@ pub(super) fn read_points(path: &Path) -> Result<BTreeMap<u64, ColmapPoint>, Sto
             .step_by(2)
             .map(str::parse)
             .collect::<Result<_, _>>()
-            .map_err(|_| line.malformed("point track is no list of image ids"))?;
+            .map_err(|_| line.malformed("the track of a point must be a list of image ids"))?;
         let position = DVec3::from_array(line.numbers(1, "point position")?);
         let point = point_of(position, colour, track).map_err(|what| line.malformed(what))?;
         if points.insert(id, point).is_some() {

@@ -56,7 +56,7 @@ impl FromStr for FrameCommand {
     }
 }
 
-/// A program that masks what moves in the frames of a sequence.
+/// Program that masks the dynamic regions in the frames of a sequence.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct MaskProgram {
     /// The program.
@@ -120,7 +120,7 @@ pub struct FramePrograms {
 }
 
 /// Output of programs, for the frames by their numbers.
-pub(super) struct Made {
+pub(super) struct ProgramOutputs {
     pub(super) frames: FrameList,
     /// Folder of masks, and the command.
     pub(super) masks: Option<(PathBuf, String)>,
@@ -140,8 +140,8 @@ impl FramePrograms {
         frames: &FrameList,
         staging: &Staging,
         progress: &dyn Progress,
-    ) -> Result<Made, CurateError> {
-        let mut made = Made {
+    ) -> Result<ProgramOutputs, CurateError> {
+        let mut made = ProgramOutputs {
             frames: numbered(frames),
             masks: None,
             prior: None,

@@ -38,7 +38,7 @@ impl FromStr for IgnoredRegion {
         let degrees = degrees.filter(|degrees| *degrees > 0.0 && *degrees < 180.0);
         degrees
             .map(|degrees| Self::Nadir { degrees })
-            .ok_or_else(|| format!("{angle}: is no angle from 0 to 180 degrees"))
+            .ok_or_else(|| format!("the angle must be between 0 and 180 degrees, got {angle}"))
     }
 }
 

@@ -2,7 +2,7 @@
 //!
 //! [`pose_sequence`] turns `sequence.json` into `scene.json`, with further files for known data. These are
 //! `points.ply`, `masks/` of moving content, `ignore/` of pixels outside the scene, `depth/` of distances, `classes/`
-//! of masks of classes, and `depth-prior/` of estimated distances.
+//! of masks of classes, and `depth-prior/` of depth priors.
 
 mod attach;
 pub mod colmap;
@@ -37,7 +37,7 @@ use std::{
 use omnilife_schemas::{
     Pose,
     layout::{POINTS_FILE, SCENE_FILE, SEQUENCE_FILE},
-    ownership::Standing,
+    ownership::NameState,
     points::PointCloud,
     progress::Progress,
     records::{PoseConvention, PoseSource, PoseValidation, Scale, Scene, SceneFrame, Sequence},
@@ -220,7 +220,7 @@ fn put_in_place(
     own.remove(|file| !referred.contains(&file.to_owned()))?;
     // A mask of earlier poses that is given for these, at its place, is still ours.
     for file in referred {
-        if !out.has(file) && own.standing(file)? == Standing::Ours {
+        if !out.has(file) && own.standing(file)? == NameState::Ours {
             out.add(file);
         }
     }

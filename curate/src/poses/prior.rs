@@ -1,4 +1,4 @@
-//! Estimated distances of a sequence's frames: from a network, a sensor, another program.
+//! Depth priors of a sequence's frames: from a network, a sensor, another program.
 //!
 //! They are given to methods, never scored against ([`super::truth`] holds true ones).
 
@@ -47,7 +47,7 @@ impl GivenPrior {
     /// When no frame has one, two files belong to one frame, or the unit is not positive.
     pub(super) fn find(&self, frames: &[FrameEntry]) -> Result<PriorFiles, CurateError> {
         if !(self.unit.is_finite() && self.unit > 0.0) {
-            let reason = format!("{}: is no unit of distances", self.unit);
+            let reason = format!("the unit of distances must be positive, got {}", self.unit);
             return Err(CurateError::input(&self.folder, reason));
         }
         let files = masks::find_some(&self.folder, frames, EXTENSIONS)?;

@@ -45,7 +45,7 @@ pub struct GivenTruth {
     pub depth: Option<GivenDepth>,
     /// Folder of masks by the name of the class: white for its objects.
     pub classes: BTreeMap<String, PathBuf>,
-    /// Estimated distances, which methods may use and no score does.
+    /// Depth priors, which methods may use and no score does.
     pub prior: Option<GivenPrior>,
     /// Known size of the world, if the poses do not give it.
     pub scale: Option<GroundScale>,
@@ -91,7 +91,7 @@ impl GivenTruth {
         if let Some(depth) = &self.depth
             && !(depth.unit.is_finite() && depth.unit > 0.0)
         {
-            let reason = format!("{}: is no unit of distances", depth.unit);
+            let reason = format!("the unit of distances must be positive, got {}", depth.unit);
             return Err(CurateError::input(&depth.folder, reason));
         }
         self.classes
@@ -150,7 +150,7 @@ impl TruthFiles {
         self.masks = Some(files);
     }
 
-    /// Adds estimated distances.
+    /// Adds depth priors.
     pub(super) fn set_prior(&mut self, prior: PriorFiles) {
         self.prior = Some(prior);
     }

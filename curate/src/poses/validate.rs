@@ -54,7 +54,7 @@ impl Default for ValidationLimits {
 
 /// Frames on either side of a step whose steps make its local median.
 const STEP_NEIGHBOURS: usize = 7;
-/// Local medians are floored at this share of the global one, so that a stop is no jump.
+/// Local medians are floored at this share of the global one, so that a stop is not a jump.
 const STEP_FLOOR: f64 = 0.3;
 /// Floor of the median change of rotation, degrees.
 const ROTATION_CHANGE_FLOOR_DEGREES: f64 = 0.5;

@@ -1,6 +1,6 @@
 //! Detection of cube faces: equi-angular (EAC) or plain, in any order and orientation.
 //!
-//! Two things reveal cube faces. If the layout puts faces beside each other that are no neighbours on the cube, the
+//! Two things reveal cube faces. If the layout puts faces beside each other that are not neighbours on the cube, the
 //! image breaks along a straight line. And every edge at the image's border is continued by some edge of another face.
 
 use omnilife_schemas::statistics;

@@ -18,7 +18,7 @@ pub(super) const TOP: ProjectionTest = ProjectionTest {
               those of the middle rows: at a pole the whole row is one point.",
     limit: LIMIT,
     at_most: "the top row is nearly one colour, as at a pole",
-    above: "the top row is no pole",
+    above: "the top row is not a pole",
     measure: |_, samples| median_over(samples, |image| relative_spread(image, 0)),
 };
 
@@ -28,7 +28,7 @@ pub(super) const BOTTOM: ProjectionTest = ProjectionTest {
     summary: "The same for the bottom row.",
     limit: LIMIT,
     at_most: "the bottom row is nearly one colour, as at a pole",
-    above: "the bottom row is no pole",
+    above: "the bottom row is not a pole",
     measure: |_, samples| median_over(samples, |image| relative_spread(image, image.height - 1)),
 };
 

@@ -11,6 +11,7 @@ use omnilife_schemas::{
 use super::{
     Release,
     figures::FIGURES,
+    licence,
     statements::unstated,
     statistics::{DISTRIBUTIONS, Statistics},
 };
@@ -103,44 +104,19 @@ tags:
 configs:
 ";
 
-/// Licences that the Hugging Face hub knows by an identifier of its own; it is the SPDX identifier in
-/// lower case (<https://huggingface.co/docs/hub/repositories-licenses>).
-const HUB_LICENCES: &[&str] = &[
-    "apache-2.0",
-    "mit",
-    "cc0-1.0",
-    "cc-by-2.0",
-    "cc-by-2.5",
-    "cc-by-3.0",
-    "cc-by-4.0",
-    "cc-by-sa-3.0",
-    "cc-by-sa-4.0",
-    "cc-by-nc-2.0",
-    "cc-by-nc-3.0",
-    "cc-by-nc-4.0",
-    "cc-by-nd-4.0",
-    "cc-by-nc-nd-3.0",
-    "cc-by-nc-nd-4.0",
-    "cc-by-nc-sa-2.0",
-    "cc-by-nc-sa-3.0",
-    "cc-by-nc-sa-4.0",
-    "odbl",
-    "odc-by",
-    "pddl",
-    "cdla-permissive-2.0",
-];
-
-/// Returns the licence in the form of hubs: their identifier, or `other` with the given name.
-fn licence_lines(text: &mut String, licence: Option<&str>) {
-    let Some(licence) = licence else {
+/// Writes the licence in the form of hubs: their identifier, or `other` with the given name, and its address.
+fn licence_lines(text: &mut String, stated: Option<&str>) {
+    let Some(stated) = stated else {
         return;
     };
-    let id = licence.to_ascii_lowercase();
-    if HUB_LICENCES.contains(&id.as_str()) {
+    if let Some(id) = licence::hub_identifier(stated) {
         line(text, &format!("license: {id}"));
-    } else {
-        line(text, "license: other");
-        line(text, &format!("license_name: {}", quoted(licence)));
+        return;
+    }
+    line(text, "license: other");
+    line(text, &format!("license_name: {}", quoted(stated)));
+    if licence::is_address(stated) {
+        line(text, &format!("license_link: {}", quoted(stated)));
     }
 }
 

@@ -40,7 +40,7 @@ pub(super) fn read(folder: &Path) -> Result<BTreeMap<String, String>, StoreError
                 .filter(|(hash, _)| hash.len() == 64)
                 .map(|(hash, file)| (file.to_owned(), hash.to_owned()))
                 .ok_or_else(|| {
-                    StoreError::malformed(&path, format!("line {} is no checksum", index + 1))
+                    StoreError::malformed(&path, format!("line {} must be a checksum", index + 1))
                 })
         })
         .collect()

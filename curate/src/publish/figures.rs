@@ -53,7 +53,7 @@ pub(super) const FIGURES: &[Figure] = &[
 /// Draws a figure. Bars are shares of all sequences, so that figures can be compared.
 ///
 /// # Errors
-/// [`CurateError::Internal`] when the drawing library fails.
+/// [`CurateError::Internal`] when the plotting library fails.
 pub(super) fn draw(figure: &Figure, statistics: &Statistics) -> Result<String, CurateError> {
     let tallies = DISTRIBUTIONS
         .iter()

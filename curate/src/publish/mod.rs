@@ -25,6 +25,7 @@ mod croissant;
 mod datasheet;
 mod figures;
 mod kinds;
+mod licence;
 mod selection;
 mod shards;
 mod statements;
@@ -48,6 +49,7 @@ use omnilife_schemas::{
 };
 use serde::Deserialize;
 
+pub use licence::licence;
 pub use selection::{SelectRequest, Selection, properties, select};
 pub use statistics::{SequenceRow, Statistics, Tally};
 pub(crate) use statistics::{optional, status_name};
@@ -60,7 +62,7 @@ use crate::error::CurateError;
 pub struct PublishSettings {
     /// Name of the dataset; the folder's name if none was ever given.
     pub name: Option<String>,
-    /// Licence of the whole.
+    /// Licence of the whole, as [`licence()`] accepts it.
     pub licence: Option<String>,
     /// Description.
     pub description: Option<String>,
@@ -228,6 +230,9 @@ struct AboutFile {
 }
 
 /// Returns the earlier statements, updated by the new ones.
+///
+/// # Errors
+/// When a file cannot be read, or the licence is not one that [`licence()`] accepts.
 fn about(folder: &Path, settings: &PublishSettings) -> Result<About, CurateError> {
     let file: AboutFile =
         (settings.about.as_deref()).map_or_else(|| Ok(AboutFile::default()), toml_file::read)?;
@@ -243,9 +248,13 @@ fn about(folder: &Path, settings: &PublishSettings) -> Result<About, CurateError
             ..About::default()
         }
     };
+    let stated = settings.licence.clone().or(file.licence).or(before.licence);
+    let source = settings.about.as_deref().unwrap_or(&path);
+    let stated = stated.map(|text| licence(&text)).transpose();
     Ok(About {
         name: settings.name.clone().or(file.name).unwrap_or(before.name),
-        licence: settings.licence.clone().or(file.licence).or(before.licence),
+        licence: stated
+            .map_err(|reason| CurateError::input(source, format!("licence {reason}")))?,
         description: (settings.description.clone())
             .or(file.description)
             .or(before.description),

@@ -176,7 +176,7 @@ fn check_video(folder: &Path, sequences: &[String], sha256: Option<&str>, faults
             .any(|(name, kept)| name.ends_with(sequence.as_str()) && *kept == range);
         if !is_known {
             faults.add(format!(
-                "{shown}: {sequence} is no sequence of this segment"
+                "{shown}: {sequence} is not a sequence of this segment"
             ));
         }
         if let Some(slice) = slice {

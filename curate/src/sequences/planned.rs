@@ -11,7 +11,7 @@ use crate::{
 };
 
 /// A planned sequence.
-pub(super) struct Planned {
+pub(super) struct PlannedSequence {
     pub(super) name: String,
     pub(super) range: TimeRange,
     /// Timestamps of its frames, seconds.
@@ -24,7 +24,7 @@ pub(super) struct Planned {
 
 impl Sequencing<'_> {
     /// Chooses the frames of every kept shot.
-    pub(super) fn planned(&self) -> Result<Vec<Planned>, CurateError> {
+    pub(super) fn planned(&self) -> Result<Vec<PlannedSequence>, CurateError> {
         let video_times = &self.signals.times;
         // Motion is measured on the whole sphere.
         let is_sphere = self.projection.projection != VideoProjection::Rectilinear;
@@ -36,7 +36,7 @@ impl Sequencing<'_> {
                 true => choose_pairs(video_times, range, &times),
                 false => Vec::new(),
             };
-            Ok(Planned {
+            Ok(PlannedSequence {
                 name: sequence_name(index),
                 range,
                 times,

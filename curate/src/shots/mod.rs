@@ -89,8 +89,8 @@ pub static CHECKS: &[ShotCheck] = &[
     },
     ShotCheck {
         id: "shot-projection",
-        summary: "Images of an ordinary camera: the left and the right edge are no neighbours, and the top or the \
-                  bottom row is no pole. Not asked where the user states the projection.",
+        summary: "Images of an ordinary camera: the left and the right edge do not meet, and the top or the \
+                  bottom row is not a pole. Not asked where the user states the projection.",
         reading: "is a flat image without poles, whose left and right edge differ by",
         limit: FLAT_SEAM,
         is_of_projection: true,

@@ -85,7 +85,7 @@ impl SamplePass {
 pub(crate) struct Samples(Signals);
 
 /// The samples inside one shot.
-pub(super) struct Inside<'a> {
+pub(super) struct ShotSamples<'a> {
     samples: &'a Samples,
     range: Range<usize>,
 }
@@ -114,7 +114,7 @@ impl Samples {
 
     /// Returns true if some single sample is a whole sphere.
     pub(crate) fn show_spheres(&self) -> bool {
-        let all = Inside {
+        let all = ShotSamples {
             samples: self,
             range: 0..self.0.times.len(),
         };
@@ -127,18 +127,18 @@ impl Samples {
     }
 
     /// Returns the samples in a part of the video.
-    pub(super) fn inside(&self, range: TimeRange) -> Inside<'_> {
+    pub(super) fn inside(&self, range: TimeRange) -> ShotSamples<'_> {
         let times = &self.0.times;
         let first = times.partition_point(|&time| time < range.begin_seconds);
         let end = times.partition_point(|&time| time < range.end_seconds);
-        Inside {
+        ShotSamples {
             samples: self,
             range: first..end.max(first),
         }
     }
 }
 
-impl Inside<'_> {
+impl ShotSamples<'_> {
     /// Samples in it.
     pub(super) fn count(&self) -> usize {
         self.range.len()

@@ -73,7 +73,7 @@ pub fn write_slices(
         .with_settings("segments", &record)
         .with_settings("settings", &settings);
     let skipped = format!("{}: slices unchanged, skipped", video.video.display());
-    // The record is written without slices too, and is no mark of theirs.
+    // The record is written without slices too, and is not a mark of theirs.
     let claimed = [""; 0];
     plan.make((SLICES_FILE, &skipped), claimed, progress, |out| {
         let mut staging = Staging::new(folder, SLICES_FOLDER)?;

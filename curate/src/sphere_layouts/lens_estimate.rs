@@ -1,8 +1,8 @@
 //! Estimation of a camera's two lenses from its frames: their circles, from the black around them, and their field of
 //! view, from their overlap.
 //!
-//! Only pixels per radian decide on the place of a direction. If glare around a lens makes its circle seem larger, the
-//! field of view grows by as much, and directions stay in place.
+//! The position of a direction depends on the pixels per radian alone. Glare around a lens makes its circle look
+//! larger. The estimated field of view then grows by as much, and directions stay in place.
 
 use std::{f64::consts::TAU, path::Path};
 
@@ -29,18 +29,18 @@ const FIELDS_OF_VIEW_DEGREES: [f64; 2] = [183.0, 280.0];
 const STEP_DEGREES: f64 = 0.5;
 /// Rings around the plane between the lenses, on which their images are compared, degrees to either side.
 const RINGS_DEGREES: [f64; 5] = [-2.0, -1.0, 0.0, 1.0, 2.0];
-/// Places on a ring.
+/// Number of samples on a ring.
 const RING_PLACES: usize = 360;
-/// Radius in places of the mean that is removed from a ring: lenses differ in brightness at their rims.
+/// Radius, in samples, of the mean that is subtracted from a ring: lenses differ in brightness at their rims.
 const DETAIL_RADIUS: usize = 10;
 /// The share of a circle's radius up to which its rim is sharp.
 const SHARP_SHARE: f64 = 0.985;
-/// Least correlation of both images at the right field of view, and its least excess over most others.
+/// Minimum correlation of both images at the right field of view, and its minimum excess over most others.
 const LEAST_CORRELATION: f64 = 0.75;
 const LEAST_PEAK: f64 = 0.15;
 
-/// Rays that search for the edge of a circle, the least number that must meet one, and their largest median distance
-/// from the circle, as a share of its radius.
+/// Number of rays that search for the edge of a circle, the minimum that must meet one, and their maximum median
+/// distance from the circle, as a share of its radius.
 const CIRCLE_RAYS: usize = 360;
 const LEAST_CIRCLE_RAYS: usize = 120;
 const LARGEST_RESIDUAL: f64 = 0.01;

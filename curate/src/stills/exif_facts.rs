@@ -9,7 +9,7 @@ use omnilife_schemas::records::Capture;
 
 /// Capture time of a still.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) struct TakenAt {
+pub(crate) struct CaptureTime {
     /// Seconds since 1970 by the camera's clock, in UTC if it wrote its offset, else in local time.
     pub(crate) seconds: f64,
     /// True if the offset from UTC is known.
@@ -19,8 +19,8 @@ pub(crate) struct TakenAt {
 /// Reads facts from EXIF data (a TIFF structure); unreadable ones are left out.
 ///
 /// # Errors
-/// When the data are no EXIF data; one line.
-pub(crate) fn read(data: Vec<u8>) -> Result<(Capture, Option<TakenAt>), String> {
+/// When the data are not EXIF data; one line.
+pub(crate) fn read(data: Vec<u8>) -> Result<(Capture, Option<CaptureTime>), String> {
     let exif = Reader::new()
         .read_raw(data)
         .map_err(|error| format!("its EXIF data cannot be read: {error}"))?;
@@ -85,7 +85,7 @@ fn altitude(exif: &Exif) -> Option<f64> {
     clippy::arithmetic_side_effects,
     reason = "numbers of a date are at most four digits"
 )]
-fn time(exif: &Exif) -> Option<(String, TakenAt)> {
+fn time(exif: &Exif) -> Option<(String, CaptureTime)> {
     let mut date = exif::DateTime::from_ascii(ascii(exif, Tag::DateTimeOriginal)?).ok()?;
     // An unreadable one is left out.
     if let Some(text) = ascii(exif, Tag::SubSecTimeOriginal) {
@@ -120,7 +120,7 @@ fn time(exif: &Exif) -> Option<(String, TakenAt)> {
     }
     Some((
         text,
-        TakenAt {
+        CaptureTime {
             seconds: whole as f64 + fraction,
             is_utc: date.offset.is_some(),
         },

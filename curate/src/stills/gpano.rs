@@ -38,11 +38,12 @@ pub(crate) fn read(data: &[u8], size: [u32; 2]) -> Result<Option<Panorama>, Stri
             data.len()
         ));
     }
-    let text = std::str::from_utf8(data).map_err(|_| "its XMP data are no text".to_owned())?;
+    let text =
+        std::str::from_utf8(data).map_err(|_| "its XMP data must be UTF-8 text".to_owned())?;
     // Packets may be padded with zeros, and have their processing instruction behind a byte order mark.
     let text = text.trim_matches(['\0', '\u{feff}', ' ', '\n', '\r', '\t']);
     let document =
-        Document::parse(text).map_err(|error| format!("its XMP data are no XML: {error}"))?;
+        Document::parse(text).map_err(|error| format!("its XMP data must be XML: {error}"))?;
     let property = |name: &str| {
         let nodes = document.descendants();
         nodes

@@ -26,7 +26,7 @@ pub(crate) struct Still {
     pub(crate) capture: Capture,
     /// Its part of the sphere, unless it is all of it.
     pub(crate) placement: Option<Placement>,
-    taken: Option<exif_facts::TakenAt>,
+    taken: Option<exif_facts::CaptureTime>,
 }
 
 /// The stills of a folder in the natural order of their names.
@@ -50,7 +50,7 @@ impl Stills {
     /// Reads the headers of all images in a folder.
     ///
     /// # Errors
-    /// [`CurateError::Input`] without images, for an image that is no panorama by its size or metadata, and
+    /// [`CurateError::Input`] without images, for an image that is not a panorama by its size or metadata, and
     /// for images of different sizes; [`CurateError::Store`] for files that cannot be read.
     pub(crate) fn read(folder: &Path) -> Result<Self, CurateError> {
         let images = frame_order::images_in(folder)?;
@@ -123,7 +123,8 @@ impl Still {
 /// Returns seconds since the first still, and a line on their source: EXIF data, if all have times in their order by
 /// one kind of clock, else their order.
 fn times(stills: &[Still]) -> (Vec<f64>, String) {
-    let taken: Option<Vec<exif_facts::TakenAt>> = stills.iter().map(|still| still.taken).collect();
+    let taken: Option<Vec<exif_facts::CaptureTime>> =
+        stills.iter().map(|still| still.taken).collect();
     if let Some(taken) = &taken
         && let Some(first) = taken.first()
         && taken.iter().all(|other| other.is_utc == first.is_utc)

@@ -237,7 +237,7 @@ fn no_slices(analysis: &VideoAnalysis, settings: &CurateSettings) -> Slices {
         }],
         no_slices: settings
             .slices
-            .map(|_| "stills are no video to cut".to_owned()),
+            .map(|_| "slices need a video, got still images".to_owned()),
     }
 }
 

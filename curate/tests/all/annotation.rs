@@ -198,7 +198,7 @@ fn what_is_wrong_with_an_annotation_is_said_in_one_line() {
     );
     let said = with_table(&format!("{head}walk/seq-007,Ada,beach,\n"));
     assert!(
-        said.contains("walk/seq-007 is no sequence of this dataset"),
+        said.contains("walk/seq-007 is not a sequence of this dataset"),
         "{said}"
     );
     let said = with_table("sequence,writer\nwalk/seq-000,Ada\n");

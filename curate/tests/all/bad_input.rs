@@ -61,7 +61,7 @@ fn files_that_are_no_videos() {
     refused(temp.path(), &out, temp.path(), ErrorKind::User);
 }
 
-/// A playlist that names another file is no video: nothing but the file itself is opened.
+/// A playlist that names another file is not a video: nothing but the file itself is opened.
 #[test]
 fn a_playlist_named_mp4_is_refused() {
     let temp = tempfile::tempdir().unwrap();
@@ -403,7 +403,7 @@ fn damage_in_the_middle() {
     assert!(analysis.damaged_frames > 0);
 }
 
-/// A name that is no UTF-8 is one row of the batch, and the rest goes on.
+/// A name that is not UTF-8 is one row of the batch, and the rest goes on.
 #[cfg(target_os = "linux")]
 #[test]
 fn a_name_that_is_no_utf8() {

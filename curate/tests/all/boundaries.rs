@@ -81,7 +81,7 @@ fn dissolves_are_found_with_their_extent() {
     }
 }
 
-/// Turning, a flash, and a change of exposure are no boundaries.
+/// Turning, a flash, and a change of exposure are not boundaries.
 #[test]
 fn one_shot_stays_one_shot() {
     for speed in [0.0, 0.5, 2.0, 6.0] {
@@ -114,7 +114,7 @@ fn empty_and_tiny_videos_have_no_boundaries() {
     assert_eq!(found(0.04, 25.0, shot(1, 0.0)), []);
 }
 
-/// A table of another detector is no video without cuts.
+/// A table of another detector is not a video without cuts.
 #[test]
 fn a_missing_signal_is_an_error() {
     for detector in DETECTORS {

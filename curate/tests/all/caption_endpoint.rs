@@ -16,7 +16,7 @@ use omnilife_curate::{
     CurateSettings,
     annotation::{
         AnnotateSettings, CaptionEndpoint, annotate_dataset,
-        endpoint::{Key, PROMPT, Patience},
+        endpoint::{Key, PROMPT, RetryPolicy},
     },
     curate_dataset,
 };
@@ -53,7 +53,7 @@ impl Reply {
 }
 
 /// A request as it came: the first line, headers in lower case, the body.
-struct Asked {
+struct HttpRequest {
     first_line: String,
     headers: Vec<String>,
     body: Vec<u8>,
@@ -62,7 +62,7 @@ struct Asked {
 /// Answers requests one after the other.
 struct Server {
     url: String,
-    asked: Arc<Mutex<Vec<Asked>>>,
+    asked: Arc<Mutex<Vec<HttpRequest>>>,
     replies: Arc<Mutex<VecDeque<Reply>>>,
 }
 
@@ -92,7 +92,11 @@ impl Server {
     }
 }
 
-fn answer(mut stream: TcpStream, asked: &Mutex<Vec<Asked>>, replies: &Mutex<VecDeque<Reply>>) {
+fn answer(
+    mut stream: TcpStream,
+    asked: &Mutex<Vec<HttpRequest>>,
+    replies: &Mutex<VecDeque<Reply>>,
+) {
     let mut reader = BufReader::new(stream.try_clone().unwrap());
     let mut line = String::new();
     if reader.read_line(&mut line).unwrap_or(0) == 0 {
@@ -119,7 +123,7 @@ fn answer(mut stream: TcpStream, asked: &Mutex<Vec<Asked>>, replies: &Mutex<VecD
     }
     let mut body = vec![0; length];
     reader.read_exact(&mut body).unwrap();
-    asked.lock().unwrap().push(Asked {
+    asked.lock().unwrap().push(HttpRequest {
         first_line,
         headers,
         body,
@@ -163,7 +167,7 @@ fn settings(server: &Server) -> AnnotateSettings {
             endpoint: server.url.parse().unwrap(),
             model: "see-1".to_owned(),
             key: Some(Key::new(KEY).unwrap()),
-            patience: Patience {
+            patience: RetryPolicy {
                 timeout: Duration::from_secs(20),
                 attempts: 3,
                 first_wait: Duration::from_millis(5),

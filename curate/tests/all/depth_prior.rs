@@ -1,4 +1,4 @@
-//! Estimated distances of frames: brought in on the project's grid, refused in one line.
+//! Depth priors of frames: brought in on the project's grid, refused in one line.
 
 use std::{
     fs,
@@ -154,7 +154,7 @@ fn distances_that_cannot_be_used_are_refused_in_one_line_and_leave_nothing() {
     if let Some(prior) = &mut without_unit.prior {
         prior.unit = 0.0;
     }
-    assert!(refusal(&without_unit).contains("0: is no unit of distances"));
+    assert!(refusal(&without_unit).contains("must be positive, got 0"));
     let missing = prior(&temp.path().join("nowhere"), DistanceGrid::HalfPixel);
     assert!(refusal(&missing).contains("nowhere"));
 }

@@ -229,7 +229,7 @@ fn seamless_traversals_are_kept_whole() {
         .decide(&decisions(vec![LedgerAction::Accept(1)]))
         .unwrap();
     assert_eq!(resolve(ledger.entries()).len(), 2);
-    // And one who says that it is no traversal lets everything hold.
+    // And one who says that it is not a traversal lets everything hold.
     let mut other = ledger.clone();
     other
         .decide(&decisions(vec![LedgerAction::Reject(3)]))
@@ -435,7 +435,7 @@ fn labels_are_of_the_segments_that_they_cover_and_an_experts_counts_more() {
     assert_eq!(last(2.0, 20.0).as_deref(), Some("beach"));
     assert_eq!(last(15.0, 40.0).as_deref(), Some("canal"));
     assert_eq!(last(10.0, 30.0), None, "half of it is not more than half");
-    // Labels are no boundaries, and nothing to agree on.
+    // Labels are not boundaries, and nothing to agree on.
     assert!(resolve(read.entries()).is_empty());
     assert!(of_ledger(&read, 0.1).is_empty());
 }

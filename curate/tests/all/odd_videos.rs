@@ -64,7 +64,7 @@ fn a_stream_is_no_sphere_where_another_one_has_its_other_half() {
         );
         assert!(!out.exists());
     }
-    // A preview of another size and a cover are no halves.
+    // A preview of another size and a cover are not halves.
     let preview = clip(temp.path(), "preview.mp4", 96, 32);
     let with_preview = temp.path().join("with-preview.mp4");
     joined(&[&a, &preview], &[], &with_preview);

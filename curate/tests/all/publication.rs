@@ -159,6 +159,17 @@ fn record_sets_are_those_of_the_tables() {
 }
 
 #[test]
+fn an_unknown_licence_is_refused_where_it_is_stated() {
+    let (_folder, out) = dataset();
+    let refusal = publish_with(&out, "licence = \"GPLX\"\n", false).unwrap_err();
+    assert!(
+        refusal.contains("about.toml") && refusal.contains("GPLX"),
+        "{refusal}"
+    );
+    assert!(!out.join("croissant.json").exists());
+}
+
+#[test]
 fn a_strict_publication_names_everything_that_is_unstated() {
     let (_folder, out) = dataset();
     let refusal = publish_with(&out, "", true).unwrap_err();

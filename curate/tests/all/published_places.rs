@@ -20,7 +20,7 @@ use crate::support;
 
 const TELL_TALE: &str = "ann-b's private disk";
 
-/// Two of one name, one again, one that is no sphere, one that is no video.
+/// Two of one name, one again, one that is not a sphere, one that is not a video.
 const VIDEOS: [&str; 5] = [
     "day/walk.mp4",
     "night/walk.mp4",

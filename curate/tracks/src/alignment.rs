@@ -1,4 +1,4 @@
-//! Alignment of estimated distances to the scale of a scene: `1/D = scale/E + shift`.
+//! Alignment of depth priors to the scale of a scene: `1/D = scale/E + shift`.
 //!
 //! Networks estimate distances, or inverse distances, up to a scale and mostly a shift of the inverse (Ranftl et al.,
 //! "Towards Robust Monocular Depth Estimation", 2020, section 5). Both are estimated from points of known distance by

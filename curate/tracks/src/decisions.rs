@@ -10,7 +10,7 @@ use omnilife_schemas::{
 };
 
 use super::{
-    Asked, TrackRequest,
+    TrackInputs, TrackRequest,
     distance::{DistanceMethod, has_estimates},
 };
 use crate::error::TracksError;
@@ -42,7 +42,7 @@ pub fn plan_tracks(
     progress: &dyn Progress,
 ) -> Result<TracksPlan, TracksError> {
     let begun = Instant::now();
-    let asked = Asked::read(request)?;
+    let asked = TrackInputs::read(request)?;
     let is_known = asked.stage(request)?.is_done();
     let tracks = if is_known {
         store::read_record(&asked.record(request))?
@@ -62,7 +62,11 @@ pub fn plan_tracks(
     })
 }
 
-fn decisions(request: &TrackRequest, asked: &Asked, tracks: &Tracks) -> Vec<ComponentDecision> {
+fn decisions(
+    request: &TrackRequest,
+    asked: &TrackInputs,
+    tracks: &Tracks,
+) -> Vec<ComponentDecision> {
     let decide = |component: &str, used: bool, reason: String| ComponentDecision {
         component: component.to_owned(),
         used,
@@ -72,7 +76,7 @@ fn decisions(request: &TrackRequest, asked: &Asked, tracks: &Tracks) -> Vec<Comp
     let reason = |name: &str| stage(name).map_or(String::new(), |stage| stage.reason.clone());
     let (are_dense, points) = match &asked.points {
         Some(points) => (!points.dense_frames.is_empty(), points.name.clone()),
-        None => (false, "there are none: the ground is a plane".to_owned()),
+        None => (false, "no dense points: the ground is a plane".to_owned()),
     };
     let scale = match (stage("scale"), request.options.metres_per_unit) {
         (Some(stage), _) => (true, stage.reason.clone()),
@@ -84,7 +88,7 @@ fn decisions(request: &TrackRequest, asked: &Asked, tracks: &Tracks) -> Vec<Comp
     let without = if has_estimates(&asked.scene, &asked.views) {
         ""
     } else {
-        "there are no estimates; "
+        "no depth prior; "
     };
     let appearance = match stage("appearance") {
         Some(stage) => (stage.reason.starts_with("kept"), stage.reason.clone()),

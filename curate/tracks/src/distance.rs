@@ -76,7 +76,7 @@ const LEAST_SLOPE: f64 = 0.5;
 
 /// Method and quality of the distances of detections.
 #[derive(Debug, Clone, PartialEq)]
-pub(super) struct Lifted {
+pub(super) struct DistanceQuality {
     /// Not [`DistanceMethod::Auto`].
     pub(super) method: DistanceMethod,
     /// On what evidence.
@@ -114,7 +114,7 @@ impl GroundUse {
     }
 }
 
-/// Returns true if any used frame has estimated distances.
+/// Returns true if any used frame has a depth prior.
 pub(super) fn has_estimates(scene: &Scene, views: &[PosedView]) -> bool {
     let prior = |view: &PosedView| scene.frames.get(view.frame as usize)?.depth_prior.as_ref();
     views.iter().any(|view| prior(view).is_some())
@@ -151,7 +151,7 @@ impl Tracking<'_> {
         detections: &mut [Detection],
         input: &DetectorInput<'_>,
         asked: DistanceMethod,
-    ) -> Result<Lifted, TracksError> {
+    ) -> Result<DistanceQuality, TracksError> {
         let ground = self.lift_to_ground(detections);
         let has_estimates = has_estimates(self.scene, self.views);
         let enough = ground.share() >= ENOUGH_GROUND;
@@ -167,7 +167,7 @@ impl Tracking<'_> {
                 } else {
                     format!("; estimates are left out: ground lies under {on_ground}")
                 };
-                return Ok(Lifted {
+                return Ok(DistanceQuality {
                     method: DistanceMethod::Ground,
                     reason: ground.said() + &left_out,
                     sigma: SIGMA_GROUND,
@@ -221,7 +221,7 @@ impl Tracking<'_> {
         detections: &mut [Detection],
         input: &DetectorInput<'_>,
         scale_alone: bool,
-    ) -> Result<Lifted, TracksError> {
+    ) -> Result<DistanceQuality, TracksError> {
         let (mut views, mut images, mut pairs, mut first) = (vec![], vec![], vec![], None);
         for view in self.views {
             let Some(prior) = &self.scene.frames[view.frame as usize].depth_prior else {
@@ -290,7 +290,7 @@ impl Tracking<'_> {
                 views[at].frame
             )
         });
-        Ok(Lifted {
+        Ok(DistanceQuality {
             method: if scale_alone {
                 DistanceMethod::MonocularScale
             } else {

@@ -82,7 +82,7 @@ pub struct TrackRequest {
 /// When the scene is missing, not posed or of unknown scale, boxes do not fit its frames, or a file
 /// cannot be written.
 pub fn make_tracks(request: &TrackRequest, progress: &dyn Progress) -> Result<Tracks, TracksError> {
-    let asked = Asked::read(request)?;
+    let asked = TrackInputs::read(request)?;
     let plan = asked.stage(request)?;
     let skipped = format!("{}: tracks unchanged, skipped", asked.scene.id);
     plan.make((TRACKS_FILE, &skipped), FILES, progress, |out| {
@@ -109,7 +109,7 @@ pub fn make_tracks(request: &TrackRequest, progress: &dyn Progress) -> Result<Tr
 type WriteView = fn(&Path, &Path, &Scene, &[PosedView], &Tracks) -> Result<(), TracksError>;
 
 /// A request with its inputs, read and checked.
-struct Asked {
+struct TrackInputs {
     scene_path: PathBuf,
     scene: Scene,
     /// Numbers of the usable frames.
@@ -124,7 +124,7 @@ struct Asked {
     video_sha256: Option<String>,
 }
 
-impl Asked {
+impl TrackInputs {
     fn read(request: &TrackRequest) -> Result<Self, TracksError> {
         let scene_path = request.scene_folder.join(SCENE_FILE);
         let scene: Scene = store::read_record(&scene_path)?;

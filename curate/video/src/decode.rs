@@ -201,7 +201,7 @@ impl VideoReader {
                 }
                 Err(ffmpeg::Error::Eof) => return Ok(None),
                 Err(ffmpeg::Error::Other { errno: EAGAIN }) => self.feed()?,
-                // One undecodable frame is no reason to give up the rest; it is counted.
+                // One undecodable frame is not a reason to give up the rest; it is counted.
                 Err(ffmpeg::Error::InvalidData) => self.damaged += 1,
                 Err(error) => return Err(self.broken(&error)),
             }

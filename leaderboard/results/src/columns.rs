@@ -1,6 +1,6 @@
 //! The tables and their columns. A new column is one entry here: files, queries and the documentation walk these lists.
 
-use crate::rows::{Beside, Loaded, Row, ValueOf, View};
+use crate::rows::{Loaded, Row, SideFile, ValueOf, View};
 
 /// A table.
 #[derive(Debug, Clone, Copy)]
@@ -16,7 +16,7 @@ pub struct Table {
     /// True if every result should have its source file.
     pub of_every_result: bool,
     /// File that is read beside every result.
-    pub(crate) beside: Beside,
+    pub(crate) beside: SideFile,
     /// Calls back with every row of a result.
     pub(crate) rows: for<'a> fn(&'a Loaded<'a>, &mut dyn FnMut(Row<'a>)),
 }
@@ -115,7 +115,7 @@ pub const RESULTS: Table = Table {
     own: OF_MEANS,
     always: &[],
     of_every_result: true,
-    beside: Beside::Nothing,
+    beside: SideFile::Nothing,
     rows: |loaded, each| loaded.means(each),
 };
 
@@ -126,7 +126,7 @@ pub const VIEWS: Table = Table {
     own: OF_VIEWS,
     always: &[],
     of_every_result: true,
-    beside: Beside::Views,
+    beside: SideFile::Views,
     rows: |loaded, each| loaded.views(each),
 };
 
@@ -137,7 +137,7 @@ pub const OBJECTS: Table = Table {
     own: OF_OBJECTS,
     always: &[],
     of_every_result: false,
-    beside: Beside::Nothing,
+    beside: SideFile::Nothing,
     rows: |loaded, each| loaded.objects(each),
 };
 
@@ -148,7 +148,7 @@ pub const CURVES: Table = Table {
     own: OF_CURVES,
     always: &["iteration"],
     of_every_result: false,
-    beside: Beside::Curve,
+    beside: SideFile::Curve,
     rows: |loaded, each| loaded.curve(each),
 };
 

@@ -58,10 +58,10 @@ fn step_of(value: f64, step: f64) -> f64 {
 /// Builder of a column.
 struct Builder<'a> {
     selected: Selected,
-    values: Growing<'a>,
+    values: ColumnBuilder<'a>,
 }
 
-enum Growing<'a> {
+enum ColumnBuilder<'a> {
     Text(Vec<Option<&'a str>>),
     Number(Vec<Option<f64>>),
     Count(Vec<Option<i64>>),
@@ -71,10 +71,12 @@ enum Growing<'a> {
 impl<'a> Builder<'a> {
     fn of(selected: &Selected) -> Self {
         let values = match (selected.column.values, selected.step) {
-            (Getter::Text(_), _) => Growing::Text(Vec::new()),
-            (Getter::Number(_), _) | (Getter::Count(_), Some(_)) => Growing::Number(Vec::new()),
-            (Getter::Count(_), None) => Growing::Count(Vec::new()),
-            (Getter::Flag(_), _) => Growing::Flag(Vec::new()),
+            (Getter::Text(_), _) => ColumnBuilder::Text(Vec::new()),
+            (Getter::Number(_), _) | (Getter::Count(_), Some(_)) => {
+                ColumnBuilder::Number(Vec::new())
+            }
+            (Getter::Count(_), None) => ColumnBuilder::Count(Vec::new()),
+            (Getter::Flag(_), _) => ColumnBuilder::Flag(Vec::new()),
         };
         Self {
             selected: *selected,
@@ -86,13 +88,15 @@ impl<'a> Builder<'a> {
         let step = self.selected.step;
         let stepped = |value: f64| step.map_or(value, |step| step_of(value, step));
         match (&mut self.values, self.selected.column.values) {
-            (Growing::Text(values), Getter::Text(get)) => values.push(get(row)),
-            (Growing::Number(values), Getter::Number(get)) => values.push(get(row).map(stepped)),
-            (Growing::Number(values), Getter::Count(get)) => {
+            (ColumnBuilder::Text(values), Getter::Text(get)) => values.push(get(row)),
+            (ColumnBuilder::Number(values), Getter::Number(get)) => {
+                values.push(get(row).map(stepped))
+            }
+            (ColumnBuilder::Number(values), Getter::Count(get)) => {
                 values.push(get(row).map(|count| stepped(count as f64)));
             }
-            (Growing::Count(values), Getter::Count(get)) => values.push(get(row)),
-            (Growing::Flag(values), Getter::Flag(get)) => values.push(get(row)),
+            (ColumnBuilder::Count(values), Getter::Count(get)) => values.push(get(row)),
+            (ColumnBuilder::Flag(values), Getter::Flag(get)) => values.push(get(row)),
             (values, _) => unreachable!("a column keeps its kind, of {} rows", values.len()),
         }
     }
@@ -100,16 +104,16 @@ impl<'a> Builder<'a> {
     fn finish(self) -> PolarsColumn {
         let name = self.selected.column.name.into();
         let series = match self.values {
-            Growing::Text(values) => Series::new(name, values),
-            Growing::Number(values) => Series::new(name, values),
-            Growing::Count(values) => Series::new(name, values),
-            Growing::Flag(values) => Series::new(name, values),
+            ColumnBuilder::Text(values) => Series::new(name, values),
+            ColumnBuilder::Number(values) => Series::new(name, values),
+            ColumnBuilder::Count(values) => Series::new(name, values),
+            ColumnBuilder::Flag(values) => Series::new(name, values),
         };
         series.into()
     }
 }
 
-impl Growing<'_> {
+impl ColumnBuilder<'_> {
     fn len(&self) -> usize {
         match self {
             Self::Text(values) => values.len(),

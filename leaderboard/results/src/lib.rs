@@ -23,7 +23,7 @@ pub use curve::{CurvePoint, read as read_curve};
 pub use error::ResultsError;
 pub use filter::Filter;
 pub use output::{AnswerFormat, render};
-pub use parquet_file::{Written, write as write_table};
+pub use parquet_file::{TableFile, write as write_table};
 pub use query::{Answer, AnswerColumn, Query, Values, ask};
 pub use scene_facts::{SceneFacts, read as read_scene_facts};
 pub use source::{Source, scenes_of_other_regions};

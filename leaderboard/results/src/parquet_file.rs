@@ -26,7 +26,7 @@ const CHUNK: usize = 1024;
 
 /// A table as a file.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Written {
+pub struct TableFile {
     /// Content of the file; `None` without rows.
     pub bytes: Option<Vec<u8>>,
     /// Number of results without the table's source file.
@@ -37,7 +37,7 @@ pub struct Written {
 ///
 /// # Errors
 /// [`ResultsError::Store`] and [`ResultsError::Impossible`] for files beside results.
-pub fn write(table: &Table, sources: &[Source<'_>]) -> Result<Written, ResultsError> {
+pub fn write(table: &Table, sources: &[Source<'_>]) -> Result<TableFile, ResultsError> {
     let columns: Vec<&Column> = table.columns().collect();
     let fields = columns.iter().map(|column| {
         let kind = match column.values {
@@ -73,7 +73,7 @@ pub fn write(table: &Table, sources: &[Source<'_>]) -> Result<Written, ResultsEr
         }
         group.close()?;
     }
-    Ok(Written {
+    Ok(TableFile {
         bytes: has_rows.then(|| writer.into_inner()).transpose()?,
         without,
     })

@@ -138,7 +138,7 @@ fn selected(table: &Table, text: &str) -> Result<Selected, ResultsError> {
 type Repetitions<'a> = (&'a str, &'a str, &'a str);
 
 /// Returns the results for a query: complete ones, unless it has a condition on that. Of a method on a scene all
-/// repetitions count or none, as in the tables of a board.
+/// repetitions count or none, as in the tables of a leaderboard.
 fn complete<'a>(
     query: &Query,
     by: &[Selected],

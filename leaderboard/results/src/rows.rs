@@ -66,13 +66,13 @@ pub(crate) struct Loaded<'a> {
 
 /// Files that a table reads beside a result.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Beside {
+pub(crate) enum SideFile {
     Nothing,
     Views,
     Curve,
 }
 
-impl Beside {
+impl SideFile {
     /// Returns the usual name of the file.
     pub(crate) fn file(self) -> &'static str {
         match self {
@@ -84,29 +84,29 @@ impl Beside {
 }
 
 impl<'a> Loaded<'a> {
-    pub(crate) fn read(source: &'a Source<'a>, beside: Beside) -> Result<Self, ResultsError> {
+    pub(crate) fn read(source: &'a Source<'a>, beside: SideFile) -> Result<Self, ResultsError> {
         Ok(Self {
             source,
             views: match beside {
-                Beside::Views => source.views()?,
-                Beside::Nothing | Beside::Curve => None,
+                SideFile::Views => source.views()?,
+                SideFile::Nothing | SideFile::Curve => None,
             },
             curve: match beside {
-                Beside::Curve => source.curve()?,
-                Beside::Nothing | Beside::Views => Vec::new(),
+                SideFile::Curve => source.curve()?,
+                SideFile::Nothing | SideFile::Views => Vec::new(),
             },
         })
     }
 
     /// Returns true if the file that a table reads lies beside the result; a failed run needs none.
-    pub(crate) fn has(&self, beside: Beside) -> bool {
+    pub(crate) fn has(&self, beside: SideFile) -> bool {
         if self.source.result.run_failure.is_some() {
             return true;
         }
         match beside {
-            Beside::Nothing => true,
-            Beside::Views => self.views.is_some(),
-            Beside::Curve => !self.curve.is_empty(),
+            SideFile::Nothing => true,
+            SideFile::Views => self.views.is_some(),
+            SideFile::Curve => !self.curve.is_empty(),
         }
     }
 

@@ -12,7 +12,7 @@ use crate::{
     group::{Group, MethodRow, place},
     published::{OMNILIFE360, Paper, PublishedLayout, published_rows},
     quantity::ViewKind,
-    table::{Cell, Column, Holds, Mark, Row, Table, mark_standings},
+    table::{Cell, Column, ColumnContent, Mark, Row, Table, mark_standings},
 };
 
 /// Maximum number of places side by side; others go to further tables.
@@ -189,11 +189,11 @@ fn table<'a>(
     let with_average = layout.with_average;
     let mut columns = Vec::new();
     if with_average {
-        columns.push(column("Avg.", Holds::Average));
+        columns.push(column("Avg.", ColumnContent::Average));
     }
     let place_columns = places
         .iter()
-        .map(|place| column(place, Holds::Place((*place).to_owned())));
+        .map(|place| column(place, ColumnContent::Place((*place).to_owned())));
     columns.extend(place_columns);
     let methods = in_order(group, means, metrics);
     let mut rows = Vec::new();
@@ -246,7 +246,7 @@ fn table<'a>(
     }
 }
 
-fn column(name: &str, holds: Holds) -> Column {
+fn column(name: &str, holds: ColumnContent) -> Column {
     Column {
         group: None,
         name: name.to_owned(),

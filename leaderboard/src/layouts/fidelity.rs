@@ -12,7 +12,7 @@ use crate::{
     group::{Group, SceneRow},
     published::{NOT_COMPARABLE, Paper, PublishedCell, PublishedLayout, PublishedTable},
     quantity::ViewKind,
-    table::{Cell, Column, Mark, PublishedBlock, Row, Score, Standing, Table, mark_standings},
+    table::{Cell, Column, Mark, PublishedBlock, Row, Score, ScoreRank, Table, mark_standings},
 };
 
 /// A table of input views.
@@ -337,7 +337,7 @@ fn printed(cell: &PublishedCell, decimals: usize) -> [Cell; 2] {
             value: *value,
             decimals,
             interval: None,
-            standing: Standing::Other,
+            standing: ScoreRank::Other,
         }),
     };
     let deviation = match cell {

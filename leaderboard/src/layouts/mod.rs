@@ -27,7 +27,7 @@ use crate::{
     published::{ANCHORS, Paper, PublishedLayout},
     quantity::{Quantity, ViewKind},
     remarks::Remarks,
-    table::{Column, Holds, Mark, Row, STATED_MARK, Table, mark_standings},
+    table::{Column, ColumnContent, Mark, Row, STATED_MARK, Table, mark_standings},
 };
 
 pub(crate) use by_scene::{REGION_METRICS, table as all_results};
@@ -148,7 +148,7 @@ pub(crate) fn published_lpips(kind: ViewKind, with_kind: bool) -> Column {
         group: with_kind.then(|| format::kind_title(kind)),
         name: format::metric_title(PUBLISHED_LPIPS),
         direction: Some(omnilife_schemas::records::Direction::LowerIsBetter),
-        holds: Holds::Score(Quantity {
+        holds: ColumnContent::Score(Quantity {
             kind,
             metric: PUBLISHED_LPIPS.to_owned(),
         }),

@@ -4,7 +4,7 @@ use super::{Paper, PublishedCell, PublishedRow, PublishedTable};
 use crate::{
     format::slug,
     quantity::ViewKind,
-    table::{Cell, Column, Holds, PublishedBlock, Row, Score, Standing},
+    table::{Cell, Column, ColumnContent, PublishedBlock, Row, Score, ScoreRank},
 };
 
 /// Published counterpart of a layout: tables of one paper.
@@ -123,7 +123,7 @@ fn add_table(
     }
     // Another scene may have the same name.
     let places = columns.iter().filter(|column| {
-        let is_place = matches!(column.holds, Holds::Place(_));
+        let is_place = matches!(column.holds, ColumnContent::Place(_));
         let printed = table.columns.iter();
         is_place
             && printed
@@ -172,7 +172,7 @@ fn cell(table: &PublishedTable, row: &PublishedRow, column: &Column) -> Cell {
     let found = (1..table.columns.len()).find(|&index| {
         let published = &table.columns[index];
         match &column.holds {
-            Holds::Score(quantity) => {
+            ColumnContent::Score(quantity) => {
                 let of_metric = published.of.as_ref().map(|of| of.metric.as_str());
                 let kind = match published.group.as_deref() {
                     Some("Input View") => ViewKind::Input,
@@ -180,9 +180,9 @@ fn cell(table: &PublishedTable, row: &PublishedRow, column: &Column) -> Cell {
                 };
                 of_metric == Some(&quantity.metric) && kind == quantity.kind
             }
-            Holds::Place(place) => slug(&published.name) == slug(place),
-            Holds::Average => published.name == "Avg.",
-            Holds::Other => false,
+            ColumnContent::Place(place) => slug(&published.name) == slug(place),
+            ColumnContent::Average => published.name == "Avg.",
+            ColumnContent::Other => false,
         }
     });
     let Some(index) = found else {
@@ -194,7 +194,7 @@ fn cell(table: &PublishedTable, row: &PublishedRow, column: &Column) -> Cell {
             value: *value,
             decimals,
             interval: None,
-            standing: Standing::Other,
+            standing: ScoreRank::Other,
         }),
         PublishedCell::Text(text) => Cell::Text(text.clone()),
     }

@@ -6,7 +6,7 @@ use omnilife_schemas::{plain_text::for_spreadsheet, store::StoreError};
 
 use crate::{
     class::MethodClass,
-    table::{Cell, Row, Score, Standing, Table},
+    table::{Cell, Row, Score, ScoreRank, Table},
 };
 
 /// Columns of a layout's file. `origin` is `measured` or `published`; `source` names the paper;
@@ -94,9 +94,9 @@ fn fields(cell: &Cell) -> Option<[String; 7]> {
         Cell::Score(score) => {
             let [low, high] = bounds(score);
             let standing = match score.standing {
-                Standing::Best => "best",
-                Standing::Second => "second",
-                Standing::Other => "",
+                ScoreRank::Best => "best",
+                ScoreRank::Second => "second",
+                ScoreRank::Other => "",
             };
             let standing = standing.to_owned();
             [

@@ -4,7 +4,7 @@ use super::marked_names;
 use crate::{
     class::MethodClass,
     format,
-    table::{Cell, Row, Standing, Table},
+    table::{Cell, Row, ScoreRank, Table},
 };
 
 /// Returns a whole `table` environment.
@@ -101,9 +101,9 @@ fn cell(cell: &Cell) -> String {
     };
     let value = score.value();
     let value = match score.standing {
-        Standing::Best => format!("\\textbf{{{value}}}"),
-        Standing::Second => format!("\\underline{{{value}}}"),
-        Standing::Other => value,
+        ScoreRank::Best => format!("\\textbf{{{value}}}"),
+        ScoreRank::Second => format!("\\underline{{{value}}}"),
+        ScoreRank::Other => value,
     };
     match score.interval {
         Some(_) => format!("{value} {{\\scriptsize{}}}", score.interval()),

@@ -5,7 +5,7 @@ use omnilife_schemas::plain_text::for_markdown;
 use super::{headings, marked_names};
 use crate::{
     class::MethodClass,
-    table::{Cell, Row, Standing, Table},
+    table::{Cell, Row, ScoreRank, Table},
 };
 
 /// Returns a table under a heading of `level`, class by class, with its notes; published rows are a table of their own
@@ -87,9 +87,9 @@ fn cell(cell: &Cell, escape: Escape) -> String {
     };
     let (value, interval) = (score.value(), score.interval());
     match score.standing {
-        Standing::Best => format!("**{value}**{interval}"),
-        Standing::Second => format!("*{value}*{interval}"),
-        Standing::Other => format!("{value}{interval}"),
+        ScoreRank::Best => format!("**{value}**{interval}"),
+        ScoreRank::Second => format!("*{value}*{interval}"),
+        ScoreRank::Other => format!("{value}{interval}"),
     }
 }
 

@@ -9,7 +9,7 @@ use omnilife_schemas::records::Direction;
 use crate::{
     class::MethodClass,
     format,
-    table::{Cell, Column, PublishedBlock, Row, Score, Standing, Table},
+    table::{Cell, Column, PublishedBlock, Row, Score, ScoreRank, Table},
 };
 
 /// Number of rows below which tables need no filter, at least on a phone.
@@ -359,9 +359,9 @@ fn content(cell: &Cell) -> Markup {
     let value = score.value();
     html! {
         @match score.standing {
-            Standing::Best => b title="best" { (value) },
-            Standing::Second => u title="second best" { (value) },
-            Standing::Other => (value),
+            ScoreRank::Best => b title="best" { (value) },
+            ScoreRank::Second => u title="second best" { (value) },
+            ScoreRank::Other => (value),
         }
         @if score.interval.is_some() { small { (score.interval()) } }
     }

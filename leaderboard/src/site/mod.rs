@@ -54,16 +54,16 @@ pub(crate) const FIRST_PAGE: &str = "site/index.html";
 type SceneViews = BTreeMap<String, Comparisons>;
 
 /// Files beside the results.
-pub(crate) struct Surroundings {
+pub(crate) struct SiteFiles {
     /// Results are keyed by their address: they are borrowed, not copied.
-    results: HashMap<usize, BesideResult>,
+    results: HashMap<usize, SideFiles>,
     /// Scoring time of the newest result, if recorded.
     newest: Option<String>,
     facts: BTreeMap<String, SceneFacts>,
 }
 
 /// Files beside a result.
-struct BesideResult {
+struct SideFiles {
     folder: PathBuf,
     curve: Vec<CurvePoint>,
     /// Texts and addresses of its files, from a page in a folder of the site.
@@ -72,7 +72,7 @@ struct BesideResult {
     scored_at: Option<String>,
 }
 
-impl Surroundings {
+impl SiteFiles {
     /// Reads the files beside all results. The site goes into `out`.
     ///
     /// # Errors
@@ -87,7 +87,7 @@ impl Surroundings {
         let read: Vec<_> = (files.par_iter())
             .map(|(path, result)| {
                 let folder = path.parent().unwrap_or(Path::new("")).to_owned();
-                Ok(BesideResult {
+                Ok(SideFiles {
                     curve: omnilife_results::read_curve(&folder)?,
                     links: links.of_result(&folder, result),
                     scored_at: scored_at(&folder)?,
@@ -99,7 +99,7 @@ impl Surroundings {
         let mut newest = None;
         // In the order of the files, so that the named broken one is always the first.
         for ((_, result), read) in files.iter().zip(read) {
-            let read: Result<BesideResult, LeaderboardError> = read;
+            let read: Result<SideFiles, LeaderboardError> = read;
             let beside = read?;
             newest = newest.max(beside.scored_at.clone());
             found.insert(address(result), beside);
@@ -118,7 +118,7 @@ impl Surroundings {
 /// Input of the site.
 pub(crate) struct SiteRequest<'a> {
     pub(crate) groups: &'a [Group<'a>],
-    pub(crate) surroundings: &'a Surroundings,
+    pub(crate) surroundings: &'a SiteFiles,
     pub(crate) papers: &'a [Paper],
     /// Tables of assets.
     pub(crate) assets: &'a [Table],
@@ -194,7 +194,7 @@ pub(crate) fn add(
 }
 
 impl SiteRequest<'_> {
-    fn beside(&self, result: &ResultRecord) -> Option<&BesideResult> {
+    fn beside(&self, result: &ResultRecord) -> Option<&SideFiles> {
         self.surroundings.results.get(&address(result))
     }
 

@@ -126,7 +126,7 @@ fn unmeasured_lpips(group: &Group<'_>) -> Column {
     Column {
         name: format::metric_title(FIRST_LPIPS),
         missing: Some(reason.unwrap_or("no result has it").to_owned()),
-        holds: crate::table::Holds::Score(Quantity {
+        holds: crate::table::ColumnContent::Score(Quantity {
             kind: ViewKind::Novel,
             metric: FIRST_LPIPS.to_owned(),
         }),

@@ -8,7 +8,8 @@ use omnilife_schemas::{
 };
 
 use super::{
-    RESULT_FILE, SUBMISSION_FILE, VERIFICATION_FILE, copy, pack::submission_error, verify::Verified,
+    RESULT_FILE, SUBMISSION_FILE, VERIFICATION_FILE, copy, pack::submission_error,
+    verify::VerifiedSubmission,
 };
 use crate::{collect, error::LeaderboardError, format::slug, validate};
 
@@ -18,7 +19,7 @@ use crate::{collect, error::LeaderboardError, format::slug, validate};
 /// # Errors
 /// When the folder holds results that contradict them, or that claim the same rows, or a file cannot be written.
 pub fn add(
-    verified: &Verified,
+    verified: &VerifiedSubmission,
     verification: &Verification,
     results: &Path,
 ) -> Result<PathBuf, LeaderboardError> {

@@ -22,7 +22,7 @@ use pack::submission_error;
 
 pub use add::add;
 pub use pack::{PackRequest, pack, read_card};
-pub use verify::{Verified, verify};
+pub use verify::{VerifiedSubmission, verify};
 
 /// Returns all files below a folder, relative to it, sorted.
 ///

@@ -23,7 +23,7 @@ const TOLERANCE: f64 = 1e-9;
 
 /// A submission whose files and numbers agree.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Verified {
+pub struct VerifiedSubmission {
     /// Its folder.
     pub folder: PathBuf,
     /// Its record.
@@ -37,7 +37,7 @@ pub struct Verified {
 /// # Errors
 /// When it holds no results or a link, a file is missing, changed or additional, a result is impossible or of another
 /// method, or a mean is not that of the views.
-pub fn verify(folder: &Path) -> Result<Verified, LeaderboardError> {
+pub fn verify(folder: &Path) -> Result<VerifiedSubmission, LeaderboardError> {
     let file = folder.join(SUBMISSION_FILE);
     // No file is opened before it is certain that no link leads out of the folder, or round in it.
     files_below(folder)?;
@@ -92,7 +92,7 @@ pub fn verify(folder: &Path) -> Result<Verified, LeaderboardError> {
         results.push((path, result));
     }
     validate::validate(&results)?;
-    Ok(Verified {
+    Ok(VerifiedSubmission {
         folder: folder.to_owned(),
         submission,
         results,

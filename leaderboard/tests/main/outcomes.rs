@@ -52,7 +52,7 @@ fn a_failed_run_has_no_score_rank_or_mean_in_any_output() {
                 }
             }
         }
-        // Means over scenes of which one failed are no means.
+        // Means over scenes of which one failed are not means.
         for layout in ["views.md", "dynamic-scenes.md"] {
             let table = place.layout(layout);
             let row = table.lines().find(|line| line.starts_with("| crashed "));

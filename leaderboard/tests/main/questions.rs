@@ -369,7 +369,7 @@ fn questions_of_a_dataset_say_that_none_is_known() {
     assert!(answer.notes[0].contains("--dataset"), "{:?}", answer.notes);
 }
 
-/// Large seeds are no numbers of every table, and a table of views lies beside its result.
+/// Large seeds are not numbers of every table, and a table of views lies beside its result.
 #[test]
 fn results_of_others_are_read_with_care() {
     let place = Place::with(&[seeded("park", "a", u64::MAX, 20.0)]);

@@ -241,7 +241,7 @@ fn broken_and_missing_results_are_told() {
     assert!(error.to_string().starts_with(path.to_str().unwrap()));
 }
 
-/// Names come from others: in a spreadsheet they are no formulas, on a page no images.
+/// Names come from others: in a spreadsheet they are not formulas, on a page no images.
 #[test]
 fn names_of_methods_are_text_wherever_they_are_shown() {
     let names = ["=cmd|' /C calc'!A0", "![](https://example.org/p.png)"];

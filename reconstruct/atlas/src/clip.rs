@@ -12,7 +12,7 @@ use omnilife_engine::{
 use omnilife_schemas::camera::CameraModel;
 
 use super::{
-    graph::{Footage, TakenFrame},
+    graph::{Footage, FootageFrame},
     linked_masks::linked,
 };
 use omnilife_training::{error::ReconstructError, scene::TrainingScene};
@@ -133,7 +133,7 @@ impl Clip {
 
     /// Returns the frames without their images.
     pub fn footage(&self) -> Footage {
-        let frames = self.frames.iter().map(|frame| TakenFrame {
+        let frames = self.frames.iter().map(|frame| FootageFrame {
             number: frame.number,
             time: frame.time,
             pose: frame.pose,

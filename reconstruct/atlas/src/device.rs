@@ -28,7 +28,7 @@ use rayon::prelude::*;
 use super::{
     graph::Graph,
     node::{FIELD_WEIGHT, FieldKind},
-    render::{RAYS, Rays, Seen},
+    render::{RAYS, Rays, RenderedRays},
     shade::{Detail, Sample},
     step::{PoseGradients, StepOutcome, StepRates, Targets, through_hits},
 };
@@ -54,7 +54,7 @@ struct Batch {
 }
 
 impl Batch {
-    fn new(graph: &Graph, rays: &Rays, seen: &Seen, detail: &Detail) -> Self {
+    fn new(graph: &Graph, rays: &Rays, seen: &RenderedRays, detail: &Detail) -> Self {
         let times = rays.times();
         let uploaded = |samples: &Vec<Sample>| -> Vec<SurfaceSample> {
             samples.par_iter().map(Sample::for_device).collect()
@@ -258,7 +258,7 @@ fn surfaces_of(graph: &Graph) -> Vec<NewSurface<'_>> {
 /// Counts a step of each field that is trained and lies on a node that rays hit, and returns them.
 fn next_steps(
     graph: &mut Graph,
-    seen: &Seen,
+    seen: &RenderedRays,
     detail: &Detail,
     rates: &StepRates,
 ) -> Vec<[Option<FieldStep>; 4]> {
@@ -281,7 +281,12 @@ fn next_steps(
 }
 
 /// Returns the gradients by the poses of nodes and of the camera from those by samples.
-fn by_poses(graph: &Graph, rays: &Rays, seen: &Seen, made: &SurfaceGradients) -> PoseGradients {
+fn by_poses(
+    graph: &Graph,
+    rays: &Rays,
+    seen: &RenderedRays,
+    made: &SurfaceGradients,
+) -> PoseGradients {
     let of_hits: Vec<Vec<PlaneGradient>> = graph
         .nodes
         .iter()

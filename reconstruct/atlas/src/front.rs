@@ -10,7 +10,7 @@ use omnilife_engine::{
     camera::Camera,
     surfaces::{
         plane::{Ray, hit},
-        texture::{Beyond, Texture},
+        texture::{Texture, TextureEdge},
     },
     trajectories::rigid_spline::{RigidPose, RigidSpline},
 };
@@ -115,7 +115,7 @@ impl Cells {
 }
 
 /// Objects of a graph in one frame.
-struct InFrame<'a> {
+struct FrameObjects<'a> {
     clip: &'a Clip,
     frame: &'a ClipFrame,
     /// Poses of the objects' planes, `None` where they are not there.
@@ -125,7 +125,7 @@ struct InFrame<'a> {
     covering: Vec<u32>,
 }
 
-impl<'a> InFrame<'a> {
+impl<'a> FrameObjects<'a> {
     fn new(clip: &'a Clip, frame: &'a ClipFrame, nodes: &'a [Node]) -> Self {
         let poses = nodes.iter().map(|node| {
             node.is_there(frame.time)
@@ -154,7 +154,7 @@ impl<'a> InFrame<'a> {
             return false;
         };
         hit(ray, pose, *size)
-            .is_some_and(|hit| opacity.sample(hit.uv, Beyond::Border).value[0] > 0.5)
+            .is_some_and(|hit| opacity.sample(hit.uv, TextureEdge::Border).value[0] > 0.5)
     }
 
     /// Returns true if the mask of another object covers a pixel, or it is not of the scene.
@@ -231,9 +231,12 @@ impl<'a> InFrame<'a> {
 /// # Errors
 /// The reason where nothing stands in front, or it has no place.
 pub fn find(clip: &Clip, graph: &Graph) -> Result<Front, String> {
-    let (background, objects) = graph.nodes.split_last().ok_or("there is no node")?;
+    let (background, objects) = graph
+        .nodes
+        .split_last()
+        .ok_or("the graph must have a background, got no node")?;
     if objects.is_empty() {
-        return Err("there is no object".to_owned());
+        return Err("the graph must have an object, got the background alone".to_owned());
     }
     if objects.iter().any(|node| node.id == FRONT) {
         return Err(format!("an object is named {FRONT}"));
@@ -249,10 +252,10 @@ pub fn find(clip: &Clip, graph: &Graph) -> Result<Front, String> {
         width: (background.colour.width / CELL).clamp(1, MOST_CELLS),
         height: (background.colour.height / CELL).clamp(1, MOST_CELLS),
     };
-    let frames: Vec<InFrame<'_>> = clip
+    let frames: Vec<FrameObjects<'_>> = clip
         .frames
         .par_iter()
-        .map(|frame| InFrame::new(clip, frame, objects))
+        .map(|frame| FrameObjects::new(clip, frame, objects))
         .collect();
     let marks: Vec<bool> = (0..cells.width * cells.height)
         .into_par_iter()

@@ -28,12 +28,12 @@ pub struct Footage {
     /// Size and model of all frames.
     pub camera: Camera,
     /// In order of time.
-    pub frames: Vec<TakenFrame>,
+    pub frames: Vec<FootageFrame>,
 }
 
 /// Time and pose of a frame.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-pub struct TakenFrame {
+pub struct FootageFrame {
     /// Its number in the scene.
     pub number: u32,
     /// In [0, 1].
@@ -59,7 +59,7 @@ pub const ARRAYS: [&str; 5] = ["colour", "opacity", "flow", "view", "trajectorie
 /// Visible part of an atlas.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
-pub enum Shown {
+pub enum Visibility {
     /// All nodes.
     All,
     /// One node alone, over black.

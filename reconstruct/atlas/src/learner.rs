@@ -19,7 +19,7 @@ use serde::{Deserialize, Serialize};
 use super::{
     clip::{Clip, camera_direction, pixel_centre},
     device::AtlasDevice,
-    graph::{ARRAYS, Graph, Shown},
+    graph::{ARRAYS, Graph, Visibility},
     node::FieldKind,
     published::Plateau,
     render::{Moment, Rays},
@@ -301,7 +301,7 @@ impl Learner for AtlasLearner {
     fn image(&mut self, view: &View) -> Result<RgbImage, EngineError> {
         match &mut self.device {
             Some(device) => device.image(&self.graph, view),
-            None => Ok(self.graph.image(view, &Shown::All).0),
+            None => Ok(self.graph.image(view, &Visibility::All).0),
         }
     }
 

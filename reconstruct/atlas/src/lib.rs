@@ -375,7 +375,7 @@ fn distances_of(
 
 /// Start of training on a clip.
 #[derive(Debug)]
-pub struct Begun {
+pub struct AtlasStart {
     /// The atlas before its first step.
     pub learner: AtlasLearner,
     /// Every setting as resolved.
@@ -392,7 +392,7 @@ pub fn begin(
     clip: Clip,
     points: &[DVec3],
     request: &MethodRequest,
-) -> Result<Begun, ReconstructError> {
+) -> Result<AtlasStart, ReconstructError> {
     let evidence = Evidence {
         points,
         ..Evidence::default()
@@ -408,7 +408,7 @@ pub fn begin_with(
     clip: Clip,
     evidence: &Evidence<'_>,
     request: &MethodRequest,
-) -> Result<Begun, ReconstructError> {
+) -> Result<AtlasStart, ReconstructError> {
     let refuse = |reason: String| ReconstructError::Request { reason };
     let (knots, of_knots) = knots::of(&clip, request.options.word(&KNOTS));
     let mut nodes = first_nodes(&clip, evidence, knots).map_err(refuse)?;
@@ -432,7 +432,7 @@ pub fn begin_with(
     let mut decisions = nodes.decisions;
     decisions.push(of_knots);
     decisions.extend(plan.decisions);
-    Ok(Begun {
+    Ok(AtlasStart {
         learner: AtlasLearner::new(clip, nodes.graph, settings.clone()),
         settings,
         plan: decisions,

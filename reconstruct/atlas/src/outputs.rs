@@ -12,7 +12,7 @@ use rayon::prelude::*;
 use serde::Serialize;
 
 use super::{
-    graph::{Graph, Shown},
+    graph::{Graph, Visibility},
     node::{Hit, Node, Surface},
     saved,
     shade::{Detail, Sample},
@@ -37,7 +37,7 @@ const LAYERS: &str = "all, background, object:ID, matte:ID or without:ID";
 /// An atlas with its visible part.
 struct OpenedAtlas {
     graph: Graph,
-    shown: Shown,
+    shown: Visibility,
     /// Object that alone is visible.
     object: Option<String>,
     normalization: Similarity,
@@ -84,15 +84,15 @@ impl OpenedModel for OpenedAtlas {
 
     fn opacity(&mut self, view: &View) -> Result<RgbImage, ReconstructError> {
         let shown = match &self.object {
-            Some(object) => Shown::Opacity(object.clone()),
-            None => Shown::All,
+            Some(object) => Visibility::Opacity(object.clone()),
+            None => Visibility::All,
         };
         Ok(self.graph.image(view, &shown).0)
     }
 }
 
 /// Returns the layer of this name.
-fn shown(graph: &Graph, folder: &Path, layer: &str) -> Result<Shown, ReconstructError> {
+fn shown(graph: &Graph, folder: &Path, layer: &str) -> Result<Visibility, ReconstructError> {
     let id = |id: &str| match find(graph, id) {
         Ok(_) => Ok(id.to_owned()),
         Err(reason) => Err(ReconstructError::Request {
@@ -100,13 +100,13 @@ fn shown(graph: &Graph, folder: &Path, layer: &str) -> Result<Shown, Reconstruct
         }),
     };
     match layer.split_once(':') {
-        None if layer == "all" => Ok(Shown::All),
-        None if layer == "background" => Ok(Shown::Only(id(layer)?)),
-        Some(("object", name)) => Ok(Shown::Only(id(name)?)),
-        Some(("matte", name)) => Ok(Shown::Matte(id(name)?)),
-        Some(("without", name)) => Ok(Shown::Without(id(name)?)),
+        None if layer == "all" => Ok(Visibility::All),
+        None if layer == "background" => Ok(Visibility::Only(id(layer)?)),
+        Some(("object", name)) => Ok(Visibility::Only(id(name)?)),
+        Some(("matte", name)) => Ok(Visibility::Matte(id(name)?)),
+        Some(("without", name)) => Ok(Visibility::Without(id(name)?)),
         _ => Err(ReconstructError::Request {
-            reason: format!("there is no layer {layer:?}: an atlas has {}", LAYERS),
+            reason: format!("the layer of an atlas must be {LAYERS}, got {layer:?}"),
         }),
     }
 }
@@ -118,7 +118,7 @@ fn shown(graph: &Graph, folder: &Path, layer: &str) -> Result<Shown, Reconstruct
 pub(super) fn find(graph: &Graph, id: &str) -> Result<usize, String> {
     graph.find(id).ok_or_else(|| {
         let all: Vec<&str> = graph.nodes.iter().map(|node| node.id.as_str()).collect();
-        format!("there is no object {id:?}; there are {}", all.join(", "))
+        format!("the object must be one of {}, got {id:?}", all.join(", "))
     })
 }
 

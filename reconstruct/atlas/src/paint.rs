@@ -11,13 +11,13 @@ use omnilife_engine::{
     camera::Camera,
     surfaces::{
         sphere::SphereHit,
-        texture::{Beyond, Texture},
+        texture::{Texture, TextureEdge},
     },
 };
 
 use super::{
     clip::project,
-    graph::{Graph, TakenFrame},
+    graph::{FootageFrame, Graph},
     node::{Hit, Node, Surface},
     render::RAYS,
     shade::{Detail, Sample},
@@ -36,7 +36,7 @@ const FLOW: Detail = Detail {
 pub(super) fn on_sphere(
     graph: &mut Graph,
     node: usize,
-    taken: &TakenFrame,
+    taken: &FootageFrame,
     painted: &Texture<4>,
 ) -> Option<Texture<4>> {
     let sphere = graph.nodes.get_mut(node)?;
@@ -87,7 +87,7 @@ fn paint_at(camera: &Camera, painted: &Texture<4>, in_camera: DVec3) -> [f32; 4]
         Camera::Pinhole(_) => project(camera, in_camera).map(|pixel| {
             let last = DVec2::new(painted.width as f64, painted.height as f64) - 1.0;
             let place = (pixel - 0.5) / last.max(DVec2::ONE);
-            painted.sample(place, Beyond::Zero).value
+            painted.sample(place, TextureEdge::Zero).value
         }),
     };
     value.unwrap_or_default().map(|value| value as f32)
@@ -153,8 +153,8 @@ mod tests {
     const HEIGHT: usize = 32;
     const RED: [f32; 4] = [1.0, 0.0, 0.0, 1.0];
 
-    fn frame(rotation: DMat3, centre: DVec3) -> TakenFrame {
-        TakenFrame {
+    fn frame(rotation: DMat3, centre: DVec3) -> FootageFrame {
+        FootageFrame {
             number: 0,
             time: 0.4,
             pose: RigidPose { centre, rotation },
@@ -162,7 +162,7 @@ mod tests {
     }
 
     /// Returns a grey sphere around a panoramic camera.
-    fn atlas(taken: TakenFrame) -> Graph {
+    fn atlas(taken: FootageFrame) -> Graph {
         let sphere = Node {
             id: "background".to_owned(),
             surface: Surface::Sphere {
@@ -207,7 +207,7 @@ mod tests {
     }
 
     /// Returns the colours of all pixels of a frame.
-    fn rendered(graph: &mut Graph, taken: &TakenFrame) -> Vec<DVec3> {
+    fn rendered(graph: &mut Graph, taken: &FootageFrame) -> Vec<DVec3> {
         let camera = graph.footage.camera;
         let rays = Rays {
             moments: vec![Moment {

@@ -81,7 +81,7 @@ pub struct Plan {
 
 /// Residuals of the first nodes.
 #[derive(Debug, Clone, PartialEq, Default)]
-struct Measured {
+struct NodeResiduals {
     /// Root mean square of the residual where a node is in front, [0, 1].
     residual: f64,
     /// Range of the angles of view to the node's middle, radians.
@@ -152,9 +152,9 @@ impl Plan {
         let coarse = Decision::new(
             has_motion_fields,
             if has_motion_fields {
-                "there are flow or view fields"
+                "a node has a flow or view field"
             } else {
-                "there is no flow or view field"
+                "no node has a flow or view field"
             },
         );
         Self {
@@ -167,7 +167,7 @@ impl Plan {
     }
 }
 
-impl Measured {
+impl NodeResiduals {
     /// Returns the mean overlap over frames, 1 without any, and the evidence in words.
     fn overlap(&self) -> (f64, String) {
         let count = self.overlaps.len();
@@ -191,7 +191,11 @@ impl Measured {
 
 /// Decides on corrections of the camera. Scene points tell errors of poses from a background at a wrong place; only
 /// without them the background's residual counts.
-fn camera_decision(background: &Measured, noise: f64, poses: Option<&PoseAgreement>) -> Decision {
+fn camera_decision(
+    background: &NodeResiduals,
+    noise: f64,
+    poses: Option<&PoseAgreement>,
+) -> Decision {
     match poses {
         Some(found) if found.agrees() => Decision::new(false, found.words()),
         Some(found) => Decision::new(true, found.words()),
@@ -246,7 +250,7 @@ fn noise(clip: &Clip) -> f64 {
 }
 
 /// Compares the base textures with the clip.
-fn measure(clip: &Clip, graph: &mut Graph) -> Vec<Measured> {
+fn measure(clip: &Clip, graph: &mut Graph) -> Vec<NodeResiduals> {
     let [width, _] = clip.size();
     let step = (clip.pixel_count() / LOOKED_AT).max(1);
     let base = Detail {
@@ -326,7 +330,7 @@ fn measure(clip: &Clip, graph: &mut Graph) -> Vec<Measured> {
         }
     }
     (0..nodes)
-        .map(|node| Measured {
+        .map(|node| NodeResiduals {
             residual: (squares[node].0 / f64::max(squares[node].1, 1.0)).sqrt(),
             span: {
                 let [a, b, c, d] = spans[node];
@@ -394,6 +398,6 @@ fn deviation(clip: &Clip, object: usize) -> f64 {
     };
     let mut changes: Vec<f64> = boxes.iter().map(|[w, h]| (w - middle * h).abs()).collect();
     changes.sort_by(f64::total_cmp);
-    // Nine frames of ten: one bad mask is no rotation.
+    // Nine frames of ten: one bad mask is not a rotation.
     changes[(changes.len() - 1) * 9 / 10]
 }

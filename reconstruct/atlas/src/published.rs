@@ -7,7 +7,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::{graph::Graph, render::Seen};
+use super::{graph::Graph, render::RenderedRays};
 
 /// Epochs of the published schedule; an epoch is the same share of a run here, whatever the run's length.
 pub const EPOCHS: f64 = 80.0;
@@ -38,7 +38,7 @@ pub struct Published {
 /// At every moment an object that few rays hit gets as large a gradient as one that many hit. Each is scaled by
 /// one over its hits, relative to the mean of that over the objects that are hit. While poses are trained alone,
 /// gradients are divided by the transmittance before the layer.
-pub fn scales_of_gradients(graph: &Graph, seen: &Seen, poses_alone: bool) -> Vec<Vec<f64>> {
+pub fn scales_of_gradients(graph: &Graph, seen: &RenderedRays, poses_alone: bool) -> Vec<Vec<f64>> {
     let moments = seen.poses.first().map_or(0, Vec::len);
     let is_object = |node: usize| graph.nodes[node].opacity.is_some();
     let mut by_hits = vec![vec![0.0; moments]; graph.nodes.len()];

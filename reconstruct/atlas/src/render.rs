@@ -16,8 +16,8 @@ use rayon::prelude::*;
 
 use super::{
     clip::{camera_direction, pose_of, ray_of},
-    graph::{Graph, Shown},
-    shade::{Detail, Sample, Shaded},
+    graph::{Graph, Visibility},
+    shade::{Detail, Sample, Shading},
 };
 
 /// A moment that rays of a batch share.
@@ -45,20 +45,20 @@ pub struct Rays {
 
 /// Hits and appearance of rays.
 #[derive(Debug)]
-pub struct Seen {
+pub struct RenderedRays {
     /// The rays in the scene.
     pub rays: Vec<Ray>,
     /// Hits, node by node.
     pub samples: Vec<Vec<Sample>>,
     /// Their appearance, node by node.
-    pub shaded: Vec<Shaded>,
+    pub shaded: Vec<Shading>,
     /// Poses of each node at each moment.
     pub poses: Vec<Vec<RigidPose>>,
     /// Node and sample number of each hit, ray by ray.
     pub links: Vec<Vec<(usize, usize)>>,
 }
 
-impl Seen {
+impl RenderedRays {
     /// Returns the layers of a ray, nearest first, with their links.
     pub fn layers(&self, ray: usize) -> (Vec<Layer>, Vec<(usize, usize)>) {
         let mut links = self.links[ray].clone();
@@ -108,7 +108,7 @@ impl Graph {
         detail: &Detail,
         keep: bool,
         is_shown: &dyn Fn(usize) -> bool,
-    ) -> Seen {
+    ) -> RenderedRays {
         let mut seen = self.hits(rays, is_shown);
         let times = rays.times();
         seen.shaded = self
@@ -129,7 +129,7 @@ impl Graph {
     }
 
     /// Returns the hits of the nodes that `is_shown` names along rays, without their appearance.
-    pub(super) fn hits(&self, rays: &Rays, is_shown: &dyn Fn(usize) -> bool) -> Seen {
+    pub(super) fn hits(&self, rays: &Rays, is_shown: &dyn Fn(usize) -> bool) -> RenderedRays {
         let times = rays.times();
         let cameras: Vec<RigidPose> = rays
             .moments
@@ -165,7 +165,7 @@ impl Graph {
                 }
             }
         }
-        Seen {
+        RenderedRays {
             rays: placed,
             samples,
             shaded: Vec::new(),
@@ -175,18 +175,19 @@ impl Graph {
     }
 
     /// Returns the image of a view, in [0, 1], and the number of its rays without a hit.
-    pub fn image(&mut self, view: &View, shown: &Shown) -> (RgbImage, usize) {
+    pub fn image(&mut self, view: &View, shown: &Visibility) -> (RgbImage, usize) {
         let (width, height) = (view.camera.width() as usize, view.camera.height() as usize);
         let named = match shown {
-            Shown::All => None,
-            Shown::Only(id) | Shown::Opacity(id) | Shown::Matte(id) | Shown::Without(id) => {
-                self.find(id)
-            }
+            Visibility::All => None,
+            Visibility::Only(id)
+            | Visibility::Opacity(id)
+            | Visibility::Matte(id)
+            | Visibility::Without(id) => self.find(id),
         };
         let is_shown = |node: usize| match shown {
-            Shown::All | Shown::Matte(_) => true,
-            Shown::Only(_) | Shown::Opacity(_) => Some(node) == named,
-            Shown::Without(_) => Some(node) != named,
+            Visibility::All | Visibility::Matte(_) => true,
+            Visibility::Only(_) | Visibility::Opacity(_) => Some(node) == named,
+            Visibility::Without(_) => Some(node) != named,
         };
         let moment = self.moment_of(view);
         let mut image = RgbImage::black(width, height);
@@ -200,7 +201,7 @@ impl Graph {
                 .enumerate()
                 .for_each(|(ray, out)| {
                     let (mut layers, _) = seen.layers(ray);
-                    if let Shown::Matte(_) | Shown::Opacity(_) = shown {
+                    if let Visibility::Matte(_) | Visibility::Opacity(_) = shown {
                         for layer in &mut layers {
                             let is_it = Some(layer.surface) == named;
                             layer.colour = if is_it { DVec3::ONE } else { DVec3::ZERO };

@@ -158,7 +158,9 @@ pub fn read(folder: &Path) -> Result<Graph, StoreError> {
     let (quads, rest) = bytes.as_chunks::<4>();
     let floats: Vec<f32> = quads.iter().map(|quad| f32::from_le_bytes(*quad)).collect();
     if !rest.is_empty() || floats.iter().any(|value| !value.is_finite()) {
-        return Err(malformed("is truncated, or holds what is no finite number"));
+        return Err(malformed(
+            "is truncated, or holds a number that is not finite",
+        ));
     }
     let mut words = Words(&floats);
     let graph = words.graph(saved).ok_or_else(|| {

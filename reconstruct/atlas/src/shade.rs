@@ -11,7 +11,7 @@ use omnilife_engine::{
         gpu::SurfaceSample,
         plane::{self, PlaneGradient, Ray},
         sphere::{self, Sphere},
-        texture::{Beyond, direction_gradient},
+        texture::{TextureEdge, direction_gradient},
         view_angle::{view_angle, view_angle_vjp},
     },
     trajectories::{
@@ -86,7 +86,7 @@ pub struct Shade {
 
 /// Appearance of samples, with the inputs of their gradients.
 #[derive(Debug)]
-pub struct Shaded {
+pub struct Shading {
     /// One for each sample.
     pub shades: Vec<Shade>,
     /// Control points of the flow at each moment.
@@ -134,7 +134,7 @@ impl Node {
         times: &[f64],
         detail: &Detail,
         keep: bool,
-    ) -> Shaded {
+    ) -> Shading {
         let dimensions = self.dimensions();
         let mut evaluated = [false; 4];
         let mut evaluate = |kind: FieldKind, node: &mut Self, positions: &[f32]| {
@@ -221,7 +221,7 @@ impl Node {
                 node.shade_of(query, flow, colour, logit)
             })
             .collect();
-        Shaded {
+        Shading {
             shades,
             flow_weights,
             evaluated,
@@ -233,9 +233,9 @@ impl Node {
         let base = match self.surface {
             Surface::Plane { .. } => {
                 let beyond = if self.opacity.is_some() {
-                    Beyond::Zero
+                    TextureEdge::Zero
                 } else {
-                    Beyond::Border
+                    TextureEdge::Border
                 };
                 self.colour.sample(query.truncate(), beyond)
             }
@@ -251,7 +251,7 @@ impl Node {
         }
         let mut opacity = 1.0;
         if let Some(texture) = &self.opacity {
-            let read = texture.sample(query.truncate(), Beyond::Border);
+            let read = texture.sample(query.truncate(), TextureEdge::Border);
             let [share] = read.value.map(|value| value.clamp(1e-4, 1.0 - 1e-4));
             let by_share = 1.0 / (share * (1.0 - share));
             by_query[3] = by_share * derivative(read.by_u[0], read.by_v[0]);
@@ -262,7 +262,9 @@ impl Node {
         let mut shown = unclamped.clamp(DVec3::ZERO, DVec3::ONE);
         if let Some(overlay) = &self.overlay {
             let painted = match self.surface {
-                Surface::Plane { .. } => overlay.texture.sample(query.truncate(), Beyond::Zero),
+                Surface::Plane { .. } => {
+                    overlay.texture.sample(query.truncate(), TextureEdge::Zero)
+                }
                 Surface::Sphere { .. } => overlay.texture.sample_direction(query),
             };
             let [red, green, blue, cover] = painted.value;
@@ -284,7 +286,7 @@ impl Node {
     pub fn shade_vjp(
         &mut self,
         samples: &[Sample],
-        shaded: &Shaded,
+        shaded: &Shading,
         upstream: &[ShadeGradient],
         poses: &[RigidPose],
         rays: &[Ray],
@@ -374,7 +376,7 @@ impl Node {
     fn flow_vjp(
         &mut self,
         samples: &[Sample],
-        shaded: &Shaded,
+        shaded: &Shading,
         by_query: Vec<DVec3>,
     ) -> Vec<DVec3> {
         let dimensions = self.dimensions();

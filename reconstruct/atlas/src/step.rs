@@ -23,7 +23,7 @@ use super::{
     graph::Graph,
     node::{FieldKind, LearntOffsets},
     published,
-    render::{Rays, Seen},
+    render::{Rays, RenderedRays},
     shade::{Detail, ShadeGradient},
 };
 
@@ -82,7 +82,7 @@ impl Graph {
     /// Returns the loss of a batch, and gradients by the appearance of nodes, node by node.
     pub fn loss(
         &self,
-        seen: &Seen,
+        seen: &RenderedRays,
         targets: &Targets,
         mask_weight: f64,
     ) -> (StepOutcome, Vec<Vec<ShadeGradient>>) {
@@ -154,7 +154,7 @@ impl Graph {
     pub fn backward(
         &mut self,
         rays: &Rays,
-        seen: &Seen,
+        seen: &RenderedRays,
         upstream: &[Vec<ShadeGradient>],
         scales: Option<&[Vec<f64>]>,
     ) -> PoseGradients {
@@ -211,7 +211,7 @@ impl Graph {
     pub(super) fn step_poses(
         &mut self,
         rays: &Rays,
-        seen: &Seen,
+        seen: &RenderedRays,
         (by_poses, by_camera): (&[Vec<PoseGradient>], &[PoseGradient]),
         rate: f32,
     ) -> u64 {
@@ -239,7 +239,7 @@ impl Graph {
 /// [`Graph::backward`].
 pub(super) fn through_hits(
     rays: &Rays,
-    seen: &Seen,
+    seen: &RenderedRays,
     of_hits: &[Vec<PlaneGradient>],
     scales: Option<&[Vec<f64>]>,
 ) -> PoseGradients {

@@ -11,7 +11,7 @@ use omnilife_training::error::ReconstructError;
 
 use super::{
     clip::{camera_direction, pixel_centre},
-    graph::{Graph, TakenFrame},
+    graph::{FootageFrame, Graph},
     initialize::background::BACKGROUND,
     node::Surface,
     render::{Moment, Rays},
@@ -32,7 +32,7 @@ const VISIBLE: f64 = 0.5;
 
 /// Unseen part of a node.
 #[derive(Debug)]
-pub(super) struct Unseen {
+pub(super) struct UnseenPart {
     /// At the size of the node's texture.
     pub(super) mask: Mask,
     /// Share of the surface, 0 to 1.
@@ -44,7 +44,7 @@ pub(super) struct Unseen {
 ///
 /// # Errors
 /// When the atlas or an earlier mask cannot be read.
-pub(super) fn of_run(folder: &Path) -> Result<Option<Unseen>, ReconstructError> {
+pub(super) fn of_run(folder: &Path) -> Result<Option<UnseenPart>, ReconstructError> {
     let mut graph = saved::read(folder)?;
     let Some(number) = graph.find(BACKGROUND) else {
         return Ok(None);
@@ -58,7 +58,7 @@ pub(super) fn of_run(folder: &Path) -> Result<Option<Unseen>, ReconstructError> 
         mask = mask.united(&Mask::read(&earlier)?);
     }
     let share = share(&mask, &graph.nodes[number].surface);
-    Ok(Some(Unseen { mask, share }))
+    Ok(Some(UnseenPart { mask, share }))
 }
 
 /// Marks the texels of a node that no frame shows.
@@ -69,7 +69,7 @@ fn of_node(graph: &mut Graph, number: usize) -> Mask {
     let grid = [width, height].map(|side| (side * CELLS).div_ceil(longer).max(1));
     let mut is_seen = vec![false; grid[0] * grid[1]];
     let step = graph.footage.frames.len().div_ceil(MOST_FRAMES).max(1);
-    let frames: Vec<TakenFrame> = graph.footage.frames.iter().copied().step_by(step).collect();
+    let frames: Vec<FootageFrame> = graph.footage.frames.iter().copied().step_by(step).collect();
     for frame in &frames {
         let (cells, across) = visible_cells(graph, number, frame, grid);
         mark(&cells, across, grid, &mut is_seen);
@@ -90,7 +90,7 @@ fn of_node(graph: &mut Graph, number: usize) -> Mask {
 fn visible_cells(
     graph: &mut Graph,
     number: usize,
-    frame: &TakenFrame,
+    frame: &FootageFrame,
     grid: [usize; 2],
 ) -> (Vec<Option<[usize; 2]>>, usize) {
     let camera = graph.footage.camera;
@@ -225,7 +225,7 @@ mod tests {
     /// A square of 8 at a distance of 4, which fills the image of a camera in the middle, and one of 1 halfway, seen
     /// from places along x.
     fn scene(places: &[f64]) -> Graph {
-        let frame = |(number, &x): (usize, &f64)| TakenFrame {
+        let frame = |(number, &x): (usize, &f64)| FootageFrame {
             number: number as u32,
             time: 0.5,
             pose: RigidPose {

@@ -119,13 +119,13 @@ fn scattered_times(clock: &Clock, len: usize, lifespan: f32, seed: u64) -> Initi
 
 /// First Gaussians of a run: static ones and those that may move.
 #[derive(Debug, Default)]
-pub(super) struct Beginning {
+pub(super) struct FirstGaussians {
     pub(super) fixed: InitialGaussians,
     pub(super) moving: InitialGaussians,
     pub(super) times: InitialTimes,
 }
 
-impl Beginning {
+impl FirstGaussians {
     /// Returns the drafted Gaussians. Those at scene points have this first lifespan and peaks all over the clip;
     /// seeds have their own.
     pub(super) fn of(draft: &mut Draft<'_>, clock: &Clock, lifespan: f32) -> Self {
@@ -191,7 +191,7 @@ pub(super) fn resting_seeds(clock: Clock) -> Seeding {
 /// ignores time.
 pub(super) fn prepared(
     mut draft: Draft<'_>,
-    beginning: &Beginning,
+    beginning: &FirstGaussians,
 ) -> Result<PreparedGaussians, ReconstructError> {
     let settings = &mut draft.settings;
     let sh_degree = settings.rendering.sh_degree;

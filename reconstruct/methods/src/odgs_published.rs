@@ -113,7 +113,7 @@ fn prepare(
         }
     }
     if scene.points.is_empty() {
-        return refuse("begins from points, and the scene has none");
+        return refuse("starts from points, and the scene has none");
     }
     let settings = settings(scene, request);
     let maximum = settings.densify.maximum_gaussians;

@@ -5,7 +5,7 @@
 
 pub(super) mod constants;
 
-use crate::dynamic::{self, Beginning, TEMPORAL_DENSITY, TEMPORAL_MOTION, TEMPORAL_OPACITY};
+use crate::dynamic::{self, FirstGaussians, TEMPORAL_DENSITY, TEMPORAL_MOTION, TEMPORAL_OPACITY};
 use omnilife_engine::{
     clock::Clock,
     gaussians::temporal::{TemporalFeatures, TimeModel, VelocityModel},
@@ -132,7 +132,7 @@ fn prepare(
     dynamics.density = splits.then(|| dynamic::temporal_density(&draft.settings));
     let lifespan = first_lifespan(&clock, &dynamics);
     draft.settings.dynamics = Some(dynamics);
-    let beginning = Beginning::of(&mut draft, &clock, lifespan);
+    let beginning = FirstGaussians::of(&mut draft, &clock, lifespan);
     dynamic::prepared(draft, &beginning)
 }
 

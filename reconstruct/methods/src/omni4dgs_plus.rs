@@ -9,7 +9,7 @@
 use omnilife_engine::model::dynamic_settings::TemporalSmoothing;
 
 use crate::{
-    dynamic::{self, Beginning, TEMPORAL_MOTION, TEMPORAL_OPACITY, TEMPORAL_SMOOTHING},
+    dynamic::{self, FirstGaussians, TEMPORAL_MOTION, TEMPORAL_OPACITY, TEMPORAL_SMOOTHING},
     omni4dgs::{
         self, DYNAMIC_MASK, MOTION_REGULARIZATION, VELOCITY_DECOMPOSITION, VELOCITY_REGULARIZATION,
         constants,
@@ -105,9 +105,9 @@ const DYNAMIC_LOSS: MethodOption = MethodOption {
     ..constants::DYNAMIC_LOSS
 };
 
-/// Shortest moment, seconds, a little less than a frame of 30 per second. Lives are so many moments: frames up to 30
-/// of them a second, the fewest that neighbouring views can tell apart; where there are more, the same time as with
-/// 30. What moves goes on for as long, however often it is looked at.
+/// Shortest moment, seconds, a little less than a frame of 30 per second. Lifespans are so many moments: frames up to
+/// 30 of them a second, the fewest that neighbouring views can tell apart; where there are more, the same time as with
+/// 30. Motion lasts as long, however often it is sampled.
 const LEAST_MOMENT_SECONDS: f64 = 0.033;
 
 /// Settings by the gap between input views: lifespans, the distance in time of compared renders, and the weight
@@ -190,7 +190,7 @@ fn prepare(
     });
     let lifespan = omni4dgs::first_lifespan(&clock, &dynamics);
     draft.settings.dynamics = Some(dynamics);
-    let beginning = Beginning::of(&mut draft, &clock, lifespan);
+    let beginning = FirstGaussians::of(&mut draft, &clock, lifespan);
     dynamic::prepared(draft, &beginning)
 }
 
@@ -198,7 +198,7 @@ fn prepare(
 mod tests {
     use super::*;
 
-    /// Returns lives and cycle, seconds, and the weight of masks, of input views `gap_seconds` apart.
+    /// Returns lifespans and cycle, seconds, and the weight of masks, of input views `gap_seconds` apart.
     fn seconds(gap_seconds: f64, frame_seconds: f64) -> [f64; 6] {
         let gap_frames = (gap_seconds / frame_seconds) as f32;
         let settings = GapSettings::across(gap_frames, frame_seconds);

@@ -4,7 +4,7 @@
 //! Real-time Rendering", 2023, and its repository (fudan-zvg/PVG).
 
 use crate::dynamic::{
-    self, Beginning, CYCLE_FRAMES, FRAMES_PER_UNIT, TEMPORAL_DENSITY, TEMPORAL_MOTION,
+    self, CYCLE_FRAMES, FRAMES_PER_UNIT, FirstGaussians, TEMPORAL_DENSITY, TEMPORAL_MOTION,
     TEMPORAL_OPACITY, TEMPORAL_SMOOTHING,
 };
 use omnilife_engine::{
@@ -174,7 +174,7 @@ fn prepare(
     dynamic::allow_seeds(&mut draft, dynamic::resting_seeds(clock));
     draft.add_components();
     let lifespan = dynamic::first_lifespan(&clock, dynamic::FIRST_LIFESPAN_SHARE);
-    let beginning = Beginning::of(&mut draft, &clock, lifespan);
+    let beginning = FirstGaussians::of(&mut draft, &clock, lifespan);
     draft.settings.dynamics = Some(dynamics(&draft, clock));
     dynamic::prepared(draft, &beginning)
 }

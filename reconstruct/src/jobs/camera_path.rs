@@ -93,7 +93,7 @@ impl CameraPath {
     /// Returns the numbers of the input views: those of a split, or all frames without one.
     ///
     /// # Errors
-    /// When the split cannot be read, is that of another scene, or `path` is no scene.
+    /// When the split cannot be read, is that of another scene, or `path` is not a scene.
     pub(super) fn input_views(
         &self,
         path: &Path,
@@ -103,7 +103,7 @@ impl CameraPath {
             (Some(scene), split) => frames_of(scene, split),
             (None, None) => Ok((0..self.frames.len() as u32).collect()),
             (None, Some(split)) => {
-                let reason = format!("is a split of a scene, and {} is none", path.display());
+                let reason = format!("is a split of a scene, and {} is not one", path.display());
                 Err(StoreError::malformed(split, reason))
             }
         }
@@ -151,8 +151,9 @@ pub fn read_path(path: &Path) -> Result<Vec<(f64, Pose)>, StoreError> {
             frames.map(|frame| (frame.seconds, frame.pose)).collect()
         }
         Some('[') => {
-            let frames: Vec<PosedFrame> = serde_json::from_str(text)
-                .map_err(|error| malformed(format!("is no list of poses with times: {error}")))?;
+            let frames: Vec<PosedFrame> = serde_json::from_str(text).map_err(|error| {
+                malformed(format!("must be a list of poses with times: {error}"))
+            })?;
             let frames = frames.into_iter();
             frames
                 .map(|frame| (frame.time_seconds, frame.pose))
@@ -166,7 +167,9 @@ pub fn read_path(path: &Path) -> Result<Vec<(f64, Pose)>, StoreError> {
     }
     let is_unusable = |(seconds, pose): &(f64, Pose)| !seconds.is_finite() || !pose.is_valid();
     match rows.iter().position(is_unusable) {
-        Some(row) => Err(malformed(format!("pose {row} has no usable numbers"))),
+        Some(row) => Err(malformed(format!(
+            "pose {row} must have finite numbers and a unit quaternion"
+        ))),
         None => Ok(rows),
     }
 }
@@ -187,7 +190,7 @@ fn rows_of_csv(text: &str) -> Result<Vec<(f64, Pose)>, String> {
             .collect();
         let values = values.and_then(|values| <[f64; 8]>::try_from(values).ok());
         let [seconds, x, y, z, qw, qx, qy, qz] =
-            values.ok_or_else(|| format!("line {} has no eight numbers", number + 1))?;
+            values.ok_or_else(|| format!("line {} must have eight numbers", number + 1))?;
         let pose = Pose::new(DQuat::from_xyzw(qx, qy, qz, qw), DVec3::new(x, y, z));
         Ok((seconds, pose))
     })
@@ -218,11 +221,11 @@ mod tests {
             ("x,y\n1,2\n", "neither JSON nor CSV"),
             (
                 "time_seconds,x,y,z,qw,qx,qy,qz\n0,1,2,3,1,0,0\n",
-                "line 2 has no eight numbers",
+                "line 2 must have eight numbers",
             ),
             (
                 "time_seconds,x,y,z,qw,qx,qy,qz\n0,1,2,3,0,0,0,0\n",
-                "pose 0 has no usable numbers",
+                "pose 0 must have finite numbers",
             ),
             ("[]", "has 0 poses"),
         ] {

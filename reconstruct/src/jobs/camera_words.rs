@@ -118,7 +118,7 @@ pub(super) fn of_poses(
 }
 
 /// Scene that words refer to.
-pub(super) struct Surroundings<'a> {
+pub(super) struct SceneContext<'a> {
     /// Its file, for errors.
     pub(super) file: &'a Path,
     /// Times of all frames, seconds.
@@ -131,7 +131,7 @@ pub(super) struct Surroundings<'a> {
     pub(super) camera: Camera,
 }
 
-impl Surroundings<'_> {
+impl SceneContext<'_> {
     /// Returns the frames to render.
     ///
     /// # Errors

@@ -119,7 +119,7 @@ impl<'a> Frames<'a> {
         interpolate: InterpolateGroup,
         group: &GroupFrames,
         progress: &dyn Progress,
-    ) -> Result<MadeGroup, ReconstructError> {
+    ) -> Result<GroupResult, ReconstructError> {
         let interpolated = interpolate(&self.group(group)?)?;
         let mut files = Vec::new();
         for (frame, image) in group.novel_views.iter().zip(&interpolated.images) {
@@ -128,7 +128,7 @@ impl<'a> Frames<'a> {
             files.push(file);
             progress.advance(1);
         }
-        Ok(MadeGroup {
+        Ok(GroupResult {
             row: GroupRow {
                 first_frame: group.context[0],
                 last_frame: group.context[1],
@@ -182,7 +182,7 @@ impl<'a> Frames<'a> {
 }
 
 /// Result of a group.
-struct MadeGroup {
+struct GroupResult {
     row: GroupRow,
     files: Vec<String>,
     warnings: Vec<String>,

@@ -13,7 +13,7 @@ use omnilife_schemas::{
         cube::{CUBE_FACES, face_camera, side_of_equal_resolution},
     },
     layout::CAMERAS_FILE,
-    ownership::{OwnFile, Standing},
+    ownership::{NameState, OwnFile},
     progress::Progress,
     records::{WordedView, WordedViews},
     stage::StagePlan,
@@ -24,7 +24,7 @@ use omnilife_engine::camera::{Camera, View};
 
 use super::{
     camera_path::{CameraPath, PlacedFrame},
-    camera_words::{CameraPlaces, CameraWords, Surroundings, of_poses},
+    camera_words::{CameraPlaces, CameraWords, SceneContext, of_poses},
     cube_faces,
     layer_image::{self, LayerImage},
     unseen::{self, InputViews},
@@ -190,7 +190,7 @@ pub fn render_poses(
         // Images of earlier renderings stay, and stay this stage's own; a record of other cameras does not.
         let own = stage.own_files();
         for OwnFile { file, .. } in own.files() {
-            if out.has(&file) || own.standing(&file)? != Standing::Ours {
+            if out.has(&file) || own.standing(&file)? != NameState::Ours {
                 continue;
             }
             if file == CAMERAS_FILE {
@@ -216,7 +216,7 @@ fn worded(
     let given = path.input_views(&request.poses, split)?;
     let points = path.points(&request.poses, split)?;
     let seconds: Vec<f64> = path.frames.iter().map(|&(time, _)| time).collect();
-    let surroundings = Surroundings {
+    let surroundings = SceneContext {
         file: &request.poses,
         seconds: &seconds,
         posed,
@@ -247,7 +247,7 @@ fn worded(
         input_views: given.len() as u32,
         unmeasured: views
             .is_none()
-            .then(|| "there are no points, or no posed input views".to_owned()),
+            .then(|| "the scene has no points, or no posed input views".to_owned()),
         views: worded
             .map(|(frame, unseen_share)| WordedView {
                 files: image_files(frame.number, request.camera),
@@ -349,7 +349,9 @@ fn camera(request: &RenderRequest, given: Option<Camera>) -> Result<Camera, Reco
     let [width, height] = request.size.unwrap_or(by_default);
     if !(1..=LARGEST_SIDE).contains(&width) || !(1..=LARGEST_SIDE).contains(&height) {
         return Err(ReconstructError::Request {
-            reason: format!("images are 1 to {LARGEST_SIDE} pixels wide and high"),
+            reason: format!(
+                "images must be 1 to {LARGEST_SIDE} pixels wide and high, got {width}x{height}"
+            ),
         });
     }
     process::require(
@@ -366,10 +368,10 @@ fn camera(request: &RenderRequest, given: Option<Camera>) -> Result<Camera, Reco
         }
         RenderCamera::Cube if width == height => Ok(face_camera(width).into()),
         RenderCamera::Cube => Err(ReconstructError::Request {
-            reason: format!("faces of a cube are squares, not {width}x{height}"),
+            reason: format!("faces of a cube must be squares, got {width}x{height}"),
         }),
         RenderCamera::Pinhole(_) => Err(ReconstructError::Request {
-            reason: "a pinhole camera's field of view is between 0 and 180 degrees".to_owned(),
+            reason: "--fov-degrees must be between 0 and 180 degrees".to_owned(),
         }),
     }?;
     match request.cube_faces {
@@ -377,7 +379,7 @@ fn camera(request: &RenderRequest, given: Option<Camera>) -> Result<Camera, Reco
             reason: "only panoramas are put together from cube faces".to_owned(),
         }),
         Some(side) if !(8..=LARGEST_SIDE).contains(&side) => Err(ReconstructError::Request {
-            reason: format!("cube faces are 8 to {LARGEST_SIDE} pixels wide"),
+            reason: format!("cube faces must be 8 to {LARGEST_SIDE} pixels wide, got {side}"),
         }),
         _ => Ok(found),
     }

@@ -407,7 +407,7 @@ fn short_splines() -> Result<f64, String> {
         }
     }
     let one = Knots::unit(1).position(&[velocity], 7.0);
-    check(one == velocity, || "one knot is no constant".to_owned())?;
+    check(one == velocity, || "one knot must be a constant".to_owned())?;
     // Knots that coincide.
     let same = Knots::unit(4).position(&[velocity; 4], 0.4);
     Ok(largest_or_nan(worst, (same - velocity).length()))

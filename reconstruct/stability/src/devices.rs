@@ -124,10 +124,10 @@ pub struct ActivatedRoundTrip {
 /// Gaussians of a part, with the backward pass from them to its parameters.
 struct Activation {
     gaussians: ActivatedGaussians,
-    back: WayBack,
+    back: GradientPass,
 }
 
-enum WayBack {
+enum GradientPass {
     Cpu(Box<Model>, Viewpoint),
     Gpu(Box<GpuActivation>),
 }
@@ -136,12 +136,12 @@ impl Activation {
     /// Returns the part with gradients by its parameters.
     fn backward(&mut self, mut gradient: ActivatedGaussians) -> Result<Part, ReconstructError> {
         let model = match &mut self.back {
-            WayBack::Cpu(model, at) => {
+            GradientPass::Cpu(model, at) => {
                 let none = TemporalFeatures::default();
                 model.activate_backward(at, &none, &mut self.gaussians, &mut gradient);
                 model
             }
-            WayBack::Gpu(activation) => activation.activate_backward(&gradient)?,
+            GradientPass::Gpu(activation) => activation.activate_backward(&gradient)?,
         };
         Ok(model.parts[0].clone())
     }
@@ -386,11 +386,14 @@ impl Device {
             None => {
                 let mut gaussians = ActivatedGaussians::default();
                 model.activate(at, &TemporalFeatures::default(), &mut gaussians);
-                (gaussians, WayBack::Cpu(Box::new(model), *at))
+                (gaussians, GradientPass::Cpu(Box::new(model), *at))
             }
             Some(device) => {
                 let activation = device.activator.activation(model, at)?;
-                (activation.activate()?, WayBack::Gpu(Box::new(activation)))
+                (
+                    activation.activate()?,
+                    GradientPass::Gpu(Box::new(activation)),
+                )
             }
         };
         Ok(Activation { gaussians, back })

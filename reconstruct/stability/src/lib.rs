@@ -48,7 +48,7 @@ use omnilife_schemas::{
 
 use cases::{Case, Expectation};
 use devices::{Device, DeviceKind};
-use measure::{Measured, measure};
+use measure::{MeasuredCase, measure};
 use omnilife_training::error::ReconstructError;
 use parameterizations::{PARAMETERIZATIONS, Parameterization};
 use sweeps::SWEEPS;
@@ -233,7 +233,7 @@ fn damage_of(
     degenerate: usize,
     parameterization: &Parameterization,
     device: &mut Device,
-    with: &Measured,
+    with: &MeasuredCase,
 ) -> Result<Option<String>, ReconstructError> {
     let mut clean = setup.clone();
     clean.gaussians.truncate(setup.gaussians.len() - degenerate);

@@ -17,7 +17,7 @@ use omnilife_training::error::ReconstructError;
 
 /// A case as a device rendered it, with its errors against the reference.
 #[derive(Debug)]
-pub struct Measured {
+pub struct MeasuredCase {
     /// The measures.
     pub measures: StabilityMeasures,
     /// The image, HWC.
@@ -39,7 +39,7 @@ pub fn measure(
     device: &Device,
     degenerate: usize,
     limits: Limits,
-) -> Result<Measured, ReconstructError> {
+) -> Result<MeasuredCase, ReconstructError> {
     let table = (parameterization.table)(setup);
     let sound = setup.gaussians.len() - degenerate;
     let reference = Reference::new(setup, parameterization, &table, sound);
@@ -73,7 +73,7 @@ pub fn measure(
         drawn: made.drawn as u64,
         gaussians: setup.gaussians.len() as u64,
     };
-    Ok(Measured {
+    Ok(MeasuredCase {
         measures,
         colour: made.colour,
     })

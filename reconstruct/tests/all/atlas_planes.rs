@@ -11,9 +11,9 @@ use omnilife_reconstruct::{
     methods::{
         self,
         neural_atlas::{
-            Begun, begin,
+            AtlasStart, begin,
             clip::{Clip, ClipFrame, UnitClock, camera_direction, pixel_centre},
-            graph::{Graph, Shown},
+            graph::{Graph, Visibility},
         },
     },
     options::Options,
@@ -169,9 +169,9 @@ fn judged(graph: &mut Graph, clip: &Clip) -> (f64, f64) {
     let (mut squares, mut pixels) = (0.0, 0.0);
     for frame in &clip.frames {
         let view = view(frame, clip.camera);
-        let (image, _) = graph.image(&view, &Shown::All);
+        let (image, _) = graph.image(&view, &Visibility::All);
         for (object, name) in clip.objects.iter().enumerate() {
-            let (matte, _) = graph.image(&view, &Shown::Matte(name.clone()));
+            let (matte, _) = graph.image(&view, &Visibility::Matte(name.clone()));
             let (mut both, mut either) = (0.0, 0.0);
             for pixel in 0..clip.pixel_count() {
                 let is_masked = frame.covered(object, pixel) >= 0.5;
@@ -199,7 +199,7 @@ fn judged(graph: &mut Graph, clip: &Clip) -> (f64, f64) {
 #[test]
 fn a_stripe_turns_with_its_car() {
     let clip = turning_car();
-    let Begun {
+    let AtlasStart {
         mut learner, plan, ..
     } = begin(clip.clone(), &ground_points(), &MethodRequest::new(10, 1)).unwrap();
     for line in &plan {

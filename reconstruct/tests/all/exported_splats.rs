@@ -13,7 +13,7 @@ use omnilife_reconstruct::{
     },
     jobs::{
         camera_words::CameraWords,
-        export::{ExportRequest, Exported, export, levels::Level},
+        export::{ExportRequest, ExportResult, export, levels::Level},
         render::{RenderCamera, RenderRequest, render_poses},
     },
 };
@@ -54,7 +54,7 @@ fn write_ply(path: &Path, rows: &[Row]) {
     fs::write(path, bytes).unwrap();
 }
 
-fn exported(source: &Path, out: PathBuf, progress: &dyn Progress) -> Exported {
+fn exported(source: &Path, out: PathBuf, progress: &dyn Progress) -> ExportResult {
     export(&request(source, "splat", out), progress).unwrap()
 }
 

@@ -127,7 +127,7 @@ fn images_and_gradients_agree(gpu: Arc<Gpu>) {
     let mut random = Pcg64Mcg::seed_from_u64(21);
     let mut renderer = GpuRenderer::new(gpu, settings(Footprint::Projected));
     for footprint in [Footprint::Projected, Footprint::Ray] {
-        // 40 is no multiple of a tile: the seam runs through one.
+        // 40 is not a multiple of a tile: the seam runs through one.
         for (camera, rotation, sh_degree) in [
             (erp(64), DQuat::IDENTITY, 1),
             (erp(40), turned(), 3),

@@ -5,7 +5,7 @@ use omnilife_reconstruct::{
     learner::Learner,
     methods::{
         self,
-        neural_atlas::{begin, graph::Shown, learner::AtlasLearner},
+        neural_atlas::{begin, graph::Visibility, learner::AtlasLearner},
     },
     options::Options,
     request::MethodRequest,
@@ -68,7 +68,7 @@ fn two_planes_are_learnt_as_on_the_cpu() {
     }
     // The device's image is that of its parameters on the host.
     let of_device = gpu.image(&view(5)).unwrap();
-    let (of_host, _) = gpu.graph().unwrap().image(&view(5), &Shown::All);
+    let (of_host, _) = gpu.graph().unwrap().image(&view(5), &Visibility::All);
     assert!(apart(&of_device.data, &of_host.data) < 1e-4);
     // The run goes on after its parameters were on the host.
     learn(&mut gpu, STEPS - 1..STEPS, STEPS);

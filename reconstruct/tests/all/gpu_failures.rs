@@ -36,13 +36,13 @@ const CHECKPOINT_EVERY: u64 = 10;
 const FAILS_AFTER: u64 = 15;
 
 /// Receives every step, and changes the device after one of them.
-struct Fails<'a> {
+struct FailingDevice<'a> {
     gpu: &'a Gpu,
     steps: AtomicU64,
     how: fn(&Gpu),
 }
 
-impl<'a> Fails<'a> {
+impl<'a> FailingDevice<'a> {
     fn after(gpu: &'a Gpu, how: fn(&Gpu)) -> Self {
         Self {
             gpu,
@@ -60,7 +60,7 @@ impl<'a> Fails<'a> {
     }
 }
 
-impl Progress for Fails<'_> {
+impl Progress for FailingDevice<'_> {
     fn begin(&self, _: &str, _: Option<u64>) {}
     fn advance(&self, steps: u64) {
         let before = self.steps.fetch_add(steps, Ordering::Relaxed);
@@ -125,7 +125,7 @@ fn run(
     train::train(scene, learner, LoopSettings::from(&settings()), &session)
 }
 
-/// Starts a training on a device, which goes on from the folder's checkpoint.
+/// Starts a training on a device, which resumes from the folder's checkpoint.
 fn start(
     gpu: &Arc<Gpu>,
     scene: &TrainingScene,
@@ -155,7 +155,7 @@ fn steps_after_checkpoint(gpu: &Gpu, scene: &TrainingScene, folder: &Path) -> u6
     assert_eq!(kept, ["checkpoint.bin"]);
     let mut learner =
         GaussianLearner::new(scene, model(scene), settings(), BackendChoice::Cpu).unwrap();
-    let counts = Fails::never(gpu);
+    let counts = FailingDevice::never(gpu);
     let outcome = run(scene, &mut learner, folder, &counts).unwrap();
     assert_eq!(outcome.state.iteration, ITERATIONS);
     assert!(outcome.state.resumed > 0);
@@ -167,7 +167,7 @@ fn failed(how: fn(&Gpu)) -> Option<GpuError> {
     let gpu = device()?;
     let scene = balls::scene();
     let folder = tempfile::tempdir().unwrap();
-    let fails = Fails::after(&gpu, how);
+    let fails = FailingDevice::after(&gpu, how);
     let error = start(&gpu, &scene, folder.path(), &fails).unwrap_err();
     let error = of_device(error);
     let steps = steps_after_checkpoint(&gpu, &scene, folder.path());
@@ -208,7 +208,7 @@ fn memory_that_ends_at_any_allocation_ends_a_training_and_keeps_its_checkpoint()
     let scene = balls::scene();
     let folder = tempfile::tempdir().unwrap();
     let checkpoint = folder.path().join("checkpoint.bin");
-    let fails = Fails::after(&gpu, |gpu| gpu.exhaust_above(1 << 12));
+    let fails = FailingDevice::after(&gpu, |gpu| gpu.exhaust_above(1 << 12));
     start(&gpu, &scene, folder.path(), &fails).unwrap_err();
     gpu.exhaust_above(u64::MAX);
     let earlier = fs::read(&checkpoint).unwrap();
@@ -217,7 +217,7 @@ fn memory_that_ends_at_any_allocation_ends_a_training_and_keeps_its_checkpoint()
     let [_, all] = [(); 2].map(|()| {
         fs::write(&checkpoint, &earlier).unwrap();
         let before = gpu.allocations();
-        start(&gpu, &scene, folder.path(), &Fails::never(&gpu)).unwrap();
+        start(&gpu, &scene, folder.path(), &FailingDevice::never(&gpu)).unwrap();
         gpu.allocations() - before
     });
     assert!(all > 2 * TRIED, "{all}");
@@ -227,7 +227,7 @@ fn memory_that_ends_at_any_allocation_ends_a_training_and_keeps_its_checkpoint()
         let allowed = number * all / TRIED;
         println!("{allowed} of {all} allocations");
         gpu.exhaust_after(allowed);
-        let error = start(&gpu, &scene, folder.path(), &Fails::never(&gpu)).unwrap_err();
+        let error = start(&gpu, &scene, folder.path(), &FailingDevice::never(&gpu)).unwrap_err();
         let error = of_device(error);
         assert!(matches!(error, GpuError::OutOfMemory { .. }), "{error}");
         let steps = steps_after_checkpoint(&gpu, &scene, folder.path());

@@ -6,7 +6,7 @@ use glam::{DMat3, DQuat, dvec3};
 use omnilife_reconstruct::methods::{
     self, METHODS, MethodKind,
     feed_forward::{groups, sweep::depths},
-    group::{CameraPose, ContextView, Group, Interpolated},
+    group::{CameraPose, ContextView, Group, GroupOutput},
 };
 use omnilife_reconstruct::stereo::{SweepSettings, SweptDepth};
 use omnilife_schemas::{
@@ -143,7 +143,7 @@ fn knowing_more_gives_better_views() {
     assert!(fade > nearest, "{fade} against {nearest}");
 }
 
-fn interpolated(method: &str, group: &Group) -> Interpolated {
+fn interpolated(method: &str, group: &Group) -> GroupOutput {
     let MethodKind::FeedForward { interpolate, .. } = methods::find(method).unwrap().kind else {
         panic!("{method} is trained");
     };

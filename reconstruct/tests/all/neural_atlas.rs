@@ -16,9 +16,9 @@ use omnilife_reconstruct::{
     methods::{
         self,
         neural_atlas::{
-            Begun, begin,
+            AtlasStart, begin,
             clip::{Clip, ClipFrame, UnitClock, camera_direction, pixel_centre},
-            graph::Shown,
+            graph::Visibility,
             learner::AtlasLearner,
             saved,
         },
@@ -236,7 +236,7 @@ pub(crate) fn take_two_planes_apart(on_gpu: bool, seed: u64) -> TwoPlaneScores {
         options: Options::parse("nag", method.options, &[RAYS.to_owned()]).unwrap(),
         ..MethodRequest::new(STEPS, seed)
     };
-    let Begun {
+    let AtlasStart {
         mut learner, plan, ..
     } = begin(clip(), &[], &request).unwrap();
     for line in &plan {
@@ -255,18 +255,18 @@ pub(crate) fn take_two_planes_apart(on_gpu: bool, seed: u64) -> TwoPlaneScores {
         let drawn: Vec<(DVec3, [f64; 2])> = (0..WIDTH * HEIGHT)
             .map(|pixel| draw(time(frame), pixel, None))
             .collect();
-        let (image, missed) = graph.image(&view(frame), &Shown::All);
+        let (image, missed) = graph.image(&view(frame), &Visibility::All);
         assert_eq!(missed, 0);
         squared += 10_f64.powf(-0.1 * psnr(&image.data, |pixel| drawn[pixel].0, |_| true));
         for (object, name) in NAMES.iter().enumerate() {
-            let (matte, _) = graph.image(&view(frame), &Shown::Matte((*name).to_owned()));
+            let (matte, _) = graph.image(&view(frame), &Visibility::Matte((*name).to_owned()));
             for (pixel, drawn) in drawn.iter().enumerate() {
                 let (found, truth) = (matte.data[3 * pixel] > 0.5, drawn.1[object] > 0.5);
                 both[object] += u32::from(found && truth);
                 any[object] += u32::from(found || truth);
             }
         }
-        let (image, _) = graph.image(&view(frame), &Shown::Without("near".to_owned()));
+        let (image, _) = graph.image(&view(frame), &Visibility::Without("near".to_owned()));
         let truth: Vec<DVec3> = (0..WIDTH * HEIGHT)
             .map(|pixel| draw(time(frame), pixel, Some(1)).0)
             .collect();
@@ -356,8 +356,8 @@ fn an_atlas_is_read_back_as_it_was_written() {
     let folder = tempfile::tempdir().unwrap();
     learner.export(folder.path()).unwrap();
     let mut read = saved::read(folder.path()).unwrap();
-    let (expected, _) = learner.graph().unwrap().image(&view(5), &Shown::All);
-    let (found, _) = read.image(&view(5), &Shown::All);
+    let (expected, _) = learner.graph().unwrap().image(&view(5), &Visibility::All);
+    let (found, _) = read.image(&view(5), &Visibility::All);
     assert_eq!(expected.data, found.data);
     std::fs::write(folder.path().join("atlas.bin"), [0; 40]).unwrap();
     let message = saved::read(folder.path()).unwrap_err().to_string();

@@ -52,11 +52,11 @@ struct Case {
     scene: TrainingScene,
     iterations: u64,
     /// The scene with added points, by the request for them: a sweep takes longer than a run.
-    completed: RefCell<HashMap<String, Completed>>,
+    completed: RefCell<HashMap<String, CompletedScene>>,
 }
 
 /// A scene with added points, and the decision on them.
-type Completed = (TrainingScene, Option<ComponentDecision>);
+type CompletedScene = (TrainingScene, Option<ComponentDecision>);
 
 impl Case {
     fn new(name: &'static str, scene: TrainingScene, iterations: u64) -> Self {
@@ -69,7 +69,7 @@ impl Case {
     }
 
     /// Returns the scene with the points that a run of a method adds.
-    fn completed(&self, method: &Method, request: &MethodRequest) -> Completed {
+    fn completed(&self, method: &Method, request: &MethodRequest) -> CompletedScene {
         let supported = method.supported();
         let asked = [denser_points::ID, swept_points::ID].map(|id| {
             let lists = [supported.default, supported.optional];
@@ -285,7 +285,7 @@ fn heavier(method: &Method, component: &str) -> Vec<String> {
 
 /// Components of a run beside the one in question.
 #[derive(Debug, Clone, Copy)]
-enum Others {
+enum OtherComponents {
     All,
     OfPlanFull,
 }
@@ -307,13 +307,13 @@ impl Walk<'_> {
     fn request(
         &self,
         number: usize,
-        (others, component): (Others, Option<&'static str>),
+        (others, component): (OtherComponents, Option<&'static str>),
         is_used: bool,
         set: &[String],
     ) -> MethodRequest {
         let (mut with, plan) = match others {
-            Others::All => (self.all(), PlanChoice::Auto),
-            Others::OfPlanFull => (component.into_iter().collect(), PlanChoice::Full),
+            OtherComponents::All => (self.all(), PlanChoice::Auto),
+            OtherComponents::OfPlanFull => (component.into_iter().collect(), PlanChoice::Full),
         };
         let mut without: Vec<&str> = component.into_iter().filter(|_| !is_used).collect();
         // Larger steps turn last bits into differences that anybody sees.
@@ -330,7 +330,7 @@ impl Walk<'_> {
     /// Returns the run with all components.
     fn whole(&self, number: usize) -> Option<&Trial> {
         let run = || {
-            let request = self.request(number, (Others::All, None), true, &[]);
+            let request = self.request(number, (OtherComponents::All, None), true, &[]);
             trial(self.method, &self.cases[number], &request)
         };
         self.whole[number].get_or_init(run).as_ref()
@@ -338,7 +338,12 @@ impl Walk<'_> {
 
     /// Returns the difference that a component makes in a case beside others, or a weight of it where that makes
     /// less; `None` where it is not used.
-    fn effect(&self, number: usize, others: Others, component: &'static str) -> Option<f64> {
+    fn effect(
+        &self,
+        number: usize,
+        others: OtherComponents,
+        component: &'static str,
+    ) -> Option<f64> {
         let (method, case) = (self.method, &self.cases[number]);
         let run = |is_used: bool, set: &[String]| {
             let request = self.request(number, (others, Some(component)), is_used, set);
@@ -346,8 +351,8 @@ impl Walk<'_> {
         };
         let own;
         let whole = match others {
-            Others::All if component != short_schedule::ID => self.whole(number)?,
-            Others::All | Others::OfPlanFull => {
+            OtherComponents::All if component != short_schedule::ID => self.whole(number)?,
+            OtherComponents::All | OtherComponents::OfPlanFull => {
                 own = run(true, &[])?;
                 &own
             }
@@ -368,13 +373,15 @@ impl Walk<'_> {
 
     /// Returns true for a component with an effect in any case, beside any others.
     fn acts(&self, component: &'static str) -> bool {
-        [Others::All, Others::OfPlanFull].into_iter().any(|others| {
-            let mut numbers = 0..self.cases.len();
-            numbers.any(|number| {
-                let effect = self.effect(number, others, component);
-                effect.is_some_and(|effect| effect > LIMIT)
+        [OtherComponents::All, OtherComponents::OfPlanFull]
+            .into_iter()
+            .any(|others| {
+                let mut numbers = 0..self.cases.len();
+                numbers.any(|number| {
+                    let effect = self.effect(number, others, component);
+                    effect.is_some_and(|effect| effect > LIMIT)
+                })
             })
-        })
     }
 }
 

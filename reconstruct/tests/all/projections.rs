@@ -198,7 +198,7 @@ fn what_cannot_be_drawn_is_refused_and_leaves_nothing() {
     for (request, reason) in [
         (
             cube(&model, [32, 16]),
-            "faces of a cube are squares, not 32x16",
+            "faces of a cube must be squares, got 32x16",
         ),
         (cube(&cut, [8, 8]), "is no ZIP archive, or is cut off"),
         (of_a_run, "axes are those of a file"),

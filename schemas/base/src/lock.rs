@@ -31,7 +31,7 @@ const HOLDER_TRIES: u32 = 10;
 const HOLDER_WAIT: Duration = Duration::from_millis(20);
 
 /// Locks of this process. Stages of one job lock folders that the job has locked already.
-static HELD: Mutex<BTreeMap<PathBuf, Weak<Held>>> = Mutex::new(BTreeMap::new());
+static HELD: Mutex<BTreeMap<PathBuf, Weak<HeldFolder>>> = Mutex::new(BTreeMap::new());
 
 /// Locked file; the lock lasts as long as it, or a copy that another process has inherited, is open.
 #[derive(Debug)]
@@ -109,12 +109,12 @@ impl LockFile {
 /// Lock that keeps other processes from writing into a folder until it is dropped.
 #[derive(Debug)]
 pub struct FolderLock {
-    _held: Arc<Held>,
+    _held: Arc<HeldFolder>,
 }
 
 /// Lock of a folder.
 #[derive(Debug)]
-struct Held {
+struct HeldFolder {
     /// `None` where the file system has no locks.
     lock: Option<LockFile>,
     /// Folders that were created for the lock, the innermost first.
@@ -148,7 +148,7 @@ impl FolderLock {
                 folder.display()
             ));
         }
-        let held = Arc::new(Held { lock, created });
+        let held = Arc::new(HeldFolder { lock, created });
         all.insert(folder.clone(), Arc::downgrade(&held));
         drop(all);
         store::remove_abandoned(&folder)?;
@@ -171,7 +171,7 @@ impl FolderLock {
     }
 }
 
-impl Drop for Held {
+impl Drop for HeldFolder {
     fn drop(&mut self) {
         // Another thread must not find the lock half released.
         let mut all = all_held();
@@ -189,7 +189,7 @@ impl Drop for Held {
     }
 }
 
-fn all_held() -> MutexGuard<'static, BTreeMap<PathBuf, Weak<Held>>> {
+fn all_held() -> MutexGuard<'static, BTreeMap<PathBuf, Weak<HeldFolder>>> {
     // The map is consistent even if a thread panicked while it held the lock.
     HELD.lock().unwrap_or_else(PoisonError::into_inner)
 }

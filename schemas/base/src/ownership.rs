@@ -45,7 +45,7 @@ pub struct OwnFiles {
 
 /// State of a name in a folder.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Standing {
+pub enum NameState {
     /// The name is free.
     Nothing,
     /// A file of ours with the content that we wrote.
@@ -85,22 +85,22 @@ impl OwnFiles {
     ///
     /// # Errors
     /// When the name leads out of the folder, or the file cannot be read.
-    pub fn standing(&self, file: &str) -> Result<Standing, StoreError> {
+    pub fn standing(&self, file: &str) -> Result<NameState, StoreError> {
         let path = path_inside(&self.folder, file)?;
         let metadata = match fs::symlink_metadata(&path) {
-            Err(error) if is_absence(&error) => return Ok(Standing::Nothing),
+            Err(error) if is_absence(&error) => return Ok(NameState::Nothing),
             metadata => metadata.map_err(|error| StoreError::read(&path, error))?,
         };
         match self.hashes.get(file) {
             Some(hashes) if metadata.is_file() => {
                 let is_ours = !hashes.is_empty() && hashes.contains(&store::sha256_file(&path)?);
                 Ok(if is_ours {
-                    Standing::Ours
+                    NameState::Ours
                 } else {
-                    Standing::Changed
+                    NameState::Changed
                 })
             }
-            _ => Ok(Standing::Foreign),
+            _ => Ok(NameState::Foreign),
         }
     }
 
@@ -110,8 +110,8 @@ impl OwnFiles {
     /// When one exists, a folder has the name, or the name leads out of the folder.
     pub fn refuse_foreign(&self, file: &str) -> Result<(), StoreError> {
         match self.standing(file)? {
-            Standing::Foreign => Err(in_the_way(&self.folder.join(file))),
-            Standing::Nothing | Standing::Ours | Standing::Changed => Ok(()),
+            NameState::Foreign => Err(in_the_way(&self.folder.join(file))),
+            NameState::Nothing | NameState::Ours | NameState::Changed => Ok(()),
         }
     }
 
@@ -120,12 +120,12 @@ impl OwnFiles {
     ///
     /// # Errors
     /// When a foreign or changed file has the name, or the name leads out of the folder.
-    pub fn refuse_changed(&self, file: &str, sha256: &str) -> Result<Standing, StoreError> {
+    pub fn refuse_changed(&self, file: &str, sha256: &str) -> Result<NameState, StoreError> {
         let path = self.folder.join(file);
         match self.standing(file)? {
-            standing @ (Standing::Nothing | Standing::Ours) => Ok(standing),
+            standing @ (NameState::Nothing | NameState::Ours) => Ok(standing),
             standing if path.is_file() && store::sha256_file(&path)? == sha256 => Ok(standing),
-            Standing::Changed | Standing::Foreign => Err(in_the_way(&path)),
+            NameState::Changed | NameState::Foreign => Err(in_the_way(&path)),
         }
     }
 
@@ -137,7 +137,7 @@ impl OwnFiles {
     pub fn remove(&self, goes: impl Fn(&str) -> bool) -> Result<(), StoreError> {
         for file in self.hashes.keys().filter(|file| goes(file)) {
             // Targets of links, and names outside of the folder in a damaged list, are not ours.
-            if !matches!(self.standing(file), Ok(Standing::Ours)) {
+            if !matches!(self.standing(file), Ok(NameState::Ours)) {
                 continue;
             }
             let path = self.folder.join(file);
@@ -285,10 +285,10 @@ mod tests {
         for kept in ["a/changed.png", "a/foreign.png", "tree/x"] {
             assert!(folder.join(kept).is_file(), "{kept}");
         }
-        assert_eq!(ours.standing("a/changed.png").unwrap(), Standing::Changed);
-        assert_eq!(ours.standing("a/foreign.png").unwrap(), Standing::Foreign);
-        assert_eq!(ours.standing("tree").unwrap(), Standing::Foreign);
-        assert_eq!(ours.standing("a/none.png").unwrap(), Standing::Nothing);
+        assert_eq!(ours.standing("a/changed.png").unwrap(), NameState::Changed);
+        assert_eq!(ours.standing("a/foreign.png").unwrap(), NameState::Foreign);
+        assert_eq!(ours.standing("tree").unwrap(), NameState::Foreign);
+        assert_eq!(ours.standing("a/none.png").unwrap(), NameState::Nothing);
         assert!(ours.refuse_foreign("a/foreign.png").is_err());
         let held = store::sha256_bytes(b"a/foreign.png");
         ours.refuse_changed("a/foreign.png", &held).unwrap();

@@ -21,7 +21,7 @@ use serde::{Deserialize, Serialize};
 use crate::{
     elapsed::Elapsed,
     lock::{FolderLock, LOCK_FILE},
-    ownership::{OwnFile, OwnFiles, Standing, path_inside},
+    ownership::{NameState, OwnFile, OwnFiles, path_inside},
     progress::{Progress, Silent},
     store::{self, Record, StoreError},
 };
@@ -76,14 +76,14 @@ pub struct StageOutput {
 
 /// A stage that has started and not finished, `.done/<stage>.begun.json` in the stage's folder.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
-pub struct Begun {
+pub struct StageStart {
     /// Name of the stage.
     pub stage: String,
     /// The stage's own files: what it made earlier, and what it is about to make.
     pub files: Vec<OwnFile>,
 }
 
-impl Record for Begun {
+impl Record for StageStart {
     const SCHEMA: &'static str = "omnilife/begun/1";
 }
 
@@ -265,7 +265,7 @@ impl StagePlan {
     /// Returns the files of the folder that this stage made, finished or not.
     pub fn own_files(&self) -> OwnFiles {
         let done = store::read_record::<Done>(&self.record_path());
-        let begun = store::read_record::<Begun>(&self.begun_path());
+        let begun = store::read_record::<StageStart>(&self.begun_path());
         let finished = done.into_iter().flat_map(|done| done.outputs);
         let finished = finished.map(|StageOutput { file, sha256, .. }| OwnFile { file, sha256 });
         let begun = begun.into_iter().flat_map(|begun| begun.files);
@@ -305,7 +305,7 @@ impl StagePlan {
         for file in files {
             let sha256 = store::sha256_file(&staged.join(file))?;
             let standing = own.refuse_changed(file, &sha256)?;
-            if matches!(standing, Standing::Nothing | Standing::Ours) {
+            if matches!(standing, NameState::Nothing | NameState::Ours) {
                 moved.push(OwnFile {
                     file: file.clone(),
                     sha256: Some(sha256),
@@ -406,7 +406,7 @@ impl StagePlan {
         path_inside(&self.folder, RECORDS_FOLDER)?;
         store::create_folder(&self.records_folder())?;
         let files: BTreeSet<OwnFile> = files.collect();
-        let begun = Begun {
+        let begun = StageStart {
             stage: self.stage.clone(),
             files: files.into_iter().collect(),
         };

@@ -23,7 +23,7 @@ pub struct VideoAnalysis {
     /// Layout of the sphere that frames are converted from: the requested one, else the one of the evidence.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub layout: Option<SphereLayout>,
-    /// Overlays painted over the image or always in it; `None` where the image is no single
+    /// Overlays painted over the image or always in it; `None` where the image is not a single
     /// sphere.
     pub overlays: Option<OverlayReport>,
     /// Frames and packets that the decoder found damaged and patched up or left out.

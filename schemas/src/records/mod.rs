@@ -108,7 +108,7 @@ use schemars::Schema;
 
 use crate::{
     ownership::FileList,
-    stage::{Begun, Done},
+    stage::{Done, StageStart},
     store::{self, Record, StoreError},
 };
 
@@ -178,7 +178,7 @@ pub const SCHEMAS: &[SchemaEntry] = &[
     entry::<StabilityReport>(),
     entry::<PoseScores>(),
     entry::<Done>(),
-    entry::<Begun>(),
+    entry::<StageStart>(),
     entry::<FileList>(),
     entry::<SweepPlan>(),
     entry::<UnitOutcome>(),

@@ -67,7 +67,7 @@ pub struct OperatorCap {
     pub change_staying_levels: f64,
     /// The same if the cap had turned with the world, 8-bit levels; 0 if the camera did not turn.
     pub change_turning_levels: f64,
-    /// Share of all longitudes with an edge at its border, 0 to 1; 0 of mounts, whose border is no circle.
+    /// Share of all longitudes with an edge at its border, 0 to 1; 0 of mounts, whose border is not a circle.
     pub border_share: f64,
     /// Change that it would show as a part of the world, less its own, over its area: grey levels of 255 times
     /// steradians.

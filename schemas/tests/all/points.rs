@@ -79,7 +79,7 @@ proptest! {
         let bytes = fs::read(&path).unwrap();
         let header = bytes.windows(10).position(|w| w == b"end_header").unwrap();
         let cut = (share * bytes.len() as f64) as usize;
-        // A cut inside the words "end_header" or after the last point is no loss.
+        // A cut inside the words "end_header" or after the last point is not a loss.
         prop_assume!(cut < header || (cut > header + 11 && cut < bytes.len()));
         prop_assert!(read(folder.path(), &bytes[..cut]).is_err());
     }

@@ -7,6 +7,7 @@ RENDERING is what render.py writes. OUT gets CLIP.mp4, poses.json (omnilife/pose
 clip has masks, masks/. Needs ffmpeg and a Python with NumPy and Pillow.
 """
 
+import argparse
 import json
 import shutil
 import subprocess
@@ -113,7 +114,12 @@ def missed(instances, random):
 
 
 def main():
-    rendering, name, out = Path(sys.argv[1]), sys.argv[2], Path(sys.argv[3])
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("rendering", metavar="RENDERING", type=Path)
+    parser.add_argument("clip", metavar="CLIP")
+    parser.add_argument("out", metavar="OUT", type=Path)
+    arguments = parser.parse_args()
+    rendering, name, out = arguments.rendering, arguments.clip, arguments.out
     clip = next(clip for clip in clips() if clip.name == name)
     random = np.random.default_rng(zlib.crc32(name.encode()))
     out.mkdir(parents=True)

@@ -13,7 +13,7 @@ use crate::support::{METHOD, SEQUENCE, sample, small_run};
 pub(super) const DEFECTS: &[Defect] = &[
     Defect {
         id: "D1",
-        about: "Matroska with colours that are no member of FFmpeg's enumerations",
+        about: "Matroska with colours that are not members of FFmpeg's enumerations",
         try_again: |attempt| {
             attempt.ends(&["curate", "probe", "colour-trc.mkv"], &[0]);
             attempt.ends(&["curate", "projection", "colour-matrix.mkv"], &[0]);

@@ -287,7 +287,7 @@ proptest! {
         let Ok(common) = common_span(&runs) else {
             return Err(TestCaseError::fail("no common time"));
         };
-        let exact = |curve: &Saturating| {
+        let exact = |curve: &SaturatingCurve| {
             curve.mean_over_log_time(common.from_seconds, common.until_seconds)
         };
         let true_lead = exact(&curves.0) - exact(&curves.1);
@@ -303,13 +303,13 @@ const LONGEST: f64 = 400.0;
 
 /// A quality that levels off: `end - rise / (1 + seconds / half)`, dB.
 #[derive(Debug, Clone, Copy)]
-struct Saturating {
+struct SaturatingCurve {
     end: f64,
     rise: f64,
     half: f64,
 }
 
-impl Saturating {
+impl SaturatingCurve {
     fn at(&self, seconds: f64) -> f64 {
         self.end - self.rise / (1.0 + seconds / self.half)
     }
@@ -323,8 +323,8 @@ impl Saturating {
     }
 }
 
-fn any_curve() -> impl Strategy<Value = Saturating> {
-    (24.0..34.0_f64, 4.0..16.0_f64, 0.5..60.0_f64).prop_map(|(end, rise, half)| Saturating {
+fn any_curve() -> impl Strategy<Value = SaturatingCurve> {
+    (24.0..34.0_f64, 4.0..16.0_f64, 0.5..60.0_f64).prop_map(|(end, rise, half)| SaturatingCurve {
         end,
         rise,
         half,
@@ -349,18 +349,18 @@ fn trace_times(begin: f64, step: f64) -> Vec<f64> {
 /// first row, the winner depends on the number of iterations between rows.
 #[test]
 fn the_winner_does_not_depend_on_the_iterations_between_rows() {
-    let better = Saturating {
+    let better = SaturatingCurve {
         end: 32.0,
         rise: 12.0,
         half: 5.0,
     };
-    let worse = Saturating {
+    let worse = SaturatingCurve {
         end: 31.5,
         ..better
     };
     // Steps of the better method take twice as long.
     let runs = |every: f64| {
-        [(better, 0.05), (worse, 0.025)].map(|(curve, step): (Saturating, f64)| {
+        [(better, 0.05), (worse, 0.025)].map(|(curve, step): (SaturatingCurve, f64)| {
             let rows = (60.0 / (step * every)) as u32;
             let times: Vec<f64> = (1..=rows)
                 .map(|row| f64::from(row) * step * every)

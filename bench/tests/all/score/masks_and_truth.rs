@@ -179,7 +179,7 @@ fn transparent_ground_truth_is_refused() {
     let bench = Bench::new();
     let file = bench.at("scene/frames/000004.png");
     let opaque = image::open(&file).unwrap().to_rgba8();
-    // An alpha channel that hides nothing is no reason.
+    // An alpha channel that hides nothing is not a reason.
     opaque.save(&file).unwrap();
     let plain = bench.score().unwrap();
     assert!((plain.novel_views["psnr"].mean - flat_psnr(2.0)).abs() < 1e-9);

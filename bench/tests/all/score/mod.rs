@@ -190,7 +190,7 @@ fn masked_scores_are_means_over_the_frames_that_have_them() {
         .write_png(&bench.at("scene/masks/4.png"))
         .unwrap();
     assert_ne!(bench.score().unwrap().scene_sha256, before);
-    // A mask of another size is no mask of the frame.
+    // A mask of another size is not a mask of the frame.
     mask(vec![255; WIDTH * HEIGHT])
         .resized_to_nearest(5, 3)
         .write_png(&bench.at("scene/masks/4.png"))

@@ -133,7 +133,7 @@ fn views_of_neither_size_are_failures() {
     let result = bench.score().unwrap();
     let failed: Vec<u32> = result.failures.iter().map(|one| one.frame).collect();
     assert_eq!(failed, [4, 9]);
-    // A frame is no prediction where the protocol has none.
+    // A frame is not a prediction where the protocol has none.
     let plain = Bench::new();
     predict(&plain, 0, Some(|_| 0));
     assert_eq!(plain.score().unwrap().failures.len(), 10);

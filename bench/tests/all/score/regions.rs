@@ -89,7 +89,7 @@ fn scenes_without_masks_are_scored_by_the_boxes_of_tracks() {
         .iter()
         .filter(|warning| warning.contains("boxes that tracking found"));
     assert_eq!(told.count(), 1);
-    // Found regions are no ground truth: the scene is the same.
+    // Found regions are not ground truth: the scene is the same.
     assert_eq!(result.scene_sha256, without.scene_sha256);
 
     // Other boxes, other regions; without that nothing is scored again.

@@ -38,9 +38,9 @@ impl FromStr for Endpoint {
 
     /// Parses an address up to `/v1` or up to `/chat/completions`.
     fn from_str(text: &str) -> Result<Self, String> {
-        let uri: Uri = text
-            .parse()
-            .map_err(|error| format!("{text:?} is no address: {error}"))?;
+        let uri: Uri = text.parse().map_err(|error| {
+            format!("must be an address such as http://localhost:8000/v1, got {text:?}: {error}")
+        })?;
         let is_encrypted = match uri.scheme_str() {
             Some("https") => true,
             Some("http") => false,
@@ -102,7 +102,7 @@ impl fmt::Debug for Key {
 
 /// Time limits and retries of requests.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Patience {
+pub struct RetryPolicy {
     /// Time limit of one answer, from the connection to its last byte.
     pub timeout: Duration,
     /// Attempts in all, at least one.
@@ -111,7 +111,7 @@ pub struct Patience {
     pub first_wait: Duration,
 }
 
-impl Default for Patience {
+impl Default for RetryPolicy {
     fn default() -> Self {
         Self {
             timeout: Duration::from_secs(120),
@@ -170,12 +170,12 @@ struct Answer {
 
 #[derive(Deserialize)]
 struct Choice {
-    message: Said,
+    message: AnswerMessage,
     finish_reason: Option<String>,
 }
 
 #[derive(Deserialize)]
-struct Said {
+struct AnswerMessage {
     content: Option<String>,
 }
 
@@ -193,7 +193,7 @@ enum RefusalReason {
 }
 
 /// Failure of one attempt.
-enum Setback {
+enum AttemptError {
     /// May succeed later; the server may have stated a wait.
     Passing(String, Option<Duration>),
     /// Not to be retried.
@@ -204,7 +204,7 @@ enum Setback {
 pub(super) struct ChatClient<'a> {
     endpoint: &'a Endpoint,
     key: Option<&'a Key>,
-    patience: Patience,
+    patience: RetryPolicy,
     agent: Agent,
 }
 
@@ -215,7 +215,7 @@ impl<'a> ChatClient<'a> {
     pub(super) fn new(
         endpoint: &'a Endpoint,
         key: Option<&'a Key>,
-        patience: Patience,
+        patience: RetryPolicy,
     ) -> Result<Self, String> {
         if key.is_some() && !endpoint.is_encrypted && !endpoint.is_here {
             return Err(
@@ -255,8 +255,8 @@ impl<'a> ChatClient<'a> {
         for attempt in 1.. {
             let (reason, asked) = match self.attempt(&body) {
                 Ok(caption) => return Ok(caption),
-                Err(Setback::Final(reason)) => return Err(self.without_key(&reason)),
-                Err(Setback::Passing(reason, asked)) => (self.without_key(&reason), asked),
+                Err(AttemptError::Final(reason)) => return Err(self.without_key(&reason)),
+                Err(AttemptError::Passing(reason, asked)) => (self.without_key(&reason), asked),
             };
             let pause = asked.unwrap_or(wait);
             if attempt >= self.patience.attempts {
@@ -275,7 +275,7 @@ impl<'a> ChatClient<'a> {
         Err("was never asked".to_owned())
     }
 
-    fn attempt(&self, body: &[u8]) -> Result<String, Setback> {
+    fn attempt(&self, body: &[u8]) -> Result<String, AttemptError> {
         let mut request = self
             .agent
             .post(&self.endpoint.url)
@@ -294,13 +294,13 @@ impl<'a> ChatClient<'a> {
             .read_to_vec()
             .map_err(|error| of_transport(&error, self.patience.timeout))?;
         if status.is_success() {
-            return caption(&content).map_err(Setback::Final);
+            return caption(&content).map_err(AttemptError::Final);
         }
         let reason = format!("answers with status {status}{}", said(&content));
         Err(if status.as_u16() == 429 || status.is_server_error() {
-            Setback::Passing(reason, asked)
+            AttemptError::Passing(reason, asked)
         } else {
-            Setback::Final(reason)
+            AttemptError::Final(reason)
         })
     }
 
@@ -330,19 +330,19 @@ fn tls() -> Result<TlsConfig, String> {
         .build())
 }
 
-fn of_transport(error: &ureq::Error, timeout: Duration) -> Setback {
+fn of_transport(error: &ureq::Error, timeout: Duration) -> AttemptError {
     match error {
         ureq::Error::Timeout(_) => {
             let reason = format!("does not answer within {} s", timeout.as_secs_f64());
-            Setback::Passing(reason, None)
+            AttemptError::Passing(reason, None)
         }
         ureq::Error::BodyExceedsLimit(_) => {
-            Setback::Final(format!("answers more than {MOST_ANSWER_BYTES} bytes"))
+            AttemptError::Final(format!("answers more than {MOST_ANSWER_BYTES} bytes"))
         }
         ureq::Error::Io(_) | ureq::Error::ConnectionFailed | ureq::Error::HostNotFound => {
-            Setback::Passing(format!("cannot be reached: {error}"), None)
+            AttemptError::Passing(format!("cannot be reached: {error}"), None)
         }
-        other => Setback::Final(format!("cannot be asked: {other}")),
+        other => AttemptError::Final(format!("cannot be asked: {other}")),
     }
 }
 
@@ -355,7 +355,7 @@ fn seconds_asked_for<T>(response: &Response<T>) -> Option<Duration> {
 /// Returns the caption in an answer.
 fn caption(content: &[u8]) -> Result<String, String> {
     let answer: Answer = serde_json::from_slice(content)
-        .map_err(|error| format!("its answer is no chat completion: {error}"))?;
+        .map_err(|error| format!("its answer must be a chat completion: {error}"))?;
     let choice = answer.choices.into_iter().next();
     let choice = choice.ok_or("its answer has no choices")?;
     if choice.finish_reason.as_deref() == Some("length") {
@@ -433,7 +433,7 @@ mod tests {
         assert!(Key::new("two words").is_err() && Key::new("").is_err());
         let open = |text: &str| {
             let endpoint: Endpoint = text.parse().expect("an address");
-            ChatClient::new(&endpoint, Some(&key), Patience::default()).is_ok()
+            ChatClient::new(&endpoint, Some(&key), RetryPolicy::default()).is_ok()
         };
         assert!(!open("http://gpu-node:8000/v1"));
         assert!(open("http://127.0.0.1:8000/v1") && open("http://[::1]:8000/v1"));

@@ -19,7 +19,7 @@ use omnilife_schemas::{
 use super::TagRow;
 use crate::error::CurateError;
 use client::{ChatClient, ChatRequest};
-pub use client::{Endpoint, Key, Patience};
+pub use client::{Endpoint, Key, RetryPolicy};
 
 /// Prompt about the views of a sequence.
 pub const PROMPT: &str = "These images are frames of one 360-degree video in order of time. Each moment is \
@@ -37,7 +37,7 @@ pub struct CaptionEndpoint {
     /// Secret sent with requests; never written anywhere.
     pub key: Option<Key>,
     /// Time limits and retries.
-    pub patience: Patience,
+    pub patience: RetryPolicy,
 }
 
 impl CaptionEndpoint {

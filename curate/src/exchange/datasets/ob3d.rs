@@ -69,7 +69,7 @@ struct Extrinsics {
 }
 
 /// Cameras by the names of their images, in the folder of the capture.
-struct Found {
+struct NamedCameras {
     frames: Vec<ForeignFrame>,
     missing_images: Vec<String>,
     /// Names of images by their numbers.
@@ -117,14 +117,14 @@ fn import(folder: &Path) -> Result<ForeignScene, CurateError> {
 }
 
 /// Returns the frames of all cameras with existing images.
-fn frames_of(folder: &Path) -> Result<Found, CurateError> {
+fn frames_of(folder: &Path) -> Result<NamedCameras, CurateError> {
     let cameras = folder.join(CAMERAS_FOLDER);
     if !cameras.is_dir() {
         let reason = "has no cameras/; a scene of OB3D has two captures, Egocentric and Non-Egocentric: give one of \
                       them";
         return Err(CurateError::input(folder, reason));
     }
-    let mut found = Found {
+    let mut found = NamedCameras {
         frames: Vec::new(),
         missing_images: Vec::new(),
         numbers: BTreeMap::new(),
@@ -145,7 +145,10 @@ fn frames_of(folder: &Path) -> Result<Found, CurateError> {
             return Err(CurateError::input(&file, reason));
         }
         let pose = pose_of(&camera.extrinsics).ok_or_else(|| {
-            StoreError::malformed(&file, "its extrinsics are no rotation with a translation")
+            StoreError::malformed(
+                &file,
+                "its extrinsics must be a rotation with a translation",
+            )
         })?;
         let name = format!("{stem}{IMAGE_END}");
         let place = format!("{IMAGES_FOLDER}/{name}");

@@ -20,7 +20,7 @@
 //!
 //! Numbers in the names of images count the frames of a video, whose rate the import is to be given.
 //!
-//! Split: the authors publish none. Their viewer's clip and sampling of cameras (`Config/*.yaml`) are no split and not
+//! Split: the authors publish none. Their viewer's clip and sampling of cameras (`Config/*.yaml`) are not a split and not
 //! applied. The data of ODGS, with OpenMVG's poses and a split, are the format `openmvg`.
 
 mod landmarks;
@@ -118,7 +118,7 @@ fn expect_panoramas(path: &Path) -> Result<(), StoreError> {
 }
 
 /// An image of the trajectory.
-struct Posed<'a> {
+struct TrajectoryImage<'a> {
     /// Name in `Input`.
     name: &'a str,
     pose: Pose,
@@ -128,7 +128,7 @@ struct Posed<'a> {
 ///
 /// # Errors
 /// Names the malformed part of the line.
-fn posed(line: &str) -> Result<Option<Posed<'_>>, String> {
+fn posed(line: &str) -> Result<Option<TrajectoryImage<'_>>, String> {
     if line.starts_with('#') || line.trim().is_empty() {
         return Ok(None);
     }
@@ -160,7 +160,7 @@ fn posed(line: &str) -> Result<Option<Posed<'_>>, String> {
             "has a quaternion of length {length}, expected one of length 1"
         ));
     }
-    Ok(Some(Posed {
+    Ok(Some(TrajectoryImage {
         name: name.split_once('/').map_or(*name, |(_, below)| below),
         pose: Pose::new(turn.normalize(), DVec3::new(x, y, z)),
     }))
@@ -177,7 +177,7 @@ fn import(folder: &Path) -> Result<ForeignScene, CurateError> {
         let malformed = |reason: String| {
             StoreError::malformed(&files.trajectory, format!("line {number} {reason}"))
         };
-        let Some(Posed { name, pose }) = posed(line).map_err(malformed)? else {
+        let Some(TrajectoryImage { name, pose }) = posed(line).map_err(malformed)? else {
             continue;
         };
         if !names.insert(name) {
@@ -205,7 +205,7 @@ fn import(folder: &Path) -> Result<ForeignScene, CurateError> {
         image_folders: vec![images],
         missing_images,
         notes: vec![if points.is_empty() {
-            "there are no points: no map is named, or it has no landmarks".to_owned()
+            "no points: no map is named, or it has no landmarks".to_owned()
         } else {
             "the landmarks have no colours: points are grey".to_owned()
         }],

@@ -3,7 +3,7 @@
 //! `changwoonchoi/EgoNeRF`).
 //!
 //! ```text
-//! imgs/                              the panoramas, PNG (mask.png is no panorama)
+//! imgs/                              the panoramas, PNG (mask.png is not a panorama)
 //! output_dir/colmap/images.txt       poses as COLMAP has them, world to camera
 //! output_dir/colmap/points3D.txt     world points
 //! train.txt, test.txt                names of images without their extension

@@ -106,7 +106,7 @@ fn import(folder: &Path) -> Result<ForeignScene, CurateError> {
     });
     let points = points_file(folder);
     let notes = points.is_none().then(|| {
-        format!("there are no points: {POINTS_FILE} is not there, and no file of the folder's name")
+        format!("no points: the folder has neither {POINTS_FILE} nor a file of its own name")
     });
     let camera = panorama_camera(folder, &frames, &missing_images)?;
     Ok(ForeignScene {

@@ -119,7 +119,7 @@ fn read_poses(path: &Path) -> Result<Vec<Pose>, StoreError> {
         .map(|(number, line)| {
             pose_of(line).ok_or_else(|| {
                 let reason = format!(
-                    "line {number} is no translation with a unit quaternion: tx ty tz qx qy qz qw"
+                    "line {number} must be a translation with a unit quaternion: tx ty tz qx qy qz qw"
                 );
                 StoreError::malformed(path, reason)
             })

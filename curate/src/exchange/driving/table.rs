@@ -28,7 +28,7 @@ pub(super) fn lines(text: &str) -> impl Iterator<Item = (usize, &str)> {
 /// Parses the words of a line as finite numbers.
 ///
 /// # Errors
-/// The first word that is none, with the line.
+/// When a word is not a finite number; the message has the word and the line.
 pub(super) fn numbers<'a>(
     words: impl Iterator<Item = &'a str>,
     line: usize,
@@ -44,7 +44,7 @@ pub(super) fn numbers<'a>(
 /// Parses the words of a line as `N` finite numbers, of which `what` says what they are.
 ///
 /// # Errors
-/// Another number of them, or a word that is none, with the line.
+/// When there are more or fewer words than `N`, or a word is not a finite number; the message has the line.
 pub(super) fn exactly<'a, const N: usize>(
     words: impl Iterator<Item = &'a str>,
     line: usize,

@@ -94,7 +94,7 @@ enum Model {
 }
 
 /// Entries of a frame about its camera.
-struct Stated<'a> {
+struct CameraEntries<'a> {
     file: &'a str,
     model: Model,
     /// Values in the order of [`CAMERA_ENTRIES`].
@@ -110,10 +110,10 @@ pub(super) fn camera(
     frames: &[Frame],
 ) -> Result<(FrameCamera, Vec<String>), String> {
     let mut left = unread("the file", entries)?;
-    let mut common: Option<Stated<'_>> = None;
+    let mut common: Option<CameraEntries<'_>> = None;
     for frame in frames {
         left.append(&mut unread(&frame.file_path, &frame.others)?);
-        let stated = Stated::of(entries, frame)?;
+        let stated = CameraEntries::of(entries, frame)?;
         match &common {
             Some(first) => first.expect_same(&stated)?,
             None => common = Some(stated),
@@ -158,7 +158,7 @@ fn speaks_of_a_camera(name: &str) -> bool {
         || CAMERA_PARTS.iter().any(|part| name.contains(*part))
 }
 
-impl<'a> Stated<'a> {
+impl<'a> CameraEntries<'a> {
     /// Reads the camera of a frame: its own entries, and those of the file for missing ones.
     ///
     /// # Errors

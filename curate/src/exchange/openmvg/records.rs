@@ -15,16 +15,16 @@ use crate::poses::{
     lens::{Distortion, Lens, Projection},
 };
 
-use super::{Extrinsic, FIRST_OF_ITS_KIND, Keyed, PINHOLE, SPHERICAL, View};
+use super::{Extrinsic, FIRST_OF_ITS_KIND, KeyedEntry, PINHOLE, SPHERICAL, View};
 
 #[derive(Deserialize)]
 pub(super) struct SfmData {
     #[serde(default)]
-    pub(super) views: Vec<Keyed<Polymorphic<View>>>,
+    pub(super) views: Vec<KeyedEntry<Polymorphic<View>>>,
     #[serde(default)]
-    pub(super) intrinsics: Vec<Keyed<Polymorphic<Intrinsic>>>,
+    pub(super) intrinsics: Vec<KeyedEntry<Polymorphic<Intrinsic>>>,
     #[serde(default)]
-    pub(super) extrinsics: Vec<Keyed<Extrinsic>>,
+    pub(super) extrinsics: Vec<KeyedEntry<Extrinsic>>,
     /// Landmarks with their observations, which have no colours.
     #[serde(default)]
     pub(super) structure: Vec<serde::de::IgnoredAny>,
@@ -144,7 +144,7 @@ pub(super) fn cameras(data: &SfmData) -> BTreeMap<u32, Result<FrameCamera, Strin
         .map(|(id, name)| (id & !FIRST_OF_ITS_KIND, name))
         .collect();
     let mut cameras = BTreeMap::new();
-    for Keyed { key, value } in &data.intrinsics {
+    for KeyedEntry { key, value } in &data.intrinsics {
         let id = value.polymorphic_id & !FIRST_OF_ITS_KIND;
         if let Some(name) = &value.polymorphic_name {
             names.insert(id, name);

@@ -26,7 +26,7 @@ fn read(text: &str, frames: &Frames<'_>) -> Result<Vec<Boundary>, String> {
         .from_reader(text.as_bytes());
     let headers = reader.headers().map_err(|error| error.to_string())?.clone();
     let column = |name: &str| headers.iter().position(|header| header == name);
-    let begin = column("begin_seconds").ok_or("there is no column begin_seconds")?;
+    let begin = column("begin_seconds").ok_or("the column begin_seconds is missing")?;
     let (end, kind_column) = (column("end_seconds"), column("kind"));
     let mut boundaries = Vec::new();
     for (row, record) in reader.records().enumerate() {
@@ -41,7 +41,7 @@ fn read(text: &str, frames: &Frames<'_>) -> Result<Vec<Boundary>, String> {
             text.parse::<f64>()
                 .ok()
                 .filter(|seconds| seconds.is_finite())
-                .ok_or_else(|| in_row(format!("{text:?} is no number of seconds")))
+                .ok_or_else(|| in_row(format!("must be a number of seconds, got {text:?}")))
         };
         let begin = seconds(field(Some(begin)).ok_or_else(|| in_row("no begin_seconds".into()))?)?;
         let end = field(end).map_or(Ok(begin), seconds)?;

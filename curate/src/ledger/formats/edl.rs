@@ -111,5 +111,5 @@ fn frame_number(timecode: &str, base: usize) -> Result<usize, String> {
             .and_then(|whole| whole.checked_add(frame)),
         _ => None,
     };
-    number.ok_or_else(|| format!("{timecode} is no timecode of {base} frames per second"))
+    number.ok_or_else(|| format!("must be a timecode of {base} frames per second, got {timecode}"))
 }

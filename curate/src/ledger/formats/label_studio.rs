@@ -25,11 +25,11 @@ struct Task {
 
 #[derive(Deserialize)]
 struct Annotation {
-    result: Vec<Labelled>,
+    result: Vec<LabelledTask>,
 }
 
 #[derive(Deserialize)]
-struct Labelled {
+struct LabelledTask {
     #[serde(rename = "type")]
     kind: String,
     value: Value,

@@ -27,14 +27,14 @@ fn read(text: &str, frames: &Frames<'_>) -> Result<Vec<Boundary>, String> {
     let table = text
         .find("Scene Number")
         .and_then(|at| text.get(at..))
-        .ok_or("there is no column Scene Number")?;
+        .ok_or("the column Scene Number is missing")?;
     let mut reader = csv::Reader::from_reader(table.as_bytes());
     let headers = reader.headers().map_err(|error| error.to_string())?.clone();
     let column = |name: &str| {
         headers
             .iter()
             .position(|header| header == name)
-            .ok_or_else(|| format!("there is no column {name}"))
+            .ok_or_else(|| format!("the column {name} is missing"))
     };
     let (start, end) = (column("Start Frame")?, column("End Frame")?);
     let mut shots = Vec::new();

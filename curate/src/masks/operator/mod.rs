@@ -37,7 +37,7 @@ const IMAGE_FILE: &str = "image.png";
 const GAP_SECONDS: f64 = 1.0;
 /// Number of pairs, spread over the sequence.
 const MOST_PAIRS: usize = 24;
-/// Least number of pairs for a verdict.
+/// Minimum number of pairs for a finding.
 const LEAST_PAIRS: usize = 4;
 /// Evidence from which a region is entered, and from which a person is asked: grey levels of 255 times steradians. An
 /// operator with a helmet has 3; of rendered scenes without an operator the strongest region has 0.6.
@@ -143,8 +143,8 @@ pub fn found_mask(folder: &Path) -> Result<Option<PathBuf>, CurateError> {
         .map(|file| folder.join(file)))
 }
 
-/// Verdict on a sequence, with the region that it is about.
-struct Verdict {
+/// Result of the search in a sequence, with the region found.
+struct SearchResult {
     finding: OperatorFinding,
     reason: String,
     evidence: f64,
@@ -153,7 +153,7 @@ struct Verdict {
     caps: Vec<OperatorCap>,
 }
 
-impl Verdict {
+impl SearchResult {
     fn unjudged(reason: String, pairs: usize) -> Self {
         Self {
             finding: OperatorFinding::Unjudged,
@@ -265,10 +265,10 @@ fn judge(
     sequence: &Sequence,
     search: OperatorSearch,
     progress: &dyn Progress,
-) -> Result<Verdict, CurateError> {
+) -> Result<SearchResult, CurateError> {
     if sequence.is_pinhole() {
         let reason = "perspective frames do not show what carries the camera";
-        return Ok(Verdict::unjudged(reason.to_owned(), 0));
+        return Ok(SearchResult::unjudged(reason.to_owned(), 0));
     }
     let entries = &sequence.frames.entries;
     let times: Vec<f64> = entries.iter().map(|entry| entry.time_seconds).collect();
@@ -278,7 +278,7 @@ fn judge(
             "{} pairs of frames are {GAP_SECONDS} s apart, {LEAST_PAIRS} are needed",
             pairs.len()
         );
-        return Ok(Verdict::unjudged(reason, pairs.len()));
+        return Ok(SearchResult::unjudged(reason, pairs.len()));
     }
     progress.begin("what the camera carries", Some(pairs.len() as u64));
     let read_pair = |&[first, second]: &[usize; 2]| {
@@ -299,7 +299,7 @@ fn judge(
         false => Vec::new(),
     };
     let Some(evidence) = evidence::measure(&compared).map_err(internal)? else {
-        let standing = Verdict::unjudged("the camera stands".to_owned(), pairs.len());
+        let standing = SearchResult::unjudged("the camera stands".to_owned(), pairs.len());
         return Ok(standing.with_caps(caps));
     };
     let region = region::find(&evidence.stays).map_err(internal)?;
@@ -307,7 +307,7 @@ fn judge(
         true => Some(people::staying(folder, sequence, progress)?),
         false => None,
     };
-    Ok(Verdict::of(region, people, pairs.len()).with_caps(caps))
+    Ok(SearchResult::of(region, people, pairs.len()).with_caps(caps))
 }
 
 /// Returns pairs of frames that are far enough apart, spread over the sequence.
@@ -362,7 +362,7 @@ mod tests {
         let mask = |data: [u8; 2]| Mask::new(2, 1, data.to_vec());
         let verdict = |evidence: f64, people: Option<Mask>| {
             let mask = mask([255, 0]);
-            Verdict::of(Some(Region { mask, evidence }), people, 9)
+            SearchResult::of(Some(Region { mask, evidence }), people, 9)
         };
         assert_eq!(verdict(3.0, None).finding, OperatorFinding::Found);
         let doubtful = verdict(1.0, None);
@@ -371,10 +371,13 @@ mod tests {
         let weak = verdict(0.2, None);
         assert_eq!(weak.finding, OperatorFinding::Nothing);
         assert!(weak.region.is_none() && weak.reason.contains("0.20"));
-        assert_eq!(Verdict::of(None, None, 9).finding, OperatorFinding::Nothing);
-        // People alone are enough, and a weak outline is no part of their mask.
+        assert_eq!(
+            SearchResult::of(None, None, 9).finding,
+            OperatorFinding::Nothing
+        );
+        // People alone are enough, and a weak outline is not part of their mask.
         let people = || Some(mask([0, 255]));
-        let marked = |verdict: Verdict| verdict.region.map(|region| region.mask.data);
+        let marked = |verdict: SearchResult| verdict.region.map(|region| region.mask.data);
         assert_eq!(verdict(0.2, people()).finding, OperatorFinding::Found);
         assert_eq!(marked(verdict(0.2, people())), Some(vec![0, 255]));
         assert_eq!(marked(verdict(3.0, people())), Some(vec![255, 255]));
@@ -407,7 +410,8 @@ mod tests {
                 height: 1,
                 data: vec![255, 0],
             };
-            let verdict = Verdict::of(Some(Region { mask, evidence }), None, 9).with_caps(caps);
+            let verdict =
+                SearchResult::of(Some(Region { mask, evidence }), None, 9).with_caps(caps);
             assert_eq!(verdict.caps.len(), 1);
             (
                 verdict.finding,
@@ -427,7 +431,7 @@ mod tests {
         assert_eq!(asked(3.0), (found, Some(vec![255, 0])));
         assert_eq!(asked(1.0), (doubtful, Some(vec![255, 0])));
         assert_eq!(asked(0.2), (doubtful, Some(low.to_vec())));
-        let standing = Verdict::unjudged("stands".to_owned(), 9);
+        let standing = SearchResult::unjudged("stands".to_owned(), 9);
         let standing = standing.with_caps(vec![cap(doubtful, low)]);
         assert_eq!(standing.finding, doubtful);
         assert!(standing.reason.ends_with("; stands"), "{}", standing.reason);

@@ -15,7 +15,7 @@ use crate::{attrition::Attrition, publish::Statistics};
 const STYLE: &str = include_str!("style.css");
 
 /// Content of a sequence that is drawn from its images and points.
-pub(super) struct Look {
+pub(super) struct SequenceImages {
     sheet: Sheet,
     path: Option<CameraPath>,
     /// Coverage of the sphere, or the reason why it is not known.
@@ -24,7 +24,7 @@ pub(super) struct Look {
     annotation: Vec<(&'static str, String)>,
 }
 
-impl Look {
+impl SequenceImages {
     /// Draws a sequence.
     pub(super) fn at(records: &Records) -> Self {
         let sheet = Sheet::draw(records);
@@ -44,7 +44,7 @@ pub(super) struct Page<'a> {
     pub(super) title: String,
     pub(super) status: &'a DatasetStatus,
     /// Looks of the first sequences.
-    pub(super) looks: &'a [Look],
+    pub(super) looks: &'a [SequenceImages],
     /// Losses of curation; `None` for imported scenes.
     pub(super) attrition: Option<&'a Attrition>,
     pub(super) statistics: Option<&'a Statistics>,

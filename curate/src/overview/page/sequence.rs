@@ -5,7 +5,7 @@ use std::collections::BTreeSet;
 use maud::{Markup, html};
 use omnilife_schemas::records::{Annotation, PartStatus, SequencePart, SequenceStatus};
 
-use super::{Look, commands, counted, drawn, duration, percent};
+use super::{SequenceImages, commands, counted, drawn, duration, percent};
 use crate::overview::{
     coverage::{self, Coverage},
     marks::Mark,
@@ -14,7 +14,7 @@ use crate::overview::{
 };
 
 /// Returns the section of a sequence.
-pub(super) fn section(index: usize, status: &SequenceStatus, look: &Look) -> Markup {
+pub(super) fn section(index: usize, status: &SequenceStatus, look: &SequenceImages) -> Markup {
     let lacking: Vec<(&SequenceStatus, &PartStatus)> = (status.lacking())
         .filter(|part| part.command.is_some() && !part.part.is_optional())
         .map(|part| (status, part))

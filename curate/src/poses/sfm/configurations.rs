@@ -87,7 +87,7 @@ pub static FALLBACK_CONFIGURATIONS: &[Configuration] = &[
 /// Returns the configurations that the settings ask for, in their order.
 ///
 /// # Errors
-/// When the frames are no panoramas and a road of panoramas, or a comparison of roads, is asked for.
+/// When the frames are not panoramas and a road of panoramas, or a comparison of roads, is asked for.
 pub(super) fn configurations(
     folder: &Path,
     sequence: &Sequence,

@@ -33,7 +33,7 @@ use configurations::configurations;
 pub use configurations::{Configuration, FALLBACK_CONFIGURATIONS, Road};
 use held_out::HeldOutTracks;
 pub use installation::{PYTHON_VARIABLE, SfmInstallation, installation};
-use workspace::{Attempted, SfmWorkspace};
+use workspace::{AttemptResult, SfmWorkspace};
 
 use super::{
     PosedSequence,
@@ -133,7 +133,7 @@ fn run_with(
         progress.begin(&label, None);
         let outcome = workspace.attempt(configuration, progress);
         progress.end();
-        let Attempted {
+        let AttemptResult {
             attempt,
             found,
             held_out,

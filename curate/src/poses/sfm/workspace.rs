@@ -99,7 +99,7 @@ impl<'a> SfmWorkspace<'a> {
         &self,
         configuration: &Configuration,
         progress: &dyn Progress,
-    ) -> Result<Attempted, CurateError> {
+    ) -> Result<AttemptResult, CurateError> {
         let started = Instant::now();
         let out = self.scratch.path().join(configuration.id);
         store::create_folder(&out)?;
@@ -111,18 +111,20 @@ impl<'a> SfmWorkspace<'a> {
         } = self.converse(configuration, &out, progress)?;
         let held_out = HeldOutTracks::read(&out.join(HELD_OUT_FILE))?;
         let model = match ending {
-            Ending::Success => match ColmapModel::read(&out.join(MODEL_FOLDER)) {
+            AttemptEnd::Success => match ColmapModel::read(&out.join(MODEL_FOLDER)) {
                 Ok(model) if model.images.len() >= 2 => Ok(model),
-                Ok(_) => Err(Ending::Failed(
+                Ok(_) => Err(AttemptEnd::Failed(
                     "fewer than two frames were registered".to_owned(),
                 )),
-                Err(error) => Err(Ending::Broken(error.without_folders())),
+                Err(error) => Err(AttemptEnd::Broken(error.without_folders())),
             },
             failure => Err(failure),
         };
-        let is_broken = matches!(model, Err(Ending::Broken(_)));
+        let is_broken = matches!(model, Err(AttemptEnd::Broken(_)));
         let failure = match &model {
-            Err(Ending::Failed(reason) | Ending::Broken(reason)) => Some(without_folders(reason)),
+            Err(AttemptEnd::Failed(reason) | AttemptEnd::Broken(reason)) => {
+                Some(without_folders(reason))
+            }
             _ => None,
         };
         let names = frame_names(&self.sequence.frames.entries);
@@ -140,7 +142,7 @@ impl<'a> SfmWorkspace<'a> {
             validation: found.as_ref().map(|(_, validation)| validation.clone()),
             failure,
         };
-        Ok(Attempted {
+        Ok(AttemptResult {
             attempt,
             found,
             held_out,
@@ -196,13 +198,15 @@ impl<'a> SfmWorkspace<'a> {
             progress.note(&format!("COLMAP left running: {what}"));
         }
         let ending = match (failed, misspoken) {
-            (Some(reason), _) if status.code() == Some(FAILED_EXIT_CODE) => Ending::Failed(reason),
-            (_, Some(line)) => Ending::Broken(line),
-            _ if status.success() => Ending::Success,
+            (Some(reason), _) if status.code() == Some(FAILED_EXIT_CODE) => {
+                AttemptEnd::Failed(reason)
+            }
+            (_, Some(line)) => AttemptEnd::Broken(line),
+            _ if status.success() => AttemptEnd::Success,
             _ => {
                 let said = process::last_line(&log_path);
                 let said = said.map_or_else(String::new, |line| format!(" ({line})"));
-                Ending::Broken(format!("COLMAP ended with {status}{said}"))
+                AttemptEnd::Broken(format!("COLMAP ended with {status}{said}"))
             }
         };
         Ok(Conversation {
@@ -264,7 +268,7 @@ fn camera_model(sequence: &Sequence) -> &'static str {
 }
 
 /// One attempt, recorded, with what it found.
-pub(super) struct Attempted {
+pub(super) struct AttemptResult {
     pub(super) attempt: SfmAttempt,
     pub(super) found: Option<(ColmapModel, PoseValidation)>,
     /// Its tracks that the mapper did not see.
@@ -278,11 +282,11 @@ struct Conversation {
     models: u32,
     loops: Option<u32>,
     cpu_seconds: f64,
-    ending: Ending,
+    ending: AttemptEnd,
 }
 
 /// Ending of an attempt.
-enum Ending {
+enum AttemptEnd {
     /// There is a model.
     Success,
     /// The frames gave no model.

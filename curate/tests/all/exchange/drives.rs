@@ -274,7 +274,7 @@ fn nuscenes_comes_with_the_cameras_boxes_points_and_distances_of_the_truth() {
         .find(|frame| frame.image.contains("CAM_FRONT_drive"));
     let (front, car) = (front.unwrap(), &truth.moments[0].boxes[0]);
     assert_box(front.boxes["0"], coloured(folder, front, car));
-    // What a camera does not show of the common image is no part of the scene.
+    // What a camera does not show of the common image is not part of the scene.
     assert!(scene.frames.iter().all(|frame| frame.ignore_mask.is_some()));
     for words in ["CAM_FRONT_LEFT is resampled", "between key frames", "(2)"] {
         assert!(

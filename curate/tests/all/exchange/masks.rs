@@ -29,7 +29,7 @@ fn masks_of_other_tools_may_mark_what_is_ignored() {
     }
 }
 
-/// Ignored objects are no objects, and a frame without remaining pixels has no pose.
+/// Ignored objects are not objects, and a frame without remaining pixels has no pose.
 #[test]
 fn objects_may_be_what_is_ignored() {
     let (folder, original) = scene();

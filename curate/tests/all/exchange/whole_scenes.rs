@@ -24,10 +24,10 @@ pub(super) const NAMES: [fn(u32) -> String; 4] = [
 const OBJECTS: [(&str, &str); 2] = [("walker é", "human"), ("car 2", "vehicle")];
 
 /// A frame with its number and what it has: bits of a number.
-pub(super) type Drawn = (u32, u16);
+pub(super) type DrawnFrame = (u32, u16);
 
 /// Writes a scene of these frames; the first one has a pose.
-pub(super) fn write_scene(root: &Path, drawn: &[Drawn], name: fn(u32) -> String) -> Scene {
+pub(super) fn write_scene(root: &Path, drawn: &[DrawnFrame], name: fn(u32) -> String) -> Scene {
     let numbered = (0_u32..).zip(drawn);
     let frames: Vec<SceneFrame> = numbered
         .map(|(at, &(number, bits))| frame(root, at, &name(number), bits))
@@ -175,7 +175,7 @@ proptest! {
         drawn in proptest::collection::btree_map(0_u32..400, 0_u16..512, 1..6),
         naming in 0..NAMES.len(),
     ) {
-        let drawn: Vec<Drawn> = drawn.into_iter().collect();
+        let drawn: Vec<DrawnFrame> = drawn.into_iter().collect();
         let folder = tempfile::tempdir().unwrap();
         let original = write_scene(folder.path(), &drawn, NAMES[naming]);
         let export = exported("frames", folder.path());

@@ -72,7 +72,7 @@ fn painted_overlays_are_found_and_named() {
     assert!(mistaken.is_empty(), "{}", mistaken.join("\n"));
 }
 
-/// The wearer's helmet is always in view, and is no watermark.
+/// The wearer's helmet is always in view, and is not a watermark.
 #[test]
 fn real_footage_has_nothing_painted_over_it() {
     for name in ["tunnel.mp4", "reef.mp4", "city4k.mp4"] {

@@ -62,7 +62,7 @@ fn colmap_models_are_read_by_their_format() {
 
     for (images, reason) in [
         ("1 0 0 1 0 1 2 3 1\n\n", "line 1: no image name"),
-        ("1 0 0 2 0 1 2 3 1 a.png\n\n", "no unit quaternion"),
+        ("1 0 0 2 0 1 2 3 1 a.png\n\n", "must be a unit quaternion"),
         ("1 0 0 1 0 1 2 nan 1 a.png\n\n", "line 1: no image pose"),
         ("1 0 0 1 0 1 2 3 1 a.png\n5 5\n", "line 2: features"),
         (

@@ -102,7 +102,7 @@ fn a_lens_is_taken_out_of_frames_and_masks() {
         "{marked}"
     );
 
-    // Without the lens they go again; what is no file of ours stays.
+    // Without the lens they go again; what is not a file of ours stays.
     fs::write(sequence.join("frames-straight/mine.txt"), "mine").unwrap();
     write_flight(&model, "1 SIMPLE_PINHOLE 512 256 400 256 128\n");
     let scene = pose_sequence(&sequence, &request, &Silent).unwrap();

@@ -168,7 +168,7 @@ fn tracks_rest_on_every_frame_and_are_told_at_the_samples() {
     assert!(left.is_empty(), "{left:?}");
 }
 
-/// Novel views of a split are no usable samples either.
+/// Novel views of a split are not usable samples either.
 #[test]
 fn frames_around_unusable_samples_stay_unseen() {
     let temp = tempfile::tempdir().unwrap();

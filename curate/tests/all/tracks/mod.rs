@@ -213,7 +213,7 @@ fn what_is_wrong_with_boxes_is_said_in_one_line() {
             "line 2: frame 1 has two boxes of id 4",
         ),
         ("1,4,1,1\n", "expected frame,id"),
-        ("a,4,1,1,9,9\n", "\"a\" is no number"),
+        ("a,4,1,1,9,9\n", "must be a number, got \"a\""),
     ] {
         let message = refusal(text);
         assert!(message.contains(reason), "{message}");
@@ -344,7 +344,7 @@ fn coco_boxes_are_read_and_checked() {
         (2, "van")
     );
     for (text, reason) in [
-        (sound.replace("000002", "000099"), "is no frame"),
+        (sound.replace("000002", "000099"), "is not a frame"),
         (sound.replace("320", "640"), "640x180"),
         (
             sound.replace("\"image_id\": 3", "\"image_id\": 4"),

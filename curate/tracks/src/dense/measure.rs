@@ -41,13 +41,13 @@ pub(super) struct Stereo<'a> {
 }
 
 /// The camera at the size of the search.
-pub(super) struct Sized {
+pub(super) struct SizedCamera {
     camera: PinholeCamera,
     pixels: [usize; 2],
 }
 
 /// The depths of a view, with their confidence.
-pub(super) struct Measured {
+pub(super) struct MeasuredDepths {
     pub(super) map: DepthMap,
     /// Share of the compared views that confirm each pixel; 0 if unknown.
     pub(super) confidence: Vec<f32>,
@@ -59,7 +59,7 @@ pub(super) struct Measured {
 }
 
 impl Stereo<'_> {
-    pub(super) fn sized(&self, camera: PinholeCamera, width: u32) -> Sized {
+    pub(super) fn sized(&self, camera: PinholeCamera, width: u32) -> SizedCamera {
         let width = width.clamp(1, camera.width.max(1));
         let rows = f64::from(width) * f64::from(camera.height) / f64::from(camera.width);
         let height = (rows.round() as u32).max(1);
@@ -67,7 +67,7 @@ impl Stereo<'_> {
             Camera::Pinhole(camera) => camera,
             Camera::Erp(_) => camera,
         };
-        Sized {
+        SizedCamera {
             camera,
             pixels: [width as usize, height as usize],
         }
@@ -77,7 +77,7 @@ impl Stereo<'_> {
     /// little beyond the distance between them.
     pub(super) fn first_points(
         &self,
-        sized: &Sized,
+        sized: &SizedCamera,
         progress: &dyn Progress,
     ) -> Result<Option<Vec<DVec3>>, TracksError> {
         let count = self.views.len();
@@ -118,9 +118,9 @@ impl Stereo<'_> {
     /// Measures the depths of all views; `None` if no two can be compared.
     pub(super) fn measure(
         &self,
-        sized: &Sized,
+        sized: &SizedCamera,
         progress: &dyn Progress,
-    ) -> Result<Option<Vec<Measured>>, TracksError> {
+    ) -> Result<Option<Vec<MeasuredDepths>>, TracksError> {
         let chosen: Vec<(Neighbours, [f64; 2])> = (0..self.views.len())
             .into_par_iter()
             .map(|index| self.choose(index))
@@ -153,13 +153,13 @@ impl Stereo<'_> {
     /// Returns the depths of all views against chosen others.
     fn measure_against(
         &self,
-        sized: &Sized,
+        sized: &SizedCamera,
         chosen: Vec<(Neighbours, [f64; 2])>,
         progress: &dyn Progress,
-    ) -> Result<Vec<Measured>, TracksError> {
+    ) -> Result<Vec<MeasuredDepths>, TracksError> {
         let images = self.read_images(sized)?;
         progress.begin("dense stereo", Some(chosen.len() as u64));
-        let mut measured: Vec<Measured> = Vec::with_capacity(chosen.len());
+        let mut measured: Vec<MeasuredDepths> = Vec::with_capacity(chosen.len());
         for (index, (neighbours, inverse_depths)) in chosen.into_iter().enumerate() {
             measured.push(self.swept(index, neighbours, inverse_depths, &images, sized));
             progress.advance(1);
@@ -180,7 +180,7 @@ impl Stereo<'_> {
     }
 
     /// Returns the images of all views at the size of the search, 8-bit RGB.
-    fn read_images(&self, sized: &Sized) -> Result<Vec<Vec<u8>>, TracksError> {
+    fn read_images(&self, sized: &SizedCamera) -> Result<Vec<Vec<u8>>, TracksError> {
         let [width, height] = sized.pixels;
         let read = |view: &PosedView| {
             let entry = &self.scene.frames[view.frame as usize];
@@ -205,8 +205,8 @@ impl Stereo<'_> {
         neighbours: Neighbours,
         inverse_depths: [f64; 2],
         images: &[Vec<u8>],
-        sized: &Sized,
-    ) -> Measured {
+        sized: &SizedCamera,
+    ) -> MeasuredDepths {
         let [width, height] = sized.pixels;
         let numbers: Vec<usize> = std::iter::once(index)
             .chain(neighbours.compared.iter().copied())
@@ -232,7 +232,7 @@ impl Stereo<'_> {
             let hypotheses = Hypotheses::new(inverse_depths, this, others);
             (sweep::depths(this, others, &hypotheses), hypotheses.count)
         };
-        Measured {
+        MeasuredDepths {
             map: DepthMap {
                 camera: sized.camera,
                 view: self.views[index],
@@ -250,9 +250,9 @@ impl Stereo<'_> {
     /// Depths under masks are unknown.
     fn unmasked(
         &self,
-        view: &Measured,
+        view: &MeasuredDepths,
         mut confidence: Vec<f32>,
-        sized: &Sized,
+        sized: &SizedCamera,
     ) -> Result<Vec<f32>, TracksError> {
         let frame = &self.scene.frames[view.map.view.frame as usize];
         let [width, height] = sized.pixels;

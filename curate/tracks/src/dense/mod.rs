@@ -34,7 +34,7 @@ use omnilife_schemas::{
 
 use crate::error::TracksError;
 use fusion::Cubes;
-use measure::{LEAST_SEEN, Measured, Stereo};
+use measure::{LEAST_SEEN, MeasuredDepths, Stereo};
 
 /// Default width at which depth is searched, pixels.
 pub const SEARCH_WIDTH: u32 = 640;
@@ -182,7 +182,7 @@ fn plan(
 fn stage(
     stereo: &Stereo<'_>,
     staging: &mut Staging,
-    measured: &[Measured],
+    measured: &[MeasuredDepths],
     mut warnings: Vec<String>,
 ) -> Result<DenseStereo, TracksError> {
     let camera = measured.first().map_or_else(
@@ -264,7 +264,7 @@ fn stage(
 }
 
 /// Fuses the known pixels of all views into cubes of two pixels' width at the median distance.
-fn fused(measured: &[Measured]) -> Cubes {
+fn fused(measured: &[MeasuredDepths]) -> Cubes {
     let pixels: Vec<f64> = measured
         .iter()
         .filter_map(|view| {

@@ -41,7 +41,7 @@ use omnilife_schemas::{
 use serde::Deserialize;
 
 use super::{
-    Detected, Detector, DetectorInput,
+    Detector, DetectorInput, DetectorOutput,
     files::{self, BoxFormat, NamedFrames},
 };
 use crate::error::TracksError;
@@ -131,7 +131,10 @@ impl Program {
     }
 }
 
-fn detect(input: &DetectorInput<'_>, progress: &dyn Progress) -> Result<Detected, TracksError> {
+fn detect(
+    input: &DetectorInput<'_>,
+    progress: &dyn Progress,
+) -> Result<DetectorOutput, TracksError> {
     let toml = input.program.ok_or_else(|| {
         let reason = "the detector command runs a program: --program FILE.toml";
         TracksError::input(input.folder, reason)
@@ -158,7 +161,7 @@ fn detect(input: &DetectorInput<'_>, progress: &dyn Progress) -> Result<Detected
         unsure.len(),
         of_classes.saturating_sub(kept.len()),
     );
-    Ok(Detected { boxes: kept, said })
+    Ok(DetectorOutput { boxes: kept, said })
 }
 
 /// Returns the files beside the TOML that a command names: scripts and weights of the program's own.

@@ -181,7 +181,7 @@ fn read_mot(
         let value = |index: usize| -> Result<f64, StoreError> {
             let word = words.get(index).copied().unwrap_or_default();
             word.parse()
-                .map_err(|_| malformed(format!("{word:?} is no number")))
+                .map_err(|_| malformed(format!("must be a number, got {word:?}")))
         };
         let frame = value(0)?;
         let place = (frame >= 1.0 && frame.fract() == 0.0).then_some(frame as usize);
@@ -258,7 +258,7 @@ fn read_coco(
         let &number = names
             .by_stem
             .get(&stem(name))
-            .ok_or_else(|| malformed(format!("{name} is no frame of {}", scene.id)))?;
+            .ok_or_else(|| malformed(format!("{name} is not a frame of {}", scene.id)))?;
         let size = [image.width.unwrap_or(width), image.height.unwrap_or(height)];
         if size != [width, height] {
             let reason = format!(

@@ -44,14 +44,14 @@ pub struct DetectorInput<'a> {
 
 /// Output of a detector.
 #[derive(Debug, Clone, PartialEq, Default)]
-pub struct Detected {
+pub struct DetectorOutput {
     /// Boxes of vehicles.
     pub boxes: Vec<Detection>,
     /// The record's text on the detection; empty if the detector's name is enough.
     pub said: String,
 }
 
-impl From<Vec<Detection>> for Detected {
+impl From<Vec<Detection>> for DetectorOutput {
     fn from(boxes: Vec<Detection>) -> Self {
         let said = String::new();
         Self { boxes, said }
@@ -59,7 +59,7 @@ impl From<Vec<Detection>> for Detected {
 }
 
 /// Finds vehicles in frames.
-pub type Detect = fn(&DetectorInput<'_>, &dyn Progress) -> Result<Detected, TracksError>;
+pub type Detect = fn(&DetectorInput<'_>, &dyn Progress) -> Result<DetectorOutput, TracksError>;
 
 /// A method of finding vehicles.
 #[derive(Debug, Clone, Copy)]

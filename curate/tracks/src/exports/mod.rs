@@ -12,7 +12,7 @@ use std::path::{Path, PathBuf};
 
 use omnilife_schemas::{
     layout::{GEOREFERENCE_FILE, SCENE_FILE, TRACKS_FILE},
-    ownership::{OwnFile, Standing},
+    ownership::{NameState, OwnFile},
     progress::Progress,
     records::{Georeference, Scene, Tracks},
     stage::StagePlan,
@@ -145,7 +145,7 @@ pub fn export_tracks(
             out.write_record(GEOREFERENCE_FILE, georeference)?;
         }
         for OwnFile { file, .. } in earlier.files() {
-            if out.has(&file) || earlier.standing(&file)? != Standing::Ours {
+            if out.has(&file) || earlier.standing(&file)? != NameState::Ours {
                 continue;
             }
             if is_same {

@@ -84,7 +84,8 @@ impl RecordedPositions {
             found.map(|(_, point)| *point)
         };
         let points: Vec<GeoPoint> = views.iter().filter_map(point).collect();
-        let origin = middle(&points).ok_or("there are no recorded positions at posed frames")?;
+        let origin =
+            middle(&points).ok_or("must have recorded positions at posed frames, got none")?;
         let centres: Vec<DVec3> = views.iter().map(|view| view.centre).collect();
         let recorded: Vec<DVec3> = points
             .iter()

@@ -147,7 +147,7 @@ fn a_bar_before_a_disc_is_found_where_it_is() {
     };
     let found = hit(&ray, &pose, *size).expect("it is in view");
     let opacity = front.node.opacity.as_ref().expect("it is an object");
-    assert!(opacity.sample(found.uv, Beyond::Border).value[0] > 0.5);
+    assert!(opacity.sample(found.uv, TextureEdge::Border).value[0] > 0.5);
     assert!(found.distance < disc(0.5).z);
     add(&mut clip, &mut graph, front);
     let names: Vec<&str> = graph.nodes.iter().map(|node| node.id.as_str()).collect();
@@ -185,7 +185,7 @@ fn an_object_is_hidden_by_the_masks_of_others_alone() {
         .nodes
         .insert(last, node("other", vec![DVec3::Z], 1.0, None));
     clip.frames[0].masks = vec![Some(half(true)), Some(half(false))];
-    let frame = InFrame::new(&clip, &clip.frames[0], &graph.nodes[..2]);
+    let frame = FrameObjects::new(&clip, &clip.frames[0], &graph.nodes[..2]);
     for (pixel, hidden) in [(0, [false, true]), (WIDTH - 1, [true, false])] {
         assert_eq!([0, 1].map(|object| frame.is_hidden(object, pixel)), hidden);
     }

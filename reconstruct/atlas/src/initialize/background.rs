@@ -19,7 +19,7 @@ use crate::{
 
 /// Name of the background's node.
 pub const BACKGROUND: &str = "background";
-/// Half of the field of view beyond which a plane is no background, radians.
+/// Half of the field of view beyond which a plane is not a background, radians.
 const WIDEST: f64 = 60.0 * PI / 180.0;
 /// Size of the plane over its visible part, each way.
 const MARGIN: f64 = 1.06;
@@ -40,7 +40,7 @@ const STILL_DISTANCE: f64 = 2.0;
 
 /// Surface of the background, with a reason.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Placed {
+pub struct PlacedBackground {
     /// Its surface.
     pub surface: Surface,
     /// Texels across and down that its base texture has.
@@ -98,7 +98,7 @@ fn guessed_distance(points: &[DVec3], mean: DVec3, path: f64) -> (f64, &'static 
 }
 
 /// Decides on surface and distance. `points` are the scene's points.
-pub fn place(clip: &Clip, points: &[DVec3]) -> Placed {
+pub fn place(clip: &Clip, points: &[DVec3]) -> PlacedBackground {
     let (mean, path) = path_of(clip);
     let forward: DVec3 = clip.frames.iter().map(|f| f.pose.rotation.col(2)).sum();
     let axis = forward.normalize_or(DVec3::Z);
@@ -121,7 +121,14 @@ pub fn place(clip: &Clip, points: &[DVec3]) -> Placed {
 }
 
 /// Returns a sphere around the mean camera.
-fn sphere(clip: &Clip, camera: &Camera, mean: DVec3, radius: f64, view: &str, why: &str) -> Placed {
+fn sphere(
+    clip: &Clip,
+    camera: &Camera,
+    mean: DVec3,
+    radius: f64,
+    view: &str,
+    why: &str,
+) -> PlacedBackground {
     let (texels, what) = match camera {
         Camera::Erp(_) => (clip.size(), "panoramas"),
         Camera::Pinhole(camera) => {
@@ -129,7 +136,7 @@ fn sphere(clip: &Clip, camera: &Camera, mean: DVec3, radius: f64, view: &str, wh
             ([around as usize, (0.5 * around) as usize], view)
         }
     };
-    Placed {
+    PlacedBackground {
         surface: Surface::Sphere {
             centre: mean,
             radius,
@@ -230,7 +237,12 @@ fn is_before(plane: &Facing, borders: &[(DVec3, DVec3)]) -> bool {
 }
 
 /// Returns the part of a plane that the cameras see.
-fn plane_in_view(clip: &Clip, plane: &Facing, borders: &[(DVec3, DVec3)], view: &str) -> Placed {
+fn plane_in_view(
+    clip: &Clip,
+    plane: &Facing,
+    borders: &[(DVec3, DVec3)],
+    view: &str,
+) -> PlacedBackground {
     let (middle, rotation) = (plane.middle, plane.rotation);
     let normal = rotation.col(2);
     let (mut low, mut high) = (DVec2::MAX, DVec2::MIN);
@@ -251,7 +263,7 @@ fn plane_in_view(clip: &Clip, plane: &Facing, borders: &[(DVec3, DVec3)], view: 
         Camera::Erp(camera) => f64::from(camera.width) / (2.0 * PI * nearest),
     };
     let texels = (size * per_unit).clamp(DVec2::splat(2.0), DVec2::splat(MOST_TEXELS));
-    Placed {
+    PlacedBackground {
         surface: Surface::Plane {
             size,
             trajectory: RigidSpline {
@@ -265,7 +277,7 @@ fn plane_in_view(clip: &Clip, plane: &Facing, borders: &[(DVec3, DVec3)], view: 
     }
 }
 
-impl Placed {
+impl PlacedBackground {
     /// Returns the distance along a ray to the background; `None` where the ray misses it.
     pub fn along(&self, origin: DVec3, direction: DVec3) -> Option<f64> {
         let along = match &self.surface {
@@ -292,13 +304,13 @@ fn facing(axis: DVec3, camera: &RigidPose) -> DMat3 {
 ///
 /// # Errors
 /// When no frame shows an uncovered pixel.
-pub fn node(clip: &Clip, placed: &Placed) -> Result<Node, String> {
+pub fn node(clip: &Clip, placed: &PlacedBackground) -> Result<Node, String> {
     let has_open = clip
         .frames
         .iter()
         .any(|frame| (0..clip.pixel_count()).any(|pixel| shows_background(frame, pixel)));
     if !has_open {
-        return Err("masks cover every pixel of every frame: there is no background".to_owned());
+        return Err("masks must leave the background visible in a frame, and they cover every pixel of every frame".to_owned());
     }
     let [width, height] = placed.texels;
     let frames = by_distance_in_time(clip, 0.5);

@@ -7,10 +7,10 @@ use omnilife_schemas::{distances::DistanceImage, records::ComponentDecision};
 use rayon::prelude::*;
 
 use super::{
-    background::{self, BACKGROUND, Placed},
+    background::{self, BACKGROUND, PlacedBackground},
     boxes::{BoxPath, TrackedBoxes, matched},
     in_frames::{self, InFrames},
-    objects::{self, Made, Setting, background_behind},
+    objects::{self, PlacementInputs, PlacementOutcome, background_behind},
     order,
     silhouettes::{self, Silhouette, plane_axes, reference},
 };
@@ -136,7 +136,7 @@ pub fn first_nodes(
         .map(|found| found.as_ref().map(|(depth, _)| *depth))
         .collect();
     let nearest = backgrounds.iter().copied().fold(placed.distance, f64::min);
-    let setting = Setting {
+    let setting = PlacementInputs {
         depths: &order::depths(clip, &seen, &in_frames, &depths, nearest),
         seen: &seen,
         in_frames: &in_frames,
@@ -150,7 +150,7 @@ pub fn first_nodes(
     let mut decisions = Vec::new();
     for (object, name) in clip.objects.iter().enumerate() {
         let (used, reason) = match objects::node(clip, object, &setting) {
-            Made::Node(node, source) => {
+            PlacementOutcome::Node(node, source) => {
                 nodes.push(*node);
                 with_node.push(object);
                 let is_missed = evidence.boxes.is_some() && boxes[object].is_none();
@@ -161,7 +161,7 @@ pub fn first_nodes(
                 };
                 (true, format!("it has a mask; {missed}{source}"))
             }
-            Made::LeftOut(reason) => (false, reason),
+            PlacementOutcome::LeftOut(reason) => (false, reason),
         };
         decisions.push(ComponentDecision {
             component: format!("object:{name}"),
@@ -198,7 +198,7 @@ fn before_background(
     clip: &Clip,
     seen: &[Vec<Silhouette>],
     boxes: Vec<Option<BoxPath>>,
-    placed: &Placed,
+    placed: &PlacedBackground,
 ) -> (Vec<Option<BoxPath>>, Vec<Option<String>>) {
     let judged = boxes.into_iter().zip(seen).map(|(path, seen)| {
         let refused = path
@@ -215,7 +215,7 @@ fn behind_background(
     clip: &Clip,
     path: &BoxPath,
     seen: &[Silhouette],
-    placed: &Placed,
+    placed: &PlacedBackground,
 ) -> Option<String> {
     let reference = reference(seen)?;
     let camera = clip.frames[reference.frame].pose.centre;
@@ -278,7 +278,7 @@ mod tests {
     #[test]
     fn a_box_behind_the_background_is_left_out() {
         let clip = clip();
-        let placed = Placed {
+        let placed = PlacedBackground {
             surface: Surface::Sphere {
                 centre: DVec3::X,
                 radius: 4.0,

@@ -8,7 +8,7 @@ use omnilife_engine::trajectories::rigid_spline::RigidPose;
 use omnilife_schemas::trajectory::nearest_turn;
 
 use super::{
-    silhouettes::{Fit, Shape, Silhouette, Similar, reference},
+    silhouettes::{Fit, Shape, Silhouette, SilhouettePose, reference},
     tracking::{Tracked, tracked},
 };
 use crate::clip::Clip;
@@ -24,7 +24,7 @@ const LEAST_REACHED: f64 = 0.9;
 
 /// An object in a frame.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct InFrame {
+pub struct ObjectInFrame {
     /// Depth of its plane, over that in the reference frame.
     pub relative_depth: f64,
     /// Rotation about its plane's normal, radians.
@@ -37,12 +37,12 @@ pub struct InFrame {
 #[derive(Debug, Clone, PartialEq)]
 pub struct InFrames {
     /// One for each silhouette.
-    pub frames: Vec<InFrame>,
+    pub frames: Vec<ObjectInFrame>,
     /// Source, with its evidence.
     pub reason: String,
 }
 
-impl InFrame {
+impl ObjectInFrame {
     /// Returns the pose of its plane, `depth` away; `None` where too little is visible.
     pub(super) fn pose(
         &self,
@@ -54,7 +54,7 @@ impl InFrame {
     ) -> Option<RigidPose> {
         let turn = self.turn;
         match self.shift {
-            Some(shift) => Some(Similar { turn, shift }.pose(clip, seen, depth)),
+            Some(shift) => Some(SilhouettePose { turn, shift }.pose(clip, seen, depth)),
             None => shape.placed(clip, object, seen, depth, turn),
         }
     }
@@ -69,7 +69,7 @@ impl InFrames {
 }
 
 /// Known depth and turn of some silhouettes.
-type Known = Vec<Option<InFrame>>;
+type KnownPlaces = Vec<Option<ObjectInFrame>>;
 
 /// Decides on the motion of an object with these silhouettes.
 pub fn of(clip: &Clip, object: usize, seen: &[Silhouette]) -> InFrames {
@@ -85,7 +85,7 @@ pub fn of(clip: &Clip, object: usize, seen: &[Silhouette]) -> InFrames {
     let track = tracked(clip, object, seen, number);
     let count = track.motions.iter().flatten().count();
     let all = seen.len();
-    let judge = |known: Known| {
+    let judge = |known: KnownPlaces| {
         let frames = filled(seen, known);
         let fit = mean_fit(clip, object, seen, &shape, &frames);
         (frames, fit)
@@ -133,11 +133,11 @@ fn words(fit: &Fit) -> String {
 }
 
 /// Returns the motions of a texture.
-fn textures(track: &Tracked) -> Known {
+fn textures(track: &Tracked) -> KnownPlaces {
     let motions = track.motions.iter();
     motions
         .map(|motion| {
-            motion.map(|motion| InFrame {
+            motion.map(|motion| ObjectInFrame {
                 relative_depth: 1.0 / motion.scale(),
                 turn: motion.angle(),
                 shift: Some(motion.shift),
@@ -153,9 +153,9 @@ fn outlines(
     seen: &[Silhouette],
     shape: &Shape,
     reference: usize,
-) -> Known {
-    let mut known: Known = vec![None; seen.len()];
-    let first = InFrame {
+) -> KnownPlaces {
+    let mut known: KnownPlaces = vec![None; seen.len()];
+    let first = ObjectInFrame {
         relative_depth: 1.0,
         turn: 0.0,
         shift: None,
@@ -172,7 +172,7 @@ fn outlines(
             }
             let guess = [last.relative_depth, last.turn];
             if let Some((relative_depth, at)) = shape.laid_over(clip, object, own, guess) {
-                last = InFrame {
+                last = ObjectInFrame {
                     relative_depth,
                     turn: at.turn,
                     shift: Some(at.shift),
@@ -185,7 +185,7 @@ fn outlines(
 }
 
 /// Gives silhouettes between known ones depths and turns between theirs, without positions.
-fn filled(seen: &[Silhouette], known: Known) -> Vec<InFrame> {
+fn filled(seen: &[Silhouette], known: KnownPlaces) -> Vec<ObjectInFrame> {
     let numbers: Vec<usize> = (0..known.len())
         .filter(|&number| known[number].is_some())
         .collect();
@@ -209,7 +209,7 @@ fn filled(seen: &[Silhouette], known: Known) -> Vec<InFrame> {
         };
         let turn = nearest_turn(to.1.turn, from.1.turn);
         let [first, last] = [from.1, to.1].map(|one| one.relative_depth.ln());
-        InFrame {
+        ObjectInFrame {
             relative_depth: (first + share * (last - first)).exp(),
             turn: from.1.turn + share * (turn - from.1.turn),
             shift: None,
@@ -221,7 +221,7 @@ fn filled(seen: &[Silhouette], known: Known) -> Vec<InFrame> {
 }
 
 /// An object as in its reference frame.
-const UNKNOWN: InFrame = InFrame {
+const UNKNOWN: ObjectInFrame = ObjectInFrame {
     relative_depth: 1.0,
     turn: 0.0,
     shift: None,
@@ -233,7 +233,7 @@ fn mean_fit(
     object: usize,
     seen: &[Silhouette],
     shape: &Shape,
-    frames: &[InFrame],
+    frames: &[ObjectInFrame],
 ) -> Fit {
     let mut sum = Fit {
         overlap: 0.0,
@@ -262,7 +262,7 @@ mod tests {
     fn masks_between_known_ones_are_between_them() {
         let silhouettes: Vec<Silhouette> = [0, 2, 3, 6].map(Silhouette::at_frame).to_vec();
         let one = |relative_depth: f64, turn: f64| {
-            Some(InFrame {
+            Some(ObjectInFrame {
                 relative_depth,
                 turn,
                 shift: Some(DVec2::X),

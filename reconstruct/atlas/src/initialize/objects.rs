@@ -15,7 +15,7 @@ use omnilife_schemas::statistics::median;
 use rayon::prelude::*;
 
 use super::{
-    background::{Placed, filled},
+    background::{PlacedBackground, filled},
     boxes::BoxPath,
     by_distance_in_time, colour_at,
     first_nodes::Evidence,
@@ -56,7 +56,7 @@ const SAME_PLACE: f64 = 0.95;
 
 /// Outcome of placing an object.
 #[derive(Debug)]
-pub enum Made {
+pub enum PlacementOutcome {
     /// A node, and the source of its distance.
     Node(Box<Node>, String),
     /// No node, and the reason.
@@ -98,7 +98,7 @@ fn is_carried_along(clip: &Clip, seen: &[Silhouette]) -> bool {
 
 /// Inputs for placing objects.
 #[derive(Debug)]
-pub struct Setting<'a> {
+pub struct PlacementInputs<'a> {
     /// Silhouettes of each object.
     pub seen: &'a [Vec<Silhouette>],
     /// Motion of each over its silhouettes.
@@ -116,11 +116,11 @@ pub struct Setting<'a> {
 }
 
 /// Makes the node of an object, without fields.
-pub fn node(clip: &Clip, object: usize, setting: &Setting<'_>) -> Made {
+pub fn node(clip: &Clip, object: usize, setting: &PlacementInputs<'_>) -> PlacementOutcome {
     let name = &clip.objects[object];
     let (seen, background) = (&setting.seen[object], setting.backgrounds[object]);
     let Some(reference) = reference(seen) else {
-        return Made::LeftOut("its masks are empty".to_owned());
+        return PlacementOutcome::LeftOut("its masks are empty".to_owned());
     };
     let [width, _] = clip.size();
     let widest = seen
@@ -132,16 +132,16 @@ pub fn node(clip: &Clip, object: usize, setting: &Setting<'_>) -> Made {
         })
         .fold(1.0, f64::min);
     if widest < WIDEST.cos() {
-        return Made::LeftOut(format!(
+        return PlacementOutcome::LeftOut(format!(
             "a mask reaches {:.0} degrees from its middle: too wide for a plane",
             widest.clamp(-1.0, 1.0).acos().to_degrees()
         ));
     }
     if matches!(clip.camera, Camera::Erp(_)) && seen.iter().any(|seen| is_on_a_pole(clip, seen)) {
-        return Made::LeftOut("a mask lies on a pole of the panorama".to_owned());
+        return PlacementOutcome::LeftOut("a mask lies on a pole of the panorama".to_owned());
     }
     if is_carried_along(clip, seen) {
-        return Made::LeftOut(
+        return PlacementOutcome::LeftOut(
             "its masks stand still in the image while the camera turns: a part of what carries the camera, \
              for --ignore-mask"
                 .to_owned(),
@@ -177,7 +177,9 @@ pub fn node(clip: &Clip, object: usize, setting: &Setting<'_>) -> Made {
         .iter()
         .find(|(seen, _)| seen.frame == reference.frame);
     let Some(of_reference) = at_reference.map(|(seen, pose)| half_size(clip, seen, pose)) else {
-        return Made::LeftOut("its plane has no place in its reference frame".to_owned());
+        return PlacementOutcome::LeftOut(
+            "its plane has no place in its reference frame".to_owned(),
+        );
     };
     // A mask that is wrong in one frame must not blow up the plane.
     let size = 2.0 * MARGIN * half.min(2.5 * of_reference);
@@ -205,7 +207,7 @@ pub fn node(clip: &Clip, object: usize, setting: &Setting<'_>) -> Made {
     };
     let texels = [texels.x.ceil() as usize, texels.y.ceil() as usize];
     paint(clip, object, seen, &mut made, texels, reference.frame);
-    Made::Node(Box::new(made), source)
+    PlacementOutcome::Node(Box::new(made), source)
 }
 
 /// Returns the poses of an object's plane by its motion, in the frames that determine one.
@@ -246,7 +248,7 @@ fn half_size(clip: &Clip, seen: &Silhouette, pose: &RigidPose) -> DVec2 {
 }
 
 /// Returns the minimum depth of the background behind an object's masks, along its plane's normal.
-pub fn background_behind(clip: &Clip, seen: &[Silhouette], placed: &Placed) -> f64 {
+pub fn background_behind(clip: &Clip, seen: &[Silhouette], placed: &PlacedBackground) -> f64 {
     let [width, _] = clip.size();
     let in_frame = |seen: &Silhouette| {
         let pose = &clip.frames[seen.frame].pose;

@@ -11,19 +11,19 @@ use rayon::prelude::*;
 use super::{pixel_at, seen_at};
 use crate::clip::{Clip, camera_direction, pixel_centre};
 
-/// Samples of a silhouette that is laid over another.
+/// Number of samples of a silhouette that is laid over another.
 const SAMPLES: usize = 2_000;
 /// First steps of its search, as a share of the root of its area; they are halved to a fraction of a pixel.
 const FIRST_STEP: f64 = 0.25;
 const LAST_STEP_PIXELS: f64 = 0.2;
-/// Steps of one length.
+/// Maximum number of steps of one length.
 const STEPS: usize = 24;
 /// Cost, in intersection over union, of a squared change of the logarithm of depth or of a squared turn.
 const CHANGE_COST: f64 = 0.2;
 /// Minimum visible share of a silhouette that gives the position of the whole.
 const LEAST_SHARE: f64 = 0.2;
 
-/// The mask of one frame.
+/// Mask of an object in one frame.
 #[derive(Debug, Clone)]
 pub struct Silhouette {
     pub(super) frame: usize,
@@ -144,7 +144,7 @@ pub(super) fn on_plane(clip: &Clip, seen: &Silhouette, axes: &DMat3, depth: f64)
 pub(super) fn middle(clip: &Clip, seen: &Silhouette, depth: f64) -> RigidPose {
     let axes = plane_axes(&clip.camera, seen.direction);
     let local = axes.transpose() * seen.direction;
-    let at = Similar {
+    let at = SilhouettePose {
         turn: 0.0,
         shift: local.truncate() / local.z,
     };
@@ -153,14 +153,14 @@ pub(super) fn middle(clip: &Clip, seen: &Silhouette, depth: f64) -> RigidPose {
 
 /// Turn and position of an object on the tangent plane of a silhouette.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Similar {
+pub(super) struct SilhouettePose {
     /// Rotation about the plane's normal, radians.
     pub(super) turn: f64,
     /// Position of its middle, one unit from the camera.
     pub(super) shift: DVec2,
 }
 
-impl Similar {
+impl SilhouettePose {
     /// Returns the pose of its plane, `depth` away along the normal.
     pub(super) fn pose(&self, clip: &Clip, seen: &Silhouette, depth: f64) -> RigidPose {
         let frame = &clip.frames[seen.frame];
@@ -267,14 +267,14 @@ impl Shape {
         object: usize,
         seen: &Silhouette,
         [depth, turn]: [f64; 2],
-    ) -> Option<(f64, Similar)> {
+    ) -> Option<(f64, SilhouettePose)> {
         let axes = plane_axes(&clip.camera, seen.direction);
         let local = axes.transpose() * seen.direction;
         let middle = local.truncate() / local.z;
         let size = seen.area.sqrt();
         // Shift over the mask's size, logarithm of depth, turn.
         let place = |at: [f64; 4]| {
-            let similar = Similar {
+            let similar = SilhouettePose {
                 turn: turn + at[3],
                 shift: middle + size * DVec2::new(at[0], at[1]),
             };
@@ -375,7 +375,7 @@ pub(super) struct Fit {
     pub(super) reached: f64,
 }
 
-/// Returns true if a pixel is drawn for a share of all. A hash decides: regular steps in a row would be stripes.
+/// Returns true if a pixel belongs to a sample of a share of all. A hash decides: regular steps would make stripes.
 fn is_drawn(pixel: usize, share: f64) -> bool {
     // Knuth's multiplicative hash, 2^32 over the golden ratio.
     let hash = (pixel as u32).wrapping_mul(2_654_435_761);

@@ -1,7 +1,7 @@
 //! Losses of dynamic scenes on rendered maps, in addition to [`crate::losses::photometric`]. Each adds its
 //! weighted gradient to the one passed in and returns its unweighted value.
 //!
-//! Means are over the pixels that are not ignored ([`Counted`]). Feature maps `F` are composited over 0. PVG
+//! Means are over the pixels that are not ignored ([`CountedPixels`]). Feature maps `F` are composited over 0. PVG
 //! divides some by the accumulated opacity `A = 1 - T` (eps 1e-5); there `A` counts as a constant, because a
 //! gradient through it would reward more opacity, not less velocity.
 
@@ -12,12 +12,12 @@ const OPACITY_EPSILON: f32 = 1e-5;
 
 /// Pixels of a view that count: those not marked (non-zero) in `ignored`.
 #[derive(Debug, Clone, Copy, Default)]
-pub struct Counted<'a> {
+pub struct CountedPixels<'a> {
     /// `None` if all pixels count.
     pub ignored: Option<&'a [u8]>,
 }
 
-impl Counted<'_> {
+impl CountedPixels<'_> {
     fn counts(&self, pixel: usize) -> bool {
         self.ignored.is_none_or(|ignored| ignored[pixel] == 0)
     }
@@ -36,7 +36,7 @@ impl Counted<'_> {
 pub fn velocity_map(
     planes: &[f32],
     transmittance: &[f32],
-    (mask, counted): (&[f32], Counted<'_>),
+    (mask, counted): (&[f32], CountedPixels<'_>),
     weight: f32,
     gradient: &mut [f32],
 ) -> f64 {
@@ -64,7 +64,7 @@ pub fn velocity_map(
 pub fn lifespan_map(
     plane: &[f32],
     transmittance: &[f32],
-    counted: Counted<'_>,
+    counted: CountedPixels<'_>,
     weight: f32,
     gradient: &mut [f32],
 ) -> f64 {
@@ -83,7 +83,7 @@ pub fn lifespan_map(
 /// Computes the opacity loss of the dynamic Gaussians rendered alone (Omni4DGS Eq. 6): mean of `|O_d - M_d|`.
 pub fn opacity_map(
     plane: &[f32],
-    (mask, counted): (&[f32], Counted<'_>),
+    (mask, counted): (&[f32], CountedPixels<'_>),
     weight: f32,
     gradient: &mut [f32],
 ) -> f64 {
@@ -154,7 +154,7 @@ mod tests {
             let value = velocity_map(
                 &planes,
                 &left,
-                (&mask, Counted::default()),
+                (&mask, CountedPixels::default()),
                 0.5,
                 &mut gradient,
             );
@@ -168,7 +168,7 @@ mod tests {
             velocity_map(
                 &planes,
                 &left,
-                (&all, Counted::default()),
+                (&all, CountedPixels::default()),
                 0.5,
                 &mut gradient
             ),
@@ -185,7 +185,7 @@ mod tests {
             random(PIXELS, 10, 0.0, 0.9),
         );
         let ignored: Vec<u8> = (0..PIXELS).map(|pixel| u8::from(pixel % 3 == 0)).collect();
-        let counted = Counted {
+        let counted = CountedPixels {
             ignored: Some(&ignored),
         };
         let seen: Vec<usize> = (0..PIXELS).filter(|&pixel| ignored[pixel] == 0).collect();
@@ -226,7 +226,7 @@ mod tests {
     fn short_lifespans_and_false_opacity_are_penalized() {
         let (plane, left) = (random(PIXELS, 4, 0.0, 1.0), random(PIXELS, 5, 0.0, 0.9));
         let mut gradient = vec![0.0; PIXELS];
-        let value = lifespan_map(&plane, &left, Counted::default(), 2.0, &mut gradient);
+        let value = lifespan_map(&plane, &left, CountedPixels::default(), 2.0, &mut gradient);
         let reference = |plane: &[f64]| -> f64 {
             let at = |(v, t): (&f64, &f32)| v / (1.0 - f64::from(*t) + 1e-5);
             -plane.iter().zip(&left).map(at).sum::<f64>() / PIXELS as f64
@@ -236,7 +236,12 @@ mod tests {
 
         let mask = random(PIXELS, 6, 0.0, 1.0);
         let mut gradient = vec![0.0; PIXELS];
-        opacity_map(&plane, (&mask, Counted::default()), 2.0, &mut gradient);
+        opacity_map(
+            &plane,
+            (&mask, CountedPixels::default()),
+            2.0,
+            &mut gradient,
+        );
         check(&plane, 2.0, &gradient, |plane| {
             let at = |(v, m): (&f64, &f32)| (v - f64::from(*m)).abs();
             plane.iter().zip(&mask).map(at).sum::<f64>() / PIXELS as f64
@@ -246,7 +251,7 @@ mod tests {
         assert_eq!(
             opacity_map(
                 &[0.0; PIXELS],
-                (&[0.0; PIXELS], Counted::default()),
+                (&[0.0; PIXELS], CountedPixels::default()),
                 1.0,
                 &mut gradient
             ),
@@ -262,7 +267,7 @@ mod tests {
         let value = velocity_map(
             &[0.0; 3 * PIXELS],
             &nothing,
-            (&[], Counted::default()),
+            (&[], CountedPixels::default()),
             1.0,
             &mut gradient,
         );
@@ -271,7 +276,7 @@ mod tests {
         lifespan_map(
             &[0.0; PIXELS],
             &nothing,
-            Counted::default(),
+            CountedPixels::default(),
             1.0,
             &mut gradient,
         );

@@ -11,7 +11,7 @@ use crate::{
     gaussians::ActivatedGaussians,
     render::{
         bin::{TileLists, cpu::Binner, learning::LearningEntries},
-        project::{self, Splats, cpu::Drawn},
+        project::{self, Splats, cpu::TiledGaussians},
         raster::{self, EntryGradients, Raster, RasterGradient},
         sort::{self, cpu::SortScratch},
     },
@@ -166,7 +166,7 @@ impl Renderer {
             &mut self.entries,
         );
         done("raster backward");
-        let drawn = Drawn {
+        let drawn = TiledGaussians {
             splats: &self.splats,
             ranks: &self.ranks,
             lists: &self.lists,

@@ -23,7 +23,7 @@ use crate::{
         temporal::{PEAK_TIMES, TemporalFeatures},
     },
     losses::{
-        maps::Counted,
+        maps::CountedPixels,
         photometric::{Columns, PixelMarks, cpu::Loss},
     },
     model::{Model, Part, TrainedArray, cpu_renderer::CpuRenderer, exposure::Exposure},
@@ -164,7 +164,7 @@ impl<'a> CpuStepper<'a> {
             saturated: marks.saturated,
             response: response.as_ref(),
             mask: view.mask.as_ref().map(|_| &self.mask[..]),
-            counted: Counted {
+            counted: CountedPixels {
                 ignored: marks.ignored,
             },
         };

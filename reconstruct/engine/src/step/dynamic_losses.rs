@@ -13,7 +13,7 @@ use crate::{
     },
     losses::{
         self,
-        maps::{self, Counted},
+        maps::{self, CountedPixels},
         photometric::{PixelMarks, cpu::Loss},
     },
     model::{
@@ -54,7 +54,7 @@ pub(super) struct StepView<'a> {
     /// Mask, if the view has one.
     pub(super) mask: Option<&'a [f32]>,
     /// Pixels that count.
-    pub(super) counted: Counted<'a>,
+    pub(super) counted: CountedPixels<'a>,
 }
 
 /// Renderer of the dynamic Gaussians alone.
@@ -229,7 +229,7 @@ impl DynamicAlone {
 fn map_losses(
     settings: &DynamicSettings,
     (maps, transmittance): (&[f32], &[f32]),
-    (mask, counted): (Option<&[f32]>, Counted<'_>),
+    (mask, counted): (Option<&[f32]>, CountedPixels<'_>),
     gradient: &mut [f32],
 ) -> f64 {
     let mut total = 0.0;

@@ -6,7 +6,7 @@ use super::{
     compose::{Layer, compose, compose_vjp, sort},
     plane::{Ray, hit, hit_vjp},
     sphere::{self, Sphere},
-    texture::{Beyond, Texture, direction_gradient},
+    texture::{Texture, TextureEdge, direction_gradient},
     view_angle::{view_angle, view_angle_vjp},
 };
 use crate::{
@@ -265,15 +265,18 @@ fn textures_read_their_texels_and_have_central_differences() {
     };
     for (row, column) in [(0, 0), (4, 5), (2, 3)] {
         let uv = DVec2::new(column as f64 / 5.0, row as f64 / 4.0);
-        let found = texture.sample(uv, Beyond::Zero).value.map(|v| v as f32);
+        let found = texture
+            .sample(uv, TextureEdge::Zero)
+            .value
+            .map(|v| v as f32);
         let expected = texture.texels[row * 6 + column];
         assert!((found[0] - expected[0]).abs() < 1e-6 && (found[1] - expected[1]).abs() < 1e-6);
     }
     assert_eq!(
-        texture.sample(DVec2::splat(2.0), Beyond::Zero).value,
+        texture.sample(DVec2::splat(2.0), TextureEdge::Zero).value,
         [0.0; 2]
     );
-    for beyond in [Beyond::Zero, Beyond::Border] {
+    for beyond in [TextureEdge::Zero, TextureEdge::Border] {
         for uv in [
             DVec2::new(0.37, 0.61),
             DVec2::new(-0.05, 0.4),

@@ -4,7 +4,7 @@ use glam::{DVec2, DVec3};
 
 /// Values beyond the outermost texels.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Beyond {
+pub enum TextureEdge {
     /// Zeros.
     Zero,
     /// The outermost texel.
@@ -45,10 +45,10 @@ impl<const C: usize> Texture<C> {
         }
     }
 
-    fn texel(&self, column: i64, row: i64, beyond: Beyond) -> [f32; C] {
+    fn texel(&self, column: i64, row: i64, beyond: TextureEdge) -> [f32; C] {
         let (width, height) = (self.width as i64, self.height as i64);
         let (column, row) = match beyond {
-            Beyond::Sphere => {
+            TextureEdge::Sphere => {
                 let (row, half) = if row < 0 {
                     (-1 - row, width / 2)
                 } else if row >= height {
@@ -58,8 +58,8 @@ impl<const C: usize> Texture<C> {
                 };
                 ((column + half).rem_euclid(width), row.clamp(0, height - 1))
             }
-            Beyond::Border => (column.clamp(0, width - 1), row.clamp(0, height - 1)),
-            Beyond::Zero => {
+            TextureEdge::Border => (column.clamp(0, width - 1), row.clamp(0, height - 1)),
+            TextureEdge::Zero => {
                 if !(0..width).contains(&column) || !(0..height).contains(&row) {
                     return [0.0; C];
                 }
@@ -70,7 +70,7 @@ impl<const C: usize> Texture<C> {
     }
 
     /// Interpolates at a position in texels; whole numbers are texel centres.
-    fn sample_texels(&self, at: DVec2, beyond: Beyond) -> Sample<C> {
+    fn sample_texels(&self, at: DVec2, beyond: TextureEdge) -> Sample<C> {
         let floor = at.floor();
         let [fx, fy] = (at - floor).to_array();
         let (column, row) = (floor.x as i64, floor.y as i64);
@@ -92,7 +92,7 @@ impl<const C: usize> Texture<C> {
     }
 
     /// Interpolates at `uv`; 0 and 1 are the centres of the outermost texels.
-    pub fn sample(&self, uv: DVec2, beyond: Beyond) -> Sample<C> {
+    pub fn sample(&self, uv: DVec2, beyond: TextureEdge) -> Sample<C> {
         let scale = DVec2::new(
             self.width.saturating_sub(1) as f64,
             self.height.saturating_sub(1) as f64,
@@ -119,7 +119,7 @@ impl<const C: usize> Texture<C> {
             (longitude / TAU + 0.5) * width - 0.5,
             (0.5 - latitude / PI) * height - 0.5,
         );
-        let mut sample = self.sample_texels(at, Beyond::Sphere);
+        let mut sample = self.sample_texels(at, TextureEdge::Sphere);
         let per_radian = width / TAU / across.max(1e-6);
         sample.by_u = sample.by_u.map(|value| value * per_radian);
         sample.by_v = sample.by_v.map(|value| value * height / PI);

@@ -6,7 +6,7 @@ use omnilife_training::{
     error::ReconstructError,
     method::{
         Method, MethodKind, ON_CPU,
-        group::{Group, Interpolated},
+        group::{Group, GroupOutput},
     },
     request::DefaultPlan,
     stereo::warp::mixed,
@@ -32,7 +32,7 @@ pub const METHOD: Method = Method {
     },
 };
 
-fn interpolate(group: &Group) -> Result<Interpolated, ReconstructError> {
+fn interpolate(group: &Group) -> Result<GroupOutput, ReconstructError> {
     let begun = Instant::now();
     let [first, second] = [0, 1].map(|index| &group.context[index].image);
     let images = group
@@ -40,7 +40,7 @@ fn interpolate(group: &Group) -> Result<Interpolated, ReconstructError> {
         .iter()
         .map(|target| mixed(first, second, group.share_of_second(target)))
         .collect();
-    Ok(Interpolated {
+    Ok(GroupOutput {
         images,
         gaussians: 0,
         analysis_seconds: 0.0,

@@ -9,7 +9,7 @@ use omnilife_training::{
     error::ReconstructError,
     method::{
         Method, MethodKind, ON_CPU,
-        group::{CameraPose, Group, Interpolated},
+        group::{CameraPose, Group, GroupOutput},
     },
     request::DefaultPlan,
     stereo::warp::{mixed, turned},
@@ -37,14 +37,14 @@ pub const METHOD: Method = Method {
     },
 };
 
-fn interpolate(group: &Group) -> Result<Interpolated, ReconstructError> {
+fn interpolate(group: &Group) -> Result<GroupOutput, ReconstructError> {
     let begun = Instant::now();
     let images = group
         .targets
         .iter()
         .map(|target| at_infinity(group, target))
         .collect();
-    Ok(Interpolated {
+    Ok(GroupOutput {
         images,
         gaussians: 0,
         analysis_seconds: 0.0,

@@ -6,7 +6,7 @@ use omnilife_training::{
     error::ReconstructError,
     method::{
         Method, MethodKind, ON_CPU,
-        group::{Group, Interpolated},
+        group::{Group, GroupOutput},
     },
     request::DefaultPlan,
 };
@@ -31,7 +31,7 @@ pub const METHOD: Method = Method {
     },
 };
 
-fn interpolate(group: &Group) -> Result<Interpolated, ReconstructError> {
+fn interpolate(group: &Group) -> Result<GroupOutput, ReconstructError> {
     let begun = Instant::now();
     let images = group
         .targets
@@ -41,7 +41,7 @@ fn interpolate(group: &Group) -> Result<Interpolated, ReconstructError> {
             group.context[nearest].image.clone()
         })
         .collect();
-    Ok(Interpolated {
+    Ok(GroupOutput {
         images,
         gaussians: 0,
         analysis_seconds: 0.0,

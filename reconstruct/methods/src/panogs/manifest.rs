@@ -6,14 +6,19 @@ use omnilife_schemas::{
     records::{Lift, LiftedView},
 };
 
-use super::samples::{Agreed, Chosen, Samples};
+use super::samples::{SampleChoice, Samples, ScaleAgreement};
 use omnilife_training::{
     scene::TrainingScene,
     seeds::depth::{Lifted, tolerance},
 };
 
 /// Returns the record without the numbers that [`completed`] fills in.
-pub(super) fn begun(scene: &TrainingScene, origin: &str, agreed: &Agreed, chosen: &Chosen) -> Lift {
+pub(super) fn begun(
+    scene: &TrainingScene,
+    origin: &str,
+    agreed: &ScaleAgreement,
+    chosen: &SampleChoice,
+) -> Lift {
     let views = scene.input_views.iter().zip(&agreed.factors);
     let views = views.zip(&chosen.lifted).map(|((view, &factor), lifted)| {
         let (counts, kept) = (&lifted.counts, lifted.len() as u64);

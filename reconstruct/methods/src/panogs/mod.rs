@@ -177,7 +177,7 @@ const SCAFFOLD_FORM: MethodOption = MethodOption::form(
 );
 
 /// Arrays that are trained, and the losses of centres.
-struct Learning {
+struct TrainedArrays {
     /// Arrays that keep their values.
     frozen: Vec<usize>,
     centres_move: bool,
@@ -261,7 +261,7 @@ fn settings(
 }
 
 /// Decides on the trained parameters.
-fn learning(samples: &Samples, plan: &mut DecisionLog<'_>) -> Learning {
+fn learning(samples: &Samples, plan: &mut DecisionLog<'_>) -> TrainedArrays {
     let warms_up = plan.decide(
         WARM_START,
         Decision::new(
@@ -288,7 +288,7 @@ fn learning(samples: &Samples, plan: &mut DecisionLog<'_>) -> Learning {
     if !centres_move {
         frozen.push(POSITIONS);
     }
-    Learning {
+    TrainedArrays {
         frozen,
         centres_move,
         surface,
@@ -300,7 +300,7 @@ fn model(
     (scene, options): (&TrainingScene, &Options),
     samples: &mut Samples,
     settings: &TrainSettings,
-    learning: Learning,
+    learning: TrainedArrays,
     sharding: Option<&Sharding>,
 ) -> Model {
     let gaussians = std::mem::take(&mut samples.gaussians);

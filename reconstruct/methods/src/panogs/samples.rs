@@ -69,7 +69,7 @@ pub(super) struct Samples {
 
 /// Agreement of the views on their scales.
 #[derive(Debug)]
-pub(super) struct Agreed {
+pub(super) struct ScaleAgreement {
     /// Median difference between views without factors.
     pub(super) before: f64,
     /// Median difference with the factors.
@@ -80,7 +80,7 @@ pub(super) struct Agreed {
 
 /// The samples that stay.
 #[derive(Debug)]
-pub(super) struct Chosen {
+pub(super) struct SampleChoice {
     /// The samples of each view.
     pub(super) lifted: Vec<Lifted>,
     pub(super) shape: LiftSettings,
@@ -137,7 +137,7 @@ impl Samples {
 
     fn joined(
         views: Vec<SourceView>,
-        chosen: Chosen,
+        chosen: SampleChoice,
         disagreement: f64,
         mut warnings: Vec<String>,
         record: Lift,
@@ -311,7 +311,7 @@ fn agreed(
     views: &mut [SourceView],
     plan: &mut DecisionLog<'_>,
     warnings: &mut Vec<String>,
-) -> Agreed {
+) -> ScaleAgreement {
     let fit: ScaleFit = fit_scales(&distance_views(views));
     let largest = fit
         .log_scales
@@ -342,14 +342,14 @@ fn agreed(
         ));
     }
     if !plan.decide(DEPTH_SCALE, decision) {
-        return Agreed {
+        return ScaleAgreement {
             before: fit.disagreement_before,
             disagreement: fit.disagreement_before,
             factors: vec![1.0; views.len()],
         };
     }
     scaled(views, &fit);
-    Agreed {
+    ScaleAgreement {
         before: fit.disagreement_before,
         disagreement: fit.disagreement_after,
         factors: fit.log_scales.iter().map(|log| log.exp()).collect(),
@@ -397,7 +397,7 @@ fn chosen(
     disagreement: f64,
     plan: &mut DecisionLog<'_>,
     warnings: &mut Vec<String>,
-) -> Chosen {
+) -> SampleChoice {
     let distance_views = distance_views(views);
     let tolerance = tolerance(disagreement);
     let agreements: Vec<Vec<Agreement>> = lifted
@@ -429,7 +429,7 @@ fn chosen(
             let keep: Vec<bool> = found.iter().map(|found| found.is_finest).collect();
             lifted.retained(&keep)
         });
-        return Chosen {
+        return SampleChoice {
             lifted: kept.collect(),
             shape: LiftSettings::OF_BEST_VIEWS,
             ghost_share: ghosts,
@@ -437,7 +437,7 @@ fn chosen(
     }
     let shape = LiftSettings::OF_ALL_VIEWS;
     let shaped = lifted.into_iter().map(|lifted| lifted.shaped(&shape));
-    Chosen {
+    SampleChoice {
         lifted: shaped.collect(),
         shape,
         ghost_share: ghosts,

@@ -51,7 +51,7 @@ fn frames(
 ) -> Result<Vec<PlacedFrame>, ReconstructError> {
     let posed = arc();
     let seconds: Vec<f64> = posed.iter().map(|frame| frame.seconds).collect();
-    let surroundings = Surroundings {
+    let surroundings = SceneContext {
         file: Path::new("scene.json"),
         seconds: &seconds,
         posed: &posed,

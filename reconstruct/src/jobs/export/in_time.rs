@@ -1,4 +1,4 @@
-//! Exports in time: one file of closed forms with a page that plays it, or a file at each frame's time.
+//! Exports of dynamic scenes: one file of closed forms with a page that plays it, or a file at each frame's time.
 
 use glam::{DQuat, DVec3};
 use omnilife_engine::{
@@ -18,7 +18,7 @@ use omnilife_schemas::{
 };
 
 use super::{
-    ExportRequest, Exported, PAGE_FILE, player,
+    ExportRequest, ExportResult, PAGE_FILE, player,
     source::{OpenedSource, asset_source},
     viewer_limits::FileFrame,
     whole::whole,
@@ -49,14 +49,14 @@ const MOST_INSIDE: u64 = 2_500_000;
 
 /// Export of a dynamic scene.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum InTime {
+pub(super) enum TimeExport {
     /// One file of closed forms.
     ClosedForms,
     /// One file at each frame's time.
     Sequence,
 }
 
-impl InTime {
+impl TimeExport {
     /// Returns the export of this name.
     pub(super) fn named(name: &str) -> Option<Self> {
         match name {
@@ -90,13 +90,13 @@ impl InTime {
 /// Exports Gaussians in time as an asset.
 ///
 /// # Errors
-/// When an option is of other formats, or the Gaussians cannot be read. When they have no closed form, or do not
-/// move. When a file cannot be written or belongs to someone else.
+/// When an option belongs to another format, or the Gaussians cannot be read, have no closed form or do not move. When
+/// a file cannot be written or belongs to someone else.
 pub(super) fn export(
     request: &ExportRequest,
-    kind: InTime,
+    kind: TimeExport,
     progress: &dyn Progress,
-) -> Result<Exported, ReconstructError> {
+) -> Result<ExportResult, ReconstructError> {
     let begun = Stopwatch::with_children();
     kind.check(request)?;
     let OpenedSource {
@@ -109,12 +109,12 @@ pub(super) fn export(
     let source = asset_source(request, record, None)?;
     let refuse = |reason: String| ReconstructError::scene(&request.gaussians, reason);
     let content = match kind {
-        InTime::ClosedForms => {
+        TimeExport::ClosedForms => {
             let placement = placement(&frame);
             let file = in_time::write(&model, &placement, &normalization, &mut invalid);
             Content::ClosedForms(file.map_err(refuse)?)
         }
-        InTime::Sequence => Content::Sequence(moments(request, &model)?),
+        TimeExport::Sequence => Content::Sequence(moments(request, &model)?),
     };
     for note in validity::notes(&request.gaussians, &invalid) {
         progress.note(&note);
@@ -170,7 +170,7 @@ pub(super) fn export(
             });
         }
         out.write_record(ASSET_FILE, &asset)?;
-        Ok(Exported { asset, notes })
+        Ok(ExportResult { asset, notes })
     })
 }
 

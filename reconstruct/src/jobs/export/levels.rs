@@ -29,7 +29,7 @@ impl Level {
     /// When the text has another form, or is 0.
     pub fn parse(text: &str) -> Result<Self, String> {
         let refuse =
-            || format!("{text:?} is no level: expected full, or a number such as 1M or 500k");
+            || format!("a level must be full, or a number such as 1M or 500k, got {text:?}");
         let name = text.trim().to_owned();
         if name == "full" {
             return Ok(Self { name, most: None });

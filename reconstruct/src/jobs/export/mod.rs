@@ -29,10 +29,10 @@ use omnilife_schemas::{
 };
 
 use self::{
-    in_time::InTime,
+    in_time::TimeExport,
     levels::{Level, nested, selections},
     moments::Moments,
-    page::{Inside, MOST_SPLATS_INSIDE, MOST_SPLATS_OF_MOMENTS, PageContent},
+    page::{EmbeddedData, MOST_SPLATS_INSIDE, MOST_SPLATS_OF_MOMENTS, PageContent},
     source::ExportedScene,
     viewer_limits::Drawable,
 };
@@ -78,7 +78,7 @@ pub struct ExportRequest {
 
 /// An exported asset, with notes for its maker.
 #[derive(Debug)]
-pub struct Exported {
+pub struct ExportResult {
     /// The record.
     pub asset: Asset,
     /// Differences from the request.
@@ -94,9 +94,9 @@ pub struct Exported {
 pub fn export(
     request: &ExportRequest,
     progress: &dyn Progress,
-) -> Result<Exported, ReconstructError> {
+) -> Result<ExportResult, ReconstructError> {
     let begun = Stopwatch::with_children();
-    if let Some(kind) = InTime::named(&request.format) {
+    if let Some(kind) = TimeExport::named(&request.format) {
         return in_time::export(request, kind, progress);
     }
     let format = format_of(request)?;
@@ -107,7 +107,7 @@ pub fn export(
         without_moments,
     } = ExportedScene::open(request, format, progress)?;
     let splats = drawable.len() as u64;
-    let Wanted {
+    let LevelPlan {
         levels: wanted,
         mut left_out,
     } = levels_within(request, format, splats)?;
@@ -176,7 +176,7 @@ pub fn export(
             });
         }
         out.write_record(ASSET_FILE, &asset)?;
-        Ok(Exported { asset, notes })
+        Ok(ExportResult { asset, notes })
     })
 }
 
@@ -202,7 +202,7 @@ fn format_of(request: &ExportRequest) -> Result<&'static SplatFormat, Reconstruc
 }
 
 /// Levels of an asset.
-struct Wanted {
+struct LevelPlan {
     /// The smallest first, each with its number of Gaussians.
     levels: Vec<(Level, u64)>,
     /// Reasons for leaving out others.
@@ -214,7 +214,7 @@ fn levels_within(
     request: &ExportRequest,
     format: &SplatFormat,
     splats: u64,
-) -> Result<Wanted, ReconstructError> {
+) -> Result<LevelPlan, ReconstructError> {
     let refuse = |reason: String| Err(ReconstructError::scene(&request.gaussians, reason));
     let (mut wanted, mut left_out) = (Vec::new(), Vec::new());
     for level in &request.levels {
@@ -240,7 +240,7 @@ fn levels_within(
             level.name
         ));
     }
-    Ok(Wanted {
+    Ok(LevelPlan {
         levels: wanted,
         left_out,
     })
@@ -363,7 +363,7 @@ fn write_page(
         ));
     }
     let mut bytes = Vec::new();
-    for file in inside.iter().flat_map(Inside::files) {
+    for file in inside.iter().flat_map(EmbeddedData::files) {
         let path = out.join(file);
         let read = std::fs::read(&path).map_err(|error| store::StoreError::read(&path, error))?;
         bytes.extend(read);
@@ -381,16 +381,16 @@ fn write_page(
     Ok(AssetPage {
         file: PAGE_FILE.to_owned(),
         level: match inside {
-            Some(Inside::Level(level)) => Some(level.name.clone()),
+            Some(EmbeddedData::Level(level)) => Some(level.name.clone()),
             _ => None,
         },
-        holds_moments: matches!(inside, Some(Inside::Moments(_))),
+        holds_moments: matches!(inside, Some(EmbeddedData::Moments(_))),
         bytes: text.len() as u64,
     })
 }
 
 /// Returns the part of an asset in its page.
-fn inside(asset: &Asset) -> Option<Inside<'_>> {
+fn inside(asset: &Asset) -> Option<EmbeddedData<'_>> {
     let fits = |level: &&AssetLevel| level.splats <= MOST_SPLATS_INSIDE;
     let all_of = |moments: &AssetMoments| {
         let moving = moments.moments.iter().map(|moment| moment.moving.splats);
@@ -398,7 +398,12 @@ fn inside(asset: &Asset) -> Option<Inside<'_>> {
     };
     let moments = asset.moments.as_ref();
     let moments = moments.filter(|moments| all_of(moments) <= MOST_SPLATS_OF_MOMENTS);
-    moments
-        .map(Inside::Moments)
-        .or_else(|| asset.levels.iter().rev().find(fits).map(Inside::Level))
+    moments.map(EmbeddedData::Moments).or_else(|| {
+        asset
+            .levels
+            .iter()
+            .rev()
+            .find(fits)
+            .map(EmbeddedData::Level)
+    })
 }

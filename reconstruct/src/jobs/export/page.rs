@@ -91,21 +91,21 @@ pub(super) struct PageContent<'a> {
     pub(super) moments: Option<&'a AssetMoments>,
     pub(super) placement: AssetPlacement,
     /// The part of the asset inside the page.
-    pub(super) inside: Option<Inside<'a>>,
+    pub(super) inside: Option<EmbeddedData<'a>>,
     /// The bytes of its files, one after the other.
     pub(super) bytes: &'a [u8],
 }
 
 /// Data inside a page.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) enum Inside<'a> {
+pub(super) enum EmbeddedData<'a> {
     /// A level.
     Level(&'a AssetLevel),
     /// All moments of a dynamic scene, behind its static Gaussians.
     Moments(&'a AssetMoments),
 }
 
-impl<'a> Inside<'a> {
+impl<'a> EmbeddedData<'a> {
     /// Returns its files, in their order in the page.
     pub(super) fn files(&self) -> Vec<&'a str> {
         match self {
@@ -146,10 +146,10 @@ pub(super) fn html(content: &PageContent<'_>, libraries: &[Vec<u8>]) -> String {
         "levels": levels,
         "moments": content.moments.map(moments_of),
         "inside": match content.inside {
-            Some(Inside::Level(level)) => Some(&level.name),
+            Some(EmbeddedData::Level(level)) => Some(&level.name),
             _ => None,
         },
-        "insideMoments": matches!(content.inside, Some(Inside::Moments(_))),
+        "insideMoments": matches!(content.inside, Some(EmbeddedData::Moments(_))),
         "unitsPerWorldUnit": content.placement.scale,
     });
     let inside = base64(content.bytes);

@@ -204,6 +204,6 @@ fn up(request: &ExportRequest, record: Option<&RunRecord>) -> Result<DVec3, Reco
         return Ok(up);
     }
     Err(ReconstructError::Request {
-        reason: format!("{up} is no direction up"),
+        reason: format!("--up must be a direction, got {up}"),
     })
 }

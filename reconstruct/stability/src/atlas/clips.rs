@@ -7,7 +7,7 @@ use omnilife_schemas::camera::{Camera, ErpCamera, PinholeCamera};
 use super::{check, judge};
 use crate::{devices::DeviceKind, largest_or_nan, special::Judgement};
 use omnilife_atlas::{
-    Begun, METHOD, begin,
+    AtlasStart, METHOD, begin,
     clip::{Clip, ClipFrame, UnitClock},
     graph::Graph,
     node::FieldKind,
@@ -128,7 +128,7 @@ fn small_pinhole() -> Camera {
 const RAYS_ON_GPU: &str = "rays=256";
 
 /// Begins eight steps on a clip.
-fn begin_on(kind: DeviceKind, clip: Clip, points: &[DVec3]) -> Result<Begun, String> {
+fn begin_on(kind: DeviceKind, clip: Clip, points: &[DVec3]) -> Result<AtlasStart, String> {
     let mut request = MethodRequest::new(8, 0);
     if kind == DeviceKind::Gpu {
         let rays = [RAYS_ON_GPU.to_owned()];
@@ -144,16 +144,16 @@ fn begin_on(kind: DeviceKind, clip: Clip, points: &[DVec3]) -> Result<Begun, Str
 }
 
 /// Returns the atlas of a run.
-fn graph_of(begun: &mut Begun) -> Result<&mut Graph, String> {
+fn graph_of(begun: &mut AtlasStart) -> Result<&mut Graph, String> {
     begun.learner.graph().map_err(|error| error.to_string())
 }
 
 /// Trains a clip for a few steps of all phases.
-fn learn(kind: DeviceKind, clip: Clip) -> Result<Begun, String> {
+fn learn(kind: DeviceKind, clip: Clip) -> Result<AtlasStart, String> {
     learn_with_points(kind, clip, &[])
 }
 
-fn learn_with_points(kind: DeviceKind, clip: Clip, points: &[DVec3]) -> Result<Begun, String> {
+fn learn_with_points(kind: DeviceKind, clip: Clip, points: &[DVec3]) -> Result<AtlasStart, String> {
     let mut begun = begin_on(kind, clip, points)?;
     for step in 1..=8 {
         let at = Position::new(8, None, step, 0.0);
@@ -264,7 +264,7 @@ fn never_hit(kind: DeviceKind) -> Result<(), String> {
     // Out of sight for the whole clip.
     let node = &mut graph_of(&mut begun)?.nodes[0];
     node.times = [7.0, 8.0];
-    let values = |begun: &mut Begun| -> Result<Vec<f32>, String> {
+    let values = |begun: &mut AtlasStart| -> Result<Vec<f32>, String> {
         let node = &graph_of(begun)?.nodes[0];
         let fields = FieldKind::ALL
             .iter()

@@ -4,7 +4,7 @@
 use omnilife_engine::{
     EngineError,
     device::Gpu,
-    losses::maps::{Counted, lifespan_map, opacity_map, velocity_map},
+    losses::maps::{CountedPixels, lifespan_map, opacity_map, velocity_map},
     step::gpu::single_kernels::{self, RenderedMaps},
 };
 
@@ -143,7 +143,7 @@ fn on_gpu(gpu: &Gpu, maps: &Maps) -> Result<(f64, Vec<f64>), EngineError> {
 
 fn of_kernels(maps: &Maps) -> (f64, Vec<f64>) {
     let ignored = ignored(maps);
-    let counted = Counted {
+    let counted = CountedPixels {
         ignored: Some(&ignored),
     };
     let mask: Vec<f32> = maps.mask.iter().map(|&byte| share(byte)).collect();

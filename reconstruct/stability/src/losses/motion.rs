@@ -42,7 +42,7 @@ pub(super) const CASES: &[SpecialCase] = &[
         title: "regularization of motion at a million times the cameras' radius",
         runs: Runs::OnBoth,
         judge: |device| {
-            let moving = Moving {
+            let moving = MovingGaussian {
                 distance: 1e6,
                 ..PLAIN
             };
@@ -54,7 +54,7 @@ pub(super) const CASES: &[SpecialCase] = &[
         title: "regularization of motion a hundred-thousandth from the observer",
         runs: Runs::OnBoth,
         judge: |device| {
-            let moving = Moving {
+            let moving = MovingGaussian {
                 distance: 1e-5,
                 speed: 1e-6,
                 ..PLAIN
@@ -67,7 +67,7 @@ pub(super) const CASES: &[SpecialCase] = &[
         title: "regularization of motion by a hundred-millionth per frame",
         runs: Runs::OnBoth,
         judge: |device| {
-            let moving = Moving {
+            let moving = MovingGaussian {
                 speed: 1e-8,
                 ..PLAIN
             };
@@ -79,7 +79,7 @@ pub(super) const CASES: &[SpecialCase] = &[
         title: "regularization of motion by ten thousand radii per frame",
         runs: Runs::OnBoth,
         judge: |device| {
-            let moving = Moving {
+            let moving = MovingGaussian {
                 speed: 1e4,
                 ..PLAIN
             };
@@ -91,7 +91,7 @@ pub(super) const CASES: &[SpecialCase] = &[
         title: "regularization of motion a hundred thousand frames after the peak",
         runs: Runs::OnBoth,
         judge: |device| {
-            let moving = Moving {
+            let moving = MovingGaussian {
                 frame: 1e5 + 0.3,
                 ..PLAIN
             };
@@ -103,7 +103,7 @@ pub(super) const CASES: &[SpecialCase] = &[
         title: "regularization of motion under a cycle of ten thousand frames",
         runs: Runs::OnBoth,
         judge: |device| {
-            let moving = Moving {
+            let moving = MovingGaussian {
                 cycle: 1e4,
                 ..PLAIN
             };
@@ -113,14 +113,14 @@ pub(super) const CASES: &[SpecialCase] = &[
 ];
 
 /// A moving Gaussian.
-struct Moving {
+struct MovingGaussian {
     distance: f64,
     speed: f64,
     frame: f64,
     cycle: f64,
 }
 
-const PLAIN: Moving = Moving {
+const PLAIN: MovingGaussian = MovingGaussian {
     distance: 3.0,
     speed: 0.1,
     frame: 0.4,
@@ -135,9 +135,9 @@ const PEAK: f64 = 1.25;
 const LIFESPAN: f32 = 40.0;
 
 /// Value, and gradients by centre, velocity and peak.
-type Found = (f64, Vec3, Vec3, f32);
+type MotionGradients = (f64, Vec3, Vec3, f32);
 
-fn on_cpu(moving: &Moving, centre: Vec3, velocity: Vec3) -> Option<Found> {
+fn on_cpu(moving: &MovingGaussian, centre: Vec3, velocity: Vec3) -> Option<MotionGradients> {
     let parameters = TemporalParameters {
         peak: PEAK as f32,
         lifespan: LIFESPAN,
@@ -156,10 +156,10 @@ fn on_cpu(moving: &Moving, centre: Vec3, velocity: Vec3) -> Option<Found> {
 /// Computes the loss of a Gaussian that is static in any cycle, seen from the origin.
 fn on_gpu(
     activator: &GpuActivator,
-    moving: &Moving,
+    moving: &MovingGaussian,
     centre: Vec3,
     velocity: Vec3,
-) -> Result<Option<Found>, EngineError> {
+) -> Result<Option<MotionGradients>, EngineError> {
     let time = TimeModel {
         cycle_frames: moving.cycle as f32,
         lifespans: Some(LifespanRange {
@@ -199,7 +199,7 @@ fn on_gpu(
     Ok(Some((value, by_centre, by_velocity, by_peak[0])))
 }
 
-fn judge(device: &Device, moving: &Moving) -> Judgement {
+fn judge(device: &Device, moving: &MovingGaussian) -> Judgement {
     let centre = (moving.distance * DIRECTION).as_vec3();
     let velocity = (moving.speed * HEADING).as_vec3();
     let found = match device.activator() {
@@ -234,7 +234,7 @@ fn judge(device: &Device, moving: &Moving) -> Judgement {
 
 /// Returns value and gradients by centre, velocity and peak from the definition, in f64: its 16 digits are enough
 /// for differences in the eighth.
-fn reference(moving: &Moving, centre: Vec3, velocity: Vec3) -> (f64, (DVec3, DVec3, f64)) {
+fn reference(moving: &MovingGaussian, centre: Vec3, velocity: Vec3) -> (f64, (DVec3, DVec3, f64)) {
     let (centre, velocity) = (centre.as_dvec3(), velocity.as_dvec3());
     let turns = |frame: f64| std::f64::consts::TAU * (frame - PEAK) / moving.cycle;
     let radius = moving.cycle / std::f64::consts::TAU;

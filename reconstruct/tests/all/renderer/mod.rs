@@ -46,7 +46,7 @@ fn assert_close(what: &str, values: &[f32], expected: &[f64], tolerance: f64) {
 #[test]
 fn images_are_those_of_the_reference() {
     let mut random = Pcg64Mcg::seed_from_u64(11);
-    // 40 and 72 are no multiples of a tile: the seam runs through tiles.
+    // 40 and 72 are not multiples of a tile: the seam runs through tiles.
     for camera in [erp(64), erp(40), erp(72), pinhole(50, 35)] {
         for footprint in FOOTPRINTS {
             for (rotation, sh_degree) in [(DQuat::IDENTITY, 1), (turned(), 3)] {

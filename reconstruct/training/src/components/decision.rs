@@ -13,12 +13,12 @@ use crate::{
 pub struct Decision {
     used: bool,
     reason: String,
-    overruled_by: Overruling,
+    overruled_by: Precedence,
 }
 
 /// Precedence over the evidence.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Overruling {
+enum Precedence {
     RequestAndPlan,
     /// A request, and a plan that names components; not the plan full.
     RequestAndNames,
@@ -32,7 +32,7 @@ impl Decision {
         Self {
             used,
             reason: reason.into(),
-            overruled_by: Overruling::RequestAndPlan,
+            overruled_by: Precedence::RequestAndPlan,
         }
     }
 
@@ -73,7 +73,7 @@ impl Decision {
     /// Returns the decision without the plan's influence.
     #[must_use]
     pub fn whatever_the_plan(mut self) -> Self {
-        self.overruled_by = Overruling::Request;
+        self.overruled_by = Precedence::Request;
         self
     }
 
@@ -81,14 +81,14 @@ impl Decision {
     /// evidence gives no reason for.
     #[must_use]
     pub fn even_if_full(mut self) -> Self {
-        self.overruled_by = Overruling::RequestAndNames;
+        self.overruled_by = Precedence::RequestAndNames;
         self
     }
 
     /// Returns the decision without the influence of request and plan.
     #[must_use]
     pub fn settled(mut self) -> Self {
-        self.overruled_by = Overruling::Nothing;
+        self.overruled_by = Precedence::Nothing;
         self
     }
 
@@ -100,16 +100,16 @@ impl Decision {
             overruled_by,
         } = self;
         let by_plan = || match &request.plan {
-            _ if overruled_by == Overruling::Request => None,
+            _ if overruled_by == Precedence::Request => None,
             PlanChoice::Auto => None,
-            PlanChoice::Full if overruled_by == Overruling::RequestAndNames => None,
+            PlanChoice::Full if overruled_by == Precedence::RequestAndNames => None,
             // Whoever asks for all aids leaves each to the evidence.
             PlanChoice::Full if request.asks_for(aids::ALL) && aids::is_aid(component) => None,
             PlanChoice::Full => Some((true, "the plan is full")),
             PlanChoice::Only(_) if request.allows(component) => Some((true, "named in the plan")),
             PlanChoice::Only(_) => Some((false, "not named in the plan")),
         };
-        let overruled = if overruled_by == Overruling::Nothing {
+        let overruled = if overruled_by == Precedence::Nothing {
             None
         } else if request.leaves_out(component) {
             Some((false, "left out on request"))

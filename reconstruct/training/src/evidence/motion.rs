@@ -3,8 +3,8 @@
 //!
 //! After a [pilot fit](crate::evidence::pilot) input views are compared with their renders at the images of the
 //! same scene points, those that are visible by depth and not masked. The residual of a static scene at a point -
-//! too little texture, a wrong colour - is the same in all views. So only the deviation `d` of a residual from
-//! its point's median counts, channel by channel. Photometric noise is the median of `|d|`. An object or shadow
+//! too little texture, a wrong colour - is the same in all views. So the evidence is the deviation `d` of a residual
+//! from its point's median, channel by channel. Photometric noise is the median of `|d|`. An object or shadow
 //! that passes a point deviates by many times as much, in a few views.
 
 use std::fmt;
@@ -23,7 +23,7 @@ const LEAST_DEVIATING_VIEWS: usize = 2;
 /// Minimum share of transient samples for parameters of time, under constant light. Reflections that run over
 /// glossy ground are transient too, and gain from these parameters as pedestrians do (docs/results/evidence.md).
 const TRANSIENT_SHARE: f64 = 0.0008;
-/// Standard errors by which the share has to exceed it: few samples give little evidence.
+/// Number of standard errors by which the share has to exceed that minimum: few samples give little evidence.
 const STANDARD_ERRORS: f64 = 2.0;
 
 /// Evidence of motion.
@@ -33,14 +33,14 @@ pub struct MotionEvidence {
     pub samples: usize,
     /// Photometric noise: standard deviation, grey levels in `[0, 1]`.
     pub noise: f32,
-    /// Share of the samples that deviate by far more.
+    /// Share of transient samples, which deviate by far more than the noise.
     pub transient_share: f64,
-    /// Minimum deviation for that whatever the noise, grey levels in `[0, 1]`: in proportion to those of dark scenes.
+    /// Minimum deviation of a transient sample at any noise, grey levels in `[0, 1]`; smaller in dark scenes.
     pub least_deviation: f32,
 }
 
 impl MotionEvidence {
-    /// Returns true if something moves. Without samples it may.
+    /// Returns true if something moves, or may: without samples nothing decides.
     pub fn moves(&self) -> bool {
         self.samples == 0 || self.transient_share >= self.share_limit()
     }

@@ -22,7 +22,7 @@ use omnilife_engine::{
 };
 use omnilife_schemas::{records::InvalidGaussians, store::StoreError};
 
-use super::{exchange::Gathered, validity::FileGaussian};
+use super::{exchange::FileRows, validity::FileGaussian};
 use crate::{error::ReconstructError, seeds::points::morton_code};
 
 /// Gaussians of a chunk.
@@ -326,7 +326,7 @@ impl<'a> Arrays<'a> {
         let (chunk, vertex, sh) = match elements.as_slice() {
             [chunk, vertex] => (chunk, vertex, None),
             [chunk, vertex, sh] => (chunk, vertex, Some(sh)),
-            _ => return Err("is no compressed PLY of chunk, vertex and sh".to_owned()),
+            _ => return Err("must be a compressed PLY of chunk, vertex and sh".to_owned()),
         };
         let named = [Some(chunk), Some(vertex), sh];
         let expected = ["chunk", "vertex", "sh"];
@@ -399,7 +399,7 @@ pub(super) fn read(
 ) -> Result<ParameterTable, ReconstructError> {
     let malformed = |reason: String| StoreError::malformed(path, reason);
     let arrays = Arrays::find(bytes).map_err(malformed)?;
-    let mut gathered = Gathered::new(path, arrays.len, arrays.degree, invalid)?;
+    let mut gathered = FileRows::new(path, arrays.len, arrays.degree, invalid)?;
     let rest = sh_rest_count(arrays.degree);
     let rows = arrays
         .words

@@ -276,14 +276,14 @@ fn table(gaussians: &ActivatedGaussians) -> ParameterTable {
 }
 
 /// Gaussians on their way from a file into a table, in the file's units.
-pub(super) struct Gathered<'a> {
+pub(super) struct FileRows<'a> {
     shapes: Vec<ArrayShape>,
     arrays: Vec<Vec<f32>>,
     read: u64,
     invalid: &'a mut InvalidGaussians,
 }
 
-impl<'a> Gathered<'a> {
+impl<'a> FileRows<'a> {
     /// Starts a table of `len` Gaussians with harmonics of a degree. The file holds that many: its size was
     /// checked.
     pub(super) fn new(

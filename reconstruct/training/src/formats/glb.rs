@@ -31,7 +31,7 @@ use self::{
 };
 use super::{
     axes::{HalfTurn, HarmonicTurn},
-    exchange::Gathered,
+    exchange::FileRows,
     validity::FileGaussian,
 };
 use crate::error::ReconstructError;
@@ -303,7 +303,7 @@ impl<'a> Primitive<'a> {
         }
         let mode = primitive.get("mode").and_then(Value::as_u64);
         if mode != Some(POINTS) {
-            return Err("has Gaussians that are no points".to_owned());
+            return Err("must have Gaussians as points".to_owned());
         }
         let attributes = primitive.get("attributes").unwrap_or(&Value::Null);
         let column = |name: String, width: usize| {
@@ -346,7 +346,7 @@ impl<'a> Primitive<'a> {
     }
 
     /// Adds its Gaussians to a table with so many coefficients.
-    fn gather(&self, rest: usize, gathered: &mut Gathered<'_>) -> Result<(), String> {
+    fn gather(&self, rest: usize, gathered: &mut FileRows<'_>) -> Result<(), String> {
         let turn = HalfTurn::ABOUT_Z;
         let signs = turn.harmonics();
         let node = &self.node;
@@ -445,7 +445,7 @@ pub(super) fn read(
     let rest = primitives.iter().map(|primitive| primitive.harmonics.len());
     let rest = rest.max().unwrap_or(0);
     let degree = (0..=MAX_SH_DEGREE).find(|degree| sh_rest_count(*degree) >= rest);
-    let mut gathered = Gathered::new(path, len, degree.unwrap_or(MAX_SH_DEGREE), invalid)?;
+    let mut gathered = FileRows::new(path, len, degree.unwrap_or(MAX_SH_DEGREE), invalid)?;
     for primitive in &primitives {
         primitive.gather(rest, &mut gathered).map_err(malformed)?;
     }

@@ -61,13 +61,13 @@ pub fn is_named(path: &Path) -> bool {
 
 /// Map from coordinates of one frame to another's: `factor turn x + shift`.
 #[derive(Debug, Clone, Copy, PartialEq)]
-struct Placed {
+struct FrameTransform {
     factor: f64,
     turn: DQuat,
     shift: DVec3,
 }
 
-impl Placed {
+impl FrameTransform {
     /// Returns the map of positions.
     fn place(&self, place: DVec3) -> DVec3 {
         self.vector(place) + self.shift
@@ -122,7 +122,7 @@ pub fn write(
         .map(|part| static_gaussians::sh_degree(&part.table));
     let degree = degrees.max().unwrap_or(0);
     let mut writer = PartWriter {
-        placed: Placed {
+        placed: FrameTransform {
             factor: placement.scale / normalization.scale,
             turn: placement.rotation,
             shift: placement.rotation * (offset - placement.offset) * placement.scale,
@@ -254,7 +254,7 @@ pub fn from_bytes(
         ..
     } = header.frame;
     let turn = quaternion(rotation).normalize().inverse();
-    let placed = Placed {
+    let placed = FrameTransform {
         factor: normalization.scale / scale,
         turn,
         shift: normalization.normalize(DVec3::from_array(origin)),

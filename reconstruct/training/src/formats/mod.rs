@@ -197,7 +197,9 @@ pub fn write_model(
             .iter()
             .find(|format| format.parameterization == id)
             .ok_or_else(|| ReconstructError::Request {
-                reason: format!("there is no file format for {id} Gaussians"),
+                reason: format!(
+                    "the Gaussians must have a file format to be written, and {id} has none"
+                ),
             })?;
         (format.write)(folder, part, settings, &scene.normalization)?;
         written.extend(format.files.iter().map(|&file| file.to_owned()));

@@ -31,7 +31,7 @@ use omnilife_engine::gaussians::{ActivatedGaussians, sh_rest_count};
 use self::{
     archive::bundled,
     images::MOST_SIDE,
-    record::{Asset, Coded, Harmonics, Means, Record, Rotations},
+    record::{Asset, CodedValues, Harmonics, Means, Record, Rotations},
 };
 use super::codebook::{Codebook, Palette};
 use crate::seeds::points::morton_code;
@@ -152,14 +152,14 @@ pub(super) fn write(gaussians: &ActivatedGaussians) -> Result<Vec<u8>, String> {
             maxs: bounds.largest,
             files: [lower, upper].map(named),
         },
-        scales: Coded {
+        scales: CodedValues {
             codebook: size_codes.values,
             files: [sizes].map(named),
         },
         quats: Rotations {
             files: [rotations].map(named),
         },
-        sh0: Coded {
+        sh0: CodedValues {
             codebook: colour_codes.values,
             files: [colours].map(named),
         },

@@ -197,7 +197,7 @@ pub fn from_bytes(
     let (rows, rest) = bytes.as_chunks::<ROW_BYTES>();
     if !rest.is_empty() || rows.is_empty() {
         let reason = format!(
-            "has {} bytes, which is no whole number of rows of {ROW_BYTES}: cut off, or no .splat",
+            "must have whole rows of {ROW_BYTES} bytes, got {} bytes: it is cut off, or not a .splat",
             bytes.len()
         );
         return Err(malformed(reason));
@@ -354,8 +354,8 @@ mod tests {
             bytes
         };
         for (bytes, expected) in [
-            (good[..31].to_vec(), "no whole number of rows"),
-            (Vec::new(), "no whole number of rows"),
+            (good[..31].to_vec(), "must have whole rows"),
+            (Vec::new(), "must have whole rows"),
             (
                 changed(4, f32::NAN.to_le_bytes()),
                 "row 1 has a place that is not a number",

@@ -31,7 +31,7 @@ use omnilife_schemas::{records::InvalidGaussians, store::StoreError};
 
 use super::{
     axes::HalfTurn,
-    exchange::{self, Gathered},
+    exchange::{self, FileRows},
     validity::FileGaussian,
 };
 use crate::error::ReconstructError;
@@ -420,7 +420,7 @@ fn gathered(
     invalid: &mut InvalidGaussians,
 ) -> Result<ParameterTable, ReconstructError> {
     let malformed = |reason: String| StoreError::malformed(path, reason);
-    let mut gathered = Gathered::new(path, header.len, header.degree, invalid)?;
+    let mut gathered = FileRows::new(path, header.len, header.degree, invalid)?;
     let turn = HalfTurn::ABOUT_X;
     let signs = turn.harmonics();
     let step = f64::from(header.fractional_bits).exp2().recip();

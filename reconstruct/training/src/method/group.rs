@@ -63,7 +63,7 @@ impl Group {
 
 /// Output of a feed-forward method for a group.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Interpolated {
+pub struct GroupOutput {
     /// One image per target.
     pub images: Vec<RgbImage>,
     /// Number of rendered Gaussians.

@@ -16,7 +16,7 @@ use crate::{
     evidence::SceneEvidence,
     learner::{Learner, gaussians::GaussianLearner},
     method::{
-        group::{Group, Interpolated},
+        group::{Group, GroupOutput},
         requirement::Requirement,
     },
     models::ModelFormat,
@@ -120,7 +120,7 @@ pub type PrepareMethod = for<'a> fn(
 ) -> Result<Prepared<'a>, ReconstructError>;
 
 /// Makes the novel views of a group from its two input views.
-pub type InterpolateGroup = fn(&Group) -> Result<Interpolated, ReconstructError>;
+pub type InterpolateGroup = fn(&Group) -> Result<GroupOutput, ReconstructError>;
 
 /// A method with a name.
 #[derive(Debug, Clone, Copy)]
@@ -185,7 +185,7 @@ impl Method {
         self.requires.contains(&requirement)
     }
 
-    /// Returns true if a request lets it have a component that learns from masks of moving content.
+    /// Returns true if a request lets it have a component that trains on masks of moving content.
     pub fn uses_masks(&self, request: &MethodRequest) -> bool {
         components::FED_BY_MASKS.iter().any(|component| {
             self.components.contains(component) && request.allows(component)

@@ -78,8 +78,7 @@ impl OpenedGaussians {
         let object = layer.strip_prefix("object:").and_then(|id| id.parse().ok());
         let Some(layer) = named.map(|&(_, layer)| layer).or(object.map(Layer::Object)) else {
             return refuse(format!(
-                "there is no layer {layer:?}: Gaussians have all, static, dynamic, velocity, depth and \
-                 object:ID"
+                "the layer of Gaussians must be all, static, dynamic, velocity, depth or object:ID, got {layer:?}"
             ));
         };
         let mut source = Source::open(path, request.run, request.of_cameras)?;
@@ -144,12 +143,11 @@ impl OpenedModel for OpenedGaussians {
         let found = objects.iter().find(|object| object.id.to_string() == id);
         let Some(object) = found else {
             let ids: Vec<String> = objects.iter().map(|one| one.id.to_string()).collect();
-            let there = if ids.is_empty() {
-                "the model has no objects".to_owned()
+            let reason = if ids.is_empty() {
+                format!("the model must have objects to show {id:?}, and it has none")
             } else {
-                format!("there are {}", ids.join(", "))
+                format!("the object must be one of {}, got {id:?}", ids.join(", "))
             };
-            let reason = format!("there is no object {id:?}: {there}");
             return Err(ReconstructError::Request { reason });
         };
         let centre = &object.path.centre;

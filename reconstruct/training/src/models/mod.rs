@@ -131,7 +131,7 @@ pub trait OpenedModel {
     /// When the model has no such object.
     fn object_centres(&self, id: &str, _seconds: &[f64]) -> Result<Vec<DVec3>, ReconstructError> {
         Err(ReconstructError::Request {
-            reason: format!("there is no object {id:?}: the model has no objects"),
+            reason: format!("the model must have objects to show {id:?}, and it has none"),
         })
     }
 

@@ -46,7 +46,7 @@ fn edit<'a>(
     _: EditPurpose,
 ) -> Result<EditedModel<'a>, ReconstructError> {
     if !folder.join(OBJECTS_FILE).is_file() {
-        let reason = format!("has no objects: there is no {OBJECTS_FILE} to edit");
+        let reason = format!("must have objects to edit, and {OBJECTS_FILE} is missing");
         return Err(ReconstructError::scene(folder, reason));
     }
     let mut invalid = InvalidGaussians::default();
@@ -159,7 +159,7 @@ impl EditedObjects<'_> {
         let at = number.and_then(|id| objects.iter().position(|object| object.id == id));
         at.ok_or_else(|| {
             let known: Vec<String> = objects.iter().map(|object| object.id.to_string()).collect();
-            format!("has no object {id:?}; there are {}", known.join(", "))
+            format!("the object must be one of {}, got {id:?}", known.join(", "))
         })
     }
 

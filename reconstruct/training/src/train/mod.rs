@@ -33,7 +33,7 @@ use self::{
     surface_faults::KnownSurfaces,
     trace::TracePoint,
     trace_views::TraceViews,
-    watch::{ShownRow, Watch, WatchFiles},
+    watch::{Watch, WatchFiles, WatchedRow},
 };
 use crate::{
     error::ReconstructError, learner::Learner, process, request::BackendChoice,
@@ -413,9 +413,9 @@ fn shown_row<'a>(
     settings: &LoopSettings,
     session: &'a Session<'_>,
     is_last: bool,
-) -> ShownRow<'a> {
+) -> WatchedRow<'a> {
     let files = session.files.as_ref();
-    ShownRow {
+    WatchedRow {
         state,
         iterations: settings.iterations,
         trace_views: files.and_then(|files| files.trace_views.as_ref()),

@@ -15,7 +15,7 @@ pub trait Record: Serialize + DeserializeOwned + schemars::JsonSchema {
 }
 
 #[derive(Serialize)]
-struct Tagged<'a, T> {
+struct TaggedRecord<'a, T> {
     schema: &'a str,
     #[serde(flatten)]
     record: &'a T,
@@ -28,7 +28,7 @@ struct Tag {
 
 /// Returns the bytes of a record's file: pretty JSON with its schema first and a closing newline.
 pub fn record_bytes<T: Record>(record: &T) -> Result<Vec<u8>, serde_json::Error> {
-    let mut bytes = serde_json::to_vec_pretty(&Tagged {
+    let mut bytes = serde_json::to_vec_pretty(&TaggedRecord {
         schema: T::SCHEMA,
         record,
     })?;
@@ -38,7 +38,7 @@ pub fn record_bytes<T: Record>(record: &T) -> Result<Vec<u8>, serde_json::Error>
 
 /// Returns a record on one line without a line break, its schema first: for files of many records.
 pub fn record_line<T: Record>(record: &T) -> Result<String, serde_json::Error> {
-    serde_json::to_string(&Tagged {
+    serde_json::to_string(&TaggedRecord {
         schema: T::SCHEMA,
         record,
     })
@@ -83,7 +83,7 @@ pub fn update_record<T: Record + PartialEq>(path: &Path, record: &T) -> Result<(
 /// Returns the schema that a JSON file names.
 ///
 /// # Errors
-/// When it cannot be read, is no JSON, or names no schema.
+/// When it cannot be read, is not JSON, or names no schema.
 pub fn schema_of(path: &Path) -> Result<String, StoreError> {
     let text = read_text(path)?;
     tag(path, &text)?

@@ -191,7 +191,7 @@ impl<'a> Reader<'a> {
         match self.value()? {
             Value::Number(value) if (value as f32).is_finite() => Ok(value),
             Value::Number(value) => Err(format!("pos_w of a landmark has the value {value}")),
-            _ => Err("pos_w of a landmark has an entry that is no number".to_owned()),
+            _ => Err("pos_w of a landmark must have numbers alone".to_owned()),
         }
     }
 

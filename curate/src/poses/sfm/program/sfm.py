@@ -103,7 +103,7 @@ def map_incrementally(args, database, images, models):
     # Neighbouring frames of a video have little parallax.
     options.mapper.init_min_tri_angle = 4.0
     if not has_lens(args):
-        # An ERP camera sees sideways, so moving forward is no degenerate start for it.
+        # An ERP camera sees sideways, so moving forward is not a degenerate start for it.
         options.mapper.init_max_forward_motion = 1.0
     return pycolmap.incremental_mapping(database, images, models, options)
 

@@ -101,7 +101,7 @@ fn captures_that_are_not_whole_are_refused_or_told() {
     };
     let mut sheared = camera(2);
     sheared[0]["extrinsics"]["rotation"][1][1] = json!(3.0);
-    refused(&sheared, "no rotation");
+    refused(&sheared, "must be a rotation");
     let mut larger = camera(2);
     larger[0]["width"] = json!(64);
     refused(&larger, "64x16");

@@ -22,7 +22,7 @@ const AMBIGUOUS: f32 = 2.5;
 const IS_GROUND: f32 = 0.01;
 
 /// The frame that is compared with others.
-pub(super) struct Here<'a> {
+pub(super) struct ComparedFrame<'a> {
     pub(super) view: &'a PosedView,
     pub(super) texels: &'a Texels,
     rays: &'a Rays,
@@ -31,7 +31,7 @@ pub(super) struct Here<'a> {
     channels: [Vec<f32>; 3],
 }
 
-impl<'a> Here<'a> {
+impl<'a> ComparedFrame<'a> {
     pub(super) fn new(
         view: &'a PosedView,
         texels: &'a Texels,
@@ -68,7 +68,7 @@ impl<'a> Background<'a> {
     }
 
     /// Returns its colour of the static surface of a pixel; NaN if that is unknown.
-    pub(super) fn colour(&self, here: &Here<'_>, pixel: usize) -> [f32; 3] {
+    pub(super) fn colour(&self, here: &ComparedFrame<'_>, pixel: usize) -> [f32; 3] {
         let surface = if self.is_sure(here, pixel) {
             &here.surface.at
         } else {
@@ -78,13 +78,13 @@ impl<'a> Background<'a> {
     }
 
     /// Returns its colour of a pixel through one of the possible surfaces; NaN if it does not show it.
-    fn through(&self, here: &Here<'_>, surface: &[f32], pixel: usize) -> [f32; 3] {
+    fn through(&self, here: &ComparedFrame<'_>, surface: &[f32], pixel: usize) -> [f32; 3] {
         let place = self.transfer.place(here.rays.at(pixel), surface[pixel]);
         self.texels.sample(place).unwrap_or([f32::NAN; 3])
     }
 
     /// Returns true if it shows a pixel in one place for any possible surface.
-    fn is_sure(&self, here: &Here<'_>, pixel: usize) -> bool {
+    fn is_sure(&self, here: &ComparedFrame<'_>, pixel: usize) -> bool {
         let Surface {
             nearest, farthest, ..
         } = &here.surface;
@@ -98,7 +98,7 @@ impl<'a> Background<'a> {
     }
 
     /// Returns each pixel's difference from it, through the ground if the surface is unknown; NaN if nothing is known.
-    fn differences(&self, here: &Here<'_>) -> Vec<f32> {
+    fn differences(&self, here: &ComparedFrame<'_>) -> Vec<f32> {
         let (width, height) = (here.texels.width, here.texels.height);
         let mut differences = vec![f32::NAN; width * height];
         let mut warp = Warp::new(width);
@@ -127,7 +127,7 @@ impl<'a> Background<'a> {
     }
 
     /// Compares content beside edges that may move through the other possible surfaces.
-    fn look_beside_edges(&self, here: &Here<'_>, patch: &Patch, differences: &mut [f32]) {
+    fn look_beside_edges(&self, here: &ComparedFrame<'_>, patch: &Patch, differences: &mut [f32]) {
         let Surface {
             at,
             nearest,
@@ -205,7 +205,13 @@ impl Warp {
         }
     }
 
-    fn row(&mut self, other: &Background<'_>, here: &Here<'_>, row: usize, out: &mut WarpedRow) {
+    fn row(
+        &mut self,
+        other: &Background<'_>,
+        here: &ComparedFrame<'_>,
+        row: usize,
+        out: &mut WarpedRow,
+    ) {
         let width = here.texels.width;
         let pixels = row * width..(row + 1) * width;
         let surface = &here.surface;
@@ -268,7 +274,11 @@ fn choose(
 
 /// Returns each pixel's difference from static content, averaged with those beside it: the lower quartile over the
 /// frames that show it. NaN if unknown. Means above `least` are exact; others may be smaller yet.
-pub(super) fn differences(here: &Here<'_>, others: &[Background<'_>], least: f32) -> Vec<f32> {
+pub(super) fn differences(
+    here: &ComparedFrame<'_>,
+    others: &[Background<'_>],
+    least: f32,
+) -> Vec<f32> {
     let (width, height) = (here.texels.width, here.texels.height);
     let mut of_each: Vec<Vec<f32>> = others
         .par_iter()
@@ -373,7 +383,11 @@ fn rank(differences: &[Vec<f32>], ranks: &mut [f32]) {
 }
 
 /// Returns per channel the median colour of a pixel in the backgrounds; NaN if none shows it.
-pub(super) fn middle_colour(here: &Here<'_>, others: &[Background<'_>], pixel: usize) -> [f32; 3] {
+pub(super) fn middle_colour(
+    here: &ComparedFrame<'_>,
+    others: &[Background<'_>],
+    pixel: usize,
+) -> [f32; 3] {
     let shown: Vec<[f32; 3]> = others
         .iter()
         .map(|other| other.colour(here, pixel))

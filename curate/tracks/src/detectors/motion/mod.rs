@@ -4,7 +4,7 @@
 //! content looks the same in most of them, unless something else passes or hides it; moving content differs from nearly
 //! all. So the differences of a pixel are sorted, and a low quantile counts: a pixel that agrees with more than a
 //! quarter of the other frames is static. The other frames are seconds apart, so that a car that waits for some seconds
-//! is still found. Colours within a pixel of the warped place are no difference: the surface is known to that accuracy.
+//! is still found. Colours within a pixel of the warped place do not differ: the surface is known to that accuracy.
 //! Thresholds follow the image: the median and 8 x 1.4826 times the median absolute deviation. A cast shadow moves too;
 //! it is a darker copy of its background, and is cut off.
 
@@ -22,9 +22,9 @@ use omnilife_schemas::{
     RgbImage, posed_view::PosedView, progress::Progress, records::Detection, rgb::Mask, statistics,
 };
 
-use super::{Detected, Detector, DetectorInput};
+use super::{Detector, DetectorInput, DetectorOutput};
 use crate::{detectors::depth_of_points::DistanceMap, error::TracksError};
-use background::{Background, Here, differences, middle_colour};
+use background::{Background, ComparedFrame, differences, middle_colour};
 use neighbours::{background_frames, compared_with};
 use regions::{components, opened_and_closed, pieces, separated};
 use texels::Texels;
@@ -61,7 +61,10 @@ const LEAST_APART: f64 = 3.0;
 /// Half the largest width of the neck between them, metres.
 const DEEPEST_NECK: f64 = 0.9;
 
-fn detect(input: &DetectorInput<'_>, progress: &dyn Progress) -> Result<Detected, TracksError> {
+fn detect(
+    input: &DetectorInput<'_>,
+    progress: &dyn Progress,
+) -> Result<DetectorOutput, TracksError> {
     if input.views.len() < 2 {
         return Err(TracksError::input(
             input.folder,
@@ -95,7 +98,7 @@ fn detect(input: &DetectorInput<'_>, progress: &dyn Progress) -> Result<Detected
         }
         let view = &input.views[index];
         if let Some(texels) = &images[index] {
-            let here = Here::new(view, texels, &rays, input.ground);
+            let here = ComparedFrame::new(view, texels, &rays, input.ground);
             let others = others.iter().filter_map(|&other| {
                 let texels = images[other].as_ref()?;
                 Some(Background::new(view, &input.views[other], texels))
@@ -129,7 +132,11 @@ fn forget(image: &mut RgbImage, ignored: &Mask) {
 }
 
 /// Returns the moving content of a frame.
-fn moving(here: &Here<'_>, others: &[Background<'_>], input: &DetectorInput<'_>) -> Vec<Detection> {
+fn moving(
+    here: &ComparedFrame<'_>,
+    others: &[Background<'_>],
+    input: &DetectorInput<'_>,
+) -> Vec<Detection> {
     let width = here.texels.width;
     let least = differences(here, others, LEAST_DIFFERENCE);
     let Some(limit) = threshold(&least) else {
@@ -158,7 +165,7 @@ fn threshold(values: &[f32]) -> Option<f32> {
 
 /// Returns the vehicles of a component, without their shadows.
 fn vehicles(
-    here: &Here<'_>,
+    here: &ComparedFrame<'_>,
     others: &[Background<'_>],
     pixels: Vec<usize>,
     metres_per_unit: f64,
@@ -199,7 +206,7 @@ fn vehicles(
 }
 
 /// Returns the area on the ground of the middle pixel of some, across its ray, square metres.
-fn pixel_area(here: &Here<'_>, pixels: &[usize], metres_per_unit: f64) -> f64 {
+fn pixel_area(here: &ComparedFrame<'_>, pixels: &[usize], metres_per_unit: f64) -> f64 {
     let width = here.texels.width;
     let middle = pixels[pixels.len() / 2];
     let distance = f64::from(here.texels.distance(middle)) * metres_per_unit;
@@ -209,7 +216,11 @@ fn pixel_area(here: &Here<'_>, pixels: &[usize], metres_per_unit: f64) -> f64 {
 }
 
 /// Returns some pixels as a detection; `None` if their size is not that of a vehicle.
-fn detection(here: &Here<'_>, pixels: &[usize], metres_per_unit: f64) -> Option<Detection> {
+fn detection(
+    here: &ComparedFrame<'_>,
+    pixels: &[usize],
+    metres_per_unit: f64,
+) -> Option<Detection> {
     let width = here.texels.width;
     let area = pixels.len() as f64 * pixel_area(here, pixels, metres_per_unit);
     let box_pixels = box_of(pixels, width)?;
@@ -249,7 +260,7 @@ fn box_of(pixels: &[usize], width: usize) -> Option<[f64; 4]> {
 fn darker_copy(shown: [f32; 3], background: [f32; 3]) -> bool {
     let ratios = [0, 1, 2].map(|channel| shown[channel] / background[channel].max(0.02));
     let mean = ratios.iter().sum::<f32>() / 3.0;
-    // NaN is no shadow.
+    // NaN is not a shadow.
     SHADOW.contains(&mean)
         && ratios
             .iter()

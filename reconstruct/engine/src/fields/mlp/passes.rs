@@ -64,7 +64,7 @@ impl<'a> NetworkGradients<'a> {
 }
 
 /// A network with its weights, evaluated at given shared inputs.
-struct Evaluated<'a> {
+struct Evaluation<'a> {
     shape: NetworkShape,
     layers: Vec<Layer>,
     weights: &'a [f32],
@@ -95,7 +95,7 @@ impl NetworkShape {
         activations: &mut Activations,
         out: &mut [f32],
     ) {
-        let network = Evaluated::new(*self, weights, shared);
+        let network = Evaluation::new(*self, weights, shared);
         let per_block = BLOCK * self.outputs;
         let blocks = out.len().div_ceil(per_block);
         let block_bytes = self.block_len() * size_of::<f32>();
@@ -127,7 +127,7 @@ impl NetworkShape {
         upstream: &[f32],
         by: NetworkGradients<'_>,
     ) {
-        let network = Evaluated::new(*self, weights, shared);
+        let network = Evaluation::new(*self, weights, shared);
         let gradients = by.weights;
         let blocks: Vec<&[f32]> = upstream.chunks(BLOCK * self.outputs).collect();
         let kept: Vec<&[f32]> = activations.kept.chunks(self.block_len()).collect();
@@ -199,7 +199,7 @@ impl Scratch {
     }
 }
 
-impl<'a> Evaluated<'a> {
+impl<'a> Evaluation<'a> {
     fn new(shape: NetworkShape, weights: &'a [f32], shared: &[f32]) -> Self {
         assert_eq!(
             weights.len(),

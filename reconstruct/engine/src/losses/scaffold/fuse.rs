@@ -35,7 +35,7 @@ pub struct FusedView<'a> {
 }
 
 /// Indices of the blocks that the surfaces of a view reach.
-type Reached = Vec<IVec3>;
+type ReachedBlocks = Vec<IVec3>;
 
 impl Scaffold {
     /// Fuses views into a field of this voxel size around `origin`.
@@ -52,7 +52,7 @@ impl Scaffold {
             origin,
             blocks: HashMap::new(),
         };
-        let reached: Vec<Reached> = views.iter().map(|view| scaffold.reached(view)).collect();
+        let reached: Vec<ReachedBlocks> = views.iter().map(|view| scaffold.reached(view)).collect();
         let mut by_block: HashMap<IVec3, Vec<usize>> = HashMap::new();
         for (number, blocks) in reached.into_iter().enumerate() {
             for block in blocks {
@@ -77,7 +77,7 @@ impl Scaffold {
     }
 
     /// Returns the blocks within the truncation of a view's surfaces.
-    fn reached(&self, view: &FusedView<'_>) -> Reached {
+    fn reached(&self, view: &FusedView<'_>) -> ReachedBlocks {
         let rays = Rays::new(view.view.camera);
         let to_world = view.view.rotation.transpose();
         let width = view.distances.width;
@@ -116,7 +116,7 @@ impl Scaffold {
             blocks
         };
         let rows = view.distances.values.par_chunks(width.max(1)).enumerate();
-        let mut all: Reached = rows.flat_map_iter(of_row).collect();
+        let mut all: ReachedBlocks = rows.flat_map_iter(of_row).collect();
         all.par_sort_unstable_by_key(IVec3::to_array);
         all.dedup();
         all

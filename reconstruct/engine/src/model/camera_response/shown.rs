@@ -81,7 +81,7 @@ impl ViewResponse {
                 for (at, (shown, rgb)) in pixels {
                     let falloff = self.falloff(task * PIXELS_PER_TASK + at).1;
                     *shown = std::array::from_fn(|channel| {
-                        let lit = Lit::new(rgb[channel], falloff * self.gains[channel]);
+                        let lit = GainLevel::new(rgb[channel], falloff * self.gains[channel]);
                         self.curve.at(lit.level).shown
                     });
                 }
@@ -146,7 +146,7 @@ impl ViewResponse {
         let (radius, falloff) = self.falloff(pixel);
         let mut by_falloff = 0.0;
         let by_render = std::array::from_fn(|channel| {
-            let lit = Lit::new(rgb[channel], falloff * self.gains[channel]);
+            let lit = GainLevel::new(rgb[channel], falloff * self.gains[channel]);
             let toned = self.curve.at(lit.level);
             let by_level = by_shown[channel] * toned.slope;
             let by_gain = f64::from(by_level * lit.by_log_gain);
@@ -176,7 +176,7 @@ impl ViewResponse {
 }
 
 /// Level of a render under a gain, with its derivatives.
-struct Lit {
+struct GainLevel {
     level: f32,
     /// By the level of the render.
     by_render: f32,
@@ -184,7 +184,7 @@ struct Lit {
     by_log_gain: f32,
 }
 
-impl Lit {
+impl GainLevel {
     /// Computes `y` of a level `x` under a gain: with light `L = l(x)`, `dy/dx = y'(g L) g l'(x)`. Slopes of both
     /// branches of sRGB follow from their values.
     fn new(render: f32, gain: f32) -> Self {
@@ -219,7 +219,7 @@ struct Curve {
 }
 
 /// Level of the curve with its derivatives.
-struct Toned {
+struct CurveLevel {
     shown: f32,
     slope: f32,
     /// By `p`.
@@ -234,11 +234,11 @@ impl Curve {
         Self { exponent, white }
     }
 
-    fn at(&self, level: f32) -> Toned {
+    fn at(&self, level: f32) -> CurveLevel {
         if level > 1.0 {
             let slope = self.exponent * self.white;
             let above = slope * (level - 1.0);
-            return Toned {
+            return CurveLevel {
                 shown: 1.0 + above,
                 slope,
                 by_exponent: above,
@@ -247,7 +247,7 @@ impl Curve {
         }
         if level < DARK {
             let (edge, share) = (self.within(DARK), level / DARK);
-            return Toned {
+            return CurveLevel {
                 shown: share * edge.shown,
                 slope: edge.shown / DARK,
                 by_exponent: share * edge.by_exponent,
@@ -258,11 +258,11 @@ impl Curve {
     }
 
     /// Evaluates the formula of the module's documentation.
-    fn within(&self, level: f32) -> Toned {
+    fn within(&self, level: f32) -> CurveLevel {
         let (further, below) = (self.white - 1.0, 1.0 - level);
         let log = self.exponent * (level.ln() - further * below);
         let shown = log.exp();
-        Toned {
+        CurveLevel {
             shown,
             slope: shown * self.exponent * (1.0 / level + further),
             by_exponent: shown * log,

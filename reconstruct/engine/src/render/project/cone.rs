@@ -2,7 +2,7 @@
 
 use glam::{Mat3, Vec3, vec3};
 
-use crate::render::project::{Cone, ConeGradient, ellipse::ShapeGradient, place::Placed};
+use crate::render::project::{Cone, ConeGradient, ellipse::ShapeGradient, place::CameraGaussian};
 use crate::{
     camera::{CameraKernels, PixelBox, View, tangent_frame},
     render::settings::Footprint,
@@ -35,7 +35,12 @@ pub(super) struct Conic {
 }
 
 impl Conic {
-    pub(super) fn new(view: &View, placed: &Placed, scale: [f32; 3], footprint: Footprint) -> Self {
+    pub(super) fn new(
+        view: &View,
+        placed: &CameraGaussian,
+        scale: [f32; 3],
+        footprint: Footprint,
+    ) -> Self {
         let low_pass = view.camera.angular_low_pass();
         let inverse_distance = 1.0 / placed.distance;
         let n = placed.point * inverse_distance;
@@ -124,7 +129,7 @@ impl Conic {
     pub(super) fn vjp(
         &self,
         view: &View,
-        placed: &Placed,
+        placed: &CameraGaussian,
         scale: [f32; 3],
         gradient: &ConeGradient,
     ) -> (ShapeGradient, [f32; 3]) {

@@ -9,7 +9,7 @@ use crate::render::project::{
     cone::Conic,
     ellipse::Linearization,
     largest_q,
-    place::{Placed, Placed8, eight},
+    place::{CameraGaussian, CameraGaussians8, eight},
     sh,
 };
 use crate::{
@@ -94,7 +94,11 @@ impl Projector<'_> {
 
     /// Returns the ellipses of footprints with the given largest `q`; `None` if all are cones.
     #[inline(always)]
-    fn ellipses<S: Simd>(&self, placed: &Placed8<S>, q_max: f32x8<S>) -> Option<Ellipses<S>> {
+    fn ellipses<S: Simd>(
+        &self,
+        placed: &CameraGaussians8<S>,
+        q_max: f32x8<S>,
+    ) -> Option<Ellipses<S>> {
         if self.settings.footprint == Footprint::Ray {
             return None;
         }
@@ -127,7 +131,7 @@ impl Projector<'_> {
         cones: &mut [Cone],
         distances: &mut [f32],
     ) {
-        let placed = Placed8::new(simd, self.view, self.gaussians, first);
+        let placed = CameraGaussians8::new(simd, self.view, self.gaussians, first);
         let opacity = f32x8::simd_from(simd, eight(&self.gaussians.opacities, first));
         // NaN fails the comparison and is not drawn.
         let is_seen = placed.is_seen(self.view, self.settings) & opacity.simd_ge(ALPHA_MIN);
@@ -190,7 +194,7 @@ impl Projector<'_> {
             && bounds.extent[0].is_finite()
     }
 
-    fn conic(&self, index: usize, placed: &Placed) -> Conic {
+    fn conic(&self, index: usize, placed: &CameraGaussian) -> Conic {
         let scale = self.gaussians.scales[index];
         Conic::new(self.view, placed, scale, self.settings.footprint)
     }
@@ -208,10 +212,10 @@ impl Projector<'_> {
         simd: S,
         first: usize,
         sums: &EightSums,
-        drawn: &Drawn<'_>,
+        drawn: &TiledGaussians<'_>,
         entries: &EntryGradients,
     ) -> ShapeGradients {
-        let placed = Placed8::new(simd, self.view, self.gaussians, first);
+        let placed = CameraGaussians8::new(simd, self.view, self.gaussians, first);
         let mut out = if self.settings.footprint == Footprint::Ray {
             ShapeGradients::default()
         } else {
@@ -242,7 +246,7 @@ impl Projector<'_> {
     fn cone_vjp(
         &self,
         index: usize,
-        placed: &Placed,
+        placed: &CameraGaussian,
         by_cone: &ConeGradient,
         lane: usize,
         out: &mut ShapeGradients,
@@ -315,7 +319,7 @@ struct EightSums {
 
 /// Result of [`forward`] with its order and tile lists.
 #[derive(Debug, Clone, Copy)]
-pub struct Drawn<'a> {
+pub struct TiledGaussians<'a> {
     /// Splats, one per Gaussian.
     pub splats: &'a Splats,
     /// Rank of each Gaussian in the order near to far; `u32::MAX` if it was not drawn.
@@ -333,7 +337,7 @@ pub fn backward(
     view: &View,
     gaussians: &ActivatedGaussians,
     settings: &RenderSettings,
-    drawn: Drawn<'_>,
+    drawn: TiledGaussians<'_>,
     entries: &EntryGradients,
     centres: &mut Vec<[f32; 2]>,
     out: &mut ActivatedGaussians,
@@ -417,7 +421,7 @@ pub fn backward(
 /// Sums the entries' gradients of up to 8 Gaussians with these `ranks` in the order, each in the order of its
 /// entries; 0 for Gaussians that were not drawn.
 fn sum_entries(
-    drawn: &Drawn<'_>,
+    drawn: &TiledGaussians<'_>,
     entries: &EntryGradients,
     ranks: &[u32],
     by_feature: &mut [f32],
@@ -450,7 +454,7 @@ fn sum_entries(
 }
 
 /// Sums the entries' gradients by the cone of the splat with this rank.
-fn sum_cones(drawn: &Drawn<'_>, entries: &EntryGradients, rank: u32) -> ConeGradient {
+fn sum_cones(drawn: &TiledGaussians<'_>, entries: &EntryGradients, rank: u32) -> ConeGradient {
     let mut total = [0.0; 10];
     for &place in drawn.lists.places(rank) {
         let place = drawn.learning.place(place);

@@ -7,7 +7,7 @@ use crate::camera::{
     CameraLanes, Jacobian, LOW_PASS, View,
     lanes::{LANES, Vec3x8},
 };
-use crate::render::project::{Ellipse, place::Placed8};
+use crate::render::project::{Ellipse, place::CameraGaussians8};
 
 /// Intermediate values shared by forward and backward.
 pub(super) struct Linearization<S: Simd> {
@@ -33,7 +33,7 @@ pub(super) struct ShapeGradient {
 
 impl<S: Simd> Linearization<S> {
     #[inline(always)]
-    pub(super) fn new(view: &View, placed: &Placed8<S>) -> Self {
+    pub(super) fn new(view: &View, placed: &CameraGaussians8<S>) -> Self {
         let jacobian = view.camera.jacobians(placed.point, placed.inverse_distance);
         let world_from_camera = view.rotation.transpose();
         let to_u = jacobian.u.transformed(&world_from_camera);
@@ -97,7 +97,7 @@ impl<S: Simd> Linearization<S> {
     pub(super) fn vjp(
         &self,
         view: &View,
-        placed: &Placed8<S>,
+        placed: &CameraGaussians8<S>,
         by_ellipse: [f32x8<S>; 5],
     ) -> (Vec3x8<S>, [Vec3x8<S>; 3]) {
         let [by_u, by_v, by_inverse, by_slope, by_row] = by_ellipse;

@@ -13,7 +13,7 @@ use crate::{
 };
 
 /// Eight Gaussians with consecutive indices in the camera frame. The last one is repeated past the end.
-pub(super) struct Placed8<S: Simd> {
+pub(super) struct CameraGaussians8<S: Simd> {
     /// Centres in the camera frame.
     pub(super) point: Vec3x8<S>,
     /// Lengths of the points.
@@ -29,7 +29,7 @@ pub(super) struct Placed8<S: Simd> {
 }
 
 /// A Gaussian in the camera frame.
-pub(super) struct Placed {
+pub(super) struct CameraGaussian {
     /// Centre in the camera frame.
     pub(super) point: Vec3,
     /// Length of the point.
@@ -47,7 +47,7 @@ pub(super) fn eight<T: Copy>(rows: &[T], first: usize) -> [T; LANES] {
     }
 }
 
-impl<S: Simd> Placed8<S> {
+impl<S: Simd> CameraGaussians8<S> {
     /// Transforms the Gaussians from `first` on to the camera frame.
     #[inline(always)]
     pub(super) fn new(simd: S, view: &View, gaussians: &ActivatedGaussians, first: usize) -> Self {
@@ -91,8 +91,8 @@ impl<S: Simd> Placed8<S> {
         is_seen & largest.simd_lt(self.distance)
     }
 
-    pub(super) fn lane(&self, lane: usize) -> Placed {
-        Placed {
+    pub(super) fn lane(&self, lane: usize) -> CameraGaussian {
+        CameraGaussian {
             point: self.point.lane(lane),
             distance: self.distance[lane],
             axes: [0, 1, 2].map(|axis: usize| self.axes[axis].lane(lane)),

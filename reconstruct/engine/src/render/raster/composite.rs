@@ -10,7 +10,7 @@ use crate::render::raster::{
 };
 
 /// Composited colours and transmittances of a tile's pixels.
-pub(super) struct Composited {
+pub(super) struct TileComposite {
     pub(super) colour: [Plane; 3],
     /// Negative if the pixel stopped early.
     pub(super) transmittance: Plane,
@@ -23,8 +23,8 @@ pub(super) fn composite<S: Simd>(
     scene: &Scene<'_>,
     tile: &Tile,
     features: &mut [Plane],
-) -> Composited {
-    let mut state = Composited {
+) -> TileComposite {
+    let mut state = TileComposite {
         colour: [Plane::filled(0.0); 3],
         transmittance: tile.full_transmittance(),
     };
@@ -64,7 +64,7 @@ fn add_splat<S: Simd>(
     shape: &impl Walk<S>,
     splat: &Splat,
     values: &[f32],
-    state: &mut Composited,
+    state: &mut TileComposite,
     features: &mut [Plane],
 ) {
     shape.walk(

@@ -10,7 +10,7 @@ use rayon::prelude::*;
 
 use crate::render::raster::{
     EntryGradients, Raster, RasterGradient,
-    composite::{Composited, composite},
+    composite::{TileComposite, composite},
     gradient::{FeatureScratch, TileEntries, tile_gradients},
     tile::{Plane, Scene, Tile},
 };
@@ -111,7 +111,7 @@ struct Band<'a> {
 }
 
 impl Band<'_> {
-    fn write(&mut self, scene: &Scene<'_>, tile: &Tile, state: &Composited, features: &[Plane]) {
+    fn write(&mut self, scene: &Scene<'_>, tile: &Tile, state: &TileComposite, features: &[Plane]) {
         for row in 0..tile.rows {
             let first = row * scene.width() + tile.left;
             let pixels = first..first + tile.columns;

@@ -23,7 +23,7 @@ use omnilife_training::{
     error::ReconstructError,
     method::{
         Method, MethodKind, ON_CPU,
-        group::{Group, Interpolated},
+        group::{Group, GroupOutput},
     },
     request::DefaultPlan,
     stereo::{self, Placement, Rig, SweepSettings, SweptDepth},
@@ -68,7 +68,7 @@ pub fn depths(group: &Group, settings: &SweepSettings) -> Option<(Rig, [SweptDep
     stereo::depths(images, cameras, settings)
 }
 
-fn interpolate(group: &Group) -> Result<Interpolated, ReconstructError> {
+fn interpolate(group: &Group) -> Result<GroupOutput, ReconstructError> {
     let begun = Instant::now();
     let Some((rig, depths)) = depths(group, &SweepSettings::DEFAULT) else {
         let images: Vec<RgbImage> = group
@@ -76,7 +76,7 @@ fn interpolate(group: &Group) -> Result<Interpolated, ReconstructError> {
             .iter()
             .map(|target| at_infinity(group, target))
             .collect();
-        return Ok(Interpolated {
+        return Ok(GroupOutput {
             images,
             gaussians: 0,
             analysis_seconds: 0.0,
@@ -93,7 +93,7 @@ fn interpolate(group: &Group) -> Result<Interpolated, ReconstructError> {
     let analysis_seconds = begun.elapsed().as_secs_f64();
     let begun = Instant::now();
     let images = blend::images(group, &rig, &mut clouds);
-    Ok(Interpolated {
+    Ok(GroupOutput {
         images,
         gaussians,
         analysis_seconds,

@@ -38,7 +38,7 @@ pub(super) fn of_view(
 ) -> ActivatedGaussians {
     let (width, height) = (image.width as f32, image.height as f32);
     let small = image.resized_by_area(depth.width, depth.height);
-    let rows: Vec<Vec<Sampled>> = (0..image.height)
+    let rows: Vec<Vec<SampledPixel>> = (0..image.height)
         .into_par_iter()
         .map(|row| {
             let latitude = (0.5 - (row as f32 + 0.5) / height) * PI;
@@ -59,7 +59,7 @@ pub(super) fn of_view(
                         latitude.cos() * longitude.cos(),
                     );
                     let distance = 1.0 / inverse.max(1.0 / FARTHEST);
-                    Sampled {
+                    SampledPixel {
                         position: rig.centres[view] + distance * (rig.to_rig[view] * direction),
                         scale: SIZE_PIXELS * distance * PI / height,
                         confidence: confidence.max(LEAST_CONFIDENCE),
@@ -68,7 +68,7 @@ pub(super) fn of_view(
                 .collect()
         })
         .collect();
-    let samples: Vec<Sampled> = rows.into_iter().flatten().collect();
+    let samples: Vec<SampledPixel> = rows.into_iter().flatten().collect();
     ActivatedGaussians {
         positions: samples.iter().map(|s| s.position.to_array()).collect(),
         scales: samples.iter().map(|s| [s.scale; 3]).collect(),
@@ -94,7 +94,7 @@ pub(super) fn set_inverse_distances(cloud: &mut ActivatedGaussians, place: Vec3)
         });
 }
 
-struct Sampled {
+struct SampledPixel {
     position: Vec3,
     scale: f32,
     confidence: f32,

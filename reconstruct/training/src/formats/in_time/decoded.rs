@@ -8,7 +8,7 @@ use omnilife_engine::{
 use omnilife_schemas::records::InvalidGaussians;
 
 use super::{
-    Placed,
+    FrameTransform,
     arrays::columns,
     header::{Motion, PartHeader},
     tracks::{ObjectTrack, quaternion, wxyz},
@@ -49,7 +49,7 @@ impl DecodedPart<'_> {
     }
 
     /// Returns the motion in normalized coordinates.
-    pub(super) fn motion(&self, placed: &Placed) -> Motion {
+    pub(super) fn motion(&self, placed: &FrameTransform) -> Motion {
         let place = |place: &[f64; 3]| placed.place(DVec3::from_array(*place)).to_array();
         let moved = |object: &ObjectTrack| ObjectTrack {
             positions: object.positions.iter().map(place).collect(),
@@ -69,7 +69,7 @@ impl DecodedPart<'_> {
     /// Returns the valid Gaussians as a table, in normalized coordinates.
     pub(super) fn table(
         &self,
-        placed: &Placed,
+        placed: &FrameTransform,
         invalid: &mut InvalidGaussians,
     ) -> Result<ParameterTable, String> {
         let objects = match &self.header.motion {
@@ -166,7 +166,7 @@ impl DecodedPart<'_> {
     /// Returns the valid Gaussians with their numbers.
     fn kept(
         &self,
-        placed: &Placed,
+        placed: &FrameTransform,
         invalid: &mut InvalidGaussians,
     ) -> Result<Vec<(usize, FileGaussian)>, String> {
         let values = |name| self.values(name).unwrap_or_default();

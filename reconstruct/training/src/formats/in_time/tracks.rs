@@ -12,7 +12,7 @@ use omnilife_engine::{
 use omnilife_schemas::Similarity;
 use serde::{Deserialize, Serialize};
 
-use super::Placed;
+use super::FrameTransform;
 
 /// Share of a piece by which its ends are moved inwards, where the next piece begins.
 const INWARDS: f64 = 1e-9;
@@ -101,7 +101,7 @@ impl ObjectTrack {
     pub(super) fn of(
         object: &TrackedObject,
         corrections: &[f32],
-        placed: &Placed,
+        placed: &FrameTransform,
         begin_seconds: f64,
     ) -> Result<Self, String> {
         let path = object.path.in_world(&Similarity::new([0.0; 3], 1.0));

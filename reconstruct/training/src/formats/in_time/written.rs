@@ -22,7 +22,7 @@ use omnilife_engine::{
 use omnilife_schemas::records::InvalidGaussians;
 
 use super::{
-    Placed,
+    FrameTransform,
     arrays::{ArrayHeader, Kind, Map, columns},
     header::{Motion, PartHeader},
     played,
@@ -50,7 +50,7 @@ struct MotionColumns {
 /// Parts on their way into a file.
 #[derive(Debug)]
 pub(super) struct PartWriter<'a> {
-    pub(super) placed: Placed,
+    pub(super) placed: FrameTransform,
     pub(super) span: TimeSpan,
     pub(super) degree: usize,
     pub(super) invalid: &'a mut InvalidGaussians,
@@ -184,7 +184,11 @@ impl PartWriter<'_> {
     }
 
     /// Returns the Gaussians that a file can hold and that are visible, in its frame.
-    fn kept(&mut self, base: &ActivatedGaussians, placed: &Placed) -> Vec<(usize, FileGaussian)> {
+    fn kept(
+        &mut self,
+        base: &ActivatedGaussians,
+        placed: &FrameTransform,
+    ) -> Vec<(usize, FileGaussian)> {
         let mut kept = Vec::new();
         for index in 0..base.len() {
             let opacity = f64::from(base.opacities[index]);

@@ -22,7 +22,7 @@ use super::{
 use crate::{
     error::ReconstructError,
     formats::{
-        exchange::{self, Gathered},
+        exchange::{self, FileRows},
         validity::FileGaussian,
     },
 };
@@ -64,7 +64,7 @@ pub(in crate::formats) fn read(
     exchange::require(path, record.count, degree)?;
     let images = Images::decode(&files, &record, degree).map_err(malformed)?;
     let len = record.count as usize;
-    let mut gathered = Gathered::new(path, len, degree, invalid)?;
+    let mut gathered = FileRows::new(path, len, degree, invalid)?;
     let mut harmonics = Vec::with_capacity(sh_rest_count(degree));
     for number in 0..len {
         let gaussian = images.gaussian(&record, number);

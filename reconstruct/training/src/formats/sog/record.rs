@@ -14,9 +14,9 @@ pub(super) struct Record {
     /// Number of Gaussians.
     pub(super) count: u64,
     pub(super) means: Means,
-    pub(super) scales: Coded,
+    pub(super) scales: CodedValues,
     pub(super) quats: Rotations,
-    pub(super) sh0: Coded,
+    pub(super) sh0: CodedValues,
     #[serde(rename = "shN", default, skip_serializing_if = "Option::is_none")]
     pub(super) harmonics: Option<Harmonics>,
 }
@@ -38,7 +38,7 @@ pub(super) struct Means {
 
 /// Values of a codebook.
 #[derive(Debug, Clone, Serialize, Deserialize)]
-pub(super) struct Coded {
+pub(super) struct CodedValues {
     pub(super) codebook: Vec<f32>,
     pub(super) files: [String; 1],
 }

@@ -105,7 +105,7 @@ fn log_ratios(views: &[DistanceView<'_>]) -> Vec<f64> {
 /// two views share too few places.
 pub fn handedness_scores(views: &[DistanceView<'_>]) -> Option<[f64; 2]> {
     let straight = colour_score(views)?;
-    let mirrored: Vec<Mirrored> = views
+    let mirrored: Vec<MirroredView> = views
         .iter()
         .map(|view| {
             let width = view.distances.width;
@@ -136,7 +136,7 @@ pub fn handedness_scores(views: &[DistanceView<'_>]) -> Option<[f64; 2]> {
 }
 
 /// Colours, dynamic and ignored masks, and distances of a mirrored view.
-type Mirrored = (Vec<u8>, [Option<Vec<u8>>; 2], DistanceImage);
+type MirroredView = (Vec<u8>, [Option<Vec<u8>>; 2], DistanceImage);
 
 fn mirror<T: Copy>(values: &[T], width: usize) -> Vec<T> {
     let rows = values.chunks_exact(width);

@@ -9,9 +9,9 @@ use crate::{error::ReconstructError, learner::ModelSize};
 
 /// A learner that stores its inputs.
 #[derive(Debug, PartialEq)]
-struct Remembered(Vec<u8>);
+struct StoredInputs(Vec<u8>);
 
-impl Learner for Remembered {
+impl Learner for StoredInputs {
     fn backend(&self) -> Backend {
         Backend::Cpu { threads: 1 }
     }
@@ -95,10 +95,10 @@ fn state() -> LoopState {
 fn what_is_written_is_read_back_to_the_bit() -> Result<(), Box<dyn std::error::Error>> {
     let folder = tempfile::tempdir()?;
     let path = folder.path().join("checkpoint.bin");
-    let mut learner = Remembered(vec![1, 2, 3, b'\n', 0]);
+    let mut learner = StoredInputs(vec![1, 2, 3, b'\n', 0]);
     let saved = learner.save()?;
     write(&path, "inputs", &SETTINGS, &NORMALIZATION, &state(), &saved)?;
-    let mut read_back = Remembered(Vec::new());
+    let mut read_back = StoredInputs(Vec::new());
     let read = read(&path, "inputs", &SETTINGS, &mut read_back);
     let Ok(read) = read else {
         panic!("{:?}", read.map(drop));
@@ -117,13 +117,13 @@ fn what_is_of_another_run_or_damaged_is_told_apart() -> Result<(), Box<dyn std::
         &path,
         inputs,
         settings,
-        &mut Remembered(Vec::new()),
+        &mut StoredInputs(Vec::new()),
     ) {
         Ok(_) => panic!("it is refused"),
         Err(Refusal::OtherRun(reason)) => (true, reason),
         Err(Refusal::Damaged(error)) => (false, error.to_string()),
     };
-    save(&Remembered(vec![1]).save()?)?;
+    save(&StoredInputs(vec![1]).save()?)?;
     let others = LoopSettings {
         seed: 4,
         ..SETTINGS
@@ -134,7 +134,7 @@ fn what_is_of_another_run_or_damaged_is_told_apart() -> Result<(), Box<dyn std::
         body: Vec::new(),
     })?;
     assert!(refusal("inputs", &SETTINGS).0);
-    save(&Remembered(vec![255]).save()?)?;
+    save(&StoredInputs(vec![255]).save()?)?;
     let (is_other, reason) = refusal("inputs", &SETTINGS);
     assert!(!is_other && reason.contains("holds a 255"), "{reason}");
     Ok(())

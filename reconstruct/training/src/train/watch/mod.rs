@@ -45,7 +45,7 @@ pub(super) struct Watch {
 }
 
 /// Row of the trace to be shown.
-pub(super) struct ShownRow<'a> {
+pub(super) struct WatchedRow<'a> {
     /// State of the loop, whose trace ends with the row.
     pub(super) state: &'a LoopState,
     /// Iterations of the whole run.
@@ -76,7 +76,7 @@ impl Watch {
     /// Shows a row; renders views where there is time for it.
     pub(super) fn show(
         &mut self,
-        row: &ShownRow<'_>,
+        row: &WatchedRow<'_>,
         scene: &TrainingScene,
         learner: &mut dyn Learner,
     ) -> Result<(), ReconstructError> {
@@ -119,7 +119,7 @@ impl Watch {
     }
 
     /// Shows that a training ended before its last row.
-    pub(super) fn stop(&self, row: &ShownRow<'_>) {
+    pub(super) fn stop(&self, row: &WatchedRow<'_>) {
         if let Some(page) = &self.page {
             let image = row.image(page);
             // The reason of the training's end is what the user is told.
@@ -128,7 +128,7 @@ impl Watch {
     }
 }
 
-impl ShownRow<'_> {
+impl WatchedRow<'_> {
     /// Returns the latest novel view along the trace, relative to the folder of the page.
     fn image(&self, page: &Page) -> Option<String> {
         let kept = self.trace_views?;

@@ -188,7 +188,7 @@ fn a_device_reproduces_the_same_bits() {
     assert_eq!(read.table.array, host.table.array);
 }
 
-/// A row without a finite gradient is refused by the entries that it reads; a position that is no number takes
+/// A row without a finite gradient is refused by the entries that it reads; a position that is not a number takes
 /// no part.
 #[test]
 fn gradients_that_are_not_finite_are_refused() {
