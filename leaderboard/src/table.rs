@@ -10,7 +10,6 @@ use crate::{
     quantity::Quantity,
 };
 
-/// One table.
 pub(crate) struct Table {
     /// Heading.
     pub(crate) title: String,
@@ -51,7 +50,6 @@ pub(crate) enum Holds {
     Other,
 }
 
-/// A row.
 #[derive(Default)]
 pub(crate) struct Row {
     /// One per entry of [`Table::names`].
@@ -110,7 +108,6 @@ pub(crate) struct PublishedBlock {
     /// Paper and table.
     pub(crate) source: String,
     pub(crate) rows: Vec<Row>,
-    /// Notes on it.
     pub(crate) notes: Vec<String>,
 }
 
@@ -123,7 +120,6 @@ impl PublishedBlock {
     }
 }
 
-/// A cell.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) enum Cell {
     /// Not measured.
@@ -147,7 +143,6 @@ pub(crate) enum Cell {
     Text(String),
 }
 
-/// A score.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Score {
     pub(crate) value: f64,
@@ -327,7 +322,6 @@ pub(crate) fn cost_columns() -> Vec<Column> {
         .to_vec()
 }
 
-/// Returns their cells.
 pub(crate) fn cost_cells(numbers: &Numbers) -> [Cell; 4] {
     let gigabytes = numbers.peak_memory_bytes.map(|bytes| bytes / 1e9);
     let seconds = numbers.training_seconds;

@@ -139,7 +139,6 @@ impl Samples {
 }
 
 impl Inside<'_> {
-    /// Samples in it.
     pub(super) fn count(&self) -> usize {
         self.range.len()
     }

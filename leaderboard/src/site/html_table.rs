@@ -326,7 +326,6 @@ fn rank_value(rank: &str) -> &str {
     }
 }
 
-/// Returns a dash with its reason.
 fn dash(reason: &str) -> Markup {
     html! { span.dash title=(reason) { "–" span.visually-hidden { " " (reason) } } }
 }

@@ -62,7 +62,6 @@ enum Source {
     Unmeasured,
 }
 
-/// A column with its source.
 type ScoreColumn = (Source, Column);
 
 struct Columns {

@@ -120,7 +120,6 @@ impl Graph {
         seen
     }
 
-    /// Returns the moment of a view.
     pub(super) fn moment_of(&self, view: &View) -> Moment {
         Moment {
             time: self.clock.time(view.time_seconds),

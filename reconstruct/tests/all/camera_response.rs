@@ -42,7 +42,6 @@ fn with(components: &[&str], iterations: u64) -> MethodRequest {
     }
 }
 
-/// Returns the response in the settings of a record.
 fn recorded(outcome: &MethodOutcome<'_>) -> ResponseSettings {
     settings(outcome).response.unwrap()
 }

@@ -281,7 +281,6 @@ struct Conversation {
     ending: Ending,
 }
 
-/// Ending of an attempt.
 enum Ending {
     /// There is a model.
     Success,

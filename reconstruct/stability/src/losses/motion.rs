@@ -112,7 +112,6 @@ pub(super) const CASES: &[SpecialCase] = &[
     },
 ];
 
-/// A moving Gaussian.
 struct Moving {
     distance: f64,
     speed: f64,

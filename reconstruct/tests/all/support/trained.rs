@@ -14,7 +14,6 @@ pub(crate) fn request(iterations: u64) -> MethodRequest {
     MethodRequest::new(iterations, 7)
 }
 
-/// Returns the outcome of a training that has to succeed.
 pub(crate) fn train<'a>(
     scene: &'a TrainingScene,
     method: &str,

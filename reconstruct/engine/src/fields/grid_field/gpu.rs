@@ -23,7 +23,6 @@ use crate::{
     },
 };
 
-/// Kernels of all fields.
 #[derive(Debug)]
 pub(crate) struct FieldKernels {
     grid: GridKernels,
@@ -214,7 +213,6 @@ impl GridField {
         self.network
     }
 
-    /// Returns the grid.
     pub(crate) fn grid(&self) -> &HashGrid {
         &self.grid
     }

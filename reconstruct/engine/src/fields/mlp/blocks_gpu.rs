@@ -20,7 +20,6 @@ wgsl_struct! {
 /// Number of rows of a block in one pass of the kernels.
 #[derive(Debug)]
 pub(crate) struct BlockPass {
-    /// Rows.
     pub(crate) rows: Rows,
     /// Tiles of [`SIDE`] rows that cover them.
     pub(super) squares: Rows,

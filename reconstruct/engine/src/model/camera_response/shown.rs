@@ -209,7 +209,6 @@ impl Lit {
     }
 }
 
-/// Tone curve.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Curve {
     /// `e^p`.

@@ -325,7 +325,6 @@ impl<'a> GpuStepper<'a> {
         Ok(())
     }
 
-    /// Returns the next step on an input view.
     fn next_step(&mut self, view: usize, schedule: &StepSchedule) -> Pending {
         let seen = &self.inputs.views[view].view;
         let at = Viewpoint::of_step(seen, schedule.shift_frames, schedule.scheduled);
