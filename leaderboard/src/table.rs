@@ -11,7 +11,6 @@ use crate::{
 };
 
 pub(crate) struct Table {
-    /// Heading.
     pub(crate) title: String,
     /// Leading columns of names, then columns of cells.
     pub(crate) names: Vec<String>,
@@ -24,7 +23,6 @@ pub(crate) struct Table {
     pub(crate) notes: Vec<String>,
 }
 
-/// A column of cells.
 #[derive(Debug, Clone)]
 pub(crate) struct Column {
     /// Heading over several columns.
@@ -64,7 +62,6 @@ pub(crate) struct Row {
     pub(crate) marks: Vec<Mark>,
 }
 
-/// A mark of a row.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Mark {
     Incomplete,

@@ -242,7 +242,6 @@ impl AtlasDevice {
     }
 }
 
-/// Returns the nodes of a graph as surfaces.
 fn surfaces_of(graph: &Graph) -> Vec<NewSurface<'_>> {
     let nodes = graph.nodes.iter();
     nodes

@@ -199,7 +199,6 @@ fn apply(graph: &mut Graph, edit: &Edit, folder: &Path, run: &RunRecord) -> Resu
     }
 }
 
-/// Checks the name of a new node.
 fn check_name(graph: &Graph, new: &str) -> Result<(), String> {
     let is_name = !new.is_empty() && !new.contains(['/', '\\', ':']);
     if is_name && graph.find(new).is_none() {

@@ -102,7 +102,6 @@ impl Rays {
         }
     }
 
-    /// Returns the times of the moments.
     pub(super) fn times(&self) -> Vec<f64> {
         self.moments.iter().map(|moment| moment.time).collect()
     }

@@ -61,7 +61,6 @@ pub(crate) struct DeviceField {
     moves: Rows,
     /// Counter of refused gradients.
     counter: usize,
-    /// Positions of all rows.
     pub(crate) positions: DeviceBuffer<f32>,
 }
 
@@ -89,7 +88,6 @@ impl DeviceField {
         })
     }
 
-    /// Returns the buffer of the outputs of all rows.
     pub(crate) fn outputs(&self) -> &Buffer {
         &self.network.outputs.raw
     }
@@ -208,7 +206,6 @@ impl DeviceField {
 }
 
 impl GridField {
-    /// Returns the sizes of the network.
     pub(crate) fn network(&self) -> NetworkShape {
         self.network
     }

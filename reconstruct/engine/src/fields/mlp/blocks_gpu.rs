@@ -46,7 +46,6 @@ pub(crate) struct Block {
     pub(crate) first: usize,
     /// Capacity in rows.
     pub(super) room: usize,
-    /// Uniform with these sizes.
     pub(crate) uniform: Uniform<BlockRows>,
     /// Rows of the forward pass.
     pub(crate) once: BlockPass,
